@@ -1,0 +1,75 @@
+"""The small contract between whatever acts and whatever evaluates it.
+
+An agent never holds the environment. It states in `AgentSpec` what it needs (control mode,
+observations, privileged state), and the evaluator makes the environment accordingly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol, runtime_checkable
+
+from torch import Tensor
+
+
+@dataclass(frozen=True, kw_only=True)
+class AgentSpec:
+    """What an agent needs from the environment; read before the environment is made.
+
+    Attributes:
+        name: Name shown in results, e.g. ``SPA-Priv``.
+        control_mode: A control mode of `hab_fetch`, e.g. ``ee``, ``joint_delta``, ``joint_target``.
+        obs_mode: ManiSkill observation mode, e.g. ``state_dict``, ``depth``.
+        privileged: Whether observations must hold ``obs["privileged"]``, a list of N
+            `hab_tasks.privileged.PrivilegedState`. The leaderboard marks such agents.
+    """
+
+    name: str
+    control_mode: str
+    obs_mode: str = "state_dict"
+    privileged: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class AgentSetup:
+    """What an agent's factory is told: the env id, the number of rows and the run's seed."""
+
+    env_id: str
+    num_envs: int = 1
+    seed: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class AgentReport:
+    """What an agent says about the episode that just ended, one a row.
+
+    Attributes:
+        failure: The agent's own failure category (e.g. ``target plan``), None if none.
+        timings_s: Named durations in seconds, e.g. ``{"plan": 0.21}``.
+    """
+
+    failure: str | None = None
+    timings_s: dict[str, float] = field(default_factory=dict)
+
+
+@runtime_checkable
+class Agent(Protocol):
+    """Maps batched observations to batched actions."""
+
+    spec: AgentSpec
+
+    def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
+        """Forgets the past of the rows in `mask` (N,) bool, and seeds each row with `seeds` (N,)."""
+        ...
+
+    def act(self, obs: Mapping[str, Any]) -> Tensor:
+        """Returns actions (N, A) float32 for the observations of all N rows."""
+        ...
+
+    def report(self) -> list[AgentReport]:
+        """Returns one report for each of the N rows."""
+        ...
+
+
+AgentFactory = Callable[[AgentSetup], Agent]

@@ -1,0 +1,45 @@
+"""Errors a user can act on. Each names the bad value, the valid ones and what to do next."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class HabError(Exception):
+    """Base of every error that bad input or a missing file can cause."""
+
+
+class UnknownNameError(HabError):
+    """A name that is not in the list of valid names.
+
+    The message holds the bad name, the nearest match and all valid names.
+    """
+
+    def __init__(self, kind: str, name: object, valid: Iterable[str]) -> None:
+        choices = sorted(valid)
+        near = difflib.get_close_matches(str(name), choices, n=1, cutoff=0.5)
+        hint = f" Did you mean {near[0]!r}?" if near else ""
+        shown = ", ".join(choices[:12]) + (f" and {len(choices) - 12} more" if choices[12:] else "")
+        super().__init__(f"Unknown {kind} {name!r}.{hint} Valid: {shown or '(none)'}.")
+        self.kind, self.name, self.valid = kind, name, choices
+
+
+class DatasetError(HabError):
+    """A scene or object dataset that cannot be used. The message starts with the file's path."""
+
+
+class EpisodeError(HabError):
+    """An episode, or a file of episodes, that cannot be used."""
+
+
+class GenerationError(HabError):
+    """No acceptable episode was found within the allowed number of attempts."""
+
+
+class RenderingUnavailableError(HabError):
+    """Images were asked for, and no Vulkan device can draw them."""
+
+
+class ActionError(HabError, ValueError):
+    """An action that is not finite or has the wrong shape."""

@@ -1,0 +1,210 @@
+"""The paper's control of Fetch in one ManiSkill controller (S E.3, F.6, H.2).
+
+Action layout: arm, gripper (1), then base (2) in the ``_base`` modes.
+
+====================  ===============================================================
+arm mode              meaning of the arm's entries
+====================  ===============================================================
+``ee`` (3)            end-effector displacement in the base frame, [-1, 1] -> 1.5 cm
+``joint_delta`` (7)   joint displacement, [-1, 1] -> 0.0125 rad
+``joint_target`` (7)  joint position targets [rad], for planners
+====================  ===============================================================
+
+Gripper >= 0 asks to grasp, < 0 to release. Base: forward and turning velocity, [-1, 1] times the
+largest speeds. Entries are clipped to their range; an action that is not finite is refused.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from mani_skill.agents.controllers.base_controller import BaseController, ControllerConfig
+from torch import Tensor
+
+from hab_tasks.constants import EE_STEP_M, JOINT_STEP_RAD
+from hab_tasks.errors import ActionError
+from hab_tasks.robots.fetch_spec import (
+    ARM_JOINTS,
+    ARM_LOWER_RAD,
+    ARM_UPPER_RAD,
+    BASE_ANGULAR_SPEED_RAD_S,
+    BASE_JOINTS,
+    BASE_LINEAR_SPEED_M_S,
+    EE_LOWER_M,
+    EE_UPPER_M,
+    LOCKED_QPOS,
+)
+from hab_tasks.robots.kinematics import ArmKinematics
+
+ArmMode = Literal["ee", "joint_delta", "joint_target"]
+
+ARM_SIZE: dict[str, int] = {"ee": 3, "joint_delta": 7, "joint_target": 7}
+
+
+class HabController(BaseController):
+    """Turns one flat action into drive targets; keeps the commanded arm pose and gripper value.
+
+    Attributes:
+        arm_target_rad: (N, 7) commanded arm pose.
+        gripper: (N,) last gripper entry; the environment hands it to the snap grasp.
+    """
+
+    config: HabControllerConfig
+    sets_target_qpos = True
+    sets_target_qvel = True
+
+    def _initialize_action_space(self) -> None:
+        size = ARM_SIZE[self.config.arm] + 1 + (2 if self.config.base else 0)
+        low, high = -np.ones(size, dtype=np.float32), np.ones(size, dtype=np.float32)
+        if self.config.arm == "joint_target":
+            low[:7], high[:7] = ARM_LOWER_RAD, ARM_UPPER_RAD
+        self.single_action_space = spaces.Box(low, high, dtype=np.float32)
+        self._low = torch.as_tensor(low, device=self.device)
+        self._high = torch.as_tensor(high, device=self.device)
+        self._kinematics = ArmKinematics()
+        count = self.scene.num_envs
+        self.arm_target_rad = torch.zeros(count, 7, device=self.device)
+        self.gripper = torch.full((count,), -1.0, device=self.device)
+        index = {joint.name: i for i, joint in enumerate(self.articulation.active_joints)}
+        self._arm_index = torch.tensor([index[name] for name in ARM_JOINTS], device=self.device)
+        self._base_index = torch.tensor([index[name] for name in BASE_JOINTS], device=self.device)
+        active = self.articulation.active_joints
+        self._arm_joints = [active[index[name]] for name in ARM_JOINTS]
+        self._base_joints = [active[index[name]] for name in BASE_JOINTS]
+        self._on_cpu = not self.scene.gpu_sim_enabled
+
+    def set_drive_property(self) -> None:
+        """Sets every joint's drive. A base that the action does not move is held in place."""
+        c = self.config
+        for joint in self.articulation.active_joints:
+            if joint.name in ARM_JOINTS:
+                joint.set_drive_properties(
+                    c.arm_stiffness, c.arm_damping, c.arm_force_n, mode="force"
+                )
+                joint.set_friction(0.1)
+            elif joint.name in BASE_JOINTS:
+                stiffness = 0.0 if c.base else c.base_stiffness
+                joint.set_drive_properties(stiffness, c.base_damping, c.base_force_n, mode="force")
+            else:
+                joint.set_drive_properties(c.lock_stiffness, c.lock_damping, 1000.0, mode="force")
+
+    def reset(self) -> None:
+        """Makes the present pose the commanded one, for the rows that are being reset."""
+        qpos = self.articulation.get_qpos()
+        rows = self.scene._reset_mask
+        self.arm_target_rad = torch.where(rows[:, None], qpos[:, self._arm_index], self.arm_target_rad)
+        self.gripper = torch.where(rows, torch.full_like(self.gripper, -1.0), self.gripper)
+        targets = qpos.clone()
+        for i, joint in enumerate(self.articulation.active_joints):
+            if joint.name in LOCKED_QPOS:
+                targets[:, i] = LOCKED_QPOS[joint.name]
+        self.articulation.set_joint_drive_targets(targets, self.articulation.active_joints)
+        zeros = torch.zeros_like(qpos)
+        self.articulation.set_joint_drive_velocity_targets(
+            zeros, self.articulation.active_joints
+        )
+
+    def set_action(self, action: Tensor) -> None:
+        """Sets drive targets from an action (N, A).
+
+        Raises:
+            ActionError: Wrong shape, or an entry that is not finite.
+        """
+        expected = (self.scene.num_envs, len(self._low))
+        if tuple(action.shape) != expected:
+            raise ActionError(f"Action of shape {tuple(action.shape)}; expected {expected}.")
+        action = action.to(torch.float32)
+        if not bool(torch.isfinite(action).all()):
+            raise ActionError(f"Action holds a value that is not finite: {action.tolist()}.")
+        action = torch.clamp(action, self._low, self._high)
+        arm = ARM_SIZE[self.config.arm]
+        self.arm_target_rad = self._arm_target(action[:, :arm])
+        self.gripper = action[:, arm]
+        self._drive_arm()
+        if self.config.base:
+            self._drive_base(action[:, arm + 1 :])
+
+    def get_state(self) -> dict[str, Tensor]:
+        """Returns the commanded arm pose (N, 7) and gripper (N,)."""
+        return {"arm_target_rad": self.arm_target_rad.clone(), "gripper": self.gripper.clone()}
+
+    def set_state(self, state: dict[str, Tensor]) -> None:
+        """Restores what `get_state` returned."""
+        self.arm_target_rad = state["arm_target_rad"].clone()
+        self.gripper = state["gripper"].clone()
+        self._drive_arm()
+
+    def _arm_target(self, arm: Tensor) -> Tensor:
+        if self.config.arm == "joint_target":
+            return arm
+        if self.config.arm == "joint_delta":
+            lower, upper = self._limits()
+            moved = self.arm_target_rad + JOINT_STEP_RAD * arm
+            return torch.minimum(torch.maximum(moved, lower), upper)
+        if len(arm) == 1:
+            qpos = self.arm_target_rad[0].numpy(force=True).astype(np.float64)
+            goal = self._kinematics.position(qpos) + EE_STEP_M * arm[0].numpy(force=True)
+            goal = np.minimum(np.maximum(goal, EE_LOWER_M), EE_UPPER_M)
+            moved = self._kinematics.displace(qpos, goal).astype(np.float32)
+            return torch.from_numpy(moved).to(self.device)[None]
+        position, _ = self._kinematics.batch_position_and_jacobian(self.arm_target_rad)
+        low = torch.tensor(EE_LOWER_M, device=self.device)
+        high = torch.tensor(EE_UPPER_M, device=self.device)
+        goal = torch.minimum(torch.maximum(position + EE_STEP_M * arm, low), high)
+        return self._kinematics.batch_displace(self.arm_target_rad, goal)
+
+    def _limits(self) -> tuple[Tensor, Tensor]:
+        return (
+            torch.tensor(ARM_LOWER_RAD, device=self.device),
+            torch.tensor(ARM_UPPER_RAD, device=self.device),
+        )
+
+    def _drive_arm(self) -> None:
+        if self._on_cpu:
+            for joint, value in zip(self._arm_joints, self.arm_target_rad[0].tolist(), strict=True):
+                joint._objs[0].set_drive_target(value)
+        else:
+            self.articulation.set_joint_drive_targets(
+                self.arm_target_rad, self._arm_joints, self._arm_index
+            )
+
+    def _drive_base(self, base: Tensor) -> None:
+        yaw = self.articulation.get_qpos()[:, self._base_index[2]]
+        forward = BASE_LINEAR_SPEED_M_S * base[:, 0]
+        turning = BASE_ANGULAR_SPEED_RAD_S * base[:, 1]
+        speeds = torch.stack((forward * torch.cos(yaw), forward * torch.sin(yaw), turning), dim=1)
+        self.articulation.set_joint_drive_velocity_targets(
+            speeds, self._base_joints, self._base_index
+        )
+
+
+@dataclass
+class HabControllerConfig(ControllerConfig):
+    """Arm mode, whether the base moves, and the drives' gains (see docs/deviations.md)."""
+
+    joint_names: list[str] = field(default_factory=lambda: list(ARM_JOINTS + BASE_JOINTS))
+    arm: ArmMode = "ee"
+    base: bool = False
+    arm_stiffness: float = 3e3
+    arm_damping: float = 2e2
+    arm_force_n: float = 150.0
+    base_stiffness: float = 1e6
+    base_damping: float = 1e4
+    base_force_n: float = 1e4
+    lock_stiffness: float = 1e4
+    lock_damping: float = 1e3
+    controller_cls: Any = HabController
+
+
+def control_configs() -> dict[str, HabControllerConfig]:
+    """Returns every control mode of `hab_fetch` by name."""
+    modes: dict[str, HabControllerConfig] = {}
+    for base in (False, True):
+        for arm in ARM_SIZE:
+            name = f"{arm}_base" if base else arm
+            modes[name] = HabControllerConfig(arm=arm, base=base)  # type: ignore[arg-type]
+    return modes

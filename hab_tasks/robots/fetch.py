@@ -1,0 +1,125 @@
+"""`hab_fetch`: Fetch from the installed ManiSkill with the paper's control, cameras and rest pose."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from xml.etree import ElementTree
+
+import sapien
+import torch
+from mani_skill.agents.base_agent import BaseAgent
+from mani_skill.agents.registration import register_agent
+from mani_skill.sensors.camera import CameraConfig
+from mani_skill.utils.structs import Link
+from torch import Tensor
+
+from hab_tasks.constants import CAMERA_DEPTH_MAX_M, CAMERA_HFOV_RAD, CAMERA_SIZE_PX
+from hab_tasks.robots.control import HabController, HabControllerConfig, control_configs
+from hab_tasks.robots.fetch_spec import (
+    ARM_JOINTS,
+    BASE_JOINTS,
+    EE_LINK,
+    LOCKED_QPOS,
+    REST_QPOS_RAD,
+    urdf_path,
+)
+from hab_tasks.robots.light_visuals import lighten
+from hab_tasks.scenes.build import FLOOR_BIT
+from hab_tasks.scenes.urdf import remove_visuals, write_urdf
+
+BASE_HEIGHT_M = 0.005
+"""Fetch's base mesh ends at z = 0; it is held this far above the floor so that it never rubs."""
+
+HEAD_CAMERA_POSITION_M = (0.17, 0.0, 1.2)
+HEAD_CAMERA_TARGET_M = (0.75, 0.0, 1.0)
+ARM_CAMERA_POSITION_M = (0.0, 0.0, 0.1)
+THIRD_PERSON_POSITION_M = (-0.9, 0.7, 1.9)
+THIRD_PERSON_TARGET_M = (0.9, -0.1, 0.7)
+"""Camera poses in the frames of base_link (head, third person) and gripper_link (arm)."""
+
+
+@lru_cache(maxsize=2)
+def fetch_urdf(visuals: bool) -> Path:
+    """Returns a URDF of Fetch in the cache, with light visuals or with none.
+
+    Wheels lose their collision shapes: they lie inside the base's outline and touch only the floor.
+    """
+    source = urdf_path()
+    root = ElementTree.parse(source).getroot()
+    if visuals:
+        lighten(root, source.parent)
+    else:
+        remove_visuals(root)
+    for link in root.iter("link"):
+        if "wheel" in link.get("name", ""):
+            for collision in link.findall("collision"):
+                link.remove(collision)
+    for mesh in root.iter("mesh"):
+        mesh.set("filename", str((source.parent / mesh.get("filename", "")).resolve()))
+    path = write_urdf(root, "hab_fetch")
+    srdf = path.with_suffix(".srdf")
+    if not srdf.exists():
+        srdf.write_text(source.with_suffix(".srdf").read_text())
+    return path
+
+
+@register_agent()
+class HabFetch(BaseAgent):
+    """Fetch with torso, head and fingers locked where the paper locks them."""
+
+    uid = "hab_fetch"
+    fix_root_link = True
+    controller: HabController  # type: ignore[assignment]
+
+    @property
+    def _controller_configs(self) -> dict[str, HabControllerConfig]:  # type: ignore[override]
+        return control_configs()
+
+    @property
+    def _sensor_configs(self) -> list[CameraConfig]:  # type: ignore[override]
+        from mani_skill.utils.sapien_utils import look_at
+
+        def camera(uid: str, pose: object, link: str) -> CameraConfig:
+            return CameraConfig(
+                uid=uid,
+                pose=pose,  # type: ignore[arg-type]
+                width=CAMERA_SIZE_PX,
+                height=CAMERA_SIZE_PX,
+                fov=CAMERA_HFOV_RAD,
+                near=0.01,
+                far=CAMERA_DEPTH_MAX_M,
+                mount=self.link(link),
+            )
+
+        head = look_at(HEAD_CAMERA_POSITION_M, HEAD_CAMERA_TARGET_M)
+        arm = sapien.Pose(list(ARM_CAMERA_POSITION_M))
+        return [camera("head", head, "base_link"), camera("arm", arm, EE_LINK)]
+
+    def _load_articulation(self, initial_pose: object = None) -> None:
+        self.urdf_path = str(fetch_urdf(visuals=self.scene.can_render()))
+        super()._load_articulation(initial_pose)  # type: ignore[arg-type]
+
+    def _after_init(self) -> None:
+        self.ee_link = self.link(EE_LINK)
+        self.base_link = self.link("base_link")
+        for body in self.base_link._objs:
+            for shape in body.collision_shapes:
+                groups = shape.get_collision_groups()
+                groups[2] |= FLOOR_BIT
+                shape.set_collision_groups(groups)
+        index = {joint.name: i for i, joint in enumerate(self.robot.active_joints)}
+        self.arm_index = torch.tensor([index[name] for name in ARM_JOINTS], device=self.device)
+        self.base_index = torch.tensor([index[name] for name in BASE_JOINTS], device=self.device)
+        self.joint_index = index
+
+    def link(self, name: str) -> Link:
+        """Returns a link by name."""
+        return self.robot.links_map[name]
+
+    def rest_qpos(self) -> Tensor:
+        """Returns (15,) joint positions: base at the origin, arm at rest, the others locked."""
+        qpos = torch.zeros(len(self.joint_index), device=self.device)
+        for name, value in {**LOCKED_QPOS, **dict(zip(ARM_JOINTS, REST_QPOS_RAD, strict=True))}.items():
+            qpos[self.joint_index[name]] = value
+        return qpos

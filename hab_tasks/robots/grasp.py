@@ -1,0 +1,347 @@
+"""The snap grasp (S E.3): what is near enough to the end-effector is held until released.
+
+`SnapGrasp` decides what is grasped; how it is held is one of two implementations:
+`DriveGrasp` ties the body to the gripper with a constraint (CPU simulation), `FollowGrasp` moves
+it with the gripper at every physics step and needs only batched poses (any backend).
+
+A held object keeps the pose it had in the gripper when it was grasped. It does not collide with the
+robot until it is let go and has come clear of the hand; it always collides with the world.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import sapien
+import torch
+from mani_skill.envs.scene import ManiSkillScene
+from mani_skill.utils.structs import Actor, Articulation, Link
+from mani_skill.utils.structs.pose import Pose
+from torch import Tensor
+
+from hab_tasks.constants import GRASP_RADIUS_M
+from hab_tasks.robots.fetch_spec import EE_OFFSET_M
+from hab_tasks.scenes.build import HELD_GROUP, WORLD_GROUP
+
+HOLD_TOLERANCE_M = 0.09
+"""A held object that is pulled this far out of place is lost (Habitat's hold threshold)."""
+
+HANDLE_STIFFNESS_N_M = 2000.0
+HANDLE_DAMPING_N_S_M = 60.0
+
+NOTHING = -1
+
+_EE_FROM_LINK = sapien.Pose([EE_OFFSET_M, 0.0, 0.0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Handle:
+    """A handle marker on a built piece of furniture."""
+
+    name: str
+    furniture: Articulation
+    link: Link
+    offset_m: tuple[float, float, float]
+
+
+class SnapGrasp:
+    """What each row holds, and the rules of grasping and letting go.
+
+    Attributes:
+        objects: Everything that can be grasped, in a fixed order.
+        handles: Handle markers, used when no object is near enough.
+        held: (N,) index into `objects`, `NOTHING` where none.
+        held_handle: (N,) index into `handles`, `NOTHING` where none.
+        lost: (N,) whether what was held slipped away since the last command.
+    """
+
+    def __init__(
+        self, scene: ManiSkillScene, ee_link: Link, objects: list[Actor], handles: list[Handle]
+    ) -> None:
+        self.scene, self.ee_link = scene, ee_link
+        self.objects, self.handles = objects, handles
+        count, device = scene.num_envs, scene.device
+        self.held = torch.full((count,), NOTHING, dtype=torch.long, device=device)
+        self.held_handle = self.held.clone()
+        self.lost = torch.zeros(count, dtype=torch.bool, device=device)
+        self._ee_from_object = Pose.create_from_pq(torch.zeros(count, 3, device=device))
+        self._leaving: list[tuple[int, int, float]] = []
+        self._com_m = [torch.as_tensor(_com(actor), device=device) for actor in objects]
+        self._cpu_bodies = [(actor._bodies[0], actor._bodies[0].cmass_local_pose) for actor in objects]
+        self._offset = torch.tensor([EE_OFFSET_M, 0.0, 0.0], device=device)
+
+    @property
+    def holding(self) -> Tensor:
+        """(N,) whether an object or a handle is held."""
+        return (self.held != NOTHING) | (self.held_handle != NOTHING)
+
+    def reset(self, rows: Tensor) -> None:
+        """Lets go in `rows` (R,) without physics, and forgets what was leaving the hand."""
+        for row in rows.tolist():
+            self._release_row(row)
+        self._leaving = [entry for entry in self._leaving if entry[0] not in set(rows.tolist())]
+        for row in rows.tolist():
+            for index in range(len(self.objects)):
+                self._set_collision(row, index, WORLD_GROUP)
+
+    def command(self, gripper: Tensor) -> None:
+        """Acts on the gripper entry (N,): >= 0 grasps when the hand is empty, < 0 releases."""
+        self.lost = torch.zeros_like(self.lost)
+        wants = gripper >= 0
+        if bool((wants != self.holding).any()):
+            for row in torch.nonzero(~wants & self.holding).flatten().tolist():
+                self._release_row(row)
+            rows = torch.nonzero(wants & ~self.holding).flatten()
+            if len(rows):
+                self._grasp_rows(rows)
+        if self._leaving:
+            self._restore_collisions()
+
+    def attach(self, row: int, index: int) -> None:
+        """Holds object `index` in `row`, wherever it is."""
+        self.held[row] = index
+        self._set_collision(row, index, HELD_GROUP)
+        ee_from_object = self.ee_link.pose[row].inv() * self.objects[index].pose[row]
+        raw = self._ee_from_object.raw_pose.clone()
+        raw[row] = ee_from_object.raw_pose[0]
+        self._ee_from_object = Pose.create(raw)
+        self._tie_object(row, index)
+
+    def before_simulation_step(self) -> None:
+        """Runs before every physics step."""
+
+    def after_control_step(self) -> None:
+        """Loses what has been pulled out of the hand; runs after the physics of an action."""
+        if bool((self.held != NOTHING).any()):
+            for row in torch.nonzero(self.held != NOTHING).flatten().tolist():
+                if self._drift_m(row) > HOLD_TOLERANCE_M:
+                    self._release_row(row)
+                    self.lost[row] = True
+
+    def get_state(self) -> dict[str, Tensor]:
+        """Returns held, held_handle (N,) and the grasp poses (N, 7)."""
+        return {
+            "held": self.held.clone(),
+            "held_handle": self.held_handle.clone(),
+            "ee_from_object": self._ee_from_object.raw_pose.clone(),
+        }
+
+    def set_state(self, state: dict[str, Tensor], rows: Tensor) -> None:
+        """Restores what `get_state` returned, after the bodies' poses were restored."""
+        for i, row in enumerate(rows.tolist()):
+            self._release_row(row)
+            if int(state["held"][i]) != NOTHING:
+                self.attach(row, int(state["held"][i]))
+            elif int(state["held_handle"][i]) != NOTHING:
+                self._grasp_handle(row, int(state["held_handle"][i]))
+
+    def ee_position_m(self) -> Tensor:
+        """Returns the end-effector point (N, 3) in the world."""
+        if self.scene.gpu_sim_enabled:
+            return (self.ee_link.pose * Pose.create_from_pq(self._offset)).p
+        point = self.ee_link._objs[0].entity_pose * _EE_FROM_LINK
+        return torch.from_numpy(point.p)[None]
+
+    def objects_com_m(self) -> Tensor:
+        """Returns every object's centre of mass (N, K, 3) in the world."""
+        if self.scene.gpu_sim_enabled:
+            return torch.stack([self.object_com_m(i) for i in range(len(self.objects))], dim=1)
+        points = [(body.entity_pose * com).p for body, com in self._cpu_bodies]
+        return torch.from_numpy(np.array(points, dtype=np.float32).reshape(1, -1, 3))
+
+    def object_com_m(self, index: int) -> Tensor:
+        """Returns the centre of mass (N, 3) of an object in the world."""
+        return (self.objects[index].pose * Pose.create_from_pq(self._com_m[index])).p
+
+    def handle_position_m(self, index: int) -> Tensor:
+        """Returns a handle marker (N, 3) in the world."""
+        handle = self.handles[index]
+        return (handle.link.pose * Pose.create_from_pq(torch.tensor(handle.offset_m))).p
+
+    def _grasp_rows(self, rows: Tensor) -> None:
+        ee = self.ee_position_m()[rows]
+        nearest, distance = _nearest(ee, self.objects_com_m()[rows])
+        free = distance > GRASP_RADIUS_M
+        if bool(free.any()) and self.handles:
+            points = [self.handle_position_m(i)[rows] for i in range(len(self.handles))]
+            handle, handle_distance = _nearest(ee, torch.stack(points, dim=1))
+            free = free & (handle_distance <= GRASP_RADIUS_M)
+            for i in torch.nonzero(free).flatten().tolist():
+                self._grasp_handle(int(rows[i]), int(handle[i]))
+        for i in torch.nonzero(distance <= GRASP_RADIUS_M).flatten().tolist():
+            self.attach(int(rows[i]), int(nearest[i]))
+
+    def _grasp_handle(self, row: int, index: int) -> None:
+        self.held_handle[row] = index
+        self._tie_handle(row, index)
+
+    def _release_row(self, row: int) -> None:
+        if int(self.held[row]) != NOTHING:
+            index = int(self.held[row])
+            self._untie(row)
+            self._leaving.append((row, index, _largest_side_m(self.objects[index])))
+        elif int(self.held_handle[row]) != NOTHING:
+            self._untie(row)
+        self.held[row] = NOTHING
+        self.held_handle[row] = NOTHING
+
+    def _drift_m(self, row: int) -> float:
+        if not self.scene.gpu_sim_enabled:
+            body = self._cpu_bodies[int(self.held[row])][0]
+            held = self.ee_link._objs[0].entity_pose * self._ee_from_object.sp
+            return float(np.linalg.norm(held.p - body.entity_pose.p))
+        expected = self.ee_link.pose[row] * self._ee_from_object[row]
+        return float(torch.linalg.norm(expected.p - self.objects[int(self.held[row])].pose[row].p))
+
+    def _restore_collisions(self) -> None:
+        ee = self.ee_position_m()
+        still = []
+        for row, index, side_m in self._leaving:
+            if int(self.held[row]) == index:
+                continue
+            if float(torch.linalg.norm(self.object_com_m(index)[row] - ee[row])) < side_m:
+                still.append((row, index, side_m))
+            else:
+                self._set_collision(row, index, WORLD_GROUP)
+        self._leaving = still
+
+    def _set_collision(self, row: int, index: int, group: int) -> None:
+        # Contact filters can be changed while running on the CPU only.
+        if self.scene.gpu_sim_enabled:
+            return
+        for shape in self.objects[index]._bodies[row].collision_shapes:
+            groups = shape.get_collision_groups()
+            if groups[0] != group:
+                groups[0] = groups[1] = group
+                shape.set_collision_groups(groups)
+
+    def _tie_object(self, row: int, index: int) -> None:
+        raise NotImplementedError
+
+    def _tie_handle(self, row: int, index: int) -> None:
+        raise NotImplementedError
+
+    def _untie(self, row: int) -> None:
+        raise NotImplementedError
+
+
+class DriveGrasp(SnapGrasp):
+    """Holds with a constraint: all six axes locked for an object, a ball joint for a handle."""
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*args)
+        self._ties: dict[int, tuple[sapien.Entity, Any]] = {}
+
+    def _tie_object(self, row: int, index: int) -> None:
+        pose = self._ee_from_object[row].sp
+        drive = self._drive(row, pose, self.objects[index]._objs[row], sapien.Pose())
+        for lock in (drive.set_limit_x, drive.set_limit_y, drive.set_limit_z, drive.set_limit_twist):
+            lock(0.0, 0.0)
+        drive.set_limit_cone(0.0, 0.0)
+        self.objects[index]._bodies[row].wake_up()
+
+    def _tie_handle(self, row: int, index: int) -> None:
+        handle = self.handles[index]
+        in_ee = sapien.Pose([EE_OFFSET_M, 0, 0])
+        drive = self._drive(
+            row, in_ee, handle.link._objs[row].entity, sapien.Pose(list(handle.offset_m))
+        )
+        for lock in (drive.set_limit_x, drive.set_limit_y, drive.set_limit_z):
+            lock(0.0, 0.0)
+
+    def _drive(self, row: int, pose0: sapien.Pose, entity: sapien.Entity, pose1: sapien.Pose) -> Any:
+        gripper = self.ee_link._objs[row].entity
+        drive = self.scene.sub_scenes[row].create_drive(gripper, pose0, entity, pose1)
+        self._ties[row] = (drive.entity, drive)
+        return drive
+
+    def _untie(self, row: int) -> None:
+        entity, drive = self._ties.pop(row)
+        entity.remove_component(drive)
+
+
+class FollowGrasp(SnapGrasp):
+    """Holds by moving: objects are posed with the gripper, handles pulled by a spring at a joint."""
+
+    def _tie_object(self, row: int, index: int) -> None:
+        pass
+
+    def _tie_handle(self, row: int, index: int) -> None:
+        pass
+
+    def _untie(self, row: int) -> None:
+        index = int(self.held_handle[row])
+        if index != NOTHING:
+            self._push_joint(index, torch.zeros(self.scene.num_envs, device=self.scene.device))
+
+    def before_simulation_step(self) -> None:
+        """Poses held objects in the hand and pulls held handles to it."""
+        if self.scene.gpu_sim_enabled:
+            self.scene._gpu_fetch_all()
+        for index in torch.unique(self.held[self.held != NOTHING]).tolist():
+            self._pose_object(index)
+        for index in torch.unique(self.held_handle[self.held_handle != NOTHING]).tolist():
+            self._pull_handle(index)
+        if self.scene.gpu_sim_enabled:
+            self.scene._gpu_apply_all()
+
+    def _pose_object(self, index: int) -> None:
+        rows = self.held == index
+        actor, mask = self.objects[index], self.scene._reset_mask
+        self.scene._reset_mask = rows
+        actor.set_pose(Pose.create((self.ee_link.pose * self._ee_from_object).raw_pose[rows]))
+        actor.set_linear_velocity(torch.zeros(3, device=self.scene.device))
+        actor.set_angular_velocity(torch.zeros(3, device=self.scene.device))
+        self.scene._reset_mask = mask
+
+    def _pull_handle(self, index: int) -> None:
+        handle = self.handles[index]
+        point = self.handle_position_m(index)
+        velocity = handle.link.get_linear_velocity() + torch.linalg.cross(
+            handle.link.get_angular_velocity(), point - handle.link.pose.p
+        )
+        force = HANDLE_STIFFNESS_N_M * (self.ee_position_m() - point)
+        force = force - HANDLE_DAMPING_N_S_M * velocity
+        joint = handle.link.joint
+        frame = joint.get_global_pose()
+        # SAPIEN's joint frames have the joint's axis along x.
+        axis = frame.to_transformation_matrix()[:, :3, 0]
+        if joint.type[0] == "prismatic":
+            effort = (axis * force).sum(dim=1)
+        else:
+            effort = (axis * torch.linalg.cross(point - frame.p, force)).sum(dim=1)
+        self._push_joint(index, effort * (self.held_handle == index))
+
+    def _push_joint(self, index: int, effort: Tensor) -> None:
+        handle = self.handles[index]
+        efforts = torch.zeros_like(handle.furniture.get_qpos())
+        efforts[:, handle.link.joint.active_index] = effort[:, None]
+        handle.furniture.set_qf(efforts)
+
+
+def make_grasp(
+    scene: ManiSkillScene, ee_link: Link, objects: list[Actor], handles: list[Handle]
+) -> SnapGrasp:
+    """Returns the implementation for the scene's backend."""
+    kind = FollowGrasp if scene.gpu_sim_enabled else DriveGrasp
+    return kind(scene, ee_link, objects, handles)
+
+
+def _nearest(point: Tensor, candidates: Tensor) -> tuple[Tensor, Tensor]:
+    """Index and distance (R,) of the candidate (R, K, 3) nearest to `point` (R, 3)."""
+    if candidates.shape[1] == 0:
+        none = torch.full((len(point),), NOTHING, dtype=torch.long, device=point.device)
+        return none, torch.full((len(point),), float("inf"), device=point.device)
+    best = torch.linalg.norm(candidates - point[:, None], dim=2).min(dim=1)
+    return best.indices, best.values
+
+
+def _com(actor: Actor) -> np.ndarray:
+    return np.asarray(actor._bodies[0].cmass_local_pose.p, dtype=np.float32)
+
+
+def _largest_side_m(actor: Actor) -> float:
+    low, high = actor._bodies[0].compute_global_aabb_tight()
+    return float(np.max(np.asarray(high) - np.asarray(low)))

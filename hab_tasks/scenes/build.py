@@ -1,0 +1,249 @@
+"""`SceneSpec` -> actors and articulations. The only place that creates them.
+
+Works with and without a renderer: visuals, materials and lights are touched only when the scene
+can render.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import sapien
+from mani_skill.envs.scene import ManiSkillScene
+from mani_skill.utils.building.actor_builder import ActorBuilder
+from mani_skill.utils.structs import Actor, Articulation
+from sapien.physx import PhysxMaterial
+
+from hab_tasks.geometry import Pose7, apply
+from hab_tasks.scenes.handles import SceneHandles
+from hab_tasks.scenes.meshes import mesh_bounds, parts_volume
+from hab_tasks.scenes.spec import (
+    ArticulationInstance,
+    CollisionSource,
+    ObjectInstance,
+    ObjectTemplate,
+    SceneSpec,
+    Stage,
+)
+from hab_tasks.scenes.urdf import sapien_urdf
+
+WORLD_GROUP = 3
+"""Collision bits of everything but the robot, which has bit 1: robot and world meet on bit 1."""
+
+HELD_GROUP = 2
+"""Collision bits of a held object: it meets the world on bit 2 and the robot on none."""
+
+FLOOR_BIT = 1 << 31
+"""Ignore bit shared by the robot's base and by whatever lies flat on the floor."""
+
+FURNITURE_BIT = 1 << 29
+"""Ignore bit that links of one piece of furniture share: its joints' limits hold it together."""
+
+FLAT_HEIGHT_M = 0.05
+"""Floor, rugs and mats: bodies whose top is below this do not touch the robot's base."""
+
+PARKING_Z_M = -5.0
+PARKING_SPACING_M = 0.5
+
+WALL_COLOR = (0.86, 0.84, 0.80, 1.0)
+FLOOR_COLOR = (0.55, 0.45, 0.36, 1.0)
+MAX_LIGHTS = 12
+
+
+def build_scene(
+    scene: ManiSkillScene,
+    spec: SceneSpec,
+    objects: dict[str, ObjectTemplate],
+    scene_idxs: Sequence[int] | None = None,
+) -> SceneHandles:
+    """Builds a layout and the movable `objects`, parked under the floor.
+
+    Args:
+        scene: The scene to build in, before the simulation starts.
+        spec: The layout.
+        objects: Object name -> template; one instance of each is built.
+        scene_idxs: The rows to build in; all when None.
+    """
+    rows = list(range(scene.num_envs)) if scene_idxs is None else list(scene_idxs)
+    builder = _Builder(scene, rows, prefix=f"{spec.scene_id}-{rows[0]}")
+    handles = SceneHandles(spec=spec, rows=tuple(rows))
+    handles.stage = builder.stage(spec.stage)
+    for instance in spec.objects:
+        actor = builder.object(instance)
+        (handles.loose if instance.dynamic else handles.static)[instance.name] = actor
+    for index, furniture in enumerate(spec.articulations):
+        handles.articulations[furniture.name] = builder.articulation(furniture, index + 1)
+    for index, (name, template) in enumerate(objects.items()):
+        parked = parking_pose(index)
+        handles.pickables[name] = builder.dynamic(f"pick-{name}", template, parked, 1.0)
+    handles.parking = builder.parking(len(objects))
+    handles.templates = dict(objects)
+    return handles
+
+
+def parking_pose(index: int) -> Pose7:
+    """Returns where object number `index` waits when it takes no part in the episode."""
+    row, column = divmod(index, 8)
+    x, y = column * PARKING_SPACING_M, row * PARKING_SPACING_M
+    return (x, y, PARKING_Z_M + 0.2, 1.0, 0.0, 0.0, 0.0)
+
+
+def add_lights(scene: ManiSkillScene, spec: SceneSpec, rows: Sequence[int]) -> None:
+    """Lights the layout: an ambient part, a soft sky, and the layout's own lamps."""
+    if not scene.can_render():
+        return
+    scene.set_ambient_light([0.35, 0.35, 0.35])
+    scene.add_directional_light([0.3, 0.5, -1.0], [0.9, 0.9, 0.85], scene_idxs=list(rows))
+    for light in spec.lights[:MAX_LIGHTS]:
+        scene.add_point_light(list(light.position_m), list(light.color), scene_idxs=list(rows))
+
+
+class _Builder:
+    """Builds bodies in the given rows of one scene."""
+
+    def __init__(self, scene: ManiSkillScene, rows: list[int], prefix: str) -> None:
+        self.scene, self.rows, self.prefix = scene, rows, prefix
+        self.visuals = scene.can_render()
+
+    def stage(self, stage: Stage) -> Actor:
+        builder = self._new(stage.world_from_stage)
+        self._collide(builder, stage.collision, _material(stage.friction), 1000.0)
+        if self.visuals and stage.visual_file is not None:
+            builder.add_visual_from_file(str(stage.visual_file))
+        elif self.visuals:
+            for source in stage.collision:
+                flat = source.half_size_m[1] < 0.1
+                color = FLOOR_COLOR if flat else WALL_COLOR
+                material = sapien.render.RenderMaterial(base_color=list(color))
+                material.roughness = 0.8
+                builder.add_box_visual(_at(source), list(source.half_size_m), material)
+        return _group(builder.build_static(f"{self.prefix}-stage"), flat_apart=True)
+
+    def object(self, instance: ObjectInstance) -> Actor:
+        name, pose = instance.name, instance.world_from_object
+        if instance.dynamic:
+            return self.dynamic(name, instance.template, pose, instance.scale)
+        builder = self._new(pose)
+        template = instance.template
+        self._collide(
+            builder, template.collision, _material(template.friction), 1000.0, instance.scale
+        )
+        self._see(builder, template, instance.scale)
+        return _group(builder.build_static(f"{self.prefix}-{name}"), flat_apart=True)
+
+    def dynamic(self, name: str, template: ObjectTemplate, pose: Pose7, scale: float) -> Actor:
+        builder = self._new(pose)
+        volume_m3 = scale**3 * sum(_volume(source) for source in template.collision)
+        mass_kg = template.mass_kg if template.mass_kg is not None else 500.0 * volume_m3
+        density = mass_kg / max(volume_m3, 1e-9)
+        self._collide(builder, template.collision, _material(template.friction), density, scale)
+        self._see(builder, template, scale)
+        actor = _group(builder.build_dynamic(f"{self.prefix}-{name}"))
+        for body in actor._bodies:
+            # Cooked hulls are a little smaller than the mesh: the stated mass wins.
+            body.mass = mass_kg
+        return actor
+
+    def articulation(self, furniture: ArticulationInstance, group: int) -> Articulation:
+        loader = self.scene.create_urdf_loader()
+        loader.name = f"{self.prefix}-{furniture.name}"
+        loader.fix_root_link = True
+        loader.scale = furniture.scale
+        loader.load_multiple_collisions_from_file = True
+        path = sapien_urdf(furniture.urdf_file, visuals=self.visuals)
+        builder = loader.parse(str(path))["articulation_builders"][0]
+        builder.initial_pose = _pose(furniture.world_from_root)
+        builder.set_scene_idxs(self.rows)
+        for link in builder.link_builders:
+            link.collision_groups = [WORLD_GROUP, WORLD_GROUP, FURNITURE_BIT, group]
+        built = builder.build()
+        for link in built.links:
+            # Slides are level and hinges upright, so gravity could only make doors creep.
+            link.disable_gravity = True
+        return built
+
+    def parking(self, count: int) -> Actor:
+        """A slab under the floor on which unused objects sleep."""
+        builder = self._new((0.0, 0.0, PARKING_Z_M, 1.0, 0.0, 0.0, 0.0))
+        half = PARKING_SPACING_M * (count + 8)
+        builder.add_box_collision(sapien.Pose([0, 0, -0.05]), [half, half, 0.05])
+        return _group(builder.build_static(f"{self.prefix}-parking"))
+
+    def _new(self, pose: Pose7) -> ActorBuilder:
+        builder = self.scene.create_actor_builder()
+        builder.initial_pose = _pose(pose)
+        builder.set_scene_idxs(self.rows)
+        return builder
+
+    def _see(self, builder: ActorBuilder, template: ObjectTemplate, scale: float) -> None:
+        if self.visuals and template.visual_file is not None:
+            factor = [scale * template.visual_scale] * 3
+            builder.add_visual_from_file(
+                str(template.visual_file), _pose(template.visual_from_origin), factor
+            )
+
+    def _collide(
+        self,
+        builder: ActorBuilder,
+        sources: Iterable[CollisionSource],
+        material: PhysxMaterial,
+        density: float,
+        scale: float = 1.0,
+    ) -> None:
+        for source in sources:
+            factor = [scale * source.scale] * 3
+            common = {"material": material, "density": density}
+            if source.kind == "box":
+                half = [scale * x for x in source.half_size_m]
+                builder.add_box_collision(_at(source, scale), half, **common)
+            elif source.kind == "mesh":
+                builder.add_nonconvex_collision_from_file(str(source.file), scale=factor, **common)
+            elif source.kind == "hull":
+                builder.add_convex_collision_from_file(str(source.file), scale=factor, **common)
+            else:
+                builder.add_multiple_convex_collisions_from_file(
+                    str(source.file), scale=factor, **common
+                )
+
+
+def _group(actor: Actor, flat_apart: bool = False) -> Actor:
+    """Sets collision groups; with `flat_apart`, what lies on the floor spares the robot's base."""
+    for body in actor._bodies:
+        for shape in body.collision_shapes:
+            flat = flat_apart and _top_m(body, shape) < FLAT_HEIGHT_M
+            shape.set_collision_groups([WORLD_GROUP, WORLD_GROUP, FLOOR_BIT if flat else 0, 0])
+    return actor
+
+
+def _top_m(body: sapien.physx.PhysxRigidBaseComponent, shape: object) -> float:
+    """Height [m] of a shape's highest point in the world."""
+    local = shape.local_pose  # type: ignore[attr-defined]
+    if hasattr(shape, "half_size"):
+        signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+        points = signs * np.asarray(shape.half_size)  # type: ignore[attr-defined]
+    else:
+        points = np.asarray(shape.vertices) * np.asarray(shape.scale)  # type: ignore[attr-defined]
+    world = body.entity.pose * local
+    return float(apply((*map(float, world.p), *map(float, world.q)), points)[:, 2].max())  # type: ignore[arg-type]
+
+
+def _volume(source: CollisionSource) -> float:
+    if source.kind == "box":
+        return 8.0 * float(np.prod(source.half_size_m))
+    assert source.file is not None
+    if source.kind == "convex_parts":
+        return source.scale**3 * parts_volume(source.file)
+    return source.scale**3 * 8.0 * float(np.prod(mesh_bounds(source.file)[1]))
+
+
+def _material(friction: float) -> PhysxMaterial:
+    return PhysxMaterial(static_friction=friction, dynamic_friction=friction, restitution=0.0)
+
+
+def _pose(pose: Pose7) -> sapien.Pose:
+    return sapien.Pose(list(pose[:3]), list(pose[3:]))
+
+
+def _at(source: CollisionSource, scale: float = 1.0) -> sapien.Pose:
+    return sapien.Pose([scale * x for x in source.center_m])

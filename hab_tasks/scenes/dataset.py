@@ -1,0 +1,156 @@
+"""Habitat's scene dataset format: ReplicaCAD as published, as ManiSkill renames it, and ours.
+
+A dataset folder holds ``*.scene_dataset_config.json``, ``configs/{scenes,objects,stages,lighting}``
+and ``urdf/*/``. Templates are found by their file's stem, so both folder layouts read alike.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from hab_tasks.errors import DatasetError, UnknownNameError
+
+SPLIT_MACROS = {"train": ("sc0", "sc1", "sc2"), "val": ("sc3",), "test": ("sc4",)}
+"""Macro layouts of each split (S E.1 and ReplicaCAD's own splits)."""
+
+SPLIT_PREFERENCE = ("val", "test", "train")
+"""Without `--split`, the first of these that the dataset has scenes for."""
+
+_MACRO = re.compile(r"^v3_(sc\d)_staging_\d\d$")
+
+
+def embedded_dataset() -> Path:
+    """Returns the folder of the embedded dataset ``apartment``."""
+    import hab_tasks.assets as assets
+
+    return Path(next(iter(assets.__path__))) / "apartment"
+
+
+def resolve_dataset(name_or_path: str | Path) -> SceneDataset:
+    """Returns the dataset for ``apartment`` or for the path of a dataset folder.
+
+    Raises:
+        UnknownNameError: Neither a known name nor an existing folder.
+        DatasetError: The folder holds no scene dataset.
+    """
+    if str(name_or_path) == "apartment":
+        return SceneDataset(embedded_dataset())
+    root = Path(name_or_path).expanduser()
+    if not root.is_dir():
+        raise UnknownNameError(
+            "scene dataset", str(name_or_path), ["apartment", "PATH of a ReplicaCAD folder"]
+        )
+    return SceneDataset(root)
+
+
+class SceneDataset:
+    """An index of one dataset folder. Nothing is loaded until it is asked for."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root.resolve()
+        configs = sorted(self.root.glob("*.scene_dataset_config.json"))
+        if not configs:
+            raise DatasetError(
+                f"{self.root}: no *.scene_dataset_config.json in it, so not a scene dataset. Give "
+                "the folder that holds configs/ and urdf/, for example replica_cad."
+            )
+        self.name = configs[0].name.removesuffix(".scene_dataset_config.json")
+        if not self.scene_files:
+            raise DatasetError(f"{self.root}: configs/scenes holds no *.scene_instance.json.")
+
+    @cached_property
+    def scene_files(self) -> dict[str, Path]:
+        """Scene id -> scene_instance file."""
+        return self._index("configs/scenes", ".scene_instance.json")
+
+    @cached_property
+    def object_files(self) -> dict[str, Path]:
+        """Template name -> object_config file."""
+        return self._index("configs/objects", ".object_config.json")
+
+    @cached_property
+    def stage_files(self) -> dict[str, Path]:
+        """Stage name -> stage_config file."""
+        return self._index("configs/stages", ".stage_config.json")
+
+    @cached_property
+    def lighting_files(self) -> dict[str, Path]:
+        """Lighting name -> lighting_config file."""
+        return self._index("configs/lighting", ".lighting_config.json")
+
+    @cached_property
+    def urdf_files(self) -> dict[str, Path]:
+        """Articulated template name -> URDF; a file in a folder of its own name comes first."""
+        found: dict[str, Path] = {}
+        for file in sorted((self.root / "urdf").glob("*/*.urdf")):
+            if file.stem not in found or file.parent.name == file.stem:
+                found[file.stem] = file
+        return found
+
+    def navmesh_file(self, scene_id: str) -> Path | None:
+        """Returns the published navmesh of a scene, None when the dataset has none."""
+        for folder in ("navmeshes", "navmeshes_default"):
+            file = self.root / folder / f"{scene_id}.navmesh"
+            if file.exists():
+                return file
+        return None
+
+    def scenes_of_split(self, split: str) -> list[str]:
+        """Returns the scene ids of a split, sorted; empty when the dataset has none of them.
+
+        Raises:
+            UnknownNameError: There is no such split.
+        """
+        if split not in SPLIT_MACROS:
+            raise UnknownNameError("split", split, SPLIT_MACROS)
+        wanted = SPLIT_MACROS[split]
+        return [s for s in sorted(self.scene_files) if (m := _MACRO.match(s)) and m[1] in wanted]
+
+    def resolve_split(self, split: str | None) -> str:
+        """Returns `split`, or the most unseen split that this dataset has scenes for.
+
+        Raises:
+            UnknownNameError: No such split, or none of its scenes are in this dataset.
+        """
+        present = [name for name in SPLIT_PREFERENCE if self.scenes_of_split(name)]
+        if split is None and present:
+            return present[0]
+        if split not in present:
+            known = "split" if split not in SPLIT_MACROS else f"split (no scene of it in {self.root})"
+            raise UnknownNameError(known, split, present)
+        return split
+
+    def scene_file(self, scene_id: str) -> Path:
+        """Returns the file of a scene.
+
+        Raises:
+            UnknownNameError: The dataset has no such scene.
+        """
+        if scene_id not in self.scene_files:
+            raise UnknownNameError(f"scene in {self.root}", scene_id, self.scene_files)
+        return self.scene_files[scene_id]
+
+    def _index(self, folder: str, suffix: str) -> dict[str, Path]:
+        files = sorted((self.root / folder).rglob(f"*{suffix}"))
+        return {file.name.removesuffix(suffix): file for file in files}
+
+
+def read_json(file: Path) -> dict[str, Any]:
+    """Reads a JSON object.
+
+    Raises:
+        DatasetError: Missing, not JSON, or not an object; the message names the file and line.
+    """
+    try:
+        value = json.loads(file.read_text())
+    except FileNotFoundError as error:
+        raise DatasetError(f"{file}: no such file.") from error
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise DatasetError(f"{file}: not valid JSON ({error}).") from error
+    if not isinstance(value, dict):
+        raise DatasetError(f"{file}: expected a JSON object, found {type(value).__name__}.")
+    return value

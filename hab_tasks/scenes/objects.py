@@ -1,0 +1,138 @@
+"""The objects that tasks move: 13 YCB objects, embedded or from the user's own YCB folder.
+
+Three sources read alike: the embedded look-alikes in a scene dataset's own templates, YCB's
+``NNN_name/google_16k/`` folders (masses from URDFs beside them), and ManiSkill's
+``mani_skill2_ycb/models`` (densities from its ``info_pick_v0.json``).
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+from hab_tasks.errors import DatasetError, UnknownNameError
+from hab_tasks.geometry import IDENTITY
+from hab_tasks.scenes.dataset import SceneDataset, embedded_dataset
+from hab_tasks.scenes.load import load_template
+from hab_tasks.scenes.meshes import check_mesh, parts_file
+from hab_tasks.scenes.spec import CollisionSource, ObjectTemplate
+
+TRAIN_OBJECTS = (
+    "002_master_chef_can",
+    "003_cracker_box",
+    "004_sugar_box",
+    "005_tomato_soup_can",
+    "007_tuna_fish_can",
+    "008_pudding_box",
+    "009_gelatin_box",
+    "010_potted_meat_can",
+    "024_bowl",
+)
+"""Objects seen in training (S E.1)."""
+
+UNSEEN_OBJECTS = ("013_apple", "017_orange", "025_mug", "026_sponge")
+"""Objects kept for evaluation (S E.1)."""
+
+ALL_OBJECTS = tuple(sorted(TRAIN_OBJECTS + UNSEEN_OBJECTS))
+
+YCB_UP = (0.0, 0.0, 1.0)
+YCB_FRICTION = 0.6
+DEFAULT_DENSITY_KG_M3 = 500.0
+
+
+def load_objects(folder: str | Path | None) -> dict[str, ObjectTemplate]:
+    """Returns the 13 objects by YCB name.
+
+    Args:
+        folder: None for the embedded look-alikes, else a YCB folder in either layout.
+
+    Raises:
+        UnknownNameError: `folder` does not exist.
+        DatasetError: An object is absent or damaged.
+    """
+    if folder is None:
+        return _embedded_objects()
+    root = Path(folder).expanduser()
+    if not root.is_dir():
+        raise UnknownNameError("objects", str(folder), ["PATH of a YCB folder (omit for embedded)"])
+    return _maniskill_objects(root) if (root / "models").is_dir() else _google_objects(root)
+
+
+def _embedded_objects() -> dict[str, ObjectTemplate]:
+    dataset = SceneDataset(embedded_dataset())
+    found = {}
+    for name in ALL_OBJECTS:
+        file = dataset.object_files.get(name)
+        template = load_template(file) if file else None
+        if template is None:
+            raise DatasetError(f"{dataset.root}: the embedded object {name} is absent.")
+        found[name] = template
+    return found
+
+
+def _google_objects(root: Path) -> dict[str, ObjectTemplate]:
+    masses = _urdf_masses(root)
+    found = {}
+    for name in ALL_OBJECTS:
+        folder = root / name / "google_16k"
+        visual, collision = folder / "textured.obj", folder / "textured_vhacd.stl"
+        if not collision.exists():
+            collision = visual
+        _require(root, name, visual, collision)
+        found[name] = _template(name, visual, collision, masses.get(name), None)
+    return found
+
+
+def _maniskill_objects(root: Path) -> dict[str, ObjectTemplate]:
+    info_file = root / "info_pick_v0.json"
+    info: dict[str, Any] = json.loads(info_file.read_text()) if info_file.exists() else {}
+    found = {}
+    for name in ALL_OBJECTS:
+        folder = root / "models" / name
+        visual, collision = folder / "textured.obj", folder / "collision.ply"
+        _require(root, name, visual, collision)
+        density = info.get(name, {}).get("density")
+        found[name] = _template(name, visual, collision, None, density)
+    return found
+
+
+def _template(
+    name: str, visual: Path, collision: Path, mass_kg: float | None, density: float | None
+) -> ObjectTemplate:
+    parts, volume_m3 = parts_file(collision)
+    if mass_kg is None:
+        mass_kg = volume_m3 * (density or DEFAULT_DENSITY_KG_M3)
+    return ObjectTemplate(
+        name=name,
+        visual_file=visual,
+        collision=(CollisionSource(kind="convex_parts", file=parts),),
+        mass_kg=mass_kg,
+        friction=YCB_FRICTION,
+        up=YCB_UP,
+        visual_from_origin=IDENTITY,
+    )
+
+
+def _urdf_masses(root: Path) -> dict[str, float]:
+    """Masses [kg] from URDFs that lie beside the object folders and name a mesh in them."""
+    masses = {}
+    for file in sorted(root.glob("*.urdf")):
+        try:
+            tree = ElementTree.parse(file).getroot()
+        except ElementTree.ParseError as error:
+            raise DatasetError(f"{file}: not a valid URDF ({error}).") from error
+        mesh, mass = next(tree.iter("mesh"), None), next(tree.iter("mass"), None)
+        match = re.search(r"\d{3}_\w+", mesh.get("filename", "")) if mesh is not None else None
+        if match and mass is not None:
+            masses[match[0]] = float(mass.get("value", 0.0))
+    return masses
+
+
+def _require(root: Path, name: str, *files: Path) -> None:
+    for file in files:
+        if not file.exists():
+            raise DatasetError(f"{root}: object {name} has no {file.relative_to(root)}.")
+        check_mesh(file)

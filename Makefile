@@ -1,0 +1,47 @@
+# Each target sets up .venv first; that takes minutes once and no time after.
+PYTHON := .venv/bin/python
+SLOW ?=
+WORKERS ?= 2
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test lint format typecheck bench build clean
+
+help:  ## This list
+	@grep -hE '^[a-z]+: .*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 12
+
+setup: ## Make .venv with everything that the other targets need
+	@.ci/setup
+
+demo: setup ## Five Pick episodes in our apartment: result table, video, picture (runs/demo)
+	@.venv/bin/hab-eval run --agent hab_spa:spa_priv --env HabPick-v1 --scene-dataset apartment \
+	  --episodes 5 --seed 0 --video 1 --force --out runs/demo
+
+test: setup ## The quick tests; with SLOW=1 all of them
+	@$(PYTHON) -m pytest -q -n $(WORKERS) --dist loadfile $(if $(SLOW),,-m "not slow")
+
+lint: setup ## Code style, spelling, sizes of files and functions
+	@$(PYTHON) -m ruff check .
+	@$(PYTHON) -m ruff format --check .
+	@$(PYTHON) -m codespell_lib $$(git ls-files)
+	@$(PYTHON) -m pytest -q tests/test_house_style.py
+
+format: setup ## Put all Python files into the house format
+	@$(PYTHON) -m ruff check --fix .
+	@$(PYTHON) -m ruff format .
+
+typecheck: setup ## Check the types
+	@$(PYTHON) -m pyright
+
+bench: setup ## Steps per second, beside ManiSkill's own scene environment (runs/bench.json)
+	@mkdir -p runs
+	@.venv/bin/hab-eval bench --suite sim --json runs/bench.json
+
+build: setup ## Wheels of all packages, in dist/
+	@rm -rf dist build */build */*/build; mkdir dist
+	@$(PYTHON) -m pip wheel -q --no-deps --no-build-isolation --disable-pip-version-check -w dist \
+	  $(addprefix ./,$(dir $(wildcard pyproject.toml eval/pyproject.toml baselines/*/pyproject.toml)))
+	@ls dist
+
+clean: ## Remove .venv and everything made here
+	rm -rf .venv build dist runs *.egg-info */*.egg-info */*/*.egg-info .pytest_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,65 @@
+"""What a machine may lack (real data, Vulkan, an NVIDIA card): fixtures, and skips with reasons."""
+
+import functools
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+# Tests run in several processes already: more threads in each would only get in the way.
+# It counts when torch is imported.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+DATA = Path(os.environ.get("HAB_TEST_DATA") or ROOT.parent / "shared" / "data")
+
+PROBES = {
+    "render": "import sapien; sapien.render.RenderSystem()",
+    "gpu": "import sapien, torch; torch.zeros(1, device='cuda'); sapien.physx.enable_gpu()",
+}
+REASONS = {
+    "render": "no Vulkan device that SAPIEN can use (README: rendering without a GPU)",
+    "gpu": "no NVIDIA card that torch and PhysX can use",
+}
+
+
+@pytest.fixture(scope="session")
+def data() -> Path:
+    """The folder with the real ReplicaCAD and YCB."""
+    return _present(DATA)
+
+
+@pytest.fixture(scope="session")
+def replica_cad() -> Path:
+    """The real ReplicaCAD; read-only."""
+    return _present(DATA / "replica_cad")
+
+
+@pytest.fixture(scope="session")
+def ycb() -> Path:
+    """The real YCB objects; read-only."""
+    return _present(DATA / "ycb")
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip a marked test where the machine lacks what its mark names."""
+    if item.get_closest_marker("assets"):
+        _present(DATA)
+    for mark, reason in REASONS.items():
+        if item.get_closest_marker(mark) and not _works(mark):
+            pytest.skip(reason)
+
+
+def _present(folder: Path) -> Path:
+    if not folder.is_dir():
+        pytest.skip(f"no {folder}; set HAB_TEST_DATA to a folder with replica_cad/ and ycb/")
+    return folder
+
+
+@functools.cache
+def _works(mark: str) -> bool:
+    """Whether this machine has what ``mark`` needs; a process of its own, as SAPIEN may end it."""
+    probe = subprocess.run([sys.executable, "-c", PROBES[mark]], capture_output=True, timeout=120)
+    return probe.returncode == 0

@@ -1,0 +1,124 @@
+"""Imports go one way, and ``import hab_tasks`` registers environments and does nothing else."""
+
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+# A module of hab_tasks may import from its own row and the rows above. A new one needs a row.
+ORDER = [
+    {"constants", "errors", "agent", "privileged", "assets"},
+    {"geometry"},
+    {"scenes", "robots"},
+    {"episodes"},
+    {"snapshot"},
+    {"measures", "rewards", "sensors"},
+    {"skills"},
+    {"envs"},
+    {"__init__"},
+    {"cli"},
+]
+RANK = {name: rank for rank, row in enumerate(ORDER) for name in row}
+BASELINES = {p.parent.name for p in (ROOT / "baselines").glob("*/*/__init__.py")}
+
+# Run by a new Python: whatever the import prints, asks, downloads or writes shows.
+IMPORT_ALONE = """
+import os, socket, sys
+def refuse(*args, **kwargs): raise AssertionError("the import opened a connection")
+socket.socket.connect = socket.create_connection = refuse
+sys.stdin = None
+before = dict(os.environ)
+import hab_tasks
+import gymnasium, torch
+changed = {k for k in before.keys() | os.environ.keys() if before.get(k) != os.environ.get(k)}
+assert not {k for k in changed if k.startswith(("MS_", "HAB_"))}, changed
+assert not torch.cuda.is_initialized()
+ours = [name for name in gymnasium.registry if name.startswith("Hab")]
+assert ours, "no environment was registered"
+assert not {m.split(".")[0] for m in sys.modules} & {"hab_eval", "hab_spa", "ompl"}
+"""
+
+
+def imports_of(path: Path, package: str) -> set[str]:
+    """Full names of what a file imports; ``package`` is the one it is in."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = (
+                package.split(".")[: len(package.split(".")) + 1 - node.level] if node.level else []
+            )
+            module = ".".join([*base, *([node.module] if node.module else [])])
+            found |= {f"{module}.{alias.name}" for alias in node.names}
+    return found
+
+
+def part_of_hab_tasks(name: str) -> str | None:
+    """The first-level module of ``hab_tasks`` that an imported name belongs to."""
+    head, _, rest = name.partition(".")
+    if head != "hab_tasks":
+        return None
+    first = rest.partition(".")[0]
+    is_module = (ROOT / "hab_tasks" / f"{first}.py").is_file() or (
+        ROOT / "hab_tasks" / first
+    ).is_dir()
+    return first if first == "assets" or (first and is_module) else "__init__"
+
+
+def modules(folder: Path) -> list[tuple[Path, str]]:
+    """Files of an import package, each with the name of the package that it is in."""
+    return [
+        (path, ".".join(path.parent.relative_to(folder.parent).parts))
+        for path in sorted(folder.rglob("*.py"))
+    ]
+
+
+@pytest.mark.parametrize(
+    ("path", "package"),
+    modules(ROOT / "hab_tasks"),
+    ids=lambda v: v.stem if isinstance(v, Path) else v,
+)
+def test_imports_inside_hab_tasks_go_one_way(path, package):
+    inner = path.relative_to(ROOT / "hab_tasks").parts
+    own = Path(inner[0]).stem
+    assert own in RANK, f"give hab_tasks.{own} a row in ORDER"
+    for name in imports_of(path, package):
+        other = part_of_hab_tasks(name)
+        assert other is None or RANK.get(other, 99) <= RANK[own], f"{own} must not import {name}"
+
+
+def test_hab_tasks_imports_no_sibling():
+    forbidden = {"hab_eval", *BASELINES}
+    for path, package in modules(ROOT / "hab_tasks"):
+        heads = {name.partition(".")[0] for name in imports_of(path, package)}
+        assert not heads & forbidden, path
+
+
+def test_hab_eval_imports_no_baseline():
+    for path, package in modules(ROOT / "eval" / "hab_eval"):
+        heads = {name.partition(".")[0] for name in imports_of(path, package)}
+        assert not heads & BASELINES, f"{path}: agents are loaded by module:factory"
+
+
+def test_import_is_silent_and_changes_nothing(tmp_path):
+    environment = {k: v for k, v in os.environ.items() if k not in ("MS_ASSET_DIR", "PYTHONPATH")}
+    environment |= {"HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", IMPORT_ALONE],
+        env=environment,
+        cwd=tmp_path,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == ""
+    assert done.stderr == ""
+    assert not [p for p in tmp_path.rglob("*") if p.is_file()], "the import wrote files"

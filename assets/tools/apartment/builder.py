@@ -1,0 +1,91 @@
+"""Collects the visible and the solid side of one model while it is put together."""
+
+from dataclasses import dataclass, field
+
+import shapes
+import solids
+from model import Box, Convex, Part, Vec3
+
+BAR_RADIUS_M = 0.007
+POST_M = 0.010
+
+
+@dataclass
+class Builder:
+    """A half-built model: `box` adds what is seen and what collides in one call."""
+
+    parts: list[Part] = field(default_factory=list)
+    boxes: list[Box] = field(default_factory=list)
+    convexes: list[Convex] = field(default_factory=list)
+
+    def box(
+        self, center: Vec3, size: Vec3, material: str, bevel_m: float = 0.004, solid: bool = True
+    ) -> None:
+        """Add a bevelled box."""
+        self.parts.append(shapes.box(center, size, material, bevel_m))
+        if solid:
+            self.boxes.append(Box(center, size))
+
+    def span(
+        self,
+        low: Vec3,
+        high: Vec3,
+        material: str,
+        bevel_m: float = 0.004,
+        solid: bool = True,
+    ) -> None:
+        """Add a bevelled box given by two opposite corners."""
+        center = tuple((a + b) / 2 for a, b in zip(low, high, strict=True))
+        size = tuple(b - a for a, b in zip(low, high, strict=True))
+        self.box(center, size, material, bevel_m, solid)
+
+    def soft(
+        self,
+        center: Vec3,
+        size: Vec3,
+        material: str,
+        radius_m: float,
+        bulge_m: float = 0.0,
+        solid: bool = True,
+    ) -> None:
+        """Add a rounded, upholstered box."""
+        self.parts.append(shapes.soft_box(center, size, material, radius_m, bulge_m))
+        if solid:
+            self.boxes.append(Box(center, size))
+
+    def post(
+        self, center: Vec3, radius_m: float, height_m: float, material: str, solid: bool = True
+    ) -> None:
+        """Add an upright round post."""
+        self.parts.append(shapes.cylinder(center, radius_m, height_m, material, sides=14))
+        if solid:
+            low, high = center[1] - height_m / 2, center[1] + height_m / 2
+            self.convexes.append(
+                solids.frustum(radius_m, radius_m, low, high, 10, (center[0], center[2]))
+            )
+
+    def see(self, *parts: Part) -> None:
+        """Add surfaces that do not collide."""
+        self.parts.extend(parts)
+
+    def bar_handle(
+        self, center: Vec3, axis: str, length_m: float, reach_m: float, material: str
+    ) -> None:
+        """Add a round bar on two posts; the face it stands on is `reach_m` behind, along -x."""
+        bar = shapes.cylinder(center, BAR_RADIUS_M, length_m, material, axis, 12, 0.0015)
+        index = shapes.AXES[axis]
+        size = [2 * BAR_RADIUS_M] * 3
+        size[index] = length_m
+        self.parts.append(bar)
+        self.boxes.append(Box(center, (size[0], size[1], size[2])))
+        for side in (-1.0, 1.0):
+            foot = list(center)
+            foot[index] += side * (length_m / 2 - 0.02)
+            foot[0] -= reach_m / 2
+            place = (foot[0], foot[1], foot[2])
+            self.parts.append(shapes.cylinder(place, POST_M / 2, reach_m, material, "x", 10, 0.0005))
+            self.boxes.append(Box(place, (reach_m, POST_M, POST_M)))
+
+    def solids(self) -> list[Convex]:
+        """Return all collision pieces as convex meshes."""
+        return [solids.from_box(box) for box in self.boxes] + self.convexes

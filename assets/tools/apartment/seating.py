@@ -1,0 +1,105 @@
+"""Sofa, chairs, stool, beanbag and cushions. Fronts face -z."""
+
+import math
+
+import shapes
+import solids
+from builder import Builder
+from model import Convex, ObjectModel, Receptacle
+
+
+def build() -> list[ObjectModel]:
+    """Return everything to sit on."""
+    return [_sofa(), _armchair(), _dining_chair(), _stool(), _beanbag(), *_cushions()]
+
+
+def _sofa() -> ObjectModel:
+    make, cloth, seat = Builder(), "sofa_cloth", 0.0423
+    make.soft((0.0, -0.215, -0.02), (2.10, 0.19, 0.86), cloth, 0.02)
+    for side in (-1.0, 1.0):
+        make.soft((side * 0.97, -0.07, -0.055), (0.20, 0.50, 0.95), cloth, 0.05)
+        make.soft((side * 0.4325, seat - 0.083, -0.18), (0.855, 0.166, 0.70), cloth, 0.05, 0.006)
+        make.soft((side * 0.4325, 0.215, 0.205), (0.845, 0.37, 0.15), cloth, 0.07, 0.02)
+    make.soft((0.0, 0.06, 0.345), (1.75, 0.66, 0.15), cloth, 0.04)
+    for x in (-0.98, 0.98):
+        for z in (-0.42, 0.34):
+            make.post((x, -0.3515, z), 0.024, 0.083, "walnut")
+    free = Receptacle(
+        "receptacle_aabb_Sofa_frl_apartment_sofa", (0.0, seat + 0.133, -0.20), (0.50, 0.133, 0.26)
+    )
+    return ObjectModel("frl_apartment_sofa", "sofa", 76, 68.0, make.parts, make.solids(), [free])
+
+
+def _armchair() -> ObjectModel:
+    make, cloth, seat = Builder(), "chair_cloth", 0.0417
+    make.soft((0.0, -0.185, 0.0), (0.74, 0.15, 0.66), cloth, 0.04)
+    make.soft((0.0, seat - 0.08, -0.10), (0.50, 0.16, 0.48), cloth, 0.05, 0.006)
+    make.soft((0.0, 0.10, 0.255), (0.70, 0.61, 0.19), cloth, 0.09)
+    make.soft((0.0, 0.20, 0.155), (0.46, 0.34, 0.09), cloth, 0.045, 0.015, solid=False)
+    for side in (-1.0, 1.0):
+        make.soft((side * 0.33, -0.02, -0.03), (0.14, 0.40, 0.60), cloth, 0.065)
+        for z in (-0.27, 0.27):
+            make.post((side * 0.30, -0.311, z), 0.018, 0.102, "oak")
+    free = Receptacle(
+        "receptacle_aabb_Chr1_Top1_frl_apartment_chair_01", (0.0, seat + 0.0946, -0.115), (0.22, 0.0946, 0.21)
+    )
+    return ObjectModel("frl_apartment_chair_01", "chair", 20, 22.0, make.parts, make.solids(), [free])
+
+
+def _dining_chair() -> ObjectModel:
+    """Return a light wooden chair whose seat goes under the dining table."""
+    make, wood, floor = Builder(), "birch", -0.456
+    make.soft((0.0, 0.0, -0.02), (0.43, 0.035, 0.43), wood, 0.012)
+    make.soft((0.0, 0.026, -0.02), (0.39, 0.03, 0.38), "cream_cloth", 0.014, solid=False)
+    for x in (-0.185, 0.185):
+        make.post((x, (floor - 0.0175) / 2, -0.20), 0.015, -0.0175 - floor, wood)
+        make.post((x, (floor + 0.40) / 2, 0.185), 0.015, 0.40 - floor, wood)
+        make.box((x, -0.25, -0.008), (0.018, 0.022, 0.36), wood, 0.003, solid=False)
+    make.soft((0.0, 0.335, 0.185), (0.40, 0.12, 0.022), wood, 0.010)
+    make.soft((0.0, 0.175, 0.185), (0.38, 0.05, 0.018), wood, 0.008)
+    return ObjectModel("frl_apartment_chair_04", "chair", 20, 4.0, make.parts, make.solids())
+
+
+def _stool() -> ObjectModel:
+    make, floor = Builder(), -0.28
+    make.see(shapes.cylinder((0.0, 0.105, 0.0), 0.19, 0.045, "oak", sides=28, bevel_m=0.008))
+    make.convexes.append(solids.frustum(0.19, 0.19, 0.0825, 0.1275, 20))
+    for k in range(4):
+        angle = math.pi / 4 + k * math.pi / 2
+        x, z = 0.13 * math.cos(angle), 0.13 * math.sin(angle)
+        make.post((x, (floor + 0.0825) / 2, z), 0.014, 0.0825 - floor, "oak")
+    return ObjectModel("frl_apartment_stool_02", "stool", 78, 5.8, make.parts, make.solids())
+
+
+def _beanbag() -> ObjectModel:
+    """Return a sagging bag: a turned pear with a seam ring and a knot."""
+    make, floor = Builder(), -0.333
+    profile = [(0.0, floor), (0.34, floor), (0.44, floor + 0.03), (0.495, floor + 0.10), (0.51, floor + 0.18),
+               (0.49, floor + 0.28), (0.43, floor + 0.38), (0.34, floor + 0.47), (0.24, floor + 0.545),
+               (0.15, floor + 0.60), (0.07, floor + 0.63), (0.0, floor + 0.64)]  # fmt: skip
+    make.see(shapes.lathe([profile], "bag_cloth", 28))
+    make.see(shapes.cylinder((0.0, floor + 0.655, 0.0), 0.035, 0.05, "bag_cloth", top_radius_m=0.05))
+    make.convexes += [
+        solids.frustum(0.40, 0.51, floor, floor + 0.15, 16),
+        solids.frustum(0.51, 0.42, floor + 0.15, floor + 0.39, 16),
+        solids.frustum(0.42, 0.10, floor + 0.39, floor + 0.62, 16),
+    ]
+    return ObjectModel("frl_apartment_beanbag", "beanbag", 6, 11.0, make.parts, make.solids())
+
+
+def _cushions() -> list[ObjectModel]:
+    out = []
+    for number, cloth in (("01", "rust_cloth"), ("03", "cream_cloth")):
+        part = shapes.soft_box((0.0, 0.0, 0.0), (0.42, 0.40, 0.09), cloth, 0.044, 0.03, steps=3)
+        name = f"frl_apartment_cushion_{number}"
+        out.append(ObjectModel(name, "cushion", 29, 0.3, [part], [_pillow()], friction=0.8))
+    return out
+
+
+def _pillow() -> Convex:
+    """Return the cushion's hull: a flat octagon standing on its edge."""
+    slab = solids.prism(
+        [(-0.21, -0.15), (-0.15, -0.20), (0.15, -0.20), (0.21, -0.15),
+         (0.21, 0.15), (0.15, 0.20), (-0.15, 0.20), (-0.21, 0.15)], -0.05, 0.05,
+    )  # fmt: skip
+    return Convex(slab.vertices[:, [0, 2, 1]], slab.faces[:, ::-1])

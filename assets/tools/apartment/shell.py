@@ -1,0 +1,160 @@
+"""The empty flat: floors, walls with windows and doorways, skirting boards and frames.
+
+All in the scene's frame, y-up; the floor's surface is y = 0. There is no ceiling, so that a camera
+above the walls sees in.
+"""
+
+from dataclasses import dataclass
+
+import shapes
+from builder import Builder
+from model import Convex, StageModel
+
+HEIGHT_M, SLAB_M, SKIRTING_M = 2.6, 0.10, 0.08
+
+
+@dataclass(frozen=True)
+class Opening:
+    """A hole in a wall, from `start` to `end` along it and from `sill` to `head` in height."""
+
+    start: float
+    end: float
+    sill: float
+    head: float
+    kind: str  # "window", "doorway" or "front_door"
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A wall's footprint; its run is the longer side."""
+
+    x: tuple[float, float]
+    z: tuple[float, float]
+    openings: tuple[Opening, ...] = ()
+
+    @property
+    def along_x(self) -> bool:
+        """Whether the wall runs along x."""
+        return self.x[1] - self.x[0] > self.z[1] - self.z[0]
+
+
+# Habitat's ReplicaCAD stage spans x -2.66..4.60 and z -4.76..8.17, and so does this one.
+WALLS = (
+    Wall((-2.66, -2.50), (-4.76, 4.11), (Opening(0.35, 2.15, 1.0, 2.2, "window"),)),
+    Wall((-2.50, 4.44), (-4.76, -4.60),
+         (Opening(-1.95, -1.02, 0.0, 2.08, "front_door"), Opening(0.9, 2.9, 0.8, 2.2, "window"))),
+    Wall((4.44, 4.60), (-4.76, 8.17),
+         (Opening(-3.5, -2.0, 0.8, 2.2, "window"), Opening(2.65, 3.75, 0.5, 2.2, "window"),
+          Opening(5.2, 7.0, 1.15, 2.2, "window"))),
+    Wall((0.065, 4.44), (8.01, 8.17)),
+    Wall((0.065, 0.225), (4.11, 8.01)),
+    Wall((-2.50, 0.225), (3.95, 4.11), (Opening(-2.0, -0.5, 0.9, 2.2, "window"),)),
+    Wall((0.225, 0.85), (3.95, 4.03)),
+    Wall((-0.40, 4.44), (-0.79, -0.69), (Opening(2.55, 3.65, 0.0, 2.12, "doorway"),)),
+    Wall((-0.40, -0.30), (-4.60, -0.79), (Opening(-2.675, -1.715, 0.0, 2.085, "doorway"),)),
+)  # fmt: skip
+FLOORS = (
+    ((-2.66, 4.60), (-4.76, 4.03), "floor_planks"),
+    ((0.065, 4.60), (4.03, 8.17), "floor_tile"),
+)
+
+
+def build(name: str) -> StageModel:
+    """Return the stage."""
+    make, extra = Builder(), []
+    for (x0, x1), (z0, z1), material in FLOORS:
+        make.span((x0, -SLAB_M, z0), (x1, 0.0, z1), material, 0.0)
+    make.span((0.225, -0.01, 4.02), (4.44, 0.002, 4.04), "trim", 0.001, solid=False)
+    make.span((0.225, 0.85, 4.80), (0.232, 1.545, 8.01), "wall_tile", 0.0, solid=False)
+    for wall in WALLS:
+        _wall(make, wall)
+        for opening in wall.openings:
+            extra += _opening(make, wall, opening)
+    return StageModel(name, make.parts, make.solids() + extra)
+
+
+def _wall(make: Builder, wall: Wall) -> None:
+    run = wall.x if wall.along_x else wall.z
+    cuts = sorted(wall.openings, key=lambda o: o.start)
+    at = run[0]
+    for opening in cuts:
+        _piece(make, wall, (at, opening.start), (0.0, HEIGHT_M))
+        if opening.sill > 0:
+            _piece(make, wall, (opening.start, opening.end), (0.0, opening.sill))
+        _piece(make, wall, (opening.start, opening.end), (opening.head, HEIGHT_M))
+        at = opening.end
+    _piece(make, wall, (at, run[1]), (0.0, HEIGHT_M))
+
+
+def _piece(make: Builder, wall: Wall, run: tuple[float, float], y: tuple[float, float]) -> None:
+    low, high = _corners(wall, run, y, 0.0)
+    make.span(low, high, "wall", 0.0)
+    if y[1] == HEIGHT_M:
+        low, high = _corners(wall, run, (HEIGHT_M, HEIGHT_M + 0.012), 0.002)
+        make.span(low, high, "wall_edge", 0.0, solid=False)
+    if y[0] == 0.0:
+        low, high = _corners(wall, run, (0.0, SKIRTING_M), 0.012)
+        make.span(low, high, "trim", 0.003, solid=False)
+
+
+def _corners(
+    wall: Wall, run: tuple[float, float], y: tuple[float, float], swell: float
+) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """Return two corners of a stretch of the wall, grown sideways by `swell`."""
+    if wall.along_x:
+        return (run[0], y[0], wall.z[0] - swell), (run[1], y[1], wall.z[1] + swell)
+    return (wall.x[0] - swell, y[0], run[0]), (wall.x[1] + swell, y[1], run[1])
+
+
+def _opening(make: Builder, wall: Wall, hole: Opening) -> list[Convex]:
+    """Add the joinery of a hole, and return what closes it."""
+    rim, out = 0.05 if hole.kind == "window" else 0.07, 0.014
+    for run, y in (
+        ((hole.start - rim, hole.start + 0.004), (hole.sill, hole.head + rim)),
+        ((hole.end - 0.004, hole.end + rim), (hole.sill, hole.head + rim)),
+        ((hole.start, hole.end), (hole.head - 0.004, hole.head + rim)),
+    ):
+        make.span(*_corners(wall, run, y, out), "trim", 0.004, solid=False)
+    if hole.kind == "window":
+        return _window(make, wall, hole)
+    if hole.kind == "front_door":
+        return _front_door(make, wall, hole)
+    return []
+
+
+def _inset(wall: Wall, share: float, thick_m: float) -> float:
+    """Return how much to grow the wall's footprint so that a sheet of `thick_m` remains."""
+    width = (wall.z if wall.along_x else wall.x)[1] - (wall.z if wall.along_x else wall.x)[0]
+    return -(width - thick_m) / 2 * share
+
+
+def _window(make: Builder, wall: Wall, hole: Opening) -> list[Convex]:
+    bar, middle = 0.045, (hole.start + hole.end) / 2
+    make.span(*_corners(wall, (hole.start - 0.03, hole.end + 0.03), (hole.sill - 0.03, hole.sill), 0.045),
+              "trim", 0.006, solid=False)  # fmt: skip
+    frame = _inset(wall, 1.0, 0.05)
+    stiles = (hole.start, middle - bar / 2, hole.end - bar)
+    for start in stiles:
+        make.span(*_corners(wall, (start, start + bar), (hole.sill, hole.head), frame), "trim", 0.004, solid=False)
+    for low in (hole.sill, hole.head - bar):
+        make.span(*_corners(wall, (hole.start, hole.end), (low, low + bar), frame), "trim", 0.004, solid=False)
+    pane = _corners(wall, (hole.start, hole.end), (hole.sill, hole.head), _inset(wall, 1.0, 0.006))
+    make.span(*pane, "sky", 0.0, solid=False)
+    solid = Builder()
+    solid.span(*_corners(wall, (hole.start, hole.end), (hole.sill, hole.head), frame), "trim")
+    return solid.solids()
+
+
+def _front_door(make: Builder, wall: Wall, hole: Opening) -> list[Convex]:
+    leaf = _corners(wall, (hole.start, hole.end), (0.004, hole.head), _inset(wall, 1.0, 0.06))
+    make.span(*leaf, "walnut", 0.003, solid=False)
+    face = wall.z[1] - 0.05
+    for low, high in ((0.2, 0.95), (1.1, 1.9)):
+        center = ((hole.start + hole.end) / 2, (low + high) / 2, face)
+        make.see(shapes.box(center, (0.62, high - low, 0.014), "walnut", 0.005))
+    x = hole.end - 0.09
+    make.see(shapes.cylinder((x, 1.02, face + 0.02), 0.026, 0.02, "brass", "z"))
+    make.see(shapes.sphere((x, 1.02, face + 0.055), (0.03, 0.03, 0.025), "brass"))
+    solid = Builder()
+    solid.span(*leaf, "walnut")
+    return solid.solids()

@@ -1,0 +1,105 @@
+"""Closed convex collision shapes with exact, hand-laid triangles."""
+
+import numpy as np
+from model import Array, Box, Convex
+from numpy.typing import NDArray
+
+_HEX_FACES = np.array(
+    [
+        [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+        [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
+    ]
+)  # fmt: skip
+
+
+def hexahedron(corners: Array) -> Convex:
+    """Return the solid of eight corners in (x, y, z) binary order; its six faces are planar."""
+    return _outward(Convex(np.asarray(corners, float), _HEX_FACES.copy()))
+
+
+def from_box(box: Box) -> Convex:
+    """Return a box as a convex mesh."""
+    signs = np.array(list(np.ndindex(2, 2, 2))) - 0.5
+    return hexahedron(signs * np.asarray(box.size) + np.asarray(box.center))
+
+
+def frustum(
+    bottom_radius_m: float,
+    top_radius_m: float,
+    bottom_m: float,
+    top_m: float,
+    sides: int = 16,
+    center_xz: tuple[float, float] = (0.0, 0.0),
+) -> Convex:
+    """Return an upright prism whose corners lie on the cone, so that it touches the true rim."""
+    angle = np.arange(sides) * 2 * np.pi / sides
+    ring = np.stack([np.cos(angle), np.zeros(sides), np.sin(angle)], axis=1)
+    low = ring * bottom_radius_m + [center_xz[0], bottom_m, center_xz[1]]
+    high = ring * top_radius_m + [center_xz[0], top_m, center_xz[1]]
+    return _outward(Convex(np.vstack([low, high]), _prism_faces(sides)))
+
+
+def prism(outline_xz: list[tuple[float, float]], bottom_m: float, top_m: float) -> Convex:
+    """Return an upright prism over a convex outline."""
+    flat = np.array([[x, 0.0, z] for x, z in outline_xz])
+    both = np.vstack([flat + [0, bottom_m, 0], flat + [0, top_m, 0]])
+    return _outward(Convex(both, _prism_faces(len(outline_xz))))
+
+
+def ring(
+    bottom: tuple[float, float], top: tuple[float, float], height: tuple[float, float], pieces: int
+) -> list[Convex]:
+    """Return a ring wall of convex pieces; `bottom` and `top` hold (inner, outer) radius."""
+    angle = np.arange(pieces + 1) * 2 * np.pi / pieces
+    out = []
+    for first, second in zip(angle[:-1], angle[1:], strict=True):
+        corners = [
+            (radius * np.cos(t), y, radius * np.sin(t))
+            for t in (first, second)
+            for y, radii in ((height[0], bottom), (height[1], top))
+            for radius in radii
+        ]
+        out.append(hexahedron(np.array(corners)))
+    return out
+
+
+def ball(radii: tuple[float, float, float], rings: int = 5, sides: int = 10) -> Convex:
+    """Return a convex ellipsoid of `rings` bands of corners and two poles."""
+    polar = np.linspace(-np.pi / 2, np.pi / 2, rings + 2)[1:-1]
+    angle = np.arange(sides) * 2 * np.pi / sides
+    rows = [
+        np.stack([np.cos(t) * np.cos(angle), np.sin(t) + 0 * angle, np.cos(t) * np.sin(angle)], 1)
+        for t in polar
+    ]
+    points = np.vstack([*rows, [[0, -1, 0]], [[0, 1, 0]]]) * np.asarray(radii)
+    faces, south, north = [], rings * sides, rings * sides + 1
+    for i in range(sides):
+        j = (i + 1) % sides
+        faces += [[south, i, j], [north, (rings - 1) * sides + i, (rings - 1) * sides + j]]
+        for row in range(rings - 1):
+            a, b = row * sides + i, row * sides + j
+            faces += [[a, b, b + sides], [a, b + sides, a + sides]]
+    return _outward(Convex(points, np.array(faces)))
+
+
+def moved(solid: Convex, offset: tuple[float, float, float] | Array) -> Convex:
+    """Return the solid shifted by `offset`."""
+    return Convex(solid.vertices + np.asarray(offset), solid.faces)
+
+
+def _prism_faces(sides: int) -> NDArray[np.int64]:
+    faces = [[0, k, k + 1] for k in range(1, sides - 1)]
+    faces += [[sides, sides + k, sides + k + 1] for k in range(1, sides - 1)]
+    for i in range(sides):
+        j = (i + 1) % sides
+        faces += [[i, j, sides + j], [i, sides + j, sides + i]]
+    return np.array(faces)
+
+
+def _outward(solid: Convex) -> Convex:
+    corner = solid.vertices[solid.faces]
+    flat = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    wrong = np.einsum("ij,ij->i", flat, corner.mean(axis=1) - solid.vertices.mean(axis=0)) < 0
+    faces = solid.faces.copy()
+    faces[wrong] = faces[wrong][:, ::-1]
+    return Convex(solid.vertices, faces)

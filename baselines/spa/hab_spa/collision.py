@@ -1,0 +1,245 @@
+"""Collision test of Fetch's arm against the true geometry of the scene (S App. D, SPA-Priv).
+
+The shapes come from the physics engine (`hab_tasks.privileged`), robot links included, so the
+model is the simulator's own, hull for hull. Only the arm and what it holds move: everything
+else, the rest of the robot too, is an obstacle that stands still in the base frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+from hab_spa.shapes import Array, CoalShape, coal_shape, invert_pose, shape_bounds_m
+from hab_tasks.privileged import CollisionBody, PrivilegedState
+from hab_tasks.robots.fetch_spec import (
+    ARM_LINKS,
+    EE_LINK,
+    FINGER_JOINTS,
+    LOCKED_QPOS,
+    REST_QPOS_RAD,
+    urdf_path,
+)
+from hab_tasks.robots.kinematics import arm_model
+
+FINGER_LINKS = tuple(name.replace("_joint", "_link") for name in FINGER_JOINTS)
+MOVING_LINKS = (*ARM_LINKS, EE_LINK, *FINGER_LINKS)
+TORSO_JOINT = "torso_lift_joint"
+
+
+@dataclass(frozen=True, kw_only=True)
+class CollisionConfig:
+    """What counts as a collision.
+
+    Attributes:
+        reach_m: Shapes farther than this from the shoulder are left out.
+        margin_m: Wanted clearance between the arm (or the held object) and the scene.
+    """
+
+    reach_m: float = 1.4
+    margin_m: float = 0.02
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contact:
+    """Two shapes closer than their margin; `distance_m` is negative when they penetrate."""
+
+    pair: int
+    first: str
+    second: str
+    distance_m: float
+
+
+@lru_cache(maxsize=1)
+def shared_arm_model() -> tuple[pin.Model, int]:
+    """The arm's model and the id of its frame ``ee``, built once a process; do not modify it."""
+    return arm_model()
+
+
+@lru_cache(maxsize=1)
+def allowed_link_pairs() -> frozenset[frozenset[str]]:
+    """Pairs of Fetch's links that never count: neighbours in the tree, and those of the SRDF."""
+    pairs = set()
+    for joint in ElementTree.parse(urdf_path()).getroot().iter("joint"):
+        parent, child = joint.find("parent"), joint.find("child")
+        if parent is not None and child is not None:
+            pairs.add(frozenset((parent.get("link", ""), child.get("link", ""))))
+    srdf = ElementTree.parse(urdf_path().with_suffix(".srdf")).getroot()
+    for entry in srdf.iter("disable_collisions"):
+        pairs.add(frozenset((entry.get("link1", ""), entry.get("link2", ""))))
+    return frozenset(pairs)
+
+
+class ShapeCache:
+    """Shapes in the form that coal takes, kept until the scene's geometry changes."""
+
+    def __init__(self) -> None:
+        self._key: str | None = None
+        self._shapes: dict[tuple[str, int], CoalShape] = {}
+
+    def shapes(self, state: PrivilegedState, body: CollisionBody) -> list[CoalShape]:
+        """Returns the coal shapes of a body of `state`, in order."""
+        if state.scene_key != self._key:
+            self._key, self._shapes = state.scene_key, {}
+        for i, shape in enumerate(body.shapes):
+            if (body.name, i) not in self._shapes:
+                self._shapes[body.name, i] = coal_shape(shape)
+        return [self._shapes[body.name, i] for i in range(len(body.shapes))]
+
+
+class ArmCollision:
+    """Tells whether an arm pose is free of collisions, for one scene and one held object.
+
+    Attributes:
+        checks: Arm poses tested so far.
+        base_from_arm: (4, 4) pose of the arm model's root (torso as in `LOCKED_QPOS`) in
+            the base frame; differs from the identity when the torso stands elsewhere.
+    """
+
+    def __init__(
+        self,
+        state: PrivilegedState,
+        held: str | None = None,
+        config: CollisionConfig | None = None,
+        cache: ShapeCache | None = None,
+    ) -> None:
+        """Builds the model from `state`; `held` names the object that moves with the gripper."""
+        self.config = config or CollisionConfig()
+        self.checks = 0
+        self._state, self._cache = state, cache or ShapeCache()
+        self._model, _ = shared_arm_model()
+        self._data = self._model.createData()
+        self._geometry = pin.GeometryModel()
+        self.base_from_arm = np.eye(4)
+        self.base_from_arm[2, 3] = state.locked_qpos[TORSO_JOINT] - LOCKED_QPOS[TORSO_JOINT]
+        self._arm_from_world = invert_pose(state.world_from_base @ self.base_from_arm)
+        self._add_bodies(held)
+        self._finish()
+
+    def is_free(self, qpos: Array) -> bool:
+        """Whether the arm pose (7,) [rad] keeps every pair's margin."""
+        self.checks += 1
+        return not pin.computeCollisions(self._model, self._data, self._broad, qpos, True)
+
+    def contacts(self, qpos: Array) -> list[Contact]:
+        """Returns all pairs of shapes that are closer than their margin at an arm pose (7,)."""
+        pin.computeCollisions(self._model, self._data, self._geometry, self._pairs, qpos, False)
+        found = []
+        for i, pair in enumerate(self._geometry.collisionPairs):
+            if self._pairs.collisionResults[i].isCollision():
+                pin.computeDistance(self._geometry, self._pairs, i)
+                objects = self._geometry.geometryObjects
+                found.append(
+                    Contact(
+                        pair=i,
+                        first=objects[pair.first].name,
+                        second=objects[pair.second].name,
+                        distance_m=float(self._pairs.distanceResults[i].min_distance),
+                    )
+                )
+        return found
+
+    def set_margin(self, margin_m: float) -> None:
+        """Sets the margin of every pair with the scene; pairs within the robot keep none."""
+        for i, with_scene in enumerate(self._with_scene):
+            self._set_pair_margin(i, margin_m if with_scene else 0.0)
+
+    def relax(self, qpos: Array, touch_m: float = 0.001) -> list[Contact]:
+        """Lowers the margins of the pairs that an arm pose (7,) violates so that it is free.
+
+        Args:
+            qpos: The arm pose [rad].
+            touch_m: These pairs may come this much closer than they are in that pose.
+
+        Returns:
+            The contacts that were violated before.
+        """
+        contacts = self.contacts(qpos)
+        for contact in contacts:
+            self._set_pair_margin(contact.pair, contact.distance_m - touch_m)
+        return contacts
+
+    def _set_pair_margin(self, pair: int, margin_m: float) -> None:
+        self._pairs.collisionRequests[pair].security_margin = margin_m
+        self._broad.getGeometryData().collisionRequests[pair].security_margin = margin_m
+
+    def _add_bodies(self, held: str | None) -> None:
+        self._kinds: list[str] = []
+        self._links: list[str] = []
+        for body in self._state.bodies:
+            if body.name not in self._state.world_from_body:
+                continue
+            link = body.name.rsplit("/", 1)[-1]
+            if body.name == held:
+                self._add(body, "held", link)
+            elif body.group != "robot":
+                self._add(body, "scene", link)
+            else:
+                self._add(body, "arm" if link in MOVING_LINKS else "robot", link)
+
+    def _add(self, body: CollisionBody, kind: str, link: str) -> None:
+        """Adds a body's shapes at its joint: the arm's own, the wrist's if held, else the root."""
+        joint, joint_from_body = 0, self._arm_from_world @ self._state.world_from_body[body.name]
+        if kind == "arm" and link not in FINGER_LINKS:
+            frame = self._model.frames[self._model.getFrameId(link)]
+            joint, joint_from_body = frame.parentJoint, frame.placement.homogeneous
+        elif kind == "held" or link in FINGER_LINKS:
+            gripper = self._model.frames[self._model.getFrameId(EE_LINK)]
+            joint = gripper.parentJoint
+            joint_from_body = gripper.placement.homogeneous @ self._gripper_from(body.name)
+        shapes = self._cache.shapes(self._state, body)
+        for i, (shape, made) in enumerate(zip(body.shapes, shapes, strict=True)):
+            joint_from_shape = joint_from_body @ shape.body_from_shape
+            if kind == "scene" and not self._near(shape_bounds_m(shape), joint_from_shape):
+                continue
+            geometry, shape_offset = made
+            placement = pin.SE3(joint_from_shape @ shape_offset)
+            item = pin.GeometryObject(f"{body.name}#{i}", joint, placement, geometry)
+            self._geometry.addGeometryObject(item)
+            self._kinds.append(kind)
+            self._links.append(link)
+
+    def _gripper_from(self, name: str) -> Array:
+        poses = self._state.world_from_body
+        gripper = next(key for key in poses if key.rsplit("/", 1)[-1] == EE_LINK)
+        return invert_pose(poses[gripper]) @ poses[name]
+
+    def _near(self, bounds_m: tuple[Array, Array], arm_from_shape: Array) -> bool:
+        shoulder_m = self._model.jointPlacements[1].translation
+        local = arm_from_shape[:3, :3].T @ (shoulder_m - arm_from_shape[:3, 3])
+        nearest = np.clip(local, bounds_m[0], bounds_m[1])
+        return bool(np.linalg.norm(local - nearest) < self.config.reach_m)
+
+    def _finish(self) -> None:
+        """Pairs the shapes, less what the rest pose has in contact, and builds the broad phase."""
+        allowed = allowed_link_pairs()
+        kinds, links = self._kinds, self._links
+        for i, j in zip(*np.triu_indices(len(kinds), k=1), strict=True):
+            pair = {kinds[i], kinds[j]}
+            counts = "scene" in pair and bool(pair & {"arm", "held"})
+            if pair <= {"arm", "robot"} and "arm" in pair and links[i] != links[j]:
+                counts = frozenset((links[i], links[j])) not in allowed
+            if counts:
+                self._geometry.addCollisionPair(pin.CollisionPair(int(i), int(j)))
+        self._drop_rest_pairs()
+        pairs = self._geometry.collisionPairs
+        self._with_scene = ["scene" in (kinds[p.first], kinds[p.second]) for p in pairs]
+        self._pairs = self._geometry.createData()
+        self._broad = pin.BroadPhaseManager_SSaPCollisionManager(
+            self._model, self._geometry, self._geometry.createData()
+        )
+        self.set_margin(self.config.margin_m)
+
+    def _drop_rest_pairs(self) -> None:
+        data = self._geometry.createData()
+        rest = np.array(REST_QPOS_RAD)
+        pin.computeCollisions(self._model, self._data, self._geometry, data, rest, False)
+        for i in reversed(range(len(self._geometry.collisionPairs))):
+            pair = self._geometry.collisionPairs[i]
+            own = "scene" not in (self._kinds[pair.first], self._kinds[pair.second])
+            if own and data.collisionResults[i].isCollision():
+                self._geometry.removeCollisionPair(pair)

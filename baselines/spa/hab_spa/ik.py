@@ -1,0 +1,132 @@
+"""Inverse kinematics of Fetch's arm for many start poses at once, in numpy.
+
+The forward kinematics repeats Pinocchio's for a whole batch; a test holds the two together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from hab_spa.collision import shared_arm_model
+from hab_spa.shapes import Array
+from hab_tasks.robots.fetch_spec import ARM_LOWER_RAD, ARM_UPPER_RAD
+
+LOWER_RAD = np.array(ARM_LOWER_RAD)
+UPPER_RAD = np.array(ARM_UPPER_RAD)
+
+
+@dataclass(frozen=True, kw_only=True)
+class IkConfig:
+    """Damped least squares.
+
+    Attributes:
+        steps: Largest number of steps.
+        damping: Damping of the step, in the unit of the Jacobian [m/rad].
+        step_m: The end-effector is asked to move at most this far in a step.
+        tolerance_m: A solution is at most this far from its target.
+    """
+
+    steps: int = 20
+    damping: float = 0.05
+    step_m: float = 0.2
+    tolerance_m: float = 0.005
+
+
+class BatchArm:
+    """End-effector position and Jacobian of the arm for (B, 7) poses, in the arm's root frame."""
+
+    def __init__(self) -> None:
+        self._model, self._frame_id = shared_arm_model()
+        self._data = self._model.createData()
+        # The arm's joints turn about x, y or z of their own frame.
+        self._axes = ["XYZ".index(joint.shortname()[-1]) for joint in list(self._model.joints)[1:]]
+        self._placements = list(self._model.jointPlacements)[1:]
+        self._wrist_from_ee_m = self._model.frames[self._frame_id].placement.translation
+
+    def position_and_jacobian(self, qpos: Array) -> tuple[Array, Array]:
+        """Returns (B, 3) positions [m] and (B, 3, 7) Jacobians [m/rad] of poses (B, 7) [rad]."""
+        batch = len(qpos)
+        rotation = np.broadcast_to(np.eye(3), (batch, 3, 3))
+        position = np.zeros((batch, 3))
+        axes, origins = np.empty((batch, 7, 3)), np.empty((batch, 7, 3))
+        for i, (axis, placement) in enumerate(zip(self._axes, self._placements, strict=True)):
+            position = position + rotation @ placement.translation
+            rotation = rotation @ placement.rotation
+            axes[:, i], origins[:, i] = rotation[:, :, axis], position
+            rotation = _turned(rotation, axis, qpos[:, i])
+        position = position + rotation @ self._wrist_from_ee_m
+        jacobian: Array = np.cross(axes, position[:, None] - origins)
+        return position, jacobian.transpose(0, 2, 1)
+
+    def solve(
+        self, qpos: Array, targets_m: Array, config: IkConfig
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Moves arm poses (B, 7) to end-effector targets (B, 3) in the arm's root frame.
+
+        Returns:
+            The poses (B, 7), within the limits, and whether each reached its target (B,) bool.
+        """
+        qpos = np.array(qpos)
+        active = np.arange(len(qpos))
+        reached = np.zeros(len(qpos), dtype=bool)
+        for step in range(config.steps + 1):
+            position, jacobian = self.position_and_jacobian(qpos[active])
+            error = targets_m[active] - position
+            distance = np.linalg.norm(error, axis=1)
+            # Half of the tolerance is left for rounding and for the last centimetres of control.
+            done = distance < 0.5 * config.tolerance_m
+            reached[active[done]] = True
+            if step == config.steps or done.all():
+                break
+            active, error, distance = active[~done], error[~done], distance[~done]
+            error = error * np.minimum(1.0, config.step_m / distance)[:, None]
+            delta = _damped_step(jacobian[~done], error, config.damping)
+            qpos[active] = np.clip(qpos[active] + delta, LOWER_RAD, UPPER_RAD)
+        return qpos, reached
+
+    def ee_pose(self, qpos: Array) -> Array:
+        """Returns the (4, 4) pose of the end-effector in the arm's root frame, of one pose (7,)."""
+        pin.forwardKinematics(self._model, self._data, qpos)
+        return pin.updateFramePlacement(self._model, self._data, self._frame_id).homogeneous
+
+    def track_pose(
+        self, qpos: Array, arm_from_ee: Array, steps: int, turn_weight_m: float
+    ) -> Array:
+        """Moves one arm pose (7,) to an end-effector pose (4, 4) with `steps` damped steps.
+
+        `turn_weight_m` says how many metres of position error a radian of turn is worth.
+        """
+        goal = pin.SE3(arm_from_ee)
+        weights = np.array([1.0] * 3 + [turn_weight_m] * 3)
+        for _ in range(steps):
+            here = pin.SE3(self.ee_pose(qpos))
+            turn = here.rotation @ pin.log3(here.rotation.T @ goal.rotation)
+            error = weights * np.concatenate((goal.translation - here.translation, turn))
+            jacobian = weights[:, None] * pin.computeFrameJacobian(
+                self._model, self._data, qpos, self._frame_id, pin.LOCAL_WORLD_ALIGNED
+            )
+            delta = _damped_step(jacobian[None], error[None], 0.02)[0]
+            qpos = np.clip(qpos + delta, LOWER_RAD, UPPER_RAD)
+        return qpos
+
+
+def _turned(rotation: Array, axis: int, angle_rad: Array) -> Array:
+    """`rotation` (B, 3, 3) followed by a turn (B,) about its own axis 0, 1 or 2."""
+    cos, sin = np.cos(angle_rad)[:, None], np.sin(angle_rad)[:, None]
+    u, v = (axis + 1) % 3, (axis + 2) % 3
+    turned = np.empty_like(rotation)
+    turned[:, :, axis] = rotation[:, :, axis]
+    turned[:, :, u] = cos * rotation[:, :, u] + sin * rotation[:, :, v]
+    turned[:, :, v] = cos * rotation[:, :, v] - sin * rotation[:, :, u]
+    return turned
+
+
+def _damped_step(jacobian: Array, error: Array, damping: float) -> Array:
+    """Returns dq = J^T (J J^T + damping^2 I)^-1 error, for (B, D, 7) and (B, D)."""
+    gram = jacobian @ jacobian.transpose(0, 2, 1)
+    gram[:, np.arange(gram.shape[1]), np.arange(gram.shape[1])] += damping**2
+    return (jacobian.transpose(0, 2, 1) @ np.linalg.solve(gram, error[:, :, None]))[:, :, 0]

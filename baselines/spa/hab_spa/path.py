@@ -1,0 +1,69 @@
+"""From a path in joint space to joint targets at the control rate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hab_spa.shapes import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimingConfig:
+    """Limits of the motion, in joint space and per control step (1/30 s).
+
+    Attributes:
+        step_rad: No joint moves farther in one step.
+        acceleration_rad: The speed along the path [rad/step] changes by at most this in one step.
+        corner_rad: At a corner no joint's speed [rad/step] jumps by more than this; the joint
+            drives lag by about three steps, and a fast corner would be cut.
+        grid_rad: Resolution of the speed profile along the path.
+    """
+
+    step_rad: float = 0.05
+    acceleration_rad: float = 0.008
+    corner_rad: float = 0.02
+    grid_rad: float = 0.005
+
+
+def time_path(path: Array, config: TimingConfig) -> Array:
+    """Returns the joint targets (T, 7), one a control step, that follow a path (K, 7).
+
+    The first target is one step away from the start, the last is the path's end.
+    """
+    lengths = np.abs(np.diff(path, axis=0)).max(axis=1)
+    path = path[np.concatenate(([True], lengths > 1e-9))]
+    lengths = lengths[lengths > 1e-9]
+    if not len(lengths):
+        return path[:1]
+    knots = np.concatenate(([0.0], np.cumsum(lengths)))
+    grid = np.linspace(0.0, knots[-1], max(2, int(np.ceil(knots[-1] / config.grid_rad)) + 1))
+    speeds = _speeds(grid, knots, _corner_speeds(path, lengths, config), config)
+    steps = np.diff(grid) / (0.5 * (speeds[1:] + speeds[:-1]))
+    times = np.concatenate(([0.0], np.cumsum(steps)))
+    count = max(1, int(np.ceil(times[-1])))
+    along = np.interp(np.linspace(0.0, times[-1], count + 1)[1:], times, grid)
+    return np.stack([np.interp(along, knots, path[:, i]) for i in range(path.shape[1])], axis=1)
+
+
+def _corner_speeds(path: Array, lengths: Array, config: TimingConfig) -> Array:
+    """Highest speed (K,) [rad/step] at each vertex of the path; the ends are corners from rest."""
+    directions = np.diff(path, axis=0) / lengths[:, None]
+    jumps = np.abs(np.diff(directions, axis=0)).max(axis=1)
+    inner = config.corner_rad / np.maximum(jumps, 1e-6)
+    return np.minimum(np.concatenate(([config.corner_rad], inner, [config.corner_rad])),
+                      config.step_rad)  # fmt: skip
+
+
+def _speeds(grid: Array, knots: Array, corner_speeds: Array, config: TimingConfig) -> Array:
+    """Speed profile (G,) under the speed limits at the knots and the acceleration limit."""
+    speeds = np.full(len(grid), config.step_rad)
+    nearest = np.abs(grid[:, None] - knots[None, :]).argmin(axis=0)
+    np.minimum.at(speeds, nearest, corner_speeds)
+    gain = 2.0 * config.acceleration_rad * (grid[1] - grid[0])
+    for order in (range(1, len(grid)), range(len(grid) - 2, -1, -1)):
+        for i in order:
+            before = speeds[i - order.step]
+            speeds[i] = min(speeds[i], np.sqrt(before**2 + gain))
+    return speeds

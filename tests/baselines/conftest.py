@@ -1,0 +1,230 @@
+"""Fetch and a few boxes in a bare SAPIEN scene, read back as the planners' ground truth."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import sapien
+
+from hab_tasks.privileged import CollisionBody, CollisionShape, PrivilegedState
+from hab_tasks.robots.fetch_spec import ARM_JOINTS, LOCKED_QPOS, REST_QPOS_RAD, urdf_path
+
+EMPTY_VERTICES = np.zeros((0, 3))
+EMPTY_FACES = np.zeros((0, 3), dtype=np.int64)
+
+
+def fetch_without_visuals(folder: Path) -> Path:
+    """Writes Fetch's URDF (and SRDF) without visuals, which need a Vulkan device."""
+    root = ElementTree.parse(urdf_path()).getroot()
+    for link in root.iter("link"):
+        for visual in link.findall("visual"):
+            link.remove(visual)
+    for mesh in root.iter("mesh"):
+        mesh.set("filename", str(urdf_path().parent / mesh.get("filename", "")))
+    path = folder / "fetch.urdf"
+    path.write_text(ElementTree.tostring(root, encoding="unicode"))
+    shutil.copy(urdf_path().with_suffix(".srdf"), folder / "fetch.srdf")
+    return path
+
+
+def read_shape(shape: sapien.physx.PhysxCollisionShape) -> CollisionShape:
+    vertices, faces, half = EMPTY_VERTICES, EMPTY_FACES, np.zeros(3)
+    if isinstance(shape, sapien.physx.PhysxCollisionShapeBox):
+        kind, half = "box", np.asarray(shape.half_size, dtype=float)
+    elif isinstance(shape, sapien.physx.PhysxCollisionShapeSphere):
+        kind, half = "sphere", np.array([shape.radius, 0.0, 0.0])
+    elif isinstance(shape, sapien.physx.PhysxCollisionShapeCapsule):
+        kind, half = "capsule", np.array([shape.radius, shape.half_length, 0.0])
+    elif isinstance(shape, sapien.physx.PhysxCollisionShapeCylinder):
+        kind, half = "cylinder", np.array([shape.radius, shape.half_length, 0.0])
+    elif isinstance(shape, sapien.physx.PhysxCollisionShapePlane):
+        kind = "plane"
+    else:
+        kind = "convex"
+        vertices = np.asarray(shape.vertices, dtype=float) * np.asarray(shape.scale)
+        faces = np.asarray(shape.triangles, dtype=np.int64)
+    return CollisionShape(
+        kind=kind,
+        body_from_shape=shape.local_pose.to_transformation_matrix().astype(float),
+        half_size_m=half,
+        vertices_m=vertices,
+        faces=faces,
+    )
+
+
+@dataclass
+class FetchScene:
+    """A SAPIEN scene with Fetch in the rest pose at the world's origin."""
+
+    scene: sapien.Scene
+    robot: sapien.physx.PhysxArticulation
+    entities: dict[str, tuple[sapien.Entity, str]]
+
+    def set_arm(self, qpos: np.ndarray) -> None:
+        """Puts the arm at `qpos` (7,) and every other joint at its locked value."""
+        names = [joint.name for joint in self.robot.active_joints]
+        values = dict(LOCKED_QPOS) | dict(zip(ARM_JOINTS, qpos, strict=True))
+        self.robot.set_qpos(np.array([values.get(name, 0.0) for name in names]))
+
+    def arm_qpos(self) -> np.ndarray:
+        names = [joint.name for joint in self.robot.active_joints]
+        return self.robot.get_qpos()[[names.index(name) for name in ARM_JOINTS]].astype(float)
+
+    def add_box(self, name: str, group: str, position_m: tuple, size_m: tuple) -> None:
+        """Adds a fixed or loose (group ``object``) box by its centre and full size."""
+        builder = self.scene.create_actor_builder()
+        builder.add_box_collision(half_size=[x / 2 for x in size_m])
+        builder.set_initial_pose(sapien.Pose(list(position_m)))
+        build = builder.build if group == "object" else builder.build_static
+        self.entities[name] = (build(name=name), group)
+
+    def _body(self, entity: sapien.Entity) -> sapien.physx.PhysxRigidBaseComponent:
+        body = entity.find_component_by_type(sapien.physx.PhysxRigidBaseComponent)
+        assert body is not None
+        return body
+
+    def privileged(self, target: str, held: str | None = None) -> PrivilegedState:
+        """Reads the scene as a planner may see it."""
+        bodies, poses, com = [], {}, {}
+        for link in self.robot.links:
+            name = f"hab_fetch/{link.name}"
+            shapes = tuple(map(read_shape, link.collision_shapes))
+            bodies.append(CollisionBody(name=name, group="robot", shapes=shapes))
+            poses[name] = link.entity_pose.to_transformation_matrix().astype(float)
+        for name, (entity, group) in self.entities.items():
+            body = self._body(entity)
+            shapes = tuple(map(read_shape, body.collision_shapes))
+            bodies.append(CollisionBody(name=name, group=group, shapes=shapes))  # type: ignore[arg-type]
+            poses[name] = entity.pose.to_transformation_matrix().astype(float)
+            if group == "object":
+                com[name] = (body.entity_pose * body.cmass_local_pose).p.astype(float)
+        return PrivilegedState(
+            scene_key=f"test-{len(bodies)}",
+            bodies=tuple(bodies),
+            world_from_body=poses,
+            world_from_base=poses["hab_fetch/base_link"],
+            arm_qpos=self.arm_qpos(),
+            locked_qpos=dict(LOCKED_QPOS),
+            target=target,
+            held=held,
+            object_com_m=com,
+        )
+
+
+def add_table(scene: FetchScene, height_m: float = 0.75, near_m: float = 0.45) -> None:
+    """A 0.6 m deep, 1.2 m wide table whose near edge is `near_m` ahead of the base."""
+    centre = (near_m + 0.3, 0.0, height_m - 0.02)
+    scene.add_box("table", "static", centre, (0.6, 1.2, 0.04))
+    for side in (-0.55, 0.55):
+        scene.add_box(
+            f"leg{side:+}", "static", (near_m + 0.3, side, height_m / 2 - 0.02),
+            (0.5, 0.05, height_m - 0.04),
+        )  # fmt: skip
+
+
+@pytest.fixture
+def make_scene(tmp_path: Path) -> Callable[[], FetchScene]:
+    """Returns a maker of scenes that hold nothing but Fetch in the rest pose."""
+
+    def make() -> FetchScene:
+        scene = sapien.Scene([sapien.physx.PhysxCpuSystem()])
+        loader = scene.create_urdf_loader()
+        loader.fix_root_link = True
+        path = fetch_without_visuals(tmp_path)
+        robot = loader.load(str(path), srdf_file=str(path.with_suffix(".srdf")))
+        made = FetchScene(scene, robot, {})
+        made.set_arm(np.array(REST_QPOS_RAD))
+        return made
+
+    return make
+
+
+@pytest.fixture
+def table_scene(make_scene: Callable[[], FetchScene]) -> FetchScene:
+    """A table with a target box and two clutter boxes on it."""
+    scene = make_scene()
+    add_table(scene)
+    scene.add_box("target", "object", (0.72, 0.05, 0.80), (0.07, 0.07, 0.10))
+    scene.add_box("clutter0", "object", (0.75, 0.30, 0.82), (0.06, 0.16, 0.14))
+    scene.add_box("clutter1", "object", (0.70, -0.22, 0.79), (0.08, 0.08, 0.08))
+    return scene
+
+
+class PickLoop:
+    """A small stand-in for the environment: joint drives, 120/30 Hz, and a snap grasp.
+
+    Attributes:
+        peak_impulse_n_s: Largest contact impulse on the robot in one physics step, without what
+            the held object brings.
+    """
+
+    def __init__(self, scene: FetchScene, target: str) -> None:
+        self.scene, self.target, self.held = scene, target, None
+        self.peak_impulse_n_s = 0.0
+        self._drive = None
+        scene.scene.timestep = 1 / 120
+        for link in scene.robot.links:
+            link.disable_gravity = True
+        for joint in scene.robot.active_joints:
+            arm = joint.name in ARM_JOINTS
+            joint.set_drive_properties(
+                1e3 if arm else 1e5, 1e2 if arm else 1e4, 100 if arm else 1e6
+            )
+        scene.robot.set_qvel(np.zeros(len(scene.robot.active_joints)))
+        self._names = [joint.name for joint in scene.robot.active_joints]
+        for joint, value in zip(scene.robot.active_joints, scene.robot.get_qpos(), strict=True):
+            joint.set_drive_target(float(value))
+
+    def ee_point_m(self) -> np.ndarray:
+        link = self.scene.robot.find_link_by_name("gripper_link")
+        return (link.entity_pose * sapien.Pose([0.08, 0, 0])).p
+
+    def step(self, action: np.ndarray) -> PrivilegedState:
+        """Applies (8,) joint targets and gripper for 1/30 s and reads the scene."""
+        for name, value in zip(ARM_JOINTS, action[:7], strict=True):
+            self.scene.robot.active_joints[self._names.index(name)].set_drive_target(float(value))
+        state = self.scene.privileged(self.target, self.held)
+        if action[7] >= 0 and self.held is None:
+            point = self.ee_point_m()
+            near = {n: np.linalg.norm(c - point) for n, c in state.object_com_m.items()}
+            name = min(near, key=lambda n: near[n])
+            if near[name] <= 0.15:
+                self._snap(name)
+        for _ in range(4):
+            self.scene.scene.step()
+            self._watch()
+        return self.scene.privileged(self.target, self.held)
+
+    def _snap(self, name: str) -> None:
+        entity = self.scene.entities[name][0]
+        link = self.scene.robot.find_link_by_name("gripper_link")
+        pose = link.entity_pose.inv() * entity.pose
+        self._drive = self.scene.scene.create_drive(
+            link, pose, self.scene._body(entity), sapien.Pose()
+        )
+        for axis in ("x", "y", "z"):
+            getattr(self._drive, f"set_limit_{axis}")(0, 0)
+        self._drive.set_limit_twist(0, 0)
+        self._drive.set_limit_cone(0, 0)
+        for shape in self.scene._body(entity).collision_shapes:
+            shape.set_collision_groups([2, 2, 0, 0])
+        self.held = name
+
+    def _watch(self) -> None:
+        robot = {link.entity.name for link in self.scene.robot.links}
+        for contact in self.scene.scene.get_contacts():
+            names = {body.entity.name for body in contact.bodies}
+            if names & robot and not names <= robot and self.held not in names:
+                impulse = sum(np.linalg.norm(point.impulse) for point in contact.points)
+                self.peak_impulse_n_s = max(self.peak_impulse_n_s, float(impulse))
+
+
+@pytest.fixture
+def pick_loop() -> type[PickLoop]:
+    return PickLoop

@@ -1,0 +1,239 @@
+"""The console script `hab-eval`."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+EXIT_BAD_INPUT = 2
+EXIT_STOPPED = 1
+EXIT_INTERRUPTED = 130
+
+RUN_HELP = """Evaluates an agent on a fixed list of episodes and writes run.json.
+
+Example:
+  hab-eval run --agent hab_eval:random_agent --env HabPick-v1 --episodes 10 --out runs/random
+
+The same command with --resume goes on after an interruption."""
+
+TABLE_HELP = """Writes LEADERBOARD.md and its web page from the submissions.
+
+Example:
+  hab-eval table --submissions eval/leaderboard/submissions --out eval/leaderboard/LEADERBOARD.md
+
+With --check nothing is written, and the exit status tells whether the files are up to date."""
+
+BENCH_HELP = """Measures speed side by side with ManiSkill's own scene environment.
+
+Example:
+  hab-eval bench --suite sim --scene-dataset ~/data/replica_cad --json bench_sim.json
+
+Needs the real ReplicaCAD: both sides run in the same scenes, alternately, in this one command."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunCommand:
+    """Options of `hab-eval run`."""
+
+    agent: Annotated[str, tyro.conf.arg(metavar="MODULE:FACTORY")]
+    """The agent, e.g. hab_spa:spa_priv or hab_eval:random_agent."""
+    env: Annotated[str, tyro.conf.arg(metavar="ID")]
+    """Environment id, e.g. HabPick-v1; `hab-tasks list` shows all."""
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
+    """Folder for run.json, episodes.jsonl, config.json and videos."""
+    scene_dataset: Annotated[str, tyro.conf.arg(metavar="NAME|PATH")] = "apartment"
+    """`apartment`, which is shipped, or a ReplicaCAD folder."""
+    objects: Annotated[str | None, tyro.conf.arg(metavar="PATH")] = None
+    """A YCB folder, instead of the shipped objects."""
+    split: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
+    """Episode split, instead of the dataset's evaluation split."""
+    episodes: Annotated[int, tyro.conf.arg(metavar="N")] = 50
+    """Number of episodes."""
+    seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
+    """Seed of the episodes and of the agent."""
+    workers: Annotated[int, tyro.conf.arg(metavar="W")] = 1
+    """Number of processes; changes no result."""
+    video: Annotated[int, tyro.conf.arg(metavar="K")] = 0
+    """Film the first K episodes; needs a Vulkan device, software ones included."""
+    resume: bool = False
+    """Go on with the run in --out."""
+    force: bool = False
+    """Replace the run in --out."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableCommand:
+    """Options of `hab-eval table`."""
+
+    submissions: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Folder of submitted run.json files, instead of the checkout's own."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Markdown file, instead of LEADERBOARD.md beside the submissions; the page ends in .html."""
+    check: bool = False
+    """Only compare; exit status 1 if a file is out of date."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchCommand:
+    """Options of `hab-eval bench`."""
+
+    suite: Literal["sim", "depth", "reset"]
+    """What to measure: steps on state, steps on two depth cameras, or resets."""
+    json: Annotated[Path, tyro.conf.arg(metavar="FILE")]
+    """File for the rows."""
+    scene_dataset: Annotated[Path, tyro.conf.arg(metavar="PATH")]
+    """The real ReplicaCAD folder; it is only read."""
+    objects: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
+    """A YCB folder, instead of the shipped objects."""
+    scene: Annotated[tuple[str, ...], tyro.conf.arg(metavar="ID ...")] = ()
+    """Scene ids, instead of the suite's own."""
+    repeats: Annotated[int, tyro.conf.arg(metavar="N")] = 5
+    """Alternations of ours and the reference; the median of each is reported."""
+    steps: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """Steps of one repeat, instead of the suite's own."""
+    force: bool = False
+    """Replace FILE."""
+
+
+Command = (
+    Annotated[RunCommand, tyro.conf.subcommand("run", description=RUN_HELP)]
+    | Annotated[TableCommand, tyro.conf.subcommand("table", description=TABLE_HELP)]
+    | Annotated[BenchCommand, tyro.conf.subcommand("bench", description=BENCH_HELP)]
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs `hab-eval`; returns its exit status."""
+    command = tyro.cli(
+        Command,  # pyright: ignore[reportArgumentType]  # tyro takes unions, its stub does not
+        prog="hab-eval",
+        description="Evaluation, leaderboard and benchmarks of hab-tasks.",
+        args=arguments,
+        config=(tyro.conf.FlagCreatePairsOff,),
+    )
+    # Loading the simulator takes seconds, which --help and a mistyped option should not.
+    from hab_eval.errors import RunStoppedError
+    from hab_tasks.errors import HabError
+
+    signal.signal(signal.SIGTERM, _interrupt)  # a cluster's way to say Ctrl-C
+    try:
+        return _dispatch(command)
+    except RunStoppedError as error:
+        print(f"hab-eval: {error}", file=sys.stderr)
+        return EXIT_STOPPED
+    except HabError as error:
+        print(f"hab-eval: {' '.join(str(error).split())}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    except KeyboardInterrupt:
+        print(f"hab-eval: interrupted.{_advice(command)}", file=sys.stderr)
+        return EXIT_INTERRUPTED
+
+
+def _dispatch(command: RunCommand | TableCommand | BenchCommand) -> int:
+    if isinstance(command, RunCommand):
+        return _run(command)
+    if isinstance(command, TableCommand):
+        return _table(command)
+    return _bench(command)
+
+
+def _run(command: RunCommand) -> int:
+    """Evaluates, then shows the result and where it stands."""
+    from rich.console import Console
+
+    from hab_eval.config import EvalConfig
+    from hab_eval.evaluate import RunOptions, evaluate
+    from hab_eval.leaderboard import build_groups, default_submissions, read_submissions
+    from hab_eval.progress import make_reporter
+    from hab_eval.report import leaderboard_tables, result_table
+
+    config = EvalConfig(
+        agent=command.agent,
+        env=command.env,
+        scene_dataset=command.scene_dataset,
+        objects=command.objects,
+        split=command.split,
+        episodes=command.episodes,
+        seed=command.seed,
+    )
+    options = RunOptions(
+        out=command.out,
+        workers=command.workers,
+        videos=command.video,
+        resume=command.resume,
+        force=command.force,
+    )
+    reporter = make_reporter(
+        terminal=sys.stderr.isatty(), write_line=lambda line: print(line, flush=True)
+    )
+    record = evaluate(config, options, reporter)
+    console = Console()
+    console.print(result_table(record))
+    folder = default_submissions()
+    others = read_submissions(folder) if folder.is_dir() else {}
+    for table in leaderboard_tables(build_groups({**others, "this run": record})):
+        console.print(table)
+    print(f"wrote {command.out / 'run.json'}")
+    return 0
+
+
+def _table(command: TableCommand) -> int:
+    """Writes or checks the leaderboard."""
+    from hab_eval.leaderboard import (
+        build_groups,
+        default_submissions,
+        read_submissions,
+        to_html,
+        to_markdown,
+    )
+
+    submissions = command.submissions or default_submissions()
+    target = command.out or submissions.parent / "LEADERBOARD.md"
+    groups = build_groups(read_submissions(submissions))
+    texts = {target: to_markdown(groups), target.with_suffix(".html"): to_html(groups)}
+    for path, text in texts.items():
+        if not command.check:
+            path.write_text(text, encoding="utf-8")
+            print(f"wrote {path}")
+        elif not path.is_file() or path.read_text(encoding="utf-8") != text:
+            print(f"hab-eval: {path} is out of date; run hab-eval table.", file=sys.stderr)
+            return EXIT_STOPPED
+    return 0
+
+
+def _bench(command: BenchCommand) -> int:
+    """Measures, then shows and writes the rows."""
+    from rich.console import Console
+
+    from hab_eval.bench import BenchOptions, row_table, run_suite, write_rows
+
+    options = BenchOptions(
+        suite=command.suite,
+        scene_dataset=command.scene_dataset,
+        objects=command.objects,
+        scenes=command.scene,
+        repeats=command.repeats,
+        steps=command.steps,
+    )
+    rows = run_suite(options, lambda line: print(line, flush=True))
+    write_rows(command.json, rows, force=command.force)
+    Console().print(row_table(rows))
+    print(f"wrote {command.json}")
+    return 0
+
+
+def _interrupt(signal_number: int, frame: object) -> None:
+    raise KeyboardInterrupt
+
+
+def _advice(command: RunCommand | TableCommand | BenchCommand) -> str:
+    """Tells how an interrupted run goes on."""
+    if not isinstance(command, RunCommand):
+        return ""
+    return f" Finished episodes are kept in {command.out}; go on with --resume."

@@ -1,0 +1,77 @@
+"""What is evaluated: the options that decide a run's numbers, and their file `config.json`."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+from hab_eval.errors import OptionError, ResultError
+from hab_eval.schema import parse_json, read_dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvalConfig:
+    """Everything that decides the outcome of a run; how it is run (workers, video) is not here.
+
+    Attributes:
+        agent: ``module:factory``.
+        env: Environment id, e.g. ``HabPick-v1``.
+        scene_dataset: ``apartment`` or the path of a ReplicaCAD folder.
+        objects: Path of a YCB folder, None for the objects that are shipped.
+        split: Episode split, None for the dataset's evaluation split.
+        episodes: Number of episodes.
+        seed: Seed of the episode set and of the agent.
+    """
+
+    agent: str
+    env: str
+    scene_dataset: str = "apartment"
+    objects: str | None = None
+    split: str | None = None
+    episodes: int = 50
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.episodes < 1:
+            raise OptionError(f"episodes must be at least 1, got {self.episodes}.")
+        if self.seed < 0:
+            raise OptionError(f"seed must not be negative, got {self.seed}.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SavedConfig:
+    """Content of `config.json`: the configuration and the software it ran on."""
+
+    config: EvalConfig
+    versions: dict[str, str]
+    git: str | None
+
+
+def write_config(path: Path, saved: SavedConfig) -> None:
+    """Writes `config.json`."""
+    path.write_text(json.dumps(asdict(saved), indent=2) + "\n", encoding="utf-8")
+
+
+def read_config(path: Path) -> SavedConfig:
+    """Reads `config.json`, strictly."""
+    if not path.is_file():
+        raise ResultError(f"{path}: not found, so there is no run to go on with.")
+    return read_dataclass(SavedConfig, parse_json(path), where=str(path))
+
+
+def describe_difference(old: SavedConfig, new: SavedConfig) -> str | None:
+    """Returns in words how `new` departs from `old`, None if a resumed run may mix the two."""
+    found = [
+        f"{field.name}: {getattr(old.config, field.name)!r} before, "
+        f"{getattr(new.config, field.name)!r} now"
+        for field in fields(EvalConfig)
+        if getattr(old.config, field.name) != getattr(new.config, field.name)
+    ]
+    names = sorted(old.versions.keys() | new.versions.keys())
+    found += [
+        f"version of {name}: {old.versions.get(name)} before, {new.versions.get(name)} now"
+        for name in names
+        if old.versions.get(name) != new.versions.get(name)
+    ]
+    return "; ".join(found) or None

@@ -1,0 +1,94 @@
+"""All that an evaluation asks of `hab_tasks.envs` and `hab_tasks.episodes`, in one place.
+
+Both are imported inside the functions: importing them starts the simulator, which help texts,
+tables and tests of the evaluator do without.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hab_eval.config import EvalConfig
+from hab_tasks.agent import AgentSpec
+from hab_tasks.errors import UnknownNameError
+
+if TYPE_CHECKING:
+    import gymnasium as gym
+
+    from hab_tasks.episodes import EpisodeSet
+
+CountCallback = Callable[[int, int], None]
+"""Called with (done, total) while episodes are generated."""
+
+
+def env_ids() -> list[str]:
+    """Returns the ids of all environments."""
+    from hab_tasks.envs import ENVS
+
+    return list(ENVS)
+
+
+def check_env_id(env_id: str) -> None:
+    """Raises `UnknownNameError` unless `env_id` is an environment."""
+    valid = env_ids()
+    if env_id not in valid:
+        raise UnknownNameError("environment", env_id, valid)
+
+
+def load_episode_set(config: EvalConfig, progress: CountCallback | None) -> EpisodeSet:
+    """Returns the fixed list of episodes that `config` names."""
+    from hab_tasks.episodes import load_episodes
+
+    return load_episodes(
+        config.env,
+        config.scene_dataset,
+        objects=config.objects,
+        split=config.split,
+        count=config.episodes,
+        seed=config.seed,
+        progress=progress,
+    )
+
+
+def make_env(config: EvalConfig, spec: AgentSpec, *, split: str, render: bool) -> gym.Env[Any, Any]:
+    """Makes the environment that an agent's spec asks for."""
+    import gymnasium
+
+    return gymnasium.make(
+        f"hab_tasks:{config.env}",
+        num_envs=1,
+        scene_dataset=config.scene_dataset,
+        objects=config.objects,
+        split=split,
+        obs_mode=spec.obs_mode,
+        control_mode=spec.control_mode,
+        reward_mode="dense",
+        render_mode="rgb_array" if render else None,
+        render_backend="auto",
+    )
+
+
+def action_size(env_id: str, control_mode: str) -> int:
+    """Returns the number of action entries of an environment in a control mode."""
+    import gymnasium
+
+    env = gymnasium.make(
+        f"hab_tasks:{env_id}",
+        num_envs=1,
+        obs_mode="none",
+        control_mode=control_mode,
+        render_backend="none",
+    )
+    try:
+        shape: tuple[int, ...] | None = env.action_space.shape
+        assert shape is not None, "actions are one box"
+        return shape[-1]
+    finally:
+        env.close()
+
+
+def short_name(dataset: str) -> str:
+    """Returns a dataset's name without the folders above it, which differ between machines."""
+    return Path(dataset).name or dataset

@@ -1,0 +1,167 @@
+"""One evaluation from its configuration to `run.json`."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from hab_eval import environments, provenance
+from hab_eval.config import EvalConfig, SavedConfig
+from hab_eval.errors import OptionError, RunFolderError, RunStoppedError
+from hab_eval.load_agent import load_agent
+from hab_eval.results import (
+    SCHEMA_VERSION,
+    FinishedEpisode,
+    RunRecord,
+    summarize,
+    write_record,
+)
+from hab_eval.run_folder import RunFolder, check_free, open_folder
+from hab_eval.runner import RolloutPlan
+from hab_eval.workers import Job, run_inline, run_parallel
+from hab_tasks.agent import AgentSetup, AgentSpec
+
+if TYPE_CHECKING:
+    from hab_tasks.episodes import EpisodeSet
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions:
+    """How an evaluation is run; changes no number in it.
+
+    Attributes:
+        out: The run's folder.
+        workers: Number of processes.
+        videos: The first so many episodes are filmed.
+        resume: Go on with the run in `out`.
+        force: Replace the run in `out`.
+    """
+
+    out: Path
+    workers: int = 1
+    videos: int = 0
+    resume: bool = False
+    force: bool = False
+
+    def __post_init__(self) -> None:
+        if self.workers < 1:
+            raise OptionError(f"workers must be at least 1, got {self.workers}.")
+        if self.videos < 0:
+            raise OptionError(f"video must not be negative, got {self.videos}.")
+
+
+class Reporter(Protocol):
+    """Is told how far a run is."""
+
+    def generating(self, done: int, total: int) -> None:
+        """Called while episodes are generated."""
+        ...
+
+    def running(self, done: int, total: int) -> None:
+        """Called once before the first episode; `done` are kept from before."""
+        ...
+
+    def finished(self, finished: FinishedEpisode) -> None:
+        """Called after each episode."""
+        ...
+
+
+def evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> RunRecord:
+    """Runs every episode that is not finished yet, and writes `run.json`."""
+    environments.check_env_id(config.env)
+    check_free(options.out, resume=options.resume, force=options.force)
+    spec = load_agent(config.agent, AgentSetup(env_id=config.env, seed=config.seed)).spec
+    episodes = environments.load_episode_set(config, reporter.generating)
+    saved = SavedConfig(
+        config=config,
+        versions=provenance.package_versions(config.agent),
+        git=provenance.git_commit(),
+    )
+    folder = open_folder(options.out, saved, resume=options.resume, force=options.force)
+    finished = _kept(folder, episodes)
+    reporter.running(len(finished), len(episodes.episodes))
+    try:
+        # Closing ends the workers at once on Ctrl-C, not when the generator is collected.
+        with contextlib.closing(_run_missing(config, options, episodes, finished)) as results:
+            for one in results:
+                folder.append(one)
+                finished[one.episode.id] = one
+                reporter.finished(one)
+    except RunStoppedError as error:
+        raise _with_advice(error, folder, len(finished), len(episodes.episodes)) from error
+    record = make_record(saved, spec, episodes, finished)
+    write_record(folder.record_path, record)
+    return record
+
+
+def make_record(
+    saved: SavedConfig,
+    spec: AgentSpec,
+    episodes: EpisodeSet,
+    finished: Mapping[str, FinishedEpisode],
+) -> RunRecord:
+    """Puts the finished episodes in the order of their set, with everything needed to rerun."""
+    config = saved.config
+    ordered = [finished[episode.id] for episode in episodes.episodes]
+    results = tuple(one.episode for one in ordered)
+    timings_s = {one.episode.id: one.timings_s for one in ordered if one.timings_s}
+    return RunRecord(
+        schema=SCHEMA_VERSION,
+        agent=config.agent,
+        agent_name=spec.name,
+        privileged=spec.privileged,
+        control_mode=spec.control_mode,
+        obs_mode=spec.obs_mode,
+        env=config.env,
+        scene_dataset=environments.short_name(episodes.scene_dataset),
+        objects=None if config.objects is None else environments.short_name(config.objects),
+        split=episodes.split,
+        seed=config.seed,
+        versions=saved.versions,
+        git=saved.git,
+        device=provenance.device(),
+        episodes=results,
+        timings_s=timings_s,
+        summary=summarize(results, timings_s),
+    )
+
+
+def _kept(folder: RunFolder, episodes: EpisodeSet) -> dict[str, FinishedEpisode]:
+    """Reads the episodes that are finished already; refuses those of another set."""
+    finished = folder.read_journal()
+    foreign = finished.keys() - {episode.id for episode in episodes.episodes}
+    if foreign:
+        raise RunFolderError(
+            f"{folder.journal_path}: episode {min(foreign)!r} is not in this run's episode set."
+        )
+    return finished
+
+
+def _run_missing(
+    config: EvalConfig,
+    options: RunOptions,
+    episodes: EpisodeSet,
+    finished: Mapping[str, FinishedEpisode],
+) -> Generator[FinishedEpisode, None, None]:
+    """Runs what is missing, here or in worker processes."""
+    numbered = enumerate(episodes.episodes)
+    jobs: Sequence[Job] = [job for job in numbered if job[1].id not in finished]
+    videos = min(options.videos, len(episodes.episodes))
+    plan = RolloutPlan(config=config, split=episodes.split, out=options.out, videos=videos)
+    if options.workers == 1:
+        return run_inline(plan, jobs)
+    return run_parallel(plan, jobs, count=options.workers)
+
+
+def _with_advice(
+    error: RunStoppedError, folder: RunFolder, done: int, total: int
+) -> RunStoppedError:
+    """Adds what the user needs next: what is kept, how to go on, where the traceback is."""
+    advice = f" {done} of {total} episodes are kept in {folder.root}; go on with --resume."
+    if error.details:
+        folder.error_path.write_text(error.details, encoding="utf-8")
+        advice += f" Traceback: {folder.error_path}."
+    return RunStoppedError(f"{error}{advice}", details=error.details)

@@ -1,0 +1,35 @@
+"""The built-in baseline, and the shortest complete example of `hab_tasks.agent.Agent`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from hab_eval import environments
+from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec
+
+
+class RandomAgent:
+    """Draws every action uniformly from [-1, 1]; each row has a generator of its own."""
+
+    def __init__(self, setup: AgentSetup) -> None:
+        self.spec = AgentSpec(name="Random", control_mode="ee")
+        self._size = environments.action_size(setup.env_id, self.spec.control_mode)
+        self._generators = [torch.Generator() for _ in range(setup.num_envs)]
+
+    def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
+        """Restarts the generators of the rows in `mask` (N,) bool."""
+        for row in mask.nonzero().flatten().tolist():
+            self._generators[row].manual_seed(seeds[row])
+
+    def act(self, obs: Mapping[str, Any]) -> Tensor:
+        """Returns uniform actions (N, A) float32, whatever the observation."""
+        rows = [torch.rand(self._size, generator=own) for own in self._generators]
+        return 2.0 * torch.stack(rows) - 1.0
+
+    def report(self) -> list[AgentReport]:
+        """Returns an empty report for each row."""
+        return [AgentReport() for _ in self._generators]

@@ -1,0 +1,77 @@
+"""Agents by name: ``module:factory`` -> `Agent`. The evaluator knows no baseline by itself."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import pkgutil
+from collections.abc import Callable
+from importlib import metadata
+from types import ModuleType
+from typing import Any
+
+from hab_eval.errors import AgentError
+from hab_tasks.agent import Agent, AgentSetup
+from hab_tasks.errors import UnknownNameError
+
+
+def load_agent(reference: str, setup: AgentSetup) -> Agent:
+    """Imports ``module:factory`` and calls the factory.
+
+    Raises:
+        UnknownNameError: If there is no such module or factory.
+        AgentError: If the reference is malformed, the module cannot be imported, or what the
+            factory returns is no `Agent`.
+    """
+    module_name, colon, factory_name = reference.partition(":")
+    if not (colon and module_name and factory_name):
+        raise AgentError(
+            f"Agent {reference!r} is not of the form module:factory, e.g. hab_eval:random_agent."
+        )
+    module = _import(module_name)
+    factory = getattr(module, factory_name, None)
+    if not callable(factory):
+        raise UnknownNameError(f"agent in {module_name}", factory_name, _factories(module))
+    agent = factory(setup)
+    if not isinstance(agent, Agent):
+        raise AgentError(
+            f"{reference} returned a {type(agent).__name__}, which is no hab_tasks.agent.Agent: "
+            "it needs spec, reset, act and report."
+        )
+    return agent
+
+
+def _import(name: str) -> ModuleType:
+    """Imports the module that holds an agent."""
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        missing = error.name or ""
+        if name == missing or name.startswith(f"{missing}."):
+            raise UnknownNameError("agent module", name, _agent_modules()) from error
+        raise AgentError(
+            f"Agent module {name!r} needs {missing!r}, which is not installed."
+        ) from error
+    except ImportError as error:
+        raise AgentError(f"Agent module {name!r} cannot be imported: {error}") from error
+
+
+def _agent_modules() -> list[str]:
+    """Returns the installed top-level modules that may hold agents, by the `hab_` convention."""
+    found = {module.name for module in pkgutil.iter_modules()}
+    found |= metadata.packages_distributions().keys()
+    return sorted(name for name in found if name.startswith("hab_") and name != "hab_tasks")
+
+
+def _factories(module: ModuleType) -> list[str]:
+    """Returns the public names of a module that take an `AgentSetup`."""
+    members = ((name, getattr(module, name)) for name in dir(module) if not name.startswith("_"))
+    return [name for name, value in members if callable(value) and _takes_setup(value)]
+
+
+def _takes_setup(factory: Callable[..., Any]) -> bool:
+    try:
+        parameters = inspect.signature(factory).parameters.values()
+    except (TypeError, ValueError):
+        return False  # built-ins without a signature are no factories
+    return any("AgentSetup" in str(parameter.annotation) for parameter in parameters)

@@ -1,0 +1,217 @@
+"""The result file `run.json`: a typed schema, its aggregates, strict reading and safe writing.
+
+Aggregates are always computed from the episodes. A file whose summary does not follow from its
+episodes is refused, so that a leaderboard row can be trusted to be what was measured.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from hab_eval.errors import ResultError
+from hab_eval.schema import parse_json, read_dataclass, to_json
+from hab_eval.stats import Estimate, bootstrap_mean, mean, rate
+
+SCHEMA_VERSION = 1
+SUMMARY_TOLERANCE = 1e-6
+"""Relative; a bootstrap percentile may differ in its last digits between NumPy versions."""
+
+Timings = Mapping[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodeResult:
+    """One finished episode. Only `seconds` may differ between two runs with the same seed.
+
+    Attributes:
+        id: The episode's id in its set.
+        scene: Scene id.
+        success: Whether the episode ended in success.
+        stages: Stages of a long task that were reached; {} for a skill.
+        steps: Control steps taken.
+        failure: None on success, else the environment's category, else the agent's, else timeout.
+        episode_return: Undiscounted sum of rewards (``return`` in JSON).
+        seconds: Wall time of the agent and the simulator together, reset and video excluded.
+    """
+
+    id: str
+    scene: str
+    success: bool
+    stages: dict[str, bool]
+    steps: int
+    failure: str | None
+    episode_return: float = field(metadata={"key": "return"})
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class FinishedEpisode:
+    """One line of `episodes.jsonl`: the result, and the durations the agent reported [s]."""
+
+    episode: EpisodeResult
+    timings_s: dict[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Duration:
+    """A duration that agents report once an episode: mean and maximum over `n` episodes [s]."""
+
+    mean: float
+    max: float
+    n: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Summary:
+    """Aggregates of the episodes."""
+
+    success: Estimate
+    stages: dict[str, Estimate]
+    failures: dict[str, int]
+    mean_return: Estimate = field(metadata={"key": "return"})
+    mean_steps: float
+    seconds_per_step: float
+    timings_s: dict[str, Duration]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRecord:
+    """One evaluation: what ran, on what, and how every episode ended.
+
+    Attributes:
+        schema: Version of this schema.
+        agent: ``module:factory``.
+        agent_name: Name shown in tables.
+        privileged: Whether the agent was given the simulator's true state.
+        control_mode: Control mode that the agent asked for.
+        obs_mode: Observation mode that the agent asked for.
+        env: Environment id.
+        scene_dataset: Name of the scene dataset.
+        objects: Name of the object folder, None for the objects that are shipped.
+        split: Episode split.
+        seed: Seed of the episode set and of the agent.
+        versions: Package -> version.
+        git: Commit of the sources, with ``-dirty`` if they were edited; None outside a checkout.
+        device: Processor (and graphics card) in words.
+        episodes: In the order of the episode set.
+        timings_s: Episode id -> durations the agent reported [s]; kept out of `episodes`,
+            which two runs with the same seed share.
+        summary: Computed from the two above.
+    """
+
+    schema: int
+    agent: str
+    agent_name: str
+    privileged: bool
+    control_mode: str
+    obs_mode: str
+    env: str
+    scene_dataset: str
+    objects: str | None
+    split: str
+    seed: int
+    versions: dict[str, str]
+    git: str | None
+    device: str
+    episodes: tuple[EpisodeResult, ...]
+    timings_s: dict[str, dict[str, float]]
+    summary: Summary
+
+
+def summarize(
+    episodes: Sequence[EpisodeResult], timings_s: Mapping[str, Mapping[str, float]]
+) -> Summary:
+    """Computes the aggregates of at least one episode."""
+    stage_names = sorted({name for episode in episodes for name in episode.stages})
+    failures = Counter(episode.failure for episode in episodes if episode.failure is not None)
+    steps = sum(episode.steps for episode in episodes)
+    return Summary(
+        success=rate([episode.success for episode in episodes]),
+        stages={
+            name: rate([episode.stages.get(name, False) for episode in episodes])
+            for name in stage_names
+        },
+        failures=dict(sorted(failures.items(), key=lambda item: (-item[1], item[0]))),
+        mean_return=bootstrap_mean([episode.episode_return for episode in episodes]),
+        mean_steps=steps / len(episodes),
+        seconds_per_step=math.fsum(episode.seconds for episode in episodes) / max(steps, 1),
+        timings_s=_durations(timings_s),
+    )
+
+
+def write_record(path: Path, record: RunRecord) -> None:
+    """Writes `run.json` through a temporary file, so that it is never half there."""
+    scratch = path.with_name(path.name + ".partial")
+    with scratch.open("w", encoding="utf-8") as file:
+        json.dump(to_json(record), file, indent=1, allow_nan=False)
+        file.write("\n")
+        file.flush()
+        os.fsync(file.fileno())
+    scratch.replace(path)
+
+
+def read_record(path: Path) -> RunRecord:
+    """Reads and checks `run.json`."""
+    data = parse_json(path)
+    version = data.get("schema") if isinstance(data, dict) else None
+    if version != SCHEMA_VERSION:
+        raise ResultError(f"{path}: schema {version!r}, this version reads {SCHEMA_VERSION}.")
+    record = read_dataclass(RunRecord, data, where=str(path))
+    _check(record, path)
+    return record
+
+
+def _durations(timings_s: Mapping[str, Mapping[str, float]]) -> dict[str, Duration]:
+    """Aggregates each named duration over the episodes that report it."""
+    names = sorted({name for one in timings_s.values() for name in one})
+    found = {name: [one[name] for one in timings_s.values() if name in one] for name in names}
+    return {
+        name: Duration(mean=mean(values), max=max(values), n=len(values))
+        for name, values in found.items()
+    }
+
+
+def _check(record: RunRecord, path: Path) -> None:
+    """Refuses a record that contradicts itself."""
+    if not record.episodes:
+        raise ResultError(f"{path}: episodes is empty.")
+    counts = Counter(episode.id for episode in record.episodes)
+    twice = [name for name, count in counts.items() if count > 1]
+    if twice:
+        raise ResultError(f"{path}: episode {twice[0]!r} appears {counts[twice[0]]} times.")
+    for episode in record.episodes:
+        if episode.success != (episode.failure is None):
+            raise ResultError(
+                f"{path}: episode {episode.id!r} has success {episode.success} and failure "
+                f"{episode.failure!r}; exactly one of the two is expected."
+            )
+    expected = to_json(summarize(record.episodes, record.timings_s))
+    different = _first_difference(expected, to_json(record.summary), "summary")
+    if different:
+        raise ResultError(f"{path}: {different} does not follow from the episodes.")
+
+
+def _first_difference(expected: object, found: object, where: str) -> str | None:
+    """Returns where two JSON values differ, None if nowhere."""
+    if isinstance(expected, dict) and isinstance(found, dict):
+        if expected.keys() != found.keys():
+            return where
+        pairs = [(expected[key], found[key], f"{where}.{key}") for key in expected]
+    elif isinstance(expected, list) and isinstance(found, list):
+        if len(expected) != len(found):
+            return where
+        pairs = [
+            (a, b, f"{where}[{i}]") for i, (a, b) in enumerate(zip(expected, found, strict=True))
+        ]
+    elif isinstance(expected, float) and isinstance(found, (int, float)):
+        same = math.isclose(expected, found, rel_tol=SUMMARY_TOLERANCE, abs_tol=1e-12)
+        return None if same else where
+    else:
+        return None if expected == found else where
+    return next((hit for pair in pairs if (hit := _first_difference(*pair))), None)

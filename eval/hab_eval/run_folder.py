@@ -1,0 +1,118 @@
+"""The folder of a run: `config.json`, `episodes.jsonl` as it goes, `run.json` at the end."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from hab_eval.config import SavedConfig, describe_difference, read_config, write_config
+from hab_eval.errors import ResultError, RunFolderError
+from hab_eval.results import FinishedEpisode
+from hab_eval.schema import parse_json_text, read_dataclass, to_json
+
+OWN_FILES = (
+    "config.json",
+    "episodes.jsonl",
+    "run.json",
+    "error.txt",
+    "*.partial",
+    "video_*.mp4",
+    "video_*.png",
+    "partial_video_*.mp4",
+)
+"""What a run writes; `--force` removes these and nothing else."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunFolder:
+    """Paths of a run's files, and its journal of finished episodes."""
+
+    root: Path
+
+    @property
+    def config_path(self) -> Path:
+        """The resolved configuration."""
+        return self.root / "config.json"
+
+    @property
+    def journal_path(self) -> Path:
+        """One finished episode a line."""
+        return self.root / "episodes.jsonl"
+
+    @property
+    def record_path(self) -> Path:
+        """The result."""
+        return self.root / "run.json"
+
+    @property
+    def error_path(self) -> Path:
+        """Traceback of what stopped the run."""
+        return self.root / "error.txt"
+
+    def append(self, finished: FinishedEpisode) -> None:
+        """Adds one line and waits until the disk has it."""
+        with self.journal_path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(to_json(finished), allow_nan=False) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+
+    def read_journal(self) -> dict[str, FinishedEpisode]:
+        """Returns the finished episodes by id, and cuts off a torn last line."""
+        if not self.journal_path.is_file():
+            return {}
+        whole, newline, torn = self.journal_path.read_bytes().rpartition(b"\n")
+        if torn:
+            with self.journal_path.open("r+b") as file:
+                file.truncate(len(whole) + len(newline))
+        found: dict[str, FinishedEpisode] = {}
+        for number, line in enumerate(whole.decode("utf-8").splitlines(), start=1):
+            where = f"{self.journal_path}: line {number}"
+            finished = _parse(line, where)
+            if finished.episode.id in found:
+                raise ResultError(f"{where}: episode {finished.episode.id!r} appears twice.")
+            found[finished.episode.id] = finished
+        return found
+
+
+def check_free(root: Path, *, resume: bool, force: bool) -> None:
+    """Refuses a folder that holds something, unless told what to do with it."""
+    if resume and force:
+        raise RunFolderError("--resume keeps the finished episodes, --force drops them: give one.")
+    if root.exists() and not root.is_dir():
+        raise RunFolderError(f"--out {root} is a file, not a folder.")
+    taken = root.is_dir() and any(root.iterdir())
+    if taken and not (resume or force):
+        raise RunFolderError(
+            f"--out {root} is there already. Give --resume to go on with its run, --force to "
+            "replace it, or another folder."
+        )
+    if taken and resume and not RunFolder(root=root).config_path.is_file():
+        raise RunFolderError(f"--out {root} holds no config.json, so there is no run to resume.")
+
+
+def open_folder(root: Path, saved: SavedConfig, *, resume: bool, force: bool) -> RunFolder:
+    """Prepares the folder for a new run, or checks that an old one may go on with `saved`."""
+    check_free(root, resume=resume, force=force)
+    folder = RunFolder(root=root)
+    root.mkdir(parents=True, exist_ok=True)
+    if force:
+        for path in (path for pattern in OWN_FILES for path in root.glob(pattern)):
+            path.unlink()
+    if resume and folder.config_path.is_file():
+        difference = describe_difference(read_config(folder.config_path), saved)
+        if difference:
+            raise RunFolderError(f"--out {root} belongs to another run: {difference}.")
+    else:
+        write_config(folder.config_path, saved)
+    folder.error_path.unlink(missing_ok=True)
+    return folder
+
+
+def _parse(line: str, where: str) -> FinishedEpisode:
+    try:
+        data = parse_json_text(line)
+    except ValueError as error:
+        raise ResultError(f"{where}: cannot be read as JSON: {error}") from error
+    return read_dataclass(FinishedEpisode, data, where=where)

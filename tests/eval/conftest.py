@@ -1,0 +1,75 @@
+"""Fixtures of the evaluator's tests: a stub environment, so that no simulator is needed."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+sys.path.insert(0, str(HERE))  # so that stub_hab has one name here and in worker processes
+
+import stub_hab  # noqa: E402
+from hab_eval.cli import main  # noqa: E402
+
+Run = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture
+def stubbed() -> Iterator[None]:
+    """Replaces the environments by the stub's, in this process."""
+    undo = stub_hab.install()
+    yield
+    undo()
+
+
+@pytest.fixture
+def start_cli() -> Callable[..., subprocess.Popen[str]]:
+    """Starts `hab-eval` on the stub in a process group of its own."""
+
+    def start(*arguments: object, **variables: str) -> subprocess.Popen[str]:
+        path = os.pathsep.join([str(HERE), str(ROOT), str(ROOT / "eval")])
+        return subprocess.Popen(
+            [sys.executable, str(HERE / "stub_main.py"), *map(str, arguments)],
+            env={**os.environ, "PYTHONPATH": path, "COLUMNS": "120", **variables},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+
+    return start
+
+
+@pytest.fixture
+def cli_process(start_cli: Callable[..., subprocess.Popen[str]]) -> Run:
+    """Runs `hab-eval` on the stub as a process, as workers and signals need it."""
+
+    def run(*arguments: object, **variables: str) -> subprocess.CompletedProcess[str]:
+        process = start_cli(*arguments, **variables)
+        out, err = process.communicate(timeout=120)
+        return subprocess.CompletedProcess(process.args, process.returncode, out, err)
+
+    return run
+
+
+@pytest.fixture
+def cli(stubbed: None, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Runs `hab-eval` on the stub in this process, which saves its start."""
+    monkeypatch.setenv("COLUMNS", "120")
+
+    def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+        capfd.readouterr()
+        try:
+            code = main([str(argument) for argument in arguments])
+        except SystemExit as stop:  # tyro's way to report options and to show help
+            code = stop.code
+        out, err = capfd.readouterr()
+        return subprocess.CompletedProcess(arguments, code, out, err)
+
+    return run

@@ -1,0 +1,165 @@
+"""An environment of three outcomes, its episodes and agents, all without a simulator.
+
+The seed of an episode decides how it ends: seed % 3 == 0 succeeds at step 3, 1 fails by force at
+step 2, 2 runs into the horizon at step 5.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+import torch
+from hab_eval import environments
+from hab_eval.config import EvalConfig
+
+from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec
+from hab_tasks.errors import UnknownNameError
+
+HORIZON_STEPS = 5
+ENV_ID = "HabStub-v1"
+
+
+@dataclass(frozen=True, kw_only=True)
+class StubEpisode:
+    id: str
+    scene_id: str
+    seed: int
+
+
+class StubEnv:
+    def __init__(self, *, render: bool) -> None:
+        self.unwrapped = self
+        self._render = render
+        self._episode: StubEpisode | None = None
+        self._steps = 0
+        self.closed = False
+
+    def reset(self, *, seed, options):
+        assert options["reconfigure"]
+        self._episode = options["episode"]
+        assert seed == self._episode.seed
+        self._steps = 0
+        return {"steps": torch.zeros(1)}, {}
+
+    def step(self, action):
+        time.sleep(float(os.environ.get("STUB_STEP_S", "0")))
+        if os.environ.get("STUB_KILL_EPISODE") == self._episode.id:
+            os.kill(os.getpid(), signal.SIGKILL)
+        self._steps += 1
+        kind = self._episode.seed % 3
+        success = kind == 0 and self._steps == 3
+        force = kind == 1 and self._steps == 2
+        truncated = self._steps == HORIZON_STEPS
+        info = {
+            "success": torch.tensor([success]),
+            "fail": torch.tensor([force]),
+            "failures": {"force": torch.tensor([force]), "dropped_object": torch.tensor([False])},
+            "stages": {"reached": torch.tensor([kind != 1])},
+        }
+        reward = action.mean(dim=1)
+        done = torch.tensor([success or force])
+        return {"steps": torch.ones(1)}, reward, done, torch.tensor([truncated]), info
+
+    def privileged(self):
+        return [f"true state of {self._episode.id}"]
+
+    def render(self):
+        assert self._render
+        return torch.full((1, 64, 64, 3), 40 * self._steps, dtype=torch.uint8)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+class StubAgent:
+    """Repeats a constant action; `act` may be replaced."""
+
+    def __init__(self, *, privileged: bool = False, failure: str | None = None) -> None:
+        self.spec = AgentSpec(name="Stub", control_mode="ee", privileged=privileged)
+        self.failure = failure
+        self.seen: list[dict] = []
+        self.seeds: list[int] = []
+
+    def reset(self, mask, seeds) -> None:
+        assert mask.tolist() == [True]
+        self.seeds += seeds
+
+    def act(self, obs):
+        self.seen.append(obs)
+        return torch.full((1, 2), 0.5)
+
+    def report(self):
+        return [AgentReport(failure=self.failure, timings_s={"plan": 0.25})]
+
+
+def constant(setup: AgentSetup) -> StubAgent:
+    return StubAgent()
+
+
+def raising(setup: AgentSetup) -> StubAgent:
+    """Fails in the third episode."""
+    agent = StubAgent()
+
+    def act(obs):
+        if len(agent.seeds) == 3:
+            raise ZeroDivisionError("three is too many")
+        return torch.zeros(1, 2)
+
+    agent.act = act
+    return agent
+
+
+def not_an_agent(setup: AgentSetup) -> object:
+    return object()
+
+
+def make_episodes(count: int, seed: int) -> tuple[StubEpisode, ...]:
+    return tuple(
+        StubEpisode(id=f"stub/{i:03d}", scene_id=f"scene_{i % 2}", seed=1000 * seed + i)
+        for i in range(count)
+    )
+
+
+def load_episode_set(config: EvalConfig, progress) -> SimpleNamespace:
+    if config.scene_dataset != "apartment":
+        raise UnknownNameError("scene dataset", config.scene_dataset, ["apartment"])
+    if config.split not in (None, "val", "train"):
+        raise UnknownNameError("split", config.split, ["train", "val"])
+    episodes = make_episodes(config.episodes, config.seed)
+    for done in range(config.episodes + 1):
+        if progress:
+            progress(done, config.episodes)
+    split = config.split or "val"
+    return SimpleNamespace(split=split, scene_dataset=config.scene_dataset, episodes=episodes)
+
+
+def install() -> Callable[[], None]:
+    """Puts the stub in the place of `hab_tasks`; returns how to undo it."""
+    replaced = {
+        "env_ids": lambda: [ENV_ID, "HabOther-v1"],
+        "load_episode_set": load_episode_set,
+        "make_env": lambda config, spec, *, split, render: StubEnv(render=render),
+        "action_size": lambda env_id, control_mode: 2,
+    }
+    before = {name: getattr(environments, name) for name in replaced}
+    for name, function in replaced.items():
+        setattr(environments, name, function)
+
+    def undo() -> None:
+        for name, function in before.items():
+            setattr(environments, name, function)
+
+    return undo
+
+
+def frame_mean(path) -> float:
+    """Mean brightness of a PNG."""
+    import imageio.v2 as imageio
+
+    return float(np.asarray(imageio.imread(path)).mean())

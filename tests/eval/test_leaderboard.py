@@ -1,0 +1,109 @@
+import json
+from pathlib import Path
+
+import pytest
+from hab_eval.leaderboard import (
+    build_groups,
+    default_submissions,
+    read_submissions,
+    to_html,
+    to_markdown,
+)
+from hab_eval.results import write_record
+from hab_eval.schema import to_json
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def make_record(request):
+    """The record builder of test_results."""
+    import importlib.util
+
+    path = Path(__file__).with_name("test_results.py")
+    spec = importlib.util.spec_from_file_location("record_builder", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.make_record
+
+
+def test_committed_leaderboard_follows_from_the_submissions():
+    groups = build_groups(read_submissions(default_submissions()))
+    folder = ROOT / "eval" / "leaderboard"
+    assert (folder / "LEADERBOARD.md").read_text(encoding="utf-8") == to_markdown(groups)
+    assert (folder / "LEADERBOARD.html").read_text(encoding="utf-8") == to_html(groups)
+
+
+def test_rows_are_grouped_and_sorted_whatever_the_order_of_files(make_record):
+    records = {
+        "worse.json": make_record((False, False), name="Worse"),
+        "better.json": make_record((True, True), name="Better", privileged=True),
+        "tie_b.json": make_record((True, False), name="B", seed=1),
+        "tie_a.json": make_record((True, False), name="A", seed=2),
+        "other.json": make_record(env="HabPlace-v1"),
+        "ycb.json": make_record(objects="ycb"),
+    }
+    groups = build_groups(records)
+    backwards = build_groups(dict(reversed(records.items())))
+    assert groups == backwards
+    titles = [group.title for group in groups]
+    assert titles == [
+        "HabPick-v1, apartment",
+        "HabPick-v1, apartment, objects ycb",
+        "HabPlace-v1, apartment",
+    ]
+    assert [row[0] for row in groups[0].rows] == ["Better †", "A", "B", "Worse"]
+
+
+def test_a_row_by_hand(make_record):
+    (group,) = build_groups({"x.json": make_record((True, True, True, True, False))})
+    # 4 of 5: 80 %, Wilson 37.6 to 96.4; lengths 10..50, mean 30; 2.5 s in 150 steps.
+    assert group.rows[0] == (
+        "Stub",
+        "80.0 [37.6, 96.4]",
+        "5",
+        "30.0",
+        "0.0167",
+        "val",
+        "0",
+        "0.1.0 (01234567)",
+    )
+    assert "| Stub | 80.0 [37.6, 96.4] | 5 |" in to_markdown([group])
+    assert "<td>80.0 [37.6, 96.4]</td>" in to_html([group])
+
+
+def test_names_cannot_break_the_table(make_record):
+    groups = build_groups({"x.json": make_record(name="a|b <script>")})
+    assert "a\\|b" in to_markdown(groups)
+    assert "<script>" not in to_html(groups)
+
+
+def test_table_command_writes_and_checks(cli, make_record, tmp_path):
+    submissions = tmp_path / "submissions"
+    submissions.mkdir()
+    write_record(submissions / "a.json", make_record())
+    target = tmp_path / "BOARD.md"
+    arguments = ("table", "--submissions", submissions, "--out", target)
+    assert cli(*arguments, "--check").returncode == 1
+    assert cli(*arguments).returncode == 0
+    first = target.read_bytes()
+    assert cli(*arguments).returncode == 0
+    assert target.read_bytes() == first
+    assert cli(*arguments, "--check").returncode == 0
+    write_record(submissions / "b.json", make_record(name="New"))
+    stale = cli(*arguments, "--check")
+    assert stale.returncode == 1
+    assert "out of date" in stale.stderr
+
+
+def test_bad_submission_is_named(cli, make_record, tmp_path):
+    data = to_json(make_record())
+    data["summary"]["success"]["mean"] = 1.0
+    (tmp_path / "cheat.json").write_text(json.dumps(data))
+    done = cli("table", "--submissions", tmp_path, "--out", tmp_path / "x.md")
+    assert done.returncode == 2
+    assert "cheat.json" in done.stderr
+    assert "does not follow" in done.stderr
+    assert cli("table", "--submissions", tmp_path / "no").returncode == 2

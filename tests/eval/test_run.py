@@ -1,0 +1,205 @@
+"""`hab-eval run` on the stub environment, in processes as a user starts it."""
+
+import json
+import os
+import signal
+import time
+
+import pytest
+from hab_eval.results import read_record
+from stub_hab import frame_mean
+
+RUN = ("run", "--agent", "stub_hab:constant", "--env", "HabStub-v1")
+
+
+def episodes_of(folder):
+    """Episodes without what may differ between two runs."""
+    data = json.loads((folder / "run.json").read_text())["episodes"]
+    return [{key: value for key, value in episode.items() if key != "seconds"} for episode in data]
+
+
+def journal_ids(folder):
+    lines = (folder / "episodes.jsonl").read_text().splitlines()
+    return [json.loads(line)["episode"]["id"] for line in lines]
+
+
+def wait_for_lines(process, folder, count):
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and process.poll() is None:
+        path = folder / "episodes.jsonl"
+        if path.is_file() and len(path.read_text().splitlines()) >= count:
+            return
+        time.sleep(0.02)
+    pytest.fail(f"no {count} episodes: {process.communicate()}")
+
+
+def test_each_episode_once_with_one_and_with_two_workers(cli_process, tmp_path):
+    for workers in (1, 2):
+        done = cli_process(
+            *RUN, "--episodes", 7, "--workers", workers, "--out", tmp_path / str(workers)
+        )
+        assert done.returncode == 0, done.stderr
+        ids = journal_ids(tmp_path / str(workers))
+        assert sorted(ids) == [f"stub/{i:03d}" for i in range(7)]
+    assert episodes_of(tmp_path / "1") == episodes_of(tmp_path / "2")
+    record = read_record(tmp_path / "2" / "run.json")
+    assert [episode.id for episode in record.episodes] == [f"stub/{i:03d}" for i in range(7)]
+    # Seeds 0..6: 0, 3, 6 succeed; 1, 4 end by force; 2, 5 time out.
+    assert (record.summary.success.mean, record.summary.success.n) == (3 / 7, 7)
+    assert record.summary.failures == {"force": 2, "timeout": 2}
+    assert record.split == "val"
+    assert set(record.timings_s) == set(ids)
+
+
+def test_output_is_plain_lines_then_tables(cli, tmp_path):
+    done = cli(*RUN, "--episodes", 3, "--out", tmp_path / "run")
+    assert "[3/3] stub/002 (scene_0): timeout, 5 steps" in done.stdout
+    for expected in ("33.3 %", "failure: force", "time: plan", "seconds per step", "this run"):
+        assert expected in done.stdout.replace("Stub on HabStub-v1", "this run")
+    assert "\x1b[" not in done.stdout
+
+
+def test_videos_of_the_first_episodes(cli, tmp_path):
+    out = tmp_path / "run"
+    done = cli(*RUN, "--episodes", 3, "--video", 2, "--out", out)
+    assert done.returncode == 0, done.stderr
+    names = sorted(path.name for path in out.glob("*video*"))
+    assert names == [
+        "video_000_stub-000.mp4",
+        "video_000_stub-000.png",
+        "video_001_stub-001.mp4",
+        "video_001_stub-001.png",
+    ]
+    assert frame_mean(out / names[1]) == 0.0  # the stub is black before its first step
+    assert (out / names[0]).stat().st_size > 500
+
+
+def test_existing_folder_is_refused(cli, tmp_path):
+    out = tmp_path / "run"
+    out.mkdir()  # an empty folder holds no result to lose
+    assert cli(*RUN, "--episodes", 2, "--out", out).returncode == 0
+    before = (out / "run.json").read_bytes()
+    again = cli(*RUN, "--episodes", 2, "--out", out)
+    assert again.returncode == 2
+    assert "--resume" in again.stderr
+    assert "--force" in again.stderr
+    assert (out / "run.json").read_bytes() == before
+    (out / "notes.txt").write_text("keep me")
+    forced = cli(*RUN, "--episodes", 3, "--out", out, "--force")
+    assert forced.returncode == 0
+    assert len(journal_ids(out)) == 3
+    assert (out / "notes.txt").read_text() == "keep me"
+    assert cli(*RUN, "--out", out, "--force", "--resume").returncode == 2
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_resume_after_ctrl_c(start_cli, cli_process, cli, tmp_path, workers):
+    out = tmp_path / "run"
+    arguments = (*RUN, "--episodes", 8, "--workers", workers, "--out", out)
+    process = start_cli(*arguments, STUB_STEP_S="0.1")
+    wait_for_lines(process, out, 2)
+    os.killpg(process.pid, signal.SIGINT)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 130, err
+    assert "--resume" in err
+    assert "Traceback" not in err
+    kept = journal_ids(out)
+    assert 2 <= len(kept) < 8
+    assert not (out / "run.json").exists()
+    # A line torn by a power cut is dropped, and its episode runs again.
+    with (out / "episodes.jsonl").open("a") as file:
+        file.write('{"episode": {"id": "stub/0')
+    done = cli_process(*arguments, "--resume")
+    assert done.returncode == 0, done.stderr
+    assert journal_ids(out)[: len(kept)] == kept
+    assert sorted(journal_ids(out)) == [f"stub/{i:03d}" for i in range(8)]
+    clean = tmp_path / "clean"
+    assert cli(*RUN, "--episodes", 8, "--out", clean).returncode == 0
+    assert episodes_of(out) == episodes_of(clean)
+
+
+def test_killed_worker_keeps_what_is_finished(cli_process, tmp_path):
+    out = tmp_path / "run"
+    arguments = (*RUN, "--episodes", 6, "--workers", 2, "--out", out)
+    done = cli_process(*arguments, STUB_KILL_EPISODE="stub/004")
+    assert done.returncode == 1
+    assert "Episode 'stub/004' stopped the run" in done.stderr
+    assert "signal 9" in done.stderr
+    assert "stub/004" not in journal_ids(out)
+    assert cli_process(*arguments, "--resume").returncode == 0
+    assert sorted(journal_ids(out)) == [f"stub/{i:03d}" for i in range(6)]
+
+
+def test_resume_names_what_differs(cli, tmp_path):
+    out = tmp_path / "run"
+    assert cli(*RUN, "--episodes", 2, "--out", out).returncode == 0
+    done = cli(*RUN, "--episodes", 3, "--seed", 1, "--out", out, "--resume")
+    assert done.returncode == 2
+    assert "episodes: 2 before, 3 now" in done.stderr
+    assert "seed: 0 before, 1 now" in done.stderr
+    # Workers and videos change no number, so they may.
+    done = cli(*RUN, "--episodes", 2, "--workers", 2, "--video", 1, "--out", out, "--resume")
+    assert done.returncode == 0
+
+
+def test_resume_refuses_a_folder_without_a_run(cli, tmp_path):
+    (tmp_path / "letter.txt").write_text("hello")
+    done = cli(*RUN, "--out", tmp_path, "--resume")
+    assert done.returncode == 2
+    assert "no config.json" in done.stderr
+    # A run that was never started is simply started.
+    assert cli(*RUN, "--episodes", 1, "--out", tmp_path / "new", "--resume").returncode == 0
+
+
+def test_agent_that_raises_stops_the_run(cli, tmp_path):
+    out = tmp_path / "run"
+    arguments = ("run", "--agent", "stub_hab:raising", "--env", "HabStub-v1", "--out", out)
+    done = cli(*arguments, "--episodes", 5)
+    assert done.returncode == 1
+    assert "Episode 'stub/002' stopped the run: ZeroDivisionError: three is too" in done.stderr
+    assert "2 of 5 episodes are kept" in done.stderr
+    assert journal_ids(out) == ["stub/000", "stub/001"]
+    assert "in act" in (out / "error.txt").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("--env", "HabStubb-v1"), ("'HabStubb-v1'", "Did you mean 'HabStub-v1'?")),
+        (("--agent", "stub_hab:constan"), ("'constan'", "Did you mean 'constant'?")),
+        (("--agent", "hab_evall:x"), ("'hab_evall'", "Did you mean 'hab_eval'?")),
+        (("--split", "vall"), ("'vall'", "Did you mean 'val'?", "train")),
+        (("--scene-dataset", "apartmen"), ("'apartmen'", "Did you mean 'apartment'?")),
+        (("--episodes", "0"), ("episodes must be at least 1, got 0",)),
+        (("--workers", "0"), ("workers must be at least 1, got 0",)),
+    ],
+)
+def test_bad_values_are_named_in_one_line(cli, tmp_path, arguments, expected):
+    done = cli(*RUN, *arguments, "--out", tmp_path / "run")
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    for text in expected:
+        assert text in done.stderr
+    assert not (tmp_path / "run").exists()
+
+
+def test_unknown_option(cli, tmp_path):
+    done = cli(*RUN, "--out", tmp_path / "run", "--epsodes", 3)
+    assert done.returncode == 2
+    assert "--epsodes" in done.stderr
+    assert "--episodes" in done.stderr
+
+
+@pytest.mark.parametrize("command", ["run", "table", "bench"])
+def test_help_shows_a_worked_example(cli, command):
+    done = cli(command, "--help")
+    assert done.returncode == 0
+    assert f"hab-eval {command} --" in done.stdout
+
+
+def test_two_runs_with_a_seed_agree(cli, tmp_path):
+    for name in ("a", "b"):
+        arguments = ("--agent", "hab_eval:random_agent", "--env", "HabStub-v1", "--seed", 4)
+        done = cli("run", *arguments, "--episodes", 4, "--out", tmp_path / name)
+        assert done.returncode == 0, done.stderr
+    assert episodes_of(tmp_path / "a") == episodes_of(tmp_path / "b")

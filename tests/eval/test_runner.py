@@ -1,0 +1,135 @@
+import pytest
+import stub_hab
+import torch
+from hab_eval import random_agent
+from hab_eval.errors import AgentError
+from hab_eval.example_agent import RandomAgent
+from hab_eval.load_agent import load_agent
+from hab_eval.runner import run_episode
+
+from hab_tasks.agent import Agent, AgentSetup
+from hab_tasks.errors import UnknownNameError
+
+SETUP = AgentSetup(env_id=stub_hab.ENV_ID)
+
+
+def run(seed, agent, observers=()):
+    episode = stub_hab.StubEpisode(id="e", scene_id="s", seed=seed)
+    return run_episode(stub_hab.StubEnv(render=True), agent, 0, episode, observers)
+
+
+@pytest.mark.parametrize(
+    ("seed", "success", "steps", "failure"),
+    [(0, True, 3, None), (1, False, 2, "force"), (2, False, 5, "timeout")],
+)
+def test_outcomes(seed, success, steps, failure):
+    finished = run(seed, stub_hab.StubAgent())
+    result = finished.episode
+    assert (result.success, result.steps, result.failure) == (success, steps, failure)
+    assert result.episode_return == pytest.approx(0.5 * steps)
+    assert result.stages == {"reached": seed != 1}
+    assert finished.timings_s == {"plan": 0.25}
+
+
+def test_failure_is_the_environments_then_the_agents_then_timeout():
+    agent = stub_hab.StubAgent(failure="target plan")
+    assert run(0, agent).episode.failure is None
+    assert run(1, agent).episode.failure == "force"
+    assert run(2, agent).episode.failure == "target plan"
+
+
+def test_true_state_only_on_request():
+    blind, seeing = stub_hab.StubAgent(), stub_hab.StubAgent(privileged=True)
+    run(0, blind)
+    run(0, seeing)
+    assert all("privileged" not in obs for obs in blind.seen)
+    assert all(obs["privileged"] == ["true state of e"] for obs in seeing.seen)
+
+
+def test_agent_is_seeded_by_the_episode():
+    agent = stub_hab.StubAgent()
+    run(7, agent)
+    assert agent.seeds == [7]
+
+
+@pytest.mark.parametrize("action", [torch.zeros(2), torch.zeros(2, 2), [0.0, 0.0]])
+def test_bad_actions_are_named(action):
+    agent = stub_hab.StubAgent()
+    agent.act = lambda obs: action
+    with pytest.raises(AgentError, match=r"must return a \(1, A\) tensor"):
+        run(0, agent)
+
+
+def test_observers_see_everything_once():
+    calls = []
+
+    class Recorder:
+        def start(self, index, episode):
+            calls.append(("start", index, episode.id))
+
+        def step(self):
+            calls.append("step")
+
+        def end(self):
+            calls.append("end")
+
+        def abort(self):
+            calls.append("abort")
+
+    run(1, stub_hab.StubAgent(), [Recorder()])
+    assert calls == [("start", 0, "e"), "step", "step", "end"]
+    calls.clear()
+    broken = stub_hab.StubAgent()
+    broken.act = lambda obs: None
+    with pytest.raises(AgentError):
+        run(1, broken, [Recorder()])
+    assert calls == [("start", 0, "e"), "abort"]
+
+
+@pytest.mark.usefixtures("stubbed")
+def test_random_agent_repeats_itself_and_stays_in_bounds():
+    agent = random_agent(SETUP)
+    assert isinstance(agent, Agent)
+    assert isinstance(agent, RandomAgent)
+
+    def actions(seed):
+        agent.reset(torch.ones(1, dtype=torch.bool), [seed])
+        return torch.cat([agent.act({}) for _ in range(50)])
+
+    first = actions(3)
+    assert first.shape == (50, 2)
+    assert first.abs().max() <= 1
+    assert torch.equal(first, actions(3))
+    assert not torch.equal(first, actions(4))
+
+
+def test_load_agent():
+    assert isinstance(load_agent("stub_hab:constant", SETUP), stub_hab.StubAgent)
+
+
+@pytest.mark.parametrize("reference", ["stub_hab", "stub_hab:", ":constant", ""])
+def test_malformed_reference(reference):
+    with pytest.raises(AgentError, match="module:factory"):
+        load_agent(reference, SETUP)
+
+
+def test_unknown_agents_name_the_nearest():
+    with pytest.raises(UnknownNameError, match="Did you mean 'hab_eval'"):
+        load_agent("hab_evall:random_agent", SETUP)
+    with pytest.raises(UnknownNameError, match="Did you mean 'random_agent'"):
+        load_agent("hab_eval:randomagent", SETUP)
+    with pytest.raises(UnknownNameError, match="Did you mean 'constant'") as caught:
+        load_agent("stub_hab:constnt", SETUP)
+    assert caught.value.valid == ["constant", "not_an_agent", "raising"]
+
+
+def test_what_is_no_agent_is_refused():
+    with pytest.raises(AgentError, match="needs spec, reset, act and report"):
+        load_agent("stub_hab:not_an_agent", SETUP)
+
+
+def test_missing_dependency_is_not_taken_for_an_unknown_module(tmp_path, monkeypatch):
+    (tmp_path / "needs_more.py").write_text("import surely_not_installed\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(AgentError, match="'needs_more' needs 'surely_not_installed'"):
+        load_agent("needs_more:agent", SETUP)

@@ -1,4 +1,7 @@
-"""Author the `apartment` dataset: `python assets/tools/apartment --out assets/apartment [--check]`."""
+"""Author the `apartment` dataset.
+
+Run `python assets/tools/apartment --out assets/apartment`; with `--check` it compares instead.
+"""
 
 import argparse
 import filecmp
@@ -44,7 +47,12 @@ def make_dataset() -> Dataset:
 
 def first_difference(made: Path, kept: Path) -> str | None:
     """Return the first file, in sorted order, that is missing, extra or different in `kept`."""
-    names = {p.relative_to(root).as_posix() for root in (made, kept) for p in root.rglob("*") if p.is_file()}
+    names = {
+        p.relative_to(root).as_posix()
+        for root in (made, kept)
+        for p in root.rglob("*")
+        if p.is_file()
+    }
     for name in sorted(names):
         if not (made / name).is_file() or not (kept / name).is_file():
             return name
@@ -57,7 +65,9 @@ def main() -> int:
     """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True, help="the dataset folder")
-    parser.add_argument("--check", action="store_true", help="compare with --out instead of writing")
+    parser.add_argument(
+        "--check", action="store_true", help="compare with --out instead of writing"
+    )
     args = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     args.out.parent.mkdir(parents=True, exist_ok=True)

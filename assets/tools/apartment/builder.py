@@ -83,7 +83,9 @@ class Builder:
             foot[index] += side * (length_m / 2 - 0.02)
             foot[0] -= reach_m / 2
             place = (foot[0], foot[1], foot[2])
-            self.parts.append(shapes.cylinder(place, POST_M / 2, reach_m, material, "x", 10, 0.0005))
+            self.parts.append(
+                shapes.cylinder(place, POST_M / 2, reach_m, material, "x", 10, 0.0005)
+            )
             self.boxes.append(Box(place, (reach_m, POST_M, POST_M)))
 
     def solids(self) -> list[Convex]:

@@ -54,13 +54,25 @@ def _cupboard_body() -> Link:
     make.span((BACK_M, CUPBOARD_TOP_M - 0.020, z0), (FRONT_M, CUPBOARD_TOP_M, z1), body, 0.002)
     make.span((BACK_M, SHELVES_M[0], z0), (BACK_M + 0.012, CUPBOARD_TOP_M - 0.02, z1), body, 0.001)
     for z in (-1.489, -0.629, -0.002, 0.625, 1.469):
-        make.span((BACK_M + 0.012, SHELVES_M[0], z - 0.009), (FRONT_M, CUPBOARD_TOP_M - 0.02, z + 0.009), body, 0.001)
+        make.span(
+            (BACK_M + 0.012, SHELVES_M[0], z - 0.009),
+            (FRONT_M, CUPBOARD_TOP_M - 0.02, z + 0.009),
+            body,
+            0.001,
+        )
     for _, low, high, _ in COLUMNS:
         for y in SHELVES_M[1:]:
             make.span((BACK_M + 0.012, y - 0.018, low), (FRONT_M - 0.02, y, high), body, 0.001)
-    make.span((BACK_M, -0.006, z0), (FRONT_M + 0.018, 0.004, z1), "cabinet_front", 0.002, solid=False)
+    make.span(
+        (BACK_M, -0.006, z0), (FRONT_M + 0.018, 0.004, z1), "cabinet_front", 0.002, solid=False
+    )
     for z in (z0 - 0.006, z1 + 0.006):
-        make.box((-0.005, CUPBOARD_TOP_M / 2, z), (0.38, CUPBOARD_TOP_M - 0.002, 0.012), "cabinet_front", 0.002)
+        make.box(
+            (-0.005, CUPBOARD_TOP_M / 2, z),
+            (0.38, CUPBOARD_TOP_M - 0.002, 0.012),
+            "cabinet_front",
+            0.002,
+        )
     _crockery(make)
     return Link("body", 70.0, make.parts, make.boxes)
 
@@ -73,8 +85,14 @@ def _crockery(make: Builder) -> None:
             make.see(shapes.cylinder((-0.06, y, column_z - 0.2), 0.10, 0.008, "ceramic", sides=18))
         for k in range(3):
             z = column_z + 0.02 + 0.1 * k
-            make.see(shapes.cylinder((-0.06, SHELVES_M[1] + 0.045, z), 0.036, 0.09, "ceramic", sides=14))
-            make.see(shapes.cylinder((-0.06, SHELVES_M[2] + 0.06, z - 0.15), 0.030, 0.12, "glass", sides=12))
+            make.see(
+                shapes.cylinder((-0.06, SHELVES_M[1] + 0.045, z), 0.036, 0.09, "ceramic", sides=14)
+            )
+            make.see(
+                shapes.cylinder(
+                    (-0.06, SHELVES_M[2] + 0.06, z - 0.15), 0.030, 0.12, "glass", sides=12
+                )
+            )
 
 
 def _cupboard_door(name: str, width: float, *, glass: bool) -> Link:
@@ -87,7 +105,9 @@ def _cupboard_door(name: str, width: float, *, glass: bool) -> Link:
         make.span((x0, high - frame, inner), (x1, high, outer), "cabinet_front", 0.003)
         for a, b in ((inner, inner + frame), (outer - frame, outer)):
             make.span((x0, low + frame, a), (x1, high - frame, b), "cabinet_front", 0.003)
-        make.span((0.010, low + frame, inner + frame), (0.014, high - frame, outer - frame), "glass", 0.0)
+        make.span(
+            (0.010, low + frame, inner + frame), (0.014, high - frame, outer - frame), "glass", 0.0
+        )
     else:
         make.span((x0, low, inner), (x1, high, outer), "cabinet_front", 0.003)
     free_edge = width - (0.03 if width > 0 else -0.03)
@@ -120,7 +140,13 @@ def room_door() -> Articulation:
     make.span((0.008, -2.070, -0.020), (0.915, -0.010, 0.020), "door_paint", 0.003)
     for low, high in ((-1.93, -1.13), (-1.00, -0.14)):
         for face in (-1.0, 1.0):
-            make.box((0.46, (low + high) / 2, face * 0.0205), (0.62, high - low, 0.006), "trim", 0.002, solid=False)
+            make.box(
+                (0.46, (low + high) / 2, face * 0.0205),
+                (0.62, high - low, 0.006),
+                "trim",
+                0.002,
+                solid=False,
+            )
     for face in (-1.0, 1.0):
         rose, lever = (0.845, -1.04, face * 0.026), (0.785, -1.04, face * 0.062)
         make.see(shapes.cylinder(rose, 0.024, 0.012, "brass", "z"))
@@ -148,7 +174,9 @@ def sliding_cabinet() -> Articulation:
     make.span((x0 + 0.03, 0.193, back), (x1 - 0.03, 0.730, back + 0.012), "oak", 0.001)
     for x in (x0 + 0.06, x1 - 0.06):
         for z in (back + 0.05, front - 0.05):
-            make.span((x - 0.018, -0.05, z - 0.018), (x + 0.018, 0.165, z + 0.018), "black_metal", 0.003)
+            make.span(
+                (x - 0.018, -0.05, z - 0.018), (x + 0.018, 0.165, z + 0.018), "black_metal", 0.003
+            )
     doors = [_sliding_door("left_door"), _sliding_door("right_door")]
     joints = [
         Joint("body_transform", "fixed", "root", "body"),
@@ -189,9 +217,7 @@ def drawer_chest() -> Articulation:
         for side, z in (("L", 0.2095), ("R", -0.2095)):
             name = f"drawer_{row}{side}"
             links.append(_chest_drawer(name, high - low))
-            joints.append(
-                Joint(name, "prismatic", "body", name, (-0.105, low, z), upper=0.2)
-            )
+            joints.append(Joint(name, "prismatic", "body", name, (-0.105, low, z), upper=0.2))
     return Articulation("chestOfDrawers_01", "chestOfDrawers_01", links, joints)
 
 

@@ -22,28 +22,43 @@ def build() -> list[ObjectModel]:
         _table_lamp(),
         _floor_lamp(),
         _tv_screen(),
+        _clock(),
+        _vase(),
         _books(),
     ]
 
 
 def _rug(
-    name: str, category: str, semantic_id: int, mass_kg: float, size: tuple[float, float], material: str
+    name: str,
+    category: str,
+    semantic_id: int,
+    mass_kg: float,
+    size: tuple[float, float],
+    material: str,
 ) -> ObjectModel:
     """Return a flat rug, its pattern stretched once over it."""
     make, (width, depth), half = Builder(), size, 0.006
     make.box((0.0, -0.001, 0.0), (width, 2 * half - 0.002, depth), "rug_edge", 0.003)
     if material == "mat_weave":
-        make.see(shapes.box((0.0, half - 0.002, 0.0), (width - 0.04, 0.004, depth - 0.04), material, 0.001))
+        make.see(
+            shapes.box(
+                (0.0, half - 0.002, 0.0), (width - 0.04, 0.004, depth - 0.04), material, 0.001
+            )
+        )
     else:
         make.see(_print(width - 0.02, depth - 0.02, half, material))
-    return ObjectModel(name, category, semantic_id, mass_kg, make.parts, make.solids(), friction=0.9)
+    return ObjectModel(
+        name, category, semantic_id, mass_kg, make.parts, make.solids(), friction=0.9
+    )
 
 
 def _print(width: float, depth: float, height: float, material: str) -> Part:
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [width / 2, depth / 2]
     points = np.stack([corners[:, 0], np.full(4, height), corners[:, 1]], axis=1)
-    uv = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    return Part(points, np.tile([0.0, 1.0, 0.0], (4, 1)), uv, np.array([[0, 2, 1], [0, 3, 2]]), material)
+    uv = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
+    return Part(
+        points, np.tile([0.0, 1.0, 0.0], (4, 1)), uv, np.array([[0, 2, 1], [0, 3, 2]]), material
+    )
 
 
 def _picture(number: str, width: float, height: float, material: str) -> ObjectModel:
@@ -51,12 +66,26 @@ def _picture(number: str, width: float, height: float, material: str) -> ObjectM
     make, rim, wood = Builder(), 0.022, "walnut" if number == "01" else "oak"
     make.box((0.0, 0.0, -0.006), (width - 0.01, height - 0.01, 0.012), "paper", 0.001)
     for side in (-1.0, 1.0):
-        make.box((side * (width - rim) / 2, 0.0, 0.0), (rim, height, 0.036), wood, 0.003, solid=False)
-        make.box((0.0, side * (height - rim) / 2, 0.0), (width - 2 * rim, rim, 0.036), wood, 0.003, solid=False)
+        make.box(
+            (side * (width - rim) / 2, 0.0, 0.0), (rim, height, 0.036), wood, 0.003, solid=False
+        )
+        make.box(
+            (0.0, side * (height - rim) / 2, 0.0),
+            (width - 2 * rim, rim, 0.036),
+            wood,
+            0.003,
+            solid=False,
+        )
     board = 0.05
-    sheet = shapes.rotated(_print(width - 2 * (rim + board), height - 2 * (rim + board), 0.0008, material), "x", math.pi / 2)
+    sheet = shapes.rotated(
+        _print(width - 2 * (rim + board), height - 2 * (rim + board), 0.0008, material),
+        "x",
+        math.pi / 2,
+    )
     make.see(sheet)
-    return ObjectModel(f"frl_apartment_picture_{number}", "picture", 59, 0.8, make.parts, make.solids())
+    return ObjectModel(
+        f"frl_apartment_picture_{number}", "picture", 59, 0.8, make.parts, make.solids()
+    )
 
 
 def _leaf(base: Array, direction: Array, length: float, width: float, droop: float) -> list[Part]:
@@ -64,7 +93,9 @@ def _leaf(base: Array, direction: Array, length: float, width: float, droop: flo
     side = np.cross(direction, [0.0, 1.0, 0.0])
     side /= max(float(np.linalg.norm(side)), 1e-9)
     stations = np.linspace(0, 1, 5)
-    spine = [base + direction * length * t - np.array([0, droop * length * t * t, 0]) for t in stations]
+    spine = [
+        base + direction * length * t - np.array([0, droop * length * t * t, 0]) for t in stations
+    ]
     half = [width / 2 * math.sin(math.pi * (0.06 + 0.94 * t) ** 0.8) for t in stations]
     half[-1] = 0.0
     rows = []
@@ -113,18 +144,35 @@ def _broad_leaf_plant() -> ObjectModel:
     for k in range(4):
         angle = 2 * math.pi * k / 4 + 0.4
         lean = np.array([math.cos(angle) * 0.11, 0.0, math.sin(angle) * 0.11])
-        foot, height = np.array([lean[0] * 0.3, floor + 0.31, lean[2] * 0.3]), 0.72 + 0.32 * float(rng.random())
+        foot, height = (
+            np.array([lean[0] * 0.3, floor + 0.31, lean[2] * 0.3]),
+            0.72 + 0.32 * float(rng.random()),
+        )
         tip = foot + lean * 1.2 + np.array([0.0, height, 0.0])
-        make.see(shapes.tube([tuple(foot), tuple((foot + tip) / 2 + lean * 0.2), tuple(tip)], 0.009, "bark", 6))
+        make.see(
+            shapes.tube(
+                [tuple(foot), tuple((foot + tip) / 2 + lean * 0.2), tuple(tip)], 0.009, "bark", 6
+            )
+        )
         for j in range(9):
             t = 0.22 + 0.78 * j / 8
             turn = angle + 2.4 * j + float(rng.uniform(-0.3, 0.3))
             rise = 0.25 + 0.6 * t
             direction = np.array([math.cos(turn), rise, math.sin(turn)])
             direction /= float(np.linalg.norm(direction))
-            make.see(*_leaf(foot + (tip - foot) * t, direction, 0.20 + 0.07 * float(rng.random()), 0.105, 0.35))
+            make.see(
+                *_leaf(
+                    foot + (tip - foot) * t,
+                    direction,
+                    0.20 + 0.07 * float(rng.random()),
+                    0.105,
+                    0.35,
+                )
+            )
     make.convexes.append(solids.moved(solids.ball((0.24, 0.48, 0.24), 4, 10), (0.0, 0.42, 0.0)))
-    return ObjectModel("frl_apartment_indoor_plant_01", "indoor_plant", 44, 25.0, make.parts, make.solids())
+    return ObjectModel(
+        "frl_apartment_indoor_plant_01", "indoor_plant", 44, 25.0, make.parts, make.solids()
+    )
 
 
 def _tall_plant() -> ObjectModel:
@@ -137,17 +185,25 @@ def _tall_plant() -> ObjectModel:
         top = 0.25 + 0.50 * float(rng.random())
         foot = np.array([0.03 * math.cos(angle), floor + 0.29, 0.03 * math.sin(angle)])
         out = np.array([math.cos(angle), 0.0, math.sin(angle)])
-        path = [foot + out * reach * t**2 + np.array([0.0, (top - floor - 0.29) * math.sin(t * 1.45) / math.sin(1.45), 0.0])
-                for t in np.linspace(0, 1, 7)]  # fmt: skip
+        path = [
+            foot
+            + out * reach * t**2
+            + np.array([0.0, (top - floor - 0.29) * math.sin(t * 1.45) / math.sin(1.45), 0.0])
+            for t in np.linspace(0, 1, 7)
+        ]
         make.see(shapes.tube([tuple(p) for p in path], 0.006, "stalk", 5))
         for j in range(3, 7):
             for side in (-0.75, 0.75):
                 direction = np.array([math.cos(angle + side), 0.35, math.sin(angle + side)])
-                make.see(*_leaf(path[j], direction / float(np.linalg.norm(direction)), 0.17, 0.05, 0.6))
+                make.see(
+                    *_leaf(path[j], direction / float(np.linalg.norm(direction)), 0.17, 0.05, 0.6)
+                )
         make.see(*_leaf(path[-1], out * 0.8 + np.array([0, 0.6, 0]), 0.22, 0.06, 0.7))
     make.convexes.append(solids.frustum(0.08, 0.22, floor + 0.34, 0.10, 10))
     make.convexes.append(solids.frustum(0.22, 0.12, 0.10, 0.75, 10))
-    return ObjectModel("frl_apartment_indoor_plant_02", "indoor_plant", 44, 25.0, make.parts, make.solids())
+    return ObjectModel(
+        "frl_apartment_indoor_plant_02", "indoor_plant", 44, 25.0, make.parts, make.solids()
+    )
 
 
 def _shade(make: Builder, low: float, high: float, r_low: float, r_high: float) -> None:
@@ -170,8 +226,20 @@ def _shade(make: Builder, low: float, high: float, r_low: float, r_high: float) 
 
 def _table_lamp() -> ObjectModel:
     make, floor = Builder(), -0.22
-    body = [(0.0, floor), (0.075, floor)], [(0.075, floor), (0.078, floor + 0.012), (0.05, floor + 0.03), (0.03, floor + 0.06),
-            (0.055, floor + 0.12), (0.062, floor + 0.16), (0.045, floor + 0.21), (0.012, floor + 0.24), (0.010, floor + 0.30)]  # fmt: skip
+    body = (
+        [(0.0, floor), (0.075, floor)],
+        [
+            (0.075, floor),
+            (0.078, floor + 0.012),
+            (0.05, floor + 0.03),
+            (0.03, floor + 0.06),
+            (0.055, floor + 0.12),
+            (0.062, floor + 0.16),
+            (0.045, floor + 0.21),
+            (0.012, floor + 0.24),
+            (0.010, floor + 0.30),
+        ],
+    )
     make.see(shapes.lathe(body, "ceramic", 20))
     make.convexes += [
         solids.frustum(0.078, 0.065, floor, floor + 0.21, 12),
@@ -183,7 +251,11 @@ def _table_lamp() -> ObjectModel:
 
 def _floor_lamp() -> ObjectModel:
     make, floor = Builder(), -0.85
-    make.see(shapes.cylinder((0.0, floor + 0.0125, 0.0), 0.15, 0.025, "black_metal", sides=28, bevel_m=0.006))
+    make.see(
+        shapes.cylinder(
+            (0.0, floor + 0.0125, 0.0), 0.15, 0.025, "black_metal", sides=28, bevel_m=0.006
+        )
+    )
     make.convexes.append(solids.frustum(0.15, 0.15, floor, floor + 0.025, 16))
     make.post((0.0, floor + 0.675, 0.0), 0.011, 1.30, "black_metal")
     _shade(make, floor + 1.30, floor + 1.58, 0.21, 0.15)
@@ -199,17 +271,100 @@ def _tv_screen() -> ObjectModel:
     return ObjectModel("frl_apartment_tv_screen", "tv_screen", 87, 22.0, make.parts, make.solids())
 
 
+def _clock() -> ObjectModel:
+    """Return a wall clock showing ten past ten; its back is at -z."""
+    make = Builder()
+    make.see(shapes.cylinder((0.0, 0.0, 0.0), 0.15, 0.036, "walnut", "z", 32, 0.006))
+    make.see(shapes.cylinder((0.0, 0.0, 0.015), 0.132, 0.010, "label_white", "z", 32, 0.001))
+    for k in range(12):
+        angle = k * math.pi / 6
+        tick = shapes.box(
+            (0.0, 0.116, 0.0205), (0.006 if k % 3 else 0.010, 0.018, 0.001), "black_plastic", 0.0
+        )
+        make.see(shapes.rotated(tick, "z", -angle))
+    for angle, length in ((-0.95, 0.07), (1.05, 0.10)):
+        hand = shapes.box((0.0, length / 2, 0.022), (0.006, length, 0.001), "black_plastic", 0.0)
+        make.see(shapes.rotated(hand, "z", angle))
+    make.boxes.append(Box((0.0, 0.0, 0.0), (0.28, 0.28, 0.036)))
+    return ObjectModel("frl_apartment_clock", "clock", 25, 0.8, make.parts, make.solids())
+
+
+def _vase() -> ObjectModel:
+    """Return a vase with dry twigs."""
+    make, floor, rng = Builder(), -0.15, np.random.default_rng(104)
+    profile = [
+        (0.045, floor),
+        (0.075, floor + 0.05),
+        (0.085, floor + 0.11),
+        (0.065, floor + 0.18),
+        (0.032, floor + 0.23),
+        (0.036, floor + 0.26),
+    ]
+    make.see(
+        shapes.lathe(
+            [
+                [(0.0, floor), profile[0]],
+                profile,
+                [profile[-1], (0.030, floor + 0.258), (0.026, floor + 0.20)],
+            ],
+            "terracotta",
+            22,
+        )
+    )
+    for k in range(7):
+        angle, lean = 2.4 * k, 0.05 + 0.10 * float(rng.random())
+        tip = (
+            lean * math.cos(angle),
+            floor + 0.48 + 0.14 * float(rng.random()),
+            lean * math.sin(angle),
+        )
+        make.see(
+            shapes.tube(
+                [(0.0, floor + 0.2, 0.0), (tip[0] * 0.3, floor + 0.34, tip[2] * 0.3), tip],
+                0.002,
+                "stalk",
+                5,
+            )
+        )
+        make.see(shapes.sphere(tip, (0.012, 0.020, 0.012), "label_cream", 5, 7))
+    make.convexes += [
+        solids.frustum(0.045, 0.085, floor, floor + 0.10, 12),
+        solids.frustum(0.085, 0.034, floor + 0.10, floor + 0.26, 12),
+    ]
+    return ObjectModel("frl_apartment_vase_01", "vase", 91, 1.2, make.parts, make.solids())
+
+
 def _books() -> ObjectModel:
     """Return a row of books between the boards of a shelf; spines face +z."""
     make, rng, at = Builder(), np.random.default_rng(103), -0.17
-    covers = ("label_teal", "label_red", "label_cream", "label_brown", "label_blue", "label_green", "paper", "label_orange")
+    covers = (
+        "label_teal",
+        "label_red",
+        "label_cream",
+        "label_brown",
+        "label_blue",
+        "label_green",
+        "paper",
+        "label_orange",
+    )
     while at < 0.16:
         thick, height = 0.018 + 0.022 * float(rng.random()), 0.17 + 0.055 * float(rng.random())
         depth, cover = 0.13 + 0.03 * float(rng.random()), covers[int(rng.integers(len(covers)))]
         y, z = -0.11 + height / 2, 0.08 - depth / 2
         make.box((at + thick / 2, y, z), (thick - 0.001, height, depth), cover, 0.002, solid=False)
-        make.see(shapes.box((at + thick / 2, y + 0.002, z - 0.004), (thick - 0.006, height, depth - 0.004), "paper", 0.0))
-        make.see(shapes.box((at + thick / 2, y + 0.05, 0.0803), (thick - 0.004, 0.012, 0.001), "brass", 0.0))
+        make.see(
+            shapes.box(
+                (at + thick / 2, y + 0.002, z - 0.004),
+                (thick - 0.006, height, depth - 0.004),
+                "paper",
+                0.0,
+            )
+        )
+        make.see(
+            shapes.box(
+                (at + thick / 2, y + 0.05, 0.0803), (thick - 0.004, 0.012, 0.001), "brass", 0.0
+            )
+        )
         at += thick
     make.boxes.append(Box((-0.0, 0.0, 0.0), (0.36, 0.22, 0.16)))
     return ObjectModel("frl_apartment_book_01", "book", 12, 3.0, make.parts, make.solids())

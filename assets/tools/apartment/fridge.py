@@ -34,16 +34,26 @@ def build() -> Articulation:
         [
             Joint("root_rotation", "fixed", "root", "body", rpy=(RIGHT_ANGLE_RAD, 0.0, 0.0)),
             Joint(
-                "top_door_hinge", "revolute", "body", "top_door", (0.322, 0.353, -0.385),
-                axis=(0.0, 0.0, 1.0), upper=2.3,
+                "top_door_hinge",
+                "revolute",
+                "body",
+                "top_door",
+                (0.322, 0.353, -0.385),
+                axis=(0.0, 0.0, 1.0),
+                upper=2.3,
             ),
             Joint(
-                "bottom_door_hinge", "revolute", "body", "bottom_door", (0.322, 0.353, 0.531),
-                axis=(0.0, 0.0, 1.0), upper=2.5,
+                "bottom_door_hinge",
+                "revolute",
+                "body",
+                "bottom_door",
+                (0.322, 0.353, 0.531),
+                axis=(0.0, 0.0, 1.0),
+                upper=2.5,
             ),
         ],
         _receptacles(),
-    )  # fmt: skip
+    )
 
 
 def _body() -> Link:
@@ -55,27 +65,63 @@ def _body() -> Link:
     for side in (-1.0, 1.0):
         low, high = sorted((side * inner, side * w))
         make.span((BACK_M, low, CEILING_M), (FRONT_M, high, FLOOR_M), shell)
-        make.span((BACK_M + 0.03, side * inner - 0.002, CEILING_M), (FRONT_M - 0.004, side * inner + 0.002, FLOOR_M),
-                  "fridge_liner", 0.0, solid=False)  # fmt: skip
+        make.span(
+            (BACK_M + 0.03, side * inner - 0.002, CEILING_M),
+            (FRONT_M - 0.004, side * inner + 0.002, FLOOR_M),
+            "fridge_liner",
+            0.0,
+            solid=False,
+        )
     make.span((BACK_M, -inner, CEILING_M), (BACK_M + 0.030, inner, FLOOR_M), shell)
-    make.span((BACK_M + 0.028, -inner, CEILING_M), (BACK_M + 0.032, inner, FLOOR_M), "fridge_liner", 0.0, solid=False)
+    make.span(
+        (BACK_M + 0.028, -inner, CEILING_M),
+        (BACK_M + 0.032, inner, FLOOR_M),
+        "fridge_liner",
+        0.0,
+        solid=False,
+    )
     for top, bottom in SHELVES_M.values():
-        make.span((BACK_M + 0.03, -inner, top), (SHELF_FRONT_M, inner, bottom), "shelf_glass", 0.002)
-        make.span((SHELF_FRONT_M - 0.004, -inner, top - 0.001), (SHELF_FRONT_M + 0.008, inner, bottom + 0.004),
-                  "steel", 0.002, solid=False)  # fmt: skip
-    make.span((BACK_M + 0.03, -inner, DIVIDER_M[0]), (FRONT_M - 0.01, inner, DIVIDER_M[1]), "fridge_liner")
+        make.span(
+            (BACK_M + 0.03, -inner, top), (SHELF_FRONT_M, inner, bottom), "shelf_glass", 0.002
+        )
+        make.span(
+            (SHELF_FRONT_M - 0.004, -inner, top - 0.001),
+            (SHELF_FRONT_M + 0.008, inner, bottom + 0.004),
+            "steel",
+            0.002,
+            solid=False,
+        )
+    make.span(
+        (BACK_M + 0.03, -inner, DIVIDER_M[0]), (FRONT_M - 0.01, inner, DIVIDER_M[1]), "fridge_liner"
+    )
     # Plinth down to the floor, set back behind the door like a kick space.
-    make.span((BACK_M + 0.02, -w + 0.02, BOTTOM_M), (FRONT_M - 0.03, w - 0.02, 1.01), "plinth", 0.002)
+    make.span(
+        (BACK_M + 0.02, -w + 0.02, BOTTOM_M), (FRONT_M - 0.03, w - 0.02, 1.01), "plinth", 0.002
+    )
     make.see(shapes.box((0.0, 0.0, CEILING_M + 0.006), (0.20, 0.16, 0.012), "lamp_shade", 0.004))
     return Link("body", 70.0, make.parts, make.boxes)
 
 
-def _door(name: str, mass_kg: float, span_z: tuple[float, float], bar_z: tuple[float, float]) -> Link:
+def _door(
+    name: str, mass_kg: float, span_z: tuple[float, float], bar_z: tuple[float, float]
+) -> Link:
     """Return a door whose hinge is the z axis; it reaches towards -y from there."""
     make = Builder()
     make.span((0.0085, -0.691, span_z[0]), (0.0615, -0.001, span_z[1]), "fridge_shell", 0.010)
-    make.span((0.001, -0.672, span_z[0] + 0.02), (0.009, -0.030, span_z[1] - 0.02), "gasket", 0.003, solid=False)
-    make.span((-0.004, -0.650, span_z[0] + 0.04), (0.004, -0.052, span_z[1] - 0.04), "fridge_liner", 0.002, solid=False)
+    make.span(
+        (0.001, -0.672, span_z[0] + 0.02),
+        (0.009, -0.030, span_z[1] - 0.02),
+        "gasket",
+        0.003,
+        solid=False,
+    )
+    make.span(
+        (-0.004, -0.650, span_z[0] + 0.04),
+        (0.004, -0.052, span_z[1] - 0.04),
+        "fridge_liner",
+        0.002,
+        solid=False,
+    )
     low, high = bar_z
     # The bar's centre is the marker (0.10, -0.62, 0.2) of the top door: 38.5 mm of room behind.
     make.bar_handle((0.10, -0.62, (low + high) / 2), "z", high - low, 0.0385, "steel")

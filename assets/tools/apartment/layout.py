@@ -28,8 +28,10 @@ LIVING = [
     Placement(f"{P}indoor_plant_01", (-2.18, 0.509, 3.62)),
     Placement(f"{P}wall_cabinet_02", (0.534, 1.066, -0.498)),
     Placement(f"{P}wall_cabinet_01", (4.10, 1.037, -0.500)),
+    Placement(f"{P}book_01", (0.33, 1.5166, -0.46)),
+    Placement(f"{P}book_01", (0.74, 1.1993, -0.46)),
+    Placement(f"{P}vase_01", (0.72, 2.132, -0.50)),
     Placement(f"{P}picture_02", (1.70, 1.50, -0.6725)),
-    Placement(f"{P}picture_01", (-2.48, 1.50, -0.75), math.pi / 2),
 ]
 DINING = [
     Placement(f"{P}table_01", (2.75, 0.664, 3.05)),
@@ -40,11 +42,22 @@ KITCHEN = [
     Placement(f"{P}table_02", (4.05, 0.592, 6.12), -math.pi / 2),
     Placement(f"{P}rug_01", (2.35, 0.008, 6.12)),
     Placement(f"{P}lamp_01", (4.10, 0.85, 7.60)),
+    Placement(f"{P}clock", (1.30, 1.85, 7.992), NORTH_RAD),
+    Placement(f"{P}picture_02", (2.76, 1.55, 7.992), NORTH_RAD),
+    Placement(f"{P}vase_01", (3.35, 0.958, 7.82)),
 ]
-STUDY = [
-    Placement(f"{P}beanbag", (0.55, 0.333, -3.85)),
-    Placement(f"{P}stool_02", (3.95, 0.28, -4.05)),
+BEDROOM = [
+    Placement("apartment_bed", (1.90, 0.312, -3.52), NORTH_RAD),
+    Placement(f"{P}rug_01", (1.90, 0.006, -2.75), math.pi / 2),
+    Placement(f"{P}table_04", (0.75, 0.425, -4.30)),
+    Placement(f"{P}lamp_02", (0.75, 0.711, -4.30)),
+    Placement(f"{P}stool_02", (3.08, 0.28, -4.25)),
+    Placement(f"{P}beanbag", (3.80, 0.333, -3.95)),
+    Placement(f"{P}picture_02", (-0.282, 1.55, -3.60), math.pi / 2),
+]
+HALL = [
     Placement(f"{P}mat", (-1.48, 0.006, -4.20)),
+    Placement(f"{P}picture_01", (-2.48, 1.62, -0.75), math.pi / 2),
 ]
 FURNITURE = [
     Placement("fridge", (0.545, 1.01, 4.40)),
@@ -55,7 +68,9 @@ FURNITURE = [
     Placement("chestOfDrawers_01", (-2.335, 0.0, -0.75)),
 ]
 SCENES = [
-    SceneModel("v3_sc0_staging_00", STAGE, LIGHTING, LIVING + DINING + KITCHEN + STUDY, FURNITURE),
+    SceneModel(
+        "v3_sc0_staging_00", STAGE, LIGHTING, LIVING + DINING + KITCHEN + BEDROOM + HALL, FURNITURE
+    ),
 ]
 LIGHTINGS = {
     LIGHTING: [
@@ -64,6 +79,6 @@ LIGHTINGS = {
         Light((2.2, 2.45, 6.1), 3.6, (1.0, 0.97, 0.92)),
         Light((-1.45, 2.45, -2.6), 2.6, (1.0, 0.93, 0.82)),
         Light((2.0, 2.45, -2.7), 3.0, (0.93, 0.97, 1.0)),
-        Light((-2.2, 1.15, 2.66), 0.8, (1.0, 0.80, 0.55)),
+        Light((-1.9, 1.35, 2.6), 0.35, (1.0, 0.80, 0.55)),
     ]
 }

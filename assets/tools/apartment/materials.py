@@ -2,9 +2,8 @@
 
 from dataclasses import dataclass
 
-from trimesh.visual.material import PBRMaterial
-
 import textures
+from trimesh.visual.material import PBRMaterial
 
 White = (1.0, 1.0, 1.0)
 
@@ -31,7 +30,8 @@ MATERIALS: dict[str, Material] = {
     "floor_tile": Material(roughness=0.3, texture="floor_tile", tile_m=0.8),
     "wall_tile": Material(roughness=0.2, texture="wall_tile", tile_m=0.4),
     "glass": Material((0.75, 0.87, 0.92), 0.05, alpha=0.25),
-    "sky": Material((0.80, 0.88, 0.95), 0.1, glow=(0.55, 0.66, 0.78)),
+    "wall_sage": Material((0.60, 0.66, 0.60), 0.9),
+    "view": Material((0.75, 0.75, 0.75), 1.0, texture="view", glow=(0.28, 0.30, 0.32)),
     "door_paint": Material((0.88, 0.86, 0.81), 0.4),
     # Furniture
     "oak": Material(roughness=0.5, texture="oak", tile_m=0.7),
@@ -41,13 +41,15 @@ MATERIALS: dict[str, Material] = {
     "chair_cloth": Material(roughness=0.95, texture="chair_cloth", tile_m=0.12),
     "cream_cloth": Material(roughness=0.95, texture="cream_cloth", tile_m=0.10),
     "rust_cloth": Material(roughness=0.95, texture="rust_cloth", tile_m=0.10),
-    "bag_cloth": Material((0.40, 0.46, 0.42), 0.95),
+    "bag_cloth": Material((0.30, 0.42, 0.44), 0.95),
+    "linen": Material((0.88, 0.87, 0.84), 0.95),
+    "duvet": Material((0.43, 0.52, 0.58), 0.95),
     "rug_large": Material(roughness=1.0, texture="rug_large"),
     "rug_small": Material(roughness=1.0, texture="rug_small"),
     "rug_edge": Material((0.45, 0.40, 0.34), 1.0),
     "mat_weave": Material(roughness=1.0, texture="mat_weave", tile_m=0.15),
     "black_metal": Material((0.05, 0.05, 0.055), 0.4, 0.6),
-    "steel": Material((0.72, 0.73, 0.74), 0.28, 0.95),
+    "steel": Material((0.62, 0.63, 0.64), 0.3, 0.75),
     "brass": Material((0.80, 0.62, 0.32), 0.3, 0.9),
     "white_lacquer": Material((0.90, 0.90, 0.88), 0.35),
     "gap": Material((0.03, 0.03, 0.03), 0.9),
@@ -61,14 +63,13 @@ MATERIALS: dict[str, Material] = {
     "bark": Material((0.30, 0.21, 0.13), 0.9),
     "painting_01": Material(roughness=0.8, texture="painting_01"),
     "painting_02": Material(roughness=0.8, texture="painting_02"),
-    "books": Material(roughness=0.7, texture="books", tile_m=0.4),
     "paper": Material((0.90, 0.88, 0.82), 0.9),
     # Kitchen
     "cabinet_front": Material((0.42, 0.50, 0.47), 0.5),
     "cabinet_body": Material((0.82, 0.81, 0.77), 0.6),
     "plinth": Material((0.16, 0.17, 0.17), 0.7),
     "worktop": Material(roughness=0.22, texture="worktop", tile_m=0.6),
-    "fridge_shell": Material((0.80, 0.81, 0.82), 0.32, 0.35),
+    "fridge_shell": Material((0.70, 0.72, 0.74), 0.34, 0.3),
     "fridge_liner": Material((0.93, 0.94, 0.94), 0.4),
     "shelf_glass": Material((0.78, 0.90, 0.92), 0.08, alpha=0.45),
     "gasket": Material((0.35, 0.36, 0.37), 0.8),
@@ -85,8 +86,7 @@ MATERIALS: dict[str, Material] = {
     "label_teal": Material((0.08, 0.45, 0.48), 0.5),
     "label_orange": Material((0.90, 0.45, 0.10), 0.5),
     "plastic_lid": Material((0.86, 0.86, 0.84), 0.5),
-    "apple_red": Material((0.66, 0.08, 0.07), 0.35),
-    "apple_blush": Material((0.80, 0.55, 0.16), 0.35),
+    "apple_skin": Material(roughness=0.35, texture="apple_skin", tile_m=0.236),
     "orange_peel": Material((0.95, 0.48, 0.05), 0.55),
     "stalk": Material((0.25, 0.17, 0.08), 0.8),
     "bowl_red": Material((0.72, 0.11, 0.10), 0.3),
@@ -100,7 +100,11 @@ MATERIALS: dict[str, Material] = {
 def to_pbr(name: str) -> PBRMaterial:
     """Return the glTF material of that name."""
     material = MATERIALS[name]
-    image = None if material.texture is None else textures.to_image(textures.TEXTURES[material.texture]())
+    image = (
+        None
+        if material.texture is None
+        else textures.to_image(textures.TEXTURES[material.texture]())
+    )
     return PBRMaterial(
         name=name,
         baseColorFactor=[*material.color, material.alpha],

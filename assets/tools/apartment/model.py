@@ -1,6 +1,6 @@
 """The records every other module of the generator passes around.
 
-Lengths are metres, masses kilograms, angles radians; frames are y-up as in Habitat's scene datasets.
+Lengths are metres, masses kilograms, angles radians; frames are y-up, as Habitat's.
 """
 
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ Vec3 = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Part:
-    """A visible surface of one material; uv is in metres until the writer divides it by the tile."""
+    """A visible surface of one material; uv in metres, which the writer divides by the tile."""
 
     positions: Array  # (V, 3)
     normals: Array  # (V, 3)

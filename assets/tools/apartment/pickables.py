@@ -4,6 +4,7 @@ Labels are invented. Objects stand upright along +y with the origin at the centr
 """
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import shapes
@@ -18,7 +19,15 @@ Chain = list[tuple[float, float]]
 def build() -> list[ObjectModel]:
     """Return the thirteen pickable objects."""
     return [
-        _can("002_master_chef_can", 0.414, 0.102, 0.139, "label_blue", "label_cream", lid="plastic_lid"),
+        _can(
+            "002_master_chef_can",
+            0.414,
+            0.102,
+            0.139,
+            "label_blue",
+            "label_cream",
+            lid="plastic_lid",
+        ),
         _carton("003_cracker_box", 0.411, (0.158, 0.210, 0.060), "label_red", "label_yellow"),
         _carton("004_sugar_box", 0.514, (0.089, 0.175, 0.038), "label_yellow", "label_white"),
         _can("005_tomato_soup_can", 0.349, 0.066, 0.101, "label_red", "label_white"),
@@ -39,7 +48,13 @@ def _item(name: str, mass_kg: float, parts: list[Part], hulls: list[Convex]) -> 
 
 
 def _can(
-    name: str, mass_kg: float, diameter: float, height: float, label: str, band: str, lid: str = "can_metal"
+    name: str,
+    mass_kg: float,
+    diameter: float,
+    height: float,
+    label: str,
+    band: str,
+    lid: str = "can_metal",
 ) -> ObjectModel:
     """Return a tin: rolled rims, a sunk lid, and a paper label with a band and a round badge."""
     r, h, rim = diameter / 2, height / 2, 0.0022
@@ -47,13 +62,25 @@ def _can(
     edge = min(0.006, height * 0.12)
     chains: list[tuple[Chain, str]] = [
         ([(0.0, -h + 0.002), (body - rim, -h + 0.002), (body - rim, -h)], "can_metal"),
-        ([(body - rim, -h), (r - 0.0004, -h), (r, -h + rim / 2), (r, -h + rim), (body, -h + 2 * rim)], "can_metal"),
+        (
+            [
+                (body - rim, -h),
+                (r - 0.0004, -h),
+                (r, -h + rim / 2),
+                (r, -h + rim),
+                (body, -h + 2 * rim),
+            ],
+            "can_metal",
+        ),
         ([(body, -h + 2 * rim), (body, -h + edge)], "can_metal"),
         ([(body, -h + edge), (body, -h + 0.32 * height)], label),
         ([(body, -h + 0.32 * height), (body, -h + 0.40 * height)], band),
         ([(body, -h + 0.40 * height), (body, h - edge)], label),
         ([(body, h - edge), (body, h - 2 * rim)], "can_metal"),
-        ([(body, h - 2 * rim), (r, h - rim), (r, h - rim / 2), (r - 0.0004, h), (body - rim, h)], lid),
+        (
+            [(body, h - 2 * rim), (r, h - rim), (r, h - rim / 2), (r - 0.0004, h), (body - rim, h)],
+            lid,
+        ),
         ([(body - rim, h), (body - rim, h - 0.003), (0.0, h - 0.003)], lid),
     ]
     parts = [shapes.lathe([chain], material, 28) for chain, material in chains]
@@ -62,17 +89,24 @@ def _can(
 
 
 def _badge(radius: float, y: float, half_height: float, material: str) -> list[Part]:
-    """Return two round badges wrapped on a can's label."""
-    out = []
+    """Return two round badges wrapped on a can's label, in rings so that they follow its curve."""
+    out, lift = [], radius + 0.0004
+    turn = np.linspace(0, 2 * math.pi, 19)
     for middle in (0.0, math.pi):
-        turn = np.linspace(0, 2 * math.pi, 17)[:-1]
-        ring = [(middle + half_height / radius * math.cos(t), y + half_height * math.sin(t)) for t in turn]
-        points = [(middle, y), *ring, ring[0]]
-        lift = radius + 0.0004
-        xyz = np.array([[lift * math.cos(a), v, lift * math.sin(a)] for a, v in points])
-        normal = np.array([[math.cos(a), 0.0, math.sin(a)] for a, _ in points])
-        fan = np.array([[0, k + 1, k] for k in range(1, len(points) - 1)])
-        out.append(Part(xyz, normal, xyz[:, :2], fan, material))
+        reach = np.array([0.0, 0.34, 0.67, 1.0])[:, None] * half_height
+        angle = (middle + reach * np.cos(turn) / radius).ravel()
+        height = (y + reach * np.sin(turn)).ravel()
+        normal = np.stack([np.cos(angle), 0 * angle, np.sin(angle)], axis=1)
+        points = normal * lift + np.stack([0 * height, height, 0 * height], axis=1)
+        n = len(turn)
+        faces = [
+            [a, a + n, a + n + 1] if k else [a, a + n + 1, a + 1]
+            for row in range(3)
+            for a in range(row * n, row * n + n - 1)
+            for k in (0, 1)
+        ]
+        part = Part(points, normal, points[:, :2], np.array(faces), material)
+        out.append(shapes.oriented(part))
     return out
 
 
@@ -89,8 +123,16 @@ def _carton(
         make.see(shapes.box((0.0, 0.26 * h, z), (0.60 * w, 0.07 * h, 3 * lift), ground, 0.0))
         make.see(shapes.box((0.0, -0.40 * h, z), (w * 0.98, 0.06 * h, lift), accent, 0.0))
         for x, y, r in ((0.0, -0.15, 0.17), (-0.2, -0.2, 0.09), (0.21, -0.18, 0.10)):
-            make.see(shapes.cylinder((x * w, y * h, z), r * min(w, h), lift * 2, "label_cream", "z", 20, 0.0001))
-        make.see(shapes.cylinder((0.0, -0.15 * h, z), 0.11 * min(w, h), lift * 4, "label_brown", "z", 18, 0.0001))
+            make.see(
+                shapes.cylinder(
+                    (x * w, y * h, z), r * min(w, h), lift * 2, "label_cream", "z", 20, 0.0001
+                )
+            )
+        make.see(
+            shapes.cylinder(
+                (0.0, -0.15 * h, z), 0.11 * min(w, h), lift * 4, "label_brown", "z", 18, 0.0001
+            )
+        )
         make.see(shapes.box((face * w / 2, 0.1 * h, 0.0), (lift, 0.5 * h, 0.7 * d), accent, 0.0))
     make.see(shapes.box((0.0, h / 2, 0.0), (0.98 * w, lift, 0.004), "label_brown", 0.0))
     return _item(name, mass_kg, make.parts, make.solids())
@@ -102,20 +144,30 @@ def _potted_meat() -> ObjectModel:
     outline = _rounded_outline(w / 2, d / 2, corner, 5)
     parts = []
     for low, high, grow, material in (
-        (-0.5, -0.46, 0.0, "can_metal"), (-0.46, -0.12, -0.0008, "label_blue"),
-        (-0.12, 0.02, -0.0006, "label_yellow"), (0.02, 0.44, -0.0008, "label_blue"), (0.44, 0.5, 0.0, "can_metal"),
-    ):  # fmt: skip
+        (-0.5, -0.46, 0.0, "can_metal"),
+        (-0.46, -0.12, -0.0008, "label_blue"),
+        (-0.12, 0.02, -0.0006, "label_yellow"),
+        (0.02, 0.44, -0.0008, "label_blue"),
+        (0.44, 0.5, 0.0, "can_metal"),
+    ):
         parts += _extruded(outline, low * h, high * h, grow, material)
     sides = [(x, z) for x, z in _rounded_outline(w / 2, d / 2, corner, 4)]
     return _item("010_potted_meat_can", 0.370, parts, [solids.prism(sides, -h / 2, h / 2)])
 
 
-def _rounded_outline(half_x: float, half_z: float, corner: float, steps: int) -> list[tuple[float, float]]:
+def _rounded_outline(
+    half_x: float, half_z: float, corner: float, steps: int
+) -> list[tuple[float, float]]:
     out = []
     for sx, sz, start in ((1, 1, 0.0), (-1, 1, 0.5), (-1, -1, 1.0), (1, -1, 1.5)):
         for k in range(steps):
             angle = math.pi * (start + 0.5 * k / (steps - 1))
-            out.append((sx * (half_x - corner) + corner * math.cos(angle), sz * (half_z - corner) + corner * math.sin(angle)))
+            out.append(
+                (
+                    sx * (half_x - corner) + corner * math.cos(angle),
+                    sz * (half_z - corner) + corner * math.sin(angle),
+                )
+            )
     return out
 
 
@@ -145,14 +197,19 @@ def _apple() -> ObjectModel:
     profile: Chain = []
     for k in range(17):
         t = -math.pi / 2 + math.pi * k / 16
-        dip = 0.010 * math.exp(-((math.pi / 2 - t) / 0.42) ** 2) + 0.005 * math.exp(-((math.pi / 2 + t) / 0.4) ** 2)
+        dip = 0.010 * math.exp(-(((math.pi / 2 - t) / 0.42) ** 2)) + 0.005 * math.exp(
+            -(((math.pi / 2 + t) / 0.4) ** 2)
+        )
         wide = r * math.cos(t) * (1.0 + 0.05 * math.sin(t))
-        profile.append((max(wide, 0.0) * 0.985, r * 0.95 * math.sin(t) - math.copysign(dip, math.sin(t))))
-    skin = shapes.lathe([profile], "apple_red", 24)
-    stalk = shapes.tube([(0.0, 0.022, 0.0), (0.001, 0.032, 0.0), (0.004, 0.041, 0.001)], 0.0014, "stalk", 6)
-    blush = shapes.sphere((0.012, 0.008, 0.010), (0.0245, 0.0225, 0.0245), "apple_blush", 8, 12)
+        profile.append(
+            (max(wide, 0.0) * 0.985, r * 0.95 * math.sin(t) - math.copysign(dip, math.sin(t)))
+        )
+    skin = shapes.lathe([profile], "apple_skin", 24)
+    stalk = shapes.tube(
+        [(0.0, 0.022, 0.0), (0.001, 0.032, 0.0), (0.004, 0.041, 0.001)], 0.0014, "stalk", 6
+    )
     hull = solids.ball((r, r * 0.92, r), 4, 10)
-    return _item("013_apple", 0.068, [skin, stalk, blush], [hull])
+    return _item("013_apple", 0.068, [skin, stalk], [hull])
 
 
 def _orange() -> ObjectModel:
@@ -168,11 +225,20 @@ def _bowl() -> ObjectModel:
     inner = [(0.0760, 0.053), (0.0660, 0.0355), (0.0505, 0.021), (0.0330, 0.0095), (0.0, 0.0085)]
     pieces = [solids.frustum(0.036, 0.044, 0.0, 0.009, 16)]
     levels = (0.009, 0.030, 0.053)
-    for low, high in zip(levels[:-1], levels[1:], strict=True):
-        pieces += solids.ring(_radii(profile, inner, low), _radii(profile, inner, high), (low, high), 12)
+    for low, high in pairwise(levels):
+        pieces += solids.ring(
+            _radii(profile, inner, low), _radii(profile, inner, high), (low, high), 12
+        )
     center = _centroid(pieces)
-    chains = [[(0.0, 0.002), (0.028, 0.002), (0.030, 0.0)], profile, [profile[-1], (0.0782, 0.0542), inner[0]], inner]
-    parts = [shapes.lathe([[(r, y - center) for r, y in chain]], "bowl_red", 32) for chain in chains]
+    chains = [
+        [(0.0, 0.002), (0.028, 0.002), (0.030, 0.0)],
+        profile,
+        [profile[-1], (0.0782, 0.0542), inner[0]],
+        inner,
+    ]
+    parts = [
+        shapes.lathe([[(r, y - center) for r, y in chain]], "bowl_red", 32) for chain in chains
+    ]
     return _item("024_bowl", 0.147, parts, [solids.moved(p, (0.0, -center, 0.0)) for p in pieces])
 
 
@@ -187,18 +253,43 @@ def _mug() -> ObjectModel:
     r, h, wall = 0.040, 0.082, 0.0035
     pieces = [solids.frustum(r - 0.002, r, 0.0, 0.006, 16)]
     pieces += solids.ring((r - wall, r), (r - wall, r), (0.006, h), 12)
-    loop = [(r - 0.002, 0.066, 0.0), (0.052, 0.068, 0.0), (0.062, 0.062, 0.0), (0.067, 0.050, 0.0), (0.066, 0.036, 0.0),
-            (0.059, 0.024, 0.0), (0.050, 0.017, 0.0), (r - 0.002, 0.015, 0.0)]  # fmt: skip
-    for (x0, x1), (y0, y1) in (((0.038, 0.062), (0.060, 0.070)), ((0.060, 0.070), (0.022, 0.064)), ((0.038, 0.062), (0.013, 0.024))):
+    loop = [
+        (r - 0.002, 0.066, 0.0),
+        (0.052, 0.068, 0.0),
+        (0.062, 0.062, 0.0),
+        (0.067, 0.050, 0.0),
+        (0.066, 0.036, 0.0),
+        (0.059, 0.024, 0.0),
+        (0.050, 0.017, 0.0),
+        (r - 0.002, 0.015, 0.0),
+    ]
+    for (x0, x1), (y0, y1) in (
+        ((0.038, 0.062), (0.060, 0.070)),
+        ((0.060, 0.070), (0.022, 0.064)),
+        ((0.038, 0.062), (0.013, 0.024)),
+    ):
         box = Builder()
         box.span((x0, y0, -0.005), (x1, y1, 0.005), "mug_red")
         pieces += box.solids()
     center = _centroid(pieces[:13])
     outside: list[Chain] = [
         [(0.0, 0.002), (0.030, 0.002), (0.032, 0.0), (r - 0.003, 0.0)],
-        [(r - 0.003, 0.0), (r - 0.0008, 0.001), (r, 0.004), (r, h - 0.002), (r - 0.0008, h), (r - 0.002, h)],
+        [
+            (r - 0.003, 0.0),
+            (r - 0.0008, 0.001),
+            (r, 0.004),
+            (r, h - 0.002),
+            (r - 0.0008, h),
+            (r - 0.002, h),
+        ],
     ]
-    inside: Chain = [(r - 0.002, h), (r - wall, h - 0.001), (r - wall, 0.010), (r - wall - 0.004, 0.006), (0.0, 0.006)]
+    inside: Chain = [
+        (r - 0.002, h),
+        (r - wall, h - 0.001),
+        (r - wall, 0.010),
+        (r - wall - 0.004, 0.006),
+        (0.0, 0.006),
+    ]
     parts = [shapes.lathe(outside, "mug_red", 30), shapes.lathe([inside], "mug_inside", 30)]
     parts.append(shapes.tube(loop, 0.0048, "mug_red", 10))
     lowered = [shapes.moved(p, (0.0, -center, 0.0)) for p in parts]
@@ -209,7 +300,12 @@ def _sponge() -> ObjectModel:
     make = Builder()
     make.soft((0.0, 0.0018, 0.0), (0.114, 0.0104, 0.072), "sponge_yellow", 0.003, solid=False)
     make.box((0.0, -0.0052, 0.0), (0.113, 0.0036, 0.071), "sponge_green", 0.001, solid=False)
-    return _item("026_sponge", 0.0062, make.parts, [solids.from_box(Box((0.0, 0.0, 0.0), (0.114, 0.014, 0.072)))])
+    return _item(
+        "026_sponge",
+        0.0062,
+        make.parts,
+        [solids.from_box(Box((0.0, 0.0, 0.0), (0.114, 0.014, 0.072)))],
+    )
 
 
 def _centroid(pieces: list[Convex]) -> float:

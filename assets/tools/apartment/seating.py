@@ -1,16 +1,18 @@
-"""Sofa, chairs, stool, beanbag and cushions. Fronts face -z."""
+"""Sofa, chairs, stool, beanbag, bed and cushions. Fronts face -z."""
 
 import math
+from dataclasses import replace
 
+import numpy as np
 import shapes
 import solids
 from builder import Builder
-from model import Convex, ObjectModel, Receptacle
+from model import Box, Convex, ObjectModel, Part, Receptacle
 
 
 def build() -> list[ObjectModel]:
-    """Return everything to sit on."""
-    return [_sofa(), _armchair(), _dining_chair(), _stool(), _beanbag(), *_cushions()]
+    """Return everything to sit or lie on."""
+    return [_sofa(), _armchair(), _dining_chair(), _stool(), _beanbag(), _bed(), *_cushions()]
 
 
 def _sofa() -> ObjectModel:
@@ -41,9 +43,13 @@ def _armchair() -> ObjectModel:
         for z in (-0.27, 0.27):
             make.post((side * 0.30, -0.311, z), 0.018, 0.102, "oak")
     free = Receptacle(
-        "receptacle_aabb_Chr1_Top1_frl_apartment_chair_01", (0.0, seat + 0.0946, -0.115), (0.22, 0.0946, 0.21)
+        "receptacle_aabb_Chr1_Top1_frl_apartment_chair_01",
+        (0.0, seat + 0.0946, -0.115),
+        (0.22, 0.0946, 0.21),
     )
-    return ObjectModel("frl_apartment_chair_01", "chair", 20, 22.0, make.parts, make.solids(), [free])
+    return ObjectModel(
+        "frl_apartment_chair_01", "chair", 20, 22.0, make.parts, make.solids(), [free]
+    )
 
 
 def _dining_chair() -> ObjectModel:
@@ -74,17 +80,55 @@ def _stool() -> ObjectModel:
 def _beanbag() -> ObjectModel:
     """Return a sagging bag: a turned pear with a seam ring and a knot."""
     make, floor = Builder(), -0.333
-    profile = [(0.0, floor), (0.34, floor), (0.44, floor + 0.03), (0.495, floor + 0.10), (0.51, floor + 0.18),
-               (0.49, floor + 0.28), (0.43, floor + 0.38), (0.34, floor + 0.47), (0.24, floor + 0.545),
-               (0.15, floor + 0.60), (0.07, floor + 0.63), (0.0, floor + 0.64)]  # fmt: skip
-    make.see(shapes.lathe([profile], "bag_cloth", 28))
-    make.see(shapes.cylinder((0.0, floor + 0.655, 0.0), 0.035, 0.05, "bag_cloth", top_radius_m=0.05))
+    profile = [
+        (0.0, floor),
+        (0.34, floor),
+        (0.44, floor + 0.03),
+        (0.495, floor + 0.10),
+        (0.51, floor + 0.18),
+        (0.49, floor + 0.28),
+        (0.43, floor + 0.38),
+        (0.34, floor + 0.47),
+        (0.24, floor + 0.545),
+        (0.15, floor + 0.60),
+        (0.07, floor + 0.63),
+        (0.0, floor + 0.64),
+    ]
+    make.see(_puckered(shapes.lathe([profile], "bag_cloth", 36), floor))
+    make.see(
+        shapes.cylinder((0.0, floor + 0.655, 0.0), 0.035, 0.05, "bag_cloth", top_radius_m=0.05)
+    )
     make.convexes += [
         solids.frustum(0.40, 0.51, floor, floor + 0.15, 16),
         solids.frustum(0.51, 0.42, floor + 0.15, floor + 0.39, 16),
         solids.frustum(0.42, 0.10, floor + 0.39, floor + 0.62, 16),
     ]
     return ObjectModel("frl_apartment_beanbag", "beanbag", 6, 11.0, make.parts, make.solids())
+
+
+def _puckered(part: Part, floor: float) -> Part:
+    """Press six shallow folds into a turned bag, none at its foot."""
+    x, y, z = part.positions.T
+    angle, share = np.arctan2(z, x), np.clip((y - floor) / 0.3, 0, 1)
+    scale = 1 - 0.07 * share * (0.5 + 0.5 * np.cos(6 * angle)) - 0.05 * share * np.cos(angle - 0.6)
+    points = np.stack([x * scale, y - 0.04 * share * (x / 0.5), z * scale], axis=1)
+    return shapes.smoothed(replace(part, positions=points))
+
+
+def _bed() -> ObjectModel:
+    """Return a double bed; the head is at +z."""
+    make, floor = Builder(), -0.30
+    make.box((0.0, floor + 0.20, 0.0), (1.62, 0.12, 2.04), "oak", 0.008)
+    make.soft((0.0, floor + 0.36, -0.01), (1.58, 0.20, 1.98), "linen", 0.05)
+    make.soft((0.0, floor + 0.39, -0.26), (1.66, 0.19, 1.52), "duvet", 0.07, 0.015, solid=False)
+    make.soft((0.0, floor + 0.46, 0.42), (1.64, 0.08, 0.28), "linen", 0.038, 0.008, solid=False)
+    make.boxes.append(Box((0.0, floor + 0.48, -0.18), (1.60, 0.04, 1.50)))
+    for x in (-0.39, 0.39):
+        make.soft((x, floor + 0.505, 0.76), (0.66, 0.12, 0.40), "linen", 0.058, 0.03)
+        for z in (-0.92, 0.92):
+            make.box((1.9 * x, floor + 0.07, z), (0.07, 0.14, 0.07), "oak", 0.006)
+    make.soft((0.0, floor + 0.42, 1.045), (1.66, 0.72, 0.05), "chair_cloth", 0.02)
+    return ObjectModel("apartment_bed", "bed", 7, 60.0, make.parts, make.solids())
 
 
 def _cushions() -> list[ObjectModel]:
@@ -99,7 +143,17 @@ def _cushions() -> list[ObjectModel]:
 def _pillow() -> Convex:
     """Return the cushion's hull: a flat octagon standing on its edge."""
     slab = solids.prism(
-        [(-0.21, -0.15), (-0.15, -0.20), (0.15, -0.20), (0.21, -0.15),
-         (0.21, 0.15), (0.15, 0.20), (-0.15, 0.20), (-0.21, 0.15)], -0.05, 0.05,
-    )  # fmt: skip
+        [
+            (-0.21, -0.15),
+            (-0.15, -0.20),
+            (0.15, -0.20),
+            (0.21, -0.15),
+            (0.21, 0.15),
+            (0.15, 0.20),
+            (-0.15, 0.20),
+            (-0.21, 0.15),
+        ],
+        -0.05,
+        0.05,
+    )
     return Convex(slab.vertices[:, [0, 2, 1]], slab.faces[:, ::-1])

@@ -44,7 +44,7 @@ def box(center: Vec3, size: Vec3, material: str, bevel_m: float = 0.004) -> Part
         np.array(triangles),
         material,
     )
-    return _oriented(part)
+    return oriented(part)
 
 
 def _face_quad(index: dict[tuple[int, ...], int], axis: int, side: int) -> list[int]:
@@ -55,7 +55,12 @@ def _face_quad(index: dict[tuple[int, ...], int], axis: int, side: int) -> list[
 def _edge_quad(index: dict[tuple[int, ...], int], axis: int, s: int, t: int) -> list[int]:
     first, second = [a for a in range(3) if a != axis]
     low, high = _corner(axis, 0, (s, t)), _corner(axis, 1, (s, t))
-    return [index[(first, *low)], index[(first, *high)], index[(second, *high)], index[(second, *low)]]
+    return [
+        index[(first, *low)],
+        index[(first, *high)],
+        index[(second, *high)],
+        index[(second, *low)],
+    ]
 
 
 def _corner(axis: int, side: int, pair: tuple[int, int]) -> tuple[int, ...]:
@@ -84,7 +89,7 @@ def soft_box(
     half = np.asarray(size, float) / 2
     radius = min(radius_m, float(half.min()) * 0.999)
     grids = [_soft_ticks(h, radius, steps, 3 if bulge_m else 0) for h in half]
-    positions, faces, normals = [], [], []
+    positions, faces, normals, thin = [], [], [], int(np.argmin(half))
     for axis in range(3):
         u_axis, v_axis = [a for a in range(3) if a != axis]
         for side in (-1.0, 1.0):
@@ -96,15 +101,21 @@ def soft_box(
                     inner = np.clip(point, radius - half, half - radius)
                     normal = point - inner
                     normal /= np.linalg.norm(normal)
-                    swell = bulge_m * np.prod([1 - (inner[a] / half[a]) ** 2 for a in (u_axis, v_axis)])
+                    swell = bulge_m * float(axis == thin) * _swell(inner, half - radius, axis)
                     positions.append(inner + normal * (radius + swell))
                     normals.append(normal)
             faces += _grid_faces(start, len(grids[u_axis]), n_v)
     points = np.array(positions)
     part = Part(points, np.array(normals), np.zeros((len(points), 2)), np.array(faces), material)
-    part = _oriented(part)
+    part = oriented(part)
     part = replace(part, normals=_smooth_normals(part), uv_m=_triplanar_uv(points, part.normals))
     return moved(part, center)
+
+
+def _swell(inner: Array, reach: Array, axis: int) -> float:
+    """Return how far out a cushion's broad face is: 1 in the middle, 0 along its border."""
+    share = 1 - (inner / np.maximum(reach, 1e-9)) ** 2
+    return float(np.prod(np.delete(share, axis)))
 
 
 def _soft_ticks(half: float, radius: float, steps: int, inner: int) -> Array:
@@ -165,14 +176,14 @@ def lathe(
         run = np.concatenate([[0.0], np.cumsum(np.linalg.norm(slope, axis=1))])
         start = sum(len(p) for p in positions)
         for (radius, height), (n_r, n_h), v in zip(profile, blend, run, strict=True):
-            positions.append(np.stack([radius * np.cos(angle), 0 * angle + height, radius * np.sin(angle)], 1))
+            positions.append(
+                np.stack([radius * np.cos(angle), 0 * angle + height, radius * np.sin(angle)], 1)
+            )
             normals.append(np.stack([n_r * np.cos(angle), 0 * angle + n_h, n_r * np.sin(angle)], 1))
             uvs.append(np.stack([angle * max(float(profile[:, 0].max()), 1e-3), 0 * angle + v], 1))
         faces += _grid_faces(start, len(profile), sides + 1)
-    part = Part(
-        np.vstack(positions), np.vstack(normals), np.vstack(uvs), np.array(faces), material
-    )
-    return moved(turned(_without_slivers(_oriented(part)), axis), center)
+    part = Part(np.vstack(positions), np.vstack(normals), np.vstack(uvs), np.array(faces), material)
+    return moved(turned(_without_slivers(oriented(part)), axis), center)
 
 
 def cylinder(
@@ -224,7 +235,7 @@ def tube(points: Sequence[Vec3], radius_m: float, material: str, sides: int = 10
     faces += _grid_faces(0, n, width)
     faces += _grid_faces(n * width, 2, width) + _grid_faces((n + 2) * width, 2, width)
     part = Part(np.vstack(rings), np.vstack(normals), np.vstack(uvs), np.array(faces), material)
-    return _without_slivers(_oriented(part))
+    return _without_slivers(oriented(part))
 
 
 def sphere(center: Vec3, radii: Vec3, material: str, rings: int = 10, sides: int = 16) -> Part:
@@ -247,9 +258,16 @@ def sheet(outline: Sequence[Vec3], material: str) -> Part:
     normal = np.cross(points[1] - points[0], points[2] - points[0])
     normal = normal / max(float(np.linalg.norm(normal)), 1e-12)
     both = np.vstack([points, points])
-    normals = np.vstack([np.repeat(normal[None], len(points), 0), np.repeat(-normal[None], len(points), 0)])
+    normals = np.vstack(
+        [np.repeat(normal[None], len(points), 0), np.repeat(-normal[None], len(points), 0)]
+    )
     faces = np.vstack([fan, fan[:, ::-1] + len(points)])
     return Part(both, normals, both[:, [0, 2]], faces, material)
+
+
+def smoothed(part: Part) -> Part:
+    """Return the part with normals averaged from its faces, after it was bent."""
+    return replace(part, normals=_smooth_normals(part))
 
 
 def moved(part: Part, offset: Vec3 | Array) -> Part:
@@ -260,9 +278,7 @@ def moved(part: Part, offset: Vec3 | Array) -> Part:
 def rotated(part: Part, axis: str, angle_rad: float) -> Part:
     """Return the part turned about a coordinate axis through the origin."""
     rotation = rotation_matrix(axis, angle_rad)
-    return replace(
-        part, positions=part.positions @ rotation.T, normals=part.normals @ rotation.T
-    )
+    return replace(part, positions=part.positions @ rotation.T, normals=part.normals @ rotation.T)
 
 
 def rotation_matrix(axis: str, angle_rad: float) -> Array:
@@ -282,7 +298,8 @@ def turned(part: Part, axis: str) -> Part:
     return rotated(part, "x", np.pi / 2) if axis == "z" else part
 
 
-def _oriented(part: Part) -> Part:
+def oriented(part: Part) -> Part:
+    """Return the part with every triangle wound to agree with its normals."""
     corner = part.positions[part.faces]
     flat = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     wrong = np.einsum("ij,ij->i", flat, part.normals[part.faces].sum(axis=1)) < 0
@@ -293,5 +310,7 @@ def _oriented(part: Part) -> Part:
 
 def _without_slivers(part: Part) -> Part:
     corner = part.positions[part.faces]
-    area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
+    area = np.linalg.norm(
+        np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1
+    )
     return replace(part, faces=part.faces[area > 1e-12])

@@ -6,9 +6,10 @@ above the walls sees in.
 
 from dataclasses import dataclass
 
+import numpy as np
 import shapes
 from builder import Builder
-from model import Convex, StageModel
+from model import Convex, Part, StageModel, Vec3
 
 HEIGHT_M, SLAB_M, SKIRTING_M = 2.6, 0.10, 0.08
 
@@ -31,6 +32,7 @@ class Wall:
     x: tuple[float, float]
     z: tuple[float, float]
     openings: tuple[Opening, ...] = ()
+    paint: str | None = None  # a second colour on the side of larger x or z
 
     @property
     def along_x(self) -> bool:
@@ -40,19 +42,28 @@ class Wall:
 
 # Habitat's ReplicaCAD stage spans x -2.66..4.60 and z -4.76..8.17, and so does this one.
 WALLS = (
-    Wall((-2.66, -2.50), (-4.76, 4.11), (Opening(0.35, 2.15, 1.0, 2.2, "window"),)),
-    Wall((-2.50, 4.44), (-4.76, -4.60),
-         (Opening(-1.95, -1.02, 0.0, 2.08, "front_door"), Opening(0.9, 2.9, 0.8, 2.2, "window"))),
-    Wall((4.44, 4.60), (-4.76, 8.17),
-         (Opening(-3.5, -2.0, 0.8, 2.2, "window"), Opening(2.65, 3.75, 0.5, 2.2, "window"),
-          Opening(5.2, 7.0, 1.15, 2.2, "window"))),
+    Wall((-2.66, -2.50), (-4.76, 4.11), (Opening(0.35, 2.15, 1.0, 2.2, "window"),), "wall_sage"),
+    Wall(
+        (-2.50, 4.44),
+        (-4.76, -4.60),
+        (Opening(-1.95, -1.02, 0.0, 2.08, "front_door"), Opening(0.9, 2.9, 0.8, 2.2, "window")),
+    ),
+    Wall(
+        (4.44, 4.60),
+        (-4.76, 8.17),
+        (
+            Opening(-3.5, -2.0, 0.8, 2.2, "window"),
+            Opening(2.65, 3.75, 0.5, 2.2, "window"),
+            Opening(5.2, 7.0, 1.15, 2.2, "window"),
+        ),
+    ),
     Wall((0.065, 4.44), (8.01, 8.17)),
     Wall((0.065, 0.225), (4.11, 8.01)),
     Wall((-2.50, 0.225), (3.95, 4.11), (Opening(-2.0, -0.5, 0.9, 2.2, "window"),)),
     Wall((0.225, 0.85), (3.95, 4.03)),
     Wall((-0.40, 4.44), (-0.79, -0.69), (Opening(2.55, 3.65, 0.0, 2.12, "doorway"),)),
     Wall((-0.40, -0.30), (-4.60, -0.79), (Opening(-2.675, -1.715, 0.0, 2.085, "doorway"),)),
-)  # fmt: skip
+)
 FLOORS = (
     ((-2.66, 4.60), (-4.76, 4.03), "floor_planks"),
     ((0.065, 4.60), (4.03, 8.17), "floor_tile"),
@@ -89,6 +100,19 @@ def _wall(make: Builder, wall: Wall) -> None:
 def _piece(make: Builder, wall: Wall, run: tuple[float, float], y: tuple[float, float]) -> None:
     low, high = _corners(wall, run, y, 0.0)
     make.span(low, high, "wall", 0.0)
+    if wall.paint is not None:
+        low, high = _corners(wall, run, y, 0.002)
+        make.span(
+            (
+                (wall.x[1] if not wall.along_x else low[0]),
+                low[1],
+                (wall.z[1] if wall.along_x else low[2]),
+            ),
+            high,
+            wall.paint,
+            0.0,
+            solid=False,
+        )
     if y[1] == HEIGHT_M:
         low, high = _corners(wall, run, (HEIGHT_M, HEIGHT_M + 0.012), 0.002)
         make.span(low, high, "wall_edge", 0.0, solid=False)
@@ -99,7 +123,7 @@ def _piece(make: Builder, wall: Wall, run: tuple[float, float], y: tuple[float, 
 
 def _corners(
     wall: Wall, run: tuple[float, float], y: tuple[float, float], swell: float
-) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+) -> tuple[Vec3, Vec3]:
     """Return two corners of a stretch of the wall, grown sideways by `swell`."""
     if wall.along_x:
         return (run[0], y[0], wall.z[0] - swell), (run[1], y[1], wall.z[1] + swell)
@@ -130,19 +154,49 @@ def _inset(wall: Wall, share: float, thick_m: float) -> float:
 
 def _window(make: Builder, wall: Wall, hole: Opening) -> list[Convex]:
     bar, middle = 0.045, (hole.start + hole.end) / 2
-    make.span(*_corners(wall, (hole.start - 0.03, hole.end + 0.03), (hole.sill - 0.03, hole.sill), 0.045),
-              "trim", 0.006, solid=False)  # fmt: skip
+    make.span(
+        *_corners(wall, (hole.start - 0.03, hole.end + 0.03), (hole.sill - 0.03, hole.sill), 0.045),
+        "trim",
+        0.006,
+        solid=False,
+    )
     frame = _inset(wall, 1.0, 0.05)
     stiles = (hole.start, middle - bar / 2, hole.end - bar)
     for start in stiles:
-        make.span(*_corners(wall, (start, start + bar), (hole.sill, hole.head), frame), "trim", 0.004, solid=False)
+        make.span(
+            *_corners(wall, (start, start + bar), (hole.sill, hole.head), frame),
+            "trim",
+            0.004,
+            solid=False,
+        )
     for low in (hole.sill, hole.head - bar):
-        make.span(*_corners(wall, (hole.start, hole.end), (low, low + bar), frame), "trim", 0.004, solid=False)
+        make.span(
+            *_corners(wall, (hole.start, hole.end), (low, low + bar), frame),
+            "trim",
+            0.004,
+            solid=False,
+        )
     pane = _corners(wall, (hole.start, hole.end), (hole.sill, hole.head), _inset(wall, 1.0, 0.006))
-    make.span(*pane, "sky", 0.0, solid=False)
+    make.see(*_panorama(wall, pane))
     solid = Builder()
     solid.span(*_corners(wall, (hole.start, hole.end), (hole.sill, hole.head), frame), "trim")
     return solid.solids()
+
+
+def _panorama(wall: Wall, pane: tuple[Vec3, Vec3]) -> list[Part]:
+    """Return the picture behind a window, once over the pane on either side."""
+    (x0, y0, z0), (x1, y1, z1) = pane
+    ends = [(x0, z1), (x1, z1)] if wall.along_x else [(x1, z0), (x1, z1)]
+    (ax, az), (bx, bz) = ends
+    points = np.array([[ax, y0, az], [bx, y0, bz], [bx, y1, bz], [ax, y1, az]])
+    uv = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    normal = np.array([0.0, 0.0, 1.0] if wall.along_x else [1.0, 0.0, 0.0])
+    out = []
+    for sign, fan in ((1.0, [[0, 1, 2], [0, 2, 3]]), (-1.0, [[0, 2, 1], [0, 3, 2]])):
+        # The run along z is left-handed seen from +x.
+        faces = np.array(fan) if wall.along_x else np.array(fan)[:, ::-1]
+        out.append(Part(points, np.tile(sign * normal, (4, 1)), uv, faces, "view"))
+    return out
 
 
 def _front_door(make: Builder, wall: Wall, hole: Opening) -> list[Convex]:

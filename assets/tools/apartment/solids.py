@@ -1,5 +1,7 @@
 """Closed convex collision shapes with exact, hand-laid triangles."""
 
+from itertools import pairwise
+
 import numpy as np
 from model import Array, Box, Convex
 from numpy.typing import NDArray
@@ -42,7 +44,7 @@ def frustum(
 def prism(outline_xz: list[tuple[float, float]], bottom_m: float, top_m: float) -> Convex:
     """Return an upright prism over a convex outline."""
     flat = np.array([[x, 0.0, z] for x, z in outline_xz])
-    both = np.vstack([flat + [0, bottom_m, 0], flat + [0, top_m, 0]])
+    both = np.vstack([flat + np.array([0, y, 0]) for y in (bottom_m, top_m)])
     return _outward(Convex(both, _prism_faces(len(outline_xz))))
 
 
@@ -52,7 +54,7 @@ def ring(
     """Return a ring wall of convex pieces; `bottom` and `top` hold (inner, outer) radius."""
     angle = np.arange(pieces + 1) * 2 * np.pi / pieces
     out = []
-    for first, second in zip(angle[:-1], angle[1:], strict=True):
+    for first, second in pairwise(angle):
         corners = [
             (radius * np.cos(t), y, radius * np.sin(t))
             for t in (first, second)

@@ -37,8 +37,11 @@ def _grain(rng: np.random.Generator, size: int, lines: int) -> Array:
     broad = _noise(rng, size, size, lines // 4, 2)
     fine = _noise(rng, size, size, lines, 4)
     hair = _noise(rng, size, size, size // 2, 6)
-    waves = 0.5 + 0.5 * np.sin(2 * np.pi * (3 * broad + _noise(rng, size, size, 3, 2)))
-    return 0.42 * waves + 0.33 * fine + 0.25 * hair
+    rise = np.arange(size)[:, None] * 4 / size
+    waves = 0.5 + 0.5 * np.sin(
+        2 * np.pi * (rise + 0.55 * broad + 0.35 * _noise(rng, size, size, 3, 2))
+    )
+    return 0.26 * waves + 0.40 * fine + 0.34 * hair
 
 
 def wood(seed: int, dark: Color, light: Color) -> Array:
@@ -68,7 +71,9 @@ def weave(seed: int, dark: Color, light: Color) -> Array:
     rng, size = np.random.default_rng(seed), 64
     y, x = np.mgrid[0:size, 0:size]
     over = ((x // 4 + y // 4) % 2).astype(float)
-    thread = np.where(over > 0, np.sin((y % 4 + 0.5) * np.pi / 4), np.sin((x % 4 + 0.5) * np.pi / 4))
+    thread = np.where(
+        over > 0, np.sin((y % 4 + 0.5) * np.pi / 4), np.sin((x % 4 + 0.5) * np.pi / 4)
+    )
     return _image(0.45 * thread + 0.25 * over + 0.3 * rng.random((size, size)), dark, light)
 
 
@@ -80,7 +85,7 @@ def stone(seed: int, dark: Color, light: Color) -> Array:
     return _image(cloud * 0.6 + fleck + 0.12 * rng.random((size, size)), dark, light)
 
 
-def tiles(seed: int, dark: Color, light: Color, count: int = 2, grout: float = 0.86) -> Array:
+def tiles(seed: int, dark: Color, light: Color, count: int = 2, grout: float = 0.92) -> Array:
     """Return square tiles with thin joints."""
     rng, size = np.random.default_rng(seed), 128
     edge = size // count
@@ -116,6 +121,30 @@ def leaf(seed: int, dark: Color, light: Color) -> Array:
     return _image(shade, dark, light)
 
 
+def view() -> Array:
+    """Return what is seen through a window: a pale sky over blurred trees."""
+    rng, size = np.random.default_rng(19), 64
+    y = np.arange(size)[:, None] / size
+    image = _image(y * 1.4 + 0 * y.T, (0.56, 0.74, 0.93), (0.93, 0.96, 0.98))
+    cloud = _noise(rng, size, size, 4, 3) * np.clip(1.2 - 2 * y, 0, 1)
+    image = image * (1 - 0.5 * cloud[..., None]) + 0.5 * cloud[..., None]
+    crown = (
+        0.62 + 0.16 * _noise(rng, size, size, 1, 6)[:1] + 0.06 * _noise(rng, size, size, 1, 16)[:1]
+    )
+    green = _image(_noise(rng, size, size, 14, 14), (0.27, 0.42, 0.24), (0.58, 0.70, 0.45))
+    cover = np.clip((y - crown) * 20, 0, 1)[..., None]
+    return image * (1 - cover) + green * cover
+
+
+def apple_skin() -> Array:
+    """Return red skin with yellow streaks near the stalk, which is at v = 0.45."""
+    rng, size = np.random.default_rng(20), 64
+    v = 1 - (np.arange(size)[:, None] + 0.5) / size
+    streak = 0.55 * _noise(rng, size, size, 4, 24) + 0.45 * _noise(rng, size, size, 3, 6)
+    near = np.clip(1 - np.abs(v - 0.42) / 0.16, 0, 1) + 0.5 * np.clip(1 - v / 0.1, 0, 1)
+    return _image(near * (0.25 + streak), (0.62, 0.06, 0.06), (0.92, 0.68, 0.22))
+
+
 def canvas(seed: int, palette: tuple[Color, ...]) -> Array:
     """Return an abstract painting: hills under a low sun."""
     rng, size = np.random.default_rng(seed), 128
@@ -129,24 +158,8 @@ def canvas(seed: int, palette: tuple[Color, ...]) -> Array:
     return np.clip(image * (0.96 + 0.06 * rng.random((size, size, 1))), 0, 1)
 
 
-def books(seed: int, palette: tuple[Color, ...]) -> Array:
-    """Return a row of book spines."""
-    rng, height, width = np.random.default_rng(seed), 64, 128
-    image = np.zeros((height, width, 3))
-    x = 0
-    while x < width:
-        wide = int(rng.integers(5, 12))
-        color = np.asarray(palette[int(rng.integers(len(palette)))])
-        image[:, x : x + wide] = color
-        image[:, x : x + 1] = color * 0.55
-        if rng.random() > 0.3:
-            image[10:13, x + 1 : x + wide] = image[52:54, x + 1 : x + wide] = (0.85, 0.78, 0.6)
-        x += wide
-    return image
-
-
 def to_image(rgb: Array) -> Image.Image:
-    """Return an 8-bit palette image; k-means free, so that the bytes depend on the input alone."""
+    """Return an 8-bit palette image, without dithering, whose bytes depend on the input alone."""
     data = np.round(np.clip(rgb, 0, 1) * 255).astype(np.uint8)
     image = Image.fromarray(data, "RGB")
     return image.quantize(COLORS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
@@ -178,9 +191,6 @@ TEXTURES: dict[str, Callable[[], Array]] = {
         ((0.62, 0.75, 0.82), (0.88, 0.90, 0.86), (0.98, 0.93, 0.72), (0.62, 0.68, 0.48),
          (0.42, 0.52, 0.32), (0.24, 0.36, 0.24)),
     ),
-    "books": lambda: books(
-        18,
-        ((0.55, 0.16, 0.13), (0.14, 0.25, 0.40), (0.80, 0.72, 0.55), (0.20, 0.36, 0.27),
-         (0.84, 0.55, 0.20), (0.30, 0.27, 0.30), (0.88, 0.86, 0.80)),
-    ),
+    "view": view,
+    "apple_skin": apple_skin,
 }  # fmt: skip

@@ -80,9 +80,7 @@ def _write_object(item: ObjectModel, out: Path) -> None:
         "category": item.category,
     }
     if item.receptacles:
-        config["user_defined"] = {
-            r.name: _receptacle(r, item.name) for r in item.receptacles
-        }
+        config["user_defined"] = {r.name: _receptacle(r, item.name) for r in item.receptacles}
     _write_json(out / "configs/objects" / f"{item.name}.object_config.json", config)
 
 
@@ -111,7 +109,9 @@ def _write_articulation(model: Articulation, out: Path) -> None:
         lines += _joint_xml(joint)
     lines.append("</robot>")
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / f"{model.name}.urdf").write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+    (folder / f"{model.name}.urdf").write_text(
+        "\n".join(lines) + "\n", encoding="utf-8", newline="\n"
+    )
     user = {r.name: _receptacle(r, model.parent_object) for r in model.receptacles}
     config = {"urdf_filepath": f"{model.name}.urdf", "user_defined": user}
     _write_json(folder / f"{model.name}.ao_config.json", config)
@@ -122,7 +122,8 @@ def _link_xml(link: Link) -> list[str]:
         return [f'  <link name="{link.name}"/>']
     body = inertia.of_boxes(link.boxes, link.mass_kg)
     xx, yy, zz, xy, xz, yz = (
-        _number(v) for v in (*np.diag(body.tensor), body.tensor[0, 1], body.tensor[0, 2], body.tensor[1, 2])
+        _number(v)
+        for v in (*np.diag(body.tensor), body.tensor[0, 1], body.tensor[0, 2], body.tensor[1, 2])
     )
     lines = [
         f'  <link name="{link.name}">',
@@ -250,7 +251,9 @@ def write_solids(solids: list[Convex], path: Path) -> None:
     scene = trimesh.Scene()
     for index, solid in enumerate(solids):
         name = f"convex_{index:03d}"
-        mesh = trimesh.Trimesh(_rounded(solid.vertices, POSITION_DIGITS), solid.faces, process=False)
+        mesh = trimesh.Trimesh(
+            _rounded(solid.vertices, POSITION_DIGITS), solid.faces, process=False
+        )
         mesh.visual = trimesh.visual.TextureVisuals()
         scene.add_geometry(mesh, node_name=name, geom_name=name)
     _write_glb(scene, path, normals=False)

@@ -1,1 +1,13 @@
+"""Episodes: what they are, where they come from, how they are written into the simulator."""
 
+from hab_tasks.episodes.schema import Episode, EpisodeSet, read_episodes, write_episodes
+from hab_tasks.episodes.source import load_episodes, open_source
+
+__all__ = [
+    "Episode",
+    "EpisodeSet",
+    "load_episodes",
+    "open_source",
+    "read_episodes",
+    "write_episodes",
+]

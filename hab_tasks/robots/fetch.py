@@ -98,7 +98,8 @@ class HabFetch(BaseAgent):
 
     def _load_articulation(self, initial_pose: object = None) -> None:
         self.urdf_path = str(fetch_urdf(visuals=self.scene.can_render()))
-        super()._load_articulation(initial_pose)  # type: ignore[arg-type]
+        start = sapien.Pose([0.0, 0.0, BASE_HEIGHT_M]) if initial_pose is None else initial_pose
+        super()._load_articulation(start)  # type: ignore[arg-type]
 
     def _after_init(self) -> None:
         self.ee_link = self.link(EE_LINK)

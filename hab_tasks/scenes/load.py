@@ -46,7 +46,8 @@ def load_scene(dataset: SceneDataset, scene_id: str) -> SceneSpec:
     objects, missing = _objects(dataset, file, data)
     articulations = _articulations(dataset, file, data)
     if missing:
-        _say_once(f"{dataset.root}: skipped objects without files: {', '.join(missing)}.")
+        absent = ", ".join(_absent_templates(dataset))
+        _say_once(f"{dataset.root}: objects without files are skipped wherever they occur: {absent}.")
     receptacles = [r for instance in objects for r in _placed_receptacles(instance)]
     for instance in articulations:
         receptacles.extend(_articulated_receptacles(instance))
@@ -144,6 +145,10 @@ def _objects(
         )
         counts[template_name] += 1
     return instances, sorted(set(missing))
+
+
+def _absent_templates(dataset: SceneDataset) -> list[str]:
+    return sorted(name for name, file in dataset.object_files.items() if load_template(file) is None)
 
 
 def _articulations(

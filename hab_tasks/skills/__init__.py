@@ -1,1 +1,1 @@
-
+"""Skills: one file each; `base` runs them."""

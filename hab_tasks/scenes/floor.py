@@ -1,0 +1,107 @@
+"""Free floor: where Fetch's base can stand, from the collision geometry."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+from scipy import ndimage
+from scipy.spatial import ConvexHull, QhullError
+
+from hab_tasks.privileged import Array, CollisionBody, CollisionShape
+from hab_tasks.robots.fetch_spec import BASE_RADIUS_M
+
+CELL_M = 0.05
+LOWEST_M, HIGHEST_M = 0.06, 1.3
+"""Only what lies between these heights stands in the base's way (rugs are lower)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FreeFloor:
+    """Distance from every floor cell to the nearest obstacle.
+
+    Attributes:
+        origin_m: World position (2,) of the centre of cell (0, 0).
+        clearance_m: (X, Y) distance to the nearest obstacle.
+        room: (X, Y) whether the cell belongs to the largest connected area the base can use.
+    """
+
+    origin_m: Array
+    clearance_m: Array
+    room: NDArray[np.bool_]
+
+    def cells_by_distance(self, point_m: Array, clearance_m: float, nearest_m: float) -> Array:
+        """Returns usable positions (K, 2), nearest to `point_m` (2,) first.
+
+        Args:
+            clearance_m: Free radius that a position must have.
+            nearest_m: Positions nearer than this are left out.
+        """
+        cells = np.argwhere(self.room & (self.clearance_m >= clearance_m))
+        positions = self.origin_m + CELL_M * cells
+        distance = np.linalg.norm(positions - point_m[:2], axis=1)
+        order = np.argsort(distance, kind="stable")
+        return positions[order[distance[order] >= nearest_m]]
+
+    def clearance_at(self, point_m: Array) -> float:
+        """Returns the clearance [m] at a position (2,), 0 outside the map."""
+        cell = np.round((np.asarray(point_m[:2]) - self.origin_m) / CELL_M).astype(int)
+        if (cell < 0).any() or (cell >= self.clearance_m.shape).any():
+            return 0.0
+        return float(self.clearance_m[tuple(cell)]) if self.room[tuple(cell)] else 0.0
+
+
+def free_floor(
+    bodies: Iterable[CollisionBody],
+    world_from_body: dict[str, Array],
+    radius_m: float = BASE_RADIUS_M,
+) -> FreeFloor:
+    """Maps the free floor between `bodies` at their given poses (4, 4)."""
+    outlines = []
+    ground = []
+    for body in bodies:
+        for shape in body.shapes:
+            points = world_from_body[body.name] @ body_points(shape)
+            low, high = points[2].min(), points[2].max()
+            if body.group == "stage":
+                ground.append(points[:2])
+            if high > LOWEST_M and low < HIGHEST_M:
+                outlines.append(_outline(points[:2].T))
+    corners = np.concatenate(ground, axis=1) if ground else np.concatenate(outlines).T
+    origin = corners.min(axis=1)
+    size = np.ceil((corners.max(axis=1) - origin) / CELL_M).astype(int) + 1
+    image = Image.new("1", (int(size[0]), int(size[1])), 0)
+    draw = ImageDraw.Draw(image)
+    for outline in outlines:
+        draw.polygon([tuple(p) for p in (outline - origin) / CELL_M], fill=1, outline=1)
+    blocked = np.pad(np.asarray(image).T, 1, constant_values=True)
+    clearance = CELL_M * ndimage.distance_transform_edt(~blocked)[1:-1, 1:-1]
+    labels, count = ndimage.label(clearance >= radius_m)
+    sizes = ndimage.sum_labels(np.ones_like(labels), labels, range(1, count + 1))
+    room = labels == 1 + int(np.argmax(sizes)) if count else np.zeros_like(labels, dtype=bool)
+    return FreeFloor(origin_m=origin, clearance_m=clearance, room=room)
+
+
+def body_points(shape: CollisionShape) -> Array:
+    """Returns the shape's corner points in the body frame as homogeneous columns (4, K)."""
+    if shape.kind == "convex":
+        points = shape.vertices_m
+    else:
+        half = shape.half_size_m
+        if shape.kind in ("capsule", "cylinder"):
+            half = np.array([half[0] + half[1], half[0], half[0]])
+        elif shape.kind == "sphere":
+            half = np.full(3, half[0])
+        signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+        points = signs * half
+    return shape.body_from_shape @ np.vstack((points.T, np.ones(len(points))))
+
+
+def _outline(points: Array) -> Array:
+    try:
+        return points[ConvexHull(points).vertices]
+    except QhullError:
+        return points

@@ -1,0 +1,265 @@
+"""The simulated world of a skill: layouts, episodes, grasp, and one snapshot for each action."""
+
+from __future__ import annotations
+
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from mani_skill.envs.scene import ManiSkillScene
+from torch import Tensor
+
+from hab_tasks.episodes.apply import apply_episode
+from hab_tasks.episodes.schema import Episode
+from hab_tasks.episodes.source import EpisodeSource, open_source
+from hab_tasks.measures import Tracker
+from hab_tasks.privileged import CollisionBody, PrivilegedState
+from hab_tasks.robots.dormant import DormantObjects
+from hab_tasks.robots.fetch import HabFetch
+from hab_tasks.robots.grasp import Handle, make_grasp
+from hab_tasks.scenes.build import build_scene
+from hab_tasks.scenes.handles import SceneHandles
+from hab_tasks.scenes.markers import HANDLE_MARKERS
+from hab_tasks.scenes.shapes import components, matrix, read_body
+from hab_tasks.sensors import Goals
+from hab_tasks.snapshot import ContactForce, Snapshot, SnapshotReader
+
+_builds = count()
+
+
+class World:
+    """Builds layouts, applies episodes and steps physics; holds the latest `Snapshot`.
+
+    Attributes:
+        episodes: The episode of each row.
+        handles: One `SceneHandles` for each distinct layout that is built.
+        tracker: Advances the measures.
+        goals: What the episodes ask for.
+        snapshot: The simulator as read after the latest action or reset.
+    """
+
+    tracker: Tracker
+    goals: Goals
+    snapshot: Snapshot
+    _scene: ManiSkillScene
+    _agent: HabFetch
+
+    def __init__(
+        self,
+        *,
+        env_id: str,
+        scene_dataset: str | Path,
+        objects: str | Path | None,
+        split: str | None,
+        scene_id: str | None,
+        episode_file: str | Path | None,
+        num_episodes: int,
+        seed: int,
+        num_envs: int,
+    ) -> None:
+        self.source: EpisodeSource = open_source(
+            env_id=env_id,
+            scene_dataset=scene_dataset,
+            objects=objects,
+            split=split,
+            scene_id=scene_id,
+            episode_file=episode_file,
+            seed=seed,
+        )
+        self._num_episodes = min(num_episodes, self.source.available)
+        self._order = np.random.default_rng(seed)
+        self.episodes: list[Episode] = []
+        self.handles: list[SceneHandles] = []
+        self._built: list[str] = []
+        self._num_envs = num_envs
+        self._dormant: DormantObjects | None = None
+        self._key = ""
+        self._bodies: tuple[CollisionBody, ...] = ()
+
+    # Choosing and building -------------------------------------------------------------------
+
+    def choose(self, rows: list[int], seed: int | list[int] | None, wanted: Any) -> bool:
+        """Picks the next episode of each row; returns whether layouts have to be rebuilt."""
+        seeds = [seed] * len(rows) if seed is None or isinstance(seed, int) else list(seed)
+        wishes = wanted if isinstance(wanted, (list, tuple)) else [wanted] * len(rows)
+        partial = len(rows) < self._num_envs
+        chosen = list(self.episodes) or [None] * self._num_envs
+        for row, row_seed, wish in zip(rows, seeds, wishes, strict=True):
+            # Rows of one batch share a seed argument but not an episode.
+            rng = self._order if row_seed is None else np.random.default_rng([row_seed, row])
+            scene_id = self._built[row] if partial else None
+            chosen[row] = self._pick(rng, wish, scene_id)
+        self.episodes = [episode for episode in chosen if episode is not None]
+        return [episode.scene_id for episode in self.episodes] != self._built
+
+    def _pick(self, rng: np.random.Generator, wish: Any, scene_id: str | None) -> Episode:
+        if isinstance(wish, Episode):
+            return wish
+        if wish is not None:
+            return self.source.get(int(wish))
+        for _ in range(1000):
+            episode = self.source.get(int(rng.integers(self._num_episodes)))
+            # A partial reset cannot rebuild: such rows go on in the layout they have.
+            if scene_id in (None, episode.scene_id):
+                return episode
+        raise AssertionError(f"no episode in {scene_id}, though one was played there")
+
+    def build(self, scene: ManiSkillScene, agent: HabFetch) -> None:
+        """Builds the layouts of the chosen episodes and everything that watches them."""
+        self._scene, self._agent = scene, agent
+        self._built = [episode.scene_id for episode in self.episodes]
+        self.handles = []
+        for scene_id in dict.fromkeys(self._built):
+            rows = [row for row, name in enumerate(self._built) if name == scene_id]
+            spec = self.source.scene(scene_id)
+            self.handles.append(build_scene(scene, spec, self.source.objects, rows))
+        # Grasping, measures and dormancy address objects by number; with several layouts in one
+        # batch only the pickables are common to all rows, so loose objects join on one layout only.
+        first = self.handles[0]
+        movable = first.movable if len(self.handles) == 1 else first.pickables
+        self._names = list(movable)
+        self._grasp = make_grasp(scene, agent.ee_link, list(movable.values()), self._handles())
+        self._force = ContactForce(agent, self._grasp)
+        self._reader = SnapshotReader(agent, self._grasp)
+        self.tracker = Tracker(self._num_envs, scene.device)
+        zeros = torch.zeros(self._num_envs, 3, device=scene.device)
+        self.goals = Goals(object_start_m=zeros)
+        self._dormant = None
+        if not scene.gpu_sim_enabled:
+            links = dict(agent.robot.links_map)
+            self._dormant = DormantObjects(list(movable.values()), links)
+        self._key, self._bodies = f"{self._built[0]}#{next(_builds)}", ()
+
+    def _handles(self) -> list[Handle]:
+        found = []
+        for name, furniture in self.handles[0].articulations.items():
+            scale = {a.name: a.scale for a in self.handles[0].spec.articulations}[name]
+            for marker in HANDLE_MARKERS:
+                if marker.template == name.rsplit("_:", 1)[0]:
+                    offset = tuple(scale * x for x in marker.offset_m)
+                    link = furniture.links_map[marker.link]
+                    found.append(
+                        Handle(name=marker.name, furniture=furniture, link=link, offset_m=offset)  # type: ignore[arg-type]
+                    )
+        return found
+
+    # Running ---------------------------------------------------------------------------------
+
+    def thaw(self) -> None:
+        """Makes frozen bodies dynamic, before their state is written."""
+        if self._dormant is not None:
+            self._dormant.thaw_all()
+
+    def apply(self, rows: Tensor) -> None:
+        """Writes the episodes of `rows` (R,) into the simulator and starts their measures."""
+        self._grasp.reset(rows)
+        for row in rows.tolist():
+            episode = self.episodes[row]
+            handles = next(h for h in self.handles if row in h.rows)
+            settled = self.source.settled(episode.scene_id)
+            apply_episode(episode, row, handles, self._agent, settled)
+            self.tracker.target[row] = self._names.index(episode.target)
+        if self._scene.gpu_sim_enabled:
+            self._scene._gpu_apply_all()
+            self._scene.px.gpu_update_articulation_kinematics()
+            self._scene._gpu_fetch_all()
+        self._freeze()
+        self._force.clear()
+        self.snapshot = self._reader.read(self.tracker.target, self._force.newton())
+        starts = self.goals.object_start_m.clone()
+        starts[rows] = self.snapshot.object_m[rows]
+        self.goals = Goals(object_start_m=starts)
+        self.tracker.begin(self.snapshot, rows)
+
+    def step(self, gripper: Tensor, physics_steps: int) -> None:
+        """Grasps or releases, runs the physics of one action, and advances the measures."""
+        grasp, force, dormant = self._grasp, self._force, self._dormant
+        grasp.command(gripper)
+        if dormant is not None:
+            dormant.before_step(int(grasp.held[0]))
+        force.clear()
+        for _ in range(physics_steps):
+            grasp.before_simulation_step()
+            self._scene.px.step()
+            force.add_physics_step()
+        if self._scene.gpu_sim_enabled:
+            self._scene._gpu_fetch_all()
+        grasp.after_control_step()
+        if dormant is not None:
+            dormant.refresh()
+        self.snapshot = self._reader.read(self.tracker.target, force.newton())
+        self.tracker.advance(self.snapshot)
+
+    def _freeze(self) -> None:
+        if self._dormant is None:
+            return
+        playing = self.episodes[0].objects
+        loose = self.handles[0].loose
+        present = np.array([name in playing or name in loose for name in self._names], dtype=bool)
+        self._dormant.freeze_all(present)
+
+    # State -----------------------------------------------------------------------------------
+
+    def get_state(self) -> dict[str, Any]:
+        """Returns tracker, grasp, goals and commanded arm, by name."""
+        return {
+            "tracker": self.tracker.get_state(),
+            "grasp": self._grasp.get_state(),
+            "goals": {"object_start_m": self.goals.object_start_m.clone()},
+            "controller": self._agent.controller.get_state(),
+        }
+
+    def set_state(self, state: dict[str, Any], rows: Tensor) -> None:
+        """Restores what `get_state` returned, for `rows`, after the simulator's state was set."""
+        self._grasp.set_state(state["grasp"], rows)
+        self.tracker.set_state(state["tracker"], rows)
+        starts = self.goals.object_start_m.clone()
+        starts[rows] = state["goals"]["object_start_m"]
+        self.goals = Goals(object_start_m=starts)
+        self._agent.controller.set_state(state["controller"])
+        self._freeze()
+        if self._dormant is not None and int(self._grasp.held[0]) >= 0:
+            self._dormant.wake(int(self._grasp.held[0]))
+        self.snapshot = self._reader.read(self.tracker.target, self.tracker.measures.force_n)
+
+    # Privileged ------------------------------------------------------------------------------
+
+    def privileged(self) -> list[PrivilegedState]:
+        """Returns the true state of each row; CPU simulation, which has one row."""
+        if self._scene.gpu_sim_enabled:
+            raise NotImplementedError("privileged observations need the CPU simulation")
+        handles, agent, episode = self.handles[0], self._agent, self.episodes[0]
+        parts = list(components(handles))
+        robot = [(f"hab_fetch/{link.name}", link._objs[0]) for link in agent.robot.links]
+        if not self._bodies:
+            world = [read_body(name, group, body) for name, group, body in parts]
+            self._bodies = (*world, *(read_body(name, "robot", body) for name, body in robot))
+        present = set(episode.objects) | set(handles.loose)
+        poses = {
+            name: matrix(body.entity_pose)
+            for name, group, body in parts
+            if group != "object" or name in present
+        }
+        poses.update({name: matrix(body.entity_pose) for name, body in robot})
+        qpos = agent.robot._objs[0].get_qpos()
+        held = int(self._grasp.held[0])
+        arm = agent.arm_index.tolist()
+        return [
+            PrivilegedState(
+                scene_key=self._key,
+                bodies=self._bodies,
+                world_from_body=poses,
+                world_from_base=matrix(agent.base_link._objs[0].entity_pose),
+                arm_qpos=np.asarray(qpos[arm], dtype=float),
+                locked_qpos={n: float(qpos[i]) for n, i in agent.joint_index.items() if i not in arm},
+                target=episode.target,
+                held=self._names[held] if held >= 0 else None,
+                object_com_m=self._object_coms(present),
+            )
+        ]
+
+    def _object_coms(self, present: set[str]) -> dict[str, np.ndarray]:
+        points = self._grasp.objects_com_m()[0].numpy().astype(float)
+        return {name: points[i] for i, name in enumerate(self._names) if name in present}

@@ -38,7 +38,7 @@ def wall_cupboard() -> Articulation:
             joints.append(
                 Joint(
                     f"{pair}{side}_hinge", "revolute", "body", name,
-                    (FRONT_M + 0.004, CUPBOARD_TOP_M / 2, hinge_z), axis=(0.0, 1.0, 0.0),
+                    (FRONT_M + 0.026, CUPBOARD_TOP_M / 2, hinge_z), axis=(0.0, 1.0, 0.0),
                     lower=limits[0], upper=limits[1],
                 )
             )  # fmt: skip
@@ -99,19 +99,23 @@ def _cupboard_door(name: str, width: float, *, glass: bool) -> Link:
     """Return a door from its hinge to `width`, whose sign says to which side it reaches."""
     make, low, high, frame = Builder(), -0.484, 0.484, 0.055
     inner, outer = sorted((0.0015 * (1 if width > 0 else -1), width))
-    x0, x1 = 0.003, 0.022
+    # The axis is at the outer edge, so that an open door stays clear of its neighbour.
+    x0, x1 = -0.022, -0.003
     if glass:
         make.span((x0, low, inner), (x1, low + frame, outer), "cabinet_front", 0.003)
         make.span((x0, high - frame, inner), (x1, high, outer), "cabinet_front", 0.003)
         for a, b in ((inner, inner + frame), (outer - frame, outer)):
             make.span((x0, low + frame, a), (x1, high - frame, b), "cabinet_front", 0.003)
         make.span(
-            (0.010, low + frame, inner + frame), (0.014, high - frame, outer - frame), "glass", 0.0
+            (-0.015, low + frame, inner + frame),
+            (-0.011, high - frame, outer - frame),
+            "glass",
+            0.0,
         )
     else:
         make.span((x0, low, inner), (x1, high, outer), "cabinet_front", 0.003)
     free_edge = width - (0.03 if width > 0 else -0.03)
-    make.bar_handle((0.060, -0.31, free_edge), "y", 0.20, 0.038, "brass")
+    make.bar_handle((0.040, -0.31, free_edge), "y", 0.20, 0.043, "brass")
     return Link(name, 3.0, make.parts, make.boxes)
 
 

@@ -19,6 +19,7 @@ def build() -> list[ObjectModel]:
         _tall_plant(),
         _picture("01", 0.43, 0.546, "painting_01"),
         _picture("02", 0.80, 0.58, "painting_02"),
+        _picture("03", 0.56, 0.70, "painting_03"),
         _table_lamp(),
         _floor_lamp(),
         _tv_screen(),
@@ -292,40 +293,16 @@ def _clock() -> ObjectModel:
 def _vase() -> ObjectModel:
     """Return a vase with dry twigs."""
     make, floor, rng = Builder(), -0.15, np.random.default_rng(104)
-    profile = [
-        (0.045, floor),
-        (0.075, floor + 0.05),
-        (0.085, floor + 0.11),
-        (0.065, floor + 0.18),
-        (0.032, floor + 0.23),
-        (0.036, floor + 0.26),
-    ]
-    make.see(
-        shapes.lathe(
-            [
-                [(0.0, floor), profile[0]],
-                profile,
-                [profile[-1], (0.030, floor + 0.258), (0.026, floor + 0.20)],
-            ],
-            "terracotta",
-            22,
-        )
-    )
+    foot = [(0.0, 0.0), (0.045, 0.0)]
+    side = [(0.045, 0.0), (0.075, 0.05), (0.085, 0.11), (0.065, 0.18), (0.032, 0.23), (0.036, 0.26)]
+    lip = [(0.036, 0.26), (0.030, 0.258), (0.026, 0.20)]
+    make.see(shapes.lathe([foot, side, lip], "terracotta", 22, (0.0, floor, 0.0)))
     for k in range(7):
         angle, lean = 2.4 * k, 0.05 + 0.10 * float(rng.random())
-        tip = (
-            lean * math.cos(angle),
-            floor + 0.48 + 0.14 * float(rng.random()),
-            lean * math.sin(angle),
-        )
-        make.see(
-            shapes.tube(
-                [(0.0, floor + 0.2, 0.0), (tip[0] * 0.3, floor + 0.34, tip[2] * 0.3), tip],
-                0.002,
-                "stalk",
-                5,
-            )
-        )
+        x, z = lean * math.cos(angle), lean * math.sin(angle)
+        tip = (x, floor + 0.48 + 0.14 * float(rng.random()), z)
+        bend = (0.3 * x, floor + 0.34, 0.3 * z)
+        make.see(shapes.tube([(0.0, floor + 0.2, 0.0), bend, tip], 0.002, "stalk", 5))
         make.see(shapes.sphere(tip, (0.012, 0.020, 0.012), "label_cream", 5, 7))
     make.convexes += [
         solids.frustum(0.045, 0.085, floor, floor + 0.10, 12),

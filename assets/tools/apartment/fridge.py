@@ -13,6 +13,7 @@ from model import Articulation, Joint, Link, Receptacle
 RIGHT_ANGLE_RAD = math.pi / 2
 HALF_WIDTH_M, FRONT_M, BACK_M, TOP_M, BOTTOM_M = 0.345, 0.3165, -0.3165, -0.955, 0.950
 WALL_M = 0.030
+ROOT_HEIGHT_M = 1.01
 # Upper face and lower face of every shelf; the divider lies behind the seam of the doors.
 SHELVES_M = {"top": (-0.610, -0.590), "middle_top": (-0.240, -0.220), "middle": (-0.047, -0.027)}
 DIVIDER_M = (0.135, 0.165)
@@ -57,49 +58,35 @@ def build() -> Articulation:
 
 
 def _body() -> Link:
-    make, w = Builder(), HALF_WIDTH_M
-    inner = w - WALL_M
-    shell = "fridge_shell"
+    make, w, inner = Builder(), HALF_WIDTH_M, HALF_WIDTH_M - WALL_M
+    shell, back = "fridge_shell", BACK_M + WALL_M
     make.span((BACK_M, -w, TOP_M), (FRONT_M, w, CEILING_M), shell)
     make.span((BACK_M, -w, FLOOR_M), (FRONT_M, w, BOTTOM_M), shell)
+    make.span((BACK_M, -inner, CEILING_M), (back, inner, FLOOR_M), shell)
     for side in (-1.0, 1.0):
         low, high = sorted((side * inner, side * w))
         make.span((BACK_M, low, CEILING_M), (FRONT_M, high, FLOOR_M), shell)
-        make.span(
-            (BACK_M + 0.03, side * inner - 0.002, CEILING_M),
-            (FRONT_M - 0.004, side * inner + 0.002, FLOOR_M),
-            "fridge_liner",
-            0.0,
-            solid=False,
-        )
-    make.span((BACK_M, -inner, CEILING_M), (BACK_M + 0.030, inner, FLOOR_M), shell)
-    make.span(
-        (BACK_M + 0.028, -inner, CEILING_M),
-        (BACK_M + 0.032, inner, FLOOR_M),
-        "fridge_liner",
-        0.0,
-        solid=False,
-    )
+    _liner(make, back, inner)
     for top, bottom in SHELVES_M.values():
-        make.span(
-            (BACK_M + 0.03, -inner, top), (SHELF_FRONT_M, inner, bottom), "shelf_glass", 0.002
-        )
-        make.span(
-            (SHELF_FRONT_M - 0.004, -inner, top - 0.001),
-            (SHELF_FRONT_M + 0.008, inner, bottom + 0.004),
-            "steel",
-            0.002,
-            solid=False,
-        )
-    make.span(
-        (BACK_M + 0.03, -inner, DIVIDER_M[0]), (FRONT_M - 0.01, inner, DIVIDER_M[1]), "fridge_liner"
-    )
+        make.span((back, -inner, top), (SHELF_FRONT_M, inner, bottom), "shelf_glass", 0.002)
+        low, high = (SHELF_FRONT_M - 0.004, -inner, top - 0.001), (0.263, inner, bottom + 0.004)
+        make.span(low, high, "steel", 0.002, solid=False)
+    low, high = (back, -inner, DIVIDER_M[0]), (FRONT_M - 0.01, inner, DIVIDER_M[1])
+    make.span(low, high, "fridge_liner")
     # Plinth down to the floor, set back behind the door like a kick space.
-    make.span(
-        (BACK_M + 0.02, -w + 0.02, BOTTOM_M), (FRONT_M - 0.03, w - 0.02, 1.01), "plinth", 0.002
-    )
-    make.see(shapes.box((0.0, 0.0, CEILING_M + 0.006), (0.20, 0.16, 0.012), "lamp_shade", 0.004))
+    low, high = (BACK_M + 0.02, -w + 0.02, BOTTOM_M), (FRONT_M - 0.03, w - 0.02, ROOT_HEIGHT_M)
+    make.span(low, high, "plinth", 0.002)
     return Link("body", 70.0, make.parts, make.boxes)
+
+
+def _liner(make: Builder, back: float, inner: float) -> None:
+    """Line the walls with thin white sheets, and add the lamp under the ceiling."""
+    for y in (-inner, inner):
+        low, high = (back, y - 0.002, CEILING_M), (FRONT_M - 0.004, y + 0.002, FLOOR_M)
+        make.span(low, high, "fridge_liner", 0.0, solid=False)
+    low, high = (back - 0.002, -inner, CEILING_M), (back + 0.002, inner, FLOOR_M)
+    make.span(low, high, "fridge_liner", 0.0, solid=False)
+    make.see(shapes.box((0.0, 0.0, CEILING_M + 0.006), (0.20, 0.16, 0.012), "lamp_shade", 0.004))
 
 
 def _door(

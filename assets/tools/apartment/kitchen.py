@@ -44,7 +44,7 @@ DRAWERS = (
         0.600,
         1.0705,
         (-0.176, 0.172),
-        0.458,
+        0.4515,
         0.425,
         -0.150,
         0.090,
@@ -58,7 +58,7 @@ DRAWERS = (
         0.232,
         1.0705,
         (-0.162, 0.188),
-        0.458,
+        0.4515,
         0.425,
         -0.150,
         0.090,
@@ -180,7 +180,7 @@ def _carcass(make: Builder) -> None:
     make.span(
         (front + 0.007, 0.638, -1.4634), (front + 0.026, 0.772, -0.5894), "cabinet_front", 0.003
     )
-    for z0, z1 in ((0.0215, 0.3085), (0.3125, 0.5985)):
+    for z0, z1 in ((0.0215, 0.3165), (0.3205, 0.6155)):
         make.span((front + 0.007, 0.070, z0), (front + 0.026, 0.772, z1), "cabinet_front", 0.003)
     make.span((front - 0.02, low + 0.018, 0.024), (front + 0.007, high, 0.592), "gap", 0.0)
     make.see(shapes.box((front + 0.0265, 0.705, -1.026), (0.002, 0.05, 0.30), "screen", 0.0005))
@@ -279,7 +279,7 @@ def _receptacles() -> list[Receptacle]:
         Receptacle(
             f"receptacle_aabb_counter_left_{tail}",
             (-0.185, TOP_M + half_top, 1.0976),
-            (0.295, half_top, 0.4582),
+            (0.295, half_top, 0.45152),
             link="body",
         ),
         Receptacle(

@@ -15,8 +15,8 @@ P = "frl_apartment_"
 LIVING = [
     Placement(f"{P}rug_02", (0.05, 0.006, 1.25)),
     Placement(f"{P}sofa", (-2.05, 0.393, 1.25), EAST_RAD),
-    Placement(f"{P}cushion_01", (-2.02, 0.625, 1.97), EAST_RAD + 0.2, -0.22),
-    Placement(f"{P}cushion_03", (-2.02, 0.625, 0.53), EAST_RAD - 0.2, -0.22),
+    Placement(f"{P}cushion_01", (-2.05, 0.644, 1.93), EAST_RAD + 0.12, 0.22),
+    Placement(f"{P}cushion_03", (-2.05, 0.644, 0.57), EAST_RAD - 0.12, 0.22),
     Placement(f"{P}table_03", (-0.20, 0.342, 1.25), math.pi / 2),
     Placement(f"{P}chair_01", (-1.45, 0.362, 3.22), 0.30),
     Placement(f"{P}chair_01", (-0.20, 0.362, 3.28), -0.25),
@@ -53,7 +53,7 @@ BEDROOM = [
     Placement(f"{P}lamp_02", (0.75, 0.711, -4.30)),
     Placement(f"{P}stool_02", (3.08, 0.28, -4.25)),
     Placement(f"{P}beanbag", (3.80, 0.333, -3.95)),
-    Placement(f"{P}picture_02", (-0.282, 1.55, -3.60), math.pi / 2),
+    Placement(f"{P}picture_03", (-0.282, 1.55, -3.60), math.pi / 2),
 ]
 HALL = [
     Placement(f"{P}mat", (-1.48, 0.006, -4.20)),

@@ -63,6 +63,7 @@ MATERIALS: dict[str, Material] = {
     "bark": Material((0.30, 0.21, 0.13), 0.9),
     "painting_01": Material(roughness=0.8, texture="painting_01"),
     "painting_02": Material(roughness=0.8, texture="painting_02"),
+    "painting_03": Material(roughness=0.8, texture="painting_03"),
     "paper": Material((0.90, 0.88, 0.82), 0.9),
     # Kitchen
     "cabinet_front": Material((0.42, 0.50, 0.47), 0.5),

@@ -208,7 +208,7 @@ def _apple() -> ObjectModel:
     stalk = shapes.tube(
         [(0.0, 0.022, 0.0), (0.001, 0.032, 0.0), (0.004, 0.041, 0.001)], 0.0014, "stalk", 6
     )
-    hull = solids.ball((r, r * 0.92, r), 4, 10)
+    hull = solids.ball((r, r * 0.92, r), 5, 10)
     return _item("013_apple", 0.068, [skin, stalk], [hull])
 
 
@@ -216,7 +216,7 @@ def _orange() -> ObjectModel:
     r = 0.0365
     skin = shapes.sphere((0.0, 0.0, 0.0), (r, r * 0.97, r), "orange_peel", 14, 24)
     button = shapes.cylinder((0.0, r * 0.962, 0.0), 0.0035, 0.002, "label_green", sides=8)
-    return _item("017_orange", 0.047, [skin, button], [solids.ball((r, r * 0.97, r), 4, 10)])
+    return _item("017_orange", 0.047, [skin, button], [solids.ball((r, r * 0.97, r), 5, 10)])
 
 
 def _bowl() -> ObjectModel:
@@ -249,51 +249,43 @@ def _radii(outside: Chain, inside: Chain, height: float) -> tuple[float, float]:
     return min(into, out - 0.003), out
 
 
+MUG_RADIUS_M, MUG_HEIGHT_M, MUG_WALL_M = 0.040, 0.082, 0.0035
+# Low and high corner of the handle's three pieces, in x and y.
+MUG_HANDLE = (
+    ((0.038, 0.060), (0.062, 0.070)),
+    ((0.060, 0.022), (0.070, 0.064)),
+    ((0.038, 0.013), (0.062, 0.024)),
+)
+
+
 def _mug() -> ObjectModel:
-    r, h, wall = 0.040, 0.082, 0.0035
+    """Return the mug, its handle towards +x."""
+    r, wall = MUG_RADIUS_M, MUG_WALL_M
     pieces = [solids.frustum(r - 0.002, r, 0.0, 0.006, 16)]
-    pieces += solids.ring((r - wall, r), (r - wall, r), (0.006, h), 12)
-    loop = [
-        (r - 0.002, 0.066, 0.0),
-        (0.052, 0.068, 0.0),
-        (0.062, 0.062, 0.0),
-        (0.067, 0.050, 0.0),
-        (0.066, 0.036, 0.0),
-        (0.059, 0.024, 0.0),
-        (0.050, 0.017, 0.0),
-        (r - 0.002, 0.015, 0.0),
+    pieces += solids.ring((r - wall, r), (r - wall, r), (0.006, MUG_HEIGHT_M), 12)
+    center = _centroid(pieces)
+    for (x0, y0), (x1, y1) in MUG_HANDLE:
+        middle = ((x0 + x1) / 2, (y0 + y1) / 2, 0.0)
+        pieces.append(solids.from_box(Box(middle, (x1 - x0, y1 - y0, 0.010))))
+    lowered = [shapes.moved(p, (0.0, -center, 0.0)) for p in _mug_parts()]
+    hulls = [solids.moved(p, (0.0, -center, 0.0)) for p in pieces]
+    return _item("025_mug", 0.118, lowered, hulls)
+
+
+def _mug_parts() -> list[Part]:
+    r, h, inner = MUG_RADIUS_M, MUG_HEIGHT_M, MUG_RADIUS_M - MUG_WALL_M
+    foot: Chain = [(0.0, 0.002), (0.030, 0.002), (0.032, 0.0), (r - 0.003, 0.0)]
+    side: Chain = [foot[-1], (r - 0.0008, 0.001), (r, 0.004), (r, h - 0.002)]
+    side += [(r - 0.0008, h), (r - 0.002, h)]
+    inside: Chain = [side[-1], (inner, h - 0.001), (inner, 0.010), (inner - 0.004, 0.006)]
+    inside.append((0.0, 0.006))
+    loop = [(r - 0.002, 0.066), (0.052, 0.068), (0.062, 0.062), (0.067, 0.050)]
+    loop += [(0.066, 0.036), (0.059, 0.024), (0.050, 0.017), (r - 0.002, 0.015)]
+    return [
+        shapes.lathe([foot, side], "mug_red", 30),
+        shapes.lathe([inside], "mug_inside", 30),
+        shapes.tube([(x, y, 0.0) for x, y in loop], 0.0048, "mug_red", 10),
     ]
-    for (x0, x1), (y0, y1) in (
-        ((0.038, 0.062), (0.060, 0.070)),
-        ((0.060, 0.070), (0.022, 0.064)),
-        ((0.038, 0.062), (0.013, 0.024)),
-    ):
-        box = Builder()
-        box.span((x0, y0, -0.005), (x1, y1, 0.005), "mug_red")
-        pieces += box.solids()
-    center = _centroid(pieces[:13])
-    outside: list[Chain] = [
-        [(0.0, 0.002), (0.030, 0.002), (0.032, 0.0), (r - 0.003, 0.0)],
-        [
-            (r - 0.003, 0.0),
-            (r - 0.0008, 0.001),
-            (r, 0.004),
-            (r, h - 0.002),
-            (r - 0.0008, h),
-            (r - 0.002, h),
-        ],
-    ]
-    inside: Chain = [
-        (r - 0.002, h),
-        (r - wall, h - 0.001),
-        (r - wall, 0.010),
-        (r - wall - 0.004, 0.006),
-        (0.0, 0.006),
-    ]
-    parts = [shapes.lathe(outside, "mug_red", 30), shapes.lathe([inside], "mug_inside", 30)]
-    parts.append(shapes.tube(loop, 0.0048, "mug_red", 10))
-    lowered = [shapes.moved(p, (0.0, -center, 0.0)) for p in parts]
-    return _item("025_mug", 0.118, lowered, [solids.moved(p, (0.0, -center, 0.0)) for p in pieces])
 
 
 def _sponge() -> ObjectModel:

@@ -19,15 +19,19 @@ def _sofa() -> ObjectModel:
     make, cloth, seat = Builder(), "sofa_cloth", 0.0423
     make.soft((0.0, -0.215, -0.02), (2.10, 0.19, 0.86), cloth, 0.02)
     for side in (-1.0, 1.0):
-        make.soft((side * 0.97, -0.07, -0.055), (0.20, 0.50, 0.95), cloth, 0.05)
-        make.soft((side * 0.4325, seat - 0.083, -0.18), (0.855, 0.166, 0.70), cloth, 0.05, 0.006)
-        make.soft((side * 0.4325, 0.215, 0.205), (0.845, 0.37, 0.15), cloth, 0.07, 0.02)
+        make.soft((side * 0.99, -0.07, -0.055), (0.16, 0.50, 0.95), cloth, 0.05)
+        middle = side * 0.4535
+        low = (middle, seat - 0.083, -0.18)
+        make.soft(low, (0.903, 0.166, 0.70), cloth, 0.05, 0.006, solid=False)
+        make.soft((middle, 0.215, 0.205), (0.890, 0.37, 0.15), cloth, 0.07, 0.02)
+    # One box under both seat cushions: an object must not fall into the seam.
+    make.boxes.append(Box((0.0, seat - 0.083, -0.18), (1.80, 0.166, 0.70)))
     make.soft((0.0, 0.06, 0.345), (1.75, 0.66, 0.15), cloth, 0.04)
     for x in (-0.98, 0.98):
         for z in (-0.42, 0.34):
             make.post((x, -0.3515, z), 0.024, 0.083, "walnut")
     free = Receptacle(
-        "receptacle_aabb_Sofa_frl_apartment_sofa", (0.0, seat + 0.133, -0.20), (0.50, 0.133, 0.26)
+        "receptacle_aabb_Sofa_frl_apartment_sofa", (0.0, seat + 0.133, -0.20), (0.46, 0.133, 0.26)
     )
     return ObjectModel("frl_apartment_sofa", "sofa", 76, 68.0, make.parts, make.solids(), [free])
 

@@ -6,6 +6,7 @@ keys are sorted, and the exporter's version stamp is dropped.
 
 import json
 import math
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -282,7 +283,7 @@ def _write_json(path: Path, data: Json) -> None:
     path.write_text(text + "\n", encoding="utf-8", newline="\n")
 
 
-def _plain(value: Any) -> Any:  # noqa: ANN401 - any JSON value
+def _plain(value: object) -> object:
     if isinstance(value, dict):
         return {k: _plain(v) if k != "rotation" else v for k, v in value.items()}
     if isinstance(value, list | tuple):
@@ -296,5 +297,5 @@ def _number(value: float) -> str:
     return f"{round(float(value), 7) + 0.0:.10g}"
 
 
-def _triple(values: Any) -> str:  # noqa: ANN401 - a tuple or an array of three numbers
+def _triple(values: Iterable[float]) -> str:
     return " ".join(_number(v) for v in values)

@@ -220,6 +220,7 @@ class PickLoop:
         robot = {link.entity.name for link in self.scene.robot.links}
         for contact in self.scene.scene.get_contacts():
             names = {body.entity.name for body in contact.bodies}
+            names -= {"floor"}
             if names & robot and not names <= robot and self.held not in names:
                 impulse = sum(np.linalg.norm(point.impulse) for point in contact.points)
                 self.peak_impulse_n_s = max(self.peak_impulse_n_s, float(impulse))
@@ -228,3 +229,51 @@ class PickLoop:
 @pytest.fixture
 def pick_loop() -> type[PickLoop]:
     return PickLoop
+
+
+def _origin(element: ElementTree.Element | None) -> sapien.Pose:
+    """The pose of an URDF ``origin``; numbers may be separated by commas, as ReplicaCAD's are."""
+    if element is None:
+        return sapien.Pose()
+    numbers = {
+        key: [float(x) for x in element.get(key, "0 0 0").replace(",", " ").split()]
+        for key in ("xyz", "rpy")
+    }
+    pose = sapien.Pose(numbers["xyz"])
+    pose.set_rpy(numbers["rpy"])
+    return pose
+
+
+def add_urdf_boxes(
+    scene: FetchScene, path: Path, world_from_root: sapien.Pose, qpos: dict[str, float],
+    scale: float = 1.0,
+) -> None:  # fmt: skip
+    """Adds the box collisions of an articulated piece of furniture, its joints held at `qpos`."""
+    tree = ElementTree.parse(path).getroot()
+    poses = {"root": world_from_root}
+    for joint in tree.findall("joint"):
+        parent, child = joint.find("parent"), joint.find("child")
+        assert parent is not None
+        assert child is not None
+        origin, axis, value = _origin(joint.find("origin")), joint.find("axis"), sapien.Pose()
+        angle = qpos.get(joint.get("name", ""), 0.0)
+        if axis is not None and angle:
+            vector = np.array([float(x) for x in axis.get("xyz", "1 0 0").split()])
+            turns = joint.get("type") == "revolute"
+            quaternion = [np.cos(angle / 2), *(np.sin(angle / 2) * vector)]
+            value = sapien.Pose(q=quaternion) if turns else sapien.Pose(vector * angle)
+        origin = sapien.Pose(origin.p * scale, origin.q)
+        poses[child.get("link", "")] = poses[parent.get("link", "")] * origin * value
+    for link in tree.findall("link"):
+        name = link.get("name", "")
+        builder = scene.scene.create_actor_builder()
+        for collision in link.findall("collision"):
+            box = collision.find("geometry/box")
+            assert box is not None
+            origin = _origin(collision.find("origin"))
+            size = [float(x) * scale / 2 for x in box.get("size", "").replace(",", " ").split()]
+            builder.add_box_collision(sapien.Pose(origin.p * scale, origin.q), size)
+        if link.findall("collision"):
+            builder.set_initial_pose(poses[name])
+            key = f"{path.stem}/{name}"
+            scene.entities[key] = (builder.build_static(name=key), "furniture")

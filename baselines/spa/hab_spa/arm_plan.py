@@ -1,23 +1,26 @@
-"""Motion planning of the arm: RRTConnect in joint space, through OMPL (S App. D)."""
+"""Motion plans of the arm between an open and a tight end (S App. D).
+
+Each pair of ends is tried in three ways, the cheapest first: a straight line in joint space;
+the gripper drawn straight out of the tight end, then on by a straight line or by RRTConnect;
+RRTConnect from end to end. Runs of RRTConnect are short and start again with new random
+numbers, because their running time has a long tail.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import count
 
 import numpy as np
-from ompl import base as ob
-from ompl import geometric as og
-from ompl import util as ou
 
 from hab_spa.collision import ArmCollision
-from hab_spa.ik import LOWER_RAD, UPPER_RAD
+from hab_spa.escape import EscapeConfig, retreats
+from hab_spa.ik import BatchArm
 from hab_spa.results import Failure, PathResult
+from hab_spa.rrt import Limit, RrtConfig, connect, edge_is_free, shorten
 from hab_spa.shapes import Array
-
-DIMENSION = 7
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,146 +28,145 @@ class PlanConfig:
     """The motion planner's numbers.
 
     Attributes:
-        range_rad: Step of RRTConnect (S App. D).
         time_limit_s: All attempts together take at most this long (S App. D).
-        resolution_rad: Edges are tested at points at most this far apart (Euclidean).
         margins_m: Wanted clearances of the attempts, one after the other.
-        attempt_checks: An attempt, except the last one, gives up after this many tests.
-        shortcuts: Attempts to shorten the path, in each of the two passes.
+        first_checks: The first runs of RRTConnect give up after this many collision checks;
+            the next round of runs after twice as many, and so on.
+        good_rad: A path this short (largest joint, summed over its edges) is not improved on.
+        improve_checks: While fewer checks than this were spent, a longer path is improved on.
+        rrt: Numbers of one run.
+        retreat: Numbers of drawing the gripper out.
     """
 
-    range_rad: float = 0.1
     time_limit_s: float = 30.0
-    resolution_rad: float = 0.05
     margins_m: tuple[float, ...] = (0.02, 0.01, 0.003)
-    attempt_checks: int = 30_000
-    shortcuts: int = 100
+    first_checks: int = 4_000
+    good_rad: float = 2.5
+    improve_checks: int = 12_000
+    rrt: RrtConfig = field(default_factory=RrtConfig)
+    retreat: EscapeConfig = field(default_factory=EscapeConfig)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Ends:
+    """Arm poses (7,) [rad] to connect; the tight one is where obstacles are near."""
+
+    open: Array
+    tight: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Attempt:
+    """One way to connect; `checks` is 0 for the straight ways."""
+
+    margin_m: float
+    ends: Ends
+    through_retreat: bool
+    checks: int
 
 
 def plan_path(
     collision: ArmCollision,
-    start: Array,
-    goals: Array,
+    arm: BatchArm,
+    ends: Sequence[Ends],
     seed: int,
     config: PlanConfig,
     touch_m: float = 0.001,
 ) -> PathResult:
-    """Plans from an arm pose (7,) to one of the goals (G, 7), the first where possible.
+    """Plans from the open to the tight end of one of `ends`, the first where possible.
 
-    Pairs of shapes that the start or the goal brings closer than the margin may stay that
-    close along the path; all other pairs keep the margin.
+    Pairs of shapes that an end brings closer than the margin may stay that close along the
+    path; all other pairs keep the margin.
 
     Args:
         collision: Tells which arm poses are free; its margins are changed.
-        start: (7,) [rad].
-        goals: (G, 7) [rad], best first.
+        arm: Kinematics.
+        ends: What to connect, best first.
         seed: Same arguments and seed, same path, unless the time limit strikes.
         config: The planner's numbers.
-        touch_m: Pairs that are too close at the start may come this much closer still.
+        touch_m: Pairs that are too close at an end may come this much closer still.
     """
     began, checks_before = time.perf_counter(), collision.checks
-    attempts = [(margin_m, goal) for margin_m in config.margins_m for goal in goals]
-    path = None
-    for i, (margin_m, goal) in enumerate(attempts):
-        left_s = config.time_limit_s - (time.perf_counter() - began)
-        if left_s <= 0.0:
+    deadline_s = began + config.time_limit_s
+    best: Array | None = None
+    for i, attempt in enumerate(_attempts(ends, config)):
+        spent = collision.checks - checks_before
+        if time.perf_counter() >= deadline_s:
             break
-        limit = None if i == len(attempts) - 1 else config.attempt_checks
-        collision.set_margin(margin_m)
-        collision.relax(start, touch_m)
-        collision.relax(goal)
-        path = _connect(collision, start, goal, seed + i, left_s, limit, config)
-        if path is not None:
+        if best is not None and (
+            path_rad(best) <= config.good_rad or spent >= config.improve_checks
+        ):
             break
+        collision.set_margin(attempt.margin_m)
+        collision.relax(attempt.ends.open, touch_m)
+        collision.relax(attempt.ends.tight, touch_m)
+        path = _run(collision, arm, attempt, seed + i, deadline_s, config)
+        if path is not None and len(path) > 2:
+            path = shorten(collision, path, seed + i, deadline_s, config.rrt)
+        if path is not None and (best is None or path_rad(path) < path_rad(best)):
+            best = path
     return PathResult(
-        path=path,
-        failure=Failure.MOTION_PLAN if path is None else None,
+        path=best,
+        failure=Failure.MOTION_PLAN if best is None else None,
         seconds=time.perf_counter() - began,
         checks=collision.checks - checks_before,
     )
 
 
-def edge_is_free(
-    collision: ArmCollision, first: Array, second: Array, resolution_rad: float
-) -> bool:
-    """Whether the straight line between two arm poses (7,) is free, ends included."""
-    count = max(1, int(np.ceil(np.linalg.norm(second - first) / resolution_rad)))
-    return all(collision.is_free(first + (second - first) * (i / count)) for i in range(count + 1))
+def path_rad(path: Array) -> float:
+    """Length of a path (K, 7): the largest joint displacement of each edge, summed."""
+    return float(np.abs(np.diff(path, axis=0)).max(axis=1).sum())
 
 
-def _space_information(
-    is_free: Callable[[Array], bool], resolution_rad: float
-) -> ob.SpaceInformation:
-    bounds = ob.RealVectorBounds(DIMENSION)
-    for i in range(DIMENSION):
-        bounds.setLow(i, float(LOWER_RAD[i]))
-        bounds.setHigh(i, float(UPPER_RAD[i]))
-    space = ob.RealVectorStateSpace(DIMENSION)
-    space.setBounds(bounds)
-    information = ob.SpaceInformation(space)
-    pose = np.empty(DIMENSION)
-
-    def is_valid(state: Any) -> bool:
-        for i in range(DIMENSION):
-            pose[i] = state[i]
-        return is_free(pose)
-
-    information.setStateValidityChecker(is_valid)
-    information.setStateValidityCheckingResolution(resolution_rad / space.getMaximumExtent())
-    information.setup()
-    return information
+def _attempts(ends: Sequence[Ends], config: PlanConfig) -> Iterator[_Attempt]:
+    """All straight ways first, then rounds of ever longer runs of RRTConnect without end."""
+    for power in count(-1):
+        checks = 0 if power < 0 else config.first_checks * 2**power
+        for margin_m in config.margins_m:
+            for pair in ends:
+                for through_retreat in (True, False) if checks else (False, True):
+                    yield _Attempt(
+                        margin_m=margin_m,
+                        ends=pair,
+                        through_retreat=through_retreat,
+                        checks=checks,
+                    )
 
 
-def _state(information: ob.SpaceInformation, pose: Array) -> Any:
-    # The stubs name the base class, which has no items; the space's own states have.
-    state: Any = information.allocState()
-    for i, value in enumerate(np.clip(pose, LOWER_RAD, UPPER_RAD)):
-        state[i] = float(value)
-    return state
-
-
-def _connect(
+def _run(
     collision: ArmCollision,
-    start: Array,
-    goal: Array,
+    arm: BatchArm,
+    attempt: _Attempt,
     seed: int,
-    seconds: float,
-    checks: int | None,
+    deadline_s: float,
     config: PlanConfig,
 ) -> Array | None:
-    """One run of RRTConnect, limited in seconds and, if given, in collision checks."""
-    if edge_is_free(collision, start, goal, config.resolution_rad):
-        return np.stack((start, goal))
-    # OMPL complains that earlier generators keep their seeds; those made below get the new one.
-    ou.setLogLevel(ou.LogLevel.LOG_NONE)
-    ou.RNG.setSeed(seed % (2**31 - 1) + 1)
-    information = _space_information(collision.is_free, config.resolution_rad)
-    problem = ob.ProblemDefinition(information)
-    problem.setStartAndGoalStates(_state(information, start), _state(information, goal))
-    planner = og.RRTConnect(information)
-    planner.setRange(config.range_rad)
-    planner.setProblemDefinition(problem)
-    planner.setup()
-    deadline = time.perf_counter() + seconds
-    last_check = np.inf if checks is None else collision.checks + checks
-
-    def gives_up() -> bool:
-        return collision.checks >= last_check or time.perf_counter() >= deadline
-
-    planner.solve(ob.PlannerTerminationCondition(gives_up))
-    if not problem.hasExactSolution():
+    first, last = attempt.ends.open, attempt.ends.tight
+    limit = Limit(checks=attempt.checks, deadline_s=deadline_s)
+    if not attempt.through_retreat:
+        if attempt.checks:
+            return connect(collision, first, last, seed, limit, config.rrt)
+        free = edge_is_free(collision, first, last, config.rrt.resolution_rad)
+        return np.stack((first, last)) if free else None
+    ways = retreats(collision, arm, last, config.retreat)
+    if not attempt.checks:
+        return _shortest(_straight_to(collision, first, way, config) for way in ways)
+    if not ways:
         return None
-    path: Any = problem.getSolutionPath()
-    if time.perf_counter() < deadline:
-        _shorten(information, path, config)
-    states = [[state[i] for i in range(DIMENSION)] for state in path.getStates()]
-    return np.array([start, *states[1:-1], goal])
+    longest = max(ways, key=len)
+    path = connect(collision, first, longest[-1], seed, limit, config.rrt)
+    return None if path is None else np.concatenate((path, longest[-2::-1]))
 
 
-def _shorten(information: ob.SpaceInformation, path: og.PathGeometric, config: PlanConfig) -> None:
-    """Shortens the path in place; the counts, not the clock, end it."""
-    simplifier = og.PathSimplifier(information)
-    for _ in range(2):
-        simplifier.reduceVertices(path, config.shortcuts, config.shortcuts)
-        simplifier.partialShortcutPath(path, config.shortcuts, config.shortcuts)
-    simplifier.collapseCloseVertices(path)
+def _straight_to(
+    collision: ArmCollision, first: Array, way: Array, config: PlanConfig
+) -> Array | None:
+    """From `first` (7,) by a straight line to the way's (K, 7) nearest free pose, then down it."""
+    for i in range(1, len(way)):
+        if edge_is_free(collision, first, way[i], config.rrt.resolution_rad):
+            return np.concatenate((first[None], way[i::-1]))
+    return None
+
+
+def _shortest(paths: Iterator[Array | None]) -> Array | None:
+    return min((path for path in paths if path is not None), key=path_rad, default=None)

@@ -15,8 +15,8 @@ class FollowConfig:
 
     Attributes:
         lag_rad: The next target waits while some joint is farther than this from the current one.
-        lost_rad: Execution fails when a joint is farther than this from its target for `lost_steps`.
-        lost_steps: See `lost_rad`.
+        lost_rad: Execution fails when a joint is farther than this from its target, ...
+        lost_steps: ... for more than this many steps.
         settled_rad: The end is reached when every joint is this near to it.
         settle_steps: How long the arm may take to settle there.
     """

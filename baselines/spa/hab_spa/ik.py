@@ -59,7 +59,8 @@ class BatchArm:
             axes[:, i], origins[:, i] = rotation[:, :, axis], position
             rotation = _turned(rotation, axis, qpos[:, i])
         position = position + rotation @ self._wrist_from_ee_m
-        jacobian: Array = np.cross(axes, position[:, None] - origins)
+        arms = position[:, None] - origins
+        jacobian = np.cross(axes, arms).astype(np.float64, copy=False)
         return position, jacobian.transpose(0, 2, 1)
 
     def solve(

@@ -12,7 +12,7 @@ from enum import Enum, auto
 
 import numpy as np
 
-from hab_spa.arm_plan import PlanConfig, plan_path
+from hab_spa.arm_plan import Ends, PlanConfig, plan_path
 from hab_spa.collision import ArmCollision, ShapeCache
 from hab_spa.escape import EscapeConfig, escape
 from hab_spa.follow import FollowConfig, Follower
@@ -136,9 +136,9 @@ class PickSkill:
         if goals.failure is not None:
             self._stop(goals.failure)
             return
-        result = plan_path(
-            collision, state.arm_qpos, goals.goals, self._next_seed(), self._config.plan
-        )
+        start = state.arm_qpos.copy()
+        ends = [Ends(open=start, tight=goal) for goal in goals.goals]
+        result = plan_path(collision, self._arm, ends, self._next_seed(), self._config.plan)
         self._start(result, Phase.REACH)
 
     def _plan_return(self, state: PrivilegedState) -> None:
@@ -160,16 +160,17 @@ class PickSkill:
         way_out = escape(collision, self._arm, start, self._config.escape)
         if not len(way_out):
             way_out = start[None]
+        ends = [Ends(open=goal, tight=way_out[-1]) for goal in goals]
         result = plan_path(
             collision,
-            way_out[-1],
-            goals,
+            self._arm,
+            ends,
             self._next_seed(),
             self._config.plan,
             touch_m=self._config.escape.touch_m,
         )
         if result.path is not None:
-            result = replace(result, path=np.concatenate((way_out, result.path[1:])))
+            result = replace(result, path=np.concatenate((way_out, result.path[-2::-1])))
         return replace(result, seconds=time.perf_counter() - began)
 
     def _start(self, result: PathResult, phase: Phase) -> None:

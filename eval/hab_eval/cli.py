@@ -211,7 +211,7 @@ def _bench(command: BenchCommand) -> int:
     """Measures, then shows and writes the rows."""
     from rich.console import Console
 
-    from hab_eval.bench import BenchOptions, row_table, run_suite, write_rows
+    from hab_eval.bench import BenchOptions, check_target, row_table, run_suite, write_rows
 
     options = BenchOptions(
         suite=command.suite,
@@ -221,6 +221,7 @@ def _bench(command: BenchCommand) -> int:
         repeats=command.repeats,
         steps=command.steps,
     )
+    check_target(command.json, force=command.force)  # before minutes are spent
     rows = run_suite(options, lambda line: print(line, flush=True))
     write_rows(command.json, rows, force=command.force)
     Console().print(row_table(rows))

@@ -62,6 +62,7 @@ def make_env(config: EvalConfig, spec: AgentSpec, *, split: str, render: bool) -
         scene_dataset=config.scene_dataset,
         objects=config.objects,
         split=split,
+        episode_seed=config.seed,
         obs_mode=spec.obs_mode,
         control_mode=spec.control_mode,
         reward_mode="dense",
@@ -70,23 +71,12 @@ def make_env(config: EvalConfig, spec: AgentSpec, *, split: str, render: bool) -
     )
 
 
-def action_size(env_id: str, control_mode: str) -> int:
-    """Returns the number of action entries of an environment in a control mode."""
-    import gymnasium
+def action_size(control_mode: str) -> int:
+    """Returns the number of action entries of a control mode: arm, gripper, base if it moves."""
+    from hab_tasks.robots.control import ARM_SIZE
 
-    env = gymnasium.make(
-        f"hab_tasks:{env_id}",
-        num_envs=1,
-        obs_mode="none",
-        control_mode=control_mode,
-        render_backend="none",
-    )
-    try:
-        shape: tuple[int, ...] | None = env.action_space.shape
-        assert shape is not None, "actions are one box"
-        return shape[-1]
-    finally:
-        env.close()
+    base = 2 if control_mode.endswith("_base") else 0
+    return ARM_SIZE[control_mode.removesuffix("_base")] + 1 + base
 
 
 def short_name(dataset: str) -> str:

@@ -17,7 +17,7 @@ class RandomAgent:
 
     def __init__(self, setup: AgentSetup) -> None:
         self.spec = AgentSpec(name="Random", control_mode="ee")
-        self._size = environments.action_size(setup.env_id, self.spec.control_mode)
+        self._size = environments.action_size(self.spec.control_mode)
         self._generators = [torch.Generator() for _ in range(setup.num_envs)]
 
     def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:

@@ -145,7 +145,7 @@ def install() -> Callable[[], None]:
         "env_ids": lambda: [ENV_ID, "HabOther-v1"],
         "load_episode_set": load_episode_set,
         "make_env": lambda config, spec, *, split, render: StubEnv(render=render),
-        "action_size": lambda env_id, control_mode: 2,
+        "action_size": lambda control_mode: 2,
     }
     before = {name: getattr(environments, name) for name in replaced}
     for name, function in replaced.items():

@@ -34,7 +34,7 @@ typecheck: setup ## Check the types
 
 bench: setup ## Steps per second, beside ManiSkill's own scene environment (runs/bench.json)
 	@mkdir -p runs
-	@.venv/bin/hab-eval bench --suite sim --json runs/bench.json
+	@.venv/bin/hab-eval bench --suite sim --force --json runs/bench.json
 
 build: setup ## Wheels of all packages, in dist/
 	@rm -rf dist build */build */*/build; mkdir dist

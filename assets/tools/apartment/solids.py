@@ -66,22 +66,30 @@ def ring(
 
 
 def ball(radii: tuple[float, float, float], rings: int = 5, sides: int = 10) -> Convex:
-    """Return a convex ellipsoid of `rings` bands of corners and two poles."""
-    polar = np.linspace(-np.pi / 2, np.pi / 2, rings + 2)[1:-1]
+    """Return a convex ellipsoid with a flat foot and crown, so that it stands where it is put."""
+    cap_rad = np.radians(68.0)
+    polar = np.linspace(-cap_rad, cap_rad, rings)
     angle = np.arange(sides) * 2 * np.pi / sides
     rows = [
-        np.stack([np.cos(t) * np.cos(angle), np.sin(t) + 0 * angle, np.cos(t) * np.sin(angle)], 1)
+        np.stack(
+            [
+                np.cos(t) * np.cos(angle),
+                np.full(sides, np.sin(t) / np.sin(cap_rad)),
+                np.cos(t) * np.sin(angle),
+            ],
+            axis=1,
+        )
         for t in polar
     ]
-    points = np.vstack([*rows, [[0, -1, 0]], [[0, 1, 0]]]) * np.asarray(radii)
-    faces, south, north = [], rings * sides, rings * sides + 1
+    last = (rings - 1) * sides
+    faces = [[0, k, k + 1] for k in range(1, sides - 1)]
+    faces += [[last, last + k, last + k + 1] for k in range(1, sides - 1)]
     for i in range(sides):
         j = (i + 1) % sides
-        faces += [[south, i, j], [north, (rings - 1) * sides + i, (rings - 1) * sides + j]]
         for row in range(rings - 1):
             a, b = row * sides + i, row * sides + j
             faces += [[a, b, b + sides], [a, b + sides, a + sides]]
-    return _outward(Convex(points, np.array(faces)))
+    return _outward(Convex(np.vstack(rows) * np.asarray(radii), np.array(faces)))
 
 
 def moved(solid: Convex, offset: tuple[float, float, float] | Array) -> Convex:

@@ -16,8 +16,11 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
+from trimesh.visual.material import PBRMaterial
 
 from hab_tasks.errors import DatasetError
+
+TEXTURE_SIZE_PX = 512
 
 SINGLE_HULL_EXCESS = 1.15
 """A decomposition whose common hull is at most this much larger than its parts becomes one hull."""
@@ -108,6 +111,26 @@ def parts_file(file: Path) -> tuple[Path, float]:
 
     path = cached_file(f"parts/{content_key(file)}.glb", write)
     return path, parts_volume(path)
+
+
+def textured_glb(file: Path) -> Path:
+    """Returns a GLB copy of a textured OBJ, its texture at most `TEXTURE_SIZE_PX` wide.
+
+    YCB's material files name ``texture_map.jpg`` with a blank behind it, which SAPIEN takes for part
+    of the name; and a texture of 4096 pixels for a tin costs more memory than the whole room.
+    """
+
+    def write(path: Path) -> None:
+        mesh = trimesh.load_mesh(file)
+        material = mesh.visual.material
+        image = material.image.convert("RGB")
+        image.thumbnail((TEXTURE_SIZE_PX, TEXTURE_SIZE_PX))
+        mesh.visual.material = PBRMaterial(
+            baseColorTexture=image, metallicFactor=0.0, roughnessFactor=0.7
+        )
+        path.write_bytes(mesh.export(file_type="glb"))
+
+    return cached_file(f"visual/{content_key(file)}-{TEXTURE_SIZE_PX}.glb", write)
 
 
 @lru_cache(maxsize=1024)

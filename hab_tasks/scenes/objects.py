@@ -17,7 +17,7 @@ from hab_tasks.errors import DatasetError, UnknownNameError
 from hab_tasks.geometry import IDENTITY
 from hab_tasks.scenes.dataset import SceneDataset, embedded_dataset
 from hab_tasks.scenes.load import load_template
-from hab_tasks.scenes.meshes import check_mesh, parts_file
+from hab_tasks.scenes.meshes import check_mesh, parts_file, textured_glb
 from hab_tasks.scenes.spec import CollisionSource, ObjectTemplate
 
 TRAIN_OBJECTS = (
@@ -107,7 +107,7 @@ def _template(
         mass_kg = volume_m3 * (density or DEFAULT_DENSITY_KG_M3)
     return ObjectTemplate(
         name=name,
-        visual_file=visual,
+        visual_file=textured_glb(visual),
         collision=(CollisionSource(kind="convex_parts", file=parts),),
         mass_kg=mass_kg,
         friction=YCB_FRICTION,

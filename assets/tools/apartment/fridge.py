@@ -111,7 +111,7 @@ def _door(
     )
     low, high = bar_z
     # The bar's centre is the marker (0.10, -0.62, 0.2) of the top door: 38.5 mm of room behind.
-    make.bar_handle((0.10, -0.62, (low + high) / 2), "z", high - low, 0.0385, "steel")
+    make.bar_handle((0.10, -0.62, (low + high) / 2), "z", high - low, 0.0385, "black_metal")
     if name == "top_door":
         make.see(shapes.box((0.062, -0.10, -0.48), (0.002, 0.07, 0.016), "black_metal", 0.0005))
     return Link(name, mass_kg, make.parts, make.boxes)

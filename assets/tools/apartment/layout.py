@@ -24,7 +24,7 @@ LIVING = [
     Placement(f"{P}lamp_02", (-2.22, 0.711, 2.66)),
     Placement(f"{P}tvstand", (4.20, 0.377, 1.25), EAST_RAD + math.pi),
     Placement(f"{P}tv_screen", (4.28, 1.36, 1.25), EAST_RAD + math.pi),
-    Placement(f"{P}indoor_plant_02", (4.02, 0.976, 2.42)),
+    Placement(f"{P}indoor_plant_02", (4.02, 0.976, 2.50), 2.4),
     Placement(f"{P}indoor_plant_01", (-2.18, 0.509, 3.62)),
     Placement(f"{P}wall_cabinet_02", (0.534, 1.066, -0.498)),
     Placement(f"{P}wall_cabinet_01", (4.10, 1.037, -0.500)),

@@ -88,8 +88,9 @@ def soft_box(
     """Return a box with rounded edges, its faces optionally bulging like a cushion."""
     half = np.asarray(size, float) / 2
     radius = min(radius_m, float(half.min()) * 0.999)
-    grids = [_soft_ticks(h, radius, steps, 3 if bulge_m else 0) for h in half]
     positions, faces, normals, thin = [], [], [], int(np.argmin(half))
+    inner = [3 if bulge_m and axis != thin else 0 for axis in range(3)]
+    grids = [_soft_ticks(h, radius, steps, n) for h, n in zip(half, inner, strict=True)]
     for axis in range(3):
         u_axis, v_axis = [a for a in range(3) if a != axis]
         for side in (-1.0, 1.0):
@@ -98,11 +99,11 @@ def soft_box(
                 for v in grids[v_axis]:
                     point = np.zeros(3)
                     point[axis], point[u_axis], point[v_axis] = side * half[axis], u, v
-                    inner = np.clip(point, radius - half, half - radius)
-                    normal = point - inner
+                    core = np.clip(point, radius - half, half - radius)
+                    normal = point - core
                     normal /= np.linalg.norm(normal)
-                    swell = bulge_m * float(axis == thin) * _swell(inner, half - radius, axis)
-                    positions.append(inner + normal * (radius + swell))
+                    swell = bulge_m * float(axis == thin) * _swell(core, half - radius, axis)
+                    positions.append(core + normal * (radius + swell))
                     normals.append(normal)
             faces += _grid_faces(start, len(grids[u_axis]), n_v)
     points = np.array(positions)
@@ -112,9 +113,9 @@ def soft_box(
     return moved(part, center)
 
 
-def _swell(inner: Array, reach: Array, axis: int) -> float:
+def _swell(core: Array, reach: Array, axis: int) -> float:
     """Return how far out a cushion's broad face is: 1 in the middle, 0 along its border."""
-    share = 1 - (inner / np.maximum(reach, 1e-9)) ** 2
+    share = 1 - (core / np.maximum(reach, 1e-9)) ** 2
     return float(np.prod(np.delete(share, axis)))
 
 

@@ -34,9 +34,7 @@ BASE_HEIGHT_M = 0.005
 HEAD_CAMERA_POSITION_M = (0.17, 0.0, 1.2)
 HEAD_CAMERA_TARGET_M = (0.75, 0.0, 1.0)
 ARM_CAMERA_POSITION_M = (0.0, 0.0, 0.1)
-THIRD_PERSON_POSITION_M = (-0.9, 0.7, 1.9)
-THIRD_PERSON_TARGET_M = (0.9, -0.1, 0.7)
-"""Camera poses in the frames of base_link (head, third person) and gripper_link (arm)."""
+"""Camera poses in the frames of base_link (head) and gripper_link (arm)."""
 
 
 @lru_cache(maxsize=2)

@@ -58,8 +58,14 @@ def free_floor(
     bodies: Iterable[CollisionBody],
     world_from_body: dict[str, Array],
     radius_m: float = BASE_RADIUS_M,
+    heights_m: tuple[float, float] = (LOWEST_M, HIGHEST_M),
 ) -> FreeFloor:
-    """Maps the free floor between `bodies` at their given poses (4, 4)."""
+    """Maps the free floor between `bodies` at their given poses (4, 4).
+
+    Args:
+        radius_m: Radius of what is to stand there.
+        heights_m: Only what lies between these heights is in its way.
+    """
     outlines = []
     ground = []
     for body in bodies:
@@ -68,7 +74,7 @@ def free_floor(
             low, high = points[2].min(), points[2].max()
             if body.group == "stage":
                 ground.append(points[:2])
-            if high > LOWEST_M and low < HIGHEST_M:
+            if high > heights_m[0] and low < heights_m[1]:
                 outlines.append(_outline(points[:2].T))
     corners = np.concatenate(ground, axis=1) if ground else np.concatenate(outlines).T
     origin = corners.min(axis=1)

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+import sapien
 import torch
 from mani_skill.envs.sapien_env import BaseEnv
 from mani_skill.sensors.camera import CameraConfig
-from mani_skill.utils.sapien_utils import look_at
 from mani_skill.utils.structs.types import SimConfig
 from torch import Tensor
 
@@ -21,10 +21,11 @@ from hab_tasks.errors import ActionError, UnknownNameError
 from hab_tasks.measures import Measures
 from hab_tasks.rendering import resolve_backend
 from hab_tasks.rewards import total
-from hab_tasks.robots.fetch import THIRD_PERSON_POSITION_M, THIRD_PERSON_TARGET_M, HabFetch
+from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.scenes.build import add_lights
 from hab_tasks.sensors import Goals, ObsEntry, scale_depth
 from hab_tasks.skills.world import World
+from hab_tasks.skills.viewpoint import viewpoint
 from hab_tasks.snapshot import Snapshot
 
 RENDER_SIZE_PX = 512
@@ -75,6 +76,7 @@ class SkillEnv(BaseEnv):
     SUPPORTED_REWARD_MODES = ("dense", "normalized_dense", "sparse", "none")
     skill: ClassVar[Skill]
     agent: HabFetch  # type: ignore[assignment]
+    _viewpoint_of: tuple[Episode, ...] = ()
 
     def __init__(
         self,
@@ -148,7 +150,7 @@ class SkillEnv(BaseEnv):
     def _default_human_render_camera_configs(self) -> CameraConfig:  # type: ignore[override]
         return CameraConfig(
             uid="render_camera",
-            pose=look_at(THIRD_PERSON_POSITION_M, THIRD_PERSON_TARGET_M),  # type: ignore[arg-type]
+            pose=sapien.Pose(),  # type: ignore[arg-type]  # set by render_rgb_array
             width=RENDER_SIZE_PX,
             height=RENDER_SIZE_PX,
             fov=1.2,
@@ -175,7 +177,19 @@ class SkillEnv(BaseEnv):
             options["reconfigure"] = True
         return super().reset(seed=seed, options=options)
 
+    def render_rgb_array(self, camera_name: str | None = None) -> Any:
+        """Renders the third-person camera, put where no wall hides the robot."""
+        if self._viewpoint_of != self.episode:
+            bodies = {state.scene_key: state for state in self._world.privileged()}
+            for state in bodies.values():
+                pose = viewpoint(state)
+                for camera in self._human_render_cameras["render_camera"].camera._render_cameras:
+                    camera.local_pose = pose
+            self._viewpoint_of = self.episode
+        return super().render_rgb_array(camera_name)
+
     def _load_scene(self, options: dict[str, Any]) -> None:
+        self._viewpoint_of = ()
         self._world.build(self.scene, self.agent)
 
     def _load_lighting(self, options: dict[str, Any]) -> None:

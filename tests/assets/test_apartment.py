@@ -151,6 +151,7 @@ def test_pickables_have_published_size_and_mass(name):
         np.testing.assert_allclose(np.ptp(corners, axis=0) * 1000, size_mm, atol=4)
     assert config["mass"] == pytest.approx(mass_kg)
     assert config["COM"] == [0, 0, 0]
+    assert config["user_defined"] == {"category": name[4:]}
 
 
 @pytest.mark.parametrize("name", sorted(LIMITS))

@@ -80,6 +80,10 @@ def load(path: Path) -> dict:
     return json.loads(path.read_text(encoding="utf-8"))
 
 
+def receptacles(config: dict) -> list[dict]:
+    return [v for k, v in config["user_defined"].items() if k.startswith("receptacle_aabb_")]
+
+
 def pieces(path: Path) -> list[trimesh.Trimesh]:
     return list(trimesh.load(path, force="scene").geometry.values())
 
@@ -162,7 +166,7 @@ def supports() -> list:
     for name in OBJECTS:
         path, config = object_config(name)
         meshes = collision_of(path, config)
-        found += [(r, meshes) for r in config.get("user_defined", {}).values()]
+        found += [(r, meshes) for r in receptacles(config)]
     for path in sorted(ROOT.rglob("*.ao_config.json")):
         robot = ElementTree.parse(path.parent / f"{path.parent.name}.urdf").getroot()
         links = {
@@ -172,7 +176,7 @@ def supports() -> list:
             ]
             for link in robot.findall("link")
         }
-        found += [(r, links[r["parent_link"]]) for r in load(path)["user_defined"].values()]
+        found += [(r, links[r["parent_link"]]) for r in receptacles(load(path))]
     return [pytest.param(r, meshes, id=r["name"]) for r, meshes in found]
 
 

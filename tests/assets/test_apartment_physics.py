@@ -24,6 +24,10 @@ def load(path: Path) -> dict:
     return json.loads(path.read_text(encoding="utf-8"))
 
 
+def receptacles(config: dict) -> list[dict]:
+    return [v for k, v in config["user_defined"].items() if k.startswith("receptacle_aabb_")]
+
+
 def add_object(scene, name, pose, *, still):
     config = load(OBJECTS / f"{name}.object_config.json")
     builder = scene.create_actor_builder()
@@ -57,13 +61,13 @@ def world():
         pose = Z_UP * sapien.Pose(item["translation"], item["rotation"])
         add_object(scene, item["template_name"], pose, still=True)
         own = load(OBJECTS / f"{item['template_name']}.object_config.json")
-        places += [(pose, r) for r in own.get("user_defined", {}).values()]
+        places += [(pose, r) for r in receptacles(own)]
     for item in config["articulated_object_instances"]:
         name = item["template_name"]
         bodies[name] = add_articulation(scene, item)
         links = {link.name: link for link in bodies[name].links}
         own = load(ROOT / "urdf" / name / f"{name}.ao_config.json")
-        places += [(links[r["parent_link"]].entity_pose, r) for r in own["user_defined"].values()]
+        places += [(links[r["parent_link"]].entity_pose, r) for r in receptacles(own)]
     return scene, bodies, places
 
 

@@ -70,6 +70,7 @@ def _write_stage(stage: StageModel, out: Path) -> None:
 def _write_object(item: ObjectModel, out: Path) -> None:
     write_parts(item.parts, out / "objects" / f"{item.name}.glb")
     write_solids(item.solids, out / "objects/convex" / f"{item.name}_cv_decomp.glb")
+    boxes = {r.name: _receptacle(r, item.name) for r in item.receptacles}
     config: Json = {
         "render_asset": f"../../objects/{item.name}.glb",
         "collision_asset": f"../../objects/convex/{item.name}_cv_decomp.glb",
@@ -78,10 +79,8 @@ def _write_object(item: ObjectModel, out: Path) -> None:
         "friction_coefficient": item.friction,
         "join_collision_meshes": False,
         "semantic_id": item.semantic_id,
-        "category": item.category,
+        "user_defined": {"category": item.category} | boxes,
     }
-    if item.receptacles:
-        config["user_defined"] = {r.name: _receptacle(r, item.name) for r in item.receptacles}
     _write_json(out / "configs/objects" / f"{item.name}.object_config.json", config)
 
 

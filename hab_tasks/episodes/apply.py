@@ -15,13 +15,7 @@ from hab_tasks.scenes.build import parking_pose
 from hab_tasks.scenes.handles import SceneHandles
 
 
-def apply_episode(
-    episode: Episode,
-    row: int,
-    handles: SceneHandles,
-    agent: HabFetch,
-    settled: dict[str, Pose7],
-) -> None:
+def apply_episode(episode: Episode, row: int, handles: SceneHandles, agent: HabFetch) -> None:
     """Poses furniture, objects and robot in `row`; everything at rest.
 
     Args:
@@ -29,7 +23,6 @@ def apply_episode(
         row: The row of the simulation; `handles` must have been built there.
         handles: The layout of `episode.scene_id`.
         agent: The robot.
-        settled: Loose object's handle -> its settled pose in this layout.
 
     Raises:
         EpisodeError: The episode names furniture, a joint or an object that is not there.
@@ -40,7 +33,7 @@ def apply_episode(
     scene._reset_mask[row] = True
     try:
         _apply_joints(episode, handles)
-        _apply_objects(episode, row, handles, settled)
+        _apply_objects(episode, handles)
         _apply_robot(episode, agent)
     finally:
         scene._reset_mask = mask
@@ -61,9 +54,7 @@ def _apply_joints(episode: Episode, handles: SceneHandles) -> None:
         furniture.set_qvel(torch.zeros_like(qpos))
 
 
-def _apply_objects(
-    episode: Episode, row: int, handles: SceneHandles, settled: dict[str, Pose7]
-) -> None:
+def _apply_objects(episode: Episode, handles: SceneHandles) -> None:
     unknown = set(episode.objects) - set(handles.pickables)
     if unknown:
         raise EpisodeError(f"{episode.id}: no object {sorted(unknown)} was loaded.")
@@ -71,7 +62,7 @@ def _apply_objects(
         _place(actor, episode.objects.get(name, parking_pose(index)))
     starts = {o.name: o.world_from_object for o in handles.spec.objects if o.dynamic}
     for name, actor in handles.loose.items():
-        _place(actor, settled.get(name, starts[name]))
+        _place(actor, episode.loose.get(name, starts[name]))
 
 
 def _place(actor: Actor, pose: Pose7) -> None:

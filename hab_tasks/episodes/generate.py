@@ -53,10 +53,9 @@ class PickStart:
 
 @dataclass(frozen=True, kw_only=True)
 class Made:
-    """A generated episode, its layout's settled loose objects, and why candidates were refused."""
+    """A generated episode, and why candidates were refused."""
 
     episode: Episode
-    settled: dict[str, Pose7]
     rejections: Counter[str]
 
 
@@ -99,7 +98,7 @@ class PickGenerator:
             except _RefusedError as reason:
                 refused[str(reason)] += 1
                 continue
-            return Made(episode=episode, settled=dict(self._bench.settled), rejections=refused)
+            return Made(episode=episode, rejections=refused)
         raise GenerationError(f"{episode_id}: no start state in {scene_id}; refused: {dict(refused)}.")
 
     def _attempt(
@@ -129,6 +128,7 @@ class PickGenerator:
             target=target,
             receptacle=(spot.receptacle.name, spot.receptacle.body),
             joints=spot.joints,
+            loose=bench.settled,
         )
 
     def _place_objects(self, rng: np.random.Generator, spot: Spot) -> dict[str, Pose7]:

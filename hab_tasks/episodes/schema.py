@@ -38,6 +38,8 @@ class Episode:
         seed: Seeds whatever the agent or environment draws during the episode.
         objects: Object name -> pose of every movable object that takes part.
         joints: Furniture handle -> joint name -> position [m or rad]; the others start at zero.
+        loose: Handle -> settled pose of the layout's own loose objects; one dict for all episodes
+            of a layout, and stored once in a file.
         target: The object that the skill is about.
         receptacle: Name of the receptacle the target starts on, and the body that carries it.
     """
@@ -50,6 +52,7 @@ class Episode:
     target: str
     receptacle: tuple[str, str]
     joints: dict[str, dict[str, float]] = field(default_factory=dict)
+    loose: dict[str, Pose7] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +60,6 @@ class EpisodeSet:
     """A list of episodes and what it was made from.
 
     Attributes:
-        scenes: Scene id -> loose object's handle -> settled pose, shared by all its episodes.
         rejections: Reason -> how many candidates were refused while generating.
     """
 
@@ -66,7 +68,6 @@ class EpisodeSet:
     split: str
     seed: int
     episodes: tuple[Episode, ...]
-    scenes: dict[str, dict[str, Pose7]] = field(default_factory=dict)
     rejections: dict[str, int] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -75,8 +76,9 @@ class EpisodeSet:
 
 def write_episodes(episodes: EpisodeSet, file: Path) -> None:
     """Writes an episode file aside and renames it."""
-    text = json.dumps({"schema": SCHEMA, **asdict(episodes)}, indent=None, sort_keys=True) + "\n"
-    data = text.encode()
+    raw = {"schema": SCHEMA, **asdict(episodes)}
+    raw["scenes"] = {entry["scene_id"]: entry.pop("loose") for entry in raw["episodes"]}
+    data = (json.dumps(raw, sort_keys=True) + "\n").encode()
     if file.suffix == ".gz":
         data = gzip.compress(data, mtime=0)
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -106,21 +108,20 @@ def read_episodes(file: Path) -> EpisodeSet:
             "Make it anew with `hab-tasks episodes`."
         )
     try:
+        scenes = {s: {k: _pose(p) for k, p in v.items()} for s, v in raw["scenes"].items()}
         return EpisodeSet(
             env=str(raw["env"]),
             scene_dataset=str(raw["scene_dataset"]),
             split=str(raw["split"]),
             seed=int(raw["seed"]),
-            episodes=tuple(episode_from_json(entry) for entry in raw["episodes"]),
-            scenes={s: {k: _pose(p) for k, p in v.items()} for s, v in raw["scenes"].items()},
+            episodes=tuple(_episode(entry, scenes) for entry in raw["episodes"]),
             rejections={str(k): int(v) for k, v in raw.get("rejections", {}).items()},
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise EpisodeError(f"{file}: a field is missing or malformed ({error!r}).") from error
 
 
-def episode_from_json(entry: dict[str, Any]) -> Episode:
-    """Builds an episode from its JSON object."""
+def _episode(entry: dict[str, Any], scenes: dict[str, dict[str, Pose7]]) -> Episode:
     base = tuple(float(x) for x in entry["robot"]["base"])
     arm = tuple(float(x) for x in entry["robot"]["arm_qpos_rad"])
     if len(base) != 3 or len(arm) != 7:
@@ -136,6 +137,7 @@ def episode_from_json(entry: dict[str, Any]) -> Episode:
         joints={
             str(k): {str(j): float(q) for j, q in v.items()} for k, v in entry["joints"].items()
         },
+        loose=scenes[str(entry["scene_id"])],
     )
     if episode.target not in episode.objects:
         raise ValueError(f"target {episode.target!r} is not among the objects of {episode.id}")

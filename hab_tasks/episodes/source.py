@@ -14,7 +14,6 @@ from pathlib import Path
 from hab_tasks.episodes.generate import PickGenerator, stable_hash
 from hab_tasks.episodes.schema import Episode, EpisodeSet, read_episodes, write_episodes
 from hab_tasks.errors import EpisodeError, UnknownNameError
-from hab_tasks.geometry import Pose7
 from hab_tasks.scenes.dataset import SceneDataset, resolve_dataset
 from hab_tasks.scenes.load import load_scene
 from hab_tasks.scenes.meshes import cache_dir
@@ -56,7 +55,6 @@ class EpisodeSource:
         self.rejections: Counter[str] = Counter()
         self._generator: PickGenerator | None = None
         self._episodes: dict[int, Episode] = {}
-        self._settled: dict[str, dict[str, Pose7]] = {}
         self._scenes: dict[str, SceneSpec] = {}
         place = "embedded" if scene_id is None and dataset.name == "apartment" else "user"
         scope = f"{split}-{scene_id}" if scene_id else split
@@ -88,21 +86,14 @@ class EpisodeSource:
             self._scenes[scene_id] = load_scene(self.dataset, scene_id)
         return self._scenes[scene_id]
 
-    def settled(self, scene_id: str) -> dict[str, Pose7]:
-        """Returns the settled poses of a layout's loose objects; empty when it has none."""
-        return self._settled.get(scene_id, {})
-
     def to_set(self, count: int) -> EpisodeSet:
         """Returns the first `count` episodes as one set."""
-        episodes = tuple(self.get(index) for index in range(count))
-        used = {episode.scene_id for episode in episodes}
         return EpisodeSet(
             env=self.env_id,
             scene_dataset=self.dataset.name,
             split=self.split,
             seed=self.seed,
-            episodes=episodes,
-            scenes={s: poses for s, poses in self._settled.items() if s in used},
+            episodes=tuple(self.get(index) for index in range(count)),
             rejections=dict(self.rejections),
         )
 
@@ -126,12 +117,9 @@ class EpisodeSource:
         )
         self._episodes[index] = made.episode
         self.rejections.update(made.rejections)
-        if made.settled:
-            self._settled[made.episode.scene_id] = made.settled
 
     def _take(self, episodes: EpisodeSet) -> None:
         self._episodes = dict(enumerate(episodes.episodes))
-        self._settled = dict(episodes.scenes)
         self.rejections = Counter(episodes.rejections)
 
 

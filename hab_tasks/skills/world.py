@@ -158,8 +158,7 @@ class World:
         for row in rows.tolist():
             episode = self.episodes[row]
             handles = next(h for h in self.handles if row in h.rows)
-            settled = self.source.settled(episode.scene_id)
-            apply_episode(episode, row, handles, self._agent, settled)
+            apply_episode(episode, row, handles, self._agent)
             self.tracker.target[row] = self._names.index(episode.target)
         if self._scene.gpu_sim_enabled:
             self._scene._gpu_apply_all()

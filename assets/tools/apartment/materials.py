@@ -91,7 +91,7 @@ MATERIALS: dict[str, Material] = {
     "orange_peel": Material((0.95, 0.48, 0.05), 0.55),
     "stalk": Material((0.25, 0.17, 0.08), 0.8),
     "bowl_red": Material((0.72, 0.11, 0.10), 0.3),
-    "mug_red": Material((0.70, 0.12, 0.13), 0.3),
+    "mug_glaze": Material((0.16, 0.33, 0.52), 0.3),
     "mug_inside": Material((0.92, 0.90, 0.86), 0.3),
     "sponge_yellow": Material((0.93, 0.80, 0.25), 1.0),
     "sponge_green": Material((0.14, 0.42, 0.22), 1.0),

@@ -282,9 +282,9 @@ def _mug_parts() -> list[Part]:
     loop = [(r - 0.002, 0.066), (0.052, 0.068), (0.062, 0.062), (0.067, 0.050)]
     loop += [(0.066, 0.036), (0.059, 0.024), (0.050, 0.017), (r - 0.002, 0.015)]
     return [
-        shapes.lathe([foot, side], "mug_red", 30),
+        shapes.lathe([foot, side], "mug_glaze", 30),
         shapes.lathe([inside], "mug_inside", 30),
-        shapes.tube([(x, y, 0.0) for x, y in loop], 0.0048, "mug_red", 10),
+        shapes.tube([(x, y, 0.0) for x, y in loop], 0.0048, "mug_glaze", 10),
     ]
 
 

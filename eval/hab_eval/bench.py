@@ -127,7 +127,7 @@ def row_table(rows: Sequence[BenchRow]) -> Table:
     """Returns the rows as a table for a terminal."""
     table = Table()
     for column in ("name", "ours", "reference", "ratio", "unit", "n"):
-        table.add_column(column)
+        table.add_column(column, overflow="fold")  # a name cut short names nothing
     for row in rows:
         values = (row.value, row.reference_value, row.ratio)
         table.add_row(row.name, *(f"{value:.3f}" for value in values), row.unit, str(row.n))

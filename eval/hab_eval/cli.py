@@ -15,6 +15,9 @@ EXIT_BAD_INPUT = 2
 EXIT_STOPPED = 1
 EXIT_INTERRUPTED = 130
 
+LOG_WIDTH = 140
+"""Characters of a table that goes into a file or a pipe, where no terminal gives a width."""
+
 RUN_HELP = """Evaluates an agent on a fixed list of episodes and writes run.json.
 
 Example:
@@ -173,7 +176,7 @@ def _run(command: RunCommand) -> int:
         terminal=sys.stderr.isatty(), write_line=lambda line: print(line, flush=True)
     )
     record = evaluate(config, options, reporter)
-    console = Console()
+    console = Console(width=None if sys.stdout.isatty() else LOG_WIDTH)
     console.print(result_table(record))
     folder = default_submissions()
     others = read_submissions(folder) if folder.is_dir() else {}
@@ -224,7 +227,7 @@ def _bench(command: BenchCommand) -> int:
     check_target(command.json, force=command.force)  # before minutes are spent
     rows = run_suite(options, lambda line: print(line, flush=True))
     write_rows(command.json, rows, force=command.force)
-    Console().print(row_table(rows))
+    Console(width=None if sys.stdout.isatty() else LOG_WIDTH).print(row_table(rows))
     print(f"wrote {command.json}")
     return 0
 

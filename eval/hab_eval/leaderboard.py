@@ -105,7 +105,7 @@ def _row(record: RunRecord) -> tuple[str, ...]:
     """Returns the cells of one submission, in the order of `COLUMNS`."""
     success = record.summary.success
     low, high = (100.0 * bound for bound in success.ci95)
-    commit = f" ({record.git[:8]})" if record.git else ""
+    commit = f" ({_short(record.git)})" if record.git else ""
     return (
         record.agent_name + (f" {PRIVILEGED_MARK}" if record.privileged else ""),
         f"{100.0 * success.mean:.1f} [{low:.1f}, {high:.1f}]",
@@ -116,6 +116,12 @@ def _row(record: RunRecord) -> tuple[str, ...]:
         str(record.seed),
         record.versions.get("hab-tasks", "?") + commit,
     )
+
+
+def _short(commit: str) -> str:
+    """Shortens a commit and keeps the mark of edited sources."""
+    digits, dash, mark = commit.partition("-")
+    return f"{digits[:8]}{dash}{mark}"
 
 
 def _markdown_row(cells: Sequence[str]) -> str:

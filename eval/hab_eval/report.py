@@ -40,7 +40,7 @@ def leaderboard_tables(groups: Iterable[Group]) -> list[Table]:
 def _group_table(group: Group) -> Table:
     table = Table(title=group.title)
     for column in COLUMNS:
-        table.add_column(column)
+        table.add_column(column, overflow="fold")
     for row in group.rows:
         table.add_row(*row)
     return table

@@ -70,6 +70,8 @@ def test_a_row_by_hand(make_record):
         "0",
         "0.1.0 (01234567)",
     )
+    (edited,) = build_groups({"x.json": make_record(git="0123456789abcdef-dirty")})
+    assert edited.rows[0][-1] == "0.1.0 (01234567-dirty)"
     assert "| Stub | 80.0 [37.6, 96.4] | 5 |" in to_markdown([group])
     assert "<td>80.0 [37.6, 96.4]</td>" in to_html([group])
 

@@ -166,10 +166,10 @@ def test_agent_that_raises_stops_the_run(cli, tmp_path):
     ("arguments", "expected"),
     [
         (("--env", "HabStubb-v1"), ("'HabStubb-v1'", "Did you mean 'HabStub-v1'?")),
-        (("--agent", "stub_hab:constan"), ("'constan'", "Did you mean 'constant'?")),
+        (("--agent", "stub_hab:constnt"), ("'constnt'", "Did you mean 'constant'?")),
         (("--agent", "hab_evall:x"), ("'hab_evall'", "Did you mean 'hab_eval'?")),
         (("--split", "vall"), ("'vall'", "Did you mean 'val'?", "train")),
-        (("--scene-dataset", "apartmen"), ("'apartmen'", "Did you mean 'apartment'?")),
+        (("--scene-dataset", "apartmnt"), ("'apartmnt'", "Did you mean 'apartment'?")),
         (("--episodes", "0"), ("episodes must be at least 1, got 0",)),
         (("--workers", "0"), ("workers must be at least 1, got 0",)),
     ],

@@ -1,0 +1,94 @@
+"""The evaluator on the real environment and the shipped apartment."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hab_eval.results import read_record
+
+ROOT = Path(__file__).resolve().parents[2]
+RUN = ("run", "--agent", "hab_eval:random_agent", "--env", "HabPick-v1")
+DATA = os.environ.get("HAB_TEST_DATA")
+
+pytestmark = pytest.mark.slow
+
+
+def hab_eval(*arguments):
+    path = os.pathsep.join([str(ROOT), str(ROOT / "eval")])
+    return subprocess.run(
+        [sys.executable, "-m", "hab_eval", *map(str, arguments)],
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        timeout=400,
+    )
+
+
+def episodes_of(folder):
+    data = json.loads((folder / "run.json").read_text())["episodes"]
+    return [{key: value for key, value in episode.items() if key != "seconds"} for episode in data]
+
+
+def test_outcomes_do_not_depend_on_workers_or_on_the_episodes_before(tmp_path):
+    for workers in (1, 2):
+        options = ("--episodes", 3, "--seed", 1, "--workers", workers)
+        done = hab_eval(*RUN, *options, "--out", tmp_path / str(workers))
+        assert done.returncode == 0, done.stderr
+    assert episodes_of(tmp_path / "1") == episodes_of(tmp_path / "2")
+    record = read_record(tmp_path / "1" / "run.json")
+    assert (record.env, record.scene_dataset, record.seed) == ("HabPick-v1", "apartment", 1)
+    assert not record.privileged
+    assert all(0 < episode.steps <= 200 for episode in record.episodes)
+    assert {"python", "hab-tasks", "mani-skill", "sapien"} <= record.versions.keys()
+    # The last episode alone, after a cut, ends as it did after the two before it.
+    journal = tmp_path / "1" / "episodes.jsonl"
+    journal.write_text("".join(journal.read_text().splitlines(keepends=True)[:2]))
+    before = episodes_of(tmp_path / "1")
+    options = ("--episodes", 3, "--seed", 1, "--resume")
+    assert hab_eval(*RUN, *options, "--out", tmp_path / "1").returncode == 0
+    assert episodes_of(tmp_path / "1") == before
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "expected"),
+    [
+        ("--env", "HabPik-v1", "Did you mean 'HabPick-v1'?"),
+        ("--scene-dataset", "apartmnt", "apartmnt"),
+        ("--split", "vall", "vall"),
+    ],
+)
+def test_bad_names(tmp_path, option, value, expected):
+    done = hab_eval(*RUN, option, value, "--out", tmp_path / "run")
+    assert done.returncode == 2
+    assert expected in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.render
+def test_video(tmp_path):
+    out = tmp_path / "run"
+    done = hab_eval(*RUN, "--episodes", 1, "--video", 1, "--out", out)
+    assert done.returncode == 0, done.stderr
+    (video,) = out.glob("video_*.mp4")
+    assert video.stat().st_size > 10_000
+    (still,) = out.glob("video_*.png")
+    assert still.stat().st_size > 10_000
+
+
+@pytest.mark.assets
+@pytest.mark.render
+@pytest.mark.skipif(not DATA, reason="HAB_TEST_DATA names no folder with replica_cad and ycb")
+def test_bench(tmp_path):
+    rows = tmp_path / "rows.json"
+    data = ("--scene-dataset", Path(DATA) / "replica_cad", "--objects", Path(DATA) / "ycb")
+    options = ("--scene", "v3_sc0_staging_00", "--repeats", 2, "--steps", 20, "--json", rows)
+    done = hab_eval("bench", "--suite", "sim", *data, *options)
+    assert done.returncode == 0, done.stderr
+    found = {row["name"]: row for row in json.loads(rows.read_text())}
+    speed = found["sim/v3_sc0_staging_00/HabPick-v1/ee"]
+    assert speed["ratio"] == pytest.approx(speed["value"] / speed["reference_value"])
+    assert 0 < found["sim/v3_sc0_staging_00/HabPick-v1/ee_physics_share"]["value"] < 1

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
-from itertools import count
+from dataclasses import dataclass, field, replace
+from itertools import count, product
 
 import numpy as np
 
@@ -30,19 +30,24 @@ class PlanConfig:
     Attributes:
         time_limit_s: All attempts together take at most this long (S App. D).
         margins_m: Wanted clearances of the attempts, one after the other.
+        range_rad: Step of the first run of RRTConnect (S App. D) ...
+        restart_range_rad: ... and of those after it, whose steps are tested just as finely. In a
+            fridge, steps of 0.1 rad need 10 to 30 times as many tests.
         first_checks: The first runs of RRTConnect give up after this many collision checks;
             the next round of runs after twice as many, and so on.
         good_rad: A path this short (largest joint, summed over its edges) is not improved on.
         improve_checks: While fewer checks than this were spent, a longer path is improved on.
-        rrt: Numbers of one run.
+        rrt: Numbers of one run; its step is replaced by the two above.
         retreat: Numbers of drawing the gripper out.
     """
 
     time_limit_s: float = 30.0
     margins_m: tuple[float, ...] = (0.02, 0.01, 0.003)
-    first_checks: int = 4_000
+    range_rad: float = 0.1
+    restart_range_rad: float = 1.0
+    first_checks: int = 2_000
     good_rad: float = 2.5
-    improve_checks: int = 12_000
+    improve_checks: int = 8_000
     rrt: RrtConfig = field(default_factory=RrtConfig)
     retreat: EscapeConfig = field(default_factory=EscapeConfig)
 
@@ -57,11 +62,12 @@ class Ends:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Attempt:
-    """One way to connect; `checks` is 0 for the straight ways."""
+    """One way to connect; a `range_rad` of 0 stands for straight lines only."""
 
     margin_m: float
-    ends: Ends
-    through_retreat: bool
+    pair: int
+    retreats: bool
+    range_rad: float
     checks: int
 
 
@@ -86,31 +92,7 @@ def plan_path(
         config: The planner's numbers.
         touch_m: Pairs that are too close at an end may come this much closer still.
     """
-    began, checks_before = time.perf_counter(), collision.checks
-    deadline_s = began + config.time_limit_s
-    best: Array | None = None
-    for i, attempt in enumerate(_attempts(ends, config)):
-        spent = collision.checks - checks_before
-        if time.perf_counter() >= deadline_s:
-            break
-        if best is not None and (
-            path_rad(best) <= config.good_rad or spent >= config.improve_checks
-        ):
-            break
-        collision.set_margin(attempt.margin_m)
-        collision.relax(attempt.ends.open, touch_m)
-        collision.relax(attempt.ends.tight, touch_m)
-        path = _run(collision, arm, attempt, seed + i, deadline_s, config)
-        if path is not None and len(path) > 2:
-            path = shorten(collision, path, seed + i, deadline_s, config.rrt)
-        if path is not None and (best is None or path_rad(path) < path_rad(best)):
-            best = path
-    return PathResult(
-        path=best,
-        failure=Failure.MOTION_PLAN if best is None else None,
-        seconds=time.perf_counter() - began,
-        checks=collision.checks - checks_before,
-    )
+    return _Search(collision, arm, ends, config, touch_m).run(seed)
 
 
 def path_rad(path: Array) -> float:
@@ -118,55 +100,101 @@ def path_rad(path: Array) -> float:
     return float(np.abs(np.diff(path, axis=0)).max(axis=1).sum())
 
 
-def _attempts(ends: Sequence[Ends], config: PlanConfig) -> Iterator[_Attempt]:
-    """All straight ways first, then rounds of ever longer runs of RRTConnect without end."""
-    for power in count(-1):
-        checks = 0 if power < 0 else config.first_checks * 2**power
-        for margin_m in config.margins_m:
-            for pair in ends:
-                for through_retreat in (True, False) if checks else (False, True):
-                    yield _Attempt(
-                        margin_m=margin_m,
-                        ends=pair,
-                        through_retreat=through_retreat,
-                        checks=checks,
-                    )
+def _attempts(pairs: int, config: PlanConfig) -> Iterator[_Attempt]:
+    """Straight ways, one run with the paper's step, then ever longer runs without end."""
+    for margin_m, retreats_, pair in product(config.margins_m, (False, True), range(pairs)):
+        yield _Attempt(margin_m=margin_m, pair=pair, retreats=retreats_, range_rad=0.0, checks=0)
+    yield _Attempt(
+        margin_m=config.margins_m[0], pair=0, retreats=False, range_rad=config.range_rad,
+        checks=config.first_checks,
+    )  # fmt: skip
+    for power in count():
+        for margin_m, pair, retreats_ in product(config.margins_m, range(pairs), (True, False)):
+            yield _Attempt(
+                margin_m=margin_m, pair=pair, retreats=retreats_,
+                range_rad=config.restart_range_rad, checks=config.first_checks * 2**power,
+            )  # fmt: skip
 
 
-def _run(
-    collision: ArmCollision,
-    arm: BatchArm,
-    attempt: _Attempt,
-    seed: int,
-    deadline_s: float,
-    config: PlanConfig,
-) -> Array | None:
-    first, last = attempt.ends.open, attempt.ends.tight
-    limit = Limit(checks=attempt.checks, deadline_s=deadline_s)
-    if not attempt.through_retreat:
-        if attempt.checks:
-            return connect(collision, first, last, seed, limit, config.rrt)
-        free = edge_is_free(collision, first, last, config.rrt.resolution_rad)
-        return np.stack((first, last)) if free else None
-    ways = retreats(collision, arm, last, config.retreat)
-    if not attempt.checks:
-        return _shortest(_straight_to(collision, first, way, config) for way in ways)
-    if not ways:
-        return None
-    longest = max(ways, key=len)
-    path = connect(collision, first, longest[-1], seed, limit, config.rrt)
-    return None if path is None else np.concatenate((path, longest[-2::-1]))
+class _Search:
+    """The attempts of one call of `plan_path`."""
 
+    def __init__(
+        self,
+        collision: ArmCollision,
+        arm: BatchArm,
+        ends: Sequence[Ends],
+        config: PlanConfig,
+        touch_m: float,
+    ) -> None:
+        self._collision, self._arm, self._ends = collision, arm, ends
+        self._config, self._touch_m = config, touch_m
+        self._deadline_s = time.perf_counter() + config.time_limit_s
+        self._ways: dict[tuple[float, int], list[Array]] = {}
 
-def _straight_to(
-    collision: ArmCollision, first: Array, way: Array, config: PlanConfig
-) -> Array | None:
-    """From `first` (7,) by a straight line to the way's (K, 7) nearest free pose, then down it."""
-    for i in range(1, len(way)):
-        if edge_is_free(collision, first, way[i], config.rrt.resolution_rad):
-            return np.concatenate((first[None], way[i::-1]))
-    return None
+    def run(self, seed: int) -> PathResult:
+        """Makes attempts until one succeeds, and some more when its path is long."""
+        began, checks_before = time.perf_counter(), self._collision.checks
+        best: Array | None = None
+        for i, attempt in enumerate(_attempts(len(self._ends), self._config)):
+            spent = self._collision.checks - checks_before
+            good = best is not None and path_rad(best) <= self._config.good_rad
+            enough = best is not None and spent >= self._config.improve_checks
+            if good or enough or time.perf_counter() >= self._deadline_s:
+                break
+            path = self._attempt(attempt, seed + i)
+            if path is not None and (best is None or path_rad(path) < path_rad(best)):
+                best = path
+        return PathResult(
+            path=best,
+            failure=Failure.MOTION_PLAN if best is None else None,
+            seconds=time.perf_counter() - began,
+            checks=self._collision.checks - checks_before,
+        )
 
+    def _attempt(self, attempt: _Attempt, seed: int) -> Array | None:
+        ends, config = self._ends[attempt.pair], self._config.rrt
+        self._collision.set_margin(attempt.margin_m)
+        self._collision.relax(ends.open, self._touch_m)
+        self._collision.relax(ends.tight, self._touch_m)
+        if attempt.range_rad == 0.0:
+            path = self._straight(attempt, ends)
+        else:
+            path = self._connect(attempt, ends, seed)
+        if path is None or len(path) == 2:
+            return path
+        return shorten(self._collision, path, seed, self._deadline_s, config)
 
-def _shortest(paths: Iterator[Array | None]) -> Array | None:
-    return min((path for path in paths if path is not None), key=path_rad, default=None)
+    def _straight(self, attempt: _Attempt, ends: Ends) -> Array | None:
+        """A straight line, or one to a retreat's first free pose and then down the retreat."""
+        resolution_rad = self._config.rrt.resolution_rad
+        if not attempt.retreats:
+            free = edge_is_free(self._collision, ends.open, ends.tight, resolution_rad)
+            return np.stack((ends.open, ends.tight)) if free else None
+        paths = []
+        for way in self._retreats(attempt):
+            for i in range(1, len(way)):
+                if edge_is_free(self._collision, ends.open, way[i], resolution_rad):
+                    paths.append(np.concatenate((ends.open[None], way[i::-1])))
+                    break
+        return min(paths, key=path_rad, default=None)
+
+    def _connect(self, attempt: _Attempt, ends: Ends, seed: int) -> Array | None:
+        """RRTConnect to the tight end, or to the end of the longest retreat from it."""
+        limit = Limit(checks=attempt.checks, deadline_s=self._deadline_s)
+        config = replace(self._config.rrt, range_rad=attempt.range_rad)
+        if not attempt.retreats:
+            return connect(self._collision, ends.open, ends.tight, seed, limit, config)
+        ways = self._retreats(attempt)
+        if not ways:
+            return None
+        way = max(ways, key=len)
+        path = connect(self._collision, ends.open, way[-1], seed, limit, config)
+        return None if path is None else np.concatenate((path, way[-2::-1]))
+
+    def _retreats(self, attempt: _Attempt) -> list[Array]:
+        key = attempt.margin_m, attempt.pair
+        if key not in self._ways:
+            tight = self._ends[attempt.pair].tight
+            self._ways[key] = retreats(self._collision, self._arm, tight, self._config.retreat)
+        return self._ways[key]

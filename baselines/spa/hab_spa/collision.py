@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 from xml.etree import ElementTree
 
 import numpy as np
@@ -218,13 +219,13 @@ class ArmCollision:
         """Pairs the shapes, less what the rest pose has in contact, and builds the broad phase."""
         allowed = allowed_link_pairs()
         kinds, links = self._kinds, self._links
-        for i, j in zip(*np.triu_indices(len(kinds), k=1), strict=True):
-            pair = {kinds[i], kinds[j]}
-            counts = "scene" in pair and bool(pair & {"arm", "held"})
-            if pair <= {"arm", "robot"} and "arm" in pair and links[i] != links[j]:
-                counts = frozenset((links[i], links[j])) not in allowed
+        moving = [i for i, kind in enumerate(kinds) if kind in ("arm", "held")]
+        for i, j in product(moving, range(len(kinds))):
+            counts = kinds[j] == "scene"
+            if kinds[i] == "arm" and (kinds[j] == "robot" or (kinds[j] == "arm" and j > i)):
+                counts = links[i] != links[j] and frozenset((links[i], links[j])) not in allowed
             if counts:
-                self._geometry.addCollisionPair(pin.CollisionPair(int(i), int(j)))
+                self._geometry.addCollisionPair(pin.CollisionPair(min(i, j), max(i, j)))
         self._drop_rest_pairs()
         pairs = self._geometry.collisionPairs
         self._with_scene = ["scene" in (kinds[p.first], kinds[p.second]) for p in pairs]

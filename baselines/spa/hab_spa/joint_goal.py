@@ -31,7 +31,7 @@ class GoalConfig:
     Attributes:
         starts_per_point: Random arm poses a grasp point (S App. D).
         round_starts: Of these, how many are tried before the count of goals is looked at.
-        enough: Sampling stops when this many goals are free of collisions.
+        enough: Sampling stops when this many goals have the largest clearance.
         margins_m: Wanted clearances; the next is used only when the one before admits no goal.
         goals: How many goals are handed to the motion planner at most.
         same_goal_rad: Two goals differ by at least this much in some joint.
@@ -43,7 +43,7 @@ class GoalConfig:
 
     starts_per_point: int = 1000
     round_starts: int = 125
-    enough: int = 24
+    enough: int = 60
     margins_m: tuple[float, ...] = (0.02, 0.01, 0.003)
     goals: int = 4
     same_goal_rad: float = 0.3
@@ -100,19 +100,18 @@ def sample_grasp_goals(
     points_m = centres_m[would_grasp(state, centres_m, config)]
     arm_from_world = invert_pose(world_from_arm)
     targets_m = points_m @ arm_from_world[:3, :3].T + arm_from_world[:3, 3]
-    collision.set_margin(config.margins_m[0])
-    free, pool, samples = np.zeros((0, 7)), np.zeros((0, 7)), 0
+    free, samples, roomy = np.zeros((0, 7)), 0, 0
     while len(targets_m) and samples < config.starts_per_point * len(targets_m):
         batch_m = np.repeat(targets_m, config.round_starts, axis=0)
         starts = rng.uniform(LOWER_RAD, UPPER_RAD, (len(batch_m), 7))
         samples += len(starts)
         solutions, reached = arm.solve(starts, batch_m, config.ik)
-        found = _with_rest_roll(solutions[reached])
-        pool = np.concatenate((pool, found))
-        free = np.concatenate((free, _free(found, collision)))
-        if len(free) >= config.enough:
+        found = _free(_with_rest_roll(solutions[reached]), collision, config.margins_m[-1])
+        free = np.concatenate((free, found))
+        roomy += len(_free(found, collision, config.margins_m[0]))
+        if roomy >= config.enough:
             break
-    goals = _best(free, pool, collision, config)
+    goals = _best(free, collision, config)
     return GoalResult(
         goals=goals,
         failure=None if len(goals) else Failure.TARGET_PLAN,
@@ -149,7 +148,7 @@ def sample_rest_goals(
         starts = rest + rng.normal(scale=config.rest_spread_rad, size=(samples, 7))
         starts = np.clip(starts, LOWER_RAD, UPPER_RAD)
         solutions, reached = arm.solve(starts, targets_m, config.ik)
-        goals = _best(np.zeros((0, 7)), solutions[reached], collision, config)
+        goals = _best(solutions[reached], collision, config)
     return GoalResult(
         goals=goals,
         failure=None if len(goals) else Failure.TARGET_PLAN,
@@ -173,16 +172,17 @@ def _by_rest_distance(poses: Array) -> Array:
     return poses[np.argsort(np.linalg.norm(poses - np.array(REST_QPOS_RAD), axis=1))]
 
 
-def _free(poses: Array, collision: ArmCollision) -> Array:
+def _free(poses: Array, collision: ArmCollision, margin_m: float) -> Array:
+    collision.set_margin(margin_m)
     keep = np.array([collision.is_free(pose) for pose in poses], dtype=bool)
     return poses[keep]
 
 
-def _best(free: Array, pool: Array, collision: ArmCollision, config: GoalConfig) -> Array:
-    """The goals (G, 7) nearest to rest; smaller margins are tried when `free` is empty."""
+def _best(poses: Array, collision: ArmCollision, config: GoalConfig) -> Array:
+    """The goals (G, 7) nearest to rest among the poses with the largest margin that one has."""
+    free = np.zeros((0, 7))
     for margin_m in config.margins_m:
-        collision.set_margin(margin_m)
-        free = free if len(free) else _free(pool, collision)
+        free = _free(poses, collision, margin_m)
         if len(free):
             break
     chosen: list[Array] = []

@@ -128,11 +128,12 @@ class PickSkill:
         self._follower = Follower(time_path(path, self._config.timing), self._config.follow)
 
     def _plan_reach(self, state: PrivilegedState) -> None:
+        began = time.perf_counter()
         collision = ArmCollision(state, cache=self._cache)
         goals = sample_grasp_goals(
             state, collision, self._arm, self._next_seed(), self._config.goal
         )
-        self._spend("target", goals.seconds)
+        self._spend("target", time.perf_counter() - began)
         if goals.failure is not None:
             self._stop(goals.failure)
             return
@@ -144,9 +145,10 @@ class PickSkill:
     def _plan_return(self, state: PrivilegedState) -> None:
         if self._phase_steps < self._config.hold_steps:
             return
+        began = time.perf_counter()
         collision = ArmCollision(state, held=state.held, cache=self._cache)
         goals = sample_rest_goals(collision, self._arm, self._next_seed(), self._config.goal)
-        self._spend("target", goals.seconds)
+        self._spend("target", time.perf_counter() - began)
         if goals.failure is not None:
             self._stop(goals.failure)
             return

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -63,8 +64,7 @@ def edge_is_free(
 def path_is_free(collision: ArmCollision, path: Array, resolution_rad: float) -> bool:
     """Whether all edges of a path (K, 7) are free."""
     return all(
-        edge_is_free(collision, first, second, resolution_rad)
-        for first, second in zip(path, path[1:], strict=False)
+        edge_is_free(collision, first, second, resolution_rad) for first, second in pairwise(path)
     )
 
 

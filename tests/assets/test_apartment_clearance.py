@@ -332,3 +332,29 @@ def test_robot_fits_in_front_of_what_it_picks_from(free_floor, place):
     reach = round((0.45 - ROBOT_RADIUS_M) / CELL_M)
     # 0.9 m of floor: the robot's centre may be up to 0.15 m to either side.
     assert free_floor[i - reach : i + reach + 1, j - reach : j + reach + 1].all()
+
+
+@pytest.mark.parametrize(
+    ("name", "joint", "reach"),
+    [
+        ("fridge", "top_door_hinge", 2.3),
+        ("fridge", "bottom_door_hinge", 2.5),
+        ("door2", "root_rotation", -2.0),
+        ("cabinet", "right_slide", -0.76),
+        ("chestOfDrawers_01", "drawer_botR", 0.2),
+    ]
+    + [("kitchen_counter", joint, 0.5) for joint in jointed("kitchen_counter").limits()]
+    + [
+        ("kitchenCupboard_01", joint, 1.6 * np.sign(lower + upper))
+        for joint, (lower, upper) in jointed("kitchenCupboard_01").limits().items()
+    ],
+)
+def test_room_lets_it_open(scene_solids, name, joint, reach):
+    entries = load(SCENE)["articulated_object_instances"]
+    item = next(e for e in entries if e["template_name"] == name)
+    pose, model = pose_of(item["translation"], item["rotation"]), jointed(name)
+    moving = next(j for j in model.joints if j.get("name") == joint).find("child").get("link")
+    for value in np.linspace(0, reach, 16):
+        link = [s.at(pose) for s in model.at({joint: float(value)})[moving]]
+        for other, group in scene_solids:
+            assert other == name or deepest(link, group, 0.001) <= 0.001, f"{other} at {value:.2f}"

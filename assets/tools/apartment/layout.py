@@ -63,7 +63,7 @@ FURNITURE = [
     Placement("fridge", (0.545, 1.01, 4.40)),
     Placement("kitchen_counter", (0.735, 0.03, 6.374)),
     Placement("kitchenCupboard_01", (0.430, 1.53, 6.374)),
-    Placement("door2", (-0.382, 2.08, -2.65)),
+    Placement("door2", (-0.392, 2.08, -2.648)),
     Placement("cabinet", (2.76, 0.05, 7.788), math.pi),
     Placement("chestOfDrawers_01", (-2.335, 0.0, -0.75)),
 ]

@@ -7,7 +7,7 @@ for each control step.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import torch
 from torch import Tensor
@@ -81,15 +81,21 @@ class Tracker:
 
     def advance(self, snapshot: Snapshot) -> None:
         """Takes the next control step's snapshot."""
-        last, now = self.measures, self._still(snapshot)
-        holding = now.holding_target
-        self.measures = replace(
-            now,
-            ee_to_object_decrease_m=last.ee_to_object_m - now.ee_to_object_m,
-            ee_to_rest_decrease_m=last.ee_to_rest_m - now.ee_to_rest_m,
+        last = self.measures
+        to_object_m, to_rest_m = self._distances(snapshot)
+        holding = snapshot.held == self.target
+        self.measures = Measures(
+            ee_to_object_m=to_object_m,
+            ee_to_rest_m=to_rest_m,
+            ee_to_object_decrease_m=last.ee_to_object_m - to_object_m,
+            ee_to_rest_decrease_m=last.ee_to_rest_m - to_rest_m,
+            holding_target=holding,
+            holding_other=(snapshot.held >= 0) & ~holding,
             picked_now=holding & ~last.holding_target,
             dropped_now=last.holding_target & ~holding,
+            force_n=snapshot.force_n,
             force_total_n=last.force_total_n + snapshot.force_n,
+            ee_in_base_m=snapshot.ee_in_base_m,
         )
 
     def get_state(self) -> dict[str, Tensor]:
@@ -110,33 +116,26 @@ class Tracker:
 
     def _still(self, s: Snapshot) -> Measures:
         """Measures of a snapshot that has no predecessor: differences and totals are zero."""
-        ee_in_base = world_to_base(s.base, s.ee_m)
-        gaps = torch.stack((s.object_m - s.ee_m, ee_in_base - self._rest))
-        distances = torch.linalg.vector_norm(gaps, dim=2)
-        zero = torch.zeros_like(distances[0])
-        never = torch.zeros_like(self.target, dtype=torch.bool)
+        to_object_m, to_rest_m = self._distances(s)
         holding = s.held == self.target
         return Measures(
-            ee_to_object_m=distances[0],
-            ee_to_rest_m=distances[1],
-            ee_to_object_decrease_m=zero,
-            ee_to_rest_decrease_m=zero,
+            ee_to_object_m=to_object_m,
+            ee_to_rest_m=to_rest_m,
+            ee_to_object_decrease_m=torch.zeros_like(to_object_m),
+            ee_to_rest_decrease_m=torch.zeros_like(to_rest_m),
             holding_target=holding,
             holding_other=(s.held >= 0) & ~holding,
-            picked_now=never,
-            dropped_now=never,
+            picked_now=torch.zeros_like(holding),
+            dropped_now=torch.zeros_like(holding),
             force_n=s.force_n,
             force_total_n=s.force_n,
-            ee_in_base_m=ee_in_base,
+            ee_in_base_m=s.ee_in_base_m,
         )
 
-
-def world_to_base(base: Tensor, points_m: Tensor) -> Tensor:
-    """Maps world points (N, 3) to the base frames (N, 3: x, y, yaw); heights stay."""
-    offset = points_m[:, :2] - base[:, :2]
-    cosine, sine = torch.cos(base[:, 2]), torch.sin(base[:, 2])
-    x, y = offset[:, 0], offset[:, 1]
-    return torch.stack((cosine * x + sine * y, cosine * y - sine * x, points_m[:, 2]), dim=1)
+    def _distances(self, s: Snapshot) -> tuple[Tensor, Tensor]:
+        gaps = torch.stack((s.object_m - s.ee_m, s.ee_in_base_m - self._rest))
+        to_object_m, to_rest_m = torch.linalg.vector_norm(gaps, dim=2).unbind()
+        return to_object_m, to_rest_m
 
 
 def select_rows(chosen: Tensor, new: Measures, old: Measures) -> Measures:

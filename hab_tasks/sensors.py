@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import torch
 from torch import Tensor
@@ -44,7 +45,12 @@ def in_ee_frame(s: Snapshot, point_m: Tensor) -> Tensor:
 
 
 def _rest_from_ee(s: Snapshot, m: Measures, g: Goals) -> Tensor:
-    return m.ee_in_base_m.new_tensor(REST_POSITION_M) - m.ee_in_base_m
+    return _rest(m.ee_in_base_m.device) - m.ee_in_base_m
+
+
+@lru_cache(maxsize=4)
+def _rest(device: torch.device) -> Tensor:
+    return torch.tensor(REST_POSITION_M, device=device)
 
 
 ARM_QPOS = ObsEntry(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +24,7 @@ class Snapshot:
         arm_qpos_rad: (N, 7) arm joints.
         base: (N, 3) x [m], y [m], yaw [rad] of the base in the world.
         ee_m: (N, 3) end-effector point in the world.
+        ee_in_base_m: (N, 3) the same point in the base frame.
         ee_axes: (N, 3, 3) axes of the gripper in the world, as columns.
         object_m: (N, 3) centre of mass of the target object in the world.
         held: (N,) index of the held object, -1 where none.
@@ -34,6 +36,7 @@ class Snapshot:
     arm_qpos_rad: Tensor
     base: Tensor
     ee_m: Tensor
+    ee_in_base_m: Tensor
     ee_axes: Tensor
     object_m: Tensor
     held: Tensor
@@ -50,19 +53,19 @@ class SnapshotReader:
         self._on_cpu = not agent.scene.gpu_sim_enabled
         self._robot = agent.robot._objs[0]
         self._ee_link = agent.ee_link._objs[0]
-        self._arm = agent.arm_index.tolist()
-        self._base = agent.base_index.tolist()
+        self._joints = agent.arm_index.tolist() + agent.base_index.tolist()
         self._bodies = [(a._bodies[0], a._bodies[0].cmass_local_pose) for a in grasp.objects]
 
     def read(self, target: Tensor, force_n: Tensor) -> Snapshot:
         """Reads all rows; `target` (N,) indexes the grasp's objects."""
         numbers = self._read_cpu(int(target)) if self._on_cpu else self._read_batch(target)
-        arm, base, ee, axes, target_m = numbers
+        arm, base, ee, ee_in_base, axes, target_m = numbers
         grasp = self._grasp
         return Snapshot(
             arm_qpos_rad=arm,
             base=base,
             ee_m=ee,
+            ee_in_base_m=ee_in_base,
             ee_axes=axes,
             object_m=target_m,
             held=grasp.held.clone(),
@@ -75,14 +78,20 @@ class SnapshotReader:
         qpos = self._robot.get_qpos()
         matrix = self._ee_link.entity_pose.to_transformation_matrix()
         body, com = self._bodies[target]
-        raw = np.empty((1, 25), dtype=np.float32)
-        raw[0, :7] = qpos[self._arm]
-        raw[0, 7:10] = qpos[self._base]
-        raw[0, 10:13] = matrix[:3, 3] + EE_OFFSET_M * matrix[:3, 0]
-        raw[0, 13:22] = matrix[:3, :3].reshape(-1)
-        raw[0, 22:25] = (body.entity_pose * com).p
-        row = torch.from_numpy(raw)
-        return row[:, :7], row[:, 7:10], row[:, 10:13], row[:, 13:22].view(1, 3, 3), row[:, 22:]
+        raw = np.empty((1, 28), dtype=np.float32)
+        row = raw[0]
+        row[:10] = qpos[self._joints]
+        row[10:13] = matrix[:3, 3] + EE_OFFSET_M * matrix[:3, 0]
+        row[13:22] = matrix[:3, :3].reshape(-1)
+        row[22:25] = (body.entity_pose * com).p
+        base_x, base_y, yaw = row[7:10].tolist()
+        ee_x, ee_y, ee_z = row[10:13].tolist()
+        x, y, cosine, sine = ee_x - base_x, ee_y - base_y, math.cos(yaw), math.sin(yaw)
+        row[25:] = cosine * x + sine * y, cosine * y - sine * x, ee_z
+        arm, base, ee, axes, point, ee_in_base = torch.from_numpy(raw).split(
+            (7, 3, 3, 9, 3, 3), dim=1
+        )
+        return arm, base, ee, ee_in_base, axes.view(1, 3, 3), point
 
     def _read_batch(self, target: Tensor) -> tuple[Tensor, ...]:
         agent = self._agent
@@ -91,7 +100,16 @@ class SnapshotReader:
         ee = agent.ee_link.pose.p + EE_OFFSET_M * axes[:, :, 0]
         points = self._grasp.objects_com_m()
         target_m = points[torch.arange(len(points), device=points.device), target]
-        return qpos[:, agent.arm_index], qpos[:, agent.base_index], ee, axes, target_m
+        base = qpos[:, agent.base_index]
+        return qpos[:, agent.arm_index], base, ee, world_to_base(base, ee), axes, target_m
+
+
+def world_to_base(base: Tensor, points_m: Tensor) -> Tensor:
+    """Maps world points (N, 3) to the base frames (N, 3: x, y, yaw); heights stay."""
+    offset = points_m[:, :2] - base[:, :2]
+    cosine, sine = torch.cos(base[:, 2]), torch.sin(base[:, 2])
+    x, y = offset[:, 0], offset[:, 1]
+    return torch.stack((cosine * x + sine * y, cosine * y - sine * x, points_m[:, 2]), dim=1)
 
 
 class ContactForce:

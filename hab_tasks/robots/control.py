@@ -42,6 +42,8 @@ from hab_tasks.robots.kinematics import ArmKinematics
 
 ArmMode = Literal["ee", "joint_delta", "joint_target"]
 
+_EE_LOWER, _EE_UPPER = np.array(EE_LOWER_M), np.array(EE_UPPER_M)
+
 ARM_SIZE: dict[str, int] = {"ee": 3, "joint_delta": 7, "joint_target": 7}
 
 
@@ -76,6 +78,7 @@ class HabController(BaseController):
         self._arm_joints = [active[index[name]] for name in ARM_JOINTS]
         self._base_joints = [active[index[name]] for name in BASE_JOINTS]
         self._on_cpu = not self.scene.gpu_sim_enabled
+        self._cpu_drives = [joint._objs[0].set_drive_target for joint in self._arm_joints]
 
     def set_drive_property(self) -> None:
         """Sets every joint's drive. A base that the action does not move is held in place."""
@@ -147,10 +150,9 @@ class HabController(BaseController):
             return torch.minimum(torch.maximum(moved, lower), upper)
         if len(arm) == 1:
             qpos = self.arm_target_rad[0].numpy(force=True).astype(np.float64)
-            goal = self._kinematics.position(qpos) + EE_STEP_M * arm[0].numpy(force=True)
-            goal = np.minimum(np.maximum(goal, EE_LOWER_M), EE_UPPER_M)
-            moved = self._kinematics.displace(qpos, goal).astype(np.float32)
-            return torch.from_numpy(moved).to(self.device)[None]
+            step = EE_STEP_M * arm[0].numpy(force=True)
+            moved = self._kinematics.move(qpos, step, _EE_LOWER, _EE_UPPER)
+            return torch.from_numpy(moved.astype(np.float32)).to(self.device)[None]
         position, _ = self._kinematics.batch_position_and_jacobian(self.arm_target_rad)
         low = torch.tensor(EE_LOWER_M, device=self.device)
         high = torch.tensor(EE_UPPER_M, device=self.device)
@@ -165,8 +167,9 @@ class HabController(BaseController):
 
     def _drive_arm(self) -> None:
         if self._on_cpu:
-            for joint, value in zip(self._arm_joints, self.arm_target_rad[0].tolist(), strict=True):
-                joint._objs[0].set_drive_target(value)
+            values = self.arm_target_rad[0].tolist()
+            for drive, value in zip(self._cpu_drives, values, strict=True):
+                drive(value)
         else:
             self.articulation.set_joint_drive_targets(
                 self.arm_target_rad, self._arm_joints, self._arm_index

@@ -1,9 +1,10 @@
-"""Objects at rest and out of reach cost nothing: they are frozen until the robot comes near.
+"""Objects at rest and out of reach cost nothing: they are frozen until something comes near.
 
-A frozen (kinematic) body in contact with furniture makes no contacts and takes no solver time, so
-a step costs the same with ten and with a hundred objects around. Before anything can touch it, a
-body near the robot or the held object becomes dynamic again; once it sleeps, out of reach, it is
-frozen again. CPU simulation only; on the GPU a body cannot change its kind while running.
+A frozen (kinematic, passive) body makes no contacts with furniture and takes no solver time, so a
+step costs the same with ten and with a hundred objects around. Before anything can touch it, a body
+near the arm, the held object or an object that was moved becomes dynamic again; once it sleeps, out
+of reach, it is frozen again. CPU simulation only; on the GPU a body cannot change its kind while
+running.
 """
 
 from __future__ import annotations
@@ -12,12 +13,25 @@ import numpy as np
 from mani_skill.utils.structs import Actor, Link
 from numpy.typing import NDArray
 
-WAKE_DISTANCE_M = 0.35
-"""Free space left between a frozen body and the robot; the arm covers some 5 cm in a step."""
+from hab_tasks.scenes.collision_groups import MOVING, PASSIVE, set_groups
 
-LINK_RADIUS_M = 0.15
-_WATCHED = ("gripper_link", "forearm_roll_link", "elbow_flex_link", "base_link")
-_BASE_RADIUS_M = 0.45
+WAKE_DISTANCE_M = 0.1
+"""Free space left between a frozen body and what moves; the arm covers some 5 cm in an action."""
+
+MOVED_M = 0.01
+"""An object this far from where it was frozen can push others."""
+
+_WATCHED_M = {
+    "upperarm_roll_link": 0.18,
+    "elbow_flex_link": 0.18,
+    "forearm_roll_link": 0.18,
+    "wrist_flex_link": 0.16,
+    "wrist_roll_link": 0.16,
+    "gripper_link": 0.16,
+    "torso_lift_link": 0.5,
+    "base_link": 0.5,
+}
+"""Links and the radius of the ball around each; together the balls hold the whole robot."""
 
 
 class DormantObjects:
@@ -28,60 +42,54 @@ class DormantObjects:
         present: (K,) whether the object takes part in the episode.
     """
 
-    def __init__(self, objects: list[Actor], links: dict[str, Link]) -> None:
+    def __init__(self, objects: list[Actor], links: dict[str, Link], mobile: bool) -> None:
+        """Watches the arm, and the base as well when it is `mobile`."""
         self._bodies = [actor._bodies[0] for actor in objects]
         self._com = [body.cmass_local_pose for body in self._bodies]
-        self._watched = [links[name]._objs[0] for name in _WATCHED]
-        self._reach_m = np.array(
-            [_BASE_RADIUS_M if n == "base_link" else LINK_RADIUS_M for n in _WATCHED]
-        )
+        names = [n for n in _WATCHED_M if mobile or n not in ("torso_lift_link", "base_link")]
+        self._watched = [links[name]._objs[0] for name in names]
+        self._link_radius_m = [_WATCHED_M[name] for name in names]
         count = len(objects)
-        self._radius_m = np.array([_radius_m(body) for body in self._bodies]).reshape(count)
+        self._radius_m = np.zeros(count)
+        self._low_m, self._high_m = np.zeros((count, 3)), np.zeros((count, 3))
+        self._frozen_at_m = np.zeros((count, 3), dtype=np.float32)
         self._active: list[int] = []
         self.com_m: NDArray[np.float32] = np.zeros((count, 3), dtype=np.float32)
         self.present = np.zeros(count, dtype=bool)
 
     def thaw_all(self) -> None:
         """Makes every body dynamic, for a reset."""
-        for body in self._bodies:
-            if body.kinematic:
-                body.kinematic = False
+        for index in range(len(self._bodies)):
+            self._thaw(index)
         self._active = list(range(len(self._bodies)))
 
     def freeze_all(self, present: NDArray[np.bool_]) -> None:
         """Freezes every body where it is; `present` (K,) marks those of this episode."""
         self.present = present.copy()
-        for index, body in enumerate(self._bodies):
-            self._read(index)
-            body.kinematic = True
+        for index in range(len(self._bodies)):
+            self._freeze(index)
         self._active = []
 
     def wake(self, index: int) -> None:
         """Makes one body dynamic now."""
         if index not in self._active:
-            self._bodies[index].kinematic = False
+            self._thaw(index)
             self._active.append(index)
 
     def before_step(self, held: int) -> None:
-        """Wakes what the robot or the held object could touch in the coming action."""
-        if not len(self._bodies):
+        """Wakes what the robot or a moved object could touch in the coming action."""
+        if not self._bodies:
             return
-        points = np.array([link.entity_pose.p for link in self._watched])
-        reach_m = self._reach_m
-        if held >= 0:
-            self._read(held)
-            points = np.vstack((points, self.com_m[held]))
-            reach_m = np.append(reach_m, self._radius_m[held])
-        gap = self.com_m[:, None] - points
-        near = np.einsum("kpi,kpi->kp", gap, gap) < (
-            (self._radius_m[:, None] + reach_m + WAKE_DISTANCE_M) ** 2
-        )
-        near = near.any(axis=1) & self.present
+        points, radius_m = self._moving_balls(held)
+        nearest = np.clip(points, self._low_m[:, None], self._high_m[:, None])
+        gap = nearest - points
+        touchable = np.einsum("kpi,kpi->kp", gap, gap) < (radius_m + WAKE_DISTANCE_M) ** 2
+        near = touchable.any(axis=1) & self.present
         for index in np.flatnonzero(near).tolist():
             self.wake(index)
         for index in self._active[:]:
             if not near[index] and index != held and self._bodies[index].is_sleeping:
-                self._bodies[index].kinematic = True
+                self._freeze(index)
                 self._active.remove(index)
 
     def refresh(self) -> None:
@@ -89,10 +97,32 @@ class DormantObjects:
         for index in self._active:
             self._read(index)
 
+    def _moving_balls(self, held: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Centres (P, 3) and radii (P,) [m] of balls around everything that may push."""
+        centers = [link.entity_pose.p for link in self._watched]
+        radii = list(self._link_radius_m)
+        for index in self._active:
+            gone = self.com_m[index] - self._frozen_at_m[index]
+            if index == held or float(gone @ gone) > MOVED_M**2:
+                centers.append(self.com_m[index])
+                radii.append(float(self._radius_m[index]))
+        return np.array(centers, dtype=np.float64), np.array(radii)
+
+    def _freeze(self, index: int) -> None:
+        body = self._bodies[index]
+        self._read(index)
+        low, high = body.compute_global_aabb_tight()
+        self._low_m[index], self._high_m[index] = low, high
+        self._radius_m[index] = np.linalg.norm(np.subtract(high, low)) / 2
+        self._frozen_at_m[index] = self.com_m[index]
+        body.kinematic = True
+        set_groups(body, PASSIVE)
+
+    def _thaw(self, index: int) -> None:
+        body = self._bodies[index]
+        if body.kinematic:
+            body.kinematic = False
+            set_groups(body, MOVING)
+
     def _read(self, index: int) -> None:
         self.com_m[index] = (self._bodies[index].entity_pose * self._com[index]).p
-
-
-def _radius_m(body) -> float:  # noqa: ANN001  (a SAPIEN component)
-    low, high = body.compute_global_aabb_tight()
-    return float(np.linalg.norm(np.asarray(high) - np.asarray(low)) / 2)

@@ -25,7 +25,7 @@ from hab_tasks.robots.fetch_spec import (
     urdf_path,
 )
 from hab_tasks.robots.light_visuals import lighten
-from hab_tasks.scenes.build import FLOOR_BIT
+from hab_tasks.scenes.collision_groups import FLOOR_BIT, ROBOT, set_groups
 from hab_tasks.scenes.urdf import remove_visuals, write_urdf
 
 BASE_HEIGHT_M = 0.005
@@ -102,6 +102,9 @@ class HabFetch(BaseAgent):
     def _after_init(self) -> None:
         self.ee_link = self.link(EE_LINK)
         self.base_link = self.link("base_link")
+        for link in self.robot.links:
+            for body in link._objs:
+                set_groups(body, ROBOT)
         for body in self.base_link._objs:
             for shape in body.collision_shapes:
                 groups = shape.get_collision_groups()

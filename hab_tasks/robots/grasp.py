@@ -23,7 +23,7 @@ from torch import Tensor
 
 from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.robots.fetch_spec import EE_OFFSET_M
-from hab_tasks.scenes.build import HELD_GROUP, WORLD_GROUP
+from hab_tasks.scenes.collision_groups import HELD, MOVING, Groups, set_groups
 
 HOLD_TOLERANCE_M = 0.09
 """A held object that is pulled this far out of place is lost (Habitat's hold threshold)."""
@@ -84,7 +84,7 @@ class SnapGrasp:
         self._leaving = [entry for entry in self._leaving if entry[0] not in set(rows.tolist())]
         for row in rows.tolist():
             for index in range(len(self.objects)):
-                self._set_collision(row, index, WORLD_GROUP)
+                self._set_collision(row, index, MOVING)
 
     def command(self, gripper: Tensor) -> None:
         """Acts on the gripper entry (N,): >= 0 grasps when the hand is empty, < 0 releases."""
@@ -102,7 +102,7 @@ class SnapGrasp:
     def attach(self, row: int, index: int) -> None:
         """Holds object `index` in `row`, wherever it is."""
         self.held[row] = index
-        self._set_collision(row, index, HELD_GROUP)
+        self._set_collision(row, index, HELD)
         ee_from_object = self.ee_link.pose[row].inv() * self.objects[index].pose[row]
         raw = self._ee_from_object.raw_pose.clone()
         raw[row] = ee_from_object.raw_pose[0]
@@ -204,18 +204,13 @@ class SnapGrasp:
             if float(torch.linalg.norm(self.object_com_m(index)[row] - ee[row])) < side_m:
                 still.append((row, index, side_m))
             else:
-                self._set_collision(row, index, WORLD_GROUP)
+                self._set_collision(row, index, MOVING)
         self._leaving = still
 
-    def _set_collision(self, row: int, index: int, group: int) -> None:
+    def _set_collision(self, row: int, index: int, groups: Groups) -> None:
         # Contact filters can be changed while running on the CPU only.
-        if self.scene.gpu_sim_enabled:
-            return
-        for shape in self.objects[index]._bodies[row].collision_shapes:
-            groups = shape.get_collision_groups()
-            if groups[0] != group:
-                groups[0] = groups[1] = group
-                shape.set_collision_groups(groups)
+        if not self.scene.gpu_sim_enabled:
+            set_groups(self.objects[index]._bodies[row], groups)
 
     def _tie_object(self, row: int, index: int) -> None:
         raise NotImplementedError

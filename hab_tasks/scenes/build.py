@@ -16,6 +16,15 @@ from mani_skill.utils.structs import Actor, Articulation
 from sapien.physx import PhysxMaterial
 
 from hab_tasks.geometry import Pose7, apply
+from hab_tasks.scenes.collision_groups import (
+    FLOOR_BIT,
+    FURNITURE_BIT,
+    MOVING,
+    PASSIVE,
+    STATIC,
+    Groups,
+    set_groups,
+)
 from hab_tasks.scenes.handles import SceneHandles
 from hab_tasks.scenes.meshes import mesh_bounds, parts_volume
 from hab_tasks.scenes.spec import (
@@ -27,18 +36,6 @@ from hab_tasks.scenes.spec import (
     Stage,
 )
 from hab_tasks.scenes.urdf import sapien_urdf
-
-WORLD_GROUP = 3
-"""Collision bits of everything but the robot, which has bit 1: robot and world meet on bit 1."""
-
-HELD_GROUP = 2
-"""Collision bits of a held object: it meets the world on bit 2 and the robot on none."""
-
-FLOOR_BIT = 1 << 31
-"""Ignore bit shared by the robot's base and by whatever lies flat on the floor."""
-
-FURNITURE_BIT = 1 << 29
-"""Ignore bit that links of one piece of furniture share: its joints' limits hold it together."""
 
 FLAT_HEIGHT_M = 0.05
 """Floor, rugs and mats: bodies whose top is below this do not touch the robot's base."""
@@ -118,7 +115,7 @@ class _Builder:
                 material = sapien.render.RenderMaterial(base_color=list(color))
                 material.roughness = 0.8
                 builder.add_box_visual(_at(source), list(source.half_size_m), material)
-        return _group(builder.build_static(f"{self.prefix}-stage"), flat_apart=True)
+        return _group(builder.build_static(f"{self.prefix}-stage"), STATIC, flat_apart=True)
 
     def object(self, instance: ObjectInstance) -> Actor:
         name, pose = instance.name, instance.world_from_object
@@ -130,7 +127,7 @@ class _Builder:
             builder, template.collision, _material(template.friction), 1000.0, instance.scale
         )
         self._see(builder, template, instance.scale)
-        return _group(builder.build_static(f"{self.prefix}-{name}"), flat_apart=True)
+        return _group(builder.build_static(f"{self.prefix}-{name}"), STATIC, flat_apart=True)
 
     def dynamic(self, name: str, template: ObjectTemplate, pose: Pose7, scale: float) -> Actor:
         builder = self._new(pose)
@@ -139,7 +136,7 @@ class _Builder:
         density = mass_kg / max(volume_m3, 1e-9)
         self._collide(builder, template.collision, _material(template.friction), density, scale)
         self._see(builder, template, scale)
-        actor = _group(builder.build_dynamic(f"{self.prefix}-{name}"))
+        actor = _group(builder.build_dynamic(f"{self.prefix}-{name}"), MOVING)
         for body in actor._bodies:
             # Cooked hulls are a little smaller than the mesh: the stated mass wins.
             body.mass = mass_kg
@@ -156,11 +153,14 @@ class _Builder:
         builder.initial_pose = _pose(furniture.world_from_root)
         builder.set_scene_idxs(self.rows)
         for link in builder.link_builders:
-            link.collision_groups = [WORLD_GROUP, WORLD_GROUP, FURNITURE_BIT, group]
+            link.collision_groups = [*MOVING, FURNITURE_BIT, group]
         built = builder.build()
+        moving = {joint.child_link.name for joint in built.active_joints}
         for link in built.links:
             # Slides are level and hinges upright, so gravity could only make doors creep.
             link.disable_gravity = True
+            for body in link._objs:
+                set_groups(body, MOVING if link.name in moving else PASSIVE)
         return built
 
     def parking(self, count: int) -> Actor:
@@ -168,7 +168,7 @@ class _Builder:
         builder = self._new((0.0, 0.0, PARKING_Z_M, 1.0, 0.0, 0.0, 0.0))
         half = PARKING_SPACING_M * (count + 8)
         builder.add_box_collision(sapien.Pose([0, 0, -0.05]), [half, half, 0.05])
-        return _group(builder.build_static(f"{self.prefix}-parking"))
+        return _group(builder.build_static(f"{self.prefix}-parking"), STATIC)
 
     def _new(self, pose: Pose7) -> ActorBuilder:
         builder = self.scene.create_actor_builder()
@@ -207,12 +207,12 @@ class _Builder:
                 )
 
 
-def _group(actor: Actor, flat_apart: bool = False) -> Actor:
+def _group(actor: Actor, groups: Groups, flat_apart: bool = False) -> Actor:
     """Sets collision groups; with `flat_apart`, what lies on the floor spares the robot's base."""
     for body in actor._bodies:
         for shape in body.collision_shapes:
             flat = flat_apart and _top_m(body, shape) < FLAT_HEIGHT_M
-            shape.set_collision_groups([WORLD_GROUP, WORLD_GROUP, FLOOR_BIT if flat else 0, 0])
+            shape.set_collision_groups([*groups, FLOOR_BIT if flat else 0, 0])
     return actor
 
 

@@ -129,7 +129,8 @@ class World:
         self._dormant = None
         if not scene.gpu_sim_enabled:
             links = dict(agent.robot.links_map)
-            self._dormant = DormantObjects(list(movable.values()), links)
+            mobile = agent.controller.config.base
+            self._dormant = DormantObjects(list(movable.values()), links, mobile)
         self._key, self._bodies = f"{self._built[0]}#{next(_builds)}", ()
 
     def _handles(self) -> list[Handle]:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -43,18 +46,22 @@ def load_scene(dataset: SceneDataset, scene_id: str) -> SceneSpec:
     """
     file = dataset.scene_file(scene_id)
     data = read_json(file)
-    objects, missing = _objects(dataset, file, data)
-    articulations = _articulations(dataset, file, data)
+    with _fields_of(file):
+        objects, missing = _objects(dataset, file, data)
+        articulations = _articulations(dataset, file, data)
+        stage = _stage(dataset, scene_id, data)
     if missing:
         absent = ", ".join(_absent_templates(dataset))
-        _say_once(f"{dataset.root}: objects without files are skipped wherever they occur: {absent}.")
+        _say_once(
+            f"{dataset.root}: objects without files are skipped wherever they occur: {absent}."
+        )
     receptacles = [r for instance in objects for r in _placed_receptacles(instance)]
     for instance in articulations:
         receptacles.extend(_articulated_receptacles(instance))
     return SceneSpec(
         scene_id=scene_id,
         dataset=dataset.name,
-        stage=_stage(dataset, scene_id, data),
+        stage=stage,
         objects=tuple(objects),
         articulations=tuple(articulations),
         receptacles=tuple(receptacles),
@@ -71,13 +78,16 @@ def load_template(file: Path) -> ObjectTemplate | None:
         DatasetError: A file is damaged.
     """
     data = read_json(file)
+    with _fields_of(file):
+        visual = (file.parent / data["render_asset"]).resolve()
+        if not visual.exists():
+            return None
+        check_mesh(visual)
+        return _template(file, data, visual)
+
+
+def _template(file: Path, data: dict[str, Any], visual: Path) -> ObjectTemplate:
     name = file.name.removesuffix(".object_config.json")
-    if "render_asset" not in data:
-        raise DatasetError(f"{file}: no render_asset in it.")
-    visual = (file.parent / data["render_asset"]).resolve()
-    if not visual.exists():
-        return None
-    check_mesh(visual)
     up = _vector(data.get("up", HABITAT_UP))
     return ObjectTemplate(
         name=name,
@@ -102,7 +112,7 @@ def read_receptacles(data: dict[str, Any], body: str, up: Vector) -> list[Recept
             Receptacle(
                 name=entry.get("name", key),
                 body=f"{body}/{link}" if link else body,
-                body_from_box=pose(entry["position"], entry.get("rotation", (1, 0, 0, 0))),
+                body_from_box=_pose(entry["position"], entry.get("rotation", (1, 0, 0, 0))),
                 half_size_m=_vector([abs(x) for x in entry["scale"]]),
                 up=_vector(entry.get("up", up)),
             )
@@ -148,7 +158,9 @@ def _objects(
 
 
 def _absent_templates(dataset: SceneDataset) -> list[str]:
-    return sorted(name for name, file in dataset.object_files.items() if load_template(file) is None)
+    return sorted(
+        name for name, file in dataset.object_files.items() if load_template(file) is None
+    )
 
 
 def _articulations(
@@ -183,7 +195,9 @@ def _articulated_receptacles(instance: ArticulationInstance) -> list[Receptacle]
     config = instance.urdf_file.with_suffix(".ao_config.json")
     if not config.exists():
         return []
-    entries = read_receptacles(read_json(config), instance.name, HABITAT_UP)
+    data = read_json(config)
+    with _fields_of(config):
+        entries = read_receptacles(data, instance.name, HABITAT_UP)
     return [_scaled(r, r.body, instance.scale) for r in entries]
 
 
@@ -208,7 +222,11 @@ def _stage(dataset: SceneDataset, scene_id: str, data: dict[str, Any]) -> Stage:
         check_mesh(visual)
         asset = config.get("collision_asset")
         if asset:
-            source = CollisionSource(kind="convex_parts", file=(folder / asset).resolve())
+            file = (folder / asset).resolve()
+            if not file.exists():
+                raise DatasetError(f"{dataset.stage_files[name]}: no collision_asset {file}.")
+            check_mesh(file)
+            source = CollisionSource(kind="convex_parts", file=file)
         else:
             source = CollisionSource(kind="mesh", file=visual)
         collision: tuple[CollisionSource, ...] = (source,)
@@ -253,12 +271,33 @@ def _lights(dataset: SceneDataset, data: dict[str, Any]) -> tuple[PointLight, ..
 def _world_pose(entry: dict[str, Any]) -> Pose7:
     local = IDENTITY
     if "translation" in entry or "rotation" in entry:
-        local = pose(entry.get("translation", (0, 0, 0)), entry.get("rotation", (1, 0, 0, 0)))
+        local = _pose(entry.get("translation", (0, 0, 0)), entry.get("rotation", (1, 0, 0, 0)))
     return compose(WORLD_FROM_HABITAT, local)
 
 
+def _pose(position: Any, wxyz: Any) -> Pose7:
+    rotation = tuple(float(x) for x in wxyz)
+    if len(rotation) != 4 or not math.hypot(*rotation) > 0 or not math.isfinite(sum(rotation)):
+        raise ValueError(f"a rotation needs four numbers that are not all zero, found {wxyz}")
+    return pose(_vector(position), rotation)
+
+
 def _vector(values: Any) -> Vector:
-    return tuple(float(x) for x in values)  # type: ignore[return-value]
+    numbers = tuple(float(x) for x in values)
+    if len(numbers) != 3 or not math.isfinite(sum(numbers)):
+        raise ValueError(f"three numbers are needed, found {values}")
+    return numbers
+
+
+@contextmanager
+def _fields_of(file: Path) -> Iterator[None]:
+    """Names `file` when one of its fields is absent or of the wrong kind."""
+    try:
+        yield
+    except KeyError as error:
+        raise DatasetError(f"{file}: no field {error} in it.") from error
+    except (TypeError, ValueError, AttributeError) as error:
+        raise DatasetError(f"{file}: a field is malformed ({error}).") from error
 
 
 def _say_once(message: str) -> None:

@@ -1,0 +1,200 @@
+"""Small datasets and scenes that tests make for themselves."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import sapien
+import torch
+import trimesh
+from mani_skill.envs.scene import ManiSkillScene
+from mani_skill.envs.utils.system.backend import parse_sim_and_render_backend
+from mani_skill.utils.structs import Actor
+from mani_skill.utils.structs.types import SimConfig
+
+from hab_tasks.measures import Measures
+from hab_tasks.robots.fetch import HabFetch
+from hab_tasks.snapshot import Snapshot
+
+TABLE_SIZE_M = (1.0, 0.8, 0.6)
+"""The tiny dataset's table: x, y (up) and z extents; its origin is its middle."""
+
+DRAWER_URDF = """<robot name="chest">
+  <link name="body">
+    <visual><geometry><mesh filename="body.glb" scale="1, 1, 1"/></geometry></visual>
+    <collision><geometry><box size="0.4 0.3, 0.2"/></geometry></collision>
+    <inertial><mass value="5"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
+  </link>
+  <link name="drawer">
+    <visual><geometry><mesh filename="body.glb" scale="1, 1, 1"/></geometry></visual>
+    <collision><origin xyz="0.3, 0, 0"/><geometry><box size="0.1 0.1 0.1"/></geometry></collision>
+    <inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
+  </link>
+  <joint name="slide" type="prismatic">
+    <parent link="body"/><child link="drawer"/><axis xyz="1, 0, 0"/>
+    <limit lower="0" upper="0.25" effort="10" velocity="1"/>
+  </joint>
+</robot>
+"""
+
+
+def write_json(file: Path, value: object) -> Path:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(json.dumps(value))
+    return file
+
+
+def box_glb(file: Path, size_m: tuple[float, float, float] = (0.1, 0.1, 0.1)) -> Path:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    trimesh.Scene(trimesh.creation.box(size_m)).export(file, file_type="glb")
+    return file
+
+
+def table_config(scale: tuple[float, float, float] = (0.5, 0.1, 0.3)) -> dict:
+    """A table with one receptacle on its top: half extents `scale`, 0.1 m high on each side."""
+    name = "receptacle_aabb_Tbl1_Top1_frl_apartment_table_01"
+    return {
+        "render_asset": "../../objects/table.glb",
+        "collision_asset": "../../objects/table.glb",
+        "mass": 18,
+        "user_defined": {name: {"name": name, "position": [0.0, 0.5, 0.0], "scale": list(scale)}},
+    }
+
+
+def tiny_dataset(root: Path, *, urdf_file: str = "chests/chest.urdf") -> Path:
+    """Writes a dataset of one scene: a stage without a mesh, a table, a loose cube, a chest.
+
+    Args:
+        urdf_file: ``chests/chest.urdf`` as Facebook names files, ``chest/chest.urdf`` as ManiSkill.
+    """
+    write_json(root / "tiny.scene_dataset_config.json", {})
+    write_json(
+        root / "configs/stages/room.stage_config.json", {"render_asset": "../../stages/room.glb"}
+    )
+    write_json(root / "configs/objects/table.object_config.json", table_config())
+    cube = {"render_asset": "../../objects/cube.glb", "use_bounding_box_for_collision": True}
+    write_json(root / "configs/objects/cube.object_config.json", cube)
+    box_glb(root / "objects/table.glb", TABLE_SIZE_M)
+    box_glb(root / "objects/cube.glb", (0.1, 0.2, 0.3))
+    urdf = root / "urdf" / urdf_file
+    box_glb(urdf.parent / "body.glb", (0.4, 0.3, 0.2))
+    urdf.write_text(DRAWER_URDF)
+    write_scene(root, tiny_scene())
+    return root
+
+
+def tiny_scene() -> dict:
+    half = math.sqrt(0.5)
+    return {
+        "stage_instance": {"template_name": "stages/room"},
+        "object_instances": [
+            {"template_name": "table", "translation": [1, 0.4, 2], "motion_type": "STATIC"},
+            {
+                "template_name": "objects/cube",
+                "translation": [1, 0.9, 2],
+                "rotation": [half, 0, half, 0],
+                "motion_type": "DYNAMIC",
+            },
+        ],
+        "articulated_object_instances": [
+            {"template_name": "chest", "translation": [-1, 0.2, 0], "uniform_scale": 2.0}
+        ],
+    }
+
+
+def write_scene(root: Path, scene: dict, scene_id: str = "v3_sc0_staging_00") -> Path:
+    return write_json(root / f"configs/scenes/{scene_id}.scene_instance.json", scene)
+
+
+def cpu_scene() -> ManiSkillScene:
+    """An empty physics scene on the CPU, without a renderer, 120 Hz."""
+    px = sapien.physx.PhysxCpuSystem()
+    backend = parse_sim_and_render_backend("physx_cpu", "none")
+    config = SimConfig(sim_freq=120, control_freq=30)
+    scene = ManiSkillScene(
+        [sapien.Scene([px])], sim_config=config, device=backend.device, backend=backend
+    )
+    px.timestep = 1 / 120
+    return scene
+
+
+def box_actor(
+    scene: ManiSkillScene,
+    name: str,
+    half_m: tuple[float, float, float],
+    position_m: tuple[float, float, float],
+    *,
+    density: float = 500.0,
+    static: bool = False,
+) -> Actor:
+    """A box in the collision group that everything but the robot is in."""
+    from hab_tasks.scenes.build import WORLD_GROUP
+
+    builder = scene.create_actor_builder()
+    builder.initial_pose = sapien.Pose(list(position_m))
+    builder.add_box_collision(half_size=list(half_m), density=density)
+    actor = builder.build_static(name) if static else builder.build(name)
+    for shape in actor._bodies[0].collision_shapes:
+        shape.set_collision_groups([WORLD_GROUP, WORLD_GROUP, 0, 0])
+    return actor
+
+
+def fetch_at_rest(scene: ManiSkillScene) -> HabFetch:
+    """The robot at the origin, arm at rest, ready for joint targets; call after `scene._setup`."""
+    agent = HabFetch(scene, 30, "joint_target")
+    return agent
+
+
+def start_fetch(agent: HabFetch) -> None:
+    agent.robot.set_qpos(agent.rest_qpos()[None])
+    agent.robot.set_qvel(torch.zeros(1, len(agent.joint_index)))
+    agent.controller.reset()
+
+
+def snapshot(count: int = 1, **values: torch.Tensor) -> Snapshot:
+    """A snapshot of `count` rows at the origin with nothing held, except for `values`."""
+    zeros = torch.zeros(count)
+    nothing = torch.full((count,), -1, dtype=torch.long)
+    raw = {
+        "arm_qpos_rad": torch.zeros(count, 7),
+        "base": torch.zeros(count, 3),
+        "ee_m": torch.zeros(count, 3),
+        "ee_axes": torch.eye(3).expand(count, 3, 3),
+        "object_m": torch.zeros(count, 3),
+        "held": nothing,
+        "held_handle": nothing.clone(),
+        "lost": torch.zeros(count, dtype=torch.bool),
+        "force_n": zeros,
+    }
+    return Snapshot(**{**raw, **values})
+
+
+def measures(count: int = 1, **values: torch.Tensor) -> Measures:
+    """Measures of `count` rows that are all zero or False, except for `values`."""
+    zeros, never = torch.zeros(count), torch.zeros(count, dtype=torch.bool)
+    raw = dict.fromkeys(
+        (
+            "ee_to_object_m",
+            "ee_to_rest_m",
+            "ee_to_object_decrease_m",
+            "ee_to_rest_decrease_m",
+            "force_n",
+            "force_total_n",
+        ),
+        zeros,
+    )
+    raw |= dict.fromkeys(("holding_target", "holding_other", "picked_now", "dropped_now"), never)
+    return Measures(**{**raw, "ee_in_base_m": torch.zeros(count, 3), **values})
+
+
+def same(a: object, b: object, atol: float = 0.0) -> bool:
+    """Whether two nested dicts of tensors, arrays and numbers are equal to within `atol`."""
+    if isinstance(a, dict):
+        return (
+            isinstance(b, dict) and a.keys() == b.keys() and all(same(a[k], b[k], atol) for k in a)
+        )
+    x, y = np.asarray(a), np.asarray(b)
+    if x.dtype == bool:
+        return x.shape == y.shape and bool((x == y).all())
+    return x.shape == y.shape and bool(np.allclose(x, y, rtol=0.0, atol=atol, equal_nan=True))

@@ -1,0 +1,76 @@
+"""The arm's kinematics: derivatives, the batch against single rows, and the IK step."""
+
+import numpy as np
+import pytest
+import torch
+
+from hab_tasks.constants import EE_STEP_M, REST_POSITION_M
+from hab_tasks.robots.fetch_spec import ARM_LOWER_RAD, ARM_UPPER_RAD, REST_QPOS_RAD
+from hab_tasks.robots.kinematics import ArmKinematics, arm_model
+
+LOWER, UPPER = np.array(ARM_LOWER_RAD), np.array(ARM_UPPER_RAD)
+REST = np.array(REST_QPOS_RAD)
+POSES = np.random.default_rng(0).uniform(LOWER, UPPER, (20, 7))
+
+
+@pytest.fixture(scope="module")
+def kinematics():
+    return ArmKinematics()
+
+
+def test_rest_pose_puts_the_hand_on_the_resting_position(kinematics):
+    assert np.linalg.norm(kinematics.position(REST) - REST_POSITION_M) < 1e-4
+
+
+@pytest.mark.parametrize("qpos", POSES[:8])
+def test_jacobian_equals_central_differences(kinematics, qpos):
+    step = 1e-6
+    columns = [
+        (kinematics.position(qpos + step * e) - kinematics.position(qpos - step * e)) / (2 * step)
+        for e in np.eye(7)
+    ]
+    position, jacobian = kinematics.position_and_jacobian(qpos)
+    assert np.allclose(jacobian, np.stack(columns, axis=1), atol=1e-6)
+    assert np.allclose(position, kinematics.position(qpos))
+
+
+def test_batch_equals_single_rows(kinematics):
+    rows = torch.tensor(POSES)
+    positions, jacobians = kinematics.batch_position_and_jacobian(rows)
+    targets = positions + torch.tensor([0.01, -0.005, 0.008], dtype=torch.float64)
+    moved = kinematics.batch_displace(rows, targets)
+    for i, qpos in enumerate(POSES):
+        position, jacobian = kinematics.position_and_jacobian(qpos)
+        assert np.allclose(positions[i], position, atol=1e-5)
+        assert np.allclose(jacobians[i], jacobian, atol=1e-5)
+        assert np.allclose(moved[i], kinematics.displace(qpos, targets[i].numpy()), atol=1e-4)
+
+
+@pytest.mark.parametrize("axis", np.vstack((np.eye(3), -np.eye(3))))
+def test_a_step_from_rest_moves_the_hand_by_what_was_asked(kinematics, axis):
+    # Damping 0.02 shortens a step in singular directions; near rest a tenth at the most.
+    before = kinematics.position(REST)
+    moved = kinematics.position(kinematics.displace(REST, before + EE_STEP_M * axis)) - before
+    assert np.linalg.norm(moved - EE_STEP_M * axis) < 0.1 * EE_STEP_M
+
+
+def test_repeated_steps_reach_a_reachable_point(kinematics):
+    goal, qpos = np.array([0.8, 0.1, 0.8]), REST
+    for _ in range(40):
+        qpos = kinematics.displace(qpos, goal)
+    assert np.linalg.norm(kinematics.position(qpos) - goal) < 1e-3
+
+
+def test_a_step_stays_within_the_joints_limits(kinematics):
+    for qpos in np.clip(POSES + 3.0, LOWER, UPPER):  # most joints at their upper limit
+        moved = kinematics.displace(qpos, np.array([3.0, -3.0, 3.0]))
+        assert (moved >= LOWER).all()
+        assert (moved <= UPPER).all()
+
+
+def test_model_holds_the_arms_joints_with_the_specs_limits():
+    model, _ = arm_model()
+    assert model.nq == 7
+    # The URDF rounds its limits to four digits.
+    assert np.allclose(model.lowerPositionLimit, LOWER, atol=1e-3)
+    assert np.allclose(model.upperPositionLimit, UPPER, atol=1e-3)

@@ -178,11 +178,11 @@ def _run(command: RunCommand) -> int:
     record = evaluate(config, options, reporter)
     console = Console(width=None if sys.stdout.isatty() else LOG_WIDTH)
     console.print(result_table(record))
+    print(f"wrote {command.out / 'run.json'}")
     folder = default_submissions()
     others = read_submissions(folder) if folder.is_dir() else {}
     for table in leaderboard_tables(build_groups({**others, "this run": record})):
         console.print(table)
-    print(f"wrote {command.out / 'run.json'}")
     return 0
 
 

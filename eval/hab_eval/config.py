@@ -48,9 +48,22 @@ class SavedConfig:
     git: str | None
 
 
+COMMIT_SEPARATOR = " then "
+
+
+def join_commits(before: str | None, now: str | None) -> str | None:
+    """Names every commit that a resumed run was made on, in order."""
+    if before is None and now is None:
+        return None
+    known = (before or "unknown").split(COMMIT_SEPARATOR)
+    return COMMIT_SEPARATOR.join(dict.fromkeys([*known, now or "unknown"]))
+
+
 def write_config(path: Path, saved: SavedConfig) -> None:
-    """Writes `config.json`."""
-    path.write_text(json.dumps(asdict(saved), indent=2) + "\n", encoding="utf-8")
+    """Writes `config.json` through a temporary file, so that a resumed run never finds half."""
+    scratch = path.with_name(path.name + ".partial")
+    scratch.write_text(json.dumps(asdict(saved), indent=2) + "\n", encoding="utf-8")
+    scratch.replace(path)
 
 
 def read_config(path: Path) -> SavedConfig:

@@ -23,6 +23,7 @@ from hab_eval.run_folder import RunFolder, check_free, open_folder
 from hab_eval.runner import RolloutPlan
 from hab_eval.workers import Job, run_inline, run_parallel
 from hab_tasks.agent import AgentSetup, AgentSpec
+from hab_tasks.errors import HabError
 
 if TYPE_CHECKING:
     from hab_tasks.episodes import EpisodeSet
@@ -80,7 +81,7 @@ def evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> Run
         versions=provenance.package_versions(config.agent),
         git=provenance.git_commit(),
     )
-    folder = open_folder(options.out, saved, resume=options.resume, force=options.force)
+    folder, saved = open_folder(options.out, saved, resume=options.resume, force=options.force)
     finished = _kept(folder, episodes)
     reporter.running(len(finished), len(episodes.episodes))
     try:
@@ -92,6 +93,10 @@ def evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> Run
                 reporter.finished(one)
     except RunStoppedError as error:
         raise _with_advice(error, folder, len(finished), len(episodes.episodes)) from error
+    except HabError:
+        if not finished:
+            folder.discard()  # so that the mended command is not refused for a folder in its way
+        raise
     record = make_record(saved, spec, episodes, finished)
     write_record(folder.record_path, record)
     return record

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from hab_eval.config import COMMIT_SEPARATOR
 from hab_eval.errors import ResultError
 from hab_eval.results import RunRecord, read_record
 
@@ -119,9 +120,9 @@ def _row(record: RunRecord) -> tuple[str, ...]:
 
 
 def _short(commit: str) -> str:
-    """Shortens a commit and keeps the mark of edited sources."""
-    digits, dash, mark = commit.partition("-")
-    return f"{digits[:8]}{dash}{mark}"
+    """Shortens each commit and keeps the mark of edited sources."""
+    parts = (one.partition("-") for one in commit.split(COMMIT_SEPARATOR))
+    return COMMIT_SEPARATOR.join(f"{digits[:8]}{dash}{mark}" for digits, dash, mark in parts)
 
 
 def _markdown_row(cells: Sequence[str]) -> str:

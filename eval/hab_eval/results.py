@@ -97,7 +97,8 @@ class RunRecord:
         split: Episode split.
         seed: Seed of the episode set and of the agent.
         versions: Package -> version.
-        git: Commit of the sources, with ``-dirty`` if they were edited; None outside a checkout.
+        git: Commit of the sources, with ``-dirty`` if they were edited; all of them, joined by
+            " then ", if a run was resumed on another; None outside a checkout.
         device: Processor (and graphics card) in words.
         episodes: In the order of the episode set.
         timings_s: Episode id -> durations the agent reported [s]; kept out of `episodes`,

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from hab_eval.config import SavedConfig, describe_difference, read_config, write_config
+from hab_eval.config import (
+    SavedConfig,
+    describe_difference,
+    join_commits,
+    read_config,
+    write_config,
+)
 from hab_eval.errors import ResultError, RunFolderError
 from hab_eval.results import FinishedEpisode
 from hab_eval.schema import parse_json_text, read_dataclass, to_json
@@ -51,6 +57,12 @@ class RunFolder:
         """Traceback of what stopped the run."""
         return self.root / "error.txt"
 
+    def discard(self) -> None:
+        """Takes back a run that never started."""
+        self.config_path.unlink(missing_ok=True)
+        if not any(self.root.iterdir()):
+            self.root.rmdir()
+
     def append(self, finished: FinishedEpisode) -> None:
         """Adds one line and waits until the disk has it."""
         with self.journal_path.open("a", encoding="utf-8") as file:
@@ -92,8 +104,14 @@ def check_free(root: Path, *, resume: bool, force: bool) -> None:
         raise RunFolderError(f"--out {root} holds no config.json, so there is no run to resume.")
 
 
-def open_folder(root: Path, saved: SavedConfig, *, resume: bool, force: bool) -> RunFolder:
-    """Prepares the folder for a new run, or checks that an old one may go on with `saved`."""
+def open_folder(
+    root: Path, saved: SavedConfig, *, resume: bool, force: bool
+) -> tuple[RunFolder, SavedConfig]:
+    """Prepares the folder for a new run, or checks that an old one may go on with `saved`.
+
+    Returns:
+        The folder and what is now saved in it: a resumed run keeps the commits it began on.
+    """
     check_free(root, resume=resume, force=force)
     folder = RunFolder(root=root)
     root.mkdir(parents=True, exist_ok=True)
@@ -101,13 +119,14 @@ def open_folder(root: Path, saved: SavedConfig, *, resume: bool, force: bool) ->
         for path in (path for pattern in OWN_FILES for path in root.glob(pattern)):
             path.unlink()
     if resume and folder.config_path.is_file():
-        difference = describe_difference(read_config(folder.config_path), saved)
+        before = read_config(folder.config_path)
+        difference = describe_difference(before, saved)
         if difference:
             raise RunFolderError(f"--out {root} belongs to another run: {difference}.")
-    else:
-        write_config(folder.config_path, saved)
+        saved = replace(saved, git=join_commits(before.git, saved.git))
+    write_config(folder.config_path, saved)
     folder.error_path.unlink(missing_ok=True)
-    return folder
+    return folder, saved
 
 
 def _parse(line: str, where: str) -> FinishedEpisode:

@@ -31,10 +31,14 @@ STOP_TIMEOUT_S = 5.0
 
 @dataclass(frozen=True, kw_only=True)
 class _Failure:
-    """Why a worker cannot go on. Exceptions themselves do not all survive pickling."""
+    """Why a worker cannot go on. Exceptions themselves do not all survive pickling.
+
+    Attributes:
+        details: Traceback; None if the input is bad and the message says all.
+    """
 
     message: str
-    details: str
+    details: str | None
 
 
 @dataclass(kw_only=True)
@@ -65,6 +69,7 @@ def run_parallel(
 
     Raises:
         RunStoppedError: If an episode raised or a worker died.
+        HabError: If the environment or the agent cannot be made as asked.
     """
     workers = [_start(plan) for _ in range(min(count, len(jobs)))]
     queue = iter(jobs)
@@ -110,6 +115,8 @@ def _receive(worker: _Worker) -> FinishedEpisode:
     except (EOFError, OSError) as error:
         raise _died(worker) from error
     if isinstance(answer, _Failure):
+        if answer.details is None:
+            raise HabError(answer.message)
         raise RunStoppedError(answer.message, details=answer.details)
     return answer
 
@@ -150,7 +157,7 @@ def _serve(plan: RolloutPlan, connection: Connection) -> None:
     except RunStoppedError as error:
         connection.send(_Failure(message=str(error), details=error.details))
     except HabError as error:
-        connection.send(_Failure(message=str(error), details=""))
+        connection.send(_Failure(message=str(error), details=None))
     except Exception as error:
         message = f"A worker could not start: {type(error).__name__}: {error}"
         connection.send(_Failure(message=message, details=traceback.format_exc()))

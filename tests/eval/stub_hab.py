@@ -19,7 +19,7 @@ from hab_eval import environments
 from hab_eval.config import EvalConfig
 
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec
-from hab_tasks.errors import UnknownNameError
+from hab_tasks.errors import HabError, UnknownNameError
 
 HORIZON_STEPS = 5
 ENV_ID = "HabStub-v1"
@@ -34,6 +34,8 @@ class StubEpisode:
 
 class StubEnv:
     def __init__(self, *, render: bool) -> None:
+        if "STUB_REFUSE" in os.environ:
+            raise HabError(os.environ["STUB_REFUSE"])
         self.unwrapped = self
         self._render = render
         self._episode: StubEpisode | None = None

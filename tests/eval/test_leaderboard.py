@@ -72,6 +72,8 @@ def test_a_row_by_hand(make_record):
     )
     (edited,) = build_groups({"x.json": make_record(git="0123456789abcdef-dirty")})
     assert edited.rows[0][-1] == "0.1.0 (01234567-dirty)"
+    (mixed,) = build_groups({"x.json": make_record(git="0123456789 then abcdef0123-dirty")})
+    assert mixed.rows[0][-1] == "0.1.0 (01234567 then abcdef01-dirty)"
     assert "| Stub | 80.0 [37.6, 96.4] | 5 |" in to_markdown([group])
     assert "<td>80.0 [37.6, 96.4]</td>" in to_html([group])
 

@@ -69,10 +69,12 @@ def test_bad_names(tmp_path, option, value, expected):
 
 
 @pytest.mark.render
-def test_video(tmp_path):
+def test_video_is_made_and_changes_nothing(tmp_path):
     out = tmp_path / "run"
     done = hab_eval(*RUN, "--episodes", 1, "--video", 1, "--out", out)
     assert done.returncode == 0, done.stderr
+    assert hab_eval(*RUN, "--episodes", 1, "--out", tmp_path / "dark").returncode == 0
+    assert episodes_of(out) == episodes_of(tmp_path / "dark")
     (video,) = out.glob("video_*.mp4")
     assert video.stat().st_size > 10_000
     (still,) = out.glob("video_*.png")

@@ -6,6 +6,7 @@ import signal
 import time
 
 import pytest
+from hab_eval import provenance
 from hab_eval.results import read_record
 from stub_hab import frame_mean
 
@@ -92,7 +93,7 @@ def test_existing_folder_is_refused(cli, tmp_path):
     assert cli(*RUN, "--out", out, "--force", "--resume").returncode == 2
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_resume_after_ctrl_c(start_cli, cli_process, cli, tmp_path, workers):
     out = tmp_path / "run"
     arguments = (*RUN, "--episodes", 8, "--workers", workers, "--out", out)
@@ -140,6 +141,24 @@ def test_resume_names_what_differs(cli, tmp_path):
     # Workers and videos change no number, so they may.
     done = cli(*RUN, "--episodes", 2, "--workers", 2, "--video", 1, "--out", out, "--resume")
     assert done.returncode == 0
+
+
+def test_resumed_run_names_all_its_commits(cli, tmp_path, monkeypatch):
+    out = tmp_path / "run"
+    for commit in ("aaa", "aaa", "bbb-dirty"):
+        monkeypatch.setattr(provenance, "git_commit", lambda commit=commit: commit)
+        assert cli(*RUN, "--episodes", 2, "--out", out, "--resume").returncode == 0
+    assert read_record(out / "run.json").git == "aaa then bbb-dirty"
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_environment_that_cannot_be_made_leaves_no_folder(cli_process, tmp_path, workers):
+    out = tmp_path / "run"
+    options = ("--episodes", 2, "--workers", workers, "--out", out)
+    done = cli_process(*RUN, *options, STUB_REFUSE="control mode 'ee' is not offered")
+    assert done.returncode == 2
+    assert done.stderr == "hab-eval: control mode 'ee' is not offered\n"
+    assert not out.exists()
 
 
 def test_resume_refuses_a_folder_without_a_run(cli, tmp_path):

@@ -1,0 +1,1 @@
+"""Data of the package: the apartment scene, and episodes in it."""

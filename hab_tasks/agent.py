@@ -60,7 +60,7 @@ class Agent(Protocol):
     spec: AgentSpec
 
     def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
-        """Forgets the past of the rows in `mask` (N,) bool, and seeds each row with `seeds` (N,)."""
+        """Forgets the past of the rows in `mask` (N,) bool and seeds each row with `seeds` (N,)."""
         ...
 
     def act(self, obs: Mapping[str, Any]) -> Tensor:

@@ -1,4 +1,4 @@
-"""Numbers that every skill shares, each with its unit and source (S = supplement of Habitat 2.0)."""
+"""Numbers that every skill shares, each with unit and source (S = supplement of Habitat 2.0)."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ def planar(x_m: float, y_m: float, yaw_rad: float) -> Pose7:
 
 
 def rotation_between(a: Array, b: Array) -> tuple[float, float, float, float]:
-    """Returns the shortest rotation (wxyz) that turns direction `a` (3,) into direction `b` (3,)."""
+    """Returns the shortest rotation (wxyz) that turns direction `a` (3,) into `b` (3,)."""
     a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
     cosine = float(a @ b)
     if cosine < -1 + 1e-9:

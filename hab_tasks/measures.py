@@ -64,7 +64,7 @@ class Tracker:
 
     measures: Measures
 
-    def __init__(self, num_envs: int, device: torch.device) -> None:
+    def __init__(self, num_envs: int, device: torch.device | str) -> None:
         self.target = torch.zeros(num_envs, dtype=torch.long, device=device)
         self._rest = torch.tensor(REST_POSITION_M, device=device)
         self._started = False

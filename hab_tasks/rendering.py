@@ -13,7 +13,8 @@ BACKENDS = ("auto", "none", "cpu", "gpu")
 
 ADVICE = (
     "No Vulkan device can draw images. Install a driver (Debian 12, as root: apt-get install -y -t "
-    "bookworm-backports mesa-vulkan-drivers libvulkan1), or use obs_mode='state' without render_mode."
+    "bookworm-backports mesa-vulkan-drivers libvulkan1), or use obs_mode='state' without "
+    "render_mode."
 )
 
 

@@ -163,5 +163,3 @@ class ContactForce:
         for link in self._agent.robot.links:
             impulse = link.get_net_contact_impulses()
             self._impulse_n_s = self._impulse_n_s + torch.linalg.norm(impulse, dim=-1)
-
-

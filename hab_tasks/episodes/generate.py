@@ -99,7 +99,9 @@ class PickGenerator:
                 refused[str(reason)] += 1
                 continue
             return Made(episode=episode, rejections=refused)
-        raise GenerationError(f"{episode_id}: no start state in {scene_id}; refused: {dict(refused)}.")
+        raise GenerationError(
+            f"{episode_id}: no start state in {scene_id}; refused: {dict(refused)}."
+        )
 
     def _attempt(
         self, rng: np.random.Generator, episode_id: str, scene_id: str, spots: list[Spot]
@@ -213,9 +215,13 @@ class PickGenerator:
         bench, start = self._require_bench(), self.start
         offset = target_m[:2] - np.array(base[:2])
         c, s = math.cos(base[2]), math.sin(base[2])
-        local = np.array([c * offset[0] + s * offset[1], c * offset[1] - s * offset[0], target_m[2]])
+        local = np.array(
+            [c * offset[0] + s * offset[1], c * offset[1] - s * offset[0], target_m[2]]
+        )
         slack = start.reach_radius_m
-        if (local < np.array(EE_LOWER_M) - slack).any() or (local > np.array(EE_UPPER_M) + slack).any():
+        if (local < np.array(EE_LOWER_M) - slack).any() or (
+            local > np.array(EE_UPPER_M) + slack
+        ).any():
             return False
         for _ in range(start.reach_tries):
             direction = rng.normal(size=3)

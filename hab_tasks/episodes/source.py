@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 
 from hab_tasks.episodes.generate import PickGenerator, stable_hash
@@ -176,6 +177,13 @@ def load_episodes(
     """Returns the first `count` episodes; newly generated ones are kept in the cache.
 
     Args:
+        env_id: The environment they are for.
+        scene_dataset: ``apartment`` or the path of a ReplicaCAD folder.
+        objects: Path of a YCB folder; None for the embedded objects.
+        split: ``train``, ``val`` or ``test``; None for the most unseen one that the dataset has.
+        count: How many.
+        seed: Seed of the episodes.
+        scene: Only episodes in this layout.
         progress: Called with (episodes ready, `count`) after each one.
     """
     source = open_source(
@@ -206,6 +214,6 @@ def _split(dataset: SceneDataset, split: str | None, scene_id: str | None) -> st
 
 
 def _shipped_folder() -> Path:
-    import hab_tasks.assets as assets
-
+    # By name: packaging puts the folder assets/ there, where a type checker does not look.
+    assets = import_module("hab_tasks.assets")
     return Path(next(iter(assets.__path__))) / "episodes"

@@ -108,7 +108,7 @@ class Workbench:
         return matrix(self._components[body][1].entity_pose)
 
     def settle(self, seconds: float, names: tuple[str, ...] = ()) -> None:
-        """Lets physics run until `names` sleep (all loose objects when empty), `seconds` at most."""
+        """Lets physics run until `names` sleep (all loose objects if empty), `seconds` at most."""
         bodies = [self._components[n][1] for n in (names or tuple(self.handles.loose))]
         for step in range(round(seconds * SIM_HZ)):
             self._px.step()

@@ -99,7 +99,9 @@ class HabController(BaseController):
         """Makes the present pose the commanded one, for the rows that are being reset."""
         qpos = self.articulation.get_qpos()
         rows = self.scene._reset_mask
-        self.arm_target_rad = torch.where(rows[:, None], qpos[:, self._arm_index], self.arm_target_rad)
+        self.arm_target_rad = torch.where(
+            rows[:, None], qpos[:, self._arm_index], self.arm_target_rad
+        )
         self.gripper = torch.where(rows, torch.full_like(self.gripper, -1.0), self.gripper)
         targets = qpos.clone()
         for i, joint in enumerate(self.articulation.active_joints):
@@ -107,9 +109,7 @@ class HabController(BaseController):
                 targets[:, i] = LOCKED_QPOS[joint.name]
         self.articulation.set_joint_drive_targets(targets, self.articulation.active_joints)
         zeros = torch.zeros_like(qpos)
-        self.articulation.set_joint_drive_velocity_targets(
-            zeros, self.articulation.active_joints
-        )
+        self.articulation.set_joint_drive_velocity_targets(zeros, self.articulation.active_joints)
 
     def set_action(self, action: Tensor) -> None:
         """Sets drive targets from an action (N, A).

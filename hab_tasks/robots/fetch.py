@@ -1,4 +1,4 @@
-"""`hab_fetch`: Fetch from the installed ManiSkill with the paper's control, cameras and rest pose."""
+"""`hab_fetch`: ManiSkill's Fetch with the paper's control, cameras and rest pose."""
 
 from __future__ import annotations
 
@@ -122,6 +122,9 @@ class HabFetch(BaseAgent):
     def rest_qpos(self) -> Tensor:
         """Returns (15,) joint positions: base at the origin, arm at rest, the others locked."""
         qpos = torch.zeros(len(self.joint_index), device=self.device)
-        for name, value in {**LOCKED_QPOS, **dict(zip(ARM_JOINTS, REST_QPOS_RAD, strict=True))}.items():
+        for name, value in {
+            **LOCKED_QPOS,
+            **dict(zip(ARM_JOINTS, REST_QPOS_RAD, strict=True)),
+        }.items():
             qpos[self.joint_index[name]] = value
         return qpos

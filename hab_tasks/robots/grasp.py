@@ -69,7 +69,9 @@ class SnapGrasp:
         self._ee_from_object = Pose.create_from_pq(torch.zeros(count, 3, device=device))
         self._leaving: list[tuple[int, int, float]] = []
         self._com_m = [torch.as_tensor(_com(actor), device=device) for actor in objects]
-        self._cpu_bodies = [(actor._bodies[0], actor._bodies[0].cmass_local_pose) for actor in objects]
+        self._cpu_bodies = [
+            (actor._bodies[0], actor._bodies[0].cmass_local_pose) for actor in objects
+        ]
         self._offset = torch.tensor([EE_OFFSET_M, 0.0, 0.0], device=device)
 
     @property
@@ -191,7 +193,7 @@ class SnapGrasp:
         if not self.scene.gpu_sim_enabled:
             body = self._cpu_bodies[int(self.held[row])][0]
             held = self.ee_link._objs[0].entity_pose * self._ee_from_object.sp
-            return float(np.linalg.norm(held.p - body.entity_pose.p))
+            return float(np.linalg.norm(np.subtract(held.p, body.entity_pose.p)))
         expected = self.ee_link.pose[row] * self._ee_from_object[row]
         return float(torch.linalg.norm(expected.p - self.objects[int(self.held[row])].pose[row].p))
 
@@ -232,7 +234,12 @@ class DriveGrasp(SnapGrasp):
     def _tie_object(self, row: int, index: int) -> None:
         pose = self._ee_from_object[row].sp
         drive = self._drive(row, pose, self.objects[index]._objs[row], sapien.Pose())
-        for lock in (drive.set_limit_x, drive.set_limit_y, drive.set_limit_z, drive.set_limit_twist):
+        for lock in (
+            drive.set_limit_x,
+            drive.set_limit_y,
+            drive.set_limit_z,
+            drive.set_limit_twist,
+        ):
             lock(0.0, 0.0)
         drive.set_limit_cone(0.0, 0.0)
         self.objects[index]._bodies[row].wake_up()
@@ -246,7 +253,9 @@ class DriveGrasp(SnapGrasp):
         for lock in (drive.set_limit_x, drive.set_limit_y, drive.set_limit_z):
             lock(0.0, 0.0)
 
-    def _drive(self, row: int, pose0: sapien.Pose, entity: sapien.Entity, pose1: sapien.Pose) -> Any:
+    def _drive(
+        self, row: int, pose0: sapien.Pose, entity: sapien.Entity, pose1: sapien.Pose
+    ) -> Any:
         gripper = self.ee_link._objs[row].entity
         drive = self.scene.sub_scenes[row].create_drive(gripper, pose0, entity, pose1)
         self._ties[row] = (drive.entity, drive)
@@ -258,7 +267,7 @@ class DriveGrasp(SnapGrasp):
 
 
 class FollowGrasp(SnapGrasp):
-    """Holds by moving: objects are posed with the gripper, handles pulled by a spring at a joint."""
+    """Holds by moving: objects are posed with the gripper, handles pulled by a spring."""
 
     def _tie_object(self, row: int, index: int) -> None:
         pass

@@ -7,13 +7,14 @@ runs on any device. Both read the same URDF; a test holds them together.
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-import pinocchio as pin
+import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 import torch
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dposv
+from scipy.linalg.lapack import dposv  # pyright: ignore[reportAttributeAccessIssue]  # made at import
 from torch import Tensor
 
 from hab_tasks.robots.fetch_spec import (
@@ -37,11 +38,12 @@ _UPPER = np.array(ARM_UPPER_RAD)
 def _arm_urdf() -> str:
     """The URDF with the arm's continuous joints made revolute, so that q is 7 plain angles."""
     text = urdf_path().read_text()
-    limits = dict(zip(ARM_JOINTS, zip(ARM_LOWER_RAD, ARM_UPPER_RAD, strict=True), strict=True))
+    ranges = zip(ARM_LOWER_RAD, ARM_UPPER_RAD, strict=True)
+    limits: dict[str | None, tuple[float, float]] = dict(zip(ARM_JOINTS, ranges, strict=True))
     root = ElementTree.fromstring(text)
     for joint in root.iter("joint"):
         if joint.get("name") in limits and joint.get("type") == "continuous":
-            low, high = limits[joint.get("name", "")]
+            low, high = limits[joint.get("name")]
             joint.set("type", "revolute")
             limit = joint.find("limit")
             if limit is None:
@@ -81,7 +83,7 @@ class ArmKinematics:
     def __init__(self) -> None:
         self._model, self._ee = arm_model()
         self._data = self._model.createData()
-        self._chain = None
+        self._chain: Any = None
 
     def position(self, qpos: Array) -> Array:
         """Returns the (3,) end-effector position [m] of one arm pose (7,) [rad]."""
@@ -106,7 +108,7 @@ class ArmKinematics:
     def move(
         self, qpos: Array, step_m: Array, lower_m: Array, upper_m: Array, damping: float = 0.02
     ) -> Array:
-        """`displace` by `step_m` (3,) from where the arm (7,) is, within a box, in one evaluation."""
+        """`displace` by `step_m` (3,) from where the arm (7,) is, kept within a box."""
         position, jacobian = self.position_and_jacobian(qpos)
         goal = np.minimum(np.maximum(position + step_m, lower_m), upper_m)
         return _damped_step(qpos, jacobian, goal - position, damping)
@@ -134,8 +136,9 @@ class ArmKinematics:
         upper = torch.tensor(ARM_UPPER_RAD, device=qpos.device, dtype=qpos.dtype)
         return torch.minimum(torch.maximum(qpos + step, lower), upper)
 
-    def _torch_chain(self):  # noqa: ANN202  (pytorch_kinematics is imported only for batches)
+    def _torch_chain(self) -> Any:
         if self._chain is None:
+            # Takes seconds, and only batches need it.
             import pytorch_kinematics as pk
 
             self._chain = pk.build_serial_chain_from_urdf(

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import fast_simplification
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
+from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from hab_tasks.scenes.meshes import cached_file, content_key
@@ -46,7 +48,8 @@ def light_mesh(source: Path, rgba: str) -> Path:
     """Returns a GLB of at most about `TRIANGLES_PER_LINK` triangles that looks like `source`."""
 
     def write(path: Path) -> None:
-        path.write_bytes(_reduced(source, rgba).export(file_type="glb"))
+        glb: Any = _reduced(source, rgba).export(file_type="glb")
+        path.write_bytes(glb)
 
     key = f"{content_key(source)}-{TRIANGLES_PER_LINK}-{rgba.replace(' ', '_') or 'texture'}"
     return cached_file(f"light/{source.stem}-{key}.glb", write)
@@ -54,7 +57,7 @@ def light_mesh(source: Path, rgba: str) -> Path:
 
 def _reduced(source: Path, rgba: str) -> trimesh.Scene:
     logging.getLogger("trimesh").setLevel(logging.ERROR)
-    meshes = trimesh.load_scene(source).dump()
+    meshes: list[Any] = trimesh.load_scene(source).dump()
     colors = [_face_colors(mesh, rgba) for mesh in meshes]
     faces_total = sum(len(mesh.faces) for mesh in meshes)
     keep = min(1.0, TRIANGLES_PER_LINK / max(faces_total, 1))
@@ -62,7 +65,7 @@ def _reduced(source: Path, rgba: str) -> trimesh.Scene:
     for mesh, face_colors in zip(meshes, colors, strict=True):
         for index, (color, piece) in enumerate(_split_by_color(mesh, face_colors)):
             reduced = _decimate(piece, keep)
-            reduced.visual = trimesh.visual.TextureVisuals(
+            reduced.visual = TextureVisuals(
                 material=PBRMaterial(
                     baseColorFactor=[*color, 1.0], metallicFactor=0.0, roughnessFactor=0.6
                 )
@@ -75,7 +78,7 @@ def _face_colors(mesh: trimesh.Trimesh, rgba: str) -> NDArray[np.float64]:
     """Returns (F, 3) colours in [0, 1]: texture at the face's centre, else the plain colour."""
     if rgba:
         return np.tile([float(x) for x in rgba.split()[:3]], (len(mesh.faces), 1))
-    visual = mesh.visual
+    visual: Any = mesh.visual
     material = getattr(visual, "material", None)
     image = getattr(material, "image", None) or getattr(material, "baseColorTexture", None)
     if image is not None and getattr(visual, "uv", None) is not None:
@@ -110,7 +113,9 @@ def _decimate(mesh: trimesh.Trimesh, keep: float) -> trimesh.Trimesh:
     plain = trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
     if keep >= 1.0 or len(plain.faces) < 24:
         return plain
-    points, faces = fast_simplification.simplify(
-        plain.vertices.astype(np.float32), plain.faces.astype(np.int32), target_reduction=1 - keep
+    vertices: Any = plain.vertices.astype(np.float32)
+    simplified = fast_simplification.simplify(
+        vertices, plain.faces.astype(np.int32), target_reduction=1 - keep
     )
+    points, faces = simplified[:2]
     return trimesh.Trimesh(points, faces, process=False)

@@ -7,11 +7,11 @@ can render.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 import sapien
 from mani_skill.envs.scene import ManiSkillScene
-from mani_skill.utils.building.actor_builder import ActorBuilder
 from mani_skill.utils.structs import Actor, Articulation
 from sapien.physx import PhysxMaterial
 
@@ -155,7 +155,7 @@ class _Builder:
         for link in builder.link_builders:
             link.collision_groups = [*MOVING, FURNITURE_BIT, group]
         built = builder.build()
-        moving = {joint.child_link.name for joint in built.active_joints}
+        moving = {j.child_link.name for j in built.active_joints if j.child_link is not None}
         for link in built.links:
             # Slides are level and hinges upright, so gravity could only make doors creep.
             link.disable_gravity = True
@@ -170,13 +170,13 @@ class _Builder:
         builder.add_box_collision(sapien.Pose([0, 0, -0.05]), [half, half, 0.05])
         return _group(builder.build_static(f"{self.prefix}-parking"), STATIC)
 
-    def _new(self, pose: Pose7) -> ActorBuilder:
-        builder = self.scene.create_actor_builder()
+    def _new(self, pose: Pose7) -> Any:
+        builder: Any = self.scene.create_actor_builder()
         builder.initial_pose = _pose(pose)
         builder.set_scene_idxs(self.rows)
         return builder
 
-    def _see(self, builder: ActorBuilder, template: ObjectTemplate, scale: float) -> None:
+    def _see(self, builder: Any, template: ObjectTemplate, scale: float) -> None:
         if self.visuals and template.visual_file is not None:
             factor = [scale * template.visual_scale] * 3
             builder.add_visual_from_file(
@@ -185,7 +185,7 @@ class _Builder:
 
     def _collide(
         self,
-        builder: ActorBuilder,
+        builder: Any,
         sources: Iterable[CollisionSource],
         material: PhysxMaterial,
         density: float,
@@ -216,16 +216,16 @@ def _group(actor: Actor, groups: Groups, flat_apart: bool = False) -> Actor:
     return actor
 
 
-def _top_m(body: sapien.physx.PhysxRigidBaseComponent, shape: object) -> float:
+def _top_m(body: sapien.physx.PhysxRigidBaseComponent, shape: Any) -> float:
     """Height [m] of a shape's highest point in the world."""
-    local = shape.local_pose  # type: ignore[attr-defined]
     if hasattr(shape, "half_size"):
         signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
-        points = signs * np.asarray(shape.half_size)  # type: ignore[attr-defined]
+        points = signs * np.asarray(shape.half_size)
     else:
-        points = np.asarray(shape.vertices) * np.asarray(shape.scale)  # type: ignore[attr-defined]
-    world = body.entity.pose * local
-    return float(apply((*map(float, world.p), *map(float, world.q)), points)[:, 2].max())  # type: ignore[arg-type]
+        points = np.asarray(shape.vertices) * np.asarray(shape.scale)
+    world = body.entity.pose * shape.local_pose
+    world_from_shape: Any = (*map(float, world.p), *map(float, world.q))
+    return float(apply(world_from_shape, points)[:, 2].max())
 
 
 def _volume(source: CollisionSource) -> float:

@@ -1,8 +1,8 @@
 """Who collides with whom, as bits of SAPIEN's collision groups.
 
 Two shapes collide when ``a[0] & b[1]`` or ``a[1] & b[0]``, unless they share an ignore bit in
-``[2]`` and the number in ``[3]``. Contacts that nobody asks about (a cupboard on the floor, a plate on
-a shelf, both at rest) are the larger part of a furnished flat; passive bodies make none.
+``[2]`` and the number in ``[3]``. Contacts that nobody asks about (a cupboard on the floor, a plate
+on a shelf, both at rest) are the larger part of a furnished flat; passive bodies make none.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import re
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +26,8 @@ _MACRO = re.compile(r"^v3_(sc\d)_staging_\d\d$")
 
 def embedded_dataset() -> Path:
     """Returns the folder of the embedded dataset ``apartment``."""
-    import hab_tasks.assets as assets
-
+    # By name: packaging puts the folder assets/ there, where a type checker does not look.
+    assets = import_module("hab_tasks.assets")
     return Path(next(iter(assets.__path__))) / "apartment"
 
 
@@ -120,7 +121,9 @@ class SceneDataset:
         if split is None and present:
             return present[0]
         if split not in present:
-            known = "split" if split not in SPLIT_MACROS else f"split (no scene of it in {self.root})"
+            known = (
+                "split" if split not in SPLIT_MACROS else f"split (no scene of it in {self.root})"
+            )
             raise UnknownNameError(known, split, present)
         return split
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,7 @@ class FreeFloor:
         """Returns usable positions (K, 2), nearest to `point_m` (2,) first.
 
         Args:
+            point_m: Where from, in the world.
             clearance_m: Free radius that a position must have.
             nearest_m: Positions nearer than this are left out.
         """
@@ -60,9 +62,11 @@ def free_floor(
     radius_m: float = BASE_RADIUS_M,
     heights_m: tuple[float, float] = (LOWEST_M, HIGHEST_M),
 ) -> FreeFloor:
-    """Maps the free floor between `bodies` at their given poses (4, 4).
+    """Maps the free floor between `bodies`.
 
     Args:
+        bodies: Stage and furniture.
+        world_from_body: Body name -> its pose (4, 4).
         radius_m: Radius of what is to stand there.
         heights_m: Only what lies between these heights is in its way.
     """
@@ -84,8 +88,10 @@ def free_floor(
     for outline in outlines:
         draw.polygon([tuple(p) for p in (outline - origin) / CELL_M], fill=1, outline=1)
     blocked = np.pad(np.asarray(image).T, 1, constant_values=True)
-    clearance = CELL_M * ndimage.distance_transform_edt(~blocked)[1:-1, 1:-1]
-    labels, count = ndimage.label(clearance >= radius_m)
+    distance_cells: Any = ndimage.distance_transform_edt(~blocked)
+    clearance = CELL_M * distance_cells[1:-1, 1:-1]
+    labelled: Any = ndimage.label(clearance >= radius_m)
+    labels, count = labelled
     sizes = ndimage.sum_labels(np.ones_like(labels), labels, range(1, count + 1))
     room = labels == 1 + int(np.argmax(sizes)) if count else np.zeros_like(labels, dtype=bool)
     return FreeFloor(origin_m=origin, clearance_m=clearance, room=room)

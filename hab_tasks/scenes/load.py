@@ -202,7 +202,7 @@ def _articulated_receptacles(instance: ArticulationInstance) -> list[Receptacle]
 
 
 def _scaled(receptacle: Receptacle, body: str, scale: float) -> Receptacle:
-    position = [scale * x for x in receptacle.body_from_box[:3]]
+    position = tuple(scale * x for x in receptacle.body_from_box[:3])
     return Receptacle(
         name=receptacle.name,
         body=body,

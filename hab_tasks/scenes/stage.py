@@ -47,7 +47,7 @@ def read_navmesh_bounds(file: Path) -> NavmeshBounds:
 
 
 def shell(bounds: NavmeshBounds) -> tuple[CollisionSource, ...]:
-    """Returns floor and four outer walls as boxes in the y-up stage frame, floor surface at y = 0."""
+    """Returns floor and four outer walls as boxes in the y-up stage frame, floor at y = 0."""
     low, high, t = bounds.low, bounds.high, WALL_THICKNESS_M
     cx, cz = (low[0] + high[0]) / 2, (low[2] + high[2]) / 2
     hx, hz = (high[0] - low[0]) / 2, (high[2] - low[2]) / 2

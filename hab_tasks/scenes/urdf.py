@@ -35,7 +35,9 @@ def sapien_urdf(file: Path, visuals: bool) -> Path:
     for element in root.iter():
         for attribute in _NUMERIC:
             if element.get(attribute) is not None:
-                element.set(attribute, " ".join(element.get(attribute, "").replace(",", " ").split()))
+                element.set(
+                    attribute, " ".join(element.get(attribute, "").replace(",", " ").split())
+                )
     for mesh in root.iter("mesh"):
         mesh.set("filename", str((file.parent / mesh.get("filename", "")).resolve()))
     if not visuals:
@@ -47,7 +49,11 @@ def write_urdf(root: ElementTree.Element, stem: str) -> Path:
     """Writes a URDF tree to the cache under a name made from its content; returns the file."""
     text = ElementTree.tostring(root, encoding="unicode")
     key = hashlib.sha256(text.encode()).hexdigest()[:20]
-    return cached_file(f"urdf/{key}/{stem}.urdf", lambda path: path.write_text(text) and None)
+
+    def write(path: Path) -> None:
+        path.write_text(text)
+
+    return cached_file(f"urdf/{key}/{stem}.urdf", write)
 
 
 def remove_visuals(root: ElementTree.Element) -> None:

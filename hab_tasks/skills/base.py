@@ -23,12 +23,15 @@ from hab_tasks.rendering import resolve_backend
 from hab_tasks.rewards import total
 from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.scenes.build import add_lights
-from hab_tasks.sensors import Goals, ObsEntry, scale_depth
-from hab_tasks.skills.world import World
+from hab_tasks.sensors import ObsEntry, scale_depth
 from hab_tasks.skills.viewpoint import viewpoint
+from hab_tasks.skills.world import World
 from hab_tasks.snapshot import Snapshot
 
 RENDER_SIZE_PX = 512
+
+WITHOUT_IMAGES = ("state", "state_dict", "none")
+"""Observation modes that need no renderer."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,10 +99,8 @@ class SkillEnv(BaseEnv):
         num_envs: int = 1,
         **kwargs: Any,
     ) -> None:
-        mode = control_mode or self.skill.control_modes[0]
-        if mode not in self.skill.control_modes:
-            raise UnknownNameError(f"control_mode of {self.skill.name}", mode, self.skill.control_modes)
-        images = render_mode is not None or (obs_mode or "state") not in ("state", "state_dict", "none")
+        mode = self._known_mode(control_mode)
+        images = render_mode is not None or (obs_mode or "state") not in WITHOUT_IMAGES
         self._world = World(
             env_id=str(getattr(getattr(self, "spec", None), "id", None) or self.default_id()),
             scene_dataset=scene_dataset,
@@ -120,6 +121,14 @@ class SkillEnv(BaseEnv):
             robot_uids=robot_uids,
             **kwargs,
         )
+
+    @classmethod
+    def _known_mode(cls, control_mode: str | None) -> str:
+        """Returns the control mode, the skill's first one for None; refuses any other."""
+        modes = cls.skill.control_modes
+        if control_mode is not None and control_mode not in modes:
+            raise UnknownNameError(f"control_mode of {cls.skill.name}", control_mode, modes)
+        return control_mode or modes[0]
 
     @classmethod
     def default_id(cls) -> str:
@@ -186,7 +195,7 @@ class SkillEnv(BaseEnv):
                 for camera in self._human_render_cameras["render_camera"].camera._render_cameras:
                     camera.local_pose = pose
             self._viewpoint_of = self.episode
-        return super().render_rgb_array(camera_name)
+        return super().render_rgb_array(camera_name)  # pyright: ignore[reportArgumentType]  # None is its default
 
     def _load_scene(self, options: dict[str, Any]) -> None:
         self._viewpoint_of = ()
@@ -211,8 +220,9 @@ class SkillEnv(BaseEnv):
             action = self._batched(action)
             self.agent.controller.set_action(action)
             if self.gpu_sim_enabled:
-                self.scene.px.gpu_apply_articulation_target_position()
-                self.scene.px.gpu_apply_articulation_target_velocity()
+                px: Any = self.scene.px
+                px.gpu_apply_articulation_target_position()
+                px.gpu_apply_articulation_target_velocity()
         gripper = self.skill.mask_gripper(self.agent.controller.gripper, self.measures)
         self._world.step(gripper, self._sim_steps_per_control)
         return action
@@ -276,12 +286,13 @@ class SkillEnv(BaseEnv):
 
     def get_state_dict(self) -> dict[str, Any]:
         """Returns the simulator's state and the episode's, enough to go on from here."""
-        return {**super().get_state_dict(), "hab": self._world.get_state()}
+        simulator: Any = super().get_state_dict()
+        return {**simulator, "hab": self._world.get_state()}
 
     def set_state_dict(self, state: dict[str, Any], env_idx: Tensor | None = None) -> None:
         """Restores what `get_state_dict` returned."""
         rows = torch.arange(self.num_envs, device=self.device) if env_idx is None else env_idx
         self._world.thaw()
         simulator = {key: value for key, value in state.items() if key != "hab"}
-        super().set_state_dict(simulator, env_idx)
+        super().set_state_dict(simulator, env_idx)  # pyright: ignore[reportArgumentType]  # None is its default
         self._world.set_state(state["hab"], rows)

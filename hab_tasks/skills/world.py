@@ -85,7 +85,7 @@ class World:
         seeds = [seed] * len(rows) if seed is None or isinstance(seed, int) else list(seed)
         wishes = wanted if isinstance(wanted, (list, tuple)) else [wanted] * len(rows)
         partial = len(rows) < self._num_envs
-        chosen = list(self.episodes) or [None] * self._num_envs
+        chosen: list[Episode | None] = [*self.episodes] or [None] * self._num_envs
         for row, row_seed, wish in zip(rows, seeds, wishes, strict=True):
             # Rows of one batch share a seed argument but not an episode.
             rng = self._order if row_seed is None else np.random.default_rng([row_seed, row])
@@ -163,7 +163,8 @@ class World:
             self.tracker.target[row] = self._names.index(episode.target)
         if self._scene.gpu_sim_enabled:
             self._scene._gpu_apply_all()
-            self._scene.px.gpu_update_articulation_kinematics()
+            px: Any = self._scene.px
+            px.gpu_update_articulation_kinematics()
             self._scene._gpu_fetch_all()
         self._freeze()
         self._force.clear()
@@ -253,7 +254,9 @@ class World:
                 world_from_body=poses,
                 world_from_base=matrix(agent.base_link._objs[0].entity_pose),
                 arm_qpos=np.asarray(qpos[arm], dtype=float),
-                locked_qpos={n: float(qpos[i]) for n, i in agent.joint_index.items() if i not in arm},
+                locked_qpos={
+                    n: float(qpos[i]) for n, i in agent.joint_index.items() if i not in arm
+                },
                 target=episode.target,
                 held=self._names[held] if held >= 0 else None,
                 object_com_m=self._object_coms(present),

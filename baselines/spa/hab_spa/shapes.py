@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import coal
+import coal  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 import numpy as np
 from numpy.typing import NDArray
 

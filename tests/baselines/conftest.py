@@ -128,6 +128,11 @@ def add_table(scene: FetchScene, height_m: float = 0.75, near_m: float = 0.45) -
         )  # fmt: skip
 
 
+@pytest.fixture(name="add_table")
+def add_table_fixture() -> Callable[..., None]:
+    return add_table
+
+
 @pytest.fixture
 def make_scene(tmp_path: Path) -> Callable[[], FetchScene]:
     """Returns a maker of scenes that hold nothing but Fetch in the rest pose."""

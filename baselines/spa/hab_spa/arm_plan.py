@@ -19,7 +19,7 @@ from hab_spa.collision import ArmCollision
 from hab_spa.escape import EscapeConfig, retreats
 from hab_spa.ik import BatchArm
 from hab_spa.results import Failure, PathResult
-from hab_spa.rrt import Limit, RrtConfig, connect, edge_is_free, shorten
+from hab_spa.rrt import Limit, RrtConfig, connect, edge_is_free, path_is_free, shorten
 from hab_spa.shapes import Array
 
 
@@ -37,6 +37,7 @@ class PlanConfig:
             the next round of runs after twice as many, and so on.
         good_rad: A path this short (largest joint, summed over its edges) is not improved on.
         improve_checks: While fewer checks than this were spent, a longer path is improved on.
+        verify_rad: A path found is tested once more at this resolution, without clearance.
         rrt: Numbers of one run; its step is replaced by the two above.
         retreat: Numbers of drawing the gripper out.
     """
@@ -48,6 +49,7 @@ class PlanConfig:
     first_checks: int = 2_000
     good_rad: float = 2.5
     improve_checks: int = 8_000
+    verify_rad: float = 0.015
     rrt: RrtConfig = field(default_factory=RrtConfig)
     retreat: EscapeConfig = field(default_factory=EscapeConfig)
 
@@ -161,9 +163,16 @@ class _Search:
             path = self._straight(attempt, ends)
         else:
             path = self._connect(attempt, ends, seed)
-        if path is None or len(path) == 2:
-            return path
-        return shorten(self._collision, path, seed, self._deadline_s, config)
+        if path is not None and len(path) > 2:
+            path = shorten(self._collision, path, seed, self._deadline_s, config)
+        return path if path is not None and self._stands(path, ends) else None
+
+    def _stands(self, path: Array, ends: Ends) -> bool:
+        """Whether nothing touches along the path between the points that were tested."""
+        self._collision.set_margin(0.0)
+        self._collision.relax(ends.open, self._touch_m)
+        self._collision.relax(ends.tight, self._touch_m)
+        return path_is_free(self._collision, path, self._config.verify_rad)
 
     def _straight(self, attempt: _Attempt, ends: Ends) -> Array | None:
         """A straight line, or one to a retreat's first free pose and then down the retreat."""

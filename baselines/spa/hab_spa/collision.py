@@ -13,7 +13,7 @@ from itertools import product
 from xml.etree import ElementTree
 
 import numpy as np
-import pinocchio as pin
+import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 
 from hab_spa.shapes import Array, CoalShape, coal_shape, invert_pose, shape_bounds_m
 from hab_tasks.privileged import CollisionBody, PrivilegedState

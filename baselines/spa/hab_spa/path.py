@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,20 +19,43 @@ class TimingConfig:
         corner_rad: At a corner no joint's speed [rad/step] jumps by more than this; the joint
             drives lag by about three steps, and a fast corner would be cut.
         grid_rad: Resolution of the speed profile along the path.
+        paces: Multiples of the limits that may be used when time is short.
     """
 
     step_rad: float = 0.05
     acceleration_rad: float = 0.008
     corner_rad: float = 0.02
     grid_rad: float = 0.005
+    paces: tuple[float, ...] = (1.0, 1.3, 1.6)
 
 
-def time_path(path: Array, config: TimingConfig) -> Array:
+def time_path_within(path: Array, steps: int, config: TimingConfig) -> Array:
+    """Returns `time_path` at the lowest of the config's paces that takes at most `steps`.
+
+    The fastest pace is used when none does.
+    """
+    targets = path
+    for pace in config.paces:
+        targets = time_path(path, config, pace)
+        if len(targets) <= steps:
+            break
+    return targets
+
+
+def time_path(path: Array, config: TimingConfig, pace: float = 1.0) -> Array:
     """Returns the joint targets (T, 7), one a control step, that follow a path (K, 7).
+
+    `pace` multiplies all three limits of the config.
 
     The first target is one step away from the start, the last is the path's end.
     """
     lengths = np.abs(np.diff(path, axis=0)).max(axis=1)
+    config = replace(
+        config,
+        step_rad=config.step_rad * pace,
+        acceleration_rad=config.acceleration_rad * pace,
+        corner_rad=config.corner_rad * pace,
+    )
     path = path[np.concatenate(([True], lengths > 1e-9))]
     lengths = lengths[lengths > 1e-9]
     if not len(lengths):

@@ -18,9 +18,10 @@ from hab_spa.escape import EscapeConfig, escape
 from hab_spa.follow import FollowConfig, Follower
 from hab_spa.ik import BatchArm
 from hab_spa.joint_goal import GoalConfig, sample_grasp_goals, sample_rest_goals
-from hab_spa.path import TimingConfig, time_path
+from hab_spa.path import TimingConfig, time_path_within
 from hab_spa.results import Failure, PathResult
 from hab_spa.shapes import Array
+from hab_tasks.constants import SKILL_HORIZON_STEPS
 from hab_tasks.privileged import PrivilegedState
 
 GRASP, RELEASE = 1.0, -1.0
@@ -42,6 +43,7 @@ class PickConfig:
     """The skill's numbers.
 
     Attributes:
+        horizon_steps: Length of the episode; long paths are followed faster to end within it.
         retries: How often the skill plans again after an execution failure.
         grasp_steps: The grasp must hold after this many steps.
         hold_steps: The return is planned this many steps after the grasp, when the object has
@@ -49,6 +51,7 @@ class PickConfig:
         goal, plan, escape, timing, follow: Numbers of the stages.
     """
 
+    horizon_steps: int = SKILL_HORIZON_STEPS
     retries: int = 2
     grasp_steps: int = 15
     hold_steps: int = 1
@@ -78,6 +81,7 @@ class PickSkill:
         self._seeds = np.random.default_rng(seed)
         self._phase = Phase.PLAN_REACH
         self._phase_steps = 0
+        self._steps = 0
         self._follower: Follower | None = None
         self._hold_rad: Array | None = None
 
@@ -86,6 +90,7 @@ class PickSkill:
         if self._hold_rad is None:
             self._hold_rad = state.arm_qpos.copy()
         self._phase_steps += 1
+        self._steps += 1
         if self._phase is Phase.PLAN_REACH:
             self._plan_reach(state)
         if self._phase is Phase.REACH:
@@ -124,8 +129,9 @@ class PickSkill:
         self._hold_rad = state.arm_qpos.copy()
         self._enter(Phase.PLAN_RETURN if state.held == state.target else Phase.PLAN_REACH)
 
-    def _follow(self, path: Array) -> None:
-        self._follower = Follower(time_path(path, self._config.timing), self._config.follow)
+    def _follow(self, path: Array, steps: int) -> None:
+        targets = time_path_within(path, steps, self._config.timing)
+        self._follower = Follower(targets, self._config.follow)
 
     def _plan_reach(self, state: PrivilegedState) -> None:
         began = time.perf_counter()
@@ -180,7 +186,8 @@ class PickSkill:
         if result.path is None:
             self._stop(Failure.MOTION_PLAN)
             return
-        self._follow(result.path)
+        left = self._config.horizon_steps - self._steps - self._config.follow.settle_steps
+        self._follow(result.path, left if phase is Phase.RETURN else left // 2)
         self._enter(phase)
 
     def _reach(self, state: PrivilegedState) -> None:

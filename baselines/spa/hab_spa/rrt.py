@@ -133,7 +133,7 @@ def _space_information(
     def is_valid(state: Any) -> bool:
         for i in range(DIMENSION):
             pose[i] = state[i]
-        return is_free(pose)
+        return bool(is_free(pose))  # OMPL refuses numpy's bool
 
     information.setStateValidityChecker(is_valid)
     information.setStateValidityCheckingResolution(config.resolution_rad / space.getMaximumExtent())

@@ -1,0 +1,164 @@
+"""The planners' collision model against the contacts that PhysX reports."""
+
+import numpy as np
+import pytest
+from hab_spa.collision import ArmCollision, CollisionConfig
+from hab_spa.ik import LOWER_RAD, UPPER_RAD
+from hab_spa.shapes import coal_shape, shape_bounds_m
+
+from hab_tasks.privileged import CollisionShape
+from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
+
+REST = np.array(REST_QPOS_RAD)
+
+
+def physx_hits(scene) -> bool:
+    """Whether PhysX finds the robot in touch with the scene, or two of its links overlapping."""
+    scene.scene.step()
+    links = {link.entity.name for link in scene.robot.links}
+    arm = {"gripper", "finger", "wrist", "forearm", "elbow", "upperarm", "shoulder"}
+    for contact in scene.scene.get_contacts():
+        names = [body.entity.name for body in contact.bodies]
+        own = [name in links for name in names]
+        moves = any(own[i] and any(a in names[i] for a in arm) for i in range(2))
+        if moves and any(point.separation < 0.0 for point in contact.points):
+            return True
+    return False
+
+
+def test_agrees_with_physx_on_random_poses(make_scene, add_table):
+    scene = make_scene()
+    add_table(scene, height_m=0.8, near_m=0.4)
+    scene.add_box("shelf", "static", (0.7, 0.0, 1.25), (0.5, 1.2, 0.03))
+    scene.add_box("post", "static", (0.45, 0.45, 0.6), (0.06, 0.06, 1.2))
+    scene.scene.timestep = 1e-6
+    collision = ArmCollision(scene.privileged("shelf"), config=CollisionConfig(margin_m=0.0))
+    rng = np.random.default_rng(0)
+    poses = rng.uniform(LOWER_RAD, UPPER_RAD, (400, 7))
+    disagreements = 0
+    hits = 0
+    for pose in poses:
+        scene.set_arm(pose)
+        hit = physx_hits(scene)
+        hits += hit
+        if hit == collision.is_free(pose):
+            disagreements += 1
+            # Where the two differ, the shapes are within a centimetre of touching.
+            collision.set_margin(0.01)
+            near = collision.contacts(pose)
+            collision.set_margin(0.0)
+            assert any(abs(contact.distance_m) < 0.01 for contact in near)
+    assert 50 < hits < 350
+    assert disagreements <= 0.01 * len(poses)
+
+
+def test_rest_pose_is_free_and_reported_so(table_scene):
+    collision = ArmCollision(table_scene.privileged("target"))
+    assert collision.is_free(REST)
+    assert collision.contacts(REST) == []
+    assert collision.checks == 1
+
+
+def test_broad_phase_agrees_with_all_pairs_at_every_margin(table_scene):
+    collision = ArmCollision(table_scene.privileged("target"))
+    poses = np.random.default_rng(1).uniform(LOWER_RAD, UPPER_RAD, (150, 7))
+    for margin_m in (0.0, 0.05, -0.01):
+        collision.set_margin(margin_m)
+        for pose in poses:
+            assert collision.is_free(pose) == (not collision.contacts(pose))
+
+
+def test_relax_frees_a_pose_and_only_its_own_pairs(table_scene):
+    state = table_scene.privileged("target")
+    collision = ArmCollision(state)
+    rng = np.random.default_rng(2)
+    while True:
+        pose = rng.uniform(LOWER_RAD, UPPER_RAD)
+        contacts = collision.contacts(pose)
+        if any("table" in contact.second + contact.first for contact in contacts):
+            break
+    collision.relax(pose)
+    assert collision.is_free(pose)
+    untouched = ArmCollision(state)
+    others = rng.uniform(LOWER_RAD, UPPER_RAD, (200, 7))
+    pairs = {contact.pair for contact in contacts}
+    for other in others:
+        if not {contact.pair for contact in untouched.contacts(other)} <= pairs:
+            assert not collision.is_free(other)
+
+
+def test_held_object_changes_validity(table_scene):
+    state = table_scene.privileged("target")
+    long_box = make_held_state(table_scene)
+    empty = ArmCollision(state)
+    loaded = ArmCollision(long_box, held="stick")
+    poses = np.random.default_rng(3).uniform(LOWER_RAD, UPPER_RAD, (600, 7))
+    free_empty = np.array([empty.is_free(pose) for pose in poses])
+    free_loaded = np.array([loaded.is_free(pose) for pose in poses])
+    assert (free_empty & ~free_loaded).any()
+    # The object can only take poses away: it stood far from the arm before.
+    assert not (~free_empty & free_loaded).any()
+    assert any(
+        "stick" in c.first + c.second for p in poses[~free_loaded] for c in loaded.contacts(p)
+    )
+
+
+def make_held_state(scene):
+    """A stick 0.5 m below the gripper, as if in its grasp."""
+    ee = scene.robot.find_link_by_name("gripper_link").entity_pose.p
+    scene.add_box("stick", "object", (ee[0], ee[1], ee[2] - 0.2), (0.03, 0.03, 0.3))
+    return scene.privileged("stick", held="stick")
+
+
+def test_held_object_never_collides_with_the_robot(make_scene):
+    scene = make_scene()
+    collision = ArmCollision(make_held_state(scene), held="stick")
+    for pose in np.random.default_rng(4).uniform(LOWER_RAD, UPPER_RAD, (100, 7)):
+        assert not any("stick" in c.first + c.second for c in collision.contacts(pose))
+
+
+def test_raised_torso_raises_the_arm(table_scene):
+    state = table_scene.privileged("target")
+    lifted = dict(state.locked_qpos) | {"torso_lift_joint": 0.25}
+    raised = ArmCollision(type(state)(**{**vars(state), "locked_qpos": lifted}))
+    assert raised.base_from_arm[2, 3] == pytest.approx(0.10)
+
+
+@pytest.mark.parametrize(
+    ("kind", "half_size_m", "expected_m"),
+    [
+        ("box", (0.1, 0.2, 0.3), (0.1, 0.2, 0.3)),
+        ("sphere", (0.1, 0.0, 0.0), (0.1, 0.1, 0.1)),
+        ("capsule", (0.1, 0.3, 0.0), (0.4, 0.1, 0.1)),
+        ("cylinder", (0.1, 0.3, 0.0), (0.3, 0.1, 0.1)),
+    ],
+)
+def test_primitive_shapes_have_the_same_extent_in_coal(kind, half_size_m, expected_m):
+    shape = CollisionShape(
+        kind=kind,
+        body_from_shape=np.eye(4),
+        half_size_m=np.array(half_size_m),
+        vertices_m=np.zeros((0, 3)),
+        faces=np.zeros((0, 3), dtype=np.int64),
+    )
+    np.testing.assert_allclose(shape_bounds_m(shape), [-np.array(expected_m), expected_m])
+    geometry, shape_from_coal = coal_shape(shape)
+    geometry.computeLocalAABB()
+    corners = np.array([geometry.aabb_local.min_, geometry.aabb_local.max_])
+    turned = corners @ shape_from_coal[:3, :3].T + shape_from_coal[:3, 3]
+    np.testing.assert_allclose(np.abs(turned), np.abs([expected_m, expected_m]), atol=1e-6)
+
+
+def test_plane_is_a_slab_below_its_origin():
+    shape = CollisionShape(
+        kind="plane",
+        body_from_shape=np.eye(4),
+        half_size_m=np.zeros(3),
+        vertices_m=np.zeros((0, 3)),
+        faces=np.zeros((0, 3), dtype=np.int64),
+    )
+    lower, upper = shape_bounds_m(shape)
+    assert upper[0] == 0.0
+    assert lower[0] < -1.0
+    _, shape_from_coal = coal_shape(shape)
+    assert shape_from_coal[0, 3] == pytest.approx(lower[0] / 2)

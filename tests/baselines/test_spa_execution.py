@@ -1,0 +1,136 @@
+"""Timing, following, the state machine in a closed loop, and the agent."""
+
+import numpy as np
+import pytest
+import torch
+from hab_spa import Failure, SpaPrivAgent, spa_priv
+from hab_spa.follow import FollowConfig, Follower
+from hab_spa.path import TimingConfig, time_path
+from hab_spa.pick import PickConfig, PickSkill
+
+from hab_tasks.agent import Agent, AgentSetup
+from hab_tasks.errors import UnknownNameError
+from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
+
+REST = np.array(REST_QPOS_RAD)
+CORNER = np.array([np.zeros(7), np.eye(7)[0], np.eye(7)[0] + np.eye(7)[1] * 0.5])
+
+
+def test_targets_stay_on_the_path_and_end_at_its_end():
+    targets = time_path(CORNER, TimingConfig())
+    np.testing.assert_allclose(targets[-1], CORNER[-1])
+    on_first = np.isclose(targets[:, 1], 0.0)
+    on_second = np.isclose(targets[:, 0], 1.0)
+    assert np.all(on_first | on_second)
+
+
+def test_targets_respect_step_and_acceleration():
+    config = TimingConfig()
+    targets = np.concatenate((CORNER[:1], time_path(CORNER, config)))
+    steps = np.abs(np.diff(targets, axis=0)).max(axis=1)
+    assert steps.max() <= config.step_rad + 1e-9
+    assert steps.max() > 0.9 * config.step_rad
+    # Slow at both ends and at the corner, where the whole speed changes its direction.
+    corner = int(np.argmax(targets[:, 1] > 0))
+    for slow in (steps[0], steps[-1], steps[corner]):
+        assert slow < 0.7 * config.step_rad
+
+
+def test_path_without_length_has_one_target():
+    np.testing.assert_array_equal(time_path(np.stack((REST, REST)), TimingConfig()), REST[None])
+
+
+def test_follower_waits_for_a_late_arm_and_notices_a_lost_one():
+    targets = np.linspace(0.0, 1.0, 21)[1:, None] * np.ones(7)
+    config = FollowConfig()
+    follower = Follower(targets, config)
+    stuck = np.zeros(7)
+    for _ in range(10):
+        follower.advance(stuck)
+    # 0.05 rad a step: after 0.25 rad the target waits.
+    assert follower.target.max() == pytest.approx(config.lag_rad + 0.05)
+    assert not follower.lost()
+    for _ in range(config.lost_steps):
+        follower.advance(stuck)
+    assert follower.lost()
+
+
+def test_follower_settles_at_the_end():
+    targets = np.linspace(0.0, 0.2, 5)[1:, None] * np.ones(7)
+    follower = Follower(targets, FollowConfig())
+    for _ in range(4):
+        qpos = follower.advance(follower.target)
+        assert not follower.settled(qpos - 0.1)
+    assert follower.settled(targets[-1])
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_picks_from_a_table_without_touching_anything(table_scene, pick_loop, seed):
+    loop = pick_loop(table_scene, "target")
+    skill = PickSkill(seed, PickConfig())
+    state = table_scene.privileged("target")
+    for _ in range(150):
+        targets_rad, gripper = skill.act(state)
+        state = loop.step(np.append(targets_rad, gripper))
+        at_rest = np.linalg.norm(loop.ee_point_m() - [0.5, 0.0, 1.0]) < 0.05
+        if state.held == "target" and at_rest:
+            break
+    assert state.held == "target"
+    assert at_rest
+    assert skill.failure is None
+    assert loop.peak_impulse_n_s == 0.0
+    assert skill.timings_s["plan"] == pytest.approx(
+        skill.timings_s["target"] + skill.timings_s["motion"]
+    )
+
+
+def test_same_seed_same_actions(table_scene):
+    state = table_scene.privileged("target")
+    first, second, other = (PickSkill(seed, PickConfig()) for seed in (3, 3, 4))
+    actions = [np.stack([s.act(state)[0] for _ in range(5)]) for s in (first, second, other)]
+    np.testing.assert_array_equal(actions[0], actions[1])
+    assert not np.array_equal(actions[0], actions[2])
+
+
+def test_arm_that_does_not_move_is_an_execution_failure_after_replanning(table_scene):
+    state = table_scene.privileged("target")
+    skill = PickSkill(0, PickConfig())
+    for _ in range(200):
+        _, gripper = skill.act(state)
+        assert gripper < 0
+    assert skill.failure is Failure.EXECUTION
+    assert skill.replans == PickConfig().retries
+
+
+def test_grasp_that_does_not_hold_is_an_execution_failure(table_scene):
+    skill = PickSkill(0, PickConfig(retries=0))
+    state = table_scene.privileged("target")
+    for _ in range(150):
+        targets_rad, _ = skill.act(state)
+        table_scene.set_arm(targets_rad)
+        state = table_scene.privileged("target")
+    assert skill.failure is Failure.EXECUTION
+
+
+def test_agent_keeps_the_contract_for_several_rows(table_scene):
+    agent = spa_priv(AgentSetup(env_id="hab_tasks:HabPick-v1", num_envs=2))
+    assert isinstance(agent, Agent)
+    assert agent.spec.privileged
+    assert agent.spec.control_mode == "joint_target"
+    agent.reset(torch.tensor([True, True]), [7, 7])
+    state = table_scene.privileged("target")
+    first = agent.act({"privileged": [state, state]})
+    assert first.shape == (2, 8)
+    assert first.dtype == torch.float32
+    torch.testing.assert_close(first[0], first[1])
+    agent.reset(torch.tensor([False, True]), [0, 8])
+    second = agent.act({"privileged": [state, state]})
+    assert not torch.equal(second[0], second[1])
+    for report in agent.report():
+        assert report.failure is None
+        assert set(report.timings_s) == {"target", "motion", "plan"}
+
+
+def test_agent_refuses_a_skill_it_does_not_have():
+    with pytest.raises(UnknownNameError, match="HabPick-v1"):
+        SpaPrivAgent(AgentSetup(env_id="HabPlace-v1"))

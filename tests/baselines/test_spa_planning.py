@@ -1,0 +1,226 @@
+"""Goals and paths: every edge is replayed; nothing is compared with a stored path."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hab_spa.arm_plan import Ends, PlanConfig, plan_path
+from hab_spa.collision import ArmCollision
+from hab_spa.escape import EscapeConfig, escape, retreats
+from hab_spa.ik import LOWER_RAD, UPPER_RAD, BatchArm
+from hab_spa.joint_goal import (
+    GoalConfig,
+    face_centres_m,
+    sample_grasp_goals,
+    sample_rest_goals,
+    would_grasp,
+)
+from hab_spa.results import Failure
+from hab_spa.rrt import Limit, RrtConfig, connect, path_is_free, shorten
+
+from hab_tasks.constants import GRASP_RADIUS_M
+from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
+
+REST = np.array(REST_QPOS_RAD)
+NO_LIMIT = Limit(checks=10**9, deadline_s=float("inf"))
+
+
+@pytest.fixture
+def shelf_state(make_scene):
+    """A target in a box that is open towards the robot."""
+    scene = make_scene()
+    scene.add_box("floor", "static", (0.95, 0.0, 0.79), (0.5, 0.7, 0.02))
+    scene.add_box("roof", "static", (0.95, 0.0, 1.21), (0.5, 0.7, 0.02))
+    scene.add_box("left", "static", (0.95, 0.36, 1.0), (0.5, 0.02, 0.44))
+    scene.add_box("right", "static", (0.95, -0.36, 1.0), (0.5, 0.02, 0.44))
+    scene.add_box("target", "object", (0.9, 0.05, 0.851), (0.07, 0.07, 0.10))
+    return scene.privileged("target")
+
+
+def sample(state, seed=0, config=None):
+    collision = ArmCollision(state)
+    goals = sample_grasp_goals(state, collision, BatchArm(), seed, config or GoalConfig())
+    return collision, goals
+
+
+def plan(state, seed=0, config=None):
+    collision, goals = sample(state, seed)
+    ends = [Ends(open=REST, tight=goal) for goal in goals.goals]
+    return collision, plan_path(collision, BatchArm(), ends, seed, config or PlanConfig())
+
+
+def test_face_centres_of_a_box(table_scene):
+    centres = face_centres_m(table_scene.privileged("target"), "target")
+    # The box is 0.07 x 0.07 x 0.10 m around (0.72, 0.05, 0.80).
+    offsets = centres - [0.72, 0.05, 0.80]
+    expected = [[0.035, 0, 0], [0, 0.035, 0], [0, 0, 0.05]]
+    np.testing.assert_allclose(
+        offsets, np.concatenate((expected, np.negative(expected))), atol=1e-6
+    )
+
+
+def test_goals_grasp_the_target_and_are_free(table_scene):
+    state = table_scene.privileged("target")
+    _, result = sample(state)
+    assert result.failure is None
+    arm, fresh = BatchArm(), ArmCollision(state)
+    centres = face_centres_m(state, "target")
+    for goal in result.goals:
+        point_m = (state.world_from_base @ arm.ee_pose(goal))[:3, 3]
+        assert np.linalg.norm(centres - point_m, axis=1).min() <= GoalConfig().ik.tolerance_m
+        nearest = min(
+            state.object_com_m, key=lambda n: np.linalg.norm(state.object_com_m[n] - point_m)
+        )
+        assert nearest == "target"
+        assert np.linalg.norm(state.object_com_m["target"] - point_m) < GRASP_RADIUS_M
+        assert fresh.is_free(goal)
+    distances = np.linalg.norm(result.goals - REST, axis=1)
+    assert np.all(np.diff(distances) >= 0)
+
+
+def test_would_grasp_needs_the_target_to_be_nearest_by_a_margin(table_scene):
+    state = table_scene.privileged("target")
+    target, clutter = (state.object_com_m[name] for name in ("target", "clutter1"))
+    away = np.array([-1.0, 0.0, 0.0])
+    points = np.array(
+        [target, target + 0.139 * away, target + 0.141 * away, (target + clutter) / 2]
+    )
+    # 0.141 m is inside the grasp radius of 0.15 m, but not by the safety margin of 0.01 m.
+    assert would_grasp(state, points, GoalConfig()).tolist() == [True, True, False, False]
+
+
+def test_blocked_target_is_a_target_plan_failure(make_scene):
+    scene = make_scene()
+    scene.add_box("target", "object", (0.8, 0.0, 0.8), (0.05, 0.05, 0.05))
+    for axis in range(3):
+        for side in (-1, 1):
+            position, size = np.array([0.8, 0.0, 0.8]), np.full(3, 0.4)
+            position[axis] += side * 0.1
+            size[axis] = 0.1
+            scene.add_box(f"wall{axis}{side:+}", "static", tuple(position), tuple(size))
+    _, result = sample(scene.privileged("target"), config=GoalConfig(starts_per_point=250))
+    assert result.failure is Failure.TARGET_PLAN
+    assert result.goals.shape == (0, 7)
+    assert result.samples == 250 * 6
+
+
+def test_target_out_of_reach_is_a_target_plan_failure(make_scene):
+    scene = make_scene()
+    scene.add_box("target", "object", (2.0, 0.0, 0.8), (0.05, 0.05, 0.05))
+    _, result = sample(scene.privileged("target"), config=GoalConfig(starts_per_point=125))
+    assert result.failure is Failure.TARGET_PLAN
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_path_into_a_shelf_is_free_edge_by_edge(shelf_state, seed):
+    _, result = plan(shelf_state, seed)
+    assert result.failure is None
+    assert result.path is not None
+    np.testing.assert_array_equal(result.path[0], REST)
+    assert np.all(result.path >= LOWER_RAD)
+    assert np.all(result.path <= UPPER_RAD)
+    # Replayed on a model of its own, without clearance and at a finer resolution.
+    replay = ArmCollision(shelf_state)
+    replay.set_margin(0.0)
+    assert path_is_free(replay, result.path, 0.01)
+
+
+def test_same_seed_same_path_whatever_ran_before(shelf_state):
+    _, first = plan(shelf_state, seed=5)
+    plan(shelf_state, seed=6)
+    _, second = plan(shelf_state, seed=5)
+    np.testing.assert_array_equal(first.path, second.path)
+    assert first.checks == second.checks
+
+
+def test_rrt_connect_and_shortening_keep_ends_and_depend_on_the_seed_only(shelf_state):
+    collision, goals = sample(shelf_state)
+    collision.set_margin(0.005)
+    config = RrtConfig(range_rad=1.0)
+    paths = [connect(collision, REST, goals.goals[0], seed, NO_LIMIT, config) for seed in (1, 1, 2)]
+    assert paths[0] is not None
+    np.testing.assert_array_equal(paths[0], paths[1])
+    assert not np.array_equal(paths[0], paths[2])
+    short = shorten(collision, paths[0], 1, float("inf"), config)
+    np.testing.assert_array_equal(short[[0, -1]], paths[0][[0, -1]])
+    length = [np.linalg.norm(np.diff(path, axis=0), axis=1).sum() for path in (short, paths[0])]
+    assert length[0] <= length[1]
+    # Other points of the edges are looked at than before: half a centimetre less is asked.
+    collision.set_margin(0.0)
+    assert path_is_free(collision, short, config.resolution_rad)
+
+
+def test_rrt_connect_gives_up_after_its_checks(shelf_state):
+    collision, goals = sample(shelf_state)
+    before = collision.checks
+    limit = replace(NO_LIMIT, checks=50)
+    assert connect(collision, REST, goals.goals[0], 0, limit, RrtConfig()) is None
+    # It looks at the count between two steps of the planner, each of which is a few tests.
+    assert collision.checks - before < 250
+
+
+def test_time_limit_is_honoured_and_a_motion_plan_failure(table_scene):
+    class Split(ArmCollision):
+        """The shoulder cannot pass through a band of its range: the ends are not connected."""
+
+        def is_free(self, qpos):
+            return abs(qpos[0] - 0.3) > 0.1 and super().is_free(qpos)
+
+    collision = Split(table_scene.privileged("target"))
+    goal = REST + np.eye(7)[0] * 1.2
+    result = plan_path(
+        collision, BatchArm(), [Ends(open=REST, tight=goal)], 0, PlanConfig(time_limit_s=0.5)
+    )
+    assert result.path is None
+    assert result.failure is Failure.MOTION_PLAN
+    assert 0.5 <= result.seconds < 1.0
+
+
+def test_held_object_escapes_from_the_table_and_comes_to_rest(table_scene):
+    arm = BatchArm()
+    empty = table_scene.privileged("target")
+    _, goals = sample(empty)
+    table_scene.set_arm(goals.goals[0])
+    state = table_scene.privileged("target", held="target")
+    collision = ArmCollision(state, held="target")
+    assert any("table" in c.first + c.second for c in collision.contacts(state.arm_qpos))
+    way = escape(collision, arm, state.arm_qpos, EscapeConfig())
+    assert len(way) > 1
+    fresh = ArmCollision(state, held="target")
+    assert fresh.is_free(way[-1])
+    heights_m = [arm.ee_pose(pose)[2, 3] for pose in way]
+    assert np.all(np.diff(heights_m) > 0.005)
+    rest = sample_rest_goals(fresh, arm, 0, GoalConfig())
+    np.testing.assert_array_equal(rest.goals, REST[None])
+
+
+def test_retreat_leads_straight_out_of_the_shelf(shelf_state):
+    collision, goals = sample(shelf_state)
+    arm = BatchArm()
+    collision.set_margin(0.0)
+    ways = [way for goal in goals.goals for way in retreats(collision, arm, goal, EscapeConfig())]
+    assert ways
+    for way in ways:
+        assert path_is_free(collision, way, 0.02)
+        points_m = np.array([arm.ee_pose(pose)[:3, 3] for pose in way])
+        line = points_m[-1] - points_m[0]
+        line /= np.linalg.norm(line)
+        offsets_m = points_m - points_m[0]
+        off_line_m = offsets_m - np.outer(offsets_m @ line, line)
+        assert np.abs(off_line_m).max() < 0.02
+
+
+def test_rest_goals_near_a_blocked_rest_pose_bring_the_hand_near_rest(make_scene):
+    scene = make_scene()
+    # A rod where the fingers are in the resting pose.
+    scene.add_box("rod", "static", (0.5, 0.0, 1.06), (0.02, 0.3, 0.02))
+    scene.add_box("target", "object", (2.5, 0.0, 0.8), (0.05, 0.05, 0.05))
+    collision = ArmCollision(scene.privileged("target"))
+    assert not collision.is_free(REST)
+    arm = BatchArm()
+    result = sample_rest_goals(collision, arm, 0, GoalConfig())
+    assert len(result.goals)
+    for goal in result.goals:
+        distance_m = np.linalg.norm(arm.ee_pose(goal)[:3, 3] - [0.5, 0.0, 1.0])
+        assert distance_m < 0.10
+        assert collision.is_free(goal)

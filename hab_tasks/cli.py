@@ -148,6 +148,8 @@ def _episodes(command: EpisodesCommand) -> int:
 
     if command.env not in ENVS:
         raise UnknownNameError("env", command.env, ENVS)
+    if command.count < 1:
+        raise HabError(f"--count {command.count}: at least 1 episode.")
     if command.out.exists() and not command.force:
         raise HabError(f"{command.out} exists; give --force to replace it.")
     source = open_source(
@@ -160,7 +162,10 @@ def _episodes(command: EpisodesCommand) -> int:
     )
     for index in tqdm(range(command.count), unit="episode", disable=not sys.stderr.isatty()):
         source.get(index)
-    source.save(command.count, command.out)
+    try:
+        source.save(command.count, command.out)
+    except OSError as error:
+        raise HabError(f"{command.out}: cannot be written ({error}).") from error
     print(f"wrote {command.count} episodes ({source.split}) to {command.out}")
     for reason, times in sorted(source.rejections.items()):
         print(f"  refused {times}: {reason}")

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import gzip
 import json
-import os
 import tempfile
+import zlib
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -82,10 +82,10 @@ def write_episodes(episodes: EpisodeSet, file: Path) -> None:
     if file.suffix == ".gz":
         data = gzip.compress(data, mtime=0)
     file.parent.mkdir(parents=True, exist_ok=True)
-    handle, partial = tempfile.mkstemp(dir=file.parent, suffix=".partial")
-    with os.fdopen(handle, "wb") as stream:
-        stream.write(data)
-    Path(partial).replace(file)
+    with tempfile.TemporaryDirectory(dir=file.parent, prefix=".partial-") as scratch:
+        partial = Path(scratch) / file.name
+        partial.write_bytes(data)
+        partial.replace(file)
 
 
 def read_episodes(file: Path) -> EpisodeSet:
@@ -99,7 +99,7 @@ def read_episodes(file: Path) -> EpisodeSet:
         raw = json.loads(gzip.decompress(data) if file.suffix == ".gz" else data)
     except FileNotFoundError as error:
         raise EpisodeError(f"{file}: no such file.") from error
-    except (OSError, EOFError, ValueError) as error:
+    except (OSError, EOFError, ValueError, zlib.error) as error:
         raise EpisodeError(f"{file}: not a valid episode file ({error}).") from error
     version = raw.get("schema") if isinstance(raw, dict) else None
     if version != SCHEMA:
@@ -117,7 +117,7 @@ def read_episodes(file: Path) -> EpisodeSet:
             episodes=tuple(_episode(entry, scenes) for entry in raw["episodes"]),
             rejections={str(k): int(v) for k, v in raw.get("rejections", {}).items()},
         )
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
         raise EpisodeError(f"{file}: a field is missing or malformed ({error!r}).") from error
 
 

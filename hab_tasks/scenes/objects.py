@@ -7,7 +7,6 @@ Three sources read alike: the embedded look-alikes in a scene dataset's own temp
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 from typing import Any
@@ -15,9 +14,9 @@ from xml.etree import ElementTree
 
 from hab_tasks.errors import DatasetError, UnknownNameError
 from hab_tasks.geometry import IDENTITY
-from hab_tasks.scenes.dataset import SceneDataset, embedded_dataset
+from hab_tasks.scenes.dataset import SceneDataset, embedded_dataset, read_json
 from hab_tasks.scenes.load import load_template
-from hab_tasks.scenes.meshes import check_mesh, parts_file, textured_glb
+from hab_tasks.scenes.meshes import check_mesh, parts_file
 from hab_tasks.scenes.spec import CollisionSource, ObjectTemplate
 
 TRAIN_OBJECTS = (
@@ -88,7 +87,7 @@ def _google_objects(root: Path) -> dict[str, ObjectTemplate]:
 
 def _maniskill_objects(root: Path) -> dict[str, ObjectTemplate]:
     info_file = root / "info_pick_v0.json"
-    info: dict[str, Any] = json.loads(info_file.read_text()) if info_file.exists() else {}
+    info: dict[str, Any] = read_json(info_file) if info_file.exists() else {}
     found = {}
     for name in ALL_OBJECTS:
         folder = root / "models" / name
@@ -107,7 +106,7 @@ def _template(
         mass_kg = volume_m3 * (density or DEFAULT_DENSITY_KG_M3)
     return ObjectTemplate(
         name=name,
-        visual_file=textured_glb(visual),
+        visual_file=visual,
         collision=(CollisionSource(kind="convex_parts", file=parts),),
         mass_kg=mass_kg,
         friction=YCB_FRICTION,

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import sapien
 import torch
 from mani_skill.utils.structs import Actor
 from mani_skill.utils.structs.pose import Pose
@@ -15,7 +18,13 @@ from hab_tasks.scenes.build import parking_pose
 from hab_tasks.scenes.handles import SceneHandles
 
 
-def apply_episode(episode: Episode, row: int, handles: SceneHandles, agent: HabFetch) -> None:
+def apply_episode(
+    episode: Episode,
+    row: int,
+    handles: SceneHandles,
+    agent: HabFetch,
+    in_place: frozenset[str] = frozenset(),
+) -> None:
     """Poses furniture, objects and robot in `row`; everything at rest.
 
     Args:
@@ -23,6 +32,7 @@ def apply_episode(episode: Episode, row: int, handles: SceneHandles, agent: HabF
         row: The row of the simulation; `handles` must have been built there.
         handles: The layout of `episode.scene_id`.
         agent: The robot.
+        in_place: Loose objects that are known to lie where the episode wants them.
 
     Raises:
         EpisodeError: The episode names furniture, a joint or an object that is not there.
@@ -33,7 +43,7 @@ def apply_episode(episode: Episode, row: int, handles: SceneHandles, agent: HabF
     scene._reset_mask[row] = True
     try:
         _apply_joints(episode, handles)
-        _apply_objects(episode, handles)
+        _apply_objects(episode, row, handles, in_place)
         _apply_robot(episode, agent)
     finally:
         scene._reset_mask = mask
@@ -54,23 +64,39 @@ def _apply_joints(episode: Episode, handles: SceneHandles) -> None:
         furniture.set_qvel(torch.zeros_like(qpos))
 
 
-def _apply_objects(episode: Episode, handles: SceneHandles) -> None:
+def _apply_objects(
+    episode: Episode, row: int, handles: SceneHandles, in_place: frozenset[str]
+) -> None:
     unknown = set(episode.objects) - set(handles.pickables)
     if unknown:
         raise EpisodeError(f"{episode.id}: no object {sorted(unknown)} was loaded.")
     for index, (name, actor) in enumerate(handles.pickables.items()):
-        _place(actor, episode.objects.get(name, parking_pose(index)))
+        _place(actor, row, episode.objects.get(name, parking_pose(index)))
+        _show(actor, row, name in episode.objects)
     starts = {o.name: o.world_from_object for o in handles.spec.objects if o.dynamic}
     for name, actor in handles.loose.items():
-        _place(actor, episode.loose.get(name, starts[name]))
+        if name not in in_place:
+            _place(actor, row, episode.loose.get(name, starts[name]))
 
 
-def _place(actor: Actor, pose: Pose7) -> None:
-    row = torch.tensor([pose], dtype=torch.float32, device=actor.device)
-    actor.set_pose(Pose.create(row))
-    zero = torch.zeros(3, device=actor.device)
-    actor.set_linear_velocity(zero)
-    actor.set_angular_velocity(zero)
+def _place(actor: Actor, row: int, pose: Pose7) -> None:
+    if actor.scene.gpu_sim_enabled:
+        actor.set_pose(Pose.create(torch.tensor([pose], device=actor.device)))
+        zero = torch.zeros(3, device=actor.device)
+        actor.set_linear_velocity(zero)
+        actor.set_angular_velocity(zero)
+        return
+    body: Any = actor._bodies[row]
+    body.entity.pose = sapien.Pose(list(pose[:3]), list(pose[3:]))
+    if not body.kinematic:
+        body.linear_velocity = body.angular_velocity = (0.0, 0.0, 0.0)
+
+
+def _show(actor: Actor, row: int, visible: bool) -> None:
+    """Parked objects are not drawn: they are out of sight, but the renderer does not know."""
+    component = actor._objs[row].find_component_by_type(sapien.render.RenderBodyComponent)
+    if component is not None:
+        component.visibility = 1.0 if visible else 0.0
 
 
 def _apply_robot(episode: Episode, agent: HabFetch) -> None:

@@ -54,6 +54,7 @@ class DormantObjects:
         self._low_m, self._high_m = np.zeros((count, 3)), np.zeros((count, 3))
         self._frozen_at_m = np.zeros((count, 3), dtype=np.float32)
         self._active: list[int] = []
+        self._settled = np.zeros(count, dtype=bool)
         self.com_m: NDArray[np.float32] = np.zeros((count, 3), dtype=np.float32)
         self.present = np.zeros(count, dtype=bool)
 
@@ -61,19 +62,31 @@ class DormantObjects:
         """Makes every body dynamic, for a reset."""
         for index in range(len(self._bodies)):
             self._thaw(index)
+        self._settled[:] = False
         self._active = list(range(len(self._bodies)))
 
-    def freeze_all(self, present: NDArray[np.bool_]) -> None:
-        """Freezes every body where it is; `present` (K,) marks those of this episode."""
+    def undisturbed(self) -> list[int]:
+        """Returns the objects that lie frozen where an episode put them."""
+        return np.flatnonzero(self._settled).tolist()
+
+    def freeze_all(self, present: NDArray[np.bool_], placed: list[int] | None = None) -> None:
+        """Freezes bodies where they are, at the start of an episode.
+
+        Args:
+            present: (K,) which objects take part.
+            placed: The objects that were moved since the last time; all when None.
+        """
         self.present = present.copy()
-        for index in range(len(self._bodies)):
+        for index in range(len(self._bodies)) if placed is None else placed:
             self._freeze(index)
+            self._settled[index] = True
         self._active = []
 
     def wake(self, index: int) -> None:
         """Makes one body dynamic now."""
         if index not in self._active:
             self._thaw(index)
+            self._settled[index] = False
             self._active.append(index)
 
     def before_step(self, held: int) -> None:

@@ -83,10 +83,11 @@ class SnapGrasp:
         """Lets go in `rows` (R,) without physics, and forgets what was leaving the hand."""
         for row in rows.tolist():
             self._release_row(row)
-        self._leaving = [entry for entry in self._leaving if entry[0] not in set(rows.tolist())]
-        for row in rows.tolist():
-            for index in range(len(self.objects)):
+        started = set(rows.tolist())
+        for row, index, _ in self._leaving:
+            if row in started:
                 self._set_collision(row, index, MOVING)
+        self._leaving = [entry for entry in self._leaving if entry[0] not in started]
 
     def command(self, gripper: Tensor) -> None:
         """Acts on the gripper entry (N,): >= 0 grasps when the hand is empty, < 0 releases."""

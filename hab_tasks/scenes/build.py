@@ -26,7 +26,7 @@ from hab_tasks.scenes.collision_groups import (
     set_groups,
 )
 from hab_tasks.scenes.handles import SceneHandles
-from hab_tasks.scenes.meshes import mesh_bounds, parts_volume
+from hab_tasks.scenes.meshes import mesh_bounds, parts_volume, textured_glb
 from hab_tasks.scenes.spec import (
     ArticulationInstance,
     CollisionSource,
@@ -179,9 +179,9 @@ class _Builder:
     def _see(self, builder: Any, template: ObjectTemplate, scale: float) -> None:
         if self.visuals and template.visual_file is not None:
             factor = [scale * template.visual_scale] * 3
-            builder.add_visual_from_file(
-                str(template.visual_file), _pose(template.visual_from_origin), factor
-            )
+            file = template.visual_file
+            file = textured_glb(file) if file.suffix == ".obj" else file
+            builder.add_visual_from_file(str(file), _pose(template.visual_from_origin), factor)
 
     def _collide(
         self,

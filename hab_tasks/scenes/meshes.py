@@ -13,14 +13,18 @@ import tempfile
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
 from trimesh.visual.material import PBRMaterial
 
 from hab_tasks.errors import DatasetError
+from hab_tasks.scenes.light_mesh import decimate_textured, fill_background
 
 TEXTURE_SIZE_PX = 512
+TEXTURED_TRIANGLES = 1500
+"""YCB's scans have 16,384 triangles each, more than a furnished room."""
 
 SINGLE_HULL_EXCESS = 1.15
 """A decomposition whose common hull is at most this much larger than its parts becomes one hull."""
@@ -41,7 +45,7 @@ def content_key(file: Path) -> str:
 
 
 def cached_file(name: str, write: Callable[[Path], None]) -> Path:
-    """Returns ``cache_dir()/name``, made by `write(path)` when absent; written aside, then renamed."""
+    """Returns ``cache_dir()/name``; made by `write(path)` when absent, aside, then renamed."""
     path = cache_dir() / name
     if path.exists():
         return path
@@ -78,10 +82,11 @@ def mesh_bounds(file: Path) -> tuple[tuple[float, float, float], tuple[float, fl
 
 
 def convex_parts(file: Path) -> list[trimesh.Trimesh]:
-    """Returns the convex parts in a mesh file: one a mesh, or one a connected piece of an STL/PLY."""
+    """Returns a mesh file's convex parts: one a mesh, or one a connected piece of STL/PLY/OBJ."""
     scene = _load_scene(file)
     pieces: list[trimesh.Trimesh] = []
-    for mesh in scene.dump():
+    meshes: list[Any] = scene.dump()
+    for mesh in meshes:
         if file.suffix.lower() in (".stl", ".ply", ".obj"):
             pieces.extend(mesh.split(only_watertight=False))
         else:
@@ -93,7 +98,7 @@ def convex_parts(file: Path) -> list[trimesh.Trimesh]:
 
 
 def parts_file(file: Path) -> tuple[Path, float]:
-    """Returns a GLB with one mesh for each convex part of `file`, and the parts' total volume [m^3].
+    """Returns a GLB with one mesh for each convex part of `file`, and their total volume [m^3].
 
     Near-convex decompositions (`SINGLE_HULL_EXCESS`) become one hull: a can made of sixty hulls
     costs time and collides no better.
@@ -101,36 +106,42 @@ def parts_file(file: Path) -> tuple[Path, float]:
 
     def write(path: Path) -> None:
         hulls = convex_parts(file)
-        whole = trimesh.util.concatenate(hulls).convex_hull
+        joined: Any = trimesh.util.concatenate(hulls)
+        whole = joined.convex_hull
         if whole.volume <= SINGLE_HULL_EXCESS * sum(hull.volume for hull in hulls):
             hulls = [whole]
         scene = trimesh.Scene()
         for index, hull in enumerate(hulls):
             scene.add_geometry(hull, node_name=f"part_{index:03d}", geom_name=f"part_{index:03d}")
-        path.write_bytes(scene.export(file_type="glb"))
+        glb: Any = scene.export(file_type="glb")
+        path.write_bytes(glb)
 
     path = cached_file(f"parts/{content_key(file)}.glb", write)
     return path, parts_volume(path)
 
 
 def textured_glb(file: Path) -> Path:
-    """Returns a GLB copy of a textured OBJ, its texture at most `TEXTURE_SIZE_PX` wide.
+    """Returns a light GLB copy of a textured OBJ: `TEXTURED_TRIANGLES`, `TEXTURE_SIZE_PX`.
 
-    YCB's material files name ``texture_map.jpg`` with a blank behind it, which SAPIEN takes for part
-    of the name; and a texture of 4096 pixels for a tin costs more memory than the whole room.
+    YCB's material files name ``texture_map.jpg`` with a blank behind it, which SAPIEN takes for
+    part of the name; and a texture of 4096 pixels for a tin costs more memory than the whole room.
     """
 
     def write(path: Path) -> None:
-        mesh = trimesh.load_mesh(file)
+        mesh: Any = trimesh.load_mesh(file, process=False)
         material = mesh.visual.material
         image = material.image.convert("RGB")
+        image.thumbnail((2 * TEXTURE_SIZE_PX, 2 * TEXTURE_SIZE_PX))
+        image = fill_background(image, mesh)
         image.thumbnail((TEXTURE_SIZE_PX, TEXTURE_SIZE_PX))
         mesh.visual.material = PBRMaterial(
             baseColorTexture=image, metallicFactor=0.0, roughnessFactor=0.7
         )
-        path.write_bytes(mesh.export(file_type="glb"))
+        light = decimate_textured(mesh, TEXTURED_TRIANGLES)
+        path.write_bytes(light.export(file_type="glb"))
 
-    return cached_file(f"visual/{content_key(file)}-{TEXTURE_SIZE_PX}.glb", write)
+    key = f"{content_key(file)}-{TEXTURE_SIZE_PX}-{TEXTURED_TRIANGLES}"
+    return cached_file(f"visual/{key}.glb", write)
 
 
 @lru_cache(maxsize=1024)

@@ -202,12 +202,15 @@ class SkillEnv(BaseEnv):
         self._world.build(self.scene, self.agent)
 
     def _load_lighting(self, options: dict[str, Any]) -> None:
+        if self.render_mode is None and not self.obs_mode_struct.visual.rgb:
+            return  # depth needs no light, and lamps cost a software renderer a quarter of its time
         for handles in self._world.handles:
             add_lights(self.scene, handles.spec, handles.rows)
 
     def _clear_sim_state(self) -> None:
-        self._world.thaw()
-        super()._clear_sim_state()
+        # On the CPU the episode sets all velocities itself, and frozen bodies have none.
+        if self.gpu_sim_enabled:
+            super()._clear_sim_state()
 
     def _initialize_episode(self, env_idx: Tensor, options: dict[str, Any]) -> None:
         self._world.apply(env_idx)

@@ -156,17 +156,18 @@ class World:
     def apply(self, rows: Tensor) -> None:
         """Writes the episodes of `rows` (R,) into the simulator and starts their measures."""
         self._grasp.reset(rows)
+        in_place = self._in_place()
         for row in rows.tolist():
             episode = self.episodes[row]
             handles = next(h for h in self.handles if row in h.rows)
-            apply_episode(episode, row, handles, self._agent)
+            apply_episode(episode, row, handles, self._agent, in_place)
             self.tracker.target[row] = self._names.index(episode.target)
         if self._scene.gpu_sim_enabled:
             self._scene._gpu_apply_all()
             px: Any = self._scene.px
             px.gpu_update_articulation_kinematics()
             self._scene._gpu_fetch_all()
-        self._freeze()
+        self._freeze(in_place)
         self._force.clear()
         self.snapshot = self._reader.read(self.tracker.target, self._force.newton())
         starts = self.goals.object_start_m.clone()
@@ -177,9 +178,9 @@ class World:
     def step(self, gripper: Tensor, physics_steps: int) -> None:
         """Grasps or releases, runs the physics of one action, and advances the measures."""
         grasp, force, dormant = self._grasp, self._force, self._dormant
-        grasp.command(gripper)
         if dormant is not None:
             dormant.before_step(int(grasp.held[0]))
+        grasp.command(gripper)
         force.clear()
         for _ in range(physics_steps):
             grasp.before_simulation_step()
@@ -193,13 +194,22 @@ class World:
         self.snapshot = self._reader.read(self.tracker.target, force.newton())
         self.tracker.advance(self.snapshot)
 
-    def _freeze(self) -> None:
+    def _in_place(self) -> frozenset[str]:
+        """Loose objects that no earlier episode in this layout has touched."""
+        if self._dormant is None:
+            return frozenset()
+        loose = self.handles[0].loose
+        names = (self._names[index] for index in self._dormant.undisturbed())
+        return frozenset(name for name in names if name in loose)
+
+    def _freeze(self, in_place: frozenset[str] = frozenset()) -> None:
         if self._dormant is None:
             return
         playing = self.episodes[0].objects
         loose = self.handles[0].loose
         present = np.array([name in playing or name in loose for name in self._names], dtype=bool)
-        self._dormant.freeze_all(present)
+        placed = [i for i, name in enumerate(self._names) if name not in in_place]
+        self._dormant.freeze_all(present, placed)
 
     # State -----------------------------------------------------------------------------------
 
@@ -214,15 +224,16 @@ class World:
 
     def set_state(self, state: dict[str, Any], rows: Tensor) -> None:
         """Restores what `get_state` returned, for `rows`, after the simulator's state was set."""
+        self._freeze()
+        held = int(state["grasp"]["held"][0])
+        if self._dormant is not None and held >= 0:
+            self._dormant.wake(held)
         self._grasp.set_state(state["grasp"], rows)
         self.tracker.set_state(state["tracker"], rows)
         starts = self.goals.object_start_m.clone()
         starts[rows] = state["goals"]["object_start_m"]
         self.goals = Goals(object_start_m=starts)
         self._agent.controller.set_state(state["controller"])
-        self._freeze()
-        if self._dormant is not None and int(self._grasp.held[0]) >= 0:
-            self._dormant.wake(int(self._grasp.held[0]))
         self.snapshot = self._reader.read(self.tracker.target, self.tracker.measures.force_n)
 
     # Privileged ------------------------------------------------------------------------------

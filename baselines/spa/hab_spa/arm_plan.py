@@ -93,7 +93,12 @@ def plan_path(
         seed: Same arguments and seed, same path, unless the time limit strikes.
         config: The planner's numbers.
         touch_m: Pairs that are too close at an end may come this much closer still.
+
+    Raises:
+        ValueError: `ends` is empty.
     """
+    if not ends:
+        raise ValueError("plan_path needs at least one pair of ends.")
     return _Search(collision, arm, ends, config, touch_m).run(seed)
 
 

@@ -2,6 +2,7 @@
 PYTHON := .venv/bin/python
 SLOW ?=
 WORKERS ?= 2
+DATASET ?=
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test lint format typecheck bench build clean
@@ -32,9 +33,10 @@ format: setup ## Put all Python files into the house format
 typecheck: setup ## Check the types
 	@$(PYTHON) -m pyright
 
-bench: setup ## Steps per second, beside ManiSkill's own scene environment (runs/bench.json)
+bench: setup ## Steps per second, beside ManiSkill's own scene environment: make bench DATASET=PATH/replica_cad
+	@test -n "$(DATASET)" || { echo 'make bench DATASET=PATH/replica_cad: it needs the real ReplicaCAD'; exit 2; }
 	@mkdir -p runs
-	@.venv/bin/hab-eval bench --suite sim --force --json runs/bench.json
+	@.venv/bin/hab-eval bench --suite sim --scene-dataset "$(DATASET)" --force --json runs/bench.json
 
 build: setup ## Wheels of all packages, in dist/
 	@rm -rf dist build */build */*/build; mkdir dist

@@ -94,7 +94,7 @@ def _place(actor: Actor, row: int, pose: Pose7) -> None:
 
 def _show(actor: Actor, row: int, visible: bool) -> None:
     """Parked objects are not drawn: they are out of sight, but the renderer does not know."""
-    component = actor._objs[row].find_component_by_type(sapien.render.RenderBodyComponent)
+    component: Any = actor._objs[row].find_component_by_type(sapien.render.RenderBodyComponent)
     if component is not None:
         component.visibility = 1.0 if visible else 0.0
 

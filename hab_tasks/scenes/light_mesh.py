@@ -16,7 +16,8 @@ from PIL import Image, ImageDraw
 from scipy import ndimage
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
+from trimesh.visual import TextureVisuals
 
 _APART_M = 100.0
 """Distance put between charts so that a search stays within one of them."""
@@ -32,22 +33,24 @@ def decimate_textured(mesh: Any, triangles: int) -> Any:
     if len(mesh.faces) <= triangles:
         return mesh
     welded = trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
-    points, faces = fast_simplification.simplify(
-        welded.vertices.astype(np.float32),
+    corners_m: Any = welded.vertices.astype(np.float32)
+    simplified = fast_simplification.simplify(
+        corners_m,
         welded.faces.astype(np.int32),
         target_reduction=1.0 - triangles / len(welded.faces),
     )
+    points, faces = simplified[:2]
     vertices, uv = np.asarray(mesh.vertices), np.asarray(mesh.visual.uv)
     charts = _charts(np.asarray(mesh.faces), len(vertices))
-    _, nearest_face = cKDTree(vertices[mesh.faces].mean(axis=1)).query(points[faces].mean(axis=1))
+    _, nearest_face = KDTree(vertices[mesh.faces].mean(axis=1)).query(points[faces].mean(axis=1))
     face_chart = charts[np.asarray(mesh.faces)[nearest_face, 0]]
     corners = points[faces].reshape(-1, 3)
-    tree = cKDTree(np.column_stack((vertices, _APART_M * charts)))
+    tree = KDTree(np.column_stack((vertices, _APART_M * charts)))
     _, nearest = tree.query(np.column_stack((corners, _APART_M * np.repeat(face_chart, 3))))
     light = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
     smooth = trimesh.Trimesh(points, faces, process=False).vertex_normals[faces].reshape(-1, 3)
     light.vertex_normals = smooth
-    light.visual = trimesh.visual.TextureVisuals(uv=uv[nearest], material=mesh.visual.material)
+    light.visual = TextureVisuals(uv=uv[nearest], material=mesh.visual.material)
     return light
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 from mani_skill.utils.structs import Actor, Link
 from numpy.typing import NDArray
+from sapien.physx import PhysxRigidDynamicComponent
 
 from hab_tasks.scenes.collision_groups import MOVING, PASSIVE, set_groups
 
@@ -20,6 +21,9 @@ WAKE_DISTANCE_M = 0.1
 
 MOVED_M = 0.01
 """An object this far from where it was frozen can push others."""
+
+RESTING_SPEED = 1e-4
+"""An object whose restored velocity [m/s and rad/s] is below this is at rest."""
 
 _WATCHED_M = {
     "upperarm_roll_link": 0.18,
@@ -70,17 +74,21 @@ class DormantObjects:
         return np.flatnonzero(self._settled).tolist()
 
     def freeze_all(self, present: NDArray[np.bool_], placed: list[int] | None = None) -> None:
-        """Freezes bodies where they are, at the start of an episode.
+        """Freezes bodies where they are, at the start of an episode; what moves goes on moving.
 
         Args:
             present: (K,) which objects take part.
             placed: The objects that were moved since the last time; all when None.
         """
         self.present = present.copy()
-        for index in range(len(self._bodies)) if placed is None else placed:
-            self._freeze(index)
-            self._settled[index] = True
         self._active = []
+        for index in range(len(self._bodies)) if placed is None else placed:
+            if present[index] and _moves(self._bodies[index]):
+                self._measure(index)
+                self._active.append(index)
+            else:
+                self._freeze(index)
+                self._settled[index] = True
 
     def wake(self, index: int) -> None:
         """Makes one body dynamic now."""
@@ -122,14 +130,17 @@ class DormantObjects:
         return np.array(centers, dtype=np.float64), np.array(radii)
 
     def _freeze(self, index: int) -> None:
-        body = self._bodies[index]
+        self._measure(index)
+        self._bodies[index].kinematic = True
+        set_groups(self._bodies[index], PASSIVE)
+
+    def _measure(self, index: int) -> None:
+        """Notes where a body is and how large."""
         self._read(index)
-        low, high = body.compute_global_aabb_tight()
+        low, high = self._bodies[index].compute_global_aabb_tight()
         self._low_m[index], self._high_m[index] = low, high
         self._radius_m[index] = np.linalg.norm(np.subtract(high, low)) / 2
         self._frozen_at_m[index] = self.com_m[index]
-        body.kinematic = True
-        set_groups(body, PASSIVE)
 
     def _thaw(self, index: int) -> None:
         body = self._bodies[index]
@@ -139,3 +150,8 @@ class DormantObjects:
 
     def _read(self, index: int) -> None:
         self.com_m[index] = (self._bodies[index].entity_pose * self._com[index]).p
+
+
+def _moves(body: PhysxRigidDynamicComponent) -> bool:
+    speeds = np.concatenate((body.linear_velocity, body.angular_velocity))
+    return bool(np.abs(speeds).max() > RESTING_SPEED)

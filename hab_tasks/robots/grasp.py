@@ -28,6 +28,9 @@ from hab_tasks.scenes.collision_groups import HELD, MOVING, Groups, set_groups
 HOLD_TOLERANCE_M = 0.09
 """A held object that is pulled this far out of place is lost (Habitat's hold threshold)."""
 
+HOLD_STIFFNESS_NM_RAD = 1e5
+HOLD_DAMPING_NM_S_RAD = 1e3
+
 HANDLE_STIFFNESS_N_M = 2000.0
 HANDLE_DAMPING_N_S_M = 60.0
 
@@ -73,6 +76,8 @@ class SnapGrasp:
             (actor._bodies[0], actor._bodies[0].cmass_local_pose) for actor in objects
         ]
         self._offset = torch.tensor([EE_OFFSET_M, 0.0, 0.0], device=device)
+        link_com = ee_link._objs[0].cmass_local_pose.p
+        self._link_com_m = torch.as_tensor(np.asarray(link_com, dtype=np.float32), device=device)
 
     @property
     def holding(self) -> Tensor:
@@ -104,13 +109,8 @@ class SnapGrasp:
 
     def attach(self, row: int, index: int) -> None:
         """Holds object `index` in `row`, wherever it is."""
-        self.held[row] = index
-        self._set_collision(row, index, HELD)
         ee_from_object = self.ee_link.pose[row].inv() * self.objects[index].pose[row]
-        raw = self._ee_from_object.raw_pose.clone()
-        raw[row] = ee_from_object.raw_pose[0]
-        self._ee_from_object = Pose.create(raw)
-        self._tie_object(row, index)
+        self._hold(row, index, ee_from_object.raw_pose[0])
 
     def before_simulation_step(self) -> None:
         """Runs before every physics step."""
@@ -133,10 +133,10 @@ class SnapGrasp:
 
     def set_state(self, state: dict[str, Tensor], rows: Tensor) -> None:
         """Restores what `get_state` returned, after the bodies' poses were restored."""
+        self.reset(rows)
         for i, row in enumerate(rows.tolist()):
-            self._release_row(row)
             if int(state["held"][i]) != NOTHING:
-                self.attach(row, int(state["held"][i]))
+                self._hold(row, int(state["held"][i]), state["ee_from_object"][i])
             elif int(state["held_handle"][i]) != NOTHING:
                 self._grasp_handle(row, int(state["held_handle"][i]))
 
@@ -161,7 +161,8 @@ class SnapGrasp:
     def handle_position_m(self, index: int) -> Tensor:
         """Returns a handle marker (N, 3) in the world."""
         handle = self.handles[index]
-        return (handle.link.pose * Pose.create_from_pq(torch.tensor(handle.offset_m))).p
+        offset = torch.tensor(handle.offset_m, device=self.scene.device)
+        return (handle.link.pose * Pose.create_from_pq(offset)).p
 
     def _grasp_rows(self, rows: Tensor) -> None:
         ee = self.ee_position_m()[rows]
@@ -175,6 +176,14 @@ class SnapGrasp:
                 self._grasp_handle(int(rows[i]), int(handle[i]))
         for i in torch.nonzero(distance <= GRASP_RADIUS_M).flatten().tolist():
             self.attach(int(rows[i]), int(nearest[i]))
+
+    def _hold(self, row: int, index: int, ee_from_object: Tensor) -> None:
+        self.held[row] = index
+        self._set_collision(row, index, HELD)
+        raw = self._ee_from_object.raw_pose.clone()
+        raw[row] = ee_from_object
+        self._ee_from_object = Pose.create(raw)
+        self._tie_object(row, index)
 
     def _grasp_handle(self, row: int, index: int) -> None:
         self.held_handle[row] = index
@@ -226,7 +235,7 @@ class SnapGrasp:
 
 
 class DriveGrasp(SnapGrasp):
-    """Holds with a constraint: all six axes locked for an object, a ball joint for a handle."""
+    """Holds with a constraint: a rigid joint for an object, a ball joint for a handle."""
 
     def __init__(self, *args: Any) -> None:
         super().__init__(*args)
@@ -235,14 +244,10 @@ class DriveGrasp(SnapGrasp):
     def _tie_object(self, row: int, index: int) -> None:
         pose = self._ee_from_object[row].sp
         drive = self._drive(row, pose, self.objects[index]._objs[row], sapien.Pose())
-        for lock in (
-            drive.set_limit_x,
-            drive.set_limit_y,
-            drive.set_limit_z,
-            drive.set_limit_twist,
-        ):
+        for lock in (drive.set_limit_x, drive.set_limit_y, drive.set_limit_z):
             lock(0.0, 0.0)
-        drive.set_limit_cone(0.0, 0.0)
+        # Angular limits of zero do not hold against an articulation's link (measured: 50 degrees).
+        drive.set_drive_property_slerp(HOLD_STIFFNESS_NM_RAD, HOLD_DAMPING_NM_S_RAD)
         self.objects[index]._bodies[row].wake_up()
 
     def _tie_handle(self, row: int, index: int) -> None:
@@ -297,8 +302,13 @@ class FollowGrasp(SnapGrasp):
         actor, mask = self.objects[index], self.scene._reset_mask
         self.scene._reset_mask = rows
         actor.set_pose(Pose.create((self.ee_link.pose * self._ee_from_object).raw_pose[rows]))
-        actor.set_linear_velocity(torch.zeros(3, device=self.scene.device))
-        actor.set_angular_velocity(torch.zeros(3, device=self.scene.device))
+        # It moves with the hand during the coming physics step instead of lagging behind it.
+        turning = self.ee_link.get_angular_velocity()
+        middle = (self.ee_link.pose * Pose.create_from_pq(self._link_com_m)).p
+        arm = self.object_com_m(index) - middle
+        moving = self.ee_link.get_linear_velocity() + torch.linalg.cross(turning, arm)
+        actor.set_linear_velocity(moving[rows])
+        actor.set_angular_velocity(turning[rows])
         self.scene._reset_mask = mask
 
     def _pull_handle(self, index: int) -> None:

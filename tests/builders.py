@@ -15,7 +15,8 @@ from mani_skill.utils.structs.types import SimConfig
 
 from hab_tasks.measures import Measures
 from hab_tasks.robots.fetch import HabFetch
-from hab_tasks.snapshot import Snapshot
+from hab_tasks.scenes.collision_groups import MOVING, set_groups
+from hab_tasks.snapshot import Snapshot, world_to_base
 
 TABLE_SIZE_M = (1.0, 0.8, 0.6)
 """The tiny dataset's table: x, y (up) and z extents; its origin is its middle."""
@@ -128,22 +129,13 @@ def box_actor(
     density: float = 500.0,
     static: bool = False,
 ) -> Actor:
-    """A box in the collision group that everything but the robot is in."""
-    from hab_tasks.scenes.build import WORLD_GROUP
-
+    """A box in the collision group of loose objects."""
     builder = scene.create_actor_builder()
     builder.initial_pose = sapien.Pose(list(position_m))
     builder.add_box_collision(half_size=list(half_m), density=density)
     actor = builder.build_static(name) if static else builder.build(name)
-    for shape in actor._bodies[0].collision_shapes:
-        shape.set_collision_groups([WORLD_GROUP, WORLD_GROUP, 0, 0])
+    set_groups(actor._bodies[0], MOVING)
     return actor
-
-
-def fetch_at_rest(scene: ManiSkillScene) -> HabFetch:
-    """The robot at the origin, arm at rest, ready for joint targets; call after `scene._setup`."""
-    agent = HabFetch(scene, 30, "joint_target")
-    return agent
 
 
 def start_fetch(agent: HabFetch) -> None:
@@ -167,7 +159,8 @@ def snapshot(count: int = 1, **values: torch.Tensor) -> Snapshot:
         "lost": torch.zeros(count, dtype=torch.bool),
         "force_n": zeros,
     }
-    return Snapshot(**{**raw, **values})
+    raw |= values
+    return Snapshot(**{"ee_in_base_m": world_to_base(raw["base"], raw["ee_m"]), **raw})
 
 
 def measures(count: int = 1, **values: torch.Tensor) -> Measures:
@@ -198,3 +191,41 @@ def same(a: object, b: object, atol: float = 0.0) -> bool:
     if x.dtype == bool:
         return x.shape == y.shape and bool((x == y).all())
     return x.shape == y.shape and bool(np.allclose(x, y, rtol=0.0, atol=atol, equal_nan=True))
+
+
+def reach(env: object, point_m: np.ndarray, gripper: float, *, steps: int, within_m: float) -> list:
+    """Drives the end-effector (``ee`` mode) in a straight line to a world point.
+
+    Returns:
+        The results of the steps; ends within `within_m` of the point, or with the episode.
+    """
+    base, results = env.unwrapped, []
+    for _ in range(steps):
+        shot = base._world.snapshot
+        gap = world_to_base(shot.base, torch.as_tensor(point_m, dtype=torch.float32)[None])
+        gap = (gap - shot.ee_in_base_m)[0].numpy()
+        if np.linalg.norm(gap) < within_m:
+            break
+        action = np.append(np.clip(gap / 0.015, -1, 1), gripper).astype(np.float32)
+        results.append(env.step(action))
+        if results[-1][2] or results[-1][3]:
+            break
+    return results
+
+
+def go_above_and_grasp(env: object, name: str, *, gripper: float = 1.0) -> list:
+    """Moves over object `name`, then down until it snaps; gripper open on the way there."""
+    base = env.unwrapped
+    target = base.privileged()[0].object_com_m[name]
+    above = np.add(target, (0.0, 0.0, 0.25))
+    results = reach(env, above, -1.0, steps=120, within_m=0.03)
+    if results and (results[-1][2] or results[-1][3]):
+        return results
+    for height in np.arange(0.25, 0.0, -0.01):
+        point = np.add(target, (0.0, 0.0, height))
+        results += reach(env, point, -1.0, steps=5, within_m=0.015)
+        ee = base._world.snapshot.ee_m[0].numpy()
+        if np.linalg.norm(ee - base.privileged()[0].object_com_m[name]) < 0.13:
+            break
+    results.append(env.step(np.array([0, 0, 0, gripper], dtype=np.float32)))
+    return results

@@ -149,12 +149,9 @@ def test_a_stage_collision_mesh_that_is_absent_is_named(root):
 
 
 def test_objects_without_a_mesh_are_skipped_with_one_warning(root, caplog):
-    write_json(
-        root / "configs/objects/bike.object_config.json", {"render_asset": "../../objects/b.glb"}
-    )
-    write_json(
-        root / "configs/objects/hook.object_config.json", {"render_asset": "../../objects/h.glb"}
-    )
+    for name in ("bike", "hook"):
+        config = {"render_asset": f"../../objects/{name}.glb"}
+        write_json(root / f"configs/objects/{name}.object_config.json", config)
     scene = tiny_scene()
     scene["object_instances"] += [{"template_name": "bike"}, {"template_name": "bike"}]
     write_scene(root, scene)
@@ -228,7 +225,7 @@ def test_a_dataset_without_scenes_is_refused(tmp_path):
 
 
 def test_a_folder_that_is_not_there_names_the_nearest():
-    with pytest.raises(UnknownNameError, match="'apartmant'.*Did you mean 'apartment'"):
+    with pytest.raises(UnknownNameError, match=r"'apartmant'.*Did you mean 'apartment'"):
         resolve_dataset("apartmant")
 
 

@@ -1,0 +1,178 @@
+"""The console script `hab-tasks` as a user runs it."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from builders import tiny_dataset
+
+from hab_tasks.cli import main
+from hab_tasks.envs import ENVS
+from hab_tasks.episodes import read_episodes
+from hab_tasks.scenes import load
+
+SCRIPT = Path(sys.executable).with_name("hab-tasks")
+COMMANDS = ("list", "check", "episodes")
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, capfd):
+    """Runs the command in this process, as starting Python costs seconds; with an empty cache."""
+    monkeypatch.setenv("HAB_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(load, "_said", set())
+
+    def run(*arguments):
+        try:
+            status = main([str(a) for a in arguments])
+        except SystemExit as end:
+            status = end.code or 0
+        out, err = capfd.readouterr()
+        return subprocess.CompletedProcess(arguments, status, out, err)
+
+    return run
+
+
+def assert_refused(done, *words):
+    """Exit 2 with one line on stderr that holds all `words`, and no traceback."""
+    assert done.returncode == 2, done.stderr
+    lines = done.stderr.strip().splitlines()
+    assert len(lines) == 1, done.stderr
+    for word in words:
+        assert word in lines[0]
+    assert done.stdout == ""
+
+
+def test_the_script_is_installed():
+    done = subprocess.run([SCRIPT, "list"], capture_output=True, text=True)
+    assert done.returncode == 0
+    assert all(env_id in done.stdout for env_id in ENVS)
+
+
+def test_the_script_ends_with_status_2_and_one_line():
+    done = subprocess.run([SCRIPT, "check", "apartmnt"], capture_output=True, text=True)
+    assert_refused(done, "'apartmnt'", "Did you mean 'apartment'")
+
+
+def test_list_names_every_env_mode_and_entry(run):
+    done = run("list")
+    assert done.returncode == 0, done.stderr
+    for entry in ENVS.values():
+        assert f"{entry.id}: {entry.horizon_steps} steps" in done.stdout
+        for mode in entry.env.skill.control_modes:
+            assert mode in done.stdout
+        for item in entry.env.skill.observation:
+            shape = "x".join(map(str, item.shape))
+            assert re.search(rf"{item.name} +{shape} +{item.unit}", done.stdout)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_shows_an_example(run, command):
+    done = run(command, "--help")
+    assert done.returncode == 0
+    assert "Example:" in done.stdout
+    assert f"hab-tasks {command}" in done.stdout
+
+
+def test_help_lists_the_commands(run):
+    done = run("--help")
+    assert done.returncode == 0
+    assert all(command in done.stdout for command in COMMANDS)
+
+
+def test_check_counts_the_embedded_dataset(run):
+    done = run("check", "apartment")
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"layouts +1: train 1, val 0, test 0", done.stdout)
+    assert re.search(r"stage meshes +all there", done.stdout)
+    assert re.search(r"object meshes +all there", done.stdout)
+
+
+def test_check_says_what_is_missing(run, tmp_path):
+    root = tiny_dataset(tmp_path / "tiny")
+    (root / "objects/cube.glb").unlink()
+    done = run("check", root)
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"object meshes +absent: cube", done.stdout)
+    assert re.search(r"stage meshes +absent: room", done.stdout)
+
+
+def test_check_stops_at_a_damaged_file(run, tmp_path):
+    root = tiny_dataset(tmp_path / "tiny")
+    file = root / "objects/table.glb"
+    file.write_bytes(file.read_bytes()[:-40])
+    done = run("check", root)
+    assert done.returncode == 2
+    assert "table.glb: truncated" in done.stderr.splitlines()[-1]
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.assets
+def test_check_of_the_real_data(run, data):
+    done = run("check", data / "replica_cad", "--objects", data / "ycb")
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"layouts +69: train 63", done.stdout)
+    assert "bike" in done.stdout
+    assert "013_apple 0.068 kg" in done.stdout
+
+
+def test_episodes_are_written_and_never_overwritten(run, tmp_path):
+    out = tmp_path / "set.json.gz"
+    command = ("episodes", "--env", "HabPick-v1", "--count", 2, "--seed", 3, "--out", out)
+    done = run(*command)
+    assert done.returncode == 0, done.stderr
+    assert "wrote 2 episodes (train)" in done.stdout
+    assert len(read_episodes(out)) == 2
+    first = out.read_bytes()
+
+    assert_refused(run(*command), str(out), "--force")
+    assert out.read_bytes() == first
+
+    again = run(*command, "--force")
+    assert again.returncode == 0, again.stderr
+    assert out.read_bytes() == first, "the same options gave another file"
+
+
+BAD = {
+    "env": (("episodes", "--env", "HabPik-v1", "--out", "x.json"), ("HabPik-v1", "HabPick-v1")),
+    "split": (
+        ("episodes", "--env", "HabPick-v1", "--split", "trian", "--out", "x.json"),
+        ("'trian'", "Did you mean 'train'"),
+    ),
+    "scene": (
+        ("episodes", "--env", "HabPick-v1", "--scene", "v3_sc0_staging_0", "--out", "x.json"),
+        ("Did you mean 'v3_sc0_staging_00'",),
+    ),
+    "count": (
+        ("episodes", "--env", "HabPick-v1", "--count", "0", "--out", "x.json"),
+        ("--count", "0"),
+    ),
+    "objects": (
+        ("episodes", "--env", "HabPick-v1", "--objects", "/nowhere", "--out", "x.json"),
+        ("/nowhere",),
+    ),
+    "dataset": (("check", "apartmnt"), ("apartmnt", "apartment")),
+    "folder": (("check", "/"), ("scene_dataset_config",)),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_one_line_and_status_2(run, tmp_path, case):
+    arguments, words = BAD[case]
+    arguments = [tmp_path / a if a == "x.json" else a for a in arguments]
+    assert_refused(run(*arguments), *words)
+    assert not (tmp_path / "x.json").exists()
+
+
+def test_an_out_that_cannot_be_written_is_one_line(run, tmp_path):
+    (tmp_path / "file").write_text("")
+    out = tmp_path / "file/x.json"
+    assert_refused(run("episodes", "--env", "HabPick-v1", "--count", 1, "--out", out), "file")
+
+
+@pytest.mark.parametrize("arguments", [("list", "--colour"), ("chek",), ("episodes", "--env", "a")])
+def test_unknown_and_missing_options_are_status_2(run, arguments):
+    done = run(*arguments)
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr

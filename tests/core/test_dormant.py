@@ -1,0 +1,160 @@
+"""Frozen objects: they wake in time, do not float, and keep a step's cost down."""
+
+import numpy as np
+import pytest
+import sapien
+import torch
+from builders import box_actor, cpu_scene, start_fetch
+
+from hab_tasks.robots.dormant import DormantObjects
+from hab_tasks.robots.fetch import HabFetch
+from hab_tasks.scenes.collision_groups import STATIC, set_groups
+
+SMALL = (0.03, 0.03, 0.03)
+NOBODY = -1
+
+
+class Bench:
+    """The robot at rest, boxes on a table (top at `table_m`), everything frozen."""
+
+    def __init__(self, positions, *, mobile=False, mode="joint_target", table_m=0.7):
+        self.scene = cpu_scene()
+        self.agent = HabFetch(self.scene, 30, mode)
+        top = (1.2, 0.0, table_m - 0.05)
+        self.table = box_actor(self.scene, "table", (0.5, 2.0, 0.05), top, static=True)
+        set_groups(self.table._bodies[0], STATIC)
+        self.boxes = [
+            box_actor(self.scene, f"box{i}", SMALL, tuple(p)) for i, p in enumerate(positions)
+        ]
+        self.scene._setup(enable_gpu=False)
+        start_fetch(self.agent)
+        self.dormant = DormantObjects(self.boxes, dict(self.agent.robot.links_map), mobile)
+        self.dormant.thaw_all()
+        self.dormant.freeze_all(np.ones(len(self.boxes), dtype=bool))
+
+    def frozen(self, index=0):
+        return self.boxes[index]._bodies[0].kinematic
+
+    def height(self, index=0):
+        return float(self.boxes[index].pose.p[0, 2])
+
+    def step(self, target=None, held=NOBODY):
+        """One action; returns the impulses between robot and boxes."""
+        if target is not None:
+            action = torch.tensor(np.append(target, -1.0)[None], dtype=torch.float32)
+            self.agent.controller.set_action(action)
+        self.dormant.before_step(held)
+        links = {link._objs[0] for link in self.agent.robot.links}
+        touched = set()
+        for _ in range(4):
+            self.scene.px.step()
+            for contact in self.scene.px.get_contacts():
+                a, b = contact.bodies
+                if (a in links) != (b in links):
+                    touched.add(b if a in links else a)
+        self.dormant.refresh()
+        return touched
+
+    def arm(self):
+        return self.agent.controller.arm_target_rad[0].numpy().copy()
+
+
+def test_what_nobody_comes_near_stays_frozen_and_still():
+    bench = Bench([(1.4, 1.5, 0.73), (1.4, -1.5, 0.73)])
+    before = [box.pose.raw_pose.clone() for box in bench.boxes]
+    for _ in range(30):
+        bench.step(bench.arm() + 0.01)
+    assert bench.frozen(0)
+    assert bench.frozen(1)
+    assert all(torch.equal(b.pose.raw_pose, p) for b, p in zip(bench.boxes, before, strict=True))
+
+
+@pytest.mark.parametrize("y", [-0.3, 0.0, 0.3])
+def test_an_object_wakes_before_the_arm_touches_it(y):
+    bench = Bench([(0.85, y, 0.73), (0.75, y + 0.15, 0.73)])
+    rng = np.random.default_rng(3)
+    touches = 0
+    goal = np.array([np.arctan2(y, 0.75), 0.6, 0.0, 0.6, 0.0, 0.8, 0.0])  # down onto the table
+    for _ in range(60):
+        asleep = [bench.boxes[i]._bodies[0] for i in range(2) if bench.frozen(i)]
+        step = np.clip(goal - bench.arm(), -0.06, 0.06) + 0.005 * rng.normal(size=7)
+        touched = bench.step(bench.arm() + step)
+        still_frozen = [b for b in asleep if b.kinematic]
+        assert not touched & set(still_frozen)
+        touches += any(box._bodies[0] in touched for box in bench.boxes)
+    assert touches > 0, "the arm never came there"
+
+
+def test_a_moving_base_wakes_what_stands_in_its_way():
+    bench = Bench([(0.8, 0.0, 0.03)], mobile=True, mode="joint_target_base", table_m=-0.2)
+    set_groups(bench.table._bodies[0], STATIC)
+    assert bench.frozen()
+    touched = False
+    for _ in range(40):
+        was_frozen = bench.frozen()
+        target = np.append(bench.arm(), [-1.0, 0.5, 0.0])
+        action = torch.tensor(target[None], dtype=torch.float32)
+        bench.agent.controller.set_action(action)
+        touched_now = bench.boxes[0]._bodies[0] in bench.step()
+        assert not (touched_now and was_frozen and bench.frozen())
+        touched |= touched_now
+    assert not bench.frozen() or touched
+
+
+def test_a_stack_does_not_float_when_its_lower_half_goes():
+    bench = Bench([(1.4, 0.0, 0.73), (1.4, 0.0, 0.79)])
+    assert bench.frozen(0)
+    assert bench.frozen(1)
+    bench.dormant.wake(0)
+    lower = bench.boxes[0]
+    for step in range(30):  # drawn out sideways from under the upper one, as a hand would
+        lower.set_pose(sapien.Pose([1.4, -0.01 * (step + 1), 0.73]))
+        bench.step(held=0)
+    for _ in range(30):
+        bench.step(held=0)
+    assert bench.height(1) == pytest.approx(0.73, abs=0.01)
+
+
+def test_a_disturbed_object_freezes_again_once_it_sleeps():
+    bench = Bench([(1.4, 1.0, 0.73)])
+    bench.dormant.wake(0)
+    bench.boxes[0].set_pose(sapien.Pose([1.4, 1.0, 0.76]))
+    for _ in range(120):
+        bench.step()
+    assert bench.frozen()
+    assert bench.height() == pytest.approx(0.73, abs=0.003)
+    assert np.allclose(bench.dormant.com_m[0], bench.boxes[0].pose.p[0], atol=1e-4)
+
+
+def test_objects_of_other_episodes_never_wake():
+    bench = Bench([(0.5, 0.0, 0.95)])  # right at the hand
+    bench.dormant.freeze_all(np.zeros(1, dtype=bool))
+    bench.step()
+    assert bench.frozen()
+    bench.dormant.freeze_all(np.ones(1, dtype=bool))
+    bench.step()
+    assert not bench.frozen()
+
+
+def test_what_moves_when_everything_is_frozen_goes_on_moving():
+    bench = Bench([(1.4, 1.0, 1.2), (1.4, -1.0, 0.73)])
+    bench.dormant.thaw_all()
+    bench.boxes[0].set_linear_velocity(torch.tensor([0.0, 0.0, -1.0]))
+    bench.dormant.freeze_all(np.ones(2, dtype=bool))
+    assert not bench.frozen(0)
+    assert bench.frozen(1)
+    bench.step()
+    # 1/30 s at 1 m/s, and 5 mm of gravity's own
+    assert bench.height(0) == pytest.approx(1.2 - 0.0333 - 0.0054, abs=0.003)
+
+
+def test_a_hundred_objects_out_of_reach_make_no_contacts():
+    """The engine's own count of work: contacts, as time on a shared machine says little."""
+    far = [(1.0 + 0.08 * (i % 10), 0.9 + 0.1 * (i // 10), 0.73) for i in range(100)]
+    bench = Bench([*far, (0.75, 0.0, 0.73)])
+    for _ in range(20):
+        bench.step()
+    assert sum(not bench.frozen(i) for i in range(101)) <= 2
+    bodies = {box._bodies[0] for box in bench.boxes[:100]}
+    contacts = [c for c in bench.scene.px.get_contacts() if bodies & set(c.bodies)]
+    assert len(contacts) <= 4

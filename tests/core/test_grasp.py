@@ -1,0 +1,299 @@
+"""The snap grasp in a small scene: what it takes, how it holds, what it lets go. Both kinds."""
+
+import numpy as np
+import pytest
+import sapien
+import torch
+from builders import box_actor, cpu_scene, start_fetch
+
+from hab_tasks.robots.fetch import HabFetch
+from hab_tasks.robots.grasp import NOTHING, DriveGrasp, FollowGrasp, Handle
+from hab_tasks.scenes.build import build_scene
+from hab_tasks.scenes.collision_groups import HELD, MOVING
+from hab_tasks.scenes.dataset import resolve_dataset
+from hab_tasks.scenes.load import load_scene
+from hab_tasks.scenes.markers import HANDLE_MARKERS
+
+KINDS = {DriveGrasp: 0.005, FollowGrasp: 0.001}
+"""Implementation -> how far [m] a held object may leave its place in the hand."""
+
+every_kind = pytest.mark.parametrize("kind", KINDS)
+ROWS = torch.zeros(1, dtype=torch.long)
+GRASP, RELEASE = torch.ones(1), -torch.ones(1)
+
+
+class Bench:
+    """The robot at rest, boxes around its hand, and one kind of grasp."""
+
+    def __init__(self, kind, boxes, statics=()):
+        self.scene = cpu_scene()
+        self.agent = HabFetch(self.scene, 30, "joint_target")
+        self.ee = np.array([0.50004, 1.5e-5, 1.005])  # the resting position, on its base's 5 mm
+        self.objects = [
+            box_actor(self.scene, f"box{i}", half, tuple(self.ee + offset))
+            for i, (half, offset) in enumerate(boxes)
+        ]
+        for i, (half, offset) in enumerate(statics):
+            box_actor(self.scene, f"wall{i}", half, tuple(self.ee + offset), static=True)
+        self.scene._setup(enable_gpu=False)
+        start_fetch(self.agent)
+        for actor in self.objects:
+            actor._bodies[0].disable_gravity = True
+        self.grasp = kind(self.scene, self.agent.ee_link, self.objects, [])
+        self.links = {link._objs[0] for link in self.agent.robot.links}
+
+    def run(self, steps, command, move=None):
+        """Steps with a joint displacement per step; returns the force impulses on the robot."""
+        impulse = 0.0
+        for _ in range(steps):
+            target = self.agent.controller.arm_target_rad[0].numpy().copy()
+            target += 0.0 if move is None else move
+            action = torch.tensor(np.append(target, 1.0)[None], dtype=torch.float32)
+            self.agent.controller.set_action(action)
+            self.grasp.command(command)
+            for _ in range(4):
+                self.grasp.before_simulation_step()
+                self.scene.px.step()
+                impulse += sum(
+                    float(np.linalg.norm(point.impulse))
+                    for contact in self.scene.px.get_contacts()
+                    if self.links & set(contact.bodies)
+                    for point in contact.points
+                )
+            self.grasp.after_control_step()
+        return impulse
+
+    def in_hand(self, index=0):
+        return (self.agent.ee_link.pose.inv() * self.objects[index].pose).raw_pose[0].numpy()
+
+    def groups(self, index=0):
+        shape = self.objects[index]._bodies[0].collision_shapes[0]
+        return tuple(shape.get_collision_groups()[:2])
+
+
+SMALL = (0.02, 0.02, 0.02)
+SWING = 0.02 * np.array([1, 1, -1, 1, 1, -1, 1])
+
+
+@every_kind
+def test_the_nearest_centre_of_mass_wins_over_a_nearer_surface(kind):
+    # Box 0: centre at 0.14, its surface at 0.04. Box 1: centre at 0.12, its surface at 0.11.
+    bench = Bench(kind, [((0.1, 0.02, 0.02), (0.14, 0.0, 0.0)), ((0.01,) * 3, (0.0, 0.12, 0.0))])
+    bench.grasp.command(GRASP)
+    assert bench.grasp.held.tolist() == [1]
+
+
+@every_kind
+@pytest.mark.parametrize(("distance", "held"), [(0.149, 0), (0.151, NOTHING)])
+def test_the_grasp_ends_at_15_cm(kind, distance, held):
+    bench = Bench(kind, [(SMALL, (0.0, distance, 0.0))])
+    assert np.allclose(bench.grasp.ee_position_m()[0], bench.ee, atol=1e-4)
+    bench.grasp.command(GRASP)
+    assert bench.grasp.held.tolist() == [held]
+    assert bench.grasp.held_handle.tolist() == [NOTHING]
+
+
+@every_kind
+@pytest.mark.parametrize(("gripper", "holds"), [(0.0, True), (1.0, True), (-0.01, False)])
+def test_zero_and_more_grasps(kind, gripper, holds):
+    bench = Bench(kind, [(SMALL, (0.0, 0.0, -0.1))])
+    bench.grasp.command(torch.tensor([gripper]))
+    assert bool(bench.grasp.holding) == holds
+
+
+@every_kind
+def test_a_held_object_keeps_its_place_in_the_hand(kind):
+    bench = Bench(kind, [((0.03, 0.04, 0.05), (0.03, 0.02, -0.1))])
+    bench.grasp.command(GRASP)
+    start, before = bench.in_hand(), bench.objects[0].pose.p[0].clone()
+    for phase in range(8):
+        bench.run(5, GRASP, SWING * np.cos(phase))
+        now = bench.in_hand()
+        assert np.linalg.norm(now[:3] - start[:3]) < KINDS[kind]
+        # |q . q'| = cos(angle / 2); 0.0002 is 2.3 degrees
+        assert abs(now[3:] @ start[3:]) > 1 - 2e-4
+    assert np.linalg.norm(bench.objects[0].pose.p[0] - before) > 0.05, "the arm hardly moved"
+
+
+@every_kind
+def test_a_held_object_does_not_push_the_robot(kind):
+    # The box reaches into the gripper: it would be pushed out if the two met.
+    bench = Bench(kind, [((0.1, 0.1, 0.1), (0.0, 0.0, 0.0))])
+    bench.grasp.command(GRASP)
+    assert bench.groups() == HELD
+    assert bench.run(10, GRASP, SWING) == 0.0
+    assert bench.grasp.held.tolist() == [0]
+
+
+@every_kind
+def test_an_object_that_is_not_held_pushes_the_robot(kind):
+    bench = Bench(kind, [((0.1, 0.1, 0.1), (0.0, 0.0, 0.0))])
+    assert bench.groups() == MOVING
+    assert bench.run(3, RELEASE) > 0.0
+
+
+@every_kind
+def test_a_held_object_meets_the_world(kind):
+    # A wall 1 cm beside the box; the shoulder turns the arm towards it.
+    bench = Bench(
+        kind,
+        [((0.05, 0.05, 0.05), (0.0, 0.0, -0.12))],
+        statics=[((0.3, 0.05, 0.3), (0.0, 0.11, -0.3))],
+    )
+    bench.grasp.command(GRASP)
+    touched = False
+    for _ in range(10):
+        bench.run(1, GRASP, np.array([0.01, 0, 0, 0, 0, 0, 0]))
+        contacts = bench.scene.px.get_contacts()
+        box = bench.objects[0]._bodies[0]
+        touched |= any(
+            box in c.bodies and any(np.linalg.norm(p.impulse) > 0 for p in c.points)
+            for c in contacts
+        )
+    assert touched
+
+
+@every_kind
+def test_collisions_come_back_once_the_object_is_clear_of_the_hand(kind):
+    bench = Bench(kind, [(SMALL, (0.0, 0.0, -0.03))])
+    bench.grasp.command(GRASP)
+    bench.run(2, GRASP)
+    bench.run(1, RELEASE)
+    assert bench.grasp.held.tolist() == [NOTHING]
+    assert bench.groups() == HELD, "it still lies in the hand"
+    bench.objects[0].set_pose(sapien.Pose(bench.ee - [0, 0, 0.3]))
+    bench.run(1, RELEASE)
+    assert bench.groups() == MOVING
+
+
+@every_kind
+def test_a_released_object_falls(kind):
+    bench = Bench(kind, [(SMALL, (0.0, 0.0, -0.1))])
+    bench.objects[0]._bodies[0].disable_gravity = False
+    bench.run(5, GRASP)
+    height = float(bench.objects[0].pose.p[0, 2])
+    assert height == pytest.approx(bench.ee[2] - 0.1, abs=0.01)
+    bench.run(6, RELEASE)
+    # 6 actions are 0.2 s: 9.81 / 2 * 0.2^2 = 0.196 m
+    assert float(bench.objects[0].pose.p[0, 2]) == pytest.approx(height - 0.196, abs=0.03)
+
+
+@every_kind
+def test_what_is_pulled_out_of_the_hand_is_lost(kind):
+    bench = Bench(kind, [(SMALL, (0.0, 0.0, -0.1))])
+    bench.grasp.command(GRASP)
+    for distance, lost in ((0.08, False), (0.1, True)):
+        expected = (bench.agent.ee_link.pose * bench.grasp._ee_from_object).p[0].numpy()
+        bench.objects[0].set_pose(sapien.Pose(np.add(expected, (0, distance, 0))))
+        bench.grasp.after_control_step()
+        assert bench.grasp.lost.tolist() == [lost]
+    assert bench.grasp.held.tolist() == [NOTHING]
+    bench.grasp.command(RELEASE)
+    assert bench.grasp.lost.tolist() == [False]
+
+
+@every_kind
+def test_reset_lets_go_and_restores_collisions_at_once(kind):
+    bench = Bench(kind, [(SMALL, (0.0, 0.0, -0.05))])
+    bench.grasp.command(GRASP)
+    bench.grasp.reset(ROWS)
+    assert not bench.grasp.holding
+    assert bench.groups() == MOVING
+    assert not bench.grasp.lost
+
+
+# Handles ---------------------------------------------------------------------------------------
+
+
+class Kitchen:
+    """One handle of the apartment's furniture, the robot in front of it, its hand on the marker."""
+
+    def __init__(self, kind, marker):
+        dataset = resolve_dataset("apartment")
+        spec = load_scene(dataset, sorted(dataset.scene_files)[0])
+        self.scene = cpu_scene()
+        self.agent = HabFetch(self.scene, 30, "ee_base")
+        built = build_scene(self.scene, spec, {})
+        self.scene._setup(enable_gpu=False)
+        name = next(n for n in built.articulations if n.startswith(marker.template + "_:"))
+        furniture = built.articulations[name]
+        self.link = furniture.links_map[marker.link]
+        self.handle = Handle(
+            name=marker.name, furniture=furniture, link=self.link, offset_m=marker.offset_m
+        )
+        self.furniture = furniture
+        self.grasp = kind(self.scene, self.agent.ee_link, [], [self.handle])
+        for link in self.agent.robot.links:  # only the constraint shall move the door
+            for shape in link._objs[0].collision_shapes:
+                shape.set_collision_groups([0, 0, 0, 0])
+        self.stand()
+
+    def position(self):
+        index = [j.name for j in self.furniture.active_joints].index(self.link.joint.name)
+        return float(self.furniture.get_qpos()[0, index])
+
+    def stand(self):
+        """Places the base so that the hand, at rest height or not, is on the marker."""
+        marker = self.grasp.handle_position_m(0)[0].numpy()
+        qpos = self.agent.rest_qpos()[None]
+        qpos[0, self.agent.base_index] = torch.tensor([marker[0] - 0.5, marker[1], 0.0])
+        self.agent.robot.set_root_pose(sapien.Pose([0, 0, float(marker[2]) - 1.0]))
+        self.agent.robot.set_qpos(qpos)
+        self.agent.robot.set_qvel(torch.zeros_like(qpos))
+        self.agent.controller.reset()
+
+
+@every_kind
+@pytest.mark.parametrize("marker", [HANDLE_MARKERS[2], HANDLE_MARKERS[-1]], ids=lambda m: m.name)
+def test_a_held_handle_opens_drawer_and_door(kind, marker):
+    kitchen = Kitchen(kind, marker)
+    before = kitchen.position()
+    kitchen.grasp.command(GRASP)
+    assert kitchen.grasp.held_handle.tolist() == [0]
+    assert kitchen.grasp.held.tolist() == [NOTHING]
+    # Pull in the direction in which the marker moves when the joint opens.
+    direction = opening_direction(kitchen)
+    base = kitchen.agent.robot._objs[0]
+    for _ in range(60):
+        kitchen.grasp.command(GRASP)
+        for _ in range(4):
+            qpos = base.get_qpos()
+            qpos[kitchen.agent.base_index.tolist()[:2]] += 0.002 * direction
+            base.set_qpos(qpos)
+            kitchen.grasp.before_simulation_step()
+            kitchen.scene.px.step()
+    opened = kitchen.position() - before
+    # 60 * 4 * 2 mm is 0.48 m of way; a drawer has half of that, a door opens by more than 0.3 rad.
+    assert opened > 0.15, opened
+    kitchen.grasp.command(RELEASE)
+    assert not kitchen.grasp.holding
+
+
+def opening_direction(kitchen):
+    """Level direction (2,) in which the marker goes when the joint opens a little."""
+    index = [j.name for j in kitchen.furniture.active_joints].index(kitchen.link.joint.name)
+    start = kitchen.grasp.handle_position_m(0)[0, :2].clone()
+    qpos = kitchen.furniture.get_qpos().clone()
+    closed = qpos.clone()
+    qpos[0, index] += 0.05
+    kitchen.furniture.set_qpos(qpos)
+    moved = (kitchen.grasp.handle_position_m(0)[0, :2] - start).numpy()
+    kitchen.furniture.set_qpos(closed)
+    return moved / np.linalg.norm(moved)
+
+
+@every_kind
+def test_an_object_in_reach_comes_before_a_handle(kind):
+    kitchen = Kitchen(kind, HANDLE_MARKERS[2])
+    hand = kitchen.grasp.ee_position_m()[0].numpy()  # on the marker
+    box = box_actor(kitchen.scene, "late", SMALL, tuple(np.add(hand, (0, 0, 0.12))))
+    both = kind(kitchen.scene, kitchen.agent.ee_link, [box], [kitchen.handle])
+    both.command(GRASP)
+    assert both.held.tolist() == [0]
+    assert both.held_handle.tolist() == [NOTHING]
+
+
+def test_every_marker_names_furniture_of_the_apartment():
+    dataset = resolve_dataset("apartment")
+    spec = load_scene(dataset, sorted(dataset.scene_files)[0])
+    assert {m.template for m in HANDLE_MARKERS} <= {a.template for a in spec.articulations}

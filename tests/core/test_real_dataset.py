@@ -1,0 +1,207 @@
+"""The real ReplicaCAD and YCB, read and built as they are, and never written to."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from builders import cpu_scene
+
+from hab_tasks.scenes.build import build_scene
+from hab_tasks.scenes.dataset import SPLIT_MACROS, SceneDataset
+from hab_tasks.scenes.load import load_scene, load_template
+from hab_tasks.scenes.markers import HANDLE_MARKERS
+from hab_tasks.scenes.objects import ALL_OBJECTS, load_objects
+
+pytestmark = pytest.mark.assets
+BIKES = {"frl_apartment_bike_01", "frl_apartment_bike_02"}
+
+
+@pytest.fixture(scope="module")
+def dataset(replica_cad):
+    return SceneDataset(replica_cad)
+
+
+@pytest.fixture(scope="module")
+def specs(dataset):
+    return {scene_id: load_scene(dataset, scene_id) for scene_id in dataset.scene_files}
+
+
+def listing(folder: Path) -> dict[str, tuple[int, int]]:
+    """Every file's and folder's time of change and size."""
+    found = {}
+    for parent, folders, files in os.walk(folder):
+        for name in (*folders, *files):
+            stat = (Path(parent) / name).stat()
+            found[f"{parent}/{name}"] = (stat.st_mtime_ns, stat.st_size)
+    return found
+
+
+def test_all_scenes_are_read(specs):
+    # 21 each of sc0, sc1, sc2, apt_0 to apt_4 and the empty stage
+    assert len(specs) == 3 * 21 + 5 + 1
+    for spec in specs.values():
+        assert np.isfinite([o.world_from_object for o in spec.objects]).all()
+
+
+def test_staging_scenes_hold_what_the_files_say(dataset, specs):
+    staging = [s for s in specs.values() if "staging" in s.scene_id]
+    assert len(staging) == 63
+    for spec in staging:
+        raw = json.loads(dataset.scene_files[spec.scene_id].read_text())
+        names = [Path(o["template_name"]).name for o in raw["object_instances"]]
+        left_out = [n for n in names if n in spec.missing]
+        assert 17 <= len(names) <= 21
+        assert len(spec.objects) == len(names) - len(left_out)
+        assert not any(o.dynamic for o in spec.objects)
+        assert len(spec.articulations) == 6
+        assert set(spec.missing) <= BIKES
+
+
+def test_only_bikes_are_missing_and_a_hanger_that_no_scene_uses(dataset, specs):
+    assert {name for spec in specs.values() for name in spec.missing} == BIKES
+    absent = {name for name, file in dataset.object_files.items() if load_template(file) is None}
+    (hanger,) = absent - BIKES
+    assert "hanger" in hanger
+
+
+@pytest.mark.parametrize("number", range(5))
+def test_apartments_hold_many_loose_objects(dataset, specs, number):
+    spec = specs[f"apt_{number}"]
+    raw = json.loads(dataset.scene_files[spec.scene_id].read_text())["object_instances"]
+    loose = [Path(o["template_name"]).name for o in raw if o["motion_type"] == "DYNAMIC"]
+    assert len(loose) > 100
+    assert sum(o.dynamic for o in spec.objects) == sum(name not in BIKES for name in loose)
+    assert len({o.name for o in spec.objects}) == len(spec.objects)
+
+
+def test_train_has_the_three_public_macros(dataset):
+    assert [len(dataset.scenes_of_split(s)) for s in SPLIT_MACROS] == [63, 0, 0]
+    assert dataset.resolve_split(None) == "train"
+
+
+def test_receptacles_of_the_paper_are_there(specs):
+    from hab_tasks.episodes.spots import PICK_RECEPTACLES
+
+    names = {r.name for spec in specs.values() for r in spec.receptacles}
+    assert set(PICK_RECEPTACLES) <= names
+
+
+def test_handle_markers_name_links_that_exist(specs):
+    furniture = {a.template: a.urdf_file for a in specs["v3_sc0_staging_00"].articulations}
+    for marker in HANDLE_MARKERS:
+        links = ElementTree.parse(furniture[marker.template]).getroot().iter("link")
+        assert marker.link in {link.get("name") for link in links}, marker
+
+
+def test_the_stage_is_a_shell_around_the_flat(specs):
+    for spec in specs.values():
+        floor = spec.stage.collision[0]
+        # ReplicaCAD's flat is some 7 x 13 m.
+        assert 3.0 < floor.half_size_m[0] < 4.5
+        assert 5.5 < floor.half_size_m[2] < 7.5
+
+
+def test_building_writes_nothing_beside_the_data(data, tmp_path):
+    """With a cache of its own, so that everything that is computed is computed now."""
+    before = listing(data)
+    code = f"""
+import gymnasium as gym
+env = gym.make("hab_tasks:HabPick-v1", scene_dataset={str(data / "replica_cad")!r},
+               objects={str(data / "ycb")!r}, scene="v3_sc0_staging_00", num_episodes=1)
+env.reset(seed=0)
+env.step(env.action_space.sample())
+"""
+    env = {**os.environ, "HAB_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert listing(data) == before
+
+
+def test_a_staging_scene_builds_with_its_joints(specs):
+    scene = cpu_scene()
+    spec = specs["v3_sc0_staging_00"]
+    handles = build_scene(scene, spec, {})
+    scene._setup(enable_gpu=False)
+    joints = {name: len(a.active_joints) for name, a in handles.articulations.items()}
+    assert joints["kitchen_counter_:0000"] == 7
+    assert joints["fridge_:0000"] == 2
+    assert len(handles.static) == len(spec.objects)
+    for name, actor in handles.static.items():
+        spot = next(o for o in spec.objects if o.name == name).world_from_object[:3]
+        assert np.allclose(actor.pose.p[0], spot, atol=1e-5)
+
+
+# Objects ---------------------------------------------------------------------------------------
+
+
+def urdf_masses(ycb: Path) -> dict[str, float]:
+    masses = {}
+    for file in ycb.glob("*.urdf"):
+        text = file.read_text()
+        name = re.search(r'filename="(\d{3}_\w+)/', text)[1]
+        masses[name] = float(re.search(r'<mass value="([\d.]+)"', text)[1])
+    return masses
+
+
+def test_ycb_masses_equal_the_urdfs(ycb):
+    objects = load_objects(ycb)
+    assert tuple(sorted(objects)) == ALL_OBJECTS
+    masses = urdf_masses(ycb)
+    assert masses.keys() == objects.keys()
+    assert {n: o.mass_kg for n, o in objects.items()} == masses
+
+
+def test_built_ycb_objects_have_these_masses(ycb, specs):
+    scene = cpu_scene()
+    handles = build_scene(scene, specs["empty_stage"], load_objects(ycb))
+    scene._setup(enable_gpu=False)
+    for name, mass_kg in urdf_masses(ycb).items():
+        assert handles.pickables[name]._bodies[0].mass == pytest.approx(mass_kg, rel=1e-5)
+
+
+def maniskill_folder(ycb: Path, root: Path) -> Path:
+    """The real files as ManiSkill's `mani_skill2_ycb` names them."""
+    import trimesh
+
+    info = {}
+    for name in ALL_OBJECTS:
+        folder = root / "models" / name
+        folder.mkdir(parents=True)
+        source = ycb / name / "google_16k"
+        for file in ("textured.obj", "textured.mtl", "texture_map.jpg", "texture_map.png"):
+            if (source / file).exists():
+                shutil.copy(source / file, folder / file)
+        trimesh.load_mesh(source / "textured_vhacd.stl").export(folder / "collision.ply")
+        info[name] = {"density": 800.0}
+    (root / "info_pick_v0.json").write_text(json.dumps(info))
+    return root
+
+
+def test_ycb_in_maniskills_layout(ycb, tmp_path):
+    objects = load_objects(maniskill_folder(ycb, tmp_path))
+    google = load_objects(ycb)
+    assert objects.keys() == google.keys()
+    from hab_tasks.scenes.meshes import mesh_bounds, parts_volume
+
+    for name, template in objects.items():
+        (parts,), (same,) = template.collision, google[name].collision
+        # mass = density * volume of the parts
+        assert template.mass_kg == pytest.approx(800.0 * parts_volume(parts.file))
+        assert np.allclose(mesh_bounds(parts.file), mesh_bounds(same.file), atol=1e-4), name
+        assert template.visual_file.is_file()
+
+
+def test_a_damaged_density_file_is_named(ycb, tmp_path):
+    from hab_tasks.errors import DatasetError
+
+    root = maniskill_folder(ycb, tmp_path)
+    (root / "info_pick_v0.json").write_text('{"002_master_chef_can": {')
+    with pytest.raises(DatasetError, match=r"info_pick_v0\.json: not valid JSON"):
+        load_objects(root)

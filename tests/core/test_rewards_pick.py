@@ -1,0 +1,129 @@
+"""Pick's reward, success and failures on hand-made rows (App. C, H.2)."""
+
+import pytest
+import torch
+from builders import measures, snapshot
+
+from hab_tasks.constants import REST_RADIUS_M
+from hab_tasks.measures import Tracker
+from hab_tasks.rewards import force_penalty, total
+from hab_tasks.sensors import Goals
+from hab_tasks.skills.pick import PICK, PickConfig
+
+CONFIG = PickConfig()
+
+
+def row(*values):
+    return torch.tensor(values)
+
+
+def judge(m):
+    """Success, failures, reward terms and their sum, as the environment combines them."""
+    s, goals = snapshot(len(m.force_n)), Goals(object_start_m=torch.zeros(len(m.force_n), 3))
+    failures = PICK.failures(s, m, CONFIG)
+    fail = torch.stack(tuple(failures.values())).any(dim=0)
+    success = PICK.success(s, m, CONFIG) & ~fail
+    terms = PICK.reward_terms(s, m, goals, CONFIG, {"success": success, **failures})
+    return success, failures, terms, total(terms)
+
+
+def test_approach_pickup_and_success():
+    m = measures(
+        3,
+        ee_to_object_decrease_m=row(0.01, 0.02, 0.5),
+        ee_to_rest_decrease_m=row(-0.03, 0.004, 0.015),
+        ee_to_rest_m=row(0.1, 0.6, 0.149),
+        holding_target=row(False, True, True),
+        picked_now=row(False, True, False),
+        force_n=row(0.0, 100.0, 250.0),
+        force_total_n=row(0.0, 4900.0, 1000.0),
+    )
+    success, failures, terms, reward = judge(m)
+    # Row 0 approaches: 20 * 0.01 = 0.2; being near rest without the object is no success.
+    # Row 1 picks up: 5 + 20 * 0.004 - 0.001 * 100 = 5 + 0.08 - 0.1 = 4.98.
+    # Row 2 succeeds: 20 + 20 * 0.015 - 0.25 = 20.05.
+    assert torch.allclose(reward, row(0.2, 4.98, 20.05))
+    assert success.tolist() == [False, False, True]
+    assert not any(f.any() for f in failures.values())
+    assert torch.allclose(terms["success"], row(0.0, 0.0, 20.0))
+    assert torch.allclose(terms["pickup"], row(0.0, 5.0, 0.0))
+    # The approach pays only with an empty hand, the way to rest only with the target in it.
+    assert torch.allclose(terms["approach"], row(0.2, 0.0, 0.0))
+    assert torch.allclose(terms["retract"], row(0.0, 0.08, 0.3))
+    assert torch.allclose(terms["force"], row(0.0, -0.1, -0.25))
+
+
+def test_wrong_dropped_and_force_exceeded():
+    m = measures(
+        3,
+        ee_to_object_decrease_m=row(0.01, -0.02, 0.0),
+        ee_to_rest_m=row(0.5, 0.5, 0.1),
+        holding_target=row(False, False, True),
+        holding_other=row(True, False, False),
+        dropped_now=row(False, True, False),
+        force_n=row(0.0, 999.0, 3000.0),
+        force_total_n=row(0.0, 5000.0, 5000.1),
+    )
+    success, failures, terms, reward = judge(m)
+    # Row 0: 0.2 - 5 = -4.8. Row 1: 20 * -0.02 - 0.999 - 5 = -6.399.
+    # Row 2: at rest with the target, but above 5,000 N: -1 (capped) - 10 = -11, no success.
+    assert torch.allclose(reward, row(-4.8, -6.399, -11.0))
+    assert not success.any()
+    assert {name: f.tolist() for name, f in failures.items()} == {
+        "force": [False, False, True],
+        "wrong_object": [True, False, False],
+        "dropped_object": [False, True, False],
+    }
+    assert torch.allclose(terms["wrong_object"], row(-5.0, 0.0, 0.0))
+    assert torch.allclose(terms["dropped_object"], row(0.0, -5.0, 0.0))
+    assert torch.allclose(terms["force_exceeded"], row(0.0, 0.0, -10.0))
+
+
+def test_the_force_penalty_is_capped():
+    # 0.001 * 1000 is just the cap.
+    force = row(0.0, 1.0, 1000.0, 1001.0, 1e6)
+    assert torch.allclose(force_penalty(force, 0.001, 1.0), row(0.0, -0.001, -1.0, -1.0, -1.0))
+
+
+def test_rest_is_within_15_cm():
+    m = measures(3, holding_target=row(True, True, True), ee_to_rest_m=row(0.1499, 0.15, 0.1501))
+    assert judge(m)[0].tolist() == [True, False, False]
+    assert REST_RADIUS_M == 0.15
+
+
+def test_the_first_moment_pays_no_distance():
+    tracker = Tracker(3, torch.device("cpu"))
+    tracker.begin(
+        snapshot(3, object_m=torch.rand(3, 3, generator=torch.Generator())), torch.arange(3)
+    )
+    terms = judge(tracker.measures)[2]
+    for name in ("approach", "retract", "pickup", "dropped_object"):
+        assert not terms[name].any(), name
+
+
+def test_every_term_is_a_float_row_and_they_sum_up():
+    terms = judge(measures(3, force_n=row(1.0, 2.0, 3.0)))[2]
+    assert all(t.shape == (3,) and t.dtype == torch.float32 for t in terms.values())
+    assert torch.equal(total(terms), torch.stack(tuple(terms.values())).sum(dim=0))
+
+
+@pytest.mark.parametrize("gripper", [-1.0, -0.2, 0.0, 0.7])
+def test_release_is_masked_only_while_the_target_is_held(gripper):
+    m = measures(3, holding_target=row(True, False, False), holding_other=row(False, True, False))
+    masked = PICK.mask_gripper(torch.full((3,), gripper), m)
+    assert masked[0] >= 0
+    assert masked[1:].tolist() == pytest.approx([gripper, gripper])
+
+
+def test_no_step_pays_more_than_the_bound():
+    # All at once: success, pickup and a quarter of a metre, which is 15 control steps' travel.
+    m = measures(
+        1,
+        ee_to_rest_decrease_m=row(0.25),
+        holding_target=row(True),
+        picked_now=row(True),
+    )
+    reward = judge(m)[3]
+    # 20 + 5 + 20 * 0.25 = 30
+    assert reward.item() == pytest.approx(30.0)
+    assert reward.item() / PICK.reward_bound <= 1.0

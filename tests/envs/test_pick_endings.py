@@ -1,0 +1,202 @@
+"""Every way in which Pick ends, reached in the simulator, and what holding an object means."""
+
+import numpy as np
+import pytest
+import torch
+from builders import go_above_and_grasp, reach
+
+from hab_tasks.constants import GRASP_RADIUS_M
+
+STILL = np.zeros(4, dtype=np.float32)
+DOWN = np.array([0, 0, -1, -1], dtype=np.float32)
+
+
+def put(env, name, offset_m):
+    """Puts an object's centre of mass at the end-effector plus `offset_m`, by restoring a state."""
+    base = env.unwrapped
+    state = base.get_state_dict()
+    world = base._world
+    index = world._names.index(name)
+    actor = world._grasp.objects[index]
+    com = world._grasp.objects_com_m()[0, index] - actor.pose.p[0]
+    point = world.snapshot.ee_m[0] + torch.tensor(offset_m) - com
+    state["actors"][actor.name][0, :3] = point
+    state["actors"][actor.name][0, 7:] = 0.0
+    base.set_state_dict(state)
+
+
+def start(make, index=0, **options):
+    env = make(control_mode="ee", **options)
+    env.reset(options={"episode": index})
+    return env, env.unwrapped.episode[0]
+
+
+def grip(value=1.0):
+    return np.array([0, 0, 0, value], dtype=np.float32)
+
+
+def held(env):
+    return env.unwrapped.privileged()[0].held
+
+
+def test_success_is_the_target_in_the_hand_at_rest(make):
+    env, episode = start(make)
+    put(env, episode.target, (0.05, 0.0, -0.1))
+    _, reward, terminated, _, info = env.step(grip())
+    # The hand starts within 0.09 m of its resting position: 0.05 m of noise on each axis.
+    assert info["success"]
+    assert terminated
+    assert not info["fail"]
+    assert held(env) == episode.target
+    terms = {name: float(value) for name, value in info["reward_terms"].items()}
+    assert (terms["success"], terms["pickup"], terms["approach"]) == (20.0, 5.0, 0.0)
+    assert float(reward) == pytest.approx(25.0 + terms["retract"] + terms["force"])
+
+
+def test_the_wrong_object_ends_the_episode(make):
+    env, episode = start(make)
+    other = next(n for n in sorted(episode.objects) if n != episode.target)
+    put(env, other, (0.0, 0.0, -0.1))
+    _, _, terminated, _, info = env.step(grip())
+    assert held(env) == other
+    assert terminated
+    assert info["failures"]["wrong_object"]
+    assert float(info["reward_terms"]["wrong_object"]) == -5.0
+    assert not info["success"]
+
+
+@pytest.mark.parametrize(("distance", "grasped"), [(0.149, True), (0.151, False)])
+def test_the_grasp_reaches_15_cm(make, distance, grasped):
+    env, episode = start(make)
+    put(env, episode.target, (0.0, 0.0, -distance))
+    env.step(grip())
+    assert (held(env) == episode.target) == grasped
+    assert GRASP_RADIUS_M == 0.15
+
+
+def test_release_is_masked_while_the_target_is_held(make):
+    env, episode = start(make)
+    put(env, episode.target, (0.0, 0.0, -0.14))
+    env.step(grip())
+    for _ in range(5):
+        info = env.step(grip(-1.0))[-1]
+        assert held(env) == episode.target
+        assert not info["failures"]["dropped_object"]
+
+
+def test_the_target_torn_out_of_the_hand_is_dropped(make):
+    env, episode = start(make)
+    put(env, episode.target, (0.0, 0.0, -0.14))
+    env.step(grip())
+    world = env.unwrapped._world
+    index = world._names.index(episode.target)
+    body = world._grasp.objects[index]._bodies[0]
+    pose = body.entity_pose
+    pose.p = np.add(pose.p, (0.0, 0.0, -0.5))  # more than the drive can bring back in one action
+    world._grasp._untie(0)
+    world._grasp._tie_object = lambda row, index: None
+    body.entity.pose = pose
+    world._grasp._ties[0] = _fresh_tie(world)
+    _, _, terminated, _, info = env.step(grip())
+    assert held(env) is None
+    assert info["failures"]["dropped_object"]
+    assert terminated
+    assert float(info["reward_terms"]["dropped_object"]) == -5.0
+    # The hand is empty: the way to the object pays again, the way to rest does not.
+    assert float(info["reward_terms"]["retract"]) == 0.0
+
+
+def _fresh_tie(world):
+    """A drive without limits between hand and nothing, in place of the one that was cut."""
+    import sapien
+
+    gripper = world._grasp.ee_link._objs[0].entity
+    drive = world._scene.sub_scenes[0].create_drive(None, sapien.Pose(), gripper, sapien.Pose())
+    return drive.entity, drive
+
+
+def test_pressing_on_the_furniture_exceeds_the_force(make):
+    env, episode = start(make, next_table(make))
+    below = env.unwrapped.privileged()[0].object_com_m[episode.target] - [0, 0, 0.6]
+    results = reach(env, below, -1.0, steps=200, within_m=0.0)
+    info = results[-1][-1]
+    assert info["failures"]["force"], float(info["measures"]["force_total_n"])
+    assert results[-1][2]
+    assert float(info["measures"]["force_total_n"]) > 5000.0
+    assert float(info["reward_terms"]["force_exceeded"]) == -10.0
+    totals = torch.cat([r[-1]["measures"]["force_total_n"] for r in results])
+    forces = torch.cat([r[-1]["measures"]["force_n"] for r in results])
+    assert torch.allclose(totals, forces.cumsum(0), rtol=1e-4)
+    penalties = torch.cat([r[-1]["reward_terms"]["force"] for r in results])
+    assert torch.allclose(penalties, -(0.001 * forces).clamp(max=1.0))
+
+
+def next_table(make):
+    env = make()
+    source = env.unwrapped._world.source
+    low = ("Tbl", "Sofa", "counter")
+    return next(
+        i for i in range(source.available) if any(w in source.get(i).receptacle[0] for w in low)
+    )
+
+
+def test_no_force_without_contact(make):
+    env, _ = start(make)
+    for _ in range(10):
+        info = env.step(grip(-1.0))[-1]
+        assert float(info["measures"]["force_n"]) == 0.0
+
+
+def test_privileged_state_is_the_simulators(make):
+    env, episode = start(make)
+    put(env, episode.target, (0.0, 0.0, -0.14))
+    env.step(grip())
+    base = env.unwrapped
+    (state,) = base.privileged()
+    assert state.target == state.held == episode.target
+    assert set(state.object_com_m) == set(episode.objects)
+    actors = base._world.handles[0].pickables
+    for name in episode.objects:
+        matrix = actors[name].pose.to_transformation_matrix()[0].numpy()
+        assert np.allclose(state.world_from_body[name], matrix, atol=1e-5)
+    absent = set(actors) - set(episode.objects)
+    assert not absent & set(state.world_from_body)
+    qpos = base.agent.robot.get_qpos()[0].numpy()
+    assert np.allclose(state.arm_qpos, qpos[base.agent.arm_index.tolist()])
+    assert len(state.locked_qpos) == len(qpos) - 7
+    links = {link.name: link for link in base.agent.robot.links}
+    for name, link in links.items():
+        matrix = link.pose.to_transformation_matrix()[0].numpy()
+        assert np.allclose(state.world_from_body[f"hab_fetch/{name}"], matrix, atol=1e-5)
+    assert {b.name for b in state.bodies} >= set(state.world_from_body)
+    again = base.privileged()[0]
+    assert again.scene_key == state.scene_key
+    assert again.bodies is state.bodies
+
+
+def test_measures_agree_with_the_privileged_state(make):
+    env, episode = start(make, 1)
+    for _ in range(5):
+        env.step(np.array([0.5, 0.3, -0.6, -1], dtype=np.float32))
+        (state,) = env.unwrapped.privileged()
+        link = state.world_from_body["hab_fetch/gripper_link"]
+        ee = link[:3, 3] + 0.08 * link[:3, 0]
+        gap = np.linalg.norm(ee - state.object_com_m[episode.target])
+        m = env.unwrapped.measures
+        assert float(m.ee_to_object_m) == pytest.approx(gap, abs=1e-5)
+        in_base = np.linalg.inv(state.world_from_base) @ np.append(ee, 1.0)
+        # The base frame's origin lies BASE_HEIGHT_M above the floor that heights are measured from.
+        assert np.allclose(m.ee_in_base_m[0, :2], in_base[:2], atol=1e-5)
+
+
+def test_the_observation_keeps_pointing_at_the_objects_start(make):
+    env, episode = start(make, 1, obs_mode="state_dict")
+    begin = env.unwrapped.privileged()[0].object_com_m[episode.target]
+    go_above_and_grasp(env, episode.target)
+    for _ in range(3):
+        obs = env.step(np.array([0, 0, 1, 1], dtype=np.float32))[0]
+    (state,) = env.unwrapped.privileged()
+    link = state.world_from_body["hab_fetch/gripper_link"]
+    ee = link[:3, 3] + 0.08 * link[:3, 0]
+    expected = link[:3, :3].T @ (begin - ee)
+    assert np.allclose(obs["extra"]["object_start_in_ee"][0], expected, atol=1e-4)

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from pathlib import Path
+from typing import Any
 
 import sapien
 import torch
+from mani_skill.render.shaders import PREBUILT_SHADER_CONFIGS, ShaderConfig
 
 from hab_tasks.errors import RenderingUnavailableError, UnknownNameError
 
 BACKENDS = ("auto", "none", "cpu", "gpu")
+
+DEPTH_SHADER = "hab_depth"
+"""ManiSkill shader pack that draws position and actor, no colour: half the time of ``minimal``."""
 
 ADVICE = (
     "No Vulkan device can draw images. Install a driver (Debian 12, as root: apt-get install -y -t "
@@ -41,6 +47,27 @@ def resolve_backend(backend: str, wants_images: bool) -> str:
     if not software_vulkan_works():
         raise RenderingUnavailableError(ADVICE)
     return "cpu"
+
+
+def sensor_shader(sensor_configs: dict[str, Any], backend: str, rgb: bool) -> dict[str, Any]:
+    """Returns camera settings that use `DEPTH_SHADER` where no colour is asked of a CPU renderer.
+
+    Args:
+        sensor_configs: The caller's settings; a shader chosen there stays.
+        backend: The resolved render backend.
+        rgb: Whether observations hold anything but depth, position and segmentation.
+    """
+    if backend != "cpu" or rgb or "shader_pack" in sensor_configs:
+        return sensor_configs
+    if DEPTH_SHADER not in PREBUILT_SHADER_CONFIGS:
+        minimal = PREBUILT_SHADER_CONFIGS["minimal"]
+        texture = "PositionSegmentation"
+        PREBUILT_SHADER_CONFIGS[DEPTH_SHADER] = ShaderConfig(
+            shader_pack=str(Path(__file__).parent / "shaders" / "depth"),
+            texture_names={texture: minimal.texture_names[texture]},
+            texture_transforms={texture: minimal.texture_transforms[texture]},
+        )
+    return {**sensor_configs, "shader_pack": DEPTH_SHADER}
 
 
 @lru_cache(maxsize=1)

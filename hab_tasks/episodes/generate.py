@@ -17,7 +17,7 @@ from transforms3d import quaternions
 
 from hab_tasks.episodes.schema import Episode, RobotStart
 from hab_tasks.episodes.spots import Spot, find_spots
-from hab_tasks.episodes.workbench import Workbench
+from hab_tasks.episodes.workbench import START_CLEARANCE_M, Workbench
 from hab_tasks.errors import GenerationError
 from hab_tasks.geometry import Array, Pose7, pose, rotation_between
 from hab_tasks.robots.fetch_spec import (
@@ -187,8 +187,8 @@ class PickGenerator:
             noise = rng.uniform(-1.0, 1.0, 6)
             base = self._base(cell, target_m, noise)
             arm = self._noisy_arm(noise[3:])
-            if arm is None or bench.robot_touches(base, arm):
-                reason = "robot touches something at its start"
+            if arm is None or bench.robot_touches(base, arm, START_CLEARANCE_M):
+                reason = "robot too close to something at its start"
                 continue
             if self._reaches(rng, base, target_m):
                 bench.send_robot_away()

@@ -15,7 +15,7 @@ from pathlib import Path
 from hab_tasks.episodes.generate import PickGenerator, stable_hash
 from hab_tasks.episodes.schema import Episode, EpisodeSet, read_episodes, write_episodes
 from hab_tasks.errors import EpisodeError, UnknownNameError
-from hab_tasks.scenes.dataset import SceneDataset, resolve_dataset
+from hab_tasks.scenes.dataset import SceneDataset, embedded_dataset, resolve_dataset
 from hab_tasks.scenes.load import load_scene
 from hab_tasks.scenes.meshes import cache_dir
 from hab_tasks.scenes.objects import load_objects
@@ -57,10 +57,10 @@ class EpisodeSource:
         self._generator: PickGenerator | None = None
         self._episodes: dict[int, Episode] = {}
         self._scenes: dict[str, SceneSpec] = {}
-        place = "embedded" if scene_id is None and dataset.name == "apartment" else "user"
         scope = f"{split}-{scene_id}" if scene_id else split
         self._name = f"{env_id}.{dataset.name}.{objects_name}.{scope}.{seed}.json.gz"
-        self._embedded = _shipped_folder() / self._name if place == "embedded" else None
+        shipped = dataset.root == embedded_dataset().resolve()
+        self._embedded = _shipped_folder() / self._name if shipped else None
         key = stable_hash(str(dataset.root), *sorted(str(o.visual_file) for o in objects.values()))
         self._cached = cache_dir() / "episodes" / f"{key:08x}" / self._name
         for file in (self._embedded, self._cached):

@@ -24,6 +24,11 @@ AWAY_M = 50.0
 """The robot waits this far outside while objects settle."""
 
 TOUCH_DEPTH_M = 0.001
+"""Robot links may overlap each other by this much: neighbours rest on one another."""
+
+START_CLEARANCE_M = 0.015
+"""Everything else must be at least this far from the robot where an episode starts."""
+
 LOOSE_SETTLE_S = 5.0
 
 
@@ -135,8 +140,10 @@ class Workbench:
         fixed = [b for b in self.bodies.values() if b.group != "object"]
         return free_floor(fixed, {body.name: self.world_from(body.name) for body in fixed})
 
-    def robot_touches(self, base: tuple[float, float, float], arm_qpos_rad: Array) -> bool:
-        """Returns whether the robot, standing there, touches anything (itself included)."""
+    def robot_touches(
+        self, base: tuple[float, float, float], arm_qpos_rad: Array, clearance_m: float = 0.0
+    ) -> bool:
+        """Whether the robot, standing there, overlaps itself or is within `clearance_m` of anything."""
         qpos = self._agent.rest_qpos()
         qpos[self._agent.base_index] = torch.tensor(base, dtype=torch.float32)
         for name, value in zip(ARM_JOINTS, arm_qpos_rad, strict=True):
@@ -144,12 +151,12 @@ class Workbench:
         self._robot.set_qpos(qpos.numpy())
         self._robot.set_qvel(np.zeros(len(qpos), dtype=np.float32))
         self._px.step()
-        touching = False
         for contact in self._px.get_contacts():
-            first, second = contact.bodies
-            if first in self._links or second in self._links:
-                touching |= any(p.separation < -TOUCH_DEPTH_M for p in contact.points)
-        return touching
+            robots = sum(body in self._links for body in contact.bodies)
+            limit_m = clearance_m if robots == 1 else -TOUCH_DEPTH_M
+            if robots and any(point.separation < limit_m for point in contact.points):
+                return True
+        return False
 
     def send_robot_away(self) -> None:
         """Moves the robot out of the layout."""

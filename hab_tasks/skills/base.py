@@ -19,7 +19,7 @@ from hab_tasks.constants import CONTROL_HZ, SIM_HZ
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.errors import ActionError, UnknownNameError
 from hab_tasks.measures import Measures
-from hab_tasks.rendering import resolve_backend
+from hab_tasks.rendering import resolve_backend, sensor_shader
 from hab_tasks.rewards import total
 from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.scenes.build import add_lights
@@ -100,9 +100,8 @@ class SkillEnv(BaseEnv):
         **kwargs: Any,
     ) -> None:
         mode = self._known_mode(control_mode)
-        images = render_mode is not None or (obs_mode or "state") not in WITHOUT_IMAGES
         self._world = World(
-            env_id=str(getattr(getattr(self, "spec", None), "id", None) or self.default_id()),
+            env_id=self.default_id(),
             scene_dataset=scene_dataset,
             objects=objects,
             split=split,
@@ -112,12 +111,13 @@ class SkillEnv(BaseEnv):
             seed=episode_seed,
             num_envs=num_envs,
         )
+        self._backend = resolve_backend(render_backend, _needs_images(obs_mode, render_mode))
         super().__init__(
             num_envs=num_envs,
             obs_mode=obs_mode,
             control_mode=mode,
             render_mode=render_mode,
-            render_backend=resolve_backend(render_backend, images),
+            render_backend=self._backend,
             robot_uids=robot_uids,
             **kwargs,
         )
@@ -201,8 +201,20 @@ class SkillEnv(BaseEnv):
         self._viewpoint_of = ()
         self._world.build(self.scene, self.agent)
 
+    @property
+    def _wants_colour(self) -> bool:
+        visual = self.obs_mode_struct.visual
+        other = self.obs_mode in ("pointcloud", "sensor_data")
+        return other or visual.rgb or visual.normal or visual.albedo
+
+    def _setup_sensors(self, options: dict[str, Any]) -> None:
+        self._custom_sensor_configs = sensor_shader(
+            self._custom_sensor_configs or {}, self._backend, self._wants_colour
+        )
+        super()._setup_sensors(options)
+
     def _load_lighting(self, options: dict[str, Any]) -> None:
-        if self.render_mode is None and not self.obs_mode_struct.visual.rgb:
+        if self.render_mode is None and not self._wants_colour:
             return  # depth needs no light, and lamps cost a software renderer a quarter of its time
         for handles in self._world.handles:
             add_lights(self.scene, handles.spec, handles.rows)
@@ -299,3 +311,7 @@ class SkillEnv(BaseEnv):
         simulator = {key: value for key, value in state.items() if key != "hab"}
         super().set_state_dict(simulator, env_idx)  # pyright: ignore[reportArgumentType]  # None is its default
         self._world.set_state(state["hab"], rows)
+
+
+def _needs_images(obs_mode: str | None, render_mode: str | None) -> bool:
+    return render_mode is not None or (obs_mode or "state") not in WITHOUT_IMAGES

@@ -30,6 +30,9 @@ from hab_tasks.robots.fetch_spec import (
 from hab_tasks.robots.kinematics import ArmKinematics
 from hab_tasks.scenes.spec import ObjectTemplate, SceneSpec
 
+GENERATOR_VERSION = 1
+"""Goes up when the same seed gives other episodes; cached files of another version are not used."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class PickStart:

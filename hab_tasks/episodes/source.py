@@ -12,7 +12,7 @@ from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
-from hab_tasks.episodes.generate import PickGenerator, stable_hash
+from hab_tasks.episodes.generate import GENERATOR_VERSION, PickGenerator, stable_hash
 from hab_tasks.episodes.schema import Episode, EpisodeSet, read_episodes, write_episodes
 from hab_tasks.errors import EpisodeError, UnknownNameError
 from hab_tasks.scenes.dataset import SceneDataset, embedded_dataset, resolve_dataset
@@ -61,7 +61,8 @@ class EpisodeSource:
         self._name = f"{env_id}.{dataset.name}.{objects_name}.{scope}.{seed}.json.gz"
         shipped = dataset.root == embedded_dataset().resolve()
         self._embedded = _shipped_folder() / self._name if shipped else None
-        key = stable_hash(str(dataset.root), *sorted(str(o.visual_file) for o in objects.values()))
+        files = sorted(str(template.visual_file) for template in objects.values())
+        key = stable_hash(f"version {GENERATOR_VERSION}", str(dataset.root), *files)
         self._cached = cache_dir() / "episodes" / f"{key:08x}" / self._name
         for file in (self._embedded, self._cached):
             if file is not None and file.exists():

@@ -8,6 +8,7 @@ import pytest
 
 from hab_tasks.envs import ENVS
 
+IMAGES = ("obs_mode='depth'", "obs_mode='rgb'", "render_mode='rgb_array'")
 every_env = pytest.mark.parametrize("env_id", ENVS)
 
 
@@ -54,9 +55,7 @@ def test_states_need_no_driver(run, env_id):
 
 
 @every_env
-@pytest.mark.parametrize(
-    "options", ["obs_mode='depth'", "obs_mode='rgb'", "render_mode='rgb_array'"]
-)
+@pytest.mark.parametrize("options", IMAGES)
 def test_images_are_refused_with_the_remedy(run, env_id, options):
     done = run(env_id, options)
     assert done.returncode != 0

@@ -30,7 +30,8 @@ def solve(env, episode):
     return results
 
 
-def test_an_oracle_picks_from_counter_table_and_sofa(make):
+def test_an_oracle_picks_from_counter_table_and_sofa(make, monkeypatch, tmp_path):
+    monkeypatch.setenv("HAB_CACHE_DIR", str(tmp_path))
     env = make(control_mode="ee", episodes=None, num_episodes=1)
     source = open_source(env_id="HabPick-v1", seed=11)
     found, index = [], 0

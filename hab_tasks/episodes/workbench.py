@@ -143,7 +143,7 @@ class Workbench:
     def robot_touches(
         self, base: tuple[float, float, float], arm_qpos_rad: Array, clearance_m: float = 0.0
     ) -> bool:
-        """Whether the robot, standing there, touches itself or is near (`clearance_m`) to a thing."""
+        """Whether the robot touches itself there, or has a thing nearer than `clearance_m`."""
         qpos = self._agent.rest_qpos()
         qpos[self._agent.base_index] = torch.tensor(base, dtype=torch.float32)
         for name, value in zip(ARM_JOINTS, arm_qpos_rad, strict=True):

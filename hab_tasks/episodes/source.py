@@ -61,8 +61,9 @@ class EpisodeSource:
         self._name = f"{env_id}.{dataset.name}.{objects_name}.{scope}.{seed}.json.gz"
         shipped = dataset.root == embedded_dataset().resolve()
         self._embedded = _shipped_folder() / self._name if shipped else None
-        files = sorted(str(template.visual_file) for template in objects.values())
-        key = stable_hash(f"version {GENERATOR_VERSION}", str(dataset.root), *files)
+        masses = (f"{name} {template.mass_kg}" for name, template in sorted(objects.items()))
+        made_from = f"{GENERATOR_VERSION} {dataset.fingerprint}"
+        key = stable_hash(made_from, *masses)
         self._cached = cache_dir() / "episodes" / f"{key:08x}" / self._name
         for file in (self._embedded, self._cached):
             if file is not None and file.exists():

@@ -135,10 +135,12 @@ class HabController(BaseController):
         """Returns the commanded arm pose (N, 7) and gripper (N,)."""
         return {"arm_target_rad": self.arm_target_rad.clone(), "gripper": self.gripper.clone()}
 
-    def set_state(self, state: dict[str, Tensor]) -> None:
-        """Restores what `get_state` returned."""
-        self.arm_target_rad = state["arm_target_rad"].clone()
-        self.gripper = state["gripper"].clone()
+    def set_state(self, state: dict[str, Tensor], rows: Tensor | None = None) -> None:
+        """Restores what `get_state` returned, for `rows` (R,) or for all."""
+        chosen = slice(None) if rows is None else rows
+        self.arm_target_rad, self.gripper = self.arm_target_rad.clone(), self.gripper.clone()
+        self.arm_target_rad[chosen] = state["arm_target_rad"]
+        self.gripper[chosen] = state["gripper"]
         self._drive_arm()
 
     def _arm_target(self, arm: Tensor) -> Tensor:

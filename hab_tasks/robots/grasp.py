@@ -275,6 +275,10 @@ class DriveGrasp(SnapGrasp):
 class FollowGrasp(SnapGrasp):
     """Holds by moving: objects are posed with the gripper, handles pulled by a spring."""
 
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*args)
+        self._pulled: dict[str, Articulation] = {}
+
     def _tie_object(self, row: int, index: int) -> None:
         pass
 
@@ -282,9 +286,7 @@ class FollowGrasp(SnapGrasp):
         pass
 
     def _untie(self, row: int) -> None:
-        index = int(self.held_handle[row])
-        if index != NOTHING:
-            self._push_joint(index, torch.zeros(self.scene.num_envs, device=self.scene.device))
+        pass
 
     def before_simulation_step(self) -> None:
         """Poses held objects in the hand and pulls held handles to it."""
@@ -292,8 +294,7 @@ class FollowGrasp(SnapGrasp):
             self.scene._gpu_fetch_all()
         for index in torch.unique(self.held[self.held != NOTHING]).tolist():
             self._pose_object(index)
-        for index in torch.unique(self.held_handle[self.held_handle != NOTHING]).tolist():
-            self._pull_handle(index)
+        self._pull_handles()
         if self.scene.gpu_sim_enabled:
             self.scene._gpu_apply_all()
 
@@ -311,7 +312,25 @@ class FollowGrasp(SnapGrasp):
         actor.set_angular_velocity(turning[rows])
         self.scene._reset_mask = mask
 
-    def _pull_handle(self, index: int) -> None:
+    def _pull_handles(self) -> None:
+        """Sets the joint efforts of all furniture that is held, and clears what was let go."""
+        efforts = {
+            name: torch.zeros_like(furniture.get_qpos()) for name, furniture in self._pulled.items()
+        }
+        for index in torch.unique(self.held_handle[self.held_handle != NOTHING]).tolist():
+            handle = self.handles[index]
+            name = handle.furniture.name
+            self._pulled[name] = handle.furniture
+            effort = efforts.setdefault(name, torch.zeros_like(handle.furniture.get_qpos()))
+            column = int(handle.link.joint.active_index[0])
+            effort[:, column] += self._effort(index) * (self.held_handle == index)
+        for name, effort in efforts.items():
+            self._pulled[name].set_qf(effort)
+        if not bool((self.held_handle != NOTHING).any()):
+            self._pulled = {}
+
+    def _effort(self, index: int) -> Tensor:
+        """Returns the effort (N,) [N or N m] at a handle's joint that pulls it to the hand."""
         handle = self.handles[index]
         point = self.handle_position_m(index)
         velocity = handle.link.get_linear_velocity() + torch.linalg.cross(
@@ -324,16 +343,8 @@ class FollowGrasp(SnapGrasp):
         # SAPIEN's joint frames have the joint's axis along x.
         axis = frame.to_transformation_matrix()[:, :3, 0]
         if joint.type[0] == "prismatic":
-            effort = (axis * force).sum(dim=1)
-        else:
-            effort = (axis * torch.linalg.cross(point - frame.p, force)).sum(dim=1)
-        self._push_joint(index, effort * (self.held_handle == index))
-
-    def _push_joint(self, index: int, effort: Tensor) -> None:
-        handle = self.handles[index]
-        efforts = torch.zeros_like(handle.furniture.get_qpos())
-        efforts[:, handle.link.joint.active_index] = effort[:, None]
-        handle.furniture.set_qf(efforts)
+            return (axis * force).sum(dim=1)
+        return (axis * torch.linalg.cross(point - frame.p, force)).sum(dim=1)
 
 
 def make_grasp(

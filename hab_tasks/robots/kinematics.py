@@ -32,6 +32,7 @@ Array = NDArray[np.float64]
 
 _LOWER = np.array(ARM_LOWER_RAD)
 _UPPER = np.array(ARM_UPPER_RAD)
+_EYE = np.eye(3)
 
 
 @lru_cache(maxsize=1)
@@ -128,13 +129,18 @@ class ArmKinematics:
     def batch_displace(self, qpos: Tensor, target_m: Tensor, damping: float = 0.02) -> Tensor:
         """`displace` for (N, 7) rows and (N, 3) targets."""
         position, jacobian = self.batch_position_and_jacobian(qpos)
-        gram = jacobian @ jacobian.transpose(1, 2)
-        gram = gram + damping**2 * torch.eye(3, device=qpos.device, dtype=qpos.dtype)
-        error = (target_m - position).unsqueeze(-1)
-        step = (jacobian.transpose(1, 2) @ torch.linalg.solve(gram, error)).squeeze(-1)
         lower = torch.tensor(ARM_LOWER_RAD, device=qpos.device, dtype=qpos.dtype)
         upper = torch.tensor(ARM_UPPER_RAD, device=qpos.device, dtype=qpos.dtype)
-        return torch.minimum(torch.maximum(qpos + step, lower), upper)
+        error = target_m - position
+        wanted = qpos + _solve_batch(jacobian, error, damping)
+        moved = torch.minimum(torch.maximum(wanted, lower), upper)
+        left = error - (jacobian @ (moved - qpos).unsqueeze(-1)).squeeze(-1)
+        # Joints that a limit stopped take no part in the second solve; without any, it adds nothing
+        # that the damping of the first did not leave.
+        free = (moved == wanted).unsqueeze(1)
+        stopped = ~free.squeeze(1).all(dim=1, keepdim=True)
+        again = moved + stopped * _solve_batch(jacobian * free, left, damping)
+        return torch.minimum(torch.maximum(again, lower), upper)
 
     def _torch_chain(self) -> Any:
         if self._chain is None:
@@ -148,8 +154,26 @@ class ArmKinematics:
 
 
 def _damped_step(qpos: Array, jacobian: Array, error_m: Array, damping: float) -> Array:
-    gram = jacobian @ jacobian.T
-    gram.flat[::4] += damping**2
+    """Solves once, and once more with the other joints if a limit stopped some."""
+    wanted = qpos + _solve(jacobian, error_m, damping)
+    moved = np.minimum(np.maximum(wanted, _LOWER), _UPPER)
+    free = moved == wanted
+    if free.all():
+        return moved
+    left_m = error_m - jacobian @ (moved - qpos)
+    again = moved + _solve(jacobian * free, left_m, damping)
+    return np.minimum(np.maximum(again, _LOWER), _UPPER)
+
+
+def _solve(jacobian: Array, error_m: Array, damping: float) -> Array:
+    gram = jacobian @ jacobian.T + damping**2 * _EYE
     # LAPACK directly: numpy's solve spends ten times longer on its own checks than on a 3 x 3.
     _, weights, _ = dposv(gram, error_m)
-    return np.minimum(np.maximum(qpos + jacobian.T @ weights, _LOWER), _UPPER)
+    return jacobian.T @ weights
+
+
+def _solve_batch(jacobian: Tensor, error_m: Tensor, damping: float) -> Tensor:
+    gram = jacobian @ jacobian.transpose(1, 2)
+    gram = gram + damping**2 * torch.eye(3, device=gram.device, dtype=gram.dtype)
+    weights = torch.linalg.solve(gram, error_m.unsqueeze(-1))
+    return (jacobian.transpose(1, 2) @ weights).squeeze(-1)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+import zlib
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
@@ -91,6 +92,16 @@ class SceneDataset:
             if file.stem not in found or file.parent.name == file.stem:
                 found[file.stem] = file
         return found
+
+    @cached_property
+    def fingerprint(self) -> int:
+        """A number made from every configuration and URDF: datasets that differ have another."""
+        crc = 0
+        for file in sorted((self.root / "configs").rglob("*.json")) + sorted(
+            (self.root / "urdf").rglob("*.urdf")
+        ):
+            crc = zlib.crc32(file.read_bytes(), zlib.crc32(file.name.encode(), crc))
+        return crc
 
     def navmesh_file(self, scene_id: str) -> Path | None:
         """Returns the published navmesh of a scene, None when the dataset has none."""

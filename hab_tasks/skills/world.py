@@ -223,7 +223,11 @@ class World:
         }
 
     def set_state(self, state: dict[str, Any], rows: Tensor) -> None:
-        """Restores what `get_state` returned, for `rows`, after the simulator's state was set."""
+        """Restores what `get_state` returned, for `rows`, after the simulator's state was set.
+
+        Recorded states come as numpy arrays, and without the batch dimension when there is one row.
+        """
+        state = _like(state, self.get_state(), self._scene.device)
         self._freeze()
         held = int(state["grasp"]["held"][0])
         if self._dormant is not None and held >= 0:
@@ -233,7 +237,7 @@ class World:
         starts = self.goals.object_start_m.clone()
         starts[rows] = state["goals"]["object_start_m"]
         self.goals = Goals(object_start_m=starts)
-        self._agent.controller.set_state(state["controller"])
+        self._agent.controller.set_state(state["controller"], rows)
         self.snapshot = self._reader.read(self.tracker.target, self.tracker.measures.force_n)
 
     # Privileged ------------------------------------------------------------------------------
@@ -277,3 +281,15 @@ class World:
     def _object_coms(self, present: set[str]) -> dict[str, np.ndarray]:
         points = self._grasp.objects_com_m()[0].numpy().astype(float)
         return {name: points[i] for i, name in enumerate(self._names) if name in present}
+
+
+def _like(state: dict[str, Any], example: dict[str, Any], device: Any) -> dict[str, Any]:
+    """Returns nested arrays as tensors with as many dimensions as those of `example`."""
+    result = {}
+    for name, present in example.items():
+        if isinstance(present, dict):
+            result[name] = _like(state[name], present, device)
+            continue
+        value = torch.as_tensor(state[name], device=device)
+        result[name] = value[None] if value.dim() == present.dim() - 1 else value
+    return result

@@ -74,3 +74,18 @@ def test_model_holds_the_arms_joints_with_the_specs_limits():
     # The URDF rounds its limits to four digits.
     assert np.allclose(model.lowerPositionLimit, LOWER, atol=1e-3)
     assert np.allclose(model.upperPositionLimit, UPPER, atol=1e-3)
+
+
+def test_a_joint_at_its_limit_does_not_bend_the_step(kinematics):
+    """Upwards from rest with the shoulder's lift at its limit: the other joints make the step."""
+    qpos = REST.copy()
+    qpos[1] = ARM_LOWER_RAD[1]
+    before = kinematics.position(qpos)
+    step = np.array([0.0, 0.0, EE_STEP_M])
+    after = kinematics.displace(qpos, before + step)
+    assert np.all(after >= LOWER) and np.all(after <= UPPER)
+    # Without the second solve the clipped joint's share is lost: 8 mm of the 15 upwards.
+    assert np.linalg.norm(kinematics.position(after) - before - step) < 1e-3
+    row = torch.from_numpy(qpos)[None]
+    batch = kinematics.batch_displace(row, torch.from_numpy(before + step)[None])
+    assert torch.allclose(batch[0], torch.from_numpy(after), atol=1e-6)

@@ -168,7 +168,6 @@ def test_a_recording_replays(make, env_id, tmp_path):
         assert torch.equal(now, expected)
 
 
-@pytest.mark.xfail(reason="recorded states have no batch dimension, which set_state_dict expects")
 @every_env
 def test_a_recorded_state_restores(make, env_id, tmp_path):
     """As ManiSkill's replay with ``--use-env-states`` does it."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import torch
 from torch import Tensor
 
 
@@ -16,8 +17,4 @@ def force_penalty(force_n: Tensor, weight: float, cap: float) -> Tensor:
 
 def total(terms: dict[str, Tensor]) -> Tensor:
     """Returns the sum of the terms, (N,)."""
-    values = iter(terms.values())
-    result = next(values)
-    for value in values:
-        result = result + value
-    return result
+    return torch.stack(tuple(terms.values())).sum(dim=0)

@@ -68,9 +68,9 @@ class SnapshotReader:
             ee_in_base_m=ee_in_base,
             ee_axes=axes,
             object_m=target_m,
-            held=grasp.held.clone(),
-            held_handle=grasp.held_handle.clone(),
-            lost=grasp.lost.clone(),
+            held=grasp.held,
+            held_handle=grasp.held_handle,
+            lost=grasp.lost,
             force_n=force_n,
         )
 
@@ -79,16 +79,16 @@ class SnapshotReader:
         matrix = self._ee_link.entity_pose.to_transformation_matrix()
         body, com = self._bodies[target]
         raw = np.empty((1, 28), dtype=np.float32)
-        row = raw[0]
-        row[:10] = qpos[self._joints]
-        row[10:13] = matrix[:3, 3] + EE_OFFSET_M * matrix[:3, 0]
-        row[13:22] = matrix[:3, :3].reshape(-1)
-        row[22:25] = (body.entity_pose * com).p
-        base_x, base_y, yaw = row[7:10].tolist()
-        ee_x, ee_y, ee_z = row[10:13].tolist()
+        now = raw[0]
+        now[:10] = qpos[self._joints]
+        now[10:13] = matrix[:3, 3] + EE_OFFSET_M * matrix[:3, 0]
+        now[13:22] = matrix[:3, :3].reshape(-1)
+        now[22:25] = (body.entity_pose * com).p
+        base_x, base_y, yaw = now[7:10].tolist()
+        ee_x, ee_y, ee_z = now[10:13].tolist()
         x, y, cosine, sine = ee_x - base_x, ee_y - base_y, math.cos(yaw), math.sin(yaw)
-        row[25:] = cosine * x + sine * y, cosine * y - sine * x, ee_z
-        arm, base, ee, axes, point, ee_in_base = torch.from_numpy(raw).split(
+        now[25:] = cosine * x + sine * y, cosine * y - sine * x, ee_z
+        arm, base, ee, axes, point, ee_in_base = torch.from_numpy(raw).split_with_sizes(
             (7, 3, 3, 9, 3, 3), dim=1
         )
         return arm, base, ee, ee_in_base, axes.view(1, 3, 3), point

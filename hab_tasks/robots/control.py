@@ -16,6 +16,7 @@ largest speeds. Entries are clipped to their range; an action that is not finite
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -23,6 +24,7 @@ import numpy as np
 import torch
 from gymnasium import spaces
 from mani_skill.agents.controllers.base_controller import BaseController, ControllerConfig
+from numpy.typing import NDArray
 from torch import Tensor
 
 from hab_tasks.constants import EE_STEP_M, JOINT_STEP_RAD
@@ -42,7 +44,10 @@ from hab_tasks.robots.kinematics import ArmKinematics
 
 ArmMode = Literal["ee", "joint_delta", "joint_target"]
 
+Array = NDArray[Any]
+
 _EE_LOWER, _EE_UPPER = np.array(EE_LOWER_M), np.array(EE_UPPER_M)
+_ARM_LOWER, _ARM_UPPER = np.array(ARM_LOWER_RAD), np.array(ARM_UPPER_RAD)
 
 ARM_SIZE: dict[str, int] = {"ee": 3, "joint_delta": 7, "joint_target": 7}
 
@@ -65,6 +70,7 @@ class HabController(BaseController):
         if self.config.arm == "joint_target":
             low[:7], high[:7] = ARM_LOWER_RAD, ARM_UPPER_RAD
         self.single_action_space = spaces.Box(low, high, dtype=np.float32)
+        self._cpu_low, self._cpu_high = low, high
         self._low = torch.as_tensor(low, device=self.device)
         self._high = torch.as_tensor(high, device=self.device)
         self._kinematics = ArmKinematics()
@@ -120,16 +126,33 @@ class HabController(BaseController):
         expected = (self.scene.num_envs, len(self._low))
         if tuple(action.shape) != expected:
             raise ActionError(f"Action of shape {tuple(action.shape)}; expected {expected}.")
-        action = action.to(torch.float32)
-        if not bool(torch.isfinite(action).all()):
+        # The sum is finite only if every entry is, and takes one operation instead of three.
+        if not math.isfinite(float(action.sum(dtype=torch.float64))):
             raise ActionError(f"Action holds a value that is not finite: {action.tolist()}.")
-        action = torch.clamp(action, self._low, self._high)
-        arm = ARM_SIZE[self.config.arm]
-        self.arm_target_rad = self._arm_target(action[:, :arm])
-        self.gripper = action[:, arm]
+        if self._on_cpu:
+            self._set_row(action[0].numpy())
+        else:
+            self._set_batch(torch.clamp(action, self._low, self._high))
+
+    def _set_row(self, action: Array) -> None:
+        """The one row of the CPU simulation, in plain numbers: a third of the tensors' time."""
+        action = np.minimum(np.maximum(action, self._cpu_low), self._cpu_high)
+        size = ARM_SIZE[self.config.arm]
+        qpos = self._arm_target(self.arm_target_rad[0].numpy().astype(np.float64), action[:size])
+        self.arm_target_rad = torch.from_numpy(qpos.astype(np.float32))[None]
+        self.gripper = torch.from_numpy(action[size : size + 1])
+        for drive, value in zip(self._cpu_drives, qpos.tolist(), strict=True):
+            drive(value)
+        if self.config.base:
+            self._drive_base(torch.from_numpy(action[None, size + 1 :]))
+
+    def _set_batch(self, action: Tensor) -> None:
+        size = ARM_SIZE[self.config.arm]
+        self.arm_target_rad = self._batch_arm_target(action[:, :size])
+        self.gripper = action[:, size]
         self._drive_arm()
         if self.config.base:
-            self._drive_base(action[:, arm + 1 :])
+            self._drive_base(action[:, size + 1 :])
 
     def get_state(self) -> dict[str, Tensor]:
         """Returns the commanded arm pose (N, 7) and gripper (N,)."""
@@ -143,18 +166,23 @@ class HabController(BaseController):
         self.gripper[chosen] = state["gripper"]
         self._drive_arm()
 
-    def _arm_target(self, arm: Tensor) -> Tensor:
+    def _arm_target(self, qpos: Array, arm: Array) -> Array:
+        """Returns the arm pose (7,) [rad] that an action's arm entries ask for."""
+        if self.config.arm == "joint_target":
+            return arm
+        if self.config.arm == "joint_delta":
+            moved = qpos + JOINT_STEP_RAD * arm
+            return np.minimum(np.maximum(moved, _ARM_LOWER), _ARM_UPPER)
+        return self._kinematics.move(qpos, EE_STEP_M * arm, _EE_LOWER, _EE_UPPER)
+
+    def _batch_arm_target(self, arm: Tensor) -> Tensor:
+        """`_arm_target` for (N, ...) rows on any device."""
         if self.config.arm == "joint_target":
             return arm
         if self.config.arm == "joint_delta":
             lower, upper = self._limits()
             moved = self.arm_target_rad + JOINT_STEP_RAD * arm
             return torch.minimum(torch.maximum(moved, lower), upper)
-        if len(arm) == 1:
-            qpos = self.arm_target_rad[0].numpy(force=True).astype(np.float64)
-            step = EE_STEP_M * arm[0].numpy(force=True)
-            moved = self._kinematics.move(qpos, step, _EE_LOWER, _EE_UPPER)
-            return torch.from_numpy(moved.astype(np.float32)).to(self.device)[None]
         position, _ = self._kinematics.batch_position_and_jacobian(self.arm_target_rad)
         low = torch.tensor(EE_LOWER_M, device=self.device)
         high = torch.tensor(EE_UPPER_M, device=self.device)

@@ -17,7 +17,12 @@ from sapien.physx import PhysxRigidDynamicComponent
 from hab_tasks.scenes.collision_groups import MOVING, PASSIVE, set_groups
 
 WAKE_DISTANCE_M = 0.1
-"""Free space left between a frozen body and what moves; the arm covers some 5 cm in an action."""
+"""Free space left between a frozen body and what moves; the arm covers up to 10 cm in an action."""
+
+HEAVY_KG = 10.0
+HEAVY_WAKE_DISTANCE_M = -0.03
+"""Tables and chairs yield so little that the first touch may find them frozen: the balls around the
+arm are this much larger than the arm."""
 
 MOVED_M = 0.01
 """An object this far from where it was frozen can push others."""
@@ -25,17 +30,24 @@ MOVED_M = 0.01
 RESTING_SPEED = 1e-4
 """An object whose restored velocity [m/s and rad/s] is below this is at rest."""
 
-_WATCHED_M = {
-    "upperarm_roll_link": 0.18,
-    "elbow_flex_link": 0.18,
-    "forearm_roll_link": 0.18,
-    "wrist_flex_link": 0.16,
-    "wrist_roll_link": 0.16,
-    "gripper_link": 0.16,
-    "torso_lift_link": 0.5,
-    "base_link": 0.5,
-}
-"""Links and the radius of the ball around each; together the balls hold the whole robot."""
+CHECK_EVERY_STEPS = 10
+"""At the latest after so many actions, sleepers are looked for again."""
+
+_ARM = (
+    "shoulder_lift_link",
+    "upperarm_roll_link",
+    "elbow_flex_link",
+    "forearm_roll_link",
+    "wrist_flex_link",
+    "wrist_roll_link",
+    "gripper_link",
+)
+_ARM_RADIUS_M = 0.1
+_HAND_RADIUS_M = 0.14
+"""Balls around the arm's joints, and around the middle between two of them, hold the whole arm."""
+
+_BODY = ("torso_lift_link", "base_link")
+_BODY_RADIUS_M = 0.5
 
 
 class DormantObjects:
@@ -50,15 +62,21 @@ class DormantObjects:
         """Watches the arm, and the base as well when it is `mobile`."""
         self._bodies = [actor._bodies[0] for actor in objects]
         self._com = [body.cmass_local_pose for body in self._bodies]
-        names = [n for n in _WATCHED_M if mobile or n not in ("torso_lift_link", "base_link")]
+        names = _ARM + _BODY if mobile else _ARM
         self._watched = [links[name]._objs[0] for name in names]
-        self._link_radius_m = [_WATCHED_M[name] for name in names]
+        between = [_ARM_RADIUS_M] * (len(_ARM) - 1)
+        arm = [_ARM_RADIUS_M] * (len(_ARM) - 1) + [_HAND_RADIUS_M]
+        self._link_radius_m = between + arm + [_BODY_RADIUS_M] * (len(names) - len(_ARM))
         count = len(objects)
+        heavy = np.array([body.mass >= HEAVY_KG for body in self._bodies], dtype=bool)
+        self._margin_m = np.where(heavy, HEAVY_WAKE_DISTANCE_M, WAKE_DISTANCE_M).reshape(count, 1)
         self._radius_m = np.zeros(count)
         self._low_m, self._high_m = np.zeros((count, 3)), np.zeros((count, 3))
         self._frozen_at_m = np.zeros((count, 3), dtype=np.float32)
         self._active: list[int] = []
         self._settled = np.zeros(count, dtype=bool)
+        self._checked_at_m = np.zeros((len(names), 3))
+        self._free_way_m, self._checks_left = 0.0, 0
         self.com_m: NDArray[np.float32] = np.zeros((count, 3), dtype=np.float32)
         self.present = np.zeros(count, dtype=bool)
 
@@ -80,7 +98,7 @@ class DormantObjects:
             present: (K,) which objects take part.
             placed: The objects that were moved since the last time; all when None.
         """
-        self.present = present.copy()
+        self.present, self._checks_left = present.copy(), 0
         self._active = []
         for index in range(len(self._bodies)) if placed is None else placed:
             if present[index] and _moves(self._bodies[index]):
@@ -101,33 +119,54 @@ class DormantObjects:
         """Wakes what the robot or a moved object could touch in the coming action."""
         if not self._bodies:
             return
-        points, radius_m = self._moving_balls(held)
-        nearest = np.clip(points, self._low_m[:, None], self._high_m[:, None])
-        gap = nearest - points
-        touchable = np.einsum("kpi,kpi->kp", gap, gap) < (radius_m + WAKE_DISTANCE_M) ** 2
-        near = touchable.any(axis=1) & self.present
+        links = np.array([link.entity_pose.p for link in self._watched], dtype=np.float64)
+        if self._nothing_new(links, held):
+            return
+        points, radius_m = self._moving_balls(links, held)
+        # Distance from every ball's centre to every body's box; np.clip would take twice as long.
+        nearest = np.minimum(np.maximum(points, self._low_m[:, None]), self._high_m[:, None])
+        nearest -= points
+        distance_m = np.sqrt(np.einsum("kpi,kpi->kp", nearest, nearest))
+        gap_m = (distance_m - radius_m - self._margin_m).min(axis=1)
+        near = (gap_m < 0) & self.present
         for index in np.flatnonzero(near).tolist():
             self.wake(index)
         for index in self._active[:]:
             if not near[index] and index != held and self._bodies[index].is_sleeping:
                 self._freeze(index)
                 self._active.remove(index)
+        apart = gap_m[self.present & ~near]
+        self._checked_at_m, self._free_way_m = links, float(apart.min()) if len(apart) else np.inf
+        self._checks_left = CHECK_EVERY_STEPS
+
+    def _nothing_new(self, links_m: NDArray[np.float64], held: int) -> bool:
+        """Whether the arm has moved less, since the last check, than anything was away from it."""
+        self._checks_left -= 1
+        if self._checks_left <= 0 or held >= 0 or self._pushing():
+            return False
+        way = links_m - self._checked_at_m
+        return float(np.einsum("pi,pi->p", way, way).max()) < self._free_way_m**2
 
     def refresh(self) -> None:
         """Reads the centres of mass of the bodies that can have moved."""
         for index in self._active:
             self._read(index)
 
-    def _moving_balls(self, held: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _moving_balls(
+        self, links_m: NDArray[np.float64], held: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Centres (P, 3) and radii (P,) [m] of balls around everything that may push."""
-        centers = [link.entity_pose.p for link in self._watched]
-        radii = list(self._link_radius_m)
-        for index in self._active:
-            gone = self.com_m[index] - self._frozen_at_m[index]
-            if index == held or float(gone @ gone) > MOVED_M**2:
-                centers.append(self.com_m[index])
-                radii.append(float(self._radius_m[index]))
-        return np.array(centers, dtype=np.float64), np.array(radii)
+        arm = links_m[: len(_ARM)]
+        pushing = set(self._pushing()) | ({held} if held >= 0 else set())
+        others = sorted(pushing & set(self._active))
+        centers = ((arm[:-1] + arm[1:]) / 2, links_m, self.com_m[others])
+        radii = np.append(self._link_radius_m, self._radius_m[others])
+        return np.concatenate(centers, dtype=np.float64), radii
+
+    def _pushing(self) -> list[int]:
+        """Objects that are no longer where they were frozen."""
+        gone = [(index, self.com_m[index] - self._frozen_at_m[index]) for index in self._active]
+        return [index for index, way in gone if float(way @ way) > MOVED_M**2]
 
     def _freeze(self, index: int) -> None:
         self._measure(index)

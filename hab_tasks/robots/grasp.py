@@ -55,7 +55,7 @@ class SnapGrasp:
     Attributes:
         objects: Everything that can be grasped, in a fixed order.
         handles: Handle markers, used when no object is near enough.
-        held: (N,) index into `objects`, `NOTHING` where none.
+        held: (N,) index into `objects`, `NOTHING` where none. Replaced, never written into.
         held_handle: (N,) index into `handles`, `NOTHING` where none.
         lost: (N,) whether what was held slipped away since the last command.
     """
@@ -69,8 +69,10 @@ class SnapGrasp:
         self.held = torch.full((count,), NOTHING, dtype=torch.long, device=device)
         self.held_handle = self.held.clone()
         self.lost = torch.zeros(count, dtype=torch.bool, device=device)
+        self._any_lost = False
         self._ee_from_object = Pose.create_from_pq(torch.zeros(count, 3, device=device))
         self._leaving: list[tuple[int, int, float]] = []
+        self._busy: set[int] = set()
         self._com_m = [torch.as_tensor(_com(actor), device=device) for actor in objects]
         self._cpu_bodies = [
             (actor._bodies[0], actor._bodies[0].cmass_local_pose) for actor in objects
@@ -96,9 +98,10 @@ class SnapGrasp:
 
     def command(self, gripper: Tensor) -> None:
         """Acts on the gripper entry (N,): >= 0 grasps when the hand is empty, < 0 releases."""
-        self.lost = torch.zeros_like(self.lost)
-        wants = gripper >= 0
-        if bool((wants != self.holding).any()):
+        if self._any_lost:
+            self.lost, self._any_lost = torch.zeros_like(self.lost), False
+        if not self._as_wanted(gripper):
+            wants = gripper >= 0
             for row in torch.nonzero(~wants & self.holding).flatten().tolist():
                 self._release_row(row)
             rows = torch.nonzero(wants & ~self.holding).flatten()
@@ -106,6 +109,11 @@ class SnapGrasp:
                 self._grasp_rows(rows)
         if self._leaving:
             self._restore_collisions()
+
+    def _as_wanted(self, gripper: Tensor) -> bool:
+        if len(gripper) == 1:  # plain numbers: tensor arithmetic would be a tenth of the step
+            return (float(gripper) >= 0) == bool(self._busy)
+        return bool(((gripper >= 0) == self.holding).all())
 
     def attach(self, row: int, index: int) -> None:
         """Holds object `index` in `row`, wherever it is."""
@@ -117,11 +125,12 @@ class SnapGrasp:
 
     def after_control_step(self) -> None:
         """Loses what has been pulled out of the hand; runs after the physics of an action."""
-        if bool((self.held != NOTHING).any()):
+        if self._busy:
             for row in torch.nonzero(self.held != NOTHING).flatten().tolist():
                 if self._drift_m(row) > HOLD_TOLERANCE_M:
                     self._release_row(row)
-                    self.lost[row] = True
+                    self.lost = _with(self.lost, row, True)
+                    self._any_lost = True
 
     def get_state(self) -> dict[str, Tensor]:
         """Returns held, held_handle (N,) and the grasp poses (N, 7)."""
@@ -178,7 +187,8 @@ class SnapGrasp:
             self.attach(int(rows[i]), int(nearest[i]))
 
     def _hold(self, row: int, index: int, ee_from_object: Tensor) -> None:
-        self.held[row] = index
+        self.held = _with(self.held, row, index)
+        self._busy.add(row)
         self._set_collision(row, index, HELD)
         raw = self._ee_from_object.raw_pose.clone()
         raw[row] = ee_from_object
@@ -186,7 +196,8 @@ class SnapGrasp:
         self._tie_object(row, index)
 
     def _grasp_handle(self, row: int, index: int) -> None:
-        self.held_handle[row] = index
+        self.held_handle = _with(self.held_handle, row, index)
+        self._busy.add(row)
         self._tie_handle(row, index)
 
     def _release_row(self, row: int) -> None:
@@ -196,8 +207,9 @@ class SnapGrasp:
             self._leaving.append((row, index, _largest_side_m(self.objects[index])))
         elif int(self.held_handle[row]) != NOTHING:
             self._untie(row)
-        self.held[row] = NOTHING
-        self.held_handle[row] = NOTHING
+        self.held = _with(self.held, row, NOTHING)
+        self.held_handle = _with(self.held_handle, row, NOTHING)
+        self._busy.discard(row)
 
     def _drift_m(self, row: int) -> float:
         if not self.scene.gpu_sim_enabled:
@@ -353,6 +365,13 @@ def make_grasp(
     """Returns the implementation for the scene's backend."""
     kind = FollowGrasp if scene.gpu_sim_enabled else DriveGrasp
     return kind(scene, ee_link, objects, handles)
+
+
+def _with(values: Tensor, row: int, value: int | bool) -> Tensor:
+    """Returns a changed copy, so that snapshots can keep what they were given."""
+    changed = values.clone()
+    changed[row] = value
+    return changed
 
 
 def _nearest(point: Tensor, candidates: Tensor) -> tuple[Tensor, Tensor]:

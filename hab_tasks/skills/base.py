@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import reduce
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -254,7 +255,7 @@ class SkillEnv(BaseEnv):
         snapshot, measures, skill = self._world.snapshot, self.measures, self.skill
         failures = skill.failures(snapshot, measures, skill.config)
         success = skill.success(snapshot, measures, skill.config)
-        fail = torch.stack(tuple(failures.values())).any(dim=0)
+        fail = reduce(torch.logical_or, failures.values())
         success = success & ~fail
         terms = skill.reward_terms(
             snapshot, measures, self._world.goals, skill.config, {"success": success, **failures}

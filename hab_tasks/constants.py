@@ -26,6 +26,9 @@ REST_RADIUS_M = 0.15
 GOAL_RADIUS_M = 0.15
 """An object is at its goal within this distance (S G.1)."""
 
+BASE_RADIUS_M = 0.3
+"""Radius of the disc that stands for Fetch's base on the floor."""
+
 CAMERA_SIZE_PX = 128
 CAMERA_HFOV_RAD = 1.5707963267948966
 CAMERA_DEPTH_MAX_M = 10.0

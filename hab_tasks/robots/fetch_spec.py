@@ -43,9 +43,6 @@ EE_LOWER_M = (0.4, -0.7, 0.25)
 EE_UPPER_M = (1.2, 0.7, 1.5)
 """Workspace box of the end-effector in the base frame."""
 
-BASE_RADIUS_M = 0.3
-"""Radius of the disc that stands for the base on the floor."""
-
 BASE_LINEAR_SPEED_M_S = 1.0
 BASE_ANGULAR_SPEED_RAD_S = 3.14
 

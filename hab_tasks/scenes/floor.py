@@ -12,8 +12,8 @@ from PIL import Image, ImageDraw
 from scipy import ndimage
 from scipy.spatial import ConvexHull, QhullError
 
+from hab_tasks.constants import BASE_RADIUS_M
 from hab_tasks.privileged import Array, CollisionBody, CollisionShape
-from hab_tasks.robots.fetch_spec import BASE_RADIUS_M
 
 CELL_M = 0.05
 LOWEST_M, HIGHEST_M = 0.06, 1.3

@@ -83,7 +83,8 @@ def test_a_joint_at_its_limit_does_not_bend_the_step(kinematics):
     before = kinematics.position(qpos)
     step = np.array([0.0, 0.0, EE_STEP_M])
     after = kinematics.displace(qpos, before + step)
-    assert np.all(after >= LOWER) and np.all(after <= UPPER)
+    assert np.all(after >= LOWER)
+    assert np.all(after <= UPPER)
     # Without the second solve the clipped joint's share is lost: 8 mm of the 15 upwards.
     assert np.linalg.norm(kinematics.position(after) - before - step) < 1e-3
     row = torch.from_numpy(qpos)[None]

@@ -1,6 +1,5 @@
 import json
 import os
-from pathlib import Path
 
 import pytest
 import stub_bench
@@ -17,11 +16,6 @@ from hab_eval.bench_process import (
 from hab_eval.errors import BenchError
 
 from hab_tasks.errors import UnknownNameError
-
-DATA = Path(os.environ.get("HAB_TEST_DATA", "")) / "replica_cad"
-needs_data = pytest.mark.skipif(
-    not os.environ.get("HAB_TEST_DATA"), reason="HAB_TEST_DATA names no folder with replica_cad"
-)
 
 
 @pytest.fixture
@@ -180,13 +174,12 @@ def test_default_scenes_are_measured_in_their_order(monkeypatch, dataset):
 @pytest.mark.slow
 @pytest.mark.assets
 @pytest.mark.render
-@needs_data
-def test_maniskill_runs_in_the_real_scene_and_writes_nothing_there(tmp_path):
+def test_maniskill_runs_in_the_real_scene_and_writes_nothing_there(tmp_path, replica_cad):
     from hab_eval.bench_reference import ReferenceFactory
 
-    before = snapshot(DATA)
+    before = snapshot(replica_cad)
     scenes = ("v3_sc0_staging_00", "apt_0")
-    make_layout(DATA, scenes, tmp_path)
+    make_layout(replica_cad, scenes, tmp_path)
     factory = ReferenceFactory(scenes=scenes, obs_mode="state")
     side = RemoteSide(factory, {"MS_ASSET_DIR": str(tmp_path)})
     try:
@@ -197,4 +190,4 @@ def test_maniskill_runs_in_the_real_scene_and_writes_nothing_there(tmp_path):
         assert side.reconfigure() > 0.0
     finally:
         side.close()
-    assert snapshot(DATA) == before
+    assert snapshot(replica_cad) == before

@@ -11,7 +11,6 @@ from hab_eval.results import read_record
 
 ROOT = Path(__file__).resolve().parents[2]
 RUN = ("run", "--agent", "hab_eval:random_agent", "--env", "HabPick-v1")
-DATA = os.environ.get("HAB_TEST_DATA")
 
 pytestmark = pytest.mark.slow
 
@@ -83,10 +82,9 @@ def test_video_is_made_and_changes_nothing(tmp_path):
 
 @pytest.mark.assets
 @pytest.mark.render
-@pytest.mark.skipif(not DATA, reason="HAB_TEST_DATA names no folder with replica_cad and ycb")
-def test_bench(tmp_path):
+def test_bench(tmp_path, replica_cad, ycb):
     rows = tmp_path / "rows.json"
-    data = ("--scene-dataset", Path(DATA) / "replica_cad", "--objects", Path(DATA) / "ycb")
+    data = ("--scene-dataset", replica_cad, "--objects", ycb)
     options = ("--scene", "v3_sc0_staging_00", "--repeats", 2, "--steps", 20, "--json", rows)
     done = hab_eval("bench", "--suite", "sim", *data, *options)
     assert done.returncode == 0, done.stderr

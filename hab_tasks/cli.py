@@ -10,6 +10,9 @@ from typing import Annotated
 
 import tyro
 
+from hab_tasks.errors import HabError
+from hab_tasks.options import check_options
+
 EXIT_BAD_INPUT = 2
 
 LIST_HELP = """Lists the environments: id, longest episode, control modes, observation entries.
@@ -73,20 +76,21 @@ Command = (
     | Annotated[EpisodesCommand, tyro.conf.subcommand("episodes", description=EPISODES_HELP)]
 )
 
+COMMANDS = {"list": ListCommand, "check": CheckCommand, "episodes": EpisodesCommand}
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs `hab-tasks`; returns its exit status."""
-    command = tyro.cli(
-        Command,  # pyright: ignore[reportArgumentType]  # tyro takes unions, its stub does not
-        prog="hab-tasks",
-        description="Environments, datasets and episodes of hab-tasks.",
-        args=arguments,
-        config=(tyro.conf.FlagCreatePairsOff,),
-    )
-    # Loading the simulator takes seconds, which --help and a mistyped option should not.
-    from hab_tasks.errors import HabError
-
+    arguments = sys.argv[1:] if arguments is None else arguments
     try:
+        check_options("hab-tasks", COMMANDS, arguments)
+        command = tyro.cli(
+            Command,  # pyright: ignore[reportArgumentType]  # tyro takes unions, its stub does not
+            prog="hab-tasks",
+            description="Environments, datasets and episodes of hab-tasks.",
+            args=arguments,
+            config=(tyro.conf.FlagCreatePairsOff,),
+        )
         if isinstance(command, CheckCommand):
             return _check(command)
         return _episodes(command) if isinstance(command, EpisodesCommand) else _list()
@@ -144,7 +148,7 @@ def _episodes(command: EpisodesCommand) -> int:
 
     from hab_tasks.envs import ENVS
     from hab_tasks.episodes import open_source
-    from hab_tasks.errors import HabError, UnknownNameError
+    from hab_tasks.errors import UnknownNameError
 
     if command.env not in ENVS:
         raise UnknownNameError("env", command.env, ENVS)

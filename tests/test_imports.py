@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[1]
 # A module of hab_tasks may import from its own row and the rows above. A new one needs a row.
 ORDER = [
     {"constants", "errors", "agent", "privileged", "assets"},
-    {"geometry", "rendering"},
+    {"geometry", "rendering", "options"},
     {"scenes", "robots"},
     {"episodes"},
     {"snapshot"},

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import signal
 import sys
 from collections.abc import Sequence
@@ -110,16 +112,14 @@ Command = (
     | Annotated[BenchCommand, tyro.conf.subcommand("bench", description=BENCH_HELP)]
 )
 
+COMMANDS = {"run": RunCommand, "table": TableCommand, "bench": BenchCommand}
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs `hab-eval`; returns its exit status."""
-    command = tyro.cli(
-        Command,  # pyright: ignore[reportArgumentType]  # tyro takes unions, its stub does not
-        prog="hab-eval",
-        description="Evaluation, leaderboard and benchmarks of hab-tasks.",
-        args=arguments,
-        config=(tyro.conf.FlagCreatePairsOff,),
-    )
+    command = _parse(sys.argv[1:] if arguments is None else arguments)
+    if command is None:
+        return EXIT_BAD_INPUT
     # Loading the simulator takes seconds, which --help and a mistyped option should not.
     from hab_eval.errors import RunStoppedError
     from hab_tasks.errors import HabError
@@ -136,6 +136,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"hab-eval: interrupted.{_advice(command)}", file=sys.stderr)
         return EXIT_INTERRUPTED
+
+
+def _parse(arguments: Sequence[str]) -> RunCommand | TableCommand | BenchCommand | None:
+    """Parses; a bad name is told in one line, whatever else is wrong in the parser's own words."""
+    told = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(told):
+            return tyro.cli(
+                Command,  # pyright: ignore[reportArgumentType]  # tyro takes unions, its stub does not
+                prog="hab-eval",
+                description="Evaluation, leaderboard and benchmarks of hab-tasks.",
+                args=arguments,
+                config=(tyro.conf.FlagCreatePairsOff,),
+            )
+    except SystemExit as stop:
+        if not stop.code:
+            raise
+        from hab_tasks.errors import HabError
+        from hab_tasks.options import check_options
+
+        try:
+            check_options("hab-eval", COMMANDS, arguments)
+        except HabError as error:
+            print(f"hab-eval: {' '.join(str(error).split())}", file=sys.stderr)
+        else:
+            print(told.getvalue(), end="", file=sys.stderr)
+        return None
 
 
 def _dispatch(command: RunCommand | TableCommand | BenchCommand) -> int:

@@ -176,3 +176,15 @@ def test_unknown_and_missing_options_are_status_2(run, arguments):
     done = run(*arguments)
     assert done.returncode == 2
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (("list", "--fro"), "--fro"),
+        (("episodes", "--cuont", "3"), "'--count'"),
+        (("lst",), "'list'"),
+    ],
+)
+def test_a_mistyped_option_or_command_is_told_in_one_line(run, arguments, named):
+    assert_refused(run(*arguments), named, "Valid: ")

@@ -65,10 +65,10 @@ class EpisodeSource:
         made_from = f"{GENERATOR_VERSION} {dataset.fingerprint}"
         key = stable_hash(made_from, *masses)
         self._cached = cache_dir() / "episodes" / f"{key:08x}" / self._name
-        for file in (self._embedded, self._cached):
+        # The cache may hold more episodes than were shipped; those that were shipped stay as they are.
+        for file in (self._cached, self._embedded):
             if file is not None and file.exists():
                 self._take(read_episodes(file))
-                break
 
     def get(self, index: int) -> Episode:
         """Returns episode number `index`, generating it when it is not known yet.
@@ -122,7 +122,7 @@ class EpisodeSource:
         self.rejections.update(made.rejections)
 
     def _take(self, episodes: EpisodeSet) -> None:
-        self._episodes = dict(enumerate(episodes.episodes))
+        self._episodes.update(enumerate(episodes.episodes))
         self.rejections = Counter(episodes.rejections)
 
 

@@ -287,3 +287,14 @@ def test_starts_vary(episodes):
         gap = np.subtract(e.objects[e.target][:2], e.robot.base[:2])
         yaws.append(math.remainder(math.atan2(gap[1], gap[0]) - e.robot.base[2], math.tau))
     assert np.std(yaws) > math.radians(3.0), "the heading's noise is missing"
+
+
+def test_more_episodes_than_were_shipped_are_kept_in_the_cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("HAB_CACHE_DIR", str(tmp_path))
+    shipped = open_source(env_id="HabPick-v1")
+    count = len(shipped._episodes)
+    assert count == 100
+    more = load_episodes("HabPick-v1", count=count + 1)
+    again = open_source(env_id="HabPick-v1")
+    assert again._episodes[count] == more.episodes[count]
+    assert again._episodes[0] == shipped.get(0)

@@ -65,7 +65,7 @@ class EpisodeSource:
         made_from = f"{GENERATOR_VERSION} {dataset.fingerprint}"
         key = stable_hash(made_from, *masses)
         self._cached = cache_dir() / "episodes" / f"{key:08x}" / self._name
-        # The cache may hold more episodes than were shipped; those that were shipped stay as they are.
+        # The cache may hold more episodes than were shipped; the shipped ones stay as they are.
         for file in (self._cached, self._embedded):
             if file is not None and file.exists():
                 self._take(read_episodes(file))

@@ -18,6 +18,7 @@ from torch import Tensor
 
 from hab_tasks.constants import CONTROL_HZ, SIM_HZ
 from hab_tasks.episodes.schema import Episode
+from hab_tasks.episodes.source import open_source
 from hab_tasks.errors import ActionError, UnknownNameError
 from hab_tasks.measures import Measures
 from hab_tasks.rendering import resolve_backend, sensor_shader
@@ -101,17 +102,16 @@ class SkillEnv(BaseEnv):
         **kwargs: Any,
     ) -> None:
         mode = self._known_mode(control_mode)
-        self._world = World(
+        source = open_source(
             env_id=self.default_id(),
             scene_dataset=scene_dataset,
             objects=objects,
             split=split,
             scene_id=scene,
             episode_file=episodes,
-            num_episodes=num_episodes,
             seed=episode_seed,
-            num_envs=num_envs,
         )
+        self._world = World(source, num_episodes=num_episodes, seed=episode_seed, num_envs=num_envs)
         self._backend = resolve_backend(render_backend, _needs_images(obs_mode, render_mode))
         super().__init__(
             num_envs=num_envs,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import count
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from torch import Tensor
 
 from hab_tasks.episodes.apply import apply_episode
 from hab_tasks.episodes.schema import Episode
-from hab_tasks.episodes.source import EpisodeSource, open_source
+from hab_tasks.episodes.source import EpisodeSource
 from hab_tasks.measures import Tracker
 from hab_tasks.privileged import CollisionBody, PrivilegedState
 from hab_tasks.robots.dormant import DormantObjects
@@ -47,28 +46,10 @@ class World:
     _agent: HabFetch
 
     def __init__(
-        self,
-        *,
-        env_id: str,
-        scene_dataset: str | Path,
-        objects: str | Path | None,
-        split: str | None,
-        scene_id: str | None,
-        episode_file: str | Path | None,
-        num_episodes: int,
-        seed: int,
-        num_envs: int,
+        self, source: EpisodeSource, *, num_episodes: int, seed: int, num_envs: int
     ) -> None:
-        self.source: EpisodeSource = open_source(
-            env_id=env_id,
-            scene_dataset=scene_dataset,
-            objects=objects,
-            split=split,
-            scene_id=scene_id,
-            episode_file=episode_file,
-            seed=seed,
-        )
-        self._num_episodes = min(num_episodes, self.source.available)
+        self.source = source
+        self._num_episodes = min(num_episodes, source.available)
         self._order = np.random.default_rng(seed)
         self.episodes: list[Episode] = []
         self.handles: list[SceneHandles] = []

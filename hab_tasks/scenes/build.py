@@ -6,7 +6,7 @@ can render.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ from hab_tasks.scenes.collision_groups import (
     set_groups,
 )
 from hab_tasks.scenes.handles import SceneHandles
-from hab_tasks.scenes.meshes import mesh_bounds, parts_volume, textured_glb
+from hab_tasks.scenes.meshes import parts_volume, textured_glb
 from hab_tasks.scenes.spec import (
     ArticulationInstance,
     CollisionSource,
@@ -52,19 +52,16 @@ def build_scene(
     scene: ManiSkillScene,
     spec: SceneSpec,
     objects: dict[str, ObjectTemplate],
-    scene_idxs: Sequence[int] | None = None,
 ) -> SceneHandles:
-    """Builds a layout and the movable `objects`, parked under the floor.
+    """Builds a layout and the movable `objects`, parked under the floor, in every row.
 
     Args:
         scene: The scene to build in, before the simulation starts.
         spec: The layout.
         objects: Object name -> template; one instance of each is built.
-        scene_idxs: The rows to build in; all when None.
     """
-    rows = list(range(scene.num_envs)) if scene_idxs is None else list(scene_idxs)
-    builder = _Builder(scene, rows, prefix=f"{spec.scene_id}-{rows[0]}")
-    handles = SceneHandles(spec=spec, rows=tuple(rows))
+    builder = _Builder(scene, prefix=spec.scene_id)
+    handles = SceneHandles(spec=spec)
     handles.stage = builder.stage(spec.stage)
     for instance in spec.objects:
         actor = builder.object(instance)
@@ -75,7 +72,6 @@ def build_scene(
         parked = parking_pose(index)
         handles.pickables[name] = builder.dynamic(f"pick-{name}", template, parked, 1.0)
     handles.parking = builder.parking(len(objects))
-    handles.templates = dict(objects)
     return handles
 
 
@@ -86,21 +82,21 @@ def parking_pose(index: int) -> Pose7:
     return (x, y, PARKING_Z_M + 0.2, 1.0, 0.0, 0.0, 0.0)
 
 
-def add_lights(scene: ManiSkillScene, spec: SceneSpec, rows: Sequence[int]) -> None:
+def add_lights(scene: ManiSkillScene, spec: SceneSpec) -> None:
     """Lights the layout: an ambient part, a soft sky, and the layout's own lamps."""
     if not scene.can_render():
         return
     scene.set_ambient_light([0.35, 0.35, 0.35])
-    scene.add_directional_light([0.3, 0.5, -1.0], [0.9, 0.9, 0.85], scene_idxs=list(rows))
+    scene.add_directional_light([0.3, 0.5, -1.0], [0.9, 0.9, 0.85])
     for light in spec.lights[:MAX_LIGHTS]:
-        scene.add_point_light(list(light.position_m), list(light.color), scene_idxs=list(rows))
+        scene.add_point_light(list(light.position_m), list(light.color))
 
 
 class _Builder:
-    """Builds bodies in the given rows of one scene."""
+    """Builds bodies in all rows of one scene."""
 
-    def __init__(self, scene: ManiSkillScene, rows: list[int], prefix: str) -> None:
-        self.scene, self.rows, self.prefix = scene, rows, prefix
+    def __init__(self, scene: ManiSkillScene, prefix: str) -> None:
+        self.scene, self.prefix = scene, prefix
         self.visuals = scene.can_render()
 
     def stage(self, stage: Stage) -> Actor:
@@ -151,7 +147,6 @@ class _Builder:
         path = sapien_urdf(furniture.urdf_file, visuals=self.visuals)
         builder = loader.parse(str(path))["articulation_builders"][0]
         builder.initial_pose = _pose(furniture.world_from_root)
-        builder.set_scene_idxs(self.rows)
         for link in builder.link_builders:
             link.collision_groups = [*MOVING, FURNITURE_BIT, group]
         built = builder.build()
@@ -173,15 +168,13 @@ class _Builder:
     def _new(self, pose: Pose7) -> Any:
         builder: Any = self.scene.create_actor_builder()
         builder.initial_pose = _pose(pose)
-        builder.set_scene_idxs(self.rows)
         return builder
 
     def _see(self, builder: Any, template: ObjectTemplate, scale: float) -> None:
         if self.visuals and template.visual_file is not None:
-            factor = [scale * template.visual_scale] * 3
             file = template.visual_file
             file = textured_glb(file) if file.suffix == ".obj" else file
-            builder.add_visual_from_file(str(file), _pose(template.visual_from_origin), factor)
+            builder.add_visual_from_file(str(file), scale=[scale] * 3)
 
     def _collide(
         self,
@@ -192,18 +185,13 @@ class _Builder:
         scale: float = 1.0,
     ) -> None:
         for source in sources:
-            factor = [scale * source.scale] * 3
             common = {"material": material, "density": density}
             if source.kind == "box":
                 half = [scale * x for x in source.half_size_m]
                 builder.add_box_collision(_at(source, scale), half, **common)
-            elif source.kind == "mesh":
-                builder.add_nonconvex_collision_from_file(str(source.file), scale=factor, **common)
-            elif source.kind == "hull":
-                builder.add_convex_collision_from_file(str(source.file), scale=factor, **common)
             else:
                 builder.add_multiple_convex_collisions_from_file(
-                    str(source.file), scale=factor, **common
+                    str(source.file), scale=[scale] * 3, **common
                 )
 
 
@@ -232,9 +220,7 @@ def _volume(source: CollisionSource) -> float:
     if source.kind == "box":
         return 8.0 * float(np.prod(source.half_size_m))
     assert source.file is not None
-    if source.kind == "convex_parts":
-        return source.scale**3 * parts_volume(source.file)
-    return source.scale**3 * 8.0 * float(np.prod(mesh_bounds(source.file)[1]))
+    return parts_volume(source.file)
 
 
 def _material(friction: float) -> PhysxMaterial:

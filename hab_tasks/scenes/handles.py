@@ -1,4 +1,4 @@
-"""Named views of what was built in some rows of the simulation."""
+"""Named views of what was built."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from mani_skill.utils.structs import Actor, Articulation
 
-from hab_tasks.scenes.spec import ObjectTemplate, SceneSpec
+from hab_tasks.scenes.spec import SceneSpec
 
 
 @dataclass(kw_only=True)
@@ -15,23 +15,19 @@ class SceneHandles:
 
     Attributes:
         spec: The layout it was built from.
-        rows: The rows of the simulation that hold it.
         static: Object handle -> actor that never moves.
         loose: Object handle -> dynamic actor that belongs to the layout.
         articulations: Furniture handle -> articulation.
         pickables: Object name -> actor, parked unless the episode uses it.
-        templates: Object name -> template of the pickables.
     """
 
     spec: SceneSpec
-    rows: tuple[int, ...]
     stage: Actor | None = None
     parking: Actor | None = None
     static: dict[str, Actor] = field(default_factory=dict)
     loose: dict[str, Actor] = field(default_factory=dict)
     articulations: dict[str, Articulation] = field(default_factory=dict)
     pickables: dict[str, Actor] = field(default_factory=dict)
-    templates: dict[str, ObjectTemplate] = field(default_factory=dict)
 
     @property
     def movable(self) -> dict[str, Actor]:

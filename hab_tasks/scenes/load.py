@@ -218,24 +218,23 @@ def _stage(dataset: SceneDataset, scene_id: str, data: dict[str, Any]) -> Stage:
     config = read_json(dataset.stage_files[name]) if name in dataset.stage_files else {}
     folder = dataset.root / "configs" / "stages"
     visual = (folder / config.get("render_asset", f"../../stages/{name}.glb")).resolve()
+    asset = config.get("collision_asset")
     if visual.exists():
         check_mesh(visual)
-        asset = config.get("collision_asset")
-        if asset:
-            file = (folder / asset).resolve()
-            if not file.exists():
-                raise DatasetError(f"{dataset.stage_files[name]}: no collision_asset {file}.")
-            check_mesh(file)
-            source = CollisionSource(kind="convex_parts", file=file)
-        else:
-            source = CollisionSource(kind="mesh", file=visual)
-        collision: tuple[CollisionSource, ...] = (source,)
     else:
         _say_once(
             f"{dataset.root}: stage meshes absent; floor and outer walls are boxes, their extent "
             "from the navmesh files."
         )
-        collision = shell(_stage_bounds(dataset, scene_id))
+    if visual.exists() and asset:
+        file = (folder / asset).resolve()
+        if not file.exists():
+            raise DatasetError(f"{dataset.stage_files[name]}: no collision_asset {file}.")
+        check_mesh(file)
+        collision: tuple[CollisionSource, ...] = (CollisionSource(kind="convex_parts", file=file),)
+    else:
+        # Planning and the free floor need convex parts, which a scan's triangles are not.
+        collision = shell(_stage_bounds(dataset, scene_id, visual))
     return Stage(
         name=name,
         visual_file=visual if visual.exists() else None,
@@ -245,7 +244,10 @@ def _stage(dataset: SceneDataset, scene_id: str, data: dict[str, Any]) -> Stage:
     )
 
 
-def _stage_bounds(dataset: SceneDataset, scene_id: str) -> NavmeshBounds:
+def _stage_bounds(dataset: SceneDataset, scene_id: str, visual: Path) -> NavmeshBounds:
+    if visual.exists():
+        (cx, cy, cz), (hx, hy, hz) = mesh_bounds(visual)
+        return NavmeshBounds(low=(cx - hx, cy - hy, cz - hz), high=(cx + hx, cy + hy, cz + hz))
     navmesh = dataset.navmesh_file(scene_id)
     if navmesh is None:
         return NavmeshBounds(low=DEFAULT_BOUNDS[0], high=DEFAULT_BOUNDS[1])

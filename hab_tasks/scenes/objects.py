@@ -13,7 +13,6 @@ from typing import Any
 from xml.etree import ElementTree
 
 from hab_tasks.errors import DatasetError, UnknownNameError
-from hab_tasks.geometry import IDENTITY
 from hab_tasks.scenes.dataset import SceneDataset, embedded_dataset, read_json
 from hab_tasks.scenes.load import load_template
 from hab_tasks.scenes.meshes import check_mesh, parts_file
@@ -111,7 +110,6 @@ def _template(
         mass_kg=mass_kg,
         friction=YCB_FRICTION,
         up=YCB_UP,
-        visual_from_origin=IDENTITY,
     )
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from hab_tasks.geometry import IDENTITY, Pose7
+from hab_tasks.geometry import Pose7
 
 Vector = tuple[float, float, float]
 
@@ -19,19 +19,16 @@ class CollisionSource:
     """Where a body's collision shapes come from.
 
     Attributes:
-        kind: ``convex_parts`` (a mesh file, one convex part for each mesh in it), ``hull`` (a mesh
-            file, one hull around all of it), ``mesh`` (static triangles) or ``box``.
+        kind: ``convex_parts`` (a mesh file, one convex part for each mesh in it) or ``box``.
         file: The mesh file, None for a box.
         center_m: Centre of the box in the body frame.
         half_size_m: Half extents of the box.
-        scale: Factor on the mesh.
     """
 
-    kind: Literal["convex_parts", "hull", "mesh", "box"]
+    kind: Literal["convex_parts", "box"]
     file: Path | None = None
     center_m: Vector = (0.0, 0.0, 0.0)
     half_size_m: Vector = (0.0, 0.0, 0.0)
-    scale: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,8 +60,6 @@ class ObjectTemplate:
     mass_kg: float | None
     friction: float
     up: Vector
-    visual_from_origin: Pose7 = IDENTITY
-    visual_scale: float = 1.0
     receptacles: tuple[Receptacle, ...] = ()
     category: str = ""
 

@@ -217,8 +217,7 @@ class SkillEnv(BaseEnv):
     def _load_lighting(self, options: dict[str, Any]) -> None:
         if self.render_mode is None and not self._wants_colour:
             return  # depth needs no light, and lamps cost a software renderer a quarter of its time
-        for handles in self._world.handles:
-            add_lights(self.scene, handles.spec, handles.rows)
+        add_lights(self.scene, self._world.handles.spec)
 
     def _clear_sim_state(self) -> None:
         # On the CPU the episode sets all velocities itself, and frozen bodies have none.

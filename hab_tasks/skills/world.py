@@ -13,6 +13,8 @@ from torch import Tensor
 from hab_tasks.episodes.apply import apply_episode
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.episodes.source import EpisodeSource
+from hab_tasks.errors import EpisodeError
+from hab_tasks.geometry import Pose7
 from hab_tasks.measures import Tracker
 from hab_tasks.privileged import CollisionBody, PrivilegedState
 from hab_tasks.robots.dormant import DormantObjects
@@ -33,7 +35,7 @@ class World:
 
     Attributes:
         episodes: The episode of each row.
-        handles: One `SceneHandles` for each distinct layout that is built.
+        handles: The layout that is built; all rows of a batch play in the same one.
         tracker: Advances the measures.
         goals: What the episodes ask for.
         snapshot: The simulator as read after the latest action or reset.
@@ -41,6 +43,7 @@ class World:
 
     tracker: Tracker
     goals: Goals
+    handles: SceneHandles
     snapshot: Snapshot
     _scene: ManiSkillScene
     _agent: HabFetch
@@ -52,8 +55,8 @@ class World:
         self._num_episodes = min(num_episodes, source.available)
         self._order = np.random.default_rng(seed)
         self.episodes: list[Episode] = []
-        self.handles: list[SceneHandles] = []
-        self._built: list[str] = []
+        self._built = ""
+        self._loose: dict[str, Pose7] = {}
         self._num_envs = num_envs
         self._dormant: DormantObjects | None = None
         self._key = ""
@@ -65,15 +68,18 @@ class World:
         """Picks the next episode of each row; returns whether layouts have to be rebuilt."""
         seeds = [seed] * len(rows) if seed is None or isinstance(seed, int) else list(seed)
         wishes = wanted if isinstance(wanted, (list, tuple)) else [wanted] * len(rows)
-        partial = len(rows) < self._num_envs
+        # A batch shares one layout; a partial reset cannot rebuild and goes on in the one there is.
+        layout = self._built if len(rows) < self._num_envs else None
         chosen: list[Episode | None] = [*self.episodes] or [None] * self._num_envs
         for row, row_seed, wish in zip(rows, seeds, wishes, strict=True):
             # Rows of one batch share a seed argument but not an episode.
             rng = self._order if row_seed is None else np.random.default_rng([row_seed, row])
-            scene_id = self._built[row] if partial else None
-            chosen[row] = self._pick(rng, wish, scene_id)
+            episode = self._pick(rng, wish, layout)
+            if layout not in (None, episode.scene_id):
+                raise EpisodeError(f"{episode.id}: in {episode.scene_id}, the batch in {layout}.")
+            chosen[row], layout = episode, episode.scene_id
         self.episodes = [episode for episode in chosen if episode is not None]
-        return [episode.scene_id for episode in self.episodes] != self._built
+        return layout != self._built
 
     def _pick(self, rng: np.random.Generator, wish: Any, scene_id: str | None) -> Episode:
         if isinstance(wish, Episode):
@@ -82,24 +88,17 @@ class World:
             return self.source.get(int(wish))
         for _ in range(1000):
             episode = self.source.get(int(rng.integers(self._num_episodes)))
-            # A partial reset cannot rebuild: such rows go on in the layout they have.
             if scene_id in (None, episode.scene_id):
                 return episode
         raise AssertionError(f"no episode in {scene_id}, though one was played there")
 
     def build(self, scene: ManiSkillScene, agent: HabFetch) -> None:
-        """Builds the layouts of the chosen episodes and everything that watches them."""
+        """Builds the layout of the chosen episodes and everything that watches it."""
         self._scene, self._agent = scene, agent
-        self._built = [episode.scene_id for episode in self.episodes]
-        self.handles = []
-        for scene_id in dict.fromkeys(self._built):
-            rows = [row for row, name in enumerate(self._built) if name == scene_id]
-            spec = self.source.scene(scene_id)
-            self.handles.append(build_scene(scene, spec, self.source.objects, rows))
-        # Grasping, measures and dormancy address objects by number; with several layouts in one
-        # batch only the pickables are common to all rows, so loose objects join on one layout only.
-        first = self.handles[0]
-        movable = first.movable if len(self.handles) == 1 else first.pickables
+        self._built, self._loose = self.episodes[0].scene_id, {}
+        spec = self.source.scene(self._built)
+        self.handles = build_scene(scene, spec, self.source.objects)
+        movable = self.handles.movable
         self._names = list(movable)
         self._grasp = make_grasp(scene, agent.ee_link, list(movable.values()), self._handles())
         self._force = ContactForce(agent, self._grasp)
@@ -112,12 +111,12 @@ class World:
             links = dict(agent.robot.links_map)
             mobile = agent.controller.config.base
             self._dormant = DormantObjects(list(movable.values()), links, mobile)
-        self._key, self._bodies = f"{self._built[0]}#{next(_builds)}", ()
+        self._key, self._bodies = f"{self._built}#{next(_builds)}", ()
 
     def _handles(self) -> list[Handle]:
         found = []
-        for name, furniture in self.handles[0].articulations.items():
-            scale = {a.name: a.scale for a in self.handles[0].spec.articulations}[name]
+        for name, furniture in self.handles.articulations.items():
+            scale = {a.name: a.scale for a in self.handles.spec.articulations}[name]
             for marker in HANDLE_MARKERS:
                 if marker.template == name.rsplit("_:", 1)[0]:
                     offset = tuple(scale * x for x in marker.offset_m)
@@ -140,8 +139,7 @@ class World:
         in_place = self._in_place()
         for row in rows.tolist():
             episode = self.episodes[row]
-            handles = next(h for h in self.handles if row in h.rows)
-            apply_episode(episode, row, handles, self._agent, in_place)
+            apply_episode(episode, row, self.handles, self._agent, in_place)
             self.tracker.target[row] = self._names.index(episode.target)
         if self._scene.gpu_sim_enabled:
             self._scene._gpu_apply_all()
@@ -177,9 +175,10 @@ class World:
 
     def _in_place(self) -> frozenset[str]:
         """Loose objects that no earlier episode in this layout has touched."""
-        if self._dormant is None:
+        loose = self.handles.loose
+        known, self._loose = self._loose, self.episodes[0].loose
+        if self._dormant is None or known != self._loose:
             return frozenset()
-        loose = self.handles[0].loose
         names = (self._names[index] for index in self._dormant.undisturbed())
         return frozenset(name for name in names if name in loose)
 
@@ -187,7 +186,7 @@ class World:
         if self._dormant is None:
             return
         playing = self.episodes[0].objects
-        loose = self.handles[0].loose
+        loose = self.handles.loose
         present = np.array([name in playing or name in loose for name in self._names], dtype=bool)
         placed = [i for i, name in enumerate(self._names) if name not in in_place]
         self._dormant.freeze_all(present, placed)
@@ -209,6 +208,7 @@ class World:
         Recorded states come as numpy arrays, and without the batch dimension when there is one row.
         """
         state = _like(state, self.get_state(), self._scene.device)
+        self._loose = {}  # a restored state may have moved any of them
         self._freeze()
         held = int(state["grasp"]["held"][0])
         if self._dormant is not None and held >= 0:
@@ -227,7 +227,7 @@ class World:
         """Returns the true state of each row; CPU simulation, which has one row."""
         if self._scene.gpu_sim_enabled:
             raise NotImplementedError("privileged observations need the CPU simulation")
-        handles, agent, episode = self.handles[0], self._agent, self.episodes[0]
+        handles, agent, episode = self.handles, self._agent, self.episodes[0]
         parts = list(components(handles))
         robot = [(f"hab_fetch/{link.name}", link._objs[0]) for link in agent.robot.links]
         if not self._bodies:

@@ -5,6 +5,7 @@ import json
 import math
 import os
 import re
+import shutil
 import subprocess
 import sys
 from dataclasses import asdict, replace
@@ -21,6 +22,7 @@ from hab_tasks.episodes.workbench import Workbench
 from hab_tasks.errors import EpisodeError, GenerationError, UnknownNameError
 from hab_tasks.robots.fetch_spec import ARM_LOWER_RAD, ARM_UPPER_RAD
 from hab_tasks.robots.kinematics import ArmKinematics
+from hab_tasks.scenes.dataset import embedded_dataset
 
 ENV, COUNT, SEED = "HabPick-v1", 6, 77
 START = PickStart()
@@ -298,3 +300,15 @@ def test_more_episodes_than_were_shipped_are_kept_in_the_cache(tmp_path, monkeyp
     again = open_source(env_id="HabPick-v1")
     assert again._episodes[count] == more.episodes[count]
     assert again._episodes[0] == shipped.get(0)
+
+
+def test_episodes_start_on_a_stage_that_is_only_a_mesh(tmp_path, monkeypatch):
+    """As in the complete ReplicaCAD, whose stages have no collision parts."""
+    monkeypatch.setenv("HAB_CACHE_DIR", str(tmp_path / "cache"))
+    root = tmp_path / "flat"
+    shutil.copytree(embedded_dataset(), root)
+    for file in (root / "configs/stages").glob("*.json"):
+        config = json.loads(file.read_text())
+        del config["collision_asset"]
+        file.write_text(json.dumps(config))
+    assert len(load_episodes("HabPick-v1", root, count=2)) == 2

@@ -131,13 +131,17 @@ def test_a_damaged_navmesh_is_named(root):
         read(root)
 
 
-def test_a_stage_mesh_that_is_there_is_used(root):
+def test_a_stage_mesh_without_collision_parts_is_drawn_in_a_shell_of_its_size(root):
     room = root / "stages/room.glb"
     room.parent.mkdir()
     trimesh.Scene(trimesh.creation.box((4, 0.1, 4))).export(room)
     stage = read(root).stage
     assert stage.visual_file == room
-    assert [(c.kind, c.file) for c in stage.collision] == [("mesh", room)]
+    floor, *walls = stage.collision
+    assert len(walls) == 4
+    # The mesh spans x and z -2..2; the floor reaches under the walls' 0.1 m.
+    assert np.allclose(floor.half_size_m, (2.1, 0.05, 2.1))
+    assert np.allclose(sorted(w.center_m[0] for w in walls), (-2.05, 0, 0, 2.05))
 
 
 def test_a_stage_collision_mesh_that_is_absent_is_named(root):

@@ -155,7 +155,7 @@ def test_privileged_state_is_the_simulators(make):
     (state,) = base.privileged()
     assert state.target == state.held == episode.target
     assert set(state.object_com_m) == set(episode.objects)
-    actors = base._world.handles[0].pickables
+    actors = base._world.handles.pickables
     for name in episode.objects:
         matrix = actors[name].pose.to_transformation_matrix()[0].numpy()
         assert np.allclose(state.world_from_body[name], matrix, atol=1e-5)

@@ -122,7 +122,7 @@ def test_a_falling_object_goes_on_falling(make, env_id):
     base = env.unwrapped
     (episode,) = base.episode
     name = next(n for n in sorted(episode.objects) if n != episode.target)
-    actor = base._world.handles[0].pickables[name]
+    actor = base._world.handles.pickables[name]
     state = base.get_state_dict()
     state["actors"][actor.name][0, :3] = torch.tensor([*episode.robot.base[:2], 2.2])
     state["actors"][actor.name][0, 9] = -1.0

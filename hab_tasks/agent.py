@@ -6,7 +6,7 @@ observations, privileged state), and the evaluator makes the environment accordi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
@@ -70,6 +70,3 @@ class Agent(Protocol):
     def report(self) -> list[AgentReport]:
         """Returns one report for each of the N rows."""
         ...
-
-
-AgentFactory = Callable[[AgentSetup], Agent]

@@ -23,9 +23,6 @@ REST_POSITION_M = (0.5, 0.0, 1.0)
 REST_RADIUS_M = 0.15
 """The end-effector is at rest within this distance of `REST_POSITION_M`."""
 
-GOAL_RADIUS_M = 0.15
-"""An object is at its goal within this distance (S G.1)."""
-
 BASE_RADIUS_M = 0.3
 """Radius of the disc that stands for Fetch's base on the floor."""
 

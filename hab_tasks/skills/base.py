@@ -63,7 +63,7 @@ class Skill:
 
 
 class SkillEnv(BaseEnv):
-    """Runs a `Skill` on episodes of a scene dataset.
+    """Runs a `Skill` on episodes of a scene dataset; all rows of a batch play in one layout.
 
     Args:
         scene_dataset: ``apartment`` or the path of a ReplicaCAD folder.

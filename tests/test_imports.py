@@ -14,13 +14,16 @@ ROOT = Path(__file__).parents[1]
 ORDER = [
     {"constants", "errors", "agent", "privileged", "assets"},
     {"geometry", "rendering", "options"},
-    {"scenes", "robots"},
+    {"scenes"},
+    {"navigation", "robots", "pipeline"},
     {"episodes"},
+    {"figures"},
     {"snapshot"},
     {"measures", "rewards", "sensors"},
     {"skills"},
     {"envs"},
     {"__init__"},
+    {"commands"},
     {"cli"},
 ]
 RANK = {name: rank for rank, row in enumerate(ORDER) for name in row}

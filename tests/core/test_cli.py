@@ -9,12 +9,12 @@ import pytest
 from builders import tiny_dataset
 
 from hab_tasks.cli import main
+from hab_tasks.commands import COMMANDS
 from hab_tasks.envs import ENVS
 from hab_tasks.episodes import read_episodes
 from hab_tasks.scenes import load
 
 SCRIPT = Path(sys.executable).with_name("hab-tasks")
-COMMANDS = ("list", "check", "episodes")
 
 
 @pytest.fixture

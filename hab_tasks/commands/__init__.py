@@ -1,0 +1,15 @@
+"""The subcommands of `hab-tasks`: one module each, one dataclass of options that runs itself."""
+
+from hab_tasks.commands.base import Command
+from hab_tasks.commands.check import Check
+from hab_tasks.commands.episodes import Episodes
+from hab_tasks.commands.list import List
+
+COMMANDS: dict[str, type[Command]] = {
+    "list": List,
+    "check": Check,
+    "episodes": Episodes,
+}
+"""Subcommand -> its options, in the order in which `--help` shows them."""
+
+__all__ = ["COMMANDS", "Command"]

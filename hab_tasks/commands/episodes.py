@@ -1,0 +1,71 @@
+"""`hab-tasks episodes`: makes an episode file."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import tyro
+from tqdm import tqdm
+
+from hab_tasks.commands.base import Command, refuse_existing
+from hab_tasks.envs import ENVS
+from hab_tasks.episodes import open_source
+from hab_tasks.errors import HabError, UnknownNameError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Episodes(Command):
+    """Options of `hab-tasks episodes`."""
+
+    help: ClassVar[str] = """Makes an episode file; the same options always give the same episodes.
+
+Example:
+  hab-tasks episodes --env HabPick-v1 --split train --count 100 --seed 0 --out pick.json.gz"""
+
+    env: Annotated[str, tyro.conf.arg(metavar="ID")]
+    """Environment id; `hab-tasks list` shows all."""
+    out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
+    """The episode file, .json or .json.gz."""
+    split: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
+    """train, val or test, instead of the most unseen one that the dataset has."""
+    scene: Annotated[str | None, tyro.conf.arg(metavar="ID")] = None
+    """Only this layout."""
+    count: Annotated[int, tyro.conf.arg(metavar="N")] = 50
+    """Number of episodes."""
+    seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
+    """Seed of the episodes."""
+    scene_dataset: Annotated[str, tyro.conf.arg(metavar="NAME|PATH")] = "apartment"
+    """`apartment`, which is shipped, or a ReplicaCAD folder."""
+    objects: Annotated[str | None, tyro.conf.arg(metavar="PATH")] = None
+    """A YCB folder, instead of the shipped objects."""
+    force: bool = False
+    """Replace FILE."""
+
+    def run(self) -> int:
+        """Generates and writes the file, then prints what was refused and why."""
+        if self.env not in ENVS:
+            raise UnknownNameError("env", self.env, ENVS)
+        if self.count < 1:
+            raise HabError(f"--count {self.count}: at least 1 episode.")
+        refuse_existing(self.out, self.force)
+        source = open_source(
+            env_id=self.env,
+            scene_dataset=self.scene_dataset,
+            objects=self.objects,
+            split=self.split,
+            scene_id=self.scene,
+            seed=self.seed,
+        )
+        for index in tqdm(range(self.count), unit="episode", disable=not sys.stderr.isatty()):
+            source.get(index)
+        try:
+            source.save(self.count, self.out)
+        except OSError as error:
+            raise HabError(f"{self.out}: cannot be written ({error}).") from error
+        print(f"wrote {self.count} episodes ({source.split}) to {self.out}")
+        for reason, times in sorted(source.rejections.items()):
+            print(f"  refused {times}: {reason}")
+        return 0

@@ -1,0 +1,32 @@
+"""`hab-tasks list`: the table of environments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from hab_tasks.commands.base import Command
+from hab_tasks.envs import ENVS
+
+
+@dataclass(frozen=True, kw_only=True)
+class List(Command):
+    """Options of `hab-tasks list`."""
+
+    help: ClassVar[
+        str
+    ] = """Lists the environments: id, longest episode, control modes, observation entries.
+
+Example:
+  hab-tasks list"""
+
+    def run(self) -> int:
+        """Prints the table."""
+        for entry in ENVS.values():
+            skill = entry.env.skill
+            modes = ", ".join(skill.control_modes)
+            print(f"{entry.id}: {entry.horizon_steps} steps; control {modes}")
+            for item in skill.observation:
+                shape = "x".join(map(str, item.shape))
+                print(f"  {item.name:<20} {shape:>4}  {item.unit:<7} {item.meaning}")
+        return 0

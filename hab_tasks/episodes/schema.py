@@ -1,6 +1,6 @@
 """An episode as frozen data: which layout, what lies where, where the robot starts, what to do.
 
-Files are JSON (``.json`` or ``.json.gz``): ``{"schema": 1, "env", "scene_dataset", "split", "seed",
+Files are JSON (``.json`` or ``.json.gz``): ``{"schema": 2, "env", "scene_dataset", "split", "seed",
 "scenes": {scene_id: {object handle: pose}}, "episodes": [...]}``. Poses are position [m] and
 quaternion wxyz in the z-up world. Replaying an episode gives the same start state, always.
 """
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import math
 import tempfile
 import zlib
 from dataclasses import asdict, dataclass, field
@@ -18,30 +19,75 @@ from typing import Any
 from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import Pose7
 
-SCHEMA = 1
+SCHEMA = 2
+POSE_DIGITS = 6
+"""Poses are rounded to a micrometre, in memory as in files, so that both give the same start."""
+
+ReceptacleRef = tuple[str, str]
+"""Name of a receptacle, and the body (object handle or ``articulation/link``) that carries it."""
+
+Base = tuple[float, float, float]
+"""x [m], y [m], yaw [rad] of the robot's base in the world."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RobotStart:
-    """Where the robot starts: base (x [m], y [m], yaw [rad]) and arm joints (7,) [rad]."""
+    """Where the robot starts: base and arm joints (7,) [rad]."""
 
-    base: tuple[float, float, float]
+    base: Base
     arm_qpos_rad: tuple[float, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
+class Rearrangement:
+    """An object that the episode is about: where it starts and where it is to go.
+
+    Attributes:
+        object: Its handle.
+        start: The receptacle it starts on; None when the robot holds it.
+        goal: The receptacle it is to be put on; None when it only has to be picked.
+        world_from_goal: Its pose at the goal (the object's frame, settled); None without a goal.
+    """
+
+    object: str
+    start: ReceptacleRef | None = None
+    goal: ReceptacleRef | None = None
+    world_from_goal: Pose7 | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class HandleRef:
+    """A door or drawer to open or close: furniture handle, its joint, and the handle's marker."""
+
+    furniture: str
+    joint: str
+    marker: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class NavigationGoal:
+    """Where Navigate has to end: a start pose of the skill `skill` (an env id)."""
+
+    skill: str
+    base: Base
+
+
+@dataclass(frozen=True, kw_only=True)
 class Episode:
-    """One start state and its target.
+    """One start state and what is to be done.
 
     Attributes:
         id: Unique within its set, e.g. ``HabPick-v1/replicaCAD/train/0/00007``.
         seed: Seeds whatever the agent or environment draws during the episode.
-        objects: Object name -> pose of every movable object that takes part.
+        objects: Object handle (``003_cracker_box_:0001``) -> start pose of every movable object
+            that takes part.
         joints: Furniture handle -> joint name -> position [m or rad]; the others start at zero.
         loose: Handle -> settled pose of the layout's own loose objects; one dict for all episodes
             of a layout, and stored once in a file.
-        target: The object that the skill is about.
-        receptacle: Name of the receptacle the target starts on, and the body that carries it.
+        targets: The objects to rearrange, in the task's order.
+        held: Handle of the object that starts in the grasp.
+        handle: The door or drawer that the skill is about.
+        navigation: The goal of Navigate.
     """
 
     id: str
@@ -49,10 +95,17 @@ class Episode:
     seed: int
     robot: RobotStart
     objects: dict[str, Pose7]
-    target: str
-    receptacle: tuple[str, str]
+    targets: tuple[Rearrangement, ...] = ()
+    held: str | None = None
+    handle: HandleRef | None = None
+    navigation: NavigationGoal | None = None
     joints: dict[str, dict[str, float]] = field(default_factory=dict)
     loose: dict[str, Pose7] = field(default_factory=dict)
+
+    @property
+    def target(self) -> str:
+        """Handle of the first object to rearrange, empty when there is none."""
+        return self.targets[0].object if self.targets else ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +125,16 @@ class EpisodeSet:
 
     def __len__(self) -> int:
         return len(self.episodes)
+
+
+def template_of(handle: str) -> str:
+    """Returns the template's name in a handle: ``003_cracker_box_:0001`` -> ``003_cracker_box``."""
+    return handle.rsplit("_:", 1)[0]
+
+
+def rounded(world_from_object: Pose7) -> Pose7:
+    """Returns a pose as files keep it, to `POSE_DIGITS`."""
+    return tuple(round(x, POSE_DIGITS) + 0.0 for x in world_from_object)  # type: ignore[return-value]
 
 
 def write_episodes(episodes: EpisodeSet, file: Path) -> None:
@@ -122,30 +185,63 @@ def read_episodes(file: Path) -> EpisodeSet:
 
 
 def _episode(entry: dict[str, Any], scenes: dict[str, dict[str, Pose7]]) -> Episode:
-    base = tuple(float(x) for x in entry["robot"]["base"])
     arm = tuple(float(x) for x in entry["robot"]["arm_qpos_rad"])
-    if len(base) != 3 or len(arm) != 7:
-        raise ValueError(f"robot start with {len(base)} base and {len(arm)} arm numbers")
+    if len(arm) != 7:
+        raise ValueError(f"robot start with {len(arm)} arm joints")
+    handle, navigation = entry.get("handle"), entry.get("navigation")
     episode = Episode(
         id=str(entry["id"]),
         scene_id=str(entry["scene_id"]),
         seed=int(entry["seed"]),
-        robot=RobotStart(base=base, arm_qpos_rad=arm),
+        robot=RobotStart(base=_base(entry["robot"]["base"]), arm_qpos_rad=arm),
         objects={str(k): _pose(v) for k, v in entry["objects"].items()},
-        target=str(entry["target"]),
-        receptacle=(str(entry["receptacle"][0]), str(entry["receptacle"][1])),
+        targets=tuple(_rearrangement(target) for target in entry["targets"]),
+        held=entry.get("held"),
+        handle=HandleRef(**{k: str(v) for k, v in handle.items()}) if handle else None,
+        navigation=NavigationGoal(skill=str(navigation["skill"]), base=_base(navigation["base"]))
+        if navigation
+        else None,
         joints={
             str(k): {str(j): float(q) for j, q in v.items()} for k, v in entry["joints"].items()
         },
         loose=scenes[str(entry["scene_id"])],
     )
-    if episode.target not in episode.objects:
-        raise ValueError(f"target {episode.target!r} is not among the objects of {episode.id}")
+    named = [target.object for target in episode.targets]
+    for name in (*named, *([episode.held] if episode.held is not None else [])):
+        if name not in episode.objects:
+            raise ValueError(f"{name!r} is not among the objects of {episode.id}")
     return episode
 
 
+def _rearrangement(entry: dict[str, Any]) -> Rearrangement:
+    start, goal, pose = entry.get("start"), entry.get("goal"), entry.get("world_from_goal")
+    return Rearrangement(
+        object=str(entry["object"]),
+        start=_receptacle(start) if start else None,
+        goal=_receptacle(goal) if goal else None,
+        world_from_goal=_pose(pose) if pose else None,
+    )
+
+
+def _receptacle(values: Any) -> ReceptacleRef:
+    name, body = values
+    return str(name), str(body)
+
+
+def _base(values: Any) -> Base:
+    x, y, yaw = (_number(value) for value in values)
+    return x, y, yaw
+
+
 def _pose(values: Any) -> Pose7:
-    numbers = tuple(float(x) for x in values)
+    numbers = tuple(_number(x) for x in values)
     if len(numbers) != 7:
         raise ValueError(f"a pose needs 7 numbers, found {len(numbers)}")
     return numbers  # type: ignore[return-value]
+
+
+def _number(value: Any) -> float:
+    number = float(value)
+    if not math.isfinite(number):
+        raise ValueError(f"{value!r} is not a finite number")
+    return number

@@ -167,6 +167,8 @@ def to_image(rgb: Array) -> Image.Image:
 
 TEXTURES: dict[str, Callable[[], Array]] = {
     "planks": lambda: planks(1, (0.36, 0.23, 0.13), (0.72, 0.53, 0.34)),
+    "planks_pale": lambda: planks(31, (0.62, 0.51, 0.38), (0.86, 0.77, 0.63)),
+    "planks_dark": lambda: planks(32, (0.15, 0.10, 0.08), (0.40, 0.29, 0.21)),
     "oak": lambda: wood(2, (0.60, 0.44, 0.28), (0.85, 0.70, 0.50)),
     "walnut": lambda: wood(3, (0.16, 0.09, 0.055), (0.38, 0.24, 0.15)),
     "birch": lambda: wood(4, (0.78, 0.68, 0.54), (0.92, 0.84, 0.71)),
@@ -176,6 +178,7 @@ TEXTURES: dict[str, Callable[[], Array]] = {
     "rust_cloth": lambda: weave(8, (0.50, 0.20, 0.11), (0.75, 0.36, 0.22)),
     "worktop": lambda: stone(9, (0.10, 0.10, 0.11), (0.42, 0.42, 0.43)),
     "floor_tile": lambda: tiles(10, (0.55, 0.54, 0.51), (0.78, 0.76, 0.71)),
+    "floor_slate": lambda: tiles(33, (0.27, 0.29, 0.31), (0.42, 0.44, 0.46)),
     "wall_tile": lambda: tiles(11, (0.70, 0.76, 0.75), (0.88, 0.92, 0.90), 4, 1.25),
     "rug_large": lambda: rug(12, (0.50, 0.46, 0.40), (0.86, 0.82, 0.74), (0.22, 0.33, 0.42)),
     "rug_small": lambda: rug(13, (0.33, 0.16, 0.13), (0.62, 0.33, 0.25), (0.88, 0.74, 0.50)),

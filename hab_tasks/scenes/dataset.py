@@ -14,6 +14,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from mani_skill import ASSET_DIR
+
 from hab_tasks.errors import DatasetError, UnknownNameError
 
 SPLIT_MACROS = {"train": ("sc0", "sc1", "sc2"), "val": ("sc3",), "test": ("sc4",)}
@@ -21,6 +23,12 @@ SPLIT_MACROS = {"train": ("sc0", "sc1", "sc2"), "val": ("sc3",), "test": ("sc4",
 
 SPLIT_PREFERENCE = ("val", "test", "train")
 """Without `--split`, the first of these that the dataset has scenes for."""
+
+MANISKILL_ASSETS = {
+    "ReplicaCAD": ("scene_datasets/replica_cad_dataset", "configs"),
+    "ycb": ("assets/mani_skill2_ycb", "models"),
+}
+"""Asset id of ManiSkill -> where its own command downloads it to, and a folder that is in it."""
 
 _MACRO = re.compile(r"^v3_(sc\d)_staging_\d\d$")
 
@@ -33,20 +41,55 @@ def embedded_dataset() -> Path:
 
 
 def resolve_dataset(name_or_path: str | Path) -> SceneDataset:
-    """Returns the dataset for ``apartment`` or for the path of a dataset folder.
+    """Returns the dataset for ``apartment``, ``replica_cad`` or the path of a dataset folder.
+
+    ``replica_cad`` is what ManiSkill has downloaded, unless there is a folder of that name.
 
     Raises:
         UnknownNameError: Neither a known name nor an existing folder.
-        DatasetError: The folder holds no scene dataset.
+        DatasetError: The folder holds no scene dataset, or ManiSkill has not downloaded it.
     """
-    if str(name_or_path) == "apartment":
+    name = str(name_or_path)
+    if name == "apartment":
         return SceneDataset(embedded_dataset())
     root = Path(name_or_path).expanduser()
+    if not root.is_dir() and name.lower().replace("_", "") == "replicacad":
+        root = maniskill_folder("ReplicaCAD")
     if not root.is_dir():
         raise UnknownNameError(
-            "scene dataset", str(name_or_path), ["apartment", "PATH of a ReplicaCAD folder"]
+            "scene dataset", name, ["apartment", "replica_cad", "PATH of a ReplicaCAD folder"]
         )
     return SceneDataset(root)
+
+
+def resolve_objects(name_or_path: str | Path) -> Path:
+    """Returns the folder for ``ycb``, as ManiSkill has downloaded it, or for a folder's path.
+
+    Raises:
+        UnknownNameError: Neither the known name nor an existing folder.
+        DatasetError: ManiSkill has not downloaded it.
+    """
+    root = Path(name_or_path).expanduser()
+    if not root.is_dir() and str(name_or_path) == "ycb":
+        return maniskill_folder("ycb")
+    if not root.is_dir():
+        valid = ["ycb", "PATH of a YCB folder (omit for embedded)"]
+        raise UnknownNameError("objects", str(name_or_path), valid)
+    return root
+
+
+def maniskill_folder(asset: str) -> Path:
+    """Returns the folder of one of `MANISKILL_ASSETS`; downloads nothing.
+
+    Raises:
+        DatasetError: It is not there; the message names ManiSkill's command.
+    """
+    place, part = MANISKILL_ASSETS[asset]
+    folder = ASSET_DIR / place
+    if not (folder / part).is_dir():
+        command = f"python -m mani_skill.utils.download_asset {asset}"
+        raise DatasetError(f"{folder}: {asset} is not there. ManiSkill downloads it: {command}")
+    return folder
 
 
 class SceneDataset:

@@ -97,8 +97,28 @@ def _template(file: Path, data: dict[str, Any], visual: Path) -> ObjectTemplate:
         friction=float(data.get("friction_coefficient", DEFAULT_FRICTION)),
         up=up,
         receptacles=tuple(read_receptacles(data, name, up)),
-        category=str(data.get("user_defined", {}).get("category", "")),
+        category=read_category(file),
     )
+
+
+def read_category(file: Path) -> str:
+    """Returns an object's semantic category, empty when neither its config nor a lexicon has it."""
+    data = read_json(file)
+    with _fields_of(file):
+        stated = data.get("user_defined", {}).get("category")
+        known = _lexicon(next((p for p in file.parents if p.name == "configs"), file.parent))
+        return str(stated or known.get(data.get("semantic_id"), ""))
+
+
+@lru_cache(maxsize=16)
+def _lexicon(configs: Path) -> dict[int, str]:
+    """Semantic id -> class name, from the lexicon of a dataset's folder ``configs``."""
+    names = {}
+    for file in sorted(configs.glob("ssd/*semantic_lexicon.json")):
+        data = read_json(file)
+        with _fields_of(file):
+            names |= {int(entry["id"]): str(entry["name"]) for entry in data["classes"]}
+    return names
 
 
 def read_receptacles(data: dict[str, Any], body: str, up: Vector) -> list[Receptacle]:

@@ -12,8 +12,13 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from hab_tasks.errors import DatasetError, UnknownNameError
-from hab_tasks.scenes.dataset import SceneDataset, embedded_dataset, read_json
+from hab_tasks.errors import DatasetError
+from hab_tasks.scenes.dataset import (
+    SceneDataset,
+    embedded_dataset,
+    read_json,
+    resolve_objects,
+)
 from hab_tasks.scenes.load import load_template
 from hab_tasks.scenes.meshes import check_mesh, parts_file
 from hab_tasks.scenes.spec import CollisionSource, ObjectTemplate
@@ -45,17 +50,16 @@ def load_objects(folder: str | Path | None) -> dict[str, ObjectTemplate]:
     """Returns the 13 objects by YCB name.
 
     Args:
-        folder: None for the embedded look-alikes, else a YCB folder in either layout.
+        folder: None for the embedded look-alikes, ``ycb`` for what ManiSkill has downloaded, else
+            a YCB folder in either layout.
 
     Raises:
         UnknownNameError: `folder` does not exist.
-        DatasetError: An object is absent or damaged.
+        DatasetError: An object is absent or damaged, or ManiSkill has not downloaded them.
     """
     if folder is None:
         return _embedded_objects()
-    root = Path(folder).expanduser()
-    if not root.is_dir():
-        raise UnknownNameError("objects", str(folder), ["PATH of a YCB folder (omit for embedded)"])
+    root = resolve_objects(folder)
     return _maniskill_objects(root) if (root / "models").is_dir() else _google_objects(root)
 
 

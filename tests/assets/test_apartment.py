@@ -13,7 +13,7 @@ import trimesh
 ASSETS = Path(__file__).parents[2] / "assets"
 ROOT = ASSETS / "apartment"
 SCENE = ROOT / "configs/scenes/v3_sc0_staging_00.scene_instance.json"
-MAX_BYTES = 5_000_000
+MAX_BYTES = 9_000_000
 
 # Width along x, height along y, depth along z in millimetres, and mass in kilograms, as published
 # for the YCB object set. The mug's width holds its handle.

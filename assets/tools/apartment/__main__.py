@@ -11,6 +11,10 @@ import sys
 import tempfile
 from pathlib import Path
 
+import appliances
+import bikes
+import books
+import clothes
 import cupboards
 import decor
 import fridge
@@ -19,11 +23,29 @@ import layout
 import pickables
 import seating
 import shell
+import shoes
+import storage
 import tables
+import tableware
+import utensils
 from model import Dataset
 from writer import write_dataset
 
 NAME = "apartment"
+THEMES = (
+    appliances,
+    bikes,
+    books,
+    clothes,
+    decor,
+    pickables,
+    seating,
+    shoes,
+    storage,
+    tables,
+    tableware,
+    utensils,
+)
 logger = logging.getLogger(NAME)
 
 
@@ -31,7 +53,7 @@ def make_dataset() -> Dataset:
     """Return the whole dataset in memory."""
     return Dataset(
         stages=[shell.build(layout.STAGE)],
-        objects=[*seating.build(), *tables.build(), *decor.build(), *pickables.build()],
+        objects=[item for theme in THEMES for item in theme.build()],
         articulations=[
             fridge.build(),
             kitchen.build(),

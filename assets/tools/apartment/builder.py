@@ -88,6 +88,16 @@ class Builder:
             )
             self.boxes.append(Box(place, (reach_m, POST_M, POST_M)))
 
+    def bar_handle_front(
+        self, center: Vec3, length_m: float, reach_m: float, material: str
+    ) -> None:
+        """Add an upright bar on two posts; the face it stands on is `reach_m` behind, along -z."""
+        x, y, z = center
+        self.post(center, BAR_RADIUS_M, length_m, material)
+        for side in (-1.0, 1.0):
+            place = (x, y + side * (length_m / 2 - 0.02), z - reach_m / 2)
+            self.box(place, (POST_M, POST_M, reach_m), material, 0.002)
+
     def solids(self) -> list[Convex]:
         """Return all collision pieces as convex meshes."""
         return [solids.from_box(box) for box in self.boxes] + self.convexes

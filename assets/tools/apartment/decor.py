@@ -1,4 +1,4 @@
-"""Rugs, plants, pictures, lamps, screens and books: what makes the flat lived in."""
+"""Rugs, plants, pictures, lamps and screens: what makes the flat lived in."""
 
 import math
 
@@ -6,15 +6,16 @@ import numpy as np
 import shapes
 import solids
 from builder import Builder
+from loose import finished
 from model import Array, Box, ObjectModel, Part
 
 
 def build() -> list[ObjectModel]:
     """Return all decoration."""
     return [
-        _rug("frl_apartment_rug_01", "rug", 98, 5.4, (1.60, 2.30), "rug_small"),
-        _rug("frl_apartment_rug_02", "rug", 98, 12.0, (2.70, 2.40), "rug_large"),
-        _rug("frl_apartment_mat", "mat", 50, 1.0, (0.94, 0.588), "mat_weave"),
+        _rug("frl_apartment_rug_01", "rug", 5.4, (1.60, 2.30), "rug_small"),
+        _rug("frl_apartment_rug_02", "rug", 12.0, (2.70, 2.40), "rug_large"),
+        _rug("frl_apartment_mat", "mat", 1.0, (0.94, 0.588), "mat_weave"),
         _broad_leaf_plant(),
         _tall_plant(),
         _picture("01", 0.43, 0.546, "painting_01"),
@@ -25,14 +26,14 @@ def build() -> list[ObjectModel]:
         _tv_screen(),
         _clock(),
         _vase(),
-        _books(),
+        _bottle_vase(),
+        _photo_frame(),
     ]
 
 
 def _rug(
     name: str,
     category: str,
-    semantic_id: int,
     mass_kg: float,
     size: tuple[float, float],
     material: str,
@@ -48,9 +49,7 @@ def _rug(
         )
     else:
         make.see(_print(width - 0.02, depth - 0.02, half, material))
-    return ObjectModel(
-        name, category, semantic_id, mass_kg, make.parts, make.solids(), friction=0.9
-    )
+    return ObjectModel(name, category, mass_kg, make.parts, make.solids(), friction=0.9)
 
 
 def _print(width: float, depth: float, height: float, material: str) -> Part:
@@ -84,9 +83,7 @@ def _picture(number: str, width: float, height: float, material: str) -> ObjectM
         math.pi / 2,
     )
     make.see(sheet)
-    return ObjectModel(
-        f"frl_apartment_picture_{number}", "picture", 59, 0.8, make.parts, make.solids()
-    )
+    return ObjectModel(f"frl_apartment_picture_{number}", "picture", 0.8, make.parts, make.solids())
 
 
 def _leaf(base: Array, direction: Array, length: float, width: float, droop: float) -> list[Part]:
@@ -172,7 +169,7 @@ def _broad_leaf_plant() -> ObjectModel:
             )
     make.convexes.append(solids.moved(solids.ball((0.24, 0.48, 0.24), 4, 10), (0.0, 0.42, 0.0)))
     return ObjectModel(
-        "frl_apartment_indoor_plant_01", "indoor_plant", 44, 25.0, make.parts, make.solids()
+        "frl_apartment_indoor_plant_01", "indoor_plant", 25.0, make.parts, make.solids()
     )
 
 
@@ -203,7 +200,7 @@ def _tall_plant() -> ObjectModel:
     make.convexes.append(solids.frustum(0.08, 0.22, floor + 0.34, 0.10, 10))
     make.convexes.append(solids.frustum(0.22, 0.12, 0.10, 0.75, 10))
     return ObjectModel(
-        "frl_apartment_indoor_plant_02", "indoor_plant", 44, 25.0, make.parts, make.solids()
+        "frl_apartment_indoor_plant_02", "indoor_plant", 25.0, make.parts, make.solids()
     )
 
 
@@ -247,7 +244,7 @@ def _table_lamp() -> ObjectModel:
         solids.frustum(0.012, 0.012, floor + 0.21, floor + 0.26, 8),
     ]
     _shade(make, floor + 0.26, floor + 0.46, 0.15, 0.105)
-    return ObjectModel("frl_apartment_lamp_02", "lamp", 47, 4.0, make.parts, make.solids())
+    return ObjectModel("frl_apartment_lamp_02", "lamp", 4.0, make.parts, make.solids())
 
 
 def _floor_lamp() -> ObjectModel:
@@ -260,7 +257,7 @@ def _floor_lamp() -> ObjectModel:
     make.convexes.append(solids.frustum(0.15, 0.15, floor, floor + 0.025, 16))
     make.post((0.0, floor + 0.675, 0.0), 0.011, 1.30, "black_metal")
     _shade(make, floor + 1.30, floor + 1.58, 0.21, 0.15)
-    return ObjectModel("frl_apartment_lamp_01", "lamp", 47, 6.5, make.parts, make.solids())
+    return ObjectModel("frl_apartment_lamp_01", "lamp", 6.5, make.parts, make.solids())
 
 
 def _tv_screen() -> ObjectModel:
@@ -269,7 +266,7 @@ def _tv_screen() -> ObjectModel:
     make.box((0.0, 0.0, -0.02), (1.46, 0.84, 0.045), "black_plastic", 0.008)
     make.see(shapes.box((0.0, 0.006, -0.0425), (1.44, 0.81, 0.003), "screen", 0.001))
     make.box((0.0, 0.0, 0.080), (0.46, 0.40, 0.156), "black_plastic", 0.006)
-    return ObjectModel("frl_apartment_tv_screen", "tv_screen", 87, 22.0, make.parts, make.solids())
+    return ObjectModel("frl_apartment_tv_screen", "tv_screen", 22.0, make.parts, make.solids())
 
 
 def _clock() -> ObjectModel:
@@ -287,7 +284,7 @@ def _clock() -> ObjectModel:
         hand = shapes.box((0.0, length / 2, 0.022), (0.006, length, 0.001), "black_plastic", 0.0)
         make.see(shapes.rotated(hand, "z", angle))
     make.boxes.append(Box((0.0, 0.0, 0.0), (0.28, 0.28, 0.036)))
-    return ObjectModel("frl_apartment_clock", "clock", 25, 0.8, make.parts, make.solids())
+    return ObjectModel("frl_apartment_clock", "clock", 0.8, make.parts, make.solids())
 
 
 def _vase() -> ObjectModel:
@@ -308,40 +305,42 @@ def _vase() -> ObjectModel:
         solids.frustum(0.045, 0.085, floor, floor + 0.10, 12),
         solids.frustum(0.085, 0.034, floor + 0.10, floor + 0.26, 12),
     ]
-    return ObjectModel("frl_apartment_vase_01", "vase", 91, 1.2, make.parts, make.solids())
+    return ObjectModel("frl_apartment_vase_01", "vase", 1.2, make.parts, make.solids())
 
 
-def _books() -> ObjectModel:
-    """Return a row of books between the boards of a shelf; spines face +z."""
-    make, rng, at = Builder(), np.random.default_rng(103), -0.17
-    covers = (
-        "label_teal",
-        "label_red",
-        "label_cream",
-        "label_brown",
-        "label_blue",
-        "label_green",
-        "paper",
-        "label_orange",
-    )
-    while at < 0.16:
-        thick, height = 0.018 + 0.022 * float(rng.random()), 0.17 + 0.055 * float(rng.random())
-        depth, cover = 0.13 + 0.03 * float(rng.random()), covers[int(rng.integers(len(covers)))]
-        y, z = -0.11 + height / 2, 0.08 - depth / 2
-        make.box((at + thick / 2, y, z), (thick - 0.001, height, depth), cover, 0.002, solid=False)
-        make.see(
-            shapes.box(
-                (at + thick / 2, y + 0.002, z - 0.004),
-                (thick - 0.006, height, depth - 0.004),
-                "paper",
-                0.0,
-            )
-        )
-        make.see(
-            shapes.box(
-                (at + thick / 2, y + 0.05, 0.0803), (thick - 0.004, 0.012, 0.001), "brass", 0.0
-            )
-        )
-        at += thick
-    make.boxes.append(Box((-0.0, 0.0, 0.0), (0.36, 0.22, 0.16)))
-    return ObjectModel("frl_apartment_book_01", "book", 12, 3.0, make.parts, make.solids())
+def _bottle_vase() -> ObjectModel:
+    """Return a slim vase without flowers."""
+    make = Builder()
+    side = [
+        (0.034, 0.0),
+        (0.046, 0.02),
+        (0.048, 0.06),
+        (0.036, 0.12),
+        (0.017, 0.17),
+        (0.014, 0.215),
+    ]
+    lip = [(0.014, 0.215), (0.021, 0.250), (0.018, 0.250), (0.011, 0.212), (0.0, 0.205)]
+    make.see(shapes.lathe([[(0.0, 0.0), side[0]], side, lip], "glaze_blue", 24))
+    make.convexes += [
+        solids.frustum(0.034, 0.048, 0.0, 0.04, 12),
+        solids.frustum(0.048, 0.017, 0.04, 0.17, 12),
+        solids.frustum(0.015, 0.021, 0.17, 0.25, 12),
+    ]
+    return finished("vase_02", "vase", 0.75, make)
+
+
+def _photo_frame() -> ObjectModel:
+    """Return a photo in a frame that leans back a little on a foot; it faces +z."""
+    make, (w, h), rim, lean = Builder(), (0.168, 0.213), 0.016, 0.10
+    pieces = [shapes.box((0.0, h / 2, -0.004), (w - 0.006, h - 0.006, 0.008), "paper", 0.001)]
+    for side in (-1.0, 1.0):
+        x, y = side * (w - rim) / 2, h / 2 + side * (h - rim) / 2
+        pieces.append(shapes.box((x, h / 2, 0.0), (rim, h, 0.016), "walnut", 0.003))
+        pieces.append(shapes.box((0.0, y, 0.0), (w - 2 * rim, rim, 0.016), "walnut", 0.003))
+    photo = shapes.rotated(_print(w - 2 * rim, h - 2 * rim, 0.002, "photo"), "x", math.pi / 2)
+    pieces.append(shapes.moved(photo, (0.0, h / 2, 0.0)))
+    make.see(*(shapes.rotated(piece, "x", -lean) for piece in pieces))
+    board = solids.rotated(solids.from_box(Box((0.0, h / 2, 0.0), (w, h, 0.016))), "x", -lean)
+    make.convexes.append(solids.moved(board, (0.0, 0.0008, 0.0)))
+    make.box((0.0, 0.003, -0.035), (0.05, 0.006, 0.075), "walnut", 0.001)
+    return finished("picture_04", "picture", 0.4, make)

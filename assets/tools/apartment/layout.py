@@ -28,8 +28,8 @@ LIVING = [
     Placement(f"{P}indoor_plant_01", (-2.18, 0.509, 3.62)),
     Placement(f"{P}wall_cabinet_02", (0.534, 1.066, -0.498)),
     Placement(f"{P}wall_cabinet_01", (4.10, 1.037, -0.500)),
-    Placement(f"{P}book_01", (0.285, 1.5166, -0.46)),
-    Placement(f"{P}book_01", (0.785, 1.1993, -0.46)),
+    Placement(f"{P}book_06", (0.285, 1.5166, -0.46)),
+    Placement(f"{P}book_06", (0.785, 1.1993, -0.46)),
     Placement(f"{P}vase_01", (0.72, 2.132, -0.50)),
     Placement(f"{P}picture_02", (1.70, 1.50, -0.6725)),
 ]

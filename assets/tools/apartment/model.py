@@ -56,7 +56,6 @@ class ObjectModel:
 
     name: str
     category: str
-    semantic_id: int
     mass_kg: float
     parts: list[Part]
     solids: list[Convex]
@@ -118,6 +117,7 @@ class Placement:
     translation: Vec3
     yaw_rad: float = 0.0
     tilt_rad: float = 0.0
+    dynamic: bool = False
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import math
 from itertools import pairwise
 
 import numpy as np
+import outlines
 import shapes
 import solids
 from builder import Builder
@@ -44,7 +45,7 @@ def build() -> list[ObjectModel]:
 
 
 def _item(name: str, mass_kg: float, parts: list[Part], hulls: list[Convex]) -> ObjectModel:
-    return ObjectModel(name, name[4:], 0, mass_kg, parts, hulls, friction=FRICTION)
+    return ObjectModel(name, name[4:], mass_kg, parts, hulls, friction=FRICTION)
 
 
 def _can(
@@ -141,7 +142,7 @@ def _carton(
 def _potted_meat() -> ObjectModel:
     """Return a tin with a rounded-rectangle outline."""
     w, h, d, corner = 0.097, 0.082, 0.050, 0.018
-    outline = _rounded_outline(w / 2, d / 2, corner, 5)
+    outline = outlines.rounded_rectangle(w / 2, d / 2, corner, 5)
     parts = []
     for low, high, grow, material in (
         (-0.5, -0.46, 0.0, "can_metal"),
@@ -150,46 +151,9 @@ def _potted_meat() -> ObjectModel:
         (0.02, 0.44, -0.0008, "label_blue"),
         (0.44, 0.5, 0.0, "can_metal"),
     ):
-        parts += _extruded(outline, low * h, high * h, grow, material)
-    sides = [(x, z) for x, z in _rounded_outline(w / 2, d / 2, corner, 4)]
+        parts += outlines.extruded(outline, low * h, high * h, grow, material)
+    sides = [(x, z) for x, z in outlines.rounded_rectangle(w / 2, d / 2, corner, 4)]
     return _item("010_potted_meat_can", 0.370, parts, [solids.prism(sides, -h / 2, h / 2)])
-
-
-def _rounded_outline(
-    half_x: float, half_z: float, corner: float, steps: int
-) -> list[tuple[float, float]]:
-    out = []
-    for sx, sz, start in ((1, 1, 0.0), (-1, 1, 0.5), (-1, -1, 1.0), (1, -1, 1.5)):
-        for k in range(steps):
-            angle = math.pi * (start + 0.5 * k / (steps - 1))
-            out.append(
-                (
-                    sx * (half_x - corner) + corner * math.cos(angle),
-                    sz * (half_z - corner) + corner * math.sin(angle),
-                )
-            )
-    return out
-
-
-def _extruded(
-    outline: list[tuple[float, float]], low: float, high: float, grow: float, material: str
-) -> list[Part]:
-    ring = np.array([*outline, outline[0]])
-    step = np.gradient(ring, axis=0)
-    step[0] = step[-1] = ring[1] - ring[-2]
-    out = np.stack([step[:, 1], -step[:, 0]], axis=1)
-    out /= np.linalg.norm(out, axis=1, keepdims=True)
-    ring = ring + grow * out
-    n = len(ring)
-    points = np.vstack([np.insert(ring, 1, y, axis=1) for y in (low, high)])
-    normals = np.vstack([np.insert(out, 1, 0.0, axis=1)] * 2)
-    faces = [f for k in range(n - 1) for f in ([k, k + n, k + n + 1], [k, k + n + 1, k + 1])]
-    parts = [Part(points, normals, points[:, :2], np.array(faces), material)]
-    for y, up in ((low, -1.0), (high, 1.0)):
-        cap = np.insert(ring[:-1], 1, y, axis=1)
-        fan = np.array([[0, k + 1, k] if up > 0 else [0, k, k + 1] for k in range(1, n - 2)])
-        parts.append(Part(cap, np.tile([0.0, up, 0.0], (n - 1, 1)), cap[:, [0, 2]], fan, material))
-    return parts
 
 
 def _apple() -> ObjectModel:
@@ -229,7 +193,7 @@ def _bowl() -> ObjectModel:
         pieces += solids.ring(
             _radii(profile, inner, low), _radii(profile, inner, high), (low, high), 12
         )
-    center = _centroid(pieces)
+    center = round(float(solids.centroid(pieces)[1]), 5)
     chains = [
         [(0.0, 0.002), (0.028, 0.002), (0.030, 0.0)],
         profile,
@@ -263,7 +227,7 @@ def _mug() -> ObjectModel:
     r, wall = MUG_RADIUS_M, MUG_WALL_M
     pieces = [solids.frustum(r - 0.002, r, 0.0, 0.006, 16)]
     pieces += solids.ring((r - wall, r), (r - wall, r), (0.006, MUG_HEIGHT_M), 12)
-    center = _centroid(pieces)
+    center = round(float(solids.centroid(pieces)[1]), 5)
     for (x0, y0), (x1, y1) in MUG_HANDLE:
         middle = ((x0 + x1) / 2, (y0 + y1) / 2, 0.0)
         pieces.append(solids.from_box(Box(middle, (x1 - x0, y1 - y0, 0.010))))
@@ -298,14 +262,3 @@ def _sponge() -> ObjectModel:
         make.parts,
         [solids.from_box(Box((0.0, 0.0, 0.0), (0.114, 0.014, 0.072)))],
     )
-
-
-def _centroid(pieces: list[Convex]) -> float:
-    """Return the height of the common centroid of closed pieces."""
-    volume, moment = 0.0, 0.0
-    for piece in pieces:
-        a, b, c = (piece.vertices[piece.faces[:, k]] for k in range(3))
-        signed = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6
-        volume += float(signed.sum())
-        moment += float((signed * (a + b + c)[:, 1] / 4).sum())
-    return round(moment / volume, 5)

@@ -7,12 +7,22 @@ import numpy as np
 import shapes
 import solids
 from builder import Builder
+from loose import finished
 from model import Box, Convex, ObjectModel, Part, Receptacle
 
 
 def build() -> list[ObjectModel]:
     """Return everything to sit or lie on."""
-    return [_sofa(), _armchair(), _dining_chair(), _stool(), _beanbag(), _bed(), *_cushions()]
+    return [
+        _sofa(),
+        _armchair(),
+        _dining_chair(),
+        _padded_chair(),
+        _stool(),
+        _beanbag(),
+        _bed(),
+        *_cushions(),
+    ]
 
 
 def _sofa() -> ObjectModel:
@@ -33,7 +43,7 @@ def _sofa() -> ObjectModel:
     free = Receptacle(
         "receptacle_aabb_Sofa_frl_apartment_sofa", (0.0, seat + 0.133, -0.20), (0.46, 0.133, 0.26)
     )
-    return ObjectModel("frl_apartment_sofa", "sofa", 76, 68.0, make.parts, make.solids(), [free])
+    return ObjectModel("frl_apartment_sofa", "sofa", 68.0, make.parts, make.solids(), [free])
 
 
 def _armchair() -> ObjectModel:
@@ -51,9 +61,7 @@ def _armchair() -> ObjectModel:
         (0.0, seat + 0.0946, -0.115),
         (0.22, 0.0946, 0.21),
     )
-    return ObjectModel(
-        "frl_apartment_chair_01", "chair", 20, 22.0, make.parts, make.solids(), [free]
-    )
+    return ObjectModel("frl_apartment_chair_01", "chair", 22.0, make.parts, make.solids(), [free])
 
 
 def _dining_chair() -> ObjectModel:
@@ -67,7 +75,18 @@ def _dining_chair() -> ObjectModel:
         make.box((x, -0.25, -0.008), (0.018, 0.022, 0.36), wood, 0.003, solid=False)
     make.soft((0.0, 0.335, 0.185), (0.40, 0.12, 0.022), wood, 0.010)
     make.soft((0.0, 0.175, 0.185), (0.38, 0.05, 0.018), wood, 0.008)
-    return ObjectModel("frl_apartment_chair_04", "chair", 20, 4.0, make.parts, make.solids())
+    return ObjectModel("frl_apartment_chair_04", "chair", 4.0, make.parts, make.solids())
+
+
+def _padded_chair() -> ObjectModel:
+    """Return a padded chair with a high back on black legs; it faces -z."""
+    make, cloth = Builder(), "chair_cloth"
+    make.soft((0.0, 0.455, -0.02), (0.412, 0.075, 0.44), cloth, 0.03, 0.004)
+    make.soft((0.0, 0.69, 0.215), (0.40, 0.42, 0.06), cloth, 0.028, 0.006)
+    for x in (-0.17, 0.17):
+        for z in (-0.20, 0.19):
+            make.post((x, 0.21, z), 0.012, 0.42, "black_metal")
+    return finished("chair_05", "chair", 6.4, make)
 
 
 def _stool() -> ObjectModel:
@@ -78,7 +97,7 @@ def _stool() -> ObjectModel:
         angle = math.pi / 4 + k * math.pi / 2
         x, z = 0.13 * math.cos(angle), 0.13 * math.sin(angle)
         make.post((x, (floor + 0.0825) / 2, z), 0.014, 0.0825 - floor, "oak")
-    return ObjectModel("frl_apartment_stool_02", "stool", 78, 5.8, make.parts, make.solids())
+    return ObjectModel("frl_apartment_stool_02", "stool", 5.8, make.parts, make.solids())
 
 
 def _beanbag() -> ObjectModel:
@@ -107,7 +126,7 @@ def _beanbag() -> ObjectModel:
         solids.frustum(0.51, 0.42, floor + 0.15, floor + 0.39, 16),
         solids.frustum(0.42, 0.10, floor + 0.39, floor + 0.62, 16),
     ]
-    return ObjectModel("frl_apartment_beanbag", "beanbag", 6, 11.0, make.parts, make.solids())
+    return ObjectModel("frl_apartment_beanbag", "beanbag", 11.0, make.parts, make.solids())
 
 
 def _puckered(part: Part, floor: float) -> Part:
@@ -132,7 +151,7 @@ def _bed() -> ObjectModel:
         for z in (-0.92, 0.92):
             make.box((1.9 * x, floor + 0.07, z), (0.07, 0.14, 0.07), "oak", 0.006)
     make.soft((0.0, floor + 0.42, 1.045), (1.66, 0.72, 0.05), "chair_cloth", 0.02)
-    return ObjectModel("apartment_bed", "bed", 7, 60.0, make.parts, make.solids())
+    return ObjectModel("apartment_bed", "bed", 60.0, make.parts, make.solids())
 
 
 def _cushions() -> list[ObjectModel]:
@@ -140,7 +159,7 @@ def _cushions() -> list[ObjectModel]:
     for number, cloth in (("01", "rust_cloth"), ("03", "cream_cloth")):
         part = shapes.soft_box((0.0, 0.0, 0.0), (0.42, 0.40, 0.09), cloth, 0.044, 0.03, steps=3)
         name = f"frl_apartment_cushion_{number}"
-        out.append(ObjectModel(name, "cushion", 29, 0.3, [part], [_pillow()], friction=0.8))
+        out.append(ObjectModel(name, "cushion", 0.3, [part], [_pillow()], friction=0.8))
     return out
 
 

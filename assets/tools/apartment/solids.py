@@ -1,10 +1,15 @@
 """Closed convex collision shapes with exact, hand-laid triangles."""
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
 from model import Array, Box, Convex
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import ConvexHull
+from shapes import rotation_matrix
+
+HULL_DIGITS = 6
 
 _HEX_FACES = np.array(
     [
@@ -90,6 +95,30 @@ def ball(radii: tuple[float, float, float], rings: int = 5, sides: int = 10) -> 
             a, b = row * sides + i, row * sides + j
             faces += [[a, b, b + sides], [a, b + sides, a + sides]]
     return _outward(Convex(np.vstack(rows) * np.asarray(radii), np.array(faces)))
+
+
+def hull(points: ArrayLike) -> Convex:
+    """Return the convex hull of points (N, 3); no three corners of it may be nearly in line."""
+    corners = np.unique(np.round(np.asarray(points, float), HULL_DIGITS), axis=0)
+    found = ConvexHull(corners)
+    used = np.unique(found.simplices)
+    return _outward(Convex(corners[used], np.searchsorted(used, found.simplices)))
+
+
+def rotated(solid: Convex, axis: str, angle_rad: float) -> Convex:
+    """Return the solid turned about a coordinate axis through the origin."""
+    return Convex(solid.vertices @ rotation_matrix(axis, angle_rad).T, solid.faces)
+
+
+def centroid(pieces: Sequence[Convex]) -> Array:
+    """Return the common centroid (3,) of closed pieces of one density."""
+    volume, moment = 0.0, np.zeros(3)
+    for piece in pieces:
+        a, b, c = (piece.vertices[piece.faces[:, k]] for k in range(3))
+        signed = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6
+        volume += float(signed.sum())
+        moment += signed @ (a + b + c) / 4
+    return moment / volume
 
 
 def moved(solid: Convex, offset: tuple[float, float, float] | Array) -> Convex:

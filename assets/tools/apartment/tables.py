@@ -37,9 +37,7 @@ def _dining_table() -> ObjectModel:
                 (x, (floor + top - 0.032) / 2, z), (0.06, top - 0.032 - floor, 0.06), wood, 0.008
             )
     free = _free("Tbl1_Top1_frl_apartment_table_01", (0.0, top, 0.0), (0.68, 0.0946, 0.41))
-    return ObjectModel(
-        "frl_apartment_table_01", "table", 80, 18.0, make.parts, make.solids(), [free]
-    )
+    return ObjectModel("frl_apartment_table_01", "table", 18.0, make.parts, make.solids(), [free])
 
 
 def _console() -> ObjectModel:
@@ -63,9 +61,7 @@ def _console() -> ObjectModel:
         _free(name + tail, (0.0, level, 0.04), (0.55, 0.1366, 0.33))
         for name, level in levels.items()
     ]
-    return ObjectModel(
-        "frl_apartment_table_02", "table", 80, 24.0, make.parts, make.solids(), frees
-    )
+    return ObjectModel("frl_apartment_table_02", "table", 24.0, make.parts, make.solids(), frees)
 
 
 def _coffee_table() -> ObjectModel:
@@ -77,9 +73,7 @@ def _coffee_table() -> ObjectModel:
             make.post((x, (floor + top - 0.030) / 2, z), 0.018, top - 0.030 - floor, "black_metal")
     make.see(*_magazines(floor + 0.139))
     free = _free("Tbl3_Top1_frl_apartment_table_03", (0.0, top, 0.0), (0.59, 0.1731, 0.34))
-    return ObjectModel(
-        "frl_apartment_table_03", "table", 80, 22.0, make.parts, make.solids(), [free]
-    )
+    return ObjectModel("frl_apartment_table_03", "table", 22.0, make.parts, make.solids(), [free])
 
 
 def _magazines(level: float) -> list[Part]:
@@ -102,7 +96,7 @@ def _side_table() -> ObjectModel:
         for z in (-0.19, 0.19):
             make.post((x, (floor + top - 0.024) / 2, z), 0.016, top - 0.024 - floor, "birch")
     make.box((0.0, -0.22, 0.0), (0.38, 0.016, 0.38), "birch")
-    return ObjectModel("frl_apartment_table_04", "table", 80, 3.1, make.parts, make.solids())
+    return ObjectModel("frl_apartment_table_04", "table", 3.1, make.parts, make.solids())
 
 
 def _tv_bench() -> ObjectModel:
@@ -135,9 +129,7 @@ def _tv_bench() -> ObjectModel:
         _free(f"TvStnd1_Top2{tail}", (0.0, 0.0916, -0.04), (0.215, 0.060, 0.215)),
         _free(f"TvStnd1_Top3{tail}", (0.0, -0.2155, -0.04), (0.215, 0.1395, 0.215)),
     ]
-    return ObjectModel(
-        "frl_apartment_tvstand", "tv_stand", 88, 29.0, make.parts, make.solids(), frees
-    )
+    return ObjectModel("frl_apartment_tvstand", "tv_stand", 29.0, make.parts, make.solids(), frees)
 
 
 def _shelf(
@@ -170,4 +162,4 @@ def _shelf(
         half = ((inner - 0.01), (ceiling - top) / 2 - 0.003, half_z - 0.02)
         joint = "" if number == "01" else "_"
         frees.append(_free(f"WC{int(number)}_Top{index}{joint}{name}", (0.0, top, 0.008), half))
-    return ObjectModel(name, "shelf", 94, mass_kg, make.parts, make.solids(), frees)
+    return ObjectModel(name, "wall_cabinet", mass_kg, make.parts, make.solids(), frees)

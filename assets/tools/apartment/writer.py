@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import inertia
+import lexicon
 import materials
 import numpy as np
 import trimesh
@@ -30,7 +31,8 @@ from model import (
     StageModel,
 )
 
-POSITION_DIGITS, NORMAL_DIGITS, UV_DIGITS, JSON_DIGITS = 5, 3, 4, 6
+POSITION_DIGITS, SOLID_DIGITS, NORMAL_DIGITS, UV_DIGITS, JSON_DIGITS = 5, 7, 3, 4, 6
+SEMANTICS = "apartment_ssd_map"
 # Their root joint turns the body forward by a right angle; the instance turns it back.
 TURNED_BACK = {"kitchenCupboard_01", "chestOfDrawers_01"}
 Json = dict[str, Any]
@@ -48,7 +50,9 @@ def write_dataset(dataset: Dataset, name: str, out: Path) -> None:
         _write_json(out / "configs/lighting" / f"{key}.lighting_config.json", _lighting(lights))
     for scene in dataset.scenes:
         _write_json(out / "configs/scenes" / f"{scene.name}.scene_instance.json", _scene(scene))
-    _write_json(out / f"{name}.scene_dataset_config.json", _dataset_config())
+    words = f"configs/ssd/{name}_semantic_lexicon.json"
+    _write_json(out / words, lexicon.of({item.category for item in dataset.objects}))
+    _write_json(out / f"{name}.scene_dataset_config.json", _dataset_config(words))
 
 
 def _write_stage(stage: StageModel, out: Path) -> None:
@@ -78,7 +82,7 @@ def _write_object(item: ObjectModel, out: Path) -> None:
         "COM": [0, 0, 0],
         "friction_coefficient": item.friction,
         "join_collision_meshes": False,
-        "semantic_id": item.semantic_id,
+        "semantic_id": lexicon.CLASSES.get(item.category, 0),
         "user_defined": {"category": item.category} | boxes,
     }
     _write_json(out / "configs/objects" / f"{item.name}.object_config.json", config)
@@ -184,7 +188,7 @@ def _lighting(lights: list[Light]) -> Json:
 
 
 def _scene(scene: SceneModel) -> Json:
-    still = {"motion_type": "STATIC", "translation_origin": "COM"}
+    rigid = {"translation_origin": "COM"}
     jointed = {
         "motion_type": "DYNAMIC",
         "translation_origin": "COM",
@@ -200,7 +204,10 @@ def _scene(scene: SceneModel) -> Json:
             "translation_origin": "COM",
         },
         "default_lighting": f"lighting/{scene.lighting}",
-        "object_instances": [_placement(p) | still for p in scene.objects],
+        "object_instances": [
+            _placement(p) | rigid | {"motion_type": "DYNAMIC" if p.dynamic else "STATIC"}
+            for p in scene.objects
+        ],
         "articulated_object_instances": [_placement(p) | jointed for p in scene.articulations],
     }
 
@@ -219,11 +226,13 @@ def _placement(placement: Placement) -> Json:
     }
 
 
-def _dataset_config() -> Json:
+def _dataset_config(words: str) -> Json:
     folders = {"stages": "configs/stages", "objects": "configs/objects"}
     folders |= {"light_setups": "configs/lighting", "scene_instances": "configs/scenes"}
     config: Json = {key: {"paths": {".json": [path]}} for key, path in folders.items()}
     config["articulated_objects"] = {"paths": {".urdf": ["urdf/*/"]}}
+    config["scene_instances"]["default_attributes"] = {"semantic_scene_instance": SEMANTICS}
+    config["semantic_scene_descriptor_instances"] = {SEMANTICS: words}
     return config
 
 
@@ -251,9 +260,7 @@ def write_solids(solids: list[Convex], path: Path) -> None:
     scene = trimesh.Scene()
     for index, solid in enumerate(solids):
         name = f"convex_{index:03d}"
-        mesh = trimesh.Trimesh(
-            _rounded(solid.vertices, POSITION_DIGITS), solid.faces, process=False
-        )
+        mesh = trimesh.Trimesh(_rounded(solid.vertices, SOLID_DIGITS), solid.faces, process=False)
         mesh.visual = trimesh.visual.TextureVisuals()
         scene.add_geometry(mesh, node_name=name, geom_name=name)
     _write_glb(scene, path, normals=False)

@@ -1,0 +1,45 @@
+"""Finishes a thing that was built on a floor at y = 0: its origin becomes its centre of mass."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import shapes
+import solids
+from builder import Builder
+from model import ObjectModel, Receptacle, Vec3
+
+FRICTION = 0.7
+PREFIX = "frl_apartment_"
+
+
+def finished(
+    name: str,
+    category: str,
+    mass_kg: float,
+    make: Builder,
+    friction: float = FRICTION,
+    receptacles: Sequence[Receptacle] = (),
+) -> ObjectModel:
+    """Return the model, everything shifted so that the solids' centroid is the origin."""
+    pieces = make.solids()
+    shift = -np.round(solids.centroid(pieces), 4)
+    return ObjectModel(
+        PREFIX + name,
+        category,
+        mass_kg,
+        [shapes.moved(part, shift) for part in make.parts],
+        [solids.moved(piece, shift) for piece in pieces],
+        [replace(r, center=_sum(r.center, shift)) for r in receptacles],
+        friction,
+    )
+
+
+def free_box(name: str, bottom: Vec3, half: Vec3) -> Receptacle:
+    """Return a receptacle from the centre of its bottom face."""
+    return Receptacle(f"receptacle_aabb_{name}", (bottom[0], bottom[1] + half[1], bottom[2]), half)
+
+
+def _sum(a: Vec3, b: np.ndarray) -> Vec3:
+    x, y, z = (float(v) for v in np.asarray(a) + b)
+    return (x, y, z)

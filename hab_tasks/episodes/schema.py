@@ -88,6 +88,8 @@ class Episode:
         held: Handle of the object that starts in the grasp.
         handle: The door or drawer that the skill is about.
         navigation: The goal of Navigate.
+        habitat: What the Habitat file that the episode was read from holds beyond all this;
+            `hab_tasks.episodes.habitat` keeps and writes it.
     """
 
     id: str
@@ -101,6 +103,7 @@ class Episode:
     navigation: NavigationGoal | None = None
     joints: dict[str, dict[str, float]] = field(default_factory=dict)
     loose: dict[str, Pose7] = field(default_factory=dict)
+    habitat: dict[str, Any] = field(default_factory=dict)
 
     @property
     def target(self) -> str:
@@ -114,6 +117,7 @@ class EpisodeSet:
 
     Attributes:
         rejections: Reason -> how many candidates were refused while generating.
+        habitat: What a Habitat file holds beside its episodes.
     """
 
     env: str
@@ -122,6 +126,7 @@ class EpisodeSet:
     seed: int
     episodes: tuple[Episode, ...]
     rejections: dict[str, int] = field(default_factory=dict)
+    habitat: dict[str, Any] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.episodes)
@@ -141,7 +146,15 @@ def write_episodes(episodes: EpisodeSet, file: Path) -> None:
     """Writes an episode file aside and renames it."""
     raw = {"schema": SCHEMA, **asdict(episodes)}
     raw["scenes"] = {entry["scene_id"]: entry.pop("loose") for entry in raw["episodes"]}
-    data = (json.dumps(raw, sort_keys=True) + "\n").encode()
+    for entry in (raw, *raw["episodes"]):
+        if not entry["habitat"]:
+            del entry["habitat"]
+    save_json(raw, file, sort_keys=True)
+
+
+def save_json(value: Any, file: Path, *, sort_keys: bool) -> None:
+    """Writes a ``.json`` or ``.json.gz`` file aside and renames it."""
+    data = (json.dumps(value, sort_keys=sort_keys) + "\n").encode()
     if file.suffix == ".gz":
         data = gzip.compress(data, mtime=0)
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -157,13 +170,7 @@ def read_episodes(file: Path) -> EpisodeSet:
     Raises:
         EpisodeError: Absent, damaged, of another schema version, or with a missing or odd field.
     """
-    try:
-        data = file.read_bytes()
-        raw = json.loads(gzip.decompress(data) if file.suffix == ".gz" else data)
-    except FileNotFoundError as error:
-        raise EpisodeError(f"{file}: no such file.") from error
-    except (OSError, EOFError, ValueError, zlib.error) as error:
-        raise EpisodeError(f"{file}: not a valid episode file ({error}).") from error
+    raw = load_json(file)
     version = raw.get("schema") if isinstance(raw, dict) else None
     if version != SCHEMA:
         raise EpisodeError(
@@ -177,14 +184,39 @@ def read_episodes(file: Path) -> EpisodeSet:
             scene_dataset=str(raw["scene_dataset"]),
             split=str(raw["split"]),
             seed=int(raw["seed"]),
-            episodes=tuple(_episode(entry, scenes) for entry in raw["episodes"]),
+            episodes=tuple(read_episode(entry, scenes) for entry in raw["episodes"]),
             rejections={str(k): int(v) for k, v in raw.get("rejections", {}).items()},
+            habitat=dict(raw.get("habitat", {})),
         )
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         raise EpisodeError(f"{file}: a field is missing or malformed ({error!r}).") from error
 
 
-def _episode(entry: dict[str, Any], scenes: dict[str, dict[str, Pose7]]) -> Episode:
+def load_json(file: Path) -> Any:
+    """Returns what a ``.json`` or ``.json.gz`` file holds.
+
+    Raises:
+        EpisodeError: Absent or damaged.
+    """
+    try:
+        data = file.read_bytes()
+        return json.loads(gzip.decompress(data) if file.suffix == ".gz" else data)
+    except FileNotFoundError as error:
+        raise EpisodeError(f"{file}: no such file.") from error
+    except (OSError, EOFError, ValueError, zlib.error) as error:
+        raise EpisodeError(f"{file}: not a valid episode file ({error}).") from error
+
+
+def read_episode(entry: dict[str, Any], scenes: dict[str, dict[str, Pose7]]) -> Episode:
+    """Returns one entry of an episode file.
+
+    Args:
+        entry: The entry.
+        scenes: Scene id -> the loose objects of all its episodes.
+
+    Raises:
+        LookupError, TypeError, ValueError, AttributeError: A field is missing or malformed.
+    """
     arm = tuple(float(x) for x in entry["robot"]["arm_qpos_rad"])
     if len(arm) != 7:
         raise ValueError(f"robot start with {len(arm)} arm joints")
@@ -205,6 +237,7 @@ def _episode(entry: dict[str, Any], scenes: dict[str, dict[str, Pose7]]) -> Epis
             str(k): {str(j): float(q) for j, q in v.items()} for k, v in entry["joints"].items()
         },
         loose=scenes[str(entry["scene_id"])],
+        habitat=dict(entry.get("habitat", {})),
     )
     named = [target.object for target in episode.targets]
     for name in (*named, *([episode.held] if episode.held is not None else [])):

@@ -79,14 +79,27 @@ def free_floor(
             if body.group == "stage":
                 ground.append(points[:2])
             if high > heights_m[0] and low < heights_m[1]:
-                outlines.append(_outline(points[:2].T))
-    corners = np.concatenate(ground, axis=1) if ground else np.concatenate(outlines).T
-    origin = corners.min(axis=1)
-    size = np.ceil((corners.max(axis=1) - origin) / CELL_M).astype(int) + 1
+                outlines.append(outline(points[:2].T))
+    corners = np.concatenate(ground, axis=1).T if ground else np.concatenate(outlines)
+    return floor_between(outlines, corners, radius_m)
+
+
+def floor_between(
+    outlines: Iterable[Array], corners: Array, radius_m: float = BASE_RADIUS_M
+) -> FreeFloor:
+    """Maps the free floor between obstacles.
+
+    Args:
+        outlines: Convex polygons (V, 2) in the world that stand in the way.
+        corners: (C, 2) points that the map has to hold.
+        radius_m: Radius of what is to stand there.
+    """
+    origin = corners.min(axis=0)
+    size = np.ceil((corners.max(axis=0) - origin) / CELL_M).astype(int) + 1
     image = Image.new("1", (int(size[0]), int(size[1])), 0)
     draw = ImageDraw.Draw(image)
-    for outline in outlines:
-        draw.polygon([tuple(p) for p in (outline - origin) / CELL_M], fill=1, outline=1)
+    for polygon in outlines:
+        draw.polygon([tuple(p) for p in (polygon - origin) / CELL_M], fill=1, outline=1)
     blocked = np.pad(np.asarray(image).T, 1, constant_values=True)
     distance_cells: Any = ndimage.distance_transform_edt(~blocked)
     clearance = CELL_M * distance_cells[1:-1, 1:-1]
@@ -112,7 +125,8 @@ def body_points(shape: CollisionShape) -> Array:
     return shape.body_from_shape @ np.vstack((points.T, np.ones(len(points))))
 
 
-def _outline(points: Array) -> Array:
+def outline(points: Array) -> Array:
+    """Returns the corners (V, 2) of the convex hull of points (K, 2), in order."""
     try:
         return points[ConvexHull(points).vertices]
     except QhullError:

@@ -2,6 +2,7 @@
 
 import math
 
+import outlines
 import shapes
 import solids
 from builder import Builder
@@ -64,7 +65,7 @@ def _kettle() -> ObjectModel:
         (0.0, 0.10, -0.118),
         (0.0, 0.05, -0.075),
     ]
-    make.see(shapes.tube(loop, 0.011, "black_plastic", 8))
+    make.see(shapes.tube(outlines.bent(loop, 11), 0.011, "black_plastic", 8))
     make.convexes += [
         solids.frustum(0.080, 0.079, 0.0, 0.030),
         solids.frustum(0.079, 0.052, 0.030, 0.200),
@@ -83,7 +84,8 @@ def _refrigerator() -> ObjectModel:
     for low, high in ((0.07, 0.70), (0.71, h)):
         make.span((-w / 2, low, 0.275), (w / 2, high, 0.345), "fridge_shell", 0.010)
     for low, high in ((0.50, 0.66), (0.76, 1.20)):
-        make.bar_handle_front((-w / 2 + 0.06, (low + high) / 2, 0.385), high - low, 0.040, "steel")
+        place = (-w / 2 + 0.06, (low + high) / 2, 0.365)
+        make.box(place, (0.022, high - low, 0.040), "black_metal", 0.006)
     return finished("refrigerator", "refrigerator", 78.0, make)
 
 

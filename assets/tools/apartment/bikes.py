@@ -94,7 +94,7 @@ def _bars(make: Builder, rise: float, swept: bool) -> None:
 
 
 def _drive(make: Builder, crank: Vec3) -> None:
-    x, y, z = crank
+    _, y, z = crank
     make.see(
         shapes.cylinder((0.05, y, z), 0.095, 0.006, "steel", "x", 24, 0.001),
         shapes.cylinder((0.055, HUB_M, REAR_M), 0.045, 0.006, "steel", "x", 16, 0.001),

@@ -35,9 +35,9 @@ class Builder:
         solid: bool = True,
     ) -> None:
         """Add a bevelled box given by two opposite corners."""
-        center = tuple((a + b) / 2 for a, b in zip(low, high, strict=True))
-        size = tuple(b - a for a, b in zip(low, high, strict=True))
-        self.box(center, size, material, bevel_m, solid)
+        (x0, y0, z0), (x1, y1, z1) = low, high
+        center = ((x0 + x1) / 2, (y0 + y1) / 2, (z0 + z1) / 2)
+        self.box(center, (x1 - x0, y1 - y0, z1 - z0), material, bevel_m, solid)
 
     def soft(
         self,
@@ -87,16 +87,6 @@ class Builder:
                 shapes.cylinder(place, POST_M / 2, reach_m, material, "x", 10, 0.0005)
             )
             self.boxes.append(Box(place, (reach_m, POST_M, POST_M)))
-
-    def bar_handle_front(
-        self, center: Vec3, length_m: float, reach_m: float, material: str
-    ) -> None:
-        """Add an upright bar on two posts; the face it stands on is `reach_m` behind, along -z."""
-        x, y, z = center
-        self.post(center, BAR_RADIUS_M, length_m, material)
-        for side in (-1.0, 1.0):
-            place = (x, y + side * (length_m / 2 - 0.02), z - reach_m / 2)
-            self.box(place, (POST_M, POST_M, reach_m), material, 0.002)
 
     def solids(self) -> list[Convex]:
         """Return all collision pieces as convex meshes."""

@@ -92,8 +92,8 @@ def _scarf() -> ObjectModel:
             make.see(shapes.box(end, (0.006, 0.066, 0.006), "label_cream", 0.0))
     make.see(shapes.sphere((0.0, 0.865, 0.03), (0.10, 0.045, 0.03), "rust_cloth", 8, 14))
     make.boxes += [
-        Box((-0.05, 0.405, 0.03), (0.20, 0.93, 0.04)),
-        Box((0.06, 0.48, 0.03), (0.18, 0.78, 0.04)),
+        Box((-0.055, 0.425, 0.03), (0.12, 0.97, 0.05)),
+        Box((0.06, 0.49, 0.03), (0.115, 0.84, 0.05)),
     ]
     return finished("cloth_02", "cloth", 0.35, make, CLOTH_FRICTION)
 

@@ -64,7 +64,8 @@ def _print(width: float, depth: float, height: float, material: str) -> Part:
 def _picture(number: str, width: float, height: float, material: str) -> ObjectModel:
     """Return a framed picture; it hangs with its back at -z."""
     make, rim, wood = Builder(), 0.022, "walnut" if number == "01" else "oak"
-    make.box((0.0, 0.0, -0.006), (width - 0.01, height - 0.01, 0.012), "paper", 0.001)
+    make.boxes.append(Box((0.0, 0.0, 0.0), (width, height, 0.036)))
+    make.see(shapes.box((0.0, 0.0, -0.006), (width - 0.01, height - 0.01, 0.012), "paper", 0.001))
     for side in (-1.0, 1.0):
         make.box(
             (side * (width - rim) / 2, 0.0, 0.0), (rim, height, 0.036), wood, 0.003, solid=False
@@ -141,7 +142,7 @@ def _broad_leaf_plant() -> ObjectModel:
     _pot(make, floor, 0.36, 0.21, "ceramic")
     for k in range(4):
         angle = 2 * math.pi * k / 4 + 0.4
-        lean = np.array([math.cos(angle) * 0.11, 0.0, math.sin(angle) * 0.11])
+        lean = np.array([math.cos(angle) * 0.08, 0.0, math.sin(angle) * 0.08])
         foot, height = (
             np.array([lean[0] * 0.3, floor + 0.31, lean[2] * 0.3]),
             0.72 + 0.32 * float(rng.random()),
@@ -162,8 +163,8 @@ def _broad_leaf_plant() -> ObjectModel:
                 *_leaf(
                     foot + (tip - foot) * t,
                     direction,
-                    0.20 + 0.07 * float(rng.random()),
-                    0.105,
+                    0.18 + 0.06 * float(rng.random()),
+                    0.10,
                     0.35,
                 )
             )
@@ -179,7 +180,7 @@ def _tall_plant() -> ObjectModel:
     _pot(make, floor, 0.34, 0.20, "terracotta")
     for k in range(11):
         angle = 2.4 * k
-        reach = 0.12 + 0.22 * float(rng.random())
+        reach = 0.08 + 0.12 * float(rng.random())
         top = 0.25 + 0.50 * float(rng.random())
         foot = np.array([0.03 * math.cos(angle), floor + 0.29, 0.03 * math.sin(angle)])
         out = np.array([math.cos(angle), 0.0, math.sin(angle)])
@@ -194,11 +195,11 @@ def _tall_plant() -> ObjectModel:
             for side in (-0.75, 0.75):
                 direction = np.array([math.cos(angle + side), 0.35, math.sin(angle + side)])
                 make.see(
-                    *_leaf(path[j], direction / float(np.linalg.norm(direction)), 0.17, 0.05, 0.6)
+                    *_leaf(path[j], direction / float(np.linalg.norm(direction)), 0.15, 0.05, 0.6)
                 )
-        make.see(*_leaf(path[-1], out * 0.8 + np.array([0, 0.6, 0]), 0.22, 0.06, 0.7))
-    make.convexes.append(solids.frustum(0.08, 0.22, floor + 0.34, 0.10, 10))
-    make.convexes.append(solids.frustum(0.22, 0.12, 0.10, 0.75, 10))
+        make.see(*_leaf(path[-1], out * 0.8 + np.array([0, 0.6, 0]), 0.17, 0.06, 0.9))
+    make.convexes.append(solids.frustum(0.08, 0.28, floor + 0.34, 0.20, 10))
+    make.convexes.append(solids.frustum(0.28, 0.14, 0.20, 0.75, 10))
     return ObjectModel(
         "frl_apartment_indoor_plant_02", "indoor_plant", 25.0, make.parts, make.solids()
     )
@@ -283,7 +284,9 @@ def _clock() -> ObjectModel:
     for angle, length in ((-0.95, 0.07), (1.05, 0.10)):
         hand = shapes.box((0.0, length / 2, 0.022), (0.006, length, 0.001), "black_plastic", 0.0)
         make.see(shapes.rotated(hand, "z", angle))
-    make.boxes.append(Box((0.0, 0.0, 0.0), (0.28, 0.28, 0.036)))
+    make.convexes.append(
+        solids.rotated(solids.frustum(0.15, 0.15, -0.018, 0.018, 20), "x", math.pi / 2)
+    )
     return ObjectModel("frl_apartment_clock", "clock", 0.8, make.parts, make.solids())
 
 
@@ -304,6 +307,7 @@ def _vase() -> ObjectModel:
     make.convexes += [
         solids.frustum(0.045, 0.085, floor, floor + 0.10, 12),
         solids.frustum(0.085, 0.034, floor + 0.10, floor + 0.26, 12),
+        solids.frustum(0.03, 0.125, floor + 0.26, floor + 0.58, 10),
     ]
     return ObjectModel("frl_apartment_vase_01", "vase", 1.2, make.parts, make.solids())
 

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapes
-from model import Part
+from model import Part, Vec3
 from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
 
 
 def rounded_rectangle(
@@ -70,6 +71,14 @@ def loft(sections: Sequence[ArrayLike], material: str) -> Part:
     uv = points[:, [0, 1]] + points[:, [2, 2]]
     part = Part(points, np.zeros_like(points), uv, tri, material)
     return shapes.smoothed(part)
+
+
+def bent(points: Sequence[Vec3], count: int) -> list[Vec3]:
+    """Return `count` points of a smooth curve through the given ones, evenly along it."""
+    path = np.asarray(points, float)
+    run = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    curve = CubicSpline(run, path)(np.linspace(0.0, run[-1], count))
+    return [(float(x), float(y), float(z)) for x, y, z in curve]
 
 
 def slab(first: ArrayLike, second: ArrayLike, material: str) -> Part:

@@ -176,7 +176,7 @@ def _pillow() -> Convex:
             (-0.15, 0.20),
             (-0.21, 0.15),
         ],
-        -0.05,
-        0.05,
+        -0.065,
+        0.065,
     )
     return Convex(slab.vertices[:, [0, 2, 1]], slab.faces[:, ::-1])

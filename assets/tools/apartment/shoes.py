@@ -8,7 +8,10 @@ import shapes
 import solids
 from builder import Builder
 from loose import finished
-from model import Array, Box, ObjectModel
+from model import Array, Box, ObjectModel, Part
+
+SECTIONS = 9
+SHARES = np.linspace(0.005, 0.985, SECTIONS)  # heel to toe, along the sole
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,18 +28,55 @@ class Shoe:
     laces: str | None = None
 
 
+RUNNER = Shoe(
+    length_m=0.295,
+    width_m=0.105,
+    ankle_m=0.105,
+    sole_m=0.028,
+    gap_m=0.035,
+    upper="wool_grey",
+    sole="plastic_white",
+    laces="label_orange",
+)
+SNEAKER = Shoe(
+    length_m=0.285,
+    width_m=0.102,
+    ankle_m=0.100,
+    sole_m=0.025,
+    gap_m=0.040,
+    upper="label_white",
+    sole="plastic_white",
+    laces="plastic_grey",
+)
+SLIPPER = Shoe(
+    length_m=0.265,
+    width_m=0.095,
+    ankle_m=0.058,
+    sole_m=0.016,
+    gap_m=0.020,
+    upper="bag_cloth",
+    sole="label_brown",
+)
+BOOT = Shoe(
+    length_m=0.290,
+    width_m=0.105,
+    ankle_m=0.148,
+    sole_m=0.030,
+    gap_m=0.045,
+    upper="leather",
+    sole="rubber",
+    laces="label_yellow",
+)
+
+
 def build() -> list[ObjectModel]:
-    """Return four pairs: runners, sneakers, slippers and boots."""
+    """Return four pairs."""
     return [
-        _pair("01", 0.78, Shoe(length_m=0.295, width_m=0.105, ankle_m=0.105, sole_m=0.028,
-                               gap_m=0.035, upper="wool_grey", sole="plastic_white", laces="label_orange")),
-        _pair("02", 0.82, Shoe(length_m=0.285, width_m=0.102, ankle_m=0.100, sole_m=0.025,
-                               gap_m=0.040, upper="label_white", sole="plastic_white", laces="plastic_grey")),
-        _pair("03", 0.36, Shoe(length_m=0.265, width_m=0.095, ankle_m=0.058, sole_m=0.016,
-                               gap_m=0.020, upper="rust_cloth", sole="label_brown")),
-        _pair("04", 1.45, Shoe(length_m=0.290, width_m=0.105, ankle_m=0.148, sole_m=0.030,
-                               gap_m=0.045, upper="leather", sole="rubber", laces="label_yellow")),
-    ]  # fmt: skip
+        _pair("01", 0.78, RUNNER),
+        _pair("02", 0.82, SNEAKER),
+        _pair("03", 0.36, SLIPPER),
+        _pair("04", 1.45, BOOT),
+    ]
 
 
 def _outline(shoe: Shoe) -> Array:
@@ -68,47 +108,42 @@ def _one(make: Builder, shoe: Shoe, x: float) -> None:
         np.stack([x + scale * ring[:, 1], np.full(len(ring), y), ring[:, 0]], axis=1)
         for y, scale in ((0.0, 0.96), (0.5 * low, 1.03), (low, 1.0))
     ]
-    make.see(outlines.loft(layers, shoe.sole))
+    tops = _tops(shoe)
+    make.see(outlines.loft(layers, shoe.sole), _upper(shoe, x, tops))
+    opening = (x, float(tops[1]) - 0.004, -0.33 * shoe.length_m)
+    radii = (0.26 * shoe.width_m, 0.008, 0.15 * shoe.length_m)
+    make.see(shapes.sphere(opening, radii, "gap", 6, 14))
+    _laces(make, shoe, x, tops)
+    _collide(make, shoe, x, float(tops[5]))
+
+
+def _tops(shoe: Shoe) -> Array:
+    """Return the upper's height above the floor at each of its sections."""
+    low, ankle = shoe.sole_m, shoe.ankle_m
     toe = low + 0.42 * (0.105 - low)
-    tops = np.interp(
-        np.linspace(0, 1, 9),
-        [0.0, 0.08, 0.30, 0.45, 0.62, 0.85, 1.0],
-        [
-            0.92 * shoe.ankle_m,
-            shoe.ankle_m,
-            0.96 * shoe.ankle_m,
-            0.5 * (shoe.ankle_m + toe),
-            toe + 0.012,
-            toe,
-            low + 0.012,
-        ],
-    )
-    turn = np.linspace(0, np.pi, 9)
+    shares = [0.0, 0.08, 0.30, 0.45, 0.62, 0.85, 1.0]
+    heights = [0.92 * ankle, ankle, 0.96 * ankle, (ankle + toe) / 2, toe + 0.012, toe, low + 0.012]
+    return np.interp(np.linspace(0, 1, SECTIONS), shares, heights)
+
+
+def _upper(shoe: Shoe, x: float, tops: Array) -> Part:
+    """Return the skin over the foot: half ellipses, drawn in around the ankle."""
+    outline, low, turn = _outline(shoe), shoe.sole_m, np.linspace(0, np.pi, SECTIONS)
     skins = []
-    for share, top in zip(np.linspace(0.005, 0.985, 9), tops, strict=True):
+    for share, top in zip(SHARES, tops, strict=True):
         z = (share - 0.5) * shoe.length_m
         half = 0.94 * float(np.interp(z, outline[:, 0], outline[:, 1]))
         pinch = 1 - 0.25 * np.sin(turn) * float(share < 0.5)
-        points = [
-            half * np.cos(turn) * pinch + x,
-            low + (top - low) * np.sin(turn) ** 0.6,
-            0 * turn + z,
-        ]
-        skins.append(np.stack(points, axis=1))
-    make.see(outlines.loft(skins, shoe.upper))
-    opening = (x, float(tops[1]) - 0.004, -0.33 * shoe.length_m)
-    make.see(
-        shapes.sphere(opening, (0.26 * shoe.width_m, 0.008, 0.15 * shoe.length_m), "gap", 6, 14)
-    )
-    _laces(make, shoe, x, tops)
-    _collide(make, shoe, x, float(tops[5]))
+        across, rise = half * np.cos(turn) * pinch + x, low + (top - low) * np.sin(turn) ** 0.6
+        skins.append(np.stack([across, rise, np.full(SECTIONS, z)], axis=1))
+    return outlines.loft(skins, shoe.upper)
 
 
 def _laces(make: Builder, shoe: Shoe, x: float, tops: Array) -> None:
     if shoe.laces is None:
         return
     for share in (0.40, 0.47, 0.54):
-        top = float(np.interp(share, np.linspace(0.005, 0.985, 9), tops))
+        top = float(np.interp(share, SHARES, tops))
         place = (x, top - 0.001, (share - 0.5) * shoe.length_m)
         make.see(shapes.box(place, (0.5 * shoe.width_m, 0.006, 0.007), shoe.laces, 0.002))
 

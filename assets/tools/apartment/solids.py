@@ -99,7 +99,7 @@ def ball(radii: tuple[float, float, float], rings: int = 5, sides: int = 10) -> 
 
 def hull(points: ArrayLike) -> Convex:
     """Return the convex hull of points (N, 3); no three corners of it may be nearly in line."""
-    corners = np.unique(np.round(np.asarray(points, float), HULL_DIGITS), axis=0)
+    corners: Array = np.unique(np.asarray(points, np.float64).round(HULL_DIGITS), axis=0)
     found = ConvexHull(corners)
     used = np.unique(found.simplices)
     return _outward(Convex(corners[used], np.searchsorted(used, found.simplices)))

@@ -74,7 +74,7 @@ def _pedal_bin() -> ObjectModel:
 
 def _recycling_bin() -> ObjectModel:
     """Return a bin of two closed halves side by side."""
-    make, h, d = Builder(), 0.66, 0.32
+    make, d = Builder(), 0.32
     for x, lid in ((-0.142, "label_blue"), (0.142, "label_green")):
         make.box((x, 0.29, 0.0), (0.272, 0.58, d), "plastic_grey", 0.020)
         make.box((x, 0.62, 0.0), (0.276, 0.08, d + 0.006), lid, 0.020)

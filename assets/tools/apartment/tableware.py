@@ -1,12 +1,11 @@
 """Bowls, cups, plates and the saucepan: everything turned that holds food."""
 
-import math
-
+import outlines
 import shapes
 import solids
 import vessels
 from builder import Builder
-from loose import finished, free_box
+from loose import finished
 from model import Box, ObjectModel, Vec3
 from vessels import Vessel, curve
 
@@ -102,13 +101,13 @@ def _ear(make: Builder, outside: vessels.Chain, base: float, reach: float, mater
     far = start + reach
     loop: list[Vec3] = [
         (start, high, 0.0),
-        (start + 0.6 * reach, high + 0.003, 0.0),
-        (far - 0.002, 0.8 * high + 0.2 * low, 0.0),
-        (far - 0.004, 0.35 * high + 0.65 * low, 0.0),
-        ((end + far) / 2, 1.05 * low, 0.0),
-        (end, low, 0.0),
+        (start + 0.7 * reach, high - 0.002, 0.0),
+        (far, 0.62 * high + 0.38 * low, 0.0),
+        ((end + far) / 2 + 0.004, 1.08 * low, 0.0),
+        (end, low - 0.002, 0.0),
     ]
-    make.see(shapes.tube([(x, y + base, z) for x, y, z in loop], 0.0042, material, 8))
+    path = [(x, y + base, z) for x, y, z in outlines.bent(loop, 11)]
+    make.see(shapes.tube(path, 0.0042, material, 8))
     near = min(start, end)
     make.boxes.append(
         Box(

@@ -1,6 +1,7 @@
 """Things of the kitchen that are not tableware: jars, racks, trays, knives, boards, soap."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import outlines
@@ -9,7 +10,7 @@ import solids
 import vessels
 from builder import Builder
 from loose import finished, free_box
-from model import Box, ObjectModel
+from model import Box, ObjectModel, Receptacle
 from vessels import Vessel
 
 
@@ -30,8 +31,11 @@ def build() -> list[ObjectModel]:
     ]
 
 
-def _utensil(number: str, mass_kg: float, make: Builder, **more: object) -> ObjectModel:
-    return finished(f"kitchen_utensil_{number}", "kitchen_utensil", mass_kg, make, **more)
+def _utensil(
+    number: str, mass_kg: float, make: Builder, receptacles: Sequence[Receptacle] = ()
+) -> ObjectModel:
+    name, category = f"kitchen_utensil_{number}", "kitchen_utensil"
+    return finished(name, category, mass_kg, make, receptacles=receptacles)
 
 
 def _casserole() -> ObjectModel:
@@ -133,7 +137,7 @@ def _tray() -> ObjectModel:
 
 
 def _crock() -> ObjectModel:
-    """Return a stoneware crock with cooking spoons, a turner and a whisk standing in it."""
+    """Return a stoneware crock with three spoons standing in it."""
     make, r, h = Builder(), 0.058, 0.145
     vessels.add(
         make,
@@ -143,6 +147,7 @@ def _crock() -> ObjectModel:
             floor_m=0.012,
             material="glaze_sage",
             lining="glaze_white",
+            pieces=6,
             sides=22,
         ),
     )

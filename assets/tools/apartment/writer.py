@@ -30,6 +30,8 @@ from model import (
     SceneModel,
     StageModel,
 )
+from trimesh.exchange.gltf import export_glb
+from trimesh.visual import TextureVisuals
 
 POSITION_DIGITS, SOLID_DIGITS, NORMAL_DIGITS, UV_DIGITS, JSON_DIGITS = 5, 7, 3, 4, 6
 SEMANTICS = "apartment_ssd_map"
@@ -250,7 +252,7 @@ def write_parts(parts: list[Part], path: Path) -> None:
             process=False,
         )
         uv = _rounded(np.vstack([p.uv_m for p in group]) / tile_m, UV_DIGITS)
-        mesh.visual = trimesh.visual.TextureVisuals(uv=uv, material=materials.to_pbr(name))
+        mesh.visual = TextureVisuals(uv=uv, material=materials.to_pbr(name))
         scene.add_geometry(mesh, node_name=name, geom_name=name)
     _write_glb(scene, path, normals=True)
 
@@ -261,16 +263,14 @@ def write_solids(solids: list[Convex], path: Path) -> None:
     for index, solid in enumerate(solids):
         name = f"convex_{index:03d}"
         mesh = trimesh.Trimesh(_rounded(solid.vertices, SOLID_DIGITS), solid.faces, process=False)
-        mesh.visual = trimesh.visual.TextureVisuals()
+        mesh.visual = TextureVisuals()
         scene.add_geometry(mesh, node_name=name, geom_name=name)
     _write_glb(scene, path, normals=False)
 
 
 def _write_glb(scene: trimesh.Scene, path: Path, *, normals: bool) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    data = trimesh.exchange.gltf.export_glb(
-        scene, include_normals=normals, tree_postprocessor=_drop_stamp
-    )
+    data = export_glb(scene, include_normals=normals, tree_postprocessor=_drop_stamp)
     path.write_bytes(data)
 
 

@@ -146,7 +146,9 @@ def test_convex_parts_fill_the_bounds_of_what_is_seen(config):
     seen, solid = corners_of(pieces(template.visual_file)), corners_of(parts)
     size = np.ptp(seen, axis=0)
     for end in (np.min, np.max):
-        assert (np.abs(end(seen, axis=0) - end(solid, axis=0)) <= np.maximum(0.125 * size, 0.005)).all()
+        assert (
+            np.abs(end(seen, axis=0) - end(solid, axis=0)) <= np.maximum(0.125 * size, 0.005)
+        ).all()
     assert (np.abs(np.ptp(solid, axis=0) / size - 1) <= 0.25).all()
 
 

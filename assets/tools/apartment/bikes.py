@@ -36,7 +36,7 @@ def _bike(number: str, mass_kg: float, paint: str, step_through: bool) -> Object
         frames.append([(0.4 * side, 0.69, 0.385), (side, 0.62, 0.40), (side, HUB_M, FRONT_M)])
     for path in frames:
         radius = 0.016 if abs(path[0][0]) < 1e-6 else 0.009
-        make.see(shapes.tube(path, radius, paint, 8))
+        make.see(shapes.tube(path, radius, paint, 6))
     _saddle(make)
     _bars(make, 0.16 if step_through else 0.02, swept=step_through)
     _drive(make, crank)
@@ -52,12 +52,12 @@ def _bike(number: str, mass_kg: float, paint: str, step_through: bool) -> Object
 
 
 def _wheel(make: Builder, z: float) -> None:
-    turn = np.linspace(0, 2 * math.pi, 7)
+    turn = np.linspace(0, 2 * math.pi, 6)
     tyre = [(WHEEL_M - 0.018 + 0.018 * math.cos(a), 0.018 * math.sin(a)) for a in turn]
     rim = [(0.302, -0.010), (0.302, 0.010), (0.292, 0.010), (0.292, -0.010), (0.302, -0.010)]
     make.see(
-        shapes.lathe([tyre], "rubber", 28, (0.0, HUB_M, z), "x"),
-        shapes.lathe([rim], "steel", 28, (0.0, HUB_M, z), "x"),
+        shapes.lathe([tyre], "rubber", 24, (0.0, HUB_M, z), "x"),
+        shapes.lathe([rim], "steel", 24, (0.0, HUB_M, z), "x"),
         shapes.cylinder((0.0, HUB_M, z), 0.020, 0.09, "steel", "x", 12),
     )
     for k in range(9):
@@ -65,7 +65,7 @@ def _wheel(make: Builder, z: float) -> None:
         tip = np.array([0.0, math.sin(angle), math.cos(angle)]) * 0.295
         middle = np.array([0.0, HUB_M, z])
         ends = [tuple(middle - tip), tuple(middle + tip)]
-        make.see(shapes.tube(ends, 0.0018, "steel", 4))
+        make.see(shapes.tube(ends, 0.0018, "steel", 3))
 
 
 def _saddle(make: Builder) -> None:

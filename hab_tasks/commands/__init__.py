@@ -2,13 +2,17 @@
 
 from hab_tasks.commands.base import Command
 from hab_tasks.commands.check import Check
+from hab_tasks.commands.convert import Convert
 from hab_tasks.commands.episodes import Episodes
+from hab_tasks.commands.figures import Figures
 from hab_tasks.commands.list import List
 
 COMMANDS: dict[str, type[Command]] = {
     "list": List,
     "check": Check,
     "episodes": Episodes,
+    "figures": Figures,
+    "convert": Convert,
 }
 """Subcommand -> its options, in the order in which `--help` shows them."""
 

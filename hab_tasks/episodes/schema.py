@@ -178,7 +178,7 @@ def read_episodes(file: Path) -> EpisodeSet:
             "Make it anew with `hab-tasks episodes`."
         )
     try:
-        scenes = {s: {k: _pose(p) for k, p in v.items()} for s, v in raw["scenes"].items()}
+        scenes = {s: {k: read_pose(p) for k, p in v.items()} for s, v in raw["scenes"].items()}
         return EpisodeSet(
             env=str(raw["env"]),
             scene_dataset=str(raw["scene_dataset"]),
@@ -226,7 +226,7 @@ def read_episode(entry: dict[str, Any], scenes: dict[str, dict[str, Pose7]]) -> 
         scene_id=str(entry["scene_id"]),
         seed=int(entry["seed"]),
         robot=RobotStart(base=_base(entry["robot"]["base"]), arm_qpos_rad=arm),
-        objects={str(k): _pose(v) for k, v in entry["objects"].items()},
+        objects={str(k): read_pose(v) for k, v in entry["objects"].items()},
         targets=tuple(_rearrangement(target) for target in entry["targets"]),
         held=entry.get("held"),
         handle=HandleRef(**{k: str(v) for k, v in handle.items()}) if handle else None,
@@ -252,7 +252,7 @@ def _rearrangement(entry: dict[str, Any]) -> Rearrangement:
         object=str(entry["object"]),
         start=_receptacle(start) if start else None,
         goal=_receptacle(goal) if goal else None,
-        world_from_goal=_pose(pose) if pose else None,
+        world_from_goal=read_pose(pose) if pose else None,
     )
 
 
@@ -262,18 +262,20 @@ def _receptacle(values: Any) -> ReceptacleRef:
 
 
 def _base(values: Any) -> Base:
-    x, y, yaw = (_number(value) for value in values)
+    x, y, yaw = (finite(value) for value in values)
     return x, y, yaw
 
 
-def _pose(values: Any) -> Pose7:
-    numbers = tuple(_number(x) for x in values)
+def read_pose(values: Any) -> Pose7:
+    """Returns a pose as files hold it. Raises TypeError or ValueError for anything else."""
+    numbers = tuple(finite(x) for x in values)
     if len(numbers) != 7:
         raise ValueError(f"a pose needs 7 numbers, found {len(numbers)}")
     return numbers  # type: ignore[return-value]
 
 
-def _number(value: Any) -> float:
+def finite(value: Any) -> float:
+    """Returns a number. Raises TypeError or ValueError when it is none, or not finite."""
     number = float(value)
     if not math.isfinite(number):
         raise ValueError(f"{value!r} is not a finite number")

@@ -1,0 +1,100 @@
+"""`hab-tasks convert`: exchanges episode files with Habitat."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+import tyro
+from tqdm import tqdm
+
+from hab_tasks.commands.base import Command, refuse_existing
+from hab_tasks.envs import ENVS
+from hab_tasks.episodes.habitat import OWN_KEY, is_habitat, read_habitat, to_habitat
+from hab_tasks.episodes.schema import read_episodes, save_json, write_episodes
+from hab_tasks.errors import HabError, UnknownNameError
+from hab_tasks.scenes.dataset import SceneDataset, resolve_dataset
+from hab_tasks.scenes.objects import load_objects
+from hab_tasks.scenes.spec import ObjectTemplate
+
+
+@dataclass(frozen=True, kw_only=True)
+class Convert(Command):
+    """Options of `hab-tasks convert`."""
+
+    help: ClassVar[str] = """Turns Habitat's rearrangement episodes into ours, or back.
+
+The file tells which way. Prints what the other format has no field for, and where it is kept.
+
+Example:
+  hab-tasks convert tidy_house.json.gz --scene-dataset ~/data/replica_cad --out tidy.json.gz"""
+
+    source: tyro.conf.Positional[Path]
+    """An episode file, .json or .json.gz."""
+    out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
+    """The file to write, .json or .json.gz."""
+    scene_dataset: Annotated[str, tyro.conf.arg(metavar="NAME|PATH")] = "apartment"
+    """The episodes' scene dataset: `apartment`, which is shipped, or a ReplicaCAD folder."""
+    objects: Annotated[str | None, tyro.conf.arg(metavar="PATH")] = None
+    """A YCB folder, instead of the shipped objects."""
+    env: Annotated[str | None, tyro.conf.arg(metavar="ID")] = None
+    """Environment of Habitat's episodes, instead of the task that their receptacles suggest."""
+    force: bool = False
+    """Replace FILE."""
+
+    def run(self) -> int:
+        """Converts the file, then prints what went where."""
+        refuse_existing(self.out, self.force)
+        if self.env is not None and self.env not in ENVS:
+            raise UnknownNameError("env", self.env, ENVS)
+        dataset, objects = resolve_dataset(self.scene_dataset), load_objects(self.objects)
+        convert = self._from_habitat if is_habitat(self.source) else self._to_habitat
+        try:
+            convert(dataset, objects)
+        except OSError as error:
+            raise HabError(f"{self.out}: cannot be written ({error}).") from error
+        return 0
+
+    def _from_habitat(self, dataset: SceneDataset, objects: Mapping[str, ObjectTemplate]) -> None:
+        with _bar() as progress:
+            made = read_habitat(self.source, dataset, objects, self.env, progress)
+        write_episodes(made, self.out)
+        print(f"wrote {len(made)} episodes ({made.split}) for {made.env} to {self.out}")
+        kept = Counter(key for e in made.episodes for key in e.habitat.get("kept", ()))
+        print(f"  kept for the way back: {_listed(kept)}")
+        astray = sum(e.robot.base == (0.0, 0.0, 0.0) for e in made.episodes)
+        if astray:
+            print(f"  without a robot start, which Habitat draws at each reset: {astray}")
+        print("  dropped: nothing")
+
+    def _to_habitat(self, dataset: SceneDataset, objects: Mapping[str, ObjectTemplate]) -> None:
+        with _bar() as progress:
+            raw = to_habitat(read_episodes(self.source), dataset, objects, progress)
+        save_json(raw, self.out, sort_keys=False)
+        print(f"wrote {len(raw['episodes'])} episodes in Habitat's format to {self.out}")
+        own: list[Mapping[str, Any]] = [
+            (e.get("info") or {}).get(OWN_KEY, {}) for e in raw["episodes"]
+        ]
+        beside = Counter(key for fields in (*own, raw.get(OWN_KEY, {})) for key in fields)
+        print(f"  under {OWN_KEY!r}, which Habitat does not read: {_listed(beside)}")
+        print("  dropped: nothing")
+
+
+@contextmanager
+def _bar() -> Iterator[Callable[[int, int], None]]:
+    with tqdm(unit="episode", disable=not sys.stderr.isatty()) as bar:
+
+        def progress(ready: int, count: int) -> None:
+            bar.total = count
+            bar.update(ready - bar.n)
+
+        yield progress
+
+
+def _listed(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{name} ({times})" for name, times in sorted(counts.items())) or "nothing"

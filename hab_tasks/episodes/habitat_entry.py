@@ -1,0 +1,326 @@
+"""One episode in Habitat's words, and back; `hab_tasks.episodes.habitat` tells what maps where."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hab_tasks.episodes.habitat_fields import (
+    body_of,
+    close,
+    habitat_handles,
+    naming,
+    object_frame,
+    ordered_like,
+    plain_name,
+    read_base,
+    read_matrix,
+    target_order,
+)
+from hab_tasks.episodes.habitat_layout import HabitatLayout
+from hab_tasks.episodes.schema import (
+    Episode,
+    Rearrangement,
+    ReceptacleRef,
+    RobotStart,
+    finite,
+    read_episode,
+    template_of,
+)
+from hab_tasks.errors import EpisodeError, UnknownNameError
+from hab_tasks.geometry import WORLD_FROM_HABITAT, Array, Pose7, from_matrix, to_matrix
+from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
+from hab_tasks.scenes.dataset import SceneDataset
+from hab_tasks.scenes.load import load_scene
+from hab_tasks.scenes.spec import ObjectTemplate
+
+OWN_KEY = "hab_tasks"
+"""Under this name, where Habitat looks for nothing, lies what its format has no place for."""
+
+OBJECT_CONFIGS = "data/objects/ycb/configs/"
+DATASET_FOLDERS = {"replicaCAD": "data/replica_cad"}
+"""Where Habitat's own episodes look for a dataset; others are expected in ``data/NAME``."""
+
+SAME = 1e-6
+"""Numbers of two files that differ by no more are equal."""
+
+MEANT = 1e-5
+"""Habitat writes five digits: a value this near to an episode's still means the same."""
+
+_TOLD = frozenset({"id", "scene_id", "robot", "objects", "targets", "joints", "loose", "habitat"})
+_WORLD_FROM_HABITAT = to_matrix(WORLD_FROM_HABITAT)
+
+
+class HabitatEntries:
+    """Translates single episodes of one dataset, with one set of movable objects."""
+
+    def __init__(self, dataset: SceneDataset, objects: Mapping[str, ObjectTemplate]) -> None:
+        self._dataset, self._templates = dataset, objects
+        self._layouts: dict[str, HabitatLayout] = {}
+        self._frames: dict[str, tuple[Array, Array]] = {}
+
+    def to_entry(self, episode: Episode) -> dict[str, Any]:
+        """Returns an episode as Habitat writes it.
+
+        Raises:
+            EpisodeError: It names something that the dataset does not have.
+        """
+        plain = self._write(episode)
+        entry, told = self._with_kept(plain, episode)
+        own = _untold(episode, told)
+        if own:
+            entry = entry | {"info": {**(entry.get("info") or {}), OWN_KEY: own}}
+        return ordered_like(entry, plain)
+
+    def to_episode(self, entry: Any, where: str, loose: Mapping[str, dict[str, Pose7]]) -> Episode:
+        """Returns the episode that an entry of a Habitat file describes.
+
+        Args:
+            entry: The entry.
+            where: The file and which of its episodes this is, for messages.
+            loose: Scene id -> poses of the layout's own loose objects, where the file tells them.
+
+        Raises:
+            EpisodeError: A field is missing or malformed, or names what the dataset does not have.
+        """
+        if not isinstance(entry, dict):
+            raise EpisodeError(f"{where}: expected an object, found {type(entry).__name__}.")
+        told = self._read(entry, where)
+        plain, given = self._write(told), dict(entry)
+        own: dict[str, Any] = {}
+        with naming(where, "info"):
+            if OWN_KEY in (given.get("info") or {}):
+                own = dict(given["info"][OWN_KEY])
+                given["info"] = {k: v for k, v in given["info"].items() if k != OWN_KEY}
+        kept = {k: v for k, v in given.items() if k not in plain or not close(plain[k], v, SAME)}
+        absent = [key for key in plain if key not in given]
+        habitat = {k: v for k, v in (("kept", kept), ("absent", absent)) if v}
+        told = replace(told, habitat=habitat, loose=loose.get(told.scene_id, {}))
+        with naming(where, f"info.{OWN_KEY}"):
+            return _with_untold(told, own) if own else told
+
+    def _write(self, episode: Episode) -> dict[str, Any]:
+        """Returns the entry without what was kept and what Habitat has no place for."""
+        where = f"episode {episode.id!r}"
+        with naming(where, "scene_id"):
+            layout = self._layout(episode.scene_id)
+        handles = habitat_handles(episode.objects)
+        with naming(where, "objects"):
+            matrices = {name: self._matrix(name, p) for name, p in episode.objects.items()}
+            goals = [
+                matrices[t.object]
+                if t.world_from_goal is None
+                else self._matrix(t.object, t.world_from_goal)
+                for t in episode.targets
+            ]
+        with naming(where, "joints"):
+            states = {
+                furniture: {str(layout.link_of_joint(furniture, j)): q for j, q in joints.items()}
+                for furniture, joints in episode.joints.items()
+            }
+        with naming(where, "targets"):
+            starts = [_place(layout, t.start) for t in episode.targets]
+            ends = [_place(layout, t.goal) for t in episode.targets]
+        targets = [handles[t.object] for t in episode.targets]
+        name = self._dataset.name
+        folder = DATASET_FOLDERS.get(name, f"data/{name}")
+        x, y, yaw = episode.robot.base
+        return {
+            "episode_id": episode.id,
+            "scene_id": f"{folder}/configs/scenes/{episode.scene_id}.scene_instance.json",
+            "scene_dataset_config": f"{folder}/{name}.scene_dataset_config.json",
+            "additional_obj_config_paths": [OBJECT_CONFIGS],
+            "start_position": [x, 0.0, 0.0 - y],
+            "start_rotation": [0.0, math.sin(yaw / 2), 0.0, math.cos(yaw / 2)],
+            "ao_states": states,
+            "rigid_objs": [
+                [f"{template_of(handle)}.object_config.json", matrices[ours].tolist()]
+                for handle, ours in sorted((handle, ours) for ours, handle in handles.items())
+            ],
+            "targets": {h: goal.tolist() for h, goal in zip(targets, goals, strict=True)},
+            "markers": layout.markers(episode.handle.marker if episode.handle else None),
+            "target_receptacles": starts,
+            "goal_receptacles": ends,
+            "name_to_receptacle": {
+                handles[t.object]: t.start[0] for t in episode.targets if t.start
+            },
+            "info": {"object_labels": {h: f"any_targets|{i}" for i, h in enumerate(targets)}},
+        }
+
+    def _with_kept(self, plain: dict[str, Any], episode: Episode) -> tuple[dict[str, Any], Episode]:
+        """Puts back what the episode's Habitat file held, as far as it still means the same.
+
+        Returns:
+            The entry, and the episode that it tells.
+        """
+        kept: dict[str, Any] = episode.habitat.get("kept", {})
+        keys = [*kept, *episode.habitat.get("absent", ())]
+        entry, told = plain, None
+        for chosen in (keys, *([key] for key in keys)) if keys else ():
+            trial = entry | {key: kept[key] for key in chosen if key in kept}
+            trial = {k: v for k, v in trial.items() if k in kept or k not in chosen}
+            meant = self._meant_by(trial, plain)
+            if meant is not None:
+                entry, told = trial, meant
+                if chosen is keys:
+                    break
+        return entry, told or self._read(plain, f"episode {episode.id!r}")
+
+    def _meant_by(self, trial: dict[str, Any], plain: dict[str, Any]) -> Episode | None:
+        """Returns the episode that `trial` tells, None when `plain` tells another."""
+        try:
+            told = self._read(trial, "kept")
+            return told if close(self._write(told), plain, MEANT) else None
+        except EpisodeError:
+            return None
+
+    def _read(self, entry: dict[str, Any], where: str) -> Episode:
+        """Returns what Habitat's own fields tell."""
+        with naming(where, "scene_id"):
+            scene_id = Path(entry["scene_id"]).name.removesuffix(".scene_instance.json")
+            layout = self._layout(scene_id)
+        with naming(where, "episode_id"):
+            episode_id = str(entry["episode_id"])
+        self._check_dataset(entry, where)
+        with naming(where, "rigid_objs"):
+            objects = self._objects(entry["rigid_objs"], where)
+        with naming(where, "ao_states"):
+            joints = {
+                str(furniture): {
+                    layout.joint(furniture, int(link)): finite(q) for link, q in states.items()
+                }
+                for furniture, states in entry["ao_states"].items()
+            }
+        return Episode(
+            id=episode_id,
+            scene_id=scene_id,
+            seed=zlib.crc32(f"{scene_id}/{episode_id}".encode()) >> 1,
+            robot=RobotStart(base=read_base(entry, where), arm_qpos_rad=REST_QPOS_RAD),
+            objects=objects,
+            targets=self._targets(entry, layout, objects, where),
+            joints=joints,
+        )
+
+    def _check_dataset(self, entry: dict[str, Any], where: str) -> None:
+        with naming(where, "scene_dataset_config"):
+            file = Path(entry.get("scene_dataset_config", "default")).name
+            name = file.removesuffix(".scene_dataset_config.json")
+        if name not in (file, self._dataset.name):
+            raise EpisodeError(
+                f"{where}, field scene_dataset_config: made for the scene dataset {name}, not for "
+                f"{self._dataset.name}. Give its folder with --scene-dataset."
+            )
+
+    def _objects(self, listed: Iterable[Any], where: str) -> dict[str, Pose7]:
+        counts: Counter[str] = Counter()
+        objects = {}
+        for index, entry in enumerate(listed):
+            with naming(where, f"rigid_objs[{index}]"):
+                config, matrix = entry
+                name = Path(config).name.removesuffix(".object_config.json")
+                handle = f"{name}_:{counts[name]:04d}"
+                objects[handle] = self._pose(handle, matrix)
+                counts[name] += 1
+        return objects
+
+    def _targets(
+        self,
+        entry: dict[str, Any],
+        layout: HabitatLayout,
+        objects: dict[str, Pose7],
+        where: str,
+    ) -> tuple[Rearrangement, ...]:
+        with naming(where, "name_to_receptacle"):
+            names = {k: plain_name(v) for k, v in (entry.get("name_to_receptacle") or {}).items()}
+            for name in names.values():
+                layout.check_receptacle(name)
+        with naming(where, "targets"):
+            goals = dict(entry["targets"])
+            for handle in goals:
+                if handle not in objects:
+                    raise UnknownNameError("object of rigid_objs", handle, objects)
+            order = target_order(entry, goals)
+        found = []
+        for index, handle in enumerate(order):
+            with naming(where, f"targets[{handle!r}]"):
+                goal: Pose7 | None = self._pose(handle, goals[handle])
+            here, there = self._middle(handle, objects[handle]), self._middle(handle, goal)
+            if close(objects[handle], goal, SAME):
+                goal = None
+            with naming(where, f"target_receptacles[{index}]"):
+                place = body_of(entry, "target_receptacles", index, len(order))
+                start = layout.receptacle(*place, names.get(handle), here)
+            with naming(where, f"goal_receptacles[{index}]"):
+                place = body_of(entry, "goal_receptacles", index, len(order))
+                end = layout.receptacle(*place, None, there)
+            found.append(Rearrangement(object=handle, start=start, goal=end, world_from_goal=goal))
+        return tuple(found)
+
+    def _layout(self, scene_id: str) -> HabitatLayout:
+        if scene_id not in self._layouts:
+            self._layouts[scene_id] = HabitatLayout(load_scene(self._dataset, scene_id))
+        return self._layouts[scene_id]
+
+    def _frame(self, handle: str) -> tuple[Array, Array]:
+        """Returns `object_frame` (4, 4) of the template of a handle, and its inverse."""
+        name = template_of(handle)
+        if name not in self._frames:
+            if name not in self._templates:
+                raise UnknownNameError("object template", name, self._templates)
+            frame = object_frame(self._templates[name])
+            self._frames[name] = frame, np.linalg.inv(frame).astype(np.float64)
+        return self._frames[name]
+
+    def _matrix(self, handle: str, world_from_object: Pose7) -> Array:
+        """Returns Habitat's matrix of an object's pose."""
+        return _WORLD_FROM_HABITAT.T @ to_matrix(world_from_object) @ self._frame(handle)[1]
+
+    def _pose(self, handle: str, habitat_from_object: Any) -> Pose7:
+        matrix = read_matrix(habitat_from_object)
+        return from_matrix(_WORLD_FROM_HABITAT @ matrix @ self._frame(handle)[0])
+
+    def _middle(self, handle: str, world_from_object: Pose7) -> Array:
+        """Returns the middle (3,) of an object in the world."""
+        return (_WORLD_FROM_HABITAT @ self._matrix(handle, world_from_object))[:3, 3]
+
+
+def _untold(episode: Episode, told: Episode) -> dict[str, Any]:
+    """Returns what `episode` holds and Habitat's fields, read as `told`, do not."""
+    mine, read = (asdict(replace(e, loose={}, habitat={})) for e in (episode, told))
+    untold = {k: v for k, v in mine.items() if k not in _TOLD and v != read[k]}
+    if not close(mine["robot"]["arm_qpos_rad"], read["robot"]["arm_qpos_rad"], SAME):
+        untold["arm_qpos_rad"] = mine["robot"]["arm_qpos_rad"]
+    handles = {theirs: ours for ours, theirs in habitat_handles(episode.objects).items()}
+    if renamed := {theirs: ours for theirs, ours in handles.items() if theirs != ours}:
+        untold["handles"] = renamed
+    receptacles = [(t.start, t.goal) for t in episode.targets]
+    if receptacles != [(t.start, t.goal) for t in told.targets]:
+        untold["receptacles"] = receptacles
+    return untold
+
+
+def _with_untold(told: Episode, untold: dict[str, Any]) -> Episode:
+    """Adds to an episode read from Habitat's fields what `_untold` found."""
+    rest = dict(untold)
+    raw = asdict(told)
+    if "arm_qpos_rad" in rest:
+        raw["robot"]["arm_qpos_rad"] = rest.pop("arm_qpos_rad")
+    handles = rest.pop("handles", {})
+    raw["objects"] = {handles.get(k, k): pose for k, pose in raw["objects"].items()}
+    for target in raw["targets"]:
+        target["object"] = handles.get(target["object"], target["object"])
+    if "receptacles" in rest:
+        for target, pair in zip(raw["targets"], rest.pop("receptacles"), strict=True):
+            target["start"], target["goal"] = pair
+    return read_episode(raw | rest, {told.scene_id: told.loose})
+
+
+def _place(layout: HabitatLayout, receptacle: ReceptacleRef | None) -> list[Any]:
+    return [None, None] if receptacle is None else [*layout.place(receptacle[1])]

@@ -10,6 +10,7 @@ import pytest
 import trimesh
 
 from hab_tasks.scenes.load import load_template
+from hab_tasks.scenes.spec import ObjectTemplate
 
 sapien = pytest.importorskip("sapien")
 
@@ -44,19 +45,32 @@ def name_of(config: Path) -> str:
     return config.name.removesuffix(".object_config.json")
 
 
+def template_of(config: Path) -> ObjectTemplate:
+    template = load_template(config)
+    assert template is not None
+    return template
+
+
+def solids_of(template: ObjectTemplate) -> list[trimesh.Trimesh]:
+    (source,) = template.collision
+    assert source.kind == "convex_parts"
+    assert source.file is not None
+    return pieces(source.file)
+
+
 def corners_of(meshes: list[trimesh.Trimesh]) -> np.ndarray:
     return np.vstack([m.vertices for m in meshes])
 
 
 def pieces(path: Path) -> list[trimesh.Trimesh]:
-    return list(trimesh.load(path, force="scene").geometry.values())
+    return list(trimesh.load_scene(path).geometry.values())
 
 
 def convex_file(name: str) -> Path:
     return ROOT / "objects/convex" / f"{name}_cv_decomp.glb"
 
 
-def bare_scene() -> "sapien.Scene":
+def bare_scene():
     """A scene with a floor and without a renderer."""
     scene = sapien.Scene([sapien.physx.PhysxCpuSystem()])
     scene.set_timestep(STEP_S)
@@ -85,7 +99,7 @@ def add(scene, name, place, *, above_m=0.0):
 def test_there_are_replica_cads_92_and_more_than_20_classes():
     named = [p for p in TEMPLATES if p.name.startswith("frl_apartment_")]
     assert len(named) == 92
-    assert len({load_template(p).category for p in named}) >= 20
+    assert len({template_of(p).category for p in named}) >= 20
 
 
 @pytest.mark.assets
@@ -104,7 +118,7 @@ def test_names_and_classes_are_replica_cads(replica_cad):
 
 def test_kitchen_things_are_the_largest_group():
     group = {c: name for name, classes in GROUPS.items() for c in classes.split()}
-    categories = [load_template(p).category for p in TEMPLATES]
+    categories = [template_of(p).category for p in TEMPLATES]
     templates = Counter(group[c] for c in categories)
     classes = Counter(group[c] for c in set(categories))
     assert templates.most_common(1)[0][0] == "kitchen"
@@ -126,23 +140,22 @@ def test_lexicon_names_every_class():
 
 @pytest.mark.parametrize("config", CONFIGS, ids=name_of)
 def test_template_is_complete(config):
-    template = load_template(config)
-    assert template is not None
+    template = template_of(config)
     assert template.category
     assert 0.4 <= template.friction <= 1.0
-    (source,) = template.collision
-    assert source.kind == "convex_parts"
-    volume_m3 = sum(piece.volume for piece in pieces(source.file))
+    assert template.mass_kg is not None
+    volume_m3 = sum(piece.volume for piece in solids_of(template))
     assert DENSITY[0] < template.mass_kg / volume_m3 < DENSITY[1]
 
 
 @pytest.mark.parametrize("config", CONFIGS, ids=name_of)
 def test_convex_parts_fill_the_bounds_of_what_is_seen(config):
-    template = load_template(config)
-    parts = pieces(template.collision[0].file)
+    template = template_of(config)
+    parts = solids_of(template)
     for part in parts:
         assert part.is_watertight
         assert part.volume == pytest.approx(part.convex_hull.volume, rel=1e-3)
+    assert template.visual_file is not None
     seen, solid = corners_of(pieces(template.visual_file)), corners_of(parts)
     size = np.ptp(seen, axis=0)
     for end in (np.min, np.max):
@@ -152,12 +165,10 @@ def test_convex_parts_fill_the_bounds_of_what_is_seen(config):
     assert (np.abs(np.ptp(solid, axis=0) / size - 1) <= 0.25).all()
 
 
-@pytest.mark.parametrize(
-    "config", [p for p in CONFIGS if load_template(p).receptacles], ids=name_of
-)
+@pytest.mark.parametrize("config", [p for p in CONFIGS if template_of(p).receptacles], ids=name_of)
 def test_receptacles_are_free_boxes_on_a_part(config):
-    template = load_template(config)
-    parts = pieces(template.collision[0].file)
+    template = template_of(config)
+    parts = solids_of(template)
     for receptacle in template.receptacles:
         center, half = np.array(receptacle.body_from_box[:3]), np.array(receptacle.half_size_m)
         grid = np.stack(np.meshgrid(*[np.linspace(-0.98, 0.98, 7)] * 3), axis=-1).reshape(-1, 3)

@@ -11,8 +11,8 @@ import tyro
 from tqdm import tqdm
 
 from hab_tasks.commands.base import Command, refuse_existing
-from hab_tasks.envs import ENVS
-from hab_tasks.episodes import open_source
+from hab_tasks.episodes import EpisodeRequest, open_source
+from hab_tasks.episodes.generators import GENERATORS
 from hab_tasks.errors import HabError, UnknownNameError
 
 
@@ -41,23 +41,28 @@ Example:
     """`apartment`, which is shipped, or a ReplicaCAD folder."""
     objects: Annotated[str | None, tyro.conf.arg(metavar="PATH")] = None
     """A YCB folder, instead of the shipped objects."""
+    novel: Annotated[str | None, tyro.conf.arg(metavar="WHAT")] = None
+    """objects or receptacles: those kept for evaluating generalisation."""
     force: bool = False
     """Replace FILE."""
 
     def run(self) -> int:
         """Generates and writes the file, then prints what was refused and why."""
-        if self.env not in ENVS:
-            raise UnknownNameError("env", self.env, ENVS)
+        if self.env not in GENERATORS:
+            raise UnknownNameError("env", self.env, GENERATORS)
         if self.count < 1:
             raise HabError(f"--count {self.count}: at least 1 episode.")
         refuse_existing(self.out, self.force)
         source = open_source(
-            env_id=self.env,
-            scene_dataset=self.scene_dataset,
-            objects=self.objects,
-            split=self.split,
-            scene_id=self.scene,
-            seed=self.seed,
+            EpisodeRequest(
+                env_id=self.env,
+                scene_dataset=self.scene_dataset,
+                objects=self.objects,
+                split=self.split,
+                scene=self.scene,
+                seed=self.seed,
+                novel=self.novel,
+            )
         )
         for index in tqdm(range(self.count), unit="episode", disable=not sys.stderr.isatty()):
             source.get(index)

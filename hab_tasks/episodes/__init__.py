@@ -1,10 +1,11 @@
 """Episodes: what they are, where they come from, how they are written into the simulator."""
 
 from hab_tasks.episodes.schema import Episode, EpisodeSet, read_episodes, write_episodes
-from hab_tasks.episodes.source import load_episodes, open_source
+from hab_tasks.episodes.source import EpisodeRequest, load_episodes, open_source
 
 __all__ = [
     "Episode",
+    "EpisodeRequest",
     "EpisodeSet",
     "load_episodes",
     "open_source",

@@ -69,7 +69,7 @@ def _apply_objects(
 ) -> None:
     unknown = set(episode.objects) - set(handles.pickables)
     if unknown:
-        raise EpisodeError(f"{episode.id}: no object {sorted(unknown)} was loaded.")
+        raise EpisodeError(f"{episode.id}: its objects {sorted(unknown)} are not in the scene.")
     for index, (name, actor) in enumerate(handles.pickables.items()):
         _place(actor, row, episode.objects.get(name, parking_pose(index)))
         _show(actor, row, name in episode.objects)

@@ -6,30 +6,61 @@ first 50, and asking again gives the same ones.
 
 from __future__ import annotations
 
-import logging
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
-from hab_tasks.episodes.generate import GENERATOR_VERSION, PickGenerator, stable_hash
+from hab_tasks.episodes.generators import (
+    GENERATOR_VERSION,
+    GENERATORS,
+    Generator,
+    stable_hash,
+)
+from hab_tasks.episodes.generators.base import Objects
+from hab_tasks.episodes.receptacles import UNSEEN_RECEPTACLES
 from hab_tasks.episodes.schema import Episode, EpisodeSet, read_episodes, write_episodes
 from hab_tasks.errors import EpisodeError, UnknownNameError
 from hab_tasks.scenes.dataset import SceneDataset, embedded_dataset, resolve_dataset
 from hab_tasks.scenes.load import load_scene
 from hab_tasks.scenes.meshes import cache_dir
-from hab_tasks.scenes.objects import load_objects
-from hab_tasks.scenes.spec import ObjectTemplate, SceneSpec
-
-logger = logging.getLogger(__name__)
+from hab_tasks.scenes.objects import TRAIN_OBJECTS, UNSEEN_OBJECTS, load_objects
+from hab_tasks.scenes.spec import SceneSpec
 
 UNLIMITED = 1_000_000
-GENERATORS = {"HabPick-v1": PickGenerator}
+NOVELTIES = ("objects", "receptacles")
 Progress = Callable[[int, int], None]
 
 
+@dataclass(frozen=True, kw_only=True)
+class EpisodeRequest:
+    """Which episodes are wanted.
+
+    Attributes:
+        env_id: The environment they are for.
+        scene_dataset: ``apartment``, ``replica_cad``, or the path of a ReplicaCAD folder.
+        objects: Path of a YCB folder; None for the embedded objects.
+        split: ``train``, ``val`` or ``test``; None for the most unseen one that the dataset has.
+        scene: Only episodes in this layout.
+        file: An episode file instead of generated episodes.
+        seed: Seed of the generated episodes.
+        novel: ``objects`` or ``receptacles``: those kept for evaluation (S E.1); None for the
+            objects seen in training and the skill's own receptacles.
+    """
+
+    env_id: str
+    scene_dataset: str | Path = "apartment"
+    objects: str | Path | None = None
+    split: str | None = None
+    scene: str | None = None
+    file: str | Path | None = None
+    seed: int = 0
+    novel: str | None = None
+
+
 class EpisodeSource:
-    """Episodes of one env, dataset, split and seed, by index.
+    """The episodes of a request, by index.
 
     Attributes:
         dataset: The scene dataset.
@@ -39,31 +70,28 @@ class EpisodeSource:
         rejections: Reason -> candidates refused by this process's generation.
     """
 
-    def __init__(
-        self,
-        *,
-        env_id: str,
-        dataset: SceneDataset,
-        objects: dict[str, ObjectTemplate],
-        objects_name: str,
-        split: str,
-        scene_id: str | None,
-        seed: int,
-    ) -> None:
-        self.env_id, self.dataset, self.objects = env_id, dataset, objects
-        self.split, self.seed, self.scene_id = split, seed, scene_id
+    def __init__(self, request: EpisodeRequest, dataset: SceneDataset) -> None:
+        """Reads what the request names and what was generated before."""
+        self.env_id, self.seed, self.novel = request.env_id, request.seed, request.novel
+        self.dataset, self.scene_id = dataset, request.scene
+        self.objects = load_objects(request.objects)
+        self.split = _split(dataset, request.split, request.scene)
         self.available = UNLIMITED
         self.rejections: Counter[str] = Counter()
-        self._generator: PickGenerator | None = None
+        self._generator: Generator | None = None
         self._episodes: dict[int, Episode] = {}
         self._scenes: dict[str, SceneSpec] = {}
-        scope = f"{split}-{scene_id}" if scene_id else split
-        self._name = f"{env_id}.{dataset.name}.{objects_name}.{scope}.{seed}.json.gz"
+        if request.file is not None:
+            self._take_file(Path(request.file))
+            return
+        scope = "-".join(part for part in (self.split, self.scene_id) if part)
+        scope += f"+{self.novel}" if self.novel else ""
+        kind = "embedded" if request.objects is None else "ycb"
+        self._name = f"{self.env_id}.{dataset.name}.{kind}.{scope}.{self.seed}.json.gz"
         shipped = dataset.root == embedded_dataset().resolve()
         self._embedded = _shipped_folder() / self._name if shipped else None
-        masses = (f"{name} {template.mass_kg}" for name, template in sorted(objects.items()))
-        made_from = f"{GENERATOR_VERSION} {dataset.fingerprint}"
-        key = stable_hash(made_from, *masses)
+        masses = (f"{name} {t.mass_kg}" for name, t in sorted(self.objects.items()))
+        key = stable_hash(f"{GENERATOR_VERSION} {dataset.fingerprint}", *masses)
         self._cached = cache_dir() / "episodes" / f"{key:08x}" / self._name
         # The cache may hold more episodes than were shipped; the shipped ones stay as they are.
         for file in (self._cached, self._embedded):
@@ -108,94 +136,67 @@ class EpisodeSource:
 
     def _generate(self, index: int) -> None:
         if self._generator is None:
-            if self.env_id not in GENERATORS:
-                raise UnknownNameError("env with generated episodes", self.env_id, GENERATORS)
-            scenes = [self.scene_id] if self.scene_id else self.dataset.scenes_of_split(self.split)
-            self._generator = GENERATORS[self.env_id](
-                scenes=scenes, load=self.scene, objects=self.objects
-            )
+            self._generator = self._make_generator()
+        scope = "" if self.novel is None else f"+{self.novel}"
         made = self._generator.generate(
-            f"{self.env_id}/{self.dataset.name}/{self.split}/{self.seed}/{index:05d}",
-            (stable_hash(self.dataset.name, self.split, self.env_id), self.seed, index),
+            f"{self.env_id}/{self.dataset.name}/{self.split}{scope}/{self.seed}/{index:05d}",
+            (stable_hash(self.dataset.name, self.split + scope, self.env_id), self.seed, index),
         )
         self._episodes[index] = made.episode
         self.rejections.update(made.rejections)
+
+    def _make_generator(self) -> Generator:
+        if self.env_id not in GENERATORS:
+            raise UnknownNameError("env with generated episodes", self.env_id, GENERATORS)
+        scenes = [self.scene_id] if self.scene_id else self.dataset.scenes_of_split(self.split)
+        drawn = Objects(
+            templates=self.objects,
+            names=UNSEEN_OBJECTS if self.novel == "objects" else TRAIN_OBJECTS,
+            receptacles=UNSEEN_RECEPTACLES if self.novel == "receptacles" else None,
+        )
+        return GENERATORS[self.env_id](scenes, self.scene, drawn)
 
     def _take(self, episodes: EpisodeSet) -> None:
         self._episodes.update(enumerate(episodes.episodes))
         self.rejections = Counter(episodes.rejections)
 
+    def _take_file(self, file: Path) -> None:
+        given = read_episodes(file)
+        if given.env != self.env_id:
+            raise EpisodeError(f"{file}: made for {given.env}, not for {self.env_id}.")
+        for episode in given.episodes:
+            self.dataset.scene_file(episode.scene_id)
+        self._take(given)
+        self.split, self.available = given.split, len(given)
 
-def open_source(
-    *,
-    env_id: str,
-    scene_dataset: str | Path = "apartment",
-    objects: str | Path | None = None,
-    split: str | None = None,
-    scene_id: str | None = None,
-    episode_file: str | Path | None = None,
-    seed: int = 0,
-) -> EpisodeSource:
+
+def open_source(request: EpisodeRequest) -> EpisodeSource:
     """Returns the episodes for an env on a dataset.
 
     Raises:
-        UnknownNameError: Unknown dataset, split, scene or objects folder.
+        UnknownNameError: Unknown dataset, split, scene, novelty or objects folder.
         DatasetError: The dataset is damaged.
         EpisodeError: The episode file is damaged, or made for another env.
     """
-    dataset = resolve_dataset(scene_dataset)
-    if scene_id is not None:
-        dataset.scene_file(scene_id)
-    source = EpisodeSource(
-        env_id=env_id,
-        dataset=dataset,
-        objects=load_objects(objects),
-        objects_name="embedded" if objects is None else "ycb",
-        split=_split(dataset, split, scene_id),
-        scene_id=scene_id,
-        seed=seed,
-    )
-    if episode_file is not None:
-        given = read_episodes(Path(episode_file))
-        if given.env != env_id:
-            raise EpisodeError(f"{episode_file}: made for {given.env}, not for {env_id}.")
-        for episode in given.episodes:
-            dataset.scene_file(episode.scene_id)
-        source._take(given)
-        source.split, source.available = given.split, len(given)
-    return source
+    if request.novel not in (None, *NOVELTIES):
+        raise UnknownNameError("novelty", request.novel, NOVELTIES)
+    dataset = resolve_dataset(request.scene_dataset)
+    if request.scene is not None:
+        dataset.scene_file(request.scene)
+    return EpisodeSource(request, dataset)
 
 
 def load_episodes(
-    env_id: str,
-    scene_dataset: str | Path = "apartment",
-    objects: str | Path | None = None,
-    split: str | None = None,
-    count: int = 50,
-    seed: int = 0,
-    scene: str | None = None,
-    progress: Progress | None = None,
+    request: EpisodeRequest, count: int, progress: Progress | None = None
 ) -> EpisodeSet:
     """Returns the first `count` episodes; newly generated ones are kept in the cache.
 
     Args:
-        env_id: The environment they are for.
-        scene_dataset: ``apartment`` or the path of a ReplicaCAD folder.
-        objects: Path of a YCB folder; None for the embedded objects.
-        split: ``train``, ``val`` or ``test``; None for the most unseen one that the dataset has.
+        request: Which episodes.
         count: How many.
-        seed: Seed of the episodes.
-        scene: Only episodes in this layout.
         progress: Called with (episodes ready, `count`) after each one.
     """
-    source = open_source(
-        env_id=env_id,
-        scene_dataset=scene_dataset,
-        objects=objects,
-        split=split,
-        scene_id=scene,
-        seed=seed,
-    )
+    source = open_source(request)
     new = any(index not in source._episodes for index in range(count))
     for index in range(count):
         source.get(index)

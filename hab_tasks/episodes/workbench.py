@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 import sapien
 import torch
@@ -11,13 +13,15 @@ from mani_skill.utils.structs.types import SimConfig
 from sapien import physx
 
 from hab_tasks.constants import CONTROL_HZ, SIM_HZ
+from hab_tasks.episodes.schema import POSE_DIGITS, rounded, template_of
 from hab_tasks.geometry import Array, Pose7
 from hab_tasks.privileged import CollisionBody
 from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.robots.fetch_spec import ARM_JOINTS
-from hab_tasks.scenes.build import build_scene, parking_pose
 from hab_tasks.scenes.floor import FreeFloor, body_points, free_floor
-from hab_tasks.scenes.shapes import components, matrix, read_body
+from hab_tasks.scenes.handles import SceneHandles
+from hab_tasks.scenes.pool import BodyPool
+from hab_tasks.scenes.shapes import components, distance_along, matrix
 from hab_tasks.scenes.spec import ObjectTemplate, SceneSpec
 
 AWAY_M = 50.0
@@ -26,22 +30,24 @@ AWAY_M = 50.0
 TOUCH_DEPTH_M = 0.001
 """Robot links may overlap each other by this much: neighbours rest on one another."""
 
-START_CLEARANCE_M = 0.015
-"""Everything else must be at least this far from the robot where an episode starts."""
-
 LOOSE_SETTLE_S = 5.0
 
 
 class Workbench:
-    """One layout with all movable objects and the robot, on the CPU.
+    """One layout with movable objects and the robot, on the CPU.
 
     Attributes:
         settled: Loose object's handle -> pose after settling; empty in layouts without any.
         bodies: Body name -> its collision shapes (world only).
+        handles: What stands in the scene.
     """
 
-    def __init__(self, spec: SceneSpec, objects: dict[str, ObjectTemplate]) -> None:
-        self.spec, self.objects = spec, objects
+    handles: SceneHandles
+    bodies: dict[str, CollisionBody]
+
+    def __init__(self, spec: SceneSpec, templates: dict[str, ObjectTemplate]) -> None:
+        """Builds the layout, without movable objects, and lets its loose ones settle."""
+        self.templates = templates
         self._px = physx.PhysxCpuSystem()
         backend = parse_sim_and_render_backend("physx_cpu", "none")
         config = SimConfig(sim_freq=SIM_HZ, control_freq=CONTROL_HZ)
@@ -50,26 +56,29 @@ class Workbench:
         )
         self._px.timestep = 1.0 / SIM_HZ
         self._agent = HabFetch(self._scene, CONTROL_HZ, "ee")
-        self.handles = build_scene(self._scene, spec, objects)
         self._scene._setup(enable_gpu=False)
         self._robot = self._agent.robot._objs[0]
         self._links = {link._objs[0] for link in self._agent.robot.links}
-        self._components = {name: (group, body) for name, group, body in components(self.handles)}
-        self.bodies: dict[str, CollisionBody] = {
-            name: read_body(name, group, body) for name, (group, body) in self._components.items()
-        }
-        self.settled: dict[str, Pose7] = {}
-        self.clear()
+        self._pool = BodyPool(self._scene, templates)
+        self.load(spec)
+
+    def load(self, spec: SceneSpec) -> None:
+        """Shows another layout, without movable objects, and lets its loose ones settle."""
+        self.spec, self.settled = spec, {}
+        self._floors: dict[str, FreeFloor] = {}
+        self.show(())
         if self.handles.loose:
             self.settle(LOOSE_SETTLE_S)
-            self.settled = {name: self.pose(name) for name in self.handles.loose}
+            self.settled = {name: rounded(self.pose(name)) for name in self.handles.loose}
+            self._floors = {}
 
-    def clear(self) -> None:
-        """Parks all objects, sends the robot away, closes furniture and restores loose objects."""
-        for index, name in enumerate(self.handles.pickables):
-            self.place(name, parking_pose(index))
-        for name, pose in self.settled.items():
-            self.place(name, pose)
+    def show(self, objects: Iterable[str]) -> None:
+        """Starts afresh with these movable objects, furniture closed and the robot away."""
+        self.handles = self._pool.show(self.spec, objects)
+        self._components = {name: (group, body) for name, group, body in components(self.handles)}
+        self.bodies = {body.name: body for body in self._pool.bodies()}
+        for name in self.handles.movable:
+            self.place(name, self.settled.get(name, self.pose(name)))
         for furniture in self.handles.articulations.values():
             furniture.set_qpos(torch.zeros_like(furniture.get_qpos()))
             furniture.set_qvel(torch.zeros_like(furniture.get_qpos()))
@@ -108,6 +117,18 @@ class Workbench:
         body = self._components[name][1]
         return np.asarray((body.entity_pose * body.cmass_local_pose).p, dtype=float)
 
+    def com_in_object_m(self, name: str) -> Array:
+        """Returns a movable object's centre of mass (3,) in its own frame."""
+        return np.asarray(self._components[name][1].cmass_local_pose.p, dtype=float)
+
+    def top_m(self, name: str) -> float:
+        """Returns the height of a body's highest point."""
+        return float(self._components[name][1].compute_global_aabb_tight()[1][2])
+
+    def root_of(self, furniture: str) -> str:
+        """Returns the name of a piece of furniture's root link."""
+        return self.handles.articulations[furniture].links[0].name
+
     def world_from(self, body: str) -> Array:
         """Returns the (4, 4) pose of any body."""
         return matrix(self._components[body][1].entity_pose)
@@ -127,7 +148,7 @@ class Workbench:
             The middle (3,) of its outline in its own frame, level with its origin; the outline's
             radius; how far it reaches below its origin [m].
         """
-        up = np.array(self.objects[name].up)
+        up = np.array(self.templates[template_of(name)].up)
         points = np.concatenate([body_points(s)[:3] for s in self.bodies[name].shapes], axis=1)
         heights = up @ points
         flat = points - np.outer(up, heights)
@@ -135,22 +156,111 @@ class Workbench:
         radius = np.linalg.norm(flat - middle[:, None], axis=0).max()
         return middle, float(radius), float(-heights.min())
 
+    def joint_of(self, furniture: str, link: str) -> str | None:
+        """Returns the joint that moves a link, None for one that does not move."""
+        for joint in self.handles.articulations[furniture].active_joints:
+            if joint.child_link is not None and joint.child_link.name == link:
+                return joint.name
+        return None
+
+    def link_of(self, furniture: str, joint: str) -> str:
+        """Returns the link that a joint moves."""
+        joints = {j.name: j for j in self.handles.articulations[furniture].active_joints}
+        link = joints[joint].child_link
+        assert link is not None
+        return link.name
+
+    def furniture(self, template: str) -> str | None:
+        """Returns the handle of the first piece of furniture of a template, None without one."""
+        names = sorted(self.handles.articulations)
+        return next((name for name in names if template_of(name) == template), None)
+
+    def joints(self) -> dict[str, dict[str, float]]:
+        """Returns furniture -> joint -> position [m or rad] of everything that is not closed."""
+        found = {}
+        for name, furniture in self.handles.articulations.items():
+            values = zip(furniture.active_joints, furniture.get_qpos()[0].tolist(), strict=True)
+            moved = {joint.name: round(value, POSE_DIGITS) for joint, value in values}
+            moved = {joint: value for joint, value in moved.items() if value}
+            if moved:
+                found[name] = moved
+        return found
+
     def floor(self) -> FreeFloor:
         """Returns the free floor with the furniture as it stands now."""
-        fixed = [b for b in self.bodies.values() if b.group != "object"]
-        return free_floor(fixed, {body.name: self.world_from(body.name) for body in fixed})
+        key = repr(self.joints())
+        if key not in self._floors:
+            fixed = self._fixed()
+            poses = {body.name: self.world_from(body.name) for body in fixed}
+            self._floors[key] = free_floor(fixed, poses)
+        return self._floors[key]
+
+    def free_height_m(self, points_m: Array) -> float:
+        """Returns the largest free height [m] straight above any of the points (K, 3)."""
+        free = np.full(len(points_m), np.inf)
+        for body in self._fixed():
+            world_from_body = self.world_from(body.name)
+            # Rows times a rotation are columns times its inverse.
+            local = (points_m - world_from_body[:3, 3]) @ world_from_body[:3, :3]
+            up: Array = world_from_body[2, :3]
+            for shape in body.shapes:
+                free = np.minimum(free, distance_along(shape, local, up))
+        return float(free.max())
+
+    def _fixed(self) -> list[CollisionBody]:
+        """Everything but the movable objects; loose furniture stands in the way as well."""
+        return [body for name, body in self.bodies.items() if name not in self.handles.pickables]
+
+    def touching(self, name: str, others: frozenset[str] = frozenset()) -> bool:
+        """Whether an object overlaps anything but `others` where it is."""
+        body = self._components[name][1]
+        spared = {self._components[other][1] for other in others}
+        remembered = self._remember()
+        self._px.step()
+        hit = any(
+            body in contact.bodies
+            and not spared & set(contact.bodies)
+            and any(point.separation < -TOUCH_DEPTH_M for point in contact.points)
+            for contact in self._px.get_contacts()
+        )
+        self._restore(remembered)
+        return hit
+
+    def _remember(self) -> tuple[dict[str, Pose7], dict[str, torch.Tensor]]:
+        furniture = self.handles.articulations
+        poses = {name: self.pose(name) for name in self.handles.movable}
+        return poses, {name: piece.get_qpos().clone() for name, piece in furniture.items()}
+
+    def _restore(self, remembered: tuple[dict[str, Pose7], dict[str, torch.Tensor]]) -> None:
+        poses, joints = remembered
+        for name, pose in poses.items():
+            self.place(name, pose)
+        for name, qpos in joints.items():
+            self.handles.articulations[name].set_qpos(qpos)
+            self.handles.articulations[name].set_qvel(torch.zeros_like(qpos))
 
     def robot_touches(
         self, base: tuple[float, float, float], arm_qpos_rad: Array, clearance_m: float = 0.0
     ) -> bool:
-        """Whether the robot touches itself there, or has a thing nearer than `clearance_m`."""
+        """Whether the robot touches itself there, or has a thing nearer than `clearance_m`.
+
+        The robot is sent away again, and what it pushed is put back.
+        """
         qpos = self._agent.rest_qpos()
         qpos[self._agent.base_index] = torch.tensor(base, dtype=torch.float32)
         for name, value in zip(ARM_JOINTS, arm_qpos_rad, strict=True):
             qpos[self._agent.joint_index[name]] = float(value)
+        remembered = self._remember()
         self._robot.set_qpos(qpos.numpy())
         self._robot.set_qvel(np.zeros(len(qpos), dtype=np.float32))
         self._px.step()
+        touches = self._robot_contact(clearance_m)
+        self.send_robot_away()
+        if touches:
+            self._restore(remembered)
+        return touches
+
+    def _robot_contact(self, clearance_m: float) -> bool:
         for contact in self._px.get_contacts():
             robots = sum(body in self._links for body in contact.bodies)
             limit_m = clearance_m if robots == 1 else -TOUCH_DEPTH_M

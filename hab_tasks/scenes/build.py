@@ -1,4 +1,4 @@
-"""`SceneSpec` -> actors and articulations. The only place that creates them.
+"""Descriptions of bodies -> actors and articulations. The only place that creates them.
 
 Works with and without a renderer: visuals, materials and lights are touched only when the scene
 can render.
@@ -7,6 +7,7 @@ can render.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -22,17 +23,13 @@ from hab_tasks.scenes.collision_groups import (
     MOVING,
     PASSIVE,
     STATIC,
-    Groups,
     set_groups,
 )
-from hab_tasks.scenes.handles import SceneHandles
 from hab_tasks.scenes.meshes import parts_volume, textured_glb
 from hab_tasks.scenes.spec import (
     ArticulationInstance,
     CollisionSource,
-    ObjectInstance,
     ObjectTemplate,
-    SceneSpec,
     Stage,
 )
 from hab_tasks.scenes.urdf import sapien_urdf
@@ -45,34 +42,6 @@ PARKING_SPACING_M = 0.5
 
 WALL_COLOR = (0.86, 0.84, 0.80, 1.0)
 FLOOR_COLOR = (0.55, 0.45, 0.36, 1.0)
-MAX_LIGHTS = 12
-
-
-def build_scene(
-    scene: ManiSkillScene,
-    spec: SceneSpec,
-    objects: dict[str, ObjectTemplate],
-) -> SceneHandles:
-    """Builds a layout and the movable `objects`, parked under the floor, in every row.
-
-    Args:
-        scene: The scene to build in, before the simulation starts.
-        spec: The layout.
-        objects: Object name -> template; one instance of each is built.
-    """
-    builder = _Builder(scene, prefix=spec.scene_id)
-    handles = SceneHandles(spec=spec)
-    handles.stage = builder.stage(spec.stage)
-    for instance in spec.objects:
-        actor = builder.object(instance)
-        (handles.loose if instance.dynamic else handles.static)[instance.name] = actor
-    for index, furniture in enumerate(spec.articulations):
-        handles.articulations[furniture.name] = builder.articulation(furniture, index + 1)
-    for index, (name, template) in enumerate(objects.items()):
-        parked = parking_pose(index)
-        handles.pickables[name] = builder.dynamic(f"pick-{name}", template, parked, 1.0)
-    handles.parking = builder.parking(len(objects))
-    return handles
 
 
 def parking_pose(index: int) -> Pose7:
@@ -82,24 +51,15 @@ def parking_pose(index: int) -> Pose7:
     return (x, y, PARKING_Z_M + 0.2, 1.0, 0.0, 0.0, 0.0)
 
 
-def add_lights(scene: ManiSkillScene, spec: SceneSpec) -> None:
-    """Lights the layout: an ambient part, a soft sky, and the layout's own lamps."""
-    if not scene.can_render():
-        return
-    scene.set_ambient_light([0.35, 0.35, 0.35])
-    scene.add_directional_light([0.3, 0.5, -1.0], [0.9, 0.9, 0.85])
-    for light in spec.lights[:MAX_LIGHTS]:
-        scene.add_point_light(list(light.position_m), list(light.color))
+class BodyBuilder:
+    """Builds bodies in all rows of one scene; they are named after what they are."""
 
-
-class _Builder:
-    """Builds bodies in all rows of one scene."""
-
-    def __init__(self, scene: ManiSkillScene, prefix: str) -> None:
-        self.scene, self.prefix = scene, prefix
+    def __init__(self, scene: ManiSkillScene) -> None:
+        self.scene = scene
         self.visuals = scene.can_render()
 
     def stage(self, stage: Stage) -> Actor:
+        """Builds floor and walls."""
         builder = self._new(stage.world_from_stage)
         self._collide(builder, stage.collision, _material(stage.friction), 1000.0)
         if self.visuals and stage.visual_file is not None:
@@ -111,42 +71,40 @@ class _Builder:
                 material = sapien.render.RenderMaterial(base_color=list(color))
                 material.roughness = 0.8
                 builder.add_box_visual(_at(source), list(source.half_size_m), material)
-        return _group(builder.build_static(f"{self.prefix}-stage"), STATIC, flat_apart=True)
+        return mark_flat(builder.build_static(self._unused(f"stage-{stage.name}")))
 
-    def object(self, instance: ObjectInstance) -> Actor:
-        name, pose = instance.name, instance.world_from_object
-        if instance.dynamic:
-            return self.dynamic(name, instance.template, pose, instance.scale)
+    def static(self, name: str, template: ObjectTemplate, pose: Pose7, scale: float) -> Actor:
+        """Builds a piece that never moves by itself."""
         builder = self._new(pose)
-        template = instance.template
-        self._collide(
-            builder, template.collision, _material(template.friction), 1000.0, instance.scale
-        )
-        self._see(builder, template, instance.scale)
-        return _group(builder.build_static(f"{self.prefix}-{name}"), STATIC, flat_apart=True)
+        self._collide(builder, template.collision, _material(template.friction), 1000.0, scale)
+        self._see(builder, template, scale)
+        return mark_flat(builder.build_static(self._unused(name)))
 
     def dynamic(self, name: str, template: ObjectTemplate, pose: Pose7, scale: float) -> Actor:
+        """Builds a loose object of its stated mass."""
         builder = self._new(pose)
         volume_m3 = scale**3 * sum(_volume(source) for source in template.collision)
         mass_kg = template.mass_kg if template.mass_kg is not None else 500.0 * volume_m3
         density = mass_kg / max(volume_m3, 1e-9)
         self._collide(builder, template.collision, _material(template.friction), density, scale)
         self._see(builder, template, scale)
-        actor = _group(builder.build_dynamic(f"{self.prefix}-{name}"), MOVING)
+        actor = builder.build_dynamic(self._unused(name))
         for body in actor._bodies:
+            set_groups(body, MOVING)
             # Cooked hulls are a little smaller than the mesh: the stated mass wins.
             body.mass = mass_kg
         return actor
 
     def articulation(self, furniture: ArticulationInstance, group: int) -> Articulation:
+        """Builds furniture with joints; its links ignore each other by the number `group`."""
         loader = self.scene.create_urdf_loader()
-        loader.name = f"{self.prefix}-{furniture.name}"
+        loader.name = self._unused(furniture.name)
         loader.fix_root_link = True
         loader.scale = furniture.scale
         loader.load_multiple_collisions_from_file = True
         path = sapien_urdf(furniture.urdf_file, visuals=self.visuals)
         builder = loader.parse(str(path))["articulation_builders"][0]
-        builder.initial_pose = _pose(furniture.world_from_root)
+        builder.initial_pose = to_sapien(furniture.world_from_root)
         for link in builder.link_builders:
             link.collision_groups = [*MOVING, FURNITURE_BIT, group]
         built = builder.build()
@@ -163,11 +121,17 @@ class _Builder:
         builder = self._new((0.0, 0.0, PARKING_Z_M, 1.0, 0.0, 0.0, 0.0))
         half = PARKING_SPACING_M * (count + 8)
         builder.add_box_collision(sapien.Pose([0, 0, -0.05]), [half, half, 0.05])
-        return _group(builder.build_static(f"{self.prefix}-parking"), STATIC)
+        return mark_flat(builder.build_static("parking"))
+
+    def _unused(self, name: str) -> str:
+        """Returns a name that no body has; another size of the same instance gets a number."""
+        taken = {**self.scene.actors, **self.scene.articulations}
+        names = (f"{name}~{number}" if number else name for number in count())
+        return next(candidate for candidate in names if candidate not in taken)
 
     def _new(self, pose: Pose7) -> Any:
         builder: Any = self.scene.create_actor_builder()
-        builder.initial_pose = _pose(pose)
+        builder.initial_pose = to_sapien(pose)
         return builder
 
     def _see(self, builder: Any, template: ObjectTemplate, scale: float) -> None:
@@ -195,12 +159,12 @@ class _Builder:
                 )
 
 
-def _group(actor: Actor, groups: Groups, flat_apart: bool = False) -> Actor:
-    """Sets collision groups; with `flat_apart`, what lies on the floor spares the robot's base."""
+def mark_flat(actor: Actor) -> Actor:
+    """Gives a static actor its groups for where it stands: what lies flat spares the base."""
     for body in actor._bodies:
         for shape in body.collision_shapes:
-            flat = flat_apart and _top_m(body, shape) < FLAT_HEIGHT_M
-            shape.set_collision_groups([*groups, FLOOR_BIT if flat else 0, 0])
+            flat = _top_m(body, shape) < FLAT_HEIGHT_M
+            shape.set_collision_groups([*STATIC, FLOOR_BIT if flat else 0, 0])
     return actor
 
 
@@ -227,7 +191,8 @@ def _material(friction: float) -> PhysxMaterial:
     return PhysxMaterial(static_friction=friction, dynamic_friction=friction, restitution=0.0)
 
 
-def _pose(pose: Pose7) -> sapien.Pose:
+def to_sapien(pose: Pose7) -> sapien.Pose:
+    """Returns a pose as SAPIEN takes it."""
     return sapien.Pose(list(pose[:3]), list(pose[3:]))
 
 

@@ -1,4 +1,4 @@
-"""Named views of what was built."""
+"""Named views of what stands in the scene."""
 
 from __future__ import annotations
 
@@ -11,14 +11,16 @@ from hab_tasks.scenes.spec import SceneSpec
 
 @dataclass(kw_only=True)
 class SceneHandles:
-    """What `build_scene` built.
+    """What of the pool is shown.
 
     Attributes:
-        spec: The layout it was built from.
+        spec: The layout.
         static: Object handle -> actor that never moves.
         loose: Object handle -> dynamic actor that belongs to the layout.
         articulations: Furniture handle -> articulation.
-        pickables: Object name -> actor, parked unless the episode uses it.
+        pickables: Object handle -> actor of a movable object; on the GPU, where bodies cannot leave
+            the scene, also those that wait for another row's episode.
+        parking: The slab under the floor on which those wait.
     """
 
     spec: SceneSpec

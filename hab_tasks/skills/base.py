@@ -18,13 +18,12 @@ from torch import Tensor
 
 from hab_tasks.constants import CONTROL_HZ, SIM_HZ
 from hab_tasks.episodes.schema import Episode
-from hab_tasks.episodes.source import open_source
+from hab_tasks.episodes.source import EpisodeRequest, open_source
 from hab_tasks.errors import ActionError, UnknownNameError
 from hab_tasks.measures import Measures
 from hab_tasks.rendering import resolve_backend, sensor_shader
 from hab_tasks.rewards import total
 from hab_tasks.robots.fetch import HabFetch
-from hab_tasks.scenes.build import add_lights
 from hab_tasks.sensors import ObsEntry, scale_depth
 from hab_tasks.skills.viewpoint import viewpoint
 from hab_tasks.skills.world import World
@@ -73,6 +72,7 @@ class SkillEnv(BaseEnv):
         episodes: An episode file instead of generated episodes.
         num_episodes: How many episodes of the split to draw from.
         episode_seed: Seed of the generated episodes.
+        novel: ``objects`` or ``receptacles`` kept for evaluation (S E.1) instead of the usual ones.
         render_backend: ``auto``, ``none``, ``cpu`` or ``gpu``; `auto` renders only when needed.
         kwargs: ManiSkill's own arguments (obs_mode, reward_mode, control_mode, num_envs, ...).
     """
@@ -93,6 +93,7 @@ class SkillEnv(BaseEnv):
         episodes: str | Path | None = None,
         num_episodes: int = 50,
         episode_seed: int = 0,
+        novel: str | None = None,
         control_mode: str | None = None,
         obs_mode: str | None = None,
         render_mode: str | None = None,
@@ -103,13 +104,16 @@ class SkillEnv(BaseEnv):
     ) -> None:
         mode = self._known_mode(control_mode)
         source = open_source(
-            env_id=self.default_id(),
-            scene_dataset=scene_dataset,
-            objects=objects,
-            split=split,
-            scene_id=scene,
-            episode_file=episodes,
-            seed=episode_seed,
+            EpisodeRequest(
+                env_id=self.default_id(),
+                scene_dataset=scene_dataset,
+                objects=objects,
+                split=split,
+                scene=scene,
+                file=episodes,
+                seed=episode_seed,
+                novel=novel,
+            )
         )
         self._world = World(source, num_episodes=num_episodes, seed=episode_seed, num_envs=num_envs)
         self._backend = resolve_backend(render_backend, _needs_images(obs_mode, render_mode))
@@ -200,7 +204,9 @@ class SkillEnv(BaseEnv):
 
     def _load_scene(self, options: dict[str, Any]) -> None:
         self._viewpoint_of = ()
-        self._world.build(self.scene, self.agent)
+        # Depth needs no light, and lamps cost a software renderer a quarter of its time.
+        coloured = self.render_mode is not None or self._wants_colour
+        self._world.build(self.scene, self.agent, lit=coloured and self.scene.can_render())
 
     @property
     def _wants_colour(self) -> bool:
@@ -215,9 +221,7 @@ class SkillEnv(BaseEnv):
         super()._setup_sensors(options)
 
     def _load_lighting(self, options: dict[str, Any]) -> None:
-        if self.render_mode is None and not self._wants_colour:
-            return  # depth needs no light, and lamps cost a software renderer a quarter of its time
-        add_lights(self.scene, self._world.handles.spec)
+        """Leaves out ManiSkill's lamps: the world shows the layout's own."""
 
     def _clear_sim_state(self) -> None:
         # On the CPU the episode sets all velocities itself, and frozen bodies have none.
@@ -226,6 +230,7 @@ class SkillEnv(BaseEnv):
 
     def _initialize_episode(self, env_idx: Tensor, options: dict[str, Any]) -> None:
         self._world.apply(env_idx)
+        self.__dict__.pop("segmentation_id_map", None)  # made anew: other bodies may be shown
 
     # Stepping --------------------------------------------------------------------------------
 

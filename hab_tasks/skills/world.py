@@ -20,22 +20,23 @@ from hab_tasks.privileged import CollisionBody, PrivilegedState
 from hab_tasks.robots.dormant import DormantObjects
 from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.robots.grasp import Handle, make_grasp
-from hab_tasks.scenes.build import build_scene
 from hab_tasks.scenes.handles import SceneHandles
+from hab_tasks.scenes.lights import LayoutLights
 from hab_tasks.scenes.markers import HANDLE_MARKERS
+from hab_tasks.scenes.pool import BodyPool
 from hab_tasks.scenes.shapes import components, matrix, read_body
 from hab_tasks.sensors import Goals
 from hab_tasks.snapshot import ContactForce, Snapshot, SnapshotReader
 
-_builds = count()
+_shows = count()
 
 
 class World:
-    """Builds layouts, applies episodes and steps physics; holds the latest `Snapshot`.
+    """Shows layouts, applies episodes and steps physics; holds the latest `Snapshot`.
 
     Attributes:
         episodes: The episode of each row.
-        handles: The layout that is built; all rows of a batch play in the same one.
+        handles: What is shown; all rows of a batch play in the same layout.
         tracker: Advances the measures.
         goals: What the episodes ask for.
         snapshot: The simulator as read after the latest action or reset.
@@ -47,6 +48,8 @@ class World:
     snapshot: Snapshot
     _scene: ManiSkillScene
     _agent: HabFetch
+    _pool: BodyPool
+    _dormant: DormantObjects | None
 
     def __init__(
         self, source: EpisodeSource, *, num_episodes: int, seed: int, num_envs: int
@@ -55,63 +58,95 @@ class World:
         self._num_episodes = min(num_episodes, source.available)
         self._order = np.random.default_rng(seed)
         self.episodes: list[Episode] = []
-        self._built = ""
+        self._built = False
+        self._layout, self._objects = "", ()
         self._loose: dict[str, Pose7] = {}
         self._num_envs = num_envs
-        self._dormant: DormantObjects | None = None
         self._key = ""
         self._bodies: tuple[CollisionBody, ...] = ()
 
     # Choosing and building -------------------------------------------------------------------
 
     def choose(self, rows: list[int], seed: int | list[int] | None, wanted: Any) -> bool:
-        """Picks the next episode of each row; returns whether layouts have to be rebuilt."""
+        """Picks the next episode of each row; returns whether the simulation has to be rebuilt."""
         seeds = [seed] * len(rows) if seed is None or isinstance(seed, int) else list(seed)
         wishes = wanted if isinstance(wanted, (list, tuple)) else [wanted] * len(rows)
-        # A batch shares one layout; a partial reset cannot rebuild and goes on in the one there is.
-        layout = self._built if len(rows) < self._num_envs else None
+        # A batch shares one layout; a partial reset goes on in the one there is.
+        partial = len(rows) < self._num_envs
+        layout = self._layout if partial else None
         chosen: list[Episode | None] = [*self.episodes] or [None] * self._num_envs
         for row, row_seed, wish in zip(rows, seeds, wishes, strict=True):
             # Rows of one batch share a seed argument but not an episode.
             rng = self._order if row_seed is None else np.random.default_rng([row_seed, row])
-            episode = self._pick(rng, wish, layout)
+            episode = self._pick(rng, wish, layout, partial)
             if layout not in (None, episode.scene_id):
                 raise EpisodeError(f"{episode.id}: in {episode.scene_id}, the batch in {layout}.")
             chosen[row], layout = episode, episode.scene_id
         self.episodes = [episode for episode in chosen if episode is not None]
-        return layout != self._built
+        # One row, on the CPU, shows any layout in a running simulation.
+        return not self._built or (self._num_envs > 1 and not self._fits_all())
 
-    def _pick(self, rng: np.random.Generator, wish: Any, scene_id: str | None) -> Episode:
+    def _pick(
+        self, rng: np.random.Generator, wish: Any, scene_id: str | None, partial: bool
+    ) -> Episode:
         if isinstance(wish, Episode):
             return wish
         if wish is not None:
             return self.source.get(int(wish))
         for _ in range(1000):
             episode = self.source.get(int(rng.integers(self._num_episodes)))
-            if scene_id in (None, episode.scene_id):
+            if scene_id in (None, episode.scene_id) and (not partial or self._fits(episode)):
                 return episode
         raise AssertionError(f"no episode in {scene_id}, though one was played there")
 
-    def build(self, scene: ManiSkillScene, agent: HabFetch) -> None:
-        """Builds the layout of the chosen episodes and everything that watches it."""
+    def _fits(self, episode: Episode) -> bool:
+        """Whether an episode can start with the bodies that are shown."""
+        return episode.scene_id == self._layout and set(episode.objects) <= set(self._objects)
+
+    def _fits_all(self) -> bool:
+        return all(self._fits(episode) for episode in self.episodes)
+
+    def build(self, scene: ManiSkillScene, agent: HabFetch, lit: bool) -> None:
+        """Starts a new simulation in the layout of the chosen episodes, with lamps if `lit`."""
         self._scene, self._agent = scene, agent
-        self._built, self._loose = self.episodes[0].scene_id, {}
-        spec = self.source.scene(self._built)
-        self.handles = build_scene(scene, spec, self.source.objects)
-        movable = self.handles.movable
+        self._pool = BodyPool(scene, self.source.objects)
+        self._lights = LayoutLights(scene) if lit else None
+        self._layout, self._dormant = "", None
+        self._built = True
+        self.tracker = Tracker(self._num_envs, scene.device)
+        zeros = torch.zeros(self._num_envs, 3, device=scene.device)
+        self.goals = Goals(object_start_m=zeros)
+        self._show()
+
+    def _show(self) -> None:
+        """Shows layout and objects of the chosen episodes, where they are not shown already."""
+        layout = self.episodes[0].scene_id
+        objects = tuple(sorted({name for episode in self.episodes for name in episode.objects}))
+        if (layout, objects) == (self._layout, self._objects):
+            return
+        if self._dormant is not None:
+            self._grasp.reset(torch.zeros(1, dtype=torch.long))
+            self._dormant.thaw_all()
+        self._layout, self._objects, self._loose = layout, objects, {}
+        spec = self.source.scene(layout)
+        self.handles = self._pool.show(spec, objects)
+        if self._lights is not None:
+            self._lights.show(spec.lights)
+        self._watch()
+
+    def _watch(self) -> None:
+        """Makes everything that reads or holds the bodies that are shown."""
+        scene, agent, movable = self._scene, self._agent, self.handles.movable
         self._names = list(movable)
         self._grasp = make_grasp(scene, agent.ee_link, list(movable.values()), self._handles())
         self._force = ContactForce(agent, self._grasp)
         self._reader = SnapshotReader(agent, self._grasp)
-        self.tracker = Tracker(self._num_envs, scene.device)
-        zeros = torch.zeros(self._num_envs, 3, device=scene.device)
-        self.goals = Goals(object_start_m=zeros)
         self._dormant = None
         if not scene.gpu_sim_enabled:
             links = dict(agent.robot.links_map)
             mobile = agent.controller.config.base
             self._dormant = DormantObjects(list(movable.values()), links, mobile)
-        self._key, self._bodies = f"{self._built}#{next(_builds)}", ()
+        self._key, self._bodies = f"{self._layout}#{next(_shows)}", ()
 
     def _handles(self) -> list[Handle]:
         found = []
@@ -135,18 +170,22 @@ class World:
 
     def apply(self, rows: Tensor) -> None:
         """Writes the episodes of `rows` (R,) into the simulator and starts their measures."""
+        if not self._scene.gpu_sim_enabled:
+            self._show()
         self._grasp.reset(rows)
         in_place = self._in_place()
         for row in rows.tolist():
             episode = self.episodes[row]
             apply_episode(episode, row, self.handles, self._agent, in_place)
-            self.tracker.target[row] = self._names.index(episode.target)
+            if episode.targets:
+                self.tracker.target[row] = self._names.index(episode.target)
         if self._scene.gpu_sim_enabled:
             self._scene._gpu_apply_all()
             px: Any = self._scene.px
             px.gpu_update_articulation_kinematics()
             self._scene._gpu_fetch_all()
         self._freeze(in_place)
+        self._hold(rows)
         self._force.clear()
         self.snapshot = self._reader.read(self.tracker.target, self._force.newton())
         starts = self.goals.object_start_m.clone()
@@ -172,6 +211,16 @@ class World:
             dormant.refresh()
         self.snapshot = self._reader.read(self.tracker.target, force.newton())
         self.tracker.advance(self.snapshot)
+
+    def _hold(self, rows: Tensor) -> None:
+        """Puts what an episode starts with in the hand into the grasp."""
+        for row in rows.tolist():
+            held = self.episodes[row].held
+            if held is not None:
+                index = self._names.index(held)
+                if self._dormant is not None:
+                    self._dormant.wake(index)
+                self._grasp.attach(row, index)
 
     def _in_place(self) -> frozenset[str]:
         """Loose objects that no earlier episode in this layout has touched."""
@@ -231,8 +280,8 @@ class World:
         parts = list(components(handles))
         robot = [(f"hab_fetch/{link.name}", link._objs[0]) for link in agent.robot.links]
         if not self._bodies:
-            world = [read_body(name, group, body) for name, group, body in parts]
-            self._bodies = (*world, *(read_body(name, "robot", body) for name, body in robot))
+            links = (read_body(name, "robot", body) for name, body in robot)
+            self._bodies = (*self._pool.bodies(), *links)
         present = set(episode.objects) | set(handles.loose)
         poses = {
             name: matrix(body.entity_pose)

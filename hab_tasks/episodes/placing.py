@@ -1,0 +1,116 @@
+"""Objects put side by side on receptacles, then left to physics; what does not stay is refused."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from transforms3d import quaternions
+
+from hab_tasks.episodes.receptacles import FRIDGE, MOST_OBJECTS, Spot
+from hab_tasks.episodes.schema import ReceptacleRef, rounded, template_of
+from hab_tasks.episodes.workbench import Workbench
+from hab_tasks.geometry import Array, Pose7, pose, rotation_between
+
+INTO_M = 0.03
+"""An object put into a bowl starts this far below the brim."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settling:
+    """How objects are put down, and when they count as stable.
+
+    Attributes:
+        seconds: Longest settling time.
+        drop_m: Height from which an object is let go.
+        moved_m: Farthest it may end from where it was put.
+        tilt_rad: Most it may turn.
+        fridge_inner: Share of the fridge's shelf that is used (Habitat).
+    """
+
+    seconds: float = 4.0
+    drop_m: float = 0.005
+    moved_m: float = 0.05
+    tilt_rad: float = 0.35
+    fridge_inner: float = 0.5
+
+
+class Placer:
+    """Finds places for objects on spots, one after another.
+
+    Attributes:
+        placed: Handle -> pose where each object was put.
+        on: Handle -> the receptacle it was put on.
+    """
+
+    def __init__(
+        self, bench: Workbench, rng: np.random.Generator, settling: Settling = Settling()
+    ) -> None:
+        self._bench, self._rng, self._settling = bench, rng, settling
+        self._taken: dict[ReceptacleRef, list[tuple[Array, float]]] = {}
+        self.placed: dict[str, Pose7] = {}
+        self.on: dict[str, ReceptacleRef] = {}
+
+    def put(self, handle: str, spot: Spot) -> bool:
+        """Stands an object upright on a spot, turned at random; returns whether there was room."""
+        bench = self._bench
+        taken = self._taken.setdefault(spot.ref, [])
+        if len(taken) >= MOST_OBJECTS.get(spot.receptacle.name, len(taken) + 1):
+            return False
+        middle, radius_m, depth_m = bench.footprint(handle)
+        inner = self._settling.fridge_inner if spot.receptacle.name == FRIDGE else 1.0
+        point = spot.sample(self._rng, radius_m, taken, inner)
+        if point is None:
+            return False
+        turn = quaternions.axangle2quat([0.0, 0.0, 1.0], self._rng.uniform(-math.pi, math.pi))
+        upright = bench.templates[template_of(handle)].up
+        q = quaternions.qmult(turn, rotation_between(np.array(upright), np.array([0.0, 0.0, 1.0])))
+        above = np.array([0.0, 0.0, depth_m + self._settling.drop_m])
+        self.place(handle, pose(point + above - quaternions.rotate_vector(middle, q), q), spot.ref)
+        taken.append((point, radius_m))
+        return True
+
+    def put_on_any(self, handle: str, spots: Sequence[Spot]) -> bool:
+        """Stands an object on one of the spots, tried in random order."""
+        order = self._rng.permutation(len(spots))
+        return any(self.put(handle, spots[int(index)]) for index in order)
+
+    def put_into(self, handle: str, container: str) -> None:
+        """Holds an object just above the middle of another one, so that it falls in."""
+        bench = self._bench
+        middle, _, depth_m = bench.footprint(handle)
+        top_m = bench.top_m(container)
+        upright = bench.templates[template_of(handle)].up
+        q = np.array(rotation_between(np.array(upright), np.array([0.0, 0.0, 1.0])))
+        centre = bench.com_m(container)
+        point = np.array([centre[0], centre[1], top_m - INTO_M + depth_m])
+        world_from_object = pose(point - quaternions.rotate_vector(middle, q), q)
+        self.place(handle, world_from_object, self.on[container])
+
+    def is_in(self, handle: str, container: str) -> bool:
+        """Whether an object lies in another one: within its outline, lower than its brim."""
+        bench = self._bench
+        _, radius_m, _ = bench.footprint(container)
+        way = bench.com_m(handle) - bench.com_m(container)
+        low = bench.pose(handle)[2] - bench.footprint(handle)[2]
+        return float(np.linalg.norm(way[:2])) < radius_m and low < bench.top_m(container)
+
+    def place(self, handle: str, world_from_object: Pose7, on: ReceptacleRef) -> None:
+        """Puts an object at a known pose."""
+        self.placed[handle], self.on[handle] = world_from_object, on
+        self._bench.place(handle, world_from_object)
+
+    def settle(self) -> dict[str, Pose7]:
+        """Runs physics; returns handle -> pose of what stayed upright where it was put, sorted."""
+        limits = self._settling
+        self._bench.settle(limits.seconds, tuple(self.placed))
+        stable = {}
+        for handle, before in sorted(self.placed.items()):
+            after = self._bench.pose(handle)
+            moved = float(np.linalg.norm(np.subtract(after[:3], before[:3])))
+            turned = 2 * math.acos(min(1.0, abs(float(np.dot(after[3:], before[3:])))))
+            if moved < limits.moved_m and turned < limits.tilt_rad:
+                stable[handle] = rounded(after)
+        return stable

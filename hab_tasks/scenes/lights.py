@@ -1,0 +1,35 @@
+"""The lamps of a layout, exchanged when another layout is shown."""
+
+from __future__ import annotations
+
+import sapien
+from mani_skill.envs.scene import ManiSkillScene
+
+from hab_tasks.scenes.spec import PointLight
+
+MAX_LIGHTS = 12
+
+
+class LayoutLights:
+    """Lights the scene: an ambient part, a soft sky, and the layout's own lamps."""
+
+    def __init__(self, scene: ManiSkillScene) -> None:
+        """Adds what all layouts share."""
+        scene.set_ambient_light([0.35, 0.35, 0.35])
+        scene.add_directional_light([0.3, 0.5, -1.0], [0.9, 0.9, 0.85])
+        self._scene = scene
+        self._lamps: list[sapien.Entity] = []
+        self._shown: tuple[PointLight, ...] = ()
+
+    def show(self, lights: tuple[PointLight, ...]) -> None:
+        """Puts these lamps, at most `MAX_LIGHTS`, in place of the ones before."""
+        if lights == self._shown:
+            return
+        for lamp in self._lamps:
+            lamp.remove_from_scene()
+        # One scene a row on the GPU, where lamps are added once and stay.
+        self._lamps = [
+            self._scene.add_point_light(list(light.position_m), list(light.color)).entity
+            for light in lights[:MAX_LIGHTS]
+        ]
+        self._shown = lights

@@ -1,0 +1,175 @@
+"""Bodies built once and shown wherever a layout needs them (S B.1: load once, then instance).
+
+Layouts of one dataset share most of their furniture. A `BodyPool` builds each piece when a layout
+first needs it, keeps it, and shows a layout by putting its bodies into the scene where they belong
+and taking all others out. On the GPU, bodies cannot leave a running simulation: there a pool shows
+one layout and lives as long as it.
+
+The engine keeps traces of what stood in a scene before (the order of its contacts): where two runs
+have to agree to the last bit, start from a new simulation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+import sapien
+from mani_skill.envs.scene import ManiSkillScene
+from mani_skill.utils.structs import Actor, Articulation
+from transforms3d.quaternions import quat2mat
+
+from hab_tasks.errors import EpisodeError
+from hab_tasks.geometry import Pose7
+from hab_tasks.privileged import CollisionBody
+from hab_tasks.scenes.build import BodyBuilder, mark_flat, parking_pose, to_sapien
+from hab_tasks.scenes.handles import SceneHandles
+from hab_tasks.scenes.shapes import components, read_body
+from hab_tasks.scenes.spec import ArticulationInstance, ObjectTemplate, SceneSpec
+
+Body = Actor | Articulation
+Key = tuple[object, ...]
+
+
+class BodyPool:
+    """Everything built so far in one simulated scene, and what of it is shown.
+
+    Attributes:
+        handles: The layout that is shown.
+    """
+
+    handles: SceneHandles
+
+    def __init__(self, scene: ManiSkillScene, templates: dict[str, ObjectTemplate]) -> None:
+        """Starts empty; `templates` are the movable objects by name."""
+        self._scene, self._templates = scene, templates
+        self._builder = BodyBuilder(scene)
+        self._built: dict[Key, Body] = {}
+        # A link knows its entity, but only the scene, or this, keeps it alive.
+        self._entities: dict[Key, list[sapien.Entity]] = {}
+        self._pose: dict[Key, Pose7] = {}
+        self._shown: dict[Key, Body] = {}
+        self._parking: Actor | None = None
+        self._read: dict[int, CollisionBody] = {}
+
+    def show(self, spec: SceneSpec, objects: Iterable[str]) -> SceneHandles:
+        """Puts a layout and movable objects into the scene, and everything else out of it.
+
+        Args:
+            spec: The layout.
+            objects: Handles of the movable objects, ``template_:NNNN``.
+
+        Raises:
+            EpisodeError: A handle of a template that was not loaded.
+        """
+        before, self._shown = self._shown, {}
+        self._hide(before)
+        handles = self.handles = SceneHandles(spec=spec)
+        handles.stage = self._stage(spec)
+        for item in spec.objects:
+            shown = self._loose if item.dynamic else self._static
+            group = handles.loose if item.dynamic else handles.static
+            group[item.name] = shown(item.name, item.template, item.world_from_object, item.scale)
+        for furniture in spec.articulations:
+            key = ("furniture", furniture.name, furniture.urdf_file, furniture.scale)
+            number = len(self._built) + 1
+            built: Any = self._take(
+                key, lambda f=furniture, n=number: self._builder.articulation(f, n)
+            )
+            self._put(key, built, furniture.world_from_root)
+            handles.articulations[furniture.name] = built
+        for index, handle in enumerate(objects):
+            name = handle.rsplit("_:", 1)[0]
+            if name not in self._templates:
+                raise EpisodeError(f"no object {name!r} was loaded: {sorted(self._templates)}.")
+            template = self._templates[name]
+            handles.pickables[handle] = self._loose(handle, template, parking_pose(index), 1.0)
+        if self._scene.gpu_sim_enabled:
+            handles.parking = self._builder.parking(len(handles.pickables))
+        return handles
+
+    def bodies(self) -> tuple[CollisionBody, ...]:
+        """Returns the collision shapes of everything shown; each body is read once."""
+        found = []
+        for name, group, component in components(self.handles):
+            key = id(component)
+            if key not in self._read:
+                self._read[key] = read_body(name, group, component)
+            found.append(self._read[key])
+        return tuple(found)
+
+    def _stage(self, spec: SceneSpec) -> Actor:
+        stage = spec.stage
+        key = ("stage", stage.name, stage.collision)
+        built: Any = self._take(key, lambda: self._builder.stage(stage))
+        self._put(key, built, stage.world_from_stage)
+        return built
+
+    def _static(self, name: str, template: ObjectTemplate, pose: Pose7, scale: float) -> Actor:
+        key = ("static", name, template.name, scale)
+        built: Any = self._take(key, lambda: self._builder.static(name, template, pose, scale))
+        if self._put(key, built, pose):
+            mark_flat(built)
+        return built
+
+    def _furniture(self, furniture: ArticulationInstance) -> Articulation:
+        key = ("furniture", furniture.name, furniture.urdf_file, furniture.scale)
+        number = len(self._built) + 1
+        built: Any = self._take(key, lambda: self._builder.articulation(furniture, number))
+        self._put(key, built, furniture.world_from_root)
+        return built
+
+    def _loose(self, name: str, template: ObjectTemplate, pose: Pose7, scale: float) -> Actor:
+        key = ("loose", name, template.name, scale)
+        built: Any = self._take(key, lambda: self._builder.dynamic(name, template, pose, scale))
+        self._put(key, built, pose)
+        return built
+
+    def _take(self, key: Key, build: Callable[[], Body]) -> Body:
+        """Returns the body of a key; a new one is in the scene already, a kept one is put back."""
+        if key in self._built:
+            built = self._built[key]
+            for entity in self._entities[key]:
+                self._scene.sub_scenes[0].add_entity(entity)
+            if not _is_static(built):
+                self._scene.add_to_state_dict_registry(built)
+        else:
+            built = self._built[key] = build()
+            self._entities[key] = _entities(built)
+        self._shown[key] = built
+        return built
+
+    def _put(self, key: Key, built: Body, pose: Pose7) -> bool:
+        """Moves a body that last stood elsewhere; returns whether its heights have changed."""
+        before, self._pose[key] = self._pose.get(key), pose
+        if before is None or self._scene.gpu_sim_enabled or (before == pose and _is_static(built)):
+            return False  # a new body stands where it was built
+        if isinstance(built, Articulation):
+            built._objs[0].set_root_pose(to_sapien(pose))
+        else:
+            built._objs[0].pose = to_sapien(pose)
+        return not _as_high(before, pose)
+
+    def _hide(self, shown: dict[Key, Body]) -> None:
+        for key, built in shown.items():
+            for entity in self._entities[key]:
+                entity.remove_from_scene()
+            if not _is_static(built):
+                self._scene.remove_from_state_dict_registry(built)
+
+
+def _as_high(before: Pose7, after: Pose7) -> bool:
+    """Whether all points of a body are as high in one pose as in the other."""
+    heights = [(pose[2], *quat2mat(pose[3:])[2]) for pose in (before, after)]
+    return np.allclose(*heights, atol=1e-6)
+
+
+def _entities(built: Body) -> list[sapien.Entity]:
+    if isinstance(built, Articulation):
+        return [link._objs[0].entity for link in built.links]
+    return [built._objs[0]]
+
+
+def _is_static(built: Body) -> bool:
+    return isinstance(built, Actor) and built.px_body_type == "static"

@@ -1,0 +1,100 @@
+"""`hab-tasks figures`: the paper's figures about a dataset and about episode files, as PNG."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import tyro
+from tqdm import tqdm
+
+from hab_tasks.commands.base import Command, refuse_existing
+from hab_tasks.episodes import read_episodes
+from hab_tasks.errors import EpisodeError, HabError, RenderingUnavailableError
+from hab_tasks.figures.charts import draw_categories, draw_furniture
+from hab_tasks.figures.layouts import draw_macros, draw_micros
+from hab_tasks.figures.rearrangement import draw_episodes, figure_name
+from hab_tasks.figures.statistics import macro_layouts, micro_variations
+from hab_tasks.rendering import resolve_backend
+from hab_tasks.scenes.dataset import SceneDataset, resolve_dataset
+
+Draw = Callable[[Path], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figures(Command):
+    """Options of `hab-tasks figures`."""
+
+    help: ClassVar[
+        str
+    ] = """Draws a dataset's furniture, categories and layouts, and statistics of episode files.
+
+Example:
+  hab-tasks figures apartment --out docs/figures --episodes tidy.json.gz table.json.gz"""
+
+    dataset: tyro.conf.Positional[str]
+    """`apartment`, `replica_cad` as ManiSkill downloads it, or the path of a ReplicaCAD folder."""
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
+    """Folder of the PNG files; made when absent."""
+    episodes: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = ()
+    """Episode files to draw, one for each environment."""
+    force: bool = False
+    """Replace files in DIR."""
+
+    def run(self) -> int:
+        """Draws every figure, then prints the files and what was not drawn."""
+        dataset = resolve_dataset(self.dataset)
+        jobs, notes = self._dataset_jobs(dataset)
+        jobs |= self._episode_jobs(dataset)
+        for name in jobs:
+            refuse_existing(self.out / name, self.force)
+        try:
+            for name, draw in tqdm(jobs.items(), unit="figure", disable=not sys.stderr.isatty()):
+                draw(self.out / name)
+        except OSError as error:
+            raise HabError(f"{self.out}: cannot be written ({error}).") from error
+        for line in [f"wrote {self.out / name}" for name in jobs] + notes:
+            print(line)
+        return 0
+
+    def _dataset_jobs(self, dataset: SceneDataset) -> tuple[dict[str, Draw], list[str]]:
+        """Returns file name -> how to draw it, and what has to be said about it."""
+        jobs: dict[str, Draw] = {"fig07_categories.png": partial(draw_categories, dataset)}
+        notes = []
+        if micro_variations(dataset):
+            jobs["fig06_furniture.png"] = partial(draw_furniture, dataset)
+            jobs["fig08_micro_variations.png"] = partial(draw_micros, dataset)
+        else:
+            notes.append(f"{dataset.name} has no micro-variations: no fig06, no sheet of them")
+        if macro_layouts(dataset):
+            backend = "none"
+            try:
+                backend = resolve_backend("auto", wants_images=True)
+            except RenderingUnavailableError as error:
+                notes.append(f"fig08 shows outlines. {error}")
+            jobs["fig08_macro_layouts.png"] = partial(draw_macros, dataset, backend=backend)
+        else:
+            notes.append(f"{dataset.name} has no macro layouts: no fig08")
+        return dict(sorted(jobs.items())), notes
+
+    def _episode_jobs(self, dataset: SceneDataset) -> dict[str, Draw]:
+        jobs: dict[str, Draw] = {}
+        for file in self.episodes:
+            episodes = read_episodes(file)
+            name = figure_name(episodes.env)
+            if episodes.scene_dataset != dataset.name:
+                raise EpisodeError(
+                    f"{file}: made for {episodes.scene_dataset}, not for {dataset.name}."
+                )
+            if not len(episodes):
+                raise EpisodeError(f"{file}: holds no episode.")
+            if name in jobs:
+                raise HabError(f"{file}: a second file of {episodes.env}; give one for each env.")
+            for episode in episodes.episodes:
+                dataset.scene_file(episode.scene_id)
+            jobs[name] = partial(draw_episodes, dataset, episodes)
+        return jobs

@@ -1,0 +1,85 @@
+"""Pictures of layouts from above, without a ceiling and without a robot."""
+
+from __future__ import annotations
+
+import numpy as np
+import sapien
+import torch
+from mani_skill.envs.scene import ManiSkillScene
+from mani_skill.envs.utils.system.backend import parse_sim_and_render_backend
+from mani_skill.utils.structs.types import SimConfig
+from numpy.typing import NDArray
+
+from hab_tasks.geometry import Array
+from hab_tasks.scenes.lights import LayoutLights
+from hab_tasks.scenes.pool import BodyPool
+from hab_tasks.scenes.spec import SceneSpec
+
+EYE_M = 40.0
+"""The camera hangs so high that walls look thin and hide nothing beside them."""
+
+CUT_M = 2.45
+"""Whatever is above, ceilings above all, is left out."""
+
+BELOW_M = 1.0
+
+
+class Showroom:
+    """Shows one layout after another to a camera below the sky.
+
+    Args:
+        backend: ManiSkill's name of the device that draws.
+    """
+
+    def __init__(self, backend: str) -> None:
+        device = parse_sim_and_render_backend("physx_cpu", backend)
+        systems = [
+            sapien.physx.PhysxCpuSystem(),
+            sapien.render.RenderSystem(device.render_device),
+        ]
+        self._scene = ManiSkillScene(
+            [sapien.Scene(systems)], sim_config=SimConfig(), device=device.device, backend=device
+        )
+        self._pool = BodyPool(self._scene, {})
+        self._lights = LayoutLights(self._scene)
+
+    def picture(
+        self, spec: SceneSpec, low_m: Array, high_m: Array, pixels_per_m: float
+    ) -> NDArray[np.uint8]:
+        """Returns a picture (H, W, 3) of a layout, doors and drawers closed, y up.
+
+        Args:
+            spec: The layout.
+            low_m: Lower corner (2,) of the room, which fills the picture.
+            high_m: Upper corner (2,).
+            pixels_per_m: Scale at the height of the cut.
+        """
+        handles = self._pool.show(spec, ())
+        self._lights.show(spec.lights)
+        for furniture in handles.articulations.values():
+            # It also tells the engine where the links of new furniture are.
+            furniture.set_qpos(torch.zeros_like(furniture.get_qpos()))
+        width, height = (round(float(pixels_per_m * side)) for side in high_m - low_m)
+        camera = sapien.render.RenderCameraComponent(width, height)
+        focal = pixels_per_m * (EYE_M - CUT_M)
+        camera.set_perspective_parameters(
+            EYE_M - CUT_M, EYE_M + BELOW_M, focal, focal, width / 2, height / 2, 0.0
+        )
+        entity = sapien.Entity()
+        entity.add_component(camera)
+        entity.pose = _looking_down((low_m + high_m) / 2)
+        scene = self._scene.sub_scenes[0]
+        scene.add_entity(entity)
+        scene.update_render()
+        camera.take_picture()
+        color = camera.get_picture("Color")[..., :3]
+        scene.remove_entity(entity)
+        return (255 * color.clip(0, 1)).round().astype(np.uint8)
+
+
+def _looking_down(middle_m: Array) -> sapien.Pose:
+    """Returns a camera pose above a point (2,): SAPIEN's look along x, with y left and z up."""
+    world_from_eye = np.eye(4)
+    world_from_eye[:3, :3] = np.array([(0, 0, -1), (-1, 0, 0), (0, 1, 0)]).T
+    world_from_eye[:3, 3] = (*middle_m, EYE_M)
+    return sapien.Pose(world_from_eye)

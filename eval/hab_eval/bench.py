@@ -23,8 +23,11 @@ WriteLine = Callable[[str], None]
 ENV_ID = "HabPick-v1"
 REFERENCE = "ManiSkill ReplicaCAD_SceneManipulation-v1 fetch pd_ee_delta_pos"
 DEFAULT_SCENES = ("v3_sc0_staging_00", "apt_0")
-OTHER_SCENE = "v3_sc1_staging_00"
-"""The second scene of suite reset, unless two or more are given."""
+RESET_SCENES = (
+    tuple(f"v3_sc{macro}_staging_{number}" for number in ("00", "10") for macro in range(3)),
+    ("apt_0", "apt_1", "apt_2"),
+)
+"""Suite reset goes round each of these groups of layouts, unless layouts are given."""
 
 DEFAULT_STEPS = {"sim": 200, "depth": 40, "reset": 0}
 WARM_UP_STEPS = 5
@@ -94,12 +97,12 @@ def make_row(
 
 def run_suite(options: BenchOptions, write_line: WriteLine) -> list[BenchRow]:
     """Measures one suite, scene by scene."""
-    scenes = options.scenes or DEFAULT_SCENES
     if options.suite == "reset":
-        # Reconfiguring goes back and forth between two different scenes.
-        groups = [(scene, _other(scene, scenes)) for scene in scenes]
+        groups = (options.scenes,) if options.scenes else RESET_SCENES
+        if any(len(group) < 2 for group in groups):
+            raise OptionError("suite reset goes from layout to layout: give --scene twice or more.")
     else:
-        groups = [(scene,) for scene in scenes]
+        groups = tuple((scene,) for scene in options.scenes or DEFAULT_SCENES)
     check_scenes(options.scene_dataset, {scene for group in groups for scene in group})
     rows: list[BenchRow] = []
     for group in groups:
@@ -202,26 +205,22 @@ def step_rows(
 def _measure_resets(
     options: BenchOptions, scene: str, ours: Side, theirs: Side, write_line: WriteLine
 ) -> list[BenchRow]:
-    """Measures resets in place, then resets that build the other scene."""
+    """Measures resets in place, then resets that go round the layouts of the group."""
     soft_ms = [1e3 * ours.soft_reset() for _ in range(options.repeats + 1)][1:]  # first: warm-up
-    pairs_ms = [
-        (1e3 * ours.reconfigure(), 1e3 * theirs.reconfigure()) for _ in range(options.repeats + 1)
-    ][1:]
-    write_line(f"{options.repeats} resets of each kind are measured")
+    rounds = [
+        [(1e3 * ours.other_layout(), 1e3 * theirs.other_layout()) for _ in range(ours.layouts())]
+        for _ in range(options.repeats + 1)
+    ]
+    write_line(f"{options.repeats} resets in place and rounds of the layouts are measured")
     name = ("reset", scene, ENV_ID)
     bound = [SOFT_RESET_BOUND_MS] * len(soft_ms)
+    again = [pair for pairs in rounds[1:] for pair in pairs]
+
+    def row(variant: str, pairs: Sequence[tuple[float, float]]) -> BenchRow:
+        return make_row((*name, variant), [a for a, _ in pairs], [b for _, b in pairs], unit="ms")
+
     return [
         make_row((*name, "soft"), soft_ms, bound, unit="ms", reference="bound"),
-        make_row(
-            (*name, "reconfigure"),
-            [ours_ms for ours_ms, _ in pairs_ms],
-            [theirs_ms for _, theirs_ms in pairs_ms],
-            unit="ms",
-        ),
+        row("layout_first_time", rounds[0]),
+        row("layout", again),
     ]
-
-
-def _other(scene: str, scenes: Sequence[str]) -> str:
-    """Returns the scene to reconfigure to."""
-    candidates = [other for other in (OTHER_SCENE, *scenes) if other != scene]
-    return candidates[0]

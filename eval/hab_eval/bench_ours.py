@@ -12,7 +12,7 @@ import torch
 
 from hab_eval.bench_process import Side, StepTiming, arm_steps_m, time_steps
 from hab_tasks.constants import EE_STEP_M, REST_POSITION_M
-from hab_tasks.episodes import Episode, load_episodes
+from hab_tasks.episodes import Episode, EpisodeRequest, load_episodes
 
 ENV_ID = "HabPick-v1"
 CONTROL = "ee"
@@ -84,10 +84,14 @@ class Ours:
         self._episode = (self._episode + 1) % EPISODES_IN_SCENE
         return self._reset(reconfigure=False)
 
-    def reconfigure(self) -> float:
+    def other_layout(self) -> float:
         """See `Side`."""
         self._scene = (self._scene + 1) % len(self._episodes)
-        return self._reset(reconfigure=True)
+        return self._reset(reconfigure=False)
+
+    def layouts(self) -> int:
+        """See `Side`."""
+        return len(self._episodes)
 
     def close(self) -> None:
         """See `Side`."""
@@ -108,13 +112,10 @@ def _episodes_in(factory: OursFactory, scene: str) -> tuple[Episode, ...]:
     The reference's robot stands in the middle of the room; the motions of a benchmark should push
     nothing over here either.
     """
-    episodes = load_episodes(
-        ENV_ID,
-        factory.scene_dataset,
-        objects=factory.objects,
-        count=EPISODES_TO_CHOOSE_FROM,
-        scene=scene,
-    ).episodes
+    request = EpisodeRequest(
+        env_id=ENV_ID, scene_dataset=factory.scene_dataset, objects=factory.objects, scene=scene
+    )
+    episodes = load_episodes(request, EPISODES_TO_CHOOSE_FROM).episodes
     return tuple(sorted(episodes, key=_clearance_m, reverse=True)[:EPISODES_IN_SCENE])
 
 

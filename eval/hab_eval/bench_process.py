@@ -66,8 +66,12 @@ class Side(Protocol):
         """Times a reset to another start in the same scene [s]."""
         ...
 
-    def reconfigure(self) -> float:
-        """Times a reset that builds another scene [s]."""
+    def other_layout(self) -> float:
+        """Times a reset to the next layout [s]; the reference has to build it anew."""
+        ...
+
+    def layouts(self) -> int:
+        """Returns how many layouts `other_layout` goes round."""
         ...
 
     def close(self) -> None:
@@ -156,9 +160,13 @@ class RemoteSide:
         """See `Side`."""
         return self._ask("soft_reset")
 
-    def reconfigure(self) -> float:
+    def layouts(self) -> int:
         """See `Side`."""
-        return self._ask("reconfigure")
+        return self._ask("layouts")
+
+    def other_layout(self) -> float:
+        """See `Side`."""
+        return self._ask("other_layout")
 
     def close(self) -> None:
         """Ends the process."""

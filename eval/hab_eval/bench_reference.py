@@ -83,7 +83,11 @@ class Reference:
         self._env.reset()
         return time.perf_counter() - started
 
-    def reconfigure(self) -> float:
+    def layouts(self) -> int:
+        """See `Side`."""
+        return self._scene_count
+
+    def other_layout(self) -> float:
         """See `Side`."""
         self._scene = (self._scene + 1) % self._scene_count
         options = {"reconfigure": True, "build_config_idxs": [self._scene]}

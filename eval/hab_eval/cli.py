@@ -62,6 +62,8 @@ class RunCommand:
     """Number of episodes."""
     seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
     """Seed of the episodes and of the agent."""
+    novel: Annotated[str | None, tyro.conf.arg(metavar="WHAT")] = None
+    """objects or receptacles: those kept for evaluating generalisation."""
     workers: Annotated[int, tyro.conf.arg(metavar="W")] = 1
     """Number of processes; changes no result."""
     video: Annotated[int, tyro.conf.arg(metavar="K")] = 0
@@ -191,6 +193,7 @@ def _run(command: RunCommand) -> int:
         split=command.split,
         episodes=command.episodes,
         seed=command.seed,
+        novel=command.novel,
     )
     options = RunOptions(
         out=command.out,

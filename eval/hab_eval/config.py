@@ -22,6 +22,7 @@ class EvalConfig:
         split: Episode split, None for the dataset's evaluation split.
         episodes: Number of episodes.
         seed: Seed of the episode set and of the agent.
+        novel: ``objects`` or ``receptacles`` kept for evaluating generalisation (S E.1).
     """
 
     agent: str
@@ -31,6 +32,7 @@ class EvalConfig:
     split: str | None = None
     episodes: int = 50
     seed: int = 0
+    novel: str | None = None
 
     def __post_init__(self) -> None:
         if self.episodes < 1:

@@ -39,17 +39,17 @@ def check_env_id(env_id: str) -> None:
 
 def load_episode_set(config: EvalConfig, progress: CountCallback | None) -> EpisodeSet:
     """Returns the fixed list of episodes that `config` names."""
-    from hab_tasks.episodes import load_episodes
+    from hab_tasks.episodes import EpisodeRequest, load_episodes
 
-    return load_episodes(
-        config.env,
-        config.scene_dataset,
+    request = EpisodeRequest(
+        env_id=config.env,
+        scene_dataset=config.scene_dataset,
         objects=config.objects,
         split=config.split,
-        count=config.episodes,
         seed=config.seed,
-        progress=progress,
+        novel=config.novel,
     )
+    return load_episodes(request, config.episodes, progress)
 
 
 def make_env(config: EvalConfig, spec: AgentSpec, *, split: str, render: bool) -> gym.Env[Any, Any]:
@@ -63,6 +63,7 @@ def make_env(config: EvalConfig, spec: AgentSpec, *, split: str, render: bool) -
         objects=config.objects,
         split=split,
         episode_seed=config.seed,
+        novel=config.novel,
         obs_mode=spec.obs_mode,
         control_mode=spec.control_mode,
         reward_mode="dense",

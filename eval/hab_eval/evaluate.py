@@ -123,7 +123,7 @@ def make_record(
         env=config.env,
         scene_dataset=environments.short_name(episodes.scene_dataset),
         objects=None if config.objects is None else environments.short_name(config.objects),
-        split=episodes.split,
+        split="+".join(part for part in (episodes.split, config.novel) if part),
         seed=config.seed,
         versions=saved.versions,
         git=saved.git,

@@ -94,7 +94,7 @@ class RunRecord:
         env: Environment id.
         scene_dataset: Name of the scene dataset.
         objects: Name of the object folder, None for the objects that are shipped.
-        split: Episode split.
+        split: Episode split, and ``+objects`` or ``+receptacles`` where these are new.
         seed: Seed of the episode set and of the agent.
         versions: Package -> version.
         git: Commit of the sources, with ``-dirty`` if they were edited; all of them, joined by

@@ -47,7 +47,7 @@ class Side:
     def soft_reset(self) -> float:
         return float(os.environ["STUB_RESET_S"])
 
-    def reconfigure(self) -> float:
+    def other_layout(self) -> float:
         raise ZeroDivisionError("no other scene")
 
     def close(self) -> None:

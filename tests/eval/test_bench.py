@@ -110,7 +110,7 @@ def test_side_in_a_process_of_its_own():
         assert side.soft_reset() == 0.125
         assert side.run_steps(3, seed=1).steps == 3
         with pytest.raises(BenchError, match="ZeroDivisionError: no other scene"):
-            side.reconfigure()
+            side.other_layout()
     finally:
         side.close()
     with pytest.raises(BenchError, match="exit code 7"):
@@ -148,6 +148,9 @@ def test_bench_command_names_what_is_wrong(cli, dataset, tmp_path):
     assert unknown.returncode == 2
     assert "Did you mean 'one'?" in unknown.stderr
     assert cli("bench", "--suite", "sim", *common, "--repeats", 0).returncode == 2
+    alone = cli("bench", "--suite", "reset", *common, "--scene", "one")
+    assert alone.returncode == 2
+    assert "--scene twice" in alone.stderr
     target.write_text("[]")
     taken = cli("bench", "--suite", "sim", *common)
     assert taken.returncode == 2
@@ -158,8 +161,8 @@ def test_default_scenes_are_measured_in_their_order(monkeypatch, dataset):
     from hab_eval import bench
 
     assert bench.DEFAULT_SCENES == ("v3_sc0_staging_00", "apt_0")
-    assert bench._other("v3_sc0_staging_00", ("v3_sc0_staging_00",)) == "v3_sc1_staging_00"
-    assert bench._other("v3_sc1_staging_00", ("v3_sc1_staging_00", "apt_0")) == "apt_0"
+    assert bench.RESET_SCENES[0][:3] == tuple(f"v3_sc{i}_staging_00" for i in range(3))
+    assert bench.RESET_SCENES[1] == ("apt_0", "apt_1", "apt_2")
     assert BenchRow.__dataclass_fields__.keys() == {
         "name",
         "value",
@@ -187,7 +190,7 @@ def test_maniskill_runs_in_the_real_scene_and_writes_nothing_there(tmp_path, rep
         assert timing.steps_per_s > 10
         assert 0.01 < timing.physics_share < 0.9
         assert side.soft_reset() < 1.0
-        assert side.reconfigure() > 0.0
+        assert side.other_layout() > 0.0
     finally:
         side.close()
     assert snapshot(replica_cad) == before

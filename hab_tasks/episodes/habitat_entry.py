@@ -77,7 +77,7 @@ class HabitatEntries:
         own = _untold(episode, told)
         if own:
             entry = entry | {"info": {**(entry.get("info") or {}), OWN_KEY: own}}
-        return ordered_like(entry, plain)
+        return entry
 
     def to_episode(self, entry: Any, where: str, loose: Mapping[str, dict[str, Pose7]]) -> Episode:
         """Returns the episode that an entry of a Habitat file describes.
@@ -111,48 +111,62 @@ class HabitatEntries:
         where = f"episode {episode.id!r}"
         with naming(where, "scene_id"):
             layout = self._layout(episode.scene_id)
-        handles = habitat_handles(episode.objects)
         with naming(where, "objects"):
             matrices = {name: self._matrix(name, p) for name, p in episode.objects.items()}
-            goals = [
-                matrices[t.object]
-                if t.world_from_goal is None
-                else self._matrix(t.object, t.world_from_goal)
-                for t in episode.targets
-            ]
         with naming(where, "joints"):
             states = {
                 furniture: {str(layout.link_of_joint(furniture, j)): q for j, q in joints.items()}
                 for furniture, joints in episode.joints.items()
             }
-        with naming(where, "targets"):
-            starts = [_place(layout, t.start) for t in episode.targets]
-            ends = [_place(layout, t.goal) for t in episode.targets]
-        targets = [handles[t.object] for t in episode.targets]
-        name = self._dataset.name
-        folder = DATASET_FOLDERS.get(name, f"data/{name}")
+        handles = habitat_handles(episode.objects)
+        listed = sorted((theirs, ours) for ours, theirs in handles.items())
         x, y, yaw = episode.robot.base
         return {
             "episode_id": episode.id,
-            "scene_id": f"{folder}/configs/scenes/{episode.scene_id}.scene_instance.json",
-            "scene_dataset_config": f"{folder}/{name}.scene_dataset_config.json",
-            "additional_obj_config_paths": [OBJECT_CONFIGS],
+            **self._files(episode.scene_id),
             "start_position": [x, 0.0, 0.0 - y],
             "start_rotation": [0.0, math.sin(yaw / 2), 0.0, math.cos(yaw / 2)],
             "ao_states": states,
             "rigid_objs": [
-                [f"{template_of(handle)}.object_config.json", matrices[ours].tolist()]
-                for handle, ours in sorted((handle, ours) for ours, handle in handles.items())
+                [f"{template_of(theirs)}.object_config.json", matrices[ours].tolist()]
+                for theirs, ours in listed
             ],
-            "targets": {h: goal.tolist() for h, goal in zip(targets, goals, strict=True)},
             "markers": layout.markers(episode.handle.marker if episode.handle else None),
-            "target_receptacles": starts,
-            "goal_receptacles": ends,
-            "name_to_receptacle": {
-                handles[t.object]: t.start[0] for t in episode.targets if t.start
-            },
-            "info": {"object_labels": {h: f"any_targets|{i}" for i, h in enumerate(targets)}},
+            **self._target_fields(episode, layout, matrices, handles),
         }
+
+    def _files(self, scene_id: str) -> dict[str, Any]:
+        name = self._dataset.name
+        folder = DATASET_FOLDERS.get(name, f"data/{name}")
+        return {
+            "scene_id": f"{folder}/configs/scenes/{scene_id}.scene_instance.json",
+            "scene_dataset_config": f"{folder}/{name}.scene_dataset_config.json",
+            "additional_obj_config_paths": [OBJECT_CONFIGS],
+        }
+
+    def _target_fields(
+        self,
+        episode: Episode,
+        layout: HabitatLayout,
+        matrices: dict[str, Array],
+        handles: dict[str, str],
+    ) -> dict[str, Any]:
+        targets = {handles[target.object]: target for target in episode.targets}
+        with naming(f"episode {episode.id!r}", "targets"):
+            return {
+                "targets": {
+                    handle: (
+                        matrices[target.object]
+                        if target.world_from_goal is None
+                        else self._matrix(target.object, target.world_from_goal)
+                    ).tolist()
+                    for handle, target in targets.items()
+                },
+                "target_receptacles": [_place(layout, t.start) for t in episode.targets],
+                "goal_receptacles": [_place(layout, t.goal) for t in episode.targets],
+                "name_to_receptacle": {h: t.start[0] for h, t in targets.items() if t.start},
+                "info": {"object_labels": {h: f"any_targets|{i}" for i, h in enumerate(targets)}},
+            }
 
     def _with_kept(self, plain: dict[str, Any], episode: Episode) -> tuple[dict[str, Any], Episode]:
         """Puts back what the episode's Habitat file held, as far as it still means the same.
@@ -166,6 +180,7 @@ class HabitatEntries:
         for chosen in (keys, *([key] for key in keys)) if keys else ():
             trial = entry | {key: kept[key] for key in chosen if key in kept}
             trial = {k: v for k, v in trial.items() if k in kept or k not in chosen}
+            trial = ordered_like(trial, plain)
             meant = self._meant_by(trial, plain)
             if meant is not None:
                 entry, told = trial, meant

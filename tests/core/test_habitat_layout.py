@@ -1,0 +1,244 @@
+"""Link ids as Habitat counts them, receptacles by body and place, and object frames."""
+
+import math
+
+import numpy as np
+import pytest
+from builders import tiny_dataset
+
+from hab_tasks.episodes.habitat_fields import object_frame
+from hab_tasks.episodes.habitat_layout import HABITAT_MARKERS, HabitatLayout, urdf_link_ids
+from hab_tasks.errors import DatasetError, UnknownNameError
+from hab_tasks.geometry import IDENTITY, pose
+from hab_tasks.scenes.dataset import resolve_dataset
+from hab_tasks.scenes.load import load_scene
+from hab_tasks.scenes.objects import load_objects
+from hab_tasks.scenes.spec import (
+    ArticulationInstance,
+    ObjectInstance,
+    ObjectTemplate,
+    Receptacle,
+    SceneSpec,
+    Stage,
+)
+
+COUNTER = {
+    "root": -1,
+    "body": 0,
+    "drawer1_bottom": 1,  # joint left_slide_bottom comes before left_slide_top
+    "drawer1_top": 2,
+    "drawer2_bottom": 3,
+    "drawer2_middle": 4,
+    "drawer2_top": 5,
+    "drawer4": 6,  # joint right_slide_bottom
+    "drawer3": 7,  # joint right_slide_top: the drawer of SetTable
+}
+FRIDGE = {"root": -1, "body": 0, "bottom_door": 1, "top_door": 2}
+
+
+def urdf(file, joints, links):
+    """Writes a URDF of ``(joint, type, parent, child, xyz, rpy)``."""
+    parts = [f'<link name="{name}"/>' for name in links]
+    for name, kind, parent, child, xyz, rpy in joints:
+        parts.append(
+            f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+            f'<origin xyz="{xyz}" rpy="{rpy}"/></joint>'
+        )
+    file.write_text(f'<robot name="x">{"".join(parts)}</robot>')
+    return file
+
+
+def test_links_are_numbered_depth_first_by_joint_name(tmp_path):
+    file = urdf(
+        tmp_path / "tree.urdf",
+        [
+            ("z_hinge", "revolute", "base", "left", "0 0 0", "0 0 0"),
+            ("b_fixed", "fixed", "base", "right", "0 0 0", "0 0 0"),
+            ("c_slide", "prismatic", "right", "tray", "0 0 0", "0 0 0"),
+            ("a_slide", "prismatic", "left", "box", "0 0 0", "0 0 0"),
+        ],
+        ("box", "left", "tray", "base", "right"),
+    )
+    # b_fixed comes before z_hinge, and all that hangs on `right` before `left`.
+    assert urdf_link_ids(file) == {"base": -1, "right": 0, "tray": 1, "left": 2, "box": 3}
+
+
+@pytest.mark.parametrize(
+    ("joints", "links"),
+    [
+        ([], ("a", "b")),
+        ([("j", "fixed", "a", "b", "0 0 0", "0 0 0"), ("k", "fixed", "b", "a", "0", "0")], "ab"),
+        ([("j", "fixed", "a", "nowhere", "0 0 0", "0 0 0")], ("a",)),
+    ],
+)
+def test_what_is_not_one_tree_is_refused(tmp_path, joints, links):
+    file = urdf(tmp_path / "bad.urdf", joints, links)
+    with pytest.raises(DatasetError, match=r"bad\.urdf: its links are not one tree"):
+        urdf_link_ids(file)
+
+
+def furniture(dataset):
+    return {name: urdf_link_ids(dataset.urdf_files[name]) for name in ("kitchen_counter", "fridge")}
+
+
+@pytest.mark.assets
+def test_ids_of_the_real_furniture(replica_cad):
+    assert furniture(resolve_dataset(replica_cad)) == {"kitchen_counter": COUNTER, "fridge": FRIDGE}
+
+
+def test_the_embedded_furniture_has_the_same_ids():
+    assert furniture(resolve_dataset("apartment")) == {"kitchen_counter": COUNTER, "fridge": FRIDGE}
+
+
+# Receptacles -----------------------------------------------------------------------------------
+
+
+def box(name, body, position):
+    return Receptacle(
+        name=name,
+        body=body,
+        body_from_box=pose(position, (1, 0, 0, 0)),
+        half_size_m=(0.2, 0.2, 0.05),
+        up=(0, 0, 1),
+    )
+
+
+@pytest.fixture
+def layout(tmp_path):
+    """A cupboard at (10, 0, 0), scale 2, whose body lies on its side, and two equal stools."""
+    file = urdf(
+        tmp_path / "cupboard.urdf",
+        [
+            ("lift", "fixed", "root", "body", "0 0 1", f"{math.pi / 2} 0 0"),
+            ("door", "revolute", "body", "leaf", "0 0 0", "0 0 0"),
+        ],
+        ("root", "body", "leaf"),
+    )
+    cupboard = ArticulationInstance(
+        name="cupboard_:0000",
+        template="cupboard",
+        urdf_file=file,
+        world_from_root=pose((10, 0, 0), (1, 0, 0, 0)),
+        scale=2.0,
+    )
+    template = ObjectTemplate(
+        name="stool",
+        visual_file=None,
+        collision=(),
+        mass_kg=1.0,
+        friction=0.5,
+        up=(0, 1, 0),
+    )
+    stools = [
+        ObjectInstance(
+            name=f"stool_:000{i}",
+            template=template,
+            world_from_object=pose((i, 5, 0), (1, 0, 0, 0)),
+            dynamic=False,
+        )
+        for i in (0, 1)
+    ]
+    return HabitatLayout(
+        SceneSpec(
+            scene_id="room",
+            dataset="test",
+            stage=Stage(
+                name="s", visual_file=None, collision=(), world_from_stage=IDENTITY, friction=0.5
+            ),
+            objects=tuple(stools),
+            articulations=(cupboard,),
+            receptacles=(
+                box("low", "cupboard_:0000/body", (0, -0.4, 0)),
+                box("high", "cupboard_:0000/body", (0, 0.4, 0)),
+                box("inside", "cupboard_:0000/leaf", (0, 0, 0)),
+                box("seat", "stool_:0000", (0, 0, 0)),
+                box("seat", "stool_:0001", (0, 0, 0)),
+            ),
+            lights=(),
+        )
+    )
+
+
+def test_the_nearest_receptacle_of_a_body_is_meant(layout):
+    # The body's y axis points up, and it stands 2 m high (the joint's 1 m at scale 2): the boxes,
+    # whose positions are already to scale, are at (10, 0, 1.6) and (10, 0, 2.4).
+    near = {1.5: "low", 1.9: "low", 2.1: "high", 3.0: "high"}
+    for height, name in near.items():
+        found = layout.receptacle("cupboard_:0000", 0, None, np.array([10, 0, height]))
+        assert found == (name, "cupboard_:0000/body")
+
+
+def test_a_name_counts_more_than_the_place(layout):
+    point = np.array([10, 0, 3.0])
+    assert layout.receptacle("cupboard_:0000", 0, "low", point)[0] == "low"
+    assert layout.receptacle("cupboard_:0000", 0, "seat", point)[0] == "high", "not on that body"
+    assert layout.receptacle(None, None, "seat", np.array([0.9, 5, 0])) == ("seat", "stool_:0001")
+    assert layout.receptacle(None, None, None, point) is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("cupboard_:0000", 7, None), ("link of cupboard_:0000 '7'", "-1, 0, 1")),
+        (("cupboard_:0001", 0, None), ("furniture in room 'cupboard_:0001'", "cupboard_:0000")),
+        (("stool_:0002", None, None), ("body with receptacles", "stool_:0000")),
+        (("cupboard_:0000", -1, None), ("body with receptacles", "cupboard_:0000/root")),
+        ((None, None, "lowest"), ("receptacle in room 'lowest'", "Did you mean 'low'")),
+    ],
+)
+def test_unknown_places_are_named_with_the_valid_ones(layout, arguments, words):
+    with pytest.raises(UnknownNameError) as error:
+        layout.receptacle(*arguments, np.zeros(3))
+    for word in words:
+        assert word in str(error.value)
+
+
+def test_bodies_and_joints_by_number(layout):
+    assert layout.place("cupboard_:0000/leaf") == ("cupboard_:0000", 1)
+    assert layout.place("stool_:0001") == ("stool_:0001", None)
+    assert layout.joint("cupboard_:0000", 1) == "door"
+    assert layout.link_of_joint("cupboard_:0000", "door") == 1
+    for look_up, word in (
+        (lambda: layout.place("cupboard_:0000/lid"), "'lid'"),
+        (lambda: layout.joint("cupboard_:0000", 0), "Valid: 1"),  # a fixed joint does not move
+        (lambda: layout.link_of_joint("cupboard_:0000", "lift"), "Valid: door"),
+    ):
+        with pytest.raises(UnknownNameError, match=word):
+            look_up()
+
+
+def test_scene_files_give_layouts(tmp_path):
+    dataset = resolve_dataset(tiny_dataset(tmp_path / "tiny"))
+    tiny = HabitatLayout(load_scene(dataset, "v3_sc0_staging_00"))
+    assert tiny.place("chest_:0000/drawer") == ("chest_:0000", 0)
+    assert tiny.joint("chest_:0000", 0) == "slide"
+    assert tiny.markers("cab_push_point_1") == [], "no kitchen, no markers"
+
+
+def test_markers_are_habitats_own_in_its_order():
+    layout = HabitatLayout(load_scene(resolve_dataset("apartment"), "v3_sc0_staging_00"))
+    markers = layout.markers(None)
+    assert [marker["name"] for marker in markers] == list(HABITAT_MARKERS)
+    assert markers[-1] == {
+        "name": "fridge_push_point",
+        "type": "articulated_object",
+        "params": {"offset": [0.1, -0.62, 0.2], "link": "top_door", "object": "fridge_:0000"},
+    }
+    assert [m["name"] for m in layout.markers("cab_push_point_1")][5:] == ["cab_push_point_1"]
+
+
+# Frames ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.assets
+def test_the_frame_of_a_scan_is_upright_and_in_its_middle(ycb):
+    frame = object_frame(load_objects(ycb)["003_cracker_box"])
+    np.testing.assert_allclose(frame[:3, :3], [[1, 0, 0], [0, 0, 1], [0, -1, 0]], atol=1e-12)
+    # The scan's box is x [-0.049, 0.022], y [-0.096, 0.068], z [-0.004, 0.210].
+    np.testing.assert_allclose(frame @ [-0.0135, -0.014, 0.103, 1], [0, 0, 0, 1], atol=2e-3)
+
+
+def test_the_frame_of_a_look_alike_is_its_own_but_for_the_middle():
+    frame = object_frame(load_objects(None)["024_bowl"])
+    np.testing.assert_allclose(frame[:3, :3], np.eye(3), atol=1e-12)
+    assert abs(frame[1, 3]) < 0.01

@@ -1,0 +1,259 @@
+"""Episodes go to Habitat's format and back, and Habitat's come back: nothing is lost."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from habitat_entries import (
+    ENTRIES,
+    SCENE,
+    read,
+    set_table,
+    tidy_house,
+)
+
+from hab_tasks.cli import main
+from hab_tasks.episodes.habitat import read_habitat, to_habitat, write_habitat
+from hab_tasks.episodes.habitat_fields import close
+from hab_tasks.episodes.schema import (
+    Episode,
+    EpisodeSet,
+    HandleRef,
+    NavigationGoal,
+    Rearrangement,
+    RobotStart,
+    load_json,
+    read_episodes,
+    rounded,
+    write_episodes,
+)
+from hab_tasks.geometry import IDENTITY, pose, to_matrix
+from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
+from hab_tasks.scenes.dataset import embedded_dataset, resolve_dataset
+from hab_tasks.scenes.load import load_scene
+from hab_tasks.scenes.objects import load_objects
+from hab_tasks.scenes.urdf import joint_limits
+
+SHIPPED = sorted((embedded_dataset().parent / "episodes").glob("*.json.gz"))
+
+
+@pytest.fixture(scope="module")
+def apartment():
+    return resolve_dataset("apartment")
+
+
+@pytest.fixture(scope="module")
+def objects():
+    return load_objects(None)
+
+
+@pytest.mark.parametrize("entry", ENTRIES.values(), ids=ENTRIES)
+@pytest.mark.parametrize("suffix", [".json", ".json.gz"])
+def test_habitats_file_comes_back_equal(tmp_path, apartment, objects, entry, suffix):
+    episodes = read(tmp_path, apartment, objects, entry, name=f"habitat{suffix}")
+    write_episodes(episodes, tmp_path / f"ours{suffix}")
+    again = read_episodes(tmp_path / f"ours{suffix}")
+    assert again == episodes
+    write_habitat(again, tmp_path / f"back{suffix}", apartment, objects)
+    before, after = (load_json(tmp_path / f"{name}{suffix}") for name in ("habitat", "back"))
+    assert close(before, after, 1e-6)
+    assert "wrong" not in before
+    assert not close(before, {**after, "wrong": 1}, 1e-6)
+
+
+@pytest.mark.parametrize("entry", [ENTRIES["set_table"], ENTRIES["first_release"]])
+def test_targets_stay_in_their_order(tmp_path, apartment, objects, entry):
+    # Sorted by name the apple would come first, and Habitat counts targets as they are listed.
+    write_episodes(read(tmp_path, apartment, objects, entry), tmp_path / "ours.json")
+    (back,) = to_habitat(read_episodes(tmp_path / "ours.json"), apartment, objects)["episodes"]
+    assert list(back["targets"]) == ["024_bowl_:0001", "013_apple_:0000"]
+    if entry["info"]:
+        assert list(back["info"]["object_labels"]) == ["024_bowl_:0001", "013_apple_:0000"]
+
+
+def test_what_was_changed_since_is_written_anew(tmp_path, apartment, objects):
+    episodes = read(tmp_path, apartment, objects, tidy_house(rigid_objs=set_table()["rigid_objs"]))
+    (episode,) = episodes.episodes
+    moved = replace(
+        episode,
+        objects={
+            **episode.objects,
+            "013_apple_:0000": (9.0, 8.0, 7.0, *episode.objects["013_apple_:0000"][3:]),
+        },
+        robot=replace(episode.robot, base=(4.0, 5.0, 0.0)),
+    )
+    (back,) = to_habitat(replace(episodes, episodes=(moved,)), apartment, objects)["episodes"]
+    placed = {name: rows for name, rows in reversed(back["rigid_objs"])}
+    apple_m = np.array(placed["013_apple.object_config.json"])[:3, 3]
+    np.testing.assert_allclose(apple_m, [9, 7, -8], atol=0.01)  # its frame is in its middle
+    assert back["start_position"] == pytest.approx([4, 0, -5])
+    assert back["start_rotation"] == pytest.approx([0, 0, 0, 1])
+    assert back["info"] == tidy_house()["info"], "what still holds stays"
+    assert back["name_to_receptacle"] == tidy_house()["name_to_receptacle"]
+
+
+def random_pose(rng):
+    q = rng.normal(size=4)
+    return rounded(pose(rng.uniform(-5, 5, 3), q))
+
+
+def random_episode(rng, index, spec, objects):
+    """Anything that an episode can hold; handles may have gaps."""
+    names = rng.choice(sorted(objects), size=int(rng.integers(1, 5)), replace=False)
+    numbers = [rng.choice(4, size=int(rng.integers(1, 4)), replace=False) for _ in names]
+    handles = [f"{name}_:{n:04d}" for name, ns in zip(names, numbers, strict=True) for n in ns]
+    refs = [(r.name, r.body) for r in spec.receptacles]
+
+    def maybe(value):
+        return value if rng.random() < 0.6 else None
+
+    targets = tuple(
+        Rearrangement(
+            object=str(handle),
+            start=maybe(refs[rng.integers(len(refs))]),
+            goal=maybe(refs[rng.integers(len(refs))]),
+            world_from_goal=maybe(random_pose(rng)),
+        )
+        for handle in rng.permutation(handles)[: int(rng.integers(0, 4))]
+    )
+    joints = {
+        a.name: {j: float(rng.uniform(*limits)) for j, limits in joint_limits(a.urdf_file).items()}
+        for a in spec.articulations
+        if rng.random() < 0.5
+    }
+    x, y, yaw = (float(v) for v in rng.uniform(-3, 3, 3))
+    base = (x, y, yaw)
+    arm = tuple(float(q) for q in rng.uniform(-1, 1, 7))
+    return Episode(
+        id=f"HabPick-v1/{index:05d}",
+        scene_id=spec.scene_id,
+        seed=int(rng.integers(2**31)),
+        robot=RobotStart(base=base, arm_qpos_rad=maybe(arm) or REST_QPOS_RAD),
+        objects={handle: random_pose(rng) for handle in handles},
+        targets=targets,
+        held=maybe(handles[0]),
+        handle=maybe(HandleRef(furniture="fridge_:0000", joint="top_door_hinge", marker="m")),
+        navigation=maybe(NavigationGoal(skill="HabPick-v1", base=base)),
+        joints=joints,
+        loose={"frl_apartment_vase_01_:0000": IDENTITY},
+    )
+
+
+def assert_same(a, b):
+    """Two episodes are equal; poses to a micrometre, whatever the sign of their quaternions."""
+    bare = {"objects": {}, "targets": (), "robot": RobotStart(base=(0, 0, 0), arm_qpos_rad=())}
+    assert replace(a, **bare) == replace(b, **bare)
+    assert a.robot.arm_qpos_rad == b.robot.arm_qpos_rad
+    turned = (a.robot.base[2] - b.robot.base[2] + math.pi) % (2 * math.pi) - math.pi
+    assert (*np.subtract(a.robot.base[:2], b.robot.base[:2]), turned) == pytest.approx((0, 0, 0))
+    assert a.objects.keys() == b.objects.keys()
+    refs = [
+        [(t.object, t.start, t.goal, t.world_from_goal is None) for t in e.targets] for e in (a, b)
+    ]
+    assert refs[0] == refs[1]
+    pairs = [(a.objects[name], b.objects[name]) for name in a.objects]
+    pairs += [
+        (s.world_from_goal, t.world_from_goal) for s, t in zip(a.targets, b.targets, strict=True)
+    ]
+    for one, other in pairs:
+        if one is not None:
+            np.testing.assert_allclose(to_matrix(one), to_matrix(other), atol=1e-6)
+
+
+def assert_comes_back(tmp_path, episodes, dataset, objects):
+    write_habitat(episodes, tmp_path / "habitat.json.gz", dataset, objects)
+    back = read_habitat(tmp_path / "habitat.json.gz", dataset, objects)
+    assert replace(back, episodes=()) == replace(episodes, episodes=())
+    for before, after in zip(episodes.episodes, back.episodes, strict=True):
+        assert_same(before, after)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_any_episode_of_ours_comes_back(tmp_path, apartment, objects, seed):
+    rng = np.random.default_rng(seed)
+    spec = load_scene(apartment, SCENE)
+    episodes = EpisodeSet(
+        env="HabPick-v1",
+        scene_dataset="apartment",
+        split="train",
+        seed=seed,
+        episodes=tuple(random_episode(rng, i, spec, objects) for i in range(12)),
+        rejections={"fell": 3},
+    )
+    assert_comes_back(tmp_path, episodes, apartment, objects)
+
+
+@pytest.mark.parametrize("file", SHIPPED, ids=lambda file: file.name)
+def test_shipped_episodes_come_back(tmp_path, apartment, objects, file):
+    shipped = read_episodes(file)
+    few = replace(shipped, episodes=shipped.episodes[:: max(1, len(shipped) // 5)])
+    assert_comes_back(tmp_path, few, apartment, objects)
+
+
+# The command -----------------------------------------------------------------------------------
+
+
+def convert(*arguments):
+    return main(["convert", *(str(a) for a in arguments)])
+
+
+def test_the_command_goes_both_ways(tmp_path, apartment, objects, capsys):
+    read(tmp_path, apartment, objects, set_table(), tidy_house())
+    habitat, ours, back = (tmp_path / f"{name}.json" for name in ("habitat", "ours", "back"))
+    assert convert(habitat, "--out", ours) == 0
+    there = capsys.readouterr().out
+    assert f"wrote 2 episodes (train) for HabSetTable-v1 to {ours}" in there
+    assert "rigid_objs (1)" in there
+    assert "without a robot start, which Habitat draws at each reset: 1" in there
+    assert "dropped: nothing" in there
+    assert convert(ours, "--out", back) == 0
+    assert f"wrote 2 episodes in Habitat's format to {back}" in capsys.readouterr().out
+    assert close(load_json(habitat), load_json(back), 1e-6)
+
+
+def test_the_command_tells_what_habitat_does_not_read(tmp_path, apartment, objects, capsys):
+    episodes = read(tmp_path, apartment, objects, set_table())
+    (episode,) = episodes.episodes
+    ours = replace(episodes, episodes=(replace(episode, held="024_bowl_:0000", seed=5),), seed=3)
+    write_episodes(ours, tmp_path / "ours.json")
+    assert convert(tmp_path / "ours.json", "--out", tmp_path / "back.json") == 0
+    assert "does not read: held (1), seed (2)" in capsys.readouterr().out
+    back = read_habitat(tmp_path / "back.json", apartment, objects)
+    assert back.seed == 3
+    assert (back.episodes[0].held, back.episodes[0].seed) == ("024_bowl_:0000", 5)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--env", "HabPik-v1"], "Did you mean 'HabPick-v1'"),
+        (["--scene-dataset", "apartmnt"], "Did you mean 'apartment'"),
+        (["--objects", "/nowhere"], "/nowhere"),
+        (["--forse"], "--force"),
+    ],
+)
+def test_the_command_refuses_bad_options(tmp_path, apartment, objects, capsys, options, words):
+    read(tmp_path, apartment, objects, set_table())
+    assert convert(tmp_path / "habitat.json", "--out", tmp_path / "x.json", *options) == 2
+    assert words in capsys.readouterr().err
+    assert not (tmp_path / "x.json").exists()
+
+
+def test_the_command_replaces_a_file_only_when_told(tmp_path, apartment, objects, capsys):
+    read(tmp_path, apartment, objects, set_table())
+    source, out = tmp_path / "habitat.json", tmp_path / "x.json"
+    out.write_text("precious")
+    assert convert(source, "--out", out) == 2
+    assert "--force" in capsys.readouterr().err
+    assert out.read_text() == "precious"
+    assert convert(source, "--out", out, "--env", "HabPick-v1", "--force") == 0
+    assert read_episodes(out).env == "HabPick-v1"
+
+
+@pytest.mark.assets
+def test_the_command_asks_for_the_right_dataset(tmp_path, apartment, objects, replica_cad, capsys):
+    read(tmp_path, apartment, objects, set_table())
+    options = ("--scene-dataset", replica_cad, "--out", tmp_path / "x.json")
+    assert convert(tmp_path / "habitat.json", *options) == 2
+    assert "made for the scene dataset apartment, not for replicaCAD" in capsys.readouterr().err

@@ -1,4 +1,8 @@
-"""Free floor: where Fetch's base can stand, from the collision geometry."""
+"""Free floor: where Fetch's base can stand, from the collision geometry.
+
+Clearances are on the safe side, as in Recast's maps: a cell counts as an obstacle when a shape
+reaches into it, and distances are those from the middle of a cell to the edge of such a cell.
+"""
 
 from __future__ import annotations
 
@@ -19,6 +23,9 @@ CELL_M = 0.05
 LOWEST_M, HIGHEST_M = 0.06, 1.3
 """Only what lies between these heights stands in the base's way (rugs are lower)."""
 
+_FINER = 4
+"""Shapes are drawn in parts of a cell, so many along each side."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FreeFloor:
@@ -26,7 +33,7 @@ class FreeFloor:
 
     Attributes:
         origin_m: World position (2,) of the centre of cell (0, 0).
-        clearance_m: (X, Y) distance to the nearest obstacle.
+        clearance_m: (X, Y) distance to the nearest obstacle, 0 on one.
         room: (X, Y) whether the cell belongs to the largest connected area the base can use.
     """
 
@@ -94,20 +101,50 @@ def floor_between(
         corners: (C, 2) points that the map has to hold.
         radius_m: Radius of what is to stand there.
     """
-    origin = corners.min(axis=0)
-    size = np.ceil((corners.max(axis=0) - origin) / CELL_M).astype(int) + 1
-    image = Image.new("1", (int(size[0]), int(size[1])), 0)
+    corner = corners.min(axis=0)
+    columns, rows = (int(n) for n in np.ceil((corners.max(axis=0) - corner) / CELL_M))
+    blocked = np.pad(touched(outlines, corner, (columns, rows)), 1, constant_values=True)
+    distance_cells: Any = ndimage.distance_transform_edt(~blocked)
+    clearance = CELL_M * np.maximum(distance_cells[1:-1, 1:-1] - 0.5, 0.0)
+    return FreeFloor(
+        origin_m=corner + CELL_M / 2,
+        clearance_m=clearance,
+        room=largest_area(clearance >= radius_m),
+    )
+
+
+def touched(
+    outlines: Iterable[Array],
+    corner_m: Array,
+    shape: tuple[int, int],
+    depth_m: float = 0.001,
+) -> NDArray[np.bool_]:
+    """Marks the cells (X, Y) that a shape reaches into, of a map that starts at `corner_m`.
+
+    Args:
+        outlines: Convex polygons (V, 2).
+        corner_m: Lower corner (2,) of cell (0, 0).
+        shape: Cells along x and y.
+        depth_m: How far a shape may reach into a cell that it spares.
+    """
+    image = Image.new("L", (_FINER * shape[0], _FINER * shape[1]), 0)
     draw = ImageDraw.Draw(image)
     for polygon in outlines:
-        draw.polygon([tuple(p) for p in (polygon - origin) / CELL_M], fill=1, outline=1)
-    blocked = np.pad(np.asarray(image).T, 1, constant_values=True)
-    distance_cells: Any = ndimage.distance_transform_edt(~blocked)
-    clearance = CELL_M * distance_cells[1:-1, 1:-1]
-    labelled: Any = ndimage.label(clearance >= radius_m)
-    labels, count = labelled
-    sizes = ndimage.sum_labels(np.ones_like(labels), labels, range(1, count + 1))
-    room = labels == 1 + int(np.argmax(sizes)) if count else np.zeros_like(labels, dtype=bool)
-    return FreeFloor(origin_m=origin, clearance_m=clearance, room=room)
+        middle = (polygon.min(axis=0) + polygon.max(axis=0)) / 2
+        inset = np.clip(middle - polygon, -depth_m, depth_m)
+        corners = (polygon + inset - corner_m) * (_FINER / CELL_M)
+        draw.polygon(corners.ravel().tolist(), fill=1, outline=1)
+    fine = np.asarray(image, dtype=bool).T.reshape(shape[0], _FINER, shape[1], _FINER)
+    return np.logical_or.reduce(fine, axis=(1, 3))
+
+
+def largest_area(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Returns the largest connected area of a map (X, Y); nothing if there is none."""
+    labelled: Any = ndimage.label(cells)
+    labels, _ = labelled
+    sizes = np.bincount(labels.ravel())
+    sizes[0] = 0
+    return cells & (labels == np.argmax(sizes))
 
 
 def body_points(shape: CollisionShape) -> Array:

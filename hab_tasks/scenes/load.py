@@ -7,7 +7,8 @@ import math
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import lru_cache
+from dataclasses import replace
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from hab_tasks.errors import DatasetError, UnknownNameError
 from hab_tasks.geometry import IDENTITY, WORLD_FROM_HABITAT, Pose7, apply, compose, pose
 from hab_tasks.scenes.dataset import SceneDataset, read_json
 from hab_tasks.scenes.meshes import check_mesh, mesh_bounds
+from hab_tasks.scenes.navmesh import NavmeshBounds, read_navmesh_bounds
 from hab_tasks.scenes.spec import (
     ArticulationInstance,
     CollisionSource,
@@ -26,8 +28,9 @@ from hab_tasks.scenes.spec import (
     Stage,
     Vector,
 )
-from hab_tasks.scenes.stage import NavmeshBounds, read_navmesh_bounds, shell
+from hab_tasks.scenes.stage import shell
 from hab_tasks.scenes.urdf import check_urdf
+from hab_tasks.scenes.walls import inner_walls
 
 logger = logging.getLogger(__name__)
 
@@ -44,6 +47,15 @@ def load_scene(dataset: SceneDataset, scene_id: str) -> SceneSpec:
         UnknownNameError: The dataset has no such scene.
         DatasetError: A file it needs is absent, damaged or names an unknown template.
     """
+    spec = _read_scene(dataset, scene_id)
+    if all(source.kind == "convex_parts" for source in spec.stage.collision):
+        return spec
+    walls = inner_walls(dataset, spec, partial(_read_scene, dataset))
+    return replace(spec, stage=replace(spec.stage, collision=spec.stage.collision + walls))
+
+
+def _read_scene(dataset: SceneDataset, scene_id: str) -> SceneSpec:
+    """Reads a layout; a stage without convex parts has only floor and outer walls."""
     file = dataset.scene_file(scene_id)
     data = read_json(file)
     with _fields_of(file):
@@ -243,8 +255,8 @@ def _stage(dataset: SceneDataset, scene_id: str, data: dict[str, Any]) -> Stage:
         check_mesh(visual)
     else:
         _say_once(
-            f"{dataset.root}: stage meshes absent; floor and outer walls are boxes, their extent "
-            "from the navmesh files."
+            f"{dataset.root}: stage meshes absent; floor and walls are boxes made from the navmesh "
+            "files (stairs are wall as well)."
         )
     if visual.exists() and asset:
         file = (folder / asset).resolve()
@@ -254,6 +266,8 @@ def _stage(dataset: SceneDataset, scene_id: str, data: dict[str, Any]) -> Stage:
         collision: tuple[CollisionSource, ...] = (CollisionSource(kind="convex_parts", file=file),)
     else:
         # Planning and the free floor need convex parts, which a scan's triangles are not.
+        if visual.exists():
+            _say_once(f"{dataset.root}: stage meshes without collision_asset collide as boxes.")
         collision = shell(_stage_bounds(dataset, scene_id, visual))
     return Stage(
         name=name,

@@ -1,49 +1,16 @@
-"""A stand-in for a stage mesh that is absent: floor and outer walls from the navigation mesh.
+"""A stand-in for a stage whose mesh, or whose convex parts, are absent: floor and outer walls.
 
-ReplicaCAD's navmesh files (Recast/Detour) keep the bounding box of the geometry they were made
-from, which is the stage's. The walkable polygons give the floor's height.
+ReplicaCAD's navmesh files keep the bounding box of the geometry they were made from, which is the
+stage's. `hab_tasks.scenes.walls` finds the inner walls.
 """
 
 from __future__ import annotations
 
-import struct
-from dataclasses import dataclass
-from pathlib import Path
-
-import numpy as np
-
-from hab_tasks.errors import DatasetError
-from hab_tasks.scenes.spec import CollisionSource, Vector
+from hab_tasks.scenes.navmesh import NavmeshBounds
+from hab_tasks.scenes.spec import CollisionSource
 
 WALL_HEIGHT_M = 2.7
 WALL_THICKNESS_M = 0.1
-_TILE = b"VAND"
-_TILE_HEADER_BYTES = 100
-
-
-@dataclass(frozen=True, kw_only=True)
-class NavmeshBounds:
-    """The y-up box [m] of the geometry that a navmesh was built from."""
-
-    low: Vector
-    high: Vector
-
-
-def read_navmesh_bounds(file: Path) -> NavmeshBounds:
-    """Reads the bounds in a Habitat ``.navmesh`` file.
-
-    Raises:
-        DatasetError: The file holds no Detour tile.
-    """
-    data = file.read_bytes()
-    at = data.find(_TILE)
-    if at < 0 or len(data) < at + _TILE_HEADER_BYTES:
-        raise DatasetError(f"{file}: not a navmesh (no Detour tile in it).")
-    # dtMeshHeader: magic, 14 integers, walkable height/radius/climb, then bmin and bmax.
-    values = struct.unpack("<6f", data[at + 72 : at + 96])
-    if not np.isfinite(values).all() or values[0] >= values[3] or values[2] >= values[5]:
-        raise DatasetError(f"{file}: its bounds make no sense: {values}.")
-    return NavmeshBounds(low=values[:3], high=values[3:])
 
 
 def shell(bounds: NavmeshBounds) -> tuple[CollisionSource, ...]:

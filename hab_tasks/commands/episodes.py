@@ -43,6 +43,8 @@ Example:
     """A YCB folder, instead of the shipped objects."""
     novel: Annotated[str | None, tyro.conf.arg(metavar="WHAT")] = None
     """objects or receptacles: those kept for evaluating generalisation."""
+    workers: Annotated[int, tyro.conf.arg(metavar="W")] = 1
+    """Number of processes; changes no episode."""
     force: bool = False
     """Replace FILE."""
 
@@ -52,6 +54,8 @@ Example:
             raise UnknownNameError("env", self.env, GENERATORS)
         if self.count < 1:
             raise HabError(f"--count {self.count}: at least 1 episode.")
+        if self.workers < 1:
+            raise HabError(f"--workers {self.workers}: at least 1 process.")
         refuse_existing(self.out, self.force)
         source = open_source(
             EpisodeRequest(
@@ -64,8 +68,12 @@ Example:
                 novel=self.novel,
             )
         )
-        for index in tqdm(range(self.count), unit="episode", disable=not sys.stderr.isatty()):
-            source.get(index)
+        with tqdm(total=self.count, unit="episode", disable=not sys.stderr.isatty()) as bar:
+
+            def show(ready: int, _: int) -> None:
+                bar.update(ready - bar.n)
+
+            source.prepare(self.count, self.workers, show)
         try:
             source.save(self.count, self.out)
         except OSError as error:

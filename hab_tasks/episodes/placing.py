@@ -14,6 +14,11 @@ from hab_tasks.episodes.schema import ReceptacleRef, rounded, template_of
 from hab_tasks.episodes.workbench import Workbench
 from hab_tasks.geometry import Array, Pose7, pose, rotation_between
 
+Disc = tuple[Array, float]
+"""Centre (3,) and radius [m] of a piece of surface."""
+
+AWAY: Pose7 = (0.0, 0.0, -9.0, 1.0, 0.0, 0.0, 0.0)
+
 INTO_M = 0.03
 """An object put into a bowl starts this far below the brim."""
 
@@ -28,6 +33,7 @@ class Settling:
         moved_m: Farthest it may end from where it was put.
         tilt_rad: Most it may turn.
         fridge_inner: Share of the fridge's shelf that is used (Habitat).
+        rounds: How often what fell is put somewhere else, the first time included.
     """
 
     seconds: float = 4.0
@@ -35,6 +41,15 @@ class Settling:
     moved_m: float = 0.05
     tilt_rad: float = 0.35
     fridge_inner: float = 0.5
+    rounds: int = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Wish:
+    """Where an object may be put, and what it must keep off: points (3,) with radii [m]."""
+
+    spots: tuple[Spot, ...]
+    avoid: tuple[Disc, ...] = ()
 
 
 class Placer:
@@ -49,19 +64,28 @@ class Placer:
         self, bench: Workbench, rng: np.random.Generator, settling: Settling = Settling()
     ) -> None:
         self._bench, self._rng, self._settling = bench, rng, settling
-        self._taken: dict[ReceptacleRef, list[tuple[Array, float]]] = {}
+        self._taken: dict[ReceptacleRef, dict[str, Disc]] = {}
+        self._wishes: dict[str, _Wish] = {}
         self.placed: dict[str, Pose7] = {}
         self.on: dict[str, ReceptacleRef] = {}
 
-    def put(self, handle: str, spot: Spot) -> bool:
-        """Stands an object upright on a spot, turned at random; returns whether there was room."""
+    def put(self, handle: str, spots: Sequence[Spot], avoid: Sequence[Disc] = ()) -> bool:
+        """Stands an object upright on one of the spots, tried in random order, turned at random.
+
+        Returns whether there was room. It keeps off the discs of `avoid`.
+        """
+        self._wishes[handle] = _Wish(spots=tuple(spots), avoid=tuple(avoid))
+        order = self._rng.permutation(len(spots))
+        return any(self._put_on(handle, spots[int(index)], avoid) for index in order)
+
+    def _put_on(self, handle: str, spot: Spot, avoid: Sequence[Disc]) -> bool:
         bench = self._bench
-        taken = self._taken.setdefault(spot.ref, [])
+        taken = self._taken.setdefault(spot.ref, {})
         if len(taken) >= MOST_OBJECTS.get(spot.receptacle.name, len(taken) + 1):
             return False
         middle, radius_m, depth_m = bench.footprint(handle)
         inner = self._settling.fridge_inner if spot.receptacle.name == FRIDGE else 1.0
-        point = spot.sample(self._rng, radius_m, taken, inner)
+        point = spot.sample(self._rng, radius_m, [*taken.values(), *avoid], inner)
         if point is None:
             return False
         turn = quaternions.axangle2quat([0.0, 0.0, 1.0], self._rng.uniform(-math.pi, math.pi))
@@ -69,13 +93,8 @@ class Placer:
         q = quaternions.qmult(turn, rotation_between(np.array(upright), np.array([0.0, 0.0, 1.0])))
         above = np.array([0.0, 0.0, depth_m + self._settling.drop_m])
         self.place(handle, pose(point + above - quaternions.rotate_vector(middle, q), q), spot.ref)
-        taken.append((point, radius_m))
+        taken[handle] = (point, radius_m)
         return True
-
-    def put_on_any(self, handle: str, spots: Sequence[Spot]) -> bool:
-        """Stands an object on one of the spots, tried in random order."""
-        order = self._rng.permutation(len(spots))
-        return any(self.put(handle, spots[int(index)]) for index in order)
 
     def put_into(self, handle: str, container: str) -> None:
         """Holds an object just above the middle of another one, so that it falls in."""
@@ -103,7 +122,27 @@ class Placer:
         self._bench.place(handle, world_from_object)
 
     def settle(self) -> dict[str, Pose7]:
-        """Runs physics; returns handle -> pose of what stayed upright where it was put, sorted."""
+        """Runs physics; returns handle -> pose of what stayed upright where it was put, sorted.
+
+        What did not stay is put somewhere else, `Settling.rounds` times in all.
+        """
+        for _ in range(self._settling.rounds - 1):
+            stable = self._run()
+            fallen = [handle for handle in sorted(self.placed) if handle not in stable]
+            if not fallen:
+                return stable
+            for handle in fallen:
+                self._put_again(handle)
+        return self._run()
+
+    def _put_again(self, handle: str) -> None:
+        wish = self._wishes.get(handle)
+        self._taken[self.on[handle]].pop(handle, None)
+        if wish is None or not self.put(handle, wish.spots, wish.avoid):
+            self._bench.place(handle, AWAY)
+            del self.placed[handle]
+
+    def _run(self) -> dict[str, Pose7]:
         limits = self._settling
         self._bench.settle(limits.seconds, tuple(self.placed))
         stable = {}

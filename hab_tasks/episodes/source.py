@@ -6,16 +6,21 @@ first 50, and asking again gives the same ones.
 
 from __future__ import annotations
 
+import multiprocessing
 from collections import Counter
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+
+import torch
 
 from hab_tasks.episodes.generators import (
     GENERATOR_VERSION,
     GENERATORS,
     Generator,
+    Made,
     stable_hash,
 )
 from hab_tasks.episodes.generators.base import Objects
@@ -72,6 +77,7 @@ class EpisodeSource:
 
     def __init__(self, request: EpisodeRequest, dataset: SceneDataset) -> None:
         """Reads what the request names and what was generated before."""
+        self._request = request
         self.env_id, self.seed, self.novel = request.env_id, request.seed, request.novel
         self.dataset, self.scene_id = dataset, request.scene
         self.objects = load_objects(request.objects)
@@ -108,8 +114,42 @@ class EpisodeSource:
         if not 0 <= index < self.available:
             raise EpisodeError(f"Episode {index}: valid are 0 to {self.available - 1}.")
         if index not in self._episodes:
-            self._generate(index)
+            self._keep(index, self.make(index))
         return self._episodes[index]
+
+    def prepare(self, count: int, workers: int = 1, progress: Progress | None = None) -> bool:
+        """Generates what is missing of the first `count` episodes.
+
+        Args:
+            count: How many there are to be.
+            workers: Number of processes; changes no episode.
+            progress: Called with (episodes ready, `count`) after each one.
+
+        Returns:
+            Whether any was missing.
+        """
+        missing = [index for index in range(count) if index not in self._episodes]
+        if workers > 1 and len(missing) > 1:
+            self._generate_in_parallel(missing, workers, count, progress)
+        for ready in range(count):
+            self.get(ready)
+            if progress is not None and workers <= 1:
+                progress(ready + 1, count)
+        return bool(missing)
+
+    def _generate_in_parallel(
+        self, missing: list[int], workers: int, count: int, progress: Progress | None
+    ) -> None:
+        ready = count - len(missing)
+        context = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(
+            min(workers, len(missing)), context, _start_worker, (self._request,)
+        ) as pool:
+            for index, made in zip(missing, pool.map(_make_in_worker, missing), strict=True):
+                self._keep(index, made)
+                ready += 1
+                if progress is not None:
+                    progress(ready, count)
 
     def scene(self, scene_id: str) -> SceneSpec:
         """Returns a layout, read once."""
@@ -134,14 +174,17 @@ class EpisodeSource:
         write_episodes(self.to_set(count), target)
         return target
 
-    def _generate(self, index: int) -> None:
+    def make(self, index: int) -> Made:
+        """Generates an episode, whether it is known or not."""
         if self._generator is None:
             self._generator = self._make_generator()
         scope = "" if self.novel is None else f"+{self.novel}"
-        made = self._generator.generate(
+        return self._generator.generate(
             f"{self.env_id}/{self.dataset.name}/{self.split}{scope}/{self.seed}/{index:05d}",
             (stable_hash(self.dataset.name, self.split + scope, self.env_id), self.seed, index),
         )
+
+    def _keep(self, index: int, made: Made) -> None:
         self._episodes[index] = made.episode
         self.rejections.update(made.rejections)
 
@@ -187,7 +230,7 @@ def open_source(request: EpisodeRequest) -> EpisodeSource:
 
 
 def load_episodes(
-    request: EpisodeRequest, count: int, progress: Progress | None = None
+    request: EpisodeRequest, count: int, progress: Progress | None = None, workers: int = 1
 ) -> EpisodeSet:
     """Returns the first `count` episodes; newly generated ones are kept in the cache.
 
@@ -195,16 +238,25 @@ def load_episodes(
         request: Which episodes.
         count: How many.
         progress: Called with (episodes ready, `count`) after each one.
+        workers: Number of processes; changes no episode.
     """
     source = open_source(request)
-    new = any(index not in source._episodes for index in range(count))
-    for index in range(count):
-        source.get(index)
-        if progress is not None:
-            progress(index + 1, count)
-    if new:
+    if source.prepare(count, workers, progress):
         source.save(count)
     return source.to_set(count)
+
+
+_worker_source: EpisodeSource
+
+
+def _start_worker(request: EpisodeRequest) -> None:
+    global _worker_source
+    torch.set_num_threads(1)
+    _worker_source = open_source(request)
+
+
+def _make_in_worker(index: int) -> Made:
+    return _worker_source.make(index)
 
 
 def _split(dataset: SceneDataset, split: str | None, scene_id: str | None) -> str:

@@ -21,7 +21,8 @@ from hab_tasks.robots.fetch_spec import ARM_JOINTS
 from hab_tasks.scenes.floor import FreeFloor, body_points, free_floor
 from hab_tasks.scenes.handles import SceneHandles
 from hab_tasks.scenes.pool import BodyPool
-from hab_tasks.scenes.shapes import components, distance_along, matrix
+from hab_tasks.scenes.rays import bounding_ball, distance_along
+from hab_tasks.scenes.shapes import components, matrix
 from hab_tasks.scenes.spec import ObjectTemplate, SceneSpec
 
 AWAY_M = 50.0
@@ -198,8 +199,14 @@ class Workbench:
     def free_height_m(self, points_m: Array) -> float:
         """Returns the largest free height [m] straight above any of the points (K, 3)."""
         free = np.full(len(points_m), np.inf)
+        middle = points_m.mean(axis=0)
+        spread_m = np.linalg.norm(points_m - middle, axis=1).max()
         for body in self._fixed():
             world_from_body = self.world_from(body.name)
+            centre, radius_m = bounding_ball(body)
+            aside = world_from_body[:2] @ np.append(centre, 1.0) - middle[:2]
+            if np.linalg.norm(aside) > radius_m + spread_m:
+                continue
             # Rows times a rotation are columns times its inverse.
             local = (points_m - world_from_body[:3, 3]) @ world_from_body[:3, :3]
             up: Array = world_from_body[2, :3]
@@ -208,8 +215,9 @@ class Workbench:
         return float(free.max())
 
     def _fixed(self) -> list[CollisionBody]:
-        """Everything but the movable objects; loose furniture stands in the way as well."""
-        return [body for name, body in self.bodies.items() if name not in self.handles.pickables]
+        """Everything solid but the movable objects; loose furniture stands in the way as well."""
+        pickables = self.handles.pickables
+        return [b for name, b in self.bodies.items() if b.shapes and name not in pickables]
 
     def touching(self, name: str, others: frozenset[str] = frozenset()) -> bool:
         """Whether an object overlaps anything but `others` where it is."""

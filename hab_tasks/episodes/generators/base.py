@@ -143,7 +143,7 @@ def instances(names: Iterable[str]) -> list[str]:
 
 def put_all(placer: Placer, handles: Iterable[str], spots: Sequence[Spot]) -> list[str]:
     """Stands objects on the spots, each on a random one; returns those that found room."""
-    return [handle for handle in handles if placer.put_on_any(handle, spots)]
+    return [handle for handle in handles if placer.put(handle, spots)]
 
 
 def stage(bench: Workbench, objects: dict[str, Pose7], joints: dict[str, dict[str, float]]) -> None:

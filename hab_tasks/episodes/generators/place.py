@@ -36,7 +36,7 @@ class Place(Generator):
         bench.show(handles)
         open_joints(bench, spot.joints)
         placer = Placer(bench, rng, self.settling)
-        if not placer.put(held, spot):
+        if not placer.put(held, [spot]):
             raise RefusedError("no room on the receptacle")
         put_all(placer, handles[1:], [spot])
         objects = placer.settle()

@@ -22,7 +22,7 @@ from hab_tasks.episodes.generators.base import (
 )
 from hab_tasks.episodes.generators.drawer import DRAWER_MARKER, carried
 from hab_tasks.episodes.generators.furniture import find_front
-from hab_tasks.episodes.placing import Placer
+from hab_tasks.episodes.placing import AWAY, Placer
 from hab_tasks.episodes.receptacles import DRAWER, Spot
 from hab_tasks.episodes.refusal import RefusedError
 from hab_tasks.episodes.schema import Episode, Rearrangement, rounded
@@ -35,7 +35,8 @@ LEAST_MOVE_M = 0.5
 KEPT_CLUTTER = 0.8
 """Unstable clutter is taken away, as in Habitat's generator; at least this share must stay."""
 
-GOAL_TRIES = 20
+KEEP_OFF_M = 0.6
+"""A goal is sought at least this far from the start: both may settle a little aside."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,8 +66,9 @@ class Rearrange(Generator):
 
     def attempt(self, bench: Workbench, rng: np.random.Generator) -> Episode:
         """Returns one candidate."""
-        everywhere = tuple(dict.fromkeys(n for m in self.moves for n in (*m.start, *m.goal)))
-        spots = {s.ref: s for s in self.spots(bench, tuple({*everywhere, *self.clutter_on}))}
+        named = [n for move in self.moves for n in (*move.start, *move.goal)]
+        everywhere = tuple(dict.fromkeys([*named, *self.clutter_on]))
+        spots = {s.ref: s for s in self.spots(bench, everywhere)}
         names = [move.object or self._any_name(rng) for move in self.moves]
         clutter = [self._any_name(rng) for _ in range(self.clutter)]
         handles = instances([*names, *clutter, *names])
@@ -77,10 +79,10 @@ class Rearrange(Generator):
         open_joints(bench, joints)
         placer = Placer(bench, rng, self.settling)
         self._put_targets(placer, targets, list(spots.values()))
-        self._put_goals(placer, rng, targets, ghosts, list(spots.values()))
+        self._put_goals(placer, targets, ghosts, list(spots.values()))
         put_all(placer, handles[count:-count], _named(spots.values(), self.clutter_on))
         settled = placer.settle()
-        goals = self._goals(bench, placer, settled, ghosts)
+        goals = self._goals(bench, placer, settled, targets, ghosts)
         objects = {h: pose for h, pose in settled.items() if h not in ghosts}
         if any(handle not in objects for handle in targets):
             raise RefusedError("a target does not stay at its start")
@@ -107,35 +109,36 @@ class Rearrange(Generator):
 
     def _put_targets(self, placer: Placer, targets: list[str], spots: list[Spot]) -> None:
         for target, move in zip(targets, self.moves, strict=True):
-            if not placer.put_on_any(target, _named(spots, move.start)):
+            if not placer.put(target, _named(spots, move.start)):
                 raise RefusedError("no room for a target at its start")
 
     def _put_goals(
-        self,
-        placer: Placer,
-        rng: np.random.Generator,
-        targets: list[str],
-        ghosts: list[str],
-        spots: list[Spot],
+        self, placer: Placer, targets: list[str], ghosts: list[str], spots: list[Spot]
     ) -> None:
         for target, ghost, move in zip(targets, ghosts, self.moves, strict=True):
+            start = np.array(placer.placed[target][:3])
             if move.into is not None:
                 placer.put_into(ghost, ghosts[move.into])
-            elif not placer.put_on_any(ghost, _named(spots, move.goal)):
+            elif not placer.put(ghost, _named(spots, move.goal), [(start, KEEP_OFF_M)]):
                 raise RefusedError("no room for a target at its goal")
-            way = np.subtract(placer.placed[ghost][:3], placer.placed[target][:3])
-            if np.linalg.norm(way) < LEAST_MOVE_M:
-                raise RefusedError("start and goal too near each other")
 
     def _goals(
-        self, bench: Workbench, placer: Placer, settled: dict[str, Pose7], ghosts: list[str]
+        self,
+        bench: Workbench,
+        placer: Placer,
+        settled: dict[str, Pose7],
+        targets: list[str],
+        ghosts: list[str],
     ) -> list[Pose7]:
         goals = []
-        for ghost, move in zip(ghosts, self.moves, strict=True):
+        for target, ghost, move in zip(targets, ghosts, self.moves, strict=True):
             inside = move.into is not None and placer.is_in(ghost, ghosts[move.into])
             if ghost not in settled and not inside:
                 raise RefusedError("a target does not stay at its goal")
             goals.append(rounded(bench.pose(ghost)))
+            way = np.subtract(goals[-1][:3], settled.get(target, AWAY)[:3])
+            if np.linalg.norm(way) < LEAST_MOVE_M:
+                raise RefusedError("start and goal too near each other")
         return goals
 
     def _closed(

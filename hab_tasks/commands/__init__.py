@@ -6,10 +6,12 @@ from hab_tasks.commands.convert import Convert
 from hab_tasks.commands.episodes import Episodes
 from hab_tasks.commands.figures import Figures
 from hab_tasks.commands.list import List
+from hab_tasks.commands.vary import Vary
 
 COMMANDS: dict[str, type[Command]] = {
     "list": List,
     "check": Check,
+    "vary": Vary,
     "episodes": Episodes,
     "figures": Figures,
     "convert": Convert,

@@ -1,0 +1,284 @@
+"""Which pieces of a layout may move, what moves with them, and where their backs are.
+
+All of it is read from the geometry, so that layouts of any dataset need no annotation: what stands
+on a piece goes with it, what hangs on a wall, leans or lies flat stays, and so does the kitchen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import coal  # pyright: ignore[reportMissingImports]  # compiled, no stubs
+import numpy as np
+
+from hab_tasks.geometry import to_matrix
+from hab_tasks.privileged import Array
+from hab_tasks.scenes.build import FLAT_HEIGHT_M
+from hab_tasks.scenes.layout_geometry import STAGE, Layout, Placed, depth_m
+from hab_tasks.scenes.standing import ROOM_DOORS
+
+FIXED_TEMPLATES = ("fridge", "kitchen_counter", "kitchenCupboard_01", *ROOM_DOORS)
+"""These have one pose in each macro layout."""
+
+FLOOR_GAP_M = 0.25
+"""Collision shapes of what stands on the floor may end this far above it: thin legs have none."""
+
+SUPPORT_GAP_M = 0.03
+"""A thing this far above a surface stands on it."""
+
+LEANING_COS = np.cos(np.radians(15.0))
+WALL_GAP_M = 0.35
+"""A piece whose side is this near to a wall stands against it."""
+
+SHARED_SHARE = 0.1
+"""A piece with more of its outline over another's is pushed under it, and goes with it."""
+
+FURNITURE_SIZE_M, FURNITURE_HEIGHT_M = 0.35, 0.3
+"""Only pieces of this length and height change places with others."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Piece:
+    """A free-standing piece of furniture and what goes with it.
+
+    Attributes:
+        name: Handle.
+        members: Handles of everything that moves with it, itself first.
+        center_m: (2,) middle of its outline on the floor.
+        back: (2,) unit vector towards its back.
+        half_m: Half extents of its outline along `back` and across.
+        wall_gap_m: Distance from its back to a wall; None when it stands free.
+        swappable: Whether it is large enough to change places with others.
+    """
+
+    name: str
+    template: str
+    members: tuple[str, ...]
+    center_m: Array
+    back: Array
+    half_m: tuple[float, float]
+    wall_gap_m: float | None
+    swappable: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Side:
+    """One side of a piece's outline: outward direction, distance from the middle, half length."""
+
+    normal: tuple[float, float]
+    half_m: float
+    half_length_m: float
+
+
+def find_pieces(layout: Layout) -> list[Piece]:
+    """Returns the pieces of a layout that may move, in the layout's order."""
+    bodies: dict[str, list[Placed]] = {}
+    for body in layout.placed.values():
+        bodies.setdefault(body.piece, []).append(body)
+    templates = {item.name: item.template.name for item in layout.spec.objects}
+    templates |= {item.name: item.template for item in layout.spec.articulations}
+    carriers = _carriers(bodies)
+    standing = [
+        name
+        for name in templates
+        if name not in carriers
+        and templates[name] not in FIXED_TEMPLATES
+        and _stands(layout, name, bodies[name])
+    ]
+    boxes = {name: _outline_box(layout, name, bodies[name]) for name in standing}
+    carriers |= _pushed_under(boxes)
+    pieces = []
+    for name in standing:
+        if name not in carriers:
+            carried = [other for other in templates if _root(other, carriers) == name]
+            members = (name, *(other for other in carried if other != name))
+            pieces.append(_piece(layout, name, templates[name], members, bodies[name], boxes[name]))
+    return pieces
+
+
+def flat_bodies(layout: Layout) -> list[Placed]:
+    """Returns rugs and mats."""
+    return [
+        body
+        for body in layout.placed.values()
+        if body.piece != STAGE and len(body.low_m) and body.box_m[1, 2] < FLAT_HEIGHT_M
+    ]
+
+
+def _carriers(bodies: Mapping[str, list[Placed]]) -> dict[str, str]:
+    """Returns thing -> the piece that it stands on, if that is not the floor."""
+    lowered = np.eye(4)
+    lowered[2, 3] = -SUPPORT_GAP_M
+    found = {}
+    for name, own in bodies.items():
+        box = _box(own)
+        if name == STAGE or box[1, 2] < FLAT_HEIGHT_M:
+            continue
+        deepest = SUPPORT_GAP_M / 3
+        for other, theirs in bodies.items():
+            low, high = _box(theirs)
+            middle = box.mean(axis=0)
+            over = (low[:2] < middle[:2]).all() and (middle[:2] < high[:2]).all()
+            if other in (name, STAGE) or not over or high[2] < FLAT_HEIGHT_M or low[2] > box[0, 2]:
+                continue
+            gain = max(
+                depth_m(a.moved(lowered), b) - depth_m(a, b)
+                for a in own
+                for b in theirs
+            )  # fmt: skip
+            if gain > deepest:
+                deepest, found[name] = gain, other
+    return found
+
+
+def _stands(layout: Layout, name: str, own: list[Placed]) -> bool:
+    """Whether a thing stands upright on the floor and does not just lie there."""
+    low, high = _box(own)
+    if not high[2] > FLAT_HEIGHT_M:
+        return False
+    for item in layout.spec.objects:
+        if item.name == name:
+            up = to_matrix(item.world_from_object)[:3, :3] @ item.template.up
+            return bool(low[2] < FLOOR_GAP_M and up[2] > LEANING_COS)
+    return bool(low[2] < FLOOR_GAP_M)
+
+
+def _piece(
+    layout: Layout,
+    name: str,
+    template: str,
+    members: tuple[str, ...],
+    own: list[Placed],
+    box: tuple[Array, list[_Side]],
+) -> Piece:
+    center, sides = box
+    walls = _walls(layout, own, center, sides)
+    front = _front(layout, name, own, center, sides)
+    if front is not None:
+        back = sides[(front + 2) % 4]
+    elif walls:
+        back = max((sides[i] for i in walls), key=lambda side: side.half_length_m)
+    else:
+        back = _high_side(own, center, sides) or min(sides, key=lambda side: side.half_m)
+    wall = walls.get(sides.index(back))
+    low, high = _box(own)
+    size = 2 * max(back.half_m, back.half_length_m)
+    return Piece(
+        name=name,
+        template=template,
+        members=members,
+        center_m=center,
+        back=wall[1] if wall else np.array(back.normal),
+        half_m=(back.half_m, back.half_length_m),
+        wall_gap_m=wall[0] if wall else None,
+        swappable=bool(size > FURNITURE_SIZE_M and high[2] - low[2] > FURNITURE_HEIGHT_M),
+    )
+
+
+def _outline_box(layout: Layout, name: str, own: list[Placed]) -> tuple[Array, list[_Side]]:
+    """Returns the middle (2,) of a piece's outline and its four sides, counter-clockwise."""
+    poses = {item.name: item.world_from_object for item in layout.spec.objects}
+    poses |= {item.name: item.world_from_root for item in layout.spec.articulations}
+    level = to_matrix(poses[name])[:2, :3]
+    axis = level[:, int(np.argmax(np.linalg.norm(level, axis=0)))]
+    axis = axis / np.linalg.norm(axis)
+    axes = np.stack((axis, (-axis[1], axis[0])))
+    points = axes @ np.concatenate([body.points_m[:2] for body in own], axis=1)
+    low, high = points.min(axis=1), points.max(axis=1)
+    half = (high - low) / 2
+    sides = [
+        _Side(
+            normal=tuple(sign * axes[i]),
+            half_m=float(half[i]),
+            half_length_m=float(half[1 - i]),
+        )
+        for sign in (1.0, -1.0)
+        for i in (0, 1)
+    ]
+    return (low + high) / 2 @ axes, sides
+
+
+def _walls(
+    layout: Layout, own: list[Placed], center: Array, sides: list[_Side]
+) -> dict[int, tuple[float, Array]]:
+    """Returns side -> distance to the wall there and its inward normal turned round (2,)."""
+    low, high = _box(own)
+    bottom, top = low[2] + 0.15, max(high[2], low[2] + 0.4)
+    probe = coal.Box(2 * sides[0].half_m, 2 * sides[1].half_m, top - bottom)
+    pose = np.eye(3)
+    pose[:2, 0], pose[:2, 1] = sides[0].normal, sides[1].normal
+    at = coal.Transform3s(pose, np.array([*center, (bottom + top) / 2]))
+    found: dict[int, tuple[float, Array]] = {}
+    for wall in layout.placed.values():
+        if wall.piece != STAGE or wall.box_m[1, 2] < top / 2:
+            continue
+        result = coal.DistanceResult()
+        geometry, world_from_wall = wall.shapes.geometries[0], wall.world_from_shape[0]
+        gap = coal.distance(probe, at, geometry, world_from_wall, coal.DistanceRequest(), result)
+        normal = np.asarray(result.normal)[:2]
+        length = np.linalg.norm(normal)
+        if gap > WALL_GAP_M or length < 0.98:
+            continue
+        offset = result.getNearestPoint2()[:2] - center
+        for index, side in enumerate(sides):
+            known = found.get(index, (np.inf, normal))
+            beside = abs(offset @ (-side.normal[1], side.normal[0])) < side.half_length_m
+            if normal @ side.normal > 0.97 and beside and gap < known[0]:
+                found[index] = (float(gap), normal / length)
+    return found
+
+
+def _front(
+    layout: Layout, name: str, own: list[Placed], center: Array, sides: list[_Side]
+) -> int | None:
+    """Returns the side on which furniture has its doors and drawers, None without any."""
+    moving = {body.name for j in layout.joints if j.piece == name for body in j.members}
+    doors = [body for body in own if body.name in moving]
+    if not doors:
+        return None
+    offset = _box(doors).mean(axis=0)[:2] - center
+    return int(np.argmax([offset @ side.normal / side.half_m for side in sides]))
+
+
+def _high_side(own: list[Placed], center: Array, sides: list[_Side]) -> _Side | None:
+    """Returns the side on which a piece is highest, as sofas and chairs are at their backs."""
+    points = np.concatenate([body.points_m for body in own], axis=1)
+    low, high = points[2].min(), points[2].max()
+    offset = points[:2, points[2] > low + 0.7 * (high - low)].mean(axis=1) - center
+    best = max(sides, key=lambda side: offset @ side.normal / side.half_m)
+    return best if offset @ best.normal > 0.15 * best.half_m else None
+
+
+def _pushed_under(boxes: Mapping[str, tuple[Array, list[_Side]]]) -> dict[str, str]:
+    """Returns piece -> the larger one under which it stands, as a chair under its table."""
+    grid = np.stack(np.meshgrid(*[np.linspace(-0.95, 0.95, 12)] * 2), axis=-1).reshape(-1, 2)
+    area = {name: sides[0].half_m * sides[1].half_m for name, (_, sides) in boxes.items()}
+    found = {}
+    for name, (center, sides) in boxes.items():
+        own = center + grid @ np.stack(
+            [sides[i].half_m * np.array(sides[i].normal) for i in (0, 1)]
+        )
+        for other, (middle, theirs) in boxes.items():
+            if area[other] <= area[name]:
+                continue
+            inside = np.ones(len(own), dtype=bool)
+            for side in theirs:
+                inside &= (own - middle) @ side.normal < side.half_m
+            if inside.mean() > SHARED_SHARE:
+                found[name] = other
+    return found
+
+
+def _root(name: str, carriers: Mapping[str, str]) -> str:
+    """Follows what carries what down to the floor."""
+    seen = {name}
+    while name in carriers and carriers[name] not in seen:
+        name = carriers[name]
+        seen.add(name)
+    return name
+
+
+def _box(own: list[Placed]) -> Array:
+    boxes = np.stack([body.box_m for body in own])
+    return np.stack((boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)))

@@ -1,0 +1,385 @@
+"""Collision geometry of a layout without a running simulator: convex shapes, posed, and overlaps.
+
+The shapes are the engine's own, hull for hull. They are read once for each template, so another
+arrangement of the same furniture only poses them anew.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any, Literal
+
+import coal  # pyright: ignore[reportMissingImports]  # compiled, no stubs
+import numpy as np
+import sapien
+from mani_skill.envs.scene import ManiSkillScene
+from mani_skill.envs.utils.system.backend import parse_sim_and_render_backend
+from mani_skill.utils.structs.types import SimConfig
+from numpy.typing import NDArray
+from sapien import physx
+
+from hab_tasks.geometry import IDENTITY, to_matrix
+from hab_tasks.privileged import Array, CollisionShape
+from hab_tasks.scenes.build import BodyBuilder
+from hab_tasks.scenes.floor import body_points
+from hab_tasks.scenes.shapes import matrix, read_body
+from hab_tasks.scenes.spec import ArticulationInstance, ObjectTemplate, SceneSpec, Stage
+
+STAGE = "stage"
+"""Name of the piece that holds floor and walls; each of its parts is a body of its own."""
+
+_REQUEST = coal.CollisionRequest()
+_REQUEST.enable_contact = True
+_REQUEST.num_max_contacts = 1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RigidShapes:
+    """The convex shapes of one body in its own frame.
+
+    Attributes:
+        geometries: K shapes as coal takes them.
+        body_from_shape: (K, 4, 4) their poses.
+        points: (4, P) homogeneous corners of all shapes.
+        starts: (K,) index of each shape's first corner.
+    """
+
+    geometries: tuple[Any, ...]
+    body_from_shape: Array
+    points: Array
+    starts: NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Placed:
+    """A body somewhere in the world.
+
+    Attributes:
+        name: As in the simulator: an object's handle, ``furniture/link``; ``stage/3``.
+        piece: Handle of the object or furniture that it belongs to, ``stage`` for the stage.
+        low_m: (K, 3) lower corners of the shapes' boxes in the world.
+        high_m: (K, 3) upper corners.
+        box_m: (2, 3) corners of the box around all of them; low above high without any shape.
+        world_from_shape: K poses as coal takes them.
+    """
+
+    name: str
+    piece: str
+    shapes: RigidShapes
+    world_from_body: Array
+    low_m: Array
+    high_m: Array
+    box_m: Array
+    world_from_shape: tuple[Any, ...]
+
+    @property
+    def points_m(self) -> Array:
+        """(3, P) corners of all shapes in the world."""
+        return self.world_from_body[:3] @ self.shapes.points
+
+    def moved(self, motion: Array) -> Placed:
+        """Returns the body after a rigid motion (4, 4) of the world."""
+        return place(self.name, self.piece, self.shapes, motion @ self.world_from_body)
+
+
+def place(name: str, piece: str, shapes: RigidShapes, world_from_body: Array) -> Placed:
+    """Poses a body's shapes (4, 4)."""
+    points = world_from_body[:3] @ shapes.points
+    poses = world_from_body @ shapes.body_from_shape
+    low, high = np.zeros((0, 3)), np.zeros((0, 3))
+    box = np.array([[np.inf] * 3, [-np.inf] * 3])
+    if len(poses):
+        low = np.minimum.reduceat(points, shapes.starts, axis=1).T
+        high = np.maximum.reduceat(points, shapes.starts, axis=1).T
+        box = np.array([low.min(axis=0), high.max(axis=0)])
+    return Placed(
+        name=name,
+        piece=piece,
+        shapes=shapes,
+        world_from_body=world_from_body,
+        low_m=low,
+        high_m=high,
+        box_m=box,
+        world_from_shape=tuple(coal.Transform3s(p[:3, :3].copy(), p[:3, 3].copy()) for p in poses),
+    )
+
+
+class Bodies:
+    """Bodies that can be searched by their boxes.
+
+    Attributes:
+        all: The bodies.
+        boxes_m: (N, 2, 3) the corners of their boxes.
+    """
+
+    def __init__(self, bodies: Iterable[Placed]) -> None:
+        """Collects the boxes once."""
+        self.all = tuple(bodies)
+        self.boxes_m = np.array([body.box_m for body in self.all]).reshape(-1, 2, 3)
+
+    def near(self, box_m: Array) -> list[Placed]:
+        """Returns the bodies whose boxes meet a box (2, 3)."""
+        meet = ((self.boxes_m[:, 0] < box_m[1]) & (box_m[0] < self.boxes_m[:, 1])).all(axis=1)
+        return [self.all[index] for index in np.flatnonzero(meet)]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Joint:
+    """A movable joint of furniture, closed at 0.
+
+    Attributes:
+        members: The bodies that move with it, closed.
+        world_from_joint: (4, 4) its frame while everything is closed; the axis is x.
+        lower: Limit [m or rad].
+        upper: Limit [m or rad].
+        rank: Number of movable joints between it and the root.
+    """
+
+    piece: str
+    name: str
+    kind: Literal["slide", "hinge"]
+    members: tuple[Placed, ...]
+    world_from_joint: Array
+    lower: float
+    upper: float
+    rank: int
+
+    def motion(self, value: float) -> Array:
+        """Returns the (4, 4) motion that opens it from 0 to `value` [m or rad]."""
+        local = np.eye(4)
+        if self.kind == "slide":
+            local[0, 3] = value
+        else:
+            cosine, sine = np.cos(value), np.sin(value)
+            local[1:3, 1:3] = [[cosine, -sine], [sine, cosine]]
+        return self.world_from_joint @ local @ np.linalg.inv(self.world_from_joint)
+
+    @cached_property
+    def ways_m(self) -> tuple[Array, ...]:
+        """For each member a box (2, 3) that holds it wherever the joint takes it."""
+        return tuple(self._way_m(body) for body in self.members)
+
+    def _way_m(self, body: Placed) -> Array:
+        if not len(body.low_m):
+            return body.box_m
+        local = np.linalg.inv(self.world_from_joint)[:3] @ body.world_from_body @ body.shapes.points
+        low, high = local.min(axis=1), local.max(axis=1)
+        if self.kind == "slide":
+            low[0], high[0] = low[0] + self.lower, high[0] + self.upper
+        else:
+            radius = np.linalg.norm(local[1:], axis=0).max()
+            low[1:], high[1:] = -radius, radius
+        corners = np.stack(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1)
+        world = self.world_from_joint[:3, :3] @ corners + self.world_from_joint[:3, 3:]
+        return np.array([world.min(axis=1), world.max(axis=1)])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Layout:
+    """A layout's bodies, all doors and drawers closed."""
+
+    spec: SceneSpec
+    placed: dict[str, Placed]
+    joints: tuple[Joint, ...]
+
+    @cached_property
+    def bodies(self) -> Bodies:
+        """All bodies."""
+        return Bodies(self.placed.values())
+
+    def of_pieces(self, pieces: Iterable[str]) -> Bodies:
+        """Returns the bodies of some pieces (by handle)."""
+        wanted = set(pieces)
+        return Bodies(body for body in self.placed.values() if body.piece in wanted)
+
+    @staticmethod
+    def of(spec: SceneSpec) -> Layout:
+        """Returns the geometry of a layout."""
+        placed: dict[str, Placed] = {}
+        joints: list[Joint] = []
+        world_from_stage = to_matrix(spec.stage.world_from_stage)
+        for index, shapes in enumerate(_stage_shapes(spec.stage)):
+            name = f"{STAGE}/{index}"
+            placed[name] = place(name, STAGE, shapes, world_from_stage)
+        for item in spec.objects:
+            shapes = _object_shapes(item.template, item.scale)
+            pose = to_matrix(item.world_from_object)
+            placed[item.name] = place(item.name, item.name, shapes, pose)
+        for item in spec.articulations:
+            model = _furniture(item.urdf_file, item.scale)
+            world_from_root = to_matrix(item.world_from_root)
+            for link in model.links:
+                name, pose = f"{item.name}/{link.name}", world_from_root @ link.world_from_body
+                placed[name] = place(name, item.name, link.shapes, pose)
+            for joint in model.joints:
+                members = tuple(placed[f"{item.name}/{link.name}"] for link in joint.members)
+                pose = world_from_root @ joint.world_from_joint
+                joints.append(
+                    replace(joint, piece=item.name, members=members, world_from_joint=pose)
+                )
+        return Layout(spec=spec, placed=placed, joints=tuple(joints))
+
+    def moved(self, motions: Mapping[str, Array]) -> Layout:
+        """Returns the layout with some pieces (by handle) moved rigidly, (4, 4) each."""
+        placed = {
+            name: body.moved(motions[body.piece]) if body.piece in motions else body
+            for name, body in self.placed.items()
+        }
+        joints = tuple(
+            replace(
+                joint,
+                members=tuple(placed[body.name] for body in joint.members),
+                world_from_joint=motions[joint.piece] @ joint.world_from_joint,
+            )
+            if joint.piece in motions
+            else joint
+            for joint in self.joints
+        )
+        return replace(self, placed=placed, joints=joints)
+
+    def opened(self, values: Mapping[tuple[str, str], float]) -> dict[str, Placed]:
+        """Returns all bodies with some joints open: (piece, joint) -> [m or rad]."""
+        placed = dict(self.placed)
+        for joint in sorted(self.joints, key=lambda j: -j.rank):
+            value = values.get((joint.piece, joint.name), 0.0)
+            if value:
+                motion = joint.motion(value)
+                placed |= {body.name: placed[body.name].moved(motion) for body in joint.members}
+        return placed
+
+
+def depth_m(first: Placed, second: Placed) -> float:
+    """Returns how deep [m] two bodies overlap: the deepest of their pairs of convex shapes."""
+    near = (first.low_m[:, None] < second.high_m) & (second.low_m < first.high_m[:, None])
+    deepest = 0.0
+    for i, j in np.argwhere(near.all(axis=2)):
+        result = coal.CollisionResult()
+        if coal.collide(
+            first.shapes.geometries[i],
+            first.world_from_shape[i],
+            second.shapes.geometries[j],
+            second.world_from_shape[j],
+            _REQUEST,
+            result,
+        ):
+            deepest = max(deepest, -result.getContact(0).penetration_depth)
+    return deepest
+
+
+def overlaps(movers: Bodies, others: Bodies) -> Iterator[tuple[Placed, Placed, float]]:
+    """Yields every mover with every body of another piece that it overlaps, and the depth [m]."""
+    for body in movers.all:
+        for other in others.near(body.box_m):
+            depth = depth_m(body, other) if other.piece != body.piece else 0.0
+            if depth > 0:
+                yield body, other, depth
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Furniture:
+    """An articulated template with its root at the origin; links have their bare names."""
+
+    links: tuple[Placed, ...]
+    joints: tuple[Joint, ...]
+
+
+@lru_cache(maxsize=1024)
+def _object_shapes(template: ObjectTemplate, scale: float) -> RigidShapes:
+    actor = BodyBuilder(_physics_scene()).static("object", template, IDENTITY, scale)
+    return _rigid(read_body("object", "static", actor._bodies[0]).shapes)
+
+
+@lru_cache(maxsize=64)
+def _stage_shapes(stage: Stage) -> tuple[RigidShapes, ...]:
+    actor = BodyBuilder(_physics_scene()).stage(stage)
+    return tuple(_rigid([s]) for s in read_body("stage", "stage", actor._bodies[0]).shapes)
+
+
+@lru_cache(maxsize=256)
+def _furniture(urdf_file: Path, scale: float) -> _Furniture:
+    instance = ArticulationInstance(
+        name="furniture",
+        template="furniture",
+        urdf_file=urdf_file,
+        world_from_root=IDENTITY,
+        scale=scale,
+    )
+    built = BodyBuilder(_physics_scene()).articulation(instance, 1)
+    engine: Any = built._objs[0]
+    engine.set_qpos(np.zeros(engine.dof, dtype=np.float32))  # puts the links where they belong
+    links = [(link.name, link._objs[0]) for link in built.links]
+    placed: dict[Any, Placed] = {}
+    for name, link in links:
+        shapes = _rigid(read_body(name, "furniture", link).shapes)
+        placed[link] = place(name, "", shapes, matrix(link.pose))
+    joints = [_joint(j.name, j._objs[0].child_link, placed) for j in built.active_joints]
+    return _Furniture(links=tuple(placed.values()), joints=tuple(joints))
+
+
+def _joint(name: str, link: Any, placed: Mapping[Any, Placed]) -> Joint:
+    lower, upper = (float(x) for x in link.joint.limits[0])
+    return Joint(
+        piece="",
+        name=name,
+        kind="slide" if link.joint.type == "prismatic" else "hinge",
+        members=tuple(body for x, body in placed.items() if link in (x, *_ancestors(x))),
+        world_from_joint=matrix(link.pose * link.joint.pose_in_child),
+        lower=max(lower, -math.pi),
+        upper=min(upper, math.pi),
+        rank=sum(x.joint.dof for x in _ancestors(link)),
+    )
+
+
+def _ancestors(link: Any) -> list[Any]:
+    found = []
+    while (link := link.parent) is not None:
+        found.append(link)
+    return found
+
+
+def _physics_scene() -> ManiSkillScene:
+    """An empty scene on the CPU in which one template is built and read."""
+    backend = parse_sim_and_render_backend("physx_cpu", "none")
+    return ManiSkillScene(
+        [sapien.Scene([physx.PhysxCpuSystem()])],
+        sim_config=SimConfig(),
+        device=backend.device,
+        backend=backend,
+    )
+
+
+def _rigid(shapes: Iterable[CollisionShape]) -> RigidShapes:
+    shapes = tuple(shapes)
+    corners = [body_points(shape) for shape in shapes]
+    made = [_coal_shape(shape) for shape in shapes]
+    counts = [points.shape[1] for points in corners]
+    return RigidShapes(
+        geometries=tuple(geometry for geometry, _ in made),
+        body_from_shape=np.array([pose for _, pose in made]).reshape(-1, 4, 4),
+        points=np.concatenate(corners, axis=1) if corners else np.zeros((4, 0)),
+        starts=np.cumsum([0, *counts[:-1]]) if counts else np.zeros(0, dtype=np.int64),
+    )
+
+
+def _coal_shape(shape: CollisionShape) -> tuple[Any, Array]:
+    """Returns a coal geometry and its pose in the body; PhysX's cylinders lie along x."""
+    size = shape.half_size_m
+    if shape.kind == "convex":
+        vertices, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+        for vertex in shape.vertices_m:
+            vertices.append(vertex)
+        for corners in shape.faces:
+            triangles.append(coal.Triangle(*map(int, corners)))
+        return coal.Convex(vertices, triangles), shape.body_from_shape
+    if shape.kind == "box":
+        return coal.Box(*(2.0 * size)), shape.body_from_shape
+    if shape.kind == "sphere":
+        return coal.Sphere(float(size[0])), shape.body_from_shape
+    along_x = np.eye(4)
+    along_x[:3, :3] = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]
+    make = coal.Capsule if shape.kind == "capsule" else coal.Cylinder
+    return make(float(size[0]), 2.0 * float(size[1])), shape.body_from_shape @ along_x

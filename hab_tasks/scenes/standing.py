@@ -1,0 +1,170 @@
+"""Where the robot can stand in a layout: free floor, reach of receptacles, room before handles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from hab_tasks.constants import BASE_RADIUS_M
+from hab_tasks.geometry import apply, to_matrix
+from hab_tasks.privileged import Array
+from hab_tasks.scenes.floor import (
+    CELL_M,
+    HIGHEST_M,
+    LOWEST_M,
+    FreeFloor,
+    floor_between,
+    outline,
+)
+from hab_tasks.scenes.layout_geometry import STAGE, Layout, Placed
+from hab_tasks.scenes.markers import HANDLE_MARKERS
+from hab_tasks.scenes.spec import Receptacle
+
+NEAREST_M, FARTHEST_M = 0.45, 1.1
+"""Distance on the floor from the base to what its arm can reach."""
+
+ROOM_DOORS = ("door1", "door2", "door3", "doubledoor")
+"""Templates of doors between rooms."""
+
+FRIDGE = "fridge"
+FRIDGE_REGION_M = ((0.833, 1.25), (-0.6, 0.6))
+DRAWER_REGION_M = ((0.80, 0.95), (-0.35, 0.35))
+"""Spawn rectangles (S H.2) as Habitat has them: x and z in the fridge's or the handle's frame."""
+
+_SPREAD = np.stack(np.meshgrid(*[np.linspace(-0.8, 0.8, 5)] * 2), axis=-1).reshape(-1, 2)
+_SIGHT_END_M = 0.1
+"""Sight of a point ends this far from it: a shelf may hang on the wall that its map cells touch."""
+
+
+class FloorPlan:
+    """Floor maps of one layout and of its variations, in which pieces have moved."""
+
+    def __init__(self, layout: Layout) -> None:
+        """Outlines every shape once; motions on the floor do not change them."""
+        loose = {item.name for item in layout.spec.objects if item.dynamic}
+        fixed = [body for body in layout.placed.values() if body.piece not in loose]
+        self._outlines: dict[str, list[Array]] = {}
+        for body in fixed:
+            self._outlines.setdefault(body.piece, []).extend(_outlines(body))
+        ground = [body.points_m[:2].T for body in fixed if body.piece == STAGE]
+        self._corners = np.concatenate(ground or [body.points_m[:2].T for body in fixed])
+        walls = self._outlines.get(STAGE, [])
+        doors = [a.name for a in layout.spec.articulations if a.template in ROOM_DOORS]
+        closed = [polygon for name in doors for polygon in self._outlines.get(name, [])]
+        self._walls: NDArray[np.bool_] = floor_between(walls, self._corners).clearance_m == 0
+        self._bare = floor_between([*walls, *closed], self._corners)
+
+    def floor(self, motions: Mapping[str, Array] | None = None) -> FreeFloor:
+        """Returns the free floor after pieces (by handle) moved by (4, 4) motions."""
+        outlines = []
+        for piece, own in self._outlines.items():
+            motion = (motions or {}).get(piece)
+            if motion is None:
+                outlines.extend(own)
+            else:
+                outlines.extend(o @ motion[:2, :2].T + motion[:2, 3] for o in own)
+        return floor_between(outlines, self._corners)
+
+    def cut_off(self, floor: FreeFloor) -> list[NDArray[np.bool_]]:
+        """Returns the (X, Y) maps of places with room for the base that furniture cuts off.
+
+        What walls and closed doors alone part from the rest does not count.
+        """
+        labelled: Any = ndimage.label((floor.clearance_m >= BASE_RADIUS_M) & ~floor.room)
+        labels, count = labelled
+        return [self._bare.room & (labels == number) for number in range(1, count + 1)]
+
+    def reaches(self, floor: FreeFloor, points_m: Array) -> bool:
+        """Whether some point (K, 2) is within reach, and not behind a wall, of the free floor."""
+        low = np.floor((points_m.min(axis=0) - FARTHEST_M - floor.origin_m) / CELL_M).astype(int)
+        high = np.ceil((points_m.max(axis=0) + FARTHEST_M - floor.origin_m) / CELL_M).astype(int)
+        low = np.maximum(low, 0)
+        window = floor.room[low[0] : high[0] + 1, low[1] : high[1] + 1]
+        bases = floor.origin_m + CELL_M * (np.argwhere(window) + low)
+        if not len(bases):
+            return False
+        distance = np.linalg.norm(points_m[:, None] - bases, axis=2)
+        distance[(distance < NEAREST_M) | (distance > FARTHEST_M)] = np.inf
+        nearest = distance.argmin(axis=1)
+        found = np.isfinite(distance[np.arange(len(points_m)), nearest])
+        if self._sees(floor, bases[nearest[found]], points_m[found]):
+            return True
+        pairs = np.argwhere(np.isfinite(distance))
+        return self._sees(floor, bases[pairs[:, 1]], points_m[pairs[:, 0]])
+
+    def _sees(self, floor: FreeFloor, bases_m: Array, points_m: Array) -> bool:
+        """Whether any base (K, 2) sees its point (K, 2) past the walls."""
+        if not len(bases_m):
+            return False
+        gap = points_m - bases_m
+        length = np.linalg.norm(gap, axis=1, keepdims=True)
+        end = bases_m + gap * (1.0 - np.minimum(1.0, _SIGHT_END_M / length))
+        share = np.linspace(0.0, 1.0, 1 + int(FARTHEST_M / CELL_M))
+        line = bases_m[:, None] + (end - bases_m)[:, None] * share[:, None]
+        blocked = lookup(self._walls, floor, line.reshape(-1, 2)).reshape(line.shape[:2])
+        return bool((~blocked).all(axis=1).any())
+
+
+def lookup(cells: NDArray[np.bool_], floor: FreeFloor, points_m: Array) -> NDArray[np.bool_]:
+    """Returns what a map (X, Y) of `floor` says at points (K, 2); False outside of it."""
+    index = np.round((points_m - floor.origin_m) / CELL_M).astype(int)
+    inside = ((index >= 0) & (index < cells.shape)).all(axis=1)
+    index[~inside] = 0
+    return cells[index[:, 0], index[:, 1]] & inside
+
+
+def receptacle_points(layout: Layout, receptacle: Receptacle) -> Array:
+    """Returns points (25, 2) spread over a receptacle, its furniture closed."""
+    level = [axis for axis in range(3) if abs(receptacle.up[axis]) < 0.5]
+    local = np.zeros((25, 3))
+    local[:, level] = _SPREAD
+    local *= receptacle.half_size_m
+    world_from_box = layout.placed[receptacle.body].world_from_body @ to_matrix(
+        receptacle.body_from_box
+    )
+    return (local @ world_from_box[:3, :3].T + world_from_box[:3, 3])[:, :2]
+
+
+def reachable(layout: Layout, plan: FloorPlan, floor: FreeFloor) -> dict[str, bool]:
+    """Returns for every receptacle (``body receptacle``) whether the robot can stand near it."""
+    return {
+        f"{r.body} {r.name}": plan.reaches(floor, receptacle_points(layout, r))
+        for r in layout.spec.receptacles
+    }
+
+
+def handle_room(layout: Layout, floor: FreeFloor) -> dict[str, float]:
+    """Returns for the fridge and every handle of drawers the free share of its spawn rectangle."""
+    found = {}
+    for item in layout.spec.articulations:
+        for marker in HANDLE_MARKERS:
+            if marker.template != item.template:
+                continue
+            fridge = item.template == FRIDGE
+            region = FRIDGE_REGION_M if fridge else DRAWER_REGION_M
+            offset = (0.0, 0.0, 0.0) if fridge else tuple(item.scale * x for x in marker.offset_m)
+            xs, zs = (np.arange(low, high + 1e-9, CELL_M) for low, high in region)
+            x, z = (grid.ravel() for grid in np.meshgrid(xs, zs))
+            local = np.stack((x, np.zeros_like(x), z), axis=1) + offset
+            if fridge:
+                world = apply(item.world_from_root, local)
+            else:
+                pose = layout.placed[f"{item.name}/{marker.link}"].world_from_body
+                world = local @ pose[:3, :3].T + pose[:3, 3]
+            free = lookup(floor.room, floor, world[:, :2])
+            found[f"{item.name}/{marker.link}"] = float(free.mean())
+    return found
+
+
+def _outlines(body: Placed) -> Iterable[Array]:
+    """Yields outlines (V, 2) of the shapes of a body that stand in the base's way."""
+    ends = [*body.shapes.starts, body.points_m.shape[1]][1:]
+    for start, end, low, high in zip(
+        body.shapes.starts, ends, body.low_m[:, 2], body.high_m[:, 2], strict=True
+    ):
+        if high > LOWEST_M and low < HIGHEST_M:
+            yield outline(body.points_m[:2, start:end].T)

@@ -1,0 +1,50 @@
+"""Poses of a layout -> ``scene_instance.json``: z-up becomes y-up again."""
+
+from __future__ import annotations
+
+import copy
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from hab_tasks.geometry import WORLD_FROM_HABITAT, Pose7, compose, inverse
+from hab_tasks.scenes.dataset import SceneDataset, read_json
+from hab_tasks.scenes.spec import SceneSpec
+
+SCENE_SUFFIX = ".scene_instance.json"
+
+
+def moved_scene(
+    dataset: SceneDataset, spec: SceneSpec, world_from: Mapping[str, Pose7]
+) -> dict[str, Any]:
+    """Returns a scene's file with some pieces posed anew and everything else as it was.
+
+    Args:
+        dataset: Where the scene comes from.
+        spec: The scene as it was loaded.
+        world_from: Handle of an object or of furniture -> its new pose in the world.
+    """
+    scene = copy.deepcopy(read_json(dataset.scene_file(spec.scene_id)))
+    entries = [e for e in scene.get("object_instances", []) if _template(e) not in spec.missing]
+    furniture = scene.get("articulated_object_instances", [])
+    for items, own in ((spec.objects, entries), (spec.articulations, furniture)):
+        for item, entry in zip(items, own, strict=True):
+            if item.name in world_from:
+                pose = compose(inverse(WORLD_FROM_HABITAT), world_from[item.name])
+                entry["translation"] = list(pose[:3])
+                entry["rotation"] = list(pose[3:])
+    return scene
+
+
+def write_scene(scene: Mapping[str, Any], folder: Path, scene_id: str) -> Path:
+    """Writes a scene_instance file aside, then gives it its name; returns it."""
+    path = folder / f"{scene_id}{SCENE_SUFFIX}"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(".partial")
+    partial.write_text(json.dumps(scene, indent=2) + "\n")
+    return partial.replace(path)
+
+
+def _template(entry: Mapping[str, Any]) -> str:
+    return Path(entry["template_name"]).name.removesuffix(".object_config.json")

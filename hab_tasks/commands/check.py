@@ -1,16 +1,45 @@
-"""`hab-tasks check`: one page about a dataset."""
+"""`hab-tasks check`: one page about a dataset, and on request a trial of every layout."""
 
 from __future__ import annotations
 
+import sys
+import textwrap
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, ClassVar
 
 import tyro
+from tqdm import tqdm
 
 from hab_tasks.commands.base import Command
-from hab_tasks.scenes.dataset import SPLIT_MACROS, resolve_dataset
-from hab_tasks.scenes.load import load_scene
+from hab_tasks.commands.download import fetch
+from hab_tasks.episodes.layout_report import check_layouts
+from hab_tasks.errors import HabError
+from hab_tasks.scenes.dataset import (
+    REPLICA_CAD_NAMES,
+    SPLIT_MACROS,
+    SceneDataset,
+    resolve_dataset,
+)
+from hab_tasks.scenes.inventory import (
+    COMPLETE,
+    Inventory,
+    absent_objects,
+    macro_layouts,
+    micro_variations,
+    take_inventory,
+)
 from hab_tasks.scenes.objects import load_objects
+
+EXIT_FAULTS = 1
+OVERLAP = "overlap"
+SHOWN = 5
+PAGE_WIDTH, LABEL_WIDTH = 100, 20
+
+Entry = tuple[str, str]
+"""Label, and what is said about it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,38 +48,194 @@ class Check(Command):
 
     help: ClassVar[
         str
-    ] = """Reads every layout and object of a dataset; tells what is there and what is missing.
+    ] = """Tells on one page what a dataset holds, what is missing, and what is done about it.
 
-Example:
-  hab-tasks check ~/data/replica_cad --objects ~/data/ycb"""
+Examples:
+  hab-tasks check ~/data/replica_cad --objects ~/data/ycb
+  hab-tasks check replica_cad --objects ycb --download
+  hab-tasks check apartment --simulate"""
 
     dataset: tyro.conf.Positional[str]
-    """`apartment` or the path of a ReplicaCAD folder."""
-    objects: Annotated[str | None, tyro.conf.arg(metavar="PATH")] = None
-    """A YCB folder to check as well."""
+    """`apartment`, `replica_cad` as ManiSkill downloads it, or the path of a ReplicaCAD folder."""
+    objects: Annotated[str | None, tyro.conf.arg(metavar="ycb|PATH")] = None
+    """YCB objects to check as well: `ycb` as ManiSkill downloads them, or a folder."""
+    simulate: bool = False
+    """Try every layout: it must settle, open and be within reach. Exit status 1 if one fails."""
+    scenes: Annotated[str | None, tyro.conf.arg(metavar="A,B")] = None
+    """Try only these layouts."""
+    workers: Annotated[int, tyro.conf.arg(metavar="N")] = 2
+    """Processes that try layouts."""
+    download: bool = False
+    """Let ManiSkill's own command download `replica_cad` and `ycb` where they are absent."""
 
     def run(self) -> int:
         """Prints the page; a damaged file raises."""
+        if self.scenes is not None and not self.simulate:
+            raise HabError("--scenes chooses what --simulate tries; give both.")
+        if self.workers < 1:
+            raise HabError(f"--workers {self.workers}: at least 1 process.")
+        if self.download:
+            self._download()
         dataset = resolve_dataset(self.dataset)
-        specs = [load_scene(dataset, scene_id) for scene_id in sorted(dataset.scene_files)]
-        missing = sorted({name for spec in specs for name in spec.missing})
-        no_stage = sorted({s.stage.name for s in specs if s.stage.visual_file is None})
-        receptacles = len({r.name for spec in specs for r in spec.receptacles})
-        counts = ", ".join(f"{name} {len(dataset.scenes_of_split(name))}" for name in SPLIT_MACROS)
-        print(f"{dataset.name} in {dataset.root}")
-        print(f"  layouts        {len(specs)}: {counts}")
-        print(
-            f"  templates      {len(dataset.object_files)} objects, {len(dataset.urdf_files)} URDFs"
-        )
-        print(f"  receptacles    {receptacles} names")
-        print(f"  stage meshes   {_absent(no_stage, 'a shell of floor and outer walls stands in')}")
-        print(f"  object meshes  {_absent(missing, 'skipped in every layout')}")
+        scenes = self.scenes.split(",") if self.scenes else sorted(dataset.scene_files)
+        for scene_id in scenes:
+            dataset.scene_file(scene_id)
+        found = take_inventory(dataset)
+        present, missing = _present(dataset, found), _missing(dataset, found)
         if self.objects is not None:
-            objects = load_objects(self.objects)
-            masses = ", ".join(f"{name} {o.mass_kg:.3f} kg" for name, o in sorted(objects.items()))
-            print(f"  movable        {len(objects)} objects: {masses}")
-        return 0
+            lacking = absent_objects(self.objects)
+            if lacking:
+                missing.append(("YCB objects", f"{_names(lacking)} -> the folder is refused"))
+            else:
+                masses = {n: o.mass_kg for n, o in sorted(load_objects(self.objects).items())}
+                words = ", ".join(f"{name} {mass:.3f} kg" for name, mass in masses.items())
+                present.append(("YCB objects", f"{len(masses)}: {words}"))
+        print(f"{dataset.name} in {dataset.root}")
+        _print_part("Present", present)
+        _print_part("Missing", missing or [("nothing", "all is there")])
+        return self._simulate(dataset, scenes) if self.simulate else 0
+
+    def _download(self) -> None:
+        asked = {"ReplicaCAD": self.dataset in REPLICA_CAD_NAMES, "ycb": self.objects == "ycb"}
+        if not any(asked.values()):
+            raise HabError("--download fetches replica_cad and --objects ycb; name one of them.")
+        for asset in (name for name, wanted in asked.items() if wanted):
+            print(f"{asset} is in {fetch(asset)}")
+
+    def _simulate(self, dataset: SceneDataset, scenes: list[str]) -> int:
+        """Tries layouts; returns the exit status."""
+        kinds: Counter[str] = Counter()
+        overlaps: Counter[str] = Counter()
+        failed = 0
+        print("\nFaults")
+        trials = tqdm(
+            check_layouts(dataset, scenes, min(self.workers, len(scenes))),
+            total=len(scenes),
+            unit="layout",
+            disable=not sys.stderr.isatty(),
+        )
+        for scene_id, faults in trials:
+            by_kind = _by_kind(faults)
+            kinds.update(by_kind.keys())
+            overlaps.update({text.rpartition(" by ")[0] for text in by_kind.pop(OVERLAP, ())})
+            failed += bool(by_kind)
+            if by_kind:
+                trials.write(f"  {scene_id}  {_in_short(by_kind)}")
+        if not failed:
+            print("  none")
+        passed = f"{len(scenes) - failed} of {len(scenes)} layouts settle and are within reach"
+        tried = [("passed", passed), *((kind, f"{n} layouts") for kind, n in sorted(kinds.items()))]
+        if overlaps:
+            often = [f"{pair} ({count})" for pair, count in overlaps.most_common(SHOWN)]
+            tried.append(("", f"overlaps alone are no failure; most often {_names(often)}"))
+        _print_part("Tried", tried)
+        return EXIT_FAULTS if failed else 0
 
 
-def _absent(names: list[str], remedy: str) -> str:
-    return f"absent: {', '.join(names)} ({remedy})" if names else "all there"
+def _present(dataset: SceneDataset, found: Inventory) -> list[Entry]:
+    splits = ", ".join(f"{name} {len(dataset.scenes_of_split(name))}" for name in SPLIT_MACROS)
+    kinds = {
+        "macro": len(macro_layouts(dataset)),
+        "micro-variations": len(micro_variations(dataset)),
+        "apt": sum(name.startswith("apt_") for name in found.layouts),
+    }
+    kinds["other"] = len(found.layouts) - sum(kinds.values())
+    by_kind = ", ".join(f"{count} {kind}" for kind, count in kinds.items() if count)
+    objects = f"{found.templates} templates in {len(found.categories)} categories"
+    if found.movable:
+        objects += f", and {found.movable} that tasks move"
+    boxes = found.templates + found.movable - found.convex - len(found.absent_meshes)
+    entries = [
+        ("layouts", f"{len(found.layouts)}: {splits}; {by_kind}"),
+        ("objects", objects),
+        ("collision", f"{found.convex} templates with convex parts, {boxes} as boxes"),
+        ("furniture", f"{len(found.furniture)} with joints: {', '.join(found.furniture)}"),
+        ("receptacles", f"{len(found.receptacles)} names"),
+        ("navmeshes", f"{found.navmeshes} of {len(found.layouts)} layouts"),
+        ("stage meshes", f"{len(found.stages) - len(found.absent_stages)} of {len(found.stages)}"),
+    ]
+    if found.licence is not None:
+        entries.append(("licence", f"{found.licence}: {_first_line(found.licence)}"))
+    return entries
+
+
+def _missing(dataset: SceneDataset, found: Inventory) -> list[Entry]:
+    """Returns what is absent and, after the arrow, what is done about it."""
+    entries = []
+    if found.absent_layouts:
+        count = f"{len(found.absent_layouts)} of {len(COMPLETE)}"
+        entries.append(
+            ("layouts", f"{count}: {_runs(found.absent_layouts)} -> the others are used")
+        )
+    empty = [name for name in SPLIT_MACROS if not dataset.scenes_of_split(name)]
+    if empty and len(empty) < len(SPLIT_MACROS):
+        used = dataset.resolve_split(None)
+        words = f"{', '.join(empty)} -> refused by --split; without --split, {used} is used"
+        entries.append(("splits", words))
+    if found.absent_stages:
+        source = "the navmesh" if found.navmeshes else "the usual extent"
+        words = f"{_names(found.absent_stages)} -> floor and walls are boxes made from {source}"
+        entries.append(("stage meshes", words))
+    if found.absent_meshes:
+        names = [f"{name} ({count or 'no'} layouts)" for name, count in found.absent_meshes.items()]
+        entries.append(("object meshes", f"{_names(names)} -> skipped"))
+    if found.absent_parts:
+        words = f"{_names(found.absent_parts)} -> their bounding boxes collide"
+        entries.append(("convex parts", words))
+    if found.licence is None:
+        entries.append(("licence", "no LICENSE file -> ask its source before you publish results"))
+    return entries
+
+
+def _print_part(title: str, entries: Iterable[Entry]) -> None:
+    print(f"\n{title}")
+    for label, words in entries:
+        print(
+            textwrap.fill(
+                words,
+                width=PAGE_WIDTH,
+                initial_indent=f"  {label:<{LABEL_WIDTH}} ",
+                subsequent_indent=" " * (LABEL_WIDTH + 3),
+                break_long_words=False,
+                break_on_hyphens=False,
+            )
+        )
+
+
+def _names(names: Iterable[str]) -> str:
+    return ", ".join(names)
+
+
+def _runs(scene_ids: Iterable[str]) -> str:
+    """Returns scene ids with runs of neighbours drawn together: ``v3_sc3_staging_00 to 20``."""
+    runs: list[list[str]] = []
+    for scene_id in scene_ids:
+        stem, number = scene_id.rsplit("_", 1)
+        last = runs[-1][-1].rsplit("_", 1) if runs else ["", "-9"]
+        if last[0] == stem and int(last[1]) + 1 == int(number):
+            runs[-1].append(scene_id)
+        else:
+            runs.append([scene_id])
+    return ", ".join(r[0] + (f" to {r[-1].rsplit('_', 1)[1]}" if r[1:] else "") for r in runs)
+
+
+def _by_kind(faults: Iterable[str]) -> dict[str, list[str]]:
+    """Returns the texts of faults (``kind: text``) by kind."""
+    found: dict[str, list[str]] = {}
+    for fault in faults:
+        kind, _, text = fault.partition(": ")
+        found.setdefault(kind, []).append(text)
+    return found
+
+
+def _in_short(by_kind: dict[str, list[str]]) -> str:
+    """Returns the first fault of each kind and how many more there are."""
+    return "; ".join(
+        f"{kind}: {texts[0]}" + (f" and {len(texts) - 1} more" if texts[1:] else "")
+        for kind, texts in by_kind.items()
+    )
+
+
+def _first_line(file: Path) -> str:
+    lines = (line.strip("# ").strip() for line in file.read_text(errors="replace").splitlines())
+    return next((line for line in lines if line), "")

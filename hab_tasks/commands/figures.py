@@ -18,9 +18,9 @@ from hab_tasks.errors import EpisodeError, HabError, RenderingUnavailableError
 from hab_tasks.figures.charts import draw_categories, draw_furniture
 from hab_tasks.figures.layouts import draw_macros, draw_micros
 from hab_tasks.figures.rearrangement import draw_episodes, figure_name
-from hab_tasks.figures.statistics import macro_layouts, micro_variations
 from hab_tasks.rendering import resolve_backend
 from hab_tasks.scenes.dataset import SceneDataset, resolve_dataset
+from hab_tasks.scenes.inventory import macro_layouts, micro_variations
 
 Draw = Callable[[Path], None]
 

@@ -5,14 +5,10 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from hab_tasks.figures.statistics import (
-    category_counts,
-    furniture_counts,
-    macro_layouts,
-    micro_variations,
-)
+from hab_tasks.figures.statistics import category_counts, furniture_counts
 from hab_tasks.figures.style import BAR_HEIGHT_IN, bars, new_figure, save
 from hab_tasks.scenes.dataset import SceneDataset
+from hab_tasks.scenes.inventory import macro_layouts, micro_variations
 
 COLUMN_IN = 5.0
 MARGIN_IN = 1.0

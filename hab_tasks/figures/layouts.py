@@ -7,9 +7,9 @@ from pathlib import Path
 from hab_tasks.figures.moved import moved_furniture
 from hab_tasks.figures.plan import aspect, draw_plan, outlines, room_box
 from hab_tasks.figures.showroom import Showroom
-from hab_tasks.figures.statistics import macro_layouts, macro_of, micro_variations
 from hab_tasks.figures.style import new_figure, save
 from hab_tasks.scenes.dataset import SceneDataset
+from hab_tasks.scenes.inventory import macro_layouts, macro_of, micro_variations
 from hab_tasks.scenes.load import load_scene
 
 PIXELS_PER_M = 60.0

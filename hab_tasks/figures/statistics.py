@@ -14,12 +14,12 @@ import numpy as np
 from hab_tasks.episodes.schema import Episode, EpisodeSet, template_of
 from hab_tasks.geometry import Array
 from hab_tasks.scenes.dataset import SceneDataset, read_json
+from hab_tasks.scenes.inventory import macro_of, micro_variations
 from hab_tasks.scenes.load import read_category
 from hab_tasks.scenes.objects import ALL_OBJECTS
 
 IN_GRASP = "In the grasp"
 
-_STAGING = re.compile(r"^v3_(sc\d)_staging_(\d\d)$")
 _PREFIX = re.compile(r"^(frl_)?apartment_")
 
 
@@ -50,26 +50,6 @@ class EpisodeStatistics:
     robot_m: dict[str, Array]
     start_m: dict[str, Array]
     goal_m: dict[str, Array]
-
-
-def macro_of(scene_id: str) -> str | None:
-    """Returns the macro layout of a staging scene (``sc0``), None for any other scene."""
-    match = _STAGING.match(scene_id)
-    return match[1] if match else None
-
-
-def macro_layouts(dataset: SceneDataset) -> list[str]:
-    """Returns the scene ids of the macro layouts, sorted."""
-    return [s for s in sorted(dataset.scene_files) if (m := _STAGING.match(s)) and m[2] == "00"]
-
-
-def micro_variations(dataset: SceneDataset, macro: str | None = None) -> list[str]:
-    """Returns the scene ids of the micro-variations, of all macro layouts or of one (``sc0``)."""
-    return [
-        s
-        for s in sorted(dataset.scene_files)
-        if (m := _STAGING.match(s)) and m[2] != "00" and macro in (None, m[1])
-    ]
 
 
 def furniture_counts(dataset: SceneDataset) -> dict[str, int]:

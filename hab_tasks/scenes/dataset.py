@@ -24,6 +24,9 @@ SPLIT_MACROS = {"train": ("sc0", "sc1", "sc2"), "val": ("sc3",), "test": ("sc4",
 SPLIT_PREFERENCE = ("val", "test", "train")
 """Without `--split`, the first of these that the dataset has scenes for."""
 
+REPLICA_CAD_NAMES = ("replica_cad", "ReplicaCAD", "replicaCAD")
+"""Names of the real dataset as ManiSkill downloads it."""
+
 MANISKILL_ASSETS = {
     "ReplicaCAD": ("scene_datasets/replica_cad_dataset", "configs"),
     "ycb": ("assets/mani_skill2_ycb", "models"),
@@ -53,7 +56,7 @@ def resolve_dataset(name_or_path: str | Path) -> SceneDataset:
     if name == "apartment":
         return SceneDataset(embedded_dataset())
     root = Path(name_or_path).expanduser()
-    if not root.is_dir() and name.lower().replace("_", "") == "replicacad":
+    if not root.is_dir() and name in REPLICA_CAD_NAMES:
         root = maniskill_folder("ReplicaCAD")
     if not root.is_dir():
         raise UnknownNameError(

@@ -7,7 +7,6 @@ can render.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from itertools import count
 from typing import Any
 
 import numpy as np
@@ -71,14 +70,14 @@ class BodyBuilder:
                 material = sapien.render.RenderMaterial(base_color=list(color))
                 material.roughness = 0.8
                 builder.add_box_visual(_at(source), list(source.half_size_m), material)
-        return mark_flat(builder.build_static(self._unused(f"stage-{stage.name}")))
+        return mark_flat(builder.build_static(f"stage-{stage.name}"))
 
     def static(self, name: str, template: ObjectTemplate, pose: Pose7, scale: float) -> Actor:
         """Builds a piece that never moves by itself."""
         builder = self._new(pose)
         self._collide(builder, template.collision, _material(template.friction), 1000.0, scale)
         self._see(builder, template, scale)
-        return mark_flat(builder.build_static(self._unused(name)))
+        return mark_flat(builder.build_static(name))
 
     def dynamic(self, name: str, template: ObjectTemplate, pose: Pose7, scale: float) -> Actor:
         """Builds a loose object of its stated mass."""
@@ -88,7 +87,7 @@ class BodyBuilder:
         density = mass_kg / max(volume_m3, 1e-9)
         self._collide(builder, template.collision, _material(template.friction), density, scale)
         self._see(builder, template, scale)
-        actor = builder.build_dynamic(self._unused(name))
+        actor = builder.build_dynamic(name)
         for body in actor._bodies:
             set_groups(body, MOVING)
             # Cooked hulls are a little smaller than the mesh: the stated mass wins.
@@ -98,7 +97,7 @@ class BodyBuilder:
     def articulation(self, furniture: ArticulationInstance, group: int) -> Articulation:
         """Builds furniture with joints; its links ignore each other by the number `group`."""
         loader = self.scene.create_urdf_loader()
-        loader.name = self._unused(furniture.name)
+        loader.name = furniture.name
         loader.fix_root_link = True
         loader.scale = furniture.scale
         loader.load_multiple_collisions_from_file = True
@@ -122,12 +121,6 @@ class BodyBuilder:
         half = PARKING_SPACING_M * (count + 8)
         builder.add_box_collision(sapien.Pose([0, 0, -0.05]), [half, half, 0.05])
         return mark_flat(builder.build_static("parking"))
-
-    def _unused(self, name: str) -> str:
-        """Returns a name that no body has; another size of the same instance gets a number."""
-        taken = {**self.scene.actors, **self.scene.articulations}
-        names = (f"{name}~{number}" if number else name for number in count())
-        return next(candidate for candidate in names if candidate not in taken)
 
     def _new(self, pose: Pose7) -> Any:
         builder: Any = self.scene.create_actor_builder()

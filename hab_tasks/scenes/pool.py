@@ -72,13 +72,7 @@ class BodyPool:
             group = handles.loose if item.dynamic else handles.static
             group[item.name] = shown(item.name, item.template, item.world_from_object, item.scale)
         for furniture in spec.articulations:
-            key = ("furniture", furniture.name, furniture.urdf_file, furniture.scale)
-            number = len(self._built) + 1
-            built: Any = self._take(
-                key, lambda f=furniture, n=number: self._builder.articulation(f, n)
-            )
-            self._put(key, built, furniture.world_from_root)
-            handles.articulations[furniture.name] = built
+            handles.articulations[furniture.name] = self._furniture(furniture)
         for index, handle in enumerate(objects):
             name = handle.rsplit("_:", 1)[0]
             if name not in self._templates:
@@ -132,8 +126,8 @@ class BodyPool:
             built = self._built[key]
             for entity in self._entities[key]:
                 self._scene.sub_scenes[0].add_entity(entity)
-            if not _is_static(built):
-                self._scene.add_to_state_dict_registry(built)
+            self._listed(built)[built.name] = built
+            self._scene.add_to_state_dict_registry(built)
         else:
             built = self._built[key] = build()
             self._entities[key] = _entities(built)
@@ -155,8 +149,14 @@ class BodyPool:
         for key, built in shown.items():
             for entity in self._entities[key]:
                 entity.remove_from_scene()
-            if not _is_static(built):
-                self._scene.remove_from_state_dict_registry(built)
+            # Its name is free for what stands for it in another layout: a fixed one, another size.
+            del self._listed(built)[built.name]
+            self._scene.remove_from_state_dict_registry(built)
+
+    def _listed(self, built: Body) -> dict[str, Any]:
+        """The scene's own list that a body belongs in."""
+        listed: Any = self._scene
+        return listed.articulations if isinstance(built, Articulation) else listed.actors
 
 
 def _as_high(before: Pose7, after: Pose7) -> bool:

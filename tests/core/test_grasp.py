@@ -8,11 +8,11 @@ from builders import box_actor, cpu_scene, start_fetch
 
 from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.robots.grasp import NOTHING, DriveGrasp, FollowGrasp, Handle
-from hab_tasks.scenes.build import build_scene
 from hab_tasks.scenes.collision_groups import HELD, MOVING
 from hab_tasks.scenes.dataset import resolve_dataset
 from hab_tasks.scenes.load import load_scene
 from hab_tasks.scenes.markers import HANDLE_MARKERS
+from hab_tasks.scenes.pool import BodyPool
 
 KINDS = {DriveGrasp: 0.005, FollowGrasp: 0.001}
 """Implementation -> how far [m] a held object may leave its place in the hand."""
@@ -213,7 +213,7 @@ class Kitchen:
         spec = load_scene(dataset, sorted(dataset.scene_files)[0])
         self.scene = cpu_scene()
         self.agent = HabFetch(self.scene, 30, "ee_base")
-        built = build_scene(self.scene, spec, {})
+        built = BodyPool(self.scene, {}).show(spec, ())
         self.scene._setup(enable_gpu=False)
         name = next(n for n in built.articulations if n.startswith(marker.template + "_:"))
         furniture = built.articulations[name]

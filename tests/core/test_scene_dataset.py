@@ -20,10 +20,10 @@ from builders import (
 
 from hab_tasks.errors import DatasetError, UnknownNameError
 from hab_tasks.scenes import load
-from hab_tasks.scenes.build import build_scene
 from hab_tasks.scenes.dataset import SPLIT_MACROS, SceneDataset, resolve_dataset
 from hab_tasks.scenes.load import load_scene
 from hab_tasks.scenes.objects import load_objects
+from hab_tasks.scenes.pool import BodyPool
 
 SCENE = "v3_sc0_staging_00"
 TABLE = "configs/objects/table.object_config.json"
@@ -86,7 +86,7 @@ def test_a_urdf_in_a_folder_of_its_own_name_comes_first(root):
 
 def test_commas_in_urdf_attributes_build(root):
     scene = cpu_scene()
-    handles = build_scene(scene, read(root), {})
+    handles = BodyPool(scene, {}).show(read(root), ())
     scene._setup(enable_gpu=False)
     chest = handles.articulations["chest_:0000"]
     body = chest.links_map["body"]._objs[0].collision_shapes[0]
@@ -99,7 +99,7 @@ def test_commas_in_urdf_attributes_build(root):
 
 def test_built_bodies_stand_where_the_scene_says(root):
     scene = cpu_scene()
-    handles = build_scene(scene, read(root), {})
+    handles = BodyPool(scene, {}).show(read(root), ())
     scene._setup(enable_gpu=False)
     assert np.allclose(handles.static["table_:0000"].pose.p[0], (1, -2, 0.4), atol=1e-6)
     assert np.allclose(handles.loose["cube_:0000"].pose.p[0], (1, -2, 0.9), atol=1e-6)

@@ -1,4 +1,4 @@
-"""Objects put side by side on receptacles, then left to physics; what does not stay is refused."""
+"""Objects put side by side on receptacles, then left to physics; what falls off is refused."""
 
 from __future__ import annotations
 
@@ -30,16 +30,18 @@ class Settling:
     Attributes:
         seconds: Longest settling time.
         drop_m: Height from which an object is let go.
-        moved_m: Farthest it may end from where it was put.
-        tilt_rad: Most it may turn.
+        speed_m_s: Fastest it may still move.
+        beside_m: Farthest its centre of mass may lie beside the receptacle's box.
+        below_m: Farthest it may lie below the box's lower face; cushions give way.
         fridge_inner: Share of the fridge's shelf that is used (Habitat).
         rounds: How often what fell is put somewhere else, the first time included.
     """
 
     seconds: float = 4.0
     drop_m: float = 0.005
-    moved_m: float = 0.05
-    tilt_rad: float = 0.35
+    speed_m_s: float = 0.01
+    beside_m: float = 0.02
+    below_m: float = 0.03
     fridge_inner: float = 0.5
     rounds: int = 3
 
@@ -66,6 +68,7 @@ class Placer:
         self._bench, self._rng, self._settling = bench, rng, settling
         self._taken: dict[ReceptacleRef, dict[str, Disc]] = {}
         self._wishes: dict[str, _Wish] = {}
+        self._spots: dict[str, Spot] = {}
         self.placed: dict[str, Pose7] = {}
         self.on: dict[str, ReceptacleRef] = {}
 
@@ -93,7 +96,7 @@ class Placer:
         q = quaternions.qmult(turn, rotation_between(np.array(upright), np.array([0.0, 0.0, 1.0])))
         above = np.array([0.0, 0.0, depth_m + self._settling.drop_m])
         self.place(handle, pose(point + above - quaternions.rotate_vector(middle, q), q), spot.ref)
-        taken[handle] = (point, radius_m)
+        taken[handle], self._spots[handle] = (point, radius_m), spot
         return True
 
     def put_into(self, handle: str, container: str) -> None:
@@ -122,9 +125,9 @@ class Placer:
         self._bench.place(handle, world_from_object)
 
     def settle(self) -> dict[str, Pose7]:
-        """Runs physics; returns handle -> pose of what stayed upright where it was put, sorted.
+        """Runs physics; returns handle -> pose of what rests on its receptacle, sorted.
 
-        What did not stay is put somewhere else, `Settling.rounds` times in all.
+        What fell off is put somewhere else, `Settling.rounds` times in all.
         """
         for _ in range(self._settling.rounds - 1):
             stable = self._run()
@@ -143,13 +146,15 @@ class Placer:
             del self.placed[handle]
 
     def _run(self) -> dict[str, Pose7]:
-        limits = self._settling
-        self._bench.settle(limits.seconds, tuple(self.placed))
-        stable = {}
-        for handle, before in sorted(self.placed.items()):
-            after = self._bench.pose(handle)
-            moved = float(np.linalg.norm(np.subtract(after[:3], before[:3])))
-            turned = 2 * math.acos(min(1.0, abs(float(np.dot(after[3:], before[3:])))))
-            if moved < limits.moved_m and turned < limits.tilt_rad:
-                stable[handle] = rounded(after)
-        return stable
+        self._bench.settle(self._settling.seconds, tuple(self.placed))
+        resting = [handle for handle in sorted(self.placed) if self._rests(handle)]
+        return {handle: rounded(self._bench.pose(handle)) for handle in resting}
+
+    def _rests(self, handle: str) -> bool:
+        """Whether an object lies still on the receptacle it was put on."""
+        spot, limits = self._spots.get(handle), self._settling
+        if spot is None or self._bench.speed_m_s(handle) > limits.speed_m_s:
+            return False
+        offset = self._bench.com_m(handle) - spot.center_m
+        beside = np.abs(offset @ spot.axes) - spot.half_m
+        return bool((beside < limits.beside_m).all() and -limits.below_m < offset[2])

@@ -122,6 +122,10 @@ class Workbench:
         """Returns a movable object's centre of mass (3,) in its own frame."""
         return np.asarray(self._components[name][1].cmass_local_pose.p, dtype=float)
 
+    def speed_m_s(self, name: str) -> float:
+        """Returns how fast a movable object's centre of mass moves."""
+        return float(np.linalg.norm(self._components[name][1].linear_velocity))
+
     def top_m(self, name: str) -> float:
         """Returns the height of a body's highest point."""
         return float(self._components[name][1].compute_global_aabb_tight()[1][2])

@@ -40,7 +40,7 @@ class OpenDrawer(Generator):
         put_all(placer, handles, [spot])
         objects = placer.settle()
         if not objects:
-            raise RefusedError("nothing stayed where it was put")
+            raise RefusedError("nothing rests on the receptacle")
         travel_m = bench.joint_limits(front.ref.furniture, front.ref.joint)[1]
         joints = self._other_joints(bench, rng, front)
         position = round(travel_m * float(rng.uniform(*self.open_share)), POSE_DIGITS)

@@ -39,7 +39,7 @@ class OpenFridge(Generator):
         put_all(placer, handles, [spot])
         objects = placer.settle()
         if not objects:
-            raise RefusedError("nothing stayed where it was put")
+            raise RefusedError("nothing rests on the receptacle")
         target = list(objects)[int(rng.integers(len(objects)))]
         angle = round(float(rng.uniform(*self.open_rad)), 6)
         stage(bench, objects, {front.ref.furniture: {front.ref.joint: angle}})

@@ -36,7 +36,7 @@ class Pick(Generator):
             raise RefusedError("no room on the receptacle")
         objects = placer.settle()
         if not objects:
-            raise RefusedError("nothing stayed where it was put")
+            raise RefusedError("nothing rests on the receptacle")
         target = list(objects)[int(rng.integers(len(objects)))]
         stage(bench, objects, spot.joints)
         robot = self.starts(bench, rng).facing(bench.com_m(target))

@@ -16,6 +16,8 @@ from tqdm import tqdm
 from hab_tasks.commands.base import Command, refuse_existing
 from hab_tasks.envs import ENVS
 from hab_tasks.episodes.habitat import OWN_KEY, is_habitat, read_habitat, to_habitat
+from hab_tasks.episodes.habitat_entry import START
+from hab_tasks.episodes.habitat_start import draw_starts
 from hab_tasks.episodes.schema import read_episodes, save_json, write_episodes
 from hab_tasks.errors import HabError, UnknownNameError
 from hab_tasks.scenes.dataset import SceneDataset, resolve_dataset
@@ -61,19 +63,20 @@ Example:
         return 0
 
     def _from_habitat(self, dataset: SceneDataset, objects: Mapping[str, ObjectTemplate]) -> None:
-        with _bar() as progress:
+        with _bar("episode") as progress:
             made = read_habitat(self.source, dataset, objects, self.env, progress)
+        with _bar("start") as progress:
+            made = draw_starts(made, dataset, objects, progress)
         write_episodes(made, self.out)
         print(f"wrote {len(made)} episodes ({made.split}) for {made.env} to {self.out}")
         kept = Counter(key for e in made.episodes for key in e.habitat.get("kept", ()))
         print(f"  kept for the way back: {_listed(kept)}")
-        astray = sum(e.robot.base == (0.0, 0.0, 0.0) for e in made.episodes)
-        if astray:
-            print(f"  without a robot start, which Habitat draws at each reset: {astray}")
+        drawn = sum(START in e.habitat for e in made.episodes)
+        print(f"  robot starts, which Habitat draws at each reset, drawn once: {drawn}")
         print("  dropped: nothing")
 
     def _to_habitat(self, dataset: SceneDataset, objects: Mapping[str, ObjectTemplate]) -> None:
-        with _bar() as progress:
+        with _bar("episode") as progress:
             raw = to_habitat(read_episodes(self.source), dataset, objects, progress)
         save_json(raw, self.out, sort_keys=False)
         print(f"wrote {len(raw['episodes'])} episodes in Habitat's format to {self.out}")
@@ -86,8 +89,8 @@ Example:
 
 
 @contextmanager
-def _bar() -> Iterator[Callable[[int, int], None]]:
-    with tqdm(unit="episode", disable=not sys.stderr.isatty()) as bar:
+def _bar(unit: str) -> Iterator[Callable[[int, int], None]]:
+    with tqdm(unit=unit, disable=not sys.stderr.isatty()) as bar:
 
         def progress(ready: int, count: int) -> None:
             bar.total = count

@@ -7,8 +7,9 @@ What is what (Habitat is y-up, the world is z-up):
 
 - ``rigid_objs``, ``targets``: (4, 4) matrices, row by row, of an object's frame: origin in the
   middle of its visual mesh's box, y up. A YCB scan lies in it turned by -90 degrees about x. That
-  is exact for YCB objects; the embedded look-alikes stand and rest alike but have other sizes,
-  so make episodes with ``--objects YCB`` when Habitat is to replay them to the millimetre.
+  is exact for YCB objects. The embedded look-alikes rest on the same surfaces, but some are turned
+  or stand where the scan lies: make episodes with ``--objects YCB`` to replay them to the
+  millimetre.
 - The n-th entry of a template in ``rigid_objs`` has the handle ``template_:000n``.
 - A target whose goal is its start has none (Habitat has no targets without goals).
 - ``ao_states``: furniture -> link id -> joint position; see `habitat_layout` for the ids.
@@ -16,7 +17,7 @@ What is what (Habitat is y-up, the world is z-up):
   Start receptacles are named in ``name_to_receptacle``; a goal's is the one on that body whose box
   is nearest to the goal.
 - ``start_position``, ``start_rotation`` (xyzw): the robot's base, x ahead. Habitat's generator
-  leaves them zero and draws a start at each reset: the base then stands at the origin.
+  leaves them zero, and a start is drawn at each reset: `habitat_start` draws one for such files.
 - ``markers``: those of `scenes.markers` that Habitat names, and the episode's own.
 
 What Habitat's format has no place for (arm pose unless at rest, seed, held object, handle,

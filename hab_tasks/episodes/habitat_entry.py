@@ -44,6 +44,9 @@ from hab_tasks.scenes.spec import ObjectTemplate
 OWN_KEY = "hab_tasks"
 """Under this name, where Habitat looks for nothing, lies what its format has no place for."""
 
+START = "start"
+"""In `Episode.habitat` of a file without a robot start: the base that was drawn, None before."""
+
 OBJECT_CONFIGS = "data/objects/ycb/configs/"
 DATASET_FOLDERS = {"replicaCAD": "data/replica_cad"}
 """Where Habitat's own episodes look for a dataset; others are expected in ``data/NAME``."""
@@ -101,7 +104,9 @@ class HabitatEntries:
                 given["info"] = {k: v for k, v in given["info"].items() if k != OWN_KEY}
         kept = {k: v for k, v in given.items() if k not in plain or not close(plain[k], v, SAME)}
         absent = [key for key in plain if key not in given]
-        habitat = {k: v for k, v in (("kept", kept), ("absent", absent)) if v}
+        habitat: dict[str, Any] = {k: v for k, v in (("kept", kept), ("absent", absent)) if v}
+        if not own and told.robot.base == (0.0, 0.0, 0.0):
+            habitat[START] = None
         told = replace(told, habitat=habitat, loose=loose.get(told.scene_id, {}))
         with naming(where, f"info.{OWN_KEY}"):
             return _with_untold(told, own) if own else told
@@ -120,12 +125,14 @@ class HabitatEntries:
             }
         handles = habitat_handles(episode.objects)
         listed = sorted((theirs, ours) for ours, theirs in handles.items())
-        x, y, yaw = episode.robot.base
+        base = episode.robot.base
+        x, y, yaw = base if list(base) != episode.habitat.get(START) else (0.0, 0.0, 0.0)
+        half = math.remainder(yaw, math.tau) / 2
         return {
             "episode_id": episode.id,
             **self._files(episode.scene_id),
             "start_position": [x, 0.0, 0.0 - y],
-            "start_rotation": [0.0, math.sin(yaw / 2), 0.0, math.cos(yaw / 2)],
+            "start_rotation": [0.0, math.sin(half), 0.0, math.cos(half)],
             "ao_states": states,
             "rigid_objs": [
                 [f"{template_of(theirs)}.object_config.json", matrices[ours].tolist()]

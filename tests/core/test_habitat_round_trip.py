@@ -14,8 +14,13 @@ from habitat_entries import (
 )
 
 from hab_tasks.cli import main
-from hab_tasks.episodes.habitat import read_habitat, to_habitat, write_habitat
+from hab_tasks.constants import BASE_RADIUS_M
+from hab_tasks.episodes.generators import GENERATORS
+from hab_tasks.episodes.generators.base import stage
+from hab_tasks.episodes.habitat import OWN_KEY, read_habitat, to_habitat, write_habitat
 from hab_tasks.episodes.habitat_fields import close
+from hab_tasks.episodes.habitat_start import draw_starts
+from hab_tasks.episodes.robot_start import START_CLEARANCE_M
 from hab_tasks.episodes.schema import (
     Episode,
     EpisodeSet,
@@ -28,6 +33,8 @@ from hab_tasks.episodes.schema import (
     rounded,
     write_episodes,
 )
+from hab_tasks.episodes.source import EpisodeRequest, open_source
+from hab_tasks.episodes.workbench import Workbench
 from hab_tasks.geometry import IDENTITY, pose, to_matrix
 from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
 from hab_tasks.scenes.dataset import embedded_dataset, resolve_dataset
@@ -122,7 +129,7 @@ def random_episode(rng, index, spec, objects):
         for a in spec.articulations
         if rng.random() < 0.5
     }
-    x, y, yaw = (float(v) for v in rng.uniform(-3, 3, 3))
+    x, y, yaw = (float(v) for v in rng.uniform(-5, 5, 3))
     base = (x, y, yaw)
     arm = tuple(float(q) for q in rng.uniform(-1, 1, 7))
     return Episode(
@@ -191,6 +198,48 @@ def test_shipped_episodes_come_back(tmp_path, apartment, objects, file):
     assert_comes_back(tmp_path, few, apartment, objects)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("env_id", GENERATORS)
+def test_generated_episodes_come_back(tmp_path, monkeypatch, env_id):
+    monkeypatch.setenv("HAB_CACHE_DIR", str(tmp_path / "cache"))
+    source = open_source(EpisodeRequest(env_id=env_id, split="train", seed=11))
+    made, templates = source.to_set(2), load_objects(None)
+    assert_comes_back(tmp_path, made, source.dataset, templates)
+    if env_id in ("HabTidyHouse-v1", "HabPrepareGroceries-v1", "HabSetTable-v1"):
+        # Where the goals lie tells their receptacles: no name had to be written beside.
+        for entry in to_habitat(made, source.dataset, templates)["episodes"]:
+            assert "receptacles" not in entry["info"][OWN_KEY]
+
+
+# Robot starts ----------------------------------------------------------------------------------
+
+
+def test_starts_are_drawn_where_a_file_has_none(tmp_path, apartment, objects):
+    episodes = read(tmp_path, apartment, objects, set_table(), tidy_house())
+    drawn = draw_starts(episodes, apartment, objects)
+    assert drawn == draw_starts(episodes, apartment, objects), "the episode's seed decides"
+    assert drawn.episodes[1] == episodes.episodes[1], "this one has a start"
+    episode = drawn.episodes[0]
+    assert episode.robot.base != (0.0, 0.0, 0.0)
+    bench = Workbench(load_scene(apartment, SCENE), objects)
+    stage(bench, episode.objects, episode.joints)
+    arm = np.array(episode.robot.arm_qpos_rad)
+    assert not bench.robot_touches(episode.robot.base, arm, START_CLEARANCE_M)
+    assert bench.floor().clearance_at(np.array(episode.robot.base[:2])) >= BASE_RADIUS_M
+
+
+def test_a_drawn_start_is_not_written_unless_it_was_moved(tmp_path, apartment, objects):
+    drawn = draw_starts(read(tmp_path, apartment, objects, set_table()), apartment, objects)
+    write_episodes(drawn, tmp_path / "ours.json")
+    again = read_episodes(tmp_path / "ours.json")
+    (back,) = to_habitat(again, apartment, objects)["episodes"]
+    assert close(back, set_table(), 1e-6)
+    robot = RobotStart(base=(1.0, 2.0, 0.0), arm_qpos_rad=REST_QPOS_RAD)
+    moved = replace(again, episodes=(replace(again.episodes[0], robot=robot),))
+    (back,) = to_habitat(moved, apartment, objects)["episodes"]
+    assert back["start_position"] == [1.0, 0.0, -2.0]
+
+
 # The command -----------------------------------------------------------------------------------
 
 
@@ -205,7 +254,7 @@ def test_the_command_goes_both_ways(tmp_path, apartment, objects, capsys):
     there = capsys.readouterr().out
     assert f"wrote 2 episodes (train) for HabSetTable-v1 to {ours}" in there
     assert "rigid_objs (1)" in there
-    assert "without a robot start, which Habitat draws at each reset: 1" in there
+    assert "drawn once: 1" in there
     assert "dropped: nothing" in there
     assert convert(ours, "--out", back) == 0
     assert f"wrote 2 episodes in Habitat's format to {back}" in capsys.readouterr().out

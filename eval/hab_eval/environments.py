@@ -37,8 +37,10 @@ def check_env_id(env_id: str) -> None:
         raise UnknownNameError("environment", env_id, valid)
 
 
-def load_episode_set(config: EvalConfig, progress: CountCallback | None) -> EpisodeSet:
-    """Returns the fixed list of episodes that `config` names."""
+def load_episode_set(
+    config: EvalConfig, progress: CountCallback | None, workers: int
+) -> EpisodeSet:
+    """Returns the fixed list of episodes that `config` names; `workers` make missing ones."""
     from hab_tasks.episodes import EpisodeRequest, load_episodes
 
     request = EpisodeRequest(
@@ -49,7 +51,7 @@ def load_episode_set(config: EvalConfig, progress: CountCallback | None) -> Epis
         seed=config.seed,
         novel=config.novel,
     )
-    return load_episodes(request, config.episodes, progress)
+    return load_episodes(request, config.episodes, progress, workers)
 
 
 def make_env(config: EvalConfig, spec: AgentSpec, *, split: str, render: bool) -> gym.Env[Any, Any]:

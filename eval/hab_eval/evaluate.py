@@ -75,7 +75,7 @@ def evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> Run
     environments.check_env_id(config.env)
     check_free(options.out, resume=options.resume, force=options.force)
     spec = load_agent(config.agent, AgentSetup(env_id=config.env, seed=config.seed)).spec
-    episodes = environments.load_episode_set(config, reporter.generating)
+    episodes = environments.load_episode_set(config, reporter.generating, options.workers)
     saved = SavedConfig(
         config=config,
         versions=provenance.package_versions(config.agent),

@@ -128,7 +128,7 @@ def make_episodes(count: int, seed: int) -> tuple[StubEpisode, ...]:
     )
 
 
-def load_episode_set(config: EvalConfig, progress) -> SimpleNamespace:
+def load_episode_set(config: EvalConfig, progress, workers) -> SimpleNamespace:
     if config.scene_dataset != "apartment":
         raise UnknownNameError("scene dataset", config.scene_dataset, ["apartment"])
     if config.split not in (None, "val", "train"):

@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from mani_skill.envs.utils.system.backend import parse_sim_and_render_backend
 from mani_skill.utils.structs import Actor
 from mani_skill.utils.structs.types import SimConfig
 
+from hab_tasks.episodes import Episode
 from hab_tasks.measures import Measures
 from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.scenes.collision_groups import MOVING, set_groups
@@ -191,6 +193,18 @@ def same(a: object, b: object, atol: float = 0.0) -> bool:
     if x.dtype == bool:
         return x.shape == y.shape and bool((x == y).all())
     return x.shape == y.shape and bool(np.allclose(x, y, rtol=0.0, atol=atol, equal_nan=True))
+
+
+def starts_on(episode: Episode, *words: str) -> bool:
+    """Whether the target starts on a receptacle with one of these words in its name."""
+    start = episode.targets[0].start
+    return start is not None and any(word in start[0] for word in words)
+
+
+def first_episode(env: object, accept: Callable[[Episode], bool]) -> int:
+    """The index of the first of the environment's episodes that `accept` takes."""
+    source = env.unwrapped._world.source
+    return next(i for i in range(source.available) if accept(source.get(i)))
 
 
 def reach(env: object, point_m: np.ndarray, gripper: float, *, steps: int, within_m: float) -> list:

@@ -1,13 +1,11 @@
 """Episodes that every test of an environment plays, made once, and environments on them."""
 
-from collections.abc import Callable
-
 import gymnasium as gym
 import pytest
 import torch
 
 from hab_tasks.envs import ENVS
-from hab_tasks.episodes import Episode, open_source, write_episodes
+from hab_tasks.episodes import EpisodeRequest, open_source, write_episodes
 
 torch.set_num_threads(1)
 COUNT, SEED = 8, 2024
@@ -22,7 +20,8 @@ def episode_files(tmp_path_factory):
         patch.setenv("HAB_CACHE_DIR", str(folder / "cache"))
         for env_id in ENVS:
             files[env_id] = folder / f"{env_id}.json"
-            write_episodes(open_source(env_id=env_id, seed=SEED).to_set(COUNT), files[env_id])
+            source = open_source(EpisodeRequest(env_id=env_id, seed=SEED))
+            write_episodes(source.to_set(COUNT), files[env_id])
     return files
 
 
@@ -39,9 +38,3 @@ def make(episode_files):
     yield make
     for env in made:
         env.close()
-
-
-def first_episode(env: gym.Env, accept: Callable[[Episode], bool]) -> int:
-    """The index of the first episode of the file that `accept` takes."""
-    source = env.unwrapped._world.source
-    return next(i for i in range(source.available) if accept(source.get(i)))

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from builders import go_above_and_grasp, reach
+from builders import go_above_and_grasp, reach, starts_on
 from transforms3d import euler
 
 from hab_tasks.constants import REST_POSITION_M
-from hab_tasks.episodes import open_source
+from hab_tasks.episodes import EpisodeRequest, open_source
 
 pytestmark = pytest.mark.slow
 COUNT, NEEDED = 10, 9
@@ -33,12 +33,12 @@ def solve(env, episode):
 def test_an_oracle_picks_from_counter_table_and_sofa(make, monkeypatch, tmp_path):
     monkeypatch.setenv("HAB_CACHE_DIR", str(tmp_path))
     env = make(control_mode="ee", episodes=None, num_episodes=1)
-    source = open_source(env_id="HabPick-v1", seed=11)
+    source = open_source(EpisodeRequest(env_id="HabPick-v1", seed=11))
     found, index = [], 0
     while len(found) < COUNT:
         episode = source.get(index)
         index += 1
-        if "refrigerator" not in episode.receptacle[0]:
+        if not starts_on(episode, "refrigerator"):
             found.append(episode)
     told = []
     for episode in found:

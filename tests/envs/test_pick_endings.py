@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from builders import go_above_and_grasp, reach
+from builders import first_episode, go_above_and_grasp, reach, starts_on
 
 from hab_tasks.constants import GRASP_RADIUS_M
 
@@ -54,7 +54,7 @@ def test_success_is_the_target_in_the_hand_at_rest(make):
 
 
 def test_the_wrong_object_ends_the_episode(make):
-    env, episode = start(make)
+    env, episode = start(make, first_episode(make(), lambda e: len(e.objects) > 1))
     other = next(n for n in sorted(episode.objects) if n != episode.target)
     put(env, other, (0.0, 0.0, -0.1))
     _, _, terminated, _, info = env.step(grip())
@@ -116,7 +116,8 @@ def _fresh_tie(world):
 
 
 def test_pressing_on_the_furniture_exceeds_the_force(make):
-    env, episode = start(make, next_table(make))
+    table = first_episode(make(), lambda e: starts_on(e, "Tbl", "Sofa", "counter"))
+    env, episode = start(make, table)
     below = env.unwrapped.privileged()[0].object_com_m[episode.target] - [0, 0, 0.6]
     results = reach(env, below, -1.0, steps=200, within_m=0.0)
     info = results[-1][-1]
@@ -129,15 +130,6 @@ def test_pressing_on_the_furniture_exceeds_the_force(make):
     assert torch.allclose(totals, forces.cumsum(0), rtol=1e-4)
     penalties = torch.cat([r[-1]["reward_terms"]["force"] for r in results])
     assert torch.allclose(penalties, -(0.001 * forces).clamp(max=1.0))
-
-
-def next_table(make):
-    env = make()
-    source = env.unwrapped._world.source
-    low = ("Tbl", "Sofa", "counter")
-    return next(
-        i for i in range(source.available) if any(w in source.get(i).receptacle[0] for w in low)
-    )
 
 
 def test_no_force_without_contact(make):
@@ -156,11 +148,12 @@ def test_privileged_state_is_the_simulators(make):
     assert state.target == state.held == episode.target
     assert set(state.object_com_m) == set(episode.objects)
     actors = base._world.handles.pickables
+    assert set(actors) == set(episode.objects)
     for name in episode.objects:
         matrix = actors[name].pose.to_transformation_matrix()[0].numpy()
         assert np.allclose(state.world_from_body[name], matrix, atol=1e-5)
-    absent = set(actors) - set(episode.objects)
-    assert not absent & set(state.world_from_body)
+    loose = {body.name for body in state.bodies if body.group == "object"}
+    assert loose == set(episode.objects) | set(base._world.handles.loose)
     qpos = base.agent.robot.get_qpos()[0].numpy()
     assert np.allclose(state.arm_qpos, qpos[base.agent.arm_index.tolist()])
     assert len(state.locked_qpos) == len(qpos) - 7

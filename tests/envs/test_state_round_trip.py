@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 import torch
-from builders import go_above_and_grasp, same
+from builders import first_episode, go_above_and_grasp, same, starts_on
 from mani_skill.trajectory import utils as trajectory_utils
 from mani_skill.utils.wrappers.record import RecordEpisode
 
@@ -33,12 +33,8 @@ def record(env, actions):
 
 
 def near_table(env):
-    source = env.unwrapped._world.source
-    return next(
-        i
-        for i in range(source.available)
-        if any(w in source.get(i).receptacle[0] for w in ("Tbl", "counter"))
-    )
+    """An episode at a table or counter, with something beside the target."""
+    return first_episode(env, lambda e: starts_on(e, "Tbl", "counter") and len(e.objects) > 1)
 
 
 def start_holding(make, env_id, held):

@@ -69,6 +69,7 @@ class Placer:
         self._taken: dict[ReceptacleRef, dict[str, Disc]] = {}
         self._wishes: dict[str, _Wish] = {}
         self._spots: dict[str, Spot] = {}
+        self._inside: dict[str, str] = {}
         self.placed: dict[str, Pose7] = {}
         self.on: dict[str, ReceptacleRef] = {}
 
@@ -95,7 +96,7 @@ class Placer:
         upright = bench.templates[template_of(handle)].up
         q = quaternions.qmult(turn, rotation_between(np.array(upright), np.array([0.0, 0.0, 1.0])))
         above = np.array([0.0, 0.0, depth_m + self._settling.drop_m])
-        self.place(handle, pose(point + above - quaternions.rotate_vector(middle, q), q), spot.ref)
+        self._place(handle, pose(point + above - quaternions.rotate_vector(middle, q), q), spot.ref)
         taken[handle], self._spots[handle] = (point, radius_m), spot
         return True
 
@@ -109,9 +110,10 @@ class Placer:
         centre = bench.com_m(container)
         point = np.array([centre[0], centre[1], top_m - INTO_M + depth_m])
         world_from_object = pose(point - quaternions.rotate_vector(middle, q), q)
-        self.place(handle, world_from_object, self.on[container])
+        self._inside[handle] = container
+        self._place(handle, world_from_object, self.on[container])
 
-    def is_in(self, handle: str, container: str) -> bool:
+    def _is_in(self, handle: str, container: str) -> bool:
         """Whether an object lies in another one: within its outline, lower than its brim."""
         bench = self._bench
         _, radius_m, _ = bench.footprint(container)
@@ -119,8 +121,7 @@ class Placer:
         low = bench.pose(handle)[2] - bench.footprint(handle)[2]
         return float(np.linalg.norm(way[:2])) < radius_m and low < bench.top_m(container)
 
-    def place(self, handle: str, world_from_object: Pose7, on: ReceptacleRef) -> None:
-        """Puts an object at a known pose."""
+    def _place(self, handle: str, world_from_object: Pose7, on: ReceptacleRef) -> None:
         self.placed[handle], self.on[handle] = world_from_object, on
         self._bench.place(handle, world_from_object)
 
@@ -135,13 +136,17 @@ class Placer:
             if not fallen:
                 return stable
             for handle in fallen:
-                self._put_again(handle)
+                if handle not in self._inside:
+                    self._put_again(handle)
+            for handle, container in self._inside.items():
+                if {handle, container} & set(fallen) and container in self.placed:
+                    self.put_into(handle, container)
         return self._run()
 
     def _put_again(self, handle: str) -> None:
-        wish = self._wishes.get(handle)
-        self._taken[self.on[handle]].pop(handle, None)
-        if wish is None or not self.put(handle, wish.spots, wish.avoid):
+        wish = self._wishes[handle]
+        del self._taken[self.on[handle]][handle]
+        if not self.put(handle, wish.spots, wish.avoid):
             self._bench.place(handle, AWAY)
             del self.placed[handle]
 
@@ -152,9 +157,12 @@ class Placer:
 
     def _rests(self, handle: str) -> bool:
         """Whether an object lies still on the receptacle it was put on."""
-        spot, limits = self._spots.get(handle), self._settling
-        if spot is None or self._bench.speed_m_s(handle) > limits.speed_m_s:
+        limits = self._settling
+        if self._bench.speed_m_s(handle) > limits.speed_m_s:
             return False
+        if handle in self._inside:
+            return self._is_in(handle, self._inside[handle])
+        spot = self._spots[handle]
         offset = self._bench.com_m(handle) - spot.center_m
         beside = np.abs(offset @ spot.axes) - spot.half_m
         return bool((beside < limits.beside_m).all() and -limits.below_m < offset[2])

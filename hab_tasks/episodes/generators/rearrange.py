@@ -25,7 +25,7 @@ from hab_tasks.episodes.generators.furniture import find_front
 from hab_tasks.episodes.placing import AWAY, Placer
 from hab_tasks.episodes.receptacles import DRAWER, Spot
 from hab_tasks.episodes.refusal import RefusedError
-from hab_tasks.episodes.schema import Episode, Rearrangement, rounded
+from hab_tasks.episodes.schema import Episode, Rearrangement
 from hab_tasks.episodes.workbench import Workbench
 from hab_tasks.geometry import Pose7
 
@@ -82,7 +82,7 @@ class Rearrange(Generator):
         self._put_goals(placer, targets, ghosts, list(spots.values()))
         put_all(placer, handles[count:-count], _named(spots.values(), self.clutter_on))
         settled = placer.settle()
-        goals = self._goals(bench, placer, settled, targets, ghosts)
+        goals = self._goals(settled, targets, ghosts)
         objects = {h: pose for h, pose in settled.items() if h not in ghosts}
         if any(handle not in objects for handle in targets):
             raise RefusedError("a target does not stay at its start")
@@ -123,19 +123,13 @@ class Rearrange(Generator):
                 raise RefusedError("no room for a target at its goal")
 
     def _goals(
-        self,
-        bench: Workbench,
-        placer: Placer,
-        settled: dict[str, Pose7],
-        targets: list[str],
-        ghosts: list[str],
+        self, settled: dict[str, Pose7], targets: list[str], ghosts: list[str]
     ) -> list[Pose7]:
         goals = []
-        for target, ghost, move in zip(targets, ghosts, self.moves, strict=True):
-            inside = move.into is not None and placer.is_in(ghost, ghosts[move.into])
-            if ghost not in settled and not inside:
+        for target, ghost in zip(targets, ghosts, strict=True):
+            if ghost not in settled:
                 raise RefusedError("a target does not stay at its goal")
-            goals.append(rounded(bench.pose(ghost)))
+            goals.append(settled[ghost])
             way = np.subtract(goals[-1][:3], settled.get(target, AWAY)[:3])
             if np.linalg.norm(way) < LEAST_MOVE_M:
                 raise RefusedError("start and goal too near each other")

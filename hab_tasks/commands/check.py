@@ -50,7 +50,7 @@ class Check(Command):
         str
     ] = """Tells on one page what a dataset holds, what is missing, and what is done about it.
 
-Examples:
+Example:
   hab-tasks check ~/data/replica_cad --objects ~/data/ycb
   hab-tasks check replica_cad --objects ycb --download
   hab-tasks check apartment --simulate"""
@@ -77,7 +77,8 @@ Examples:
         if self.download:
             self._download()
         dataset = resolve_dataset(self.dataset)
-        scenes = self.scenes.split(",") if self.scenes else sorted(dataset.scene_files)
+        named = [name.strip() for name in (self.scenes or "").split(",") if name.strip()]
+        scenes = named or sorted(dataset.scene_files)
         for scene_id in scenes:
             dataset.scene_file(scene_id)
         found = take_inventory(dataset)
@@ -117,17 +118,19 @@ Examples:
         for scene_id, faults in trials:
             by_kind = _by_kind(faults)
             kinds.update(by_kind.keys())
-            overlaps.update({text.rpartition(" by ")[0] for text in by_kind.pop(OVERLAP, ())})
+            pairs = {text.rpartition(" by ")[0] for text in by_kind.pop(OVERLAP, ())}
+            overlaps.update(sorted(pairs))
             failed += bool(by_kind)
             if by_kind:
                 trials.write(f"  {scene_id}  {_in_short(by_kind)}")
         if not failed:
             print("  none")
         passed = f"{len(scenes) - failed} of {len(scenes)} layouts settle and are within reach"
-        tried = [("passed", passed), *((kind, f"{n} layouts") for kind, n in sorted(kinds.items()))]
+        tried = [("passed", passed), *((kind, f"in {n} layouts") for kind, n in kinds.items())]
         if overlaps:
             often = [f"{pair} ({count})" for pair, count in overlaps.most_common(SHOWN)]
-            tried.append(("", f"overlaps alone are no failure; most often {_names(often)}"))
+            words = f"in {kinds[OVERLAP]} layouts, by itself no failure; most often {_names(often)}"
+            tried = [entry for entry in tried if entry[0] != OVERLAP] + [(OVERLAP, words)]
         _print_part("Tried", tried)
         return EXIT_FAULTS if failed else 0
 

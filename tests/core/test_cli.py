@@ -6,32 +6,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from builders import tiny_dataset
 
-from hab_tasks.cli import main
 from hab_tasks.commands import COMMANDS
 from hab_tasks.envs import ENVS
 from hab_tasks.episodes import read_episodes
-from hab_tasks.scenes import load
 
 SCRIPT = Path(sys.executable).with_name("hab-tasks")
-
-
-@pytest.fixture
-def run(tmp_path, monkeypatch, capfd):
-    """Runs the command in this process, as starting Python costs seconds; with an empty cache."""
-    monkeypatch.setenv("HAB_CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(load, "_said", set())
-
-    def run(*arguments):
-        try:
-            status = main([str(a) for a in arguments])
-        except SystemExit as end:
-            status = end.code or 0
-        out, err = capfd.readouterr()
-        return subprocess.CompletedProcess(arguments, status, out, err)
-
-    return run
 
 
 def assert_refused(done, *words):
@@ -79,42 +59,6 @@ def test_help_lists_the_commands(run):
     done = run("--help")
     assert done.returncode == 0
     assert all(command in done.stdout for command in COMMANDS)
-
-
-def test_check_counts_the_embedded_dataset(run):
-    done = run("check", "apartment")
-    assert done.returncode == 0, done.stderr
-    assert re.search(r"layouts +1: train 1, val 0, test 0", done.stdout)
-    assert re.search(r"stage meshes +all there", done.stdout)
-    assert re.search(r"object meshes +all there", done.stdout)
-
-
-def test_check_says_what_is_missing(run, tmp_path):
-    root = tiny_dataset(tmp_path / "tiny")
-    (root / "objects/cube.glb").unlink()
-    done = run("check", root)
-    assert done.returncode == 0, done.stderr
-    assert re.search(r"object meshes +absent: cube", done.stdout)
-    assert re.search(r"stage meshes +absent: room", done.stdout)
-
-
-def test_check_stops_at_a_damaged_file(run, tmp_path):
-    root = tiny_dataset(tmp_path / "tiny")
-    file = root / "objects/table.glb"
-    file.write_bytes(file.read_bytes()[:-40])
-    done = run("check", root)
-    assert done.returncode == 2
-    assert "table.glb: truncated" in done.stderr.splitlines()[-1]
-    assert "Traceback" not in done.stderr
-
-
-@pytest.mark.assets
-def test_check_of_the_real_data(run, data):
-    done = run("check", data / "replica_cad", "--objects", data / "ycb")
-    assert done.returncode == 0, done.stderr
-    assert re.search(r"layouts +69: train 63", done.stdout)
-    assert "bike" in done.stdout
-    assert "013_apple 0.068 kg" in done.stdout
 
 
 def test_episodes_are_written_and_never_overwritten(run, tmp_path):

@@ -75,7 +75,7 @@ Example:
             try:
                 backend = resolve_backend("auto", wants_images=True)
             except RenderingUnavailableError as error:
-                notes.append(f"fig08 shows outlines. {error}")
+                notes.append(f"fig08 shows floor plans. {error}")
             jobs["fig08_macro_layouts.png"] = partial(draw_macros, dataset, backend=backend)
         else:
             notes.append(f"{dataset.name} has no macro layouts: no fig08")

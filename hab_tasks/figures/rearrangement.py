@@ -55,7 +55,7 @@ def draw_episodes(dataset: SceneDataset, episodes: EpisodeSet, file: Path) -> No
     statistics = episode_statistics(episodes)
     plans = {place: _plan(dataset, scenes) for place, scenes in statistics.scenes.items()}
     columns = _columns(_panels(statistics))
-    rows = max(sum(panel.rows + TITLE_ROWS for panel in column) for column in columns)
+    rows = max((sum(panel.rows + TITLE_ROWS for panel in c) for c in columns), default=0)
     height_in = max(BAR_HEIGHT_IN * rows, PLAN_IN * max(map(aspect, plans.values()))) + 0.8
     widths = [CHART_IN] * len(columns) + [PLAN_IN * len(plans)]
     figure = new_figure(sum(widths), height_in)

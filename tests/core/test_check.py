@@ -312,7 +312,7 @@ def test_what_falls_out_of_the_room_is_named(tiny):
 
 
 def test_a_layout_that_does_not_load_is_a_fault(tiny):
-    root = with_scene(tiny, object_instances=[thing("tabel", [0, 0, 0])])
+    root = with_scene(tiny, object_instances=[thing("table9", [0, 0, 0])])
     (fault,) = layout_faults(root, "v3_sc0_staging_00")
     assert fault.startswith("does not load: ")
     assert "Did you mean 'table'" in fault

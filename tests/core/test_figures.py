@@ -1,0 +1,438 @@
+"""The figures about datasets and episode files: their numbers, and what is drawn."""
+
+import io
+import math
+
+import numpy as np
+import pytest
+from builders import tiny_dataset, tiny_scene, write_json, write_scene
+from matplotlib.colors import to_rgb
+from PIL import Image
+
+from hab_tasks.commands import figures as command
+from hab_tasks.episodes.schema import (
+    Episode,
+    EpisodeSet,
+    HandleRef,
+    NavigationGoal,
+    Rearrangement,
+    RobotStart,
+    write_episodes,
+)
+from hab_tasks.errors import RenderingUnavailableError
+from hab_tasks.figures.charts import draw_categories, draw_furniture
+from hab_tasks.figures.layouts import draw_macros, draw_micros
+from hab_tasks.figures.moved import moved_furniture
+from hab_tasks.figures.plan import outlines, room_box
+from hab_tasks.figures.rearrangement import draw_episodes, figure_name
+from hab_tasks.figures.statistics import (
+    IN_GRASP,
+    category_counts,
+    episode_statistics,
+    furniture_counts,
+    readable,
+    receptacle_label,
+)
+from hab_tasks.figures.style import BLUE, ORANGE
+from hab_tasks.scenes.dataset import SceneDataset, resolve_dataset
+from hab_tasks.scenes.inventory import macro_layouts, micro_variations
+from hab_tasks.scenes.load import load_scene
+
+MACRO = "v3_sc0_staging_00"
+PREFIX = "receptacle_aabb_"
+TABLE = (f"{PREFIX}Tbl1_Top1_frl_apartment_table_01", "frl_apartment_table_01_:0000")
+SINK = (f"{PREFIX}sink_kitchen_counter", "kitchen_counter_:0000/body")
+
+
+@pytest.fixture
+def tiny(tmp_path):
+    return tiny_dataset(tmp_path / "tiny")
+
+
+def thing(template, translation, motion_type="STATIC", **more):
+    return {
+        "template_name": template,
+        "translation": translation,
+        "motion_type": motion_type,
+        **more,
+    }
+
+
+def variation(root, number, *things, macro=0):
+    """A layout of the tiny dataset with other objects."""
+    scene = tiny_scene() | {"object_instances": list(things)}
+    write_scene(root, scene, f"v3_sc{macro}_staging_{number:02d}")
+
+
+def pixels(file):
+    return np.asarray(Image.open(file).convert("RGB")) / 255
+
+
+def has_color(picture, color):
+    """(H, W) whether a pixel has a colour, to a shade."""
+    return np.abs(picture - to_rgb(color)).max(axis=2) < 0.02
+
+
+# Names -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [
+        ("frl_apartment_table_03", "Table 03"),
+        ("apartment_bed", "Bed"),
+        ("chestOfDrawers_01", "Chest of drawers 01"),
+        ("024_bowl", "Bowl"),
+        ("tvstand", "TV stand"),
+        ("tv_screen", "TV screen"),
+        ("door2", "Door 2"),
+        ("", ""),
+    ],
+)
+def test_names_for_a_reader(name, shown):
+    assert readable(name) == shown
+
+
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [
+        ("Tbl2_Top1_frl_apartment_table_02", "Table 02"),
+        ("Tbl2_Top3_frl_apartment_table_02", "Table 02, top 3"),
+        ("WC1_Top2frl_apartment_wall_cabinet_01", "Wall cabinet 01, top 2"),
+        ("Sofa_frl_apartment_sofa", "Sofa"),
+        ("middle_topfrl_apartment_refrigerator", "Refrigerator, middle top"),
+        ("counter_left_kitchen_counter", "Kitchen counter, left"),
+        ("sink_kitchen_counter", "Kitchen counter, sink"),
+        ("drawer_right_top_frl_apartment_kitchen_counter", "Kitchen counter, drawer right top"),
+        ("shelf_left_top_kitchenCupboard_01", "Kitchen cupboard 01, shelf left top"),
+        ("mine", "Mine"),
+    ],
+)
+def test_receptacles_for_a_reader(name, shown):
+    assert receptacle_label(PREFIX + name) == shown
+
+
+def test_all_receptacles_have_names_of_their_own():
+    dataset = resolve_dataset("apartment")
+    names = {r.name for s in dataset.scene_files for r in load_scene(dataset, s).receptacles}
+    assert len({receptacle_label(name) for name in names}) == len(names) > 20
+
+
+# Numbers ---------------------------------------------------------------------------------------
+
+
+def test_furniture_is_counted_in_micro_variations(tiny):
+    variation(tiny, 1, thing("table", [1, 0.4, 2]), thing("cube", [1, 0.9, 2], "DYNAMIC"))
+    variation(tiny, 2, thing("table", [1, 0.4, 2]), thing("objects/table", [2, 0.4, 2]))
+    write_scene(tiny, tiny_scene(), "apt_0")
+    # Tables: 1 in 01 and 2 in 02. Chests: 1 in each. The cube is loose; 00 and apt_0 do not count.
+    counts = furniture_counts(SceneDataset(tiny))
+    assert list(counts.items()) == [("Table", 3), ("Chest", 2)]
+
+
+def test_furniture_without_a_mesh_counts(tiny):
+    variation(tiny, 1, thing("cube", [1, 0.1, 2]))
+    (tiny / "objects/cube.glb").unlink()
+    assert furniture_counts(SceneDataset(tiny)) == {"Chest": 1, "Cube": 1}
+
+
+def test_categories_are_stated_or_looked_up(tiny):
+    lexicon = {"classes": [{"name": "kitchen_utensil", "id": 7}, {"name": "bowl", "id": 16}]}
+    write_json(tiny / "configs/ssd/tiny_semantic_lexicon.json", lexicon)
+    mesh = {"render_asset": "../../objects/cube.glb"}
+    configs = {
+        "fork": {"semantic_id": 7},
+        "spoon": {"semantic_id": 7, "render_asset": "gone.glb"},
+        "dish": {"semantic_id": 16, "user_defined": {"category": "plate"}},
+        "odd": {"semantic_id": 99},
+        "024_bowl": {"semantic_id": 16},
+    }
+    for name, config in configs.items():
+        write_json(tiny / f"configs/objects/{name}.object_config.json", mesh | config)
+    # table, cube and odd have none; 024_bowl is one of the objects that tasks move.
+    counts = {"No category": 3, "Kitchen utensil": 2, "Plate": 1}
+    assert category_counts(SceneDataset(tiny)) == counts
+    dataset = SceneDataset(tiny)
+    variation(tiny, 1, thing("fork", [0, 0.1, 0]))
+    (fork,) = load_scene(SceneDataset(dataset.root), "v3_sc0_staging_01").objects
+    assert fork.template.category == "kitchen_utensil"
+
+
+@pytest.mark.assets
+def test_numbers_of_the_real_dataset(replica_cad):
+    dataset = SceneDataset(replica_cad)
+    categories = category_counts(dataset)
+    assert sum(categories.values()) == 92
+    assert next(iter(categories.items())) == ("Kitchen utensil", 9)
+    assert categories["Bowl"] == 5
+    furniture = furniture_counts(dataset)
+    assert len(micro_variations(dataset)) == 60
+    assert len(macro_layouts(dataset)) == 3
+    # S A.1: chairs and beanbags are there more often than once in a layout.
+    assert list(furniture.items())[:2] == [("Chair 01", 120), ("Beanbag", 62)]
+
+
+def episode(number, scene_id=MACRO, **changes):
+    """Two objects: a bowl that goes 5 m from a table to the sink, and an apple that stays."""
+    goal = (4.0, -2.0, 0.5, 1.0, 0.0, 0.0, 0.0)
+    values = {
+        "id": f"e{number}",
+        "scene_id": scene_id,
+        "seed": number,
+        "robot": RobotStart(base=(0.5, 0.25, 1.0), arm_qpos_rad=(0.0,) * 7),
+        "objects": {
+            "024_bowl_:0000": (1.0, 2.0, 0.5, 1.0, 0.0, 0.0, 0.0),
+            "013_apple_:0000": (0.0, 1.0, 0.5, 1.0, 0.0, 0.0, 0.0),
+        },
+        "targets": (
+            Rearrangement(object="024_bowl_:0000", start=TABLE, goal=SINK, world_from_goal=goal),
+        ),
+    }
+    return Episode(**values | changes)
+
+
+def episode_set(*episodes, env="HabTidyHouse-v1", scene_dataset="tiny"):
+    return EpisodeSet(
+        env=env, scene_dataset=scene_dataset, split="train", seed=0, episodes=episodes
+    )
+
+
+def test_episode_statistics():
+    held = {
+        "targets": (Rearrangement(object="013_apple_:0000", goal=TABLE),),
+        "held": "013_apple_:0000",
+    }
+    door = {
+        "objects": {},
+        "targets": (),
+        "handle": HandleRef(furniture="fridge_:0000", joint="top_door_hinge", marker="m"),
+        "navigation": NavigationGoal(skill="HabPick-v1", base=(3.0, 1.0, 0.0)),
+    }
+    found = episode_statistics(
+        episode_set(
+            episode(0),
+            episode(1, "v3_sc0_staging_03"),
+            episode(2, "v3_sc1_staging_00", **held),
+            episode(3, "apt_0", **door),
+        )
+    )
+    assert found.objects == {"Bowl": 2, "Apple": 1}
+    assert found.clutter == {"Apple": 2, "Bowl": 1}
+    assert found.starts == {"Table 01": 2, IN_GRASP: 1}
+    assert found.goals == {"Kitchen counter, sink": 2, "Table 01": 1}
+    assert found.handles == {"Fridge, top door hinge": 1}
+    # From (1, 2) to (4, -2) at one height: sqrt(3^2 + 4^2) = 5. The apple's goal has no pose.
+    assert found.distances_m.tolist() == [5.0, 5.0]
+    assert found.scenes == {
+        "apt_0": ["apt_0"],
+        "sc0": ["v3_sc0_staging_00", "v3_sc0_staging_03"],
+        "sc1": ["v3_sc1_staging_00"],
+    }
+    assert found.start_m["sc0"].tolist() == [[1.0, 2.0], [1.0, 2.0]]
+    assert found.start_m["sc1"].tolist() == [[0.0, 1.0]]
+    assert found.goal_m["sc0"].tolist() == [[4.0, -2.0], [4.0, -2.0]]
+    assert found.goal_m["apt_0"].tolist() == [[3.0, 1.0]]
+    assert found.robot_m["apt_0"].tolist() == [[0.5, 0.25]]
+    assert "apt_0" not in found.start_m
+    assert "sc1" not in found.goal_m
+
+
+# Floor plans -----------------------------------------------------------------------------------
+
+
+def test_outlines_are_where_things_stand(tiny):
+    found = outlines(load_scene(SceneDataset(tiny), MACRO))
+    table = [o for o in found if o.piece == "table_:0000"]
+    # 1.0 x 0.8 (up) x 0.6 m around (1, 0.4, 2) y-up, which is (1, -2) with z 0 to 0.8.
+    (part,) = table
+    assert part.top_m == pytest.approx(0.8)
+    assert np.allclose(part.corners_m.min(axis=0), [0.5, -2.3], atol=1e-5)
+    assert np.allclose(part.corners_m.max(axis=0), [1.5, -1.7], atol=1e-5)
+    # The chest is twice as large: a drawer 0.2 m wide, 0.6 m from (-1, 0).
+    drawers = [o for o in found if o.piece == "chest_:0000" and o.corners_m.min() > -0.6]
+    assert any(np.allclose(o.corners_m.max(axis=0), [-0.3, 0.1], atol=1e-4) for o in drawers)
+    low, high = room_box(found)
+    # The shell: x -2.66 to 4.60 m and 0.1 m of wall on each side.
+    assert np.allclose([low[0], high[0]], [-2.76, 4.70], atol=1e-5)
+
+
+def test_moved_furniture(tiny):
+    turn = {"rotation": [math.cos(0.1), 0, math.sin(0.1), 0]}  # 0.2 rad about the vertical
+    tables = [thing("table", [x, 0.4, 2]) for x in (0, 1, 2, 3)]
+    variation(tiny, 0, *tables)
+    variation(tiny, 1, *tables[::-1])
+    variation(tiny, 2, thing("table", [0.04, 0.4, 2]), thing("table", [1.06, 0.4, 2]), *tables[2:])
+    variation(tiny, 3, thing("table", [0, 0.4, 2], **turn), *tables[1:], thing("cube", [0, 0.1, 0]))
+    dataset = SceneDataset(tiny)
+    macro, same, shifted, turned = (
+        load_scene(dataset, f"v3_sc0_staging_{number:02d}") for number in range(4)
+    )
+    assert moved_furniture(macro, macro) == set()
+    assert moved_furniture(macro, same) == set(), "the same tables in another order"
+    assert moved_furniture(macro, shifted) == {"table_:0001"}, "4 cm are none, 6 cm are"
+    assert moved_furniture(macro, turned) == {"table_:0000", "cube_:0000"}
+
+
+# What is drawn ---------------------------------------------------------------------------------
+
+
+def bar_count(picture):
+    """The largest number of separate blue runs in one column of pixels."""
+    blue = has_color(picture, BLUE).astype(int)
+    return int((np.diff(blue, axis=0, prepend=0) == 1).sum(axis=0).max())
+
+
+def test_a_chart_has_a_bar_for_every_count(tiny, tmp_path):
+    variation(tiny, 1, thing("table", [1, 0.4, 2]), thing("cube", [1, 0.1, 0]))
+    dataset = SceneDataset(tiny)
+    draw_furniture(dataset, tmp_path / "a.png")
+    assert bar_count(pixels(tmp_path / "a.png")) == len(furniture_counts(dataset)) == 3
+    draw_categories(dataset, tmp_path / "b.png")
+    assert bar_count(pixels(tmp_path / "b.png")) == len(category_counts(dataset)) == 1
+
+
+def test_many_bars_take_two_columns(tiny, tmp_path):
+    mesh = {"render_asset": "../../objects/cube.glb"}
+    for number in range(39):
+        config = mesh | {"user_defined": {"category": f"kind_{number}"}}
+        write_json(tiny / f"configs/objects/thing_{number}.object_config.json", config)
+    draw_categories(SceneDataset(tiny), tmp_path / "a.png")
+    # 39 kinds and "No category": 40 bars, 20 in each column.
+    assert bar_count(pixels(tmp_path / "a.png")) == 20
+
+
+def test_the_sheet_marks_what_moved(tiny, tmp_path):
+    variation(tiny, 0, thing("table", [1, 0.4, 2]))
+    variation(tiny, 1, thing("table", [1, 0.4, 2]))
+    draw_micros(SceneDataset(tiny), tmp_path / "same.png")
+    assert not has_color(pixels(tmp_path / "same.png"), ORANGE).any()
+    variation(tiny, 1, thing("table", [2, 0.4, 2]))
+    draw_micros(SceneDataset(tiny), tmp_path / "moved.png")
+    orange = has_color(pixels(tmp_path / "moved.png"), ORANGE)
+    assert orange.any()
+    columns = np.flatnonzero(orange.any(axis=0))
+    assert columns.min() > orange.shape[1] / 2, "only in the variation, on the right"
+
+
+def test_floor_plans_without_vulkan(tiny, tmp_path):
+    write_scene(tiny, tiny_scene(), "v3_sc1_staging_00")
+    draw_macros(SceneDataset(tiny), tmp_path / "a.png", "none")
+    picture = pixels(tmp_path / "a.png")
+    assert (picture < 0.99).any(axis=2).mean() > 0.2
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 5
+
+
+@pytest.mark.slow
+@pytest.mark.render
+def test_pictures_show_the_room_and_nothing_else(tmp_path):
+    from hab_tasks.figures.showroom import Showroom
+
+    dataset = resolve_dataset("apartment")
+    spec = load_scene(dataset, MACRO)
+    low, high = room_box(outlines(spec))
+    picture = Showroom("cpu").picture(spec, low, high, 30.0)
+    assert picture.shape[:2] == tuple(round(30.0 * x) for x in (high - low)[::-1])
+    background = np.abs(picture.astype(int) - picture[0, 0]).max(axis=2) < 3
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 1000
+    for edge in (background[:3], background[-3:], background[:, :3], background[:, -3:]):
+        assert not edge.all(), "the room reaches every edge"
+    # The floor is seen, so there is no ceiling: its wood is brown.
+    red, green, blue = np.median(picture[picture.shape[0] // 2], axis=0)
+    assert red > green > blue
+
+
+def test_an_episode_file_is_drawn(tiny, tmp_path):
+    episodes = episode_set(episode(0), episode(1))
+    draw_episodes(SceneDataset(tiny), episodes, tmp_path / "a.png")
+    picture = pixels(tmp_path / "a.png")
+    assert bar_count(picture) >= 2
+    assert has_color(picture, ORANGE).any(), "goals on the plan"
+    only_door = episode(2, objects={}, targets=())
+    draw_episodes(SceneDataset(tiny), episode_set(only_door), tmp_path / "b.png")
+    assert not has_color(pixels(tmp_path / "b.png"), ORANGE).any()
+
+
+def test_the_same_bytes_each_time(tiny, tmp_path):
+    variation(tiny, 1, thing("table", [1, 0.4, 2]))
+    for name in ("a", "b"):
+        draw_furniture(SceneDataset(tiny), tmp_path / name / "1.png")
+        draw_micros(SceneDataset(tiny), tmp_path / name / "2.png")
+    for number in (1, 2):
+        first, second = (tmp_path / name / f"{number}.png" for name in ("a", "b"))
+        assert first.read_bytes() == second.read_bytes()
+        assert "Software" not in Image.open(io.BytesIO(first.read_bytes())).info
+
+
+def test_figures_of_the_tasks_have_the_papers_numbers():
+    assert figure_name("HabTidyHouse-v1") == "fig20_tidy_house.png"
+    assert figure_name("HabSetTable-v1") == "fig21_set_table.png"
+    assert figure_name("HabPrepareGroceries-v1") == "fig22_prepare_groceries.png"
+    assert figure_name("HabPick-v1") == "episodes_HabPick-v1.png"
+
+
+# The command -----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def no_vulkan(monkeypatch):
+    def refuse(*arguments, **options):
+        raise RenderingUnavailableError("No Vulkan device can draw images.")
+
+    monkeypatch.setattr(command, "resolve_backend", refuse)
+
+
+def test_figures_are_written_and_never_overwritten(run, tiny, tmp_path, no_vulkan):
+    variation(tiny, 1, thing("table", [1, 0.4, 2]))
+    write_episodes(episode_set(episode(0)), tmp_path / "tidy.json")
+    write_episodes(episode_set(episode(0), env="HabPick-v1"), tmp_path / "pick.json")
+    out = tmp_path / "out"
+    files = (tmp_path / "tidy.json", tmp_path / "pick.json")
+    done = run("figures", tiny, "--out", out, "--episodes", *files)
+    assert done.returncode == 0, done.stderr
+    assert sorted(file.name for file in out.iterdir()) == [
+        "episodes_HabPick-v1.png",
+        "fig06_furniture.png",
+        "fig07_categories.png",
+        "fig08_macro_layouts.png",
+        "fig08_micro_variations.png",
+        "fig20_tidy_house.png",
+    ]
+    assert "fig08 shows floor plans. No Vulkan device" in done.stdout
+
+    again = run("figures", tiny, "--out", out)
+    assert again.returncode == 2
+    assert "fig06_furniture.png exists; give --force" in again.stderr
+    assert run("figures", tiny, "--out", out, "--force").returncode == 0
+
+
+def test_what_a_dataset_lacks_is_not_drawn(run, tiny, tmp_path, no_vulkan):
+    done = run("figures", tiny, "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert not (tmp_path / "out/fig06_furniture.png").exists()
+    assert "tiny has no micro-variations: no fig06" in done.stdout
+
+
+def test_episode_files_must_fit(run, tiny, tmp_path):
+    bad = {
+        "other.json": (episode_set(episode(0), scene_dataset="apartment"), "made for apartment"),
+        "empty.json": (episode_set(), "holds no episode"),
+        "scene.json": (episode_set(episode(0, "v3_sc0_staging_09")), "v3_sc0_staging_09"),
+    }
+    for name, (episodes, words) in bad.items():
+        write_episodes(episodes, tmp_path / name)
+        done = run("figures", tiny, "--out", tmp_path / "out", "--episodes", tmp_path / name)
+        assert done.returncode == 2
+        assert words in done.stderr
+    good = tmp_path / "good.json"
+    write_episodes(episode_set(episode(0)), good)
+    done = run("figures", tiny, "--out", tmp_path / "out", "--episodes", good, good)
+    assert done.returncode == 2
+    assert "a second file of HabTidyHouse-v1" in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_out_that_cannot_be_written_is_one_line(run, tiny, tmp_path, no_vulkan):
+    (tmp_path / "file").write_text("")
+    done = run("figures", tiny, "--out", tmp_path / "file/x")
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr

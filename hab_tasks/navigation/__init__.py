@@ -1,1 +1,7 @@
-"""Where the base can stand and how far it is from there: free floor, geodesic fields, poses."""
+"""Where the base can go: maps of the free floor, geodesic distances, paths, poses that reach."""
+
+from hab_tasks.navigation.navigation_map import NavigationMap
+from hab_tasks.navigation.paths import path_between
+from hab_tasks.navigation.reaching import poses_reaching
+
+__all__ = ["NavigationMap", "path_between", "poses_reaching"]

@@ -6,7 +6,7 @@ reaches into it, and distances are those from the middle of a cell to the edge o
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -63,6 +63,19 @@ class FreeFloor:
         return float(self.clearance_m[tuple(cell)]) if self.room[tuple(cell)] else 0.0
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Footprint:
+    """A convex shape from above: its outline (V, 2), its lowest and its highest point [m]."""
+
+    outline_m: Array
+    low_m: float
+    high_m: float
+
+    def in_the_way(self, heights_m: tuple[float, float] = (LOWEST_M, HIGHEST_M)) -> bool:
+        """Whether some of it lies between two heights."""
+        return self.high_m > heights_m[0] and self.low_m < heights_m[1]
+
+
 def free_floor(
     bodies: Iterable[CollisionBody],
     world_from_body: dict[str, Array],
@@ -81,14 +94,24 @@ def free_floor(
     ground = []
     for body in bodies:
         for shape in body.shapes:
-            points = world_from_body[body.name] @ body_points(shape)
-            low, high = points[2].min(), points[2].max()
+            points = (world_from_body[body.name] @ body_points(shape))[:3]
             if body.group == "stage":
-                ground.append(points[:2])
-            if high > heights_m[0] and low < heights_m[1]:
-                outlines.append(outline(points[:2].T))
-    corners = np.concatenate(ground, axis=1).T if ground else np.concatenate(outlines)
-    return floor_between(outlines, corners, radius_m)
+                ground.append(points[:2].T)
+            outlines += [f.outline_m for f in footprints(points) if f.in_the_way(heights_m)]
+    return floor_between(outlines, np.concatenate(ground or outlines), radius_m)
+
+
+def footprints(points_m: Array, starts: Iterable[int] = (0,)) -> Iterator[Footprint]:
+    """Yields the footprints of shapes.
+
+    Args:
+        points_m: (3, P) corners of all shapes, height last.
+        starts: Index of each shape's first corner.
+    """
+    for shape in np.split(points_m, list(starts)[1:], axis=1):
+        if shape.shape[1]:
+            low, high = float(shape[2].min()), float(shape[2].max())
+            yield Footprint(outline_m=outline(shape[:2].T), low_m=low, high_m=high)
 
 
 def floor_between(
@@ -125,13 +148,15 @@ def touched(
         outlines: Convex polygons (V, 2).
         corner_m: Lower corner (2,) of cell (0, 0).
         shape: Cells along x and y.
-        depth_m: How far a shape may reach into a cell that it spares.
+        depth_m: How far a shape may reach into a cell that it spares; negative: how near it may
+            come to one.
     """
     image = Image.new("L", (_FINER * shape[0], _FINER * shape[1]), 0)
     draw = ImageDraw.Draw(image)
     for polygon in outlines:
         middle = (polygon.min(axis=0) + polygon.max(axis=0)) / 2
-        inset = np.clip(middle - polygon, -depth_m, depth_m)
+        inward = middle - polygon
+        inset = np.sign(inward) * np.minimum(np.abs(inward), depth_m)
         corners = (polygon + inset - corner_m) * (_FINER / CELL_M)
         draw.polygon(corners.ravel().tolist(), fill=1, outline=1)
     fine = np.asarray(image, dtype=bool).T.reshape(shape[0], _FINER, shape[1], _FINER)

@@ -27,7 +27,7 @@ from trimesh.intersections import slice_faces_plane
 
 from hab_tasks.geometry import Array, apply, inverse
 from hab_tasks.scenes.dataset import SceneDataset, read_json
-from hab_tasks.scenes.floor import CELL_M, LOWEST_M, outline, touched
+from hab_tasks.scenes.floor import CELL_M, LOWEST_M, Footprint, footprints, touched
 from hab_tasks.scenes.meshes import cached_file, content_key
 from hab_tasks.scenes.navmesh import Navmesh, read_navmesh
 from hab_tasks.scenes.spec import CollisionSource, SceneSpec
@@ -45,15 +45,15 @@ SURFACE_M = (0.1, 1.5)
 MARGIN_M = 2 * CELL_M
 """Recast's cells and simplified outlines may be off by this much beside furniture."""
 
-TOLERANCE_M = 0.007
-"""Furniture may reach so far, along each axis, into a wall."""
+SPARE_M = 0.004
+"""Walls keep this distance from furniture, along each axis, where it is not turned."""
 
 MIN_WIDTH_CELLS = 2
 MIN_BOX_CELLS = 12
 CLOSED_CELLS = 2
 """Gaps up to twice this wide between the surfaces of a mesh are inside a wall."""
 
-_VERSION = 2
+_VERSION = 4
 Cells = NDArray[np.bool_]
 Rectangle = tuple[int, int, int, int]
 
@@ -71,15 +71,6 @@ class WallMap:
     corner_m: Array
     shape: tuple[int, int]
     blocks: NDArray[np.int64]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Footprint:
-    """A convex shape of furniture: its outline (V, 2) in x and z, and its lowest and highest y."""
-
-    outline_m: Array
-    low_m: float
-    high_m: float
 
 
 def inner_walls(
@@ -101,7 +92,7 @@ def inner_walls(
 
     def write(path: Path) -> None:
         walls = _mesh_walls(mesh) if mesh else _stage_walls(dataset, spec, read)
-        boxes = cut(walls, list(footprints(spec))) if len(walls.blocks) else []
+        boxes = cut(walls, furniture_of(spec)) if len(walls.blocks) else []
         path.write_text(json.dumps(np.round(boxes, 4).tolist()))
 
     layout = content_key(dataset.scene_file(spec.scene_id))
@@ -128,11 +119,8 @@ def walls_between(
         level = base + step * np.ceil(-base / step)
         heights = navmesh.heights(corner + CELL_M / 2, shape, CELL_M)
         floor |= heights < level + step / 2
-        tall = [
-            f.outline_m
-            for f in standing
-            if f.high_m > LOWEST_M and f.low_m < navmesh.agent_height_m
-        ]
+        heights_m = (LOWEST_M, navmesh.agent_height_m)
+        tall = [f.outline_m for f in standing if f.in_the_way(heights_m)]
         explained &= _within(touched(tall, corner, shape), MARGIN_M)
     # Recast took the radius off in whole cells.
     wall = ~_within(floor, navmeshes[0].agent_radius_m + CELL_M / 2) & ~explained
@@ -160,8 +148,8 @@ def cut(walls: WallMap, furniture: Sequence[Footprint]) -> list[tuple[float, ...
     """
     standing = [f.outline_m for f in furniture if f.low_m < UNDER_HUNG_M]
     hung = [f.outline_m for f in furniture if UNDER_HUNG_M <= f.low_m < WALL_HEIGHT_M]
-    taken = touched(standing, walls.corner_m, walls.shape, TOLERANCE_M)
-    topped = touched(hung, walls.corner_m, walls.shape, TOLERANCE_M)
+    taken = touched(standing, walls.corner_m, walls.shape, -SPARE_M)
+    topped = touched(hung, walls.corner_m, walls.shape, -SPARE_M)
     wall = _drawn(walls) & ~taken
     boxes = []
     for allowed, height in ((wall & ~topped, WALL_HEIGHT_M), (wall & topped, UNDER_HUNG_M)):
@@ -199,23 +187,18 @@ def cover(left: Cells, allowed: Cells, block: Rectangle) -> list[Rectangle]:
             found.append((a, b, c, d))
 
 
-def footprints(spec: SceneSpec) -> Iterator[Footprint]:
-    """Yields the shapes of all furniture and loose objects, closed, in the y-up stage frame."""
+def furniture_of(spec: SceneSpec) -> list[Footprint]:
+    """Returns the shapes of furniture, closed, and loose objects in the y-up stage frame."""
     # Geometry needs the engine and its collision library, which a cached layout does without.
     from hab_tasks.scenes.layout_geometry import STAGE, Layout
 
     stage_from_world = inverse(spec.stage.world_from_stage)
+    found = []
     for body in Layout.of(spec).placed.values():
-        if body.piece == STAGE:
-            continue
-        points = apply(stage_from_world, body.points_m.T)
-        for shape in np.split(points, body.shapes.starts[1:]):
-            if len(shape):
-                yield Footprint(
-                    outline_m=outline(shape[:, [0, 2]]),
-                    low_m=float(shape[:, 1].min()),
-                    high_m=float(shape[:, 1].max()),
-                )
+        if body.piece != STAGE and len(body.shapes.starts):
+            points = apply(stage_from_world, body.points_m.T)[:, [0, 2, 1]].T
+            found.extend(footprints(points, body.shapes.starts))
+    return found
 
 
 def _stage_walls(
@@ -229,7 +212,7 @@ def _stage_walls(
         scenes = [s for s, file in navmeshes.items() if file.exists() and _uses(dataset, s, name)]
         walls = WallMap(corner_m=np.zeros(2), shape=(0, 0), blocks=np.zeros((0, 4), np.int64))
         if scenes:
-            furniture = [list(footprints(read(s))) for s in scenes]
+            furniture = [furniture_of(read(s)) for s in scenes]
             walls = walls_between([read_navmesh(navmeshes[s]) for s in scenes], furniture)
         np.savez(path, corner_m=walls.corner_m, shape=walls.shape, blocks=walls.blocks)
 

@@ -1,0 +1,216 @@
+"""The navigation map of one layout, and geodesic distances on it (Navigate's measure, S H.2).
+
+Space is free where the disc that stands for the base fits between all collision shapes. Distances
+solve the eikonal equation by the fast marching method (scikit-fmm) over the free cells, so they
+are those of smooth paths, not of steps on a grid.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import OrderedDict
+from collections.abc import Iterable, Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import skfmm  # pyright: ignore[reportMissingImports]  # compiled, no stubs
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.spatial import KDTree
+
+from hab_tasks.constants import BASE_RADIUS_M
+from hab_tasks.errors import GenerationError
+from hab_tasks.privileged import Array, CollisionBody
+from hab_tasks.scenes.floor import CELL_M, FreeFloor, floor_between, footprints, free_floor
+from hab_tasks.scenes.layout_geometry import STAGE, Layout
+
+SEED_M = 2 * CELL_M
+"""So near to a goal, distances are straight; the front starts from there."""
+
+KEPT_FIELDS = 256
+"""Distance fields in memory, the ones used last; one takes 150 kB and a few milliseconds."""
+
+_CORNERS = np.array([(0, 0), (0, 1), (1, 0), (1, 1)])
+_fields: OrderedDict[str, Array] = OrderedDict()
+
+
+class NavigationMap:
+    """Free cells of one layout for one size of base.
+
+    Attributes:
+        floor: Clearances, and the room: the largest connected area that the base can use.
+        free: (X, Y) cells of the room, where the middle of the base may be.
+        walls: (X, Y) cells that hold walls.
+    """
+
+    def __init__(self, floor: FreeFloor, walls: NDArray[np.bool_]) -> None:
+        """Takes a finished map.
+
+        Raises:
+            GenerationError: The base fits nowhere.
+        """
+        if not floor.room.any():
+            raise GenerationError("no free floor: the base fits nowhere in this layout.")
+        self.floor, self.free, self.walls = floor, floor.room, walls
+
+    @staticmethod
+    def of_bodies(
+        bodies: Iterable[CollisionBody],
+        world_from_body: dict[str, Array],
+        radius_m: float = BASE_RADIUS_M,
+    ) -> NavigationMap:
+        """Maps a layout from collision bodies as they stand now.
+
+        Args:
+            bodies: Everything that stands in the way.
+            world_from_body: Body name -> its pose (4, 4).
+            radius_m: Radius of the base.
+        """
+        bodies = list(bodies)
+        floor = free_floor(bodies, world_from_body, radius_m)
+        stage = [body for body in bodies if body.group == "stage"]
+        if not stage:
+            return NavigationMap(floor, np.zeros_like(floor.room))
+        return NavigationMap(floor, free_floor(stage, world_from_body).clearance_m == 0)
+
+    @staticmethod
+    def of_layout(
+        layout: Layout,
+        joints: Mapping[tuple[str, str], float] | None = None,
+        radius_m: float = BASE_RADIUS_M,
+    ) -> NavigationMap:
+        """Maps a layout without a simulator.
+
+        Args:
+            layout: The layout; its loose objects are left out.
+            joints: Open doors and drawers: (furniture, joint) -> position [m or rad].
+            radius_m: Radius of the base.
+        """
+        loose = {item.name for item in layout.spec.objects if item.dynamic}
+        bodies = [b for b in layout.opened(joints or {}).values() if b.piece not in loose]
+        stage = [body for body in bodies if body.piece == STAGE]
+        corners = np.concatenate([body.points_m[:2].T for body in stage or bodies])
+        outlines = {
+            body.name: [
+                f.outline_m for f in footprints(body.points_m, body.shapes.starts) if f.in_the_way()
+            ]
+            for body in bodies
+        }
+        floor = floor_between([o for own in outlines.values() for o in own], corners, radius_m)
+        walls = floor_between([o for body in stage for o in outlines[body.name]], corners)
+        return NavigationMap(floor, walls.clearance_m == 0)
+
+    @cached_property
+    def key(self) -> str:
+        """A short hash of the free cells and where they are."""
+        place = np.round(self.floor.origin_m, 6).tobytes()
+        data = place + repr(self.free.shape).encode() + np.packbits(self.free).tobytes()
+        return hashlib.sha256(data).hexdigest()[:20]
+
+    def positions(self, cells: NDArray[np.int64]) -> Array:
+        """Returns the world positions (..., 2) of the middles of cells (..., 2)."""
+        return self.floor.origin_m + CELL_M * cells
+
+    def cells_of(self, points_m: Array) -> NDArray[np.int64]:
+        """Returns the cells (..., 2) that points (..., 2) lie in; outside, the nearest cell."""
+        cells = np.round(self._grid(points_m)).astype(np.int64)
+        return np.clip(cells, 0, np.array(self.free.shape) - 1)
+
+    def is_free(self, points_m: Array) -> NDArray[np.bool_]:
+        """Whether the base can be at points (..., 2)."""
+        x, y = np.moveaxis(self.cells_of(points_m), -1, 0)
+        grid = self._grid(points_m)
+        inside = ((grid > -0.5) & (grid < np.array(self.free.shape) - 0.5)).all(axis=-1)
+        return inside & self.free[x, y]
+
+    def nearest_free(self, points_m: Array) -> Array:
+        """Returns free positions (..., 2) nearest to points (..., 2): themselves where free."""
+        points = np.asarray(points_m, dtype=float)[..., :2]
+        x, y = np.moveaxis(self.cells_of(points), -1, 0)
+        nearest = self.positions(np.moveaxis(self._nearest[:, x, y], 0, -1))
+        return np.where(self.is_free(points)[..., None], points, nearest)
+
+    def geodesic_field(self, goals_m: Array | NDArray[np.bool_]) -> Array:
+        """Returns the length [m] of the shortest way from every cell to the nearest goal.
+
+        Args:
+            goals_m: One point (2,), points (K, 2), or a map (X, Y) of goal cells. Those that are
+                not free are replaced by the nearest free position.
+
+        Returns:
+            (X, Y), inf where the base cannot be. It is kept; do not write to it.
+        """
+        cells = goals_m.dtype == bool
+        goals: Any = self.positions(np.argwhere(goals_m)) if cells else np.atleast_2d(goals_m)
+        goals = self.nearest_free(goals)
+        if not len(goals):
+            return np.full(self.free.shape, np.inf)
+        rounded = np.unique(np.round(goals, 5), axis=0)
+        key = f"{self.key} {hashlib.sha256(rounded.tobytes()).hexdigest()}"
+        if key not in _fields:
+            _fields[key] = self._march(rounded)
+            if len(_fields) > KEPT_FIELDS:
+                _fields.popitem(last=False)
+        _fields.move_to_end(key)
+        return _fields[key]
+
+    def geodesic_distance(self, points_m: Array, field: Array) -> Array:
+        """Looks up distances in a field.
+
+        From a point that is not free, the way first goes straight to the nearest free position.
+
+        Args:
+            points_m: Points (..., 2).
+            field: (X, Y) as `geodesic_field` returns it.
+
+        Returns:
+            (...) [m]: between the middles of four free cells bilinear, beside obstacles the
+            shortest way over a free cell.
+        """
+        points = np.asarray(points_m, dtype=float)[..., :2]
+        start = self.nearest_free(points)
+        last = np.array(field.shape) - 1
+        grid = np.clip(self._grid(start), 0, last)
+        first = np.minimum(np.floor(grid).astype(int), last - 1)
+        cells = first[..., None, :] + _CORNERS
+        values = field[cells[..., 0], cells[..., 1]]
+        share = (grid - first)[..., None, :]
+        weights = np.abs(1 - _CORNERS - share).prod(axis=-1)
+        finite = np.isfinite(values)
+        smooth = (weights * np.where(finite, values, 0.0)).sum(axis=-1)
+        steps = CELL_M * np.linalg.norm(cells - grid[..., None, :], axis=-1)
+        found = np.where(finite.all(axis=-1), smooth, (values + steps).min(axis=-1))
+        return found + np.linalg.norm(points - start, axis=-1)
+
+    def clear(self, start_m: Array, end_m: Array) -> bool:
+        """Whether the straight way between two points (2,) is free."""
+        count = 1 + int(np.ceil(np.linalg.norm(end_m - start_m) / (CELL_M / 4)))
+        share = np.linspace(0.0, 1.0, 1 + count)[:, None]
+        return bool(self.is_free(start_m + share * (end_m - start_m)).all())
+
+    def _grid(self, points_m: Array) -> Array:
+        """Returns points (..., 2) in cells."""
+        return (np.asarray(points_m, dtype=float)[..., :2] - self.floor.origin_m) / CELL_M
+
+    @cached_property
+    def _nearest(self) -> NDArray[np.int64]:
+        """For every cell the nearest free one, (2, X, Y)."""
+        found: Any = ndimage.distance_transform_edt(
+            ~self.free, return_distances=False, return_indices=True
+        )
+        return found
+
+    def _march(self, goals_m: Array) -> Array:
+        """Returns the distances (X, Y) from goals (K, 2) that are free."""
+        cells = np.argwhere(self.free)
+        straight = np.full(self.free.shape, np.inf)
+        straight[self.free] = KDTree(goals_m).query(self.positions(cells))[0]
+        near = straight <= SEED_M
+        field = np.where(near, straight, np.inf)
+        if (self.free & ~near).any():
+            front = np.ma.MaskedArray(np.where(self.free, straight - SEED_M, 1.0), ~self.free)
+            field = skfmm.distance(front, dx=CELL_M, order=2).filled(np.inf) + SEED_M
+            field[near] = straight[near]
+        field.setflags(write=False)
+        return field

@@ -1,0 +1,54 @@
+"""Shortest ways for the base, as few straight pieces."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hab_tasks.navigation.navigation_map import NavigationMap
+from hab_tasks.privileged import Array
+
+_STEPS = np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)])
+_LENGTHS = np.linalg.norm(_STEPS, axis=1)
+
+
+def path_between(map_: NavigationMap, start_m: Array, goal_m: Array) -> Array:
+    """Returns the shortest way from a point (2,) to another.
+
+    It goes down the goal's distance field from cell to cell, and then leaves out what a straight
+    piece can skip.
+
+    Returns:
+        Waypoints (W, 2), `start_m` first. If `start_m` is not free, the second is the nearest free
+        position; the last is the free position nearest to `goal_m`. All pieces between free
+        positions are free.
+    """
+    start, goal = map_.nearest_free(start_m), map_.nearest_free(goal_m)
+    cells = _descent(map_.geodesic_field(goal), map_.cells_of(start))
+    points = np.concatenate((start[None], map_.positions(cells), goal[None]))
+    kept = [0]
+    for index in range(2, len(points)):
+        if not map_.clear(points[kept[-1]], points[index]):
+            kept.append(index - 1)
+    waypoints = points[[*kept, len(points) - 1]]
+    if map_.is_free(start_m):
+        return waypoints
+    return np.concatenate((np.asarray(start_m, dtype=float)[None, :2], waypoints))
+
+
+def _descent(field: Array, start: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Returns the cells (C, 2) passed on the steepest way down, `start` left out."""
+    ringed = np.pad(field, 1, constant_values=np.inf)
+    cell = start + 1
+    passed = []
+    while True:
+        around = cell + _STEPS
+        values = ringed[around[:, 0], around[:, 1]]
+        # A diagonal step must not cut the corner of an obstacle.
+        sides = np.isfinite(ringed[cell[0] + _STEPS[:, 0], cell[1]])
+        sides &= np.isfinite(ringed[cell[0], cell[1] + _STEPS[:, 1]])
+        slope = np.where(sides, (ringed[tuple(cell)] - values) / _LENGTHS, -np.inf)
+        if slope.max() <= 0:
+            return np.array(passed, dtype=np.int64).reshape(-1, 2) - 1
+        cell = around[int(slope.argmax())]
+        passed.append(cell)

@@ -1,0 +1,286 @@
+"""Free floor, geodesic distances, ways, and poses that reach; against values worked out by hand."""
+
+import logging
+import time
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from hab_tasks.errors import GenerationError
+from hab_tasks.navigation import NavigationMap, path_between, poses_reaching
+from hab_tasks.navigation import navigation_map as module
+from hab_tasks.privileged import CollisionBody, CollisionShape
+from hab_tasks.scenes.floor import CELL_M, floor_between
+
+ROOM = (0.0, 0.0, 6.0, 4.0)
+WALL = (3.0, 0.0, 3.1, 2.5)
+TABLE = (0.0, 1.5, 1.0, 2.5)
+
+
+def rectangle(low_x, low_y, high_x, high_y):
+    return np.array([(low_x, low_y), (high_x, low_y), (high_x, high_y), (low_x, high_y)])
+
+
+def box(low, high):
+    world_from_box = np.eye(4)
+    world_from_box[:3, 3] = np.add(low, high) / 2
+    return CollisionShape(
+        kind="box",
+        body_from_shape=world_from_box,
+        half_size_m=np.subtract(high, low) / 2,
+        vertices_m=np.zeros((0, 3)),
+        faces=np.zeros((0, 3), dtype=np.int64),
+    )
+
+
+def body(name, group, *boxes):
+    return CollisionBody(name=name, group=group, shapes=tuple(box(*b) for b in boxes))
+
+
+def room(*furniture, wall=WALL):
+    """A room of 6 x 4 m with an inner wall, and furniture that is 0.8 m high."""
+    floor = ((0, 0, -0.1), (6, 4, 0))
+    inner = ((wall[0], wall[1], 0), (wall[2], wall[3], 2.7))
+    bodies = [body("stage", "stage", floor, inner)]
+    for index, (a, b, c, d) in enumerate(furniture):
+        bodies.append(body(f"piece_{index}", "static", ((a, b, 0), (c, d, 0.8))))
+    return NavigationMap.of_bodies(bodies, {b.name: np.eye(4) for b in bodies})
+
+
+def length(path):
+    return np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+
+
+# Free floor ------------------------------------------------------------------------------------
+
+
+def test_clearance_is_never_overstated():
+    rng = np.random.default_rng(0)
+    low = rng.uniform(0, 5, (12, 2))
+    high = low + rng.uniform(0.02, 0.8, (12, 2))
+    boxes = np.concatenate((low, high), axis=1)
+    corners = rectangle(-1.0, -1.0, 7.0, 7.0)
+    floor = floor_between([rectangle(*b) for b in boxes], corners, 0.3)
+    at = floor.origin_m + CELL_M * np.stack(np.indices(floor.clearance_m.shape), axis=-1)
+    outside = np.maximum(np.maximum(low - at[..., None, :], at[..., None, :] - high), 0.0)
+    true = np.linalg.norm(outside, axis=-1).min(axis=-1)
+    true = np.minimum(true, np.minimum(at - -1.0, 7.0 - at).min(axis=-1))
+    # A corner that touches a cell costs at most the cell's diagonal and half a cell.
+    assert (floor.clearance_m <= true + 0.01).all()
+    assert (floor.clearance_m >= true - 1.5 * np.sqrt(2) * CELL_M).all()
+
+
+def test_the_room_is_as_large_as_the_base_leaves_it():
+    corners = rectangle(*ROOM)
+    floor = floor_between([], corners, 0.3)
+    # The middle of the base stays 0.3 m from all sides: 5.4 x 3.4 m.
+    assert floor.room.sum() * CELL_M**2 == pytest.approx(5.4 * 3.4, rel=0.02)
+    split = floor_between([rectangle(2.0, 0.0, 2.1, 4.0)], corners, 0.3)
+    # The larger part is 3.9 m wide.
+    assert split.room.sum() * CELL_M**2 == pytest.approx(3.3 * 3.4, rel=0.03)
+
+
+def test_a_rug_and_a_lamp_overhead_are_no_obstacles():
+    stage = body("stage", "stage", ((0, 0, -0.1), (6, 4, 0)))
+    rug = body("rug", "static", ((1, 1, 0), (3, 3, 0.03)))
+    lamp = body("lamp", "static", ((2, 2, 1.5), (2.2, 2.2, 2.0)))
+    poses = {b.name: np.eye(4) for b in (stage, rug, lamp)}
+    bare = NavigationMap.of_bodies([stage], poses)
+    assert (NavigationMap.of_bodies([stage, rug, lamp], poses).free == bare.free).all()
+
+
+def test_a_layout_without_free_floor_is_refused():
+    stage = body("stage", "stage", ((0, 0, -0.1), (0.5, 0.5, 0)))
+    with pytest.raises(GenerationError, match="no free floor"):
+        NavigationMap.of_bodies([stage], {"stage": np.eye(4)})
+
+
+# Distances -------------------------------------------------------------------------------------
+
+
+def test_a_straight_distance_is_exact_to_a_cell():
+    map_ = room()
+    goal = np.array([1.03, 1.48])
+    field = map_.geodesic_field(goal)
+    points = np.random.default_rng(1).uniform((0.4, 0.4), (2.5, 3.5), (200, 2))
+    straight = np.linalg.norm(points - goal, axis=1)
+    assert np.abs(map_.geodesic_distance(points, field) - straight).max() < CELL_M / 2
+
+
+def test_the_distance_around_a_wall_is_that_of_the_taut_string():
+    map_ = room()
+    field = map_.geodesic_field(np.array([4.6, 1.0]))
+    # From (1.5, 1) the wall's end at (3, 2.5) is 1.5 * sqrt(2) m away; the tangent to the circle
+    # of 0.3 m around it is sqrt(4.5 - 0.09) = 2.1 m long and rises at 45 + 8.13 = 53.13 degrees
+    # (3-4-5), so the arc is 0.3 * 0.9273 = 0.2782 m. Then 0.1 m along the wall's end, and the
+    # same again: 2 * (2.1 + 0.2782) + 0.1 = 4.856 m.
+    found = map_.geodesic_distance(np.array([1.5, 1.0]), field)
+    assert found == pytest.approx(4.856, rel=0.03)
+
+
+def test_cells_without_room_are_infinitely_far():
+    map_ = room()
+    field = map_.geodesic_field(np.array([1.0, 1.0]))
+    assert np.isinf(field[~map_.free]).all()
+    assert np.isfinite(field[map_.free]).all()
+
+
+def test_the_nearest_of_several_goals_counts():
+    map_ = room()
+    left, right = np.array([0.6, 1.0]), np.array([5.4, 1.0])
+    both = map_.geodesic_field(np.stack((left, right)))
+    each = np.minimum(map_.geodesic_field(left), map_.geodesic_field(right))
+    assert np.abs(both[map_.free] - each[map_.free]).max() < CELL_M / 2
+
+
+def test_goals_may_be_cells():
+    map_ = room()
+    goals = np.zeros_like(map_.free)
+    goals[map_.free] = map_.positions(np.argwhere(map_.free))[:, 0] > 5.0
+    field = map_.geodesic_field(goals)
+    assert field[goals & map_.free] == pytest.approx(0.0, abs=1e-9)
+    # From x = 4 it is 1 m to the right, less than a cell more to the first goal cell's middle.
+    found = map_.geodesic_distance(np.array([4.0, 3.0]), field)
+    assert found == pytest.approx(1.0, abs=CELL_M)
+    assert np.isinf(map_.geodesic_field(np.zeros_like(map_.free))).all()
+
+
+def test_points_that_are_not_free_go_to_the_nearest_free_place_first():
+    map_ = room()
+    inside_wall = np.array([3.02, 1.0])
+    nearest = map_.nearest_free(inside_wall)
+    # Left of the wall the base's middle is at x <= 2.7.
+    assert nearest == pytest.approx([2.7, 1.0], abs=CELL_M)
+    field = map_.geodesic_field(np.array([1.0, 1.0]))
+    detour = np.linalg.norm(nearest - inside_wall) + np.linalg.norm(nearest - [1.0, 1.0])
+    assert map_.geodesic_distance(inside_wall, field) == pytest.approx(detour, abs=CELL_M)
+    # A goal in the wall counts as one beside it.
+    again = map_.geodesic_field(inside_wall)
+    assert map_.geodesic_distance(nearest, again) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_queries_take_batches_of_any_shape():
+    map_ = room()
+    field = map_.geodesic_field(np.array([1.0, 1.0]))
+    points = np.random.default_rng(2).uniform(-1.0, 7.0, (3, 5, 2))
+    found = map_.geodesic_distance(points, field)
+    assert found.shape == (3, 5)
+    assert np.isfinite(found).all()
+    one_by_one = [[float(map_.geodesic_distance(p, field)) for p in row] for row in points]
+    assert np.allclose(found, one_by_one)
+    assert map_.is_free(map_.nearest_free(points)).all()
+
+
+def test_fields_are_kept_for_each_map_and_goal(monkeypatch):
+    goal = np.array([1.0, 3.0])
+    first, other = room(), room(wall=(4.0, 0.0, 4.1, 2.5))
+    field = first.geodesic_field(goal)
+    assert room().geodesic_field(goal) is field
+    assert other.geodesic_field(goal) is not field
+    monkeypatch.setattr(module, "KEPT_FIELDS", 2)
+    module._fields.clear()
+    fields = [first.geodesic_field(goal + np.array((0.1 * k, 0))) for k in range(3)]
+    assert len(module._fields) == 2
+    assert first.geodesic_field(goal + np.array((0.2, 0))) is fields[2]
+
+
+# Ways and poses --------------------------------------------------------------------------------
+
+
+def test_ways_are_free_and_as_short_as_their_distance():
+    map_ = room(TABLE, (4.5, 2.0, 5.0, 4.0))
+    rng = np.random.default_rng(3)
+    cells = np.argwhere(map_.free)
+    for _ in range(50):
+        start, goal = map_.positions(cells[rng.integers(len(cells), size=2)])
+        path = path_between(map_, start, goal)
+        assert np.allclose(path[[0, -1]], (start, goal))
+        assert all(map_.clear(a, b) for a, b in pairwise(path))
+        distance = float(map_.geodesic_distance(start, map_.geodesic_field(goal)))
+        assert length(path) <= 1.03 * distance + CELL_M
+        assert length(path) >= 0.97 * distance - CELL_M
+
+
+def test_a_straight_way_has_two_points_and_one_from_a_tight_place_leaves_it_first():
+    map_ = room()
+    path = path_between(map_, np.array([1.0, 1.0]), np.array([2.0, 3.0]))
+    assert np.allclose(path, [(1.0, 1.0), (2.0, 3.0)])
+    path = path_between(map_, np.array([2.9, 1.0]), np.array([1.0, 1.0]))
+    assert np.allclose(path, [(2.9, 1.0), (2.7, 1.0), (1.0, 1.0)], atol=CELL_M)
+
+
+def test_poses_reach_the_target_face_it_and_start_near():
+    map_ = room(TABLE)
+    target = np.array([0.8, 2.0, 0.8])
+    poses = poses_reaching(map_, target)
+    gap = target[:2] - poses[:, :2]
+    distance = np.linalg.norm(gap, axis=1)
+    assert len(poses) > 20
+    assert ((distance >= 0.45) & (distance <= 1.1)).all()
+    assert (np.diff(distance) >= -1e-9).all()
+    assert np.allclose(
+        np.stack((np.cos(poses[:, 2]), np.sin(poses[:, 2])), 1), gap / distance[:, None]
+    )
+    # The nearest: in front of the table's edge at x = 1, with 0.3 m for the base.
+    assert poses[0, :2] == pytest.approx([1.3, 2.0], abs=1.5 * CELL_M)
+
+
+def test_poses_are_not_behind_walls_or_other_furniture():
+    shelf = (2.7, 0.5, 3.0, 1.5)
+    map_ = room(shelf)
+    # The shelf stands at the wall; behind it is free floor 0.55 m from the target.
+    poses = poses_reaching(map_, np.array([2.9, 1.0]))
+    assert len(poses)
+    assert (poses[:, 0] < 3.0).all()
+    # A narrow piece stands 0.2 m before the shelf: from behind it the shelf is out of sight.
+    screened = poses_reaching(room(shelf, (2.4, 0.2, 2.5, 1.8)), np.array([2.75, 1.0]))
+    assert not ((screened[:, 0] < 2.4) & (np.abs(screened[:, 1] - 1.0) < 0.3)).any()
+    assert not len(poses_reaching(map_, np.array([2.9, 1.0]), farthest_m=0.46))
+
+
+# A real layout ---------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def layout(replica_cad):
+    from hab_tasks.scenes.dataset import SceneDataset
+    from hab_tasks.scenes.layout_geometry import Layout
+    from hab_tasks.scenes.load import load_scene
+
+    return Layout.of(load_scene(SceneDataset(replica_cad), "v3_sc1_staging_00"))
+
+
+@pytest.mark.assets
+def test_an_open_fridge_is_in_the_way(layout):
+    closed = NavigationMap.of_layout(layout)
+    opened = NavigationMap.of_layout(layout, {("fridge_:0000", "top_door_hinge"): np.pi / 2})
+    # The door is some 0.65 m wide. With the base's radius on both sides, and around its end, it
+    # takes about 0.6 * 0.65 + 0.14 = 0.5 m2 of which 0.3 m before the fridge were not free.
+    lost_m2 = CELL_M**2 * float((closed.free & ~opened.free).sum())
+    assert 0.15 < lost_m2 < 0.55
+    assert CELL_M**2 * float((opened.free & ~closed.free).sum()) < 0.1
+
+
+@pytest.mark.assets
+def test_the_map_is_the_simulators(layout):
+    from hab_tasks.episodes.workbench import Workbench
+
+    bench = Workbench(layout.spec, {})
+    bodies = [b for b in bench.bodies.values() if b.group != "object"]
+    simulated = NavigationMap.of_bodies(bodies, {b.name: bench.world_from(b.name) for b in bodies})
+    assert (simulated.free == NavigationMap.of_layout(layout).free).mean() > 0.9995
+
+
+@pytest.mark.assets
+def test_one_field_of_a_real_layout_takes_milliseconds(layout):
+    map_ = NavigationMap.of_layout(layout)
+    goals = map_.positions(np.argwhere(map_.free)[:: map_.free.sum() // 9])
+    seconds = []
+    for goal in goals:
+        start = time.perf_counter()
+        map_.geodesic_field(goal)
+        seconds.append(time.perf_counter() - start)
+    figure = f"geodesic field on {map_.free.sum()} cells: median {1e3 * np.median(seconds):.1f} ms"
+    logging.getLogger(__name__).info(figure)
+    assert np.median(seconds) < 0.1

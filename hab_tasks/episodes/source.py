@@ -157,6 +157,12 @@ class EpisodeSource:
             self._scenes[scene_id] = load_scene(self.dataset, scene_id)
         return self._scenes[scene_id]
 
+    def scene_ids(self) -> list[str]:
+        """Returns the layouts that episodes may play in."""
+        if self.available < UNLIMITED:
+            return sorted({episode.scene_id for episode in self._episodes.values()})
+        return [self.scene_id] if self.scene_id else self.dataset.scenes_of_split(self.split)
+
     def to_set(self, count: int) -> EpisodeSet:
         """Returns the first `count` episodes as one set."""
         return EpisodeSet(
@@ -191,13 +197,12 @@ class EpisodeSource:
     def _make_generator(self) -> Generator:
         if self.env_id not in GENERATORS:
             raise UnknownNameError("env with generated episodes", self.env_id, GENERATORS)
-        scenes = [self.scene_id] if self.scene_id else self.dataset.scenes_of_split(self.split)
         drawn = Objects(
             templates=self.objects,
             names=UNSEEN_OBJECTS if self.novel == "objects" else TRAIN_OBJECTS,
             receptacles=UNSEEN_RECEPTACLES if self.novel == "receptacles" else None,
         )
-        return GENERATORS[self.env_id](scenes, self.scene, drawn)
+        return GENERATORS[self.env_id](self.scene_ids(), self.scene, drawn)
 
     def _take(self, episodes: EpisodeSet) -> None:
         self._episodes.update(enumerate(episodes.episodes))

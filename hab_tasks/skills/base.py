@@ -73,6 +73,7 @@ class SkillEnv(BaseEnv):
         num_episodes: How many episodes of the split to draw from.
         episode_seed: Seed of the generated episodes.
         novel: ``objects`` or ``receptacles`` kept for evaluation (S E.1) instead of the usual ones.
+        prefetch: Build all layouts of the split at the start, so that none is waited for later.
         render_backend: ``auto``, ``none``, ``cpu`` or ``gpu``; `auto` renders only when needed.
         kwargs: ManiSkill's own arguments (obs_mode, reward_mode, control_mode, num_envs, ...).
     """
@@ -94,6 +95,7 @@ class SkillEnv(BaseEnv):
         num_episodes: int = 50,
         episode_seed: int = 0,
         novel: str | None = None,
+        prefetch: bool = False,
         control_mode: str | None = None,
         obs_mode: str | None = None,
         render_mode: str | None = None,
@@ -115,7 +117,13 @@ class SkillEnv(BaseEnv):
                 novel=novel,
             )
         )
-        self._world = World(source, num_episodes=num_episodes, seed=episode_seed, num_envs=num_envs)
+        self._world = World(
+            source,
+            num_episodes=num_episodes,
+            seed=episode_seed,
+            num_envs=num_envs,
+            prefetch=prefetch,
+        )
         self._backend = resolve_backend(render_backend, _needs_images(obs_mode, render_mode))
         super().__init__(
             num_envs=num_envs,

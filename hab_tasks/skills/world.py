@@ -52,9 +52,16 @@ class World:
     _dormant: DormantObjects | None
 
     def __init__(
-        self, source: EpisodeSource, *, num_episodes: int, seed: int, num_envs: int
+        self,
+        source: EpisodeSource,
+        *,
+        num_episodes: int,
+        seed: int,
+        num_envs: int,
+        prefetch: bool = False,
     ) -> None:
-        self.source = source
+        """Plays episodes of `source`; with `prefetch`, builds all its layouts at the start."""
+        self.source, self._prefetch = source, prefetch
         self._num_episodes = min(num_episodes, source.available)
         self._order = np.random.default_rng(seed)
         self.episodes: list[Episode] = []
@@ -116,6 +123,9 @@ class World:
         self.tracker = Tracker(self._num_envs, scene.device)
         zeros = torch.zeros(self._num_envs, 3, device=scene.device)
         self.goals = Goals(object_start_m=zeros)
+        if self._prefetch and not scene.gpu_sim_enabled:
+            for scene_id in self.source.scene_ids():
+                self._pool.show(self.source.scene(scene_id), ())
         self._show()
 
     def _show(self) -> None:

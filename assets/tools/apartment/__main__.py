@@ -1,11 +1,14 @@
 """Author the `apartment` dataset.
 
 Run `python assets/tools/apartment --out assets/apartment`; with `--check` it compares instead.
+Micro-variations (`v3_sc*_staging_01` and up) are not made here: writing keeps those that are in the
+folder, and `--check` leaves them out.
 """
 
 import argparse
 import filecmp
 import logging
+import re
 import shutil
 import sys
 import tempfile
@@ -19,7 +22,8 @@ import cupboards
 import decor
 import fridge
 import kitchen
-import layout
+import layouts
+import packing
 import pickables
 import seating
 import shell
@@ -46,35 +50,43 @@ THEMES = (
     tableware,
     utensils,
 )
+VARIATION = re.compile(r"configs/scenes/v3_sc\d_staging_(?!00)\d\d\.scene_instance\.json")
 logger = logging.getLogger(NAME)
 
 
 def make_dataset() -> Dataset:
     """Return the whole dataset in memory."""
+    objects = [item for theme in THEMES for item in theme.build()]
+    feet_m = layouts.feet_m(objects)
+    articulations = [
+        fridge.build(),
+        kitchen.build(),
+        cupboards.wall_cupboard(),
+        cupboards.room_door(),
+        cupboards.sliding_cabinet(),
+        cupboards.drawer_chest(),
+    ]
+    plans = {layout.plan.name: layout.plan for layout in layouts.LAYOUTS}
     return Dataset(
-        stages=[shell.build(layout.STAGE)],
-        objects=[item for theme in THEMES for item in theme.build()],
-        articulations=[
-            fridge.build(),
-            kitchen.build(),
-            cupboards.wall_cupboard(),
-            cupboards.room_door(),
-            cupboards.sliding_cabinet(),
-            cupboards.drawer_chest(),
+        stages=[shell.build(plan) for plan in plans.values()],
+        objects=objects,
+        articulations=articulations,
+        lightings={layout.lighting: list(layout.lights) for layout in layouts.LAYOUTS},
+        scenes=[
+            *(layout.scene(feet_m) for layout in layouts.MACROS),
+            *(packing.furnished(flat, objects, articulations) for flat in layouts.APARTMENTS),
         ],
-        lightings=layout.LIGHTINGS,
-        scenes=layout.SCENES,
     )
+
+
+def files_of(root: Path) -> set[str]:
+    """Return the files below a folder, relative to it."""
+    return {p.relative_to(root).as_posix() for p in root.rglob("*") if p.is_file()}
 
 
 def first_difference(made: Path, kept: Path) -> str | None:
     """Return the first file, in sorted order, that is missing, extra or different in `kept`."""
-    names = {
-        p.relative_to(root).as_posix()
-        for root in (made, kept)
-        for p in root.rglob("*")
-        if p.is_file()
-    }
+    names = files_of(made) | {name for name in files_of(kept) if not VARIATION.fullmatch(name)}
     for name in sorted(names):
         if not (made / name).is_file() or not (kept / name).is_file():
             return name
@@ -104,6 +116,8 @@ def main() -> int:
                 return 1
             logger.info("%s is up to date", args.out)
             return 0
+        for name in sorted(filter(VARIATION.fullmatch, files_of(args.out))):
+            shutil.copyfile(args.out / name, made / name)
         # The old folder goes only once the new one is complete.
         if args.out.exists():
             shutil.rmtree(args.out)

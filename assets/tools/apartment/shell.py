@@ -33,6 +33,7 @@ class Wall:
     z: tuple[float, float]
     openings: tuple[Opening, ...] = ()
     paint: str | None = None  # a second colour on the side of larger x or z
+    paint_low: str | None = None  # one on the other side
 
     @property
     def along_x(self) -> bool:
@@ -40,48 +41,58 @@ class Wall:
         return self.x[1] - self.x[0] > self.z[1] - self.z[0]
 
 
-# Habitat's ReplicaCAD stage spans x -2.66..4.60 and z -4.76..8.17, and so does this one.
-WALLS = (
-    Wall((-2.66, -2.50), (-4.76, 4.11), (Opening(0.35, 2.15, 1.0, 2.2, "window"),), "wall_sage"),
-    Wall(
-        (-2.50, 4.44),
-        (-4.76, -4.60),
-        (Opening(-1.95, -1.02, 0.0, 2.08, "front_door"), Opening(0.9, 2.9, 0.8, 2.2, "window")),
-    ),
-    Wall(
-        (4.44, 4.60),
-        (-4.76, 8.17),
-        (
-            Opening(-3.5, -2.0, 0.8, 2.2, "window"),
-            Opening(2.65, 3.75, 0.5, 2.2, "window"),
-            Opening(5.2, 7.0, 1.15, 2.2, "window"),
-        ),
-    ),
-    Wall((0.065, 4.44), (8.01, 8.17)),
-    Wall((0.065, 0.225), (4.11, 8.01)),
-    Wall((-2.50, 0.225), (3.95, 4.11), (Opening(-2.0, -0.5, 0.9, 2.2, "window"),)),
-    Wall((0.225, 0.85), (3.95, 4.03)),
-    Wall((-0.40, 4.44), (-0.79, -0.69), (Opening(2.55, 3.65, 0.0, 2.12, "doorway"),)),
-    Wall((-0.40, -0.30), (-4.60, -0.79), (Opening(-2.675, -1.715, 0.0, 2.085, "doorway"),)),
-)
-FLOORS = (
-    ((-2.66, 4.60), (-4.76, 4.03), "floor_planks"),
-    ((0.065, 4.60), (4.03, 8.17), "floor_tile"),
-)
+@dataclass(frozen=True)
+class FloorPlan:
+    """A flat without its furniture.
+
+    `floors` are (x span, z span, material) and do not overlap; `panels` are thin boxes that are
+    seen only (low corner, high corner, material, bevel): tiles on a wall, a carpet, a threshold.
+    """
+
+    name: str
+    walls: tuple[Wall, ...]
+    floors: tuple[tuple[tuple[float, float], tuple[float, float], str], ...]
+    panels: tuple[tuple[Vec3, Vec3, str, float], ...] = ()
 
 
-def build(name: str) -> StageModel:
-    """Return the stage."""
+FRONT_DOOR = Opening(-1.95, -1.02, 0.0, 2.08, "front_door")
+
+
+def outer_walls(
+    west: tuple[Opening, ...] = (),
+    south: tuple[Opening, ...] = (),
+    east: tuple[Opening, ...] = (),
+    north: tuple[Opening, ...] = (),
+    north_west: tuple[Opening, ...] = (),
+    paint: str | None = None,
+) -> tuple[Wall, ...]:
+    """Return the walls around every flat, `paint` on the west one's inside.
+
+    Habitat's ReplicaCAD stage spans x -2.66..4.60 and z -4.76..8.17, and so does this one: an L
+    with its north wing (z over 4) at x 0.2..4.4.
+    """
+    return (
+        Wall((-2.66, -2.50), (-4.76, 4.11), west, paint),
+        Wall((-2.50, 4.44), (-4.76, -4.60), (FRONT_DOOR, *south)),
+        Wall((4.44, 4.60), (-4.76, 8.17), east),
+        Wall((0.065, 4.44), (8.01, 8.17), north),
+        Wall((0.065, 0.225), (4.11, 8.01)),
+        Wall((-2.50, 0.225), (3.95, 4.11), north_west),
+    )
+
+
+def build(plan: FloorPlan) -> StageModel:
+    """Return the stage of a floor plan."""
     make, extra = Builder(), []
-    for (x0, x1), (z0, z1), material in FLOORS:
+    for (x0, x1), (z0, z1), material in plan.floors:
         make.span((x0, -SLAB_M, z0), (x1, 0.0, z1), material, 0.0)
-    make.span((0.225, -0.01, 4.02), (4.44, 0.002, 4.04), "trim", 0.001, solid=False)
-    make.span((0.225, 0.85, 4.80), (0.232, 1.545, 8.01), "wall_tile", 0.0, solid=False)
-    for wall in WALLS:
+    for low, high, material, bevel_m in plan.panels:
+        make.span(low, high, material, bevel_m, solid=False)
+    for wall in plan.walls:
         _wall(make, wall)
         for opening in wall.openings:
             extra += _opening(make, wall, opening)
-    return StageModel(name, make.parts, make.solids() + extra)
+    return StageModel(plan.name, make.parts, make.solids() + extra)
 
 
 def _wall(make: Builder, wall: Wall) -> None:
@@ -100,25 +111,23 @@ def _wall(make: Builder, wall: Wall) -> None:
 def _piece(make: Builder, wall: Wall, run: tuple[float, float], y: tuple[float, float]) -> None:
     low, high = _corners(wall, run, y, 0.0)
     make.span(low, high, "wall", 0.0)
-    if wall.paint is not None:
-        low, high = _corners(wall, run, y, 0.002)
-        make.span(
-            (
-                (wall.x[1] if not wall.along_x else low[0]),
-                low[1],
-                (wall.z[1] if wall.along_x else low[2]),
-            ),
-            high,
-            wall.paint,
-            0.0,
-            solid=False,
-        )
+    for paint, upper in ((wall.paint, True), (wall.paint_low, False)):
+        if paint is not None:
+            make.span(*_face(wall, _corners(wall, run, y, 0.002), upper), paint, 0.0, solid=False)
     if y[1] == HEIGHT_M:
         low, high = _corners(wall, run, (HEIGHT_M, HEIGHT_M + 0.012), 0.002)
         make.span(low, high, "wall_edge", 0.0, solid=False)
     if y[0] == 0.0:
         low, high = _corners(wall, run, (0.0, SKIRTING_M), 0.012)
         make.span(low, high, "trim", 0.003, solid=False)
+
+
+def _face(wall: Wall, corners: tuple[Vec3, Vec3], upper: bool) -> tuple[Vec3, Vec3]:
+    """Return the sheet that sticks out of one side of a wall's swollen corners."""
+    (x0, y0, z0), (x1, y1, z1) = corners
+    if wall.along_x:
+        return ((x0, y0, wall.z[1]), (x1, y1, z1)) if upper else ((x0, y0, z0), (x1, y1, wall.z[0]))
+    return ((wall.x[1], y0, z0), (x1, y1, z1)) if upper else ((x0, y0, z0), (wall.x[0], y1, z1))
 
 
 def _corners(

@@ -30,7 +30,8 @@ def draw_macros(dataset: SceneDataset, file: Path, backend: str) -> None:
     showroom = None if backend == "none" else Showroom(backend)
     specs = [load_scene(dataset, scene_id) for scene_id in macro_layouts(dataset)]
     plans = [outlines(spec) for spec in specs]
-    figure = new_figure(VIEW_IN * len(specs), VIEW_IN * max(map(aspect, plans)) + 0.25)
+    height_in = (VIEW_IN - 0.1) * max(map(aspect, plans)) + 0.4
+    figure = new_figure(VIEW_IN * len(specs), height_in)
     places = figure.subplots(1, len(specs), squeeze=False)[0]
     for axes, spec, plan in zip(places, specs, plans, strict=True):
         if showroom is None:

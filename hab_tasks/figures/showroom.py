@@ -18,8 +18,8 @@ from hab_tasks.scenes.spec import SceneSpec
 EYE_M = 40.0
 """The camera hangs so high that walls look thin and hide nothing beside them."""
 
-CUT_M = 2.45
-"""Whatever is above, ceilings above all, is left out."""
+CUT_M, UNCUT_M = 2.45, 3.0
+"""Whatever is above is left out: a ceiling, or nothing where walls are boxes without one."""
 
 BELOW_M = 1.0
 
@@ -61,9 +61,10 @@ class Showroom:
             furniture.set_qpos(torch.zeros_like(furniture.get_qpos()))
         width, height = (round(float(pixels_per_m * side)) for side in high_m - low_m)
         camera = sapien.render.RenderCameraComponent(width, height)
-        focal = pixels_per_m * (EYE_M - CUT_M)
+        near_m = EYE_M - (UNCUT_M if spec.stage.visual_file is None else CUT_M)
+        focal = pixels_per_m * near_m
         camera.set_perspective_parameters(
-            EYE_M - CUT_M, EYE_M + BELOW_M, focal, focal, width / 2, height / 2, 0.0
+            near_m, EYE_M + BELOW_M, focal, focal, width / 2, height / 2, 0.0
         )
         entity = sapien.Entity()
         entity.add_component(camera)

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
-FLOOR, WALL, PIECE, EDGE, PALE = "#F4F1EA", "#3C3C3C", "#C3C9CF", "#6B7075", "#D8DCE0"
+FLOOR, WALL, PIECE, EDGE, PALE = "#F4F1EA", "#5F6368", "#C3C9CF", "#6B7075", "#D8DCE0"
 FLAT, FLAT_MARKED = "#E6E5E2", "#F9E3B4"
 DPI = 150
 BAR_HEIGHT_IN = 0.22

@@ -31,6 +31,12 @@ LEANING_COS = np.cos(np.radians(15.0))
 WALL_GAP_M = 0.35
 """A piece whose side is this near to a wall stands against it."""
 
+CLOSE_M = 0.1
+"""Against a wall this near, a piece may stand with its short side."""
+
+SEAT_SHARE = 0.24
+"""A surface this much of the half depth out of the middle is a seat, with a backrest behind it."""
+
 SHARED_SHARE = 0.1
 """A piece with more of its outline over another's is pushed under it, and goes with it."""
 
@@ -155,12 +161,13 @@ def _piece(
     center, sides = box
     walls = _walls(layout, own, center, sides)
     front = _front(layout, name, own, center, sides)
+    behind = [i for i, (gap, _) in walls.items() if gap < CLOSE_M or _is_long(sides[i])]
     if front is not None:
         back = sides[(front + 2) % 4]
-    elif walls:
-        back = max((sides[i] for i in walls), key=lambda side: side.half_length_m)
+    elif behind:
+        back = max((sides[i] for i in behind), key=lambda side: side.half_length_m)
     else:
-        back = _high_side(own, center, sides) or min(sides, key=lambda side: side.half_m)
+        back = min(sides, key=lambda side: side.half_m)
     wall = walls.get(sides.index(back))
     low, high = _box(own)
     size = 2 * max(back.half_m, back.half_length_m)
@@ -205,49 +212,49 @@ def _walls(
     """Returns side -> distance to the wall there and its inward normal turned round (2,)."""
     low, high = _box(own)
     bottom, top = low[2] + 0.15, max(high[2], low[2] + 0.4)
-    probe = coal.Box(2 * sides[0].half_m, 2 * sides[1].half_m, top - bottom)
     pose = np.eye(3)
     pose[:2, 0], pose[:2, 1] = sides[0].normal, sides[1].normal
     at = coal.Transform3s(pose, np.array([*center, (bottom + top) / 2]))
     found: dict[int, tuple[float, Array]] = {}
-    for wall in layout.placed.values():
-        if wall.piece != STAGE or wall.box_m[1, 2] < top / 2:
-            continue
-        result = coal.DistanceResult()
-        geometry, world_from_wall = wall.shapes.geometries[0], wall.world_from_shape[0]
-        gap = coal.distance(probe, at, geometry, world_from_wall, coal.DistanceRequest(), result)
-        normal = np.asarray(result.normal)[:2]
-        length = np.linalg.norm(normal)
-        if gap > WALL_GAP_M or length < 0.98:
-            continue
-        offset = result.getNearestPoint2()[:2] - center
-        for index, side in enumerate(sides):
-            known = found.get(index, (np.inf, normal))
-            beside = abs(offset @ (-side.normal[1], side.normal[0])) < side.half_length_m
-            if normal @ side.normal > 0.97 and beside and gap < known[0]:
-                found[index] = (float(gap), normal / length)
+    for wall in layout.of_pieces([STAGE]).all:
+        for axis in (0, 1):
+            # Narrower, so that the end of a wall beside the piece is not taken for one behind it.
+            half = [side.half_m * (1.0 if i == axis else 0.8) for i, side in enumerate(sides[:2])]
+            probe = coal.Box(2 * half[0], 2 * half[1], top - bottom)
+            result = coal.DistanceResult()
+            geometry, world_from_wall = wall.shapes.geometries[0], wall.world_from_shape[0]
+            gap = coal.distance(
+                probe, at, geometry, world_from_wall, coal.DistanceRequest(), result
+            )
+            normal = np.asarray(result.normal)[:2]
+            length = np.linalg.norm(normal)
+            for index in (axis, axis + 2):
+                nearest = found[index][0] if index in found else WALL_GAP_M
+                if gap < nearest and length > 0.98 and normal @ sides[index].normal > 0.97:
+                    found[index] = (float(gap), normal / length)
     return found
 
 
 def _front(
     layout: Layout, name: str, own: list[Placed], center: Array, sides: list[_Side]
 ) -> int | None:
-    """Returns the side on which furniture has its doors and drawers, None without any."""
-    moving = {body.name for j in layout.joints if j.piece == name for body in j.members}
-    doors = [body for body in own if body.name in moving]
-    if not doors:
+    """Returns the side with doors and drawers, or the one to which a seat lies; None without."""
+    doors = [body for joint in layout.joints if joint.piece == name for body in joint.members]
+    seats = [
+        layout.placed[r.body].world_from_body @ np.append(r.body_from_box[:3], 1.0)
+        for r in layout.spec.receptacles
+        if r.body == name
+    ]
+    if not doors and not seats:
         return None
-    offset = _box(doors).mean(axis=0)[:2] - center
-    return int(np.argmax([offset @ side.normal / side.half_m for side in sides]))
+    middle = _box(doors).mean(axis=0) if doors else np.mean(seats, axis=0)
+    offsets = [(middle[:2] - center) @ side.normal / side.half_m for side in sides]
+    front = int(np.argmax(offsets))
+    return front if doors or offsets[front] > SEAT_SHARE else None
 
 
-def _high_side(own: list[Placed], center: Array, sides: list[_Side]) -> _Side | None:
-    """Returns the side on which a piece is highest, as sofas and chairs are at their backs."""
-    points = np.concatenate([body.points_m for body in own], axis=1)
-    low, high = points[2].min(), points[2].max()
-    offset = points[:2, points[2] > low + 0.7 * (high - low)].mean(axis=1) - center
-    best = max(sides, key=lambda side: offset @ side.normal / side.half_m)
-    return best if offset @ best.normal > 0.15 * best.half_m else None
+def _is_long(side: _Side) -> bool:
+    return side.half_length_m > 0.9 * side.half_m
 
 
 def _pushed_under(boxes: Mapping[str, tuple[Array, list[_Side]]]) -> dict[str, str]:

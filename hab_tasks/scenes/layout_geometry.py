@@ -315,7 +315,7 @@ def _furniture(urdf_file: Path, scale: float) -> _Furniture:
     placed: dict[Any, Placed] = {}
     for name, link in links:
         shapes = _rigid(read_body(name, "furniture", link).shapes)
-        placed[link] = place(name, "", shapes, matrix(link.pose))
+        placed[link] = place(name, "", shapes, matrix(link.entity_pose))
     joints = [_joint(j.name, j._objs[0].child_link, placed) for j in built.active_joints]
     return _Furniture(links=tuple(placed.values()), joints=tuple(joints))
 
@@ -327,7 +327,7 @@ def _joint(name: str, link: Any, placed: Mapping[Any, Placed]) -> Joint:
         name=name,
         kind="slide" if link.joint.type == "prismatic" else "hinge",
         members=tuple(body for x, body in placed.items() if link in (x, *_ancestors(x))),
-        world_from_joint=matrix(link.pose * link.joint.pose_in_child),
+        world_from_joint=matrix(link.entity_pose * link.joint.pose_in_child),
         lower=max(lower, -math.pi),
         upper=min(upper, math.pi),
         rank=sum(x.joint.dof for x in _ancestors(link)),

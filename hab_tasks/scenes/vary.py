@@ -236,11 +236,14 @@ class _Arrangement:
             for flat in self._met(own, _lifted(np.eye(4), -sink))
             if abs(low - flat.box_m[1, 2]) < sink
         ]
-        rest = low - max((flat.box_m[1, 2] for flat in carrying), default=0.0)
-        met = self._met(own, _lifted(motion, rest - low))
+        lowered = -max((flat.box_m[1, 2] for flat in carrying), default=0.0)
+        met = self._met(own, _lifted(motion, lowered))
         if any(flat in carrying for flat in met):
             return motion
-        return _lifted(motion, max([rest, *(flat.box_m[1, 2] - sink for flat in met)]) - low)
+        # Hulls of soft things may reach below the floor; they are not lifted out of it.
+        bottom = max(low + lowered, 0.0)
+        raised = max((flat.box_m[1, 2] - sink - bottom for flat in met), default=0.0)
+        return _lifted(motion, lowered + max(raised, 0.0))
 
     def _met(self, own: Iterable[Placed], motion: Array) -> list[Placed]:
         """Returns the rugs that a piece overlaps after a motion."""

@@ -31,7 +31,7 @@ LEANING_COS = np.cos(np.radians(15.0))
 WALL_GAP_M = 0.35
 """A piece whose side is this near to a wall stands against it."""
 
-CLOSE_M = 0.1
+CLOSE_M = 0.15
 """Against a wall this near, a piece may stand with its short side."""
 
 SEAT_SHARE = 0.24

@@ -11,7 +11,7 @@ import math
 import re
 import zlib
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
@@ -23,7 +23,7 @@ from hab_tasks.geometry import Pose7, from_matrix, to_matrix
 from hab_tasks.privileged import Array
 from hab_tasks.scenes.dataset import SceneDataset
 from hab_tasks.scenes.furnishing import Piece, find_pieces, flat_bodies
-from hab_tasks.scenes.layout_checks import Baseline, Kind
+from hab_tasks.scenes.layout_checks import Baseline, Fault
 from hab_tasks.scenes.layout_geometry import Bodies, Layout, Placed, overlaps
 from hab_tasks.scenes.load import load_scene
 from hab_tasks.scenes.write import moved_scene
@@ -174,7 +174,7 @@ class _Arrangement:
         if not self.perturbed:
             self._refused[FREE_SPACE] += 1
             return False
-        return not self._refuse(*self._of.baseline.cramped(self._layout, self._motions))
+        return not self._refuse(self._of.baseline.cramped(self._layout, self._motions))
 
     def poses(self) -> dict[str, Pose7]:
         """Returns handle -> new pose of everything that moved."""
@@ -255,18 +255,20 @@ class _Arrangement:
         new = {name: motion for piece, motion in motions.items() for name in piece.members}
         layout = self._layout.moved(new)
         baseline = self._of.baseline
-        if self._refuse(*baseline.overlapping(layout, new)):
+        if self._refuse(baseline.overlapping(layout, new)):
             return False
-        if self._refuse(*baseline.blocked(layout, new)):
+        if self._refuse(baseline.blocked(layout, new)):
             return False
         self._layout = layout
         self._motions |= new
         return True
 
-    def _refuse(self, *faults: Any) -> bool:
-        kinds: set[Kind] = {fault.kind for fault in faults}
-        self._refused.update(kinds)
-        return bool(kinds)
+    def _refuse(self, faults: Iterator[Fault]) -> bool:
+        """Whether there is a fault; counts the first."""
+        fault = next(faults, None)
+        if fault is not None:
+            self._refused[fault.kind] += 1
+        return fault is not None
 
 
 def _planar(start_m: Array, end_m: Array, turn_rad: float) -> Array:

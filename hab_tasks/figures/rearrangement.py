@@ -28,6 +28,12 @@ PAPER_FIGURES = {
 }
 CHART_IN, PLAN_IN = 4.6, 3.0
 HISTOGRAM_ROWS, TITLE_ROWS = 8, 3.5
+THICKER = 1.4
+"""Bars may grow by this where there is room for more."""
+
+MANY = 150
+"""With more points than this in one plan, markers are smaller."""
+
 BIN_M = 0.5
 MARKERS = {
     "robot starts": {"marker": "x", "color": WALL, "s": 14, "linewidths": 0.8, "alpha": 0.7},
@@ -65,21 +71,12 @@ def draw_episodes(dataset: SceneDataset, episodes: EpisodeSet, file: Path) -> No
     )
     parts = figure.subfigures(1, len(widths), width_ratios=widths, squeeze=False)[0]
     for part, column in zip(parts, columns, strict=False):
-        heights = [panel.rows + TITLE_ROWS for panel in column]
-        places = part.subplots(len(column), 1, squeeze=False, height_ratios=heights)[:, 0]
-        for axes, panel in zip(places, column, strict=True):
-            panel.draw(axes)
-            axes.set_title(panel.title, fontsize=10, loc="left")
+        _draw_column(part, column, (height_in - 0.8) / BAR_HEIGHT_IN)
     _draw_positions(parts[-1], statistics, plans)
     save(figure, file)
 
 
 def _panels(statistics: EpisodeStatistics) -> list[_Panel]:
-    counted = {
-        "Where targets start": statistics.starts,
-        "Where targets go": statistics.goals,
-        "Doors and drawers": statistics.handles,
-    }
     panels = []
     if statistics.objects or statistics.clutter:
         draw = partial(
@@ -87,6 +84,11 @@ def _panels(statistics: EpisodeStatistics) -> list[_Panel]:
         )
         rows = len(statistics.objects.keys() | statistics.clutter.keys())
         panels.append(_Panel(title="Objects", rows=rows, draw=draw))
+    counted = {
+        "Where targets start": statistics.starts,
+        "Where targets go": statistics.goals,
+        "Doors and drawers": statistics.handles,
+    }
     panels += [
         _Panel(title=title, rows=len(counts), draw=partial(bars, counts=counts))
         for title, counts in counted.items()
@@ -106,15 +108,23 @@ def _columns(panels: list[_Panel]) -> list[list[_Panel]]:
     return [column for column in columns if column]
 
 
+def _draw_column(part: SubFigure, column: list[_Panel], rows: float) -> None:
+    """Draws charts one above the other in a place of so many rows; room to spare stays empty."""
+    heights = [panel.rows + TITLE_ROWS for panel in column]
+    spare = max(rows / THICKER - sum(heights), 1e-3)
+    places = part.subplots(len(column) + 1, 1, squeeze=False, height_ratios=[*heights, spare])[:, 0]
+    places[-1].set_axis_off()
+    for axes, panel in zip(places, column, strict=False):
+        panel.draw(axes)
+        axes.set_title(panel.title, fontsize=10, loc="left")
+
+
 def _draw_distances(axes: Axes, distances_m: Array) -> None:
     edges = np.arange(0.0, distances_m.max() + BIN_M, BIN_M)
     axes.hist(distances_m, bins=edges.tolist(), color=BLUE, edgecolor="white", linewidth=0.6)
     mean_m = float(distances_m.mean())
-    axes.axvline(mean_m, color=WALL, linestyle="--", linewidth=1.0)
-    axes.annotate(
-        f" mean {mean_m:.2f} m", (mean_m, 0.95), xycoords=("data", "axes fraction"), fontsize=8
-    )
-    axes.set_xlabel("straight line [m]", fontsize=9)
+    axes.axvline(mean_m, color="black", linestyle="--", linewidth=1.2)
+    axes.set_xlabel(f"straight line [m], dashed: mean {mean_m:.2f} m", fontsize=9)
     axes.set_ylabel("targets", fontsize=9)
     axes.tick_params(axis="y", labelsize=8)
     bare(axes)
@@ -131,7 +141,8 @@ def _draw_positions(
         draw_plan(axes, plan)
         for (name, look), points in zip(MARKERS.items(), found, strict=True):
             if place in points:
-                shown[name] = axes.scatter(*points[place].T, zorder=3, **look)
+                size = look["s"] * min(1.0, max(0.35, MANY / len(points[place])))
+                shown[name] = axes.scatter(*points[place].T, zorder=3, **{**look, "s": size})
         scenes = len(statistics.scenes[place])
         axes.set_title(place if scenes == 1 else f"{place}, {scenes} layouts", fontsize=10)
     words = {"ncols": 3, "fontsize": 8, "frameon": False, "handletextpad": 0.2}

@@ -1,5 +1,8 @@
 """Every layout of the embedded dataset: complete, free of clashes, and with room for the tasks."""
 
+import shutil
+import subprocess
+import sys
 from collections import Counter
 from itertools import combinations
 from typing import Any
@@ -7,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from apartment_solids import (
+    ROOT,
     SCENES,
     Layout,
     Solid,
@@ -270,6 +274,22 @@ def test_robot_fits_before_the_fridge(scene, angle):
     inside = (x > 0.833) & (x < 1.25) & (np.abs(z) < 0.6)
     share = inside.sum() * CELL_M**2 / (0.417 * 1.2)
     assert share > (0.5 if angle == 0 else 0.2), share
+
+
+@pytest.mark.slow
+def test_script_leaves_variations_alone(tmp_path):
+    script = [sys.executable, str(ROOT.parent / "tools/apartment")]
+    out, name = tmp_path / "apartment", "configs/scenes/v3_sc1_staging_07.scene_instance.json"
+    shutil.copytree(ROOT, out)
+    (out / name).write_text("{}\n", encoding="utf-8")
+    subprocess.run([*script, "--out", str(out)], check=True)
+    assert (out / name).read_text(encoding="utf-8") == "{}\n"
+    check = [*script, "--out", str(out), "--check"]
+    assert subprocess.run(check).returncode == 0
+    (out / "configs/scenes/apt_6.scene_instance.json").write_text("{}\n", encoding="utf-8")
+    result = subprocess.run(check, capture_output=True, text=True)
+    assert result.returncode == 1
+    assert "apt_6" in result.stderr
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ Scene frame: y up, floor at y = 0; north is +z, east is +x.
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from model import Light, ObjectModel, Placement, SceneModel
 from shell import FloorPlan
@@ -49,7 +49,7 @@ class Layout:
     lighting: str
     items: tuple[Item, ...]
     articulations: tuple[Placement, ...]
-    lights: tuple[Light, ...] = field(default=())
+    lights: tuple[Light, ...]
 
     def scene(self, feet_m: Mapping[str, float]) -> SceneModel:
         """Return the scene with everything fixed; `feet_m` as from the function of that name."""

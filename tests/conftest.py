@@ -15,6 +15,9 @@ import pytest
 ROOT = Path(__file__).parents[1]
 DATA = Path(os.environ.get("HAB_TEST_DATA") or ROOT.parent / "shared" / "data")
 
+EPISODES = 4
+"""How many start states of each env are looked at."""
+
 PROBES = {
     "render": "import sapien; sapien.render.RenderSystem()",
     "gpu": "import sapien, torch; torch.zeros(1, device='cuda'); sapien.physx.enable_gpu()",
@@ -41,6 +44,25 @@ def replica_cad() -> Path:
 def ycb() -> Path:
     """The real YCB objects; read-only."""
     return _present(DATA / "ycb")
+
+
+@pytest.fixture(scope="session")
+def generated(tmp_path_factory):
+    """Makes episodes of an env, each set once: (source, episodes) by env, dataset and novelty."""
+    from hab_tasks.episodes import EpisodeRequest, open_source
+
+    @functools.cache
+    def make(env_id: str, dataset: str = "apartment", novel: str | None = None):
+        real = {"scene_dataset": DATA / "replica_cad", "objects": DATA / "ycb"}
+        options = real if dataset == "real" else {"scene_dataset": dataset}
+        with pytest.MonkeyPatch.context() as patch:
+            # With an empty cache, so that nothing made by an older version is found.
+            patch.setenv("HAB_CACHE_DIR", str(tmp_path_factory.mktemp("episodes")))
+            source = open_source(EpisodeRequest(env_id=env_id, seed=77, novel=novel, **options))
+            count = 2 if novel else EPISODES
+            return source, tuple(source.get(index) for index in range(count))
+
+    return make
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -30,20 +30,20 @@ class Settling:
     Attributes:
         seconds: Longest settling time.
         drop_m: Height from which an object is let go.
-        speed_m_s: Fastest it may still move.
         beside_m: Farthest its centre of mass may lie beside the receptacle's box.
         below_m: Farthest it may lie below the box's lower face; cushions give way.
         fridge_inner: Share of the fridge's shelf that is used (Habitat).
         rounds: How often what fell is put somewhere else, the first time included.
+        restarts: How often everything is started anew from where it lies, to see whether it stays.
     """
 
     seconds: float = 4.0
     drop_m: float = 0.005
-    speed_m_s: float = 0.01
     beside_m: float = 0.02
     below_m: float = 0.03
     fridge_inner: float = 0.5
     rounds: int = 3
+    restarts: int = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,15 +151,20 @@ class Placer:
             del self.placed[handle]
 
     def _run(self) -> dict[str, Pose7]:
-        self._bench.settle(self._settling.seconds, tuple(self.placed))
-        resting = [handle for handle in sorted(self.placed) if self._rests(handle)]
-        return {handle: rounded(self._bench.pose(handle)) for handle in resting}
+        names = tuple(sorted(self.placed))
+        self._bench.settle(self._settling.seconds, names)
+        poses: dict[str, Pose7] = {}
+        still: set[str] = set()
+        for _ in range(self._settling.restarts):
+            poses = {name: rounded(self._bench.pose(name)) for name in names}
+            still = self._bench.at_rest(poses)
+            if len(still) == len(names):
+                break
+        return {name: poses[name] for name in names if name in still and self._rests(name)}
 
     def _rests(self, handle: str) -> bool:
-        """Whether an object lies still on the receptacle it was put on."""
+        """Whether an object lies on the receptacle it was put on."""
         limits = self._settling
-        if self._bench.speed_m_s(handle) > limits.speed_m_s:
-            return False
         if handle in self._inside:
             return self._is_in(handle, self._inside[handle])
         spot = self._spots[handle]

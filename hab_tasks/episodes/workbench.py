@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -32,6 +33,9 @@ TOUCH_DEPTH_M = 0.001
 """Robot links may overlap each other by this much: neighbours rest on one another."""
 
 LOOSE_SETTLE_S = 5.0
+
+STILL_S, STILL_M, STILL_M_S = 2.0, 0.005, 0.01
+"""What has moved less in this time, and is slower at its end, is at rest."""
 
 
 class Workbench:
@@ -122,7 +126,7 @@ class Workbench:
         """Returns a movable object's centre of mass (3,) in its own frame."""
         return np.asarray(self._components[name][1].cmass_local_pose.p, dtype=float)
 
-    def speed_m_s(self, name: str) -> float:
+    def _speed_m_s(self, name: str) -> float:
         """Returns how fast a movable object's centre of mass moves."""
         return float(np.linalg.norm(self._components[name][1].linear_velocity))
 
@@ -145,6 +149,21 @@ class Workbench:
             self._px.step()
             if step % 30 == 29 and all(body.is_sleeping for body in bodies):
                 break
+
+    def at_rest(self, poses: dict[str, Pose7]) -> set[str]:
+        """Starts objects from rest where `poses` says; returns those that stay there.
+
+        Two seconds are watched: an uneven box may rock for one before it topples.
+        """
+        for name, pose in poses.items():
+            self.place(name, pose)
+        self.settle(STILL_S, tuple(poses))
+        return {
+            name
+            for name, pose in poses.items()
+            if math.dist(self.pose(name)[:3], pose[:3]) < STILL_M
+            and self._speed_m_s(name) < STILL_M_S
+        }
 
     def footprint(self, name: str) -> tuple[Array, float, float]:
         """Measures an object standing upright.
@@ -268,8 +287,9 @@ class Workbench:
         self._px.step()
         touches = self._robot_contact(clearance_m)
         self.send_robot_away()
-        if touches:
-            self._restore(remembered)
+        poses, joints = remembered
+        # Furniture that something leans on gives way a little in every step.
+        self._restore((poses if touches else {}, joints))
         return touches
 
     def _robot_contact(self, clearance_m: float) -> bool:

@@ -25,7 +25,7 @@ from hab_tasks.geometry import Pose7
 from hab_tasks.robots.kinematics import ArmKinematics
 from hab_tasks.scenes.spec import ObjectTemplate, SceneSpec
 
-GENERATOR_VERSION = 2
+GENERATOR_VERSION = 3
 """Goes up when the same seed gives other episodes; cached files of another version are not used."""
 
 ATTEMPTS = 200
@@ -94,6 +94,7 @@ class Generator(ABC):
             for _ in range(ATTEMPTS // LAYOUTS):
                 try:
                     episode = self.attempt(bench, rng)
+                    refuse_unrest(bench, episode)
                 except RefusedError as reason:
                     refused[str(reason)] += 1
                     continue
@@ -152,6 +153,18 @@ def stage(bench: Workbench, objects: dict[str, Pose7], joints: dict[str, dict[st
     open_joints(bench, joints)
     for handle, pose in objects.items():
         bench.place(handle, pose)
+
+
+def refuse_unrest(bench: Workbench, episode: Episode) -> None:
+    """Refuses a start in which something does not stay where it is, by itself.
+
+    Raises:
+        RefusedError: An object moves.
+    """
+    resting = {handle: pose for handle, pose in episode.objects.items() if handle != episode.held}
+    stage(bench, resting, episode.joints)
+    if resting and len(bench.at_rest(resting)) < len(resting):
+        raise RefusedError("an object moves by itself")
 
 
 def open_joints(bench: Workbench, joints: dict[str, dict[str, float]]) -> None:

@@ -75,7 +75,7 @@ class Rearrange(Generator):
         count = len(self.moves)
         targets, ghosts = handles[:count], handles[-count:]
         bench.show(handles)
-        joints = _merged(spot.joints for spot in spots.values())
+        joints = _merged([*(spot.joints for spot in spots.values()), self._open_drawer(bench)])
         open_joints(bench, joints)
         placer = Placer(bench, rng, self.settling)
         self._put_targets(placer, targets, list(spots.values()))
@@ -103,6 +103,13 @@ class Rearrange(Generator):
             for target, ghost, goal in zip(targets, ghosts, goals, strict=True)
         )
         return start_state(bench, starts.anywhere(), objects, rearrangements)
+
+    def _open_drawer(self, bench: Workbench) -> dict[str, dict[str, float]]:
+        """Returns the drawer's open joint where the task starts with it open, empty or not."""
+        if not self.starts_open:
+            return {}
+        ref = find_front(bench, DRAWER_MARKER).ref
+        return {ref.furniture: {ref.joint: bench.joint_limits(ref.furniture, ref.joint)[1]}}
 
     def _any_name(self, rng: np.random.Generator) -> str:
         return self.objects.names[int(rng.integers(len(self.objects.names)))]

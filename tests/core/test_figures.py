@@ -30,8 +30,6 @@ from hab_tasks.figures.statistics import (
     category_counts,
     episode_statistics,
     furniture_counts,
-    readable,
-    receptacle_label,
 )
 from hab_tasks.figures.style import BLUE, ORANGE
 from hab_tasks.scenes.dataset import SceneDataset, resolve_dataset
@@ -71,51 +69,6 @@ def pixels(file):
 def has_color(picture, color):
     """(H, W) whether a pixel has a colour, to a shade."""
     return np.abs(picture - to_rgb(color)).max(axis=2) < 0.02
-
-
-# Names -----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("name", "shown"),
-    [
-        ("frl_apartment_table_03", "Table 03"),
-        ("apartment_bed", "Bed"),
-        ("chestOfDrawers_01", "Chest of drawers 01"),
-        ("024_bowl", "Bowl"),
-        ("tvstand", "TV stand"),
-        ("tv_screen", "TV screen"),
-        ("door2", "Door 2"),
-        ("", ""),
-    ],
-)
-def test_names_for_a_reader(name, shown):
-    assert readable(name) == shown
-
-
-@pytest.mark.parametrize(
-    ("name", "shown"),
-    [
-        ("Tbl2_Top1_frl_apartment_table_02", "Table 02"),
-        ("Tbl2_Top3_frl_apartment_table_02", "Table 02, top 3"),
-        ("WC1_Top2frl_apartment_wall_cabinet_01", "Wall cabinet 01, top 2"),
-        ("Sofa_frl_apartment_sofa", "Sofa"),
-        ("middle_topfrl_apartment_refrigerator", "Refrigerator, middle top"),
-        ("counter_left_kitchen_counter", "Kitchen counter, left"),
-        ("sink_kitchen_counter", "Kitchen counter, sink"),
-        ("drawer_right_top_frl_apartment_kitchen_counter", "Kitchen counter, drawer right top"),
-        ("shelf_left_top_kitchenCupboard_01", "Kitchen cupboard 01, shelf left top"),
-        ("mine", "Mine"),
-    ],
-)
-def test_receptacles_for_a_reader(name, shown):
-    assert receptacle_label(PREFIX + name) == shown
-
-
-def test_all_receptacles_have_names_of_their_own():
-    dataset = resolve_dataset("apartment")
-    names = {r.name for s in dataset.scene_files for r in load_scene(dataset, s).receptacles}
-    assert len({receptacle_label(name) for name in names}) == len(names) > 20
 
 
 # Numbers ---------------------------------------------------------------------------------------

@@ -119,7 +119,7 @@ def read_category(file: Path) -> str:
     with _fields_of(file):
         stated = data.get("user_defined", {}).get("category")
         known = _lexicon(next((p for p in file.parents if p.name == "configs"), file.parent))
-        return str(stated or known.get(data.get("semantic_id"), ""))
+        return str(stated or known.get(data.get("semantic_id", -1), ""))
 
 
 @lru_cache(maxsize=16)

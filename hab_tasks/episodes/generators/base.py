@@ -29,7 +29,7 @@ GENERATOR_VERSION = 3
 """Goes up when the same seed gives other episodes; cached files of another version are not used."""
 
 ATTEMPTS = 200
-LAYOUTS = 5
+LAYOUTS = 20
 """An episode whose layout offers no start state moves to another one, so many times."""
 
 

@@ -15,6 +15,7 @@ from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.utils.structs import Actor, Articulation
 from sapien.physx import PhysxMaterial
 
+from hab_tasks.errors import DatasetError
 from hab_tasks.geometry import Pose7, apply
 from hab_tasks.scenes.collision_groups import (
     FLOOR_BIT,
@@ -146,6 +147,9 @@ class BodyBuilder:
             if source.kind == "box":
                 half = [scale * x for x in source.half_size_m]
                 builder.add_box_collision(_at(source, scale), half, **common)
+            elif source.file is None or not source.file.exists():
+                # SAPIEN would log it and build a body that nothing touches.
+                raise DatasetError(f"{source.file}: gone since the dataset was read.")
             else:
                 builder.add_multiple_convex_collisions_from_file(
                     str(source.file), scale=[scale] * 3, **common

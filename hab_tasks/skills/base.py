@@ -100,38 +100,28 @@ class SkillEnv(BaseEnv):
         obs_mode: str | None = None,
         render_mode: str | None = None,
         render_backend: str = "auto",
-        robot_uids: str = "hab_fetch",
         num_envs: int = 1,
         **kwargs: Any,
     ) -> None:
-        mode = self._known_mode(control_mode)
-        source = open_source(
-            EpisodeRequest(
-                env_id=self.default_id(),
-                scene_dataset=scene_dataset,
-                objects=objects,
-                split=split,
-                scene=scene,
-                file=episodes,
-                seed=episode_seed,
-                novel=novel,
-            )
-        )
-        self._world = World(
-            source,
-            num_episodes=num_episodes,
+        kwargs.setdefault("robot_uids", "hab_fetch")
+        request = EpisodeRequest(
+            env_id=self.default_id(),
+            scene_dataset=scene_dataset,
+            objects=objects,
+            split=split,
+            scene=scene,
+            file=episodes,
             seed=episode_seed,
-            num_envs=num_envs,
-            prefetch=prefetch,
+            novel=novel,
         )
+        self._world = World(open_source(request), num_episodes, num_envs, prefetch=prefetch)
         self._backend = resolve_backend(render_backend, _needs_images(obs_mode, render_mode))
         super().__init__(
             num_envs=num_envs,
             obs_mode=obs_mode,
-            control_mode=mode,
+            control_mode=self._known_mode(control_mode),
             render_mode=render_mode,
             render_backend=self._backend,
-            robot_uids=robot_uids,
             **kwargs,
         )
 

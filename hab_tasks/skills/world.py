@@ -52,18 +52,12 @@ class World:
     _dormant: DormantObjects | None
 
     def __init__(
-        self,
-        source: EpisodeSource,
-        *,
-        num_episodes: int,
-        seed: int,
-        num_envs: int,
-        prefetch: bool = False,
+        self, source: EpisodeSource, num_episodes: int, num_envs: int, *, prefetch: bool = False
     ) -> None:
         """Plays episodes of `source`; with `prefetch`, builds all its layouts at the start."""
         self.source, self._prefetch = source, prefetch
         self._num_episodes = min(num_episodes, source.available)
-        self._order = np.random.default_rng(seed)
+        self._order = np.random.default_rng(source.seed)
         self.episodes: list[Episode] = []
         self._built = False
         self._layout, self._objects = "", ()

@@ -25,6 +25,7 @@ from sapien import physx
 from hab_tasks.geometry import IDENTITY, to_matrix
 from hab_tasks.privileged import Array, CollisionShape
 from hab_tasks.scenes.build import BodyBuilder
+from hab_tasks.scenes.coal_shapes import coal_shape
 from hab_tasks.scenes.floor import body_points
 from hab_tasks.scenes.shapes import matrix, read_body
 from hab_tasks.scenes.spec import ArticulationInstance, ObjectTemplate, SceneSpec, Stage
@@ -355,31 +356,12 @@ def _physics_scene() -> ManiSkillScene:
 def _rigid(shapes: Iterable[CollisionShape]) -> RigidShapes:
     shapes = tuple(shapes)
     corners = [body_points(shape) for shape in shapes]
-    made = [_coal_shape(shape) for shape in shapes]
+    made = [coal_shape(shape) for shape in shapes]
+    poses = [shape.body_from_shape @ pose for shape, (_, pose) in zip(shapes, made, strict=True)]
     counts = [points.shape[1] for points in corners]
     return RigidShapes(
         geometries=tuple(geometry for geometry, _ in made),
-        body_from_shape=np.array([pose for _, pose in made]).reshape(-1, 4, 4),
+        body_from_shape=np.array(poses).reshape(-1, 4, 4),
         points=np.concatenate(corners, axis=1) if corners else np.zeros((4, 0)),
         starts=np.cumsum([0, *counts[:-1]]) if counts else np.zeros(0, dtype=np.int64),
     )
-
-
-def _coal_shape(shape: CollisionShape) -> tuple[Any, Array]:
-    """Returns a coal geometry and its pose in the body; PhysX's cylinders lie along x."""
-    size = shape.half_size_m
-    if shape.kind == "convex":
-        vertices, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-        for vertex in shape.vertices_m:
-            vertices.append(vertex)
-        for corners in shape.faces:
-            triangles.append(coal.Triangle(*map(int, corners)))
-        return coal.Convex(vertices, triangles), shape.body_from_shape
-    if shape.kind == "box":
-        return coal.Box(*(2.0 * size)), shape.body_from_shape
-    if shape.kind == "sphere":
-        return coal.Sphere(float(size[0])), shape.body_from_shape
-    along_x = np.eye(4)
-    along_x[:3, :3] = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]
-    make = coal.Capsule if shape.kind == "capsule" else coal.Cylinder
-    return make(float(size[0]), 2.0 * float(size[1])), shape.body_from_shape @ along_x

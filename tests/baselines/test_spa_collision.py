@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from hab_spa.collision import ArmCollision, CollisionConfig
 from hab_spa.ik import LOWER_RAD, UPPER_RAD
-from hab_spa.shapes import coal_shape, shape_bounds_m
+from hab_spa.shapes import shape_bounds_m
 
 from hab_tasks.privileged import CollisionShape
 from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
+from hab_tasks.scenes.coal_shapes import coal_shape
 
 REST = np.array(REST_QPOS_RAD)
 

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 
-from hab_spa.shapes import Array, CoalShape, coal_shape, invert_pose, shape_bounds_m
+from hab_spa.shapes import Array, invert_pose, shape_bounds_m
 from hab_tasks.privileged import CollisionBody, PrivilegedState
 from hab_tasks.robots.fetch_spec import (
     ARM_LINKS,
@@ -26,6 +26,7 @@ from hab_tasks.robots.fetch_spec import (
     urdf_path,
 )
 from hab_tasks.robots.kinematics import arm_model
+from hab_tasks.scenes.coal_shapes import CoalShape, coal_shape
 
 FINGER_LINKS = tuple(name.replace("_joint", "_link") for name in FINGER_JOINTS)
 MOVING_LINKS = (*ARM_LINKS, EE_LINK, *FINGER_LINKS)

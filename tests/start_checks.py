@@ -33,6 +33,10 @@ SEEN |= {"024_bowl"}
 UNSEEN = {"013_apple", "017_orange", "025_mug", "026_sponge"}
 """Objects of S E.1."""
 
+SKILLS = ("HabPick-v1", "HabPlace-v1", "HabOpenFridge-v1", "HabCloseFridge-v1")
+SKILLS += ("HabOpenDrawer-v1", "HabCloseDrawer-v1", "HabNavigate-v1")
+TASKS = ("HabTidyHouse-v1", "HabPrepareGroceries-v1", "HabSetTable-v1")
+
 BASE_NOISE_M = math.hypot(0.1, 0.1)
 CELL_M = 0.05
 
@@ -69,12 +73,23 @@ class Replay:
         goals = {t.object: t.world_from_goal for t in self.episode.targets if t.world_from_goal}
         return {**self.episode.objects, **goals}
 
-    def moved_m(self, poses):
-        """How far the farthest object gets in 2 s of physics."""
+    def moved_m(self, poses, watched=None):
+        """How far the farthest of `watched` objects (default all) gets in 2 s of physics."""
         self.stand(poses)
         self.bench.settle(2.0, tuple(poses))
-        ways = [np.subtract(self.bench.pose(name)[:3], pose[:3]) for name, pose in poses.items()]
-        return max((float(np.linalg.norm(way)) for way in ways), default=0.0)
+        names = poses if watched is None else watched
+        return max((math.dist(self.bench.pose(n)[:3], poses[n][:3]) for n in names), default=0.0)
+
+    def joints_moved(self):
+        """How far the farthest joint of the episode's furniture gets in 2 s [m or rad]."""
+        self.stand(self.resting())
+        self.bench.settle(2.0, tuple(self.resting()))
+        after = self.bench.joints()
+        ways = [0.0]
+        for furniture, joints in self.episode.joints.items():
+            now = after.get(furniture, {})
+            ways += [abs(now.get(j, 0.0) - joints.get(j, 0.0)) for j in {*now, *joints}]
+        return max(ways)
 
     def overlaps(self, poses):
         """Pairs of names -> how deep [m] an object is in something else, more than 2 mm."""

@@ -109,7 +109,7 @@ class HabitatEntries:
             habitat[START] = None
         told = replace(told, habitat=habitat, loose=loose.get(told.scene_id, {}))
         with naming(where, f"info.{OWN_KEY}"):
-            return _with_untold(told, own) if own else told
+            return _with_untold(told, own, f"{where}, field info.{OWN_KEY}") if own else told
 
     def _write(self, episode: Episode) -> dict[str, Any]:
         """Returns the entry without what was kept and what Habitat has no place for."""
@@ -328,7 +328,7 @@ def _untold(episode: Episode, told: Episode) -> dict[str, Any]:
     return untold
 
 
-def _with_untold(told: Episode, untold: dict[str, Any]) -> Episode:
+def _with_untold(told: Episode, untold: dict[str, Any], where: str) -> Episode:
     """Adds to an episode read from Habitat's fields what `_untold` found."""
     rest = dict(untold)
     raw = asdict(told)
@@ -341,7 +341,7 @@ def _with_untold(told: Episode, untold: dict[str, Any]) -> Episode:
     if "receptacles" in rest:
         for target, pair in zip(raw["targets"], rest.pop("receptacles"), strict=True):
             target["start"], target["goal"] = pair
-    return read_episode(raw | rest, {told.scene_id: told.loose})
+    return read_episode(raw | rest, {told.scene_id: told.loose}, where)
 
 
 def _place(layout: HabitatLayout, receptacle: ReceptacleRef | None) -> list[Any]:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from transforms3d import quaternions
 
-from hab_tasks.episodes.schema import Base, finite, template_of
-from hab_tasks.errors import EpisodeError, UnknownNameError
+from hab_tasks.episodes.schema import Base, finite, naming, template_of
 from hab_tasks.geometry import Array, rotation_between
 from hab_tasks.scenes.load import HABITAT_UP
 from hab_tasks.scenes.meshes import mesh_bounds
@@ -56,19 +54,6 @@ def close(a: Any, b: Any, tolerance: float) -> bool:
     if type(a) in (int, float) and type(b) in (int, float):
         return abs(a - b) <= tolerance
     return bool(a == b)
-
-
-@contextmanager
-def naming(where: str, name: str) -> Iterator[None]:
-    """Names the episode and the field when something in it is missing, odd or unknown."""
-    try:
-        yield
-    except KeyError as error:
-        raise EpisodeError(f"{where}, field {name}: {error} is missing.") from error
-    except UnknownNameError as error:
-        raise EpisodeError(f"{where}, field {name}: {error}") from error
-    except (LookupError, TypeError, ValueError, AttributeError) as error:
-        raise EpisodeError(f"{where}, field {name}: malformed ({error}).") from error
 
 
 def body_of(

@@ -12,16 +12,20 @@ import json
 import math
 import tempfile
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hab_tasks.errors import EpisodeError
+from hab_tasks.errors import EpisodeError, UnknownNameError
 from hab_tasks.geometry import Pose7
 
 SCHEMA = 2
 POSE_DIGITS = 6
 """Poses are rounded to a micrometre, in memory as in files, so that both give the same start."""
+
+ARM_JOINT_COUNT = 7
 
 ReceptacleRef = tuple[str, str]
 """Name of a receptacle, and the body (object handle or ``articulation/link``) that carries it."""
@@ -177,19 +181,37 @@ def read_episodes(file: Path) -> EpisodeSet:
             f"{file}: episode schema {version!r}; this version reads {SCHEMA}. "
             "Make it anew with `hab-tasks episodes`."
         )
-    try:
+    where = str(file)
+    with naming(where, "scenes"):
         scenes = {s: {k: read_pose(p) for k, p in v.items()} for s, v in raw["scenes"].items()}
+    with naming(where, "episodes"):
+        entries = list(enumerate(raw["episodes"]))
+    with naming(where, "env, scene_dataset, split, seed, rejections"):
         return EpisodeSet(
             env=str(raw["env"]),
             scene_dataset=str(raw["scene_dataset"]),
             split=str(raw["split"]),
             seed=int(raw["seed"]),
-            episodes=tuple(read_episode(entry, scenes) for entry in raw["episodes"]),
+            episodes=tuple(
+                read_episode(entry, scenes, f"{where}: episode {_id(entry, index)!r}")
+                for index, entry in entries
+            ),
             rejections={str(k): int(v) for k, v in raw.get("rejections", {}).items()},
             habitat=dict(raw.get("habitat", {})),
         )
+
+
+@contextmanager
+def naming(where: str, name: str) -> Iterator[None]:
+    """Names the episode and the field when something in it is missing, odd or unknown."""
+    try:
+        yield
+    except KeyError as error:
+        raise EpisodeError(f"{where}, field {name}: {error} is missing.") from error
+    except UnknownNameError as error:
+        raise EpisodeError(f"{where}, field {name}: {error}") from error
     except (LookupError, TypeError, ValueError, AttributeError) as error:
-        raise EpisodeError(f"{file}: a field is missing or malformed ({error!r}).") from error
+        raise EpisodeError(f"{where}, field {name}: malformed ({error}).") from error
 
 
 def load_json(file: Path) -> Any:
@@ -207,49 +229,76 @@ def load_json(file: Path) -> Any:
         raise EpisodeError(f"{file}: not a valid episode file ({error}).") from error
 
 
-def read_episode(entry: dict[str, Any], scenes: dict[str, dict[str, Pose7]]) -> Episode:
+def read_episode(entry: Any, scenes: dict[str, dict[str, Pose7]], where: str) -> Episode:
     """Returns one entry of an episode file.
 
     Args:
         entry: The entry.
         scenes: Scene id -> the loose objects of all its episodes.
+        where: File and episode, for messages.
 
     Raises:
-        LookupError, TypeError, ValueError, AttributeError: A field is missing or malformed.
+        EpisodeError: A field is missing or malformed.
     """
-    arm = tuple(float(x) for x in entry["robot"]["arm_qpos_rad"])
-    if len(arm) != 7:
-        raise ValueError(f"robot start with {len(arm)} arm joints")
-    handle, navigation = entry.get("handle"), entry.get("navigation")
-    episode = Episode(
-        id=str(entry["id"]),
-        scene_id=str(entry["scene_id"]),
-        seed=int(entry["seed"]),
-        robot=RobotStart(base=_base(entry["robot"]["base"]), arm_qpos_rad=arm),
-        objects={str(k): read_pose(v) for k, v in entry["objects"].items()},
-        targets=tuple(_rearrangement(target) for target in entry["targets"]),
-        held=entry.get("held"),
-        handle=HandleRef(**{k: str(v) for k, v in handle.items()}) if handle else None,
-        navigation=NavigationGoal(skill=str(navigation["skill"]), base=_base(navigation["base"]))
-        if navigation
-        else None,
-        joints={
-            str(k): {str(j): float(q) for j, q in v.items()} for k, v in entry["joints"].items()
-        },
-        loose=scenes[str(entry["scene_id"])],
-        habitat=dict(entry.get("habitat", {})),
-    )
-    named = [target.object for target in episode.targets]
-    for name in (*named, *([episode.held] if episode.held is not None else [])):
-        if name not in episode.objects:
-            raise ValueError(f"{name!r} is not among the objects of {episode.id}")
-    return episode
+    with naming(where, "scene_id"):
+        scene_id = str(entry["scene_id"])
+        loose = scenes[scene_id]
+    with naming(where, "robot"):
+        robot = _robot(entry["robot"])
+    with naming(where, "objects"):
+        objects = {str(k): read_pose(v) for k, v in entry["objects"].items()}
+    with naming(where, "targets"):
+        targets = tuple(_rearrangement(target, objects) for target in entry["targets"])
+    with naming(where, "held"):
+        held = None if entry.get("held") is None else _among(entry["held"], objects)
+    with naming(where, "handle"):
+        handle = entry.get("handle")
+        handle = HandleRef(**{k: str(v) for k, v in handle.items()}) if handle else None
+    with naming(where, "navigation"):
+        goal = entry.get("navigation")
+        goal = NavigationGoal(skill=str(goal["skill"]), base=_base(goal["base"])) if goal else None
+    with naming(where, "joints"):
+        joints = {
+            str(k): {str(j): finite(q) for j, q in v.items()} for k, v in entry["joints"].items()
+        }
+    with naming(where, "id, seed, habitat"):
+        return Episode(
+            id=str(entry["id"]),
+            scene_id=scene_id,
+            seed=int(entry["seed"]),
+            robot=robot,
+            objects=objects,
+            targets=targets,
+            held=held,
+            handle=handle,
+            navigation=goal,
+            joints=joints,
+            loose=loose,
+            habitat=dict(entry.get("habitat", {})),
+        )
 
 
-def _rearrangement(entry: dict[str, Any]) -> Rearrangement:
+def _id(entry: Any, index: int) -> Any:
+    return entry.get("id", index) if isinstance(entry, dict) else index
+
+
+def _among(handle: Any, objects: dict[str, Pose7]) -> str:
+    if handle not in objects:
+        raise ValueError(f"{handle!r} is not among the objects")
+    return str(handle)
+
+
+def _robot(entry: dict[str, Any]) -> RobotStart:
+    arm = tuple(finite(x) for x in entry["arm_qpos_rad"])
+    if len(arm) != ARM_JOINT_COUNT:
+        raise ValueError(f"arm_qpos_rad with {len(arm)} joints instead of {ARM_JOINT_COUNT}")
+    return RobotStart(base=_base(entry["base"]), arm_qpos_rad=arm)
+
+
+def _rearrangement(entry: dict[str, Any], objects: dict[str, Pose7]) -> Rearrangement:
     start, goal, pose = entry.get("start"), entry.get("goal"), entry.get("world_from_goal")
     return Rearrangement(
-        object=str(entry["object"]),
+        object=_among(entry["object"], objects),
         start=_receptacle(start) if start else None,
         goal=_receptacle(goal) if goal else None,
         world_from_goal=read_pose(pose) if pose else None,
@@ -271,6 +320,8 @@ def read_pose(values: Any) -> Pose7:
     numbers = tuple(finite(x) for x in values)
     if len(numbers) != 7:
         raise ValueError(f"a pose needs 7 numbers, found {len(numbers)}")
+    if not math.hypot(*numbers[3:]) > 0:
+        raise ValueError("a pose whose quaternion is zero")
     return numbers  # type: ignore[return-value]
 
 

@@ -5,13 +5,12 @@ import math
 import numpy as np
 import pytest
 import start_checks as sc
-from start_checks import Replay
+from start_checks import SKILLS, TASKS, Replay
 
+from hab_tasks.episodes.generators import GENERATORS
 from hab_tasks.robots.fetch_spec import ARM_LOWER_RAD, ARM_UPPER_RAD
 from hab_tasks.robots.kinematics import ArmKinematics
 
-SKILLS = ("HabPick-v1", "HabPlace-v1", "HabOpenFridge-v1", "HabCloseFridge-v1")
-SKILLS += ("HabOpenDrawer-v1", "HabCloseDrawer-v1", "HabNavigate-v1")
 REAL = pytest.param("real", marks=[pytest.mark.assets, pytest.mark.slow])
 every_skill = pytest.mark.parametrize("env_id", SKILLS)
 every_dataset = pytest.mark.parametrize("dataset", ["apartment", REAL])
@@ -24,6 +23,10 @@ def replays(generated, dataset, env_id):
     return (Replay(source, episode) for episode in episodes)
 
 
+def test_every_generator_is_tested_here_or_with_the_tasks():
+    assert set(GENERATORS) == {*SKILLS, *TASKS}
+
+
 # All skills ------------------------------------------------------------------------------------
 
 
@@ -33,6 +36,7 @@ def test_objects_rest_and_nothing_overlaps(replays):
     for replay in replays:
         assert replay.moved_m(replay.resting()) < 0.01, replay.episode.id
         assert not replay.overlaps(replay.episode.objects), replay.episode.id
+        assert replay.joints_moved() < 0.01, replay.episode.id
 
 
 @every_dataset

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from builders import cpu_scene
 
-from hab_tasks.scenes.build import build_scene
 from hab_tasks.scenes.dataset import SPLIT_MACROS, SceneDataset
 from hab_tasks.scenes.load import load_scene, load_template
 from hab_tasks.scenes.markers import HANDLE_MARKERS
 from hab_tasks.scenes.objects import ALL_OBJECTS, load_objects
+from hab_tasks.scenes.pool import BodyPool
 
 pytestmark = pytest.mark.assets
 BIKES = {"frl_apartment_bike_01", "frl_apartment_bike_02"}
@@ -87,8 +87,6 @@ def test_train_has_the_three_public_macros(dataset):
 
 
 def test_receptacles_of_the_paper_are_there(specs):
-    from hab_tasks.episodes.spots import PICK_RECEPTACLES
-
     names = {r.name for spec in specs.values() for r in spec.receptacles}
     assert set(PICK_RECEPTACLES) <= names
 
@@ -127,7 +125,7 @@ env.step(env.action_space.sample())
 def test_a_staging_scene_builds_with_its_joints(specs):
     scene = cpu_scene()
     spec = specs["v3_sc0_staging_00"]
-    handles = build_scene(scene, spec, {})
+    handles = BodyPool(scene, {}).show(spec, ())
     scene._setup(enable_gpu=False)
     joints = {name: len(a.active_joints) for name, a in handles.articulations.items()}
     assert joints["kitchen_counter_:0000"] == 7
@@ -160,10 +158,15 @@ def test_ycb_masses_equal_the_urdfs(ycb):
 
 def test_built_ycb_objects_have_these_masses(ycb, specs):
     scene = cpu_scene()
-    handles = build_scene(scene, specs["empty_stage"], load_objects(ycb))
+    masses = urdf_masses(ycb)
+    handles = BodyPool(scene, load_objects(ycb)).show(
+        specs["empty_stage"], [f"{name}_:{number:04d}" for name in masses for number in (0, 1)]
+    )
     scene._setup(enable_gpu=False)
-    for name, mass_kg in urdf_masses(ycb).items():
-        assert handles.pickables[name]._bodies[0].mass == pytest.approx(mass_kg, rel=1e-5)
+    for name, mass_kg in masses.items():
+        for number in (0, 1):
+            body = handles.pickables[f"{name}_:{number:04d}"]._bodies[0]
+            assert body.mass == pytest.approx(mass_kg, rel=1e-5)
 
 
 def maniskill_folder(ycb: Path, root: Path) -> Path:

@@ -1,0 +1,86 @@
+"""How episodes are generated: the same for the same request, and given up with reasons."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections import Counter
+from dataclasses import asdict
+
+import pytest
+from builders import table_config, tiny_dataset, write_json
+
+from hab_tasks.episodes import EpisodeRequest, load_episodes, open_source
+from hab_tasks.episodes.generators import GENERATORS
+from hab_tasks.episodes.refusal import RefusedError
+from hab_tasks.errors import GenerationError
+
+ENV, SEED = "HabPick-v1", 77
+every_env = pytest.mark.parametrize("env_id", GENERATORS)
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path, monkeypatch):
+    """Nothing that was generated before is found."""
+    monkeypatch.setenv("HAB_CACHE_DIR", str(tmp_path / "cache"))
+
+
+@every_env
+def test_an_episode_does_not_depend_on_those_before(generated, env_id):
+    """The third one, made first, by a source that does not know the others."""
+    _, episodes = generated(env_id)
+    assert open_source(EpisodeRequest(env_id=env_id, seed=SEED)).get(2) == episodes[2]
+
+
+def test_a_new_process_makes_the_same_episodes(generated):
+    """Another seed and another env before them, in another order, with other hashes of strings."""
+    code = f"""
+import json
+from dataclasses import asdict
+from hab_tasks.episodes import EpisodeRequest, open_source
+open_source(EpisodeRequest(env_id="{ENV}", seed=3)).get(0)
+sources = [open_source(EpisodeRequest(env_id=e, seed={SEED})) for e in ("{ENV}", "HabSetTable-v1")]
+print(json.dumps([asdict(source.get(i)) for i in (3, 1) for source in sources]))
+"""
+    environment = {**os.environ, "PYTHONHASHSEED": "4711"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+    )
+    again = json.loads(done.stdout.splitlines()[-1])
+    sets = [generated(env_id)[1] for env_id in (ENV, "HabSetTable-v1")]
+    assert again == [json.loads(json.dumps(asdict(s[i]))) for i in (3, 1) for s in sets]
+
+
+def test_seeds_and_indices_give_different_episodes(generated):
+    _, episodes = generated(ENV)
+    other = open_source(EpisodeRequest(env_id=ENV, seed=SEED + 1)).get(0)
+    assert len({e.robot.base for e in (*episodes, other)}) == len(episodes) + 1
+    assert len({e.id for e in episodes}) == len(episodes)
+
+
+@every_env
+def test_a_dataset_without_receptacles_gives_up_soon_and_says_why(tmp_path, env_id):
+    root = tiny_dataset(tmp_path / "tiny")
+    table = table_config() | {"user_defined": {}}
+    write_json(root / "configs/objects/table.object_config.json", table)
+    begun = time.process_time()
+    with pytest.raises(GenerationError, match=rf"{env_id}/tiny.*no .* in the layout': [1-9]"):
+        open_source(EpisodeRequest(env_id=env_id, scene_dataset=root)).get(0)
+    assert time.process_time() - begun < 20.0
+
+
+def test_refusals_are_counted_and_stored(tmp_path, monkeypatch):
+    made, refusals = GENERATORS[ENV].attempt, iter(["too hot", "too cold", "too hot"])
+
+    def attempt(self, bench, rng):
+        reason = next(refusals, None)
+        if reason:
+            raise RefusedError(reason)
+        return made(self, bench, rng)
+
+    monkeypatch.setattr(GENERATORS[ENV], "attempt", attempt)
+    request = EpisodeRequest(env_id=ENV, seed=1)
+    counted = Counter(load_episodes(request, count=1).rejections)
+    assert (counted["too hot"], counted["too cold"]) == (2, 1)
+    assert Counter(load_episodes(request, count=1).rejections) == counted, "lost in the cache"

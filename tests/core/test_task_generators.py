@@ -1,0 +1,201 @@
+"""The three tasks' start states (S G.1), checked in a simulation that did not make them."""
+
+import math
+
+import numpy as np
+import pytest
+import start_checks as sc
+import torch
+from start_checks import TASKS, Replay
+
+from hab_tasks.scenes.shapes import matrix
+
+REAL = pytest.param("real", marks=[pytest.mark.assets, pytest.mark.slow])
+every_task = pytest.mark.parametrize("env_id", TASKS)
+every_dataset = pytest.mark.parametrize("dataset", ["apartment", REAL])
+tidy_house, prepare_groceries, set_table = (
+    pytest.mark.parametrize("env_id", [env_id]) for env_id in TASKS
+)
+
+
+@pytest.fixture
+def replays(generated, dataset, env_id):
+    """The env's episodes, each in its layout again."""
+    source, episodes = generated(env_id, dataset)
+    return (Replay(source, episode) for episode in episodes)
+
+
+def names_of(refs):
+    return {ref[0] for ref in refs}
+
+
+# All tasks -------------------------------------------------------------------------------------
+
+
+@every_dataset
+@every_task
+def test_objects_rest_and_nothing_overlaps(replays):
+    for replay in replays:
+        assert replay.moved_m(replay.resting()) < 0.01, replay.episode.id
+        assert not replay.overlaps(replay.episode.objects), replay.episode.id
+        assert replay.joints_moved() < 0.01, replay.episode.id
+
+
+@every_dataset
+@every_task
+def test_targets_rest_at_their_goals_too(replays):
+    for replay in replays:
+        targets = [target.object for target in replay.episode.targets]
+        assert replay.moved_m(replay.at_goals(), targets) < 0.01, replay.episode.id
+        assert not replay.overlaps(replay.at_goals()), replay.episode.id
+
+
+@every_dataset
+@every_task
+def test_starts_and_goals_are_on_their_receptacles_and_apart(replays):
+    for replay in replays:
+        for target in replay.episode.targets:
+            start = replay.episode.objects[target.object]
+            assert math.dist(start[:3], target.world_from_goal[:3]) >= 0.5, replay.episode.id
+            replay.stand()
+            assert replay.stands_on(target.object, target.start), target
+            replay.stand(replay.at_goals())
+            # An apple in a bowl is not down on the table.
+            beside, height = replay.over(replay.bench.com_m(target.object), target.goal)
+            assert beside < 0.02, target
+            assert -0.02 < height < 0.3, target
+
+
+@every_dataset
+@every_task
+def test_the_robot_stands_free(replays):
+    for replay in replays:
+        assert not replay.touches(), replay.episode.id
+        assert replay.off_floor_m(replay.episode.robot.base) < 1e-5, replay.episode.id
+
+
+@every_dataset
+@every_task
+def test_chairs_and_sinks_hold_two_objects_at_most(replays):
+    for replay in replays:
+        for poses in (replay.episode.objects, replay.at_goals()):
+            replay.stand(poses)
+            for name in (sc.CHAIR, sc.SINK):
+                assert all(count <= 2 for count in replay.count_on(name).values()), name
+
+
+@every_dataset
+@every_task
+def test_the_objects_are_known_and_the_clutter_is_there(replays, env_id):
+    clutter = 25 if env_id == TASKS[0] else 27
+    for replay in replays:
+        episode = replay.episode
+        others = {h for h in episode.objects if h not in {t.object for t in episode.targets}}
+        # A fifth of it may find no room.
+        assert 0.8 * clutter <= len(others) <= clutter, episode.id
+        assert {handle.rsplit("_:", 1)[0] for handle in others} <= sc.SEEN
+        assert episode.held is episode.handle is episode.navigation is None
+
+
+@pytest.mark.parametrize("env_id", TASKS[:2])
+def test_novel_objects_are_those_kept_for_evaluation(generated, env_id):
+    _, episodes = generated(env_id, "apartment", "objects")
+    assert {handle.rsplit("_:", 1)[0] for e in episodes for handle in e.objects} <= sc.UNSEEN
+
+
+# One by one ------------------------------------------------------------------------------------
+
+
+@every_dataset
+@tidy_house
+def test_tidy_house_moves_five_of_thirty_between_open_receptacles(replays):
+    for replay in replays:
+        episode = replay.episode
+        assert len({t.object for t in episode.targets}) == 5
+        assert len(episode.objects) <= 30
+        assert names_of(t.start for t in episode.targets) <= sc.EIGHT
+        assert names_of(t.goal for t in episode.targets) <= sc.EIGHT
+        assert episode.joints == {}
+
+
+@every_dataset
+@prepare_groceries
+def test_prepare_groceries_empties_and_fills_an_open_fridge(replays):
+    for replay in replays:
+        episode = replay.episode
+        first, second, third = episode.targets
+        assert first.start[0] == second.start[0] == third.goal[0] == sc.FRIDGE
+        assert first.goal[0] in sc.COUNTERS
+        assert second.goal[0] == sc.TABLE_LIGHT
+        assert third.start[0] in sc.COUNTERS
+        (fridge,) = {ref[1].partition("/")[0] for ref in (first.start, second.start, third.goal)}
+        (counter,) = episode.joints.keys() - {fridge}
+        assert episode.joints[fridge].keys() == {"top_door_hinge"}
+        assert episode.joints[fridge]["top_door_hinge"] > math.pi / 2  # open (S H.2)
+        assert episode.joints[counter].keys() == {"right_slide_top"}
+        travel = replay.bench.joint_limits(counter, "right_slide_top")[1]
+        assert episode.joints[counter]["right_slide_top"] >= 0.9 * travel
+
+
+@every_dataset
+@set_table
+def test_set_table_takes_a_bowl_and_an_apple_from_behind_closed_fronts(replays):
+    for replay in replays:
+        episode = replay.episode
+        bowl, apple = episode.targets
+        assert bowl.object.startswith("024_bowl_:")
+        assert apple.object.startswith("013_apple_:")
+        assert bowl.start[0] == sc.DRAWER
+        assert apple.start[0] == sc.FRIDGE
+        assert bowl.goal[0] == apple.goal[0] == sc.TABLE_LIGHT
+        assert bowl.goal == apple.goal
+        assert episode.joints == {}
+        replay.stand()
+        beside, _ = replay.over(replay.bench.com_m(bowl.object), bowl.start)
+        assert beside < 0.0, "the bowl sticks out of the drawer"
+
+
+def height_span(bench, name):
+    low, high = bench._components[name][1].compute_global_aabb_tight()
+    return low[2], high[2]
+
+
+@every_dataset
+@set_table
+def test_the_apple_ends_in_the_bowl(replays):
+    for replay in replays:
+        bowl, apple = replay.episode.targets
+        replay.stand(replay.at_goals())
+        way = replay.bench.com_m(apple.object) - replay.bench.com_m(bowl.object)
+        # A bowl is 16 cm wide and 5 cm high; an apple of 7 cm lies in it, sticking out at the top.
+        assert np.linalg.norm(way[:2]) < 0.05, replay.episode.id
+        (low, _), (floor, brim) = (height_span(replay.bench, t.object) for t in (apple, bowl))
+        assert floor < low < brim - 0.02, replay.episode.id
+
+
+@every_dataset
+@set_table
+def test_the_bowl_comes_out_with_the_drawer(replays):
+    """Pulled by physics at 0.2 m/s for 1.5 s, which is 0.3 m."""
+    for replay in replays:
+        bowl = replay.episode.targets[0]
+        replay.stand()
+        furniture, _, link = bowl.start[1].partition("/")
+        drawer = replay.bench.handles.articulations[furniture]
+        index = [j.child_link.name for j in drawer.active_joints].index(link)
+        body = drawer.links_map[link]._objs[0]
+        before = np.linalg.inv(matrix(body.entity_pose)) @ np.append(
+            replay.bench.com_m(bowl.object), 1.0
+        )
+        start = replay.bench.com_m(bowl.object)
+        speed = torch.zeros_like(drawer.get_qvel())
+        speed[0, index] = 0.2
+        for _ in range(180):
+            drawer.set_qvel(speed)
+            replay.bench._px.step()
+        assert float(drawer.get_qpos()[0, index]) == pytest.approx(0.3, abs=0.02)
+        after = np.linalg.inv(matrix(body.entity_pose)) @ np.append(
+            replay.bench.com_m(bowl.object), 1.0
+        )
+        assert np.linalg.norm(after - before) < 0.06, "it slides about in the drawer"
+        assert math.dist(start, replay.bench.com_m(bowl.object)) > 0.24

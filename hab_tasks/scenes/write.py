@@ -12,6 +12,7 @@ from hab_tasks.geometry import WORLD_FROM_HABITAT, Pose7, compose, inverse
 from hab_tasks.scenes.dataset import SceneDataset, read_json
 from hab_tasks.scenes.spec import SceneSpec
 
+POSITION_DIGITS, ROTATION_DIGITS = 6, 9
 SCENE_SUFFIX = ".scene_instance.json"
 
 
@@ -32,9 +33,16 @@ def moved_scene(
         for item, entry in zip(items, own, strict=True):
             if item.name in world_from:
                 pose = compose(inverse(WORLD_FROM_HABITAT), world_from[item.name])
-                entry["translation"] = list(pose[:3])
-                entry["rotation"] = list(pose[3:])
+                entry["translation"] = [round(x, POSITION_DIGITS) + 0.0 for x in pose[:3]]
+                entry["rotation"] = _rotation(pose[3:])
     return scene
+
+
+def _rotation(wxyz: tuple[float, ...]) -> list[float]:
+    """Returns a rotation as one of its two quaternions, without the noise of its computation."""
+    rounded = [round(x, ROTATION_DIGITS) + 0.0 for x in wxyz]
+    first = next(x for x in rounded if x)
+    return rounded if first > 0 else [-x + 0.0 for x in rounded]
 
 
 def write_scene(scene: Mapping[str, Any], folder: Path, scene_id: str) -> Path:

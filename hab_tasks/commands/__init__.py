@@ -1,5 +1,6 @@
 """The subcommands of `hab-tasks`: one module each, one dataclass of options that runs itself."""
 
+from hab_tasks.commands.assets import Assets
 from hab_tasks.commands.base import Command
 from hab_tasks.commands.check import Check
 from hab_tasks.commands.convert import Convert
@@ -12,6 +13,7 @@ COMMANDS: dict[str, type[Command]] = {
     "list": List,
     "check": Check,
     "vary": Vary,
+    "assets": Assets,
     "episodes": Episodes,
     "figures": Figures,
     "convert": Convert,

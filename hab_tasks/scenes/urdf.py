@@ -32,12 +32,7 @@ def check_urdf(file: Path) -> None:
 def sapien_urdf(file: Path, visuals: bool) -> Path:
     """Returns a copy of the URDF that SAPIEN loads, with or without visual meshes."""
     root = _parse(file)
-    for element in root.iter():
-        for attribute in _NUMERIC:
-            if element.get(attribute) is not None:
-                element.set(
-                    attribute, " ".join(element.get(attribute, "").replace(",", " ").split())
-                )
+    mend_numbers(root)
     for mesh in root.iter("mesh"):
         mesh.set("filename", str((file.parent / mesh.get("filename", "")).resolve()))
     if not visuals:
@@ -54,6 +49,16 @@ def write_urdf(root: ElementTree.Element, stem: str) -> Path:
         path.write_text(text)
 
     return cached_file(f"urdf/{key}/{stem}.urdf", write)
+
+
+def mend_numbers(root: ElementTree.Element) -> None:
+    """Replaces commas between numbers by blanks, in place."""
+    for element in root.iter():
+        for attribute in _NUMERIC:
+            if element.get(attribute) is not None:
+                element.set(
+                    attribute, " ".join(element.get(attribute, "").replace(",", " ").split())
+                )
 
 
 def remove_visuals(root: ElementTree.Element) -> None:

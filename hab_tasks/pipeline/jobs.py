@@ -1,0 +1,104 @@
+"""Computations kept in the cache by content, done by several processes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+
+from hab_tasks.errors import DatasetError, HabError
+from hab_tasks.scenes.meshes import cache_dir, cached_file
+
+Progress = Callable[[int, int], None]
+"""Told the number of computations that are done, and of all."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """One computation.
+
+    Attributes:
+        name: Its result's place in the cache folder, made from all that it depends on.
+        source: The file that errors name.
+        write: Writes the result, a file or a folder, to a path. Another process must know it by
+            name.
+    """
+
+    name: str
+    source: Path
+    write: Callable[[Path], None]
+
+    @property
+    def result(self) -> Path:
+        """Where the result is or will be."""
+        return cache_dir() / self.name
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tally:
+    """How many results were computed and how many were in the cache already."""
+
+    computed: int
+    reused: int
+
+
+def run_jobs(jobs: Iterable[Job], workers: int, progress: Progress) -> Tally:
+    """Makes every result that is not in the cache yet; one of a name is enough.
+
+    What was made stays when a later job fails or the run is stopped.
+
+    Args:
+        jobs: What is needed.
+        workers: Number of processes; one works in this process.
+        progress: Called after every computation.
+
+    Raises:
+        DatasetError: A job failed; the message names its source.
+    """
+    wanted = {job.name: job for job in jobs}
+    missing = [job for job in wanted.values() if not job.result.exists()]
+    progress(0, len(missing))
+    done = map(_run, missing) if workers == 1 else _in_parallel(missing, workers)
+    for number, _ in enumerate(done, start=1):
+        progress(number, len(missing))
+    return Tally(computed=len(missing), reused=len(wanted) - len(missing))
+
+
+def _in_parallel(jobs: list[Job], workers: int) -> Iterator[None]:
+    if not jobs:
+        return
+    # A copy of this process would hold its threads' locks, so each worker starts anew.
+    pool = ProcessPoolExecutor(
+        min(workers, len(jobs)), mp_context=get_context("spawn"), initializer=_use_one_thread
+    )
+    try:
+        futures: dict[Future[None], Job] = {pool.submit(_run, job): job for job in jobs}
+        for future in as_completed(futures):
+            yield future.result()
+    except BrokenProcessPool as error:
+        left = [str(job.source) for job in jobs if not job.result.exists()]
+        raise DatasetError(
+            f"{left[0]}: a worker died on this file or one of the next {workers - 1} "
+            f"({error}). Run it again with --workers 1 to see on which."
+        ) from error
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _use_one_thread() -> None:
+    os.environ["OMP_NUM_THREADS"] = "1"
+
+
+def _run(job: Job) -> None:
+    try:
+        cached_file(job.name, job.write)
+    except HabError as error:
+        message = str(error)
+        named = message if str(job.source) in message else f"{job.source}: {message}"
+        raise DatasetError(named) from error
+    except Exception as error:
+        raise DatasetError(f"{job.source}: {type(error).__name__}: {error}") from error

@@ -1,0 +1,151 @@
+"""An optimised copy of a dataset (S B.1): light visuals, convex parts, the same format and names.
+
+The copy has the dataset's folder layout. Configurations are copied and point at the new collision
+parts; masses, friction, receptacles, scenes, navmeshes, lights and licence files are copied.
+Results are kept in the cache, keyed by content and options, so that a second run computes nothing.
+The source is never written to, and a run that is stopped leaves no half copy.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from hab_tasks.errors import HabError, UnknownNameError
+from hab_tasks.pipeline.footprint import Footprint, footprint
+from hab_tasks.pipeline.jobs import Progress, Tally, run_jobs
+from hab_tasks.pipeline.options import AssetOptions
+from hab_tasks.pipeline.plan import CopyPlan, plan_dataset, plan_objects
+from hab_tasks.scenes.dataset import SceneDataset
+
+OBJECTS_FOLDER = "ycb"
+"""Where the copy of a YCB folder lies in the copy of the dataset."""
+
+NOTE = "hab_tasks_assets.json"
+"""A file in the copy that says what was changed, as licences ask for."""
+
+CHANGES = (
+    "Visual meshes have fewer triangles and smaller, compressed textures; collision meshes are "
+    "convex parts computed from the originals; numbers in URDFs are separated by blanks."
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report:
+    """What a run did.
+
+    Attributes:
+        out: The copy.
+        tally: How much was computed for it.
+        before: Sizes of the dataset's GLB visuals.
+        after: Sizes of the copy's.
+    """
+
+    out: Path
+    tally: Tally
+    before: Footprint
+    after: Footprint
+
+
+def optimise(
+    dataset: SceneDataset,
+    out: Path,
+    options: AssetOptions,
+    *,
+    objects: Path | None = None,
+    workers: int = 1,
+    force: bool = False,
+    progress: Progress = lambda done, count: None,
+) -> Report:
+    """Writes an optimised copy of a dataset, and of a YCB folder into `OBJECTS_FOLDER` in it.
+
+    Args:
+        dataset: What is copied.
+        out: The copy, whole or not there.
+        options: How it is optimised.
+        objects: A YCB folder to copy as well.
+        workers: Number of processes.
+        force: Whether a dataset at `out` may be replaced.
+        progress: Told how far the computations are.
+
+    Raises:
+        HabError: Bad options, or `out` may not be written to.
+        DatasetError: A file of the dataset is damaged.
+    """
+    if workers < 1:
+        raise HabError(f"--workers {workers}: at least 1 process.")
+    if objects is not None and not objects.expanduser().is_dir():
+        raise UnknownNameError("objects", str(objects), ["PATH of a YCB folder"])
+    out = out.expanduser().resolve()
+    ycb = objects.expanduser().resolve() if objects is not None else None
+    for source in (dataset.root, ycb):
+        _keep_apart(out, source)
+    _check_replaceable(out, force)
+    plans = {Path(): plan_dataset(dataset, options)}
+    if ycb is not None:
+        plans[Path(OBJECTS_FOLDER)] = plan_objects(ycb, options)
+    jobs = [job for plan in plans.values() for job in plan.jobs.values()]
+    tally = run_jobs(jobs, workers, progress)
+    note = {"copied from": dataset.name, "changes": CHANGES, "options": asdict(options)}
+    _write_copy(plans, json.dumps(note, indent=2) + "\n", out)
+    visuals = plans[Path()].visuals
+    return Report(
+        out=out,
+        tally=tally,
+        before=footprint(dataset.root / target for target in visuals),
+        after=footprint(out / target for target in visuals),
+    )
+
+
+def _keep_apart(out: Path, source: Path | None) -> None:
+    if source is not None and out.is_relative_to(source):
+        raise HabError(f"--out {out}: lies in {source}, which is never written to.")
+    if source is not None and source.is_relative_to(out):
+        raise HabError(f"--out {out}: holds {source}, which is never replaced.")
+
+
+def _check_replaceable(out: Path, force: bool) -> None:
+    if out.exists() and not out.is_dir():
+        raise HabError(f"--out {out}: a file; give the name of a folder.")
+    if not out.exists() or not any(out.iterdir()):
+        return
+    if not force:
+        raise HabError(f"--out {out}: exists; give --force to replace it.")
+    if not any(out.glob("*.scene_dataset_config.json")):
+        raise HabError(f"--out {out}: holds no dataset, so not even --force replaces it.")
+
+
+def _write_copy(plans: dict[Path, CopyPlan], note: str, out: Path) -> None:
+    """Writes all folders aside, then puts them in place as a whole."""
+    partial, old = (out.with_name(f".{out.name}.{kind}") for kind in ("partial", "old"))
+    for leftover in (partial, old):
+        shutil.rmtree(leftover, ignore_errors=True)
+    try:
+        for folder, plan in plans.items():
+            _assemble(plan, partial / folder)
+        (partial / NOTE).write_text(note)
+        if out.exists():
+            out.rename(old)
+        partial.rename(out)
+    except OSError as error:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise HabError(f"--out {out}: cannot be written ({error}).") from error
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _assemble(plan: CopyPlan, folder: Path) -> None:
+    files = {target: plan.root / target for target in plan.copied()}
+    for target, job in plan.jobs.items():
+        made = job.result
+        made_files = sorted(made.iterdir()) if made.is_dir() else [made]
+        for file in made_files:
+            files[target / file.name if made.is_dir() else target] = file
+    for target, file in files.items():
+        (folder / target).parent.mkdir(parents=True, exist_ok=True)
+        # Not the permissions: a source may be read-only.
+        shutil.copyfile(file, folder / target)
+    for target, text in plan.texts.items():
+        (folder / target).parent.mkdir(parents=True, exist_ok=True)
+        (folder / target).write_text(text)

@@ -35,7 +35,10 @@ TOUCH_DEPTH_M = 0.001
 LOOSE_SETTLE_S = 5.0
 
 STILL_S, STILL_M, STILL_M_S = 2.0, 0.005, 0.01
-"""What has moved less in this time, and is slower at its end, is at rest."""
+"""What has moved less in this time, and is never faster in it, is at rest."""
+
+BEAT_S, FIRST_S = 0.25, 0.5
+"""How often speeds are looked at, and for how long objects may swing when they are started."""
 
 
 class Workbench:
@@ -153,17 +156,16 @@ class Workbench:
     def at_rest(self, poses: dict[str, Pose7]) -> set[str]:
         """Starts objects from rest where `poses` says; returns those that stay there.
 
-        Two seconds are watched: an uneven box may rock for one before it topples.
+        Two seconds are watched: an uneven box may rock for longer than one before it topples.
         """
         for name, pose in poses.items():
             self.place(name, pose)
-        self.settle(STILL_S, tuple(poses))
-        return {
-            name
-            for name, pose in poses.items()
-            if math.dist(self.pose(name)[:3], pose[:3]) < STILL_M
-            and self._speed_m_s(name) < STILL_M_S
-        }
+        still = set(poses)
+        for beat in range(1, round(STILL_S / BEAT_S) + 1):
+            self.settle(BEAT_S, tuple(poses))
+            if beat * BEAT_S > FIRST_S:
+                still = {name for name in still if self._speed_m_s(name) < STILL_M_S}
+        return {n for n in still if math.dist(self.pose(n)[:3], poses[n][:3]) < STILL_M}
 
     def footprint(self, name: str) -> tuple[Array, float, float]:
         """Measures an object standing upright.

@@ -126,11 +126,11 @@ def find_spots(bench: Workbench, names: tuple[str, ...]) -> list[Spot]:
     is when its joints are where the spot says.
     """
     receptacles = receptacles_named(bench, names)
-    for receptacle in receptacles:
-        for furniture, joints in opening_joints(bench, receptacle).items():
-            for joint, value in joints.items():
-                bench.set_joint(furniture, joint, value)
-    found = [spot_of(bench, receptacle) for receptacle in receptacles]
+    opened = [_open(bench, receptacle) for receptacle in receptacles]
+    found = [
+        spot_of(bench, receptacle, joints)
+        for receptacle, joints in zip(receptacles, opened, strict=True)
+    ]
     return [spot for spot in found if unusable(bench, spot) is None]
 
 
@@ -140,8 +140,8 @@ def receptacles_named(bench: Workbench, names: tuple[str, ...]) -> list[Receptac
     return [receptacle for receptacle in ordered if receptacle.name in names]
 
 
-def spot_of(bench: Workbench, receptacle: Receptacle) -> Spot:
-    """Returns a receptacle as it stands now."""
+def spot_of(bench: Workbench, receptacle: Receptacle, joints: dict[str, dict[str, float]]) -> Spot:
+    """Returns a receptacle as it stands now; `joints` must be open to use it."""
     world_from_box = bench.world_from(receptacle.body) @ to_matrix(receptacle.body_from_box)
     up, half = np.array(receptacle.up), np.array(receptacle.half_size_m)
     bottom = world_from_box @ np.append(-up * (np.abs(up) @ half), 1.0)
@@ -152,7 +152,7 @@ def spot_of(bench: Workbench, receptacle: Receptacle) -> Spot:
         axes=world_from_box[:3, level],
         half_m=half[level],
         height_m=2 * float(np.abs(up) @ half),
-        joints=opening_joints(bench, receptacle),
+        joints=joints,
     )
 
 
@@ -185,8 +185,19 @@ def opening_joints(bench: Workbench, receptacle: Receptacle) -> dict[str, dict[s
     return {furniture: {joint: bench.joint_limits(furniture, joint)[1]}}
 
 
+def _open(bench: Workbench, receptacle: Receptacle) -> dict[str, dict[str, float]]:
+    joints = opening_joints(bench, receptacle)
+    for furniture, positions in joints.items():
+        for joint, value in positions.items():
+            bench.set_joint(furniture, joint, value)
+    return joints
+
+
 def widest(bench: Workbench, furniture: str, joint: str) -> float:
-    """Returns how far a door opens [rad] before it meets something, `FRIDGE_OPEN_RAD` at most."""
+    """Returns the widest angle [rad] at which a door meets nothing, `FRIDGE_OPEN_RAD` at most.
+
+    The door is closed again.
+    """
     low, high = bench.joint_limits(furniture, joint)
     link = f"{furniture}/{bench.link_of(furniture, joint)}"
     wanted = float(np.clip(FRIDGE_OPEN_RAD, low, high))

@@ -1,0 +1,310 @@
+"""Which receptacles can be used, points on them, and how objects come to rest there."""
+
+import math
+
+import numpy as np
+import pytest
+import start_checks as sc
+from builders import box_glb, table_config, tiny_dataset, tiny_scene, write_json, write_scene
+
+from hab_tasks.episodes.placing import Placer
+from hab_tasks.episodes.receptacles import (
+    find_spots,
+    receptacles_named,
+    spot_of,
+    unusable,
+    widest,
+)
+from hab_tasks.episodes.workbench import Workbench
+from hab_tasks.geometry import pose, rotation_between
+from hab_tasks.scenes.dataset import SceneDataset, resolve_dataset
+from hab_tasks.scenes.load import load_scene
+from hab_tasks.scenes.objects import load_objects
+
+TEMPLATES = load_objects(None)
+SCENE = "v3_sc0_staging_00"
+BOX, BOWL, APPLE = "003_cracker_box_:0000", "024_bowl_:0000", "013_apple_:0000"
+INSIDE = "receptacle_aabb_drawer"
+
+
+@pytest.fixture
+def tiny(tmp_path):
+    """The tiny dataset with a receptacle on the chest's drawer, and a table with nothing on it."""
+    root = tiny_dataset(tmp_path / "tiny")
+    entry = {"name": INSIDE, "parent_link": "drawer", "position": [0.3, 0.09, 0.0]}
+    config = {"user_defined": {INSIDE: entry | {"scale": [0.05, 0.04, 0.04]}}}
+    write_json(root / "urdf/chests/chest.ao_config.json", config)
+
+    def bench(change=lambda table, scene: None):
+        scene = tiny_scene()
+        del scene["object_instances"][1]
+        change(scene["object_instances"][0], scene)
+        write_scene(root, scene)
+        return Workbench(load_scene(SceneDataset(root), SCENE), TEMPLATES)
+
+    bench.root = root
+    return bench
+
+
+def spot(bench, name=sc.TABLE_LIGHT):
+    (receptacle,) = receptacles_named(bench, (name,))
+    return spot_of(bench, receptacle, {})
+
+
+# What stands where -----------------------------------------------------------------------------
+
+
+def test_a_spot_is_the_lower_face_of_the_box(tiny):
+    found = spot(tiny())
+    # The table's middle is at (1, -2, 0.4); y-up (0, 0.5, 0) with half heights of 0.1 starts at
+    # 0.4 above it and is 0.2 high.
+    assert np.allclose(found.center_m, (1.0, -2.0, 0.8), atol=1e-6)
+    assert np.allclose(found.half_m, (0.5, 0.3))
+    assert found.height_m == pytest.approx(0.2)
+    assert np.allclose(np.abs(found.axes), [[1, 0], [0, 1], [0, 0]], atol=1e-6)
+    assert found.ref == (sc.TABLE_LIGHT, "table_:0000")
+
+
+def test_a_spot_turns_with_its_table(tiny):
+    half = math.sqrt(0.5)
+    found = spot(tiny(lambda table, _: table.update(rotation=[half, 0, half, 0])))
+    assert np.allclose(found.center_m, (1.0, -2.0, 0.8), atol=1e-6)
+    # A quarter turn about the vertical swaps the axes.
+    assert np.allclose(np.abs(found.axes), [[0, 1], [1, 0], [0, 0]], atol=1e-6)
+
+
+def test_what_is_in_a_drawer_goes_out_with_it(tiny):
+    bench = tiny()
+    closed = spot(bench, INSIDE)
+    (found,) = find_spots(bench, (INSIDE,))
+    # The slide's 0.25 m, at twice the size.
+    assert found.joints == {"chest_:0000": {"slide": pytest.approx(0.5)}}
+    assert bench.joints() == {"chest_:0000": {"slide": pytest.approx(0.5)}}, "it stays open"
+    # From (-1, 0, 0.2), at twice the size: 0.6 ahead, and 0.18 - 0.08 up is the drawer's top.
+    assert np.allclose(closed.center_m, (-0.4, 0.0, 0.3), atol=1e-6)
+    assert np.allclose(found.center_m, (0.1, 0.0, 0.3), atol=1e-6)
+
+
+def test_spots_come_in_a_fixed_order(tiny):
+    bench = tiny()
+    names = (sc.TABLE_LIGHT, INSIDE)
+    refs = [found.ref for found in find_spots(bench, names)]
+    assert refs == [found.ref for found in find_spots(bench, names[::-1])]
+    assert refs == [(sc.TABLE_LIGHT, "table_:0000"), (INSIDE, "chest_:0000/drawer")]
+
+
+# What can be used ------------------------------------------------------------------------------
+
+
+def lid(height_m):
+    """A board 2 cm thick that hangs over the table at a height."""
+
+    def change(table, scene):
+        entry = {"template_name": "lid", "translation": [1, height_m + 0.01, 2]}
+        scene["object_instances"].append(entry)
+
+    return change
+
+
+def tilted(angle):
+    half = math.radians(angle) / 2
+    return lambda table, _: table.update(rotation=[math.cos(half), math.sin(half), 0, 0])
+
+
+def at_height(y):
+    return lambda table, _: table.update(translation=[1, y, 2])
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda table, scene: None, None),
+        # 0.8 m is the table's top; 0.1 m must be free above it.
+        (lid(0.95), None),
+        (lid(0.85), "covered"),
+        (tilted(9), None),
+        (tilted(11), "not level"),
+        # The arm reaches 1.5 m; the top is 0.4 m above the table's middle.
+        (at_height(1.05), None),
+        (at_height(1.15), "higher than the arm reaches"),
+    ],
+    ids=["as it is", "room", "covered", "9 degrees", "11 degrees", "1.45 m", "1.55 m"],
+)
+def test_only_what_can_be_used_is_used(tiny, change, reason):
+    box_glb(tiny.root / "objects/lid.glb", (1.2, 0.02, 0.8))
+    write_json(
+        tiny.root / "configs/objects/lid.object_config.json",
+        {"render_asset": "../../objects/lid.glb", "use_bounding_box_for_collision": True},
+    )
+    bench = tiny(change)
+    assert unusable(bench, spot(bench)) == reason
+    assert bool(find_spots(bench, (sc.TABLE_LIGHT,))) == (reason is None)
+
+
+def test_a_table_behind_others_is_out_of_reach(tiny):
+    """Boxes of 3 m around it leave free floor only farther than 1.1 m from the surface."""
+    box_glb(tiny.root / "objects/block.glb", (3.0, 0.5, 3.0))
+    write_json(
+        tiny.root / "configs/objects/block.object_config.json",
+        {"render_asset": "../../objects/block.glb", "use_bounding_box_for_collision": True},
+    )
+
+    def surround(table, scene):
+        for x, z in ((1, 0), (1, 4), (-1.1, 2), (3.1, 2)):
+            entry = {"template_name": "block", "translation": [x, 0.25, z]}
+            scene["object_instances"].append(entry)
+
+    bench = tiny(surround)
+    assert unusable(bench, spot(bench)) in (
+        "too far from free floor",
+        "no free floor in the layout",
+    )
+
+
+@pytest.fixture(scope="module")
+def apartment():
+    dataset = resolve_dataset("apartment")
+    return Workbench(load_scene(dataset, sorted(dataset.scene_files)[0]), TEMPLATES)
+
+
+def test_the_fridge_stays_open_once_it_was_opened(apartment):
+    apartment.show(())
+    (found,) = find_spots(apartment, (sc.FRIDGE,))
+    ((fridge, joints),) = found.joints.items()
+    assert apartment.joints()[fridge] == pytest.approx(joints, abs=1e-5)
+    assert joints["top_door_hinge"] > 1.2
+
+
+def test_a_door_opens_as_far_as_nothing_is_in_its_way(apartment):
+    apartment.show((BOX,))
+    fridge = apartment.furniture("fridge")
+    free = widest(apartment, fridge, "top_door_hinge")
+    assert 1.2 < free <= 2.3 + 1e-6
+    assert apartment.joints() == {}, "the door is not closed again"
+    # A box in the middle of the door as it stands then, half of the door's 0.62 m from the hinge.
+    apartment.set_joint(fridge, "top_door_hinge", free)
+    middle = apartment.world_from(f"{fridge}/top_door") @ np.array([0.0, -0.31, 0.2, 1.0])
+    apartment.set_joint(fridge, "top_door_hinge", 0.0)
+    there = (*(float(x) for x in middle[:3]), 1.0, 0.0, 0.0, 0.0)
+    apartment.place(BOX, there)
+    blocked = widest(apartment, fridge, "top_door_hinge")
+    # The box is 0.06 to 0.21 m wide: 0.1 rad at least, 1 rad at most.
+    assert free - 1.0 < blocked < free - 0.1
+    assert apartment.pose(BOX) == pytest.approx(there, abs=1e-6), "the box was pushed"
+    apartment.set_joint(fridge, "top_door_hinge", blocked)
+    assert not apartment.touching(f"{fridge}/top_door")
+
+
+def test_every_receptacle_of_the_protocol_is_usable_in_some_layout_of_the_apartment():
+    dataset = resolve_dataset("apartment")
+    wanted = {*sc.SIX, *sc.EIGHT, sc.DRAWER, *sc.SHELVES}
+    for scene_id in sorted(dataset.scene_files):
+        bench = Workbench(load_scene(dataset, scene_id), {})
+        wanted -= {found.ref[0] for found in find_spots(bench, tuple(wanted))}
+        if len(wanted) < 3:
+            break
+    # The highest and the lowest shelf may be out of reach everywhere.
+    assert wanted <= sc.SHELVES
+
+
+# Points and placing ----------------------------------------------------------------------------
+
+
+def test_points_keep_their_radius_from_the_edge_and_from_each_other(tiny):
+    found, rng, taken = spot(tiny()), np.random.default_rng(0), []
+    for _ in range(12):
+        point = found.sample(rng, 0.08, taken)
+        if point is None:
+            break
+        assert point[2] == pytest.approx(0.8)
+        local = np.abs((point - found.center_m) @ found.axes)
+        assert (local <= found.half_m - 0.08 + 1e-9).all()
+        # Discs may overlap by a tenth.
+        assert all(np.linalg.norm(point - q) > 0.9 * 0.16 for q, _ in taken)
+        taken.append((point, 0.08))
+    assert len(taken) >= 6
+
+
+def test_points_use_the_inner_part_where_it_is_asked_for(tiny):
+    found, rng = spot(tiny()), np.random.default_rng(0)
+    points = [found.sample(rng, 0.05, [], inner=0.5) for _ in range(50)]
+    local = np.abs((np.array(points) - found.center_m) @ found.axes)
+    assert (local <= 0.5 * found.half_m - 0.05 + 1e-9).all()
+    assert (local.max(axis=0) > 0.8 * (0.5 * found.half_m - 0.05)).all()
+
+
+def test_what_is_too_large_finds_no_point(tiny):
+    found, rng = spot(tiny()), np.random.default_rng(0)
+    # 0.3 m is the table's smaller half; what sticks out by more than 0.6 of its radius falls.
+    assert found.sample(rng, 0.45, []) is not None
+    assert found.sample(rng, 0.55, []) is None
+    full = [(found.center_m, 1.0)]
+    assert found.sample(rng, 0.05, full) is None
+
+
+def test_objects_come_to_rest_where_they_were_put(tiny):
+    bench, handles = tiny(), (BOX, BOWL, APPLE)
+    bench.show(handles)
+    placer = Placer(bench, np.random.default_rng(3))
+    found = spot(bench)
+    assert all(placer.put(handle, [found]) for handle in handles)
+    settled = placer.settle()
+    assert settled.keys() == set(handles)
+    assert bench.at_rest(settled) == set(handles)
+    for handle in handles:
+        assert placer.on[handle] == found.ref
+        assert bench.com_m(handle)[2] > 0.8
+
+
+def test_what_falls_is_put_somewhere_else(tiny):
+    """A receptacle without a board 0.4 m above its table lets everything fall; the other holds."""
+
+    def two(table, scene):
+        entry = {"template_name": "air", "translation": [-1, 0.4, 3]}
+        scene["object_instances"].append(entry)
+
+    config = table_config()
+    (box,) = config["user_defined"].values()
+    box["position"] = [0.0, 0.9, 0.0]
+    write_json(tiny.root / "configs/objects/air.object_config.json", config)
+    bench = tiny(two)
+    bench.show((APPLE,))
+    air, table = (spot_of(bench, r, {}) for r in receptacles_named(bench, (sc.TABLE_LIGHT,)))
+    assert (air.receptacle.body, table.receptacle.body) == ("air_:0000", "table_:0000")
+    ends = []
+    for seed in range(8):
+        placer = Placer(bench, np.random.default_rng(seed))
+        assert placer.put(APPLE, [air, table])
+        ends.append((placer.on[APPLE][1], placer.settle(), placer.on[APPLE][1]))
+    again = [(settled, last) for first, settled, last in ends if first == "air_:0000"]
+    assert len(again) > 1
+    # Drawn anew twice: it may be the air again, and then it is left out.
+    assert any(settled for settled, _ in again)
+    assert all(bool(settled) == (last == "table_:0000") for settled, last in again)
+    assert all(settled for first, settled, _ in ends if first == "table_:0000")
+
+
+def test_an_apple_falls_into_the_bowl(tiny):
+    bench = tiny()
+    bench.show((BOWL, APPLE))
+    placer = Placer(bench, np.random.default_rng(3))
+    assert placer.put(BOWL, [spot(bench)])
+    placer.put_into(APPLE, BOWL)
+    settled = placer.settle()
+    assert settled.keys() == {BOWL, APPLE}
+    way = bench.com_m(APPLE) - bench.com_m(BOWL)
+    assert np.linalg.norm(way[:2]) < 0.04
+    assert 0.0 < way[2] < 0.06
+
+
+def test_what_topples_is_not_at_rest(tiny):
+    bench = tiny()
+    bench.show((BOX, BOWL))
+    poses = {}
+    for name, lean in ((BOX, 30.0), (BOWL, 0.0)):
+        _, _, depth = bench.footprint(name)
+        sideways = np.array([math.sin(math.radians(lean)), 0.0, math.cos(math.radians(lean))])
+        q = rotation_between(np.array(TEMPLATES[name.rsplit("_:", 1)[0]].up), sideways)
+        x = 1.2 if name == BOX else 0.8
+        poses[name] = pose((x, -2.0, 0.8 + depth + 0.002), q)
+    assert bench.at_rest(poses) == {BOWL}

@@ -143,7 +143,7 @@ def test_an_object_stays_at_its_goal(replays):
 def test_starts_vary(generated, env_id):
     _, episodes = generated(env_id, "apartment")
     assert len({e.target for e in episodes}) >= 3
-    assert len({e.targets[0].start or e.targets[0].goal for e in episodes}) >= 3
+    assert len({e.targets[0].start or e.targets[0].goal for e in episodes}) >= 2
     assert len({e.robot for e in episodes}) == len({e.seed for e in episodes}) == len(episodes)
 
 

@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[1]
 # A module of hab_tasks may import from its own row and the rows above. A new one needs a row.
 ORDER = [
     {"constants", "errors", "agent", "privileged", "assets"},
-    {"geometry", "rendering", "options"},
+    {"geometry", "rendering", "options", "processes"},
     {"scenes"},
     {"navigation", "robots", "pipeline"},
     {"episodes"},

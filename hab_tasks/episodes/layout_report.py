@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +12,7 @@ import numpy as np
 from hab_tasks.episodes.workbench import Workbench
 from hab_tasks.errors import HabError
 from hab_tasks.geometry import Array
+from hab_tasks.processes import worker_pool
 from hab_tasks.scenes.dataset import SceneDataset
 from hab_tasks.scenes.floor import body_points
 from hab_tasks.scenes.layout_checks import check_layout
@@ -74,13 +73,8 @@ def check_layouts(
     if workers == 1:
         yield from ((scene_id, layout_faults(dataset, scene_id)) for scene_id in scenes)
         return
-    pool = ProcessPoolExecutor(
-        workers,
-        mp_context=get_context("spawn"),  # forked copies of a process with an engine do not work
-        initializer=logging.disable,  # this process has said it already
-        initargs=(logging.WARNING,),
-    )
-    with pool:
+    # What there is to be warned of, this process has said already.
+    with worker_pool(workers, logging.disable, (logging.WARNING,)) as pool:
         yield from zip(scenes, pool.map(partial(_faults, dataset.root), scenes), strict=True)
 
 

@@ -6,15 +6,12 @@ first 50, and asking again gives the same ones.
 
 from __future__ import annotations
 
-import multiprocessing
+import logging
 from collections import Counter
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-
-import torch
 
 from hab_tasks.episodes.generators import (
     GENERATOR_VERSION,
@@ -27,6 +24,7 @@ from hab_tasks.episodes.generators.base import Objects
 from hab_tasks.episodes.receptacles import UNSEEN_RECEPTACLES
 from hab_tasks.episodes.schema import Episode, EpisodeSet, read_episodes, write_episodes
 from hab_tasks.errors import EpisodeError, UnknownNameError
+from hab_tasks.processes import worker_pool
 from hab_tasks.scenes.dataset import SceneDataset, embedded_dataset, resolve_dataset
 from hab_tasks.scenes.load import load_scene
 from hab_tasks.scenes.meshes import cache_dir
@@ -141,10 +139,7 @@ class EpisodeSource:
         self, missing: list[int], workers: int, count: int, progress: Progress | None
     ) -> None:
         ready = count - len(missing)
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(
-            min(workers, len(missing)), context, _start_worker, (self._request,)
-        ) as pool:
+        with worker_pool(min(workers, len(missing)), _start_worker, (self._request,)) as pool:
             for index, made in zip(missing, pool.map(_make_in_worker, missing), strict=True):
                 self._keep(index, made)
                 ready += 1
@@ -256,7 +251,7 @@ _worker_source: EpisodeSource
 
 def _start_worker(request: EpisodeRequest) -> None:
     global _worker_source
-    torch.set_num_threads(1)
+    logging.disable(logging.WARNING)  # the parent has said it already
     _worker_source = open_source(request)
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import Future, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 
 from hab_tasks.errors import DatasetError, HabError
+from hab_tasks.processes import worker_pool
 from hab_tasks.scenes.meshes import cache_dir, cached_file
 
 Progress = Callable[[int, int], None]
@@ -71,10 +71,7 @@ def run_jobs(jobs: Iterable[Job], workers: int, progress: Progress) -> Tally:
 def _in_parallel(jobs: list[Job], workers: int) -> Iterator[None]:
     if not jobs:
         return
-    # A copy of this process would hold its threads' locks, so each worker starts anew.
-    pool = ProcessPoolExecutor(
-        min(workers, len(jobs)), mp_context=get_context("spawn"), initializer=_use_one_thread
-    )
+    pool = worker_pool(min(workers, len(jobs)), _use_one_thread)
     try:
         futures: dict[Future[None], Job] = {pool.submit(_run, job): job for job in jobs}
         for future in as_completed(futures):

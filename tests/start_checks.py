@@ -153,13 +153,11 @@ class Replay:
         return abs(math.remainder(math.atan2(way[1], way[0]) - base[2], math.tau))
 
     def ee_m(self):
-        """The end-effector (3,) in the world, from the arm's kinematics and the base."""
+        """The end-effector (3,) in the world; the base's frame is 5 mm above the floor."""
         x, y, yaw = self.episode.robot.base
-        local = ArmKinematics().position(np.array(self.episode.robot.arm_qpos_rad))
+        ahead, side, up = ArmKinematics().position(np.array(self.episode.robot.arm_qpos_rad))
         c, s = math.cos(yaw), math.sin(yaw)
-        return np.array(
-            [x + c * local[0] - s * local[1], y + s * local[0] + c * local[1], local[2]]
-        )
+        return np.array([x + c * ahead - s * side, y + s * ahead + c * side, up + 0.005])
 
     # Furniture -----------------------------------------------------------------------------------
 

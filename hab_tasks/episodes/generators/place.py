@@ -21,6 +21,7 @@ from hab_tasks.episodes.refusal import RefusedError
 from hab_tasks.episodes.schema import Base, Episode, Rearrangement, RobotStart, rounded, template_of
 from hab_tasks.episodes.workbench import Workbench
 from hab_tasks.geometry import Array, Pose7, apply, planar, pose, rotation_between
+from hab_tasks.robots.fetch import BASE_HEIGHT_M
 from hab_tasks.robots.kinematics import ArmKinematics
 
 
@@ -72,4 +73,5 @@ class Place(Generator):
 
 def ee_in_world(kinematics: ArmKinematics, base: Base, arm_qpos_rad: Array) -> Array:
     """Returns the end-effector point (3,) in the world."""
-    return apply(planar(*base), kinematics.position(arm_qpos_rad))
+    above_floor = np.array([0.0, 0.0, BASE_HEIGHT_M])
+    return apply(planar(*base), kinematics.position(arm_qpos_rad)) + above_floor

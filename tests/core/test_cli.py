@@ -6,10 +6,13 @@ import sys
 from pathlib import Path
 
 import pytest
+from builders import tiny_dataset
 
 from hab_tasks.commands import COMMANDS
 from hab_tasks.envs import ENVS
 from hab_tasks.episodes import read_episodes
+from hab_tasks.episodes.generators import GENERATORS
+from hab_tasks.episodes.refusal import RefusedError
 
 SCRIPT = Path(sys.executable).with_name("hab-tasks")
 
@@ -66,7 +69,7 @@ def test_episodes_are_written_and_never_overwritten(run, tmp_path):
     command = ("episodes", "--env", "HabPick-v1", "--count", 2, "--seed", 3, "--out", out)
     done = run(*command)
     assert done.returncode == 0, done.stderr
-    assert "wrote 2 episodes (train)" in done.stdout
+    assert re.search(r"wrote 2 episodes \((train|val|test)\)", done.stdout)
     assert len(read_episodes(out)) == 2
     first = out.read_bytes()
 
@@ -78,6 +81,54 @@ def test_episodes_are_written_and_never_overwritten(run, tmp_path):
     assert out.read_bytes() == first, "the same options gave another file"
 
 
+def test_episodes_are_made_for_skills_and_tasks_alike(run, tmp_path):
+    for env_id in ("HabNavigate-v1", "HabTidyHouse-v1"):
+        command = ("episodes", "--env", env_id, "--count", 1, "--split", "train")
+        done = run(*command, "--novel", "objects", "--out", tmp_path / f"{env_id}.json")
+        assert done.returncode == 0, done.stderr
+        (episode,) = read_episodes(tmp_path / f"{env_id}.json").episodes
+        assert episode.id.startswith(f"{env_id}/apartment/train+objects/0/")
+
+
+@pytest.mark.slow
+def test_several_processes_make_the_same_episodes(run, tmp_path):
+    command = ("episodes", "--env", "HabPlace-v1", "--count", 5, "--seed", 6)
+    for workers in (1, 3):
+        done = run(*command, "--workers", workers, "--out", tmp_path / f"{workers}.json")
+        assert done.returncode == 0, done.stderr
+    assert (tmp_path / "1.json").read_bytes() == (tmp_path / "3.json").read_bytes()
+
+
+def test_refused_candidates_are_told_with_reasons(run, tmp_path, monkeypatch):
+    made, refusals = GENERATORS["HabPick-v1"].attempt, iter(["too hot", "too cold", "too hot"])
+
+    def attempt(self, bench, rng):
+        reason = next(refusals, None)
+        if reason:
+            raise RefusedError(reason)
+        return made(self, bench, rng)
+
+    monkeypatch.setattr(GENERATORS["HabPick-v1"], "attempt", attempt)
+    command = ("episodes", "--env", "HabPick-v1", "--count", 1, "--seed", 3)
+    done = run(*command, "--out", tmp_path / "set.json")
+    assert done.returncode == 0, done.stderr
+    told = done.stdout.splitlines()
+    assert "  refused 2: too hot" in told
+    assert "  refused 1: too cold" in told
+
+
+def test_a_dataset_in_which_nothing_can_be_made_is_one_line(run, tmp_path):
+    root = tiny_dataset(tmp_path / "tiny")
+    command = ("episodes", "--env", "HabOpenFridge-v1", "--scene-dataset", root, "--count", 1)
+    done = run(*command, "--out", tmp_path / "set.json")
+    assert done.returncode == 2
+    last = done.stderr.strip().splitlines()[-1]
+    assert "no start state found" in last
+    assert "in the layout': " in last
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "set.json").exists()
+
+
 BAD = {
     "env": (("episodes", "--env", "HabPik-v1", "--out", "x.json"), ("HabPik-v1", "HabPick-v1")),
     "split": (
@@ -86,11 +137,19 @@ BAD = {
     ),
     "scene": (
         ("episodes", "--env", "HabPick-v1", "--scene", "v3_sc0_staging_0", "--out", "x.json"),
-        ("Did you mean 'v3_sc0_staging_00'",),
+        ("'v3_sc0_staging_0'", "Did you mean 'v3_sc0_staging_"),
     ),
     "count": (
         ("episodes", "--env", "HabPick-v1", "--count", "0", "--out", "x.json"),
         ("--count", "0"),
+    ),
+    "novel": (
+        ("episodes", "--env", "HabPick-v1", "--novel", "object", "--out", "x.json"),
+        ("'object'", "Did you mean 'objects'"),
+    ),
+    "workers": (
+        ("episodes", "--env", "HabPick-v1", "--workers", "0", "--out", "x.json"),
+        ("--workers", "0"),
     ),
     "objects": (
         ("episodes", "--env", "HabPick-v1", "--objects", "/nowhere", "--out", "x.json"),

@@ -191,6 +191,8 @@ def _lighten_image(
         image.load()
     except (UnidentifiedImageError, OSError, SyntaxError) as error:
         raise DatasetError(f"{source}: its texture {number} cannot be read ({error}).") from error
+    if is_color:
+        image = image.convert("RGBA" if image.has_transparency_data else "RGB")
     small = shrink(image, options.texture_px)
     if options.texture_format == "png" or not is_color:
         if small.size != image.size:

@@ -130,6 +130,8 @@ def _write_copy(plans: dict[Path, CopyPlan], note: str, out: Path) -> None:
             out.rename(old)
         partial.rename(out)
     except OSError as error:
+        if old.exists() and not out.exists():
+            old.rename(out)
         shutil.rmtree(partial, ignore_errors=True)
         raise HabError(f"--out {out}: cannot be written ({error}).") from error
     shutil.rmtree(old, ignore_errors=True)

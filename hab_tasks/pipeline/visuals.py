@@ -170,15 +170,16 @@ def _count(glb: Glb, primitive: dict[str, Any]) -> int:
 
 
 def _color_images(document: dict[str, Any]) -> set[int]:
-    """Returns the numbers of the images that are colours, and nothing else (normals, roughness)."""
+    """Returns the numbers of the images that are colours and nothing else, and not compressed."""
     colors, others = set(), set()
     for material in document.get("materials", []):
         surface = material.get("pbrMetallicRoughness", {})
         for name, entry in (*surface.items(), *material.items()):
             if name.endswith("Texture"):
-                source = document["textures"][entry["index"]].get("source")
+                texture = document["textures"][entry["index"]]
                 is_color = name in ("baseColorTexture", "emissiveTexture")
-                (colors if is_color else others).add(source)
+                is_compressed = _EXTENSION in texture.get("extensions", {})
+                (colors if is_color and not is_compressed else others).add(texture.get("source"))
     return colors - others - {None}
 
 

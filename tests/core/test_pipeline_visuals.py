@@ -113,6 +113,12 @@ def test_png_textures_are_only_shrunk(tmp_path):
     assert "extensionsUsed" not in read_glb(tmp_path / "b.glb").document
 
 
+def test_a_copy_of_a_copy_keeps_its_textures(tmp_path):
+    write_light_glb(textured_glb(tmp_path / "a.glb", 256), AssetOptions(), tmp_path / "b.glb")
+    write_light_glb(tmp_path / "b.glb", AssetOptions(decimate=1.0), tmp_path / "c.glb")
+    assert (tmp_path / "c.glb").read_bytes() == (tmp_path / "b.glb").read_bytes()
+
+
 def test_footprint_counts_what_sapien_loads(tmp_path):
     source = textured_glb(tmp_path / "a.glb")
     write_light_glb(source, AssetOptions(decimate=1.0), tmp_path / "b.glb")

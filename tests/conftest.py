@@ -48,18 +48,24 @@ def ycb() -> Path:
 
 @pytest.fixture(scope="session")
 def generated(tmp_path_factory):
-    """Makes episodes of an env, each set once: (source, episodes) by env, dataset and novelty."""
+    """Makes (source, episodes) of an env; each set once, with fewer that differ from the usual."""
     from hab_tasks.episodes import EpisodeRequest, open_source
 
     @functools.cache
-    def make(env_id: str, dataset: str = "apartment", novel: str | None = None):
+    def make(
+        env_id: str,
+        dataset: str = "apartment",
+        novel: str | None = None,
+        scene: str | None = None,
+    ):
         real = {"scene_dataset": DATA / "replica_cad", "objects": DATA / "ycb"}
         options = real if dataset == "real" else {"scene_dataset": dataset}
         with pytest.MonkeyPatch.context() as patch:
             # With an empty cache, so that nothing made by an older version is found.
             patch.setenv("HAB_CACHE_DIR", str(tmp_path_factory.mktemp("episodes")))
-            source = open_source(EpisodeRequest(env_id=env_id, seed=77, novel=novel, **options))
-            count = 2 if novel else EPISODES
+            request = EpisodeRequest(env_id=env_id, seed=77, novel=novel, scene=scene, **options)
+            source = open_source(request)
+            count = 2 if novel or scene else EPISODES
             return source, tuple(source.get(index) for index in range(count))
 
     return make

@@ -67,6 +67,7 @@ class Placer:
     ) -> None:
         self._bench, self._rng, self._settling = bench, rng, settling
         self._taken: dict[ReceptacleRef, dict[str, Disc]] = {}
+        self._lying: dict[ReceptacleRef, list[Disc]] = {}
         self._wishes: dict[str, _Wish] = {}
         self._spots: dict[str, Spot] = {}
         self._inside: dict[str, str] = {}
@@ -89,7 +90,10 @@ class Placer:
             return False
         middle, radius_m, depth_m = bench.footprint(handle)
         inner = self._settling.fridge_inner if spot.receptacle.name == FRIDGE else 1.0
-        point = spot.sample(self._rng, radius_m, [*taken.values(), *avoid], inner)
+        if spot.ref not in self._lying:
+            self._lying[spot.ref] = self._lying_on(spot)
+        discs = [*taken.values(), *self._lying[spot.ref], *avoid]
+        point = spot.sample(self._rng, radius_m, discs, inner)
         if point is None:
             return False
         turn = quaternions.axangle2quat([0.0, 0.0, 1.0], self._rng.uniform(-math.pi, math.pi))
@@ -99,6 +103,22 @@ class Placer:
         self._place(handle, pose(point + above - quaternions.rotate_vector(middle, q), q), spot.ref)
         taken[handle], self._spots[handle] = (point, radius_m), spot
         return True
+
+    def _lying_on(self, spot: Spot) -> list[Disc]:
+        """Returns discs that hold the layout's own loose objects, where they reach into a spot."""
+        face_m = float(spot.center_m[2])
+        found = []
+        for name in self._bench.handles.loose:
+            low, high = self._bench.box_m(name)
+            if (
+                name != spot.receptacle.body
+                and low[2] < face_m + spot.height_m
+                and high[2] > face_m
+            ):
+                middle = (low + high) / 2
+                disc = np.array([middle[0], middle[1], face_m]), math.dist(low[:2], high[:2]) / 2
+                found.append(disc)
+        return found
 
     def put_into(self, handle: str, container: str) -> None:
         """Holds an object just above the middle of another one, so that it falls in."""
@@ -154,13 +174,13 @@ class Placer:
         names = tuple(sorted(self.placed))
         self._bench.settle(self._settling.seconds, names)
         poses: dict[str, Pose7] = {}
-        still: set[str] = set()
+        restless: set[str] = set()
         for _ in range(self._settling.restarts):
             poses = {name: rounded(self._bench.pose(name)) for name in names}
-            still = self._bench.at_rest(poses)
-            if len(still) == len(names):
+            restless = self._bench.restless(poses)
+            if not restless:
                 break
-        return {name: poses[name] for name in names if name in still and self._rests(name)}
+        return {name: poses[name] for name in names if name not in restless and self._rests(name)}
 
     def _rests(self, handle: str) -> bool:
         """Whether an object lies on the receptacle it was put on."""

@@ -133,9 +133,14 @@ class Workbench:
         """Returns how fast a movable object's centre of mass moves."""
         return float(np.linalg.norm(self._components[name][1].linear_velocity))
 
+    def box_m(self, name: str) -> tuple[Array, Array]:
+        """Returns the lowest and the highest corner (3,) of a body's box along the world's axes."""
+        low, high = self._components[name][1].compute_global_aabb_tight()
+        return np.asarray(low, dtype=float), np.asarray(high, dtype=float)
+
     def top_m(self, name: str) -> float:
         """Returns the height of a body's highest point."""
-        return float(self._components[name][1].compute_global_aabb_tight()[1][2])
+        return float(self.box_m(name)[1][2])
 
     def root_of(self, furniture: str) -> str:
         """Returns the name of a piece of furniture's root link."""
@@ -153,19 +158,21 @@ class Workbench:
             if step % 30 == 29 and all(body.is_sleeping for body in bodies):
                 break
 
-    def at_rest(self, poses: dict[str, Pose7]) -> set[str]:
-        """Starts objects from rest where `poses` says; returns those that stay there.
+    def restless(self, poses: dict[str, Pose7]) -> set[str]:
+        """Starts objects from rest where `poses` says; returns what does not stay there.
 
-        Two seconds are watched: an uneven box may rock for longer than one before it topples.
+        The layout's own loose objects start where they settled, and are watched as well. Two
+        seconds are watched: an uneven box may rock for longer than one before it topples.
         """
-        for name, pose in poses.items():
+        start = {**self.settled, **poses}
+        for name, pose in start.items():
             self.place(name, pose)
-        still = set(poses)
+        moved: set[str] = set()
         for beat in range(1, round(STILL_S / BEAT_S) + 1):
-            self.settle(BEAT_S, tuple(poses))
+            self.settle(BEAT_S, tuple(start))
             if beat * BEAT_S > FIRST_S:
-                still = {name for name in still if self._speed_m_s(name) < STILL_M_S}
-        return {n for n in still if math.dist(self.pose(n)[:3], poses[n][:3]) < STILL_M}
+                moved |= {name for name in start if self._speed_m_s(name) > STILL_M_S}
+        return moved | {n for n, p in start.items() if math.dist(self.pose(n)[:3], p[:3]) > STILL_M}
 
     def footprint(self, name: str) -> tuple[Array, float, float]:
         """Measures an object standing upright.

@@ -233,6 +233,26 @@ def test_navigate_goes_to_a_start_of_another_skill(replays):
         assert replay.off_floor_m(start) < 1e-5, "it starts off the free floor"
 
 
+# Furnished layouts -----------------------------------------------------------------------------
+
+
+@every_dataset
+@pytest.mark.parametrize("env_id", ["HabPick-v1"])
+def test_a_furnished_layouts_loose_objects_start_settled(generated, dataset, env_id):
+    """In a simulation of its own: they are where they settle, and stay there beside the others."""
+    source, (episode, *_) = generated(env_id, dataset, scene="apt_0")
+    replay = Replay(source, episode)
+    assert len(episode.loose) >= 90
+    assert episode.loose.keys() == {o.name for o in replay.bench.spec.objects if o.dynamic}
+    settled = replay.bench.settled
+    assert all(math.dist(settled[n][:3], p[:3]) < 1e-4 for n, p in episode.loose.items())
+    everything = {**episode.loose, **episode.objects}
+    replay.stand()
+    replay.bench.settle(2.0, tuple(everything))
+    moved = {n: math.dist(replay.bench.pose(n)[:3], p[:3]) for n, p in everything.items()}
+    assert not {name: way for name, way in moved.items() if way > 0.01}
+
+
 # What is kept for evaluation -------------------------------------------------------------------
 
 

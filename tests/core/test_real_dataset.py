@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from builders import cpu_scene
 
+from hab_tasks.episodes.receptacles import PLACE_RECEPTACLES, UNSEEN_RECEPTACLES
 from hab_tasks.scenes.dataset import SPLIT_MACROS, SceneDataset
 from hab_tasks.scenes.load import load_scene, load_template
 from hab_tasks.scenes.markers import HANDLE_MARKERS
@@ -88,7 +89,7 @@ def test_train_has_the_three_public_macros(dataset):
 
 def test_receptacles_of_the_paper_are_there(specs):
     names = {r.name for spec in specs.values() for r in spec.receptacles}
-    assert set(PICK_RECEPTACLES) <= names
+    assert {*PLACE_RECEPTACLES, *UNSEEN_RECEPTACLES} <= names
 
 
 def test_handle_markers_name_links_that_exist(specs):

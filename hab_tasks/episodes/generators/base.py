@@ -86,12 +86,13 @@ class Generator(ABC):
         """
         rng = np.random.default_rng(seed)
         refused: Counter[str] = Counter()
-        for _ in range(LAYOUTS):
+        layouts = min(LAYOUTS, len(self.scenes))
+        for _ in range(layouts):
             scene_id = self.scenes[int(rng.integers(len(self.scenes)))]
             # A fresh simulation: contact caches of an earlier episode would leave traces.
             bench = Workbench(self.load(scene_id), self.objects.templates)
             self._spots = {}
-            for _ in range(ATTEMPTS // LAYOUTS):
+            for _ in range(ATTEMPTS // layouts):
                 try:
                     episode = self.attempt(bench, rng)
                     refuse_unrest(bench, episode)
@@ -159,11 +160,11 @@ def refuse_unrest(bench: Workbench, episode: Episode) -> None:
     """Refuses a start in which something does not stay where it is, by itself.
 
     Raises:
-        RefusedError: An object moves.
+        RefusedError: An object moves, or one of the layout's own.
     """
     resting = {handle: pose for handle, pose in episode.objects.items() if handle != episode.held}
     stage(bench, resting, episode.joints)
-    if resting and len(bench.at_rest(resting)) < len(resting):
+    if bench.restless(resting):
         raise RefusedError("an object moves by itself")
 
 

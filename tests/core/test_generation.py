@@ -28,9 +28,10 @@ def own_cache(tmp_path, monkeypatch):
 
 @every_env
 def test_an_episode_does_not_depend_on_those_before(generated, env_id):
-    """The third one, made first, by a source that does not know the others."""
+    """The last one, made first, by a source that does not know the others."""
     _, episodes = generated(env_id)
-    assert open_source(EpisodeRequest(env_id=env_id, seed=SEED)).get(2) == episodes[2]
+    last = len(episodes) - 1
+    assert open_source(EpisodeRequest(env_id=env_id, seed=SEED)).get(last) == episodes[last]
 
 
 def test_a_new_process_makes_the_same_episodes(generated):
@@ -41,7 +42,7 @@ from dataclasses import asdict
 from hab_tasks.episodes import EpisodeRequest, open_source
 open_source(EpisodeRequest(env_id="{ENV}", seed=3)).get(0)
 sources = [open_source(EpisodeRequest(env_id=e, seed={SEED})) for e in ("{ENV}", "HabSetTable-v1")]
-print(json.dumps([asdict(source.get(i)) for i in (3, 1) for source in sources]))
+print(json.dumps([asdict(source.get(i)) for i in (1, 0) for source in sources]))
 """
     environment = {**os.environ, "PYTHONHASHSEED": "4711"}
     done = subprocess.run(
@@ -49,7 +50,7 @@ print(json.dumps([asdict(source.get(i)) for i in (3, 1) for source in sources]))
     )
     again = json.loads(done.stdout.splitlines()[-1])
     sets = [generated(env_id)[1] for env_id in (ENV, "HabSetTable-v1")]
-    assert again == [json.loads(json.dumps(asdict(s[i]))) for i in (3, 1) for s in sets]
+    assert again == [json.loads(json.dumps(asdict(s[i]))) for i in (1, 0) for s in sets]
 
 
 def test_seeds_and_indices_give_different_episodes(generated):

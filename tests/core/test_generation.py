@@ -17,6 +17,7 @@ from hab_tasks.episodes.refusal import RefusedError
 from hab_tasks.errors import GenerationError
 
 ENV, SEED = "HabPick-v1", 77
+LONG = dict.fromkeys(("HabTidyHouse-v1", "HabPrepareGroceries-v1"), pytest.mark.slow)
 every_env = pytest.mark.parametrize("env_id", GENERATORS)
 
 
@@ -26,7 +27,7 @@ def own_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("HAB_CACHE_DIR", str(tmp_path / "cache"))
 
 
-@every_env
+@pytest.mark.parametrize("env_id", [pytest.param(e, marks=LONG.get(e, ())) for e in GENERATORS])
 def test_an_episode_does_not_depend_on_those_before(generated, env_id):
     """The last one, made first, by a source that does not know the others."""
     _, episodes = generated(env_id)

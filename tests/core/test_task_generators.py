@@ -97,7 +97,7 @@ def test_the_objects_are_known_and_the_clutter_is_there(replays, env_id):
         assert episode.held is episode.handle is episode.navigation is None
 
 
-@pytest.mark.parametrize("env_id", TASKS[:2])
+@pytest.mark.parametrize("env_id", [TASKS[0], pytest.param(TASKS[1], marks=pytest.mark.slow)])
 def test_novel_objects_are_those_kept_for_evaluation(generated, env_id):
     _, episodes = generated(env_id, "apartment", "objects")
     assert {handle.rsplit("_:", 1)[0] for e in episodes for handle in e.objects} <= sc.UNSEEN

@@ -223,6 +223,7 @@ def lamps(env):
 
 
 @pytest.mark.render
+@pytest.mark.slow
 @every_env
 def test_a_layout_looks_the_same_when_it_comes_again(make, episodes, env_id):
     options = {"obs_mode": "rgb+segmentation", "control_mode": "ee"}

@@ -103,7 +103,8 @@ class BodyPool:
     def _static(self, name: str, template: ObjectTemplate, pose: Pose7, scale: float) -> Actor:
         key = ("static", name, template.name, scale)
         built: Any = self._take(key, lambda: self._builder.static(name, template, pose, scale))
-        if self._put(key, built, pose):
+        before = self._put(key, built, pose)
+        if before is not None and not _as_high(before, pose):
             mark_flat(built)
         return built
 
@@ -134,16 +135,18 @@ class BodyPool:
         self._shown[key] = built
         return built
 
-    def _put(self, key: Key, built: Body, pose: Pose7) -> bool:
-        """Moves a body that last stood elsewhere; returns whether its heights have changed."""
+    def _put(self, key: Key, built: Body, pose: Pose7) -> Pose7 | None:
+        """Moves a body that last stood elsewhere; returns where that was, None if nowhere else."""
         before, self._pose[key] = self._pose.get(key), pose
-        if before is None or self._scene.gpu_sim_enabled or (before == pose and _is_static(built)):
-            return False  # a new body stands where it was built
+        if before is None or self._scene.gpu_sim_enabled:
+            return None  # a new body stands where it was built
+        if before == pose and (_is_static(built) or isinstance(built, Articulation)):
+            return None
         if isinstance(built, Articulation):
             built._objs[0].set_root_pose(to_sapien(pose))
         else:
             built._objs[0].pose = to_sapien(pose)
-        return not _as_high(before, pose)
+        return before
 
     def _hide(self, shown: dict[Key, Body]) -> None:
         for key, built in shown.items():

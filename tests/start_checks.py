@@ -4,6 +4,7 @@ import functools
 import math
 
 import numpy as np
+import torch
 
 from hab_tasks.episodes.source import EpisodeSource
 from hab_tasks.episodes.workbench import Workbench
@@ -137,10 +138,26 @@ class Replay:
     # The robot -----------------------------------------------------------------------------------
 
     def touches(self):
-        """Whether the robot, where it starts, touches anything but what it holds."""
+        """What the robot touches where it starts, but for what it holds; itself by a millimetre."""
         self.stand(self.resting())
-        robot = self.episode.robot
-        return self.bench.robot_touches(robot.base, np.array(robot.arm_qpos_rad))
+        agent, bench = self.bench._agent, self.bench
+        qpos = agent.rest_qpos()
+        qpos[agent.base_index] = torch.tensor(self.episode.robot.base)
+        qpos[agent.arm_index] = torch.tensor(self.episode.robot.arm_qpos_rad)
+        agent.robot.set_qpos(qpos[None])
+        agent.robot.set_qvel(torch.zeros_like(qpos)[None])
+        bench._px.step()
+        names = {body: name for name, (_, body) in bench._components.items()}
+        links = {link._objs[0]: link.name for link in agent.robot.links}
+        found = set()
+        for contact in bench._px.get_contacts():
+            bodies = contact.bodies
+            depth_m = max((-point.separation for point in contact.points), default=-1.0)
+            limit_m = 0.001 if set(bodies) <= links.keys() else 0.0
+            if set(bodies) & links.keys() and depth_m > limit_m:
+                found.add(tuple(links.get(b) or names[b] for b in bodies))
+        bench.send_robot_away()
+        return found
 
     def off_floor_m(self, base):
         """Distance from a base position to the nearest place with 0.32 m of clearance."""

@@ -8,8 +8,10 @@ import time
 from collections import Counter
 from dataclasses import asdict
 
+import numpy as np
 import pytest
 from builders import table_config, tiny_dataset, write_json
+from start_checks import TASKS, Replay
 
 from hab_tasks.episodes import EpisodeRequest, load_episodes, open_source
 from hab_tasks.episodes.generators import GENERATORS
@@ -52,6 +54,59 @@ print(json.dumps([asdict(source.get(i)) for i in (1, 0) for source in sources]))
     again = json.loads(done.stdout.splitlines()[-1])
     sets = [generated(env_id)[1] for env_id in (ENV, "HabSetTable-v1")]
     assert again == [json.loads(json.dumps(asdict(s[i]))) for i in (1, 0) for s in sets]
+
+
+# What is shipped -------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def shipped(env_id):
+    """The evaluation set of the apartment, and its source."""
+    source = open_source(EpisodeRequest(env_id=env_id))
+    count = 100 if env_id in TASKS else 500
+    assert len(source._episodes) == count, "not shipped"
+    return source, [source.get(index) for index in range(count)]
+
+
+@every_env
+def test_the_shipped_sets_are_whole(env_id, shipped):
+    source, episodes = shipped
+    assert source.split == "val"
+    names = {f"{env_id}/apartment/val/0/{index:05d}" for index in range(len(episodes))}
+    assert {e.id for e in episodes} == names
+    assert len({e.robot for e in episodes}) == len(episodes)
+    scenes = source.dataset.scenes_of_split("val")
+    assert {e.scene_id for e in episodes} == set(scenes), "a layout without episodes"
+
+
+@pytest.mark.slow
+@every_env
+def test_the_shipped_sets_are_what_is_generated(shipped, env_id):
+    """To a tenth of a millimetre: other machines add up in another order."""
+    source, episodes = shipped
+    made = source.make(1).episode
+    assert made.scene_id == episodes[1].scene_id
+    assert made.objects.keys() == episodes[1].objects.keys()
+    assert [(t.object, t.start, t.goal) for t in made.targets] == [
+        (t.object, t.start, t.goal) for t in episodes[1].targets
+    ]
+    assert np.allclose(made.robot.base, episodes[1].robot.base, atol=1e-4)
+    for handle, pose in made.objects.items():
+        assert np.allclose(pose[:3], episodes[1].objects[handle][:3], atol=1e-4), handle
+
+
+@pytest.mark.slow
+@every_env
+def test_shipped_episodes_can_be_started(shipped):
+    source, episodes = shipped
+    for episode in episodes[:: len(episodes) // 20]:
+        replay = Replay(source, episode)
+        assert replay.moved_m(replay.resting()) < 0.01, episode.id
+        assert not replay.overlaps(episode.objects), episode.id
+        assert not replay.touches(), episode.id
+
+
+# Seeds, and giving up --------------------------------------------------------------------------
 
 
 def test_seeds_and_indices_give_different_episodes(generated):

@@ -142,8 +142,10 @@ class Placer:
         return float(np.linalg.norm(way[:2])) < radius_m and low < bench.top_m(container)
 
     def _place(self, handle: str, world_from_object: Pose7, on: ReceptacleRef) -> None:
-        self.placed[handle], self.on[handle] = world_from_object, on
-        self._bench.place(handle, world_from_object)
+        # The last digits of a product depend on where its numbers lie in memory, and physics would
+        # carry them on: what is put down is rounded first.
+        self.placed[handle], self.on[handle] = rounded(world_from_object), on
+        self._bench.place(handle, self.placed[handle])
 
     def settle(self) -> dict[str, Pose7]:
         """Runs physics; returns handle -> pose of what rests on its receptacle, sorted.

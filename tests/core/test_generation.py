@@ -82,7 +82,7 @@ def test_the_shipped_sets_are_whole(env_id, shipped):
 @pytest.mark.slow
 @every_env
 def test_the_shipped_sets_are_what_is_generated(shipped, env_id):
-    """To a tenth of a millimetre: other machines add up in another order."""
+    """To a centimetre, as physics adds up otherwise elsewhere; other draws differ by more."""
     source, episodes = shipped
     made = source.make(1).episode
     assert made.scene_id == episodes[1].scene_id
@@ -90,9 +90,9 @@ def test_the_shipped_sets_are_what_is_generated(shipped, env_id):
     assert [(t.object, t.start, t.goal) for t in made.targets] == [
         (t.object, t.start, t.goal) for t in episodes[1].targets
     ]
-    assert np.allclose(made.robot.base, episodes[1].robot.base, atol=1e-4)
+    assert np.allclose(made.robot.base, episodes[1].robot.base, atol=0.01)
     for handle, pose in made.objects.items():
-        assert np.allclose(pose[:3], episodes[1].objects[handle][:3], atol=1e-4), handle
+        assert np.allclose(pose[:3], episodes[1].objects[handle][:3], atol=0.01), handle
 
 
 @pytest.mark.slow

@@ -170,8 +170,10 @@ class DormantObjects:
 
     def _freeze(self, index: int) -> None:
         self._measure(index)
-        self._bodies[index].kinematic = True
-        set_groups(self._bodies[index], PASSIVE)
+        body = self._bodies[index]
+        if not body.kinematic:  # nothing else makes a body kinematic, so its groups are right
+            body.kinematic = True
+            set_groups(body, PASSIVE)
 
     def _measure(self, index: int) -> None:
         """Notes where a body is and how large."""

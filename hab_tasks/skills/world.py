@@ -130,7 +130,6 @@ class World:
             return
         if self._dormant is not None:
             self._grasp.reset(torch.zeros(1, dtype=torch.long))
-            self._dormant.thaw_all()
         self._layout, self._objects, self._loose = layout, objects, {}
         spec = self.source.scene(layout)
         self.handles = self._pool.show(spec, objects)

@@ -1,8 +1,8 @@
 """The navigation map of one layout, and geodesic distances on it (Navigate's measure, S H.2).
 
 Space is free where the disc that stands for the base fits between all collision shapes. Distances
-solve the eikonal equation by the fast marching method (scikit-fmm) over the free cells, so they
-are those of smooth paths, not of steps on a grid.
+solve the eikonal equation by the fast marching method (eikonalfm) over the free cells, so they are
+those of smooth paths, not of steps on a grid.
 """
 
 from __future__ import annotations
@@ -13,11 +13,10 @@ from collections.abc import Iterable, Mapping
 from functools import cached_property
 from typing import Any
 
+import eikonalfm
 import numpy as np
-import skfmm  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.spatial import KDTree
 
 from hab_tasks.constants import BASE_RADIUS_M
 from hab_tasks.errors import GenerationError
@@ -25,11 +24,14 @@ from hab_tasks.privileged import Array, CollisionBody
 from hab_tasks.scenes.floor import CELL_M, FreeFloor, floor_between, footprints, free_floor
 from hab_tasks.scenes.layout_geometry import STAGE, Layout
 
-SEED_M = 2 * CELL_M
-"""So near to a goal, distances are straight; the front starts from there."""
+SLOW, FAST = 1e-6, 1e6
+"""Speed of the front in taken cells and among goal cells; 1 elsewhere."""
 
 KEPT_FIELDS = 256
 """Distance fields in memory, the ones used last; one takes 150 kB and a few milliseconds."""
+
+_NEAR_M = 2 * CELL_M
+"""So near to a goal, distances are straight."""
 
 _CORNERS = np.array([(0, 0), (0, 1), (1, 0), (1, 1)])
 _fields: OrderedDict[str, Array] = OrderedDict()
@@ -141,15 +143,24 @@ class NavigationMap:
         Returns:
             (X, Y), inf where the base cannot be. It is kept; do not write to it.
         """
-        cells = goals_m.dtype == bool
-        goals: Any = self.positions(np.argwhere(goals_m)) if cells else np.atleast_2d(goals_m)
-        goals = self.nearest_free(goals)
-        if not len(goals):
-            return np.full(self.free.shape, np.inf)
-        rounded = np.unique(np.round(goals, 5), axis=0)
-        key = f"{self.key} {hashlib.sha256(rounded.tobytes()).hexdigest()}"
+        goals: Any = goals_m
+        if goals_m.dtype == bool:
+            if not goals_m.any():
+                return np.full(self.free.shape, np.inf)
+            x, y = self._nearest[:, goals_m]
+            goals = np.zeros_like(self.free)
+            goals[x, y] = True
+        else:
+            goals = self.nearest_free(np.atleast_2d(goals_m))
+            goals = np.unique(np.round(goals, 5), axis=0)
+        key = f"{self.key} {hashlib.sha256(goals.tobytes()).hexdigest()}"
         if key not in _fields:
-            _fields[key] = self._march(rounded)
+            if goals.dtype == bool:
+                fields = self._from_cells(goals)
+            else:
+                fields = [self._from_point(goal) for goal in goals]
+            _fields[key] = np.minimum.reduce(fields)
+            _fields[key].setflags(write=False)
             if len(_fields) > KEPT_FIELDS:
                 _fields.popitem(last=False)
         _fields.move_to_end(key)
@@ -201,16 +212,42 @@ class NavigationMap:
         )
         return found
 
-    def _march(self, goals_m: Array) -> Array:
-        """Returns the distances (X, Y) from goals (K, 2) that are free."""
-        cells = np.argwhere(self.free)
-        straight = np.full(self.free.shape, np.inf)
-        straight[self.free] = KDTree(goals_m).query(self.positions(cells))[0]
-        near = straight <= SEED_M
-        field = np.where(near, straight, np.inf)
-        if (self.free & ~near).any():
-            front = np.ma.MaskedArray(np.where(self.free, straight - SEED_M, 1.0), ~self.free)
-            field = skfmm.distance(front, dx=CELL_M, order=2).filled(np.inf) + SEED_M
-            field[near] = straight[near]
-        field.setflags(write=False)
-        return field
+    def _from_point(self, goal_m: Array) -> Array:
+        """Returns the distances (X, Y) from a free point (2,).
+
+        A front starts in the middle of a cell, so those of the free cells around the point are
+        weighted as in a bilinear look-up: distance is symmetric.
+        """
+        grid = np.clip(self._grid(goal_m), 0, np.array(self.free.shape) - 1)
+        first = np.minimum(np.floor(grid).astype(int), np.array(self.free.shape) - 2)
+        field, total = np.zeros(self.free.shape), 0.0
+        for corner in _CORNERS:
+            x, y = (first + corner).tolist()
+            weight = float(np.abs(1 - corner - (grid - first)).prod())
+            if weight > 0 and self.free[x, y]:
+                field += weight * self._from_cell(x, y)
+                total += weight
+        field /= total
+        near = (field <= _NEAR_M) & self.free
+        cells = np.argwhere(near)
+        field[near] = np.linalg.norm(self.positions(cells) - goal_m, axis=1)
+        return np.where(self.free, field, np.inf)
+
+    def _from_cell(self, x: int, y: int) -> Array:
+        """Returns the distances (X, Y) from the middle of a free cell."""
+        speed, step = np.where(self.free, 1.0, SLOW), (CELL_M, CELL_M)
+        bend = eikonalfm.factored_fast_marching(speed, (x, y), step, 2)
+        return bend * eikonalfm.distance(speed.shape, step, (x, y), indexing="ij")
+
+    def _from_cells(self, goals: NDArray[np.bool_]) -> list[Array]:
+        """Returns the distances (X, Y) from each connected group of free cells."""
+        groups: Any = ndimage.label(goals, structure=np.ones((3, 3)))
+        found = []
+        for number in range(1, groups[1] + 1):
+            group = groups[0] == number
+            speed = np.where(self.free, np.where(group, FAST, 1.0), SLOW)
+            x, y = np.argwhere(group)[0].tolist()
+            field = eikonalfm.fast_marching(speed, (x, y), (CELL_M, CELL_M), 2)
+            field[group] = 0.0
+            found.append(np.where(self.free, field, np.inf))
+        return found

@@ -143,16 +143,9 @@ class NavigationMap:
         Returns:
             (X, Y), inf where the base cannot be. It is kept; do not write to it.
         """
-        goals: Any = goals_m
-        if goals_m.dtype == bool:
-            if not goals_m.any():
-                return np.full(self.free.shape, np.inf)
-            x, y = self._nearest[:, goals_m]
-            goals = np.zeros_like(self.free)
-            goals[x, y] = True
-        else:
-            goals = self.nearest_free(np.atleast_2d(goals_m))
-            goals = np.unique(np.round(goals, 5), axis=0)
+        goals: Any = self._free_goals(goals_m)
+        if not len(goals):
+            return np.full(self.free.shape, np.inf)
         key = f"{self.key} {hashlib.sha256(goals.tobytes()).hexdigest()}"
         if key not in _fields:
             if goals.dtype == bool:
@@ -211,6 +204,17 @@ class NavigationMap:
             ~self.free, return_distances=False, return_indices=True
         )
         return found
+
+    def _free_goals(self, goals_m: Any) -> Array | NDArray[np.bool_]:
+        """Returns goals as `geodesic_field` takes them, moved to free places; empty for none."""
+        if goals_m.dtype != bool:
+            return np.unique(np.round(self.nearest_free(np.atleast_2d(goals_m)), 5), axis=0)
+        if not goals_m.any():
+            return np.zeros((0, 2))
+        x, y = self._nearest[:, goals_m]
+        free = np.zeros_like(self.free)
+        free[x, y] = True
+        return free
 
     def _from_point(self, goal_m: Array) -> Array:
         """Returns the distances (X, Y) from a free point (2,).

@@ -1,9 +1,11 @@
-"""Reward terms shared by skills: each a named summand of the paper's equations."""
+"""Reward terms and scores that skills share, as the paper's equations have them."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
+
+from hab_tasks.constants import EE_STEP_M
 
 
 def force_penalty(force_n: Tensor, weight: float, cap: float) -> Tensor:
@@ -18,3 +20,24 @@ def force_penalty(force_n: Tensor, weight: float, cap: float) -> Tensor:
 def total(terms: dict[str, Tensor]) -> Tensor:
     """Returns the sum of the terms, (N,)."""
     return torch.stack(tuple(terms.values())).sum(dim=0)
+
+
+def weighted_by_completion_time(success: Tensor, distance_m: Tensor, steps: Tensor) -> Tensor:
+    """Returns Success * oracle's time / agent's time, at most 1, (N,) (S F.2).
+
+    The oracle's time is 2 * distance / largest speed of the end-effector. The paper prints the
+    fraction upside down (docs/deviations.md).
+
+    Args:
+        success: (N,) bool.
+        distance_m: (N,) from the end-effector to its goal when the episode began.
+        steps: (N,) actions until now.
+    """
+    oracle_steps = 2.0 * distance_m / EE_STEP_M
+    return success * (oracle_steps / steps.clamp(min=1.0)).clamp(max=1.0)
+
+
+def weighted_by_path(success: Tensor, shortest_m: Tensor, path_m: Tensor) -> Tensor:
+    """Returns Success * shortest / max(path, shortest), (N,): SPL of point navigation."""
+    longest_m = torch.maximum(path_m, shortest_m).clamp(min=1e-6)
+    return success * shortest_m / longest_m

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import sapien
 import torch
 from torch import Tensor
 
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.robots.fetch_spec import EE_OFFSET_M
-from hab_tasks.robots.grasp import SnapGrasp
+from hab_tasks.robots.grasp import Handle, SnapGrasp
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +27,9 @@ class Snapshot:
         ee_m: (N, 3) end-effector point in the world.
         ee_in_base_m: (N, 3) the same point in the base frame.
         ee_axes: (N, 3, 3) axes of the gripper in the world, as columns.
-        object_m: (N, 3) centre of mass of the target object in the world.
+        objects_m: (N, K, 3) centres of mass of the objects to rearrange, in the world.
+        handles_m: (N, J, 3) handles of the doors and drawers that are asked about, in the world.
+        joints: (N, J) position of their joints [m or rad].
         held: (N,) index of the held object, -1 where none.
         held_handle: (N,) index of the held handle, -1 where none.
         lost: (N,) whether the held object was pulled out of the hand in this step.
@@ -38,7 +41,9 @@ class Snapshot:
     ee_m: Tensor
     ee_in_base_m: Tensor
     ee_axes: Tensor
-    object_m: Tensor
+    objects_m: Tensor
+    handles_m: Tensor
+    joints: Tensor
     held: Tensor
     held_handle: Tensor
     lost: Tensor
@@ -46,7 +51,7 @@ class Snapshot:
 
 
 class SnapshotReader:
-    """Reads a `Snapshot` for the present targets."""
+    """Reads a `Snapshot` of the robot, and of the objects and handles that are asked about."""
 
     def __init__(self, agent: HabFetch, grasp: SnapGrasp) -> None:
         self._agent, self._grasp = agent, grasp
@@ -55,11 +60,21 @@ class SnapshotReader:
         self._ee_link = agent.ee_link._objs[0]
         self._joints = agent.arm_index.tolist() + agent.base_index.tolist()
         self._bodies = [(a._bodies[0], a._bodies[0].cmass_local_pose) for a in grasp.objects]
+        self._fronts = [_FrontReader(handle) for handle in grasp.handles]
 
-    def read(self, target: Tensor, force_n: Tensor) -> Snapshot:
-        """Reads all rows; `target` (N,) indexes the grasp's objects."""
-        numbers = self._read_cpu(int(target)) if self._on_cpu else self._read_batch(target)
-        arm, base, ee, ee_in_base, axes, target_m = numbers
+    def read(self, targets: Tensor, handles: Tensor, force_n: Tensor) -> Snapshot:
+        """Reads all rows.
+
+        Args:
+            targets: (N, K) indices of the grasp's objects.
+            handles: (N, J) indices of the grasp's handles.
+            force_n: (N,) contact force of the step.
+        """
+        if self._on_cpu:
+            numbers = self._read_cpu(targets[0].tolist(), handles[0].tolist())
+        else:
+            numbers = self._read_batch(targets, handles)
+        arm, base, ee, ee_in_base, axes, objects_m, handles_m, joints = numbers
         grasp = self._grasp
         return Snapshot(
             arm_qpos_rad=arm,
@@ -67,41 +82,80 @@ class SnapshotReader:
             ee_m=ee,
             ee_in_base_m=ee_in_base,
             ee_axes=axes,
-            object_m=target_m,
+            objects_m=objects_m,
+            handles_m=handles_m,
+            joints=joints,
             held=grasp.held,
             held_handle=grasp.held_handle,
             lost=grasp.lost,
             force_n=force_n,
         )
 
-    def _read_cpu(self, target: int) -> tuple[Tensor, ...]:
+    def _read_cpu(self, targets: list[int], handles: list[int]) -> tuple[Tensor, ...]:
         qpos = self._robot.get_qpos()
         matrix = self._ee_link.entity_pose.to_transformation_matrix()
-        body, com = self._bodies[target]
-        raw = np.empty((1, 28), dtype=np.float32)
+        objects, fronts = len(targets), len(handles)
+        raw = np.empty((1, 25 + 3 * objects + 4 * fronts), dtype=np.float32)
         now = raw[0]
         now[:10] = qpos[self._joints]
         now[10:13] = matrix[:3, 3] + EE_OFFSET_M * matrix[:3, 0]
         now[13:22] = matrix[:3, :3].reshape(-1)
-        now[22:25] = (body.entity_pose * com).p
         base_x, base_y, yaw = now[7:10].tolist()
         ee_x, ee_y, ee_z = now[10:13].tolist()
         x, y, cosine, sine = ee_x - base_x, ee_y - base_y, math.cos(yaw), math.sin(yaw)
-        now[25:] = cosine * x + sine * y, cosine * y - sine * x, ee_z
-        arm, base, ee, axes, point, ee_in_base = torch.from_numpy(raw).split_with_sizes(
-            (7, 3, 3, 9, 3, 3), dim=1
-        )
-        return arm, base, ee, ee_in_base, axes.view(1, 3, 3), point
+        now[22:25] = cosine * x + sine * y, cosine * y - sine * x, ee_z
+        at = 25
+        for index in targets:
+            body, com = self._bodies[index]
+            now[at : at + 3] = (body.entity_pose * com).p
+            at += 3
+        for number, index in enumerate(handles):
+            now[at : at + 3] = self._fronts[index].handle_m()
+            now[number - fronts] = self._fronts[index].joint()
+            at += 3
+        arm, base, ee, axes, ee_in_base, points, grips, joints = torch.from_numpy(
+            raw
+        ).split_with_sizes((7, 3, 3, 9, 3, 3 * objects, 3 * fronts, fronts), dim=1)
+        points, grips = points.view(1, objects, 3), grips.view(1, fronts, 3)
+        return arm, base, ee, ee_in_base, axes.view(1, 3, 3), points, grips, joints
 
-    def _read_batch(self, target: Tensor) -> tuple[Tensor, ...]:
-        agent = self._agent
+    def _read_batch(self, targets: Tensor, handles: Tensor) -> tuple[Tensor, ...]:
+        agent, grasp = self._agent, self._grasp
         qpos = agent.robot.get_qpos()
         axes = agent.ee_link.pose.to_transformation_matrix()[:, :3, :3]
         ee = agent.ee_link.pose.p + EE_OFFSET_M * axes[:, :, 0]
-        points = self._grasp.objects_com_m()
-        target_m = points[torch.arange(len(points), device=points.device), target]
+        rows = torch.arange(len(qpos), device=qpos.device)[:, None]
         base = qpos[:, agent.base_index]
-        return qpos[:, agent.arm_index], base, ee, world_to_base(base, ee), axes, target_m
+        points = grasp.objects_com_m()[rows, targets]
+        grips, joints = base.new_zeros(*handles.shape, 3), base.new_zeros(*handles.shape)
+        for index in torch.unique(handles).tolist():
+            here = handles == index
+            grips = torch.where(here[..., None], grasp.handle_position_m(index)[:, None], grips)
+            joints = torch.where(here, self._fronts[index].batch_joint()[:, None], joints)
+        in_base = world_to_base(base, ee)
+        return qpos[:, agent.arm_index], base, ee, in_base, axes, points, grips, joints
+
+
+class _FrontReader:
+    """Reads the handle and the joint of a door or drawer."""
+
+    def __init__(self, handle: Handle) -> None:
+        self._link, self._offset = handle.link._objs[0], sapien.Pose(list(handle.offset_m))
+        self._furniture = handle.furniture
+        self._robot = handle.furniture._objs[0]
+        self._column = handle.column
+
+    def handle_m(self) -> Any:
+        """Returns the handle (3,) in the world; CPU simulation."""
+        return (self._link.entity_pose * self._offset).p
+
+    def joint(self) -> float:
+        """Returns the joint's position [m or rad]; CPU simulation."""
+        return float(self._robot.qpos[self._column])
+
+    def batch_joint(self) -> Tensor:
+        """Returns the joint's positions (N,) [m or rad]."""
+        return self._furniture.get_qpos()[:, self._column]
 
 
 def world_to_base(base: Tensor, points_m: Tensor) -> Tensor:

@@ -187,6 +187,15 @@ class NavigationMap:
         found = np.where(finite.all(axis=-1), smooth, (values + steps).min(axis=-1))
         return found + np.linalg.norm(points - start, axis=-1)
 
+    def everywhere(self, field: Array) -> Array:
+        """Returns a field (X, Y) with distances from taken cells: straight to the nearest free one.
+
+        Where the base is squeezed against something, it may stand in a cell that is not free.
+        """
+        x, y = self._nearest
+        cells = np.stack(np.meshgrid(*map(np.arange, field.shape), indexing="ij"))
+        return field[x, y] + CELL_M * np.linalg.norm(cells - self._nearest, axis=0)
+
     def clear(self, start_m: Array, end_m: Array) -> bool:
         """Whether the straight way between two points (2,) is free."""
         count = 1 + int(np.ceil(np.linalg.norm(end_m - start_m) / (CELL_M / 4)))

@@ -2,18 +2,19 @@
 
 A frozen (kinematic, passive) body makes no contacts with furniture and takes no solver time, so a
 step costs the same with ten and with a hundred objects around. Before anything can touch it, a body
-near the arm, the held object or an object that was moved becomes dynamic again; once it sleeps, out
-of reach, it is frozen again. CPU simulation only; on the GPU a body cannot change its kind while
+near the arm, the held object, a door or drawer on the move, or an object that was moved becomes
+dynamic again; once it sleeps, out of reach, it is frozen again. CPU simulation only; on the GPU a body cannot change its kind while
 running.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from mani_skill.utils.structs import Actor, Link
+from mani_skill.utils.structs import Actor, Articulation, Link
 from numpy.typing import NDArray
 from sapien.physx import PhysxRigidDynamicComponent
 
+from hab_tasks.robots.moving_links import MovingLinks
 from hab_tasks.scenes.collision_groups import MOVING, PASSIVE, set_groups
 
 WAKE_DISTANCE_M = 0.1
@@ -58,8 +59,15 @@ class DormantObjects:
         present: (K,) whether the object takes part in the episode.
     """
 
-    def __init__(self, objects: list[Actor], links: dict[str, Link], mobile: bool) -> None:
-        """Watches the arm, and the base as well when it is `mobile`."""
+    def __init__(
+        self,
+        objects: list[Actor],
+        links: dict[str, Link],
+        furniture: list[Articulation],
+        mobile: bool,
+    ) -> None:
+        """Watches the arm and the furniture, and the base as well when it is `mobile`."""
+        self._furniture = MovingLinks(furniture)
         self._bodies = [actor._bodies[0] for actor in objects]
         self._com = [body.cmass_local_pose for body in self._bodies]
         names = _ARM + _BODY if mobile else _ARM
@@ -99,6 +107,7 @@ class DormantObjects:
             placed: The objects that were moved since the last time; all when None.
         """
         self.present, self._checks_left = present.copy(), 0
+        self._furniture.look_again()
         self._active = []
         for index in range(len(self._bodies)) if placed is None else placed:
             if present[index] and _moves(self._bodies[index]):
@@ -120,7 +129,8 @@ class DormantObjects:
         if not self._bodies:
             return
         links = np.array([link.entity_pose.p for link in self._watched], dtype=np.float64)
-        if self._nothing_new(links, held):
+        doors = self._furniture.boxes_m()
+        if not doors and self._nothing_new(links, held):
             return
         points, radius_m = self._moving_balls(links, held)
         # Distance from every ball's centre to every body's box; np.clip would take twice as long.
@@ -128,7 +138,11 @@ class DormantObjects:
         nearest -= points
         distance_m = np.sqrt(np.einsum("kpi,kpi->kp", nearest, nearest))
         gap_m = (distance_m - radius_m - self._margin_m).min(axis=1)
-        near = (gap_m < 0) & self.present
+        near = gap_m < 0
+        for low, high in doors:
+            apart_m = np.maximum(self._low_m - high, low - self._high_m).max(axis=1)
+            near |= apart_m < WAKE_DISTANCE_M
+        near &= self.present
         for index in np.flatnonzero(near).tolist():
             self.wake(index)
         for index in self._active[:]:

@@ -1,8 +1,8 @@
 """The snap grasp (S E.3): what is near enough to the end-effector is held until released.
 
 `SnapGrasp` decides what is grasped; how it is held is one of two implementations:
-`DriveGrasp` ties the body to the gripper with a constraint (CPU simulation), `FollowGrasp` moves
-it with the gripper at every physics step and needs only batched poses (any backend).
+`DriveGrasp` ties the body to the gripper with a constraint (CPU simulation), `FollowGrasp` (in
+`hab_tasks.robots.follow_grasp`) moves it with the gripper and needs only batched poses.
 
 A held object keeps the pose it had in the gripper when it was grasped. It does not collide with the
 robot until it is let go and has come clear of the hand; it always collides with the world.
@@ -10,6 +10,7 @@ robot until it is let go and has come clear of the hand; it always collides with
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,10 +32,9 @@ HOLD_TOLERANCE_M = 0.09
 HOLD_STIFFNESS_NM_RAD = 1e5
 HOLD_DAMPING_NM_S_RAD = 1e3
 
-HANDLE_STIFFNESS_N_M = 2000.0
-HANDLE_DAMPING_N_S_M = 60.0
-
 NOTHING = -1
+
+FAR_AWAY_M = 1e6
 
 _EE_FROM_LINK = sapien.Pose([EE_OFFSET_M, 0.0, 0.0])
 
@@ -44,9 +44,23 @@ class Handle:
     """A handle marker on a built piece of furniture."""
 
     name: str
+    furniture_name: str
     furniture: Articulation
     link: Link
     offset_m: tuple[float, float, float]
+
+    @property
+    def column(self) -> int:
+        """Index of the handle's joint among the furniture's active joints."""
+        joint = self.link.joint
+        assert joint is not None and joint.active_index is not None, "handles are on moving links"
+        return int(joint.active_index[0])
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Limits of the handle's joint [m or rad]."""
+        lower, upper = self.furniture._objs[0].active_joints[self.column].limits[0].tolist()
+        return lower, upper
 
 
 class SnapGrasp:
@@ -58,13 +72,21 @@ class SnapGrasp:
         held: (N,) index into `objects`, `NOTHING` where none. Replaced, never written into.
         held_handle: (N,) index into `handles`, `NOTHING` where none.
         lost: (N,) whether what was held slipped away since the last command.
+        shut_in: Tells which objects (N, K) are behind a closed door; None where nobody knows.
     """
 
     def __init__(
-        self, scene: ManiSkillScene, ee_link: Link, objects: list[Actor], handles: list[Handle]
+        self,
+        scene: ManiSkillScene,
+        ee_link: Link,
+        objects: list[Actor],
+        handles: list[Handle],
+        takes: str = "any",
     ) -> None:
+        """Takes ``objects``, ``handles``, or ``any``: an object, or else a handle."""
         self.scene, self.ee_link = scene, ee_link
-        self.objects, self.handles = objects, handles
+        self.objects, self.handles, self.takes = objects, handles, takes
+        self.shut_in: Callable[[], Tensor | None] | None = None
         count, device = scene.num_envs, scene.device
         self.held = torch.full((count,), NOTHING, dtype=torch.long, device=device)
         self.held_handle = self.held.clone()
@@ -175,9 +197,9 @@ class SnapGrasp:
 
     def _grasp_rows(self, rows: Tensor) -> None:
         ee = self.ee_position_m()[rows]
-        nearest, distance = _nearest(ee, self.objects_com_m()[rows])
+        nearest, distance = _nearest(ee, self._within_reach()[rows])
         free = distance > GRASP_RADIUS_M
-        if bool(free.any()) and self.handles:
+        if self.takes != "objects" and bool(free.any()) and self.handles:
             points = [self.handle_position_m(i)[rows] for i in range(len(self.handles))]
             handle, handle_distance = _nearest(ee, torch.stack(points, dim=1))
             free = free & (handle_distance <= GRASP_RADIUS_M)
@@ -185,6 +207,14 @@ class SnapGrasp:
                 self._grasp_handle(int(rows[i]), int(handle[i]))
         for i in torch.nonzero(distance <= GRASP_RADIUS_M).flatten().tolist():
             self.attach(int(rows[i]), int(nearest[i]))
+
+    def _within_reach(self) -> Tensor:
+        """Returns the centres of mass (N, K, 3), far away what the hand may not take."""
+        points = self.objects_com_m()
+        if self.takes == "handles":
+            return points[:, :0]
+        shut = self.shut_in() if self.shut_in is not None else None
+        return points if shut is None else torch.where(shut[..., None], FAR_AWAY_M, points)
 
     def _hold(self, row: int, index: int, ee_from_object: Tensor) -> None:
         self.held = _with(self.held, row, index)
@@ -282,89 +312,6 @@ class DriveGrasp(SnapGrasp):
     def _untie(self, row: int) -> None:
         entity, drive = self._ties.pop(row)
         entity.remove_component(drive)
-
-
-class FollowGrasp(SnapGrasp):
-    """Holds by moving: objects are posed with the gripper, handles pulled by a spring."""
-
-    def __init__(self, *args: Any) -> None:
-        super().__init__(*args)
-        self._pulled: dict[str, Articulation] = {}
-
-    def _tie_object(self, row: int, index: int) -> None:
-        pass
-
-    def _tie_handle(self, row: int, index: int) -> None:
-        pass
-
-    def _untie(self, row: int) -> None:
-        pass
-
-    def before_simulation_step(self) -> None:
-        """Poses held objects in the hand and pulls held handles to it."""
-        if self.scene.gpu_sim_enabled:
-            self.scene._gpu_fetch_all()
-        for index in torch.unique(self.held[self.held != NOTHING]).tolist():
-            self._pose_object(index)
-        self._pull_handles()
-        if self.scene.gpu_sim_enabled:
-            self.scene._gpu_apply_all()
-
-    def _pose_object(self, index: int) -> None:
-        rows = self.held == index
-        actor, mask = self.objects[index], self.scene._reset_mask
-        self.scene._reset_mask = rows
-        actor.set_pose(Pose.create((self.ee_link.pose * self._ee_from_object).raw_pose[rows]))
-        # It moves with the hand during the coming physics step instead of lagging behind it.
-        turning = self.ee_link.get_angular_velocity()
-        middle = (self.ee_link.pose * Pose.create_from_pq(self._link_com_m)).p
-        arm = self.object_com_m(index) - middle
-        moving = self.ee_link.get_linear_velocity() + torch.linalg.cross(turning, arm)
-        actor.set_linear_velocity(moving[rows])
-        actor.set_angular_velocity(turning[rows])
-        self.scene._reset_mask = mask
-
-    def _pull_handles(self) -> None:
-        """Sets the joint efforts of all furniture that is held, and clears what was let go."""
-        efforts = {
-            name: torch.zeros_like(furniture.get_qpos()) for name, furniture in self._pulled.items()
-        }
-        for index in torch.unique(self.held_handle[self.held_handle != NOTHING]).tolist():
-            handle = self.handles[index]
-            name = handle.furniture.name
-            self._pulled[name] = handle.furniture
-            effort = efforts.setdefault(name, torch.zeros_like(handle.furniture.get_qpos()))
-            column = int(handle.link.joint.active_index[0])
-            effort[:, column] += self._effort(index) * (self.held_handle == index)
-        for name, effort in efforts.items():
-            self._pulled[name].set_qf(effort)
-        if not bool((self.held_handle != NOTHING).any()):
-            self._pulled = {}
-
-    def _effort(self, index: int) -> Tensor:
-        """Returns the effort (N,) [N or N m] at a handle's joint that pulls it to the hand."""
-        handle = self.handles[index]
-        point = self.handle_position_m(index)
-        velocity = handle.link.get_linear_velocity() + torch.linalg.cross(
-            handle.link.get_angular_velocity(), point - handle.link.pose.p
-        )
-        force = HANDLE_STIFFNESS_N_M * (self.ee_position_m() - point)
-        force = force - HANDLE_DAMPING_N_S_M * velocity
-        joint = handle.link.joint
-        frame = joint.get_global_pose()
-        # SAPIEN's joint frames have the joint's axis along x.
-        axis = frame.to_transformation_matrix()[:, :3, 0]
-        if joint.type[0] == "prismatic":
-            return (axis * force).sum(dim=1)
-        return (axis * torch.linalg.cross(point - frame.p, force)).sum(dim=1)
-
-
-def make_grasp(
-    scene: ManiSkillScene, ee_link: Link, objects: list[Actor], handles: list[Handle]
-) -> SnapGrasp:
-    """Returns the implementation for the scene's backend."""
-    kind = FollowGrasp if scene.gpu_sim_enabled else DriveGrasp
-    return kind(scene, ee_link, objects, handles)
 
 
 def _with(values: Tensor, row: int, value: int | bool) -> Tensor:

@@ -8,8 +8,8 @@ skill, or of the part of a task that is being done (`Focus`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, get_type_hints
 
 import torch
 from torch import Tensor
@@ -23,55 +23,57 @@ PLACE_RADIUS_M = 0.15
 """An object is at its goal within this distance, whatever its orientation (S G.1)."""
 
 
-def _measure(unit: str, meaning: str) -> Any:
-    return field(metadata={"unit": unit, "meaning": meaning})
-
-
 @dataclass(frozen=True, kw_only=True)
 class Measures:
-    """Measures of one moment, (N,) each but the last; `meaning` and unit are in the metadata.
+    """Measures of one moment, (N,) each but the last two, with unit and meaning (`MEANINGS`).
 
     A ``_decrease`` is d_{t-1} - d_t (S C), 0 on the first moment; ``_now`` means in this step.
     """
 
-    ee_to_object_m: Tensor = _measure("m", "end-effector to the target's centre of mass")
-    ee_to_rest_m: Tensor = _measure("m", "end-effector to its resting position, base frame")
-    object_to_goal_m: Tensor = _measure("m", "target's centre of mass to its goal")
-    ee_to_handle_m: Tensor = _measure("m", "end-effector to the handle")
-    ee_to_object_decrease_m: Tensor = _measure("m", "decrease of ee_to_object_m")
-    ee_to_rest_decrease_m: Tensor = _measure("m", "decrease of ee_to_rest_m")
-    object_to_goal_decrease_m: Tensor = _measure("m", "decrease of object_to_goal_m")
-    ee_to_handle_decrease_m: Tensor = _measure("m", "decrease of ee_to_handle_m")
-    holding_target: Tensor = _measure("bool", "the target is in the hand")
-    holding_other: Tensor = _measure("bool", "another object is in the hand")
-    holding_handle: Tensor = _measure("bool", "the handle is in the hand")
-    picked_now: Tensor = _measure("bool", "the target was grasped")
-    picked_other_now: Tensor = _measure("bool", "another object was grasped")
-    dropped_now: Tensor = _measure("bool", "the target left the hand")
-    placed: Tensor = _measure("bool", "the target is within 0.15 m of its goal and not held")
-    placed_before: Tensor = _measure("bool", "it was so at an earlier moment")
-    grabbed_now: Tensor = _measure("bool", "the handle was grasped for the first time")
-    grabbed_before: Tensor = _measure("bool", "the handle was grasped at an earlier moment")
-    joint: Tensor = _measure("m or rad", "position of the door or drawer")
-    joint_share: Tensor = _measure("1", "the same as a share of its travel")
-    joint_increase: Tensor = _measure("m or rad", "how far it was opened in this step")
-    base_to_goal_m: Tensor = _measure("m", "geodesic distance of the base to its goal")
-    base_to_goal_decrease_m: Tensor = _measure("m", "decrease of base_to_goal_m")
-    heading_error_rad: Tensor = _measure("rad", "between the base's heading and its goal's")
-    heading_error_decrease_rad: Tensor = _measure("rad", "decrease of heading_error_rad")
-    stopped: Tensor = _measure("bool", "the action was the stop action")
-    path_m: Tensor = _measure("m", "way of the base since the episode began")
-    force_n: Tensor = _measure("N", "contact force C_t on the robot, mean over the step")
-    force_total_n: Tensor = _measure("N", "sum of C_t since the episode began")
-    steps: Tensor = _measure("steps", "actions since the episode began")
-    ee_to_object_start_m: Tensor = _measure("m", "ee_to_object_m when the episode began")
-    base_to_goal_start_m: Tensor = _measure("m", "base_to_goal_m when the episode began")
-    ee_in_base_m: Tensor = _measure("m", "(N, 3) end-effector in the base frame")
-    base_m: Tensor = _measure("m", "(N, 2) the base in the world")
+    ee_to_object_m: Annotated[Tensor, "m", "end-effector to the target's centre of mass"]
+    ee_to_rest_m: Annotated[Tensor, "m", "end-effector to its resting position, base frame"]
+    object_to_goal_m: Annotated[Tensor, "m", "target's centre of mass to its goal"]
+    ee_to_handle_m: Annotated[Tensor, "m", "end-effector to the handle"]
+    ee_to_object_decrease_m: Annotated[Tensor, "m", "decrease of ee_to_object_m"]
+    ee_to_rest_decrease_m: Annotated[Tensor, "m", "decrease of ee_to_rest_m"]
+    object_to_goal_decrease_m: Annotated[Tensor, "m", "decrease of object_to_goal_m"]
+    ee_to_handle_decrease_m: Annotated[Tensor, "m", "decrease of ee_to_handle_m"]
+    holding_target: Annotated[Tensor, "bool", "the target is in the hand"]
+    holding_other: Annotated[Tensor, "bool", "another object is in the hand"]
+    holding_handle: Annotated[Tensor, "bool", "the handle is in the hand"]
+    picked_now: Annotated[Tensor, "bool", "the target was grasped"]
+    picked_other_now: Annotated[Tensor, "bool", "another object was grasped"]
+    dropped_now: Annotated[Tensor, "bool", "the target left the hand"]
+    placed: Annotated[Tensor, "bool", "the target is within 0.15 m of its goal and not held"]
+    placed_before: Annotated[Tensor, "bool", "it was so at an earlier moment"]
+    grabbed_now: Annotated[Tensor, "bool", "the handle was grasped for the first time"]
+    grabbed_before: Annotated[Tensor, "bool", "the handle was grasped at an earlier moment"]
+    joint: Annotated[Tensor, "m or rad", "position of the door or drawer"]
+    joint_share: Annotated[Tensor, "1", "the same as a share of its travel"]
+    joint_increase: Annotated[Tensor, "m or rad", "how far it was opened in this step"]
+    base_to_goal_m: Annotated[Tensor, "m", "geodesic distance of the base to its goal"]
+    base_to_goal_decrease_m: Annotated[Tensor, "m", "decrease of base_to_goal_m"]
+    heading_error_rad: Annotated[Tensor, "rad", "between the base's heading and its goal's"]
+    heading_error_decrease_rad: Annotated[Tensor, "rad", "decrease of heading_error_rad"]
+    stopped: Annotated[Tensor, "bool", "the action was the stop action"]
+    path_m: Annotated[Tensor, "m", "way of the base since the episode began"]
+    force_n: Annotated[Tensor, "N", "contact force C_t on the robot, mean over the step"]
+    force_total_n: Annotated[Tensor, "N", "sum of C_t since the episode began"]
+    steps: Annotated[Tensor, "steps", "actions since the episode began"]
+    ee_to_object_start_m: Annotated[Tensor, "m", "ee_to_object_m when the episode began"]
+    base_to_goal_start_m: Annotated[Tensor, "m", "base_to_goal_m when the episode began"]
+    ee_in_base_m: Annotated[Tensor, "m", "(N, 3) end-effector in the base frame"]
+    base_m: Annotated[Tensor, "m", "(N, 2) the base in the world"]
 
     def scalars(self, names: tuple[str, ...]) -> dict[str, Tensor]:
         """Returns the named measures, for `info`."""
         return {name: getattr(self, name) for name in names}
+
+
+MEANINGS: dict[str, tuple[str, str]] = {
+    name: hint.__metadata__ for name, hint in get_type_hints(Measures, include_extras=True).items()
+}
+"""Name of each measure -> its unit and its meaning."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,8 +115,9 @@ class Tracker:
         self._rows = torch.arange(count, device=device)
         self._rest = torch.tensor(REST_POSITION_M, device=device)
         zeros, never = torch.zeros(count, device=device), torch.zeros(count, device=device) > 0
-        kinds = {f.name: f.metadata["unit"] for f in fields(Measures)}
-        self._absent = {n: never if unit == "bool" else zeros for n, unit in kinds.items()}
+        self._absent = {
+            name: never if unit == "bool" else zeros for name, (unit, _) in MEANINGS.items()
+        }
         self._started = False
 
     def begin(self, snapshot: Snapshot, rows: Tensor) -> None:
@@ -238,7 +241,10 @@ class Tracker:
         """What happened to the handle, and how far it is open."""
         focus = self.focus.front
         joint = self._of(s.joints, focus)
-        lower, upper = (self._of(self.goals.joint_lower, focus), self._of(self.goals.joint_upper, focus))
+        lower, upper = (
+            self._of(self.goals.joint_lower, focus),
+            self._of(self.goals.joint_upper, focus),
+        )
         holding = s.held_handle == self._of(self.handles, focus)
         before = last.grabbed_before | last.holding_handle
         return {

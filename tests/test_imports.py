@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[1]
 
 # A module of hab_tasks may import from its own row and the rows above. A new one needs a row.
 ORDER = [
-    {"constants", "errors", "agent", "privileged", "assets"},
+    {"constants", "errors", "agent", "privileged", "assets", "fronts", "goals"},
     {"geometry", "rendering", "options", "processes"},
     {"scenes"},
     {"navigation", "robots", "pipeline"},
@@ -21,6 +21,7 @@ ORDER = [
     {"snapshot"},
     {"measures", "rewards", "sensors"},
     {"skills"},
+    {"tasks"},
     {"envs"},
     {"__init__"},
     {"commands"},

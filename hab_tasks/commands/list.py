@@ -23,10 +23,9 @@ Example:
     def run(self) -> int:
         """Prints the table."""
         for entry in ENVS.values():
-            skill = entry.env.skill
-            modes = ", ".join(skill.control_modes)
+            modes = ", ".join(entry.env.control_modes)
             print(f"{entry.id}: {entry.horizon_steps} steps; control {modes}")
-            for item in skill.observation:
+            for item in entry.env.observation:
                 shape = "x".join(map(str, item.shape))
                 print(f"  {item.name:<20} {shape:>4}  {item.unit:<7} {item.meaning}")
         return 0

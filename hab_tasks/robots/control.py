@@ -182,7 +182,9 @@ class HabController(BaseController):
         if len(flat) != count or cells.dim() > 2:
             raise ActionError(f"Action of shape {tuple(cells.shape)}; expected ({count},).")
         index = flat.to(torch.long)
-        if bool((index != flat).any()) or not bool(((index >= 0) & (index < len(BASE_CELLS))).all()):
+        if bool((index != flat).any()) or not bool(
+            ((index >= 0) & (index < len(BASE_CELLS))).all()
+        ):
             last = len(BASE_CELLS) - 1
             raise ActionError(f"Action {flat.tolist()}; each is one of the cells 0 to {last}.")
         return self._cells[index]

@@ -3,8 +3,8 @@
 A frozen (kinematic, passive) body makes no contacts with furniture and takes no solver time, so a
 step costs the same with ten and with a hundred objects around. Before anything can touch it, a body
 near the arm, the held object, a door or drawer on the move, or an object that was moved becomes
-dynamic again; once it sleeps, out of reach, it is frozen again. CPU simulation only; on the GPU a body cannot change its kind while
-running.
+dynamic again; once it sleeps, out of reach, it is frozen again. CPU simulation only; on the GPU a
+body cannot change its kind while running.
 """
 
 from __future__ import annotations

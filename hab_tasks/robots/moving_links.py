@@ -29,7 +29,7 @@ class MovingLinks:
         """Takes the joints as they are for the state of rest."""
         self._seen = self._joints()
 
-    def boxes_m(self) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    def boxes_m(self) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
         """Returns lower and upper corner (3,) of every link that moved since the last look."""
         joints = self._joints()
         moved = np.abs(joints - self._seen) > MOVED

@@ -69,8 +69,8 @@ CLOSE_DRAWER = Skill(
     ),
     success=success,
     reward_terms=reward_terms,
-    # One step can at most succeed, move the hand by a quarter of a metre and the drawer by
-    # half a metre.
+    # One step can at most succeed, move the hand by a quarter of a metre and
+    # the drawer by half a metre.
     reward_bound=10.0 + 0.25 + 0.5,
 )
 
@@ -78,8 +78,8 @@ CLOSE_DRAWER = Skill(
 class HabCloseDrawerEnv(SkillEnv):
     """Close a drawer of the kitchen counter and bring the hand to rest, base standing still.
 
-    **Start**: the drawer 80 to 100 % open, a random subset of the others open; the robot in a rectangle
-    of 0.15 m x 0.75 m before it, facing the handle; noise as in every skill (S H.2).
+    **Start**: the drawer 80 to 100 % open, a random subset of the others open; the robot in a
+    rectangle of 0.15 m x 0.75 m before it, facing the handle; noise as in every skill (S H.2).
 
     **Observation** (``state_dict``: ``agent`` and ``extra``; ``state`` is their concatenation):
 
@@ -90,7 +90,7 @@ class HabCloseDrawerEnv(SkillEnv):
     ee_position            3      m       end-effector in the base frame
     is_holding             1      0 or 1  whether anything is in the hand
     rest_from_ee           3      m       from the end-effector to its rest position, base frame
-    object_start_in_ee     3      m       position of the object behind the drawer's front, hand's frame
+    object_start_in_ee     3      m       position of the object in the drawer, hand's frame
     head, arm              128²   0..1    depth cameras, 1 at 10 m (``depth``); uint8 (``rgb``)
     =====================  =====  ======  ====================================================
 

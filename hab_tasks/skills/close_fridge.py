@@ -12,8 +12,8 @@ from hab_tasks.goals import Goals
 from hab_tasks.measures import Measures
 from hab_tasks.sensors import OBJECT_START_IN_EE, PROPRIOCEPTION
 from hab_tasks.skills.base import Skill, SkillEnv
-from hab_tasks.skills.regions import SPAWN_REGION, outside
 from hab_tasks.skills.needs import Needs
+from hab_tasks.skills.regions import SPAWN_REGION, outside
 from hab_tasks.snapshot import Snapshot
 
 
@@ -76,8 +76,8 @@ CLOSE_FRIDGE = Skill(
     success=success,
     failures=failures,
     reward_terms=reward_terms,
-    # One step can at most succeed, move the hand by a quarter of a metre and the door by
-    # half a radian.
+    # One step can at most succeed, move the hand by a quarter of a metre and
+    # the door by half a radian.
     reward_bound=10.0 + 0.25 + 0.5,
 )
 
@@ -85,8 +85,9 @@ CLOSE_FRIDGE = Skill(
 class HabCloseFridgeEnv(SkillEnv):
     """Close the fridge's upper door with arm and base, and bring the hand to rest.
 
-    **Start**: the door open between pi/4 and 2 pi/3; the robot in a rectangle of 0.9 m x 1.2 m before
-    the fridge, facing the handle; noise of 20 deg on the heading, 0.05 m on the end-effector (S H.2).
+    **Start**: the door open between pi/4 and 2 pi/3; the robot in a rectangle of 0.9 m x 1.2 m
+    before the fridge, facing the handle; noise of 20 deg on the heading, 0.05 m on the
+    end-effector (S H.2).
 
     **Observation** (``state_dict``: ``agent`` and ``extra``; ``state`` is their concatenation):
 

@@ -12,7 +12,6 @@ from torch import Tensor
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.episodes.source import EpisodeSource
 from hab_tasks.errors import EpisodeError
-from hab_tasks.goals import Goals
 from hab_tasks.navigation import NavigationMap
 from hab_tasks.robots.grasp import Handle, SnapGrasp
 from hab_tasks.scenes.handles import SceneHandles

@@ -72,8 +72,8 @@ OPEN_DRAWER = Skill(
     ),
     success=success,
     reward_terms=reward_terms,
-    # One step can at most succeed, grab the handle, move the hand by a quarter of a metre and the drawer by
-    # half a metre.
+    # One step can at most succeed, grab the handle, move the hand by a quarter of a metre and
+    # the drawer by half a metre.
     reward_bound=10.0 + 5.0 + 0.25 + 0.5,
 )
 
@@ -93,7 +93,7 @@ class HabOpenDrawerEnv(SkillEnv):
     ee_position            3      m       end-effector in the base frame
     is_holding             1      0 or 1  whether anything is in the hand
     rest_from_ee           3      m       from the end-effector to its rest position, base frame
-    object_start_in_ee     3      m       position of the object behind the drawer's front, hand's frame
+    object_start_in_ee     3      m       position of the object in the drawer, hand's frame
     head, arm              128²   0..1    depth cameras, 1 at 10 m (``depth``); uint8 (``rgb``)
     =====================  =====  ======  ====================================================
 

@@ -12,8 +12,8 @@ from hab_tasks.goals import Goals
 from hab_tasks.measures import Measures
 from hab_tasks.sensors import OBJECT_START_IN_EE, PROPRIOCEPTION
 from hab_tasks.skills.base import Skill, SkillEnv
-from hab_tasks.skills.regions import SPAWN_REGION, outside
 from hab_tasks.skills.needs import Needs
+from hab_tasks.skills.regions import SPAWN_REGION, outside
 from hab_tasks.snapshot import Snapshot
 
 
@@ -81,8 +81,8 @@ OPEN_FRIDGE = Skill(
     success=success,
     failures=failures,
     reward_terms=reward_terms,
-    # One step can at most succeed, grab the handle, move the hand by a quarter of a metre and the door by
-    # half a radian.
+    # One step can at most succeed, grab the handle, move the hand by a quarter of a metre and
+    # the door by half a radian.
     reward_bound=10.0 + 5.0 + 0.25 + 0.5,
 )
 
@@ -90,8 +90,8 @@ OPEN_FRIDGE = Skill(
 class HabOpenFridgeEnv(SkillEnv):
     """Open the fridge's upper door with arm and base, and bring the hand to rest.
 
-    **Start**: the door closed; the robot in a rectangle of 0.9 m x 1.2 m before the fridge, facing the
-    handle; noise of 20 deg on the heading, 0.05 m on the end-effector (S H.2).
+    **Start**: the door closed; the robot in a rectangle of 0.9 m x 1.2 m before the fridge, facing
+    the handle; noise of 20 deg on the heading, 0.05 m on the end-effector (S H.2).
 
     **Observation** (``state_dict``: ``agent`` and ``extra``; ``state`` is their concatenation):
 
@@ -109,8 +109,8 @@ class HabOpenFridgeEnv(SkillEnv):
     **Action**: ``ee_base`` 3 + 1 + 2, ``joint_delta_base`` and ``joint_target_base`` 7 + 1 + 2
     (`hab_tasks.robots.control`). The hand snaps to handles only.
 
-    **Reward** (terms in ``info["reward_terms"]``): 10 success + 5 grabbed + handle + joint - 10 left
-    region.
+    **Reward** (terms in ``info["reward_terms"]``): 10 success + 5 grabbed + handle + joint - 10
+    left region.
 
     **Success**: door open by more than 90 degrees, end-effector within 0.15 m of its
     rest position.

@@ -21,6 +21,4 @@ def outside(region: Rectangle, front: Tensor, base: Tensor) -> Tensor:
     """
     local = world_to_base(front, base)
     x, y = local[:, 0], local[:, 1]
-    return (
-        (x < region.x_m[0]) | (x > region.x_m[1]) | (y < region.y_m[0]) | (y > region.y_m[1])
-    )
+    return (x < region.x_m[0]) | (x > region.x_m[1]) | (y < region.y_m[0]) | (y > region.y_m[1])

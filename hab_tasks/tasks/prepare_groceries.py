@@ -8,7 +8,6 @@ from hab_tasks.skills.place import PLACE
 from hab_tasks.tasks.base import Condition, Part, Task
 from hab_tasks.tasks.task_env import TaskEnv
 
-
 OBJECTS = 3
 
 

@@ -112,9 +112,7 @@ class TaskEnv(HabEnv):
     def after_action(self) -> None:
         """Looks what was reached."""
         world = self._world
-        self._progress.advance(
-            world.snapshot, self.measures, world.goals, world.tracker.targets
-        )
+        self._progress.advance(world.snapshot, self.measures, world.goals, world.tracker.targets)
 
     def _turn_to_parts(self, rows: Tensor) -> None:
         """Makes measures and ways those of the present parts of `rows` (R,)."""

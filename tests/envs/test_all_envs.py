@@ -9,7 +9,7 @@ from hab_tasks.envs import ENVS
 from hab_tasks.errors import ActionError, UnknownNameError
 from hab_tasks.robots.control import control_configs
 
-ENV_MODES = [(e.id, mode) for e in ENVS.values() for mode in e.env.skill.control_modes]
+ENV_MODES = [(e.id, mode) for e in ENVS.values() for mode in e.env.control_modes]
 every_env = pytest.mark.parametrize("env_id", ENVS)
 every_mode = pytest.mark.parametrize(("env_id", "mode"), ENV_MODES)
 
@@ -60,7 +60,7 @@ def test_observations_lie_in_their_space(make, env_id, mode):
         for group in spaces:
             for key, space in spaces[group].items():
                 assert space.contains(o[group][key].numpy()), (group, key)
-    entries = {e.name: e.shape for e in ENVS[env_id].env.skill.observation}
+    entries = {e.name: e.shape for e in ENVS[env_id].env.observation}
     shapes = {name.rsplit("/", 1)[-1]: tuple(value.shape[1:]) for name, value in flat(obs)}
     assert shapes == entries
 
@@ -69,7 +69,7 @@ def test_observations_lie_in_their_space(make, env_id, mode):
 def test_flat_state_is_all_entries_in_order(make, env_id):
     flat_env, dict_env = make(env_id, obs_mode="state"), make(env_id, obs_mode="state_dict")
     state, parts = flat_env.reset(seed=3)[0], dict_env.reset(seed=3)[0]
-    entries = [e.name for e in ENVS[env_id].env.skill.observation]
+    entries = [e.name for e in ENVS[env_id].env.observation]
     values = {name.rsplit("/", 1)[-1]: value for name, value in flat(parts)}
     assert torch.equal(state, torch.cat([values[name] for name in entries], dim=1))
 
@@ -106,7 +106,7 @@ def test_the_normalised_reward_is_the_reward_over_its_bound(make, env_id):
         env = make(env_id, reward_mode=mode)
         env.reset(seed=1)
         runs[mode] = torch.cat([step[1] for step in play(env, actions(env, 30))])
-    bound = ENVS[env_id].env.skill.reward_bound
+    bound = ENVS[env_id].env.reward_bound
     assert torch.allclose(runs["normalized_dense"], (runs["dense"] / bound).clamp(max=1.0))
     assert runs["dense"].any()
 

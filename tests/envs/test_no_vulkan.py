@@ -50,7 +50,7 @@ def test_states_need_no_driver(run, env_id):
         "print('shape', tuple(obs.shape))",
     )
     assert done.returncode == 0, done.stderr[-2000:]
-    size = sum(e.shape[0] for e in ENVS[env_id].env.skill.observation)
+    size = sum(e.shape[0] for e in ENVS[env_id].env.observation)
     assert done.stdout.splitlines()[-1] == f"shape (1, {size})"
 
 

@@ -19,7 +19,7 @@ def test_cpu_wrapper_gives_plain_arrays(make, env_id):
     obs, _ = env.reset(seed=0)
     assert isinstance(obs, np.ndarray)
     assert env.observation_space.contains(obs)
-    assert obs.shape == (sum(e.shape[0] for e in ENVS[env_id].env.skill.observation),)
+    assert obs.shape == (sum(e.shape[0] for e in ENVS[env_id].env.observation),)
     for _ in range(5):
         obs, reward, terminated, truncated, info = env.step(env.action_space.sample())
         assert env.observation_space.contains(obs)
@@ -33,10 +33,10 @@ def test_cpu_wrapper_gives_plain_arrays(make, env_id):
 
 @every_env
 def test_the_id_with_the_module_needs_no_import(env_id):
-    code = f"import gymnasium; print(gymnasium.make('hab_tasks:{env_id}').unwrapped.skill.name)"
+    code = f"import gymnasium; print(gymnasium.make('hab_tasks:{env_id}').unwrapped.name)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-2000:]
-    assert done.stdout.split() == [ENVS[env_id].env.skill.name]
+    assert done.stdout.split() == [ENVS[env_id].env.name]
 
 
 def one(env_id, file):

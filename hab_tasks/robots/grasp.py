@@ -20,6 +20,7 @@ import torch
 from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.utils.structs import Actor, Articulation, Link
 from mani_skill.utils.structs.pose import Pose
+from numpy.typing import NDArray
 from torch import Tensor
 
 from hab_tasks.constants import GRASP_RADIUS_M
@@ -72,6 +73,7 @@ class SnapGrasp:
         held_handle: (N,) index into `handles`, `NOTHING` where none.
         lost: (N,) whether what was held slipped away since the last command.
         shut_in: Tells which objects (N, K) are behind a closed door; None where nobody knows.
+        known_com_m: (K, 3) centres of mass that somebody keeps current; None to read each.
     """
 
     def __init__(
@@ -86,6 +88,7 @@ class SnapGrasp:
         self.scene, self.ee_link = scene, ee_link
         self.objects, self.handles, self.takes = objects, handles, takes
         self.shut_in: Callable[[], Tensor | None] | None = None
+        self.known_com_m: NDArray[np.float32] | None = None
         count, device = scene.num_envs, scene.device
         self.held = torch.full((count,), NOTHING, dtype=torch.long, device=device)
         self.held_handle = self.held.clone()
@@ -98,6 +101,7 @@ class SnapGrasp:
         self._cpu_bodies = [
             (actor._bodies[0], actor._bodies[0].cmass_local_pose) for actor in objects
         ]
+        self._cpu_handles = [(h.link._objs[0], sapien.Pose(list(h.offset_m))) for h in handles]
         self._offset = torch.tensor([EE_OFFSET_M, 0.0, 0.0], device=device)
         link_com = ee_link._objs[0].cmass_local_pose.p
         self._link_com_m = torch.as_tensor(np.asarray(link_com, dtype=np.float32), device=device)
@@ -181,12 +185,21 @@ class SnapGrasp:
         """Returns every object's centre of mass (N, K, 3) in the world."""
         if self.scene.gpu_sim_enabled:
             return torch.stack([self.object_com_m(i) for i in range(len(self.objects))], dim=1)
+        if self.known_com_m is not None:
+            return torch.from_numpy(self.known_com_m)[None]
         points = [(body.entity_pose * com).p for body, com in self._cpu_bodies]
         return torch.from_numpy(np.array(points, dtype=np.float32).reshape(1, -1, 3))
 
     def object_com_m(self, index: int) -> Tensor:
         """Returns the centre of mass (N, 3) of an object in the world."""
         return (self.objects[index].pose * Pose.create_from_pq(self._com_m[index])).p
+
+    def handles_m(self) -> Tensor:
+        """Returns every handle marker (N, H, 3) in the world."""
+        if self.scene.gpu_sim_enabled:
+            return torch.stack([self.handle_position_m(i) for i in range(len(self.handles))], dim=1)
+        points = [(link.entity_pose * offset).p for link, offset in self._cpu_handles]
+        return torch.from_numpy(np.array(points, dtype=np.float32).reshape(1, -1, 3))
 
     def handle_position_m(self, index: int) -> Tensor:
         """Returns a handle marker (N, 3) in the world."""
@@ -196,24 +209,28 @@ class SnapGrasp:
 
     def _grasp_rows(self, rows: Tensor) -> None:
         ee = self.ee_position_m()[rows]
-        nearest, distance = _nearest(ee, self._within_reach()[rows])
+        nearest, distance = self._nearest_object(ee, rows)
         free = distance > GRASP_RADIUS_M
-        if self.takes != "objects" and bool(free.any()) and self.handles:
-            points = [self.handle_position_m(i)[rows] for i in range(len(self.handles))]
-            handle, handle_distance = _nearest(ee, torch.stack(points, dim=1))
+        if self.takes != "objects" and self.handles and bool(free.any()):
+            handle, handle_distance = _nearest(ee, self.handles_m()[rows])
             free = free & (handle_distance <= GRASP_RADIUS_M)
             for i in torch.nonzero(free).flatten().tolist():
                 self._grasp_handle(int(rows[i]), int(handle[i]))
         for i in torch.nonzero(distance <= GRASP_RADIUS_M).flatten().tolist():
             self.attach(int(rows[i]), int(nearest[i]))
 
-    def _within_reach(self) -> Tensor:
-        """Returns the centres of mass (N, K, 3), far away what the hand may not take."""
-        points = self.objects_com_m()
+    def _nearest_object(self, ee: Tensor, rows: Tensor) -> tuple[Tensor, Tensor]:
+        """Returns index and distance (R,) of the nearest object that the hand may take."""
+        points = self.objects_com_m()[rows]
         if self.takes == "handles":
-            return points[:, :0]
-        shut = self.shut_in() if self.shut_in is not None else None
-        return points if shut is None else torch.where(shut[..., None], FAR_AWAY_M, points)
+            points = points[:, :0]
+        found = _nearest(ee, points)
+        if self.shut_in is None or not bool((found[1] <= GRASP_RADIUS_M).any()):
+            return found
+        shut = self.shut_in()
+        if shut is None:
+            return found
+        return _nearest(ee, torch.where(shut[rows][..., None], FAR_AWAY_M, points))
 
     def _hold(self, row: int, index: int, ee_from_object: Tensor) -> None:
         self.held = _with(self.held, row, index)

@@ -25,6 +25,7 @@ from hab_tasks.scenes.handles import SceneHandles
 from hab_tasks.scenes.lights import LayoutLights
 from hab_tasks.scenes.pool import BodyPool
 from hab_tasks.skills.choice import EpisodeChoice, Shown
+from hab_tasks.skills.containers import Containers
 from hab_tasks.skills.goal_setting import GoalSetting, LayoutMaps, handles_of
 from hab_tasks.skills.ground_truth import GroundTruth
 from hab_tasks.skills.needs import Needs
@@ -139,6 +140,9 @@ class World:
             mobile = agent.controller.config.base != "still"
             furniture = list(handles.articulations.values())
             self._dormant = DormantObjects(movable, links, furniture, mobile)
+            self._grasp.known_com_m = self._dormant.com_m
+        if self.needs.takes == "any":
+            self._grasp.shut_in = Containers(self.needs.fronts, self._grasp).shut_in
         key = f"{self._shown.layout}#{next(_shows)}"
         self._truth = GroundTruth(key, self._pool, handles, agent, self._grasp)
 

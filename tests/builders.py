@@ -15,7 +15,7 @@ from mani_skill.utils.structs import Actor
 from mani_skill.utils.structs.types import SimConfig
 
 from hab_tasks.episodes import Episode
-from hab_tasks.measures import Measures
+from hab_tasks.measures import MEANINGS, Measures
 from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.scenes.collision_groups import MOVING, set_groups
 from hab_tasks.snapshot import Snapshot, world_to_base
@@ -146,20 +146,23 @@ def start_fetch(agent: HabFetch) -> None:
     agent.controller.reset()
 
 
-def snapshot(count: int = 1, **values: torch.Tensor) -> Snapshot:
+def snapshot(
+    count: int = 1, *, objects: int = 1, fronts: int = 0, **values: torch.Tensor
+) -> Snapshot:
     """A snapshot of `count` rows at the origin with nothing held, except for `values`."""
-    zeros = torch.zeros(count)
     nothing = torch.full((count,), -1, dtype=torch.long)
     raw = {
         "arm_qpos_rad": torch.zeros(count, 7),
         "base": torch.zeros(count, 3),
         "ee_m": torch.zeros(count, 3),
         "ee_axes": torch.eye(3).expand(count, 3, 3),
-        "object_m": torch.zeros(count, 3),
+        "objects_m": torch.zeros(count, objects, 3),
+        "handles_m": torch.zeros(count, fronts, 3),
+        "joints": torch.zeros(count, fronts),
         "held": nothing,
         "held_handle": nothing.clone(),
         "lost": torch.zeros(count, dtype=torch.bool),
-        "force_n": zeros,
+        "force_n": torch.zeros(count),
     }
     raw |= values
     return Snapshot(**{"ee_in_base_m": world_to_base(raw["base"], raw["ee_m"]), **raw})
@@ -168,19 +171,9 @@ def snapshot(count: int = 1, **values: torch.Tensor) -> Snapshot:
 def measures(count: int = 1, **values: torch.Tensor) -> Measures:
     """Measures of `count` rows that are all zero or False, except for `values`."""
     zeros, never = torch.zeros(count), torch.zeros(count, dtype=torch.bool)
-    raw = dict.fromkeys(
-        (
-            "ee_to_object_m",
-            "ee_to_rest_m",
-            "ee_to_object_decrease_m",
-            "ee_to_rest_decrease_m",
-            "force_n",
-            "force_total_n",
-        ),
-        zeros,
-    )
-    raw |= dict.fromkeys(("holding_target", "holding_other", "picked_now", "dropped_now"), never)
-    return Measures(**{**raw, "ee_in_base_m": torch.zeros(count, 3), **values})
+    raw = {name: never if unit == "bool" else zeros for name, (unit, _) in MEANINGS.items()}
+    points = {"ee_in_base_m": torch.zeros(count, 3), "base_m": torch.zeros(count, 2)}
+    return Measures(**{**raw, **points, **values})
 
 
 def same(a: object, b: object, atol: float = 0.0) -> bool:
@@ -207,8 +200,15 @@ def first_episode(env: object, accept: Callable[[Episode], bool]) -> int:
     return next(i for i in range(source.available) if accept(source.get(i)))
 
 
+def ee_action(env: object, arm: np.ndarray, gripper: float) -> np.ndarray:
+    """An action of ``ee`` or ``ee_base``, the base standing still."""
+    action = np.zeros(env.unwrapped.single_action_space.shape, dtype=np.float32)
+    action[:3], action[3] = arm, gripper
+    return action
+
+
 def reach(env: object, point_m: np.ndarray, gripper: float, *, steps: int, within_m: float) -> list:
-    """Drives the end-effector (``ee`` mode) in a straight line to a world point.
+    """Drives the end-effector (``ee``, ``ee_base``) in a straight line to a world point.
 
     Returns:
         The results of the steps; ends within `within_m` of the point, or with the episode.
@@ -220,8 +220,7 @@ def reach(env: object, point_m: np.ndarray, gripper: float, *, steps: int, withi
         gap = (gap - shot.ee_in_base_m)[0].numpy()
         if np.linalg.norm(gap) < within_m:
             break
-        action = np.append(np.clip(gap / 0.015, -1, 1), gripper).astype(np.float32)
-        results.append(env.step(action))
+        results.append(env.step(ee_action(env, np.clip(gap / 0.015, -1, 1), gripper)))
         if results[-1][2] or results[-1][3]:
             break
     return results
@@ -241,5 +240,5 @@ def go_above_and_grasp(env: object, name: str, *, gripper: float = 1.0) -> list:
         ee = base._world.snapshot.ee_m[0].numpy()
         if np.linalg.norm(ee - base.privileged()[0].object_com_m[name]) < 0.13:
             break
-    results.append(env.step(np.array([0, 0, 0, gripper], dtype=np.float32)))
+    results.append(env.step(ee_action(env, np.zeros(3), gripper)))
     return results

@@ -28,7 +28,7 @@ class Bench:
         ]
         self.scene._setup(enable_gpu=False)
         start_fetch(self.agent)
-        self.dormant = DormantObjects(self.boxes, dict(self.agent.robot.links_map), mobile)
+        self.dormant = DormantObjects(self.boxes, dict(self.agent.robot.links_map), [], mobile)
         self.dormant.thaw_all()
         self.dormant.freeze_all(np.ones(len(self.boxes), dtype=bool))
 

@@ -7,7 +7,8 @@ import torch
 from builders import box_actor, cpu_scene, start_fetch
 
 from hab_tasks.robots.fetch import HabFetch
-from hab_tasks.robots.grasp import NOTHING, DriveGrasp, FollowGrasp, Handle
+from hab_tasks.robots.follow_grasp import FollowGrasp
+from hab_tasks.robots.grasp import NOTHING, DriveGrasp, Handle
 from hab_tasks.scenes.collision_groups import HELD, MOVING
 from hab_tasks.scenes.dataset import resolve_dataset
 from hab_tasks.scenes.load import load_scene
@@ -219,7 +220,11 @@ class Kitchen:
         furniture = built.articulations[name]
         self.link = furniture.links_map[marker.link]
         self.handle = Handle(
-            name=marker.name, furniture=furniture, link=self.link, offset_m=marker.offset_m
+            name=marker.name,
+            furniture_name=name,
+            furniture=furniture,
+            link=self.link,
+            offset_m=marker.offset_m,
         )
         self.furniture = furniture
         self.grasp = kind(self.scene, self.agent.ee_link, [], [self.handle])

@@ -176,6 +176,13 @@ def measures(count: int = 1, **values: torch.Tensor) -> Measures:
     return Measures(**{**raw, **points, **values})
 
 
+class StraightWays:
+    """Ways of the base on an empty floor: every row has to go to the origin."""
+
+    def distance_m(self, base_m: torch.Tensor) -> torch.Tensor:
+        return torch.linalg.vector_norm(base_m, dim=1)
+
+
 def same(a: object, b: object, atol: float = 0.0) -> bool:
     """Whether two nested dicts of tensors, arrays and numbers are equal to within `atol`."""
     if isinstance(a, dict):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from torch import Tensor
+from hab_tasks.arrays import Rows
 
 FRIDGE_OPEN_RAD = math.pi / 2
 FRIDGE_CLOSED_RAD = 0.15
@@ -34,11 +34,11 @@ class FrontKind:
     open_share: float
     closed_at: float
 
-    def is_open(self, joint: Tensor, share: Tensor) -> Tensor:
+    def is_open(self, joint: Rows, share: Rows) -> Rows:
         """Whether joints (...) [m or rad], at these shares of their travel, are open."""
         return share >= self.open_share if self.open_at is None else joint > self.open_at
 
-    def is_closed(self, joint: Tensor) -> Tensor:
+    def is_closed(self, joint: Rows) -> Rows:
         """Whether joints (...) [m or rad] are closed."""
         return joint <= self.closed_at
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
+import numpy as np
 import torch
 from torch import Tensor
+
+from hab_tasks.arrays import Rows, put_rows, to_tensor
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,18 +25,29 @@ class Goals:
         base: (N, 3) x [m], y [m], yaw [rad] where Navigate has to end.
     """
 
-    starts_m: Tensor
-    goals_m: Tensor
-    joint_lower: Tensor
-    joint_upper: Tensor
-    front: Tensor
-    base: Tensor
+    starts_m: Rows
+    goals_m: Rows
+    joint_lower: Rows
+    joint_upper: Rows
+    front: Rows
+    base: Rows
 
     @staticmethod
-    def empty(count: int, objects: int, fronts: int, device: torch.device | str) -> Goals:
-        """Returns goals of `count` rows that are all zero, joint travels one."""
+    def empty(
+        count: int, objects: int, fronts: int, device: torch.device | str | None = None
+    ) -> Goals:
+        """Returns goals that are all zero, joint travels one.
 
-        def zeros(*shape: int) -> Tensor:
+        Args:
+            count: Number of rows.
+            objects: Number of objects.
+            fronts: Number of doors and drawers.
+            device: Where the tensors are; None for numpy arrays.
+        """
+
+        def zeros(*shape: int) -> Rows:
+            if device is None:
+                return np.zeros((count, *shape), dtype=np.float32)
             return torch.zeros(count, *shape, device=device)
 
         return Goals(
@@ -46,11 +61,10 @@ class Goals:
 
     def state(self) -> dict[str, Tensor]:
         """Returns copies of all entries by name."""
-        return {f.name: getattr(self, f.name).clone() for f in fields(self)}
+        return {f.name: to_tensor(getattr(self, f.name)) for f in fields(self)}
 
-    def changed(self, rows: Tensor, values: dict[str, Tensor]) -> Goals:
+    def changed(self, rows: Sequence[int] | Tensor, values: dict[str, Rows]) -> Goals:
         """Returns goals with `values` (R, ...) in `rows` (R,)."""
-        merged = self.state()
-        for name, value in values.items():
-            merged[name][rows] = value.to(merged[name].dtype)
-        return Goals(**merged)
+        old = {f.name: getattr(self, f.name) for f in fields(self)}
+        new = {name: put_rows(old[name], rows, value) for name, value in values.items()}
+        return Goals(**old | new)

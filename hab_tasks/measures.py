@@ -8,12 +8,25 @@ skill, or of the part of a task that is being done (`Focus`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Annotated, get_type_hints
 
-import torch
 from torch import Tensor
 
+from hab_tasks.arrays import (
+    Rows,
+    angle_between,
+    as_kind_of,
+    norm,
+    put_rows,
+    rows_of,
+    stack,
+    to_tensor,
+    where,
+    whole,
+    zeros,
+)
 from hab_tasks.constants import REST_POSITION_M
 from hab_tasks.goals import Goals
 from hab_tasks.navigation.ways import Ways
@@ -30,42 +43,42 @@ class Measures:
     A ``_decrease`` is d_{t-1} - d_t (S C), 0 on the first moment; ``_now`` means in this step.
     """
 
-    ee_to_object_m: Annotated[Tensor, "m", "end-effector to the target's centre of mass"]
-    ee_to_rest_m: Annotated[Tensor, "m", "end-effector to its resting position, base frame"]
-    object_to_goal_m: Annotated[Tensor, "m", "target's centre of mass to its goal"]
-    ee_to_handle_m: Annotated[Tensor, "m", "end-effector to the handle"]
-    ee_to_object_decrease_m: Annotated[Tensor, "m", "decrease of ee_to_object_m"]
-    ee_to_rest_decrease_m: Annotated[Tensor, "m", "decrease of ee_to_rest_m"]
-    object_to_goal_decrease_m: Annotated[Tensor, "m", "decrease of object_to_goal_m"]
-    ee_to_handle_decrease_m: Annotated[Tensor, "m", "decrease of ee_to_handle_m"]
-    holding_target: Annotated[Tensor, "bool", "the target is in the hand"]
-    holding_other: Annotated[Tensor, "bool", "another object is in the hand"]
-    holding_handle: Annotated[Tensor, "bool", "the handle is in the hand"]
-    picked_now: Annotated[Tensor, "bool", "the target was grasped"]
-    picked_other_now: Annotated[Tensor, "bool", "another object was grasped"]
-    dropped_now: Annotated[Tensor, "bool", "the target left the hand"]
-    placed: Annotated[Tensor, "bool", "the target is within 0.15 m of its goal and not held"]
-    placed_before: Annotated[Tensor, "bool", "it was so at an earlier moment"]
-    grabbed_now: Annotated[Tensor, "bool", "the handle was grasped for the first time"]
-    grabbed_before: Annotated[Tensor, "bool", "the handle was grasped at an earlier moment"]
-    joint: Annotated[Tensor, "m or rad", "position of the door or drawer"]
-    joint_share: Annotated[Tensor, "1", "the same as a share of its travel"]
-    joint_increase: Annotated[Tensor, "m or rad", "how far it was opened in this step"]
-    base_to_goal_m: Annotated[Tensor, "m", "geodesic distance of the base to its goal"]
-    base_to_goal_decrease_m: Annotated[Tensor, "m", "decrease of base_to_goal_m"]
-    heading_error_rad: Annotated[Tensor, "rad", "between the base's heading and its goal's"]
-    heading_error_decrease_rad: Annotated[Tensor, "rad", "decrease of heading_error_rad"]
-    stopped: Annotated[Tensor, "bool", "the action was the stop action"]
-    path_m: Annotated[Tensor, "m", "way of the base since the episode began"]
-    force_n: Annotated[Tensor, "N", "contact force C_t on the robot, mean over the step"]
-    force_total_n: Annotated[Tensor, "N", "sum of C_t since the episode began"]
-    steps: Annotated[Tensor, "steps", "actions since the episode began"]
-    ee_to_object_start_m: Annotated[Tensor, "m", "ee_to_object_m when the episode began"]
-    base_to_goal_start_m: Annotated[Tensor, "m", "base_to_goal_m when the episode began"]
-    ee_in_base_m: Annotated[Tensor, "m", "(N, 3) end-effector in the base frame"]
-    base_m: Annotated[Tensor, "m", "(N, 2) the base in the world"]
+    ee_to_object_m: Annotated[Rows, "m", "end-effector to the target's centre of mass"]
+    ee_to_rest_m: Annotated[Rows, "m", "end-effector to its resting position, base frame"]
+    object_to_goal_m: Annotated[Rows, "m", "target's centre of mass to its goal"]
+    ee_to_handle_m: Annotated[Rows, "m", "end-effector to the handle"]
+    ee_to_object_decrease_m: Annotated[Rows, "m", "decrease of ee_to_object_m"]
+    ee_to_rest_decrease_m: Annotated[Rows, "m", "decrease of ee_to_rest_m"]
+    object_to_goal_decrease_m: Annotated[Rows, "m", "decrease of object_to_goal_m"]
+    ee_to_handle_decrease_m: Annotated[Rows, "m", "decrease of ee_to_handle_m"]
+    holding_target: Annotated[Rows, "bool", "the target is in the hand"]
+    holding_other: Annotated[Rows, "bool", "another object is in the hand"]
+    holding_handle: Annotated[Rows, "bool", "the handle is in the hand"]
+    picked_now: Annotated[Rows, "bool", "the target was grasped"]
+    picked_other_now: Annotated[Rows, "bool", "another object was grasped"]
+    dropped_now: Annotated[Rows, "bool", "the target left the hand"]
+    placed: Annotated[Rows, "bool", "the target is within 0.15 m of its goal and not held"]
+    placed_before: Annotated[Rows, "bool", "it was so at an earlier moment"]
+    grabbed_now: Annotated[Rows, "bool", "the handle was grasped for the first time"]
+    grabbed_before: Annotated[Rows, "bool", "the handle was grasped at an earlier moment"]
+    joint: Annotated[Rows, "m or rad", "position of the door or drawer"]
+    joint_share: Annotated[Rows, "1", "the same as a share of its travel"]
+    joint_increase: Annotated[Rows, "m or rad", "how far it was opened in this step"]
+    base_to_goal_m: Annotated[Rows, "m", "geodesic distance of the base to its goal"]
+    base_to_goal_decrease_m: Annotated[Rows, "m", "decrease of base_to_goal_m"]
+    heading_error_rad: Annotated[Rows, "rad", "between the base's heading and its goal's"]
+    heading_error_decrease_rad: Annotated[Rows, "rad", "decrease of heading_error_rad"]
+    stopped: Annotated[Rows, "bool", "the action was the stop action"]
+    path_m: Annotated[Rows, "m", "way of the base since the episode began"]
+    force_n: Annotated[Rows, "N", "contact force C_t on the robot, mean over the step"]
+    force_total_n: Annotated[Rows, "N", "sum of C_t since the episode began"]
+    steps: Annotated[Rows, "steps", "actions since the episode began"]
+    ee_to_object_start_m: Annotated[Rows, "m", "ee_to_object_m when the episode began"]
+    base_to_goal_start_m: Annotated[Rows, "m", "base_to_goal_m when the episode began"]
+    ee_in_base_m: Annotated[Rows, "m", "(N, 3) end-effector in the base frame"]
+    base_m: Annotated[Rows, "m", "(N, 2) the base in the world"]
 
-    def scalars(self, names: tuple[str, ...]) -> dict[str, Tensor]:
+    def scalars(self, names: tuple[str, ...]) -> dict[str, Rows]:
         """Returns the named measures, for `info`."""
         return {name: getattr(self, name) for name in names}
 
@@ -85,8 +98,8 @@ class Focus:
         front: Number of the door or drawer.
     """
 
-    object: Tensor
-    front: Tensor
+    object: Rows
+    front: Rows
 
 
 class Tracker:
@@ -106,17 +119,18 @@ class Tracker:
     def __init__(self, goals: Goals, ways: Ways | None = None) -> None:
         """Makes a tracker for as many rows, objects and fronts as `goals` has."""
         count, objects, _ = goals.starts_m.shape
-        fronts, device = goals.front.shape[1], goals.front.device
+        fronts = goals.front.shape[1]
         self.goals, self.ways = goals, ways
-        self.targets = torch.zeros(count, objects, dtype=torch.long, device=device)
-        self.handles = torch.zeros(count, fronts, dtype=torch.long, device=device)
-        none = torch.zeros(count, dtype=torch.long, device=device)
-        self.focus = Focus(object=none, front=none)
-        self._rows = torch.arange(count, device=device)
-        self._rest = torch.tensor(REST_POSITION_M, device=device)
-        zeros, never = torch.zeros(count, device=device), torch.zeros(count, device=device) > 0
+        nothing = zeros(count, like=goals.base)
+        never = nothing > 0
+        integers = as_kind_of(list(range(count)), whole(nothing))
+        self.targets = zeros(count, objects, like=integers)
+        self.handles = zeros(count, fronts, like=integers)
+        self.focus = Focus(object=integers * 0, front=integers * 0)
+        self._rows = integers
+        self._rest = as_kind_of(REST_POSITION_M, nothing)
         self._absent = {
-            name: never if unit == "bool" else zeros for name, (unit, _) in MEANINGS.items()
+            name: never if unit == "bool" else nothing for name, (unit, _) in MEANINGS.items()
         }
         self._started = False
 
@@ -131,23 +145,23 @@ class Tracker:
         )
         if not self._started:
             self.measures, self._started = fresh, True
-        self.measures = select_rows(self._chosen(rows), fresh, self.measures)
+        self.measures = select_rows(rows_of(self._rows, rows), fresh, self.measures)
 
-    def refocus(self, snapshot: Snapshot, rows: Tensor, focus: Focus) -> None:
+    def refocus(self, snapshot: Snapshot, rows: Sequence[int] | Tensor, focus: Focus) -> None:
         """Turns `rows` (R,) to another object or front; `snapshot` is the latest one.
 
         What was counted since the episode began stays.
         """
-        chosen = self._chosen(rows)
+        chosen = rows_of(self._rows, rows)
         self.focus = Focus(
-            object=torch.where(chosen, focus.object, self.focus.object),
-            front=torch.where(chosen, focus.front, self.focus.front),
+            object=where(chosen, focus.object, self.focus.object),
+            front=where(chosen, focus.front, self.focus.front),
         )
         last = self.measures
         kept = {name: getattr(last, name) for name in _SINCE_THE_START}
         self.measures = select_rows(chosen, replace(self._still(snapshot), **kept), last)
 
-    def advance(self, snapshot: Snapshot, stopped: Tensor) -> None:
+    def advance(self, snapshot: Snapshot, stopped: Rows) -> None:
         """Takes the next control step's snapshot, and whether its action was to stop (N,)."""
         last = self.measures
         values = self._absent | self._distances(snapshot, last)
@@ -166,29 +180,29 @@ class Tracker:
 
     def get_state(self) -> dict[str, Tensor]:
         """Returns everything needed to go on from here, by name, (N, ...)."""
-        state = {f.name: getattr(self.measures, f.name).clone() for f in fields(Measures)}
-        focus = {"focus_object": self.focus.object.clone(), "focus_front": self.focus.front.clone()}
-        return {**state, **focus, "targets": self.targets.clone(), "handles": self.handles.clone()}
+        state = {f.name: to_tensor(getattr(self.measures, f.name)) for f in fields(Measures)}
+        others = {
+            "focus_object": self.focus.object,
+            "focus_front": self.focus.front,
+            "targets": self.targets,
+            "handles": self.handles,
+        }
+        return state | {name: to_tensor(value) for name, value in others.items()}
 
     def set_state(self, state: dict[str, Tensor], rows: Tensor) -> None:
         """Restores `rows` (R,) from what `get_state` returned for R rows."""
-
-        def merged(old: Tensor, name: str) -> Tensor:
-            value = old.clone()
-            value[rows] = state[name].to(value.dtype)
-            return value
-
+        names = [f.name for f in fields(Measures)]
         self.measures = Measures(
-            **{f.name: merged(getattr(self.measures, f.name), f.name) for f in fields(Measures)}
+            **{n: put_rows(getattr(self.measures, n), rows, state[n]) for n in names}
         )
         self.focus = Focus(
-            object=merged(self.focus.object, "focus_object"),
-            front=merged(self.focus.front, "focus_front"),
+            object=put_rows(self.focus.object, rows, state["focus_object"]),
+            front=put_rows(self.focus.front, rows, state["focus_front"]),
         )
-        self.targets = merged(self.targets, "targets")
-        self.handles = merged(self.handles, "handles")
+        self.targets = put_rows(self.targets, rows, state["targets"])
+        self.handles = put_rows(self.handles, rows, state["handles"])
 
-    def target(self) -> Tensor:
+    def target(self) -> Rows:
         """Returns the index in the grasp (N,) of the object in focus."""
         return self._of(self.targets, self.focus.object)
 
@@ -207,7 +221,7 @@ class Tracker:
         values |= {name: self._absent[name] for name in _CHANGES}
         return Measures(**values | {"force_n": s.force_n})
 
-    def _distances(self, s: Snapshot, last: Measures) -> dict[str, Tensor]:
+    def _distances(self, s: Snapshot, last: Measures) -> dict[str, Rows]:
         """Distances of end-effector and object, and their decrease, in one operation each."""
         object_m = self._of(s.objects_m, self.focus.object)
         goal_m = self._of(self.goals.goals_m, self.focus.object)
@@ -216,14 +230,13 @@ class Tracker:
         if self.handles.shape[1]:
             gaps.append(self._of(s.handles_m, self.focus.front) - s.ee_m)
             names = _DISTANCES
-        before = torch.stack([getattr(last, f"{name}_m") for name in names])
-        now = torch.linalg.vector_norm(torch.stack(gaps), dim=2)
-        values = dict(zip((f"{name}_m" for name in names), now.unbind(), strict=True))
-        decreases = (before - now).unbind()
-        values |= zip((f"{name}_decrease_m" for name in names), decreases, strict=True)
+        now = norm(stack(gaps))
+        values: dict[str, Rows] = dict(zip(names, now, strict=True))
+        for name in names:
+            values[_DECREASE[name]] = getattr(last, name) - values[name]
         return values
 
-    def _object(self, s: Snapshot, last: Measures, now: dict[str, Tensor]) -> dict[str, Tensor]:
+    def _object(self, s: Snapshot, last: Measures, now: dict[str, Rows]) -> dict[str, Rows]:
         """What happened to the target in the hand and at its goal."""
         holding = s.held == self.target()
         other = (s.held >= 0) & ~holding
@@ -237,7 +250,7 @@ class Tracker:
             "placed_before": last.placed_before | last.placed,
         }
 
-    def _front(self, s: Snapshot, last: Measures) -> dict[str, Tensor]:
+    def _front(self, s: Snapshot, last: Measures) -> dict[str, Rows]:
         """What happened to the handle, and how far it is open."""
         focus = self.focus.front
         joint = self._of(s.joints, focus)
@@ -246,7 +259,7 @@ class Tracker:
             self._of(self.goals.joint_upper, focus),
         )
         holding = s.held_handle == self._of(self.handles, focus)
-        before = last.grabbed_before | last.holding_handle
+        before: Rows = last.grabbed_before | last.holding_handle
         return {
             "holding_handle": holding,
             "grabbed_now": holding & ~before,
@@ -256,12 +269,11 @@ class Tracker:
             "joint_increase": joint - last.joint,
         }
 
-    def _way(self, s: Snapshot, last: Measures, ways: Ways) -> dict[str, Tensor]:
+    def _way(self, s: Snapshot, last: Measures, ways: Ways) -> dict[str, Rows]:
         """How far the base still has to go and to turn."""
         distance_m = ways.distance_m(s.base[:, :2])
-        turn = s.base[:, 2] - self.goals.base[:, 2]
-        error_rad = torch.atan2(torch.sin(turn), torch.cos(turn)).abs()
-        moved_m = torch.linalg.vector_norm(s.base[:, :2] - last.base_m, dim=1)
+        error_rad = angle_between(s.base[:, 2], self.goals.base[:, 2])
+        moved_m = norm(s.base[:, :2] - last.base_m)
         return {
             "base_to_goal_m": distance_m,
             "base_to_goal_decrease_m": last.base_to_goal_m - distance_m,
@@ -271,20 +283,20 @@ class Tracker:
             "base_to_goal_start_m": last.base_to_goal_start_m,
         }
 
-    def _of(self, values: Tensor, column: Tensor) -> Tensor:
+    def _of(self, values: Rows, column: Rows) -> Rows:
         """Returns the column (N,) of values (N, C, ...), (N, ...)."""
-        return values[:, 0] if values.shape[1] == 1 else values[self._rows, column]
+        if values.shape[1] == 1:
+            return values[:, 0]
+        if len(column) == 1:
+            return values[:, int(column[0])]
+        return values[self._rows, column]
 
-    def _chosen(self, rows: Tensor) -> Tensor:
-        chosen = torch.zeros(len(self._rows), dtype=torch.bool, device=self._rows.device)
-        chosen[rows] = True
-        return chosen
 
-
-_DISTANCES = ("ee_to_object", "ee_to_rest", "object_to_goal", "ee_to_handle")
+_DISTANCES = ("ee_to_object_m", "ee_to_rest_m", "object_to_goal_m", "ee_to_handle_m")
+_DECREASE = {name: f"{name.removesuffix('_m')}_decrease_m" for name in _DISTANCES}
 
 _CHANGES = (
-    *(f"{name}_decrease_m" for name in _DISTANCES),
+    *_DECREASE.values(),
     "base_to_goal_decrease_m",
     "heading_error_decrease_rad",
     "joint_increase",
@@ -306,11 +318,11 @@ _SINCE_THE_START = (
 """Measures of the whole episode, whatever it is about now."""
 
 
-def select_rows(chosen: Tensor, new: Measures, old: Measures) -> Measures:
+def select_rows(chosen: Rows, new: Measures, old: Measures) -> Measures:
     """Returns `new` in the chosen rows (N,) and `old` elsewhere."""
     values = {}
     for f in fields(Measures):
         a, b = getattr(new, f.name), getattr(old, f.name)
-        mask = chosen.view(-1, *([1] * (a.dim() - 1)))
-        values[f.name] = torch.where(mask, a, b)
+        mask = chosen.reshape(-1, *([1] * (a.ndim - 1)))
+        values[f.name] = where(mask, a, b)
     return Measures(**values)

@@ -6,15 +6,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
+import numpy as np
 import torch
 from torch import Tensor
 
+from hab_tasks.arrays import Rows, as_kind_of, concat, cos, is_numpy, sin, stack
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, REST_POSITION_M
 from hab_tasks.goals import Goals
 from hab_tasks.measures import Measures
 from hab_tasks.snapshot import Snapshot
 
-Reader = Callable[[Snapshot, Measures, Goals], Tensor]
+Reader = Callable[[Snapshot, Measures, Goals], Rows]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,27 +40,36 @@ class ObsEntry:
     proprioceptive: bool = False
 
 
-def in_ee_frame(s: Snapshot, point_m: Tensor) -> Tensor:
+def in_ee_frame(s: Snapshot, point_m: Rows) -> Rows:
     """Maps a world point (N, 3) to the end-effector's frame (N, 3)."""
-    return torch.matmul((point_m - s.ee_m).unsqueeze(1), s.ee_axes).squeeze(1)
+    return ((point_m - s.ee_m)[:, None] @ s.ee_axes)[:, 0]
 
 
-def in_base_frame(s: Snapshot, points_m: Tensor) -> Tensor:
+def in_base_frame(s: Snapshot, points_m: Rows) -> Rows:
     """Maps world points (N, P, 3) to the base's frame (N, P, 3); heights stay."""
     yaw = s.base[:, 2]
-    cosine, sine = torch.cos(yaw), torch.sin(yaw)
-    level = torch.stack((torch.stack((cosine, -sine), 1), torch.stack((sine, cosine), 1)), 1)
-    turned = torch.matmul(points_m[:, :, :2] - s.base[:, None, :2], level)
-    return torch.cat((turned, points_m[:, :, 2:]), dim=2)
+    cosine, sine = cos(yaw), sin(yaw)
+    level = stack((stack((cosine, -sine), 1), stack((sine, cosine), 1)), 1)
+    turned = (points_m[:, :, :2] - s.base[:, None, :2]) @ level
+    return concat((turned, points_m[:, :, 2:]), 2)
 
 
-def _rest_from_ee(s: Snapshot, m: Measures, g: Goals) -> Tensor:
-    return _rest(m.ee_in_base_m.device) - m.ee_in_base_m
+def _rest_from_ee(s: Snapshot, m: Measures, g: Goals) -> Rows:
+    rest = _REST if is_numpy(m.ee_in_base_m) else _rest(m.ee_in_base_m.device)
+    return rest - m.ee_in_base_m
+
+
+_REST = np.array(REST_POSITION_M, dtype=np.float32)
 
 
 @lru_cache(maxsize=4)
 def _rest(device: torch.device) -> Tensor:
     return torch.tensor(REST_POSITION_M, device=device)
+
+
+def _is_holding(s: Snapshot, m: Measures, g: Goals) -> Rows:
+    holding = (s.held >= 0) | (s.held_handle >= 0)
+    return as_kind_of(holding, s.ee_m)[:, None]
 
 
 ARM_QPOS = ObsEntry(
@@ -82,7 +93,7 @@ IS_HOLDING = ObsEntry(
     shape=(1,),
     unit="0 or 1",
     meaning="whether anything is in the hand",
-    read=lambda s, m, g: ((s.held >= 0) | (s.held_handle >= 0)).to(torch.float32)[:, None],
+    read=_is_holding,
     proprioceptive=True,
 )
 REST_FROM_EE = ObsEntry(
@@ -121,9 +132,10 @@ PROPRIOCEPTION = (ARM_QPOS, EE_POSITION, IS_HOLDING, REST_FROM_EE)
 def targets_in_base(objects: int) -> ObsEntry:
     """Returns the entry that specifies a task: starts and goals of its objects (S H.3)."""
 
-    def read(s: Snapshot, m: Measures, g: Goals) -> Tensor:
-        pairs = torch.stack((g.starts_m, g.goals_m), dim=2).flatten(1, 2)
-        return in_base_frame(s, pairs).flatten(1)
+    def read(s: Snapshot, m: Measures, g: Goals) -> Rows:
+        count, objects = g.starts_m.shape[:2]
+        pairs = stack((g.starts_m, g.goals_m), axis=2).reshape(count, 2 * objects, 3)
+        return in_base_frame(s, pairs).reshape(count, 6 * objects)
 
     return ObsEntry(
         name="targets_in_base",

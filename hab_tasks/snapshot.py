@@ -11,6 +11,7 @@ import sapien
 import torch
 from torch import Tensor
 
+from hab_tasks.arrays import Rows, cos, sin, stack
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.robots.fetch_spec import EE_OFFSET_M
@@ -36,18 +37,18 @@ class Snapshot:
         force_n: (N,) contact force on the robot, mean over the control step (see `ContactForce`).
     """
 
-    arm_qpos_rad: Tensor
-    base: Tensor
-    ee_m: Tensor
-    ee_in_base_m: Tensor
-    ee_axes: Tensor
-    objects_m: Tensor
-    handles_m: Tensor
-    joints: Tensor
-    held: Tensor
-    held_handle: Tensor
-    lost: Tensor
-    force_n: Tensor
+    arm_qpos_rad: Rows
+    base: Rows
+    ee_m: Rows
+    ee_in_base_m: Rows
+    ee_axes: Rows
+    objects_m: Rows
+    handles_m: Rows
+    joints: Rows
+    held: Rows
+    held_handle: Rows
+    lost: Rows
+    force_n: Rows
 
 
 class SnapshotReader:
@@ -62,7 +63,7 @@ class SnapshotReader:
         self._bodies = [(a._bodies[0], a._bodies[0].cmass_local_pose) for a in grasp.objects]
         self._fronts = [_FrontReader(handle) for handle in grasp.handles]
 
-    def read(self, targets: Tensor, handles: Tensor, force_n: Tensor) -> Snapshot:
+    def read(self, targets: Rows, handles: Rows, force_n: Rows) -> Snapshot:
         """Reads all rows.
 
         Args:
@@ -75,7 +76,9 @@ class SnapshotReader:
         else:
             numbers = self._read_batch(targets, handles)
         arm, base, ee, ee_in_base, axes, objects_m, handles_m, joints = numbers
-        grasp = self._grasp
+        held, held_handle, lost = self._grasp.held, self._grasp.held_handle, self._grasp.lost
+        if self._on_cpu:
+            held, held_handle, lost = held.numpy(), held_handle.numpy(), lost.numpy()
         return Snapshot(
             arm_qpos_rad=arm,
             base=base,
@@ -85,13 +88,13 @@ class SnapshotReader:
             objects_m=objects_m,
             handles_m=handles_m,
             joints=joints,
-            held=grasp.held,
-            held_handle=grasp.held_handle,
-            lost=grasp.lost,
+            held=held,
+            held_handle=held_handle,
+            lost=lost,
             force_n=force_n,
         )
 
-    def _read_cpu(self, targets: list[int], handles: list[int]) -> tuple[Tensor, ...]:
+    def _read_cpu(self, targets: list[int], handles: list[int]) -> tuple[Rows, ...]:
         qpos = self._robot.get_qpos()
         matrix = self._ee_link.entity_pose.to_transformation_matrix()
         objects, fronts = len(targets), len(handles)
@@ -113,11 +116,12 @@ class SnapshotReader:
             now[at : at + 3] = self._fronts[index].handle_m()
             now[number - fronts] = self._fronts[index].joint()
             at += 3
-        arm, base, ee, axes, ee_in_base, points, grips, joints = torch.from_numpy(
-            raw
-        ).split_with_sizes((7, 3, 3, 9, 3, 3 * objects, 3 * fronts, fronts), dim=1)
-        points, grips = points.view(1, objects, 3), grips.view(1, fronts, 3)
-        return arm, base, ee, ee_in_base, axes.view(1, 3, 3), points, grips, joints
+        ends = 25 + 3 * objects, 25 + 3 * (objects + fronts)
+        points = raw[:, 25 : ends[0]].reshape(1, objects, 3)
+        grips = raw[:, ends[0] : ends[1]].reshape(1, fronts, 3)
+        axes = raw[:, 13:22].reshape(1, 3, 3)
+        arm, base, ee, ee_in_base = raw[:, :7], raw[:, 7:10], raw[:, 10:13], raw[:, 22:25]
+        return arm, base, ee, ee_in_base, axes, points, grips, raw[:, ends[1] :]
 
     def _read_batch(self, targets: Tensor, handles: Tensor) -> tuple[Tensor, ...]:
         agent, grasp = self._agent, self._grasp
@@ -158,12 +162,12 @@ class _FrontReader:
         return self._furniture.get_qpos()[:, self._column]
 
 
-def world_to_base(base: Tensor, points_m: Tensor) -> Tensor:
+def world_to_base(base: Rows, points_m: Rows) -> Rows:
     """Maps world points (N, 3) to the base frames (N, 3: x, y, yaw); heights stay."""
     offset = points_m[:, :2] - base[:, :2]
-    cosine, sine = torch.cos(base[:, 2]), torch.sin(base[:, 2])
+    cosine, sine = cos(base[:, 2]), sin(base[:, 2])
     x, y = offset[:, 0], offset[:, 1]
-    return torch.stack((cosine * x + sine * y, cosine * y - sine * x, points_m[:, 2]), dim=1)
+    return stack((cosine * x + sine * y, cosine * y - sine * x, points_m[:, 2]), axis=1)
 
 
 class ContactForce:
@@ -197,10 +201,10 @@ class ContactForce:
         if contacts:
             self._add_contacts(contacts)
 
-    def newton(self) -> Tensor:
+    def newton(self) -> Rows:
         """Returns the mean force (N,) [N] since `clear`."""
         if self._on_cpu:
-            return torch.full((1,), self._cpu_impulse_n_s * CONTROL_HZ)
+            return np.array([self._cpu_impulse_n_s * CONTROL_HZ], dtype=np.float32)
         return self._impulse_n_s * CONTROL_HZ
 
     def _add_contacts(self, contacts: list[Any]) -> None:

@@ -4,53 +4,62 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from torch import Tensor
-from torch.nn import functional
+from numpy.typing import NDArray
 
+from hab_tasks.arrays import Rows, as_kind_of, is_numpy, maximum, minimum, whole
 from hab_tasks.navigation.navigation_map import NavigationMap
 from hab_tasks.privileged import Array
 from hab_tasks.scenes.floor import CELL_M
+
+_NOWHERE = np.zeros((2, 2), dtype=np.float32)
 
 
 class Ways:
     """Geodesic distances to one goal a row; a row without a goal has distance zero."""
 
-    def __init__(self, count: int, device: torch.device | str) -> None:
-        self._fields = [torch.zeros(1, 1)] * count
-        self._origin_m = torch.zeros(count, 2, device=device)
-        self._size = torch.ones(count, 2, device=device)
-        self._stack: Tensor | None = None
+    _stack: Rows
+    _origin_m: Rows
+    _last: Rows
+
+    def __init__(self, count: int) -> None:
+        self._fields: list[NDArray[np.float32]] = [_NOWHERE] * count
+        self._origins_m = np.zeros((count, 2), dtype=np.float32)
+        self._joined = False
 
     def lead(self, row: int, map_: NavigationMap, goal_m: Array) -> None:
         """Makes `goal_m` (2,), or the nearest free position, the goal of a row."""
         field = map_.geodesic_field(np.asarray(goal_m, dtype=float))
-        self._fields[row] = torch.from_numpy(map_.everywhere(field).astype(np.float32))
-        self._origin_m[row] = torch.as_tensor(map_.floor.origin_m)
-        self._stack = None
+        self._fields[row] = map_.everywhere(field).astype(np.float32)
+        self._origins_m[row] = map_.floor.origin_m
+        self._joined = False
 
     def clear(self, row: int) -> None:
         """Leaves a row without a goal."""
-        self._fields[row], self._stack = torch.zeros(1, 1), None
+        self._fields[row], self._joined = _NOWHERE, False
 
-    def distance_m(self, base_m: Tensor) -> Tensor:
+    def distance_m(self, base_m: Rows) -> Rows:
         """Returns how far bases (N, 2) have to go, (N,) [m], bilinear between cells."""
-        if self._stack is None:
-            self._stack = self._stacked(base_m.device)
-        cells = (base_m - self._origin_m) / CELL_M
-        # Grid sampling names places from -1 to 1, the last axis first.
-        place = (2.0 * cells / self._size - 1.0).flip(1)[:, None, None]
-        found = functional.grid_sample(
-            self._stack, place, mode="bilinear", padding_mode="border", align_corners=True
-        )
-        return found[:, 0, 0, 0]
+        if not self._joined:
+            self._join(base_m)
+        place = minimum(maximum((base_m - self._origin_m) / CELL_M, 0.0), self._last)
+        first = minimum(whole(place), whole(self._last) - 1)
+        share = place - first
+        x, y, u, v = first[:, 0], first[:, 1], share[:, 0], share[:, 1]
+        fields, rows = self._stack, self._rows
+        near = fields[rows, x, y] * (1 - v) + fields[rows, x, y + 1] * v
+        far = fields[rows, x + 1, y] * (1 - v) + fields[rows, x + 1, y + 1] * v
+        return near * (1 - u) + far * u
 
-    def _stacked(self, device: torch.device) -> Tensor:
-        """Returns all fields as (N, 1, X, Y); smaller ones go on with their border."""
-        x = max(2, *(f.shape[0] for f in self._fields))
-        y = max(2, *(f.shape[1] for f in self._fields))
-        self._size = torch.tensor([[x - 1.0, y - 1.0]], device=device).expand(len(self._fields), 2)
+    def _join(self, like: Rows) -> None:
+        """Puts all fields into one (N, X, Y); smaller ones go on with their border."""
+        size = np.max([field.shape for field in self._fields], axis=0)
         padded = [
-            functional.pad(f[None, None], (0, y - f.shape[1], 0, x - f.shape[0]), mode="replicate")
-            for f in self._fields
+            np.pad(field, [(0, int(gap)) for gap in size - field.shape], mode="edge")
+            for field in self._fields
         ]
-        return torch.cat(padded).to(device)
+        self._stack = as_kind_of(np.stack(padded), like)
+        self._origin_m = as_kind_of(self._origins_m, like)
+        self._last = as_kind_of(np.tile(size - 1.0, (len(padded), 1)), like)
+        rows = np.arange(len(padded))
+        self._joined = True
+        self._rows: Rows = rows if is_numpy(like) else torch.from_numpy(rows).to(like.device)

@@ -72,7 +72,7 @@ class HabController(BaseController):
     Attributes:
         arm_target_rad: (N, 7) commanded arm pose.
         gripper: (N,) last gripper entry; the environment hands it to the snap grasp.
-        stopped: (N,) whether the last action was the stop action.
+        stopped: (N,) whether the last action was the stop action; numpy on the CPU.
     """
 
     config: HabControllerConfig
@@ -94,8 +94,9 @@ class HabController(BaseController):
         count = self.scene.num_envs
         self.arm_target_rad = torch.zeros(count, 7, device=self.device)
         self.gripper = torch.full((count,), -1.0, device=self.device)
-        self._never = torch.zeros(count, dtype=torch.bool, device=self.device)
-        self.stopped = self._never
+        self.stopped = np.zeros(count, dtype=bool)
+        if self.scene.gpu_sim_enabled:
+            self.stopped = torch.zeros(count, dtype=torch.bool, device=self.device)
         self._cells = torch.tensor(BASE_CELLS, device=self.device)
         index = {joint.name: i for i, joint in enumerate(self.articulation.active_joints)}
         self._arm_index = torch.tensor([index[name] for name in ARM_JOINTS], device=self.device)
@@ -205,7 +206,8 @@ class HabController(BaseController):
 
     def _drive_row(self, linear: float, angular: float) -> None:
         """Drives the base of the one row."""
-        self.stopped = torch.tensor([abs(linear) <= STOP_SHARE and abs(angular) <= STOP_SHARE])
+        still = abs(linear) <= STOP_SHARE and abs(angular) <= STOP_SHARE
+        self.stopped = np.array([still])
         yaw = float(self._cpu_robot.qpos[self._cpu_yaw])
         forward = BASE_LINEAR_SPEED_M_S * linear
         x, y, turning = self._cpu_base_drives

@@ -23,6 +23,7 @@ from mani_skill.utils.structs.pose import Pose
 from numpy.typing import NDArray
 from torch import Tensor
 
+from hab_tasks.arrays import Rows
 from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.robots.fetch_spec import EE_OFFSET_M
 from hab_tasks.scenes.collision_groups import HELD, MOVING, Groups, set_groups
@@ -121,12 +122,12 @@ class SnapGrasp:
                 self._set_collision(row, index, MOVING)
         self._leaving = [entry for entry in self._leaving if entry[0] not in started]
 
-    def command(self, gripper: Tensor) -> None:
+    def command(self, gripper: Rows) -> None:
         """Acts on the gripper entry (N,): >= 0 grasps when the hand is empty, < 0 releases."""
         if self._any_lost:
             self.lost, self._any_lost = torch.zeros_like(self.lost), False
         if not self._as_wanted(gripper):
-            wants = gripper >= 0
+            wants = torch.as_tensor(gripper, device=self.held.device) >= 0
             for row in torch.nonzero(~wants & self.holding).flatten().tolist():
                 self._release_row(row)
             rows = torch.nonzero(wants & ~self.holding).flatten()
@@ -135,9 +136,9 @@ class SnapGrasp:
         if self._leaving:
             self._restore_collisions()
 
-    def _as_wanted(self, gripper: Tensor) -> bool:
+    def _as_wanted(self, gripper: Rows) -> bool:
         if len(gripper) == 1:  # plain numbers: tensor arithmetic would be a tenth of the step
-            return (float(gripper) >= 0) == bool(self._busy)
+            return (float(gripper[0]) >= 0) == bool(self._busy)
         return bool(((gripper >= 0) == self.holding).all())
 
     def attach(self, row: int, index: int) -> None:

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar
 
-from torch import Tensor
-
+from hab_tasks.arrays import Rows
 from hab_tasks.goals import Goals
 from hab_tasks.measures import Measures
 from hab_tasks.sensors import ObsEntry
@@ -17,17 +16,17 @@ from hab_tasks.skills.needs import Needs
 from hab_tasks.snapshot import Snapshot
 
 
-def free_gripper(gripper: Tensor, m: Measures) -> Tensor:
+def free_gripper(gripper: Rows, m: Measures) -> Rows:
     """Carries out every gripper entry (N,)."""
     return gripper
 
 
-def no_failures(s: Snapshot, m: Measures, g: Goals, c: Any) -> dict[str, Tensor]:
+def no_failures(s: Snapshot, m: Measures, g: Goals, c: Any) -> dict[str, Rows]:
     """Nothing ends the episode but success and the horizon."""
     return {}
 
 
-def no_scores(m: Measures, success: Tensor) -> dict[str, Tensor]:
+def no_scores(m: Measures, success: Rows) -> dict[str, Rows]:
     """Nothing is measured beside `Measures`."""
     return {}
 
@@ -57,15 +56,15 @@ class Skill:
     control_modes: tuple[str, ...]
     observation: tuple[ObsEntry, ...]
     measures: tuple[str, ...]
-    success: Callable[[Snapshot, Measures, Goals, Any], Tensor]
-    reward_terms: Callable[..., dict[str, Tensor]]
+    success: Callable[[Snapshot, Measures, Goals, Any], Rows]
+    reward_terms: Callable[..., dict[str, Rows]]
     reward_bound: float
-    failures: Callable[[Snapshot, Measures, Goals, Any], dict[str, Tensor]] = no_failures
-    mask_gripper: Callable[[Tensor, Measures], Tensor] = free_gripper
-    scores: Callable[[Measures, Tensor], dict[str, Tensor]] = no_scores
-    done_in_task: Callable[[Snapshot, Measures, Goals, Any], Tensor] | None = None
+    failures: Callable[[Snapshot, Measures, Goals, Any], dict[str, Rows]] = no_failures
+    mask_gripper: Callable[[Rows, Measures], Rows] = free_gripper
+    scores: Callable[[Measures, Rows], dict[str, Rows]] = no_scores
+    done_in_task: Callable[[Snapshot, Measures, Goals, Any], Rows] | None = None
 
-    def done(self, s: Snapshot, m: Measures, g: Goals) -> Tensor:
+    def done(self, s: Snapshot, m: Measures, g: Goals) -> Rows:
         """Whether a task goes on to its next skill, (N,) bool."""
         return (self.done_in_task or self.success)(s, m, g, self.config)
 
@@ -94,6 +93,6 @@ class SkillEnv(HabEnv):
             extra={},
         )
 
-    def masked_gripper(self, gripper: Tensor, measures: Measures) -> Tensor:
+    def masked_gripper(self, gripper: Rows, measures: Measures) -> Rows:
         """Asks the skill's mask."""
         return self.skill.mask_gripper(gripper, measures)

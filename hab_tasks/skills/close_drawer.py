@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from torch import Tensor
-
+from hab_tasks.arrays import Rows
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
 from hab_tasks.fronts import DRAWER
 from hab_tasks.goals import Goals
@@ -33,14 +32,14 @@ class CloseDrawerConfig:
     rest_radius_m: float = REST_RADIUS_M
 
 
-def success(s: Snapshot, m: Measures, g: Goals, c: CloseDrawerConfig) -> Tensor:
+def success(s: Snapshot, m: Measures, g: Goals, c: CloseDrawerConfig) -> Rows:
     """Drawer within 5 cm of closed, (N,) bool."""
     return DRAWER.is_closed(m.joint) & (m.ee_to_rest_m < c.rest_radius_m)
 
 
 def reward_terms(
-    s: Snapshot, m: Measures, g: Goals, c: CloseDrawerConfig, ends: dict[str, Tensor]
-) -> dict[str, Tensor]:
+    s: Snapshot, m: Measures, g: Goals, c: CloseDrawerConfig, ends: dict[str, Rows]
+) -> dict[str, Rows]:
     """The summands of the reward, each (N,) float32, in the equation's order."""
     w = c.weights
     return {

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from torch import Tensor
-
+from hab_tasks.arrays import Rows
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
 from hab_tasks.fronts import FRIDGE
 from hab_tasks.goals import Goals
@@ -34,19 +33,19 @@ class CloseFridgeConfig:
     rest_radius_m: float = REST_RADIUS_M
 
 
-def success(s: Snapshot, m: Measures, g: Goals, c: CloseFridgeConfig) -> Tensor:
+def success(s: Snapshot, m: Measures, g: Goals, c: CloseFridgeConfig) -> Rows:
     """Door within 0.15 rad of closed, (N,) bool."""
     return FRIDGE.is_closed(m.joint) & (m.ee_to_rest_m < c.rest_radius_m)
 
 
-def failures(s: Snapshot, m: Measures, g: Goals, c: CloseFridgeConfig) -> dict[str, Tensor]:
+def failures(s: Snapshot, m: Measures, g: Goals, c: CloseFridgeConfig) -> dict[str, Rows]:
     """Why an episode ends without success, each (N,) bool."""
     return {"left_region": outside(SPAWN_REGION, g.front[:, 0], s.base)}
 
 
 def reward_terms(
-    s: Snapshot, m: Measures, g: Goals, c: CloseFridgeConfig, ends: dict[str, Tensor]
-) -> dict[str, Tensor]:
+    s: Snapshot, m: Measures, g: Goals, c: CloseFridgeConfig, ends: dict[str, Rows]
+) -> dict[str, Rows]:
     """The summands of the reward, each (N,) float32, in the equation's order."""
     w = c.weights
     return {

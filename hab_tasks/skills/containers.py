@@ -1,4 +1,4 @@
-"""What is behind a closed door or in a closed drawer cannot be grasped (S H.1: pick needs is_open)."""
+"""What is shut in, behind a door or in a drawer, cannot be grasped (S H.1: pick needs is_open)."""
 
 from __future__ import annotations
 

@@ -6,13 +6,12 @@ from collections import OrderedDict
 
 import numpy as np
 import sapien
-import torch
-from torch import Tensor
 
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.episodes.source import EpisodeSource
 from hab_tasks.errors import EpisodeError
 from hab_tasks.navigation import NavigationMap
+from hab_tasks.privileged import Array
 from hab_tasks.robots.grasp import Handle, SnapGrasp
 from hab_tasks.scenes.handles import SceneHandles
 from hab_tasks.scenes.layout_geometry import Layout
@@ -57,30 +56,31 @@ class GoalSetting:
                 return index
         raise EpisodeError(f"{episode.id}: no handle {marker} in {episode.scene_id}.")
 
-    def values(self, episode: Episode, starts_m: Tensor) -> dict[str, Tensor]:
+    def values(self, episode: Episode, starts_m: Array) -> dict[str, Array]:
         """Returns the row's entries of `Goals`.
 
         Args:
             episode: What the row plays.
             starts_m: (K, 3) where the objects' centres of mass are now.
         """
-        goals = starts_m.clone()
+        goals = np.array(starts_m)
         for number, target in enumerate(episode.targets):
             if target.world_from_goal is not None:
                 pose = target.world_from_goal
                 body = self._grasp.objects[self._names.index(target.object)]._bodies[0]
-                point = (sapien.Pose(list(pose[:3]), list(pose[3:])) * body.cmass_local_pose).p
-                goals[number] = torch.from_numpy(point)
+                goals[number] = (
+                    sapien.Pose(list(pose[:3]), list(pose[3:])) * body.cmass_local_pose
+                ).p
         fronts = [self._grasp.handles[index] for index in self.handles(episode)]
-        limits = torch.tensor([handle.limits for handle in fronts]).reshape(-1, 2)
+        limits = np.array([handle.limits for handle in fronts]).reshape(-1, 2)
         base = episode.navigation.base if episode.navigation is not None else (0.0, 0.0, 0.0)
         return {
             "starts_m": starts_m,
             "goals_m": goals,
             "joint_lower": limits[:, 0],
             "joint_upper": limits[:, 1],
-            "front": torch.tensor([_frame(handle) for handle in fronts]).reshape(-1, 3),
-            "base": torch.tensor(base),
+            "front": np.array([_frame(handle) for handle in fronts]).reshape(-1, 3),
+            "base": np.array(base),
         }
 
 

@@ -6,6 +6,7 @@ from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import reduce
+from operator import or_
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -17,6 +18,7 @@ from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.structs.types import SimConfig
 from torch import Tensor
 
+from hab_tasks.arrays import Rows, to_info, to_tensor
 from hab_tasks.constants import CONTROL_HZ, SIM_HZ
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.episodes.source import EpisodeRequest, open_source
@@ -46,14 +48,14 @@ class Verdict:
         failures: Name -> (N,) bool; any of them ends the episode.
         reward_terms: (ends) -> name -> (N,) float32; `ends` holds ``success`` and every failure.
         measures: (success) -> name -> (N,), shown in `info`.
-        extra: Further entries of `info`.
+        extra: Further entries of `info`: name -> name -> (N,).
     """
 
-    success: Tensor
-    failures: dict[str, Tensor]
-    reward_terms: Callable[[dict[str, Tensor]], dict[str, Tensor]]
-    measures: Callable[[Tensor], dict[str, Tensor]]
-    extra: dict[str, Any]
+    success: Rows
+    failures: dict[str, Rows]
+    reward_terms: Callable[[dict[str, Rows]], dict[str, Rows]]
+    measures: Callable[[Rows], dict[str, Rows]]
+    extra: dict[str, dict[str, Rows]]
 
 
 class HabEnv(BaseEnv):
@@ -142,7 +144,7 @@ class HabEnv(BaseEnv):
         """Returns what the rules say of this moment; changes nothing."""
 
     @abstractmethod
-    def masked_gripper(self, gripper: Tensor, measures: Measures) -> Tensor:
+    def masked_gripper(self, gripper: Rows, measures: Measures) -> Rows:
         """Returns the gripper entries (N,) that are carried out."""
 
     def begin_rows(self, rows: Tensor) -> None:
@@ -264,7 +266,9 @@ class HabEnv(BaseEnv):
                 px.gpu_apply_articulation_target_position()
                 px.gpu_apply_articulation_target_velocity()
         self.before_action()
-        gripper = self.masked_gripper(self.agent.controller.gripper, self.measures)
+        gripper = self.agent.controller.gripper
+        gripper = gripper if self.gpu_sim_enabled else gripper.numpy()
+        gripper = self.masked_gripper(gripper, self.measures)
         self._world.step(gripper, self._sim_steps_per_control)
         self.after_action()
         return action
@@ -279,17 +283,19 @@ class HabEnv(BaseEnv):
     def evaluate(self) -> dict[str, Any]:
         """Success, failure, measures and reward terms of the present moment; changes nothing."""
         verdict = self.judge(self._world.snapshot, self.measures)
-        never = torch.zeros_like(verdict.success)
-        fail = reduce(torch.logical_or, verdict.failures.values(), never)
+        fail = reduce(or_, verdict.failures.values(), verdict.success & False)
         success = verdict.success & ~fail
-        return {
-            "success": success,
-            "fail": fail,
-            "failures": verdict.failures,
-            "measures": verdict.measures(success),
-            "reward_terms": verdict.reward_terms({"success": success, **verdict.failures}),
-            **verdict.extra,
-        }
+        terms = verdict.reward_terms({"success": success, **verdict.failures})
+        told = to_info(
+            {
+                "ends": {"success": success, "fail": fail},
+                "failures": verdict.failures,
+                "measures": verdict.measures(success),
+                "reward_terms": terms,
+                **verdict.extra,
+            }
+        )
+        return {**told.pop("ends"), **told}
 
     def compute_dense_reward(self, obs: Any, action: Tensor, info: dict[str, Any]) -> Tensor:
         """Returns the sum of the reward terms, (N,)."""
@@ -304,12 +310,12 @@ class HabEnv(BaseEnv):
     # Observations ----------------------------------------------------------------------------
 
     def _get_obs_agent(self) -> dict[str, Tensor]:
-        return {"arm_qpos": self._world.snapshot.arm_qpos_rad.clone()}
+        return {"arm_qpos": to_tensor(self._world.snapshot.arm_qpos_rad)}
 
     def _get_obs_extra(self, info: dict[str, Any]) -> dict[str, Tensor]:
         snapshot, measures, goals = self._world.snapshot, self.measures, self._world.goals
         return {
-            entry.name: entry.read(snapshot, measures, goals)
+            entry.name: to_tensor(entry.read(snapshot, measures, goals))
             for entry in self.observation
             if entry.name != "arm_qpos"
         }

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import torch
-from torch import Tensor
-
+from hab_tasks.arrays import Rows, where
 from hab_tasks.constants import NAVIGATE_HORIZON_STEPS
 from hab_tasks.goals import Goals
 from hab_tasks.measures import Measures
@@ -36,19 +34,19 @@ class NavigateConfig:
     heading_counts_within_m: float = 0.9
 
 
-def arrived(s: Snapshot, m: Measures, g: Goals, c: NavigateConfig) -> Tensor:
+def arrived(s: Snapshot, m: Measures, g: Goals, c: NavigateConfig) -> Rows:
     """Base at the goal and turned the right way, (N,) bool."""
     return (m.base_to_goal_m < c.goal_radius_m) & (m.heading_error_rad < c.goal_heading_rad)
 
 
-def success(s: Snapshot, m: Measures, g: Goals, c: NavigateConfig) -> Tensor:
+def success(s: Snapshot, m: Measures, g: Goals, c: NavigateConfig) -> Rows:
     """Arrived, and the stop action called at the current step, (N,) bool."""
     return arrived(s, m, g, c) & m.stopped
 
 
 def reward_terms(
-    s: Snapshot, m: Measures, g: Goals, c: NavigateConfig, ends: dict[str, Tensor]
-) -> dict[str, Tensor]:
+    s: Snapshot, m: Measures, g: Goals, c: NavigateConfig, ends: dict[str, Rows]
+) -> dict[str, Rows]:
     """The summands of the reward, each (N,) float32, in the equation's order."""
     w = c.weights
     near = m.base_to_goal_m < c.heading_counts_within_m
@@ -59,13 +57,13 @@ def reward_terms(
     }
 
 
-def mask_gripper(gripper: Tensor, m: Measures) -> Tensor:
+def mask_gripper(gripper: Rows, m: Measures) -> Rows:
     """What is held stays held, and nothing else is grasped, (N,)."""
     holding = m.holding_target | m.holding_other | m.holding_handle
-    return torch.where(holding, 1.0, -1.0)
+    return where(holding, 1.0, -1.0)
 
 
-def scores(m: Measures, success: Tensor) -> dict[str, Tensor]:
+def scores(m: Measures, success: Rows) -> dict[str, Rows]:
     """Success weighted by path length, (N,)."""
     return {"spl": weighted_by_path(success, m.base_to_goal_start_m, m.path_m)}
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from torch import Tensor
-
+from hab_tasks.arrays import Rows
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
 from hab_tasks.fronts import FRIDGE
 from hab_tasks.goals import Goals
@@ -36,19 +35,19 @@ class OpenFridgeConfig:
     rest_radius_m: float = REST_RADIUS_M
 
 
-def success(s: Snapshot, m: Measures, g: Goals, c: OpenFridgeConfig) -> Tensor:
+def success(s: Snapshot, m: Measures, g: Goals, c: OpenFridgeConfig) -> Rows:
     """Door open by more than 90 degrees, (N,) bool."""
     return FRIDGE.is_open(m.joint, m.joint_share) & (m.ee_to_rest_m < c.rest_radius_m)
 
 
-def failures(s: Snapshot, m: Measures, g: Goals, c: OpenFridgeConfig) -> dict[str, Tensor]:
+def failures(s: Snapshot, m: Measures, g: Goals, c: OpenFridgeConfig) -> dict[str, Rows]:
     """Why an episode ends without success, each (N,) bool."""
     return {"left_region": outside(SPAWN_REGION, g.front[:, 0], s.base)}
 
 
 def reward_terms(
-    s: Snapshot, m: Measures, g: Goals, c: OpenFridgeConfig, ends: dict[str, Tensor]
-) -> dict[str, Tensor]:
+    s: Snapshot, m: Measures, g: Goals, c: OpenFridgeConfig, ends: dict[str, Rows]
+) -> dict[str, Rows]:
     """The summands of the reward, each (N,) float32, in the equation's order."""
     w = c.weights
     return {

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import torch
-from torch import Tensor
-
+from hab_tasks.arrays import Rows, where
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
 from hab_tasks.goals import Goals
 from hab_tasks.measures import Measures
@@ -39,22 +37,22 @@ class PlaceConfig:
     force_limit_n: float = 7500.0
 
 
-def success(s: Snapshot, m: Measures, g: Goals, c: PlaceConfig) -> Tensor:
+def success(s: Snapshot, m: Measures, g: Goals, c: PlaceConfig) -> Rows:
     """Object let go at its goal and hand within the rest radius, (N,) bool."""
     return m.placed & (m.ee_to_rest_m < c.rest_radius_m)
 
 
-def failures(s: Snapshot, m: Measures, g: Goals, c: PlaceConfig) -> dict[str, Tensor]:
+def failures(s: Snapshot, m: Measures, g: Goals, c: PlaceConfig) -> dict[str, Rows]:
     """Why an episode ends without success, each (N,) bool."""
     return {"force": m.force_total_n > c.force_limit_n}
 
 
 def reward_terms(
-    s: Snapshot, m: Measures, g: Goals, c: PlaceConfig, ends: dict[str, Tensor]
-) -> dict[str, Tensor]:
+    s: Snapshot, m: Measures, g: Goals, c: PlaceConfig, ends: dict[str, Rows]
+) -> dict[str, Rows]:
     """The summands of the reward, each (N,) float32, in the equation's order."""
     w = c.weights
-    holding = m.holding_target.to(torch.float32)
+    holding = m.holding_target * 1.0
     return {
         "success": w.success * ends["success"],
         "place": w.place * (m.placed & ~m.placed_before),
@@ -68,9 +66,9 @@ def reward_terms(
     }
 
 
-def mask_gripper(gripper: Tensor, m: Measures) -> Tensor:
+def mask_gripper(gripper: Rows, m: Measures) -> Rows:
     """Once the object is placed nothing is grasped until the skill ends (S H.2), (N,)."""
-    return torch.where(m.placed | m.placed_before, -gripper.abs() - 1.0, gripper)
+    return where(m.placed | m.placed_before, -abs(gripper) - 1.0, gripper)
 
 
 PLACE = Skill(

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from torch import Tensor
-
+from hab_tasks.arrays import Rows
 from hab_tasks.episodes.generators.fridge import SPAWN_REGION
 from hab_tasks.episodes.robot_start import Rectangle
 from hab_tasks.snapshot import world_to_base
@@ -11,7 +10,7 @@ from hab_tasks.snapshot import world_to_base
 __all__ = ["SPAWN_REGION", "outside"]
 
 
-def outside(region: Rectangle, front: Tensor, base: Tensor) -> Tensor:
+def outside(region: Rectangle, front: Rows, base: Rows) -> Rows:
     """Whether bases have left a rectangle before furniture, (N,) bool.
 
     Args:

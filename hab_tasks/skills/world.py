@@ -10,6 +10,7 @@ import torch
 from mani_skill.envs.scene import ManiSkillScene
 from torch import Tensor
 
+from hab_tasks.arrays import put_rows
 from hab_tasks.episodes.apply import apply_episode
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.episodes.source import EpisodeSource
@@ -101,8 +102,10 @@ class World:
         self._shown, self._dormant = Shown(), None
         self._built = True
         needs, device = self.needs, scene.device
-        goals = Goals.empty(self._num_envs, needs.objects, len(needs.fronts), device)
-        self.tracker = Tracker(goals, Ways(self._num_envs, device) if needs.navigates else None)
+        # The one row of the CPU simulation is kept in numpy arrays, see hab_tasks.arrays.
+        kept_on = device if scene.gpu_sim_enabled else None
+        goals = Goals.empty(self._num_envs, needs.objects, len(needs.fronts), kept_on)
+        self.tracker = Tracker(goals, Ways(self._num_envs) if needs.navigates else None)
         if self._prefetch and not scene.gpu_sim_enabled:
             for scene_id in self.source.scene_ids():
                 self._pool.show(self.source.scene(scene_id), ())
@@ -163,8 +166,9 @@ class World:
         for row in rows.tolist():
             episode = self.episodes[row]
             apply_episode(episode, row, self.handles, self._agent, in_place)
-            tracker.targets[row] = torch.tensor(self._setting.targets(episode))
-            tracker.handles[row] = torch.tensor(self._setting.handles(episode), dtype=torch.long)
+            targets, handles = self._setting.targets(episode), self._setting.handles(episode)
+            tracker.targets = put_rows(tracker.targets, [row], [targets])
+            tracker.handles = put_rows(tracker.handles, [row], [handles])
         if self._scene.gpu_sim_enabled:
             self._scene._gpu_apply_all()
             px: Any = self._scene.px
@@ -180,15 +184,10 @@ class World:
     def _set_goals(self, rows: Tensor) -> None:
         """Writes what the episodes of `rows` ask for into the tracker."""
         tracker = self.tracker
-        values = [
-            self._setting.values(self.episodes[row], self.snapshot.objects_m[row].cpu())
-            for row in rows.tolist()
-        ]
-        merged = {name: torch.stack([v[name] for v in values]) for name in values[0]}
-        device = self._scene.device
-        merged = {name: value.to(device) for name, value in merged.items()}
-        tracker.goals = tracker.goals.changed(rows, merged)
         for row in rows.tolist():
+            starts_m = np.array(self.snapshot.objects_m[row].tolist()).reshape(-1, 3)
+            values = self._setting.values(self.episodes[row], starts_m)
+            tracker.goals = tracker.goals.changed([row], {n: [v] for n, v in values.items()})
             if self.episodes[row].navigation is not None:
                 self.lead(row)
 
@@ -196,7 +195,7 @@ class World:
         """Measures the way of a row to the base pose among its goals from now on."""
         ways = self.tracker.ways
         if ways is not None:
-            goal = self.tracker.goals.base[row, :2].cpu().numpy()
+            goal = np.array(self.tracker.goals.base[row, :2].tolist())
             ways.lead(row, self.maps.of(self.episodes[row]), goal)
 
     def step(self, gripper: Tensor, physics_steps: int) -> None:

@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-import torch
-from torch import Tensor
-
+from hab_tasks.arrays import Rows, as_kind_of, concat, norm, stack
 from hab_tasks.fronts import FrontKind
 from hab_tasks.goals import Goals
 from hab_tasks.measures import PLACE_RADIUS_M
@@ -76,15 +74,15 @@ class Facts:
     Skills, tasks and planning predicates share the thresholds.
     """
 
-    def __init__(self, task: Task, device: torch.device | str) -> None:
+    def __init__(self, task: Task, like: Rows) -> None:
+        """Takes a task's conditions; `like` (N,) bool tells kind and device."""
         self._fronts = task.fronts
         conditions = (*task.stages.values(), task.goal)
         needed = [_flags(condition, task) for condition in conditions]
-        # After the last stage nothing is left to reach: a row that never holds.
-        self._needed = torch.tensor(needed, dtype=torch.bool, device=device)
+        self._free = ~as_kind_of(needed, like)
         self.goal = len(needed) - 1
 
-    def read(self, s: Snapshot, g: Goals, targets: Tensor) -> Tensor:
+    def read(self, s: Snapshot, g: Goals, targets: Rows) -> Rows:
         """Returns the flags (N, 2 K + 2 J): held, placed, opened, closed.
 
         Args:
@@ -93,24 +91,25 @@ class Facts:
             targets: (N, K) the objects' indices in the grasp.
         """
         held = s.held[:, None] == targets
-        gap_m = torch.linalg.vector_norm(s.objects_m - g.goals_m, dim=2)
+        gap_m = norm(s.objects_m - g.goals_m)
         flags = [held, (gap_m < PLACE_RADIUS_M) & ~held]
         if self._fronts:
             share = (s.joints - g.joint_lower) / (g.joint_upper - g.joint_lower)
             kinds = enumerate(self._fronts)
             opened = [kind.is_open(s.joints[:, j], share[:, j]) for j, kind in kinds]
             closed = [kind.is_closed(s.joints[:, j]) for j, kind in enumerate(self._fronts)]
-            flags += [torch.stack(opened, dim=1), torch.stack(closed, dim=1)]
-        return torch.cat(flags, dim=1)
+            flags += [stack(opened, 1), stack(closed, 1)]
+        return concat(flags, 1)
 
-    def holds(self, flags: Tensor, condition: Tensor | int) -> Tensor:
+    def holds(self, flags: Rows, condition: Rows | int) -> Rows:
         """Whether conditions hold, (N,) bool.
 
         Args:
             flags: (N, 2 K + 2 J) as `read` gives them.
             condition: Number of a stage, one for all rows or (N,); `goal` is the task's goal.
         """
-        return (flags | ~self._needed[condition]).all(dim=-1)
+        met: Rows = flags | self._free[condition]
+        return met.all(-1)
 
 
 def _flags(condition: Condition, task: Task) -> list[bool]:

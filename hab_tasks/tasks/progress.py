@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import torch
 from torch import Tensor
 
+from hab_tasks.arrays import Rows, as_kind_of, put_rows, to_tensor, zeros
 from hab_tasks.goals import Goals
 from hab_tasks.measures import Focus, Measures
 from hab_tasks.skills.base import Skill
@@ -21,79 +21,85 @@ class Progress:
         done: (N,) whether that part has succeeded: the next step belongs to the next part.
     """
 
-    def __init__(self, task: Task, count: int, device: torch.device | str) -> None:
-        self._task, self._facts = task, Facts(task, device)
-        self.stages = torch.zeros(count, dtype=torch.long, device=device)
-        self.part = self.stages.clone()
+    _flags: Rows
+
+    def __init__(self, task: Task, like: Rows) -> None:
+        """Starts all rows at the first part; `like` (N,) of integers tells kind and device."""
+        self._task = task
+        self.stages = zeros(len(like), like=like)
+        self.part = zeros(len(like), like=like)
         self.done = self.stages > 0
         self._everywhere = ~self.done
-        self._objects = torch.tensor([part.object for part in task.parts], device=device)
-        self._fronts = torch.tensor([part.front for part in task.parts], device=device)
+        self._facts = Facts(task, self.done)
+        self._objects = as_kind_of([part.object for part in task.parts], like)
+        self._fronts = as_kind_of([part.front for part in task.parts], like)
 
     @property
     def focus(self) -> Focus:
         """What the present parts are about."""
         return Focus(object=self._objects[self.part], front=self._fronts[self.part])
 
-    def begin(self, rows: Tensor) -> None:
+    def begin(self, rows: Tensor, s: Snapshot, g: Goals, targets: Rows) -> None:
         """Starts `rows` (R,) at the first part."""
         self.stages, self.part, self.done = (
-            value.index_fill(0, rows, 0) for value in (self.stages, self.part, self.done)
+            put_rows(value, rows, 0) for value in (self.stages, self.part, self.done)
         )
+        self._flags = self._facts.read(s, g, targets)
 
-    def move_on(self) -> Tensor:
-        """Goes to the next part where one is done; returns the rows (R,) that did."""
-        last = len(self._task.parts) - 1
-        going = self.done & (self.part < last)
+    def move_on(self) -> list[int]:
+        """Goes to the next part where one is done; returns the rows that did."""
+        going = self.done & (self.part < len(self._task.parts) - 1)
+        if not going.any():
+            return []
         self.part = self.part + going
         self.done = self.done & ~going
-        return torch.nonzero(going).flatten()
+        return [row for row, went in enumerate(going.tolist()) if went]
 
-    def advance(self, s: Snapshot, m: Measures, g: Goals, targets: Tensor) -> None:
+    def advance(self, s: Snapshot, m: Measures, g: Goals, targets: Rows) -> None:
         """Takes a control step's snapshot and measures; `targets` (N, K) as the tracker's."""
-        flags = self._facts.read(s, g, targets)
+        self._flags = self._facts.read(s, g, targets)
         # The row after the last stage is the goal's; it must not count as a stage.
-        reached = self._facts.holds(flags, self.stages) & (self.stages < len(self._task.stages))
-        self.stages = self.stages + reached
-        self.done = self.done | self._succeeded(s, m, g)
+        reached = self._facts.holds(self._flags, self.stages)
+        self.stages = self.stages + (reached & (self.stages < len(self._task.stages)))
+        for skill, here in self.doing():
+            self.done = self.done | (skill.done(s, m, g) & here)
 
-    def success(self, s: Snapshot, g: Goals, targets: Tensor) -> Tensor:
+    def success(self) -> Rows:
         """Whether the task's goal is reached, (N,) bool."""
-        return self._facts.holds(self._facts.read(s, g, targets), self._facts.goal)
+        return self._facts.holds(self._flags, self._facts.goal)
 
-    def reached(self) -> dict[str, Tensor]:
+    def reached(self) -> dict[str, Rows]:
         """Returns stage name -> (N,) bool, once reached for good."""
         return {name: self.stages > i for i, name in enumerate(self._task.stages)}
 
-    def get_state(self) -> dict[str, Tensor]:
-        """Returns copies of all there is, by name."""
-        return {
-            "stages": self.stages.clone(),
-            "part": self.part.clone(),
-            "done": self.done.clone(),
-        }
+    def current(self) -> dict[str, Rows]:
+        """Returns what is being done: ``number``, (N,), of the part."""
+        return {"number": self.part}
 
-    def set_state(self, state: dict[str, Tensor], rows: Tensor) -> None:
-        """Restores `rows` (R,) from what `get_state` returned for R rows."""
-        for name, value in self.get_state().items():
-            value[rows] = state[name].to(value.dtype)
-            setattr(self, name, value)
-
-    def _succeeded(self, s: Snapshot, m: Measures, g: Goals) -> Tensor:
-        """Whether the present part's own condition holds, (N,) bool."""
-        found = torch.zeros_like(self.done)
-        for skill, here in self.doing():
-            found = found | (skill.done(s, m, g) & here)
-        return found
-
-    def doing(self) -> list[tuple[Skill, Tensor]]:
+    def doing(self) -> list[tuple[Skill, Rows]]:
         """Returns each skill that some row is doing now, and which rows (N,) do."""
         skills = [self._task.parts[number].skill for number in self.part.tolist()]
         if len(skills) == 1:
             return [(skills[0], self._everywhere)]
         named = {skill.name: skill for skill in skills}
-        device = self.part.device
         return [
-            (skill, torch.tensor([other.name == name for other in skills], device=device))
+            (skill, as_kind_of([other.name == name for other in skills], self.done))
             for name, skill in named.items()
         ]
+
+    def get_state(self) -> dict[str, Tensor]:
+        """Returns copies of all there is, by name."""
+        return {
+            "stages": to_tensor(self.stages),
+            "part": to_tensor(self.part),
+            "done": to_tensor(self.done),
+        }
+
+    def set_state(
+        self, state: dict[str, Tensor], rows: Tensor, s: Snapshot, g: Goals, targets: Rows
+    ) -> None:
+        """Restores `rows` (R,) from what `get_state` returned for R rows, at this moment."""
+        self.stages = put_rows(self.stages, rows, state["stages"])
+        self.part = put_rows(self.part, rows, state["part"])
+        self.done = put_rows(self.done, rows, state["done"])
+        self._flags = self._facts.read(s, g, targets)

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from hab_tasks.arrays import Rows
 from hab_tasks.goals import Goals
 from hab_tasks.measures import Measures
 from hab_tasks.navigation import poses_reaching
@@ -31,12 +32,13 @@ class TaskEnv(HabEnv):
     """Runs one `Task`; see `HabEnv` for the options.
 
     ``info`` also holds ``stages`` (name -> whether it was reached, in order and for good) and
-    ``part``, the number of the skill whose reward is paid.
+    ``part``, with the ``number`` of what is being done, which pays the reward.
     """
 
     task: ClassVar[Task]
     _progress: Progress
-    _no_terms: dict[str, Tensor]
+    _no_terms: dict[str, Rows]
+    _never: Rows
 
     def __init_subclass__(cls) -> None:
         """Takes over what the task says."""
@@ -49,20 +51,20 @@ class TaskEnv(HabEnv):
 
     def judge(self, snapshot: Snapshot, measures: Measures) -> Verdict:
         """Success is the task's; the reward is that of the skill being done."""
-        world, progress = self._world, self._progress
+        progress, goals = self._progress, self._world.goals
         return Verdict(
-            success=progress.success(snapshot, world.goals, world.tracker.targets),
+            success=progress.success(),
             failures={},
-            reward_terms=partial(self._reward_terms, snapshot, measures, world.goals),
+            reward_terms=partial(self._reward_terms, snapshot, measures, goals),
             measures=lambda success: measures.scalars(SHOWN),
-            extra={"stages": progress.reached(), "part": progress.part},
+            extra={"stages": progress.reached(), "part": progress.current()},
         )
 
     def _reward_terms(
-        self, s: Snapshot, m: Measures, g: Goals, ends: dict[str, Tensor]
-    ) -> dict[str, Tensor]:
+        self, s: Snapshot, m: Measures, g: Goals, ends: dict[str, Rows]
+    ) -> dict[str, Rows]:
         """Returns ``skill/term`` -> (N,); zero for the skills that are not being done."""
-        never = torch.zeros_like(ends["success"])
+        never = self._never
         # No force ends a task, and no region; what the hand does wrong is paid once (H.3).
         events = {
             "force": never,
@@ -77,11 +79,12 @@ class TaskEnv(HabEnv):
                 terms[f"{skill.name}/{name}"] = terms[f"{skill.name}/{name}"] + term * here
         return terms
 
-    def _zero_terms(self) -> dict[str, Tensor]:
+    def _zero_terms(self) -> dict[str, Rows]:
         """Returns every term that a skill of this task can pay, as zeros (N,)."""
         s, m, g = self._world.snapshot, self.measures, self._world.goals
-        zeros = torch.zeros_like(s.force_n)
-        nothing = dict.fromkeys(("success", *_EVENTS), zeros > 0)
+        zeros = s.force_n * 0.0
+        self._never = zeros > 0
+        nothing = dict.fromkeys(("success", *_EVENTS), self._never)
         skills = {part.skill.name: part.skill for part in self.task.parts}
         return {
             f"{name}/{term}": zeros
@@ -89,7 +92,7 @@ class TaskEnv(HabEnv):
             for term in skill.reward_terms(s, m, g, skill.config, nothing)
         }
 
-    def masked_gripper(self, gripper: Tensor, measures: Measures) -> Tensor:
+    def masked_gripper(self, gripper: Rows, measures: Measures) -> Rows:
         """Masks nothing."""
         return gripper
 
@@ -98,15 +101,16 @@ class TaskEnv(HabEnv):
     def begin_rows(self, rows: Tensor) -> None:
         """Starts at the first part."""
         if not hasattr(self, "_progress"):
-            self._progress = Progress(self.task, self.num_envs, self.device)
+            self._progress = Progress(self.task, self._world.tracker.focus.object)
             self._no_terms = self._zero_terms()
-        self._progress.begin(rows)
-        self._turn_to_parts(rows)
+        world = self._world
+        self._progress.begin(rows, world.snapshot, world.goals, world.tracker.targets)
+        self._turn_to_parts(rows.tolist())
 
     def before_action(self) -> None:
         """Goes on to the next part where one is done."""
         rows = self._progress.move_on()
-        if len(rows):
+        if rows:
             self._turn_to_parts(rows)
 
     def after_action(self) -> None:
@@ -114,10 +118,10 @@ class TaskEnv(HabEnv):
         world = self._world
         self._progress.advance(world.snapshot, self.measures, world.goals, world.tracker.targets)
 
-    def _turn_to_parts(self, rows: Tensor) -> None:
-        """Makes measures and ways those of the present parts of `rows` (R,)."""
+    def _turn_to_parts(self, rows: list[int]) -> None:
+        """Makes measures and ways those of the present parts of `rows`."""
         world = self._world
-        for row in rows.tolist():
+        for row in rows:
             part = self.task.parts[int(self._progress.part[row])]
             if part.skill is NAVIGATE:
                 if part.to == "handle":
@@ -125,7 +129,7 @@ class TaskEnv(HabEnv):
                 else:
                     points = world.goals.starts_m if part.to == "start" else world.goals.goals_m
                     point = points[row, part.object]
-                self._lead(row, point.cpu().numpy().astype(float))
+                self._lead(row, np.array(point.tolist()))
         world.tracker.refocus(world.snapshot, rows, self._progress.focus)
 
     def _lead(self, row: int, point_m: np.ndarray) -> None:
@@ -138,9 +142,7 @@ class TaskEnv(HabEnv):
         else:
             x, y = map_.nearest_free(point_m[:2])
             base = np.array([x, y, np.arctan2(point_m[1] - y, point_m[0] - x)])
-        rows = torch.tensor([row], device=self.device)
-        value = {"base": torch.tensor(base, device=self.device)[None]}
-        world.tracker.goals = world.goals.changed(rows, value)
+        world.tracker.goals = world.goals.changed([row], {"base": base[None]})
         world.lead(row)
 
     # State -----------------------------------------------------------------------------------
@@ -155,4 +157,7 @@ class TaskEnv(HabEnv):
         super().set_state_dict(rest, env_idx)
         rows = torch.arange(self.num_envs, device=self.device) if env_idx is None else env_idx
         known = self._progress.get_state()
-        self._progress.set_state(like(state["progress"], known, self.device), rows)
+        world = self._world
+        restored = like(state["progress"], known, self.device)
+        targets = world.tracker.targets
+        self._progress.set_state(restored, rows, world.snapshot, world.goals, targets)

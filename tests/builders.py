@@ -3,7 +3,11 @@
 import json
 import math
 from collections.abc import Callable
+from dataclasses import fields, replace
+from functools import reduce
+from operator import or_
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import sapien
@@ -14,10 +18,14 @@ from mani_skill.envs.utils.system.backend import parse_sim_and_render_backend
 from mani_skill.utils.structs import Actor
 from mani_skill.utils.structs.types import SimConfig
 
+from hab_tasks.arrays import Rows, norm
 from hab_tasks.episodes import Episode
+from hab_tasks.goals import Goals
 from hab_tasks.measures import MEANINGS, Measures
+from hab_tasks.rewards import total
 from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.scenes.collision_groups import MOVING, set_groups
+from hab_tasks.skills.base import Skill
 from hab_tasks.snapshot import Snapshot, world_to_base
 
 TABLE_SIZE_M = (1.0, 0.8, 0.6)
@@ -168,6 +176,11 @@ def snapshot(
     return Snapshot(**{"ee_in_base_m": world_to_base(raw["base"], raw["ee_m"]), **raw})
 
 
+def row(*values: float) -> torch.Tensor:
+    """One value for each row, (N,)."""
+    return torch.tensor(values)
+
+
 def measures(count: int = 1, **values: torch.Tensor) -> Measures:
     """Measures of `count` rows that are all zero or False, except for `values`."""
     zeros, never = torch.zeros(count), torch.zeros(count, dtype=torch.bool)
@@ -176,11 +189,45 @@ def measures(count: int = 1, **values: torch.Tensor) -> Measures:
     return Measures(**{**raw, **points, **values})
 
 
+class Judged(NamedTuple):
+    """What a skill says of N rows."""
+
+    success: torch.Tensor
+    failures: dict[str, torch.Tensor]
+    terms: dict[str, torch.Tensor]
+    reward: torch.Tensor
+    scores: dict[str, torch.Tensor]
+
+
+def judge(skill: Skill, m: Measures, s: Snapshot | None = None, g: Goals | None = None) -> Judged:
+    """What a skill says of a moment, as an environment asks it; tensors and arrays must agree."""
+    count, fronts = len(m.force_n), len(skill.needs.fronts)
+    s = s or snapshot(count, fronts=fronts)
+    g = g or Goals.empty(count, 1, fronts, "cpu")
+    found = _judged(skill, s, m, g)
+    again = _judged(skill, as_arrays(s), as_arrays(m), as_arrays(g))
+    assert same(found._asdict(), again._asdict(), 1e-5)
+    return found
+
+
+def _judged(skill: Skill, s: Snapshot, m: Measures, g: Goals) -> Judged:
+    failures = skill.failures(s, m, g, skill.config)
+    reached = skill.success(s, m, g, skill.config)
+    success = reached & ~reduce(or_, failures.values(), reached & False)
+    terms = skill.reward_terms(s, m, g, skill.config, {"success": success, **failures})
+    return Judged(success, failures, terms, total(terms), skill.scores(m, success))
+
+
+def as_arrays(x: Any) -> Any:
+    """The same snapshot, measures or goals with numpy arrays, as the CPU simulation has them."""
+    return replace(x, **{f.name: getattr(x, f.name).numpy() for f in fields(x)})
+
+
 class StraightWays:
     """Ways of the base on an empty floor: every row has to go to the origin."""
 
-    def distance_m(self, base_m: torch.Tensor) -> torch.Tensor:
-        return torch.linalg.vector_norm(base_m, dim=1)
+    def distance_m(self, base_m: Rows) -> Rows:
+        return norm(base_m)
 
 
 def same(a: object, b: object, atol: float = 0.0) -> bool:

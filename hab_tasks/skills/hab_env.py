@@ -27,7 +27,7 @@ from hab_tasks.measures import Measures
 from hab_tasks.rendering import resolve_backend, sensor_shader
 from hab_tasks.rewards import total
 from hab_tasks.robots.fetch import HabFetch
-from hab_tasks.sensors import ObsEntry, scale_depth
+from hab_tasks.sensors import ARM_QPOS, ObsEntry, scale_depth
 from hab_tasks.skills.needs import Needs
 from hab_tasks.skills.viewpoint import viewpoint
 from hab_tasks.skills.world import World
@@ -310,6 +310,8 @@ class HabEnv(BaseEnv):
     # Observations ----------------------------------------------------------------------------
 
     def _get_obs_agent(self) -> dict[str, Tensor]:
+        if ARM_QPOS not in self.observation:
+            return {}
         return {"arm_qpos": to_tensor(self._world.snapshot.arm_qpos_rad)}
 
     def _get_obs_extra(self, info: dict[str, Any]) -> dict[str, Tensor]:
@@ -317,7 +319,7 @@ class HabEnv(BaseEnv):
         return {
             entry.name: to_tensor(entry.read(snapshot, measures, goals))
             for entry in self.observation
-            if entry.name != "arm_qpos"
+            if entry is not ARM_QPOS
         }
 
     def _get_obs_sensor_data(self, apply_texture_transforms: bool = True) -> dict[str, Any]:

@@ -270,8 +270,8 @@ def reach(env: object, point_m: np.ndarray, gripper: float, *, steps: int, withi
     base, results = env.unwrapped, []
     for _ in range(steps):
         shot = base._world.snapshot
-        gap = world_to_base(shot.base, torch.as_tensor(point_m, dtype=torch.float32)[None])
-        gap = (gap - shot.ee_in_base_m)[0].numpy()
+        gap = world_to_base(np.asarray(shot.base), np.asarray(point_m, dtype=np.float32)[None])
+        gap = (gap - np.asarray(shot.ee_in_base_m))[0]
         if np.linalg.norm(gap) < within_m:
             break
         results.append(env.step(ee_action(env, np.clip(gap / 0.015, -1, 1), gripper)))
@@ -291,7 +291,7 @@ def go_above_and_grasp(env: object, name: str, *, gripper: float = 1.0) -> list:
     for height in np.arange(0.25, 0.0, -0.01):
         point = np.add(target, (0.0, 0.0, height))
         results += reach(env, point, -1.0, steps=5, within_m=0.015)
-        ee = base._world.snapshot.ee_m[0].numpy()
+        ee = np.asarray(base._world.snapshot.ee_m)[0]
         if np.linalg.norm(ee - base.privileged()[0].object_com_m[name]) < 0.13:
             break
     results.append(env.step(ee_action(env, np.zeros(3), gripper)))

@@ -124,16 +124,25 @@ def to_info(parts: dict[str, dict[str, Rows]]) -> dict[str, dict[str, Tensor]]:
     Of numpy arrays, all numbers become one tensor and all flags another, which are then taken
     apart: that costs as much as converting two of them.
     """
-    named = [
-        (part, name, value) for part, values in parts.items() for name, value in values.items()
-    ]
-    found: dict[str, dict[str, Tensor]] = {part: {} for part in parts}
-    if named and not is_numpy(named[0][2]):
-        return {part: dict(values) for part, values in parts.items()}
-    for is_flag, dtype in ((True, np.bool_), (False, np.float32)):
-        chosen = [entry for entry in named if (entry[2].dtype == bool) == is_flag]
-        if chosen:
-            joined = torch.from_numpy(np.array([value for *_, value in chosen], dtype=dtype))
-            for (part, name, _), row in zip(chosen, joined.unbind(), strict=True):
-                found[part][name] = row
-    return {part: {name: found[part][name] for name in values} for part, values in parts.items()}
+    found: dict[str, dict[str, Tensor]] = {}
+    numbers: list[Rows] = []
+    flags: list[Rows] = []
+    places: list[tuple[dict[str, Tensor], str, bool]] = []
+    for part, values in parts.items():
+        found[part] = told = dict(values)
+        for name, value in values.items():
+            if is_numpy(value):
+                is_flag = value.dtype == bool
+                (flags if is_flag else numbers).append(value)
+                places.append((told, name, is_flag))
+    if places:
+        number = iter(_apart(numbers, np.dtype(np.float32)))
+        flag = iter(_apart(flags, np.dtype(bool)))
+        for told, name, is_flag in places:
+            told[name] = next(flag if is_flag else number)
+    return found
+
+
+def _apart(values: list[Rows], dtype: np.dtype[Any]) -> tuple[Tensor, ...]:
+    """Returns arrays (N,) as tensors."""
+    return torch.from_numpy(np.array(values, dtype=dtype)).unbind() if values else ()

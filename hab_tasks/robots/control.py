@@ -90,6 +90,7 @@ class HabController(BaseController):
         self._cpu_low, self._cpu_high = low, high
         self._low = torch.as_tensor(low, device=self.device)
         self._high = torch.as_tensor(high, device=self.device)
+        self._shape = torch.Size((self.scene.num_envs, size))
         self._kinematics = ArmKinematics()
         count = self.scene.num_envs
         self.arm_target_rad = torch.zeros(count, 7, device=self.device)
@@ -146,6 +147,18 @@ class HabController(BaseController):
         Raises:
             ActionError: Wrong shape, or an entry that is not finite or no cell.
         """
+        action = self.check(action)
+        if self._on_cpu:
+            self._set_row(action[0].numpy())
+        else:
+            self._set_batch(torch.clamp(action, self._low, self._high))
+
+    def check(self, action: Tensor) -> Tensor:
+        """Returns the entries (N, A) of an action, which may be N cells, or refuses it.
+
+        Raises:
+            ActionError: Wrong shape, or an entry that is not finite or no cell.
+        """
         if self.config.base == "discrete":
             action = self._velocities(action)
         expected = (self.scene.num_envs, len(self._low))
@@ -154,10 +167,12 @@ class HabController(BaseController):
         # The sum is finite only if every entry is, and takes one operation instead of three.
         if not math.isfinite(float(action.sum(dtype=torch.float64))):
             raise ActionError(f"Action holds a value that is not finite: {action.tolist()}.")
-        if self._on_cpu:
-            self._set_row(action[0].numpy())
-        else:
-            self._set_batch(torch.clamp(action, self._low, self._high))
+        return action
+
+    @property
+    def action_size(self) -> int:
+        """How many numbers an action of one row is: its entries, or one cell."""
+        return 1 if self.config.base == "discrete" else self.config.size
 
     def idle_action(self, holding: Tensor) -> Tensor:
         """Returns the action (N, A) that moves nothing and keeps what is held.

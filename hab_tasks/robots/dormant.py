@@ -1,6 +1,6 @@
 """Objects at rest and out of reach cost nothing: they are frozen until something comes near.
 
-A frozen (kinematic, passive) body makes no contacts with furniture and takes no solver time, so a
+A frozen (kinematic) body makes no contacts with furniture and takes no solver time, so a
 step costs the same with ten and with a hundred objects around. Before anything can touch it, a body
 near the arm, the held object, a door or drawer on the move, or an object that was moved becomes
 dynamic again; once it sleeps, out of reach, it is frozen again. CPU simulation only; on the GPU a
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sapien.physx import PhysxRigidDynamicComponent
 
 from hab_tasks.robots.moving_links import MovingLinks
-from hab_tasks.scenes.collision_groups import MOVING, PASSIVE, set_groups
+from hab_tasks.scenes.collision_groups import FROZEN, MOVING, set_groups
 
 WAKE_DISTANCE_M = 0.1
 """Free space left between a frozen body and what moves; the arm covers up to 10 cm in an action."""
@@ -85,6 +85,7 @@ class DormantObjects:
         self._settled = np.zeros(count, dtype=bool)
         self._checked_at_m = np.zeros((len(names), 3))
         self._free_way_m, self._checks_left = 0.0, 0
+        self._doors_move = True
         self.com_m: NDArray[np.float32] = np.zeros((count, 3), dtype=np.float32)
         self.present = np.zeros(count, dtype=bool)
 
@@ -108,6 +109,7 @@ class DormantObjects:
         """
         self.present, self._checks_left = present.copy(), 0
         self._furniture.look_again()
+        self._doors_move = True
         self._active = []
         for index in range(len(self._bodies)) if placed is None else placed:
             if present[index] and _moves(self._bodies[index]):
@@ -124,12 +126,20 @@ class DormantObjects:
             self._settled[index] = False
             self._active.append(index)
 
-    def before_step(self, held: int) -> None:
-        """Wakes what the robot or a moved object could touch in the coming action."""
+    def before_step(self, held: int, touching: bool) -> None:
+        """Wakes what the robot, a door or a moved object could touch in the coming action.
+
+        Args:
+            held: The object in the hand, -1 for none.
+            touching: Whether something pushed the robot in the last action, or it holds a handle.
+        """
         if not self._bodies:
             return
         links = np.array([link.entity_pose.p for link in self._watched], dtype=np.float64)
-        doors = self._furniture.boxes_m()
+        # Furniture stands still while nobody pushes it and no door swings on.
+        self._doors_move = self._doors_move or touching or bool(self._active)
+        doors = self._furniture.boxes_m() if self._doors_move else []
+        self._doors_move = bool(doors)
         if not doors and self._nothing_new(links, held):
             return
         points, radius_m = self._moving_balls(links, held)
@@ -187,7 +197,7 @@ class DormantObjects:
         body = self._bodies[index]
         if not body.kinematic:  # nothing else makes a body kinematic, so its groups are right
             body.kinematic = True
-            set_groups(body, PASSIVE)
+            set_groups(body, FROZEN)
 
     def _measure(self, index: int) -> None:
         """Notes where a body is and how large."""

@@ -202,7 +202,9 @@ class World:
         """Grasps or releases, runs the physics of one action, and advances the measures."""
         grasp, force, dormant = self._grasp, self._force, self._dormant
         if dormant is not None:
-            dormant.before_step(int(grasp.held[0]))
+            before = self.snapshot
+            touching = bool(before.force_n[0] > 0) or bool(before.held_handle[0] >= 0)
+            dormant.before_step(int(before.held[0]), touching or bool(before.held[0] >= 0))
         grasp.command(gripper)
         force.clear()
         for _ in range(physics_steps):

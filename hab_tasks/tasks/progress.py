@@ -19,6 +19,7 @@ class Progress:
         stages: (N,) how many stages were reached, in their order.
         part: (N,) number of the part that is being done; it pays the reward of this step.
         done: (N,) whether that part has succeeded: the next step belongs to the next part.
+        succeeded: (N,) whether it did so in this step. The last part stays done, and is paid once.
     """
 
     _flags: Rows
@@ -28,7 +29,7 @@ class Progress:
         self._task = task
         self.stages = zeros(len(like), like=like)
         self.part = zeros(len(like), like=like)
-        self.done = self.stages > 0
+        self.done = self.succeeded = self.stages > 0
         self._everywhere = ~self.done
         self._facts = Facts(task, self.done)
         self._objects = as_kind_of([part.object for part in task.parts], like)
@@ -41,8 +42,9 @@ class Progress:
 
     def begin(self, rows: Tensor, s: Snapshot, g: Goals, targets: Rows) -> None:
         """Starts `rows` (R,) at the first part."""
-        self.stages, self.part, self.done = (
-            put_rows(value, rows, 0) for value in (self.stages, self.part, self.done)
+        self.stages, self.part, self.done, self.succeeded = (
+            put_rows(value, rows, 0)
+            for value in (self.stages, self.part, self.done, self.succeeded)
         )
         self._flags = self._facts.read(s, g, targets)
 
@@ -61,8 +63,10 @@ class Progress:
         # The row after the last stage is the goal's; it must not count as a stage.
         reached = self._facts.holds(self._flags, self.stages)
         self.stages = self.stages + (reached & (self.stages < len(self._task.stages)))
+        before = self.done
         for skill, here in self.doing():
             self.done = self.done | (skill.done(s, m, g) & here)
+        self.succeeded = self.done & ~before
 
     def success(self) -> Rows:
         """Whether the task's goal is reached, (N,) bool."""
@@ -93,6 +97,7 @@ class Progress:
             "stages": to_tensor(self.stages),
             "part": to_tensor(self.part),
             "done": to_tensor(self.done),
+            "succeeded": to_tensor(self.succeeded),
         }
 
     def set_state(
@@ -102,4 +107,5 @@ class Progress:
         self.stages = put_rows(self.stages, rows, state["stages"])
         self.part = put_rows(self.part, rows, state["part"])
         self.done = put_rows(self.done, rows, state["done"])
+        self.succeeded = put_rows(self.succeeded, rows, state["succeeded"])
         self._flags = self._facts.read(s, g, targets)

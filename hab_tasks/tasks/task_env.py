@@ -71,7 +71,7 @@ class TaskEnv(HabEnv):
             "left_region": never,
             "wrong_object": m.picked_other_now,
             "dropped_object": m.dropped_now,
-            "success": self._progress.done,
+            "success": self._progress.succeeded,
         }
         terms = dict(self._no_terms)
         for skill, here in self._progress.doing():

@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[1]
 ORDER = [
     {"constants", "errors", "agent", "privileged", "assets", "arrays"},
     {"fronts", "goals"},
-    {"geometry", "rendering", "options", "processes"},
+    {"geometry", "rendering", "options", "processes", "noise"},
     {"scenes"},
     {"navigation", "robots", "pipeline"},
     {"episodes"},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import reduce
 from operator import or_
@@ -11,32 +11,23 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-import sapien
 import torch
-from mani_skill.envs.sapien_env import BaseEnv
-from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.structs.types import SimConfig
 from torch import Tensor
 
-from hab_tasks.arrays import Rows, to_info, to_tensor
-from hab_tasks.constants import CONTROL_HZ, SIM_HZ
+from hab_tasks.arrays import Rows, to_info
+from hab_tasks.constants import CAMERA_HFOV_RAD, CAMERA_SIZE_PX, CONTROL_HZ, SIM_HZ
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.episodes.source import EpisodeRequest, open_source
 from hab_tasks.errors import ActionError, UnknownNameError
 from hab_tasks.measures import Measures
-from hab_tasks.rendering import resolve_backend, sensor_shader
+from hab_tasks.noise import NoiseSource, SensorNoise
 from hab_tasks.rewards import total
-from hab_tasks.robots.fetch import HabFetch
-from hab_tasks.sensors import ARM_QPOS, ObsEntry, scale_depth
+from hab_tasks.robots.delay import ActionDelay, checked_steps
 from hab_tasks.skills.needs import Needs
-from hab_tasks.skills.viewpoint import viewpoint
-from hab_tasks.skills.world import World
+from hab_tasks.skills.observing_env import ObservingEnv
+from hab_tasks.skills.world import World, like
 from hab_tasks.snapshot import Snapshot
-
-RENDER_SIZE_PX = 512
-
-WITHOUT_IMAGES = ("state", "state_dict", "none")
-"""Observation modes that need no renderer."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +49,7 @@ class Verdict:
     extra: dict[str, dict[str, Rows]]
 
 
-class HabEnv(BaseEnv):
+class HabEnv(ObservingEnv):
     """Plays episodes of a scene dataset; all rows of a batch play in one layout.
 
     Args:
@@ -71,8 +62,21 @@ class HabEnv(BaseEnv):
         episode_seed: Seed of the generated episodes.
         novel: ``objects`` or ``receptacles`` kept for evaluation (S E.1) instead of the usual ones.
         prefetch: Build all layouts of the split at the start, so that none is waited for later.
+        cameras: Which of ``head``, ``arm`` and ``third_person``; None for the class's `cameras`.
+        camera_size_px: Width and height of their pictures; ManiSkill's `sensor_configs` can say
+            otherwise for each of them, and knows more settings.
+        camera_hfov_rad: Angle that their pictures span.
+        invisible_arm: The arm is there and collides, but these cameras do not see it (S F.3); the
+            human-render camera does. (In GPU simulation, that one does not see it either.)
+        proprioception: False leaves out what the robot feels of itself (S F.1), so that the
+            observation is what is to be done, and the images.
+        sensor_noise: None, or how far the sensors are off: a `SensorNoise` or a dict of its
+            attributes (which can be recorded as JSON). It is drawn from the episode's seed.
+        action_delay_steps: Actions are carried out so many steps later (S F.5); until the first
+            one is due, the robot stands still and keeps what it holds.
         render_backend: ``auto``, ``none``, ``cpu`` or ``gpu``; `auto` renders only when needed.
-        kwargs: ManiSkill's own arguments (obs_mode, reward_mode, control_mode, num_envs, ...).
+        num_envs: Rows of the batch; more than one needs GPU simulation.
+        kwargs: ManiSkill's own arguments (obs_mode, reward_mode, control_mode, ...).
     """
 
     SUPPORTED_ROBOTS: ClassVar[list[str]] = ["hab_fetch"]  # type: ignore[assignment]
@@ -81,10 +85,8 @@ class HabEnv(BaseEnv):
     needs: ClassVar[Needs]
     horizon_steps: ClassVar[int]
     control_modes: ClassVar[tuple[str, ...]]
-    observation: ClassVar[tuple[ObsEntry, ...]]
     reward_bound: ClassVar[float]
-    agent: HabFetch  # type: ignore[assignment]
-    _viewpoint_of: tuple[Episode, ...] = ()
+    _delay: ActionDelay | None
 
     def __init__(
         self,
@@ -98,14 +100,21 @@ class HabEnv(BaseEnv):
         episode_seed: int = 0,
         novel: str | None = None,
         prefetch: bool = False,
-        control_mode: str | None = None,
-        obs_mode: str | None = None,
-        render_mode: str | None = None,
+        cameras: Iterable[str] | None = None,
+        camera_size_px: int = CAMERA_SIZE_PX,
+        camera_hfov_rad: float = CAMERA_HFOV_RAD,
+        invisible_arm: bool = False,
+        proprioception: bool = True,
+        sensor_noise: SensorNoise | Mapping[str, float] | None = None,
+        action_delay_steps: int = 0,
         render_backend: str = "auto",
         num_envs: int = 1,
         **kwargs: Any,
     ) -> None:
-        kwargs.setdefault("robot_uids", "hab_fetch")
+        self._set_sensors(cameras, camera_size_px, camera_hfov_rad, proprioception, sensor_noise)
+        self._hides_arm, self._delay_steps = invisible_arm, checked_steps(action_delay_steps)
+        kwargs["render_backend"] = self._set_backend(render_backend, kwargs)
+        kwargs["control_mode"] = self._known_mode(kwargs.get("control_mode"))
         request = EpisodeRequest(
             env_id=self.default_id(),
             scene_dataset=scene_dataset,
@@ -116,18 +125,9 @@ class HabEnv(BaseEnv):
             seed=episode_seed,
             novel=novel,
         )
-        self._world = World(
-            self.needs, open_source(request), num_episodes, num_envs, prefetch=prefetch
-        )
-        self._backend = resolve_backend(render_backend, _needs_images(obs_mode, render_mode))
-        super().__init__(
-            num_envs=num_envs,
-            obs_mode=obs_mode,
-            control_mode=self._known_mode(control_mode),
-            render_mode=render_mode,
-            render_backend=self._backend,
-            **kwargs,
-        )
+        source = open_source(request)
+        self._world = World(self.needs, source, num_episodes, num_envs, prefetch=prefetch)
+        super().__init__(num_envs=num_envs, **{"robot_uids": "hab_fetch", **kwargs})
 
     @classmethod
     def _known_mode(cls, control_mode: str | None) -> str:
@@ -181,19 +181,6 @@ class HabEnv(BaseEnv):
     def _default_sim_config(self) -> SimConfig:
         return SimConfig(sim_freq=SIM_HZ, control_freq=CONTROL_HZ)
 
-    @property
-    def _default_human_render_camera_configs(self) -> CameraConfig:  # type: ignore[override]
-        return CameraConfig(
-            uid="render_camera",
-            pose=sapien.Pose(),  # type: ignore[arg-type]  # set by render_rgb_array
-            width=RENDER_SIZE_PX,
-            height=RENDER_SIZE_PX,
-            fov=1.2,
-            near=0.05,
-            far=50.0,
-            mount=self.agent.link("base_link"),
-        )
-
     def reset(
         self, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
@@ -212,37 +199,11 @@ class HabEnv(BaseEnv):
             options["reconfigure"] = True
         return super().reset(seed=seed, options=options)
 
-    def render_rgb_array(self, camera_name: str | None = None) -> Any:
-        """Renders the third-person camera, put where no wall hides the robot."""
-        if self._viewpoint_of != self.episode:
-            bodies = {state.scene_key: state for state in self._world.privileged()}
-            for state in bodies.values():
-                pose = viewpoint(state)
-                for camera in self._human_render_cameras["render_camera"].camera._render_cameras:
-                    camera.local_pose = pose
-            self._viewpoint_of = self.episode
-        return super().render_rgb_array(camera_name)  # pyright: ignore[reportArgumentType]  # None is its default
-
     def _load_scene(self, options: dict[str, Any]) -> None:
-        self._viewpoint_of = ()
-        # Depth needs no light, and lamps cost a software renderer a quarter of its time.
-        coloured = self.render_mode is not None or self._wants_colour
-        self._world.build(self.scene, self.agent, lit=coloured and self.scene.can_render())
-
-    @property
-    def _wants_colour(self) -> bool:
-        visual = self.obs_mode_struct.visual
-        other = self.obs_mode in ("pointcloud", "sensor_data")
-        return other or visual.rgb or visual.normal or visual.albedo
-
-    def _setup_sensors(self, options: dict[str, Any]) -> None:
-        self._custom_sensor_configs = sensor_shader(
-            self._custom_sensor_configs or {}, self._backend, self._wants_colour
-        )
-        super()._setup_sensors(options)
-
-    def _load_lighting(self, options: dict[str, Any]) -> None:
-        """Leaves out ManiSkill's lamps: the world shows the layout's own."""
+        self._world.build(self.scene, self.agent, lit=self._is_lit)
+        self._start_observing()
+        steps = self._delay_steps
+        self._delay = ActionDelay(steps, self.agent.controller) if steps else None
 
     def _clear_sim_state(self) -> None:
         # On the CPU the episode sets all velocities itself, and frozen bodies have none.
@@ -251,6 +212,10 @@ class HabEnv(BaseEnv):
 
     def _initialize_episode(self, env_idx: Tensor, options: dict[str, Any]) -> None:
         self._world.apply(env_idx)
+        if self._delay is not None:
+            self._delay.begin(env_idx)
+        if self._noise is not None:
+            self._noise.begin(env_idx, [episode.seed for episode in self.episode])
         self.begin_rows(env_idx)
         self.__dict__.pop("segmentation_id_map", None)  # made anew: other bodies may be shown
 
@@ -260,7 +225,8 @@ class HabEnv(BaseEnv):
         """Carries out one action; reads the simulator once; advances the tracker once."""
         if action is not None:
             action = self._batched(action)
-            self.agent.controller.set_action(action)
+            due = action if self._delay is None else self._delay.exchange(action, self._holding())
+            self.agent.controller.set_action(due)
             if self.gpu_sim_enabled:
                 px: Any = self.scene.px
                 px.gpu_apply_articulation_target_position()
@@ -271,7 +237,15 @@ class HabEnv(BaseEnv):
         gripper = self.masked_gripper(gripper, self.measures)
         self._world.step(gripper, self._sim_steps_per_control)
         self.after_action()
+        if self._noise is not None:
+            self._noise.advance()
         return action
+
+    def _holding(self) -> Tensor:
+        """Returns whether anything is in each hand, (N,)."""
+        snapshot = self._world.snapshot
+        holding = (snapshot.held >= 0) | (snapshot.held_handle >= 0)
+        return torch.as_tensor(holding, device=self.device)
 
     def _batched(self, action: np.ndarray | Tensor) -> Tensor:
         try:
@@ -288,53 +262,38 @@ class HabEnv(BaseEnv):
         terms = verdict.reward_terms({"success": success, **verdict.failures})
         told = to_info(
             {
-                "ends": {"success": success, "fail": fail},
+                "whole": {"success": success, "fail": fail, "reward": total(terms)},
                 "failures": verdict.failures,
                 "measures": verdict.measures(success),
                 "reward_terms": terms,
                 **verdict.extra,
             }
         )
-        return {**told.pop("ends"), **told}
+        return {**told.pop("whole"), **told}
 
     def compute_dense_reward(self, obs: Any, action: Tensor, info: dict[str, Any]) -> Tensor:
         """Returns the sum of the reward terms, (N,)."""
-        return total(info["reward_terms"])
+        return info["reward"]
 
     def compute_normalized_dense_reward(
         self, obs: Any, action: Tensor, info: dict[str, Any]
     ) -> Tensor:
         """Returns the dense reward divided by its bound, never above 1, (N,)."""
-        return (total(info["reward_terms"]) / self.reward_bound).clamp(max=1.0)
-
-    # Observations ----------------------------------------------------------------------------
-
-    def _get_obs_agent(self) -> dict[str, Tensor]:
-        if ARM_QPOS not in self.observation:
-            return {}
-        return {"arm_qpos": to_tensor(self._world.snapshot.arm_qpos_rad)}
-
-    def _get_obs_extra(self, info: dict[str, Any]) -> dict[str, Tensor]:
-        snapshot, measures, goals = self._world.snapshot, self.measures, self._world.goals
-        return {
-            entry.name: to_tensor(entry.read(snapshot, measures, goals))
-            for entry in self.observation
-            if entry is not ARM_QPOS
-        }
-
-    def _get_obs_sensor_data(self, apply_texture_transforms: bool = True) -> dict[str, Any]:
-        data = super()._get_obs_sensor_data(apply_texture_transforms)
-        if self.obs_mode_struct.visual.depth and apply_texture_transforms:
-            for images in data.values():
-                images["depth"] = scale_depth(images["depth"])
-        return data
+        return (info["reward"] / self.reward_bound).clamp(max=1.0)
 
     # State -----------------------------------------------------------------------------------
 
     def get_state_dict(self) -> dict[str, Any]:
         """Returns the simulator's state and the episode's, enough to go on from here."""
         simulator: Any = super().get_state_dict()
-        return {**simulator, "hab": self._world.get_state()}
+        options = {name: option.get_state() for name, option in self._stateful.items()}
+        return {**simulator, "hab": {**self._world.get_state(), **options}}
+
+    @property
+    def _stateful(self) -> dict[str, ActionDelay | NoiseSource]:
+        """The options that are on and have a state of their own."""
+        options = {"delay": self._delay, "noise": self._noise}
+        return {name: option for name, option in options.items() if option is not None}
 
     def set_state_dict(self, state: dict[str, Any], env_idx: Tensor | None = None) -> None:
         """Restores what `get_state_dict` returned."""
@@ -343,7 +302,5 @@ class HabEnv(BaseEnv):
         simulator = {key: value for key, value in state.items() if key != "hab"}
         super().set_state_dict(simulator, env_idx)  # pyright: ignore[reportArgumentType]  # None is its default
         self._world.set_state(state["hab"], rows)
-
-
-def _needs_images(obs_mode: str | None, render_mode: str | None) -> bool:
-    return render_mode is not None or (obs_mode or "state") not in WITHOUT_IMAGES
+        for name, option in self._stateful.items():
+            option.set_state(like(state["hab"][name], option.get_state(), self.device), rows)

@@ -119,30 +119,19 @@ def put_rows(values: Rows, rows: Sequence[int] | Tensor, new: Any) -> Rows:
 
 
 def to_info(parts: dict[str, dict[str, Rows]]) -> dict[str, dict[str, Tensor]]:
-    """Returns dicts of batches (N,) as dicts of tensors.
-
-    Of numpy arrays, all numbers become one tensor and all flags another, which are then taken
-    apart: that costs as much as converting two of them.
-    """
-    found: dict[str, dict[str, Tensor]] = {}
-    numbers: list[Rows] = []
-    flags: list[Rows] = []
-    places: list[tuple[dict[str, Tensor], str, bool]] = []
-    for part, values in parts.items():
-        found[part] = told = dict(values)
-        for name, value in values.items():
-            if is_numpy(value):
-                is_flag = value.dtype == bool
-                (flags if is_flag else numbers).append(value)
-                places.append((told, name, is_flag))
-    if places:
-        number = iter(_apart(numbers, np.dtype(np.float32)))
-        flag = iter(_apart(flags, np.dtype(bool)))
-        for told, name, is_flag in places:
-            told[name] = next(flag if is_flag else number)
-    return found
+    """Returns dicts of batches (N,) as dicts of tensors, which share the arrays' memory."""
+    return {
+        part: {name: _shared(value) for name, value in values.items()}
+        for part, values in parts.items()
+    }
 
 
-def _apart(values: list[Rows], dtype: np.dtype[Any]) -> tuple[Tensor, ...]:
-    """Returns arrays (N,) as tensors."""
-    return torch.from_numpy(np.array(values, dtype=dtype)).unbind() if values else ()
+def _shared(value: Rows) -> Tensor:
+    if not is_numpy(value):
+        return value
+    if value.dtype not in _KEPT:
+        value = value.astype(np.float32)
+    return torch.from_numpy(value)
+
+
+_KEPT = (np.dtype(np.float32), np.dtype(bool))

@@ -214,10 +214,8 @@ class ContactForce:
             # The held object is filtered from the robot by the engine, so it is not among these.
             if first in links or second in links:
                 for point in contact.points:
-                    impulse = point.impulse
-                    if impulse.any():  # most points are of parts that are only near each other
-                        x, y, z = impulse.tolist()
-                        self._cpu_impulse_n_s += (x * x + y * y + z * z) ** 0.5
+                    x, y, z = point.impulse.tolist()
+                    self._cpu_impulse_n_s += (x * x + y * y + z * z) ** 0.5
 
     def _add_batch(self) -> None:
         for link in self._agent.robot.links:

@@ -68,7 +68,7 @@ def _without_near_pairs(source: Path) -> str:
     root = ElementTree.parse(source).getroot()
     for first, second in NEAR_PAIRS:
         ElementTree.SubElement(
-            root, "disable_collisions", link1=first, link2=second, reason="Never"
+            root, "disable_collisions", link1=first, link2=second, reason="Default"
         )
     return ElementTree.tostring(root, encoding="unicode")
 

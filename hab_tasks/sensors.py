@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from hab_tasks.arrays import Rows, as_kind_of, concat, cos, is_numpy, sin, stack
+from hab_tasks.arrays import Rows, as_kind_of, cos, is_numpy, sin, stack
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, REST_POSITION_M
 from hab_tasks.goals import Goals
 from hab_tasks.measures import Measures
@@ -47,11 +47,10 @@ def in_ee_frame(s: Snapshot, point_m: Rows) -> Rows:
 
 def in_base_frame(s: Snapshot, points_m: Rows) -> Rows:
     """Maps world points (N, P, 3) to the base's frame (N, P, 3); heights stay."""
-    yaw = s.base[:, 2]
+    yaw = s.base[:, 2:]
     cosine, sine = cos(yaw), sin(yaw)
-    level = stack((stack((cosine, -sine), 1), stack((sine, cosine), 1)), 1)
-    turned = (points_m[:, :, :2] - s.base[:, None, :2]) @ level
-    return concat((turned, points_m[:, :, 2:]), 2)
+    x, y = points_m[:, :, 0] - s.base[:, :1], points_m[:, :, 1] - s.base[:, 1:2]
+    return stack((cosine * x + sine * y, cosine * y - sine * x, points_m[:, :, 2]), axis=2)
 
 
 def _rest_from_ee(s: Snapshot, m: Measures, g: Goals) -> Rows:

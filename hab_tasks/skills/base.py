@@ -90,7 +90,6 @@ class SkillEnv(HabEnv):
             failures=skill.failures(snapshot, measures, goals, skill.config),
             reward_terms=partial(skill.reward_terms, snapshot, measures, goals, skill.config),
             measures=lambda success: shown | skill.scores(measures, success),
-            extra={},
         )
 
     def masked_gripper(self, gripper: Rows, measures: Measures) -> Rows:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import reduce
 from operator import or_
 from pathlib import Path
@@ -39,6 +39,7 @@ class Verdict:
         failures: Name -> (N,) bool; any of them ends the episode.
         reward_terms: (ends) -> name -> (N,) float32; `ends` holds ``success`` and every failure.
         measures: (success) -> name -> (N,), shown in `info`.
+        unpaid: Terms that this moment cannot pay, zero (N,); shown with the others.
         extra: Further entries of `info`: name -> name -> (N,).
     """
 
@@ -46,7 +47,8 @@ class Verdict:
     failures: dict[str, Rows]
     reward_terms: Callable[[dict[str, Rows]], dict[str, Rows]]
     measures: Callable[[Rows], dict[str, Rows]]
-    extra: dict[str, dict[str, Rows]]
+    extra: dict[str, dict[str, Rows]] = field(default_factory=dict)
+    unpaid: dict[str, Tensor] = field(default_factory=dict)
 
 
 class HabEnv(ObservingEnv):
@@ -269,6 +271,7 @@ class HabEnv(ObservingEnv):
                 **verdict.extra,
             }
         )
+        told["reward_terms"] = verdict.unpaid | told["reward_terms"]
         return {**told.pop("whole"), **told}
 
     def compute_dense_reward(self, obs: Any, action: Tensor, info: dict[str, Any]) -> Tensor:

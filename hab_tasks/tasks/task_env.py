@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from hab_tasks.arrays import Rows
+from hab_tasks.arrays import Rows, to_tensor
 from hab_tasks.goals import Goals
 from hab_tasks.measures import Measures
 from hab_tasks.navigation import poses_reaching
@@ -37,7 +37,7 @@ class TaskEnv(HabEnv):
 
     task: ClassVar[Task]
     _progress: Progress
-    _no_terms: dict[str, Rows]
+    _no_terms: dict[str, Tensor]
     _never: Rows
 
     def __init_subclass__(cls) -> None:
@@ -57,13 +57,14 @@ class TaskEnv(HabEnv):
             failures={},
             reward_terms=partial(self._reward_terms, snapshot, measures, goals),
             measures=lambda success: measures.scalars(SHOWN),
+            unpaid=self._no_terms,
             extra={"stages": progress.reached(), "part": progress.current()},
         )
 
     def _reward_terms(
         self, s: Snapshot, m: Measures, g: Goals, ends: dict[str, Rows]
     ) -> dict[str, Rows]:
-        """Returns ``skill/term`` -> (N,); zero for the skills that are not being done."""
+        """Returns ``skill/term`` -> (N,) of the skills that are being done."""
         never = self._never
         # No force ends a task, and no region; what the hand does wrong is paid once (H.3).
         events = {
@@ -73,13 +74,13 @@ class TaskEnv(HabEnv):
             "dropped_object": m.dropped_now,
             "success": self._progress.succeeded,
         }
-        terms = dict(self._no_terms)
+        paid: dict[str, Rows] = {}
         for skill, here in self._progress.doing():
-            for name, term in skill.reward_terms(s, m, g, skill.config, events).items():
-                terms[f"{skill.name}/{name}"] = terms[f"{skill.name}/{name}"] + term * here
-        return terms
+            terms = skill.reward_terms(s, m, g, skill.config, events)
+            paid |= {f"{skill.name}/{name}": term * here for name, term in terms.items()}
+        return paid
 
-    def _zero_terms(self) -> dict[str, Rows]:
+    def _zero_terms(self) -> dict[str, Tensor]:
         """Returns every term that a skill of this task can pay, as zeros (N,)."""
         s, m, g = self._world.snapshot, self.measures, self._world.goals
         zeros = s.force_n * 0.0
@@ -87,7 +88,7 @@ class TaskEnv(HabEnv):
         nothing = dict.fromkeys(("success", *_EVENTS), self._never)
         skills = {part.skill.name: part.skill for part in self.task.parts}
         return {
-            f"{name}/{term}": zeros
+            f"{name}/{term}": to_tensor(zeros)
             for name, skill in skills.items()
             for term in skill.reward_terms(s, m, g, skill.config, nothing)
         }

@@ -159,11 +159,18 @@ class SnapGrasp:
                     self._any_lost = True
 
     def get_state(self) -> dict[str, Tensor]:
-        """Returns held, held_handle (N,) and the grasp poses (N, 7)."""
+        """Returns held, held_handle (N,), the grasp poses (N, 7), and what leaves the hand.
+
+        That is (N, K): how far an object has to get to be clear of the hand [m], 0 if it is.
+        """
+        leaving_m = torch.zeros(len(self.held), len(self.objects), device=self.held.device)
+        for row, index, side_m in self._leaving:
+            leaving_m[row, index] = side_m
         return {
             "held": self.held.clone(),
             "held_handle": self.held_handle.clone(),
             "ee_from_object": self._ee_from_object.raw_pose.clone(),
+            "leaving_m": leaving_m,
         }
 
     def set_state(self, state: dict[str, Tensor], rows: Tensor) -> None:
@@ -174,6 +181,9 @@ class SnapGrasp:
                 self._hold(row, int(state["held"][i]), state["ee_from_object"][i])
             elif int(state["held_handle"][i]) != NOTHING:
                 self._grasp_handle(row, int(state["held_handle"][i]))
+            for index in torch.nonzero(state["leaving_m"][i]).flatten().tolist():
+                self._leaving.append((row, index, float(state["leaving_m"][i, index])))
+                self._set_collision(row, index, HELD)
 
     def ee_position_m(self) -> Tensor:
         """Returns the end-effector point (N, 3) in the world."""

@@ -267,9 +267,10 @@ class World:
         state = like(state, self.get_state(), self._scene.device)
         self._loose = {}  # a restored state may have moved any of them
         self._freeze()
-        held = int(state["grasp"]["held"][0])
-        if self._dormant is not None and held >= 0:
-            self._dormant.wake(held)
+        if self._dormant is not None:
+            held, leaving_m = int(state["grasp"]["held"][0]), state["grasp"]["leaving_m"][0]
+            for index in [held] * (held >= 0) + torch.nonzero(leaving_m).flatten().tolist():
+                self._dormant.wake(index)
         self._grasp.set_state(state["grasp"], rows)
         tracker = self.tracker
         tracker.set_state(state["tracker"], rows)

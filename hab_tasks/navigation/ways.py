@@ -39,6 +39,11 @@ class Ways:
 
     def distance_m(self, base_m: Rows) -> Rows:
         """Returns how far bases (N, 2) have to go, (N,) [m], bilinear between cells."""
+        if is_numpy(base_m):
+            return np.array(
+                [self._of_row(row, x, y) for row, (x, y) in enumerate(base_m.tolist())],
+                dtype=np.float32,
+            )
         if not self._joined:
             self._join(base_m)
         place = minimum(maximum((base_m - self._origin_m) / CELL_M, 0.0), self._last)
@@ -50,6 +55,16 @@ class Ways:
         far = fields[rows, x + 1, y] * (1 - v) + fields[rows, x + 1, y + 1] * v
         return near * (1 - u) + far * u
 
+    def _of_row(self, row: int, x_m: float, y_m: float) -> float:
+        """Looks up one row, in plain numbers: a tenth of the time of arrays."""
+        field, (x0, y0) = self._fields[row], self._origins_m[row].tolist()
+        x = min(max((x_m - x0) / CELL_M, 0.0), field.shape[0] - 1.0)
+        y = min(max((y_m - y0) / CELL_M, 0.0), field.shape[1] - 1.0)
+        i, j = min(int(x), field.shape[0] - 2), min(int(y), field.shape[1] - 2)
+        u, v = x - i, y - j
+        (a, b), (c, d) = field[i : i + 2, j : j + 2].tolist()
+        return (a * (1 - v) + b * v) * (1 - u) + (c * (1 - v) + d * v) * u
+
     def _join(self, like: Rows) -> None:
         """Puts all fields into one (N, X, Y); smaller ones go on with their border."""
         size = np.max([field.shape for field in self._fields], axis=0)
@@ -60,6 +75,5 @@ class Ways:
         self._stack = as_kind_of(np.stack(padded), like)
         self._origin_m = as_kind_of(self._origins_m, like)
         self._last = as_kind_of(np.tile(size - 1.0, (len(padded), 1)), like)
-        rows = np.arange(len(padded))
+        self._rows = torch.arange(len(padded), device=like.device)
         self._joined = True
-        self._rows: Rows = rows if is_numpy(like) else torch.from_numpy(rows).to(like.device)

@@ -10,15 +10,19 @@ from hab_tasks.privileged import Array, PrivilegedState
 from hab_tasks.scenes.floor import FreeFloor, free_floor
 from hab_tasks.skills.world import World
 
-CAMERA_HEIGHT_M = 1.9
+CAMERA_HEIGHT_M = 2.1
 LOOK_AT_M = (0.7, 0.0, 0.75)
 CANDIDATES_M = (
+    (-1.4, 1.1),
+    (-1.4, -1.1),
+    (-0.5, 1.7),
+    (-0.5, -1.7),
+    (0.9, 1.7),
+    (0.9, -1.7),
     (-0.9, 0.8),
     (-0.9, -0.8),
     (-0.2, 1.2),
     (-0.2, -1.2),
-    (0.6, 1.3),
-    (0.6, -1.3),
     (-0.45, 0.35),
     (-0.45, -0.35),
 )

@@ -185,11 +185,11 @@ class _Show:
         if not self._window or self.closed:
             return
         self._viewer = self._scene.render_human()
-        if self._seen_from is None and self._out is None:
-            self._scene.render_rgb_array()  # puts the camera where no wall hides the robot
         camera = self._scene.scene.human_render_cameras["render_camera"].camera
-        pose = camera.get_global_pose().sp
-        if self._seen_from is None or not np.allclose(pose.p, self._seen_from, atol=1e-3):
+        place = camera.get_global_pose().sp.p
+        if self._seen_from is None or not np.allclose(place, self._seen_from, atol=1e-3):
+            self._scene.render_rgb_array()  # puts the camera where no wall hides the robot
+            pose = camera.get_global_pose().sp
             self._viewer.set_camera_pose(pose)
             self._seen_from = pose.p
 

@@ -19,8 +19,8 @@ from hab_tasks.errors import DatasetError
 from hab_tasks.geometry import Pose7, apply
 from hab_tasks.scenes.collision_groups import (
     FLOOR_BIT,
-    FURNITURE_BIT,
     FRONT,
+    FURNITURE_BIT,
     MOVING,
     PASSIVE,
     STATIC,

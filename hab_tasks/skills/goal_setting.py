@@ -89,6 +89,7 @@ class LayoutMaps:
 
     def __init__(self, source: EpisodeSource) -> None:
         self._source = source
+        self._layouts: dict[str, Layout] = {}
         self._maps: OrderedDict[str, NavigationMap] = OrderedDict()
 
     def of(self, episode: Episode) -> NavigationMap:
@@ -100,12 +101,16 @@ class LayoutMaps:
         }
         key = f"{episode.scene_id} {sorted(joints.items())}"
         if key not in self._maps:
-            layout = Layout.of(self._source.scene(episode.scene_id))
-            self._maps[key] = NavigationMap.of_layout(layout, joints)
+            self._maps[key] = NavigationMap.of_layout(self._layout(episode.scene_id), joints)
             if len(self._maps) > KEPT_MAPS:
                 self._maps.popitem(last=False)
         self._maps.move_to_end(key)
         return self._maps[key]
+
+    def _layout(self, scene_id: str) -> Layout:
+        if scene_id not in self._layouts:
+            self._layouts[scene_id] = Layout.of(self._source.scene(scene_id))
+        return self._layouts[scene_id]
 
 
 def handles_of(shown: SceneHandles) -> list[Handle]:

@@ -1,11 +1,12 @@
 """The rules of every environment on random batches: rewards, scores, observations. No simulator."""
 
 import math
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 import torch
-from builders import snapshot
+from builders import same, snapshot
 from rules_bench import FIRST, RulesBench
 
 from hab_tasks.arrays import to_tensor
@@ -14,12 +15,13 @@ from hab_tasks.envs import ENVS
 from hab_tasks.skills.base import SkillEnv
 from hab_tasks.tasks.task_env import TaskEnv
 
-N, STEPS = 32, 40
+N, STEPS, SOME = 32, 40, 2
 SKILLS = {e.id: e.env for e in ENVS.values() if issubclass(e.env, SkillEnv)}
 TASKS = {e.id: e.env for e in ENVS.values() if issubclass(e.env, TaskEnv)}
 
 every_skill = pytest.mark.parametrize("env", SKILLS.values(), ids=SKILLS)
 every_task = pytest.mark.parametrize("env", TASKS.values(), ids=TASKS)
+every_env = pytest.mark.parametrize("env", [e.env for e in ENVS.values()], ids=ENVS)
 both_kinds = pytest.mark.parametrize("arrays", [False, True], ids=["tensors", "arrays"])
 
 
@@ -52,12 +54,12 @@ def chaos(needs, seed):
     )
 
 
-def bench_of(env, arrays):
-    bench = RulesBench(env, N, arrays=arrays)
+def bench_of(env, arrays, count=N):
+    bench = RulesBench(env, count, arrays=arrays)
     # So that some bases are before the fridge, and some objects at their goals.
-    fronts = torch.tensor([-1.4, 0.0, 0.0]).expand(N, len(env.needs.fronts), 3)
-    values = {"front": fronts, "goals_m": torch.zeros(N, env.needs.objects, 3)}
-    bench.tracker.goals = bench.world.goals.changed(range(N), values)
+    fronts = torch.tensor([-1.4, 0.0, 0.0]).expand(count, len(env.needs.fronts), 3)
+    values = {"front": fronts, "goals_m": torch.zeros(count, env.needs.objects, 3)}
+    bench.tracker.goals = bench.world.goals.changed(range(count), values)
     return bench
 
 
@@ -117,13 +119,41 @@ def test_every_reward_of_a_task(env, arrays):
     assert not paid & never
 
 
-@pytest.mark.parametrize("entry", ENVS.values(), ids=ENVS)
+@every_env
+def test_a_row_alone_is_told_what_it_is_told_in_a_batch(env):
+    """One row of arrays, as the CPU simulation has it, against a row of tensors, as the GPU's."""
+    batch, parts = bench_of(env, arrays=False), []
+    if issubclass(env, TaskEnv):
+        parts = np.random.default_rng(1).integers(len(env.task.parts), size=N).tolist()
+    batch.begin(chaos(env.needs, 0), *parts)
+    singles = [bench_of(env, arrays=True, count=1) for _ in range(SOME)]
+    for row, single in enumerate(singles):
+        single.begin(only(chaos(env.needs, 0), row), *parts[row : row + 1])
+    stopped = torch.arange(N) % 2 == 0
+    for step in range(1, STEPS):
+        told = batch.step(chaos(env.needs, step), stopped)
+        for row, single in enumerate(singles):
+            alone = single.step(only(chaos(env.needs, step), row), stopped[row : row + 1])
+            assert same(alone, row_of(told, row), 1e-3), (row, step)
+
+
+def only(shot, row):
+    return replace(shot, **{f.name: getattr(shot, f.name)[row : row + 1] for f in fields(shot)})
+
+
+def row_of(info, row):
+    if isinstance(info, dict):
+        return {name: row_of(value, row) for name, value in info.items()}
+    return info[row : row + 1]
+
+
+@every_env
 @both_kinds
-def test_every_observation_of_a_batch(entry, arrays):
-    bench = bench_of(entry.env, arrays)
-    bench.begin(chaos(entry.env.needs, 1))
+def test_every_observation_of_a_batch(env, arrays):
+    bench = bench_of(env, arrays)
+    bench.begin(chaos(env.needs, 1))
     world = bench.world
-    for item in entry.env.observation:
+    for item in env.observation:
         value = to_tensor(item.read(world.snapshot, world.tracker.measures, world.goals))
         assert value.shape == (N, *item.shape), item.name
         assert value.dtype == torch.float32, item.name

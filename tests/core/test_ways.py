@@ -125,7 +125,7 @@ def test_distances_shrink_on_the_way_to_the_goal(maps, kind):
 
 
 def test_both_kinds_are_float32_rows(maps):
-    places = [(1.0, 1.0), (-8.0, 6.5), (2.5, 0.0)]
+    places = [(1.0, 1.0), (-100.0, 6.5), (2.9, 70.0)]  # two of them outside
     tensors = led(maps).distance_m(torch.tensor(places))
     arrays = led(maps).distance_m(np.array(places, dtype=np.float32))
     assert tensors.shape == arrays.shape == (3,)

@@ -15,6 +15,7 @@ from hab_spa.path import TimingConfig, time_path
 from hab_spa.pick import PickConfig, PickSkill
 from hab_spa.shapes import invert_pose
 
+from hab_tasks.constants import REST_RADIUS_M
 from hab_tasks.navigation import path_between
 from hab_tasks.robots.control import BASE_CELLS
 
@@ -22,6 +23,8 @@ LET_GO, GRASP = -1.0, 1.0
 SAMPLES = 400
 LINE_STEP_M = 0.015
 PLAN = PlanConfig(time_limit_s=10.0)
+ROUNDS, SLACK_M = 2, 0.03
+"""How often a handle is taken anew, and what may remain of a drawer's way."""
 
 
 class Robot:
@@ -208,56 +211,113 @@ def around(point_m, radius_m: float, count: int = 60) -> np.ndarray:
 
 def open_drawer(robot: Robot) -> None:
     """Takes the handle, pulls the drawer out, lets go, and rests."""
-    travel_m = float(robot.world.goals.joint_upper[0, robot.front])
-    _slide_drawer(robot, travel_m - robot.joint)
+    _slide_drawer(robot, float(robot.world.goals.joint_upper[0, robot.front]))
 
 
 def close_drawer(robot: Robot) -> None:
     """Takes the handle, pushes the drawer in, lets go, and rests."""
-    _slide_drawer(robot, -robot.joint)
+    _slide_drawer(robot, 0.0)
 
 
-def _slide_drawer(robot: Robot, way_m: float) -> None:
-    """Moves a drawer by the handle."""
+def _slide_drawer(robot: Robot, to_m: float) -> None:
+    """Moves a drawer by the handle, and takes it anew where the arm could not move it all the way."""
+    for _ in range(ROUNDS):
+        if abs(to_m - robot.joint) > SLACK_M and not _slide_once(robot, to_m - robot.joint):
+            break
+    # Beside an open drawer the planner may find no way out that keeps clear of it.
+    if not robot.rest():
+        robot.rest(without=drawer_of(robot))
+
+
+def _slide_once(robot: Robot, way_m: float) -> bool:
     yaw = float(robot.world.goals.front[0, robot.front, 2])
     way = way_m * np.array([np.cos(yaw), np.sin(yaw), 0.0])
-    index = int(robot.world.tracker.handles[0, robot.front])
-    handle = robot.world._grasp.handles[index]
-    drawer = f"{handle.furniture_name}/{handle.link.name}"
-    grasps, lines = _drawer_grasps(robot, way, drawer)
-    robot.move(robot.collision(), grasps)
+    grasps, lines = _drawer_grasps(robot, way)
+    if not robot.move(robot.collision(), grasps):
+        return False
     robot.gripper = GRASP
     for _ in range(3):
         robot.act()
-    if len(grasps):
-        nearest = np.linalg.norm(grasps - robot.qpos, axis=1).argmin()
-        robot.follow(lines[nearest], pace=1.0)
+    nearest = np.linalg.norm(grasps - robot.qpos, axis=1).argmin()
+    robot.follow(lines[nearest], pace=1.0)
     robot.relax(3)
     robot.gripper = LET_GO
     robot.relax(2)
-    robot.rest()
+    return True
 
 
-def _drawer_grasps(robot: Robot, way_m, drawer: str):
-    """Returns arm poses (G, 7) that take a handle, and the lines (K, 7) that move it."""
-    still, moving = robot.collision(), robot.collision(without=drawer)
+def drawer_of(robot: Robot) -> str:
+    """Returns the name of the body that the handle is fixed to."""
+    handle = robot.world._grasp.handles[int(robot.world.tracker.handles[0, robot.front])]
+    return f"{handle.furniture_name}/{handle.link.name}"
+
+
+def _drawer_grasps(robot: Robot, way_m) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Returns arm poses (G, 7) that take a handle, and the lines (K, 7) that move it farthest."""
+    still, moving = robot.collision(), robot.collision(without=drawer_of(robot))
     moving.set_margin(0.0)
-    handle = robot.in_arm(robot.handle_m[None])[0]
-    count = max(1, round(float(np.linalg.norm(way_m)) / LINE_STEP_M))
+    found = []
     for radius_m in (0.05, 0.08, 0.12):
-        grasps, lines = [], []
-        for pose in robot.reaching(still, around(robot.handle_m, radius_m)):
+        poses = robot.reaching(still, around(robot.handle_m, radius_m))
+        still.set_margin(0.002)
+        for pose in poses[:60]:
             goal = robot.kinematics.ee_pose(pose).copy()
-            goal[:3, 3] = handle
+            goal[:3, 3] = robot.in_arm(robot.handle_m[None])[0]
             # The grasp pulls hand and handle together.
             held = robot.kinematics.track_pose(pose, goal, steps=6, turn_weight_m=0.02)
-            still.set_margin(0.002)
-            line = robot.line(held, way_m, moving)
-            if still.is_free(held) and len(line) > 0.95 * count:
-                grasps.append(pose)
-                lines.append(line)
-            if len(grasps) == 4:
-                return np.array(grasps), lines
-        if grasps:
-            return np.array(grasps), lines
-    return np.zeros((0, 7)), []
+            if still.is_free(held):
+                found.append((pose, robot.line(held, way_m, moving)))
+    longest = max((len(line) for _, line in found), default=0)
+    best = [entry for entry in found if len(entry[1]) >= longest - 1][:4]
+    return np.array([pose for pose, _ in best]).reshape(-1, 7), [line for _, line in best]
+
+
+# Pick and place ----------------------------------------------------------------------------------
+
+
+def pick(robot: Robot, seed: int = 0) -> None:
+    """Lets SPA-Priv take the target and rest."""
+    skill = PickSkill(seed, PickConfig(), robot.shapes)
+    for _ in range(PickConfig().horizon_steps):
+        state = robot.state()
+        target_rad, robot.gripper = skill.act(state)
+        robot.act(target_rad)
+        resting = float(robot.core.measures.ee_to_rest_m[0]) < REST_RADIUS_M
+        if robot.over or (skill.failure and not state.held) or (state.held and resting):
+            return
+
+
+def place(robot: Robot) -> None:
+    """Brings what is held as low over its goal as it can, lets go, and rests."""
+    for height_m in (0.0, 0.02, 0.04, 0.08, 0.12):
+        collision = robot.collision()
+        if robot.move(collision, _drops(robot, collision, height_m)):
+            break
+    robot.relax(4)
+    robot.gripper = LET_GO
+    robot.relax(4)
+    # What was let go touches the hand; it counts as an obstacle only where nothing else is tight.
+    robot.rest(without=robot.target)
+
+
+def _drops(robot: Robot, collision: ArmCollision, height_m: float) -> np.ndarray:
+    """Returns free arm poses (G, 7) with what is held at its goal, or so much above.
+
+    The most upright come first.
+    """
+    state = robot.state()
+    ee = robot.kinematics.ee_pose(robot.qpos)
+    com = np.append(robot.in_arm(state.object_com_m[robot.target][None])[0], 1.0)
+    in_hand = invert_pose(ee) @ com
+    goal = robot.in_arm((robot.goal_m + [0.0, 0.0, height_m])[None])[0]
+    up = ee[:3, :3].T @ [0.0, 0.0, 1.0]
+    radius_m = float(np.linalg.norm(in_hand[:3]))
+    points = around(robot.goal_m + [0.0, 0.0, height_m], max(radius_m, 0.02))
+    found = []
+    for pose in robot.reaching(collision, points):
+        hand = robot.kinematics.ee_pose(pose)
+        missed = (hand @ in_hand)[:3] - goal
+        if np.linalg.norm(missed[:2]) < 0.06 and 0 <= missed[2] + 0.03 < 0.08:
+            found.append((float((hand[:3, :3] @ up)[2]), pose))
+    found.sort(key=lambda entry: -entry[0])
+    return np.array([pose for _, pose in found]).reshape(-1, 7)

@@ -231,7 +231,7 @@ def _flat(text: str) -> str:
 
 
 def _paragraph(name: str, text: str) -> str:
-    return f"**{name}**{' ' if text.startswith('(') else ': '}{text}\n"
+    return f"**{name}**{' ' if text.startswith('(') else ': '}{text}".rstrip() + "\n"
 
 
 def _numbers(values: Sequence[float]) -> str:

@@ -131,7 +131,11 @@ MEET = {
 
 @pytest.mark.parametrize(
     ("a", "b"),
-    itertools.combinations(("ROBOT", "STATIC", "MOVING", "HELD", "FRONT", "PASSIVE", "FROZEN"), 2),
+    list(
+        itertools.combinations(
+            ("ROBOT", "STATIC", "MOVING", "HELD", "FRONT", "PASSIVE", "FROZEN"), 2
+        )
+    ),
 )
 def test_who_meets_whom(a, b):
     first, second = getattr(groups, a), getattr(groups, b)

@@ -15,14 +15,18 @@ from hab_spa.path import TimingConfig, time_path
 from hab_spa.pick import PickConfig, PickSkill
 from hab_spa.shapes import invert_pose
 
-from hab_tasks.constants import REST_RADIUS_M
+from hab_tasks.constants import CONTROL_HZ, REST_RADIUS_M
 from hab_tasks.navigation import path_between
 from hab_tasks.robots.control import BASE_CELLS
+from hab_tasks.robots.fetch_spec import BASE_ANGULAR_SPEED_RAD_S
 
 LET_GO, GRASP = -1.0, 1.0
 SAMPLES = 400
 LINE_STEP_M = 0.015
 PLAN = PlanConfig(time_limit_s=10.0)
+ARRIVED_M, ARRIVED_RAD = 0.12, 0.15
+STUCK_STEPS = 5
+TURN_STEP_RAD = BASE_ANGULAR_SPEED_RAD_S / CONTROL_HZ
 ROUNDS, SLACK_M = 2, 0.03
 """How often a handle is taken anew, and what may remain of a drawer's way."""
 
@@ -321,3 +325,53 @@ def _drops(robot: Robot, collision: ArmCollision, height_m: float) -> np.ndarray
             found.append((float((hand[:3, :3] @ up)[2]), pose))
     found.sort(key=lambda entry: -entry[0])
     return np.array([pose for _, pose in found]).reshape(-1, 7)
+
+
+# Navigate ----------------------------------------------------------------------------------------
+
+
+def navigate(robot: Robot) -> None:
+    """Drives to the base's goal, turns, and stops there."""
+    drive_to(robot, robot.world.maps.of(robot.episode), np.asarray(robot.world.goals.base[0]))
+    robot.drive(0.0, 0.0)
+
+
+def drive_to(robot: Robot, map_, goal, steps: int = 450) -> bool:
+    """Drives to a base pose (3,); whether it got there."""
+    goal = np.asarray(goal, dtype=float)
+    stuck = 0
+    for _ in range(steps):
+        here = robot.base
+        gap_m = float(np.linalg.norm(goal[:2] - here[:2]))
+        turn = _between(goal[2], here[2])
+        if robot.over or (gap_m < ARRIVED_M and abs(turn) < ARRIVED_RAD):
+            break
+        if gap_m < ARRIVED_M:
+            forward, turning = 0.0, turn / TURN_STEP_RAD
+        else:
+            forward, turning = _along(path_between(map_, here[:2], goal[:2]), here)
+        robot.drive(forward, float(np.clip(turning, -1.0, 1.0)))
+        moved = robot.base - here
+        still = np.linalg.norm(moved[:2]) < 0.003 and abs(_between(moved[2], 0.0)) < 0.01
+        stuck = stuck + 1 if still else 0
+        if stuck >= STUCK_STEPS:
+            stuck = 0
+            # The arm, which the map leaves out, has met something.
+            for _ in range(8):
+                robot.drive(-0.5, 0.0)
+    return gap_m < ARRIVED_M
+
+
+def _along(path: np.ndarray, here: np.ndarray) -> tuple[float, float]:
+    """Returns forward and turning speed, as shares, towards the next point of a path (W, 2)."""
+    lengths = np.linalg.norm(path - here[:2], axis=1)
+    ahead = next((p for p, far in zip(path, lengths, strict=True) if far > 0.1), path[-1])
+    turn = _between(np.arctan2(*(ahead - here[:2])[::-1]), here[2])
+    if abs(turn) > 0.3:
+        return 0.0, turn / TURN_STEP_RAD
+    return (1.0 if len(path) > 2 or lengths[-1] > 0.3 else 0.5), turn / TURN_STEP_RAD
+
+
+def _between(to_rad: float, from_rad: float) -> float:
+    """Returns the smallest turn [rad] from one heading to another."""
+    return float((to_rad - from_rad + np.pi) % (2 * np.pi) - np.pi)

@@ -43,7 +43,12 @@ SCORES = {
 }
 """Measures that a skill adds -> unit and meaning."""
 
-EPISODES = {"HabNavigate-v1": 4, "HabPrepareGroceries-v1": 3, "HabSetTable-v1": 4}
+EPISODES = {
+    "HabTidyHouse-v1": 1,
+    "HabNavigate-v1": 4,
+    "HabPrepareGroceries-v1": 3,
+    "HabSetTable-v1": 4,
+}
 """Environment -> the episode of its picture; the first one elsewhere."""
 
 ARM_MEANINGS = {

@@ -35,11 +35,14 @@ class EpisodeChoice:
 
         Args:
             rows: Which rows start anew.
-            seed: Chooses the episodes; None goes on with the choice's own generator.
+            seed: Chooses the episodes, and those of later choices without one.
             wanted: An `Episode`, its index in the set, a list with one for each row, or None.
             shown: What a partial reset has to make do with.
         """
-        seeds = [seed] * len(rows) if seed is None or isinstance(seed, int) else list(seed)
+        seeds = [None] * len(rows)
+        if seed is not None:
+            seeds = np.broadcast_to(seed, len(rows)).tolist()
+            self._order = np.random.default_rng([self.source.seed, *seeds, 1])
         wishes = wanted if isinstance(wanted, (list, tuple)) else [wanted] * len(rows)
         # A batch shares one layout; a partial reset goes on in the one there is.
         partial = len(rows) < self._num_envs

@@ -10,6 +10,7 @@ from operator import or_
 from pathlib import Path
 from typing import Any, ClassVar
 
+import gymnasium as gym
 import numpy as np
 import torch
 from mani_skill.utils.structs.types import SimConfig
@@ -199,6 +200,8 @@ class HabEnv(ObservingEnv):
         rebuild = self._world.choose(rows, seed, options.pop("episode", None))
         if rebuild:
             options["reconfigure"] = True
+        # Nothing draws from Gymnasium's generator, but its checker wants it seeded.
+        gym.Env.reset(self, seed=None if seed is None else int(np.ravel(seed)[0]))
         return super().reset(seed=seed, options=options)
 
     def _load_scene(self, options: dict[str, Any]) -> None:

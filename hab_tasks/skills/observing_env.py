@@ -130,6 +130,13 @@ class ObservingEnv(BaseEnv):
 
     # Observations ----------------------------------------------------------------------------
 
+    def get_obs(self, info: dict[str, Any] | None = None, unflattened: bool = False) -> Any:
+        """Returns the observation, without groups that are empty, which Gymnasium refuses."""
+        obs = super().get_obs(info, unflattened)
+        if not isinstance(obs, dict):
+            return obs
+        return {name: group for name, group in obs.items() if len(group)}
+
     def _get_obs_agent(self) -> dict[str, Tensor]:
         if not self._feels_arm:
             return {}

@@ -194,6 +194,20 @@ def test_seeds_choose_the_episode(make, env_id):
     assert len(set(ids)) > 3
 
 
+def test_a_seed_chooses_the_later_episodes_too(make):
+    def order(env, seed):
+        env.reset(seed=seed)
+        ids = []
+        for _ in range(8):
+            env.reset()
+            ids.append(env.unwrapped.episode[0].id)
+        return ids
+
+    first, second = make(), make()
+    first.reset()
+    assert order(first, 3) == order(second, np.int64(3)) == order(first, 3) != order(first, 4)
+
+
 @every_env
 def test_an_episode_can_be_asked_for_by_index_or_itself(make, env_id):
     env = make(env_id)

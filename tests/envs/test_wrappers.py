@@ -47,17 +47,23 @@ def test_the_id_with_the_module_needs_no_import(env_id):
 @each_family
 @pytest.mark.parametrize("obs_mode", ["state", "state_dict"])
 def test_gymnasiums_checker_accepts_it(make, env_id, obs_mode):
-    """Only that the states are not between -1 and 1, and have no bounds, may be noted."""
+    """Only that the states are not between -1 and 1, and have no bounds, may be noted.
+
+    The check of closing makes the environment anew from its spec, which ManiSkill's time limit
+    does not allow; closing twice is tried here.
+    """
     env = CPUGymWrapper(make(env_id, obs_mode=obs_mode))
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
-        check_env(env, skip_render_check=True)
+        check_env(env, skip_render_check=True, skip_close_check=True)
     serious = [str(w.message) for w in told if not _is_about_bounds(str(w.message))]
     assert not serious, serious
+    env.close()
+    env.close()
 
 
 def _is_about_bounds(message):
-    notes = ("infinity", "symmetric and normalized", "unwrapped environment")
+    notes = ("infinity", "symmetric and normalized", "wrapper applied to it")
     return any(note in message for note in notes) or "mani_skill is not installed" in message
 
 
@@ -101,8 +107,8 @@ def test_stable_baselines_trains_on_it_unchanged(env_id, episode_files):
     policy.learn(2_000)
     assert policy.num_timesteps == 2_000
     after = list(policy.policy.parameters())
-    assert any(not np.array_equal(a.detach(), b) for a, b in zip(after, before, strict=True))
-    assert all(bool(np.isfinite(p.detach()).all()) for p in after)
+    assert any(not a.equal(b) for a, b in zip(after, before, strict=True))
+    assert all(bool(p.isfinite().all()) for p in after)
     # What the recorder of episodes saw were whole ones.
     obs, _ = env.reset(seed=1)
     action, _ = policy.predict(obs, deterministic=True)

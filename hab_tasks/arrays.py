@@ -127,11 +127,11 @@ def to_info(parts: dict[str, dict[str, Rows]]) -> dict[str, dict[str, Tensor]]:
 
 
 def _shared(value: Rows) -> Tensor:
-    if not is_numpy(value):
+    if not isinstance(value, np.ndarray):
         return value
-    if value.dtype not in _KEPT:
-        value = value.astype(np.float32)
-    return torch.from_numpy(value)
+    kind = value.dtype.char  # comparing whole dtypes takes longer than the conversion
+    return torch.from_numpy(value if kind in _KEPT else value.astype(np.float32))
 
 
-_KEPT = (np.dtype(np.float32), np.dtype(bool))
+_KEPT = "f?"
+"""Characters of float32 and bool."""

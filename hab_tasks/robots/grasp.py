@@ -10,6 +10,7 @@ robot until it is let go and has come clear of the hand; it always collides with
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -96,6 +97,7 @@ class SnapGrasp:
         self.lost = torch.zeros(count, dtype=torch.bool, device=device)
         self._any_lost = False
         self._ee_from_object = Pose.create_from_pq(torch.zeros(count, 3, device=device))
+        self._cpu_held = sapien.Pose()
         self._leaving: list[tuple[int, int, float]] = []
         self._busy: set[int] = set()
         self._com_m = [torch.as_tensor(_com(actor), device=device) for actor in objects]
@@ -152,8 +154,8 @@ class SnapGrasp:
     def after_control_step(self) -> None:
         """Loses what has been pulled out of the hand; runs after the physics of an action."""
         if self._busy:
-            for row in torch.nonzero(self.held != NOTHING).flatten().tolist():
-                if self._drift_m(row) > HOLD_TOLERANCE_M:
+            for row in sorted(self._busy):
+                if int(self.held[row]) != NOTHING and self._drift_m(row) > HOLD_TOLERANCE_M:
                     self._release_row(row)
                     self.lost = _with(self.lost, row, True)
                     self._any_lost = True
@@ -250,6 +252,7 @@ class SnapGrasp:
         raw = self._ee_from_object.raw_pose.clone()
         raw[row] = ee_from_object
         self._ee_from_object = Pose.create(raw)
+        self._cpu_held = sapien.Pose(raw[row, :3].tolist(), raw[row, 3:].tolist())
         self._tie_object(row, index)
 
     def _grasp_handle(self, row: int, index: int) -> None:
@@ -271,8 +274,9 @@ class SnapGrasp:
     def _drift_m(self, row: int) -> float:
         if not self.scene.gpu_sim_enabled:
             body = self._cpu_bodies[int(self.held[row])][0]
-            held = self.ee_link._objs[0].entity_pose * self._ee_from_object.sp
-            return float(np.linalg.norm(np.subtract(held.p, body.entity_pose.p)))
+            held = self.ee_link._objs[0].entity_pose * self._cpu_held
+            gap = held.p - body.entity_pose.p
+            return math.sqrt(float(gap @ gap))
         expected = self.ee_link.pose[row] * self._ee_from_object[row]
         return float(torch.linalg.norm(expected.p - self.objects[int(self.held[row])].pose[row].p))
 

@@ -84,7 +84,7 @@ class DormantObjects:
         self._active: list[int] = []
         self._settled = np.zeros(count, dtype=bool)
         self._checked_at_m = np.zeros((len(names), 3))
-        self._free_way_m, self._checks_left = 0.0, 0
+        self._free_way_m, self._checks_left, self._checked_held = 0.0, 0, -1
         self._doors_move = True
         self.com_m: NDArray[np.float32] = np.zeros((count, 3), dtype=np.float32)
         self.present = np.zeros(count, dtype=bool)
@@ -161,15 +161,17 @@ class DormantObjects:
                 self._active.remove(index)
         apart = gap_m[self.present & ~near]
         self._checked_at_m, self._free_way_m = links, float(apart.min()) if len(apart) else np.inf
-        self._checks_left = CHECK_EVERY_STEPS
+        self._checks_left, self._checked_held = CHECK_EVERY_STEPS, held
 
     def _nothing_new(self, links_m: NDArray[np.float64], held: int) -> bool:
         """Whether the arm has moved less, since the last check, than anything was away from it."""
         self._checks_left -= 1
-        if self._checks_left <= 0 or held >= 0 or self._pushing():
+        if self._checks_left <= 0 or held != self._checked_held or self._pushing(held):
             return False
         way = links_m - self._checked_at_m
-        return float(np.einsum("pi,pi->p", way, way).max()) < self._free_way_m**2
+        # What is held turns with the hand, so it can go farther than the hand's middle.
+        free_way_m = self._free_way_m if held < 0 else self._free_way_m / 2
+        return float(np.einsum("pi,pi->p", way, way).max()) < free_way_m**2
 
     def refresh(self) -> None:
         """Reads the centres of mass of the bodies that can have moved."""
@@ -181,15 +183,16 @@ class DormantObjects:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Centres (P, 3) and radii (P,) [m] of balls around everything that may push."""
         arm = links_m[: len(_ARM)]
-        pushing = set(self._pushing()) | ({held} if held >= 0 else set())
+        pushing = set(self._pushing(held)) | ({held} if held >= 0 else set())
         others = sorted(pushing & set(self._active))
         centers = ((arm[:-1] + arm[1:]) / 2, links_m, self.com_m[others])
         radii = np.append(self._link_radius_m, self._radius_m[others])
         return np.concatenate(centers, dtype=np.float64), radii
 
-    def _pushing(self) -> list[int]:
-        """Objects that are no longer where they were frozen."""
-        gone = [(index, self.com_m[index] - self._frozen_at_m[index]) for index in self._active]
+    def _pushing(self, held: int) -> list[int]:
+        """Objects that are no longer where they were frozen, the held one left aside."""
+        loose = [index for index in self._active if index != held]
+        gone = [(index, self.com_m[index] - self._frozen_at_m[index]) for index in loose]
         return [index for index, way in gone if float(way @ way) > MOVED_M**2]
 
     def _freeze(self, index: int) -> None:

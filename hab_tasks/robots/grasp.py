@@ -275,7 +275,7 @@ class SnapGrasp:
         if not self.scene.gpu_sim_enabled:
             body = self._cpu_bodies[int(self.held[row])][0]
             held = self.ee_link._objs[0].entity_pose * self._cpu_held
-            gap = held.p - body.entity_pose.p
+            gap: Any = np.subtract(held.p, body.entity_pose.p)
             return math.sqrt(float(gap @ gap))
         expected = self.ee_link.pose[row] * self._ee_from_object[row]
         return float(torch.linalg.norm(expected.p - self.objects[int(self.held[row])].pose[row].p))

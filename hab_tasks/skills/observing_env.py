@@ -130,12 +130,12 @@ class ObservingEnv(BaseEnv):
 
     # Observations ----------------------------------------------------------------------------
 
-    def get_obs(self, info: dict[str, Any] | None = None, unflattened: bool = False) -> Any:
+    def _flatten_raw_obs(self, obs: Any) -> Any:
         """Returns the observation, without groups that are empty, which Gymnasium refuses."""
-        obs = super().get_obs(info, unflattened)
-        if not isinstance(obs, dict):
-            return obs
-        return {name: group for name, group in obs.items() if len(group)}
+        flat = super()._flatten_raw_obs(obs)
+        if not isinstance(flat, dict):
+            return flat
+        return {name: group for name, group in flat.items() if len(group)}
 
     def _get_obs_agent(self) -> dict[str, Tensor]:
         if not self._feels_arm:

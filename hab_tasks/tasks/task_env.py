@@ -107,6 +107,8 @@ class TaskEnv(HabEnv):
         world = self._world
         self._progress.begin(rows, world.snapshot, world.goals, world.tracker.targets)
         self._turn_to_parts(rows.tolist())
+        # Anew, now that it is about the first part: nothing of an earlier episode is left.
+        world.tracker.begin(world.snapshot, rows)
 
     def before_action(self) -> None:
         """Goes on to the next part where one is done."""

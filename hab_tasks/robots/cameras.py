@@ -42,7 +42,8 @@ class CameraPlace:
 PLACES = {
     "head": CameraPlace(link="base_link", position_m=(0.17, 0.0, 1.2), target_m=(0.75, 0.0, 1.0)),
     "arm": CameraPlace(link=EE_LINK, position_m=(0.0, 0.0, 0.1)),
-    # Habitat's pose: 0.5 m behind, 1.7 m up, 0.5 m to the left.
+    # Habitat's position: 0.5 m behind, 0.5 m to the left. Habitat aims at (1, -0.75, 0), on the
+    # floor to the right, so that what the arm does is at the edge of the picture.
     "third_person": CameraPlace(
         link="base_link", position_m=(-0.5, 0.5, 1.7), target_m=(1.0, 0.0, 0.75)
     ),

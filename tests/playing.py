@@ -164,7 +164,7 @@ def move_base(state, env, x_m, y_m, yaw_rad):
     agent = env.unwrapped.agent
     entry = state["articulations"][agent.robot.name]
     for joint, value in zip(agent.base_index.tolist(), (x_m, y_m, yaw_rad), strict=True):
-        entry[0, 13 + joint] = value
+        entry[0, 13 + joint] = float(value)
 
 
 def ee_grip(env, gripper=1.0):

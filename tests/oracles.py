@@ -10,20 +10,20 @@ import numpy as np
 from hab_spa.arm_plan import Ends, PlanConfig, plan_path
 from hab_spa.collision import ArmCollision, ShapeCache
 from hab_spa.ik import LOWER_RAD, UPPER_RAD, BatchArm, IkConfig
-from hab_spa.joint_goal import GoalConfig, sample_rest_goals
-from hab_spa.path import TimingConfig, time_path
-from hab_spa.pick import PickConfig, PickSkill
+from hab_spa.joint_goal import GoalConfig, sample_rest_goals, would_grasp
+from hab_spa.path import TimingConfig, time_path_within
+from hab_spa.pick import Phase, PickConfig, PickSkill
 from hab_spa.shapes import invert_pose
 
-from hab_tasks.constants import CONTROL_HZ, REST_RADIUS_M
+from hab_tasks.constants import CONTROL_HZ, REST_RADIUS_M, SKILL_HORIZON_STEPS
 from hab_tasks.navigation import path_between
 from hab_tasks.robots.control import BASE_CELLS
-from hab_tasks.robots.fetch_spec import BASE_ANGULAR_SPEED_RAD_S
+from hab_tasks.robots.fetch_spec import BASE_ANGULAR_SPEED_RAD_S, REST_QPOS_RAD
 
 LET_GO, GRASP = -1.0, 1.0
 SAMPLES = 400
 LINE_STEP_M = 0.015
-PLAN = PlanConfig(time_limit_s=10.0)
+PLAN, TRIES = PlanConfig(time_limit_s=8.0), 2
 ARRIVED_M, ARRIVED_RAD = 0.12, 0.15
 STUCK_STEPS = 5
 TURN_STEP_RAD = BASE_ANGULAR_SPEED_RAD_S / CONTROL_HZ
@@ -140,11 +140,12 @@ class Robot:
         self.steps += 1
         self.over = bool(terminated) or bool(truncated)
 
-    def follow(self, path, pace: float = 1.3, settle: int = 3) -> None:
-        """Moves the arm along poses (K, 7)."""
-        for target in time_path(np.asarray(path), TimingConfig(), pace):
+    def follow(self, path, share: float = 1.0) -> None:
+        """Moves the arm along poses (K, 7), no faster than a share of the time left demands."""
+        left = int((self.core.horizon_steps - self.steps - 10) * share)
+        for target in time_path_within(np.asarray(path), left, TimingConfig()):
             self.act(target)
-        for _ in range(settle):
+        for _ in range(3):
             self.act()
 
     def relax(self, steps: int) -> None:
@@ -153,15 +154,16 @@ class Robot:
         for _ in range(steps - 1):
             self.act()
 
-    def reaching(self, collision: ArmCollision, points_m) -> np.ndarray:
+    def reaching(self, collision: ArmCollision, points_m, samples: int = SAMPLES) -> np.ndarray:
         """Returns free arm poses (G, 7) with the hand at one of the world points (P, 3).
 
         The nearest to the present pose comes first.
         """
-        points = self.in_arm(points_m)
-        targets = points[self._rng.integers(len(points), size=SAMPLES)]
-        starts = self._rng.uniform(LOWER_RAD, UPPER_RAD, (SAMPLES, 7))
-        starts[: SAMPLES // 4] = self.qpos
+        if not len(points_m):
+            return np.zeros((0, 7))
+        targets = self.in_arm(points_m)[self._rng.integers(len(points_m), size=samples)]
+        starts = self._rng.uniform(LOWER_RAD, UPPER_RAD, (samples, 7))
+        starts[: samples // 4] = self.qpos
         found, reached = self.kinematics.solve(starts, targets, IkConfig())
         found = found[reached]
         found = found[np.argsort(np.linalg.norm(found - self.qpos, axis=1))]
@@ -172,19 +174,28 @@ class Robot:
                 return np.array(free)
         return np.zeros((0, 7))
 
-    def move(self, collision: ArmCollision, goals) -> bool:
-        """Plans to one of arm poses (G, 7) and goes there; whether there is a way."""
-        ends = [Ends(open=self.qpos, tight=goal) for goal in goals[:4]]
-        path = plan_path(collision, self.kinematics, ends, 0, PLAN, 0.004).path if ends else None
-        if path is not None:
-            self.follow(path)
-        return path is not None
+    def move(self, collision: ArmCollision, goals, *, leaving: bool = False) -> bool:
+        """Plans to one of arm poses (G, 7) and goes there; whether there is a way.
+
+        `leaving` a tight place, the planner starts from the other end.
+        """
+        here = self.qpos
+        ends = [
+            Ends(open=goal, tight=here) if leaving else Ends(open=here, tight=goal)
+            for goal in apart(goals)
+        ]
+        for seed in range(TRIES if ends else 0):
+            path = plan_path(collision, self.kinematics, ends, seed, PLAN, 0.004).path
+            if path is not None:
+                self.follow(path[::-1] if leaving else path, 1.0 if leaving else 0.5)
+                return True
+        return False
 
     def rest(self, without: str | None = None) -> bool:
         """Brings the hand to rest; whether there is a way."""
         collision = self.collision(without)
         goals = sample_rest_goals(collision, self.kinematics, 0, GoalConfig()).goals
-        return self.move(collision, goals)
+        return self.move(collision, goals, leaving=True)
 
     def line(self, pose_rad, way_m, collision: ArmCollision) -> np.ndarray:
         """Returns arm poses (K, 7) along a straight way of the hand, a world vector (3,).
@@ -202,6 +213,15 @@ class Robot:
                 break
             poses.append(pose)
         return np.array(poses)
+
+
+def apart(poses) -> list[np.ndarray]:
+    """Returns the first few arm poses (7,) that differ from one another."""
+    chosen: list[np.ndarray] = []
+    for pose in poses:
+        if all(np.abs(pose - other).max() > 0.3 for other in chosen):
+            chosen.append(pose)
+    return chosen[:4]
 
 
 def around(point_m, radius_m: float, count: int = 60) -> np.ndarray:
@@ -224,7 +244,7 @@ def close_drawer(robot: Robot) -> None:
 
 
 def _slide_drawer(robot: Robot, to_m: float) -> None:
-    """Moves a drawer by the handle, and takes it anew where the arm could not move it all the way."""
+    """Moves a drawer by the handle, and takes it anew where the arm did not get it all the way."""
     for _ in range(ROUNDS):
         if abs(to_m - robot.joint) > SLACK_M and not _slide_once(robot, to_m - robot.joint):
             break
@@ -243,7 +263,7 @@ def _slide_once(robot: Robot, way_m: float) -> bool:
     for _ in range(3):
         robot.act()
     nearest = np.linalg.norm(grasps - robot.qpos, axis=1).argmin()
-    robot.follow(lines[nearest], pace=1.0)
+    robot.follow(lines[nearest])
     robot.relax(3)
     robot.gripper = LET_GO
     robot.relax(2)
@@ -279,16 +299,57 @@ def _drawer_grasps(robot: Robot, way_m) -> tuple[np.ndarray, list[np.ndarray]]:
 # Pick and place ----------------------------------------------------------------------------------
 
 
-def pick(robot: Robot, seed: int = 0) -> None:
-    """Lets SPA-Priv take the target and rest."""
-    skill = PickSkill(seed, PickConfig(), robot.shapes)
-    for _ in range(PickConfig().horizon_steps):
+class ThoroughPick(PickSkill):
+    """SPA-Priv's Pick; in tight places it also tries grasps from all around, and plans longer."""
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(0, PickConfig(retries=4), robot.shapes)
+        self._robot = robot
+
+    @property
+    def stopped(self) -> bool:
+        """Whether it has given up."""
+        return self._phase is Phase.STOPPED
+
+    def _plan_reach(self, state) -> None:
+        super()._plan_reach(state)
+        if self._phase is not Phase.STOPPED:
+            return
+        robot, collision = self._robot, self._robot.collision()
+        grasps = robot.reaching(collision, grasp_points(robot), 40 * SAMPLES)
+        grasps = grasps[np.argsort(np.linalg.norm(grasps - REST_QPOS_RAD, axis=1))]
+        ends = [Ends(open=state.arm_qpos.copy(), tight=grasp) for grasp in apart(grasps)]
+        if ends:
+            path = plan_path(collision, self._arm, ends, self._next_seed(), self._config.plan)
+            self._start(path, Phase.REACH)
+
+    def _plan_return(self, state) -> None:
+        for _ in range(TRIES):
+            self._enter(Phase.PLAN_RETURN)
+            self._phase_steps = self._config.hold_steps
+            super()._plan_return(state)
+            if self._phase is not Phase.STOPPED:
+                return
+
+
+def pick(robot: Robot) -> None:
+    """Takes the target and rests."""
+    skill = ThoroughPick(robot)
+    for _ in range(SKILL_HORIZON_STEPS):
         state = robot.state()
         target_rad, robot.gripper = skill.act(state)
         robot.act(target_rad)
         resting = float(robot.core.measures.ee_to_rest_m[0]) < REST_RADIUS_M
-        if robot.over or (skill.failure and not state.held) or (state.held and resting):
+        if robot.over or skill.stopped or (state.held == robot.target and resting):
             return
+
+
+def grasp_points(robot: Robot) -> np.ndarray:
+    """Returns points (P, 3) at which the hand takes the target and nothing else."""
+    state = robot.state()
+    com_m = state.object_com_m[robot.target]
+    points = np.concatenate([around(com_m, radius_m) for radius_m in (0.04, 0.08, 0.12, 0.138)])
+    return points[would_grasp(state, points, GoalConfig())]
 
 
 def place(robot: Robot) -> None:
@@ -313,10 +374,11 @@ def _drops(robot: Robot, collision: ArmCollision, height_m: float) -> np.ndarray
     ee = robot.kinematics.ee_pose(robot.qpos)
     com = np.append(robot.in_arm(state.object_com_m[robot.target][None])[0], 1.0)
     in_hand = invert_pose(ee) @ com
-    goal = robot.in_arm((robot.goal_m + [0.0, 0.0, height_m])[None])[0]
+    over_m = robot.goal_m + np.array((0.0, 0.0, height_m))
+    goal = robot.in_arm(over_m[None])[0]
     up = ee[:3, :3].T @ [0.0, 0.0, 1.0]
     radius_m = float(np.linalg.norm(in_hand[:3]))
-    points = around(robot.goal_m + [0.0, 0.0, height_m], max(radius_m, 0.02))
+    points = around(over_m, max(radius_m, 0.02))
     found = []
     for pose in robot.reaching(collision, points):
         hand = robot.kinematics.ee_pose(pose)

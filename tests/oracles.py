@@ -1,234 +1,28 @@
-"""Scripted robots that see everything, one for each skill: what a skill asks for can be done.
-
-The arm is driven in ``joint_target``, along ways that SPA-Priv's planner finds between the
-simulator's own shapes; the base by its cells, or by its velocities where a task moves both.
-"""
-
-from dataclasses import replace
+"""Scripted robots, one for each skill: what a skill asks for can be done."""
 
 import numpy as np
-from hab_spa.arm_plan import Ends, PlanConfig, plan_path
-from hab_spa.collision import ArmCollision, ShapeCache
-from hab_spa.ik import LOWER_RAD, UPPER_RAD, BatchArm, IkConfig
-from hab_spa.joint_goal import GoalConfig, sample_rest_goals, would_grasp
-from hab_spa.path import TimingConfig, time_path_within
+from hab_spa.arm_plan import Ends, plan_path
+from hab_spa.collision import ArmCollision
+from hab_spa.joint_goal import GoalConfig, would_grasp
 from hab_spa.pick import Phase, PickConfig, PickSkill
 from hab_spa.shapes import invert_pose
+from oracle_robot import GRASP, LET_GO, SAMPLES, TRIES, Robot, apart, around
 
 from hab_tasks.constants import CONTROL_HZ, REST_RADIUS_M, SKILL_HORIZON_STEPS
 from hab_tasks.navigation import path_between
-from hab_tasks.robots.control import BASE_CELLS
-from hab_tasks.robots.fetch_spec import BASE_ANGULAR_SPEED_RAD_S, REST_QPOS_RAD
+from hab_tasks.robots.fetch_spec import (
+    BASE_ANGULAR_SPEED_RAD_S,
+    BASE_LINEAR_SPEED_M_S,
+    REST_QPOS_RAD,
+)
 
-LET_GO, GRASP = -1.0, 1.0
-SAMPLES = 400
-LINE_STEP_M = 0.015
-PLAN, TRIES = PlanConfig(time_limit_s=8.0), 2
-ARRIVED_M, ARRIVED_RAD = 0.12, 0.15
-STUCK_STEPS = 5
-TURN_STEP_RAD = BASE_ANGULAR_SPEED_RAD_S / CONTROL_HZ
 ROUNDS, SLACK_M = 2, 0.03
 """How often a handle is taken anew, and what may remain of a drawer's way."""
 
-
-class Robot:
-    """Steps one environment and remembers how that went.
-
-    Attributes:
-        object: Number of the object it is about.
-        front: Number of the door or drawer.
-        gripper: Entry of every action until it is changed.
-        info: What the last step said.
-        over: Whether the episode has ended.
-        steps: How many actions were carried out.
-    """
-
-    def __init__(self, env) -> None:
-        self.core, self.env = env.unwrapped, env
-        self.object, self.front = 0, 0
-        self.steps, self.over, self.info = 0, False, {}
-        self.kinematics, self.shapes = BatchArm(), ShapeCache()
-        self._rng = np.random.default_rng(0)
-        self._target_rad = self.qpos
-        holds = int(self.shot.held[0]) >= 0 or int(self.shot.held_handle[0]) >= 0
-        self.gripper = GRASP if holds else LET_GO
-
-    # What there is -----------------------------------------------------------------------------
-
-    @property
-    def world(self):
-        """The simulated world."""
-        return self.core._world
-
-    @property
-    def shot(self):
-        """The latest snapshot."""
-        return self.world.snapshot
-
-    @property
-    def qpos(self) -> np.ndarray:
-        """The arm (7,) [rad]."""
-        return np.asarray(self.shot.arm_qpos_rad[0], dtype=float)
-
-    @property
-    def base(self) -> np.ndarray:
-        """x, y, yaw (3,) of the base."""
-        return np.asarray(self.shot.base[0], dtype=float)
-
-    @property
-    def episode(self):
-        """What is played."""
-        return self.world.episodes[0]
-
-    @property
-    def target(self) -> str:
-        """Handle of the object it is about."""
-        return self.episode.targets[self.object].object
-
-    @property
-    def goal_m(self) -> np.ndarray:
-        """Where that object's centre of mass (3,) is to be."""
-        return np.asarray(self.world.goals.goals_m[0, self.object], dtype=float)
-
-    @property
-    def handle_m(self) -> np.ndarray:
-        """The handle (3,) of the door or drawer it is about."""
-        return np.asarray(self.shot.handles_m[0, self.front], dtype=float)
-
-    @property
-    def joint(self) -> float:
-        """The position of that door or drawer."""
-        return float(self.shot.joints[0, self.front])
-
-    def state(self, without: str | None = None):
-        """Returns the true state, except for the body `without`."""
-        state = self.core.privileged()[0]
-        poses = {name: pose for name, pose in state.world_from_body.items() if name != without}
-        return replace(state, target=self.target, world_from_body=poses)
-
-    def collision(self, without: str | None = None) -> ArmCollision:
-        """Returns the arm's collision model, with what is held; `without` leaves a body out."""
-        state = self.state(without)
-        return ArmCollision(state, held=state.held, cache=self.shapes)
-
-    def in_arm(self, points_m) -> np.ndarray:
-        """Returns world points (P, 3) in the arm's root frame."""
-        arm_from_world = invert_pose(self.state().world_from_base)
-        return np.asarray(points_m) @ arm_from_world[:3, :3].T + arm_from_world[:3, 3]
-
-    # Moving ------------------------------------------------------------------------------------
-
-    def act(self, target_rad=None, base=(0.0, 0.0)) -> None:
-        """Moves the arm to a pose (7,), the last one for None; nothing when the episode is over."""
-        if self.over:
-            return
-        if target_rad is not None:
-            self._target_rad = np.asarray(target_rad)
-        action = np.concatenate((self._target_rad, [self.gripper], base))
-        self._step(action[: self.env.action_space.shape[0]].astype(np.float32))
-
-    def drive(self, forward: float, turn: float) -> None:
-        """Moves the base at shares of its largest speeds."""
-        if self.env.action_space.shape:
-            self.act(base=(forward, turn))
-        elif not self.over:
-            gaps = np.linalg.norm(np.array(BASE_CELLS) - (forward, turn), axis=1)
-            self._step(int(gaps.argmin()))
-
-    def _step(self, action) -> None:
-        _, _, terminated, truncated, self.info = self.env.step(action)
-        self.steps += 1
-        self.over = bool(terminated) or bool(truncated)
-
-    def follow(self, path, share: float = 1.0) -> None:
-        """Moves the arm along poses (K, 7), no faster than a share of the time left demands."""
-        left = int((self.core.horizon_steps - self.steps - 10) * share)
-        for target in time_path_within(np.asarray(path), left, TimingConfig()):
-            self.act(target)
-        for _ in range(3):
-            self.act()
-
-    def relax(self, steps: int) -> None:
-        """Makes the present pose the commanded one."""
-        self.act(self.qpos)
-        for _ in range(steps - 1):
-            self.act()
-
-    def reaching(self, collision: ArmCollision, points_m, samples: int = SAMPLES) -> np.ndarray:
-        """Returns free arm poses (G, 7) with the hand at one of the world points (P, 3).
-
-        The nearest to the present pose comes first.
-        """
-        if not len(points_m):
-            return np.zeros((0, 7))
-        targets = self.in_arm(points_m)[self._rng.integers(len(points_m), size=samples)]
-        starts = self._rng.uniform(LOWER_RAD, UPPER_RAD, (samples, 7))
-        starts[: samples // 4] = self.qpos
-        found, reached = self.kinematics.solve(starts, targets, IkConfig())
-        found = found[reached]
-        found = found[np.argsort(np.linalg.norm(found - self.qpos, axis=1))]
-        for margin_m in GoalConfig().margins_m:
-            collision.set_margin(margin_m)
-            free = [pose for pose in found if collision.is_free(pose)]
-            if free:
-                return np.array(free)
-        return np.zeros((0, 7))
-
-    def move(self, collision: ArmCollision, goals, *, leaving: bool = False) -> bool:
-        """Plans to one of arm poses (G, 7) and goes there; whether there is a way.
-
-        `leaving` a tight place, the planner starts from the other end.
-        """
-        here = self.qpos
-        ends = [
-            Ends(open=goal, tight=here) if leaving else Ends(open=here, tight=goal)
-            for goal in apart(goals)
-        ]
-        for seed in range(TRIES if ends else 0):
-            path = plan_path(collision, self.kinematics, ends, seed, PLAN, 0.004).path
-            if path is not None:
-                self.follow(path[::-1] if leaving else path, 1.0 if leaving else 0.5)
-                return True
-        return False
-
-    def rest(self, without: str | None = None) -> bool:
-        """Brings the hand to rest; whether there is a way."""
-        collision = self.collision(without)
-        goals = sample_rest_goals(collision, self.kinematics, 0, GoalConfig()).goals
-        return self.move(collision, goals, leaving=True)
-
-    def line(self, pose_rad, way_m, collision: ArmCollision) -> np.ndarray:
-        """Returns arm poses (K, 7) along a straight way of the hand, a world vector (3,).
-
-        It ends where the arm cannot follow or touches something.
-        """
-        way = invert_pose(self.state().world_from_base)[:3, :3] @ np.asarray(way_m, dtype=float)
-        count = max(1, round(float(np.linalg.norm(way)) / LINE_STEP_M))
-        goal, poses = self.kinematics.ee_pose(pose_rad).copy(), [np.asarray(pose_rad)]
-        for _ in range(count):
-            goal[:3, 3] += way / count
-            pose = self.kinematics.track_pose(poses[-1], goal, steps=3, turn_weight_m=0.05)
-            missed_m = np.linalg.norm(self.kinematics.ee_pose(pose)[:3, 3] - goal[:3, 3])
-            if missed_m > 0.01 or not collision.is_free(pose):
-                break
-            poses.append(pose)
-        return np.array(poses)
-
-
-def apart(poses) -> list[np.ndarray]:
-    """Returns the first few arm poses (7,) that differ from one another."""
-    chosen: list[np.ndarray] = []
-    for pose in poses:
-        if all(np.abs(pose - other).max() > 0.3 for other in chosen):
-            chosen.append(pose)
-    return chosen[:4]
-
-
-def around(point_m, radius_m: float, count: int = 60) -> np.ndarray:
-    """Returns points (P, 3) on a sphere."""
-    directions = np.random.default_rng(0).normal(size=(count, 3))
-    return point_m + radius_m * directions / np.linalg.norm(directions, axis=1, keepdims=True)
-
+ARRIVED_M, ARRIVED_RAD = 0.12, 0.15
+STUCK_STEPS = 5
+STEP_M = BASE_LINEAR_SPEED_M_S / CONTROL_HZ
+STEP_RAD = BASE_ANGULAR_SPEED_RAD_S / CONTROL_HZ
 
 # Drawers ---------------------------------------------------------------------------------------
 
@@ -398,42 +192,42 @@ def navigate(robot: Robot) -> None:
     robot.drive(0.0, 0.0)
 
 
-def drive_to(robot: Robot, map_, goal, steps: int = 450) -> bool:
+def drive_to(robot: Robot, map_, goal, *, within_m: float = ARRIVED_M, steps: int = 450) -> bool:
     """Drives to a base pose (3,); whether it got there."""
-    goal = np.asarray(goal, dtype=float)
-    stuck = 0
+    goal, still = np.asarray(goal, dtype=float), 0
     for _ in range(steps):
         here = robot.base
         gap_m = float(np.linalg.norm(goal[:2] - here[:2]))
-        turn = _between(goal[2], here[2])
-        if robot.over or (gap_m < ARRIVED_M and abs(turn) < ARRIVED_RAD):
-            break
-        if gap_m < ARRIVED_M:
-            forward, turning = 0.0, turn / TURN_STEP_RAD
+        turn = between(goal[2], here[2])
+        if robot.over or (gap_m < within_m and abs(turn) < ARRIVED_RAD):
+            return not robot.over
+        if gap_m < within_m:
+            forward, turning = 0.0, turn / STEP_RAD
         else:
             forward, turning = _along(path_between(map_, here[:2], goal[:2]), here)
         robot.drive(forward, float(np.clip(turning, -1.0, 1.0)))
-        moved = robot.base - here
-        still = np.linalg.norm(moved[:2]) < 0.003 and abs(_between(moved[2], 0.0)) < 0.01
-        stuck = stuck + 1 if still else 0
-        if stuck >= STUCK_STEPS:
-            stuck = 0
+        way = robot.base - here
+        moves = np.linalg.norm(way[:2]) > 0.003 or abs(between(way[2], 0.0)) > 0.01
+        still = 0 if moves else still + 1
+        if still == STUCK_STEPS:
+            still = 0
             # The arm, which the map leaves out, has met something.
             for _ in range(8):
                 robot.drive(-0.5, 0.0)
-    return gap_m < ARRIVED_M
+    return False
 
 
 def _along(path: np.ndarray, here: np.ndarray) -> tuple[float, float]:
     """Returns forward and turning speed, as shares, towards the next point of a path (W, 2)."""
     lengths = np.linalg.norm(path - here[:2], axis=1)
     ahead = next((p for p, far in zip(path, lengths, strict=True) if far > 0.1), path[-1])
-    turn = _between(np.arctan2(*(ahead - here[:2])[::-1]), here[2])
+    turn = between(np.arctan2(*(ahead - here[:2])[::-1]), here[2])
     if abs(turn) > 0.3:
-        return 0.0, turn / TURN_STEP_RAD
-    return (1.0 if len(path) > 2 or lengths[-1] > 0.3 else 0.5), turn / TURN_STEP_RAD
+        return 0.0, turn / STEP_RAD
+    speed = 1.0 if len(path) > 2 else max(0.3, min(1.0, lengths[-1] / (4 * STEP_M)))
+    return speed, turn / STEP_RAD
 
 
-def _between(to_rad: float, from_rad: float) -> float:
+def between(to_rad: float, from_rad: float) -> float:
     """Returns the smallest turn [rad] from one heading to another."""
     return float((to_rad - from_rad + np.pi) % (2 * np.pi) - np.pi)

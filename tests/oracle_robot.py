@@ -14,7 +14,7 @@ from hab_spa.joint_goal import GoalConfig, sample_rest_goals
 from hab_spa.path import TimingConfig, time_path_within
 from hab_spa.shapes import invert_pose
 
-from hab_tasks.geometry import planar
+from hab_tasks.geometry import compose, inverse, planar, to_matrix
 from hab_tasks.robots.control import BASE_CELLS
 
 LET_GO, GRASP = -1.0, 1.0
@@ -94,6 +94,11 @@ class Robot:
         """The position of that door or drawer."""
         return float(self.shot.joints[0, self.front])
 
+    def ahead(self, way_m: float) -> np.ndarray:
+        """Returns a way (3,) straight out of that piece of furniture."""
+        yaw = float(self.world.goals.front[0, self.front, 2])
+        return way_m * np.array((np.cos(yaw), np.sin(yaw), 0.0))
+
     def state(self, without: str | None = None):
         """Returns the true state, except for the body `without`."""
         state = self.core.privileged()[0]
@@ -103,7 +108,7 @@ class Robot:
 
     def _moved(self, state, base: np.ndarray):
         """Returns a state with the robot, and what it holds, at another base pose (3,)."""
-        way = planar(*base) @ np.linalg.inv(planar(*self.base))
+        way = to_matrix(compose(planar(*base), inverse(planar(*self.base))))
         points = dict(state.object_com_m)
         if state.held:
             points[state.held] = (way @ np.append(points[state.held], 1.0))[:3]

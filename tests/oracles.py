@@ -48,9 +48,8 @@ def _slide_drawer(robot: Robot, to_m: float) -> None:
 
 
 def _slide_once(robot: Robot, way_m: float) -> bool:
-    yaw = float(robot.world.goals.front[0, robot.front, 2])
-    way = way_m * np.array([np.cos(yaw), np.sin(yaw), 0.0])
-    grasps, lines = _drawer_grasps(robot, way)
+    way = robot.ahead(way_m)
+    grasps, lines = drawer_grasps(robot, way)
     if not robot.move(robot.collision(), grasps):
         return False
     robot.gripper = GRASP
@@ -58,7 +57,7 @@ def _slide_once(robot: Robot, way_m: float) -> bool:
         robot.act()
     nearest = np.linalg.norm(grasps - robot.qpos, axis=1).argmin()
     robot.follow(lines[nearest])
-    robot.relax(3)
+    robot.relax(10)
     robot.gripper = LET_GO
     robot.relax(2)
     return True
@@ -70,7 +69,7 @@ def drawer_of(robot: Robot) -> str:
     return f"{handle.furniture_name}/{handle.link.name}"
 
 
-def _drawer_grasps(robot: Robot, way_m) -> tuple[np.ndarray, list[np.ndarray]]:
+def drawer_grasps(robot: Robot, way_m) -> tuple[np.ndarray, list[np.ndarray]]:
     """Returns arm poses (G, 7) that take a handle, and the lines (K, 7) that move it farthest."""
     still, moving = robot.collision(), robot.collision(without=drawer_of(robot))
     moving.set_margin(0.0)
@@ -150,7 +149,7 @@ def place(robot: Robot) -> None:
     """Brings what is held as low over its goal as it can, lets go, and rests."""
     for height_m in (0.0, 0.02, 0.04, 0.08, 0.12):
         collision = robot.collision()
-        if robot.move(collision, _drops(robot, collision, height_m)):
+        if robot.move(collision, drops(robot, collision, height_m, 5 * SAMPLES)):
             break
     robot.relax(4)
     robot.gripper = LET_GO
@@ -159,7 +158,9 @@ def place(robot: Robot) -> None:
     robot.rest(without=robot.target)
 
 
-def _drops(robot: Robot, collision: ArmCollision, height_m: float) -> np.ndarray:
+def drops(
+    robot: Robot, collision: ArmCollision, height_m: float, samples: int = SAMPLES
+) -> np.ndarray:
     """Returns free arm poses (G, 7) with what is held at its goal, or so much above.
 
     The most upright come first.
@@ -174,7 +175,7 @@ def _drops(robot: Robot, collision: ArmCollision, height_m: float) -> np.ndarray
     radius_m = float(np.linalg.norm(in_hand[:3]))
     points = around(over_m, max(radius_m, 0.02))
     found = []
-    for pose in robot.reaching(collision, points):
+    for pose in robot.reaching(collision, points, samples):
         hand = robot.kinematics.ee_pose(pose)
         missed = (hand @ in_hand)[:3] - goal
         if np.linalg.norm(missed[:2]) < 0.06 and 0 <= missed[2] + 0.03 < 0.08:

@@ -70,11 +70,12 @@ class FridgeRobot:
         steps: How many actions were carried out.
     """
 
-    def __init__(self, env) -> None:
-        self.env, self.core = env, env.unwrapped
+    def __init__(self, env, number: int = 0) -> None:
+        """Plays `env`; the fridge has this number among its doors and drawers."""
+        self.env, self.core, self._number = env, env.unwrapped, number
         self.steps, self.over, self.info, self.speed_rad = 0, False, {}, 0.0
         self._world, self._kinematics = self.core._world, ArmKinematics()
-        self._front = np.asarray(self._world.goals.front[0, 0], dtype=float)
+        self._front = np.asarray(self._world.goals.front[0, self._number], dtype=float)
         self.look()
         self.room = Room(self.core, self._front)
 
@@ -85,10 +86,10 @@ class FridgeRobot:
         self.base[2] -= self._front[2]
         self.base[:2] = self._local(np.append(self.base[:2], 0.0))[:2]
         self.hand_m = self._local(shot.ee_m[0])
-        self.handle_m = self._local(shot.handles_m[0, 0])
-        handle = world._grasp.handles[int(world.tracker.handles[0, 0])]
+        self.handle_m = self._local(shot.handles_m[0, self._number])
+        handle = world._grasp.handles[int(world.tracker.handles[0, self._number])]
         self.hinge_m = self._local(handle.link.pose.p[0])
-        self.joint_rad = float(shot.joints[0, 0])
+        self.joint_rad = float(shot.joints[0, self._number])
 
     def _local(self, point_m) -> np.ndarray:
         point = np.asarray(point_m, dtype=float).copy()

@@ -1,28 +1,27 @@
-"""Episodes that every test of an environment plays, and environments on them."""
-
-from dataclasses import replace
-from pathlib import Path
+"""Episodes that every test of an environment plays, made once, and environments on them."""
 
 import gymnasium as gym
 import pytest
 import torch
 
 from hab_tasks.envs import ENVS
-from hab_tasks.episodes.schema import read_episodes, write_episodes
+from hab_tasks.episodes import EpisodeRequest, open_source, write_episodes
 
 torch.set_num_threads(1)
-SHIPPED = Path(__file__).parents[2] / "assets" / "episodes"
-COUNT = 8
+COUNT, SEED = 8, 2024
 
 
 @pytest.fixture(scope="session")
 def episode_files(tmp_path_factory):
-    """Env id -> a file with the first `COUNT` episodes of the shipped evaluation set."""
+    """Env id -> a file of `COUNT` episodes in the apartment."""
     folder, files = tmp_path_factory.mktemp("episodes"), {}
-    for env_id in ENVS:
-        whole = read_episodes(SHIPPED / f"{env_id}.apartment.embedded.val.0.json.gz")
-        files[env_id] = folder / f"{env_id}.json"
-        write_episodes(replace(whole, episodes=whole.episodes[:COUNT]), files[env_id])
+    with pytest.MonkeyPatch.context() as patch:
+        # With an empty cache, so that nothing made by an older version is played.
+        patch.setenv("HAB_CACHE_DIR", str(folder / "cache"))
+        for env_id in ENVS:
+            files[env_id] = folder / f"{env_id}.json"
+            source = open_source(EpisodeRequest(env_id=env_id, seed=SEED))
+            write_episodes(source.to_set(COUNT), files[env_id])
     return files
 
 

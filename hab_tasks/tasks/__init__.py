@@ -1,1 +1,0 @@
-"""The three long tasks of the Home Assistant Benchmark."""

@@ -33,3 +33,6 @@ CAMERA_DEPTH_MAX_M = 10.0
 
 SKILL_HORIZON_STEPS = 200
 """Longest episode of every skill but Navigate (S H.2)."""
+
+NAVIGATE_HORIZON_STEPS = 500
+"""Longest episode of Navigate (S H.2)."""

@@ -6,8 +6,17 @@ from dataclasses import dataclass
 
 from mani_skill.utils.registration import register_env
 
-from hab_tasks.skills.base import SkillEnv
+from hab_tasks.skills.close_drawer import HabCloseDrawerEnv
+from hab_tasks.skills.close_fridge import HabCloseFridgeEnv
+from hab_tasks.skills.hab_env import HabEnv
+from hab_tasks.skills.navigate import HabNavigateEnv
+from hab_tasks.skills.open_drawer import HabOpenDrawerEnv
+from hab_tasks.skills.open_fridge import HabOpenFridgeEnv
 from hab_tasks.skills.pick import HabPickEnv
+from hab_tasks.skills.place import HabPlaceEnv
+from hab_tasks.tasks.prepare_groceries import HabPrepareGroceriesEnv
+from hab_tasks.tasks.set_table import HabSetTableEnv
+from hab_tasks.tasks.tidy_house import HabTidyHouseEnv
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -15,15 +24,27 @@ class EnvEntry:
     """One environment: its id, its class and the longest episode."""
 
     id: str
-    env: type[SkillEnv]
+    env: type[HabEnv]
     horizon_steps: int
 
 
-def _entry(env_id: str, env: type[SkillEnv]) -> EnvEntry:
-    return EnvEntry(id=env_id, env=env, horizon_steps=env.skill.horizon_steps)
+_CLASSES: tuple[type[HabEnv], ...] = (
+    HabPickEnv,
+    HabPlaceEnv,
+    HabOpenFridgeEnv,
+    HabCloseFridgeEnv,
+    HabOpenDrawerEnv,
+    HabCloseDrawerEnv,
+    HabNavigateEnv,
+    HabTidyHouseEnv,
+    HabPrepareGroceriesEnv,
+    HabSetTableEnv,
+)
 
-
-ENVS: dict[str, EnvEntry] = {entry.id: entry for entry in (_entry("HabPick-v1", HabPickEnv),)}
+ENVS: dict[str, EnvEntry] = {
+    env.default_id(): EnvEntry(id=env.default_id(), env=env, horizon_steps=env.horizon_steps)
+    for env in _CLASSES
+}
 
 for _env in ENVS.values():
     register_env(_env.id, max_episode_steps=_env.horizon_steps)(_env.env)

@@ -43,3 +43,11 @@ class RenderingUnavailableError(HabError):
 
 class ActionError(HabError, ValueError):
     """An action that is not finite or has the wrong shape."""
+
+
+class OptionError(HabError, ValueError):
+    """A value that an option of an environment does not take."""
+
+    def __init__(self, option: str, value: object, valid: str) -> None:
+        super().__init__(f"{option} is {value!r}; it has to be {valid}.")
+        self.option, self.value = option, value

@@ -6,51 +6,69 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
+import numpy as np
 import torch
 from torch import Tensor
 
+from hab_tasks.arrays import Rows, as_kind_of, cos, is_numpy, sin, stack
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, REST_POSITION_M
+from hab_tasks.goals import Goals
 from hab_tasks.measures import Measures
 from hab_tasks.snapshot import Snapshot
 
-
-@dataclass(frozen=True, kw_only=True)
-class Goals:
-    """What the episode asks for, batched.
-
-    Attributes:
-        object_start_m: (N, 3) where the target's centre of mass was when the episode began.
-    """
-
-    object_start_m: Tensor
-
-
-Reader = Callable[[Snapshot, Measures, Goals], Tensor]
+Reader = Callable[[Snapshot, Measures, Goals], Rows]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ObsEntry:
-    """One entry of the state observation."""
+    """One entry of the state observation.
+
+    Attributes:
+        name: Its key.
+        shape: Shape of one row.
+        unit: Its unit.
+        meaning: One line for tables.
+        read: (snapshot, measures, goals) -> (N, *shape) float32.
+        proprioceptive: The robot feels it; the others tell what is to be done.
+    """
 
     name: str
     shape: tuple[int, ...]
     unit: str
     meaning: str
     read: Reader
+    proprioceptive: bool = False
 
 
-def in_ee_frame(s: Snapshot, point_m: Tensor) -> Tensor:
+def in_ee_frame(s: Snapshot, point_m: Rows) -> Rows:
     """Maps a world point (N, 3) to the end-effector's frame (N, 3)."""
-    return torch.matmul((point_m - s.ee_m).unsqueeze(1), s.ee_axes).squeeze(1)
+    return ((point_m - s.ee_m)[:, None] @ s.ee_axes)[:, 0]
 
 
-def _rest_from_ee(s: Snapshot, m: Measures, g: Goals) -> Tensor:
-    return _rest(m.ee_in_base_m.device) - m.ee_in_base_m
+def in_base_frame(s: Snapshot, points_m: Rows) -> Rows:
+    """Maps world points (N, P, 3) to the base's frame (N, P, 3); heights stay."""
+    yaw = s.base[:, 2:]
+    cosine, sine = cos(yaw), sin(yaw)
+    x, y = points_m[:, :, 0] - s.base[:, :1], points_m[:, :, 1] - s.base[:, 1:2]
+    return stack((cosine * x + sine * y, cosine * y - sine * x, points_m[:, :, 2]), axis=2)
+
+
+def _rest_from_ee(s: Snapshot, m: Measures, g: Goals) -> Rows:
+    rest = _REST if is_numpy(m.ee_in_base_m) else _rest(m.ee_in_base_m.device)
+    return rest - m.ee_in_base_m
+
+
+_REST = np.array(REST_POSITION_M, dtype=np.float32)
 
 
 @lru_cache(maxsize=4)
 def _rest(device: torch.device) -> Tensor:
     return torch.tensor(REST_POSITION_M, device=device)
+
+
+def _is_holding(s: Snapshot, m: Measures, g: Goals) -> Rows:
+    holding = (s.held >= 0) | (s.held_handle >= 0)
+    return as_kind_of(holding, s.ee_m)[:, None]
 
 
 ARM_QPOS = ObsEntry(
@@ -59,6 +77,7 @@ ARM_QPOS = ObsEntry(
     unit="rad",
     meaning="arm joints, shoulder to wrist",
     read=lambda s, m, g: s.arm_qpos_rad,
+    proprioceptive=True,
 )
 EE_POSITION = ObsEntry(
     name="ee_position",
@@ -66,13 +85,15 @@ EE_POSITION = ObsEntry(
     unit="m",
     meaning="end-effector in the base frame",
     read=lambda s, m, g: m.ee_in_base_m,
+    proprioceptive=True,
 )
 IS_HOLDING = ObsEntry(
     name="is_holding",
     shape=(1,),
     unit="0 or 1",
     meaning="whether anything is in the hand",
-    read=lambda s, m, g: ((s.held >= 0) | (s.held_handle >= 0)).to(torch.float32)[:, None],
+    read=_is_holding,
+    proprioceptive=True,
 )
 REST_FROM_EE = ObsEntry(
     name="rest_from_ee",
@@ -80,14 +101,48 @@ REST_FROM_EE = ObsEntry(
     unit="m",
     meaning="from the end-effector to its resting position, base frame",
     read=_rest_from_ee,
+    proprioceptive=True,
 )
 OBJECT_START_IN_EE = ObsEntry(
     name="object_start_in_ee",
     shape=(3,),
     unit="m",
     meaning="the target's starting position in the end-effector's frame",
-    read=lambda s, m, g: in_ee_frame(s, g.object_start_m),
+    read=lambda s, m, g: in_ee_frame(s, g.starts_m[:, 0]),
 )
+OBJECT_GOAL_IN_EE = ObsEntry(
+    name="object_goal_in_ee",
+    shape=(3,),
+    unit="m",
+    meaning="the target's goal position in the end-effector's frame",
+    read=lambda s, m, g: in_ee_frame(s, g.goals_m[:, 0]),
+)
+POINT_IN_EE = ObsEntry(
+    name="point_in_ee",
+    shape=(3,),
+    unit="m",
+    meaning="start or goal of the object in question, in the end-effector's frame",
+    # Where an object is only to be taken, its goal is its start.
+    read=lambda s, m, g: in_ee_frame(s, g.goals_m[:, 0]),
+)
+PROPRIOCEPTION = (ARM_QPOS, EE_POSITION, IS_HOLDING, REST_FROM_EE)
+
+
+def targets_in_base(objects: int) -> ObsEntry:
+    """Returns the entry that specifies a task: starts and goals of its objects (S H.3)."""
+
+    def read(s: Snapshot, m: Measures, g: Goals) -> Rows:
+        count, objects = g.starts_m.shape[:2]
+        pairs = stack((g.starts_m, g.goals_m), axis=2).reshape(count, 2 * objects, 3)
+        return in_base_frame(s, pairs).reshape(count, 6 * objects)
+
+    return ObsEntry(
+        name="targets_in_base",
+        shape=(6 * objects,),
+        unit="m",
+        meaning="start and goal of each object in turn, in the base frame",
+        read=read,
+    )
 
 
 def scale_depth(depth_mm: Tensor) -> Tensor:

@@ -7,13 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import sapien
 import torch
 from torch import Tensor
 
+from hab_tasks.arrays import Rows, cos, sin, stack
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.robots.fetch_spec import EE_OFFSET_M
-from hab_tasks.robots.grasp import SnapGrasp
+from hab_tasks.robots.grasp import Handle, SnapGrasp
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,27 +28,31 @@ class Snapshot:
         ee_m: (N, 3) end-effector point in the world.
         ee_in_base_m: (N, 3) the same point in the base frame.
         ee_axes: (N, 3, 3) axes of the gripper in the world, as columns.
-        object_m: (N, 3) centre of mass of the target object in the world.
+        objects_m: (N, K, 3) centres of mass of the objects to rearrange, in the world.
+        handles_m: (N, J, 3) handles of the doors and drawers that are asked about, in the world.
+        joints: (N, J) position of their joints [m or rad].
         held: (N,) index of the held object, -1 where none.
         held_handle: (N,) index of the held handle, -1 where none.
         lost: (N,) whether the held object was pulled out of the hand in this step.
         force_n: (N,) contact force on the robot, mean over the control step (see `ContactForce`).
     """
 
-    arm_qpos_rad: Tensor
-    base: Tensor
-    ee_m: Tensor
-    ee_in_base_m: Tensor
-    ee_axes: Tensor
-    object_m: Tensor
-    held: Tensor
-    held_handle: Tensor
-    lost: Tensor
-    force_n: Tensor
+    arm_qpos_rad: Rows
+    base: Rows
+    ee_m: Rows
+    ee_in_base_m: Rows
+    ee_axes: Rows
+    objects_m: Rows
+    handles_m: Rows
+    joints: Rows
+    held: Rows
+    held_handle: Rows
+    lost: Rows
+    force_n: Rows
 
 
 class SnapshotReader:
-    """Reads a `Snapshot` for the present targets."""
+    """Reads a `Snapshot` of the robot, and of the objects and handles that are asked about."""
 
     def __init__(self, agent: HabFetch, grasp: SnapGrasp) -> None:
         self._agent, self._grasp = agent, grasp
@@ -55,61 +61,113 @@ class SnapshotReader:
         self._ee_link = agent.ee_link._objs[0]
         self._joints = agent.arm_index.tolist() + agent.base_index.tolist()
         self._bodies = [(a._bodies[0], a._bodies[0].cmass_local_pose) for a in grasp.objects]
+        self._fronts = [_FrontReader(handle) for handle in grasp.handles]
 
-    def read(self, target: Tensor, force_n: Tensor) -> Snapshot:
-        """Reads all rows; `target` (N,) indexes the grasp's objects."""
-        numbers = self._read_cpu(int(target)) if self._on_cpu else self._read_batch(target)
-        arm, base, ee, ee_in_base, axes, target_m = numbers
-        grasp = self._grasp
+    def read(self, targets: Rows, handles: Rows, force_n: Rows) -> Snapshot:
+        """Reads all rows.
+
+        Args:
+            targets: (N, K) indices of the grasp's objects.
+            handles: (N, J) indices of the grasp's handles.
+            force_n: (N,) contact force of the step.
+        """
+        if self._on_cpu:
+            numbers = self._read_cpu(targets[0].tolist(), handles[0].tolist())
+        else:
+            numbers = self._read_batch(targets, handles)
+        arm, base, ee, ee_in_base, axes, objects_m, handles_m, joints = numbers
+        held, held_handle, lost = self._grasp.held, self._grasp.held_handle, self._grasp.lost
+        if self._on_cpu:
+            held, held_handle, lost = held.numpy(), held_handle.numpy(), lost.numpy()
         return Snapshot(
             arm_qpos_rad=arm,
             base=base,
             ee_m=ee,
             ee_in_base_m=ee_in_base,
             ee_axes=axes,
-            object_m=target_m,
-            held=grasp.held,
-            held_handle=grasp.held_handle,
-            lost=grasp.lost,
+            objects_m=objects_m,
+            handles_m=handles_m,
+            joints=joints,
+            held=held,
+            held_handle=held_handle,
+            lost=lost,
             force_n=force_n,
         )
 
-    def _read_cpu(self, target: int) -> tuple[Tensor, ...]:
+    def _read_cpu(self, targets: list[int], handles: list[int]) -> tuple[Rows, ...]:
         qpos = self._robot.get_qpos()
         matrix = self._ee_link.entity_pose.to_transformation_matrix()
-        body, com = self._bodies[target]
-        raw = np.empty((1, 28), dtype=np.float32)
+        objects, fronts = len(targets), len(handles)
+        raw = np.empty((1, 25 + 3 * objects + 4 * fronts), dtype=np.float32)
         now = raw[0]
         now[:10] = qpos[self._joints]
         now[10:13] = matrix[:3, 3] + EE_OFFSET_M * matrix[:3, 0]
         now[13:22] = matrix[:3, :3].reshape(-1)
-        now[22:25] = (body.entity_pose * com).p
         base_x, base_y, yaw = now[7:10].tolist()
         ee_x, ee_y, ee_z = now[10:13].tolist()
         x, y, cosine, sine = ee_x - base_x, ee_y - base_y, math.cos(yaw), math.sin(yaw)
-        now[25:] = cosine * x + sine * y, cosine * y - sine * x, ee_z
-        arm, base, ee, axes, point, ee_in_base = torch.from_numpy(raw).split_with_sizes(
-            (7, 3, 3, 9, 3, 3), dim=1
-        )
-        return arm, base, ee, ee_in_base, axes.view(1, 3, 3), point
+        now[22:25] = cosine * x + sine * y, cosine * y - sine * x, ee_z
+        at = 25
+        for index in targets:
+            body, com = self._bodies[index]
+            now[at : at + 3] = (body.entity_pose * com).p
+            at += 3
+        for number, index in enumerate(handles):
+            now[at : at + 3] = self._fronts[index].handle_m()
+            now[number - fronts] = self._fronts[index].joint()
+            at += 3
+        ends = 25 + 3 * objects, 25 + 3 * (objects + fronts)
+        points = raw[:, 25 : ends[0]].reshape(1, objects, 3)
+        grips = raw[:, ends[0] : ends[1]].reshape(1, fronts, 3)
+        axes = raw[:, 13:22].reshape(1, 3, 3)
+        arm, base, ee, ee_in_base = raw[:, :7], raw[:, 7:10], raw[:, 10:13], raw[:, 22:25]
+        return arm, base, ee, ee_in_base, axes, points, grips, raw[:, ends[1] :]
 
-    def _read_batch(self, target: Tensor) -> tuple[Tensor, ...]:
-        agent = self._agent
+    def _read_batch(self, targets: Tensor, handles: Tensor) -> tuple[Tensor, ...]:
+        agent, grasp = self._agent, self._grasp
         qpos = agent.robot.get_qpos()
         axes = agent.ee_link.pose.to_transformation_matrix()[:, :3, :3]
         ee = agent.ee_link.pose.p + EE_OFFSET_M * axes[:, :, 0]
-        points = self._grasp.objects_com_m()
-        target_m = points[torch.arange(len(points), device=points.device), target]
+        rows = torch.arange(len(qpos), device=qpos.device)[:, None]
         base = qpos[:, agent.base_index]
-        return qpos[:, agent.arm_index], base, ee, world_to_base(base, ee), axes, target_m
+        points = grasp.objects_com_m()[rows, targets]
+        grips, joints = base.new_zeros(*handles.shape, 3), base.new_zeros(*handles.shape)
+        for index in torch.unique(handles).tolist():
+            here = handles == index
+            grips = torch.where(here[..., None], grasp.handle_position_m(index)[:, None], grips)
+            joints = torch.where(here, self._fronts[index].batch_joint()[:, None], joints)
+        in_base = world_to_base(base, ee)
+        return qpos[:, agent.arm_index], base, ee, in_base, axes, points, grips, joints
 
 
-def world_to_base(base: Tensor, points_m: Tensor) -> Tensor:
+class _FrontReader:
+    """Reads the handle and the joint of a door or drawer."""
+
+    def __init__(self, handle: Handle) -> None:
+        self._link, self._offset = handle.link._objs[0], sapien.Pose(list(handle.offset_m))
+        self._furniture = handle.furniture
+        self._robot = handle.furniture._objs[0]
+        self._column = handle.column
+
+    def handle_m(self) -> Any:
+        """Returns the handle (3,) in the world; CPU simulation."""
+        return (self._link.entity_pose * self._offset).p
+
+    def joint(self) -> float:
+        """Returns the joint's position [m or rad]; CPU simulation."""
+        return float(self._robot.qpos[self._column])
+
+    def batch_joint(self) -> Tensor:
+        """Returns the joint's positions (N,) [m or rad]."""
+        return self._furniture.get_qpos()[:, self._column]
+
+
+def world_to_base(base: Rows, points_m: Rows) -> Rows:
     """Maps world points (N, 3) to the base frames (N, 3: x, y, yaw); heights stay."""
     offset = points_m[:, :2] - base[:, :2]
-    cosine, sine = torch.cos(base[:, 2]), torch.sin(base[:, 2])
+    cosine, sine = cos(base[:, 2]), sin(base[:, 2])
     x, y = offset[:, 0], offset[:, 1]
-    return torch.stack((cosine * x + sine * y, cosine * y - sine * x, points_m[:, 2]), dim=1)
+    return stack((cosine * x + sine * y, cosine * y - sine * x, points_m[:, 2]), axis=1)
 
 
 class ContactForce:
@@ -143,10 +201,10 @@ class ContactForce:
         if contacts:
             self._add_contacts(contacts)
 
-    def newton(self) -> Tensor:
+    def newton(self) -> Rows:
         """Returns the mean force (N,) [N] since `clear`."""
         if self._on_cpu:
-            return torch.full((1,), self._cpu_impulse_n_s * CONTROL_HZ)
+            return np.array([self._cpu_impulse_n_s * CONTROL_HZ], dtype=np.float32)
         return self._impulse_n_s * CONTROL_HZ
 
     def _add_contacts(self, contacts: list[Any]) -> None:

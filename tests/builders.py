@@ -3,7 +3,11 @@
 import json
 import math
 from collections.abc import Callable
+from dataclasses import fields, replace
+from functools import reduce
+from operator import or_
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import sapien
@@ -14,10 +18,14 @@ from mani_skill.envs.utils.system.backend import parse_sim_and_render_backend
 from mani_skill.utils.structs import Actor
 from mani_skill.utils.structs.types import SimConfig
 
+from hab_tasks.arrays import Rows, norm
 from hab_tasks.episodes import Episode
-from hab_tasks.measures import Measures
+from hab_tasks.goals import Goals
+from hab_tasks.measures import MEANINGS, Measures
+from hab_tasks.rewards import total
 from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.scenes.collision_groups import MOVING, set_groups
+from hab_tasks.skills.base import Skill
 from hab_tasks.snapshot import Snapshot, world_to_base
 
 TABLE_SIZE_M = (1.0, 0.8, 0.6)
@@ -146,41 +154,80 @@ def start_fetch(agent: HabFetch) -> None:
     agent.controller.reset()
 
 
-def snapshot(count: int = 1, **values: torch.Tensor) -> Snapshot:
+def snapshot(
+    count: int = 1, *, objects: int = 1, fronts: int = 0, **values: torch.Tensor
+) -> Snapshot:
     """A snapshot of `count` rows at the origin with nothing held, except for `values`."""
-    zeros = torch.zeros(count)
     nothing = torch.full((count,), -1, dtype=torch.long)
     raw = {
         "arm_qpos_rad": torch.zeros(count, 7),
         "base": torch.zeros(count, 3),
         "ee_m": torch.zeros(count, 3),
         "ee_axes": torch.eye(3).expand(count, 3, 3),
-        "object_m": torch.zeros(count, 3),
+        "objects_m": torch.zeros(count, objects, 3),
+        "handles_m": torch.zeros(count, fronts, 3),
+        "joints": torch.zeros(count, fronts),
         "held": nothing,
         "held_handle": nothing.clone(),
         "lost": torch.zeros(count, dtype=torch.bool),
-        "force_n": zeros,
+        "force_n": torch.zeros(count),
     }
     raw |= values
     return Snapshot(**{"ee_in_base_m": world_to_base(raw["base"], raw["ee_m"]), **raw})
 
 
+def row(*values: float) -> torch.Tensor:
+    """One value for each row, (N,)."""
+    return torch.tensor(values)
+
+
 def measures(count: int = 1, **values: torch.Tensor) -> Measures:
     """Measures of `count` rows that are all zero or False, except for `values`."""
     zeros, never = torch.zeros(count), torch.zeros(count, dtype=torch.bool)
-    raw = dict.fromkeys(
-        (
-            "ee_to_object_m",
-            "ee_to_rest_m",
-            "ee_to_object_decrease_m",
-            "ee_to_rest_decrease_m",
-            "force_n",
-            "force_total_n",
-        ),
-        zeros,
-    )
-    raw |= dict.fromkeys(("holding_target", "holding_other", "picked_now", "dropped_now"), never)
-    return Measures(**{**raw, "ee_in_base_m": torch.zeros(count, 3), **values})
+    raw = {name: never if unit == "bool" else zeros for name, (unit, _) in MEANINGS.items()}
+    points = {"ee_in_base_m": torch.zeros(count, 3), "base_m": torch.zeros(count, 2)}
+    return Measures(**{**raw, **points, **values})
+
+
+class Judged(NamedTuple):
+    """What a skill says of N rows."""
+
+    success: torch.Tensor
+    failures: dict[str, torch.Tensor]
+    terms: dict[str, torch.Tensor]
+    reward: torch.Tensor
+    scores: dict[str, torch.Tensor]
+
+
+def judge(skill: Skill, m: Measures, s: Snapshot | None = None, g: Goals | None = None) -> Judged:
+    """What a skill says of a moment, as an environment asks it; tensors and arrays must agree."""
+    count, fronts = len(m.force_n), len(skill.needs.fronts)
+    s = s or snapshot(count, fronts=fronts)
+    g = g or Goals.empty(count, 1, fronts, "cpu")
+    found = _judged(skill, s, m, g)
+    again = _judged(skill, as_arrays(s), as_arrays(m), as_arrays(g))
+    assert same(found._asdict(), again._asdict(), 1e-5)
+    return found
+
+
+def _judged(skill: Skill, s: Snapshot, m: Measures, g: Goals) -> Judged:
+    failures = skill.failures(s, m, g, skill.config)
+    reached = skill.success(s, m, g, skill.config)
+    success = reached & ~reduce(or_, failures.values(), reached & False)
+    terms = skill.reward_terms(s, m, g, skill.config, {"success": success, **failures})
+    return Judged(success, failures, terms, total(terms), skill.scores(m, success))
+
+
+def as_arrays(x: Any) -> Any:
+    """The same snapshot, measures or goals with numpy arrays, as the CPU simulation has them."""
+    return replace(x, **{f.name: getattr(x, f.name).numpy() for f in fields(x)})
+
+
+class StraightWays:
+    """Ways of the base on an empty floor: every row has to go to the origin."""
+
+    def distance_m(self, base_m: Rows) -> Rows:
+        return norm(base_m)
 
 
 def same(a: object, b: object, atol: float = 0.0) -> bool:
@@ -207,8 +254,15 @@ def first_episode(env: object, accept: Callable[[Episode], bool]) -> int:
     return next(i for i in range(source.available) if accept(source.get(i)))
 
 
+def ee_action(env: object, arm: np.ndarray, gripper: float) -> np.ndarray:
+    """An action of ``ee`` or ``ee_base``, the base standing still."""
+    action = np.zeros(env.unwrapped.single_action_space.shape, dtype=np.float32)
+    action[:3], action[3] = arm, gripper
+    return action
+
+
 def reach(env: object, point_m: np.ndarray, gripper: float, *, steps: int, within_m: float) -> list:
-    """Drives the end-effector (``ee`` mode) in a straight line to a world point.
+    """Drives the end-effector (``ee``, ``ee_base``) in a straight line to a world point.
 
     Returns:
         The results of the steps; ends within `within_m` of the point, or with the episode.
@@ -216,12 +270,11 @@ def reach(env: object, point_m: np.ndarray, gripper: float, *, steps: int, withi
     base, results = env.unwrapped, []
     for _ in range(steps):
         shot = base._world.snapshot
-        gap = world_to_base(shot.base, torch.as_tensor(point_m, dtype=torch.float32)[None])
-        gap = (gap - shot.ee_in_base_m)[0].numpy()
+        gap = world_to_base(np.asarray(shot.base), np.asarray(point_m, dtype=np.float32)[None])
+        gap = (gap - np.asarray(shot.ee_in_base_m))[0]
         if np.linalg.norm(gap) < within_m:
             break
-        action = np.append(np.clip(gap / 0.015, -1, 1), gripper).astype(np.float32)
-        results.append(env.step(action))
+        results.append(env.step(ee_action(env, np.clip(gap / 0.015, -1, 1), gripper)))
         if results[-1][2] or results[-1][3]:
             break
     return results
@@ -238,8 +291,8 @@ def go_above_and_grasp(env: object, name: str, *, gripper: float = 1.0) -> list:
     for height in np.arange(0.25, 0.0, -0.01):
         point = np.add(target, (0.0, 0.0, height))
         results += reach(env, point, -1.0, steps=5, within_m=0.015)
-        ee = base._world.snapshot.ee_m[0].numpy()
+        ee = np.asarray(base._world.snapshot.ee_m)[0]
         if np.linalg.norm(ee - base.privileged()[0].object_com_m[name]) < 0.13:
             break
-    results.append(env.step(np.array([0, 0, 0, gripper], dtype=np.float32)))
+    results.append(env.step(ee_action(env, np.zeros(3), gripper)))
     return results

@@ -1,6 +1,9 @@
 """What the READMEs say is so: their Python runs; their commands, targets, links and ids exist."""
 
+import ast
+import dataclasses
 import functools
+import inspect
 import os
 import re
 import subprocess
@@ -18,9 +21,12 @@ PAGES = sorted(
         ROOT / "CONTRIBUTING.md",
         *ROOT.glob("*/README.md"),
         *ROOT.glob("*/*/README.md"),
+        *ROOT.glob("docs/*.md"),
     )
     if p.is_file()
 )
+
+ENV_IDS = re.findall(r"^\| `(Hab\w+-v\d+)`", README, flags=re.MULTILINE)
 
 
 def blocks(text: str, language: str) -> list[str]:
@@ -84,14 +90,103 @@ def test_make_targets_exist(page):
     assert named <= targets
 
 
-def test_readme_lists_every_environment():
+def test_readme_lists_every_environment_with_task_and_horizon():
     import gymnasium
 
-    import hab_tasks  # noqa: F401  # registers
+    from hab_tasks.commands.docs import task_sentence
+    from hab_tasks.envs import ENVS
 
     registered = {name for name in gymnasium.registry if re.fullmatch(r"Hab\w+-v\d+", name)}
-    listed = set(re.findall(r"^\| `(Hab\w+-v\d+)`", README, flags=re.MULTILINE))
-    assert listed == registered
+    assert set(ENVS) == registered
+    rows = re.findall(r"^\| `(Hab\w+-v\d+)` \| (.+) \| (\d+) steps \|$", README, flags=re.MULTILINE)
+    told = {name: (task, int(steps)) for name, task, steps in rows}
+    assert told == {e.id: (task_sentence(e.env), e.horizon_steps) for e in ENVS.values()}
+
+
+def test_readme_lists_every_option_with_its_default():
+    from hab_tasks.skills.hab_env import HabEnv
+
+    section = README.partition("\n## Environments")[2].partition("\n## ")[0]
+    rows = re.findall(r"^\| `(\w+)` \| `(.+?)` \|", section, flags=re.MULTILINE)
+    options = {
+        name: parameter.default
+        for name, parameter in inspect.signature(HabEnv.__init__).parameters.items()
+        if parameter.kind is parameter.KEYWORD_ONLY and name != "num_envs"
+    }
+    told = {name: ast.literal_eval(default) for name, default in rows}
+    assert told.pop("camera_hfov_rad") == round(options.pop("camera_hfov_rad"), 3)
+    assert told == options
+
+
+def test_readme_lists_every_command():
+    from hab_tasks.commands import COMMANDS
+
+    listed = re.findall(r"^\| `hab-tasks (\w+)` \|", README, flags=re.MULTILINE)
+    assert sorted(listed) == sorted(COMMANDS)
+
+
+def test_the_page_of_environments_is_what_is_generated():
+    from hab_tasks.commands.docs import PAGE, page
+
+    text = (ROOT / "docs" / PAGE).read_text(encoding="utf-8")
+    assert text == page(), "run: hab-tasks docs --out docs --force"
+
+
+def test_the_page_says_everything_of_an_environment():
+    from hab_tasks.commands.docs import page
+    from hab_tasks.envs import ENVS
+
+    sections = re.split(r"^## ", page(), flags=re.MULTILINE)[1:]
+    assert [section.split("\n", 1)[0] for section in sections] == list(ENVS)
+    for section, entry in zip(sections, ENVS.values(), strict=True):
+        for name in ("Start", "Observation", "Action", "Reward", "Success", "Failure", "Measures"):
+            assert re.search(rf"^\*\*{name}\*\*", section, flags=re.MULTILINE), (entry.id, name)
+        said = re.search(r"^\*\*Horizon\*\*: ([\d,]+) steps", section, flags=re.MULTILINE)[1]
+        assert int(said.replace(",", "")) == entry.horizon_steps
+        for mode in entry.env.control_modes:
+            assert f"| `{mode}` |" in section
+        for item in entry.env.observation:
+            assert f"| `{item.name}` | {'x'.join(map(str, item.shape))} | {item.unit} |" in section
+        # Each observation table of a docstring is the class's own list.
+        table = re.findall(r"^    (\w+) +(\d+) ", entry.env.__doc__, flags=re.MULTILINE)
+        assert dict(table) == {e.name: str(*e.shape) for e in entry.env.observation}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("env_id", ENV_IDS)
+def test_the_page_names_what_info_holds(env_id):
+    import gymnasium
+
+    from hab_tasks.commands.docs import measures_of
+    from hab_tasks.envs import ENVS
+
+    env = gymnasium.make(env_id, obs_mode="state")
+    _, info = env.reset(seed=0)
+    assert list(info["measures"]) == list(measures_of(ENVS[env_id].env))
+    weights = getattr(getattr(env.unwrapped, "skill", None), "config", None)
+    if weights is not None:
+        # Each term has a weight or shares that of the distance.
+        shared = {"approach", "retract"}
+        names = {f.name for f in dataclasses.fields(weights.weights)}
+        terms = {term.partition("_object")[0] for term in info["reward_terms"]} - shared
+        assert terms <= names
+    env.close()
+
+
+@pytest.mark.parametrize("name", ["notation.md", "deviations.md"])
+def test_pages_name_files_and_fields_that_exist(name):
+    from hab_tasks.goals import Goals
+    from hab_tasks.measures import MEANINGS
+
+    text = (ROOT / "docs" / name).read_text(encoding="utf-8")
+    files = set(re.findall(r"`((?:\w+/)*\w*\.py|(?:\w+/)+)`", text))
+    assert files
+    assert not [f for f in files if not (ROOT / "hab_tasks" / f).exists()]
+    assert set(re.findall(r"Measures\.(\w+)", text)) <= set(MEANINGS)
+    assert set(re.findall(r"Goals\.(\w+)", text)) <= {f.name for f in dataclasses.fields(Goals)}
+    for line in text.splitlines():
+        if line.startswith("| ") and name == "deviations.md":
+            assert line.count(" | ") == 3, line
 
 
 @pytest.mark.slow

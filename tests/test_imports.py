@@ -12,8 +12,9 @@ ROOT = Path(__file__).parents[1]
 
 # A module of hab_tasks may import from its own row and the rows above. A new one needs a row.
 ORDER = [
-    {"constants", "errors", "agent", "privileged", "assets"},
-    {"geometry", "rendering", "options", "processes"},
+    {"constants", "errors", "agent", "privileged", "assets", "arrays"},
+    {"fronts", "goals"},
+    {"geometry", "rendering", "options", "processes", "noise"},
     {"scenes"},
     {"navigation", "robots", "pipeline"},
     {"episodes"},
@@ -21,6 +22,7 @@ ORDER = [
     {"snapshot"},
     {"measures", "rewards", "sensors"},
     {"skills"},
+    {"tasks"},
     {"envs"},
     {"__init__"},
     {"commands"},

@@ -1,4 +1,4 @@
-"""Our side of the benchmarks: HabPick-v1 in a scene of the real ReplicaCAD."""
+"""Our side of the benchmarks: one of our environments in a scene of the real ReplicaCAD."""
 
 from __future__ import annotations
 
@@ -9,20 +9,25 @@ from typing import Any
 
 import gymnasium as gym
 import torch
+from torch import Tensor
 
-from hab_eval.bench_process import Side, StepTiming, arm_steps_m, time_steps
+from hab_eval.bench_motion import Motion
+from hab_eval.bench_process import Side, StepTiming, time_steps
 from hab_tasks.constants import EE_STEP_M, REST_POSITION_M
+from hab_tasks.envs import ENVS
 from hab_tasks.episodes import Episode, EpisodeRequest, load_episodes
+from hab_tasks.robots.fetch_spec import BASE_ANGULAR_SPEED_RAD_S, BASE_LINEAR_SPEED_M_S
 
-ENV_ID = "HabPick-v1"
-CONTROL = "ee"
+CONTROLS = ("ee", "ee_base", "base")
+"""The first of these that an environment knows is measured."""
+
 EPISODES_IN_SCENE = 2
 """A soft reset goes to another episode of the same scene, so there must be two."""
 
 EPISODES_TO_CHOOSE_FROM = 8
 
-RELEASE = -1.0
-"""Gripper entry that grasps nothing."""
+RELEASE, HOLD = -1.0, 1.0
+"""Gripper entries: nothing is grasped, and what starts in the hand stays there."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,58 +35,79 @@ class OursFactory:
     """Makes our environment in its process.
 
     Attributes:
+        env_id: Which one.
         scene_dataset: The ReplicaCAD folder.
         objects: A YCB folder, None for the shipped objects.
         scenes: Scene ids; the first is where steps and soft resets are measured.
         obs_mode: ManiSkill observation mode.
         render_backend: ``none``, or ``cpu`` where images are measured.
+        episodes: What is played in the first scene; empty for generated episodes.
     """
 
+    env_id: str
     scene_dataset: str
     objects: str | None
     scenes: tuple[str, ...]
-    obs_mode: str
-    render_backend: str
+    obs_mode: str = "state_dict"
+    render_backend: str = "none"
+    episodes: tuple[Episode, ...] = ()
 
     def __call__(self) -> Side:
         """Builds the environment."""
         return Ours(self)
+
+    def make_env(self) -> Any:
+        """Makes the environment alone."""
+        return gym.make(
+            f"hab_tasks:{self.env_id}",
+            num_envs=1,
+            scene_dataset=self.scene_dataset,
+            objects=self.objects,
+            # One scene: its loose objects start where they settled when its episodes were made.
+            scene=self.scenes[0] if len(self.scenes) == 1 else None,
+            obs_mode=self.obs_mode,
+            control_mode=control_of(self.env_id),
+            reward_mode="dense",
+            render_backend=self.render_backend,
+        )
+
+    def episodes_in(self, scene: str) -> tuple[Episode, ...]:
+        """Returns the episodes of one scene whose hand starts farthest from any object.
+
+        The reference's robot stands in the middle of the room; the motions of a benchmark should
+        push nothing over here either.
+        """
+        if self.episodes:
+            return self.episodes
+        request = EpisodeRequest(
+            env_id=self.env_id, scene_dataset=self.scene_dataset, objects=self.objects, scene=scene
+        )
+        episodes = load_episodes(request, EPISODES_TO_CHOOSE_FROM).episodes
+        return tuple(sorted(episodes, key=_clearance_m, reverse=True)[:EPISODES_IN_SCENE])
 
 
 class Ours:
     """Our environment behind the `Side` protocol."""
 
     def __init__(self, factory: OursFactory) -> None:
-        self._episodes = [_episodes_in(factory, scene) for scene in factory.scenes]
+        self._episodes = [factory.episodes_in(scene) for scene in factory.scenes]
+        self._control = control_of(factory.env_id)
         self._scene = 0
         self._episode = 0
-        self._env: Any = gym.make(
-            f"hab_tasks:{ENV_ID}",
-            num_envs=1,
-            scene_dataset=factory.scene_dataset,
-            objects=factory.objects,
-            # One scene: its loose objects start where they settled when its episodes were made.
-            scene=factory.scenes[0] if len(factory.scenes) == 1 else None,
-            obs_mode=factory.obs_mode,
-            control_mode=CONTROL,
-            reward_mode="dense",
-            render_backend=factory.render_backend,
-        )
+        self._env = factory.make_env()
         self._reset(reconfigure=True)
 
-    def run_steps(self, count: int, seed: int) -> StepTiming:
+    def run_steps(self, motion: Motion) -> StepTiming:
         """See `Side`."""
         self._reset(reconfigure=False)
-        actions = torch.zeros(count, self._env.action_space.shape[-1])
-        actions[:, :3] = arm_steps_m(count, seed) / EE_STEP_M
-        actions[:, 3] = RELEASE
-        idle = torch.zeros_like(actions[0])
-        idle[3] = RELEASE
-        return time_steps(self._env, idle, actions)
+        episode = self._episodes[self._scene][self._episode]
+        still = Motion(count=1, seed=0, arm=False)
+        idle = our_actions(self._control, still, episode)[0]
+        return time_steps(self._env, idle, our_actions(self._control, motion, episode))
 
     def soft_reset(self) -> float:
         """See `Side`."""
-        self._episode = (self._episode + 1) % EPISODES_IN_SCENE
+        self._episode = (self._episode + 1) % len(self._episodes[self._scene])
         return self._reset(reconfigure=False)
 
     def other_layout(self) -> float:
@@ -106,17 +132,28 @@ class Ours:
         return time.perf_counter() - started
 
 
-def _episodes_in(factory: OursFactory, scene: str) -> tuple[Episode, ...]:
-    """Returns the episodes of one scene whose hand starts farthest from any object.
+def control_of(env_id: str) -> str:
+    """Returns the control mode in which an environment is measured."""
+    modes = ENVS[env_id].env.control_modes
+    return next(mode for mode in CONTROLS if mode in modes)
 
-    The reference's robot stands in the middle of the room; the motions of a benchmark should push
-    nothing over here either.
-    """
-    request = EpisodeRequest(
-        env_id=ENV_ID, scene_dataset=factory.scene_dataset, objects=factory.objects, scene=scene
-    )
-    episodes = load_episodes(request, EPISODES_TO_CHOOSE_FROM).episodes
-    return tuple(sorted(episodes, key=_clearance_m, reverse=True)[:EPISODES_IN_SCENE])
+
+def motion_of(control: str, count: int, seed: int) -> Motion:
+    """Returns motions of whatever a control mode moves."""
+    arm, base = control.startswith("ee"), control.endswith("base")
+    return Motion(count=count, seed=seed, arm=arm, base=base)
+
+
+def our_actions(control: str, motion: Motion, episode: Episode) -> Tensor:
+    """Returns the actions (count, A) of a motion; what starts in the hand stays there."""
+    parts = []
+    if control.startswith("ee"):
+        gripper = RELEASE if episode.held is None else HOLD
+        parts += [motion.arm_steps_m() / EE_STEP_M, torch.full((motion.count, 1), gripper)]
+    if control.endswith("base"):
+        largest = torch.tensor([BASE_LINEAR_SPEED_M_S, BASE_ANGULAR_SPEED_RAD_S])
+        parts.append(motion.base_speeds() / largest)
+    return torch.cat(parts, dim=1)
 
 
 def _clearance_m(episode: Episode) -> float:
@@ -128,5 +165,6 @@ def _clearance_m(episode: Episode) -> float:
         y + ahead * math.sin(yaw) + left * math.cos(yaw),
         height,
     )
-    poses = [*episode.objects.values(), *episode.loose.values()]
-    return min(math.dist(hand, pose[:3]) for pose in poses)
+    objects = [pose for name, pose in episode.objects.items() if name != episode.held]
+    poses = [*objects, *episode.loose.values()]
+    return min((math.dist(hand, pose[:3]) for pose in poses), default=math.inf)

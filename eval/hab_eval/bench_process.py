@@ -1,4 +1,4 @@
-"""What both sides of a benchmark share: a process of its own, the timed loop and its actions.
+"""What both sides of a benchmark share: a process of its own and the timed loop.
 
 Ours and the reference each live in a process, so that neither sees the other's memory, patches or
 asset folder; the parent lets them run in turn, never at the same time.
@@ -20,8 +20,9 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor
 
+from hab_eval.bench_motion import Motion
 from hab_eval.errors import BenchError
-from hab_tasks.constants import CONTROL_HZ, EE_STEP_M
+from hab_tasks.constants import CONTROL_HZ
 
 START_TIMEOUT_S = 600.0
 STOP_TIMEOUT_S = 10.0
@@ -50,6 +51,11 @@ class StepTiming:
         return 1e3 * self.engine_s / self.steps
 
     @property
+    def outside_ms(self) -> float:
+        """Time outside the engine, a step [ms]."""
+        return 1e3 * (self.total_s - self.engine_s) / self.steps
+
+    @property
     def physics_share(self) -> float:
         """Time in the engine / time of the step."""
         return self.engine_s / self.total_s
@@ -58,8 +64,8 @@ class StepTiming:
 class Side(Protocol):
     """One of the two environments that are compared."""
 
-    def run_steps(self, count: int, seed: int) -> StepTiming:
-        """Times `count` steps of small random arm motions from a fixed start."""
+    def run_steps(self, motion: Motion) -> StepTiming:
+        """Times small random motions from a fixed start."""
         ...
 
     def soft_reset(self) -> float:
@@ -77,12 +83,6 @@ class Side(Protocol):
     def close(self) -> None:
         """Frees the simulator."""
         ...
-
-
-def arm_steps_m(count: int, seed: int) -> Tensor:
-    """Returns end-effector displacements (count, 3) [m], the same for both sides."""
-    generator = torch.Generator().manual_seed(seed)
-    return (2.0 * torch.rand(count, 3, generator=generator) - 1.0) * EE_STEP_M
 
 
 def time_steps(env: Any, idle: Tensor, actions: Tensor) -> StepTiming:
@@ -152,9 +152,9 @@ class RemoteSide:
         theirs.close()
         self._receive()
 
-    def run_steps(self, count: int, seed: int) -> StepTiming:
+    def run_steps(self, motion: Motion) -> StepTiming:
         """See `Side`."""
-        return self._ask("run_steps", count, seed)
+        return self._ask("run_steps", motion)
 
     def soft_reset(self) -> float:
         """See `Side`."""
@@ -176,7 +176,7 @@ class RemoteSide:
             self._process.kill()
             self._process.join()
 
-    def _ask(self, method: str, *arguments: int) -> Any:
+    def _ask(self, method: str, *arguments: Motion) -> Any:
         self._connection.send((method, arguments))
         return self._receive()
 

@@ -11,13 +11,17 @@ import torch
 from mani_skill.utils.scene_builder.replicacad import ReplicaCADSceneBuilder
 
 from hab_eval.bench_layout import SCENE_SUFFIX
-from hab_eval.bench_process import Side, StepTiming, arm_steps_m, time_steps
+from hab_eval.bench_motion import Motion
+from hab_eval.bench_process import Side, StepTiming, time_steps
 from hab_tasks.constants import CONTROL_HZ, SIM_HZ
 
 REFERENCE_ENV = "ReplicaCAD_SceneManipulation-v1"
 REFERENCE_CONTROL = "pd_ee_delta_pos"
 REFERENCE_EE_STEP_M = 0.1
 """Displacement of the end-effector for an action entry of 1 in `pd_ee_delta_pos`."""
+
+REFERENCE_BASE_SPEEDS = (1.0, 3.14)
+"""Forward [m/s] and turning velocity [rad/s] of the base for action entries of 1."""
 
 SETTLE_STEPS = 10 * SIM_HZ
 """Ten seconds: the loose objects fall and come to rest, as ours are when a scene is loaded."""
@@ -69,12 +73,14 @@ class Reference:
         self._env.reset(seed=0)
         self._start = self._settled_state()
 
-    def run_steps(self, count: int, seed: int) -> StepTiming:
+    def run_steps(self, motion: Motion) -> StepTiming:
         """See `Side`."""
         self._env.unwrapped.set_state_dict(self._start)
         self._env.unwrapped.agent.controller.reset()
-        actions = torch.zeros(count, self._env.action_space.shape[-1])  # gripper, body, base: still
-        actions[:, :3] = arm_steps_m(count, seed) / REFERENCE_EE_STEP_M
+        # Gripper and body, between arm and base, stay still.
+        actions = torch.zeros(motion.count, self._env.action_space.shape[-1])
+        actions[:, :3] = motion.arm_steps_m() / REFERENCE_EE_STEP_M
+        actions[:, -2:] = motion.base_speeds() / torch.tensor(REFERENCE_BASE_SPEEDS)
         return time_steps(self._env, torch.zeros_like(actions[0]), actions)
 
     def soft_reset(self) -> float:

@@ -74,12 +74,19 @@ def make_env(config: EvalConfig, spec: AgentSpec, *, split: str, render: bool) -
     )
 
 
-def action_size(control_mode: str) -> int:
-    """Returns the number of action entries of a control mode: arm, gripper, base if it moves."""
-    from hab_tasks.robots.control import ARM_SIZE
+def continuous_control(env_id: str) -> str:
+    """Returns an environment's first control mode whose actions are numbers, not cells."""
+    from hab_tasks.envs import ENVS
 
-    base = 2 if control_mode.endswith("_base") else 0
-    return ARM_SIZE[control_mode.removesuffix("_base")] + 1 + base
+    modes = ENVS[env_id].env.control_modes
+    return next(mode for mode in modes if not mode.endswith("_discrete"))
+
+
+def action_size(control_mode: str) -> int:
+    """Returns the number of action entries of a control mode."""
+    from hab_tasks.robots.control import control_configs
+
+    return control_configs()[control_mode].size
 
 
 def short_name(dataset: str) -> str:

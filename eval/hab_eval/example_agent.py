@@ -16,7 +16,8 @@ class RandomAgent:
     """Draws every action uniformly from [-1, 1]; each row has a generator of its own."""
 
     def __init__(self, setup: AgentSetup) -> None:
-        self.spec = AgentSpec(name="Random", control_mode="ee")
+        control_mode = environments.continuous_control(setup.env_id)
+        self.spec = AgentSpec(name="Random", control_mode=control_mode)
         self._size = environments.action_size(self.spec.control_mode)
         self._generators = [torch.Generator() for _ in range(setup.num_envs)]
 

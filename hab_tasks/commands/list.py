@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from hab_tasks.commands.base import Command
+from hab_tasks.commands.docs import task_sentence
 from hab_tasks.envs import ENVS
 
 
@@ -15,7 +16,7 @@ class List(Command):
 
     help: ClassVar[
         str
-    ] = """Lists the environments: id, longest episode, control modes, observation entries.
+    ] = """Lists the environments: id, longest episode, control modes, task, observation entries.
 
 Example:
   hab-tasks list"""
@@ -23,10 +24,10 @@ Example:
     def run(self) -> int:
         """Prints the table."""
         for entry in ENVS.values():
-            skill = entry.env.skill
-            modes = ", ".join(skill.control_modes)
+            modes = ", ".join(entry.env.control_modes)
             print(f"{entry.id}: {entry.horizon_steps} steps; control {modes}")
-            for item in skill.observation:
+            print(f"  {task_sentence(entry.env)}")
+            for item in entry.env.observation:
                 shape = "x".join(map(str, item.shape))
                 print(f"  {item.name:<20} {shape:>4}  {item.unit:<7} {item.meaning}")
         return 0

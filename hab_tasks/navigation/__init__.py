@@ -3,5 +3,6 @@
 from hab_tasks.navigation.navigation_map import NavigationMap
 from hab_tasks.navigation.paths import path_between
 from hab_tasks.navigation.reaching import poses_reaching
+from hab_tasks.navigation.ways import Ways
 
-__all__ = ["NavigationMap", "path_between", "poses_reaching"]
+__all__ = ["NavigationMap", "Ways", "path_between", "poses_reaching"]

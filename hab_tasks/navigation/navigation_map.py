@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 from collections import OrderedDict
 from collections.abc import Iterable, Mapping
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import eikonalfm
@@ -21,7 +21,7 @@ from scipy import ndimage
 from hab_tasks.constants import BASE_RADIUS_M
 from hab_tasks.errors import GenerationError
 from hab_tasks.privileged import Array, CollisionBody
-from hab_tasks.scenes.floor import CELL_M, FreeFloor, floor_between, footprints, free_floor
+from hab_tasks.scenes.floor import CELL_M, FreeFloor, floor_between, free_floor
 from hab_tasks.scenes.layout_geometry import STAGE, Layout
 
 SLOW, FAST = 1e-6, 1e6
@@ -32,6 +32,9 @@ KEPT_FIELDS = 256
 
 _NEAR_M = 2 * CELL_M
 """So near to a goal, distances are straight."""
+
+_LEAST_WEIGHT = 1e-3
+"""A goal so near to the middle of a cell needs no second front."""
 
 _CORNERS = np.array([(0, 0), (0, 1), (1, 0), (1, 1)])
 _fields: OrderedDict[str, Array] = OrderedDict()
@@ -91,17 +94,9 @@ class NavigationMap:
         """
         loose = {item.name for item in layout.spec.objects if item.dynamic}
         bodies = [b for b in layout.opened(joints or {}).values() if b.piece not in loose]
-        stage = [body for body in bodies if body.piece == STAGE]
-        corners = np.concatenate([body.points_m[:2].T for body in stage or bodies])
-        outlines = {
-            body.name: [
-                f.outline_m for f in footprints(body.points_m, body.shapes.starts) if f.in_the_way()
-            ]
-            for body in bodies
-        }
-        floor = floor_between([o for own in outlines.values() for o in own], corners, radius_m)
-        walls = floor_between([o for body in stage for o in outlines[body.name]], corners)
-        return NavigationMap(floor, walls.clearance_m == 0)
+        outlines = [outline for body in bodies for outline in body.outlines_m]
+        floor = floor_between(outlines, _corners(layout), radius_m)
+        return NavigationMap(floor, _walls(layout))
 
     @cached_property
     def key(self) -> str:
@@ -187,6 +182,15 @@ class NavigationMap:
         found = np.where(finite.all(axis=-1), smooth, (values + steps).min(axis=-1))
         return found + np.linalg.norm(points - start, axis=-1)
 
+    def everywhere(self, field: Array) -> Array:
+        """Returns a field (X, Y) with distances from taken cells: straight to the nearest free one.
+
+        Where the base is squeezed against something, it may stand in a cell that is not free.
+        """
+        x, y = self._nearest
+        cells = np.stack(np.meshgrid(*map(np.arange, field.shape), indexing="ij"))
+        return field[x, y] + CELL_M * np.linalg.norm(cells - self._nearest, axis=0)
+
     def clear(self, start_m: Array, end_m: Array) -> bool:
         """Whether the straight way between two points (2,) is free."""
         count = 1 + int(np.ceil(np.linalg.norm(end_m - start_m) / (CELL_M / 4)))
@@ -228,7 +232,7 @@ class NavigationMap:
         for corner in _CORNERS:
             x, y = (first + corner).tolist()
             weight = float(np.abs(1 - corner - (grid - first)).prod())
-            if weight > 0 and self.free[x, y]:
+            if weight > _LEAST_WEIGHT and self.free[x, y]:
                 field += weight * self._from_cell(x, y)
                 total += weight
         field /= total
@@ -255,3 +259,18 @@ class NavigationMap:
             field[group] = 0.0
             found.append(np.where(self.free, field, np.inf))
         return found
+
+
+def _corners(layout: Layout) -> Array:
+    """Returns the points (C, 2) that a map of a layout has to hold."""
+    bodies = list(layout.placed.values())
+    stage = [body for body in bodies if body.piece == STAGE]
+    return np.concatenate([body.points_m[:2].T for body in stage or bodies])
+
+
+@lru_cache(maxsize=32)
+def _walls(layout: Layout) -> NDArray[np.bool_]:
+    """Returns the cells (X, Y) that hold walls; they are the same whatever is open."""
+    stage = [body for body in layout.placed.values() if body.piece == STAGE]
+    outlines = [outline for body in stage for outline in body.outlines_m]
+    return floor_between(outlines, _corners(layout)).clearance_m == 0

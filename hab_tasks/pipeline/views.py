@@ -7,13 +7,12 @@ import sapien
 import torch
 from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.envs.utils.system.backend import parse_sim_and_render_backend
-from mani_skill.utils.sapien_utils import look_at
 from mani_skill.utils.structs.types import SimConfig
 
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, CAMERA_HFOV_RAD, CAMERA_SIZE_PX
 from hab_tasks.geometry import Array, Pose7, planar
 from hab_tasks.navigation import NavigationMap
-from hab_tasks.robots.fetch import HEAD_CAMERA_POSITION_M, HEAD_CAMERA_TARGET_M
+from hab_tasks.robots.cameras import PLACES
 from hab_tasks.scenes.build import to_sapien
 from hab_tasks.scenes.layout_geometry import Layout
 from hab_tasks.scenes.lights import LayoutLights
@@ -51,7 +50,7 @@ class HeadCamera:
         self._camera = self._inner.add_camera(
             "head", size_px, size_px, CAMERA_HFOV_RAD, NEAR_M, CAMERA_DEPTH_MAX_M
         )
-        self._base_from_camera = look_at(HEAD_CAMERA_POSITION_M, HEAD_CAMERA_TARGET_M).sp
+        self._base_from_camera = PLACES["head"].pose()
 
     def show(self, spec: SceneSpec) -> None:
         """Puts a layout, doors and drawers closed, in place of the one before."""

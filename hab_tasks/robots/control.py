@@ -1,6 +1,6 @@
 """The paper's control of Fetch in one ManiSkill controller (S E.3, F.6, H.2).
 
-Action layout: arm, gripper (1), then base (2) in the ``_base`` modes.
+Action layout: arm and gripper (1), where the arm is controlled, then base (2), where it is.
 
 ====================  ===============================================================
 arm mode              meaning of the arm's entries
@@ -10,8 +10,11 @@ arm mode              meaning of the arm's entries
 ``joint_target`` (7)  joint position targets [rad], for planners
 ====================  ===============================================================
 
+With ``_base`` added the base moves as well; in ``base`` and ``base_discrete`` only the base moves.
 Gripper >= 0 asks to grasp, < 0 to release. Base: forward and turning velocity, [-1, 1] times the
-largest speeds. Entries are clipped to their range; an action that is not finite is refused.
+largest speeds; both next to zero is the stop action. ``base_discrete`` is one of the paper's 20
+cells of these two (`BASE_CELLS`). Entries are clipped to their range; an action that is not finite
+is refused.
 """
 
 from __future__ import annotations
@@ -42,14 +45,25 @@ from hab_tasks.robots.fetch_spec import (
 )
 from hab_tasks.robots.kinematics import ArmKinematics
 
-ArmMode = Literal["ee", "joint_delta", "joint_target"]
+ArmMode = Literal["ee", "joint_delta", "joint_target", "still"]
+BaseMode = Literal["still", "velocity", "discrete"]
 
 Array = NDArray[Any]
 
 _EE_LOWER, _EE_UPPER = np.array(EE_LOWER_M), np.array(EE_UPPER_M)
 _ARM_LOWER, _ARM_UPPER = np.array(ARM_LOWER_RAD), np.array(ARM_UPPER_RAD)
 
-ARM_SIZE: dict[str, int] = {"ee": 3, "joint_delta": 7, "joint_target": 7}
+ARM_SIZE: dict[str, int] = {"ee": 3, "joint_delta": 7, "joint_target": 7, "still": 0}
+
+BASE_CELLS = tuple(
+    (linear, angular) for linear in (-0.5, 0.0, 0.5, 1.0) for angular in (-1.0, -0.5, 0.0, 0.5, 1.0)
+)
+"""Forward and turning velocity of the discrete actions, as shares of the largest speeds (S H.2)."""
+
+STOP_CELL = BASE_CELLS.index((0.0, 0.0))
+
+STOP_SHARE = 0.05
+"""Base entries up to this count as the stop action."""
 
 
 class HabController(BaseController):
@@ -58,6 +72,7 @@ class HabController(BaseController):
     Attributes:
         arm_target_rad: (N, 7) commanded arm pose.
         gripper: (N,) last gripper entry; the environment hands it to the snap grasp.
+        stopped: (N,) whether the last action was the stop action; numpy on the CPU.
     """
 
     config: HabControllerConfig
@@ -65,18 +80,25 @@ class HabController(BaseController):
     sets_target_qvel = True
 
     def _initialize_action_space(self) -> None:
-        size = ARM_SIZE[self.config.arm] + 1 + (2 if self.config.base else 0)
+        size = self.config.size
         low, high = -np.ones(size, dtype=np.float32), np.ones(size, dtype=np.float32)
         if self.config.arm == "joint_target":
             low[:7], high[:7] = ARM_LOWER_RAD, ARM_UPPER_RAD
         self.single_action_space = spaces.Box(low, high, dtype=np.float32)
+        if self.config.base == "discrete":
+            self.single_action_space = spaces.Discrete(len(BASE_CELLS))
         self._cpu_low, self._cpu_high = low, high
         self._low = torch.as_tensor(low, device=self.device)
         self._high = torch.as_tensor(high, device=self.device)
+        self._shape = torch.Size((self.scene.num_envs, size))
         self._kinematics = ArmKinematics()
         count = self.scene.num_envs
         self.arm_target_rad = torch.zeros(count, 7, device=self.device)
         self.gripper = torch.full((count,), -1.0, device=self.device)
+        self.stopped = np.zeros(count, dtype=bool)
+        if self.scene.gpu_sim_enabled:
+            self.stopped = torch.zeros(count, dtype=torch.bool, device=self.device)
+        self._cells = torch.tensor(BASE_CELLS, device=self.device)
         index = {joint.name: i for i, joint in enumerate(self.articulation.active_joints)}
         self._arm_index = torch.tensor([index[name] for name in ARM_JOINTS], device=self.device)
         self._base_index = torch.tensor([index[name] for name in BASE_JOINTS], device=self.device)
@@ -85,6 +107,8 @@ class HabController(BaseController):
         self._base_joints = [active[index[name]] for name in BASE_JOINTS]
         self._on_cpu = not self.scene.gpu_sim_enabled
         self._cpu_drives = [joint._objs[0].set_drive_target for joint in self._arm_joints]
+        self._cpu_base_drives = [j._objs[0].set_drive_velocity_target for j in self._base_joints]
+        self._cpu_robot, self._cpu_yaw = self.articulation._objs[0], int(self._base_index[2])
 
     def set_drive_property(self) -> None:
         """Sets every joint's drive. A base that the action does not move is held in place."""
@@ -96,7 +120,7 @@ class HabController(BaseController):
                 )
                 joint.set_friction(0.1)
             elif joint.name in BASE_JOINTS:
-                stiffness = 0.0 if c.base else c.base_stiffness
+                stiffness = c.base_stiffness if c.base == "still" else 0.0
                 joint.set_drive_properties(stiffness, c.base_damping, c.base_force_n, mode="force")
             else:
                 joint.set_drive_properties(c.lock_stiffness, c.lock_damping, 1000.0, mode="force")
@@ -118,41 +142,103 @@ class HabController(BaseController):
         self.articulation.set_joint_drive_velocity_targets(zeros, self.articulation.active_joints)
 
     def set_action(self, action: Tensor) -> None:
-        """Sets drive targets from an action (N, A).
+        """Sets drive targets from an action (N, A), or from N cells.
 
         Raises:
-            ActionError: Wrong shape, or an entry that is not finite.
+            ActionError: Wrong shape, or an entry that is not finite or no cell.
         """
+        action = self.check(action)
+        if self._on_cpu:
+            self._set_row(action[0].numpy())
+        else:
+            self._set_batch(torch.clamp(action, self._low, self._high))
+
+    def check(self, action: Tensor) -> Tensor:
+        """Returns the entries (N, A) of an action, which may be N cells, or refuses it.
+
+        Raises:
+            ActionError: Wrong shape, or an entry that is not finite or no cell.
+        """
+        if self.config.base == "discrete":
+            action = self._velocities(action)
         expected = (self.scene.num_envs, len(self._low))
         if tuple(action.shape) != expected:
             raise ActionError(f"Action of shape {tuple(action.shape)}; expected {expected}.")
         # The sum is finite only if every entry is, and takes one operation instead of three.
         if not math.isfinite(float(action.sum(dtype=torch.float64))):
             raise ActionError(f"Action holds a value that is not finite: {action.tolist()}.")
-        if self._on_cpu:
-            self._set_row(action[0].numpy())
-        else:
-            self._set_batch(torch.clamp(action, self._low, self._high))
+        return action
+
+    @property
+    def action_size(self) -> int:
+        """How many numbers an action of one row is: its entries, or one cell."""
+        return 1 if self.config.base == "discrete" else self.config.size
+
+    def idle_action(self, holding: Tensor) -> Tensor:
+        """Returns the action (N, A) that moves nothing and keeps what is held.
+
+        Args:
+            holding: (N,) whether the hand holds anything.
+        """
+        count = len(holding)
+        if self.config.base == "discrete":
+            return torch.full((count, 1), float(STOP_CELL), device=self.device)
+        action = torch.zeros(count, len(self._low), device=self.device)
+        size = ARM_SIZE[self.config.arm]
+        if self.config.arm == "joint_target":
+            action[:, :size] = self.arm_target_rad
+        if size:
+            action[:, size] = torch.where(holding, 1.0, -1.0)
+        return action
+
+    def _velocities(self, cells: Tensor) -> Tensor:
+        """Returns the base's entries (N, 2) of cells (N,) or (N, 1)."""
+        flat = cells.reshape(-1)
+        count = self.scene.num_envs
+        if len(flat) != count or cells.dim() > 2:
+            raise ActionError(f"Action of shape {tuple(cells.shape)}; expected ({count},).")
+        index = flat.to(torch.long)
+        if bool((index != flat).any()) or not bool(
+            ((index >= 0) & (index < len(BASE_CELLS))).all()
+        ):
+            last = len(BASE_CELLS) - 1
+            raise ActionError(f"Action {flat.tolist()}; each is one of the cells 0 to {last}.")
+        return self._cells[index]
 
     def _set_row(self, action: Array) -> None:
         """The one row of the CPU simulation, in plain numbers: a third of the tensors' time."""
         action = np.minimum(np.maximum(action, self._cpu_low), self._cpu_high)
         size = ARM_SIZE[self.config.arm]
-        qpos = self._arm_target(self.arm_target_rad[0].numpy().astype(np.float64), action[:size])
-        self.arm_target_rad = torch.from_numpy(qpos.astype(np.float32))[None]
-        self.gripper = torch.from_numpy(action[size : size + 1])
-        for drive, value in zip(self._cpu_drives, qpos.tolist(), strict=True):
-            drive(value)
-        if self.config.base:
-            self._drive_base(torch.from_numpy(action[None, size + 1 :]))
+        if size:
+            target = self.arm_target_rad[0].numpy().astype(np.float64)
+            qpos = self._arm_target(target, action[:size])
+            self.arm_target_rad = torch.from_numpy(qpos.astype(np.float32))[None]
+            self.gripper = torch.from_numpy(action[size : size + 1])
+            for drive, value in zip(self._cpu_drives, qpos.tolist(), strict=True):
+                drive(value)
+        if self.config.base != "still":
+            self._drive_row(*action[-2:].tolist())
+
+    def _drive_row(self, linear: float, angular: float) -> None:
+        """Drives the base of the one row."""
+        still = abs(linear) <= STOP_SHARE and abs(angular) <= STOP_SHARE
+        self.stopped = np.array([still])
+        yaw = float(self._cpu_robot.qpos[self._cpu_yaw])
+        forward = BASE_LINEAR_SPEED_M_S * linear
+        x, y, turning = self._cpu_base_drives
+        x(forward * math.cos(yaw))
+        y(forward * math.sin(yaw))
+        turning(BASE_ANGULAR_SPEED_RAD_S * angular)
 
     def _set_batch(self, action: Tensor) -> None:
         size = ARM_SIZE[self.config.arm]
-        self.arm_target_rad = self._batch_arm_target(action[:, :size])
-        self.gripper = action[:, size]
-        self._drive_arm()
-        if self.config.base:
-            self._drive_base(action[:, size + 1 :])
+        if size:
+            self.arm_target_rad = self._batch_arm_target(action[:, :size])
+            self.gripper = action[:, size]
+            self._drive_arm()
+        if self.config.base != "still":
+            self.stopped = (action[:, -2:].abs() <= STOP_SHARE).all(dim=1)
+            self._drive_base(action[:, -2:])
 
     def get_state(self) -> dict[str, Tensor]:
         """Returns the commanded arm pose (N, 7) and gripper (N,)."""
@@ -217,11 +303,11 @@ class HabController(BaseController):
 
 @dataclass
 class HabControllerConfig(ControllerConfig):
-    """Arm mode, whether the base moves, and the drives' gains (see docs/deviations.md)."""
+    """Arm mode, base mode, and the drives' gains (see docs/deviations.md)."""
 
     joint_names: list[str] = field(default_factory=lambda: list(ARM_JOINTS + BASE_JOINTS))
     arm: ArmMode = "ee"
-    base: bool = False
+    base: BaseMode = "still"
     arm_stiffness: float = 3e3
     arm_damping: float = 2e2
     arm_force_n: float = 150.0
@@ -232,12 +318,19 @@ class HabControllerConfig(ControllerConfig):
     lock_damping: float = 1e3
     controller_cls: Any = HabController
 
+    @property
+    def size(self) -> int:
+        """Number of entries of an action: arm and gripper, base."""
+        arm = ARM_SIZE[self.arm] + 1 if self.arm != "still" else 0
+        return arm + (0 if self.base == "still" else 2)
+
 
 def control_configs() -> dict[str, HabControllerConfig]:
     """Returns every control mode of `hab_fetch` by name."""
     modes: dict[str, HabControllerConfig] = {}
-    for base in (False, True):
-        for arm in ARM_SIZE:
-            name = f"{arm}_base" if base else arm
-            modes[name] = HabControllerConfig(arm=arm, base=base)  # type: ignore[arg-type]
+    for arm in ("ee", "joint_delta", "joint_target"):
+        modes[arm] = HabControllerConfig(arm=arm, base="still")
+        modes[f"{arm}_base"] = HabControllerConfig(arm=arm, base="velocity")
+    modes["base"] = HabControllerConfig(arm="still", base="velocity")
+    modes["base_discrete"] = HabControllerConfig(arm="still", base="discrete")
     return modes

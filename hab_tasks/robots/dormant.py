@@ -1,20 +1,21 @@
 """Objects at rest and out of reach cost nothing: they are frozen until something comes near.
 
-A frozen (kinematic, passive) body makes no contacts with furniture and takes no solver time, so a
+A frozen (kinematic) body makes no contacts with furniture and takes no solver time, so a
 step costs the same with ten and with a hundred objects around. Before anything can touch it, a body
-near the arm, the held object or an object that was moved becomes dynamic again; once it sleeps, out
-of reach, it is frozen again. CPU simulation only; on the GPU a body cannot change its kind while
-running.
+near the arm, the held object, a door or drawer on the move, or an object that was moved becomes
+dynamic again; once it sleeps, out of reach, it is frozen again. CPU simulation only; on the GPU a
+body cannot change its kind while running.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from mani_skill.utils.structs import Actor, Link
+from mani_skill.utils.structs import Actor, Articulation, Link
 from numpy.typing import NDArray
 from sapien.physx import PhysxRigidDynamicComponent
 
-from hab_tasks.scenes.collision_groups import MOVING, PASSIVE, set_groups
+from hab_tasks.robots.moving_links import MovingLinks
+from hab_tasks.scenes.collision_groups import FROZEN, MOVING, set_groups
 
 WAKE_DISTANCE_M = 0.1
 """Free space left between a frozen body and what moves; the arm covers up to 10 cm in an action."""
@@ -58,8 +59,15 @@ class DormantObjects:
         present: (K,) whether the object takes part in the episode.
     """
 
-    def __init__(self, objects: list[Actor], links: dict[str, Link], mobile: bool) -> None:
-        """Watches the arm, and the base as well when it is `mobile`."""
+    def __init__(
+        self,
+        objects: list[Actor],
+        links: dict[str, Link],
+        furniture: list[Articulation],
+        mobile: bool,
+    ) -> None:
+        """Watches the arm and the furniture, and the base as well when it is `mobile`."""
+        self._furniture = MovingLinks(furniture)
         self._bodies = [actor._bodies[0] for actor in objects]
         self._com = [body.cmass_local_pose for body in self._bodies]
         names = _ARM + _BODY if mobile else _ARM
@@ -76,7 +84,8 @@ class DormantObjects:
         self._active: list[int] = []
         self._settled = np.zeros(count, dtype=bool)
         self._checked_at_m = np.zeros((len(names), 3))
-        self._free_way_m, self._checks_left = 0.0, 0
+        self._free_way_m, self._checks_left, self._checked_held = 0.0, 0, -1
+        self._doors_move = True
         self.com_m: NDArray[np.float32] = np.zeros((count, 3), dtype=np.float32)
         self.present = np.zeros(count, dtype=bool)
 
@@ -99,6 +108,8 @@ class DormantObjects:
             placed: The objects that were moved since the last time; all when None.
         """
         self.present, self._checks_left = present.copy(), 0
+        self._furniture.look_again()
+        self._doors_move = True
         self._active = []
         for index in range(len(self._bodies)) if placed is None else placed:
             if present[index] and _moves(self._bodies[index]):
@@ -115,12 +126,21 @@ class DormantObjects:
             self._settled[index] = False
             self._active.append(index)
 
-    def before_step(self, held: int) -> None:
-        """Wakes what the robot or a moved object could touch in the coming action."""
+    def before_step(self, held: int, touching: bool) -> None:
+        """Wakes what the robot, a door or a moved object could touch in the coming action.
+
+        Args:
+            held: The object in the hand, -1 for none.
+            touching: Whether something pushed the robot in the last action, or it holds a handle.
+        """
         if not self._bodies:
             return
         links = np.array([link.entity_pose.p for link in self._watched], dtype=np.float64)
-        if self._nothing_new(links, held):
+        # Furniture stands still while nobody pushes it and no door swings on.
+        self._doors_move = self._doors_move or touching or bool(self._active)
+        doors = self._furniture.boxes_m() if self._doors_move else []
+        self._doors_move = bool(doors)
+        if not doors and self._nothing_new(links, held):
             return
         points, radius_m = self._moving_balls(links, held)
         # Distance from every ball's centre to every body's box; np.clip would take twice as long.
@@ -128,7 +148,11 @@ class DormantObjects:
         nearest -= points
         distance_m = np.sqrt(np.einsum("kpi,kpi->kp", nearest, nearest))
         gap_m = (distance_m - radius_m - self._margin_m).min(axis=1)
-        near = (gap_m < 0) & self.present
+        near = gap_m < 0
+        for low, high in doors:
+            apart_m = np.maximum(self._low_m - high, low - self._high_m).max(axis=1)
+            near |= apart_m < WAKE_DISTANCE_M
+        near &= self.present
         for index in np.flatnonzero(near).tolist():
             self.wake(index)
         for index in self._active[:]:
@@ -137,15 +161,17 @@ class DormantObjects:
                 self._active.remove(index)
         apart = gap_m[self.present & ~near]
         self._checked_at_m, self._free_way_m = links, float(apart.min()) if len(apart) else np.inf
-        self._checks_left = CHECK_EVERY_STEPS
+        self._checks_left, self._checked_held = CHECK_EVERY_STEPS, held
 
     def _nothing_new(self, links_m: NDArray[np.float64], held: int) -> bool:
         """Whether the arm has moved less, since the last check, than anything was away from it."""
         self._checks_left -= 1
-        if self._checks_left <= 0 or held >= 0 or self._pushing():
+        if self._checks_left <= 0 or held != self._checked_held or self._pushing(held):
             return False
         way = links_m - self._checked_at_m
-        return float(np.einsum("pi,pi->p", way, way).max()) < self._free_way_m**2
+        # What is held turns with the hand, so it can go farther than the hand's middle.
+        free_way_m = self._free_way_m if held < 0 else self._free_way_m / 2
+        return float(np.einsum("pi,pi->p", way, way).max()) < free_way_m**2
 
     def refresh(self) -> None:
         """Reads the centres of mass of the bodies that can have moved."""
@@ -157,15 +183,16 @@ class DormantObjects:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Centres (P, 3) and radii (P,) [m] of balls around everything that may push."""
         arm = links_m[: len(_ARM)]
-        pushing = set(self._pushing()) | ({held} if held >= 0 else set())
+        pushing = set(self._pushing(held)) | ({held} if held >= 0 else set())
         others = sorted(pushing & set(self._active))
         centers = ((arm[:-1] + arm[1:]) / 2, links_m, self.com_m[others])
         radii = np.append(self._link_radius_m, self._radius_m[others])
         return np.concatenate(centers, dtype=np.float64), radii
 
-    def _pushing(self) -> list[int]:
-        """Objects that are no longer where they were frozen."""
-        gone = [(index, self.com_m[index] - self._frozen_at_m[index]) for index in self._active]
+    def _pushing(self, held: int) -> list[int]:
+        """Objects that are no longer where they were frozen, the held one left aside."""
+        loose = [index for index in self._active if index != held]
+        gone = [(index, self.com_m[index] - self._frozen_at_m[index]) for index in loose]
         return [index for index, way in gone if float(way @ way) > MOVED_M**2]
 
     def _freeze(self, index: int) -> None:
@@ -173,7 +200,7 @@ class DormantObjects:
         body = self._bodies[index]
         if not body.kinematic:  # nothing else makes a body kinematic, so its groups are right
             body.kinematic = True
-            set_groups(body, PASSIVE)
+            set_groups(body, FROZEN)
 
     def _measure(self, index: int) -> None:
         """Notes where a body is and how large."""

@@ -14,7 +14,7 @@ from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.structs import Link
 from torch import Tensor
 
-from hab_tasks.constants import CAMERA_DEPTH_MAX_M, CAMERA_HFOV_RAD, CAMERA_SIZE_PX
+from hab_tasks.robots.cameras import CameraRig
 from hab_tasks.robots.control import HabController, HabControllerConfig, control_configs
 from hab_tasks.robots.fetch_spec import (
     ARM_JOINTS,
@@ -31,10 +31,10 @@ from hab_tasks.scenes.urdf import remove_visuals, write_urdf
 BASE_HEIGHT_M = 0.005
 """Fetch's base mesh ends at z = 0; it is held this far above the floor so that it never rubs."""
 
-HEAD_CAMERA_POSITION_M = (0.17, 0.0, 1.2)
-HEAD_CAMERA_TARGET_M = (0.75, 0.0, 1.0)
-ARM_CAMERA_POSITION_M = (0.0, 0.0, 0.1)
-"""Camera poses in the frames of base_link (head) and gripper_link (arm)."""
+
+NEAR_PAIRS = (("head_pan_link", "shoulder_lift_link"), ("head_tilt_link", "shoulder_lift_link"))
+"""Links that come within 2 cm of each other in the resting pose and never touch in any (the least
+distance is 1.9 cm): the engine would look for contacts between them in every step."""
 
 
 @lru_cache(maxsize=2)
@@ -57,9 +57,20 @@ def fetch_urdf(visuals: bool) -> Path:
         mesh.set("filename", str((source.parent / mesh.get("filename", "")).resolve()))
     path = write_urdf(root, "hab_fetch")
     srdf = path.with_suffix(".srdf")
-    if not srdf.exists():
-        srdf.write_text(source.with_suffix(".srdf").read_text())
+    pairs = _without_near_pairs(source.with_suffix(".srdf"))
+    if not srdf.exists() or srdf.read_text() != pairs:
+        srdf.write_text(pairs)
     return path
+
+
+def _without_near_pairs(source: Path) -> str:
+    """Returns the file of link pairs that do not collide, with those that only come near."""
+    root = ElementTree.parse(source).getroot()
+    for first, second in NEAR_PAIRS:
+        ElementTree.SubElement(
+            root, "disable_collisions", link1=first, link2=second, reason="Default"
+        )
+    return ElementTree.tostring(root, encoding="unicode")
 
 
 @register_agent()
@@ -69,6 +80,8 @@ class HabFetch(BaseAgent):
     uid = "hab_fetch"
     fix_root_link = True
     controller: HabController  # type: ignore[assignment]
+    rig = CameraRig()
+    """The sensor cameras, read when the environment sets its sensors up."""
 
     @property
     def _controller_configs(self) -> dict[str, HabControllerConfig]:  # type: ignore[override]
@@ -76,23 +89,7 @@ class HabFetch(BaseAgent):
 
     @property
     def _sensor_configs(self) -> list[CameraConfig]:  # type: ignore[override]
-        from mani_skill.utils.sapien_utils import look_at
-
-        def camera(uid: str, pose: object, link: str) -> CameraConfig:
-            return CameraConfig(
-                uid=uid,
-                pose=pose,  # type: ignore[arg-type]
-                width=CAMERA_SIZE_PX,
-                height=CAMERA_SIZE_PX,
-                fov=CAMERA_HFOV_RAD,
-                near=0.01,
-                far=CAMERA_DEPTH_MAX_M,
-                mount=self.link(link),
-            )
-
-        head = look_at(HEAD_CAMERA_POSITION_M, HEAD_CAMERA_TARGET_M)
-        arm = sapien.Pose(list(ARM_CAMERA_POSITION_M))
-        return [camera("head", head, "base_link"), camera("arm", arm, EE_LINK)]
+        return self.rig.configs(self.link)
 
     def _load_articulation(self, initial_pose: object = None) -> None:
         self.urdf_path = str(fetch_urdf(visuals=self.scene.can_render()))

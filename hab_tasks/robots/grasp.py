@@ -1,8 +1,8 @@
 """The snap grasp (S E.3): what is near enough to the end-effector is held until released.
 
 `SnapGrasp` decides what is grasped; how it is held is one of two implementations:
-`DriveGrasp` ties the body to the gripper with a constraint (CPU simulation), `FollowGrasp` moves
-it with the gripper at every physics step and needs only batched poses (any backend).
+`DriveGrasp` ties the body to the gripper with a constraint (CPU simulation), `FollowGrasp` (in
+`hab_tasks.robots.follow_grasp`) moves it with the gripper and needs only batched poses.
 
 A held object keeps the pose it had in the gripper when it was grasped. It does not collide with the
 robot until it is let go and has come clear of the hand; it always collides with the world.
@@ -10,6 +10,8 @@ robot until it is let go and has come clear of the hand; it always collides with
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,8 +21,10 @@ import torch
 from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.utils.structs import Actor, Articulation, Link
 from mani_skill.utils.structs.pose import Pose
+from numpy.typing import NDArray
 from torch import Tensor
 
+from hab_tasks.arrays import Rows
 from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.robots.fetch_spec import EE_OFFSET_M
 from hab_tasks.scenes.collision_groups import HELD, MOVING, Groups, set_groups
@@ -31,10 +35,9 @@ HOLD_TOLERANCE_M = 0.09
 HOLD_STIFFNESS_NM_RAD = 1e5
 HOLD_DAMPING_NM_S_RAD = 1e3
 
-HANDLE_STIFFNESS_N_M = 2000.0
-HANDLE_DAMPING_N_S_M = 60.0
-
 NOTHING = -1
+
+FAR_AWAY_M = 1e6
 
 _EE_FROM_LINK = sapien.Pose([EE_OFFSET_M, 0.0, 0.0])
 
@@ -44,9 +47,22 @@ class Handle:
     """A handle marker on a built piece of furniture."""
 
     name: str
+    furniture_name: str
     furniture: Articulation
     link: Link
     offset_m: tuple[float, float, float]
+
+    @property
+    def column(self) -> int:
+        """Index of the handle's joint among the furniture's active joints."""
+        joint: Any = self.link.joint
+        return int(joint.active_index[0])
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Limits of the handle's joint [m or rad]."""
+        lower, upper = self.furniture._objs[0].active_joints[self.column].limits[0].tolist()
+        return lower, upper
 
 
 class SnapGrasp:
@@ -58,25 +74,37 @@ class SnapGrasp:
         held: (N,) index into `objects`, `NOTHING` where none. Replaced, never written into.
         held_handle: (N,) index into `handles`, `NOTHING` where none.
         lost: (N,) whether what was held slipped away since the last command.
+        shut_in: Tells which objects (N, K) are behind a closed door; None where nobody knows.
+        known_com_m: (K, 3) centres of mass that somebody keeps current; None to read each.
     """
 
     def __init__(
-        self, scene: ManiSkillScene, ee_link: Link, objects: list[Actor], handles: list[Handle]
+        self,
+        scene: ManiSkillScene,
+        ee_link: Link,
+        objects: list[Actor],
+        handles: list[Handle],
+        takes: str = "any",
     ) -> None:
+        """Takes ``objects``, ``handles``, or ``any``: an object, or else a handle."""
         self.scene, self.ee_link = scene, ee_link
-        self.objects, self.handles = objects, handles
+        self.objects, self.handles, self.takes = objects, handles, takes
+        self.shut_in: Callable[[], Tensor | None] | None = None
+        self.known_com_m: NDArray[np.float32] | None = None
         count, device = scene.num_envs, scene.device
         self.held = torch.full((count,), NOTHING, dtype=torch.long, device=device)
         self.held_handle = self.held.clone()
         self.lost = torch.zeros(count, dtype=torch.bool, device=device)
         self._any_lost = False
         self._ee_from_object = Pose.create_from_pq(torch.zeros(count, 3, device=device))
+        self._cpu_held = sapien.Pose()
         self._leaving: list[tuple[int, int, float]] = []
         self._busy: set[int] = set()
         self._com_m = [torch.as_tensor(_com(actor), device=device) for actor in objects]
         self._cpu_bodies = [
             (actor._bodies[0], actor._bodies[0].cmass_local_pose) for actor in objects
         ]
+        self._cpu_handles = [(h.link._objs[0], sapien.Pose(list(h.offset_m))) for h in handles]
         self._offset = torch.tensor([EE_OFFSET_M, 0.0, 0.0], device=device)
         link_com = ee_link._objs[0].cmass_local_pose.p
         self._link_com_m = torch.as_tensor(np.asarray(link_com, dtype=np.float32), device=device)
@@ -96,12 +124,12 @@ class SnapGrasp:
                 self._set_collision(row, index, MOVING)
         self._leaving = [entry for entry in self._leaving if entry[0] not in started]
 
-    def command(self, gripper: Tensor) -> None:
+    def command(self, gripper: Rows) -> None:
         """Acts on the gripper entry (N,): >= 0 grasps when the hand is empty, < 0 releases."""
         if self._any_lost:
             self.lost, self._any_lost = torch.zeros_like(self.lost), False
         if not self._as_wanted(gripper):
-            wants = gripper >= 0
+            wants = torch.as_tensor(gripper, device=self.held.device) >= 0
             for row in torch.nonzero(~wants & self.holding).flatten().tolist():
                 self._release_row(row)
             rows = torch.nonzero(wants & ~self.holding).flatten()
@@ -110,9 +138,9 @@ class SnapGrasp:
         if self._leaving:
             self._restore_collisions()
 
-    def _as_wanted(self, gripper: Tensor) -> bool:
+    def _as_wanted(self, gripper: Rows) -> bool:
         if len(gripper) == 1:  # plain numbers: tensor arithmetic would be a tenth of the step
-            return (float(gripper) >= 0) == bool(self._busy)
+            return (float(gripper[0]) >= 0) == bool(self._busy)
         return bool(((gripper >= 0) == self.holding).all())
 
     def attach(self, row: int, index: int) -> None:
@@ -126,18 +154,25 @@ class SnapGrasp:
     def after_control_step(self) -> None:
         """Loses what has been pulled out of the hand; runs after the physics of an action."""
         if self._busy:
-            for row in torch.nonzero(self.held != NOTHING).flatten().tolist():
-                if self._drift_m(row) > HOLD_TOLERANCE_M:
+            for row in sorted(self._busy):
+                if int(self.held[row]) != NOTHING and self._drift_m(row) > HOLD_TOLERANCE_M:
                     self._release_row(row)
                     self.lost = _with(self.lost, row, True)
                     self._any_lost = True
 
     def get_state(self) -> dict[str, Tensor]:
-        """Returns held, held_handle (N,) and the grasp poses (N, 7)."""
+        """Returns held, held_handle (N,), the grasp poses (N, 7), and what leaves the hand.
+
+        That is (N, K): how far an object has to get to be clear of the hand [m], 0 if it is.
+        """
+        leaving_m = torch.zeros(len(self.held), len(self.objects), device=self.held.device)
+        for row, index, side_m in self._leaving:
+            leaving_m[row, index] = side_m
         return {
             "held": self.held.clone(),
             "held_handle": self.held_handle.clone(),
             "ee_from_object": self._ee_from_object.raw_pose.clone(),
+            "leaving_m": leaving_m,
         }
 
     def set_state(self, state: dict[str, Tensor], rows: Tensor) -> None:
@@ -148,6 +183,9 @@ class SnapGrasp:
                 self._hold(row, int(state["held"][i]), state["ee_from_object"][i])
             elif int(state["held_handle"][i]) != NOTHING:
                 self._grasp_handle(row, int(state["held_handle"][i]))
+            for index in torch.nonzero(state["leaving_m"][i]).flatten().tolist():
+                self._leaving.append((row, index, float(state["leaving_m"][i, index])))
+                self._set_collision(row, index, HELD)
 
     def ee_position_m(self) -> Tensor:
         """Returns the end-effector point (N, 3) in the world."""
@@ -160,12 +198,21 @@ class SnapGrasp:
         """Returns every object's centre of mass (N, K, 3) in the world."""
         if self.scene.gpu_sim_enabled:
             return torch.stack([self.object_com_m(i) for i in range(len(self.objects))], dim=1)
+        if self.known_com_m is not None:
+            return torch.from_numpy(self.known_com_m)[None]
         points = [(body.entity_pose * com).p for body, com in self._cpu_bodies]
         return torch.from_numpy(np.array(points, dtype=np.float32).reshape(1, -1, 3))
 
     def object_com_m(self, index: int) -> Tensor:
         """Returns the centre of mass (N, 3) of an object in the world."""
         return (self.objects[index].pose * Pose.create_from_pq(self._com_m[index])).p
+
+    def handles_m(self) -> Tensor:
+        """Returns every handle marker (N, H, 3) in the world."""
+        if self.scene.gpu_sim_enabled:
+            return torch.stack([self.handle_position_m(i) for i in range(len(self.handles))], dim=1)
+        points = [(link.entity_pose * offset).p for link, offset in self._cpu_handles]
+        return torch.from_numpy(np.array(points, dtype=np.float32).reshape(1, -1, 3))
 
     def handle_position_m(self, index: int) -> Tensor:
         """Returns a handle marker (N, 3) in the world."""
@@ -175,16 +222,28 @@ class SnapGrasp:
 
     def _grasp_rows(self, rows: Tensor) -> None:
         ee = self.ee_position_m()[rows]
-        nearest, distance = _nearest(ee, self.objects_com_m()[rows])
+        nearest, distance = self._nearest_object(ee, rows)
         free = distance > GRASP_RADIUS_M
-        if bool(free.any()) and self.handles:
-            points = [self.handle_position_m(i)[rows] for i in range(len(self.handles))]
-            handle, handle_distance = _nearest(ee, torch.stack(points, dim=1))
+        if self.takes != "objects" and self.handles and bool(free.any()):
+            handle, handle_distance = _nearest(ee, self.handles_m()[rows])
             free = free & (handle_distance <= GRASP_RADIUS_M)
             for i in torch.nonzero(free).flatten().tolist():
                 self._grasp_handle(int(rows[i]), int(handle[i]))
         for i in torch.nonzero(distance <= GRASP_RADIUS_M).flatten().tolist():
             self.attach(int(rows[i]), int(nearest[i]))
+
+    def _nearest_object(self, ee: Tensor, rows: Tensor) -> tuple[Tensor, Tensor]:
+        """Returns index and distance (R,) of the nearest object that the hand may take."""
+        points = self.objects_com_m()[rows]
+        if self.takes == "handles":
+            points = points[:, :0]
+        found = _nearest(ee, points)
+        if self.shut_in is None or not bool((found[1] <= GRASP_RADIUS_M).any()):
+            return found
+        shut = self.shut_in()
+        if shut is None:
+            return found
+        return _nearest(ee, torch.where(shut[rows][..., None], FAR_AWAY_M, points))
 
     def _hold(self, row: int, index: int, ee_from_object: Tensor) -> None:
         self.held = _with(self.held, row, index)
@@ -193,6 +252,7 @@ class SnapGrasp:
         raw = self._ee_from_object.raw_pose.clone()
         raw[row] = ee_from_object
         self._ee_from_object = Pose.create(raw)
+        self._cpu_held = sapien.Pose(raw[row, :3].tolist(), raw[row, 3:].tolist())
         self._tie_object(row, index)
 
     def _grasp_handle(self, row: int, index: int) -> None:
@@ -214,8 +274,9 @@ class SnapGrasp:
     def _drift_m(self, row: int) -> float:
         if not self.scene.gpu_sim_enabled:
             body = self._cpu_bodies[int(self.held[row])][0]
-            held = self.ee_link._objs[0].entity_pose * self._ee_from_object.sp
-            return float(np.linalg.norm(np.subtract(held.p, body.entity_pose.p)))
+            held = self.ee_link._objs[0].entity_pose * self._cpu_held
+            gap: Any = np.subtract(held.p, body.entity_pose.p)
+            return math.sqrt(float(gap @ gap))
         expected = self.ee_link.pose[row] * self._ee_from_object[row]
         return float(torch.linalg.norm(expected.p - self.objects[int(self.held[row])].pose[row].p))
 
@@ -282,89 +343,6 @@ class DriveGrasp(SnapGrasp):
     def _untie(self, row: int) -> None:
         entity, drive = self._ties.pop(row)
         entity.remove_component(drive)
-
-
-class FollowGrasp(SnapGrasp):
-    """Holds by moving: objects are posed with the gripper, handles pulled by a spring."""
-
-    def __init__(self, *args: Any) -> None:
-        super().__init__(*args)
-        self._pulled: dict[str, Articulation] = {}
-
-    def _tie_object(self, row: int, index: int) -> None:
-        pass
-
-    def _tie_handle(self, row: int, index: int) -> None:
-        pass
-
-    def _untie(self, row: int) -> None:
-        pass
-
-    def before_simulation_step(self) -> None:
-        """Poses held objects in the hand and pulls held handles to it."""
-        if self.scene.gpu_sim_enabled:
-            self.scene._gpu_fetch_all()
-        for index in torch.unique(self.held[self.held != NOTHING]).tolist():
-            self._pose_object(index)
-        self._pull_handles()
-        if self.scene.gpu_sim_enabled:
-            self.scene._gpu_apply_all()
-
-    def _pose_object(self, index: int) -> None:
-        rows = self.held == index
-        actor, mask = self.objects[index], self.scene._reset_mask
-        self.scene._reset_mask = rows
-        actor.set_pose(Pose.create((self.ee_link.pose * self._ee_from_object).raw_pose[rows]))
-        # It moves with the hand during the coming physics step instead of lagging behind it.
-        turning = self.ee_link.get_angular_velocity()
-        middle = (self.ee_link.pose * Pose.create_from_pq(self._link_com_m)).p
-        arm = self.object_com_m(index) - middle
-        moving = self.ee_link.get_linear_velocity() + torch.linalg.cross(turning, arm)
-        actor.set_linear_velocity(moving[rows])
-        actor.set_angular_velocity(turning[rows])
-        self.scene._reset_mask = mask
-
-    def _pull_handles(self) -> None:
-        """Sets the joint efforts of all furniture that is held, and clears what was let go."""
-        efforts = {
-            name: torch.zeros_like(furniture.get_qpos()) for name, furniture in self._pulled.items()
-        }
-        for index in torch.unique(self.held_handle[self.held_handle != NOTHING]).tolist():
-            handle = self.handles[index]
-            name = handle.furniture.name
-            self._pulled[name] = handle.furniture
-            effort = efforts.setdefault(name, torch.zeros_like(handle.furniture.get_qpos()))
-            column = int(handle.link.joint.active_index[0])
-            effort[:, column] += self._effort(index) * (self.held_handle == index)
-        for name, effort in efforts.items():
-            self._pulled[name].set_qf(effort)
-        if not bool((self.held_handle != NOTHING).any()):
-            self._pulled = {}
-
-    def _effort(self, index: int) -> Tensor:
-        """Returns the effort (N,) [N or N m] at a handle's joint that pulls it to the hand."""
-        handle = self.handles[index]
-        point = self.handle_position_m(index)
-        velocity = handle.link.get_linear_velocity() + torch.linalg.cross(
-            handle.link.get_angular_velocity(), point - handle.link.pose.p
-        )
-        force = HANDLE_STIFFNESS_N_M * (self.ee_position_m() - point)
-        force = force - HANDLE_DAMPING_N_S_M * velocity
-        joint = handle.link.joint
-        frame = joint.get_global_pose()
-        # SAPIEN's joint frames have the joint's axis along x.
-        axis = frame.to_transformation_matrix()[:, :3, 0]
-        if joint.type[0] == "prismatic":
-            return (axis * force).sum(dim=1)
-        return (axis * torch.linalg.cross(point - frame.p, force)).sum(dim=1)
-
-
-def make_grasp(
-    scene: ManiSkillScene, ee_link: Link, objects: list[Actor], handles: list[Handle]
-) -> SnapGrasp:
-    """Returns the implementation for the scene's backend."""
-    kind = FollowGrasp if scene.gpu_sim_enabled else DriveGrasp
-    return kind(scene, ee_link, objects, handles)
 
 
 def _with(values: Tensor, row: int, value: int | bool) -> Tensor:

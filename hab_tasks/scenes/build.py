@@ -19,6 +19,7 @@ from hab_tasks.errors import DatasetError
 from hab_tasks.geometry import Pose7, apply
 from hab_tasks.scenes.collision_groups import (
     FLOOR_BIT,
+    FRONT,
     FURNITURE_BIT,
     MOVING,
     PASSIVE,
@@ -106,14 +107,14 @@ class BodyBuilder:
         builder = loader.parse(str(path))["articulation_builders"][0]
         builder.initial_pose = to_sapien(furniture.world_from_root)
         for link in builder.link_builders:
-            link.collision_groups = [*MOVING, FURNITURE_BIT, group]
+            link.collision_groups = [*FRONT, FURNITURE_BIT, group]
         built = builder.build()
         moving = {j.child_link.name for j in built.active_joints if j.child_link is not None}
         for link in built.links:
             # Slides are level and hinges upright, so gravity could only make doors creep.
             link.disable_gravity = True
             for body in link._objs:
-                set_groups(body, MOVING if link.name in moving else PASSIVE)
+                set_groups(body, FRONT if link.name in moving else PASSIVE)
         return built
 
     def parking(self, count: int) -> Actor:

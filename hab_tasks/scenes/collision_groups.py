@@ -11,16 +11,22 @@ from typing import Any
 
 Groups = tuple[int, int]
 
-ROBOT: Groups = (0b001, 0b101)
-STATIC: Groups = (0b011, 0b011)
-MOVING: Groups = (0b011, 0b111)
-"""Objects that are awake, doors and drawers: they meet everything."""
+ROBOT: Groups = (0b0001, 0b1101)
+STATIC: Groups = (0b0011, 0b0011)
+MOVING: Groups = (0b0011, 0b1111)
+"""Objects that are awake: they meet everything."""
 
-HELD: Groups = (0b010, 0b110)
+HELD: Groups = (0b0010, 0b1110)
 """A held object: it meets everything but the robot."""
 
-PASSIVE: Groups = (0b100, 0b000)
-"""Furniture bodies and objects at rest: they meet the robot and what moves, not each other."""
+FRONT: Groups = (0b0011, 0b0111)
+"""Doors and drawers: they meet everything but frozen objects, which they wake before they come."""
+
+PASSIVE: Groups = (0b0100, 0b0000)
+"""Furniture bodies: they meet the robot and what moves, not each other."""
+
+FROZEN: Groups = (0b1000, 0b0000)
+"""Objects at rest: they meet the robot and objects that move."""
 
 FLOOR_BIT = 1 << 31
 """Ignore bit shared by the robot's base and by whatever lies flat on the floor."""

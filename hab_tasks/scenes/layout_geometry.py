@@ -26,7 +26,7 @@ from hab_tasks.geometry import IDENTITY, to_matrix
 from hab_tasks.privileged import Array, CollisionShape
 from hab_tasks.scenes.build import BodyBuilder
 from hab_tasks.scenes.coal_shapes import coal_shape
-from hab_tasks.scenes.floor import body_points
+from hab_tasks.scenes.floor import body_points, footprints
 from hab_tasks.scenes.shapes import matrix, read_body
 from hab_tasks.scenes.spec import ArticulationInstance, ObjectTemplate, SceneSpec, Stage
 
@@ -81,6 +81,12 @@ class Placed:
     def points_m(self) -> Array:
         """(3, P) corners of all shapes in the world."""
         return self.world_from_body[:3] @ self.shapes.points
+
+    @cached_property
+    def outlines_m(self) -> tuple[Array, ...]:
+        """Outlines (V, 2) on the floor of the shapes that are in the base's way."""
+        prints = footprints(self.points_m, self.shapes.starts)
+        return tuple(f.outline_m for f in prints if f.in_the_way())
 
     def moved(self, motion: Array) -> Placed:
         """Returns the body after a rigid motion (4, 4) of the world."""

@@ -4,21 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import torch
-from torch import Tensor
-
+from hab_tasks.arrays import Rows, where
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
+from hab_tasks.goals import Goals
 from hab_tasks.measures import Measures
-from hab_tasks.rewards import force_penalty
-from hab_tasks.sensors import (
-    ARM_QPOS,
-    EE_POSITION,
-    IS_HOLDING,
-    OBJECT_START_IN_EE,
-    REST_FROM_EE,
-    Goals,
-)
+from hab_tasks.rewards import force_penalty, weighted_by_completion_time
+from hab_tasks.sensors import OBJECT_START_IN_EE, PROPRIOCEPTION
 from hab_tasks.skills.base import Skill, SkillEnv
+from hab_tasks.skills.needs import Needs
 from hab_tasks.snapshot import Snapshot
 
 
@@ -45,12 +38,12 @@ class PickConfig:
     force_limit_n: float = 5000.0
 
 
-def success(s: Snapshot, m: Measures, c: PickConfig) -> Tensor:
+def success(s: Snapshot, m: Measures, g: Goals, c: PickConfig) -> Rows:
     """Target in the hand and hand within the rest radius, (N,) bool."""
     return m.holding_target & (m.ee_to_rest_m < c.rest_radius_m)
 
 
-def failures(s: Snapshot, m: Measures, c: PickConfig) -> dict[str, Tensor]:
+def failures(s: Snapshot, m: Measures, g: Goals, c: PickConfig) -> dict[str, Rows]:
     """Why an episode ends without success, each (N,) bool."""
     return {
         "force": m.force_total_n > c.force_limit_n,
@@ -60,11 +53,11 @@ def failures(s: Snapshot, m: Measures, c: PickConfig) -> dict[str, Tensor]:
 
 
 def reward_terms(
-    s: Snapshot, m: Measures, g: Goals, c: PickConfig, ends: dict[str, Tensor]
-) -> dict[str, Tensor]:
+    s: Snapshot, m: Measures, g: Goals, c: PickConfig, ends: dict[str, Rows]
+) -> dict[str, Rows]:
     """The summands of the reward, each (N,) float32, in the equation's order."""
     w = c.weights
-    holding = m.holding_target.to(torch.float32)
+    holding = m.holding_target * 1.0
     return {
         "success": w.success * ends["success"],
         "pickup": w.pickup * m.picked_now,
@@ -78,21 +71,38 @@ def reward_terms(
     }
 
 
-def mask_gripper(gripper: Tensor, m: Measures) -> Tensor:
+def mask_gripper(gripper: Rows, m: Measures) -> Rows:
     """Once the target is held it is not released until the skill ends (S E.2), (N,)."""
-    return torch.where(m.holding_target, gripper.abs(), gripper)
+    return where(m.holding_target, abs(gripper), gripper)
+
+
+def scores(m: Measures, success: Rows) -> dict[str, Rows]:
+    """Success weighted by completion time (S F.2), (N,)."""
+    return {"sct": weighted_by_completion_time(success, m.ee_to_object_start_m, m.steps)}
 
 
 PICK = Skill(
     name="pick",
     config=PickConfig(),
+    needs=Needs(takes="objects"),
     horizon_steps=SKILL_HORIZON_STEPS,
     control_modes=("ee", "joint_delta", "joint_target"),
-    observation=(ARM_QPOS, EE_POSITION, IS_HOLDING, REST_FROM_EE, OBJECT_START_IN_EE),
+    observation=(*PROPRIOCEPTION, OBJECT_START_IN_EE),
+    measures=(
+        "ee_to_object_m",
+        "ee_to_rest_m",
+        "holding_target",
+        "holding_other",
+        "picked_now",
+        "dropped_now",
+        "force_n",
+        "force_total_n",
+    ),
     success=success,
     failures=failures,
     reward_terms=reward_terms,
     mask_gripper=mask_gripper,
+    scores=scores,
     # One step can at most succeed, pick up and move the hand by a quarter of a metre.
     reward_bound=20.0 + 5.0 + 20.0 * 0.25,
 )

@@ -43,9 +43,9 @@ def test_list_names_every_env_mode_and_entry(run):
     assert done.returncode == 0, done.stderr
     for entry in ENVS.values():
         assert f"{entry.id}: {entry.horizon_steps} steps" in done.stdout
-        for mode in entry.env.skill.control_modes:
+        for mode in entry.env.control_modes:
             assert mode in done.stdout
-        for item in entry.env.skill.observation:
+        for item in entry.env.observation:
             shape = "x".join(map(str, item.shape))
             assert re.search(rf"{item.name} +{shape} +{item.unit}", done.stdout)
 

@@ -28,7 +28,7 @@ class Bench:
         ]
         self.scene._setup(enable_gpu=False)
         start_fetch(self.agent)
-        self.dormant = DormantObjects(self.boxes, dict(self.agent.robot.links_map), mobile)
+        self.dormant = DormantObjects(self.boxes, dict(self.agent.robot.links_map), [], mobile)
         self.dormant.thaw_all()
         self.dormant.freeze_all(np.ones(len(self.boxes), dtype=bool))
 
@@ -43,7 +43,7 @@ class Bench:
         if target is not None:
             action = torch.tensor(np.append(target, -1.0)[None], dtype=torch.float32)
             self.agent.controller.set_action(action)
-        self.dormant.before_step(held)
+        self.dormant.before_step(held, True)
         links = {link._objs[0] for link in self.agent.robot.links}
         touched = set()
         for _ in range(4):

@@ -7,7 +7,8 @@ import torch
 from builders import box_actor, cpu_scene, start_fetch
 
 from hab_tasks.robots.fetch import HabFetch
-from hab_tasks.robots.grasp import NOTHING, DriveGrasp, FollowGrasp, Handle
+from hab_tasks.robots.follow_grasp import FollowGrasp
+from hab_tasks.robots.grasp import NOTHING, DriveGrasp, Handle
 from hab_tasks.scenes.collision_groups import HELD, MOVING
 from hab_tasks.scenes.dataset import resolve_dataset
 from hab_tasks.scenes.load import load_scene
@@ -219,7 +220,11 @@ class Kitchen:
         furniture = built.articulations[name]
         self.link = furniture.links_map[marker.link]
         self.handle = Handle(
-            name=marker.name, furniture=furniture, link=self.link, offset_m=marker.offset_m
+            name=marker.name,
+            furniture_name=name,
+            furniture=furniture,
+            link=self.link,
+            offset_m=marker.offset_m,
         )
         self.furniture = furniture
         self.grasp = kind(self.scene, self.agent.ee_link, [], [self.handle])
@@ -291,6 +296,40 @@ def test_an_object_in_reach_comes_before_a_handle(kind):
     both.command(GRASP)
     assert both.held.tolist() == [0]
     assert both.held_handle.tolist() == [NOTHING]
+
+
+@every_kind
+@pytest.mark.parametrize(
+    ("takes", "held", "handle"), [("any", 0, NOTHING), ("objects", 0, NOTHING), ("handles", -1, 0)]
+)
+def test_a_hand_takes_what_its_skill_is_about(kind, takes, held, handle):
+    kitchen = Kitchen(kind, HANDLE_MARKERS[2])
+    hand = kitchen.grasp.ee_position_m()[0].numpy()
+    box = box_actor(kitchen.scene, "late", SMALL, tuple(np.add(hand, (0, 0, 0.12))))
+    both = kind(kitchen.scene, kitchen.agent.ee_link, [box], [kitchen.handle], takes)
+    both.command(GRASP)
+    assert (both.held.tolist(), both.held_handle.tolist()) == ([held], [handle])
+    both.command(RELEASE)
+    box.set_pose(sapien.Pose([0.0, 0.0, 30.0]))
+    both.command(GRASP)
+    # Without an object in reach, the handle, unless the hand takes objects only.
+    assert both.held_handle.tolist() == [NOTHING if takes == "objects" else 0]
+
+
+@every_kind
+def test_what_is_shut_in_is_not_grasped(kind):
+    offsets = ((0.0, 0.0, -0.05), (0.0, 0.1, 0.0))
+    bench = Bench(kind, [(SMALL, offset) for offset in offsets])
+    bench.grasp.shut_in = lambda: torch.tensor([[True, False]])
+    bench.grasp.command(GRASP)
+    assert bench.grasp.held.tolist() == [1]
+    bench.grasp.command(RELEASE)
+    bench.grasp.shut_in = lambda: torch.tensor([[True, True]])
+    bench.grasp.command(GRASP)
+    assert not bench.grasp.holding
+    bench.grasp.shut_in = lambda: None
+    bench.grasp.command(GRASP)
+    assert bench.grasp.held.tolist() == [0]
 
 
 def test_every_marker_names_furniture_of_the_apartment():

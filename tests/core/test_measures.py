@@ -1,37 +1,41 @@
-"""The tracker on batches of hand-made snapshots, and the change to the base frame."""
+"""What a tracker measures on batches of hand-made snapshots, and the change to the base frame."""
 
 import math
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import pytest
 import torch
-from builders import same, snapshot
+from builders import StraightWays, snapshot
 
 from hab_tasks.constants import REST_POSITION_M
-from hab_tasks.measures import Measures, Tracker
+from hab_tasks.goals import Goals
+from hab_tasks.measures import MEANINGS, Measures, Tracker
 from hab_tasks.snapshot import world_to_base
 
 N = 4
 ALL = torch.arange(N)
-TARGET = torch.tensor([0, 1, 2, 3])
+GOING, STOPPED = torch.zeros(N, dtype=torch.bool), torch.ones(N, dtype=torch.bool)
+REST = torch.tensor(REST_POSITION_M)
 
 
-def random_snapshot(seed, held=(-1, -1, -1, -1)):
-    generator = torch.Generator().manual_seed(seed)
-    draw = {n: torch.randn(N, 3, generator=generator) for n in ("base", "ee_m", "object_m")}
-    force = torch.rand(N, generator=generator) * 100
-    return snapshot(N, **draw, held=torch.tensor(held), force_n=force)
+def goals(fronts=0, **values):
+    return replace(Goals.empty(N, 1, fronts, "cpu"), **values)
 
 
-def tracker_at(first):
-    tracker = Tracker(N, torch.device("cpu"))
-    tracker.target = TARGET.clone()
+def tracker_at(first, goals=None, ways=None):
+    """A tracker whose row 0 is about object 0, row 1 about object 1 and so on."""
+    tracker = Tracker(goals or Goals.empty(N, 1, first.joints.shape[1], "cpu"), ways)
+    tracker.targets = ALL[:, None].clone()
     tracker.begin(first, ALL)
     return tracker
 
 
-def values(tracker):
-    return {f.name: getattr(tracker.measures, f.name) for f in fields(Measures)}
+def random_snapshot(seed, held=(-1, -1, -1, -1)):
+    generator = torch.Generator().manual_seed(seed)
+    draw = {name: torch.randn(N, 3, generator=generator) for name in ("base", "ee_m")}
+    objects_m = torch.randn(N, 1, 3, generator=generator)
+    force_n = torch.rand(N, generator=generator) * 100
+    return snapshot(N, **draw, objects_m=objects_m, held=torch.tensor(held), force_n=force_n)
 
 
 def test_world_to_base_by_hand():
@@ -46,106 +50,134 @@ def test_world_to_base_by_hand():
 
 
 def test_distances_of_the_first_moment():
-    rest = torch.tensor(REST_POSITION_M)
-    ee = torch.stack([rest, rest + torch.tensor([0.3, 0.4, 0.0]), rest, rest])
+    ee = torch.stack([REST, REST + torch.tensor([0.3, 0.4, 0.0]), REST, REST])
     objects = ee + torch.tensor([[0.0, 0, 0], [0, 0, 0.25], [1, 2, 2], [-0.6, 0.8, 0]])
-    m = tracker_at(snapshot(N, ee_m=ee, object_m=objects)).measures
+    goals_m = objects + torch.tensor([[0.0, 0, 2], [0, 0.3, 0.4], [0, 0, 0], [2, -1, 2]])
+    handles = ee - torch.tensor([[0.0, 0, 0.5], [4, 0, 3], [0, 0, 0], [2, 3, 6]])
+    first = snapshot(N, fronts=1, ee_m=ee, objects_m=objects[:, None], handles_m=handles[:, None])
+    m = tracker_at(first, goals(fronts=1, goals_m=goals_m[:, None])).measures
     # |(0.3, 0.4, 0)| = 0.5; |(1, 2, 2)| = 3; |(-0.6, 0.8, 0)| = 1
     assert torch.allclose(m.ee_to_rest_m, torch.tensor([0.0, 0.5, 0.0, 0.0]), atol=1e-6)
     assert torch.allclose(m.ee_to_object_m, torch.tensor([0.0, 0.25, 3.0, 1.0]), atol=1e-6)
-    assert not m.ee_to_object_decrease_m.any()
-    assert not m.ee_to_rest_decrease_m.any()
+    # |(0, 0.3, 0.4)| = 0.5; |(2, -1, 2)| = 3; |(4, 0, 3)| = 5; |(2, 3, 6)| = 7
+    assert torch.allclose(m.object_to_goal_m, torch.tensor([2.0, 0.5, 0.0, 3.0]), atol=1e-6)
+    assert torch.allclose(m.ee_to_handle_m, torch.tensor([0.5, 5.0, 0.0, 7.0]), atol=1e-6)
+    assert torch.equal(m.ee_to_object_start_m, m.ee_to_object_m)
+    for name in MEANINGS:
+        if name.endswith(("_decrease_m", "_decrease_rad", "_increase", "_now")):
+            assert not getattr(m, name).any(), name
 
 
 def test_advance_takes_differences_and_sums_the_force():
     first, second = random_snapshot(0), random_snapshot(1)
     tracker = tracker_at(first)
     before = tracker.measures
-    tracker.advance(second)
+    tracker.advance(second, GOING)
     now = tracker.measures
-    gap = torch.linalg.norm(second.object_m - second.ee_m, dim=1)
+    gap = torch.linalg.norm(second.objects_m[:, 0] - second.ee_m, dim=1)
     assert torch.allclose(now.ee_to_object_m, gap)
     assert torch.allclose(now.ee_to_object_decrease_m, before.ee_to_object_m - gap)
-    assert torch.allclose(now.ee_to_rest_decrease_m, before.ee_to_rest_m - now.ee_to_rest_m)
+    for name in ("ee_to_rest", "object_to_goal"):
+        change = getattr(before, f"{name}_m") - getattr(now, f"{name}_m")
+        assert torch.allclose(getattr(now, f"{name}_decrease_m"), change), name
     assert torch.allclose(now.force_n, second.force_n)
     assert torch.allclose(now.force_total_n, first.force_n + second.force_n)
-    tracker.advance(second)
+    assert torch.equal(now.ee_to_object_start_m, before.ee_to_object_m)
+    tracker.advance(second, STOPPED)
     assert not tracker.measures.ee_to_object_decrease_m.any()
     assert torch.allclose(tracker.measures.force_total_n, first.force_n + 2 * second.force_n)
+    assert tracker.measures.steps.tolist() == [2.0] * N
+    assert now.stopped.tolist() == [False] * N
+    assert tracker.measures.stopped.tolist() == [True] * N
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "picked", "dropped", "other"),
+    ("before", "after", "picked", "dropped", "other", "picked_other"),
     [
-        (-1, 1, True, False, False),  # the target
-        (-1, 0, False, False, True),  # another object
-        (1, 1, False, False, False),
-        (1, -1, False, True, False),
-        (1, 0, False, True, True),  # exchanged for another
-        (0, 1, True, False, False),
-        (-1, -1, False, False, False),
+        (-1, 1, True, False, False, False),  # the target
+        (-1, 0, False, False, True, True),  # another object
+        (1, 1, False, False, False, False),
+        (0, 0, False, False, True, False),
+        (1, -1, False, True, False, False),
+        (1, 0, False, True, True, True),  # exchanged for another
+        (0, 1, True, False, False, False),
+        (-1, -1, False, False, False, False),
     ],
 )
-def test_picking_up_and_dropping(before, after, picked, dropped, other):
+def test_picking_up_and_dropping(before, after, picked, dropped, other, picked_other):
     # Row 1's target is object 1; the other rows hold nothing.
     tracker = tracker_at(random_snapshot(0, (-1, before, -1, -1)))
-    tracker.advance(random_snapshot(1, (-1, after, -1, -1)))
+    tracker.advance(random_snapshot(1, (-1, after, -1, -1)), GOING)
     m = tracker.measures
     assert m.picked_now.tolist() == [False, picked, False, False]
     assert m.dropped_now.tolist() == [False, dropped, False, False]
     assert m.holding_other.tolist() == [False, other, False, False]
+    assert m.picked_other_now.tolist() == [False, picked_other, False, False]
     assert m.holding_target.tolist() == [False, after == 1, False, False]
 
 
-def test_a_partial_begin_changes_only_its_rows():
-    tracker = tracker_at(random_snapshot(0))
-    tracker.advance(random_snapshot(1, (0, 0, -1, 3)))
-    before = {name: value.clone() for name, value in values(tracker).items()}
-    fresh = random_snapshot(2)
-    tracker.begin(fresh, torch.tensor([1, 3]))
-    alone = tracker_at(fresh)
-    for name, value in values(tracker).items():
-        assert torch.equal(value[[0, 2]], before[name][[0, 2]]), name
-        assert torch.equal(value[[1, 3]], values(alone)[name][[1, 3]]), name
-    assert before["force_total_n"][1] != tracker.measures.force_total_n[1]
+def test_placed_means_within_15_cm_and_let_go():
+    heights = torch.tensor([0.149, 0.151, 0.1, 0.1])
+    at = torch.stack((torch.zeros(N), torch.zeros(N), heights), dim=1)[:, None]
+    held = torch.tensor([-1, -1, 2, 0])  # row 2 holds its own object, row 3 another one
+    m = tracker_at(snapshot(N, objects_m=at, held=held), goals()).measures
+    assert m.placed.tolist() == [True, False, False, True]
 
 
-def test_state_round_trip_goes_on_alike():
-    tracker = tracker_at(random_snapshot(0))
-    tracker.advance(random_snapshot(1, (0, -1, 1, 3)))
-    state = tracker.get_state()
-    other = tracker_at(random_snapshot(5))
-    other.target = torch.zeros(N, dtype=torch.long)
-    other.set_state(state, ALL)
-    assert same(other.get_state(), state)
-    for t in (tracker, other):
-        t.advance(random_snapshot(2, (-1, 1, 1, 3)))
-    assert same(other.get_state(), tracker.get_state())
+def test_a_door_and_its_handle():
+    travel = {"joint_lower": torch.full((N, 1), -0.5), "joint_upper": torch.full((N, 1), 1.5)}
+    first = snapshot(N, joints=torch.tensor([[-0.5], [0.5], [1.0], [1.5]]), fronts=1)
+    tracker = tracker_at(first, goals(fronts=1, **travel))
+    tracker.handles[:] = torch.tensor([[0], [1], [2], [3]])
+    # (0.5 + 0.5) / 2 = 0.5; (1 + 0.5) / 2 = 0.75
+    assert tracker.measures.joint_share.tolist() == [0.0, 0.5, 0.75, 1.0]
+    moved = replace(
+        first,
+        joints=torch.tensor([[-0.25], [0.0], [1.0], [1.5]]),
+        held_handle=torch.tensor([0, 0, -1, 3]),
+    )
+    tracker.advance(moved, GOING)
+    m = tracker.measures
+    assert m.joint_increase.tolist() == [0.25, -0.5, 0.0, 0.0]
+    assert m.joint.tolist() == [-0.25, 0.0, 1.0, 1.5]
+    # Row 1 holds the handle of another door.
+    assert m.holding_handle.tolist() == [True, False, False, True]
+    assert m.grabbed_now.tolist() == [True, False, False, True]
 
 
-def test_restoring_some_rows_leaves_the_others():
-    tracker = tracker_at(random_snapshot(0))
-    tracker.advance(random_snapshot(1, (0, -1, 1, 3)))
-    rows = torch.tensor([2, 0])
-    state = {name: value[rows] for name, value in tracker.get_state().items()}
-    other = tracker_at(random_snapshot(5))
-    untouched = other.get_state()
-    other.set_state(state, rows)
-    for name, value in other.get_state().items():
-        assert torch.equal(value[rows], state[name]), name
-        assert torch.equal(value[[1, 3]], untouched[name][[1, 3]]), name
+def test_way_and_heading_of_the_base():
+    base = torch.tensor([[3.0, 4, 0.1], [0, 2, 3.0], [1, 0, -3.0], [0, 0, 1.0]])
+    asked = torch.tensor([[0.0, 0, -0.2], [0, 0, -3.0], [0, 0, 3.0], [0, 0, 1.0]])
+    tracker = tracker_at(snapshot(N, base=base), goals(base=asked), StraightWays())
+    m = tracker.measures
+    assert m.base_to_goal_m.tolist() == [5.0, 2.0, 1.0, 0.0]
+    assert torch.equal(m.base_to_goal_start_m, m.base_to_goal_m)
+    # 0.1 + 0.2 = 0.3; 3 + 3 = 6 is 2 pi - 6 = 0.2832 the other way round, in both directions
+    apart = torch.tensor([0.3, 2 * math.pi - 6, 2 * math.pi - 6, 0.0])
+    assert torch.allclose(m.heading_error_rad, apart, atol=1e-6)
+    assert m.path_m.tolist() == [0.0] * N
+    there = torch.tensor([[0.0, 0, 0.0], [0, 2, -3.0], [1, 1, -3.0], [0, 0, 1.0]])
+    tracker.advance(snapshot(N, base=there), GOING)
+    m = tracker.measures
+    # Row 2 goes from 1 m to sqrt(2) m away.
+    decrease = torch.tensor([5.0, 0.0, 1 - math.sqrt(2), 0.0])
+    assert torch.allclose(m.base_to_goal_decrease_m, decrease)
+    turned = torch.tensor([0.1, 2 * math.pi - 6, 0.0, 0.0])  # 0.3 - 0.2 = 0.1
+    assert torch.allclose(m.heading_error_decrease_rad, turned, atol=1e-6)
+    assert m.path_m.tolist() == [5.0, 0.0, 1.0, 0.0]
+    tracker.advance(snapshot(N, base=base), GOING)
+    assert tracker.measures.path_m.tolist() == [10.0, 0.0, 2.0, 0.0]
+    assert tracker.measures.base_to_goal_start_m.tolist() == [5.0, 2.0, 1.0, 0.0]
 
 
-def test_a_saved_state_does_not_change_with_the_tracker():
-    tracker = tracker_at(random_snapshot(0))
-    state = tracker.get_state()
-    kept = {name: value.clone() for name, value in state.items()}
-    tracker.advance(random_snapshot(1))
-    tracker.target[0] = 3
-    assert same(state, kept)
-
-
-def test_info_names_every_scalar_measure():
-    scalars = tracker_at(random_snapshot(0)).measures.as_dict()
-    assert set(scalars) == {f.name for f in fields(Measures)} - {"ee_in_base_m"}
-    assert all(value.shape == (N,) for value in scalars.values())
+def test_every_measure_has_a_unit_and_a_meaning_and_is_a_row():
+    m = tracker_at(random_snapshot(0)).measures
+    assert set(MEANINGS) == {f.name for f in fields(Measures)}
+    assert all(unit and meaning for unit, meaning in MEANINGS.values())
+    scalars = m.scalars(tuple(set(MEANINGS) - {"ee_in_base_m", "base_m"}))
+    for name, value in scalars.items():
+        assert value.shape == (N,), name
+        kind = torch.bool if MEANINGS[name][0] == "bool" else torch.float32
+        assert value.dtype == kind, name
+    assert m.ee_in_base_m.shape == (N, 3)
+    assert m.base_m.shape == (N, 2)

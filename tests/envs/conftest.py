@@ -1,27 +1,28 @@
-"""Episodes that every test of an environment plays, made once, and environments on them."""
+"""Episodes that every test of an environment plays, and environments on them."""
+
+from dataclasses import replace
+from pathlib import Path
 
 import gymnasium as gym
 import pytest
 import torch
 
 from hab_tasks.envs import ENVS
-from hab_tasks.episodes import EpisodeRequest, open_source, write_episodes
+from hab_tasks.episodes.schema import read_episodes, write_episodes
 
 torch.set_num_threads(1)
-COUNT, SEED = 8, 2024
+SHIPPED = Path(__file__).parents[2] / "assets" / "episodes"
+COUNT = 8
 
 
 @pytest.fixture(scope="session")
 def episode_files(tmp_path_factory):
-    """Env id -> a file of `COUNT` episodes in the apartment."""
+    """Env id -> a file with the first `COUNT` episodes of the shipped evaluation set."""
     folder, files = tmp_path_factory.mktemp("episodes"), {}
-    with pytest.MonkeyPatch.context() as patch:
-        # With an empty cache, so that nothing made by an older version is played.
-        patch.setenv("HAB_CACHE_DIR", str(folder / "cache"))
-        for env_id in ENVS:
-            files[env_id] = folder / f"{env_id}.json"
-            source = open_source(EpisodeRequest(env_id=env_id, seed=SEED))
-            write_episodes(source.to_set(COUNT), files[env_id])
+    for env_id in ENVS:
+        whole = read_episodes(SHIPPED / f"{env_id}.apartment.embedded.val.0.json.gz")
+        files[env_id] = folder / f"{env_id}.json"
+        write_episodes(replace(whole, episodes=whole.episodes[:COUNT]), files[env_id])
     return files
 
 

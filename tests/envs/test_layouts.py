@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 import torch
 from builders import go_above_and_grasp, same
+from playing import actions, each_family, move_joint, record, slow
 
-from hab_tasks.envs import ENVS
 from hab_tasks.episodes import EpisodeRequest, open_source
 from hab_tasks.errors import EpisodeError
 from hab_tasks.scenes.lights import MAX_LIGHTS
 
-every_env = pytest.mark.parametrize("env_id", ENVS)
 LAYOUTS = ("v3_sc0_staging_00", "v3_sc3_staging_00", "apt_0")
 """Two that are staged, with other furniture and lamps, and one full of loose objects."""
 
@@ -21,26 +20,25 @@ def episode_of(env_id, scene_id):
     return open_source(EpisodeRequest(env_id=env_id, scene=scene_id, seed=3)).get(0)
 
 
+class Episodes(dict):
+    """Env id -> an episode in each layout, made when it is asked for."""
+
+    def __missing__(self, env_id):
+        self[env_id] = [episode_of(env_id, scene_id) for scene_id in LAYOUTS]
+        return self[env_id]
+
+
 @pytest.fixture(scope="module")
 def episodes(tmp_path_factory):
-    """Env id -> an episode in each layout."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HAB_CACHE_DIR", str(tmp_path_factory.mktemp("cache")))
-        return {env_id: [episode_of(env_id, s) for s in LAYOUTS] for env_id in ENVS}
+        yield Episodes()
 
 
 @pytest.fixture
-def held(tmp_path, monkeypatch):
+def held(episodes):
     """A start state of Place: the object is in the hand."""
-    monkeypatch.setenv("HAB_CACHE_DIR", str(tmp_path))
-    return episode_of("HabPlace-v1", LAYOUTS[0])
-
-
-def wave(count, seed=0, gripper=-1.0):
-    """Small end-effector movements; the gripper entry stays the same."""
-    drawn = np.random.default_rng(seed).uniform(-1, 1, (count, 4)).astype(np.float32)
-    drawn[:, 3] = gripper
-    return drawn
+    return episodes["HabPlace-v1"][0]
 
 
 def start(env, *episodes, play=False, **options):
@@ -48,10 +46,21 @@ def start(env, *episodes, play=False, **options):
     for episode in episodes:
         obs, _ = env.reset(options={"episode": episode, **options})
         if play and episode is not episodes[-1]:
-            go_above_and_grasp(env, episode.target)
-            for action in wave(5, gripper=1.0):
-                env.step(action)
+            play_in(env, episode)
     return obs
+
+
+def play_in(env, episode):
+    """Disturbs a layout: something is taken up, a door opened, and all that can move moves."""
+    base = env.unwrapped
+    if base.control_mode == "ee" and episode.held is None:
+        go_above_and_grasp(env, episode.target)
+    if base.needs.fronts:
+        state = base.get_state_dict()
+        move_joint(state, env, 0, 0.2)
+        base.set_state_dict(state)
+    for action in actions(env, 8, gripper=1.0):
+        env.step(action)
 
 
 def view(env):
@@ -59,7 +68,7 @@ def view(env):
     (state,) = env.unwrapped.privileged()
     return {
         "state": env.unwrapped.get_state_dict(),
-        "measures": env.unwrapped.measures.as_dict(),
+        "measures": dict(vars(env.unwrapped.measures)),
         "poses": state.world_from_body,
         "coms": state.object_com_m,
         "shapes": {
@@ -69,23 +78,15 @@ def view(env):
     }
 
 
-def record(env, actions):
-    found = []
-    for action in actions:
-        obs, reward, *_, info = env.step(action)
-        found.append({"obs": obs, "reward": reward, "measures": info["measures"]})
-    return found
-
-
 def keys(value):
     return {k: keys(v) for k, v in value.items()} if isinstance(value, dict) else None
 
 
-@every_env
+@each_family
 @pytest.mark.parametrize("last", range(3), ids=LAYOUTS)
-@pytest.mark.parametrize("play", [False, True], ids=["looked at", "played in"])
+@pytest.mark.parametrize("play", [pytest.param(False, marks=slow, id="looked at"), True])
 def test_a_layout_after_others_equals_a_fresh_environment(make, episodes, env_id, last, play):
-    options = {"control_mode": "ee", "obs_mode": "state_dict"}
+    options = {"obs_mode": "state_dict"}
     order = [*episodes[env_id][last + 1 :], *episodes[env_id][: last + 1]]
     fresh, worn = make(env_id, **options), make(env_id, **options)
     expected = start(fresh, order[-1])
@@ -96,10 +97,10 @@ def test_a_layout_after_others_equals_a_fresh_environment(make, episodes, env_id
     assert same(b, a)
 
 
-@every_env
+@each_family
 def test_it_goes_on_alike_and_a_new_simulation_exactly(make, episodes, env_id):
     """To the last bit in a new simulation; an old one keeps traces of what it showed before."""
-    options = {"control_mode": "ee", "obs_mode": "state_dict"}
+    options = {"obs_mode": "state_dict"}
     first, second, _ = episodes[env_id]
     runs = []
     for before, reset in (
@@ -111,30 +112,31 @@ def test_it_goes_on_alike_and_a_new_simulation_exactly(make, episodes, env_id):
         if before:
             start(env, *before, play=True)
         start(env, first, **reset)
-        runs.append(record(env, wave(20, seed=1)))
+        runs.append(record(env, actions(env, 20, seed=1, gripper=-1.0)))
     for step, (fresh, shown, rebuilt) in enumerate(zip(*runs, strict=True)):
         assert same(fresh, rebuilt), f"step {step}"
         assert same(fresh["obs"], shown["obs"], atol=1e-4), f"step {step}"
 
 
-@every_env
+@each_family
 def test_a_state_can_be_restored_after_other_layouts(make, episodes, env_id):
-    env = make(env_id, control_mode="ee", obs_mode="state_dict")
+    env = make(env_id, obs_mode="state_dict")
     start(env, *episodes[env_id], episodes[env_id][0], play=True)
-    record(env, wave(5))
+    record(env, actions(env, 5, gripper=-1.0))
     state = env.unwrapped.get_state_dict()
-    original = record(env, wave(15, seed=1))
+    sequence = actions(env, 15, seed=1, gripper=-1.0)
+    original = record(env, sequence)
     env.unwrapped.set_state_dict(state)
     assert same(env.unwrapped.get_state_dict(), state, atol=1e-5)
-    other = make(env_id, control_mode="ee", obs_mode="state_dict")
+    other = make(env_id, obs_mode="state_dict")
     start(other, episodes[env_id][0])
     other.unwrapped.set_state_dict(state)
-    for run in (record(env, wave(15, seed=1)), record(other, wave(15, seed=1))):
+    for run in (record(env, sequence), record(other, sequence)):
         for step, (a, b) in enumerate(zip(original, run, strict=True)):
             assert same(a["obs"], b["obs"], atol=1e-4), f"step {step}"
 
 
-@every_env
+@each_family
 def test_the_scene_key_tells_layouts_apart(make, episodes, env_id):
     env = make(env_id)
     first, second, _ = episodes[env_id]
@@ -150,7 +152,7 @@ def test_the_scene_key_tells_layouts_apart(make, episodes, env_id):
     assert env.unwrapped.privileged()[0].scene_key == other
 
 
-@every_env
+@each_family
 def test_segmentation_names_what_is_shown(make, episodes, env_id):
     env = make(env_id)
     for episode in (*episodes[env_id], episodes[env_id][0]):
@@ -170,7 +172,7 @@ def test_segmentation_names_what_is_shown(make, episodes, env_id):
         assert {i: body.name for i, body in named.items()} == expected
 
 
-@every_env
+@each_family
 def test_an_object_that_was_not_loaded_is_named(make, episodes, env_id):
     env, (episode, *_) = make(env_id), episodes[env_id]
     pose = episode.objects[episode.target]
@@ -196,8 +198,8 @@ def test_a_held_object_starts_in_the_grasp_and_stays_there(
     # The end-effector is 8 cm ahead of the gripper's link; the centre of mass is there.
     assert np.allclose(state.object_com_m[held.held], link[:3, 3] + 0.08 * link[:3, 0], atol=1e-3)
     in_hand = np.linalg.inv(link) @ state.world_from_body[held.held]
-    for action in move * wave(10):
-        base.step(np.append(action[:3], 1.0).astype(np.float32))
+    for action in actions(env, 10):
+        base.step(np.append(move * action[:3], 1.0).astype(np.float32))
         (state,) = base.privileged()
         now = np.linalg.inv(state.world_from_body["hab_fetch/gripper_link"])
         now = now @ state.world_from_body[held.held]
@@ -206,7 +208,7 @@ def test_a_held_object_starts_in_the_grasp_and_stays_there(
 
 
 def test_a_held_object_is_let_go_when_another_episode_starts(make, episodes, held):
-    env = make("HabPick-v1", control_mode="ee", obs_mode="state_dict")
+    env = make("HabPick-v1", obs_mode="state_dict")
     expected = start(env, episodes["HabPick-v1"][0])
     start(env, held)
     assert same(start(env, episodes["HabPick-v1"][0]), expected)
@@ -224,9 +226,9 @@ def lamps(env):
 
 @pytest.mark.render
 @pytest.mark.slow
-@every_env
+@each_family
 def test_a_layout_looks_the_same_when_it_comes_again(make, episodes, env_id):
-    options = {"obs_mode": "rgb+segmentation", "control_mode": "ee"}
+    options = {"obs_mode": "rgb+segmentation"}
     fresh, worn = make(env_id, **options), make(env_id, **options)
     first, second, _ = episodes[env_id]
     pictures = []

@@ -1,84 +1,153 @@
-"""One row of a batch starts anew: what the environment does, on tensors, without a simulator."""
+"""One row of a batch starts anew: what every environment does, on tensors, without a simulator."""
+
+from dataclasses import fields, replace
 
 import pytest
 import torch
-from builders import snapshot
+from builders import StraightWays, judge, snapshot
 
 from hab_tasks.envs import ENVS
+from hab_tasks.fronts import FRIDGE
+from hab_tasks.goals import Goals
 from hab_tasks.measures import Tracker
-from hab_tasks.rewards import total
-from hab_tasks.sensors import Goals
+from hab_tasks.tasks.progress import Progress
 
-N, CPU = 3, torch.device("cpu")
+N, STEPS = 3, 12
+ROWS, FRESH = torch.arange(N), torch.tensor([1])
+OTHERS = [0, 2]
 
-
-def moment(ee_x, held=(-1, -1, -1), force=(0.0, 0.0, 0.0)):
-    ee = torch.zeros(N, 3)
-    ee[:, 0] = torch.tensor(ee_x)
-    objects = torch.tensor([1.0, 0.0, 1.0]).expand(N, 3)
-    return snapshot(
-        N, ee_m=ee, object_m=objects, held=torch.tensor(held), force_n=torch.tensor(force)
-    )
+SKILLS = [e for e in ENVS if hasattr(ENVS[e].env, "skill")]
+TASKS = [e for e in ENVS if hasattr(ENVS[e].env, "task")]
 
 
-def reward_of(skill, s, m):
-    ends = skill.failures(s, m, skill.config)
-    ends["success"] = skill.success(s, m, skill.config)
-    goals = Goals(object_start_m=torch.zeros(N, 3))
-    return total(skill.reward_terms(s, m, goals, skill.config, ends)), ends
+def moments(needs, seed=0):
+    """Random snapshots: things wander about, are held and let go, doors move, the robot bumps."""
+    draw = torch.Generator().manual_seed(seed)
+
+    def near(*shape):
+        return 0.2 * torch.randn(*shape, generator=draw)
+
+    def chosen(count):
+        return torch.randint(-1, count, (N,), generator=draw)
+
+    return [
+        snapshot(
+            N,
+            objects=needs.objects,
+            fronts=len(needs.fronts),
+            ee_m=near(N, 3),
+            base=near(N, 3),
+            objects_m=near(N, needs.objects, 3),
+            handles_m=near(N, len(needs.fronts), 3),
+            joints=near(N, len(needs.fronts)).abs() * 6,
+            held=chosen(needs.objects + 1),
+            held_handle=chosen(2),
+            force_n=1000 * near(N).clamp(min=0.0),
+        )
+        for _ in range(STEPS)
+    ]
 
 
-@pytest.mark.parametrize("env_id", ENVS)
+def tracker_of(needs):
+    goals = Goals.empty(N, needs.objects, len(needs.fronts), "cpu")
+    if FRIDGE in needs.fronts:  # before the door, so that the base is inside its region
+        front = torch.tensor([-1.2, 0.0, 0.0]).expand(N, len(needs.fronts), 3)
+        goals = replace(goals, front=front.clone())
+    tracker = Tracker(goals, StraightWays() if needs.navigates else None)
+    for number in range(needs.objects):
+        tracker.targets[:, number] = number
+    return tracker
+
+
+def alone(shot, row):
+    """A batch of which every row is one and the same."""
+    values = {f.name: getattr(shot, f.name)[[row] * N] for f in fields(shot)}
+    return replace(shot, **values)
+
+
+@pytest.mark.parametrize("env_id", SKILLS)
 def test_a_row_that_starts_anew_neither_pays_nor_fails_for_its_past(env_id):
     skill = ENVS[env_id].env.skill
-    tracker = Tracker(N, CPU)
-    tracker.begin(moment((0.0, 0.0, 0.0)), torch.arange(N))
-    spent = moment((0.5, 0.5, 0.5), held=(-1, 1, -1), force=(0.0, 6000.0, 10.0))
-    tracker.advance(spent)
-    _, ends = reward_of(skill, spent, tracker.measures)
-    assert ends["force"].tolist() == [False, True, False]
-    assert ends["wrong_object"].tolist() == [False, True, False]
+    tracker = tracker_of(skill.needs)
+    first, *others, fresh = moments(skill.needs)
+    tracker.begin(first, ROWS)
+    for shot in others:
+        tracker.advance(replace(shot, force_n=torch.full((N,), 1e4)), ROWS > 0)
     before = tracker.get_state()
+    fresh = replace(
+        fresh,
+        base=torch.zeros(N, 3),
+        ee_m=torch.full((N, 3), 5.0),
+        ee_in_base_m=torch.full((N, 3), 5.0),
+        held=torch.full((N,), -1),
+        held_handle=torch.full((N,), -1),
+        force_n=torch.zeros(N),
+    )
+    tracker.begin(fresh, FRESH)
+    judged = judge(skill, tracker.measures, fresh, tracker.goals)
+    assert not any(failed[1] for failed in judged.failures.values())
+    assert not judged.success[1]
+    assert {name: float(t[1]) for name, t in judged.terms.items() if t[1]} == {}
+    after = tracker.get_state()
+    assert after["steps"].tolist() == [STEPS - 2.0, 0.0, STEPS - 2.0]
+    assert all(torch.equal(after[name][OTHERS], before[name][OTHERS]) for name in before)
+    # Its past would have ended it, where anything does.
+    if "force" in judged.failures:
+        assert judged.failures["force"].tolist() == [True, False, True]
 
-    fresh = moment((0.5, 0.0, 0.5))
-    tracker.begin(fresh, torch.tensor([1]))
-    reward, ends = reward_of(skill, fresh, tracker.measures)
-    assert not any(end[1] for end in ends.values())
-    assert reward[1] == 0
-    for name, value in tracker.get_state().items():
-        assert torch.equal(value[[0, 2]], before[name][[0, 2]]), name
 
-    tracker.advance(moment((0.5, 0.1, 0.5)))
-    # Row 1 went from (0, 0, 0) to (0.1, 0, 0); the target is at (1, 0, 1): sqrt 2 - sqrt 1.81.
-    expected = 2**0.5 - 1.81**0.5
-    decrease = tracker.measures.ee_to_object_decrease_m
-    assert torch.allclose(decrease, torch.tensor([0.0, expected, 0.0]), atol=1e-6)
-    # The other rows' force goes on adding up.
-    assert torch.allclose(tracker.measures.force_total_n, torch.tensor([0.0, 0.0, 10.0]))
-
-
-@pytest.mark.parametrize("env_id", ENVS)
-def test_rows_do_not_influence_each_other(env_id):
+@pytest.mark.parametrize("env_id", SKILLS)
+def test_rows_of_a_skill_do_not_influence_each_other(env_id):
     skill = ENVS[env_id].env.skill
-    moments = [
-        moment((0.0, 0.1, 0.2)),
-        moment((0.1, 0.3, 0.2), held=(0, -1, 1), force=(5.0, 0.0, 2000.0)),
-        moment((0.2, 0.2, 0.1), held=(0, 0, -1), force=(5.0, 7.0, 0.0)),
-    ]
-    whole = Tracker(N, CPU)
-    whole.begin(moments[0], torch.arange(N))
-    for s in moments[1:]:
-        whole.advance(s)
-    rewards, ends = reward_of(skill, moments[-1], whole.measures)
+    shots = moments(skill.needs, seed=1)
+
+    def play(shots):
+        tracker, found = tracker_of(skill.needs), []
+        tracker.begin(shots[0], ROWS)
+        for step, shot in enumerate(shots[1:]):
+            if step == STEPS // 2:
+                tracker.begin(shot, FRESH)
+            tracker.advance(shot, ROWS >= 0)
+            found.append(judge(skill, tracker.measures, shot, tracker.goals))
+        return found
+
+    whole = play(shots)
+    assert len({round(float(j.reward[0]), 4) for j in whole}) > 3
+    # Row 1 starts anew in the middle in both; the others are compared where they did not.
+    single = play([alone(shot, 1) for shot in shots])
+    for ours, others in zip(single, whole, strict=True):
+        assert torch.allclose(ours.reward[1], others.reward[1])
+        assert all(ours.failures[n][1] == others.failures[n][1] for n in ours.failures)
+    for row in OTHERS:
+        single = play([alone(shot, row) for shot in shots])
+        for ours, others in zip(single, whole, strict=True):
+            assert torch.allclose(ours.reward[row], others.reward[row])
+            assert ours.success[row] == others.success[row]
+
+
+@pytest.mark.parametrize("env_id", TASKS)
+def test_rows_of_a_task_do_not_influence_each_other(env_id):
+    env = ENVS[env_id].env
+    shots = moments(env.needs, seed=2)
+
+    def play(shots):
+        tracker, progress = tracker_of(env.needs), Progress(env.task, ROWS)
+        tracker.begin(shots[0], ROWS)
+        progress.begin(ROWS, shots[0], tracker.goals, tracker.targets)
+        for step, shot in enumerate(shots[1:]):
+            if step == STEPS // 2:
+                tracker.begin(shot, FRESH)
+                progress.begin(FRESH, shot, tracker.goals, tracker.targets)
+                tracker.refocus(shot, FRESH, progress.focus)
+            rows = progress.move_on()
+            tracker.refocus(shot, rows, progress.focus)
+            tracker.advance(shot, ROWS >= 0)
+            progress.advance(shot, tracker.measures, tracker.goals, tracker.targets)
+        return progress.get_state() | tracker.get_state()
+
+    whole = play(shots)
+    assert len(set(whole["part"].tolist()) | set(whole["stages"].tolist())) > 1
     for row in range(N):
-        alone = Tracker(N, CPU)
-        copies = [
-            snapshot(N, **{n: v[[row] * N] for n, v in vars(s).items() if v is not None})
-            for s in moments
-        ]
-        alone.begin(copies[0], torch.arange(N))
-        for s in copies[1:]:
-            alone.advance(s)
-        single, single_ends = reward_of(skill, copies[-1], alone.measures)
-        assert torch.equal(single, rewards[row].expand(N))
-        assert all(torch.equal(single_ends[n], ends[n][row].expand(N)) for n in ends)
+        single = play([alone(shot, row) for shot in shots])
+        for name, value in whole.items():
+            assert torch.allclose(single[name][row], value[row]), name

@@ -4,25 +4,12 @@ import numpy as np
 import pytest
 import torch
 from builders import first_episode, go_above_and_grasp, reach, starts_on
+from playing import held, put
 
 from hab_tasks.constants import GRASP_RADIUS_M
 
 STILL = np.zeros(4, dtype=np.float32)
 DOWN = np.array([0, 0, -1, -1], dtype=np.float32)
-
-
-def put(env, name, offset_m):
-    """Puts an object's centre of mass at the end-effector plus `offset_m`, by restoring a state."""
-    base = env.unwrapped
-    state = base.get_state_dict()
-    world = base._world
-    index = world._names.index(name)
-    actor = world._grasp.objects[index]
-    com = world._grasp.objects_com_m()[0, index] - actor.pose.p[0]
-    point = world.snapshot.ee_m[0] + torch.tensor(offset_m) - com
-    state["actors"][actor.name][0, :3] = point
-    state["actors"][actor.name][0, 7:] = 0.0
-    base.set_state_dict(state)
 
 
 def start(make, index=0, **options):
@@ -33,10 +20,6 @@ def start(make, index=0, **options):
 
 def grip(value=1.0):
     return np.array([0, 0, 0, value], dtype=np.float32)
-
-
-def held(env):
-    return env.unwrapped.privileged()[0].held
 
 
 def test_success_is_the_target_in_the_hand_at_rest(make):
@@ -176,7 +159,7 @@ def test_measures_agree_with_the_privileged_state(make):
         ee = link[:3, 3] + 0.08 * link[:3, 0]
         gap = np.linalg.norm(ee - state.object_com_m[episode.target])
         m = env.unwrapped.measures
-        assert float(m.ee_to_object_m) == pytest.approx(gap, abs=1e-5)
+        assert float(m.ee_to_object_m[0]) == pytest.approx(gap, abs=1e-5)
         in_base = np.linalg.inv(state.world_from_base) @ np.append(ee, 1.0)
         # The base frame's origin lies BASE_HEIGHT_M above the floor that heights are measured from.
         assert np.allclose(m.ee_in_base_m[0, :2], in_base[:2], atol=1e-5)

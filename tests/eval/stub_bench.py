@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 
 import torch
+from hab_eval.bench_memory import Memory
+from hab_eval.bench_motion import Motion
 from hab_eval.bench_process import StepTiming, time_steps
 
 ENGINE_S = 0.002
@@ -41,8 +43,8 @@ class Env:
 
 
 class Side:
-    def run_steps(self, count: int, seed: int) -> StepTiming:
-        return time_steps(Env(), torch.zeros(2), torch.full((count, 2), float(seed)))
+    def run_steps(self, motion: Motion) -> StepTiming:
+        return time_steps(Env(), torch.zeros(2), torch.full((motion.count, 2), float(motion.seed)))
 
     def soft_reset(self) -> float:
         return float(os.environ["STUB_RESET_S"])
@@ -64,3 +66,61 @@ class Factory:
 class DyingFactory:
     def __call__(self) -> Side:
         os._exit(7)
+
+
+class CountedSide:
+    """Plays episodes with 10, 30 and 100 objects in turn; the engine takes 1 ms a step.
+
+    Outside it, an object takes a microsecond a step, and each round is twice as slow as the one
+    before, as on a machine that others use too.
+    """
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[int, Motion]] = []
+        self._resets = 0
+
+    def run_steps(self, motion: Motion) -> StepTiming:
+        count = (10, 30, 100)[self._resets % 3]
+        self.asked.append((count, motion))
+        outside_s = (1e-3 + 1e-6 * count) * 2.0 ** (self._resets // 3)
+        engine_s = 1e-3 * motion.count
+        total_s = engine_s + outside_s * motion.count
+        return StepTiming(steps=motion.count, total_s=total_s, engine_s=engine_s)
+
+    def soft_reset(self) -> float:
+        self._resets += 1
+        return 0.0
+
+    def other_layout(self) -> float:
+        raise AssertionError("suite objects stays in its layout")
+
+    def layouts(self) -> int:
+        return 1
+
+    def close(self) -> None:
+        pass
+
+
+class Vector:
+    """A vector environment of this very process, which it shows as each of its workers.
+
+    Attributes:
+        calls: Shared by all vectors of a test: (number of environments, what was called).
+    """
+
+    def __init__(self, size: int, calls: list[tuple[int, str]]) -> None:
+        self._size, self._calls = size, calls
+
+    def run_steps(self, count: int, seed: int) -> float:
+        self._calls.append((self._size, f"{count} steps, seed {seed}"))
+        return 100.0 * self._size + seed
+
+    def pids(self) -> tuple[int, ...]:
+        return (os.getpid(),) * self._size
+
+    def close(self) -> None:
+        self._calls.append((self._size, "close"))
+
+
+def memory(rss_mb: float, pss_mb: float, uss_mb: float) -> Memory:
+    return Memory(rss_mb=rss_mb, pss_mb=pss_mb, uss_mb=uss_mb)

@@ -148,6 +148,7 @@ def install() -> Callable[[], None]:
         "load_episode_set": load_episode_set,
         "make_env": lambda config, spec, *, split, render: StubEnv(render=render),
         "action_size": lambda control_mode: 2,
+        "continuous_control": lambda env_id: "ee",
     }
     before = {name: getattr(environments, name) for name in replaced}
     for name, function in replaced.items():

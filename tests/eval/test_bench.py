@@ -4,16 +4,14 @@ import os
 import pytest
 import stub_bench
 import torch
-from hab_eval.bench import BenchOptions, BenchRow, make_row, run_suite, step_rows, write_rows
+from hab_eval.bench import run_suite
+from hab_eval.bench_beside import step_rows
 from hab_eval.bench_layout import LAYOUT, make_layout, scene_ids
-from hab_eval.bench_process import (
-    QUIET_STEPS,
-    RemoteSide,
-    StepTiming,
-    arm_steps_m,
-    time_steps,
-)
-from hab_eval.errors import BenchError
+from hab_eval.bench_motion import BASE_SPEEDS, Motion
+from hab_eval.bench_options import DEFAULT_SCENES, PICK, RESET_SCENES, BenchOptions
+from hab_eval.bench_process import QUIET_STEPS, RemoteSide, StepTiming, time_steps
+from hab_eval.bench_rows import BenchRow, bound_row, make_row, write_rows
+from hab_eval.errors import BenchError, OptionError
 
 from hab_tasks.errors import UnknownNameError
 
@@ -54,14 +52,27 @@ def test_step_rows():
     ours = StepTiming(steps=200, total_s=0.5, engine_s=0.1)
     # 200 steps in 1 s, of which 0.1 s in the engine: 200 steps/s, share 0.1, 0.5 ms a step.
     theirs = StepTiming(steps=200, total_s=1.0, engine_s=0.1)
-    speed, share, engine = step_rows("sim", "apt_0", [(ours, theirs)] * 5)
+    name = ("sim", "apt_0", "HabPick-v1", "ee")
+    speed, share, engine = step_rows(name, [(ours, theirs)] * 5)
     assert speed.name == "sim/apt_0/HabPick-v1/ee"
     assert (speed.value, speed.ratio, speed.n) == (400.0, 2.0, 5)
     assert share.name == "sim/apt_0/HabPick-v1/ee_physics_share"
     assert (share.value, share.reference_value) == pytest.approx((0.2, 0.1))
     assert (engine.value, engine.ratio) == pytest.approx((0.5, 1.0))
-    (depth,) = step_rows("depth", "apt_0", [(ours, theirs)])
-    assert depth.name == "depth/apt_0/HabPick-v1/two_cameras"
+    # The rest of the step: 0.4 s in 200 steps.
+    assert ours.outside_ms == pytest.approx(2.0)
+
+
+def test_a_bound_is_a_reference_too():
+    # The median of 30, 10 and 20 is 20, half of the bound.
+    row = bound_row(("a", "b", "c", "d"), [30.0, 10.0, 20.0], 40.0, unit="MB")
+    assert (row.value, row.reference, row.reference_value, row.ratio, row.n) == (
+        20.0,
+        "bound",
+        40.0,
+        0.5,
+        3,
+    )
 
 
 def test_rows_file(tmp_path):
@@ -77,9 +88,20 @@ def test_rows_file(tmp_path):
 
 
 def test_both_sides_get_the_same_small_motion():
-    assert torch.equal(arm_steps_m(50, 3), arm_steps_m(50, 3))
-    assert not torch.equal(arm_steps_m(50, 3), arm_steps_m(50, 4))
-    assert arm_steps_m(50, 3).abs().max() <= 0.015
+    both = Motion(count=50, seed=3, base=True)
+    assert torch.equal(both.arm_steps_m(), Motion(count=50, seed=3).arm_steps_m())
+    assert not torch.equal(both.arm_steps_m(), Motion(count=50, seed=4).arm_steps_m())
+    assert 0.01 < both.arm_steps_m().abs().max() <= 0.015
+    assert both.base_speeds().shape == (50, 2)
+    assert (both.base_speeds().abs() <= torch.tensor(BASE_SPEEDS)).all()
+    assert not torch.equal(both.base_speeds()[:, 0] / 0.2, both.base_speeds()[:, 1] / 0.6)
+
+
+def test_what_does_not_move_stands_still():
+    assert not Motion(count=5, seed=3).base_speeds().any()
+    base = Motion(count=5, seed=3, arm=False, base=True)
+    assert not base.arm_steps_m().any()
+    assert base.base_speeds().all()
 
 
 def test_engine_is_timed_inside_the_same_steps():
@@ -108,7 +130,7 @@ def test_side_in_a_process_of_its_own():
     try:
         assert "STUB_RESET_S" not in os.environ
         assert side.soft_reset() == 0.125
-        assert side.run_steps(3, seed=1).steps == 3
+        assert side.run_steps(Motion(count=3, seed=1)).steps == 3
         with pytest.raises(BenchError, match="ZeroDivisionError: no other scene"):
             side.other_layout()
     finally:
@@ -140,13 +162,44 @@ def test_scenes_are_checked_before_anything_starts(dataset):
         run_suite(BenchOptions(suite="sim", scene_dataset=dataset / "x"), lambda line: None)
 
 
+def test_environments_are_checked_before_anything_starts(stubbed, dataset):
+    options = BenchOptions(
+        suite="sim", scene_dataset=dataset, scenes=("one",), envs=("HabStab-v1",)
+    )
+    with pytest.raises(UnknownNameError, match="Did you mean 'HabStub-v1'"):
+        run_suite(options, lambda line: None)
+
+
+def test_every_environment_in_the_first_scene_and_pick_in_the_others(tmp_path):
+    every = (PICK, "HabPlace-v1")
+    default = BenchOptions(suite="sim", scene_dataset=tmp_path)
+    assert default.groups == (("v3_sc0_staging_00",), ("apt_0",))
+    assert [default.envs_in(scene, every) for (scene,) in default.groups] == [every, (PICK,)]
+    asked = BenchOptions(
+        suite="sim", scene_dataset=tmp_path, scenes=("a", "b"), envs=("HabPlace-v1",)
+    )
+    assert [asked.envs_in(scene, every) for (scene,) in asked.groups] == [("HabPlace-v1",)] * 2
+    with pytest.raises(OptionError, match="leave --env out"):
+        BenchOptions(suite="memory", scene_dataset=tmp_path, envs=(PICK,))
+    assert BenchOptions(suite="memory", scene_dataset=tmp_path).groups == ((DEFAULT_SCENES[0],),)
+
+
 def test_bench_command_names_what_is_wrong(cli, dataset, tmp_path):
     target = tmp_path / "rows.json"
     common = ("--scene-dataset", dataset, "--json", target)
     assert cli("bench", "--suite", "sims", *common).returncode == 2
-    unknown = cli("bench", "--suite", "sim", *common, "--scene", "onee")
-    assert unknown.returncode == 2
-    assert "Did you mean 'one'?" in unknown.stderr
+    # Each may be given several times, and none of them is lost.
+    for scenes in (("onee", "one"), ("one", "onee")):
+        given = [word for scene in scenes for word in ("--scene", scene)]
+        unknown = cli("bench", "--suite", "sim", *common, *given)
+        assert unknown.returncode == 2
+        assert "Did you mean 'one'?" in unknown.stderr
+    env = cli("bench", "--suite", "sim", *common, "--scene", "one", "--env", "HabStab-v1")
+    assert env.returncode == 2
+    assert "Did you mean 'HabStub-v1'?" in env.stderr
+    other = cli("bench", "--suite", "objects", *common, "--scene", "one", "--env", "HabStub-v1")
+    assert other.returncode == 2
+    assert "leave --env out" in other.stderr
     assert cli("bench", "--suite", "sim", *common, "--repeats", 0).returncode == 2
     alone = cli("bench", "--suite", "reset", *common, "--scene", "one")
     assert alone.returncode == 2
@@ -157,12 +210,10 @@ def test_bench_command_names_what_is_wrong(cli, dataset, tmp_path):
     assert "--force" in taken.stderr
 
 
-def test_default_scenes_are_measured_in_their_order(monkeypatch, dataset):
-    from hab_eval import bench
-
-    assert bench.DEFAULT_SCENES == ("v3_sc0_staging_00", "apt_0")
-    assert bench.RESET_SCENES[0][:3] == tuple(f"v3_sc{i}_staging_00" for i in range(3))
-    assert bench.RESET_SCENES[1] == ("apt_0", "apt_1", "apt_2")
+def test_default_scenes_are_measured_in_their_order():
+    assert DEFAULT_SCENES == ("v3_sc0_staging_00", "apt_0")
+    assert RESET_SCENES[0][:3] == tuple(f"v3_sc{i}_staging_00" for i in range(3))
+    assert RESET_SCENES[1] == ("apt_0", "apt_1", "apt_2")
     assert BenchRow.__dataclass_fields__.keys() == {
         "name",
         "value",
@@ -186,7 +237,7 @@ def test_maniskill_runs_in_the_real_scene_and_writes_nothing_there(tmp_path, rep
     factory = ReferenceFactory(scenes=scenes, obs_mode="state")
     side = RemoteSide(factory, {"MS_ASSET_DIR": str(tmp_path)})
     try:
-        timing = side.run_steps(30, seed=0)
+        timing = side.run_steps(Motion(count=30, seed=0, base=True))
         assert timing.steps_per_s > 10
         assert 0.01 < timing.physics_share < 0.9
         assert side.soft_reset() < 1.0

@@ -23,6 +23,12 @@ SPAWN_REGION = Rectangle(x_m=(0.80, 0.95), y_m=(-0.375, 0.375))
 OTHERS_OPEN = 0.5
 """Chance of each of the other drawers to be open, by 0 to 100 % of its travel."""
 
+HEADROOM_M = 0.002
+"""Free space left above what lies in a drawer: pushed, it tilts a little."""
+
+STATIONS = 11
+"""At so many positions along its travel a drawer is tested; nothing tall is as thin as a step."""
+
 
 class OpenDrawer(Generator):
     """The drawer closed, the target in it, a random subset of the others open."""
@@ -41,6 +47,8 @@ class OpenDrawer(Generator):
         objects = placer.settle()
         if not objects:
             raise RefusedError("nothing rests on the receptacle")
+        if not slides(bench, objects, front):
+            raise RefusedError("the drawer cannot be moved with the object")
         travel_m = bench.joint_limits(front.ref.furniture, front.ref.joint)[1]
         joints = self._other_joints(bench, rng, front)
         position = round(travel_m * float(rng.uniform(*self.open_share)), POSE_DIGITS)
@@ -71,6 +79,25 @@ class CloseDrawer(OpenDrawer):
     """The drawer open by 80 to 100 % of its travel."""
 
     open_share = (0.8, 1.0)
+
+
+def slides(bench: Workbench, objects: dict[str, Pose7], front: Front) -> bool:
+    """Whether a drawer can be moved all the way with what lies in it, the furniture as it stands.
+
+    All of `objects` are in it; they and the drawer are put back.
+    """
+    low_m, high_m = bench.joint_limits(front.ref.furniture, front.ref.joint)
+    before = bench.joints().get(front.ref.furniture, {}).get(front.ref.joint, 0.0)
+    free, poses = True, objects
+    for position in np.linspace(low_m, high_m, STATIONS):
+        poses = carried(bench, poses, front, float(position))
+        for handle, pose in poses.items():
+            bench.place(handle, (*pose[:2], pose[2] + HEADROOM_M, *pose[3:]))
+        free = free and not any(bench.touching(handle) for handle in objects)
+    bench.set_joint(front.ref.furniture, front.ref.joint, before)
+    for handle, pose in objects.items():
+        bench.place(handle, pose)
+    return free
 
 
 def carried(

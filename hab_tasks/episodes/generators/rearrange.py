@@ -20,7 +20,7 @@ from hab_tasks.episodes.generators.base import (
     stage,
     start_state,
 )
-from hab_tasks.episodes.generators.drawer import DRAWER_MARKER, carried
+from hab_tasks.episodes.generators.drawer import DRAWER_MARKER, carried, slides
 from hab_tasks.episodes.generators.furniture import find_front
 from hab_tasks.episodes.placing import AWAY, Placer
 from hab_tasks.episodes.receptacles import DRAWER, Spot
@@ -148,7 +148,10 @@ class Rearrange(Generator):
         """Shuts the drawer with what is in it; doors do not move what stands on shelves."""
         inside = {h: pose for h, pose in objects.items() if placer.on[h][0] == DRAWER}
         if inside:
-            inside = carried(bench, inside, find_front(bench, DRAWER_MARKER), 0.0)
+            front = find_front(bench, DRAWER_MARKER)
+            if not slides(bench, inside, front):
+                raise RefusedError("the drawer cannot be moved with the object")
+            inside = carried(bench, inside, front, 0.0)
             stage(bench, objects | inside, {})
             if any(bench.touching(handle) for handle in inside):
                 raise RefusedError("the drawer cannot be closed over the object")

@@ -1,0 +1,268 @@
+"""`hab-tasks demo`: shows an environment, moved by chance or by hand."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, cast
+
+import gymnasium as gym
+import imageio.v2 as imageio
+import numpy as np
+import tyro
+
+from hab_tasks.commands.base import Command, refuse_existing
+from hab_tasks.commands.keyboard import QUIT, Keyboard, key_table, keys_of
+from hab_tasks.constants import CONTROL_HZ
+from hab_tasks.envs import ENVS
+from hab_tasks.errors import HabError, RenderingUnavailableError, UnknownNameError
+from hab_tasks.rendering import resolve_backend
+from hab_tasks.skills.hab_env import HabEnv
+
+AGENTS = ("random", "keyboard")
+RANDOM_STEPS = 200
+
+
+@dataclass(frozen=True, kw_only=True)
+class Demo(Command):
+    """Options of `hab-tasks demo`."""
+
+    help: ClassVar[str] = f"""Plays one episode in a window or into a video, and tells its measures.
+
+Without a display nothing is shown; --out writes a video all the same. Keys are typed in the
+terminal, one key one action:
+{key_table()}
+
+Example:
+  hab-tasks demo HabPick-v1 --agent random --steps 60 --out pick.mp4
+  hab-tasks demo HabTidyHouse-v1 --agent keyboard"""
+
+    env: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="ENV")]
+    """Environment id; `hab-tasks list` shows all."""
+    agent: Annotated[str, tyro.conf.arg(metavar="NAME")] = "random"
+    """random or keyboard."""
+    episode: Annotated[int, tyro.conf.arg(metavar="I")] = 0
+    """Number of the episode."""
+    scene_dataset: Annotated[str, tyro.conf.arg(metavar="NAME|PATH")] = "apartment"
+    """`apartment`, which is shipped, or a ReplicaCAD folder."""
+    objects: Annotated[str | None, tyro.conf.arg(metavar="PATH")] = None
+    """A YCB folder, instead of the shipped objects."""
+    steps: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """Actions at most; without it 200 random ones, and as many by hand as the episode has."""
+    seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
+    """Seed of the random actions."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.mp4")] = None
+    """A video to write."""
+    force: bool = False
+    """Replace FILE.mp4."""
+
+    def run(self) -> int:
+        """Plays the episode; prints a line for each action, then how it ended."""
+        self._check()
+        window = _window_works()
+        env = gym.make(
+            self.env,
+            obs_mode="none",
+            render_mode="human" if window else "rgb_array" if self.out else None,
+            scene_dataset=self.scene_dataset,
+            objects=self.objects,
+        )
+        scene = cast(HabEnv, env.unwrapped)
+        show = _Show(scene, window, self.out)
+        try:
+            env.reset(seed=self.seed, options={"episode": self.episode})
+            print(f"{self.env}, episode {scene.episode[0].id}")
+            show.draw()
+            result = self._play(env, scene, show)
+            show.finish()
+        finally:
+            show.close()
+            env.close()
+        _tell(result)
+        if self.out is not None:
+            print(f"{'video':<9} {self.out}")
+        return 0
+
+    def _check(self) -> None:
+        if self.env not in ENVS:
+            raise UnknownNameError("env", self.env, ENVS)
+        if self.agent not in AGENTS:
+            raise UnknownNameError("agent", self.agent, AGENTS)
+        if self.steps is not None and self.steps < 1:
+            raise HabError(f"--steps {self.steps}: at least 1 action.")
+        if self.out is not None:
+            if self.out.suffix != ".mp4":
+                raise HabError(f"--out {self.out}: a video ends in .mp4.")
+            refuse_existing(self.out, self.force)
+            resolve_backend("auto", wants_images=True)
+
+    def _play(self, env: gym.Env[Any, Any], scene: HabEnv, show: _Show) -> _Result:
+        """Acts until the episode ends, the actions are used up, or somebody quits."""
+        result = _Result()
+        limit = self.steps or (RANDOM_STEPS if self.agent == "random" else None)
+        actions = self._random(env) if self.agent == "random" else self._typed(scene, show)
+        try:
+            for action in actions:
+                _, reward, terminated, truncated, info = env.step(action)
+                result.add(float(cast(Any, reward)), info)
+                print(_line(result))
+                show.draw()
+                if bool(terminated) or bool(truncated):
+                    result.end = "the episode is over" if terminated else "time is over"
+                    break
+                if result.steps == limit or show.closed:
+                    break
+        except KeyboardInterrupt:
+            result.end = "interrupted"
+        return result
+
+    def _random(self, env: gym.Env[Any, Any]) -> Iterator[Any]:
+        env.action_space.seed(self.seed)
+        while True:
+            yield env.action_space.sample()
+
+    def _typed(self, scene: HabEnv, show: _Show) -> Iterator[Any]:
+        """Yields the action of each key."""
+        keyboard = Keyboard(scene.agent.controller, bool(scene.measures.holding_target))
+        print(keyboard.table, flush=True)
+        for name in keys_of(sys.stdin, show.refresh):
+            if name == QUIT:
+                return
+            action = keyboard.action(name)
+            if action is None:
+                print(f"  {name!r} does nothing here")
+                continue
+            yield action
+
+
+class _Result:
+    """What happened until now."""
+
+    def __init__(self) -> None:
+        self.steps, self.total, self.last = 0, 0.0, 0.0
+        self.info: dict[str, Any] = {}
+        self.end = "stopped"
+
+    def add(self, reward: float, info: dict[str, Any]) -> None:
+        """Takes what a step returned."""
+        self.steps += 1
+        self.total += reward
+        self.last, self.info = reward, info
+
+
+class _Show:
+    """A window, a video, both, or neither."""
+
+    def __init__(self, scene: HabEnv, window: bool, out: Path | None) -> None:
+        self._scene, self._window, self._out = scene, window, out
+        self._viewer: Any = None
+        self._writer: Any = None
+        self._seen_from: Any = None
+        self._due_s = 0.0
+
+    @property
+    def closed(self) -> bool:
+        """Whether somebody has closed the window."""
+        return self._viewer is not None and self._viewer.closed
+
+    def draw(self) -> None:
+        """Shows the present moment and films it."""
+        if self._out is not None:
+            self._writer = self._writer or _writer(self._scratch)
+            frame = self._scene.render_rgb_array()[0]
+            self._writer.append_data(np.asarray(frame.cpu(), dtype=np.uint8))
+        if self._window:
+            self.refresh()
+            time.sleep(max(0.0, self._due_s - time.monotonic()))
+            self._due_s = time.monotonic() + 1.0 / CONTROL_HZ
+
+    def refresh(self) -> None:
+        """Draws the window; its camera goes along where the robot drives."""
+        if not self._window or self.closed:
+            return
+        self._viewer = self._scene.render_human()
+        camera = self._scene.scene.human_render_cameras["render_camera"].camera
+        place = camera.get_global_pose().sp.p
+        if self._seen_from is None or not np.allclose(place, self._seen_from, atol=1e-3):
+            self._scene.render_rgb_array()  # puts the camera where no wall hides the robot
+            pose = camera.get_global_pose().sp
+            self._viewer.set_camera_pose(pose)
+            self._seen_from = pose.p
+
+    def finish(self) -> None:
+        """Ends the video and gives it its name."""
+        if self._out is not None and self._writer is not None:
+            self._writer.close()
+            self._writer = None
+            self._scratch.replace(self._out)
+
+    def close(self) -> None:
+        """Removes a video that was not finished."""
+        if self._writer is not None:
+            self._writer.close()
+            self._scratch.unlink(missing_ok=True)
+
+    @property
+    def _scratch(self) -> Path:
+        assert self._out is not None
+        return self._out.with_name(f"partial_{self._out.name}")
+
+
+def _writer(file: Path) -> Any:
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        return imageio.get_writer(
+            file,
+            format="FFMPEG",  # pyright: ignore[reportArgumentType]  # the stub knows no plugin names
+            fps=CONTROL_HZ,
+            macro_block_size=2,
+        )
+    except OSError as error:
+        raise HabError(f"{file.parent}: cannot be written ({error}).") from error
+
+
+def _window_works() -> bool:
+    """Returns whether a window can be opened; says so where not."""
+    named = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if sys.platform.startswith("linux") and not named:
+        print("no display: no window is opened; --out FILE.mp4 writes a video")
+        return False
+    try:
+        resolve_backend("auto", wants_images=True)
+    except RenderingUnavailableError as error:
+        print(f"no window is opened. {error}")
+        return False
+    return True
+
+
+def _line(result: _Result) -> str:
+    """Returns a step's reward and measures; of what is true or not, what is true."""
+    said = []
+    for name, value in result.info["measures"].items():
+        number = value.item()
+        if isinstance(number, bool):
+            said += [name] if number else []
+        else:
+            said.append(f"{name} {number:.3f}")
+    return f"{result.steps:>4}  reward {result.last:+.3f}  {'  '.join(said)}"
+
+
+def _tell(result: _Result) -> None:
+    """Prints how the episode ended."""
+    info = result.info
+    failures = [name for name, failed in info.get("failures", {}).items() if failed.item()]
+    rows = {
+        "success": "yes" if info and info["success"].item() else "no",
+        "end": ", ".join([f"{result.end} after {result.steps} actions", *failures]),
+        "return": f"{result.total:.3f}",
+    }
+    stages = info.get("stages", {})
+    if stages:
+        reached = [name for name, value in stages.items() if value.item()]
+        rows["stages"] = f"{len(reached)} of {len(stages)} {' '.join(reached)}".strip()
+    for name, words in rows.items():
+        print(f"{name:<9} {words}")

@@ -1,0 +1,155 @@
+"""Moves the robot by keys of the terminal: one key, one action."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any, TextIO
+
+import numpy as np
+
+from hab_tasks.errors import HabError
+from hab_tasks.robots.control import ARM_SIZE, BASE_CELLS, HabController
+
+WAIT_S = 0.05
+"""While nothing is typed, a window is drawn anew this often."""
+
+QUIT, WAIT, GRIP = "q", "space", "g"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Key:
+    """A key that moves something.
+
+    Attributes:
+        name: The key.
+        part: ``arm`` or ``base``.
+        entry: Which entry of that part's action it sets.
+        value: What to.
+        meaning: One line for the table.
+    """
+
+    name: str
+    part: str
+    entry: int
+    value: float
+    meaning: str
+
+
+KEYS = {
+    key.name: key
+    for key in (
+        Key(name="w", part="base", entry=0, value=1.0, meaning="drive ahead"),
+        Key(name="s", part="base", entry=0, value=-0.5, meaning="drive back"),
+        Key(name="a", part="base", entry=1, value=1.0, meaning="turn left"),
+        Key(name="d", part="base", entry=1, value=-1.0, meaning="turn right"),
+        Key(name="up", part="arm", entry=0, value=1.0, meaning="hand ahead"),
+        Key(name="down", part="arm", entry=0, value=-1.0, meaning="hand back"),
+        Key(name="left", part="arm", entry=1, value=1.0, meaning="hand to the left"),
+        Key(name="right", part="arm", entry=1, value=-1.0, meaning="hand to the right"),
+        Key(name="r", part="arm", entry=2, value=1.0, meaning="hand up"),
+        Key(name="f", part="arm", entry=2, value=-1.0, meaning="hand down"),
+    )
+}
+
+OTHER_KEYS = {
+    GRIP: "grasp what is within 15 cm of the hand, or let go",
+    WAIT: "do nothing; in Navigate, stop",
+    QUIT: "quit",
+}
+
+_ESCAPED = {"[A": "up", "[B": "down", "[C": "right", "[D": "left"}
+
+
+def key_table(arm: bool = True, base: bool = True) -> str:
+    """Returns a line for each key, of the parts that can be moved."""
+    moved = [part for part, there in (("arm", arm), ("base", base)) if there]
+    lines = {key.name: key.meaning for key in KEYS.values() if key.part in moved}
+    lines |= {name: words for name, words in OTHER_KEYS.items() if arm or name != GRIP}
+    return "\n".join(f"  {name:<6} {words}" for name, words in lines.items())
+
+
+class Keyboard:
+    """Turns keys into actions of the control mode that is set."""
+
+    def __init__(self, controller: HabController, holding: bool) -> None:
+        """Starts with the hand closed if it is `holding` something."""
+        self._controller = controller
+        self._grips = holding
+        config = controller.config
+        self.moves_arm, self.moves_base = config.arm == "ee", config.base != "still"
+
+    @property
+    def table(self) -> str:
+        """A line for each key that does something."""
+        return key_table(arm=self.moves_arm, base=self.moves_base)
+
+    def action(self, name: str) -> Any | None:
+        """Returns the action (A,) of a key, or a cell; None where the key does nothing here."""
+        key = KEYS.get(name)
+        if name == GRIP and self.moves_arm:
+            self._grips = not self._grips
+        elif name != WAIT and (key is None or not self._moves(key.part)):
+            return None
+        if self._controller.config.base == "discrete":
+            wanted = [0.0, 0.0]
+            if key is not None:
+                wanted[key.entry] = key.value
+            return BASE_CELLS.index((wanted[0], wanted[1]))
+        action = np.zeros(self._controller.config.size, dtype=np.float32)
+        if self.moves_arm:
+            action[ARM_SIZE["ee"]] = 1.0 if self._grips else -1.0
+        if key is not None:
+            action[key.entry - (2 if key.part == "base" else 0)] = key.value
+        return action
+
+    def _moves(self, part: str) -> bool:
+        return self.moves_arm if part == "arm" else self.moves_base
+
+
+def keys_of(stream: TextIO, while_waiting: Callable[[], None]) -> Iterator[str]:
+    """Yields the names of the keys typed into a terminal, or found in a stream, until its end."""
+    typed = _terminal(stream, while_waiting) if stream.isatty() else _characters(stream)
+    return _named(typed)
+
+
+def _characters(stream: TextIO) -> Iterator[str]:
+    return iter(lambda: stream.read(1), "")
+
+
+def _terminal(stream: TextIO, while_waiting: Callable[[], None]) -> Iterator[str]:
+    """Yields characters as they are typed, without waiting for the end of a line."""
+    if sys.platform == "win32":
+        raise HabError("--agent keyboard reads a POSIX terminal; on Windows, type into a pipe.")
+    import select
+    import termios
+    import tty
+
+    terminal = stream.fileno()
+    before = termios.tcgetattr(terminal)
+    try:
+        tty.setcbreak(terminal)
+        while True:
+            while not select.select([terminal], [], [], WAIT_S)[0]:
+                while_waiting()
+            data = os.read(terminal, 64)
+            if not data:
+                return
+            yield from data.decode(errors="ignore")
+    finally:
+        termios.tcsetattr(terminal, termios.TCSADRAIN, before)
+
+
+def _named(characters: Iterable[str]) -> Iterator[str]:
+    """Yields names of keys; arrows come as three characters, line ends mean nothing."""
+    escaped = ""
+    for character in characters:
+        if escaped or character == "\x1b":
+            escaped += character
+            if len(escaped) == 3:
+                yield _ESCAPED.get(escaped[1:], "escape")
+                escaped = ""
+        elif character not in "\r\n":
+            yield WAIT if character == " " else character

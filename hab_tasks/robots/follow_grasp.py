@@ -1,0 +1,103 @@
+"""The snap grasp where constraints cannot be made while running: it moves what it holds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from mani_skill.envs.scene import ManiSkillScene
+from mani_skill.utils.structs import Actor, Articulation, Link
+from mani_skill.utils.structs.pose import Pose
+from torch import Tensor
+
+from hab_tasks.robots.grasp import NOTHING, DriveGrasp, Handle, SnapGrasp
+
+HANDLE_STIFFNESS_N_M = 2000.0
+HANDLE_DAMPING_N_S_M = 60.0
+
+
+class FollowGrasp(SnapGrasp):
+    """Holds by moving: objects are posed with the gripper, handles pulled by a spring."""
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*args)
+        self._pulled: dict[str, Articulation] = {}
+
+    def _tie_object(self, row: int, index: int) -> None:
+        pass
+
+    def _tie_handle(self, row: int, index: int) -> None:
+        pass
+
+    def _untie(self, row: int) -> None:
+        pass
+
+    def before_simulation_step(self) -> None:
+        """Poses held objects in the hand and pulls held handles to it."""
+        if self.scene.gpu_sim_enabled:
+            self.scene._gpu_fetch_all()
+        for index in torch.unique(self.held[self.held != NOTHING]).tolist():
+            self._pose_object(index)
+        self._pull_handles()
+        if self.scene.gpu_sim_enabled:
+            self.scene._gpu_apply_all()
+
+    def _pose_object(self, index: int) -> None:
+        rows = self.held == index
+        actor, mask = self.objects[index], self.scene._reset_mask
+        self.scene._reset_mask = rows
+        actor.set_pose(Pose.create((self.ee_link.pose * self._ee_from_object).raw_pose[rows]))
+        # It moves with the hand during the coming physics step instead of lagging behind it.
+        turning = self.ee_link.get_angular_velocity()
+        middle = (self.ee_link.pose * Pose.create_from_pq(self._link_com_m)).p
+        arm = self.object_com_m(index) - middle
+        moving = self.ee_link.get_linear_velocity() + torch.linalg.cross(turning, arm)
+        actor.set_linear_velocity(moving[rows])
+        actor.set_angular_velocity(turning[rows])
+        self.scene._reset_mask = mask
+
+    def _pull_handles(self) -> None:
+        """Sets the joint efforts of all furniture that is held, and clears what was let go."""
+        efforts = {
+            name: torch.zeros_like(furniture.get_qpos()) for name, furniture in self._pulled.items()
+        }
+        for index in torch.unique(self.held_handle[self.held_handle != NOTHING]).tolist():
+            handle = self.handles[index]
+            name = handle.furniture.name
+            self._pulled[name] = handle.furniture
+            effort = efforts.setdefault(name, torch.zeros_like(handle.furniture.get_qpos()))
+            column = handle.column
+            effort[:, column] += self._effort(index) * (self.held_handle == index)
+        for name, effort in efforts.items():
+            self._pulled[name].set_qf(effort)
+        if not bool((self.held_handle != NOTHING).any()):
+            self._pulled = {}
+
+    def _effort(self, index: int) -> Tensor:
+        """Returns the effort (N,) [N or N m] at a handle's joint that pulls it to the hand."""
+        handle = self.handles[index]
+        point = self.handle_position_m(index)
+        velocity = handle.link.get_linear_velocity() + torch.linalg.cross(
+            handle.link.get_angular_velocity(), point - handle.link.pose.p
+        )
+        force = HANDLE_STIFFNESS_N_M * (self.ee_position_m() - point)
+        force = force - HANDLE_DAMPING_N_S_M * velocity
+        joint = handle.link.joint
+        frame = joint.get_global_pose()
+        # SAPIEN's joint frames have the joint's axis along x.
+        axis = frame.to_transformation_matrix()[:, :3, 0]
+        if joint.type[0] == "prismatic":
+            return (axis * force).sum(dim=1)
+        return (axis * torch.linalg.cross(point - frame.p, force)).sum(dim=1)
+
+
+def make_grasp(
+    scene: ManiSkillScene,
+    ee_link: Link,
+    objects: list[Actor],
+    handles: list[Handle],
+    takes: str = "any",
+) -> SnapGrasp:
+    """Returns the implementation for the scene's backend."""
+    kind = FollowGrasp if scene.gpu_sim_enabled else DriveGrasp
+    return kind(scene, ee_link, objects, handles, takes)

@@ -1,0 +1,82 @@
+"""Which episode each row of a batch plays next."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from hab_tasks.episodes.schema import Episode
+from hab_tasks.episodes.source import EpisodeSource
+from hab_tasks.errors import EpisodeError
+
+DRAWS = 1000
+
+
+class EpisodeChoice:
+    """Draws episodes; a batch shares one layout.
+
+    Attributes:
+        episodes: The episode of each row, in order; empty before the first choice.
+    """
+
+    def __init__(self, source: EpisodeSource, num_episodes: int, num_envs: int) -> None:
+        """Draws from the first `num_episodes` of `source`."""
+        self.source = source
+        self._num_episodes = min(num_episodes, source.available)
+        self._num_envs = num_envs
+        self._order = np.random.default_rng(source.seed)
+        self.episodes: list[Episode] = []
+
+    def choose(
+        self, rows: list[int], seed: int | list[int] | None, wanted: Any, shown: Shown
+    ) -> None:
+        """Chooses the next episode of each of `rows`.
+
+        Args:
+            rows: Which rows start anew.
+            seed: Chooses the episodes, and those of later choices without one.
+            wanted: An `Episode`, its index in the set, a list with one for each row, or None.
+            shown: What a partial reset has to make do with.
+        """
+        seeds = [None] * len(rows)
+        if seed is not None:
+            seeds = np.broadcast_to(seed, len(rows)).tolist()
+            self._order = np.random.default_rng([self.source.seed, *seeds, 1])
+        wishes = wanted if isinstance(wanted, (list, tuple)) else [wanted] * len(rows)
+        # A batch shares one layout; a partial reset goes on in the one there is.
+        partial = len(rows) < self._num_envs
+        layout = shown.layout if partial else None
+        chosen: list[Episode | None] = [*self.episodes] or [None] * self._num_envs
+        for row, row_seed, wish in zip(rows, seeds, wishes, strict=True):
+            # Rows of one batch share a seed argument but not an episode.
+            rng = self._order if row_seed is None else np.random.default_rng([row_seed, row])
+            episode = self._pick(rng, wish, layout, shown if partial else None)
+            if layout not in (None, episode.scene_id):
+                raise EpisodeError(f"{episode.id}: in {episode.scene_id}, the batch in {layout}.")
+            chosen[row], layout = episode, episode.scene_id
+        self.episodes = [episode for episode in chosen if episode is not None]
+
+    def _pick(
+        self, rng: np.random.Generator, wish: Any, scene_id: str | None, shown: Shown | None
+    ) -> Episode:
+        if isinstance(wish, Episode):
+            return wish
+        if wish is not None:
+            return self.source.get(int(wish))
+        for _ in range(DRAWS):
+            episode = self.source.get(int(rng.integers(self._num_episodes)))
+            if scene_id in (None, episode.scene_id) and (shown is None or shown.fits(episode)):
+                return episode
+        raise AssertionError(f"no episode in {scene_id}, though one was played there")
+
+
+class Shown:
+    """The layout and the movable objects that are in the simulation."""
+
+    def __init__(self, layout: str = "", objects: tuple[str, ...] = ()) -> None:
+        self.layout, self.objects = layout, objects
+
+    def fits(self, episode: Episode) -> bool:
+        """Whether an episode can start with these."""
+        return episode.scene_id == self.layout and set(episode.objects) <= set(self.objects)

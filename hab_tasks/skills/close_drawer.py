@@ -1,0 +1,109 @@
+"""Close drawer: push the drawer in (S H.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from hab_tasks.arrays import Rows
+from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
+from hab_tasks.fronts import DRAWER
+from hab_tasks.goals import Goals
+from hab_tasks.measures import Measures
+from hab_tasks.sensors import OBJECT_START_IN_EE, PROPRIOCEPTION
+from hab_tasks.skills.base import Skill, SkillEnv
+from hab_tasks.skills.needs import Needs
+from hab_tasks.snapshot import Snapshot
+
+
+@dataclass(frozen=True, kw_only=True)
+class CloseDrawerWeights:
+    """Weights of the reward in the order of the equation (S H.2)."""
+
+    success: float = 10.0
+    handle: float = 1.0
+    joint: float = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class CloseDrawerConfig:
+    """Thresholds of Close drawer (S H.2)."""
+
+    weights: CloseDrawerWeights = field(default_factory=CloseDrawerWeights)
+    rest_radius_m: float = REST_RADIUS_M
+
+
+def success(s: Snapshot, m: Measures, g: Goals, c: CloseDrawerConfig) -> Rows:
+    """Drawer within 5 cm of closed, (N,) bool."""
+    return DRAWER.is_closed(m.joint) & (m.ee_to_rest_m < c.rest_radius_m)
+
+
+def reward_terms(
+    s: Snapshot, m: Measures, g: Goals, c: CloseDrawerConfig, ends: dict[str, Rows]
+) -> dict[str, Rows]:
+    """The summands of the reward, each (N,) float32, in the equation's order."""
+    w = c.weights
+    return {
+        "success": w.success * ends["success"],
+        "handle": w.handle * m.ee_to_handle_decrease_m,
+        # The goal state is the joint's lower limit, so its distance changes as the joint does.
+        "joint": -w.joint * m.joint_increase,
+    }
+
+
+CLOSE_DRAWER = Skill(
+    name="close_drawer",
+    config=CloseDrawerConfig(),
+    needs=Needs(fronts=(DRAWER,), takes="handles"),
+    horizon_steps=SKILL_HORIZON_STEPS,
+    control_modes=("ee", "joint_delta", "joint_target"),
+    observation=(*PROPRIOCEPTION, OBJECT_START_IN_EE),
+    measures=(
+        "ee_to_handle_m",
+        "ee_to_rest_m",
+        "joint",
+        "joint_share",
+        "holding_handle",
+        "force_n",
+        "force_total_n",
+    ),
+    success=success,
+    reward_terms=reward_terms,
+    # One step can at most succeed, move the hand by a quarter of a metre and
+    # the drawer by half a metre.
+    reward_bound=10.0 + 0.25 + 0.5,
+)
+
+
+class HabCloseDrawerEnv(SkillEnv):
+    """Close a drawer of the kitchen counter and bring the hand to rest, base standing still.
+
+    **Start**: the drawer 80 to 100 % open, a random subset of the others open; the robot in a
+    rectangle of 0.15 m x 0.75 m before it, facing the handle; noise as in every skill (S H.2).
+
+    **Observation** (``state_dict``: ``agent`` and ``extra``; ``state`` is their concatenation):
+
+    =====================  =====  ======  ====================================================
+    entry                  shape  unit    meaning
+    =====================  =====  ======  ====================================================
+    arm_qpos               7      rad     arm joints, shoulder to wrist
+    ee_position            3      m       end-effector in the base frame
+    is_holding             1      0 or 1  whether anything is in the hand
+    rest_from_ee           3      m       from the end-effector to its rest position, base frame
+    object_start_in_ee     3      m       position of the object in the drawer, hand's frame
+    head, arm              128²   0..1    depth cameras, 1 at 10 m (``depth``); uint8 (``rgb``)
+    =====================  =====  ======  ====================================================
+
+    **Action**: ``ee`` 3 + 1, ``joint_delta`` 7 + 1, ``joint_target`` 7 + 1
+    (`hab_tasks.robots.control`). The hand snaps to handles only.
+
+    **Reward** (terms in ``info["reward_terms"]``): 10 success + handle + joint.
+
+    **Success**: drawer within 0.05 m of closed, end-effector within 0.15 m of its
+    rest position.
+
+    **Failure**: none; no limit on forces.
+
+    **Horizon**: 200 steps. **Versions**: v1, first.
+    """
+
+    skill = CLOSE_DRAWER

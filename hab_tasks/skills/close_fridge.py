@@ -1,0 +1,117 @@
+"""Close fridge: shut the door (S H.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from hab_tasks.arrays import Rows
+from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
+from hab_tasks.fronts import FRIDGE
+from hab_tasks.goals import Goals
+from hab_tasks.measures import Measures
+from hab_tasks.sensors import OBJECT_START_IN_EE, PROPRIOCEPTION
+from hab_tasks.skills.base import Skill, SkillEnv
+from hab_tasks.skills.needs import Needs
+from hab_tasks.skills.regions import SPAWN_REGION, outside
+from hab_tasks.snapshot import Snapshot
+
+
+@dataclass(frozen=True, kw_only=True)
+class CloseFridgeWeights:
+    """Weights of the reward in the order of the equation (S H.2)."""
+
+    success: float = 10.0
+    handle: float = 1.0
+    joint: float = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class CloseFridgeConfig:
+    """Thresholds of Close fridge (S H.2)."""
+
+    weights: CloseFridgeWeights = field(default_factory=CloseFridgeWeights)
+    rest_radius_m: float = REST_RADIUS_M
+
+
+def success(s: Snapshot, m: Measures, g: Goals, c: CloseFridgeConfig) -> Rows:
+    """Door within 0.15 rad of closed, (N,) bool."""
+    return FRIDGE.is_closed(m.joint) & (m.ee_to_rest_m < c.rest_radius_m)
+
+
+def failures(s: Snapshot, m: Measures, g: Goals, c: CloseFridgeConfig) -> dict[str, Rows]:
+    """Why an episode ends without success, each (N,) bool."""
+    return {"left_region": outside(SPAWN_REGION, g.front[:, 0], s.base)}
+
+
+def reward_terms(
+    s: Snapshot, m: Measures, g: Goals, c: CloseFridgeConfig, ends: dict[str, Rows]
+) -> dict[str, Rows]:
+    """The summands of the reward, each (N,) float32, in the equation's order."""
+    w = c.weights
+    return {
+        "success": w.success * ends["success"],
+        "handle": w.handle * m.ee_to_handle_decrease_m,
+        # The goal state is the joint's lower limit, so its distance changes as the joint does.
+        "joint": -w.joint * m.joint_increase,
+    }
+
+
+CLOSE_FRIDGE = Skill(
+    name="close_fridge",
+    config=CloseFridgeConfig(),
+    needs=Needs(fronts=(FRIDGE,), takes="handles"),
+    horizon_steps=SKILL_HORIZON_STEPS,
+    control_modes=("ee_base", "joint_delta_base", "joint_target_base"),
+    observation=(*PROPRIOCEPTION, OBJECT_START_IN_EE),
+    measures=(
+        "ee_to_handle_m",
+        "ee_to_rest_m",
+        "joint",
+        "joint_share",
+        "holding_handle",
+        "force_n",
+        "force_total_n",
+    ),
+    success=success,
+    failures=failures,
+    reward_terms=reward_terms,
+    # One step can at most succeed, move the hand by a quarter of a metre and
+    # the door by half a radian.
+    reward_bound=10.0 + 0.25 + 0.5,
+)
+
+
+class HabCloseFridgeEnv(SkillEnv):
+    """Close the fridge's upper door with arm and base, and bring the hand to rest.
+
+    **Start**: the door open between pi/4 and 2 pi/3; the robot in a rectangle of 0.9 m x 1.2 m
+    before the fridge, facing the handle; noise of 20 deg on the heading, 0.05 m on the
+    end-effector (S H.2).
+
+    **Observation** (``state_dict``: ``agent`` and ``extra``; ``state`` is their concatenation):
+
+    =====================  =====  ======  ====================================================
+    entry                  shape  unit    meaning
+    =====================  =====  ======  ====================================================
+    arm_qpos               7      rad     arm joints, shoulder to wrist
+    ee_position            3      m       end-effector in the base frame
+    is_holding             1      0 or 1  whether anything is in the hand
+    rest_from_ee           3      m       from the end-effector to its rest position, base frame
+    object_start_in_ee     3      m       position of the object behind the door, hand's frame
+    head, arm              128²   0..1    depth cameras, 1 at 10 m (``depth``); uint8 (``rgb``)
+    =====================  =====  ======  ====================================================
+
+    **Action**: ``ee_base`` 3 + 1 + 2, ``joint_delta_base`` and ``joint_target_base`` 7 + 1 + 2
+    (`hab_tasks.robots.control`). The hand snaps to handles only.
+
+    **Reward** (terms in ``info["reward_terms"]``): 10 success + handle + joint.
+
+    **Success**: door within 0.15 rad of closed, end-effector within 0.15 m of its
+    rest position.
+
+    **Failure**: the base leaves the rectangle in which it started; no limit on forces.
+
+    **Horizon**: 200 steps. **Versions**: v1, first.
+    """
+
+    skill = CLOSE_FRIDGE

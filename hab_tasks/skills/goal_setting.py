@@ -1,0 +1,141 @@
+"""Turns an episode's words into tensors: which objects, which handles, where to."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+
+import numpy as np
+import sapien
+
+from hab_tasks.episodes.schema import Episode
+from hab_tasks.episodes.source import EpisodeSource
+from hab_tasks.errors import EpisodeError
+from hab_tasks.navigation import NavigationMap
+from hab_tasks.privileged import Array
+from hab_tasks.robots.grasp import Handle, SnapGrasp
+from hab_tasks.scenes.handles import SceneHandles
+from hab_tasks.scenes.layout_geometry import Layout
+from hab_tasks.scenes.markers import HANDLE_MARKERS
+from hab_tasks.skills.needs import Needs
+
+KEPT_MAPS = 64
+
+
+class GoalSetting:
+    """Finds what episodes name among the bodies that are shown."""
+
+    def __init__(self, needs: Needs, handles: SceneHandles, grasp: SnapGrasp) -> None:
+        self._needs, self._shown, self._grasp = needs, handles, grasp
+        self._names = list(handles.movable)
+
+    def targets(self, episode: Episode) -> list[int]:
+        """Returns the index in the grasp of each object to rearrange.
+
+        Raises:
+            EpisodeError: The episode has another number of them.
+        """
+        found, wanted = len(episode.targets), self._needs.objects
+        if found != wanted:
+            raise EpisodeError(f"{episode.id}: {found} objects to rearrange instead of {wanted}.")
+        return [self._names.index(target.object) for target in episode.targets]
+
+    def handles(self, episode: Episode) -> list[int]:
+        """Returns the index in the grasp of the handle of each door or drawer asked about.
+
+        Raises:
+            EpisodeError: The layout has no such handle.
+        """
+        ref, kinds = episode.handle, self._needs.fronts
+        if ref is not None and len(kinds) == 1:
+            return [self._handle(episode, ref.marker, ref.furniture)]
+        return [self._handle(episode, kind.marker, None) for kind in kinds]
+
+    def _handle(self, episode: Episode, marker: str, furniture: str | None) -> int:
+        for index, handle in enumerate(self._grasp.handles):
+            if handle.name == marker and furniture in (None, handle.furniture_name):
+                return index
+        raise EpisodeError(f"{episode.id}: no handle {marker} in {episode.scene_id}.")
+
+    def values(self, episode: Episode, starts_m: Array) -> dict[str, Array]:
+        """Returns the row's entries of `Goals`.
+
+        Args:
+            episode: What the row plays.
+            starts_m: (K, 3) where the objects' centres of mass are now.
+        """
+        goals = np.array(starts_m)
+        for number, target in enumerate(episode.targets):
+            if target.world_from_goal is not None:
+                pose = target.world_from_goal
+                body = self._grasp.objects[self._names.index(target.object)]._bodies[0]
+                goals[number] = (
+                    sapien.Pose(list(pose[:3]), list(pose[3:])) * body.cmass_local_pose
+                ).p
+        fronts = [self._grasp.handles[index] for index in self.handles(episode)]
+        limits = np.array([handle.limits for handle in fronts]).reshape(-1, 2)
+        base = episode.navigation.base if episode.navigation is not None else (0.0, 0.0, 0.0)
+        return {
+            "starts_m": starts_m,
+            "goals_m": goals,
+            "joint_lower": limits[:, 0],
+            "joint_upper": limits[:, 1],
+            "front": np.array([_frame(handle) for handle in fronts]).reshape(-1, 3),
+            "base": np.array(base),
+        }
+
+
+class LayoutMaps:
+    """Navigation maps of layouts with doors and drawers as episodes have them."""
+
+    def __init__(self, source: EpisodeSource) -> None:
+        self._source = source
+        self._layouts: dict[str, Layout] = {}
+        self._maps: OrderedDict[str, NavigationMap] = OrderedDict()
+
+    def of(self, episode: Episode) -> NavigationMap:
+        """Returns the map of an episode's layout as it starts; the last ones are kept."""
+        joints = {
+            (furniture, joint): value
+            for furniture, values in episode.joints.items()
+            for joint, value in values.items()
+        }
+        key = f"{episode.scene_id} {sorted(joints.items())}"
+        if key not in self._maps:
+            self._maps[key] = NavigationMap.of_layout(self._layout(episode.scene_id), joints)
+            if len(self._maps) > KEPT_MAPS:
+                self._maps.popitem(last=False)
+        self._maps.move_to_end(key)
+        return self._maps[key]
+
+    def _layout(self, scene_id: str) -> Layout:
+        if scene_id not in self._layouts:
+            self._layouts[scene_id] = Layout.of(self._source.scene(scene_id))
+        return self._layouts[scene_id]
+
+
+def handles_of(shown: SceneHandles) -> list[Handle]:
+    """Returns every handle marker of the furniture that is shown."""
+    found = []
+    scales = {a.name: a.scale for a in shown.spec.articulations}
+    for name, furniture in shown.articulations.items():
+        for marker in HANDLE_MARKERS:
+            if marker.template == name.rsplit("_:", 1)[0]:
+                x, y, z = (scales[name] * value for value in marker.offset_m)
+                found.append(
+                    Handle(
+                        name=marker.name,
+                        furniture_name=name,
+                        furniture=furniture,
+                        link=furniture.links_map[marker.link],
+                        offset_m=(x, y, z),
+                    )
+                )
+    return found
+
+
+def _frame(handle: Handle) -> tuple[float, float, float]:
+    """Returns x, y and yaw of the frame that looks out of the furniture."""
+    pose = handle.furniture.links[0]._objs[0].entity_pose
+    x, y, _ = pose.p.tolist()
+    ahead = pose.to_transformation_matrix()[:3, 0]
+    return x, y, float(np.arctan2(ahead[1], ahead[0]))

@@ -1,0 +1,158 @@
+"""What the agent and a person see of an environment: entries, cameras, noise, lamps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, ClassVar
+
+from mani_skill.envs.sapien_env import BaseEnv
+from mani_skill.sensors.camera import CameraConfig
+from torch import Tensor
+
+from hab_tasks.arrays import to_tensor
+from hab_tasks.errors import OptionError
+from hab_tasks.noise import NoiseSource, SensorNoise
+from hab_tasks.rendering import resolve_backend, sensor_shader
+from hab_tasks.robots.cameras import PLACES, CameraRig, HiddenArm
+from hab_tasks.robots.fetch import HabFetch
+from hab_tasks.sensors import ARM_QPOS, ObsEntry, scale_depth
+from hab_tasks.skills.viewpoint import FIRST_VIEW, Viewpoint
+from hab_tasks.skills.world import World
+
+RENDER_SIZE_PX = 512
+
+WITHOUT_IMAGES = ("state", "state_dict", "none")
+"""Observation modes that need no renderer."""
+
+
+class ObservingEnv(BaseEnv):
+    """Reads and draws the observations of a `World`, and a person's view of it."""
+
+    observation: ClassVar[tuple[ObsEntry, ...]]
+    cameras: ClassVar[tuple[str, ...]] = ("head", "arm")
+    agent: HabFetch  # type: ignore[assignment]
+    _world: World
+    _noise: NoiseSource | None
+    _viewpoint: Viewpoint
+    _hides_arm: bool
+
+    def _set_sensors(
+        self,
+        cameras: Iterable[str] | None,
+        size_px: int,
+        hfov_rad: float,
+        proprioception: bool,
+        noise: SensorNoise | Mapping[str, float] | None,
+    ) -> None:
+        """Keeps what the agent sees and feels, checked, in the form in which each step needs it."""
+        self._rig = CameraRig.of(self.cameras if cameras is None else cameras, size_px, hfov_rad)
+        felt = [e for e in self.observation if proprioception or not e.proprioceptive]
+        self._feels_arm = ARM_QPOS in felt
+        self._extra_entries = [entry for entry in felt if entry is not ARM_QPOS]
+        self._sensor_noise = SensorNoise.of(noise)
+
+    def _set_backend(self, backend: str, options: dict[str, Any]) -> str:
+        """Keeps and returns ManiSkill's render_backend.
+
+        Args:
+            backend: The option.
+            options: ManiSkill's own, which say what is drawn.
+        """
+        obs_mode = options.get("obs_mode") or "state"
+        images = obs_mode not in WITHOUT_IMAGES
+        if images and not self._rig.names:
+            valid = f"some of {list(PLACES)} with obs_mode={obs_mode!r}, or obs_mode 'state'"
+            raise OptionError("cameras", (), valid)
+        drawn = images or options.get("render_mode") is not None
+        self._backend = resolve_backend(backend, drawn)
+        return self._backend
+
+    # Drawing ---------------------------------------------------------------------------------
+
+    @property
+    def _default_human_render_camera_configs(self) -> CameraConfig:  # type: ignore[override]
+        return CameraConfig(
+            uid="render_camera",
+            pose=FIRST_VIEW,  # type: ignore[arg-type]  # moved by _aim
+            width=RENDER_SIZE_PX,
+            height=RENDER_SIZE_PX,
+            fov=1.2,
+            near=0.05,
+            far=50.0,
+            mount=self.agent.link("base_link"),
+        )
+
+    def _start_observing(self) -> None:
+        """Runs when a new simulation has been built, before its cameras are set up."""
+        self._viewpoint = Viewpoint()
+        noise = self._sensor_noise
+        self._noise = None if noise is None else NoiseSource(noise, self.num_envs)
+        self.agent.rig = self._rig
+        if self._hides_arm and self.scene.can_render():
+            self._hidden_objects.append(HiddenArm(self.agent.link))  # type: ignore[arg-type]
+
+    @property
+    def _is_lit(self) -> bool:
+        # Depth needs no light, and lamps cost a software renderer a quarter of its time.
+        return self.scene.can_render() and (self.render_mode is not None or self._wants_colour)
+
+    @property
+    def _wants_colour(self) -> bool:
+        visual = self.obs_mode_struct.visual
+        other = self.obs_mode in ("pointcloud", "sensor_data")
+        return other or visual.rgb or visual.normal or visual.albedo
+
+    def _setup_sensors(self, options: dict[str, Any]) -> None:
+        self._custom_sensor_configs = sensor_shader(
+            self._custom_sensor_configs or {}, self._backend, self._wants_colour
+        )
+        super()._setup_sensors(options)
+
+    def _load_lighting(self, options: dict[str, Any]) -> None:
+        """Leaves out ManiSkill's lamps: the world shows the layout's own."""
+
+    def render_rgb_array(self, camera_name: str | None = None) -> Any:
+        """Renders the human-render camera, put where no wall hides the robot."""
+        self._aim()
+        return super().render_rgb_array(camera_name)  # pyright: ignore[reportArgumentType]  # None is its default
+
+    def render_all(self) -> Any:
+        """Renders the human-render camera and the sensors."""
+        self._aim()
+        return super().render_all()
+
+    def _aim(self) -> None:
+        """Moves the human-render camera where a wall came between; it drives with the base."""
+        pose = None if self.gpu_sim_enabled else self._viewpoint.follow(self._world)
+        if pose is not None:
+            for camera in self._human_render_cameras["render_camera"].camera._render_cameras:
+                camera.local_pose = pose
+
+    # Observations ----------------------------------------------------------------------------
+
+    def _flatten_raw_obs(self, obs: Any) -> Any:
+        """Returns the observation, without groups that are empty, which Gymnasium refuses."""
+        flat = super()._flatten_raw_obs(obs)
+        if not isinstance(flat, dict):
+            return flat
+        return {name: group for name, group in flat.items() if len(group)}
+
+    def _get_obs_agent(self) -> dict[str, Tensor]:
+        if not self._feels_arm:
+            return {}
+        qpos = to_tensor(self._world.snapshot.arm_qpos_rad)
+        return {"arm_qpos": qpos if self._noise is None else self._noise.joints(qpos)}
+
+    def _get_obs_extra(self, info: dict[str, Any]) -> dict[str, Tensor]:
+        world = self._world
+        now = world.snapshot, world.tracker.measures, world.goals
+        return {entry.name: to_tensor(entry.read(*now)) for entry in self._extra_entries}
+
+    def _get_obs_sensor_data(self, apply_texture_transforms: bool = True) -> dict[str, Any]:
+        data = super()._get_obs_sensor_data(apply_texture_transforms)
+        if self._noise is not None:
+            data = self._noise.images(data)
+        if self.obs_mode_struct.visual.depth and apply_texture_transforms:
+            for images in data.values():
+                images["depth"] = scale_depth(images["depth"])
+        return data

@@ -1,0 +1,1 @@
+"""The three long tasks of the Home Assistant Benchmark."""

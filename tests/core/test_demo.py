@@ -1,0 +1,208 @@
+"""`hab-tasks demo`: what it shows, tells and refuses; keys as actions."""
+
+import io
+import os
+import pty
+import re
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import imageio.v2 as imageio
+import pytest
+
+from hab_tasks import rendering
+from hab_tasks.commands.keyboard import KEYS, OTHER_KEYS, Keyboard, keys_of
+from hab_tasks.robots.control import control_configs
+
+STEP = re.compile(r"^ *(\d+)  reward ([+-][\d.]+)  (.*)$", re.MULTILINE)
+
+
+@pytest.fixture(autouse=True)
+def no_display(monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+
+
+def keyboard(mode, holding=False):
+    return Keyboard(SimpleNamespace(config=control_configs()[mode]), holding)
+
+
+def test_random_actions_are_told_step_by_step_and_summed(run):
+    done = run("demo", "HabPick-v1", "--steps", 4, "--seed", 3)
+    assert done.returncode == 0, done.stderr
+    told = STEP.findall(done.stdout)
+    assert [number for number, _, _ in told] == ["1", "2", "3", "4"]
+    assert all("ee_to_object_m 0." in words and "force_n" in words for _, _, words in told)
+    total = float(re.search(r"^return +(\S+)$", done.stdout, re.MULTILINE)[1])
+    # Four rewards and their sum, each rounded to a thousandth.
+    assert total == pytest.approx(sum(float(reward) for _, reward, _ in told), abs=0.003)
+    assert "success   no\n" in done.stdout
+    assert "stopped after 4 actions" in done.stdout
+    assert "no display" in done.stdout
+
+    assert run("demo", "HabPick-v1", "--steps", 4, "--seed", 3).stdout == done.stdout
+    other = STEP.findall(run("demo", "HabPick-v1", "--steps", 4, "--seed", 4).stdout)
+    assert other != told
+
+
+def test_the_episode_is_the_one_asked_for_and_what_it_holds_stays_held(run, monkeypatch):
+    monkeypatch.setattr(sys, "stdin", io.StringIO("  g"))
+    done = run("demo", "HabPlace-v1", "--agent", "keyboard", "--episode", 7)
+    assert done.stdout.splitlines()[1].endswith("/00007")
+    held = ["holding_target" in words for _, _, words in STEP.findall(done.stdout)]
+    assert held == [True, True, False]
+
+
+def test_an_episode_ends_by_itself_and_a_task_tells_its_stages(run):
+    done = run("demo", "HabPick-v1", "--steps", 1000, "--episode", 1, "--seed", 1)
+    (end,) = re.findall("^end +(.*)$", done.stdout, re.MULTILINE)
+    assert re.match(r"time is over after 200|the episode is over after \d+", end)
+    task = run("demo", "HabSetTable-v1", "--steps", 1)
+    assert "stages    0 of 8" in task.stdout
+
+
+def test_keys_move_the_robot_one_action_each(run, monkeypatch):
+    # Up, hand ahead; a key of the base, which Pick holds still; grasp; wait; quit; nothing after.
+    monkeypatch.setattr(sys, "stdin", io.StringIO("r\x1b[Aw\ng q rr"))
+    done = run("demo", "HabPick-v1", "--agent", "keyboard")
+    assert done.returncode == 0, done.stderr
+    assert len(STEP.findall(done.stdout)) == 4
+    assert "'w' does nothing here" in done.stdout
+    assert "hand ahead" in done.stdout
+    assert "drive ahead" not in done.stdout
+
+
+def test_driving_changes_what_is_measured(run, monkeypatch):
+    monkeypatch.setattr(sys, "stdin", io.StringIO("wwww "))
+    told = STEP.findall(run("demo", "HabNavigate-v1", "--agent", "keyboard").stdout)
+    paths = [float(re.search(r"path_m (\S+)", words)[1]) for _, _, words in told]
+    # At most 1 m/s / 30 actions a second, so 0.133 m in four.
+    assert 0.05 < paths[3] <= 0.134
+    assert ["stopped" in words for _, _, words in told] == [False] * 4 + [True]
+
+
+def test_a_key_sets_one_entry_of_the_action():
+    # ee_base: hand x, y, z; gripper; forward, turning. The open hand is -1.
+    board = keyboard("ee_base")
+    assert board.action("up").tolist() == [1, 0, 0, -1, 0, 0]
+    assert board.action("right").tolist() == [0, -1, 0, -1, 0, 0]
+    assert board.action("f").tolist() == [0, 0, -1, -1, 0, 0]
+    assert board.action("s").tolist() == [0, 0, 0, -1, -0.5, 0]
+    assert board.action("a").tolist() == [0, 0, 0, -1, 0, 1]
+    assert board.action("space").tolist() == [0, 0, 0, -1, 0, 0]
+    assert board.action("x") is None
+
+
+def test_the_hand_stays_closed_until_it_is_opened():
+    board = keyboard("ee")
+    assert [board.action(key)[3] for key in ("g", "r", "space", "g", "r")] == [1, 1, 1, -1, -1]
+    assert keyboard("ee", holding=True).action("r").tolist() == [0, 0, 1, 1]
+    assert keyboard("ee").action("w") is None
+
+
+def test_keys_are_cells_where_the_base_has_cells():
+    # Five turning velocities for each of -0.5, 0, 0.5, 1: (1, 0) is 3 * 5 + 2, (0, 0) is 5 + 2.
+    board = keyboard("base_discrete")
+    cells = {key: board.action(key) for key in ("w", "s", "a", "d", "space")}
+    assert cells == {"w": 17, "s": 2, "a": 9, "d": 5, "space": 7}
+    assert board.action("up") is None
+    assert board.action("g") is None
+
+
+def test_the_table_has_each_key_that_does_something():
+    assert set(re.findall(r"^  (\w+)", keyboard("ee_base").table, re.M)) == {*KEYS, *OTHER_KEYS}
+    base = set(re.findall(r"^  (\w+)", keyboard("base_discrete").table, re.M))
+    assert base == {"w", "s", "a", "d", "space", "q"}
+
+
+def test_arrows_are_one_key_and_line_ends_none():
+    stream = io.StringIO("a\x1b[A\r\n\x1b[D b\x1bOP")
+    names = ["a", "up", "left", "space", "b", "escape"]
+    assert list(keys_of(stream, lambda: None)) == names
+
+
+def test_keys_of_a_terminal_come_without_a_line_end():
+    mine, theirs = pty.openpty()
+    waited = []
+
+    def type_next():
+        if len(waited) < 2:
+            os.write(mine, (b"w", b"\x1b[C")[len(waited)])
+        waited.append(1)
+
+    with os.fdopen(theirs, "r") as terminal:
+        keys = keys_of(terminal, type_next)
+        assert [next(keys), next(keys)] == ["w", "right"]
+        keys.close()
+    os.close(mine)
+
+
+def test_without_vulkan_measures_are_told_all_the_same(run, monkeypatch):
+    monkeypatch.setattr(rendering, "software_vulkan_works", lambda: False)
+    monkeypatch.setattr(rendering.torch.cuda, "is_available", lambda: False)
+    assert run("demo", "HabPick-v1", "--steps", 1).returncode == 0
+    monkeypatch.setenv("DISPLAY", ":0")
+    done = run("demo", "HabPick-v1", "--steps", 1)
+    assert done.returncode == 0, done.stderr
+    assert "no window is opened. No Vulkan device" in done.stdout
+
+
+BAD = {
+    "env": (("HabPik-v1",), ("'HabPik-v1'", "Did you mean 'HabPick-v1'")),
+    "agent": (("HabPick-v1", "--agent", "rndom"), ("'rndom'", "Did you mean 'random'")),
+    "steps": (("HabPick-v1", "--steps", "0"), ("--steps 0",)),
+    "video": (("HabPick-v1", "--out", "x.avi"), ("x.avi", ".mp4")),
+    "option": (("HabPick-v1", "--epsiode", "1"), ("'--epsiode'", "'--episode'")),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_one_line_and_status_2(run, case):
+    arguments, words = BAD[case]
+    done = run("demo", *arguments)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    (line,) = done.stderr.strip().splitlines()
+    assert all(word in line for word in words), line
+
+
+def test_an_unknown_episode_is_told(run):
+    done = run("demo", "HabPick-v1", "--episode", "-1")
+    assert done.returncode == 2
+    assert "Episode -1" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.render
+def test_a_video_has_a_frame_for_each_moment(run, tmp_path):
+    out = tmp_path / "made" / "pick.mp4"
+    done = run("demo", "HabPick-v1", "--steps", 3, "--out", out)
+    assert done.returncode == 0, done.stderr
+    assert f"video     {out}" in done.stdout
+    # The start, and the moment after each of three actions.
+    frames = [*imageio.get_reader(out).iter_data()]
+    assert [frame.shape for frame in frames] == [(512, 512, 3)] * 4
+    assert frames[-1].std() > 10
+    assert list(out.parent.iterdir()) == [out]
+
+    again = run("demo", "HabPick-v1", "--steps", 3, "--out", out)
+    assert again.returncode == 2
+    assert "--force" in again.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX terminals")
+def test_the_script_takes_keys_from_a_pipe():
+    script = Path(sys.executable).with_name("hab-tasks")
+    done = subprocess.run(
+        [script, "demo", "HabOpenDrawer-v1", "--agent", "keyboard"],
+        input="r\x1b[Bq",
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    assert len(STEP.findall(done.stdout)) == 2

@@ -1,0 +1,173 @@
+"""The rules of every environment on random batches: rewards, scores, observations. No simulator."""
+
+import math
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+import torch
+from builders import same, snapshot
+from rules_bench import FIRST, RulesBench
+
+from hab_tasks.arrays import to_tensor
+from hab_tasks.constants import REST_POSITION_M
+from hab_tasks.envs import ENVS
+from hab_tasks.skills.base import SkillEnv
+from hab_tasks.tasks.task_env import TaskEnv
+
+N, STEPS, SOME = 32, 40, 2
+SKILLS = {e.id: e.env for e in ENVS.values() if issubclass(e.env, SkillEnv)}
+TASKS = {e.id: e.env for e in ENVS.values() if issubclass(e.env, TaskEnv)}
+
+every_skill = pytest.mark.parametrize("env", SKILLS.values(), ids=SKILLS)
+every_task = pytest.mark.parametrize("env", TASKS.values(), ids=TASKS)
+every_env = pytest.mark.parametrize("env", [e.env for e in ENVS.values()], ids=ENVS)
+both_kinds = pytest.mark.parametrize("arrays", [False, True], ids=["tensors", "arrays"])
+
+
+def chaos(needs, seed):
+    """A snapshot in which anything may be anywhere."""
+    rng = torch.Generator().manual_seed(seed)
+    fronts, objects = len(needs.fronts), needs.objects
+
+    def some(*shape):
+        return torch.randn(N, *shape, generator=rng) * 0.3
+
+    held = torch.randint(FIRST - 1, FIRST + objects + 1, (N,), generator=rng)
+    held[torch.rand(N, generator=rng) < 0.5] = -1
+    joints = 3 * torch.rand(N, fronts, generator=rng)
+    joints[torch.rand(N, fronts, generator=rng) < 0.3] = 0.0
+    return snapshot(
+        N,
+        objects=objects,
+        fronts=fronts,
+        arm_qpos_rad=some(7),
+        base=some(3),
+        ee_m=some(3),
+        ee_in_base_m=torch.tensor(REST_POSITION_M) + some(3) / 3,
+        objects_m=some(objects, 3),
+        handles_m=some(fronts, 3),
+        joints=joints,
+        held=held,
+        held_handle=torch.randint(-1, 2, (N,), generator=rng),
+        force_n=1000 * torch.rand(N, generator=rng) ** 4,
+    )
+
+
+def bench_of(env, arrays, count=N):
+    bench = RulesBench(env, count, arrays=arrays)
+    # So that some bases are before the fridge, and some objects at their goals.
+    fronts = torch.tensor([-1.4, 0.0, 0.0]).expand(count, len(env.needs.fronts), 3)
+    values = {"front": fronts, "goals_m": torch.zeros(count, env.needs.objects, 3)}
+    bench.tracker.goals = bench.world.goals.changed(range(count), values)
+    return bench
+
+
+def assert_told(env, info):
+    """Every term a float32 row without NaN; their sum the reward; never above 1 when normalised."""
+    terms = info["reward_terms"]
+    for name, term in terms.items():
+        assert term.shape == (N,), name
+        assert term.dtype == torch.float32, name
+        assert bool(torch.isfinite(term).all()), name
+    dense = env.compute_dense_reward(None, None, info)
+    assert dense.dtype == torch.float32
+    sums = np.sum([term.numpy().astype(float) for term in terms.values()], axis=0)
+    assert np.allclose(dense.numpy(), sums, atol=1e-4)
+    normalised = env.compute_normalized_dense_reward(None, None, info)
+    assert bool((normalised <= 1.0).all())
+    below = dense <= env.reward_bound
+    assert torch.allclose(normalised[below], dense[below] / env.reward_bound)
+    assert not bool((info["success"] & info["fail"]).any())
+    for flags in (info["failures"], info.get("stages", {})):
+        assert all(flag.shape == (N,) and flag.dtype == torch.bool for flag in flags.values())
+    for name, value in info["measures"].items():
+        assert value.shape == (N,), name
+        assert bool(torch.isfinite(value.float()).all()), name
+
+
+@every_skill
+@both_kinds
+def test_every_reward_of_a_skill(env, arrays):
+    bench, paid = bench_of(env, arrays), set()
+    bench.begin(chaos(env.needs, 0))
+    for step in range(1, STEPS):
+        info = bench.step(chaos(env.needs, step), torch.arange(N) % 2 == 0)
+        assert_told(bench.env, info)
+        paid |= {name for name, term in info["reward_terms"].items() if term.any()}
+        for name in {"sct", "spl"} & set(info["measures"]):
+            score = info["measures"][name]
+            assert bool(((score >= 0) & (score <= 1)).all()), name
+    assert paid == set(info["reward_terms"]), f"never paid in {STEPS} steps"
+
+
+@every_task
+@both_kinds
+def test_every_reward_of_a_task(env, arrays):
+    bench, rng, paid = bench_of(env, arrays), np.random.default_rng(0), set()
+    for episode in range(3):
+        parts = rng.integers(len(env.task.parts), size=N).tolist()
+        bench.begin(chaos(env.needs, 1000 * episode), *parts)
+        for step in range(1, STEPS // 2):
+            info = bench.step(chaos(env.needs, 1000 * episode + step))
+            assert_told(bench.env, info)
+            paid |= {name for name, term in info["reward_terms"].items() if term.any()}
+            assert list(info["stages"]) == list(env.task.stages)
+    assert {name.split("/")[0] for name in paid} == {part.skill.name for part in env.task.parts}
+    # A task has no limit on force, and no region that must not be left.
+    never = {n for n in info["reward_terms"] if n.endswith(("force_exceeded", "left_region"))}
+    assert not paid & never
+
+
+@every_env
+def test_a_row_alone_is_told_what_it_is_told_in_a_batch(env):
+    """One row of arrays, as the CPU simulation has it, against a row of tensors, as the GPU's."""
+    batch, parts = bench_of(env, arrays=False), []
+    if issubclass(env, TaskEnv):
+        parts = np.random.default_rng(1).integers(len(env.task.parts), size=N).tolist()
+    batch.begin(chaos(env.needs, 0), *parts)
+    singles = [bench_of(env, arrays=True, count=1) for _ in range(SOME)]
+    for row, single in enumerate(singles):
+        single.begin(only(chaos(env.needs, 0), row), *parts[row : row + 1])
+    stopped = torch.arange(N) % 2 == 0
+    for step in range(1, STEPS):
+        told = batch.step(chaos(env.needs, step), stopped)
+        for row, single in enumerate(singles):
+            alone = single.step(only(chaos(env.needs, step), row), stopped[row : row + 1])
+            assert same(alone, row_of(told, row), 1e-3), (row, step)
+
+
+def only(shot, row):
+    return replace(shot, **{f.name: getattr(shot, f.name)[row : row + 1] for f in fields(shot)})
+
+
+def row_of(info, row):
+    if isinstance(info, dict):
+        return {name: row_of(value, row) for name, value in info.items()}
+    return info[row : row + 1]
+
+
+@every_env
+@both_kinds
+def test_every_observation_of_a_batch(env, arrays):
+    bench = bench_of(env, arrays)
+    bench.begin(chaos(env.needs, 1))
+    world = bench.world
+    for item in env.observation:
+        value = to_tensor(item.read(world.snapshot, world.tracker.measures, world.goals))
+        assert value.shape == (N, *item.shape), item.name
+        assert value.dtype == torch.float32, item.name
+        assert bool(torch.isfinite(value).all()), item.name
+        assert len(torch.unique(value, dim=0)) > 1, f"{item.name} is the same in every row"
+
+
+@pytest.mark.parametrize("entry", ENVS.values(), ids=ENVS)
+def test_the_table_says_what_the_classes_say(entry):
+    env = entry.env
+    source = env.skill if issubclass(env, SkillEnv) else env.task
+    assert (env.name, env.horizon_steps) == (source.name, source.horizon_steps)
+    assert entry.horizon_steps == env.horizon_steps
+    assert math.isfinite(env.reward_bound)
+    assert env.reward_bound > 0
+    assert entry.id == f"{env.__name__.removesuffix('Env')}-v1"
+    assert entry.id.lower() == f"hab{env.name.replace('_', '')}-v1"

@@ -1,0 +1,166 @@
+"""The three tasks as the paper lists them: stages (App. G.2), skills in order (H.1, H.3), goals."""
+
+import pytest
+
+from hab_tasks.fronts import DRAWER, FRIDGE
+from hab_tasks.tasks.base import Condition
+from hab_tasks.tasks.prepare_groceries import PREPARE_GROCERIES
+from hab_tasks.tasks.set_table import SET_TABLE
+from hab_tasks.tasks.tidy_house import TIDY_HOUSE
+
+TASKS = {task.name: task for task in (TIDY_HOUSE, PREPARE_GROCERIES, SET_TABLE)}
+BOWL, APPLE = 0, 1
+IN_DRAWER, IN_FRIDGE = 0, 1
+
+every_task = pytest.mark.parametrize("task", TASKS.values(), ids=TASKS)
+
+
+def parts(task):
+    """(skill, object, front) of each part; for Navigate where to as well."""
+    return [
+        (p.skill.name, p.object, p.front, *([p.to] if p.skill.name == "navigate" else []))
+        for p in task.parts
+    ]
+
+
+def moving(number):
+    return [
+        ("navigate", number, 0, "start"),
+        ("pick", number, 0),
+        ("navigate", number, 0, "goal"),
+        ("place", number, 0),
+    ]
+
+
+def test_tidy_house():
+    assert TIDY_HOUSE.objects == 5
+    assert TIDY_HOUSE.fronts == ()
+    assert parts(TIDY_HOUSE) == [part for number in range(5) for part in moving(number)]
+    # "(1) pick object 1, (2) place object 1, (3) pick object 2, etc."
+    assert TIDY_HOUSE.stages == {
+        "pick_1": Condition(held=(0,)),
+        "place_1": Condition(placed=(0,)),
+        "pick_2": Condition(held=(1,), placed=(0,)),
+        "place_2": Condition(placed=(0, 1)),
+        "pick_3": Condition(held=(2,), placed=(0, 1)),
+        "place_3": Condition(placed=(0, 1, 2)),
+        "pick_4": Condition(held=(3,), placed=(0, 1, 2)),
+        "place_4": Condition(placed=(0, 1, 2, 3)),
+        "pick_5": Condition(held=(4,), placed=(0, 1, 2, 3)),
+        "place_5": Condition(placed=(0, 1, 2, 3, 4)),
+    }
+    assert list(TIDY_HOUSE.stages)[2:4] == ["pick_2", "place_2"]
+    assert TIDY_HOUSE.goal == Condition(placed=(0, 1, 2, 3, 4))
+
+
+def test_prepare_groceries():
+    assert PREPARE_GROCERIES.objects == 3
+    assert PREPARE_GROCERIES.fronts == ()  # everything starts open
+    assert parts(PREPARE_GROCERIES) == [part for number in range(3) for part in moving(number)]
+    # "(1) pick first fridge object, (2) place it on counter, (3) pick second fridge object,
+    # (4) place it on table, (5) pick counter object, (6) place it in fridge"
+    assert list(PREPARE_GROCERIES.stages.items()) == [
+        ("pick_fridge_1", Condition(held=(0,))),
+        ("place_counter", Condition(placed=(0,))),
+        ("pick_fridge_2", Condition(held=(1,), placed=(0,))),
+        ("place_table", Condition(placed=(0, 1))),
+        ("pick_counter", Condition(held=(2,), placed=(0, 1))),
+        ("place_fridge", Condition(placed=(0, 1, 2))),
+    ]
+    assert PREPARE_GROCERIES.goal == Condition(placed=(0, 1, 2))
+
+
+def test_set_table():
+    assert SET_TABLE.objects == 2
+    assert SET_TABLE.fronts == (DRAWER, FRIDGE)
+    assert parts(SET_TABLE) == [
+        ("navigate", BOWL, IN_DRAWER, "handle"),
+        ("open_drawer", BOWL, IN_DRAWER),
+        ("navigate", BOWL, IN_DRAWER, "start"),
+        ("pick", BOWL, IN_DRAWER),
+        ("navigate", BOWL, IN_DRAWER, "goal"),
+        ("place", BOWL, IN_DRAWER),
+        ("navigate", BOWL, IN_DRAWER, "handle"),
+        ("close_drawer", BOWL, IN_DRAWER),
+        ("navigate", APPLE, IN_FRIDGE, "handle"),
+        ("open_fridge", APPLE, IN_FRIDGE),
+        ("navigate", APPLE, IN_FRIDGE, "start"),
+        ("pick", APPLE, IN_FRIDGE),
+        ("navigate", APPLE, IN_FRIDGE, "goal"),
+        ("place", APPLE, IN_FRIDGE),
+        ("navigate", APPLE, IN_FRIDGE, "handle"),
+        ("close_fridge", APPLE, IN_FRIDGE),
+    ]
+    # "(1) open the drawer, (2) pick the bowl, (3) place it on the table, (4) close the drawer,
+    # (5) open the fridge, (6) pick the apple, (7) place it in the bowl, (8) close the fridge"
+    assert list(SET_TABLE.stages) == [
+        "open_drawer",
+        "pick_bowl",
+        "place_bowl",
+        "close_drawer",
+        "open_fridge",
+        "pick_apple",
+        "place_apple",
+        "close_fridge",
+    ]
+    # H.1: the goal holds is_closed(fridge) and is_closed(drawer).
+    both = {"placed": (BOWL, APPLE), "closed": (IN_DRAWER, IN_FRIDGE)}
+    assert SET_TABLE.goal == Condition(**both)
+
+
+@pytest.mark.parametrize(
+    ("task", "steps"), [("tidy_house", 5000), ("prepare_groceries", 4000), ("set_table", 4500)]
+)
+def test_horizons(task, steps):
+    assert TASKS[task].horizon_steps == steps
+
+
+@every_task
+def test_the_last_stage_is_the_goal(task):
+    assert list(task.stages.values())[-1] == task.goal
+
+
+@every_task
+def test_what_was_placed_and_closed_has_to_stay_so(task):
+    """Each rearrangement builds upon the previous ones (G.2)."""
+    placed, closed = set(), set()
+    for name, condition in task.stages.items():
+        assert placed <= set(condition.placed), name
+        assert closed <= set(condition.closed) | set(condition.opened), name
+        placed, closed = set(condition.placed), set(condition.closed)
+
+
+@every_task
+def test_every_stage_belongs_to_a_part_of_its_own(task):
+    """A stage for every interaction: all parts but Navigate, in the same order."""
+    done = [part for part in task.parts if part.skill.name != "navigate"]
+    assert len(done) == len(task.stages)
+    for part, (name, condition) in zip(done, task.stages.items(), strict=True):
+        kind, what = part.skill.name.split("_")[0], (part.object, part.front)
+        assert name.startswith(kind), name
+        reached = {
+            "pick": what[0] in condition.held,
+            "place": what[0] in condition.placed,
+            "open": what[1] in condition.opened,
+            "close": what[1] in condition.closed,
+        }
+        assert reached[kind], name
+
+
+@every_task
+def test_every_number_is_one_of_the_tasks_own(task):
+    for part in task.parts:
+        assert part.object in range(task.objects)
+        assert part.front in range(max(1, len(task.fronts)))
+    for name, c in (*task.stages.items(), ("goal", task.goal)):
+        assert {*c.held, *c.placed} <= set(range(task.objects)), name
+        assert {*c.opened, *c.closed} <= set(range(len(task.fronts))), name
+
+
+@every_task
+def test_each_skill_but_the_last_is_preceded_by_navigation_to_it(task):
+    for before, part in zip(task.parts, task.parts[1:], strict=False):
+        assert (before.skill.name == "navigate") != (part.skill.name == "navigate")
+    for go, part in zip(task.parts[::2], task.parts[1::2], strict=True):
+        to = {"pick": "start", "place": "goal"}.get(part.skill.name, "handle")
+        assert (go.to, go.object, go.front) == (to, part.object, part.front)

@@ -1,0 +1,235 @@
+"""The tracker's memory: latches, a change of focus, partial starts, save and restore."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from builders import StraightWays, same, snapshot
+
+from hab_tasks.goals import Goals
+from hab_tasks.measures import Focus, Tracker
+
+N, K, J = 4, 5, 2
+ALL, GOING = torch.arange(N), torch.zeros(N, dtype=torch.bool)
+SOME, OTHERS = torch.tensor([1, 3]), torch.tensor([0, 2])
+
+
+def random_snapshot(seed, **values):
+    """Each row may hold one of its objects; the targets are the grasp's objects 10 to 14."""
+    rng = torch.Generator().manual_seed(seed)
+    shapes = {"base": (N, 3), "ee_m": (N, 3), "objects_m": (N, K, 3), "handles_m": (N, J, 3)}
+    draw = {name: 0.2 * torch.randn(*shape, generator=rng) for name, shape in shapes.items()}
+    draw["joints"] = torch.rand(N, J, generator=rng)
+    draw["held"] = torch.randint(9, 10 + K, (N,), generator=rng)
+    draw["held_handle"] = torch.randint(-1, J, (N,), generator=rng)
+    draw["force_n"] = 100 * torch.rand(N, generator=rng)
+    return snapshot(N, **{**draw, **values})
+
+
+def tracker_at(first):
+    rng = torch.Generator().manual_seed(99)
+    empty = Goals.empty(N, K, J, "cpu")
+    goals = replace(empty, goals_m=0.2 * torch.randn(N, K, 3, generator=rng))
+    tracker = Tracker(goals, StraightWays())
+    tracker.targets = torch.arange(10, 10 + K).repeat(N, 1)
+    tracker.handles = torch.arange(J).repeat(N, 1)
+    tracker.begin(first, ALL)
+    return tracker
+
+
+def on(objects, fronts):
+    return Focus(object=torch.tensor(objects), front=torch.tensor(fronts))
+
+
+def travelled():
+    """A tracker some steps into its episodes, on different objects and fronts."""
+    tracker = tracker_at(random_snapshot(0))
+    tracker.refocus(random_snapshot(0), ALL, on([0, 1, 4, 2], [0, 1, 1, 0]))
+    for seed in (1, 2):
+        tracker.advance(random_snapshot(seed), GOING)
+    return tracker
+
+
+# Focus -----------------------------------------------------------------------------------------
+
+
+def test_each_row_measures_its_own_object_and_front():
+    tracker = tracker_at(random_snapshot(0))
+    objects, fronts = [4, 0, 2, 3], [1, 0, 0, 1]
+    shot = random_snapshot(0, held=torch.tensor([14, 14, 12, -1]))
+    tracker.refocus(shot, ALL, on(objects, fronts))
+    m, goals = tracker.measures, tracker.goals
+    for row in range(N):
+        point, handle = shot.objects_m[row, objects[row]], shot.handles_m[row, fronts[row]]
+        goal = goals.goals_m[row, objects[row]]
+        assert torch.allclose(m.ee_to_object_m[row], (point - shot.ee_m[row]).norm())
+        assert torch.allclose(m.object_to_goal_m[row], (point - goal).norm())
+        assert torch.allclose(m.ee_to_handle_m[row], (handle - shot.ee_m[row]).norm())
+        assert m.joint[row] == shot.joints[row, fronts[row]]
+    assert m.holding_target.tolist() == [True, False, True, False]
+    assert m.holding_other.tolist() == [False, True, False, False]
+    assert tracker.target().tolist() == [14, 10, 12, 13]
+
+
+def test_a_new_focus_keeps_what_was_counted_since_the_start():
+    tracker = travelled()
+    before = tracker.measures
+    tracker.refocus(random_snapshot(2), SOME, on([3] * N, [1] * N))
+    after = tracker.measures
+    kept = (
+        "force_total_n",
+        "steps",
+        "path_m",
+        "stopped",
+        "ee_to_object_start_m",
+        "base_to_goal_start_m",
+    )
+    for name in kept:
+        assert torch.equal(getattr(after, name), getattr(before, name)), name
+    assert before.steps.tolist() == [2.0] * N
+    assert bool((before.path_m > 0).all())
+    # Only the chosen rows turned.
+    assert tracker.focus.object.tolist() == [0, 3, 4, 3]
+    assert tracker.focus.front.tolist() == [0, 1, 1, 1]
+    assert torch.equal(after.ee_to_object_m[OTHERS], before.ee_to_object_m[OTHERS])
+    assert torch.equal(
+        after.ee_to_object_decrease_m[OTHERS], before.ee_to_object_decrease_m[OTHERS]
+    )
+
+
+def test_a_new_focus_is_no_change_of_distance():
+    tracker = travelled()
+    shot = random_snapshot(2)
+    tracker.refocus(shot, ALL, on([3] * N, [1] * N))
+    decreases = [
+        getattr(tracker.measures, f"{n}_decrease_m")
+        for n in ("ee_to_object", "ee_to_handle", "object_to_goal", "base_to_goal")
+    ]
+    assert not any(d.any() for d in decreases)
+    tracker.advance(shot, GOING)
+    m = tracker.measures
+    assert not m.ee_to_object_decrease_m.any()
+    assert not m.joint_increase.any()
+    assert not m.picked_now.any()
+    assert m.steps.tolist() == [3.0] * N
+
+
+def test_what_the_new_object_has_not_done_is_forgotten():
+    goal = Goals.empty(N, K, J, "cpu").goals_m
+    tracker = tracker_at(snapshot(N, objects=K, fronts=J))
+    tracker.goals = replace(tracker.goals, goals_m=goal)
+    at_goal = snapshot(N, objects=K, fronts=J, held_handle=torch.zeros(N, dtype=torch.long))
+    for _ in range(2):
+        tracker.advance(at_goal, GOING)
+    assert bool(tracker.measures.placed_before.all())
+    assert bool(tracker.measures.grabbed_before.all())
+    tracker.refocus(at_goal, SOME, on([1] * N, [1] * N))
+    assert tracker.measures.placed_before.tolist() == [True, False, True, False]
+    assert tracker.measures.grabbed_before.tolist() == [True, False, True, False]
+
+
+# Latches ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("heights", "placed", "before"),
+    [
+        # at the goal, taken away, back again: only the first time is the first
+        ([0.5, 0.1, 0.5, 0.1], [False, True, False, True], [False, False, True, True]),
+        ([0.1, 0.1, 0.1, 0.1], [True, True, True, True], [False, True, True, True]),
+        ([0.5, 0.5, 0.5, 0.5], [False] * 4, [False] * 4),
+    ],
+)
+def test_placed_before_stays(heights, placed, before):
+    tracker = Tracker(Goals.empty(N, 1, 0, "cpu"))
+    tracker.targets += 7
+    seen = []
+    for step, height in enumerate(heights):
+        points = torch.zeros(N, 1, 3)
+        points[:, 0, 2] = height
+        shot = snapshot(N, objects_m=points)
+        tracker.advance(shot, GOING) if step else tracker.begin(shot, ALL)
+        seen.append((tracker.measures.placed.tolist(), tracker.measures.placed_before.tolist()))
+    assert seen == [([p] * N, [b] * N) for p, b in zip(placed, before, strict=True)]
+
+
+def test_a_handle_is_grabbed_for_the_first_time_once():
+    tracker = Tracker(Goals.empty(N, 1, 1, "cpu"))
+    # Row 0 lets go and grasps again, row 1 starts with it in the hand, row 2 takes another, row 3
+    # none.
+    holds = [[-1, 0, 2, -1], [0, 0, -1, -1], [-1, 0, 2, -1], [0, -1, 2, -1], [0, 0, -1, -1]]
+    seen = []
+    for step, held in enumerate(holds):
+        shot = snapshot(N, fronts=1, held_handle=torch.tensor(held))
+        tracker.advance(shot, GOING) if step else tracker.begin(shot, ALL)
+        seen.append(tracker.measures.grabbed_now.tolist())
+    nobody = [False] * N
+    assert seen == [nobody, [True, False, False, False], nobody, nobody, nobody]
+    assert tracker.measures.grabbed_before.tolist() == [True, True, False, False]
+
+
+# Some rows -------------------------------------------------------------------------------------
+
+
+def test_a_partial_begin_changes_only_its_rows():
+    tracker = travelled()
+    before = tracker.get_state()
+    fresh = random_snapshot(5)
+    tracker.begin(fresh, SOME)
+    alone = tracker_at(fresh)
+    alone.refocus(fresh, ALL, tracker.focus)
+    begun, expected = tracker.get_state(), alone.get_state()
+    for name, value in begun.items():
+        assert torch.equal(value[OTHERS], before[name][OTHERS]), name
+        if name != "ee_to_object_start_m":
+            assert torch.equal(value[SOME], expected[name][SOME]), name
+    assert torch.equal(begun["ee_to_object_start_m"][SOME], begun["ee_to_object_m"][SOME])
+    assert begun["steps"].tolist() == [2.0, 0.0, 2.0, 0.0]
+
+
+def test_a_change_of_goals_in_some_rows_leaves_the_others():
+    goals = Goals.empty(N, K, J, "cpu")
+    values = {"goals_m": torch.ones(2, K, 3), "joint_upper": torch.full((2, J), 4.0)}
+    changed = goals.changed(torch.tensor([3, 0]), values)
+    assert changed.goals_m[:, 0, 0].tolist() == [1.0, 0.0, 0.0, 1.0]
+    assert changed.joint_upper[:, 1].tolist() == [4.0, 1.0, 1.0, 4.0]
+    assert not goals.goals_m.any(), "the old goals changed with the new ones"
+    assert torch.equal(changed.base, goals.base)
+
+
+# Save and restore ------------------------------------------------------------------------------
+
+
+def test_a_restored_tracker_goes_on_alike():
+    tracker = travelled()
+    state = tracker.get_state()
+    other = tracker_at(random_snapshot(7))
+    other.targets, other.handles = torch.zeros_like(other.targets), torch.zeros_like(other.handles)
+    other.set_state(state, ALL)
+    assert same(other.get_state(), state)
+    for t in (tracker, other):
+        t.advance(random_snapshot(3), ~GOING)
+    assert same(other.get_state(), tracker.get_state())
+    assert not same(other.get_state(), state)
+
+
+def test_restoring_some_rows_leaves_the_others():
+    tracker = travelled()
+    rows = torch.tensor([2, 0])
+    state = {name: value[rows] for name, value in tracker.get_state().items()}
+    other = tracker_at(random_snapshot(7))
+    untouched = other.get_state()
+    other.set_state(state, rows)
+    for name, value in other.get_state().items():
+        assert torch.equal(value[rows], state[name]), name
+        assert torch.equal(value[SOME], untouched[name][SOME]), name
+
+
+def test_a_saved_state_does_not_change_with_the_tracker():
+    tracker = travelled()
+    state = tracker.get_state()
+    kept = {name: value.clone() for name, value in state.items()}
+    tracker.targets[0] = 3
+    tracker.advance(random_snapshot(4), GOING)
+    tracker.refocus(random_snapshot(4), ALL, on([1] * N, [1] * N))
+    assert same(state, kept)

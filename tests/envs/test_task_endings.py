@@ -1,0 +1,174 @@
+"""Stages, success, and what is shut in, of the three tasks, reached in the simulator."""
+
+import numpy as np
+import pytest
+import torch
+from playing import ee_grip, held, move_base, move_joint, move_object, put, still
+
+from hab_tasks.envs import ENVS
+
+TASKS = [e for e in ENVS if hasattr(ENVS[e].env, "task")]
+
+
+def start(make, env_id, index=0):
+    env = make(env_id, control_mode="ee_base")
+    env.reset(options={"episode": index})
+    return env
+
+
+def let_go(env):
+    if held(env) is not None:
+        env.step(ee_grip(env, -1.0))
+
+
+def take(env, number):
+    """Puts an object below the hand, and grasps it."""
+    let_go(env)
+    put(env, env.unwrapped.episode[0].targets[number].object, (0.0, 0.0, -0.14))
+    return env.step(ee_grip(env))
+
+
+def bring(env, number):
+    """Lets go, and puts an object where it is to be."""
+    let_go(env)
+    base = env.unwrapped
+    target = base.episode[0].targets[number]
+    state = base.get_state_dict()
+    actor = base._world.handles.pickables[target.object]
+    state["actors"][actor.name][0, :7] = torch.tensor(target.world_from_goal)
+    state["actors"][actor.name][0, 7:] = 0.0
+    base.set_state_dict(state)
+    return env.step(still(env))
+
+
+def slide(env, number, share):
+    """Puts a door or drawer at a share of its travel."""
+    base = env.unwrapped
+    goals = base._world.goals
+    lower, upper = float(goals.joint_lower[0, number]), float(goals.joint_upper[0, number])
+    state = base.get_state_dict()
+    move_joint(state, env, number, lower + share * (upper - lower))
+    base.set_state_dict(state)
+    return env.step(still(env))
+
+
+def satisfy(env, condition, before):
+    """Does what a stage asks for beyond the one before it; returns the last step."""
+    step = None
+    for number in condition.opened:
+        step = slide(env, number, 1.0)
+    for number in set(condition.closed) - set(before.closed):
+        step = slide(env, number, 0.0)
+    for number in condition.held:
+        step = take(env, number)
+    for number in set(condition.placed) - set(before.placed):
+        step = bring(env, number)
+    return step
+
+
+def stages(step):
+    return [name for name, reached in step[-1]["stages"].items() if bool(reached)]
+
+
+@pytest.mark.parametrize("env_id", TASKS)
+def test_stages_latch_in_their_order_and_the_last_is_success(make, env_id):
+    env = start(make, env_id)
+    task = env.unwrapped.task
+    names, before = list(task.stages), type(task.goal)()
+    for number, (name, condition) in enumerate(task.stages.items()):
+        step = satisfy(env, condition, before)
+        assert stages(step) == names[: number + 1], name
+        last = number == len(names) - 1
+        assert bool(step[-1]["success"]) == bool(step[2]) == last
+        before = condition
+
+
+@pytest.mark.parametrize("env_id", ["HabTidyHouse-v1", "HabPrepareGroceries-v1"])
+def test_a_stage_cannot_be_skipped_and_is_not_taken_back(make, env_id):
+    env = start(make, env_id)
+    first, second, *_ = env.unwrapped.task.stages
+    assert stages(bring(env, 1)) == []
+    assert stages(bring(env, 0)) == []
+    assert stages(take(env, 0)) == [first]
+    assert stages(bring(env, 0)) == [first, second]
+    # Away from its goal again: the stage stays, success is that of the moment.
+    assert stages(take(env, 0)) == [first, second]
+
+
+def test_all_objects_in_place_are_success_without_any_stage(make):
+    """Success is a matter of geometry: all objects at their goals (S G.1)."""
+    env = start(make, "HabTidyHouse-v1")
+    for number in range(5):
+        step = bring(env, number)
+        assert bool(step[-1]["success"]) == bool(step[2]) == (number == 4)
+    assert stages(step) == []
+
+
+def test_nothing_ends_a_task_early(make):
+    """No force, no wrong and no dropped object (S G.1)."""
+    env = start(make, "HabTidyHouse-v1")
+    targets = {target.object for target in env.unwrapped.episode[0].targets}
+    other = next(n for n in sorted(env.unwrapped.episode[0].objects) if n not in targets)
+    put(env, other, (0.0, 0.0, -0.14))
+    step = env.step(ee_grip(env))
+    assert held(env) == other
+    assert not step[2]
+    base = env.unwrapped
+    state = base.get_state_dict()
+    state["hab"]["tracker"]["force_total_n"][:] = 1e6
+    base.set_state_dict(state)
+    step = env.step(ee_grip(env, -1.0))
+    assert not step[2]
+    assert not step[-1]["fail"]
+
+
+# What is shut in -------------------------------------------------------------------------------
+
+
+def snap(env):
+    """Asks to grasp, without physics: the hand may be inside the furniture."""
+    env.unwrapped._world._grasp.command(torch.ones(1))
+    return held(env)
+
+
+def hand_at(env, state, name):
+    """Writes into a state that the end-effector is at an object, through whatever is between."""
+    world = env.unwrapped._world
+    gap = env.unwrapped.privileged()[0].object_com_m[name] - np.asarray(world.snapshot.ee_m)[0]
+    x, y, yaw = np.asarray(world.snapshot.base)[0]
+    move_base(state, env, x + gap[0], y + gap[1], yaw)
+    state["articulations"][env.unwrapped.agent.robot.name][0, 2] += float(gap[2])
+
+
+@pytest.mark.parametrize(("number", "front"), [(0, 0), (1, 1)], ids=["bowl", "apple"])
+@pytest.mark.parametrize("index", [0, 3])
+def test_what_is_shut_in_cannot_be_grasped(make, number, front, index):
+    """The bowl in the closed drawer and the apple in the closed fridge, and open ones can be."""
+    for open_share, taken in ((0.0, False), (0.9, True)):
+        env = start(make, "HabSetTable-v1", index)
+        name = env.unwrapped.episode[0].targets[number].object
+        base = env.unwrapped
+        state = base.get_state_dict()
+        hand_at(env, state, name)
+        upper = float(base._world.goals.joint_upper[0, front])
+        move_joint(state, env, front, open_share * upper)
+        base.set_state_dict(state)
+        ee = np.asarray(base._world.snapshot.ee_m)[0]
+        assert np.allclose(ee, base.privileged()[0].object_com_m[name], atol=1e-3)
+        assert snap(env) == (name if taken else None)
+
+
+def test_what_lies_on_the_closed_counter_can_be_grasped(make):
+    """Only what is inside is shut in."""
+    env = start(make, "HabSetTable-v1")
+    base = env.unwrapped
+    handle = np.asarray(base._world.snapshot.handles_m)[0, 0]
+    targets = {target.object for target in base.episode[0].targets}
+    name = next(n for n in sorted(base.episode[0].objects) if n not in targets)
+    state = base.get_state_dict()
+    move_object(state, env, name, np.add(handle, (0.0, 0.0, 0.5)))
+    base.set_state_dict(state)
+    state = base.get_state_dict()
+    hand_at(env, state, name)
+    base.set_state_dict(state)
+    assert snap(env) == name

@@ -70,11 +70,19 @@ def sensor_shader(sensor_configs: dict[str, Any], backend: str, rgb: bool) -> di
     return {**sensor_configs, "shader_pack": DEPTH_SHADER}
 
 
-@lru_cache(maxsize=1)
 def software_vulkan_works() -> bool:
     """Returns whether SAPIEN can make a renderer on the CPU."""
+    return _kept_renderer() is not None
+
+
+@lru_cache(maxsize=1)
+def _kept_renderer() -> sapien.render.RenderSystem | None:
+    """Draws nothing, and lives as long as the process.
+
+    SAPIEN drops its compiled shaders with its last renderer, and compiling them anew takes the CPU
+    four seconds: environments that are made one after another would each wait for that.
+    """
     try:
-        sapien.render.RenderSystem(sapien.Device("cpu"))
+        return sapien.render.RenderSystem(sapien.Device("cpu"))
     except RuntimeError:
-        return False
-    return True
+        return None

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 import sapien
 import torch
-from mani_skill.envs.scene import ManiSkillScene
-from mani_skill.envs.utils.system.backend import parse_sim_and_render_backend
-from mani_skill.utils.structs.types import SimConfig
-from sapien import physx
 
 from hab_tasks.constants import CONTROL_HZ, SIM_HZ
 from hab_tasks.episodes.schema import POSE_DIGITS, rounded, template_of
@@ -21,6 +18,7 @@ from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.robots.fetch_spec import ARM_JOINTS
 from hab_tasks.scenes.floor import FreeFloor, body_points, free_floor
 from hab_tasks.scenes.handles import SceneHandles
+from hab_tasks.scenes.physics import bare_scene
 from hab_tasks.scenes.pool import BodyPool
 from hab_tasks.scenes.rays import bounding_ball, distance_along
 from hab_tasks.scenes.shapes import components, matrix
@@ -56,13 +54,8 @@ class Workbench:
     def __init__(self, spec: SceneSpec, templates: dict[str, ObjectTemplate]) -> None:
         """Builds the layout, without movable objects, and lets its loose ones settle."""
         self.templates = templates
-        self._px = physx.PhysxCpuSystem()
-        backend = parse_sim_and_render_backend("physx_cpu", "none")
-        config = SimConfig(sim_freq=SIM_HZ, control_freq=CONTROL_HZ)
-        self._scene = ManiSkillScene(
-            [sapien.Scene([self._px])], sim_config=config, device=backend.device, backend=backend
-        )
-        self._px.timestep = 1.0 / SIM_HZ
+        self._scene = bare_scene()
+        self._px: Any = self._scene.px
         self._agent = HabFetch(self._scene, CONTROL_HZ, "ee")
         self._scene._setup(enable_gpu=False)
         self._robot = self._agent.robot._objs[0]

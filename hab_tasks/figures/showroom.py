@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 import sapien
 import torch
-from mani_skill.envs.scene import ManiSkillScene
-from mani_skill.envs.utils.system.backend import parse_sim_and_render_backend
-from mani_skill.utils.structs.types import SimConfig
 from numpy.typing import NDArray
 
 from hab_tasks.geometry import Array
 from hab_tasks.scenes.lights import LayoutLights
+from hab_tasks.scenes.physics import bare_scene
 from hab_tasks.scenes.pool import BodyPool
 from hab_tasks.scenes.spec import SceneSpec
 
@@ -32,14 +30,7 @@ class Showroom:
     """
 
     def __init__(self, backend: str) -> None:
-        device = parse_sim_and_render_backend("physx_cpu", backend)
-        systems = [
-            sapien.physx.PhysxCpuSystem(),
-            sapien.render.RenderSystem(device.render_device),
-        ]
-        self._scene = ManiSkillScene(
-            [sapien.Scene(systems)], sim_config=SimConfig(), device=device.device, backend=device
-        )
+        self._scene = bare_scene(backend)
         self._pool = BodyPool(self._scene, {})
         self._lights = LayoutLights(self._scene)
 

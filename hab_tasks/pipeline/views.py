@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import sapien
 import torch
-from mani_skill.envs.scene import ManiSkillScene
-from mani_skill.envs.utils.system.backend import parse_sim_and_render_backend
-from mani_skill.utils.structs.types import SimConfig
 
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, CAMERA_HFOV_RAD, CAMERA_SIZE_PX
 from hab_tasks.geometry import Array, Pose7, planar
@@ -16,6 +12,7 @@ from hab_tasks.robots.cameras import PLACES
 from hab_tasks.scenes.build import to_sapien
 from hab_tasks.scenes.layout_geometry import Layout
 from hab_tasks.scenes.lights import LayoutLights
+from hab_tasks.scenes.physics import bare_scene
 from hab_tasks.scenes.pool import BodyPool
 from hab_tasks.scenes.spec import SceneSpec
 
@@ -39,11 +36,7 @@ class HeadCamera:
     """
 
     def __init__(self, size_px: int = CAMERA_SIZE_PX) -> None:
-        device = parse_sim_and_render_backend("physx_cpu", "cpu")
-        systems = [sapien.physx.PhysxCpuSystem(), sapien.render.RenderSystem(device.render_device)]
-        self._scene = ManiSkillScene(
-            [sapien.Scene(systems)], sim_config=SimConfig(), device=device.device, backend=device
-        )
+        self._scene = bare_scene("cpu")
         self._pool = BodyPool(self._scene, {})
         self._lights = LayoutLights(self._scene)
         self._inner = self._scene.sub_scenes[0]

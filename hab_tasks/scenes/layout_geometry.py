@@ -15,18 +15,14 @@ from typing import Any, Literal
 
 import coal  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 import numpy as np
-import sapien
-from mani_skill.envs.scene import ManiSkillScene
-from mani_skill.envs.utils.system.backend import parse_sim_and_render_backend
-from mani_skill.utils.structs.types import SimConfig
 from numpy.typing import NDArray
-from sapien import physx
 
 from hab_tasks.geometry import IDENTITY, to_matrix
 from hab_tasks.privileged import Array, CollisionShape
 from hab_tasks.scenes.build import BodyBuilder
 from hab_tasks.scenes.coal_shapes import coal_shape
 from hab_tasks.scenes.floor import body_points, footprints
+from hab_tasks.scenes.physics import bare_scene
 from hab_tasks.scenes.shapes import matrix, read_body
 from hab_tasks.scenes.spec import ArticulationInstance, ObjectTemplate, SceneSpec, Stage
 
@@ -296,13 +292,13 @@ class _Furniture:
 
 @lru_cache(maxsize=1024)
 def _object_shapes(template: ObjectTemplate, scale: float) -> RigidShapes:
-    actor = BodyBuilder(_physics_scene()).static("object", template, IDENTITY, scale)
+    actor = BodyBuilder(bare_scene()).static("object", template, IDENTITY, scale)
     return _rigid(read_body("object", "static", actor._bodies[0]).shapes)
 
 
 @lru_cache(maxsize=64)
 def _stage_shapes(stage: Stage) -> tuple[RigidShapes, ...]:
-    actor = BodyBuilder(_physics_scene()).stage(stage)
+    actor = BodyBuilder(bare_scene()).stage(stage)
     return tuple(_rigid([s]) for s in read_body("stage", "stage", actor._bodies[0]).shapes)
 
 
@@ -315,7 +311,7 @@ def _furniture(urdf_file: Path, scale: float) -> _Furniture:
         world_from_root=IDENTITY,
         scale=scale,
     )
-    built = BodyBuilder(_physics_scene()).articulation(instance, 1)
+    built = BodyBuilder(bare_scene()).articulation(instance, 1)
     engine: Any = built._objs[0]
     engine.set_qpos(np.zeros(engine.dof, dtype=np.float32))  # puts the links where they belong
     links = [(link.name, link._objs[0]) for link in built.links]
@@ -346,17 +342,6 @@ def _ancestors(link: Any) -> list[Any]:
     while (link := link.parent) is not None:
         found.append(link)
     return found
-
-
-def _physics_scene() -> ManiSkillScene:
-    """An empty scene on the CPU in which one template is built and read."""
-    backend = parse_sim_and_render_backend("physx_cpu", "none")
-    return ManiSkillScene(
-        [sapien.Scene([physx.PhysxCpuSystem()])],
-        sim_config=SimConfig(),
-        device=backend.device,
-        backend=backend,
-    )
 
 
 def _rigid(shapes: Iterable[CollisionShape]) -> RigidShapes:

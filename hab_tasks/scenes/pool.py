@@ -25,6 +25,7 @@ from hab_tasks.geometry import Pose7
 from hab_tasks.privileged import CollisionBody
 from hab_tasks.scenes.build import BodyBuilder, mark_flat, parking_pose, to_sapien
 from hab_tasks.scenes.handles import SceneHandles
+from hab_tasks.scenes.physics import use_settings
 from hab_tasks.scenes.shapes import components, read_body
 from hab_tasks.scenes.spec import ArticulationInstance, ObjectTemplate, SceneSpec
 
@@ -130,6 +131,7 @@ class BodyPool:
             self._listed(built)[built.name] = built
             self._scene.add_to_state_dict_registry(built)
         else:
+            use_settings(self._scene.sim_config)
             built = self._built[key] = build()
             self._entities[key] = _entities(built)
         self._shown[key] = built

@@ -17,7 +17,7 @@ from mani_skill.utils.structs.types import SimConfig
 from torch import Tensor
 
 from hab_tasks.arrays import Rows, to_info
-from hab_tasks.constants import CAMERA_HFOV_RAD, CAMERA_SIZE_PX, CONTROL_HZ, SIM_HZ
+from hab_tasks.constants import CAMERA_HFOV_RAD, CAMERA_SIZE_PX
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.episodes.source import EpisodeRequest, open_source
 from hab_tasks.errors import ActionError, UnknownNameError
@@ -25,6 +25,7 @@ from hab_tasks.measures import Measures
 from hab_tasks.noise import NoiseSource, SensorNoise
 from hab_tasks.rewards import total
 from hab_tasks.robots.delay import ActionDelay, checked_steps
+from hab_tasks.scenes.physics import sim_config
 from hab_tasks.skills.needs import Needs
 from hab_tasks.skills.observing_env import ObservingEnv
 from hab_tasks.skills.world import World, like
@@ -182,7 +183,7 @@ class HabEnv(ObservingEnv):
 
     @property
     def _default_sim_config(self) -> SimConfig:
-        return SimConfig(sim_freq=SIM_HZ, control_freq=CONTROL_HZ)
+        return sim_config()
 
     def reset(
         self, seed: int | list[int] | None = None, options: dict[str, Any] | None = None

@@ -25,7 +25,7 @@ from hab_tasks.geometry import Pose7
 from hab_tasks.robots.kinematics import ArmKinematics
 from hab_tasks.scenes.spec import ObjectTemplate, SceneSpec
 
-GENERATOR_VERSION = 6
+GENERATOR_VERSION = 7
 """Goes up when the same seed gives other episodes; cached files of another version are not used."""
 
 ATTEMPTS = 200

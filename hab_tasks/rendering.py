@@ -8,7 +8,7 @@ from typing import Any
 
 import sapien
 import torch
-from mani_skill.render.shaders import PREBUILT_SHADER_CONFIGS, ShaderConfig
+from mani_skill.render.shaders import PREBUILT_SHADER_CONFIGS, ShaderConfig, set_shader_pack
 
 from hab_tasks.errors import RenderingUnavailableError, UnknownNameError
 
@@ -68,6 +68,11 @@ def sensor_shader(sensor_configs: dict[str, Any], backend: str, rgb: bool) -> di
             texture_transforms={texture: minimal.texture_transforms[texture]},
         )
     return {**sensor_configs, "shader_pack": DEPTH_SHADER}
+
+
+def use_default_shaders() -> None:
+    """Cameras made from now on draw floats in colour, whatever the process has drawn before."""
+    set_shader_pack(PREBUILT_SHADER_CONFIGS["default"])
 
 
 def software_vulkan_works() -> bool:

@@ -8,6 +8,7 @@ import torch
 from numpy.typing import NDArray
 
 from hab_tasks.geometry import Array
+from hab_tasks.rendering import use_default_shaders
 from hab_tasks.scenes.lights import LayoutLights
 from hab_tasks.scenes.physics import bare_scene
 from hab_tasks.scenes.pool import BodyPool
@@ -51,6 +52,7 @@ class Showroom:
             # It also tells the engine where the links of new furniture are.
             furniture.set_qpos(torch.zeros_like(furniture.get_qpos()))
         width, height = (round(float(pixels_per_m * side)) for side in high_m - low_m)
+        use_default_shaders()
         camera = sapien.render.RenderCameraComponent(width, height)
         near_m = EYE_M - (UNCUT_M if spec.stage.visual_file is None else CUT_M)
         focal = pixels_per_m * near_m

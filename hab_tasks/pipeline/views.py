@@ -8,6 +8,7 @@ import torch
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, CAMERA_HFOV_RAD, CAMERA_SIZE_PX
 from hab_tasks.geometry import Array, Pose7, planar
 from hab_tasks.navigation import NavigationMap
+from hab_tasks.rendering import use_default_shaders
 from hab_tasks.robots.cameras import PLACES
 from hab_tasks.scenes.build import to_sapien
 from hab_tasks.scenes.layout_geometry import Layout
@@ -40,6 +41,7 @@ class HeadCamera:
         self._pool = BodyPool(self._scene, {})
         self._lights = LayoutLights(self._scene)
         self._inner = self._scene.sub_scenes[0]
+        use_default_shaders()
         self._camera = self._inner.add_camera(
             "head", size_px, size_px, CAMERA_HFOV_RAD, NEAR_M, CAMERA_DEPTH_MAX_M
         )

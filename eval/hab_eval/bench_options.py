@@ -30,7 +30,7 @@ DEFAULT_STEPS = {
     "depth": 40,
     "reset": 0,
     "objects": 200,
-    "processes": 200,
+    "processes": 1000,
     "memory": 50,
 }
 

@@ -154,7 +154,16 @@ class RemoteSide:
 
     def run_steps(self, motion: Motion) -> StepTiming:
         """See `Side`."""
-        return self._ask("run_steps", motion)
+        self.start_steps(motion)
+        return self.finish_steps()
+
+    def start_steps(self, motion: Motion) -> None:
+        """Begins `run_steps` and returns at once."""
+        self._connection.send(("run_steps", (motion,)))
+
+    def finish_steps(self) -> StepTiming:
+        """Waits for what `start_steps` began."""
+        return self._receive()
 
     def soft_reset(self) -> float:
         """See `Side`."""
@@ -168,6 +177,11 @@ class RemoteSide:
         """See `Side`."""
         return self._ask("other_layout")
 
+    @property
+    def pid(self) -> int:
+        """The process id."""
+        return int(self._process.pid or 0)
+
     def close(self) -> None:
         """Ends the process."""
         self._connection.close()
@@ -176,8 +190,8 @@ class RemoteSide:
             self._process.kill()
             self._process.join()
 
-    def _ask(self, method: str, *arguments: Motion) -> Any:
-        self._connection.send((method, arguments))
+    def _ask(self, method: str) -> Any:
+        self._connection.send((method, ()))
         return self._receive()
 
     def _receive(self) -> Any:

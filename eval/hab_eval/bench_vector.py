@@ -1,9 +1,9 @@
-"""Environments in processes of their own, behind Gymnasium's AsyncVectorEnv; suite processes."""
+"""Environments in processes of their own, each by itself or in an AsyncVectorEnv."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from functools import partial
 from typing import Any, Protocol
@@ -13,6 +13,7 @@ import numpy as np
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode
 
 from hab_eval.bench_options import PICK, BenchOptions, WriteLine
+from hab_eval.bench_process import RemoteSide
 from hab_eval.bench_rows import BenchRow, make_row
 from hab_eval.errors import BenchError
 
@@ -38,22 +39,39 @@ class Vector(Protocol):
         ...
 
 
+class Apart:
+    """One of our environments several times; nobody waits for the others, as in an evaluation."""
+
+    def __init__(self, options: BenchOptions, env_id: str, scene: str, count: int) -> None:
+        """Starts `count` processes."""
+        factory, self._control, _ = _ours(options, env_id, scene)
+        self._sides = [RemoteSide(factory, {}) for _ in range(count)]
+
+    def run_steps(self, count: int, seed: int) -> float:
+        """See `Vector`; the slowest tells how long it took."""
+        from hab_eval.bench_ours import motion_of
+
+        for side in self._sides:
+            side.start_steps(motion_of(self._control, count, seed))
+        timings = [side.finish_steps() for side in self._sides]
+        return len(timings) * count / max(timing.total_s for timing in timings)
+
+    def pids(self) -> tuple[int, ...]:
+        """See `Vector`."""
+        return tuple(side.pid for side in self._sides)
+
+    def close(self) -> None:
+        """See `Vector`."""
+        for side in self._sides:
+            side.close()
+
+
 class VectorEnv:
     """One of our environments several times, in one AsyncVectorEnv, on state observations."""
 
     def __init__(self, options: BenchOptions, env_id: str, scene: str, count: int) -> None:
         """Starts `count` processes."""
-        from hab_eval.bench_ours import OursFactory, control_of
-
-        factory = OursFactory(
-            env_id=env_id,
-            scene_dataset=str(options.scene_dataset),
-            objects=None if options.objects is None else str(options.objects),
-            scenes=(scene,),
-            obs_mode="state",
-        )
-        self._control = control_of(env_id)
-        self._episode = factory.episodes_in(scene)[0]
+        factory, self._control, self._episode = _ours(options, env_id, scene)
         with _losses_told():
             self._env = AsyncVectorEnv(
                 [partial(_make, factory)] * count,
@@ -66,9 +84,9 @@ class VectorEnv:
         from hab_eval.bench_ours import motion_of, our_actions
 
         size = self._env.num_envs
-        motions = [motion_of(self._control, count, seed + number) for number in range(size)]
-        actions = [our_actions(self._control, motion, self._episode).numpy() for motion in motions]
-        together = np.stack(actions, axis=1)
+        motion = motion_of(self._control, count, seed)
+        actions = our_actions(self._control, motion, self._episode).numpy()
+        together = np.repeat(actions[:, None], size, axis=1)
         with _losses_told():
             self._env.reset(seed=self._episode.seed, options={"episode": self._episode})
             started = time.perf_counter()
@@ -83,6 +101,20 @@ class VectorEnv:
     def close(self) -> None:
         """See `Vector`."""
         self._env.close()
+
+
+def _ours(options: BenchOptions, env_id: str, scene: str) -> tuple[Any, str, Any]:
+    """Returns what makes our environment, its control mode, and the episode it plays."""
+    from hab_eval.bench_ours import OursFactory, control_of
+
+    factory = OursFactory(
+        env_id=env_id,
+        scene_dataset=str(options.scene_dataset),
+        objects=None if options.objects is None else str(options.objects),
+        scenes=(scene,),
+        obs_mode="state",
+    )
+    return factory, control_of(env_id), factory.episodes_in(scene)[0]
 
 
 @contextmanager
@@ -103,17 +135,25 @@ def _make(factory: Any) -> gym.Env[Any, Any]:
     return CPUGymWrapper(factory.make_env())
 
 
+WAYS: dict[str, Callable[[BenchOptions, str, str, int], Vector]] = {
+    "two_processes": Apart,
+    "two_in_vector_env": VectorEnv,
+}
+"""How two environments are stepped at the same time."""
+
+
 def run_processes(options: BenchOptions, write_line: WriteLine) -> list[BenchRow]:
-    """Measures HabPick-v1 in two processes against one, in each scene."""
+    """Measures HabPick-v1 in two processes against one, in each scene and each way."""
     rows: list[BenchRow] = []
     for (scene,) in options.groups:
-        with (
-            closing(VectorEnv(options, PICK, scene, 1)) as one,
-            closing(VectorEnv(options, PICK, scene, 2)) as two,
-        ):
-            write_line(f"suite processes, scene {scene}: three processes are ready")
-            pairs = alternate(options, one, two, write_line)
-        rows.append(process_row(("processes", scene, PICK), pairs))
+        for variant, way in WAYS.items():
+            with (
+                closing(way(options, PICK, scene, 1)) as one,
+                closing(way(options, PICK, scene, 2)) as two,
+            ):
+                write_line(f"suite processes, scene {scene}, {variant}: three processes are ready")
+                pairs = alternate(options, one, two, write_line)
+            rows.append(process_row(("processes", scene, PICK, variant), pairs))
     return rows
 
 
@@ -132,7 +172,7 @@ def alternate(
     return pairs
 
 
-def process_row(name: tuple[str, str, str], pairs: Sequence[tuple[float, float]]) -> BenchRow:
+def process_row(name: tuple[str, str, str, str], pairs: Sequence[tuple[float, float]]) -> BenchRow:
     """Returns the row of two processes beside one; its ratio is how much faster they are."""
     ones, twos = [a for a, _ in pairs], [b for _, b in pairs]
-    return make_row((*name, "two_processes"), twos, ones, unit="steps/s", reference=ONE)
+    return make_row(name, twos, ones, unit="steps/s", reference=ONE)

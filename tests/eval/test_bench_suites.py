@@ -119,8 +119,8 @@ def test_processes_are_measured_in_turn(tmp_path):
     warm_up = [(1, "9 steps, seed 0"), (2, "9 steps, seed 0")]
     assert calls == [*warm_up, *warm_up, (1, "9 steps, seed 1"), (2, "9 steps, seed 1")]
     assert pairs == [(100.0, 200.0), (101.0, 201.0)]
-    row = process_row(("processes", "a", "b"), [(100.0, 190.0), (100.0, 180.0), (100.0, 50.0)])
-    assert (row.name, row.value, row.ratio) == ("processes/a/b/two_processes", 180.0, 1.8)
+    row = process_row(("processes", "a", "b", "c"), [(100.0, 190.0), (100.0, 180.0), (100.0, 50.0)])
+    assert (row.name, row.value, row.ratio) == ("processes/a/b/c", 180.0, 1.8)
 
 
 def test_kernel_counts_in_kibibytes():
@@ -197,9 +197,10 @@ def test_crowded_episodes_hold_one_another(replica_cad, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.assets
-def test_processes_step_the_real_environment(replica_cad):
+@pytest.mark.parametrize("way", bench_vector.WAYS)
+def test_processes_step_the_real_environment(replica_cad, way):
     asked = options("processes", replica_cad)
-    vector = bench_vector.VectorEnv(asked, "HabPick-v1", "v3_sc0_staging_00", 2)
+    vector = bench_vector.WAYS[way](asked, "HabPick-v1", "v3_sc0_staging_00", 2)
     try:
         assert vector.run_steps(5, seed=0) > 10
         assert len(set(vector.pids())) == 2

@@ -23,6 +23,7 @@ class Progress:
     """
 
     _flags: Rows
+    _told: dict[str, Tensor]
 
     def __init__(self, task: Task, like: Rows) -> None:
         """Starts all rows at the first part; `like` (N,) of integers tells kind and device."""
@@ -31,6 +32,7 @@ class Progress:
         self.part = zeros(len(like), like=like)
         self.done = self.succeeded = self.stages > 0
         self._everywhere = ~self.done
+        self._told_of: Rows | None = None
         self._facts = Facts(task, self.done)
         self._objects = as_kind_of([part.object for part in task.parts], like)
         self._fronts = as_kind_of([part.front for part in task.parts], like)
@@ -62,7 +64,9 @@ class Progress:
         self._flags = self._facts.read(s, g, targets)
         # The row after the last stage is the goal's; it must not count as a stage.
         reached = self._facts.holds(self._flags, self.stages)
-        self.stages = self.stages + (reached & (self.stages < len(self._task.stages)))
+        reached = reached & (self.stages < len(self._task.stages))
+        if reached.any():
+            self.stages = self.stages + reached
         before = self.done
         for skill, here in self.doing():
             self.done = self.done | (skill.done(s, m, g) & here)
@@ -72,9 +76,13 @@ class Progress:
         """Whether the task's goal is reached, (N,) bool."""
         return self._facts.holds(self._flags, self._facts.goal)
 
-    def reached(self) -> dict[str, Rows]:
-        """Returns stage name -> (N,) bool, once reached for good."""
-        return {name: self.stages > i for i, name in enumerate(self._task.stages)}
+    def reached(self) -> dict[str, Tensor]:
+        """Returns stage name -> (N,) bool, once reached for good; the same until one more is."""
+        if self._told_of is not self.stages:
+            names = enumerate(self._task.stages)
+            self._told = {name: to_tensor(self.stages > i) for i, name in names}
+            self._told_of = self.stages
+        return self._told
 
     def current(self) -> dict[str, Rows]:
         """Returns what is being done: ``number``, (N,), of the part."""

@@ -1,6 +1,7 @@
 """What a machine may lack (real data, Vulkan, an NVIDIA card): fixtures, and skips with reasons."""
 
 import functools
+import gc
 import os
 import subprocess
 import sys
@@ -70,6 +71,11 @@ def generated(tmp_path_factory):
             return source, tuple(source.get(index) for index in range(count))
 
     return make
+
+
+def pytest_collection_finish() -> None:
+    """ManiSkill collects garbage with each environment that ends: not of all that was imported."""
+    gc.freeze()
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

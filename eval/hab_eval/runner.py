@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import time
 import traceback
 from collections.abc import Mapping, Sequence
@@ -75,6 +76,9 @@ class Rollouts:
         config = plan.config
         setup = AgentSetup(env_id=config.env, num_envs=1, seed=config.seed)
         self._agent = load_agent(config.agent, setup)
+        # ManiSkill collects garbage whenever it builds a scene, which is before each episode:
+        # looking through all that was imported would take most of a reset.
+        gc.freeze()
         self._env = environments.make_env(
             config, self._agent.spec, split=plan.split, render=plan.videos > 0
         )

@@ -119,6 +119,7 @@ def test_resume_after_ctrl_c(start_cli, cli_process, cli, tmp_path, workers):
     assert episodes_of(out) == episodes_of(clean)
 
 
+@pytest.mark.slow
 def test_killed_worker_keeps_what_is_finished(cli_process, tmp_path):
     out = tmp_path / "run"
     arguments = (*RUN, "--episodes", 6, "--workers", 2, "--out", out)

@@ -42,7 +42,7 @@ def commands(text: str) -> list[tuple[str, str, tuple[str, ...]]]:
     found = []
     for line in [*shell, *inline]:
         match = re.search(
-            r"(?:^|[\s/])(hab-(?:tasks|eval|spa))\s+([a-z]+)\b(.*)", line.partition("#")[0]
+            r"(?:^|[\s/])(hab-(?:tasks|eval|spa|planner))\s+([a-z]+)\b(.*)", line.partition("#")[0]
         )
         if match:
             options = tuple(sorted(set(re.findall(r"--[a-z][a-z-]*", match[3]))))

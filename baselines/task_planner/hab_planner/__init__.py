@@ -1,0 +1,18 @@
+"""The STRIPS task planner of TP+SRL, SPA and SPA-Priv (S H.1)."""
+
+from hab_planner.errors import NoPlanError, PlannerError
+from hab_planner.plan import Action, Plan, saved_plan
+from hab_planner.problem import Atom, TaskProblem, problem_of
+from hab_planner.solve import solve
+
+__all__ = [
+    "Action",
+    "Atom",
+    "NoPlanError",
+    "Plan",
+    "PlannerError",
+    "TaskProblem",
+    "problem_of",
+    "saved_plan",
+    "solve",
+]

@@ -1,0 +1,127 @@
+"""The task planner: plans are valid, minimal and in the tasks' order; what cannot be is said."""
+
+import pytest
+from hab_planner import Action, NoPlanError, Plan, PlannerError, problem_of, saved_plan, solve
+from hab_planner.cli import main
+from hab_planner.problem import atoms_of, task_of, tasks
+from hab_planner.solve import replay
+
+every_task = pytest.mark.parametrize("env_id", tasks())
+
+# Navigate before each interaction: 5 objects x 4; 3 objects x 4; 8 interactions x 2.
+LENGTHS = {"HabTidyHouse-v1": 20, "HabPrepareGroceries-v1": 12, "HabSetTable-v1": 16}
+
+
+def test_every_task_is_known():
+    assert list(tasks()) == list(LENGTHS)
+
+
+@every_task
+def test_a_saved_plan_is_minimal_and_what_the_planner_finds(env_id):
+    found = solve(problem_of(env_id))
+    assert len(found.actions) == LENGTHS[env_id]
+    assert saved_plan(env_id) == found
+
+
+@every_task
+def test_a_saved_plan_has_the_order_of_the_tasks_parts(env_id):
+    expected = [part.skill.name for part in task_of(env_id).parts]
+    assert [action.skill for action in saved_plan(env_id).actions] == expected
+
+
+@every_task
+def test_a_plan_reaches_the_goal_with_its_last_action_only(env_id):
+    problem, plan = problem_of(env_id), saved_plan(env_id)
+    told = replay(problem, plan)
+    assert len(told) == len(plan.actions) + 1
+    assert [holds == problem.goal for holds in told] == [False] * len(plan.actions) + [True]
+
+
+@every_task
+def test_a_plan_without_one_of_its_actions_is_refused_or_falls_short(env_id):
+    problem, plan = problem_of(env_id), saved_plan(env_id)
+    for left_out in range(len(plan.actions)):
+        actions = plan.actions[:left_out] + plan.actions[left_out + 1 :]
+        try:
+            assert replay(problem, Plan(task=plan.task, actions=actions))[-1] != problem.goal
+        except PlannerError as error:
+            assert "precondition does not hold" in str(error)  # noqa: PT017
+
+
+def test_set_table_places_the_apple_only_in_a_bowl_that_is_there():
+    problem = problem_of("HabSetTable-v1")
+    # Apple in the hand, fridge open, robot at the table, the bowl still in its drawer.
+    start = problem.start - {("hand-empty",), ("at-robot", "spawn"), ("is-closed", "fridge")}
+    start |= {("holding", "apple"), ("at-robot", "apple-goal"), ("is-open", "fridge")}
+    action = Action(name="place-inside", things=("apple", "apple-goal", "bowl", "bowl-goal"))
+    with pytest.raises(PlannerError, match="Action 1, place-inside"):
+        replay(problem.started(start), Plan(task="set-table", actions=(action,)))
+
+
+@pytest.mark.parametrize(("name", "things"), [("fly", ("bowl",)), ("pick", ("cup", "room"))])
+def test_an_action_that_does_not_exist_is_refused(name, things):
+    plan = Plan(task="set-table", actions=(Action(name=name, things=things),))
+    with pytest.raises(PlannerError, match=r"Action 1, .* does not exist"):
+        replay(problem_of("HabSetTable-v1"), plan)
+
+
+def test_planning_goes_on_from_where_things_are():
+    problem = problem_of("HabSetTable-v1")
+    # The bowl is on the table, the drawer shut again: navigate and open, navigate and pick,
+    # navigate and place, navigate and close are left, 8 actions.
+    start = problem.start | {("at", "bowl", "bowl-goal"), ("placed", "bowl")}
+    assert len(solve(problem.started(start)).actions) == 8
+
+
+def test_a_goal_that_cannot_be_reached_is_named():
+    problem = problem_of("HabSetTable-v1")
+    stuck = problem.start - {("articulated", "fridge")}
+    with pytest.raises(NoPlanError, match=r"No plan of set-table .*at apple apple-goal"):
+        solve(problem.started(stuck))
+
+
+def test_stages_are_told_in_predicates():
+    task = task_of("HabSetTable-v1")
+    told = {name: atoms_of(task, condition) for name, condition in task.stages.items()}
+    assert told["open_drawer"] == {("is-open", "drawer")}
+    assert told["pick_apple"] == {
+        ("holding", "apple"),
+        ("at", "bowl", "bowl-goal"),
+        ("is-closed", "drawer"),
+    }
+
+
+@pytest.mark.parametrize("env_id", ["HabPick-v1", "HabTidyHouse"])
+def test_what_is_no_task_is_refused(env_id, capsys):
+    assert main(["plan", env_id]) == 2
+    assert "HabSetTable-v1" in capsys.readouterr().err
+
+
+@every_task
+def test_the_command_shows_domain_problem_and_plan(env_id, capsys):
+    assert main(["plan", env_id]) == 0
+    shown = capsys.readouterr().out
+    assert "(:action navigate" in shown
+    assert f"(define (problem {problem_of(env_id).name})" in shown
+    assert shown.count("navigate(") == LENGTHS[env_id] // 2
+
+
+def test_a_plan_is_written_and_never_overwritten(tmp_path, capsys):
+    file = tmp_path / "plan.json"
+    arguments = ["plan", "HabSetTable-v1", "--solve", "--out", str(file)]
+    assert main(arguments) == 0
+    assert Plan.from_json(file.read_text(encoding="utf-8")) == saved_plan("HabSetTable-v1")
+    file.write_text("mine", encoding="utf-8")
+    assert main(arguments) == 2
+    assert "--force" in capsys.readouterr().err
+    assert file.read_text(encoding="utf-8") == "mine"
+    assert main([*arguments, "--force"]) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["plan.json"]
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", '{"task": "x"}', '{"task": "x", "actions": [{"name": "fly", "things": []}]}']
+)
+def test_a_bad_plan_file_is_refused(text):
+    with pytest.raises(PlannerError, match=r"no plan file|A plan holds"):
+        Plan.from_json(text)

@@ -76,6 +76,7 @@ class Facts:
 
     def __init__(self, task: Task, like: Rows) -> None:
         """Takes a task's conditions; `like` (N,) bool tells kind and device."""
+        self._task, self._like = task, like
         self._fronts = task.fronts
         conditions = (*task.stages.values(), task.goal)
         needed = [_flags(condition, task) for condition in conditions]
@@ -109,6 +110,11 @@ class Facts:
             condition: Number of a stage, one for all rows or (N,); `goal` is the task's goal.
         """
         met: Rows = flags | self._free[condition]
+        return met.all(-1)
+
+    def hold(self, flags: Rows, condition: Condition) -> Rows:
+        """Whether any condition on the task's things holds, by the same flags, (N,) bool."""
+        met: Rows = flags | ~as_kind_of([_flags(condition, self._task)], self._like)
         return met.all(-1)
 
 

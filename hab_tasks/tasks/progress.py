@@ -9,7 +9,7 @@ from hab_tasks.goals import Goals
 from hab_tasks.measures import Focus, Measures
 from hab_tasks.skills.base import Skill
 from hab_tasks.snapshot import Snapshot
-from hab_tasks.tasks.base import Facts, Task
+from hab_tasks.tasks.base import Condition, Facts, Task
 
 
 class Progress:
@@ -75,6 +75,10 @@ class Progress:
     def success(self) -> Rows:
         """Whether the task's goal is reached, (N,) bool."""
         return self._facts.holds(self._flags, self._facts.goal)
+
+    def holds(self, condition: Condition) -> Rows:
+        """Whether a condition on the task's things holds at this moment, (N,) bool."""
+        return self._facts.hold(self._flags, condition)
 
     def reached(self) -> dict[str, Tensor]:
         """Returns stage name -> (N,) bool, once reached for good; the same until one more is."""

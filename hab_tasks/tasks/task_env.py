@@ -19,7 +19,7 @@ from hab_tasks.skills.navigate import NAVIGATE
 from hab_tasks.skills.needs import Needs
 from hab_tasks.skills.world import like
 from hab_tasks.snapshot import Snapshot
-from hab_tasks.tasks.base import Task
+from hab_tasks.tasks.base import Condition, Task
 from hab_tasks.tasks.progress import Progress
 
 _EVENTS = ("force", "left_region", "wrong_object", "dropped_object")
@@ -147,6 +147,10 @@ class TaskEnv(HabEnv):
             base = np.array([x, y, np.arctan2(point_m[1] - y, point_m[0] - x)])
         world.tracker.goals = world.goals.changed([row], {"base": base[None]})
         world.lead(row)
+
+    def holds(self, condition: Condition) -> Tensor:
+        """Returns whether a condition on the task's things holds now, by success's rules, (N,)."""
+        return to_tensor(self._progress.holds(condition))
 
     # State -----------------------------------------------------------------------------------
 

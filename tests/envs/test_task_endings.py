@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 import torch
+from hab_planner import problem_of, saved_plan, solve
+from hab_planner.observe import observed, start_from
+from hab_planner.problem import atoms_of
 from playing import ee_grip, held, move_base, move_joint, move_object, put, still
 
 from hab_tasks.envs import ENVS
@@ -120,6 +123,24 @@ def test_nothing_ends_a_task_early(make):
     step = env.step(ee_grip(env, -1.0))
     assert not step[2]
     assert not step[-1]["fail"]
+
+
+# What planning sees ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("env_id", TASKS)
+def test_predicates_follow_the_stages_and_planning_goes_on_from_them(make, env_id):
+    env = start(make, env_id)
+    base, problem = env.unwrapped, problem_of(env_id)
+    task, before, planned = base.task, type(base.task.goal)(), len(saved_plan(env_id).actions)
+    assert start_from(base) == problem.start
+    for number, (name, condition) in enumerate(task.stages.items()):
+        satisfy(env, condition, before)
+        assert atoms_of(task, condition) <= observed(base), name
+        # Each stage takes two actions, to drive there and to do it.
+        left = planned - 2 * (number + 1)
+        assert len(solve(problem.started(start_from(base))).actions) == left, name
+        before = condition
 
 
 # What is shut in -------------------------------------------------------------------------------

@@ -73,6 +73,17 @@ def test_planning_goes_on_from_where_things_are():
     assert len(solve(problem.started(start)).actions) == 8
 
 
+def test_a_drawer_that_stands_ajar_can_be_opened_and_closed():
+    problem = problem_of("HabSetTable-v1")
+    ajar = problem.start - {("is-closed", "drawer")}
+    # As from the closed drawer; with nothing to fetch, only the way there and the push are left.
+    assert len(solve(problem.started(ajar)).actions) == LENGTHS["HabSetTable-v1"]
+    done = {("at", "bowl", "bowl-goal"), ("placed", "bowl")}
+    done |= {("at", "apple", "apple-goal"), ("placed", "apple")}
+    left = solve(problem.started(ajar | done)).actions
+    assert [str(action) for action in left] == ["navigate(spawn, drawer)", "close(drawer)"]
+
+
 def test_a_goal_that_cannot_be_reached_is_named():
     problem = problem_of("HabSetTable-v1")
     stuck = problem.start - {("articulated", "fridge")}

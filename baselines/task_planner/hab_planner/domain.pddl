@@ -3,7 +3,9 @@
 ; S H.1 writes conditions on what the start says, "is_open(Z) if in(X, Z)". Here every item is in some
 ; container, and the room is one that is always open: that keeps the domain plain STRIPS, for which the
 ; planner proves that its plans are minimal. "hand-empty" stands for "not holding(Z) for all Z", and
-; "at-robot(X)" for "at(robot, X)". Place needs no open container: nothing can be closed while the hand holds.
+; "at-robot(X)" for "at(robot, X)". A door that stands ajar is neither open nor closed: open asks for one
+; that is not open, and close for one that is not closed. Place needs no open container: nothing can be
+; closed while the hand holds.
 (define (domain home-assistant)
   (:requirements :strips :typing :negative-preconditions)
   (:types item goal container pose - thing)
@@ -43,10 +45,10 @@
 
   (:action open
     :parameters (?z - container)
-    :precondition (and (at-robot ?z) (articulated ?z) (is-closed ?z) (hand-empty))
+    :precondition (and (at-robot ?z) (articulated ?z) (not (is-open ?z)) (hand-empty))
     :effect (and (is-open ?z) (not (is-closed ?z))))
 
   (:action close
     :parameters (?z - container)
-    :precondition (and (at-robot ?z) (articulated ?z) (is-open ?z) (hand-empty))
+    :precondition (and (at-robot ?z) (articulated ?z) (not (is-closed ?z)) (hand-empty))
     :effect (and (is-closed ?z) (not (is-open ?z)))))

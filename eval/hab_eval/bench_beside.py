@@ -84,13 +84,7 @@ def _ours(
     """Starts one of our environments in a process of its own."""
     from hab_eval.bench_ours import OursFactory
 
-    factory = OursFactory(
-        env_id=env_id,
-        scene_dataset=str(options.scene_dataset),
-        objects=None if options.objects is None else str(options.objects),
-        scenes=scenes,
-        **settings,
-    )
+    factory = OursFactory.of(options, env_id, scenes, **settings)
     with closing(RemoteSide(factory, {})) as side:
         yield side
 

@@ -29,13 +29,8 @@ def run_objects(options: BenchOptions, write_line: WriteLine) -> list[BenchRow]:
         request = EpisodeRequest(
             env_id=TIDY_HOUSE, scene_dataset=dataset, objects=objects, scene=scene
         )
-        factory = OursFactory(
-            env_id=TIDY_HOUSE,
-            scene_dataset=dataset,
-            objects=objects,
-            scenes=(scene,),
-            episodes=crowded_episodes(request, COUNTS),
-        )
+        crowded = crowded_episodes(request, COUNTS)
+        factory = OursFactory.of(options, TIDY_HOUSE, (scene,), episodes=crowded)
         with closing(RemoteSide(factory, {})) as side:
             write_line(f"suite objects, scene {scene}: the environment is ready")
             rows += object_rows(("objects", scene, TIDY_HOUSE), measure(options, side, write_line))

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from hab_eval.bench_motion import Motion
+from hab_eval.bench_options import BenchOptions
 from hab_eval.bench_process import Side, StepTiming, time_steps
 from hab_tasks.constants import EE_STEP_M, REST_POSITION_M
 from hab_tasks.envs import ENVS
@@ -51,6 +52,19 @@ class OursFactory:
     obs_mode: str = "state_dict"
     render_backend: str = "none"
     episodes: tuple[Episode, ...] = ()
+
+    @classmethod
+    def of(
+        cls, options: BenchOptions, env_id: str, scenes: tuple[str, ...], **settings: Any
+    ) -> OursFactory:
+        """Returns the factory of an environment on a benchmark's data."""
+        return cls(
+            env_id=env_id,
+            scene_dataset=str(options.scene_dataset),
+            objects=None if options.objects is None else str(options.objects),
+            scenes=scenes,
+            **settings,
+        )
 
     def __call__(self) -> Side:
         """Builds the environment."""

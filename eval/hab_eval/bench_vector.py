@@ -107,13 +107,7 @@ def _ours(options: BenchOptions, env_id: str, scene: str) -> tuple[Any, str, Any
     """Returns what makes our environment, its control mode, and the episode it plays."""
     from hab_eval.bench_ours import OursFactory, control_of
 
-    factory = OursFactory(
-        env_id=env_id,
-        scene_dataset=str(options.scene_dataset),
-        objects=None if options.objects is None else str(options.objects),
-        scenes=(scene,),
-        obs_mode="state",
-    )
+    factory = OursFactory.of(options, env_id, (scene,), obs_mode="state")
     return factory, control_of(env_id), factory.episodes_in(scene)[0]
 
 

@@ -7,10 +7,11 @@ on what else their process has done.
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import sapien
+from mani_skill.envs.sapien_env import BaseEnv
 from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.envs.utils.system.backend import parse_sim_and_render_backend
 from mani_skill.utils.structs.types import SimConfig
@@ -25,26 +26,9 @@ def sim_config() -> SimConfig:
 
 
 def use_settings(config: SimConfig) -> None:
-    """Sets how bodies made from now on touch, rest and are solved, and the scenes' solver."""
-    scene = config.scene_config
-    gravity: Any = np.asarray(scene.gravity)
-    physx.set_shape_config(contact_offset=scene.contact_offset, rest_offset=scene.rest_offset)
-    physx.set_body_config(
-        solver_position_iterations=scene.solver_position_iterations,
-        solver_velocity_iterations=scene.solver_velocity_iterations,
-        sleep_threshold=scene.sleep_threshold,
-    )
-    physx.set_scene_config(
-        gravity=gravity,
-        bounce_threshold=scene.bounce_threshold,
-        enable_pcm=scene.enable_pcm,
-        enable_tgs=scene.enable_tgs,
-        enable_ccd=scene.enable_ccd,
-        enable_enhanced_determinism=scene.enable_enhanced_determinism,
-        enable_friction_every_iteration=scene.enable_friction_every_iteration,
-        cpu_workers=scene.cpu_workers,
-    )
-    physx.set_default_material(**config.default_materials_config.dict())
+    """Does what ManiSkill does for an environment: bodies and scenes made from now on are alike."""
+    settings: Any = SimpleNamespace(sim_config=config)
+    BaseEnv._set_scene_config(settings)
 
 
 def bare_scene(renderer: str = "none") -> ManiSkillScene:

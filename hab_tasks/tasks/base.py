@@ -76,8 +76,7 @@ class Facts:
 
     def __init__(self, task: Task, like: Rows) -> None:
         """Takes a task's conditions; `like` (N,) bool tells kind and device."""
-        self._task, self._like = task, like
-        self._fronts = task.fronts
+        self._task = task
         conditions = (*task.stages.values(), task.goal)
         needed = [_flags(condition, task) for condition in conditions]
         self._free = ~as_kind_of(needed, like)
@@ -94,27 +93,27 @@ class Facts:
         held = s.held[:, None] == targets
         gap_m = norm(s.objects_m - g.goals_m)
         flags = [held, (gap_m < PLACE_RADIUS_M) & ~held]
-        if self._fronts:
+        if self._task.fronts:
             share = (s.joints - g.joint_lower) / (g.joint_upper - g.joint_lower)
-            kinds = enumerate(self._fronts)
+            kinds = enumerate(self._task.fronts)
             opened = [kind.is_open(s.joints[:, j], share[:, j]) for j, kind in kinds]
-            closed = [kind.is_closed(s.joints[:, j]) for j, kind in enumerate(self._fronts)]
+            closed = [kind.is_closed(s.joints[:, j]) for j, kind in enumerate(self._task.fronts)]
             flags += [stack(opened, 1), stack(closed, 1)]
         return concat(flags, 1)
 
-    def holds(self, flags: Rows, condition: Rows | int) -> Rows:
+    def holds(self, flags: Rows, condition: Rows | int | Condition) -> Rows:
         """Whether conditions hold, (N,) bool.
 
         Args:
             flags: (N, 2 K + 2 J) as `read` gives them.
-            condition: Number of a stage, one for all rows or (N,); `goal` is the task's goal.
+            condition: Number of a stage, one for all rows or (N,); `goal` is the task's goal. Or
+                any condition on the task's things.
         """
-        met: Rows = flags | self._free[condition]
-        return met.all(-1)
-
-    def hold(self, flags: Rows, condition: Condition) -> Rows:
-        """Whether any condition on the task's things holds, by the same flags, (N,) bool."""
-        met: Rows = flags | ~as_kind_of([_flags(condition, self._task)], self._like)
+        if isinstance(condition, Condition):
+            free = ~as_kind_of(_flags(condition, self._task), flags)
+        else:
+            free = self._free[condition]
+        met: Rows = flags | free
         return met.all(-1)
 
 

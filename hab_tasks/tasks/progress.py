@@ -78,7 +78,7 @@ class Progress:
 
     def holds(self, condition: Condition) -> Rows:
         """Whether a condition on the task's things holds at this moment, (N,) bool."""
-        return self._facts.hold(self._flags, condition)
+        return self._facts.holds(self._flags, condition)
 
     def reached(self) -> dict[str, Tensor]:
         """Returns stage name -> (N,) bool, once reached for good; the same until one more is."""

@@ -1,15 +1,26 @@
 """The task planner: plans are valid, minimal and in the tasks' order; what cannot be is said."""
 
+import subprocess
+import sys
+
 import pytest
-from hab_planner import Action, NoPlanError, Plan, PlannerError, problem_of, saved_plan, solve
+from hab_planner import Action, NoPlanError, Plan, PlannerError, problem_of, saved_plan
 from hab_planner.cli import main
 from hab_planner.problem import atoms_of, task_of, tasks
-from hab_planner.solve import replay
+from hab_planner.solve import replay, solve
 
 every_task = pytest.mark.parametrize("env_id", tasks())
 
 # Navigate before each interaction: 5 objects x 4; 3 objects x 4; 8 interactions x 2.
 LENGTHS = {"HabTidyHouse-v1": 20, "HabPrepareGroceries-v1": 12, "HabSetTable-v1": 16}
+
+
+def test_following_a_saved_plan_loads_no_planner():
+    code = (
+        "import sys, hab_planner; assert hab_planner.saved_plan('HabSetTable-v1').actions;"
+        "assert 'unified_planning' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_every_task_is_known():

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 import torch
-from hab_planner import problem_of, saved_plan, solve
+from hab_planner import problem_of, saved_plan
 from hab_planner.observe import observed, start_from
 from hab_planner.problem import atoms_of
+from hab_planner.solve import solve
 from playing import ee_grip, held, move_base, move_joint, move_object, put, still
 
 from hab_tasks.envs import ENVS

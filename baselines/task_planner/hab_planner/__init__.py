@@ -1,9 +1,11 @@
-"""The STRIPS task planner of TP+SRL, SPA and SPA-Priv (S H.1)."""
+"""The STRIPS task planner of TP+SRL, SPA and SPA-Priv (S H.1).
+
+Only `hab_planner.solve` needs the planner itself: whoever follows a saved plan does not load it.
+"""
 
 from hab_planner.errors import NoPlanError, PlannerError
 from hab_planner.plan import Action, Plan, saved_plan
 from hab_planner.problem import Atom, TaskProblem, problem_of
-from hab_planner.solve import solve
 
 __all__ = [
     "Action",
@@ -14,5 +16,4 @@ __all__ = [
     "TaskProblem",
     "problem_of",
     "saved_plan",
-    "solve",
 ]

@@ -12,6 +12,7 @@ import tyro
 
 from hab_planner.plan import Plan, saved_plan
 from hab_planner.problem import DOMAIN, problem_of
+from hab_tasks.commands.base import refuse_existing
 from hab_tasks.errors import HabError
 from hab_tasks.options import check_options
 
@@ -41,8 +42,8 @@ class PlanCommand:
     def run(self) -> int:
         """Prints, and writes the plan where asked."""
         problem = problem_of(self.env)
-        if self.out is not None and self.out.exists() and not self.force:
-            raise HabError(f"{self.out} is there already; --force replaces it.")
+        if self.out is not None:
+            refuse_existing(self.out, self.force)
         if self.solve:
             from hab_planner.solve import solve  # takes a second, and only this needs it
 

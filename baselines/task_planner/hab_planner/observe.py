@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hab_planner.problem import Atom, atoms_of, problem_of
+from hab_planner.problem import ROOM, Atom, atoms_of, problem_of
 from hab_tasks.tasks.base import Condition
 from hab_tasks.tasks.task_env import TaskEnv
 
@@ -34,7 +34,7 @@ def start_from(env: TaskEnv, row: int = 0) -> frozenset[Atom]:
     """
     problem = problem_of(env.default_id())
     changing = {"at", "placed", "holding", "hand-empty", "is-open", "is-closed"}
-    kept = {a for a in problem.start if a[0] not in changing or a == ("is-open", "room")}
+    kept = {a for a in problem.start if a[0] not in changing or a == ("is-open", ROOM)}
     seen = observed(env, row)
     placed = {("placed", atom[1]) for atom in seen if atom[0] == "at"}
     empty = set() if any(atom[0] == "holding" for atom in seen) else {("hand-empty",)}

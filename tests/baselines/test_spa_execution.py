@@ -1,5 +1,9 @@
 """Timing, following, the state machine in a closed loop, and the agent."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
@@ -134,3 +138,14 @@ def test_agent_keeps_the_contract_for_several_rows(table_scene):
 def test_agent_refuses_a_skill_it_does_not_have():
     with pytest.raises(UnknownNameError, match="HabPick-v1"):
         SpaPrivAgent(AgentSetup(env_id="HabPlace-v1"))
+
+
+@pytest.mark.slow
+def test_a_run_ends_without_complaints(tmp_path):
+    program = Path(sys.executable).parent / "hab-eval"
+    options = ("--agent", "hab_spa:spa_priv", "--env", "HabPick-v1", "--episodes", "1")
+    done = subprocess.run(
+        [program, "run", *options, "--out", tmp_path / "run"], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert "leaked" not in done.stdout + done.stderr

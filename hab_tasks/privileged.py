@@ -7,7 +7,7 @@ are read at every observation that holds the privileged group.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -54,6 +54,49 @@ class CollisionBody:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class FrontState:
+    """A door or drawer that the episode is about, at one moment.
+
+    Attributes:
+        kind: ``fridge`` or ``drawer``.
+        body: Name of the body that moves.
+        handle_m: (3,) its handle in the world.
+        held: Whether the hand holds the handle.
+        joint: Its position [m or rad].
+        limits: Lowest and highest position.
+        slides: Whether it slides along its axis; else it turns about it.
+        axis: (3,) direction of its axis in the world.
+        axis_point_m: (3,) a point of its axis.
+        frame: (3,) x, y [m] and yaw [rad] of the frame that looks out of the furniture.
+    """
+
+    kind: str
+    body: str
+    handle_m: Array
+    held: bool
+    joint: float
+    limits: tuple[float, float]
+    slides: bool
+    axis: Array
+    axis_point_m: Array
+    frame: Array
+
+    def moved(self, joint: float) -> Array:
+        """Returns (4, 4) how a point of it moves in the world until its joint is at `joint`."""
+        way, motion = joint - self.joint, np.eye(4)
+        if self.slides:
+            motion[:3, 3] = way * self.axis
+            return motion
+        x, y, z = self.axis
+        cross = np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
+        # Rodrigues' formula of a turn about the axis.
+        turn = np.eye(3) + np.sin(way) * cross + (1.0 - np.cos(way)) * cross @ cross
+        motion[:3, :3] = turn
+        motion[:3, 3] = self.axis_point_m - turn @ self.axis_point_m
+        return motion
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class PrivilegedState:
     """The true state of one environment row at one moment.
 
@@ -65,9 +108,12 @@ class PrivilegedState:
         world_from_base: (4, 4) pose of Fetch's base_link.
         arm_qpos: (7,) [rad] in `hab_tasks.robots.fetch_spec.ARM_JOINTS` order.
         locked_qpos: Every other joint of the robot: name -> [m or rad].
-        target: Body name of the object (or handle's link) the skill is about.
-        held: Body name of what is in the grasp, None if nothing.
+        held: Body name of the object in the grasp, None if none.
         object_com_m: Body name -> (3,) centre of mass in the world, of the loose objects present.
+        targets: Body names of the objects to rearrange, in the episode's order.
+        goals_m: (K, 3) where the centres of mass of these are to be.
+        fronts: The doors and drawers that the episode is about.
+        base_goal: (3,) x, y [m] and yaw [rad] that Navigate leads to; zeros elsewhere.
     """
 
     scene_key: str
@@ -76,6 +122,9 @@ class PrivilegedState:
     world_from_base: Array
     arm_qpos: Array
     locked_qpos: dict[str, float]
-    target: str
     held: str | None
     object_com_m: dict[str, Array]
+    targets: tuple[str, ...]
+    goals_m: Array
+    fronts: tuple[FrontState, ...] = ()
+    base_goal: Array = field(default_factory=lambda: np.zeros(3))

@@ -79,7 +79,7 @@ class GoalSetting:
             "goals_m": goals,
             "joint_lower": limits[:, 0],
             "joint_upper": limits[:, 1],
-            "front": np.array([_frame(handle) for handle in fronts]).reshape(-1, 3),
+            "front": np.array([frame_of(handle) for handle in fronts]).reshape(-1, 3),
             "base": np.array(base),
         }
 
@@ -133,7 +133,7 @@ def handles_of(shown: SceneHandles) -> list[Handle]:
     return found
 
 
-def _frame(handle: Handle) -> tuple[float, float, float]:
+def frame_of(handle: Handle) -> tuple[float, float, float]:
     """Returns x, y and yaw of the frame that looks out of the furniture."""
     pose = handle.furniture.links[0]._objs[0].entity_pose
     x, y, _ = pose.p.tolist()

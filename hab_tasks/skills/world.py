@@ -287,8 +287,8 @@ class World:
         if self._scene.gpu_sim_enabled:
             raise NotImplementedError("privileged observations need the CPU simulation")
         (episode,) = self.episodes
-        number = int(self.tracker.focus.object[0])
-        return [self._truth.read(episode, episode.targets[number].object)]
+        handles = [int(index) for index in self.tracker.handles[0]]
+        return [self._truth.read(episode, self.goals, self.needs.fronts, handles)]
 
 
 def like(state: dict[str, Any], example: dict[str, Any], device: Any) -> dict[str, Any]:

@@ -1,68 +1,117 @@
-"""The agent SPA-Priv: sense-plan-act with the true geometry of the scene (S App. D)."""
+"""The agents: sense-plan-act in one skill, or along the plan of a task (S App. D)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from hab_spa.collision import ShapeCache
-from hab_spa.pick import PickConfig, PickSkill
+from hab_spa.results import Failure
+from hab_spa.robot import Command, Motion, Robot, SpaConfig
+from hab_spa.scene import Scene
+from hab_spa.shapes import Array
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec
-from hab_tasks.errors import UnknownNameError
-from hab_tasks.privileged import PrivilegedState
+from hab_tasks.envs import ENVS
 
-SKILLS = ("HabPick-v1",)
+Behaviour = Callable[[Robot], Motion]
 
 
-class SpaPrivAgent:
-    """Runs one `PickSkill` for each environment row."""
+class SpaAgent:
+    """Runs one behaviour for each environment row."""
 
-    def __init__(self, setup: AgentSetup, config: PickConfig | None = None) -> None:
-        """Makes the agent; `config` defaults to the paper's values.
+    def __init__(
+        self,
+        setup: AgentSetup,
+        spec: AgentSpec,
+        make_scene: Callable[[], Scene],
+        behave: Behaviour,
+        config: SpaConfig | None = None,
+    ) -> None:
+        """Makes the agent.
 
-        Raises:
-            UnknownNameError: `setup.env_id` is no skill that this agent can do.
+        Args:
+            setup: What is asked for; the environment's horizon is the time there is.
+            spec: What the agent needs.
+            make_scene: Makes what one row knows of the world.
+            behave: Begins what a row's robot does in an episode.
+            config: The numbers; the paper's by default.
         """
-        env_id = setup.env_id.rsplit(":", 1)[-1]
-        if env_id not in SKILLS:
-            raise UnknownNameError("environment of SPA-Priv", env_id, SKILLS)
-        self.spec = AgentSpec(name="SPA-Priv", control_mode="joint_target", privileged=True)
-        self._config = config or PickConfig()
-        self._caches = [ShapeCache() for _ in range(setup.num_envs)]
-        self._skills = [
-            PickSkill(setup.seed + row, self._config, cache)
-            for row, cache in enumerate(self._caches)
-        ]
+        self.spec = spec
+        self._config, self._behave = config or SpaConfig(), behave
+        self._horizon_steps = ENVS[setup.env_id.rsplit(":", 1)[-1]].env.horizon_steps
+        self._rows = [_Row(make_scene(), setup.seed + row) for row in range(setup.num_envs)]
 
     def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
         """Starts a new episode in the rows of `mask` (N,) bool, seeded with `seeds` (N,)."""
-        for row in torch.nonzero(mask).flatten().tolist():
-            self._skills[row] = PickSkill(int(seeds[row]), self._config, self._caches[row])
+        for number in torch.nonzero(mask).flatten().tolist():
+            self._rows[number] = _Row(self._rows[number].scene, int(seeds[number]))
 
     def act(self, obs: Mapping[str, Any]) -> Tensor:
-        """Returns actions (N, 8) float32: seven joint targets [rad], then the gripper."""
-        states: list[PrivilegedState] = obs["privileged"]
-        rows = []
-        for skill, state in zip(self._skills, states, strict=True):
-            targets_rad, gripper = skill.act(state)
-            rows.append(np.append(targets_rad, gripper))
-        return torch.from_numpy(np.array(rows, dtype=np.float32))
+        """Returns actions (N, A) float32 in the spec's control mode."""
+        actions = []
+        for number, row in enumerate(self._rows):
+            row.scene.see(obs, number)
+            if row.robot is None:
+                row.begin(self._behave, self._config, self._horizon_steps)
+            actions.append(self._action(row, row.next_command()))
+        return torch.from_numpy(np.array(actions, dtype=np.float32))
+
+    def _action(self, row: _Row, command: Command) -> Array:
+        """Returns the action (A,) that a command is in this control mode."""
+        mode = self.spec.control_mode
+        if mode == "base":
+            return np.array(command.base)
+        action = np.append(command.arm_rad, command.gripper)
+        if mode.endswith("_base"):
+            return np.concatenate((action, command.base))
+        if mode.endswith("_pose"):
+            assert row.robot is not None
+            pose = row.robot.base if command.pose is None else command.pose
+            return np.concatenate((action, pose))
+        return action
 
     def report(self) -> list[AgentReport]:
         """Returns each row's failure category (S App. I.1) and planning times."""
-        return [
-            AgentReport(
-                failure=skill.failure.value if skill.failure is not None else None,
-                timings_s=dict(skill.timings_s),
-            )
-            for skill in self._skills
-        ]
+        return [row.report() for row in self._rows]
 
 
-def spa_priv(setup: AgentSetup) -> SpaPrivAgent:
-    """Factory of SPA-Priv, for ``hab-eval run --agent hab_spa:spa_priv``."""
-    return SpaPrivAgent(setup)
+class _Row:
+    """One row's episode."""
+
+    def __init__(self, scene: Scene, seed: int) -> None:
+        self.scene, self.robot = scene, None
+        self._seed = seed
+        self._motion: Motion | None = None
+        self._failure: Failure | None = None
+        self.robot: Robot | None
+
+    def begin(self, behave: Behaviour, config: SpaConfig, horizon_steps: int) -> None:
+        """Starts what the robot does."""
+        self.robot = Robot(self.scene, config, seed=self._seed, deadline=horizon_steps)
+        self._motion = behave(self.robot)
+
+    def next_command(self) -> Command:
+        """Goes on for one step; at the end the robot stays as it is."""
+        assert self.robot is not None
+        command = None
+        if self._motion is not None:
+            try:
+                command = next(self._motion)
+            except StopIteration as end:
+                self._motion, self._failure = None, end.value
+        if command is None:
+            command = self.robot.command()
+        self.robot.steps += 1
+        return command
+
+    def report(self) -> AgentReport:
+        """Returns what failed, if anything did, and how long planning took."""
+        if self.robot is None:
+            return AgentReport()
+        return AgentReport(
+            failure=None if self._failure is None else self._failure.value,
+            timings_s=dict(self.robot.timings_s),
+        )

@@ -100,6 +100,7 @@ class ArmCollision:
         checks: Arm poses tested so far.
         base_from_arm: (4, 4) pose of the arm model's root (torso as in `LOCKED_QPOS`) in
             the base frame; differs from the identity when the torso stands elsewhere.
+        arm_from_world: (4, 4) pose of the world in the frame of that root.
     """
 
     def __init__(
@@ -118,7 +119,7 @@ class ArmCollision:
         self._geometry = pin.GeometryModel()
         self.base_from_arm = np.eye(4)
         self.base_from_arm[2, 3] = state.locked_qpos[TORSO_JOINT] - LOCKED_QPOS[TORSO_JOINT]
-        self._arm_from_world = invert_pose(state.world_from_base @ self.base_from_arm)
+        self.arm_from_world = invert_pose(state.world_from_base @ self.base_from_arm)
         self._add_bodies(held)
         self._finish()
 
@@ -185,7 +186,7 @@ class ArmCollision:
 
     def _add(self, body: CollisionBody, kind: str, link: str) -> None:
         """Adds a body's shapes at its joint: the arm's own, the wrist's if held, else the root."""
-        joint, joint_from_body = 0, self._arm_from_world @ self._state.world_from_body[body.name]
+        joint, joint_from_body = 0, self.arm_from_world @ self._state.world_from_body[body.name]
         if kind == "arm" and link not in FINGER_LINKS:
             frame = self._model.frames[self._model.getFrameId(link)]
             joint, joint_from_body = frame.parentJoint, frame.placement.homogeneous

@@ -11,14 +11,12 @@ import time
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hab_spa.collision import ArmCollision
 from hab_spa.ik import LOWER_RAD, UPPER_RAD, BatchArm, IkConfig
 from hab_spa.results import Failure, GoalResult
-from hab_spa.shapes import Array, body_bounds_m, invert_pose
-from hab_tasks.constants import GRASP_RADIUS_M, REST_POSITION_M
-from hab_tasks.privileged import PrivilegedState
+from hab_spa.shapes import Array
+from hab_tasks.constants import REST_POSITION_M
 from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
 
 WRIST_ROLL = 6
@@ -35,8 +33,6 @@ class GoalConfig:
         margins_m: Wanted clearances; the next is used only when the one before admits no goal.
         goals: How many goals are handed to the motion planner at most.
         same_goal_rad: Two goals differ by at least this much in some joint.
-        reach_safety_m: The object is at least this much nearer than the grasp radius.
-        runner_up_m: Any other object is at least this much farther from the end-effector.
         rest_radius_m: Alternatives to the resting pose bring the end-effector this near to it.
         rest_spread_rad: Standard deviation of the starts around the resting pose.
     """
@@ -47,58 +43,39 @@ class GoalConfig:
     margins_m: tuple[float, ...] = (0.02, 0.01, 0.003)
     goals: int = 4
     same_goal_rad: float = 0.3
-    reach_safety_m: float = 0.01
-    runner_up_m: float = 0.005
     rest_radius_m: float = 0.08
     rest_spread_rad: float = 0.4
     ik: IkConfig = field(default_factory=IkConfig)
 
 
-def face_centres_m(state: PrivilegedState, name: str) -> Array:
-    """Returns the six face centres (6, 3) [m] of a body's box, in the world.
+@dataclass(frozen=True, kw_only=True)
+class GraspConfig:
+    """When a hand at a point counts as able to take an object.
 
-    The box is the one around all collision shapes, along the axes of the body's own frame.
+    Attributes:
+        reach_safety_m: The object is at least this much nearer than the grasp radius.
+        runner_up_m: Any other object is at least this much farther from the end-effector.
     """
-    body = next(body for body in state.bodies if body.name == name)
-    lower, upper = body_bounds_m(body)
-    centre, half = (lower + upper) / 2, (upper - lower) / 2
-    local = centre + np.concatenate((np.diag(half), -np.diag(half)))
-    world_from_body = state.world_from_body[name]
-    return local @ world_from_body[:3, :3].T + world_from_body[:3, 3]
+
+    reach_safety_m: float = 0.01
+    runner_up_m: float = 0.005
 
 
-def would_grasp(state: PrivilegedState, points_m: Array, config: GoalConfig) -> NDArray[np.bool_]:
-    """Whether the snap grasp at end-effector points (B, 3) in the world takes the target: (B,).
-
-    The grasp takes the object whose centre of mass is nearest, so being near is not enough.
-    """
-    own = np.linalg.norm(points_m - state.object_com_m[state.target], axis=1)
-    allowed = own <= GRASP_RADIUS_M - config.reach_safety_m
-    for name, com_m in state.object_com_m.items():
-        if name != state.target:
-            other = np.linalg.norm(points_m - com_m, axis=1)
-            allowed &= other >= own + config.runner_up_m
-    return allowed
-
-
-def sample_grasp_goals(
-    state: PrivilegedState, collision: ArmCollision, arm: BatchArm, seed: int, config: GoalConfig
+def sample_reaching_goals(
+    points_m: Array, collision: ArmCollision, arm: BatchArm, seed: int, config: GoalConfig
 ) -> GoalResult:
-    """Samples arm poses that grasp `state.target`.
+    """Samples arm poses that bring the end-effector to one of some points.
 
     Args:
-        state: The scene; the target must be one of its loose objects.
-        collision: Collision model of the same scene; its margin is left at the goals' clearance.
+        points_m: (P, 3) in the world.
+        collision: Tells which arm poses are free; its margin is left at the goals' clearance.
         arm: Kinematics.
         seed: Seeds the random arm poses.
         config: The sampler's numbers.
     """
     began, checks_before = time.perf_counter(), collision.checks
     rng = np.random.default_rng(seed)
-    world_from_arm = state.world_from_base @ collision.base_from_arm
-    centres_m = face_centres_m(state, state.target)
-    points_m = centres_m[would_grasp(state, centres_m, config)]
-    arm_from_world = invert_pose(world_from_arm)
+    arm_from_world = collision.arm_from_world
     targets_m = points_m @ arm_from_world[:3, :3].T + arm_from_world[:3, 3]
     free, samples, roomy = np.zeros((0, 7)), 0, 0
     while len(targets_m) and samples < config.starts_per_point * len(targets_m):

@@ -1,0 +1,34 @@
+"""Agents by name, for ``hab-eval run --agent hab_spa:NAME``."""
+
+from __future__ import annotations
+
+from hab_spa.agent import Behaviour, SpaAgent
+from hab_spa.pick import pick
+from hab_spa.true_scene import TrueScene
+from hab_tasks.agent import AgentSetup, AgentSpec
+from hab_tasks.envs import ENVS
+from hab_tasks.errors import UnknownNameError
+
+SKILLS: dict[str, Behaviour] = {
+    "HabPick-v1": lambda robot: pick(robot, 0),
+}
+"""Environment id -> what the robot does in it."""
+
+
+def spa_priv(setup: AgentSetup) -> SpaAgent:
+    """Makes SPA-Priv: one skill, with the true geometry of the scene.
+
+    Raises:
+        UnknownNameError: The environment is no skill that this agent can do.
+    """
+    env_id = setup.env_id.rsplit(":", 1)[-1]
+    if env_id not in SKILLS:
+        raise UnknownNameError("environment of SPA-Priv", env_id, SKILLS)
+    spec = AgentSpec(name="SPA-Priv", control_mode=control_mode(env_id), privileged=True)
+    return SpaAgent(setup, spec, TrueScene, SKILLS[env_id])
+
+
+def control_mode(env_id: str) -> str:
+    """Returns the control mode of planners in an environment: joint targets where the arm moves."""
+    modes = ENVS[env_id].env.control_modes
+    return next((mode for mode in modes if mode.startswith("joint_target")), "base")

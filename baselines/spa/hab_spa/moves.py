@@ -1,0 +1,100 @@
+"""What the skills' motions are made of: follow a path, wait, plan and go."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Generator
+
+import numpy as np
+
+from hab_spa.arm_plan import Ends, plan_path
+from hab_spa.collision import ArmCollision
+from hab_spa.follow import Follower
+from hab_spa.path import time_path_within
+from hab_spa.results import Failure, GoalResult
+from hab_spa.robot import Command, Motion, Robot
+from hab_spa.shapes import Array
+
+RETURN_SHARE, REACH_SHARE = 1.0, 0.5
+"""Share of the time left that a motion may take: half of it on the way there."""
+
+
+def wait(robot: Robot, steps: int) -> Generator[Command, None, None]:
+    """Keeps the arm where it was told to be."""
+    for _ in range(steps):
+        yield robot.command()
+
+
+def follow(
+    robot: Robot, path: Array, share: float, intact: Callable[[], bool] = lambda: True
+) -> Motion:
+    """Moves the arm along a path (K, 7).
+
+    Args:
+        robot: Who moves.
+        path: Arm poses [rad].
+        share: Of the time left that the motion may take, if the limits of speed allow.
+        intact: Whether it makes sense to go on; asked at every step.
+
+    Returns:
+        `Failure.EXECUTION` when the arm does not keep up, or when it made no sense to go on.
+    """
+    config = robot.config
+    steps = int((robot.steps_left - config.follow.settle_steps) * share)
+    follower = Follower(time_path_within(path, steps, config.timing), config.follow)
+    while True:
+        target = follower.advance(robot.scene.arm_qpos)
+        if follower.lost() or not intact():
+            robot.relax()
+            return Failure.EXECUTION
+        if follower.settled(robot.scene.arm_qpos):
+            robot.command(target)
+            return None
+        yield robot.command(target)
+
+
+def sampled(robot: Robot, sample: Callable[[], GoalResult]) -> GoalResult:
+    """Returns goals of the arm, and counts the time that took, the collision model's included."""
+    began = time.perf_counter()
+    goals = sample()
+    robot.spend("target", time.perf_counter() - began)
+    return goals
+
+
+def go(robot: Robot, collision: ArmCollision, goals: Array, share: float = REACH_SHARE) -> Motion:
+    """Plans from where the arm is to one of the goals (G, 7), the first where possible, and goes.
+
+    `collision` must be the model of this moment.
+    """
+    start = robot.scene.arm_qpos.copy()
+    ends = [Ends(open=start, tight=goal) for goal in goals]
+    result = plan_path(collision, robot.kinematics, ends, robot.next_seed(), robot.config.plan)
+    robot.spend("motion", result.seconds)
+    if result.path is None:
+        return result.failure
+    return (yield from follow(robot, result.path, share))
+
+
+def straight(robot: Robot, start: Array, way_m: Array, collision: ArmCollision) -> Array:
+    """Returns arm poses (K, 7) along a straight way of the hand, as far as it is free.
+
+    Args:
+        robot: Whose arm.
+        start: The arm pose (7,) that it begins at.
+        way_m: The way (3,) in the world.
+        collision: Tells what is free.
+    """
+    config = robot.config.escape
+    way = collision.arm_from_world[:3, :3] @ way_m
+    count = max(1, round(float(np.linalg.norm(way)) / config.step_m))
+    goal, poses = robot.kinematics.ee_pose(start).copy(), [start]
+    for _ in range(count):
+        goal[:3, 3] += way / count
+        pose = robot.kinematics.track_pose(
+            poses[-1], goal, steps=3, turn_weight_m=config.line_turn_weight_m
+        )
+        missed_m = np.linalg.norm(robot.kinematics.ee_pose(pose)[:3, 3] - goal[:3, 3])
+        if missed_m > config.drift_m or not collision.is_free(pose):
+            break
+        poses.append(pose)
+    return np.array(poses)

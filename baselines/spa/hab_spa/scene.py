@@ -1,0 +1,71 @@
+"""What a skill may ask about the world; `TrueScene` and the seen one answer (S App. D)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+from hab_spa.collision import ArmCollision
+from hab_spa.shapes import Array
+from hab_tasks.navigation import NavigationMap
+from hab_tasks.privileged import FrontState
+
+
+class Scene(Protocol):
+    """The world as the robot knows it at this step."""
+
+    def see(self, obs: Mapping[str, Any], row: int) -> None:
+        """Takes in the observation of one row of a batch; called at every step."""
+        ...
+
+    @property
+    def arm_qpos(self) -> Array:
+        """The arm (7,) [rad]."""
+        ...
+
+    @property
+    def world_from_base(self) -> Array:
+        """(4, 4) pose of Fetch's base_link."""
+        ...
+
+    @property
+    def holding(self) -> bool:
+        """Whether an object is in the hand."""
+        ...
+
+    def holds(self, number: int) -> bool:
+        """Whether the hand holds this object of the episode, as far as the robot knows."""
+        ...
+
+    def object_m(self, number: int) -> Array:
+        """Returns where the centre of mass (3,) of an object is, as far as the robot knows."""
+        ...
+
+    def goal_m(self, number: int) -> Array:
+        """Returns where it is to be (3,)."""
+        ...
+
+    def grasp_points_m(self, number: int) -> Array:
+        """Returns points (P, 3) in the world at which the hand would take an object."""
+        ...
+
+    def ee_from_held(self) -> Array:
+        """Returns the point (3,) in the end-effector's frame that is to come to the goal."""
+        ...
+
+    def front(self, number: int) -> FrontState:
+        """Returns a door or drawer of the episode."""
+        ...
+
+    def collision(self, *, base: Array | None = None, without: str | None = None) -> ArmCollision:
+        """Returns the collision model of the arm and of what it holds.
+
+        Args:
+            base: A base pose (3,) where the robot is thought to stand; None for where it is.
+            without: Name of a body that is left out.
+        """
+        ...
+
+    def floor_map(self) -> NavigationMap:
+        """Returns the floor with everything as it stands now, but for robot and held object."""
+        ...

@@ -6,11 +6,13 @@ observations, privileged state), and the evaluator makes the environment accordi
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
 from torch import Tensor
+
+from hab_tasks.errors import UnknownNameError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,11 +35,39 @@ class AgentSpec:
 
 @dataclass(frozen=True, kw_only=True)
 class AgentSetup:
-    """What an agent's factory is told: the env id, the number of rows and the run's seed."""
+    """What an agent's factory is told.
+
+    Attributes:
+        env_id: Environment id.
+        num_envs: Number of rows.
+        seed: The run's seed.
+        options: The agent's own options, name -> value; the factory refuses what it does not know
+            (see `check_options`).
+    """
 
     env_id: str
     num_envs: int = 1
     seed: int = 0
+    options: Mapping[str, str] = field(default_factory=dict)
+
+
+def check_options(setup: AgentSetup, known: Mapping[str, Collection[str] | None]) -> None:
+    """Refuses options that an agent does not know; for its factory.
+
+    Args:
+        setup: What the factory was given.
+        known: Option -> its valid values, None if the agent checks the value itself. Empty for an
+            agent without options.
+
+    Raises:
+        UnknownNameError: With the valid names and the nearest match.
+    """
+    for name, value in setup.options.items():
+        if name not in known:
+            raise UnknownNameError("option of the agent", name, known)
+        valid = known[name]
+        if valid is not None and value not in valid:
+            raise UnknownNameError(f"value of the agent's option {name}", value, valid)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -72,6 +72,10 @@ class RunCommand:
     """Seed of the episodes and of the agent."""
     novel: Annotated[str | None, tyro.conf.arg(metavar="WHAT")] = None
     """objects or receptacles: those kept for evaluating generalisation."""
+    option: Annotated[
+        tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE"), tyro.conf.UseAppendAction
+    ] = ()
+    """An option of the agent's own, e.g. navigation=teleport; may be given again."""
     workers: Annotated[int, tyro.conf.arg(metavar="W")] = 1
     """Number of processes; changes no result."""
     video: Annotated[int, tyro.conf.arg(metavar="K")] = 0
@@ -190,7 +194,7 @@ def _run(command: RunCommand) -> int:
     """Evaluates, then shows the result and where it stands."""
     from rich.console import Console
 
-    from hab_eval.config import EvalConfig
+    from hab_eval.config import EvalConfig, parse_options
     from hab_eval.evaluate import RunOptions, evaluate
     from hab_eval.leaderboard import build_groups, default_submissions, read_submissions
     from hab_eval.progress import make_reporter
@@ -205,6 +209,7 @@ def _run(command: RunCommand) -> int:
         episodes=command.episodes,
         seed=command.seed,
         novel=command.novel,
+        options=parse_options(command.option),
     )
     options = RunOptions(
         out=command.out,

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
 from hab_eval.errors import OptionError, ResultError
-from hab_eval.schema import parse_json, read_dataclass
+from hab_eval.schema import MAY_BE_ABSENT, parse_json, read_dataclass
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,6 +24,7 @@ class EvalConfig:
         episodes: Number of episodes.
         seed: Seed of the episode set and of the agent.
         novel: ``objects`` or ``receptacles`` kept for evaluating generalisation (S E.1).
+        options: The agent's own options, name -> value; absent in files from before there were any.
     """
 
     agent: str
@@ -33,6 +35,7 @@ class EvalConfig:
     episodes: int = 50
     seed: int = 0
     novel: str | None = None
+    options: dict[str, str] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
 
     def __post_init__(self) -> None:
         if self.episodes < 1:
@@ -48,6 +51,23 @@ class SavedConfig:
     config: EvalConfig
     versions: dict[str, str]
     git: str | None
+
+
+def parse_options(pairs: Iterable[str]) -> dict[str, str]:
+    """Returns an agent's options from ``NAME=VALUE`` words, sorted by name.
+
+    Raises:
+        OptionError: A word of another form, or a name that is given twice.
+    """
+    found: dict[str, str] = {}
+    for pair in pairs:
+        name, equals, value = pair.partition("=")
+        if not (name and equals and value):
+            raise OptionError(f"--option {pair!r} is not of the form NAME=VALUE.")
+        if name in found:
+            raise OptionError(f"--option {name} is given twice: {found[name]!r} and {value!r}.")
+        found[name] = value
+    return dict(sorted(found.items()))
 
 
 COMMIT_SEPARATOR = " then "

@@ -74,7 +74,8 @@ def evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> Run
     """Runs every episode that is not finished yet, and writes `run.json`."""
     environments.check_env_id(config.env)
     check_free(options.out, resume=options.resume, force=options.force)
-    spec = load_agent(config.agent, AgentSetup(env_id=config.env, seed=config.seed)).spec
+    setup = AgentSetup(env_id=config.env, seed=config.seed, options=config.options)
+    spec = load_agent(config.agent, setup).spec
     episodes = environments.load_episode_set(config, reporter.generating, options.workers)
     saved = SavedConfig(
         config=config,
@@ -125,6 +126,7 @@ def make_record(
         objects=None if config.objects is None else environments.short_name(config.objects),
         split="+".join(part for part in (episodes.split, config.novel) if part),
         seed=config.seed,
+        options=config.options,
         versions=saved.versions,
         git=saved.git,
         device=provenance.device(),

@@ -9,13 +9,14 @@ import torch
 from torch import Tensor
 
 from hab_eval import environments
-from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec
+from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec, check_options
 
 
 class RandomAgent:
     """Draws every action uniformly from [-1, 1]; each row has a generator of its own."""
 
     def __init__(self, setup: AgentSetup) -> None:
+        check_options(setup, {})
         control_mode = environments.continuous_control(setup.env_id)
         self.spec = AgentSpec(name="Random", control_mode=control_mode)
         self._size = environments.action_size(self.spec.control_mode)

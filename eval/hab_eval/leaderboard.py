@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hab_eval.config import COMMIT_SEPARATOR
+from hab_eval.environments import short_name
 from hab_eval.errors import ResultError
 from hab_eval.results import RunRecord, read_record
 
@@ -108,7 +109,7 @@ def _row(record: RunRecord) -> tuple[str, ...]:
     low, high = (100.0 * bound for bound in success.ci95)
     commit = f" ({_short(record.git)})" if record.git else ""
     return (
-        record.agent_name + (f" {PRIVILEGED_MARK}" if record.privileged else ""),
+        _agent(record),
         f"{100.0 * success.mean:.1f} [{low:.1f}, {high:.1f}]",
         str(success.n),
         f"{record.summary.mean_steps:.1f}",
@@ -117,6 +118,13 @@ def _row(record: RunRecord) -> tuple[str, ...]:
         str(record.seed),
         record.versions.get("hab-tasks", "?") + commit,
     )
+
+
+def _agent(record: RunRecord) -> str:
+    """Names the agent with its mark and its options, by which its runs differ."""
+    mark = f" {PRIVILEGED_MARK}" if record.privileged else ""
+    options = ", ".join(f"{name}={short_name(value)}" for name, value in record.options.items())
+    return f"{record.agent_name}{mark}" + (f" ({options})" if options else "")
 
 
 def _short(commit: str) -> str:

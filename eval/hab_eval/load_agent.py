@@ -64,7 +64,7 @@ def _agent_modules() -> list[str]:
 
 
 def _factories(module: ModuleType) -> list[str]:
-    """Returns the public names of a module that take an `AgentSetup`."""
+    """Returns the public names of a module that take an `AgentSetup` and need nothing else."""
     members = ((name, getattr(module, name)) for name in dir(module) if not name.startswith("_"))
     return [name for name, value in members if callable(value) and _takes_setup(value)]
 
@@ -74,4 +74,5 @@ def _takes_setup(factory: Callable[..., Any]) -> bool:
         parameters = inspect.signature(factory).parameters.values()
     except (TypeError, ValueError):
         return False  # built-ins without a signature are no factories
-    return any("AgentSetup" in str(parameter.annotation) for parameter in parameters)
+    needed = [p for p in parameters if p.default is p.empty]
+    return len(needed) == 1 and "AgentSetup" in str(needed[0].annotation)

@@ -17,6 +17,8 @@ def result_table(record: RunRecord) -> Table:
     table = Table(title=f"{record.agent_name} on {record.env}, {record.scene_dataset}")
     table.add_column("measure")
     table.add_column("value")
+    for name, value in record.options.items():
+        table.add_row(f"option {name}", value)
     table.add_row("success", _percent(summary.success))
     for name, stage in summary.stages.items():
         table.add_row(f"stage {name}", _percent(stage))

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from hab_eval.errors import ResultError
-from hab_eval.schema import parse_json, read_dataclass, to_json
+from hab_eval.schema import MAY_BE_ABSENT, parse_json, read_dataclass, to_json
 from hab_eval.stats import Estimate, bootstrap_mean, mean, rate
 
 SCHEMA_VERSION = 1
@@ -96,6 +96,7 @@ class RunRecord:
         objects: Name of the object folder, None for the objects that are shipped.
         split: Episode split, and ``+objects`` or ``+receptacles`` where these are new.
         seed: Seed of the episode set and of the agent.
+        options: The agent's own options; absent in files from before there were any.
         versions: Package -> version.
         git: Commit of the sources, with ``-dirty`` if they were edited; all of them, joined by
             " then ", if a run was resumed on another; None outside a checkout.
@@ -117,6 +118,7 @@ class RunRecord:
     objects: str | None
     split: str
     seed: int
+    options: dict[str, str] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
     versions: dict[str, str]
     git: str | None
     device: str

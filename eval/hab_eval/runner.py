@@ -74,7 +74,7 @@ class Rollouts:
         # More threads gain nothing on these small tensors, and one makes sums reproducible.
         torch.set_num_threads(1)
         config = plan.config
-        setup = AgentSetup(env_id=config.env, num_envs=1, seed=config.seed)
+        setup = AgentSetup(env_id=config.env, seed=config.seed, options=config.options)
         self._agent = load_agent(config.agent, setup)
         # ManiSkill collects garbage whenever it builds a scene, which is before each episode:
         # looking through all that was imported would take most of a reset.

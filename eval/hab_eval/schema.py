@@ -13,6 +13,9 @@ from hab_eval.errors import ResultError
 
 T = TypeVar("T")
 
+MAY_BE_ABSENT = {"may_be_absent": True}
+"""Metadata of a field that older files lack; its default is read then."""
+
 
 def json_key(field: dataclasses.Field[Any]) -> str:
     """Returns a field's name in JSON: Python keywords such as `return` need another name here."""
@@ -56,14 +59,15 @@ def read_dataclass(cls: type[T], data: Any, where: str) -> T:
     hints = typing.get_type_hints(cls)
     members = dataclasses.fields(typing.cast(Any, cls))
     keys = {json_key(field): field.name for field in members}
-    unknown, missing = sorted(data.keys() - keys.keys()), sorted(keys.keys() - data.keys())
+    needed = {json_key(field) for field in members if not field.metadata.get("may_be_absent")}
+    unknown, missing = sorted(data.keys() - keys.keys()), sorted(needed - data.keys())
     if unknown or missing:
         raise ResultError(
             f"{where}: missing keys {missing or '(none)'}, unknown keys {unknown or '(none)'}; "
             f"the schema has {', '.join(keys)}."
         )
-    values = {name: _read(hints[name], data[key], f"{where}: {key}") for key, name in keys.items()}
-    return cls(**values)
+    given = [(key, name) for key, name in keys.items() if key in data]
+    return cls(**{name: _read(hints[name], data[key], f"{where}: {key}") for key, name in given})
 
 
 def _read(hint: Any, value: Any, where: str) -> Any:

@@ -18,7 +18,7 @@ import torch
 from hab_eval import environments
 from hab_eval.config import EvalConfig
 
-from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec
+from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec, check_options
 from hab_tasks.errors import HabError, UnknownNameError
 
 HORIZON_STEPS = 5
@@ -102,6 +102,15 @@ class StubAgent:
 
 def constant(setup: AgentSetup) -> StubAgent:
     return StubAgent()
+
+
+def optional(setup: AgentSetup) -> StubAgent:
+    """Knows two options, one of any value, and acts by the first."""
+    check_options(setup, {"mode": ("still", "lively"), "file": None})
+    agent = StubAgent()
+    if setup.options.get("mode") == "still":
+        agent.act = lambda obs: torch.zeros(1, 2)
+    return agent
 
 
 def raising(setup: AgentSetup) -> StubAgent:

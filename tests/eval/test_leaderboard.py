@@ -78,6 +78,13 @@ def test_a_row_by_hand(make_record):
     assert "<td>80.0 [37.6, 96.4]</td>" in to_html([group])
 
 
+def test_an_agents_options_stand_beside_its_name(make_record):
+    options = {"navigation": "teleport", "policy": "/home/me/policy.pt"}
+    (group,) = build_groups({"x.json": make_record(privileged=True, options=options)})
+    assert group.rows[0][0] == "Stub † (navigation=teleport, policy=policy.pt)"
+    assert "Stub † (navigation=teleport" in to_html([group])
+
+
 def test_names_cannot_break_the_table(make_record):
     groups = build_groups({"x.json": make_record(name="a|b <script>")})
     assert "a\\|b" in to_markdown(groups)

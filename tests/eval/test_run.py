@@ -192,6 +192,10 @@ def test_agent_that_raises_stops_the_run(cli, tmp_path):
         (("--scene-dataset", "apartmnt"), ("'apartmnt'", "Did you mean 'apartment'?")),
         (("--episodes", "0"), ("episodes must be at least 1, got 0",)),
         (("--workers", "0"), ("workers must be at least 1, got 0",)),
+        (("--option", "speed"), ("--option 'speed' is not of the form NAME=VALUE",)),
+        (("--option", "=2"), ("'=2'", "NAME=VALUE")),
+        (("--option", "speed="), ("'speed='", "NAME=VALUE")),
+        (("--option", "a=1", "--option", "a=2"), ("--option a is given twice: '1' and '2'",)),
     ],
 )
 def test_bad_values_are_named_in_one_line(cli, tmp_path, arguments, expected):
@@ -223,3 +227,47 @@ def test_two_runs_with_a_seed_agree(cli, tmp_path):
         done = cli("run", *arguments, "--episodes", 4, "--out", tmp_path / name)
         assert done.returncode == 0, done.stderr
     assert episodes_of(tmp_path / "a") == episodes_of(tmp_path / "b")
+
+
+OPTIONAL = ("run", "--agent", "stub_hab:optional", "--env", "HabStub-v1", "--episodes", 1)
+
+
+def test_options_reach_the_agent_in_every_process_and_the_result(cli_process, tmp_path):
+    for workers in (1, 2):
+        out = tmp_path / str(workers)
+        # A value may hold an equals sign of its own.
+        options = ("--option", "mode=still", "--option", "file=a=b.pt", "--workers", workers)
+        done = cli_process(*OPTIONAL, *options, "--out", out)
+        assert done.returncode == 0, done.stderr
+        record = read_record(out / "run.json")
+        assert record.options == {"file": "a=b.pt", "mode": "still"}
+        assert record.episodes[0].episode_return == 0.0  # it would be 3 x 0.5
+        assert json.loads((out / "config.json").read_text())["config"]["options"] == record.options
+
+
+def test_unknown_options_are_refused_by_the_agent(cli, tmp_path):
+    done = cli(*OPTIONAL, "--option", "mod=still", "--out", tmp_path / "run")
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "Did you mean 'mode'?" in done.stderr
+    assert not (tmp_path / "run").exists()
+
+
+def test_resume_wants_the_same_options(cli, tmp_path):
+    out = tmp_path / "run"
+    assert cli(*OPTIONAL, "--option", "mode=still", "--out", out).returncode == 0
+    done = cli(*OPTIONAL, "--option", "mode=lively", "--out", out, "--resume")
+    assert done.returncode == 2
+    assert "options: {'mode': 'still'} before, {'mode': 'lively'} now" in done.stderr
+
+
+def test_a_run_from_before_there_were_options_goes_on(cli, tmp_path):
+    out = tmp_path / "run"
+    assert cli(*RUN, "--episodes", 2, "--out", out).returncode == 0
+    for name in ("config.json", "run.json"):
+        data = json.loads((out / name).read_text())
+        assert data.get("config", data).pop("options") == {}
+        (out / name).write_text(json.dumps(data))
+    assert read_record(out / "run.json").options == {}
+    done = cli(*RUN, "--episodes", 2, "--out", out, "--resume")
+    assert done.returncode == 0, done.stderr

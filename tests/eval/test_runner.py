@@ -7,7 +7,7 @@ from hab_eval.example_agent import RandomAgent
 from hab_eval.load_agent import load_agent
 from hab_eval.runner import run_episode
 
-from hab_tasks.agent import Agent, AgentSetup
+from hab_tasks.agent import Agent, AgentSetup, check_options
 from hab_tasks.errors import UnknownNameError
 
 SETUP = AgentSetup(env_id=stub_hab.ENV_ID)
@@ -120,7 +120,7 @@ def test_unknown_agents_name_the_nearest():
         load_agent("hab_eval:randomagent", SETUP)
     with pytest.raises(UnknownNameError, match="Did you mean 'constant'") as caught:
         load_agent("stub_hab:constnt", SETUP)
-    assert caught.value.valid == ["constant", "not_an_agent", "raising"]
+    assert caught.value.valid == ["constant", "not_an_agent", "optional", "raising"]
 
 
 def test_what_is_no_agent_is_refused():
@@ -133,3 +133,25 @@ def test_missing_dependency_is_not_taken_for_an_unknown_module(tmp_path, monkeyp
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(AgentError, match="'needs_more' needs 'surely_not_installed'"):
         load_agent("needs_more:agent", SETUP)
+
+
+def setup_with(**options):
+    return AgentSetup(env_id=stub_hab.ENV_ID, options=options)
+
+
+def test_a_factory_refuses_options_that_it_does_not_know():
+    known = {"navigation": ("oracle", "teleport"), "policy": None}
+    check_options(setup_with(), {})
+    check_options(setup_with(navigation="teleport", policy="any/file.pt"), known)
+    with pytest.raises(UnknownNameError, match=r"option of the agent 'navigatoin'.*'navigation'"):
+        check_options(setup_with(navigatoin="oracle"), known)
+    with pytest.raises(
+        UnknownNameError, match=r"option navigation 'oracel'.*Did you mean 'oracle'"
+    ):
+        check_options(setup_with(navigation="oracel"), known)
+
+
+@pytest.mark.usefixtures("stubbed")
+def test_the_random_agent_has_no_options():
+    with pytest.raises(UnknownNameError, match=r"'speed'.*Valid: \(none\)"):
+        random_agent(setup_with(speed="2"))

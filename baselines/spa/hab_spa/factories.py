@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 from hab_spa.agent import Behaviour, SpaAgent
+from hab_spa.navigate import oracle
 from hab_spa.pick import pick
+from hab_spa.robot import Motion, Robot
 from hab_spa.true_scene import TrueScene
 from hab_tasks.agent import AgentSetup, AgentSpec
 from hab_tasks.envs import ENVS
 from hab_tasks.errors import UnknownNameError
 
+
+def navigate(robot: Robot) -> Motion:
+    """Drives to the goal of a Navigate episode and stops there."""
+    scene = robot.scene
+    assert isinstance(scene, TrueScene)
+    return (yield from oracle(robot, scene.floor_map(), scene.state.base_goal))
+
+
 SKILLS: dict[str, Behaviour] = {
     "HabPick-v1": lambda robot: pick(robot, 0),
+    "HabNavigate-v1": navigate,
 }
 """Environment id -> what the robot does in it."""
 

@@ -72,15 +72,21 @@ def check_options(setup: AgentSetup, known: Mapping[str, Collection[str] | None]
 
 @dataclass(frozen=True, kw_only=True)
 class AgentReport:
-    """What an agent says about the episode that just ended, one a row.
+    """What an agent says about the episode so far, one a row.
+
+    It may be asked for after every step, so it has to be cheap.
 
     Attributes:
         failure: The agent's own failure category (e.g. ``target plan``), None if none.
         timings_s: Named durations in seconds, e.g. ``{"plan": 0.21}``.
+        doing: What the agent is doing now, e.g. ``3/20 pick(bowl, drawer): reach``; for videos.
+        trace: What it believed and did, in order; entries of values that JSON knows.
     """
 
     failure: str | None = None
     timings_s: dict[str, float] = field(default_factory=dict)
+    doing: str = ""
+    trace: tuple[dict[str, Any], ...] = ()
 
 
 @runtime_checkable
@@ -98,5 +104,5 @@ class Agent(Protocol):
         ...
 
     def report(self) -> list[AgentReport]:
-        """Returns one report for each of the N rows."""
+        """Returns one report for each of the N rows; at the end of an episode or at any step."""
         ...

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Generator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -90,7 +90,7 @@ def evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> Run
         with contextlib.closing(_run_missing(config, options, episodes, finished)) as results:
             for one in results:
                 folder.append(one)
-                finished[one.episode.id] = one
+                finished[one.episode.id] = replace(one, trace=())  # which may be long
                 reporter.finished(one)
     except RunStoppedError as error:
         raise _with_advice(error, folder, len(finished), len(episodes.episodes)) from error
@@ -144,6 +144,7 @@ def _kept(folder: RunFolder, episodes: EpisodeSet) -> dict[str, FinishedEpisode]
         raise RunFolderError(
             f"{folder.journal_path}: episode {min(foreign)!r} is not in this run's episode set."
         )
+    folder.cut_traces(finished)
     return finished
 
 

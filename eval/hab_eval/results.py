@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from hab_eval.errors import ResultError
 from hab_eval.schema import MAY_BE_ABSENT, parse_json, read_dataclass, to_json
@@ -52,10 +53,17 @@ class EpisodeResult:
 
 @dataclass(frozen=True, kw_only=True)
 class FinishedEpisode:
-    """One line of `episodes.jsonl`: the result, and the durations the agent reported [s]."""
+    """How an episode went and what the agent said of it: a line of `episodes.jsonl`.
+
+    Attributes:
+        episode: The result.
+        timings_s: Durations that the agent reported [s].
+        trace: What the agent believed and did; on its way to `traces.jsonl`, never in the line.
+    """
 
     episode: EpisodeResult
     timings_s: dict[str, float]
+    trace: tuple[dict[str, Any], ...] = field(default=(), metadata=MAY_BE_ABSENT)
 
 
 @dataclass(frozen=True, kw_only=True)

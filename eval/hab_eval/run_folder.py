@@ -1,11 +1,13 @@
-"""The folder of a run: `config.json`, `episodes.jsonl` as it goes, `run.json` at the end."""
+"""The folder of a run: `config.json`, journal and traces as it goes, `run.json` at the end."""
 
 from __future__ import annotations
 
 import json
 import os
+from collections.abc import Container
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from hab_eval.config import (
     SavedConfig,
@@ -21,6 +23,7 @@ from hab_eval.schema import parse_json_text, read_dataclass, to_json
 OWN_FILES = (
     "config.json",
     "episodes.jsonl",
+    "traces.jsonl",
     "run.json",
     "error.txt",
     "*.partial",
@@ -48,6 +51,11 @@ class RunFolder:
         return self.root / "episodes.jsonl"
 
     @property
+    def traces_path(self) -> Path:
+        """What the agent believed and did, one episode a line; only if it says so."""
+        return self.root / "traces.jsonl"
+
+    @property
     def record_path(self) -> Path:
         """The result."""
         return self.root / "run.json"
@@ -64,28 +72,33 @@ class RunFolder:
             self.root.rmdir()
 
     def append(self, finished: FinishedEpisode) -> None:
-        """Adds one line and waits until the disk has it."""
-        with self.journal_path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(to_json(finished), allow_nan=False) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
+        """Adds one line to the journal, and the trace if there is one; the disk then has both."""
+        line = to_json(finished)
+        trace = line.pop("trace")
+        if trace:
+            # First, so that no episode is kept without its trace.
+            _add_line(self.traces_path, {"id": finished.episode.id, "trace": trace})
+        _add_line(self.journal_path, line)
 
     def read_journal(self) -> dict[str, FinishedEpisode]:
         """Returns the finished episodes by id, and cuts off a torn last line."""
-        if not self.journal_path.is_file():
-            return {}
-        whole, newline, torn = self.journal_path.read_bytes().rpartition(b"\n")
-        if torn:
-            with self.journal_path.open("r+b") as file:
-                file.truncate(len(whole) + len(newline))
         found: dict[str, FinishedEpisode] = {}
-        for number, line in enumerate(whole.decode("utf-8").splitlines(), start=1):
+        for number, line in enumerate(_whole_lines(self.journal_path), start=1):
             where = f"{self.journal_path}: line {number}"
             finished = _parse(line, where)
             if finished.episode.id in found:
                 raise ResultError(f"{where}: episode {finished.episode.id!r} appears twice.")
             found[finished.episode.id] = finished
         return found
+
+    def cut_traces(self, finished: Container[str]) -> None:
+        """Keeps the traces of `finished` episodes; the others will run again and write theirs."""
+        lines = _whole_lines(self.traces_path)
+        kept = [line for line in lines if json.loads(line)["id"] in finished]
+        if len(kept) < len(lines):
+            scratch = self.traces_path.with_name(self.traces_path.name + ".partial")
+            scratch.write_text("".join(f"{line}\n" for line in kept), encoding="utf-8")
+            scratch.replace(self.traces_path)
 
 
 def check_free(root: Path, *, resume: bool, force: bool) -> None:
@@ -127,6 +140,25 @@ def open_folder(
     write_config(folder.config_path, saved)
     folder.error_path.unlink(missing_ok=True)
     return folder, saved
+
+
+def _add_line(path: Path, value: dict[str, Any]) -> None:
+    """Adds a line of JSON and waits until the disk has it."""
+    with path.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(value, allow_nan=False) + "\n")
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _whole_lines(path: Path) -> list[str]:
+    """Returns a file's lines, none if there is no file, and cuts off a torn last one."""
+    if not path.is_file():
+        return []
+    whole, newline, torn = path.read_bytes().rpartition(b"\n")
+    if torn:
+        with path.open("r+b") as file:
+            file.truncate(len(whole) + len(newline))
+    return whole.decode("utf-8").split("\n") if whole else []
 
 
 def _parse(line: str, where: str) -> FinishedEpisode:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import json
 import time
 import traceback
 from collections.abc import Mapping, Sequence
@@ -19,7 +20,7 @@ from hab_eval.errors import AgentError, RunStoppedError
 from hab_eval.load_agent import load_agent
 from hab_eval.observers import VideoRecorder
 from hab_eval.results import EpisodeResult, FinishedEpisode
-from hab_tasks.agent import Agent, AgentSetup
+from hab_tasks.agent import Agent, AgentReport, AgentSetup
 
 if TYPE_CHECKING:
     import gymnasium as gym
@@ -167,7 +168,7 @@ def _rollout(
         seconds=seconds,
     )
     timings_s = {name: float(value) for name, value in report.timings_s.items()}
-    return FinishedEpisode(episode=result, timings_s=timings_s)
+    return FinishedEpisode(episode=result, timings_s=timings_s, trace=_checked_trace(report))
 
 
 def _visible(env: gym.Env[Any, Any], agent: Agent, obs: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -186,6 +187,17 @@ def _failure(info: Mapping[str, Any], reported: str | None) -> str:
     if _first(info.get("fail", False)):
         return UNNAMED_FAILURE
     return reported or TIMEOUT
+
+
+def _checked_trace(report: AgentReport) -> tuple[dict[str, Any], ...]:
+    """Returns the trace; refuses here, where the episode is named, what cannot be written."""
+    try:
+        json.dumps(report.trace, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise AgentError(
+            f"The trace in report() holds what JSON does not know: {error}."
+        ) from error
+    return report.trace
 
 
 def _check_action(action: object) -> None:

@@ -51,7 +51,7 @@ def read_dataclass(cls: type[T], data: Any, where: str) -> T:
     """Builds `cls` from parsed JSON.
 
     Args:
-        cls: A dataclass of str, int, float, bool, None, tuples, dicts and dataclasses.
+        cls: A dataclass of str, int, float, bool, None, Any, tuples, dicts and dataclasses.
         data: Parsed JSON.
         where: Place named in errors, e.g. ``run.json: episodes[3]``.
     """
@@ -73,6 +73,8 @@ def read_dataclass(cls: type[T], data: Any, where: str) -> T:
 def _read(hint: Any, value: Any, where: str) -> Any:
     """Checks `value` against a type and converts it."""
     origin, args = typing.get_origin(hint), typing.get_args(hint)
+    if hint is Any:
+        return value
     if origin in (types.UnionType, typing.Union):
         inner = [arg for arg in args if arg is not type(None)]
         return None if value is None else _read(inner[0], value, where)

@@ -113,6 +113,20 @@ def optional(setup: AgentSetup) -> StubAgent:
     return agent
 
 
+def telling(setup: AgentSetup) -> StubAgent:
+    """Tells what it saw and did, except of the second episode."""
+    agent = StubAgent()
+
+    def report():
+        if agent.seeds[-1] % 1000 == 1:
+            return [AgentReport()]
+        trace = ({"seed": agent.seeds[-1]}, {"steps": len(agent.seen)})
+        return [AgentReport(doing=f"step {len(agent.seen)}", trace=trace)]
+
+    agent.report = report
+    return agent
+
+
 def raising(setup: AgentSetup) -> StubAgent:
     """Fails in the third episode."""
     agent = StubAgent()

@@ -271,3 +271,48 @@ def test_a_run_from_before_there_were_options_goes_on(cli, tmp_path):
     assert read_record(out / "run.json").options == {}
     done = cli(*RUN, "--episodes", 2, "--out", out, "--resume")
     assert done.returncode == 0, done.stderr
+
+
+TELLING = ("run", "--agent", "stub_hab:telling", "--env", "HabStub-v1")
+
+
+def traces_of(folder):
+    lines = (folder / "traces.jsonl").read_text().splitlines()
+    return {line["id"]: line["trace"] for line in map(json.loads, lines)}
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_traces_are_written_apart(cli_process, tmp_path, workers):
+    out = tmp_path / "run"
+    done = cli_process(*TELLING, "--episodes", 4, "--workers", workers, "--out", out)
+    assert done.returncode == 0, done.stderr
+    traces = traces_of(out)
+    assert sorted(traces) == ["stub/000", "stub/002", "stub/003"]  # of 001 the agent tells nothing
+    assert [trace[0]["seed"] for _, trace in sorted(traces.items())] == [0, 2, 3]
+    assert "seed" not in (out / "episodes.jsonl").read_text()
+    assert "trace" not in (out / "run.json").read_text()
+
+
+def test_no_traces_no_file(cli, tmp_path):
+    assert cli(*RUN, "--episodes", 2, "--out", tmp_path / "run").returncode == 0
+    assert not (tmp_path / "run" / "traces.jsonl").exists()
+
+
+def test_traces_are_cut_to_the_finished_episodes(cli, tmp_path):
+    out = tmp_path / "run"
+    assert cli(*TELLING, "--episodes", 4, "--out", out).returncode == 0
+    before = traces_of(out)
+    # The power went after the trace of 003 and before its result, and tore what came next.
+    journal = out / "episodes.jsonl"
+    journal.write_text("".join(journal.read_text().splitlines(keepends=True)[:3]))
+    with (out / "traces.jsonl").open("a") as file:
+        file.write('{"id": "stub/0')
+    assert cli(*TELLING, "--episodes", 4, "--out", out, "--resume").returncode == 0
+    assert len((out / "traces.jsonl").read_text().splitlines()) == 3
+    after = traces_of(out)
+    assert after.keys() == before.keys()
+    assert after["stub/000"] == before["stub/000"]
+    # In this sitting the agent saw the three steps of 003 alone.
+    assert after["stub/003"] == [{"seed": 3}, {"steps": 3}]
+    assert cli(*RUN, "--episodes", 1, "--out", out, "--force").returncode == 0
+    assert not (out / "traces.jsonl").exists()

@@ -7,7 +7,7 @@ from hab_eval.example_agent import RandomAgent
 from hab_eval.load_agent import load_agent
 from hab_eval.runner import run_episode
 
-from hab_tasks.agent import Agent, AgentSetup, check_options
+from hab_tasks.agent import Agent, AgentReport, AgentSetup, check_options
 from hab_tasks.errors import UnknownNameError
 
 SETUP = AgentSetup(env_id=stub_hab.ENV_ID)
@@ -50,6 +50,14 @@ def test_agent_is_seeded_by_the_episode():
     agent = stub_hab.StubAgent()
     run(7, agent)
     assert agent.seeds == [7]
+
+
+@pytest.mark.parametrize("value", [torch.zeros(1), float("nan"), {1, 2}])
+def test_a_trace_that_is_no_json_is_named(value):
+    agent = stub_hab.StubAgent()
+    agent.report = lambda: [AgentReport(trace=({"value": value},))]
+    with pytest.raises(AgentError, match="what JSON does not know"):
+        run(0, agent)
 
 
 @pytest.mark.parametrize("action", [torch.zeros(2), torch.zeros(2, 2), [0.0, 0.0]])
@@ -120,7 +128,7 @@ def test_unknown_agents_name_the_nearest():
         load_agent("hab_eval:randomagent", SETUP)
     with pytest.raises(UnknownNameError, match="Did you mean 'constant'") as caught:
         load_agent("stub_hab:constnt", SETUP)
-    assert caught.value.valid == ["constant", "not_an_agent", "optional", "raising"]
+    assert caught.value.valid == ["constant", "not_an_agent", "optional", "raising", "telling"]
 
 
 def test_what_is_no_agent_is_refused():
@@ -145,9 +153,7 @@ def test_a_factory_refuses_options_that_it_does_not_know():
     check_options(setup_with(navigation="teleport", policy="any/file.pt"), known)
     with pytest.raises(UnknownNameError, match=r"option of the agent 'navigatoin'.*'navigation'"):
         check_options(setup_with(navigatoin="oracle"), known)
-    with pytest.raises(
-        UnknownNameError, match=r"option navigation 'oracel'.*Did you mean 'oracle'"
-    ):
+    with pytest.raises(UnknownNameError, match=r"navigation 'oracel'.*Did you mean 'oracle'"):
         check_options(setup_with(navigation="oracel"), known)
 
 

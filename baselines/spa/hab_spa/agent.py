@@ -9,7 +9,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from hab_spa.results import Failure
 from hab_spa.robot import Command, Motion, Robot, SpaConfig
 from hab_spa.scene import Scene
 from hab_spa.shapes import Array
@@ -54,12 +53,12 @@ class SpaAgent:
         actions = []
         for number, row in enumerate(self._rows):
             row.scene.see(obs, number)
-            if row.robot is None:
-                row.begin(self._behave, self._config, self._horizon_steps)
-            actions.append(self._action(row, row.next_command()))
+            robot = row.robot or row.begin(self._behave, self._config, self._horizon_steps)
+            robot.obs = obs
+            actions.append(self._action(robot, row.next_command(robot)))
         return torch.from_numpy(np.array(actions, dtype=np.float32))
 
-    def _action(self, row: _Row, command: Command) -> Array:
+    def _action(self, robot: Robot, command: Command) -> Array:
         """Returns the action (A,) that a command is in this control mode."""
         mode = self.spec.control_mode
         if mode == "base":
@@ -68,8 +67,7 @@ class SpaAgent:
         if mode.endswith("_base"):
             return np.concatenate((action, command.base))
         if mode.endswith("_pose"):
-            assert row.robot is not None
-            pose = row.robot.base if command.pose is None else command.pose
+            pose = robot.base if command.pose is None else command.pose
             return np.concatenate((action, pose))
         return action
 
@@ -82,29 +80,27 @@ class _Row:
     """One row's episode."""
 
     def __init__(self, scene: Scene, seed: int) -> None:
-        self.scene, self.robot = scene, None
-        self._seed = seed
+        self.scene, self._seed = scene, seed
+        self.robot: Robot | None = None
         self._motion: Motion | None = None
-        self._failure: Failure | None = None
-        self.robot: Robot | None
 
-    def begin(self, behave: Behaviour, config: SpaConfig, horizon_steps: int) -> None:
+    def begin(self, behave: Behaviour, config: SpaConfig, horizon_steps: int) -> Robot:
         """Starts what the robot does."""
         self.robot = Robot(self.scene, config, seed=self._seed, deadline=horizon_steps)
         self._motion = behave(self.robot)
+        return self.robot
 
-    def next_command(self) -> Command:
+    def next_command(self, robot: Robot) -> Command:
         """Goes on for one step; at the end the robot stays as it is."""
-        assert self.robot is not None
         command = None
         if self._motion is not None:
             try:
                 command = next(self._motion)
             except StopIteration as end:
-                self._motion, self._failure = None, end.value
+                self._motion, robot.failure = None, end.value
         if command is None:
-            command = self.robot.command()
-        self.robot.steps += 1
+            command = robot.command()
+        robot.steps += 1
         return command
 
     def report(self) -> AgentReport:
@@ -112,6 +108,8 @@ class _Row:
         if self.robot is None:
             return AgentReport()
         return AgentReport(
-            failure=None if self._failure is None else self._failure.value,
+            failure=None if self.robot.failure is None else self.robot.failure.value,
             timings_s=dict(self.robot.timings_s),
+            doing=self.robot.doing,
+            trace=tuple(self.robot.trace),
         )

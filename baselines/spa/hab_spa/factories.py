@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hab_spa.agent import Behaviour, SpaAgent
-from hab_spa.navigate import oracle
+from hab_spa.drive import DriveConfig, drive_to
 from hab_spa.pick import pick
 from hab_spa.robot import Motion, Robot
 from hab_spa.true_scene import TrueScene
@@ -16,7 +16,7 @@ def navigate(robot: Robot) -> Motion:
     """Drives to the goal of a Navigate episode and stops there."""
     scene = robot.scene
     assert isinstance(scene, TrueScene)
-    return (yield from oracle(robot, scene.floor_map(), scene.state.base_goal))
+    return (yield from drive_to(robot, scene.floor_map(), scene.state.base_goal, DriveConfig()))
 
 
 SKILLS: dict[str, Behaviour] = {

@@ -6,9 +6,9 @@ scene has been seen again. It returns None when it worked out, else what failed.
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -80,6 +80,9 @@ class Robot:
         doing: What it is doing, in words.
         timings_s: Time spent on ``target`` (goal sampling), ``motion`` (motion planning) and
             ``plan`` (their sum) in this episode [s].
+        failure: What failed last, for whoever tries something else then.
+        obs: The latest observation of the environment.
+        trace: What it believed and did, action by action of a task's plan.
     """
 
     def __init__(self, scene: Scene, config: SpaConfig, *, seed: int, deadline: int) -> None:
@@ -88,6 +91,9 @@ class Robot:
         self.gripper = GRASP if scene.holding else RELEASE
         self.steps, self.deadline, self.doing = 0, deadline, ""
         self.timings_s = {"target": 0.0, "motion": 0.0, "plan": 0.0}
+        self.failure: Failure | None = None
+        self.obs: Mapping[str, Any] = {}
+        self.trace: list[dict[str, Any]] = []
         self._seeds = np.random.default_rng(seed)
         self._arm_rad = scene.arm_qpos.copy()
 
@@ -101,6 +107,11 @@ class Robot:
         """x, y [m] and yaw [rad] (3,) of the base in the world."""
         pose = self.scene.world_from_base
         return np.array((*pose[:2, 3], np.arctan2(pose[1, 0], pose[0, 0])))
+
+    @property
+    def world_from_ee(self) -> Array:
+        """(4, 4) pose of the end-effector; the torso stands where it is locked."""
+        return self.scene.world_from_base @ self.kinematics.ee_pose(self.scene.arm_qpos)
 
     def command(
         self,

@@ -30,12 +30,24 @@ def observed(env: TaskEnv, row: int = 0) -> frozenset[Atom]:
 def start_from(env: TaskEnv, row: int = 0) -> frozenset[Atom]:
     """Returns a start to plan anew from: what is observed, and what never changes.
 
-    The robot counts as being nowhere in particular, so that the plan begins by driving.
+    Args:
+        env: A task's environment, unwrapped.
+        row: Which of its rows.
     """
-    problem = problem_of(env.default_id())
+    return start_given(env.default_id(), observed(env, row))
+
+
+def start_given(env_id: str, seen: frozenset[Atom]) -> frozenset[Atom]:
+    """Returns a task's start where these atoms hold of what is held, placed, open and closed.
+
+    The robot counts as being nowhere in particular, so that the plan begins by driving.
+
+    Raises:
+        PlannerError: Not the id of a task.
+    """
+    problem = problem_of(env_id)
     changing = {"at", "placed", "holding", "hand-empty", "is-open", "is-closed"}
     kept = {a for a in problem.start if a[0] not in changing or a == ("is-open", ROOM)}
-    seen = observed(env, row)
     placed = {("placed", atom[1]) for atom in seen if atom[0] == "at"}
     empty = set() if any(atom[0] == "holding" for atom in seen) else {("hand-empty",)}
     return frozenset(kept | seen | placed | empty)

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import sapien
+from hab_spa.robot import GRASP, Command
 
 from hab_tasks.privileged import CollisionBody, CollisionShape, PrivilegedState
 from hab_tasks.robots.fetch_spec import ARM_JOINTS, LOCKED_QPOS, REST_QPOS_RAD, urdf_path
@@ -89,8 +90,10 @@ class FetchScene:
         assert body is not None
         return body
 
-    def privileged(self, target: str, held: str | None = None) -> PrivilegedState:
-        """Reads the scene as a planner may see it."""
+    def privileged(
+        self, target: str, held: str | None = None, goal_m: tuple = (0.0, 0.0, 0.0)
+    ) -> PrivilegedState:
+        """Reads the scene as a planner may see it; the target's goal is made up."""
         bodies, poses, com = [], {}, {}
         for link in self.robot.links:
             name = f"hab_fetch/{link.name}"
@@ -111,9 +114,10 @@ class FetchScene:
             world_from_base=poses["hab_fetch/base_link"],
             arm_qpos=self.arm_qpos(),
             locked_qpos=dict(LOCKED_QPOS),
-            target=target,
             held=held,
             object_com_m=com,
+            targets=(target,),
+            goals_m=np.array([goal_m]),
         )
 
 
@@ -190,12 +194,12 @@ class PickLoop:
         link = self.scene.robot.find_link_by_name("gripper_link")
         return (link.entity_pose * sapien.Pose([0.08, 0, 0])).p
 
-    def step(self, action: np.ndarray) -> PrivilegedState:
-        """Applies (8,) joint targets and gripper for 1/30 s and reads the scene."""
-        for name, value in zip(ARM_JOINTS, action[:7], strict=True):
+    def step(self, command: Command) -> PrivilegedState:
+        """Applies joint targets and gripper for 1/30 s and reads the scene."""
+        for name, value in zip(ARM_JOINTS, command.arm_rad, strict=True):
             self.scene.robot.active_joints[self._names.index(name)].set_drive_target(float(value))
         state = self.scene.privileged(self.target, self.held)
-        if action[7] >= 0 and self.held is None:
+        if command.gripper == GRASP and self.held is None:
             point = self.ee_point_m()
             near = {n: np.linalg.norm(c - point) for n, c in state.object_com_m.items()}
             name = min(near, key=lambda n: near[n])

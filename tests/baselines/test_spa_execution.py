@@ -1,4 +1,4 @@
-"""Timing, following, the state machine in a closed loop, and the agent."""
+"""Timing, following, skills in a closed loop, and the agent."""
 
 import subprocess
 import sys
@@ -7,17 +7,44 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from hab_spa import Failure, SpaPrivAgent, spa_priv
+from hab_spa import Failure, spa_priv
 from hab_spa.follow import FollowConfig, Follower
 from hab_spa.path import TimingConfig, time_path
-from hab_spa.pick import PickConfig, PickSkill
+from hab_spa.pick import pick
+from hab_spa.robot import RELEASE, Robot, SpaConfig
+from hab_spa.true_scene import TrueScene
 
 from hab_tasks.agent import Agent, AgentSetup
+from hab_tasks.constants import REST_POSITION_M
 from hab_tasks.errors import UnknownNameError
 from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
 
 REST = np.array(REST_QPOS_RAD)
 CORNER = np.array([np.zeros(7), np.eye(7)[0], np.eye(7)[0] + np.eye(7)[1] * 0.5])
+STEPS = 200
+
+
+def robot_in(state, seed=0, config=None):
+    """Returns a robot that has seen a state."""
+    scene = TrueScene()
+    scene.see({"privileged": [state]}, 0)
+    return Robot(scene, config or SpaConfig(), seed=seed, deadline=STEPS)
+
+
+def carry_out(robot, motion, step, steps=STEPS):
+    """Does a skill; `step` takes a command and returns the state after it.
+
+    Returns the commands and what the skill returned; fails when it takes too long.
+    """
+    commands = []
+    for _ in range(steps):
+        try:
+            commands.append(next(motion))
+        except StopIteration as end:
+            return commands, end.value
+        robot.steps += 1
+        robot.scene.see({"privileged": [step(commands[-1])]}, 0)
+    return pytest.fail(f"not over after {steps} steps")
 
 
 def test_targets_stay_on_the_path_and_end_at_its_end():
@@ -71,49 +98,47 @@ def test_follower_settles_at_the_end():
 @pytest.mark.parametrize("seed", [0, 1])
 def test_picks_from_a_table_without_touching_anything(table_scene, pick_loop, seed):
     loop = pick_loop(table_scene, "target")
-    skill = PickSkill(seed, PickConfig())
-    state = table_scene.privileged("target")
-    for _ in range(150):
-        targets_rad, gripper = skill.act(state)
-        state = loop.step(np.append(targets_rad, gripper))
-        at_rest = np.linalg.norm(loop.ee_point_m() - [0.5, 0.0, 1.0]) < 0.05
-        if state.held == "target" and at_rest:
-            break
-    assert state.held == "target"
-    assert at_rest
-    assert skill.failure is None
+    robot = robot_in(table_scene.privileged("target"), seed)
+    _, failure = carry_out(robot, pick(robot, 0), loop.step)
+    assert failure is None
+    assert loop.held == "target"
+    assert np.linalg.norm(loop.ee_point_m() - REST_POSITION_M) < 0.05
     assert loop.peak_impulse_n_s == 0.0
-    assert skill.timings_s["plan"] == pytest.approx(
-        skill.timings_s["target"] + skill.timings_s["motion"]
-    )
+    times_s = robot.timings_s
+    assert times_s["plan"] == pytest.approx(times_s["target"] + times_s["motion"])
 
 
-def test_same_seed_same_actions(table_scene):
+def test_same_seed_same_commands(table_scene):
     state = table_scene.privileged("target")
-    first, second, other = (PickSkill(seed, PickConfig()) for seed in (3, 3, 4))
-    actions = [np.stack([s.act(state)[0] for _ in range(5)]) for s in (first, second, other)]
-    np.testing.assert_array_equal(actions[0], actions[1])
-    assert not np.array_equal(actions[0], actions[2])
+    targets_rad = []
+    for seed in (3, 3, 4):
+        motion = pick(robot_in(state, seed), 0)
+        targets_rad.append(np.stack([next(motion).arm_rad for _ in range(5)]))
+    np.testing.assert_array_equal(targets_rad[0], targets_rad[1])
+    assert not np.array_equal(targets_rad[0], targets_rad[2])
 
 
-def test_arm_that_does_not_move_is_an_execution_failure_after_replanning(table_scene):
+def test_arm_that_does_not_move_is_an_execution_failure_after_planning_again(
+    table_scene, monkeypatch
+):
     state = table_scene.privileged("target")
-    skill = PickSkill(0, PickConfig())
-    for _ in range(200):
-        _, gripper = skill.act(state)
-        assert gripper < 0
-    assert skill.failure is Failure.EXECUTION
-    assert skill.replans == PickConfig().retries
+    robot, stages = robot_in(state), []
+    monkeypatch.setattr(robot, "spend", lambda stage, _seconds: stages.append(stage))
+    commands, failure = carry_out(robot, pick(robot, 0), lambda _command: state)
+    assert failure is Failure.EXECUTION
+    assert {command.gripper for command in commands} == {RELEASE}
+    # One motion plan at first, and one for each time that it tries again.
+    assert stages.count("motion") == 1 + SpaConfig().retries
 
 
 def test_grasp_that_does_not_hold_is_an_execution_failure(table_scene):
-    skill = PickSkill(0, PickConfig(retries=0))
-    state = table_scene.privileged("target")
-    for _ in range(150):
-        targets_rad, _ = skill.act(state)
-        table_scene.set_arm(targets_rad)
-        state = table_scene.privileged("target")
-    assert skill.failure is Failure.EXECUTION
+    def step(command):
+        table_scene.set_arm(command.arm_rad)
+        return table_scene.privileged("target")
+
+    robot = robot_in(table_scene.privileged("target"), config=SpaConfig(retries=0))
+    _, failure = carry_out(robot, pick(robot, 0), step)
+    assert failure is Failure.EXECUTION
 
 
 def test_agent_keeps_the_contract_for_several_rows(table_scene):
@@ -137,7 +162,7 @@ def test_agent_keeps_the_contract_for_several_rows(table_scene):
 
 def test_agent_refuses_a_skill_it_does_not_have():
     with pytest.raises(UnknownNameError, match="HabPick-v1"):
-        SpaPrivAgent(AgentSetup(env_id="HabPlace-v1"))
+        spa_priv(AgentSetup(env_id="HabTidyHouse-v1"))
 
 
 @pytest.mark.slow

@@ -10,13 +10,13 @@ from hab_spa.escape import EscapeConfig, escape, retreats
 from hab_spa.ik import LOWER_RAD, UPPER_RAD, BatchArm
 from hab_spa.joint_goal import (
     GoalConfig,
-    face_centres_m,
-    sample_grasp_goals,
+    GraspConfig,
+    sample_reaching_goals,
     sample_rest_goals,
-    would_grasp,
 )
 from hab_spa.results import Failure
 from hab_spa.rrt import Limit, RrtConfig, connect, path_is_free, shorten
+from hab_spa.true_scene import TrueScene, face_centres_m, would_grasp
 
 from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
@@ -38,8 +38,10 @@ def shelf_state(make_scene):
 
 
 def sample(state, seed=0, config=None):
-    collision = ArmCollision(state)
-    goals = sample_grasp_goals(state, collision, BatchArm(), seed, config or GoalConfig())
+    scene = TrueScene()
+    scene.see({"privileged": [state]}, 0)
+    collision, points_m = scene.collision(), scene.grasp_points_m(0)
+    goals = sample_reaching_goals(points_m, collision, BatchArm(), seed, config or GoalConfig())
     return collision, goals
 
 
@@ -86,7 +88,12 @@ def test_would_grasp_needs_the_target_to_be_nearest_by_a_margin(table_scene):
         [target, target + 0.139 * away, target + 0.141 * away, (target + clutter) / 2]
     )
     # 0.141 m is inside the grasp radius of 0.15 m, but not by the safety margin of 0.01 m.
-    assert would_grasp(state, points, GoalConfig()).tolist() == [True, True, False, False]
+    assert would_grasp(state, "target", points, GraspConfig()).tolist() == [
+        True,
+        True,
+        False,
+        False,
+    ]
 
 
 def test_blocked_target_is_a_target_plan_failure(make_scene):

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 from torch import Tensor
 
 from hab_tasks.errors import UnknownNameError
+
+Looks = Literal["always", "on demand"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,12 +27,15 @@ class AgentSpec:
         obs_mode: ManiSkill observation mode, e.g. ``state_dict``, ``depth``.
         privileged: Whether observations must hold ``obs["privileged"]``, a list of N
             `hab_tasks.privileged.PrivilegedState`. The leaderboard marks such agents.
+        looks: Whether the images of `obs_mode` are rendered ``always``, or ``on demand``: only in
+            the steps in which `act` reads ``obs["sensor_data"]`` or ``obs["sensor_param"]``.
     """
 
     name: str
     control_mode: str
     obs_mode: str = "state_dict"
     privileged: bool = False
+    looks: Looks = "always"
 
 
 @dataclass(frozen=True, kw_only=True)

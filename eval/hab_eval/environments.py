@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 from hab_eval.config import EvalConfig
-from hab_tasks.agent import AgentSpec
+from hab_tasks.agent import AgentSpec, Looks
 from hab_tasks.errors import UnknownNameError
 
 if TYPE_CHECKING:
@@ -58,7 +58,9 @@ def make_env(config: EvalConfig, spec: AgentSpec, *, split: str, render: bool) -
     """Makes the environment that an agent's spec asks for."""
     import gymnasium
 
-    return gymnasium.make(
+    if spec.looks not in get_args(Looks):
+        raise UnknownNameError("looks of the agent", spec.looks, get_args(Looks))
+    env = gymnasium.make(
         f"hab_tasks:{config.env}",
         num_envs=1,
         scene_dataset=config.scene_dataset,
@@ -72,6 +74,10 @@ def make_env(config: EvalConfig, spec: AgentSpec, *, split: str, render: bool) -
         render_mode="rgb_array" if render else None,
         render_backend="auto",
     )
+    if spec.looks == "on demand":
+        base: Any = env.unwrapped
+        base.leave_out_images()
+    return env
 
 
 def continuous_control(env_id: str) -> str:

@@ -20,6 +20,7 @@ from hab_eval.errors import AgentError, RunStoppedError
 from hab_eval.load_agent import load_agent
 from hab_eval.observers import VideoRecorder
 from hab_eval.results import EpisodeResult, FinishedEpisode
+from hab_eval.seen import Seen, show
 from hab_tasks.agent import Agent, AgentReport, AgentSetup
 
 if TYPE_CHECKING:
@@ -146,8 +147,11 @@ def _rollout(
     info: Mapping[str, Any] = {}
     while not done:
         started = time.perf_counter()
-        action = agent.act(_visible(env, agent, obs))
+        seen = show(env, agent.spec, obs)
+        action = agent.act(seen)
         _check_action(action)
+        if isinstance(seen, Seen):
+            seen.step_away()
         obs, reward, terminated, truncated, info = env.step(action)
         seconds += time.perf_counter() - started
         steps += 1
@@ -169,14 +173,6 @@ def _rollout(
     )
     timings_s = {name: float(value) for name, value in report.timings_s.items()}
     return FinishedEpisode(episode=result, timings_s=timings_s, trace=_checked_trace(report))
-
-
-def _visible(env: gym.Env[Any, Any], agent: Agent, obs: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Returns what the agent may see: the true state only if its spec asks for it."""
-    if not agent.spec.privileged:
-        return obs
-    base: Any = env.unwrapped
-    return {**obs, "privileged": base.privileged()}
 
 
 def _failure(info: Mapping[str, Any], reported: str | None) -> str:

@@ -35,6 +35,7 @@ class ObservingEnv(BaseEnv):
     _noise: NoiseSource | None
     _viewpoint: Viewpoint
     _hides_arm: bool
+    _images_on_demand = False
 
     def _set_sensors(
         self,
@@ -129,6 +130,34 @@ class ObservingEnv(BaseEnv):
                 camera.local_pose = pose
 
     # Observations ----------------------------------------------------------------------------
+
+    def leave_out_images(self) -> None:
+        """Makes observations cheap: from now on they lack the groups that `look` returns.
+
+        Raises:
+            OptionError: The observation mode has no such groups.
+        """
+        if self.obs_mode in WITHOUT_IMAGES or "pointcloud" in self.obs_mode:
+            raise OptionError("obs_mode", self.obs_mode, "one with images of cameras, e.g. 'depth'")
+        self._images_on_demand = True
+
+    def look(self) -> dict[str, Any]:
+        """Renders ``sensor_param`` and ``sensor_data`` of this moment.
+
+        The pictures are those that an observation of this `obs_mode` holds.
+        """
+        transforms = self.obs_mode != "sensor_data"
+        return {
+            "sensor_param": self.get_sensor_params(),
+            "sensor_data": self._get_obs_sensor_data(transforms),
+        }
+
+    def _get_obs_with_sensor_data(
+        self, info: dict[str, Any], apply_texture_transforms: bool = True
+    ) -> dict[str, Any]:
+        if self._images_on_demand:
+            return self._get_obs_state_dict(info)
+        return super()._get_obs_with_sensor_data(info, apply_texture_transforms)
 
     def _flatten_raw_obs(self, obs: Any) -> Any:
         """Returns the observation, without groups that are empty, which Gymnasium refuses."""

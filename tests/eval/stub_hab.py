@@ -40,6 +40,7 @@ class StubEnv:
         self._render = render
         self._episode: StubEpisode | None = None
         self._steps = 0
+        self.looks = 0
         self.closed = False
 
     def reset(self, *, seed, options):
@@ -70,6 +71,10 @@ class StubEnv:
 
     def privileged(self):
         return [f"true state of {self._episode.id}"]
+
+    def look(self):
+        self.looks += 1
+        return {"sensor_param": {}, "sensor_data": {"head": self._steps}}
 
     def render(self):
         assert self._render

@@ -1,0 +1,168 @@
+"""Driving along the shortest way, teleport, and another agent at the wheel."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from hab_spa import spa_priv
+from hab_spa.drive import DriveConfig, angle, drive_to
+from hab_spa.navigate import Errand, PolicyNavigator, navigator_of, observation, teleport
+from hab_spa.results import Failure
+from hab_spa.robot import Robot, SpaConfig
+from hab_spa.true_scene import TrueScene
+
+from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec
+from hab_tasks.errors import HabError
+
+SETUP = AgentSetup(env_id="HabTidyHouse-v1")
+
+
+@pytest.mark.parametrize(
+    ("to_rad", "from_rad", "turn_rad"),
+    [(1.0, 0.5, 0.5), (3.0, -3.0, 6.0 - 2 * math.pi), (-3.0, 3.0, 2 * math.pi - 6.0)],
+)
+def test_angle_is_the_shorter_turn(to_rad, from_rad, turn_rad):
+    assert angle(to_rad, from_rad) == pytest.approx(turn_rad)
+
+
+@pytest.fixture
+def started(make):
+    """Starts an episode; returns env and robot, and a function that goes on until a motion ends."""
+
+    def start(env_id, mode, index=0):
+        env = make(env_id, control_mode=mode, obs_mode="state_dict")
+        obs, _ = env.reset(options={"episode": index})
+        scene = TrueScene()
+        seen = {**obs, "privileged": env.unwrapped.privileged()}
+        scene.see(seen, 0)
+        robot = Robot(scene, SpaConfig(), seed=0, deadline=500)
+        robot.obs = seen
+
+        def run(motion, entries):
+            while True:
+                try:
+                    command = next(motion)
+                except StopIteration as end:
+                    return end.value
+                obs, _, _, _, info = env.step(entries(command).astype(np.float32))
+                robot.steps += 1
+                robot.obs = {**obs, "privileged": env.unwrapped.privileged()}
+                scene.see(robot.obs, 0)
+                run.info = info
+
+        return env, robot, run
+
+    return start
+
+
+@pytest.mark.parametrize("index", range(3))
+def test_the_base_drives_to_its_goal_and_stops_there(started, index):
+    _, robot, run = started("HabNavigate-v1", "base", index)
+    goal = robot.scene.state.base_goal
+    config = DriveConfig()
+    failure = run(
+        drive_to(robot, robot.scene.floor_map(), goal, config), lambda c: np.array(c.base)
+    )
+    assert failure is None
+    assert np.linalg.norm(robot.base[:2] - goal[:2]) < 2 * config.arrived_m
+    assert abs(angle(goal[2], robot.base[2])) < 2 * config.arrived_rad
+    assert bool(run.info["success"])
+
+
+def test_no_time_is_an_execution_failure(started):
+    _, robot, run = started("HabNavigate-v1", "base")
+    robot.deadline = 20
+    map_ = robot.scene.floor_map()
+    failure = run(
+        drive_to(robot, map_, robot.scene.state.base_goal, DriveConfig()),
+        lambda c: np.array(c.base),
+    )
+    assert failure is Failure.EXECUTION
+    assert robot.steps < 60
+
+
+def errand(robot, pose, point_m=(1.0, 2.0, 0.5)):
+    return Errand(
+        point_m=np.array(point_m), map=robot.scene.floor_map(), place=lambda: np.array(pose)
+    )
+
+
+def test_teleport_is_there_at_once(started):
+    _, robot, run = started("HabTidyHouse-v1", "joint_target_pose")
+    x, y = robot.scene.floor_map().nearest_free(robot.base[:2] + 1.0)
+    goal = np.array((x, y, 1.0))
+
+    def entries(command):
+        pose = robot.base if command.pose is None else command.pose
+        return np.concatenate((command.arm_rad, [command.gripper], pose))
+
+    assert run(teleport(robot, errand(robot, goal)), entries) is None
+    np.testing.assert_allclose(robot.base, goal, atol=0.01)
+    assert robot.steps < 10
+
+
+def test_nowhere_to_stand_is_a_target_plan_failure(started):
+    _, robot, run = started("HabTidyHouse-v1", "joint_target_pose")
+    nowhere = Errand(point_m=np.zeros(3), map=robot.scene.floor_map(), place=lambda: None)
+    assert run(teleport(robot, nowhere), None) is Failure.TARGET_PLAN
+    assert robot.steps == 0
+
+
+class Wheels:
+    """An agent for Navigate that turns twice, and stops."""
+
+    def __init__(self, setup):
+        assert setup.env_id == "HabNavigate-v1"
+        assert dict(setup.options) == {"policy": "weights.safetensors"}
+        self.spec, self.seen = AgentSpec(name="wheels", control_mode="base_discrete"), []
+
+    def reset(self, mask, seeds):
+        self.seen = []
+
+    def act(self, obs):
+        self.seen.append(obs)
+        # Cells: forward -0.5, 0, 0.5, 1 in rows, turn -1, -0.5, 0, 0.5, 1 in columns.
+        return torch.tensor([[9.0 if len(self.seen) < 3 else 7.0]])
+
+    def report(self):
+        return [AgentReport()]
+
+
+def test_another_agent_drives_until_it_stops(started, monkeypatch):
+    import hab_eval
+
+    monkeypatch.setattr(hab_eval, "wheels", Wheels, raising=False)
+    options = {"navigation": "hab_eval:wheels", "policy": "weights.safetensors", "replan": "0"}
+    navigator = navigator_of(AgentSetup(env_id="HabTidyHouse-v1", options=options))
+    assert isinstance(navigator, PolicyNavigator)
+    _, robot, run = started("HabTidyHouse-v1", "joint_target_base")
+    before = robot.base
+    turns = []
+
+    def entries(command):
+        turns.append(command.base)
+        return np.concatenate((command.arm_rad, [command.gripper], command.base))
+
+    assert run(navigator(robot, errand(robot, None)), entries) is None
+    assert turns == [(0.0, 1.0), (0.0, 1.0), (0.0, 0.0)]
+    assert angle(robot.base[2], before[2]) > 0.05
+
+
+def test_its_observation_is_that_of_navigate(started):
+    env, robot, _ = started("HabNavigate-v1", "base")
+    point_m = env.unwrapped._world.goals.goals_m[0, 0]
+    told = observation(robot, np.asarray(point_m, dtype=float))
+    assert told["extra"].keys() == robot.obs["extra"].keys()
+    for name, value in robot.obs["extra"].items():
+        torch.testing.assert_close(told["extra"][name], value, atol=1e-4, rtol=0.0)
+
+
+def test_an_unknown_way_to_navigate_is_refused():
+    with pytest.raises(HabError, match="flying"):
+        navigator_of(AgentSetup(env_id="HabTidyHouse-v1", options={"navigation": "flying"}))
+
+
+def test_the_agent_takes_a_prefixed_id():
+    agent = spa_priv(AgentSetup(env_id="hab_tasks:HabNavigate-v1"))
+    assert agent.spec.control_mode == "base"

@@ -1,0 +1,75 @@
+"""Everything can be done as it is stated: a robot that sees everything does it, start to end."""
+
+import pytest
+import torch
+from builders import starts_on
+from hab_eval.config import EvalConfig
+from hab_eval.environments import make_env
+from hab_eval.load_agent import load_agent
+from hab_eval.runner import run_episode
+from hab_spa.factories import SKILLS
+
+from hab_tasks.agent import AgentSetup
+from hab_tasks.envs import ENVS
+from hab_tasks.episodes import EpisodeRequest, open_source
+
+pytestmark = pytest.mark.slow
+COUNT, NEEDED, SEED = 10, 9, 11
+
+TASKS = {"HabTidyHouse-v1": 0, "HabPrepareGroceries-v1": 1, "HabSetTable-v1": 0}
+"""One of the apartment's evaluation episodes each."""
+
+
+@pytest.fixture(params=["apartment", pytest.param("real", marks=pytest.mark.assets)])
+def dataset(request, monkeypatch, tmp_path):
+    """Where to play; with an empty cache, so that nothing made by an older version is played."""
+    monkeypatch.setenv("HAB_CACHE_DIR", str(tmp_path))
+    if request.param == "apartment":
+        return {"scene_dataset": "apartment", "split": "val"}
+    data = request.getfixturevalue("data")
+    real = {"scene_dataset": str(data / "replica_cad"), "objects": str(data / "ycb")}
+    return {**real, "split": "train"}
+
+
+def played(agent, env_id, dataset, episodes):
+    """Plays episodes; returns how each went."""
+    torch.set_num_threads(1)
+    config = EvalConfig(agent=agent, env=env_id, seed=SEED, **dataset)
+    actor = load_agent(agent, AgentSetup(env_id=env_id, seed=SEED))
+    env = make_env(config, actor.spec, split=dataset["split"], render=False)
+    results = [run_episode(env, actor, 0, episode).episode for episode in episodes]
+    env.close()
+    return results
+
+
+def test_every_skill_is_played():
+    assert set(SKILLS) == {id_ for id_, entry in ENVS.items() if not hasattr(entry.env, "task")}
+    assert set(TASKS) == set(ENVS) - set(SKILLS)
+
+
+@pytest.mark.parametrize("env_id", SKILLS)
+def test_nine_of_ten_starts_of_a_skill_are_solved(env_id, dataset):
+    source = open_source(EpisodeRequest(env_id=env_id, seed=SEED, **dataset))
+    episodes = [source.get(index) for index in range(COUNT)]
+    results = played("hab_spa:spa_priv", env_id, dataset, episodes)
+    assert sum(result.success for result in results) >= NEEDED, results
+
+
+def test_objects_in_the_fridge_are_picked(dataset):
+    source, found, index = open_source(EpisodeRequest(env_id="HabPick-v1", **dataset)), [], 0
+    while len(found) < COUNT:
+        if starts_on(source.get(index), "refrigerator"):
+            found.append(source.get(index))
+        index += 1
+    results = played("hab_spa:spa_priv", "HabPick-v1", dataset, found)
+    assert sum(result.success for result in results) >= NEEDED, results
+
+
+@pytest.mark.parametrize("env_id", TASKS)
+def test_a_task_is_done_stage_by_stage(env_id):
+    dataset = {"scene_dataset": "apartment", "split": "val"}
+    episode = open_source(EpisodeRequest(env_id=env_id, **dataset)).get(TASKS[env_id])
+    (result,) = played("hab_spa:tp_spa_priv", env_id, dataset, [episode])
+    assert list(result.stages) == list(ENVS[env_id].env.task.stages)
+    assert all(result.stages.values()), result
+    assert result.success

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from hab_spa.agent import Behaviour, SpaAgent
 from hab_spa.drive import DriveConfig, drive_to
+from hab_spa.modes import CONTROLLERS, control_mode
 from hab_spa.pick import pick
 from hab_spa.robot import Motion, Robot
 from hab_spa.true_scene import TrueScene
-from hab_tasks.agent import AgentSetup, AgentSpec
-from hab_tasks.envs import ENVS
+from hab_tasks.agent import AgentSetup, AgentSpec, check_options
 from hab_tasks.errors import UnknownNameError
 
 
@@ -29,17 +29,16 @@ SKILLS: dict[str, Behaviour] = {
 def spa_priv(setup: AgentSetup) -> SpaAgent:
     """Makes SPA-Priv: one skill, with the true geometry of the scene.
 
+    Option: ``controller`` (``real`` or ``perfect``).
+
     Raises:
-        UnknownNameError: The environment is no skill that this agent can do.
+        UnknownNameError: The environment is no skill that this agent can do, or an option is
+            unknown.
     """
+    check_options(setup, {"controller": CONTROLLERS})
     env_id = setup.env_id.rsplit(":", 1)[-1]
     if env_id not in SKILLS:
         raise UnknownNameError("environment of SPA-Priv", env_id, SKILLS)
-    spec = AgentSpec(name="SPA-Priv", control_mode=control_mode(env_id), privileged=True)
+    mode = control_mode(env_id, setup.options)
+    spec = AgentSpec(name="SPA-Priv", control_mode=mode, privileged=True)
     return SpaAgent(setup, spec, TrueScene, SKILLS[env_id])
-
-
-def control_mode(env_id: str) -> str:
-    """Returns the control mode of planners in an environment: joint targets where the arm moves."""
-    modes = ENVS[env_id].env.control_modes
-    return next((mode for mode in modes if mode.startswith("joint_target")), "base")

@@ -8,14 +8,12 @@ from hab_planner.problem import task_of
 
 from hab_spa.agent import SpaAgent
 from hab_spa.executor import Executor, TaskConfig
+from hab_spa.modes import CONTROLLERS, control_mode
 from hab_spa.navigate import navigator_of
 from hab_spa.robot import Motion, Robot
 from hab_spa.true_scene import TrueScene
 from hab_tasks.agent import AgentSetup, AgentSpec, check_options
 from hab_tasks.errors import OptionError
-
-CONTROLLERS = {"real": "joint_target", "perfect": "joint_state"}
-"""Option ``controller`` -> arm mode."""
 
 OPTIONS = {"navigation": None, "controller": CONTROLLERS, "policy": None, "replan": None}
 
@@ -40,16 +38,10 @@ def tp_spa_priv(setup: AgentSetup) -> SpaAgent:
 
     spec = AgentSpec(
         name=f"TP+SPA-Priv ({navigation} navigation)",
-        control_mode=task_mode(setup, navigation),
+        control_mode=control_mode(env_id, setup.options),
         privileged=True,
     )
     return SpaAgent(setup, spec, TrueScene, behave)
-
-
-def task_mode(setup: AgentSetup, navigation: str) -> str:
-    """Returns the control mode that the options ask for."""
-    arm = CONTROLLERS[setup.options.get("controller", "real")]
-    return f"{arm}_pose" if navigation == "teleport" else f"{arm}_base"
 
 
 def _replans(setup: AgentSetup) -> dict[str, int]:

@@ -1,0 +1,254 @@
+"""Open fridge and Close fridge: the hand takes the handle and leads the door along its arc."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Generator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hab_spa.fridge_door import Door
+from hab_spa.fridge_place import PlaceConfig, Places, Pull
+from hab_spa.fridge_shunt import ShuntConfig, drive
+from hab_spa.moves import go
+from hab_spa.path import time_path
+from hab_spa.rest import rest
+from hab_spa.results import Failure
+from hab_spa.robot import GRASP, RELEASE, Command, Motion, Robot
+from hab_spa.shapes import Array
+from hab_tasks.episodes.robot_start import Rectangle
+from hab_tasks.fronts import FRIDGE_CLOSED_RAD, FRIDGE_OPEN_RAD
+
+
+@dataclass(frozen=True, kw_only=True)
+class FridgeConfig:
+    """The numbers of opening and closing.
+
+    Attributes:
+        open_to, open_need: The hand takes a closed door so far, and at least so far [rad].
+        close_to, close_need: It takes an open door to here, and moves it at least so much [rad].
+        past_rad: The door is to come this much farther than it must.
+        grasps_m: (along, out) of the handle at which the hand may take it.
+        pace: Of the motion along the arc.
+        brake_steps: The hand lets go so many steps before its motion ends.
+        away_m: After opening, the hand moves this far beyond the door's edge.
+        away_steps: It has so many steps for that.
+        still_rad: A door that moves less than this in a step stands still.
+        wait_steps: A swinging door is waited for so long.
+        place: Numbers of the search for a place.
+        shunt: Numbers of driving there.
+    """
+
+    open_to: float = 0.9
+    open_need: float = 0.45
+    close_to: float = 0.05
+    close_need: float = 0.45
+    past_rad: float = 0.03
+    grasps_m: tuple[tuple[float, float], ...] = (
+        (0.0, 0.02), (0.0, 0.06), (0.04, 0.06), (0.08, 0.03), (0.1, 0.05), (0.0, 0.1)
+    )  # fmt: skip
+    pace: float = 1.0
+    brake_steps: int = 5
+    away_m: float = 0.2
+    away_steps: int = 14
+    still_rad: float = 0.002
+    wait_steps: int = 60
+    place: PlaceConfig = field(default_factory=PlaceConfig)
+    shunt: ShuntConfig = field(default_factory=ShuntConfig)
+
+
+def open_fridge(
+    robot: Robot, number: int, region: Rectangle | None = None, config: FridgeConfig | None = None
+) -> Motion:
+    """Opens the fridge by more than 90 degrees, and rests beside the door.
+
+    Args:
+        robot: Who does it.
+        number: Number of the fridge among the doors and drawers of the episode.
+        region: Rectangle in the fridge's frame that the base must not leave.
+        config: The numbers.
+    """
+    return (yield from _Fridge(robot, number, True, region, config or FridgeConfig()).move())
+
+
+def close_fridge(
+    robot: Robot, number: int, region: Rectangle | None = None, config: FridgeConfig | None = None
+) -> Motion:
+    """Closes the fridge, and rests; see `open_fridge`."""
+    return (yield from _Fridge(robot, number, False, region, config or FridgeConfig()).move())
+
+
+class _Fridge:
+    """One door being opened or closed."""
+
+    def __init__(
+        self, robot: Robot, number: int, out: bool, region: Rectangle | None, config: FridgeConfig
+    ) -> None:
+        self._robot, self._number, self._out = robot, number, out
+        self._region, self._config = region, config
+        self._speed_rad = 0.0
+
+    @property
+    def _joint(self) -> float:
+        return self._robot.scene.front(self._number).joint
+
+    @property
+    def _done(self) -> bool:
+        if self._out:
+            return self._joint > FRIDGE_OPEN_RAD
+        return self._joint <= FRIDGE_CLOSED_RAD
+
+    def move(self) -> Motion:
+        """Swings the door and rests, again while that is to no avail."""
+        robot, failure = self._robot, None
+        body = robot.scene.front(self._number).body
+        for _ in range(1 + robot.config.retries):
+            failure = None if self._done else (yield from self._swing())
+            if failure in (Failure.TARGET_PLAN, Failure.MOTION_PLAN):
+                return failure
+            robot.gripper = RELEASE
+            failure = yield from rest(robot, without=body)
+            yield from self._wait()
+            if self._done and failure is None:
+                return None
+            failure = failure or Failure.EXECUTION
+        return failure
+
+    def _pull(self) -> Pull:
+        """Returns what the hand is to do with the door as it is."""
+        config, robot = self._config, self._robot
+        door = Door(robot.scene.front(self._number))
+        handle = door.handle_m
+        grasps = tuple((handle[0] + a, handle[1] + o) for a, o in config.grasps_m)
+        if self._out:
+            end = max(config.open_to, door.joint + config.open_need)
+            need = max(config.open_need, door.joint + 0.2)
+            swept = (door.joint, FRIDGE_OPEN_RAD + 0.1)
+        else:
+            end, need = config.close_to, max(door.joint - config.close_need, config.close_to + 0.05)
+            swept = (config.close_to, door.joint)
+        return Pull(end=end, need=need, swept=swept, grasps_m=grasps)
+
+    def _swing(self) -> Motion:
+        """Goes to a good place, takes the handle, leads it along its arc and lets go."""
+        failure = yield from self._stand()
+        if failure is not None:
+            return failure
+        failure = yield from self._take()
+        if failure is not None:
+            return failure
+        yield from self._lead()
+        if self._out:
+            yield from self._away()
+        return None
+
+    def _stand(self) -> Motion:
+        """Drives to the best place."""
+        robot, config = self._robot, self._config.place
+        robot.doing = "stand"
+        began = time.perf_counter()
+        places = Places(robot, self._number, self._pull(), self._region, config)
+        map_ = robot.scene.floor_map()
+        best, best_travel = None, 0.0
+        for pose in places.ranked(map_)[: config.tries]:
+            here = np.array_equal(pose, robot.base)
+            stand = places.stand(None if here else pose)
+            if stand is None:
+                continue
+            travel = abs(stand.ends[0] - places.door.joint)
+            enough = (stand.ends[0] - places.pull.need) * (1 if self._out else -1) >= 0
+            if travel <= best_travel:
+                continue
+            shunt = None if here else places.way(pose, map_)
+            if here or shunt is not None:
+                best, best_travel = (shunt, enough), travel
+                if enough:
+                    break
+        robot.spend("target", time.perf_counter() - began)
+        if best is None:
+            return Failure.TARGET_PLAN
+        if best[0] is not None:
+            yield from drive(robot, best[0], self._config.shunt)
+        return None
+
+    def _take(self) -> Motion:
+        """Takes the handle."""
+        robot = self._robot
+        robot.doing, robot.gripper = "reach", RELEASE
+        began = time.perf_counter()
+        places = Places(robot, self._number, self._pull(), self._region, self._config.place)
+        stand = places.stand(None)
+        robot.spend("target", time.perf_counter() - began)
+        if stand is None:
+            return Failure.TARGET_PLAN
+        failure = yield from go(robot, robot.scene.collision(), stand.goals[:3])
+        if failure is not None:
+            return failure
+        robot.doing, robot.gripper = "grasp", GRASP
+        for _ in range(robot.config.grasp_steps):
+            if robot.scene.front(self._number).held:
+                return None
+            yield robot.command()
+        return Failure.EXECUTION
+
+    def _lead(self) -> Generator[Command, None, None]:
+        """Leads the handle along its arc as far as the arm goes, and lets go while it moves."""
+        robot, config = self._robot, self._config
+        robot.doing = "pull" if self._out else "push"
+        began = time.perf_counter()
+        places = Places(robot, self._number, self._pull(), self._region, config.place)
+        collision = robot.scene.collision(without=robot.scene.front(self._number).body)
+        start = robot.scene.arm_qpos.copy()
+        arc = places.arcs(start[None], collision)[0]
+        robot.spend("motion", time.perf_counter() - began)
+        if len(arc) < 2:
+            return
+        targets = time_path(np.concatenate((start[None], arc)), robot.config.timing, config.pace)
+        for target in targets[: -config.brake_steps]:
+            if not robot.scene.front(self._number).held:
+                break
+            yield robot.command(target)
+        robot.gripper = RELEASE
+
+    def _away(self) -> Generator[Command, None, None]:
+        """Moves the hand out beyond the door's edge, ahead of the door."""
+        robot, config = self._robot, self._config
+        robot.doing = "away"
+        for _ in range(config.away_steps):
+            door = Door(robot.scene.front(self._number))
+            world = door.point(door.joint + 0.15, door.edge_m + config.away_m, 0.1)
+            collision_free = robot.scene.world_from_base
+            yield robot.command(self._towards(world, collision_free))
+            along, _ = door.beside(self._hand_m(), door.joint)
+            if along > door.edge_m + 0.6 * config.away_m:
+                break
+        robot.relax()
+
+    def _hand_m(self) -> Array:
+        robot = self._robot
+        arm = robot.kinematics.ee_pose(robot.scene.arm_qpos)[:3, 3]
+        pose = robot.scene.world_from_base
+        return pose[:3, :3] @ arm + pose[:3, 3]
+
+    def _towards(self, point_m: Array, world_from_base: Array) -> Array:
+        """Returns the arm's next targets (7,) on the way of the hand to a point (3,)."""
+        robot = self._robot
+        qpos = robot.scene.arm_qpos
+        local = world_from_base[:3, :3].T @ (point_m - world_from_base[:3, 3])
+        hand = robot.kinematics.ee_pose(qpos)[:3, 3]
+        gap = local - hand
+        gap *= min(1.0, 0.08 / (np.linalg.norm(gap) + 1e-9))
+        goal, _ = robot.kinematics.solve(qpos[None], (hand + gap)[None], self._config.place.ik)
+        return goal[0]
+
+    def _wait(self) -> Generator[Command, None, None]:
+        """Waits while the door swings on."""
+        robot, before, still = self._robot, self._joint, 0
+        robot.doing = "wait"
+        for _ in range(self._config.wait_steps):
+            if self._done or still > 3:
+                return
+            yield robot.command()
+            still = still + 1 if abs(self._joint - before) < self._config.still_rad else 0
+            before = self._joint

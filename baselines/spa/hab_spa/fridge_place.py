@@ -1,0 +1,298 @@
+"""Where to stand before the fridge, and how the arm follows the handle from there.
+
+A place is good when base and resting arm are outside of what the door sweeps, when the hand can
+take the handle, and when the arm alone can then take it far enough along its arc.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from itertools import product
+
+import numpy as np
+import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no stubs
+
+from hab_spa.collision import ArmCollision, shared_arm_model
+from hab_spa.drive import STEP_M, STEP_RAD
+from hab_spa.fridge_door import Door
+from hab_spa.fridge_shunt import Shunt, shunts
+from hab_spa.ik import IkConfig
+from hab_spa.joint_goal import GoalConfig, sample_reaching_goals
+from hab_spa.robot import Robot
+from hab_spa.shapes import Array
+from hab_tasks.episodes.robot_start import Rectangle
+from hab_tasks.navigation import NavigationMap
+from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
+
+ELBOW = 4
+"""Number of the elbow's joint in the arm's model; from here on the arm reaches out."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaceConfig:
+    """The numbers of the search for a place.
+
+    Attributes:
+        x_m, y_m: Places looked at, in the fridge's frame ...
+        spacing_m: ... so far apart.
+        asides_rad: Headings, measured from the one that looks at the handle.
+        inside_m: The base stays this far inside the region that it must not leave.
+        base_m: Free radius that the base is given where there is as much ...
+        least_base_m: ... and at least.
+        arm_m, body_m: Radius of the arm and of the torso for what the door sweeps.
+        distance_m: The hand works best this far from the middle of the base.
+        tries: So many places are looked at closely.
+        margins_m: Clearances of the resting arm; the next only where the one before fails.
+        arc_rad: The handle's arc is followed in such steps ...
+        arc_margin_m: ... with this clearance.
+        door_m: Clearance of elbow and wrist from the door that the hand pulls.
+        drives: So many ways to a place are looked at closely.
+    """
+
+    x_m: tuple[float, float] = (0.95, 1.82)
+    y_m: tuple[float, float] = (-0.58, 0.58)
+    spacing_m: float = 0.08
+    asides_rad: tuple[float, ...] = (-1.2, -0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9, 1.2)
+    inside_m: float = 0.04
+    base_m: float = 0.33
+    least_base_m: float = 0.27
+    arm_m: float = 0.09
+    body_m: float = 0.24
+    distance_m: tuple[float, float] = (0.6, 0.85)
+    tries: int = 30
+    margins_m: tuple[float, ...] = (0.02, 0.008)
+    arc_rad: float = 0.06
+    arc_margin_m: float = 0.003
+    door_m: float = 0.05
+    drives: int = 3
+    goal: GoalConfig = field(
+        default_factory=lambda: GoalConfig(starts_per_point=250, enough=30, goals=6)
+    )
+    ik: IkConfig = field(default_factory=lambda: IkConfig(steps=6))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pull:
+    """How the door is to be moved.
+
+    Attributes:
+        end: As far as the hand is to take it [rad] ...
+        need: ... and at least.
+        swept: From where to where it swings, with the robot out of its way.
+        grasps_m: (along, out) beside the door where the hand may take the handle.
+    """
+
+    end: float
+    need: float
+    swept: tuple[float, float]
+    grasps_m: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stand:
+    """A place, and what the arm does there.
+
+    Attributes:
+        goals: (G, 7) arm poses that take the handle, the one that gets farthest first.
+        ends: (G,) how far each of them takes the door [rad].
+    """
+
+    goals: Array
+    ends: Array
+
+
+class Places:
+    """Looks for places from which a robot can do a pull."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        number: int,
+        pull: Pull,
+        region: Rectangle | None,
+        config: PlaceConfig,
+    ) -> None:
+        """Looks at the door as it is now."""
+        self.robot, self.pull, self.config, self._region = robot, pull, config, region
+        front = robot.scene.front(number)
+        self.door, self._body, self._frame = Door(front), front.body, front.frame
+        self._rest = arm_points_m(np.array(REST_QPOS_RAD)[None])[0]
+
+    def ranked(self, map_: NavigationMap) -> Array:
+        """Returns base poses (K, 3), those first that are near, roomy and out of the way."""
+        poses = np.concatenate((self.robot.base[None], self._grid()))
+        distance_m = self._reach_m(poses)
+        low, high = self.config.distance_m
+        cost = 60.0 * (np.maximum(low - distance_m, 0.0) + np.maximum(distance_m - high, 0.0)).sum(
+            axis=0
+        )
+        gap = poses - poses[0]
+        turn = np.abs((gap[:, 2] + np.pi) % (2 * np.pi) - np.pi)
+        way = np.linalg.norm(gap[:, :2], axis=1)
+        cost += way / STEP_M + turn / STEP_RAD + 12.0 * (way > 0)
+        cost += 400.0 * np.maximum(self.config.base_m - _clearance_m(map_, poses), 0.0)
+        cost += 400.0 * self.swept_m(poses)
+        order = np.argsort(cost, kind="stable")
+        return poses[order]
+
+    def stand(self, pose: Array | None) -> Stand | None:
+        """Returns what the arm can do at a base pose (3,), or where it is; None for nothing."""
+        config, scene, robot = self.config, self.robot.scene, self.robot
+        collision = scene.collision(base=pose)
+        if pose is not None and not self._free(collision, scene.arm_qpos, config.margins_m[-1]):
+            return None
+        points_m = np.array([self.door.point(self.door.joint, *g) for g in self.pull.grasps_m])
+        found = sample_reaching_goals(
+            points_m, collision, robot.kinematics, robot.next_seed(), config.goal
+        )
+        if not len(found.goals):
+            return None
+        without = scene.collision(base=pose, without=self._body)
+        arcs = self.arcs(found.goals, without)
+        travel = np.array([len(arc) for arc in arcs])
+        order = np.argsort(-travel, kind="stable")
+        joints = self._joints()
+        ends = joints[np.maximum(travel - 1, 0)]
+        return Stand(goals=found.goals[order], ends=ends[order])
+
+    def arcs(self, starts: Array, collision: ArmCollision) -> list[Array]:
+        """Returns the arm poses (K, 7) that take the handle along its arc, from each start (S, 7).
+
+        Each is as long as it is free. `collision` leaves out the door.
+        """
+        config, kinematics = self.config, self.robot.kinematics
+        collision.set_margin(config.arc_margin_m)
+        for start in starts:
+            collision.relax(start)
+        joints = self._joints()
+        targets = np.stack([self.door.handle(float(joint)) for joint in joints])
+        targets = targets @ collision.arm_from_world[:3, :3].T + collision.arm_from_world[:3, 3]
+        poses, going = np.array(starts), np.ones(len(starts), dtype=bool)
+        arcs: list[list[Array]] = [[] for _ in starts]
+        world_from_arm = np.linalg.inv(collision.arm_from_world)
+        for joint, target in zip(joints, targets, strict=True):
+            goal = np.repeat(target[None], len(poses), axis=0)
+            poses, reached = kinematics.solve(poses, goal, config.ik)
+            for number, pose in enumerate(poses):
+                going[number] &= reached[number] and collision.is_free(pose)
+                going[number] = going[number] and self._clear(pose, float(joint), world_from_arm)
+                if going[number]:
+                    arcs[number].append(pose)
+            if not going.any():
+                break
+        return [np.array(arc).reshape(-1, 7) for arc in arcs]
+
+    def swept_m(self, poses: Array) -> Array:
+        """Returns how far base poses (K, 3) put torso or resting arm into the door's way, (K,)."""
+        points = _placed(self._rest[:, :2], poses)
+        gaps, bodies = [], []
+        for joint in np.linspace(*self.pull.swept, 8):
+            gaps.append(self.door.gap_m(points, float(joint)).min(axis=1))
+            bodies.append(self.door.gap_m(poses[:, :2], float(joint)))
+        arm = self.config.arm_m - np.min(gaps, axis=0)
+        body = self.config.body_m - np.min(bodies, axis=0)
+        return np.maximum(arm, 0.0) + np.maximum(body, 0.0)
+
+    def way(self, pose: Array, map_: NavigationMap) -> Shunt | None:
+        """Returns the quickest drive to a base pose (3,) that touches nothing; None if none."""
+        base = self.robot.base
+        room_m = _clearance_m(map_, base[None])[0]
+        least_m = min(self.config.least_base_m, room_m - 0.005)
+        looked_at = 0
+        for shunt in shunts(base, pose):
+            poses = shunt.poses()
+            if not self._inside(poses).all() or (_clearance_m(map_, poses) < least_m).any():
+                continue
+            looked_at += 1
+            if all(self._arm_fits(at) for at in poses[1:]):
+                return shunt
+            if looked_at == self.config.drives:
+                break
+        return None
+
+    def _arm_fits(self, pose: Array) -> bool:
+        collision = self.robot.scene.collision(base=pose)
+        return self._free(collision, self.robot.scene.arm_qpos, self.config.margins_m[-1])
+
+    def _free(self, collision: ArmCollision, qpos: Array, margin_m: float) -> bool:
+        collision.set_margin(margin_m)
+        return collision.is_free(qpos)
+
+    def _joints(self) -> Array:
+        """Returns the positions (K,) of the door along the pull."""
+        way = self.pull.end - self.door.joint
+        count = 1 + round(abs(way) / self.config.arc_rad)
+        return np.linspace(self.door.joint, self.pull.end, count)
+
+    def _clear(self, qpos: Array, joint: float, world_from_arm: Array) -> bool:
+        """Whether elbow and wrist keep off the door."""
+        points = arm_points_m(qpos[None])[0][:-2]
+        world = points @ world_from_arm[:3, :3].T + world_from_arm[:3, 3]
+        return bool(self.door.gap_m(world, joint).min() > self.config.door_m)
+
+    def _reach_m(self, poses: Array) -> Array:
+        """Returns how far the hand's places are from the base (3, K), each a pose of `poses`."""
+        joints = np.linspace(self.door.joint, self.pull.need, 3)
+        points = np.stack([self.door.handle(float(joint))[:2] for joint in joints])
+        return np.linalg.norm(points[:, None] - poses[None, :, :2], axis=2)
+
+    def _grid(self) -> Array:
+        config, (x0, y0, yaw) = self.config, self._frame
+        xs = np.arange(config.x_m[0], config.x_m[1] + 1e-6, config.spacing_m)
+        ys = np.arange(config.y_m[0], config.y_m[1] + 1e-6, config.spacing_m)
+        places = np.array(list(product(xs, ys)))
+        turn = np.array(((np.cos(yaw), -np.sin(yaw)), (np.sin(yaw), np.cos(yaw))))
+        world = places @ turn.T + (x0, y0)
+        middle = (self.door.handle(self.door.joint) + self.door.handle(self.pull.need)) / 2
+        gap = middle[:2] - world
+        facing = np.arctan2(gap[:, 1], gap[:, 0])
+        poses = [
+            np.column_stack((world, facing + aside)) for aside in config.asides_rad
+        ]
+        grid = np.concatenate(poses)
+        return grid[self._inside(grid)]
+
+    def _inside(self, poses: Array) -> Array:
+        """Whether base poses (K, 3) are in the region, (K,)."""
+        if self._region is None:
+            return np.ones(len(poses), dtype=bool)
+        x0, y0, yaw = self._frame
+        turn = np.array(((np.cos(yaw), -np.sin(yaw)), (np.sin(yaw), np.cos(yaw))))
+        local = (poses[:, :2] - (x0, y0)) @ turn
+        edge = self.config.inside_m
+        low = np.array((self._region.x_m[0], self._region.y_m[0])) + edge
+        high = np.array((self._region.x_m[1], self._region.y_m[1])) - edge
+        # Where the robot starts outside the inner part it must be able to leave.
+        start = (self.robot.base[:2] - (x0, y0)) @ turn
+        low, high = np.minimum(low, start), np.maximum(high, start)
+        return ((local >= low - 1e-6) & (local <= high + 1e-6)).all(axis=1)
+
+
+def arm_points_m(qpos: Array) -> Array:
+    """Returns points (K, P, 3) along the reaching part of arms (K, 7), in the arm's root frame."""
+    model, frame = shared_arm_model()
+    data, found = model.createData(), []
+    for pose in qpos:
+        pin.forwardKinematics(model, data, pose)
+        ee = pin.updateFramePlacement(model, data, frame).translation
+        joints = [data.oMi[number].translation for number in range(ELBOW, model.njoints)]
+        corners = np.array([*joints, ee])
+        middles = (corners[1:] + corners[:-1]) / 2
+        points = np.empty((2 * len(corners) - 1, 3))
+        points[::2], points[1::2] = corners, middles
+        found.append(points)
+    return np.array(found)
+
+
+def _placed(points_m: Array, poses: Array) -> Array:
+    """Returns points (P, 2) of the base's frame in the world for each base pose (K, 3)."""
+    cosine, sine = np.cos(poses[:, 2])[:, None], np.sin(poses[:, 2])[:, None]
+    x = poses[:, :1] + cosine * points_m[:, 0] - sine * points_m[:, 1]
+    y = poses[:, 1:2] + sine * points_m[:, 0] + cosine * points_m[:, 1]
+    return np.stack((x, y), axis=-1)
+
+
+def _clearance_m(map_: NavigationMap, poses: Array) -> Array:
+    """Returns the free radius (K,) around base poses (K, 3)."""
+    x, y = np.moveaxis(map_.cells_of(poses[:, :2]), -1, 0)
+    return map_.floor.clearance_m[x, y]

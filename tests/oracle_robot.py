@@ -15,7 +15,7 @@ from hab_spa.path import TimingConfig, time_path_within
 from hab_spa.shapes import invert_pose
 
 from hab_tasks.geometry import compose, inverse, planar, to_matrix
-from hab_tasks.robots.control import BASE_CELLS
+from hab_tasks.robots.control_modes import BASE_CELLS
 
 LET_GO, GRASP = -1.0, 1.0
 SAMPLES = 400

@@ -7,7 +7,7 @@ from builders import ee_action
 from gymnasium import spaces
 
 from hab_tasks.envs import ENVS
-from hab_tasks.robots.control import ARM_SIZE, STOP_CELL
+from hab_tasks.robots.control_modes import ABSOLUTE_ARM, ARM_SIZE, STOP_CELL
 
 FAMILIES = ("HabPick-v1", "HabOpenFridge-v1", "HabNavigate-v1", "HabSetTable-v1")
 """One of each kind: takes objects, takes handles, drives only, does everything."""
@@ -47,7 +47,7 @@ def ee_mode(env_id):
 
 
 def actions(env, count, seed=0, gripper=None):
-    """Random actions; joint targets stay near the present pose, as a planner's do.
+    """Random actions; joint and base poses stay near the present ones, as a planner's do.
 
     Args:
         gripper: Every action's gripper entry, where there is one; None draws it.
@@ -58,9 +58,12 @@ def actions(env, count, seed=0, gripper=None):
         return [int(cell) for cell in rng.permuted(_cells(count, space.n))]
     base = env.unwrapped
     drawn = rng.uniform(-1, 1, (count, *space.shape)).astype(np.float32)
-    if base.control_mode.startswith("joint_target"):
+    config = base.agent.controller.config
+    if config.arm in ABSOLUTE_ARM:
         drawn[:, :7] = arm(base) + 0.1 * drawn[:, :7]
-    size = ARM_SIZE[base.agent.controller.config.arm]
+    if config.base == "pose":
+        drawn[:, -3:] = base.agent.controller.base_target[0].numpy() + 0.02 * drawn[:, -3:]
+    size = ARM_SIZE[config.arm]
     if gripper is not None and size:
         drawn[:, size] = gripper
     return list(np.clip(drawn, space.low, space.high))

@@ -21,13 +21,13 @@ from hab_tasks.envs import ENVS, EnvEntry
 from hab_tasks.errors import HabError
 from hab_tasks.measures import MEANINGS, Measures
 from hab_tasks.rendering import resolve_backend
-from hab_tasks.robots.control import (
+from hab_tasks.robots.control import HabControllerConfig, control_configs
+from hab_tasks.robots.control_modes import (
     ARM_SIZE,
     BASE_CELLS,
+    BASE_SIZE,
     STOP_CELL,
     STOP_SHARE,
-    HabControllerConfig,
-    control_configs,
 )
 from hab_tasks.robots.fetch_spec import BASE_ANGULAR_SPEED_RAD_S, BASE_LINEAR_SPEED_M_S
 from hab_tasks.skills.base import SkillEnv
@@ -55,6 +55,7 @@ ARM_MEANINGS = {
     "ee": f"displacement of the end-effector in the base frame, 1 is {EE_STEP_M} m",
     "joint_delta": f"displacement of the arm joints' targets, 1 is {JOINT_STEP_RAD} rad",
     "joint_target": "targets of the arm joints [rad]",
+    "joint_state": "positions of the arm joints [rad], set at once",
 }
 
 INTRODUCTION = """\
@@ -213,7 +214,11 @@ def _action(config: HabControllerConfig) -> tuple[str, str]:
         said.append((ARM_SIZE[config.arm], ARM_MEANINGS[config.arm]))
         said.append((1, "gripper, >= 0 grasps, < 0 releases"))
     if config.base == "velocity":
-        said.append((2, f"base, forward and turning velocity, {speeds}"))
+        said.append((BASE_SIZE["velocity"], f"base, forward and turning velocity, {speeds}"))
+    if config.base == "pose":
+        said.append(
+            (BASE_SIZE["pose"], "base, x and y [m] and yaw [rad] in the world, set at once")
+        )
     if config.arm == "still":
         said[-1] = (2, f"{said[-1][1]}; both within {STOP_SHARE:g} of 0 is the stop action")
     return " + ".join(str(n) for n, _ in said), "; ".join(meaning for _, meaning in said)

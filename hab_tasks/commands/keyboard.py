@@ -11,7 +11,8 @@ from typing import Any, TextIO
 import numpy as np
 
 from hab_tasks.errors import HabError
-from hab_tasks.robots.control import ARM_SIZE, BASE_CELLS, HabController
+from hab_tasks.robots.control import HabController
+from hab_tasks.robots.control_modes import ARM_SIZE, BASE_CELLS
 
 WAIT_S = 0.05
 """While nothing is typed, a window is drawn anew this often."""

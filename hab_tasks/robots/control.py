@@ -8,20 +8,25 @@ arm mode              meaning of the arm's entries
 ``ee`` (3)            end-effector displacement in the base frame, [-1, 1] -> 1.5 cm
 ``joint_delta`` (7)   joint displacement, [-1, 1] -> 0.0125 rad
 ``joint_target`` (7)  joint position targets [rad], for planners
+``joint_state`` (7)   joint positions [rad], set at once: the perfect controller (S I.1)
 ====================  ===============================================================
 
 With ``_base`` added the base moves as well; in ``base`` and ``base_discrete`` only the base moves.
 Gripper >= 0 asks to grasp, < 0 to release. Base: forward and turning velocity, [-1, 1] times the
 largest speeds; both next to zero is the stop action. ``base_discrete`` is one of the paper's 20
-cells of these two (`BASE_CELLS`). Entries are clipped to their range; an action that is not finite
-is refused.
+cells of these two (`BASE_CELLS`). With ``_pose`` added to an absolute arm mode, the base's three
+entries are its pose in the world, x, y [m] and yaw [rad], set at once; the present pose is to stay.
+
+Entries are clipped to their range, and a yaw is taken within a turn; an action that is not finite
+is refused. What is set is at rest there, and its drives hold it; how far it jumps is not limited,
+and nothing on the way is touched, so planners go in steps of a few centimetres.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
@@ -32,6 +37,18 @@ from torch import Tensor
 
 from hab_tasks.constants import EE_STEP_M, JOINT_STEP_RAD
 from hab_tasks.errors import ActionError
+from hab_tasks.robots.control_modes import (
+    ABSOLUTE_ARM,
+    ARM_SIZE,
+    BASE_CELLS,
+    STOP_CELL,
+    STOP_SHARE,
+    ArmMode,
+    BaseMode,
+    action_bounds,
+    action_size,
+    within_a_turn,
+)
 from hab_tasks.robots.fetch_spec import (
     ARM_JOINTS,
     ARM_LOWER_RAD,
@@ -43,27 +60,18 @@ from hab_tasks.robots.fetch_spec import (
     EE_UPPER_M,
     LOCKED_QPOS,
 )
+from hab_tasks.robots.joint_setter import JointSetter
 from hab_tasks.robots.kinematics import ArmKinematics
-
-ArmMode = Literal["ee", "joint_delta", "joint_target", "still"]
-BaseMode = Literal["still", "velocity", "discrete"]
 
 Array = NDArray[Any]
 
 _EE_LOWER, _EE_UPPER = np.array(EE_LOWER_M), np.array(EE_UPPER_M)
 _ARM_LOWER, _ARM_UPPER = np.array(ARM_LOWER_RAD), np.array(ARM_UPPER_RAD)
 
-ARM_SIZE: dict[str, int] = {"ee": 3, "joint_delta": 7, "joint_target": 7, "still": 0}
 
-BASE_CELLS = tuple(
-    (linear, angular) for linear in (-0.5, 0.0, 0.5, 1.0) for angular in (-1.0, -0.5, 0.0, 0.5, 1.0)
-)
-"""Forward and turning velocity of the discrete actions, as shares of the largest speeds (S H.2)."""
-
-STOP_CELL = BASE_CELLS.index((0.0, 0.0))
-
-STOP_SHARE = 0.05
-"""Base entries up to this count as the stop action."""
+PUSH_APART_M_S = 1.0
+"""A robot that is set into something is pushed apart from it no faster: without a limit, an arm set
+5 cm deep into a wall was thrown out at 50 rad/s."""
 
 
 class HabController(BaseController):
@@ -72,6 +80,7 @@ class HabController(BaseController):
     Attributes:
         arm_target_rad: (N, 7) commanded arm pose.
         gripper: (N,) last gripper entry; the environment hands it to the snap grasp.
+        base_target: (N, 3) commanded x, y [m] and yaw [rad], where the action gives a base pose.
         stopped: (N,) whether the last action was the stop action; numpy on the CPU.
     """
 
@@ -80,20 +89,17 @@ class HabController(BaseController):
     sets_target_qvel = True
 
     def _initialize_action_space(self) -> None:
-        size = self.config.size
-        low, high = -np.ones(size, dtype=np.float32), np.ones(size, dtype=np.float32)
-        if self.config.arm == "joint_target":
-            low[:7], high[:7] = ARM_LOWER_RAD, ARM_UPPER_RAD
+        low, high = action_bounds(self.config.arm, self.config.base)
         self.single_action_space = spaces.Box(low, high, dtype=np.float32)
         if self.config.base == "discrete":
             self.single_action_space = spaces.Discrete(len(BASE_CELLS))
         self._cpu_low, self._cpu_high = low, high
         self._low = torch.as_tensor(low, device=self.device)
         self._high = torch.as_tensor(high, device=self.device)
-        self._shape = torch.Size((self.scene.num_envs, size))
         self._kinematics = ArmKinematics()
         count = self.scene.num_envs
         self.arm_target_rad = torch.zeros(count, 7, device=self.device)
+        self.base_target = torch.zeros(count, 3, device=self.device)
         self.gripper = torch.full((count,), -1.0, device=self.device)
         self.stopped = np.zeros(count, dtype=bool)
         if self.scene.gpu_sim_enabled:
@@ -108,11 +114,17 @@ class HabController(BaseController):
         self._on_cpu = not self.scene.gpu_sim_enabled
         self._cpu_drives = [joint._objs[0].set_drive_target for joint in self._arm_joints]
         self._cpu_base_drives = [j._objs[0].set_drive_velocity_target for j in self._base_joints]
+        self._arm_setter = JointSetter(self.articulation, self._arm_joints, self._arm_index)
+        self._base_setter = JointSetter(self.articulation, self._base_joints, self._base_index)
         self._cpu_robot, self._cpu_yaw = self.articulation._objs[0], int(self._base_index[2])
 
     def set_drive_property(self) -> None:
-        """Sets every joint's drive. A base that the action does not move is held in place."""
+        """Sets every joint's drive. A base that the action does not drive is held in place."""
         c = self.config
+        if c.sets_joints:
+            for link in self.articulation.links:
+                for body in link._objs:
+                    body.set_max_depenetration_velocity(PUSH_APART_M_S)
         for joint in self.articulation.active_joints:
             if joint.name in ARM_JOINTS:
                 joint.set_drive_properties(
@@ -120,7 +132,7 @@ class HabController(BaseController):
                 )
                 joint.set_friction(0.1)
             elif joint.name in BASE_JOINTS:
-                stiffness = c.base_stiffness if c.base == "still" else 0.0
+                stiffness = c.base_stiffness if c.base in ("still", "pose") else 0.0
                 joint.set_drive_properties(stiffness, c.base_damping, c.base_force_n, mode="force")
             else:
                 joint.set_drive_properties(c.lock_stiffness, c.lock_damping, 1000.0, mode="force")
@@ -132,6 +144,9 @@ class HabController(BaseController):
         self.arm_target_rad = torch.where(
             rows[:, None], qpos[:, self._arm_index], self.arm_target_rad
         )
+        base = qpos[:, self._base_index]
+        base = torch.cat((base[:, :2], within_a_turn(base[:, 2:])), dim=1)
+        self.base_target = torch.where(rows[:, None], base, self.base_target)
         self.gripper = torch.where(rows, torch.full_like(self.gripper, -1.0), self.gripper)
         targets = qpos.clone()
         for i, joint in enumerate(self.articulation.active_joints):
@@ -167,6 +182,8 @@ class HabController(BaseController):
         # The sum is finite only if every entry is, and takes one operation instead of three.
         if not math.isfinite(float(action.sum(dtype=torch.float64))):
             raise ActionError(f"Action holds a value that is not finite: {action.tolist()}.")
+        if self.config.base == "pose":
+            action = torch.cat((action[:, :-1], within_a_turn(action[:, -1:])), dim=1)
         return action
 
     @property
@@ -185,8 +202,10 @@ class HabController(BaseController):
             return torch.full((count, 1), float(STOP_CELL), device=self.device)
         action = torch.zeros(count, len(self._low), device=self.device)
         size = ARM_SIZE[self.config.arm]
-        if self.config.arm == "joint_target":
+        if self.config.arm in ABSOLUTE_ARM:
             action[:, :size] = self.arm_target_rad
+        if self.config.base == "pose":
+            action[:, -3:] = self.base_target
         if size:
             action[:, size] = torch.where(holding, 1.0, -1.0)
         return action
@@ -214,9 +233,15 @@ class HabController(BaseController):
             qpos = self._arm_target(target, action[:size])
             self.arm_target_rad = torch.from_numpy(qpos.astype(np.float32))[None]
             self.gripper = torch.from_numpy(action[size : size + 1])
-            for drive, value in zip(self._cpu_drives, qpos.tolist(), strict=True):
-                drive(value)
-        if self.config.base != "still":
+            if self.config.arm == "joint_state":
+                self._arm_setter.set_row(qpos.tolist())
+            else:
+                for drive, value in zip(self._cpu_drives, qpos.tolist(), strict=True):
+                    drive(value)
+        if self.config.base == "pose":
+            self.base_target = torch.from_numpy(action[-3:])[None]
+            self._base_setter.set_row(action[-3:].tolist())
+        elif self.config.base != "still":
             self._drive_row(*action[-2:].tolist())
 
     def _drive_row(self, linear: float, angular: float) -> None:
@@ -235,14 +260,23 @@ class HabController(BaseController):
         if size:
             self.arm_target_rad = self._batch_arm_target(action[:, :size])
             self.gripper = action[:, size]
-            self._drive_arm()
-        if self.config.base != "still":
+            if self.config.arm == "joint_state":
+                self._arm_setter.set_batch(self.arm_target_rad)
+            else:
+                self._drive_arm()
+        if self.config.base == "pose":
+            self.base_target = action[:, -3:]
+            self._base_setter.set_batch(self.base_target)
+        elif self.config.base != "still":
             self.stopped = (action[:, -2:].abs() <= STOP_SHARE).all(dim=1)
             self._drive_base(action[:, -2:])
 
     def get_state(self) -> dict[str, Tensor]:
-        """Returns the commanded arm pose (N, 7) and gripper (N,)."""
-        return {"arm_target_rad": self.arm_target_rad.clone(), "gripper": self.gripper.clone()}
+        """Returns the commanded arm pose (N, 7), gripper (N,) and base pose (N, 3), if there is."""
+        state = {"arm_target_rad": self.arm_target_rad.clone(), "gripper": self.gripper.clone()}
+        if self.config.base == "pose":
+            state["base_target"] = self.base_target.clone()
+        return state
 
     def set_state(self, state: dict[str, Tensor], rows: Tensor | None = None) -> None:
         """Restores what `get_state` returned, for `rows` (R,) or for all."""
@@ -251,10 +285,16 @@ class HabController(BaseController):
         self.arm_target_rad[chosen] = state["arm_target_rad"]
         self.gripper[chosen] = state["gripper"]
         self._drive_arm()
+        if self.config.base == "pose":
+            self.base_target = self.base_target.clone()
+            self.base_target[chosen] = state["base_target"]
+            self.articulation.set_joint_drive_targets(
+                self.base_target, self._base_joints, self._base_index
+            )
 
     def _arm_target(self, qpos: Array, arm: Array) -> Array:
         """Returns the arm pose (7,) [rad] that an action's arm entries ask for."""
-        if self.config.arm == "joint_target":
+        if self.config.arm in ABSOLUTE_ARM:
             return arm
         if self.config.arm == "joint_delta":
             moved = qpos + JOINT_STEP_RAD * arm
@@ -263,7 +303,7 @@ class HabController(BaseController):
 
     def _batch_arm_target(self, arm: Tensor) -> Tensor:
         """`_arm_target` for (N, ...) rows on any device."""
-        if self.config.arm == "joint_target":
+        if self.config.arm in ABSOLUTE_ARM:
             return arm
         if self.config.arm == "joint_delta":
             lower, upper = self._limits()
@@ -321,16 +361,22 @@ class HabControllerConfig(ControllerConfig):
     @property
     def size(self) -> int:
         """Number of entries of an action: arm and gripper, base."""
-        arm = ARM_SIZE[self.arm] + 1 if self.arm != "still" else 0
-        return arm + (0 if self.base == "still" else 2)
+        return action_size(self.arm, self.base)
+
+    @property
+    def sets_joints(self) -> bool:
+        """Whether actions put joints somewhere at once instead of driving them."""
+        return self.arm == "joint_state" or self.base == "pose"
 
 
 def control_configs() -> dict[str, HabControllerConfig]:
     """Returns every control mode of `hab_fetch` by name."""
     modes: dict[str, HabControllerConfig] = {}
-    for arm in ("ee", "joint_delta", "joint_target"):
+    for arm in ("ee", "joint_delta", "joint_target", "joint_state"):
         modes[arm] = HabControllerConfig(arm=arm, base="still")
         modes[f"{arm}_base"] = HabControllerConfig(arm=arm, base="velocity")
+    for arm in ABSOLUTE_ARM:
+        modes[f"{arm}_pose"] = HabControllerConfig(arm=arm, base="pose")
     modes["base"] = HabControllerConfig(arm="still", base="velocity")
     modes["base_discrete"] = HabControllerConfig(arm="still", base="discrete")
     return modes

@@ -10,7 +10,8 @@ from mani_skill.utils.structs import Actor, Articulation, Link
 from mani_skill.utils.structs.pose import Pose
 from torch import Tensor
 
-from hab_tasks.robots.grasp import NOTHING, DriveGrasp, Handle, SnapGrasp
+from hab_tasks.robots.drive_grasp import DriveGrasp
+from hab_tasks.robots.grasp import NOTHING, Handle, SnapGrasp
 
 HANDLE_STIFFNESS_N_M = 2000.0
 HANDLE_DAMPING_N_S_M = 60.0
@@ -31,6 +32,15 @@ class FollowGrasp(SnapGrasp):
 
     def _untie(self, row: int) -> None:
         pass
+
+    def carry(self, physics_steps: int) -> None:
+        """Tells the GPU where joints were set; what is held is moved before each physics step."""
+        if self.scene.gpu_sim_enabled:
+            self.scene._gpu_apply_all()
+            px: Any = self.scene.px
+            px.gpu_update_articulation_kinematics()
+            self.scene._gpu_fetch_all()
+        super().carry(physics_steps)
 
     def before_simulation_step(self) -> None:
         """Poses held objects in the hand and pulls held handles to it."""
@@ -97,7 +107,10 @@ def make_grasp(
     objects: list[Actor],
     handles: list[Handle],
     takes: str = "any",
+    *,
+    arm_is_set: bool = False,
 ) -> SnapGrasp:
-    """Returns the implementation for the scene's backend."""
-    kind = FollowGrasp if scene.gpu_sim_enabled else DriveGrasp
-    return kind(scene, ee_link, objects, handles, takes)
+    """Returns the implementation for the scene's backend, and for an arm that is set at once."""
+    if scene.gpu_sim_enabled:
+        return FollowGrasp(scene, ee_link, objects, handles, takes)
+    return DriveGrasp(scene, ee_link, objects, handles, takes, pulls_along=arm_is_set)

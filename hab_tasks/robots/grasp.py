@@ -1,8 +1,9 @@
 """The snap grasp (S E.3): what is near enough to the end-effector is held until released.
 
-`SnapGrasp` decides what is grasped; how it is held is one of two implementations:
-`DriveGrasp` ties the body to the gripper with a constraint (CPU simulation), `FollowGrasp` (in
-`hab_tasks.robots.follow_grasp`) moves it with the gripper and needs only batched poses.
+`SnapGrasp` decides what is grasped; how it is held is one of two implementations: `DriveGrasp` (in
+`hab_tasks.robots.drive_grasp`) ties the body to the gripper with a constraint (CPU simulation),
+`FollowGrasp` (in `hab_tasks.robots.follow_grasp`) moves it with the gripper and needs only batched
+poses.
 
 A held object keeps the pose it had in the gripper when it was grasped. It does not collide with the
 robot until it is let go and has come clear of the hand; it always collides with the world.
@@ -32,10 +33,10 @@ from hab_tasks.scenes.collision_groups import HELD, MOVING, Groups, set_groups
 HOLD_TOLERANCE_M = 0.09
 """A held object that is pulled this far out of place is lost (Habitat's hold threshold)."""
 
-HOLD_STIFFNESS_NM_RAD = 1e5
-HOLD_DAMPING_NM_S_RAD = 1e3
-
 NOTHING = -1
+
+HANDLE_TOLERANCE_M = GRASP_RADIUS_M + HOLD_TOLERANCE_M
+"""A hand that is set farther than this from the handle that it holds has let go."""
 
 FAR_AWAY_M = 1e6
 
@@ -147,6 +148,21 @@ class SnapGrasp:
         """Holds object `index` in `row`, wherever it is."""
         ee_from_object = self.ee_link.pose[row].inv() * self.objects[index].pose[row]
         self._hold(row, index, ee_from_object.raw_pose[0])
+
+    def carry(self, physics_steps: int) -> None:
+        """Takes along what is held, after an action has set joints of the robot at once.
+
+        A handle that the hand was set too far away from is let go.
+
+        Args:
+            physics_steps: So many are coming in this action.
+        """
+        if self._busy:
+            gap_m = torch.linalg.norm(self.handles_m() - self.ee_position_m()[:, None], dim=2)
+            for row in sorted(self._busy):
+                handle = int(self.held_handle[row])
+                if handle != NOTHING and float(gap_m[row, handle]) > HANDLE_TOLERANCE_M:
+                    self._release_row(row)
 
     def before_simulation_step(self) -> None:
         """Runs before every physics step."""
@@ -305,44 +321,6 @@ class SnapGrasp:
 
     def _untie(self, row: int) -> None:
         raise NotImplementedError
-
-
-class DriveGrasp(SnapGrasp):
-    """Holds with a constraint: a rigid joint for an object, a ball joint for a handle."""
-
-    def __init__(self, *args: Any) -> None:
-        super().__init__(*args)
-        self._ties: dict[int, tuple[sapien.Entity, Any]] = {}
-
-    def _tie_object(self, row: int, index: int) -> None:
-        pose = self._ee_from_object[row].sp
-        drive = self._drive(row, pose, self.objects[index]._objs[row], sapien.Pose())
-        for lock in (drive.set_limit_x, drive.set_limit_y, drive.set_limit_z):
-            lock(0.0, 0.0)
-        # Angular limits of zero do not hold against an articulation's link (measured: 50 degrees).
-        drive.set_drive_property_slerp(HOLD_STIFFNESS_NM_RAD, HOLD_DAMPING_NM_S_RAD)
-        self.objects[index]._bodies[row].wake_up()
-
-    def _tie_handle(self, row: int, index: int) -> None:
-        handle = self.handles[index]
-        in_ee = sapien.Pose([EE_OFFSET_M, 0, 0])
-        drive = self._drive(
-            row, in_ee, handle.link._objs[row].entity, sapien.Pose(list(handle.offset_m))
-        )
-        for lock in (drive.set_limit_x, drive.set_limit_y, drive.set_limit_z):
-            lock(0.0, 0.0)
-
-    def _drive(
-        self, row: int, pose0: sapien.Pose, entity: sapien.Entity, pose1: sapien.Pose
-    ) -> Any:
-        gripper = self.ee_link._objs[row].entity
-        drive = self.scene.sub_scenes[row].create_drive(gripper, pose0, entity, pose1)
-        self._ties[row] = (drive.entity, drive)
-        return drive
-
-    def _untie(self, row: int) -> None:
-        entity, drive = self._ties.pop(row)
-        entity.remove_component(drive)
 
 
 def _with(values: Tensor, row: int, value: int | bool) -> Tensor:

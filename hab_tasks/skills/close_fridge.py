@@ -9,6 +9,7 @@ from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
 from hab_tasks.fronts import FRIDGE
 from hab_tasks.goals import Goals
 from hab_tasks.measures import Measures
+from hab_tasks.robots.control_modes import MOBILE_MODES
 from hab_tasks.sensors import OBJECT_START_IN_EE, PROPRIOCEPTION
 from hab_tasks.skills.base import Skill, SkillEnv
 from hab_tasks.skills.needs import Needs
@@ -61,7 +62,7 @@ CLOSE_FRIDGE = Skill(
     config=CloseFridgeConfig(),
     needs=Needs(fronts=(FRIDGE,), takes="handles"),
     horizon_steps=SKILL_HORIZON_STEPS,
-    control_modes=("ee_base", "joint_delta_base", "joint_target_base"),
+    control_modes=MOBILE_MODES,
     observation=(*PROPRIOCEPTION, OBJECT_START_IN_EE),
     measures=(
         "ee_to_handle_m",
@@ -101,7 +102,8 @@ class HabCloseFridgeEnv(SkillEnv):
     head, arm              128²   0..1    depth cameras, 1 at 10 m (``depth``); uint8 (``rgb``)
     =====================  =====  ======  ====================================================
 
-    **Action**: ``ee_base`` 3 + 1 + 2, ``joint_delta_base`` and ``joint_target_base`` 7 + 1 + 2
+    **Action**: ``ee_base`` 3 + 1 + 2; ``joint_delta_base``, ``joint_target_base`` and
+    ``joint_state_base`` 7 + 1 + 2; ``joint_target_pose`` and ``joint_state_pose`` 7 + 1 + 3
     (`hab_tasks.robots.control`). The hand snaps to handles only.
 
     **Reward** (terms in ``info["reward_terms"]``): 10 success + handle + joint.

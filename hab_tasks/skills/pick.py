@@ -9,6 +9,7 @@ from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
 from hab_tasks.goals import Goals
 from hab_tasks.measures import Measures
 from hab_tasks.rewards import force_penalty, weighted_by_completion_time
+from hab_tasks.robots.control_modes import ARM_MODES
 from hab_tasks.sensors import OBJECT_START_IN_EE, PROPRIOCEPTION
 from hab_tasks.skills.base import Skill, SkillEnv
 from hab_tasks.skills.needs import Needs
@@ -86,7 +87,7 @@ PICK = Skill(
     config=PickConfig(),
     needs=Needs(takes="objects"),
     horizon_steps=SKILL_HORIZON_STEPS,
-    control_modes=("ee", "joint_delta", "joint_target"),
+    control_modes=ARM_MODES,
     observation=(*PROPRIOCEPTION, OBJECT_START_IN_EE),
     measures=(
         "ee_to_object_m",
@@ -128,7 +129,7 @@ class HabPickEnv(SkillEnv):
     head, arm              128²   0..1    depth cameras, 1 at 10 m (``depth``); uint8 (``rgb``)
     =====================  =====  ======  ====================================================
 
-    **Action**: ``ee`` 3 + 1, ``joint_delta`` 7 + 1, ``joint_target`` 7 + 1
+    **Action**: ``ee`` 3 + 1, ``joint_delta``, ``joint_target``, ``joint_state`` 7 + 1
     (`hab_tasks.robots.control`). Release is masked while the target is held.
 
     **Reward** (terms in ``info["reward_terms"]``): 20 success + 5 pickup + 20 approach (not

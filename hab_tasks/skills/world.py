@@ -132,7 +132,12 @@ class World:
         movable = list(handles.movable.values())
         self._names = list(handles.movable)
         self._grasp = make_grasp(
-            scene, agent.ee_link, movable, handles_of(handles), self.needs.takes
+            scene,
+            agent.ee_link,
+            movable,
+            handles_of(handles),
+            self.needs.takes,
+            arm_is_set=agent.controller.config.arm == "joint_state",
         )
         self._force = ContactForce(agent, self._grasp)
         self._reader = SnapshotReader(agent, self._grasp)
@@ -201,6 +206,8 @@ class World:
     def step(self, gripper: Tensor, physics_steps: int) -> None:
         """Grasps or releases, runs the physics of one action, and advances the measures."""
         grasp, force, dormant = self._grasp, self._force, self._dormant
+        if self._agent.controller.config.sets_joints:
+            self._carry(physics_steps)
         if dormant is not None:
             before = self.snapshot
             touching = bool(before.force_n[0] > 0) or bool(before.held_handle[0] >= 0)
@@ -219,6 +226,12 @@ class World:
         tracker = self.tracker
         self.snapshot = self._reader.read(tracker.targets, tracker.handles, force.newton())
         tracker.advance(self.snapshot, self._agent.controller.stopped)
+
+    def _carry(self, physics_steps: int) -> None:
+        """Takes along what is held, after an action has set joints of the robot."""
+        self._grasp.carry(physics_steps)
+        if self._dormant is not None:
+            self._dormant.refresh()
 
     def _hold(self, rows: Tensor) -> None:
         """Puts what an episode starts with in the hand into the grasp."""

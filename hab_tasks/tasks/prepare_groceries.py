@@ -57,7 +57,8 @@ class HabPrepareGroceriesEnv(TaskEnv):
     head, arm              128²   0..1    depth cameras, 1 at 10 m (``depth``); uint8 (``rgb``)
     =====================  =====  ======  ====================================================
 
-    **Action**: ``ee_base`` 3 + 1 + 2, ``joint_delta_base`` and ``joint_target_base`` 7 + 1 + 2
+    **Action**: ``ee_base`` 3 + 1 + 2; ``joint_delta_base``, ``joint_target_base`` and
+    ``joint_state_base`` 7 + 1 + 2; ``joint_target_pose`` and ``joint_state_pose`` 7 + 1 + 3
     (`hab_tasks.robots.control`).
 
     **Reward** (terms in ``info["reward_terms"]``, named ``skill/term``): that of the skill being

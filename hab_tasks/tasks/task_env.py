@@ -13,6 +13,7 @@ from hab_tasks.arrays import Rows, to_tensor
 from hab_tasks.goals import Goals
 from hab_tasks.measures import Measures
 from hab_tasks.navigation import poses_reaching
+from hab_tasks.robots.control_modes import MOBILE_MODES
 from hab_tasks.sensors import PROPRIOCEPTION, targets_in_base
 from hab_tasks.skills.hab_env import HabEnv, Verdict
 from hab_tasks.skills.navigate import NAVIGATE
@@ -45,7 +46,7 @@ class TaskEnv(HabEnv):
         task = cls.task
         cls.name, cls.horizon_steps = task.name, task.horizon_steps
         cls.needs = Needs(objects=task.objects, fronts=task.fronts, navigates=True, takes="any")
-        cls.control_modes = ("ee_base", "joint_delta_base", "joint_target_base")
+        cls.control_modes = MOBILE_MODES
         cls.observation = (*PROPRIOCEPTION, targets_in_base(task.objects))
         cls.reward_bound = max(part.skill.reward_bound for part in task.parts)
 

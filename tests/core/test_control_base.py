@@ -10,7 +10,8 @@ from gymnasium import spaces
 
 from hab_tasks.constants import REST_POSITION_M
 from hab_tasks.errors import ActionError
-from hab_tasks.robots.control import BASE_CELLS, STOP_CELL, STOP_SHARE, control_configs
+from hab_tasks.robots.control import control_configs
+from hab_tasks.robots.control_modes import ABSOLUTE_ARM, BASE_CELLS, STOP_CELL, STOP_SHARE
 from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.robots.fetch_spec import ARM_LOWER_RAD, ARM_UPPER_RAD
 from hab_tasks.snapshot import world_to_base
@@ -80,6 +81,8 @@ def test_the_cells_are_the_papers():
         ("joint_delta_base", 10),
         ("joint_target", 8),
         ("joint_target_base", 10),
+        ("joint_state", 8),
+        ("joint_state_base", 10),
         ("base", 2),
     ],
 )
@@ -87,7 +90,11 @@ def test_action_spaces(mode, size):
     space = Bench(mode).agent.controller.single_action_space
     assert space.shape == (size,)
     arm = size - 1 - 2 * mode.endswith("base") if mode != "base" else 0
-    low, high = (ARM_LOWER_RAD, ARM_UPPER_RAD) if "target" in mode else ((-1,) * arm, (1,) * arm)
+    low, high = (
+        (ARM_LOWER_RAD, ARM_UPPER_RAD)
+        if mode.startswith(ABSOLUTE_ARM)
+        else ((-1,) * arm, (1,) * arm)
+    )
     assert np.allclose(space.low, [*low, *[-1] * (size - arm)])
     assert np.allclose(space.high, [*high, *[1] * (size - arm)])
 
@@ -100,9 +107,11 @@ def test_all_modes_are_known():
     assert set(MODES) == {
         *(
             f"{arm}{base}"
-            for arm in ("ee", "joint_delta", "joint_target")
+            for arm in ("ee", "joint_delta", "joint_target", "joint_state")
             for base in ("", "_base")
         ),
+        "joint_target_pose",
+        "joint_state_pose",
         "base",
         "base_discrete",
     }

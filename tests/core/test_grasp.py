@@ -6,9 +6,10 @@ import sapien
 import torch
 from builders import box_actor, cpu_scene, start_fetch
 
+from hab_tasks.robots.drive_grasp import DriveGrasp
 from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.robots.follow_grasp import FollowGrasp
-from hab_tasks.robots.grasp import NOTHING, DriveGrasp, Handle
+from hab_tasks.robots.grasp import NOTHING, Handle
 from hab_tasks.scenes.collision_groups import HELD, MOVING
 from hab_tasks.scenes.dataset import resolve_dataset
 from hab_tasks.scenes.load import load_scene

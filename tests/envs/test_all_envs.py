@@ -21,7 +21,8 @@ from playing import (
 
 from hab_tasks.envs import ENVS
 from hab_tasks.errors import ActionError, UnknownNameError
-from hab_tasks.robots.control import ARM_SIZE, BASE_CELLS, STOP_CELL, control_configs
+from hab_tasks.robots.control import control_configs
+from hab_tasks.robots.control_modes import ARM_SIZE, BASE_CELLS, STOP_CELL
 
 HORIZONS = {
     "HabNavigate-v1": 500,
@@ -363,13 +364,15 @@ def test_the_base_turns_and_stands_still_as_the_action_says(make, env_id, mode):
 
 
 def test_each_mode_has_the_entries_that_the_paper_gives_it():
-    """Arm 3 or 7 and the gripper, the base 2; 20 cells (S E.3, H.2)."""
-    sizes = {"ee": 4, "joint_delta": 8, "joint_target": 8, "base": 2, "base_discrete": 2}
+    """Arm 3 or 7 and the gripper, the base 2, 3 for a pose; 20 cells (S E.3, H.2)."""
+    arm = {"ee": 4, "joint_delta": 8, "joint_target": 8, "joint_state": 8}
+    sizes = {"base": 2, "base_discrete": 2, **arm}
+    sizes |= {f"{mode}_base": size + 2 for mode, size in arm.items()}
+    sizes |= {f"{mode}_pose": size + 3 for mode, size in arm.items()}
     for env in ENVS.values():
         for mode in env.env.control_modes:
-            with_base = mode.endswith("_base")
             config = control_configs()[mode]
-            assert config.size == sizes[mode.removesuffix("_base")] + 2 * with_base
+            assert config.size == sizes[mode]
             assert ARM_SIZE[config.arm] in (0, 3, 7)
     assert len(BASE_CELLS) == 20
 
@@ -383,7 +386,9 @@ def test_an_unknown_control_mode_names_the_nearest(make, env_id):
 
 def test_every_arm_mode_has_a_twin_that_moves_the_base():
     modes = control_configs()
+    endings = {"still": "", "velocity": "_base", "pose": "_pose"}
     for name, config in modes.items():
         if config.arm != "still":
-            assert name.endswith("_base") == (config.base == "velocity")
-            assert modes[name.removesuffix("_base")].arm == config.arm
+            assert name == config.arm + endings[config.base]
+            assert modes[config.arm].base == "still"
+            assert modes[f"{config.arm}_base"].base == "velocity"

@@ -7,7 +7,7 @@ import pytest
 from builders import first_episode, reach
 from playing import ee_grip, held, joints, move_base, move_joint, put, still
 
-from hab_tasks.robots.control import BASE_CELLS, STOP_CELL
+from hab_tasks.robots.control_modes import BASE_CELLS, STOP_CELL
 
 FRIDGES = ("HabOpenFridge-v1", "HabCloseFridge-v1")
 

@@ -1,0 +1,76 @@
+"""What an action of each control mode consists of: sizes, cells and bounds of its entries."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hab_tasks.robots.fetch_spec import ARM_LOWER_RAD, ARM_UPPER_RAD
+
+ArmMode = Literal["ee", "joint_delta", "joint_target", "joint_state", "still"]
+BaseMode = Literal["still", "velocity", "discrete", "pose"]
+
+Bounds = NDArray[np.float32]
+
+ARM_SIZE: dict[str, int] = {
+    "ee": 3,
+    "joint_delta": 7,
+    "joint_target": 7,
+    "joint_state": 7,
+    "still": 0,
+}
+BASE_SIZE: dict[str, int] = {"still": 0, "velocity": 2, "discrete": 2, "pose": 3}
+
+ABSOLUTE_ARM = ("joint_target", "joint_state")
+"""Arm modes whose entries are joint positions [rad]."""
+
+ARM_MODES = ("ee", "joint_delta", "joint_target", "joint_state")
+"""Control modes of the skills whose base stands still."""
+
+MOBILE_MODES = (
+    "ee_base",
+    "joint_delta_base",
+    "joint_target_base",
+    "joint_state_base",
+    "joint_target_pose",
+    "joint_state_pose",
+)
+"""Control modes of what moves arm and base."""
+
+BASE_CELLS = tuple(
+    (linear, angular) for linear in (-0.5, 0.0, 0.5, 1.0) for angular in (-1.0, -0.5, 0.0, 0.5, 1.0)
+)
+"""Forward and turning velocity of the discrete actions, as shares of the largest speeds (S H.2)."""
+
+STOP_CELL = BASE_CELLS.index((0.0, 0.0))
+
+STOP_SHARE = 0.05
+"""Base entries up to this count as the stop action."""
+
+WORLD_LIMIT_M = 100.0
+"""A base pose lies within this of the world's origin in x and in y; no home is as large."""
+
+
+def action_size(arm: ArmMode, base: BaseMode) -> int:
+    """Returns the number of entries: arm and gripper, base."""
+    return (ARM_SIZE[arm] + 1 if arm != "still" else 0) + BASE_SIZE[base]
+
+
+def action_bounds(arm: ArmMode, base: BaseMode) -> tuple[Bounds, Bounds]:
+    """Returns the least and the largest value of every entry, (A,) float32 each."""
+    size = action_size(arm, base)
+    low, high = -np.ones(size, dtype=np.float32), np.ones(size, dtype=np.float32)
+    if arm in ABSOLUTE_ARM:
+        low[:7], high[:7] = ARM_LOWER_RAD, ARM_UPPER_RAD
+    if base == "pose":
+        high[-3:] = WORLD_LIMIT_M, WORLD_LIMIT_M, math.pi
+        low[-3:] = -high[-3:]
+    return low, high
+
+
+def within_a_turn(yaw_rad: Any) -> Any:
+    """Returns angles [rad], numbers or arrays, as the same ones in [-pi, pi)."""
+    return (yaw_rad + math.pi) % (2 * math.pi) - math.pi

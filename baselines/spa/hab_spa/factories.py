@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from hab_spa.agent import Behaviour, SpaAgent
+from hab_spa.drawer import close_drawer, open_drawer
 from hab_spa.drive import DriveConfig, drive_to
 from hab_spa.modes import CONTROLLERS, control_mode
 from hab_spa.pick import pick
+from hab_spa.place import place
 from hab_spa.robot import Motion, Robot
 from hab_spa.true_scene import TrueScene
 from hab_tasks.agent import AgentSetup, AgentSpec, check_options
@@ -21,7 +23,10 @@ def navigate(robot: Robot) -> Motion:
 
 SKILLS: dict[str, Behaviour] = {
     "HabPick-v1": lambda robot: pick(robot, 0),
+    "HabPlace-v1": lambda robot: place(robot, 0),
     "HabNavigate-v1": navigate,
+    "HabOpenDrawer-v1": lambda robot: open_drawer(robot, 0),
+    "HabCloseDrawer-v1": lambda robot: close_drawer(robot, 0),
 }
 """Environment id -> what the robot does in it."""
 

@@ -36,6 +36,25 @@ class IkConfig:
     tolerance_m: float = 0.005
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tool:
+    """A point that moves with the end-effector and is to come somewhere, as upright as it can.
+
+    Attributes:
+        point_m: (3,) where it is in the end-effector's frame.
+        up: (3,) direction in that frame that is to point up.
+        tilt_weight_m: What a radian of tilt is worth beside a metre of position error.
+        tilt_rad: Inverse kinematics stops at a tilt this small.
+        step_rad: It is asked to become less by at most this in a step.
+    """
+
+    point_m: Array
+    up: Array
+    tilt_weight_m: float = 0.1
+    tilt_rad: float = 0.1
+    step_rad: float = 0.5
+
+
 class BatchArm:
     """End-effector position and Jacobian of the arm for (B, 7) poses, in the arm's root frame."""
 
@@ -49,6 +68,20 @@ class BatchArm:
 
     def position_and_jacobian(self, qpos: Array) -> tuple[Array, Array]:
         """Returns (B, 3) positions [m] and (B, 3, 7) Jacobians [m/rad] of poses (B, 7) [rad]."""
+        position, jacobian, _, _ = self._chain(qpos, np.zeros(3))
+        return position, jacobian
+
+    def points_m(self, qpos: Array, tool: Tool) -> Array:
+        """Returns where a tool is (B, 3) in the arm's root frame, of poses (B, 7)."""
+        return self._chain(qpos, tool.point_m)[0]
+
+    def tilts_rad(self, qpos: Array, tool: Tool) -> Array:
+        """Returns how far a tool is from upright (B,), of poses (B, 7)."""
+        up = self._chain(qpos, tool.point_m)[3] @ tool.up
+        return np.arccos(np.clip(up[:, 2], -1.0, 1.0))
+
+    def _chain(self, qpos: Array, point_m: Array) -> tuple[Array, Array, Array, Array]:
+        """Position of a point of the end-effector, its Jacobian, the joints' axes, the rotation."""
         batch = len(qpos)
         rotation = np.broadcast_to(np.eye(3), (batch, 3, 3))
         position = np.zeros((batch, 3))
@@ -58,15 +91,18 @@ class BatchArm:
             rotation = rotation @ placement.rotation
             axes[:, i], origins[:, i] = rotation[:, :, axis], position
             rotation = _turned(rotation, axis, qpos[:, i])
-        position = position + rotation @ self._wrist_from_ee_m
+        # The end-effector's frame is turned as the wrist's.
+        position = position + rotation @ (self._wrist_from_ee_m + point_m)
         arms = position[:, None] - origins
         jacobian = np.cross(axes, arms).astype(np.float64, copy=False)
-        return position, jacobian.transpose(0, 2, 1)
+        return position, jacobian.transpose(0, 2, 1), axes.transpose(0, 2, 1), rotation
 
     def solve(
-        self, qpos: Array, targets_m: Array, config: IkConfig
+        self, qpos: Array, targets_m: Array, config: IkConfig, tool: Tool | None = None
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Moves arm poses (B, 7) to end-effector targets (B, 3) in the arm's root frame.
+        """Moves arm poses (B, 7) to targets (B, 3) of the end-effector, or of a tool.
+
+        Targets are in the arm's root frame, whose z points up.
 
         Returns:
             The poses (B, 7), within the limits, and whether each reached its target (B,) bool.
@@ -75,17 +111,25 @@ class BatchArm:
         active = np.arange(len(qpos))
         reached = np.zeros(len(qpos), dtype=bool)
         for step in range(config.steps + 1):
-            position, jacobian = self.position_and_jacobian(qpos[active])
+            point_m = np.zeros(3) if tool is None else tool.point_m
+            position, jacobian, axes, rotation = self._chain(qpos[active], point_m)
             error = targets_m[active] - position
             distance = np.linalg.norm(error, axis=1)
             # Half of the tolerance is left for rounding and for the last centimetres of control.
             done = distance < 0.5 * config.tolerance_m
-            reached[active[done]] = True
+            reached[active] = done
+            error *= np.minimum(1.0, config.step_m / np.maximum(distance, 1e-9))[:, None]
+            if tool is not None:
+                turn = _righting(rotation @ tool.up)
+                tilt_rad = np.linalg.norm(turn, axis=1)
+                done &= tilt_rad < tool.tilt_rad
+                turn *= np.minimum(1.0, tool.step_rad / np.maximum(tilt_rad, 1e-9))[:, None]
+                error = np.concatenate((error, tool.tilt_weight_m * turn), axis=1)
+                jacobian = np.concatenate((jacobian, tool.tilt_weight_m * axes[:, :2]), axis=1)
             if step == config.steps or done.all():
                 break
-            active, error, distance = active[~done], error[~done], distance[~done]
-            error = error * np.minimum(1.0, config.step_m / distance)[:, None]
-            delta = _damped_step(jacobian[~done], error, config.damping)
+            delta = _damped_step(jacobian[~done], error[~done], config.damping)
+            active = active[~done]
             qpos[active] = np.clip(qpos[active] + delta, LOWER_RAD, UPPER_RAD)
         return qpos, reached
 
@@ -124,6 +168,17 @@ def _turned(rotation: Array, axis: int, angle_rad: Array) -> Array:
     turned[:, :, u] = cos * rotation[:, :, u] + sin * rotation[:, :, v]
     turned[:, :, v] = cos * rotation[:, :, v] - sin * rotation[:, :, u]
     return turned
+
+
+def _righting(up: Array) -> Array:
+    """Returns the turns about the horizontal axes (B, 2) [rad] that make directions (B, 3) upright.
+
+    A turn about z does not change the tilt.
+    """
+    across = np.stack((up[:, 1], -up[:, 0]), axis=1)
+    length = np.linalg.norm(across, axis=1)
+    angle = np.arctan2(length, up[:, 2])
+    return across * (angle / np.maximum(length, 1e-9))[:, None]
 
 
 def _damped_step(jacobian: Array, error: Array, damping: float) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from hab_spa.arm_plan import Ends, plan_path
 from hab_spa.collision import ArmCollision
 from hab_spa.follow import Follower
-from hab_spa.path import time_path_within
+from hab_spa.path import TimingConfig, time_path_within
 from hab_spa.results import Failure, GoalResult
 from hab_spa.robot import Command, Motion, Robot
 from hab_spa.shapes import Array
@@ -26,7 +26,11 @@ def wait(robot: Robot, steps: int) -> Generator[Command, None, None]:
 
 
 def follow(
-    robot: Robot, path: Array, share: float, intact: Callable[[], bool] = lambda: True
+    robot: Robot,
+    path: Array,
+    share: float,
+    intact: Callable[[], bool] = lambda: True,
+    timing: TimingConfig | None = None,
 ) -> Motion:
     """Moves the arm along a path (K, 7).
 
@@ -35,13 +39,14 @@ def follow(
         path: Arm poses [rad].
         share: Of the time left that the motion may take, if the limits of speed allow.
         intact: Whether it makes sense to go on; asked at every step.
+        timing: Other limits of speed than the robot's usual ones.
 
     Returns:
         `Failure.EXECUTION` when the arm does not keep up, or when it made no sense to go on.
     """
     config = robot.config
     steps = int((robot.steps_left - config.follow.settle_steps) * share)
-    follower = Follower(time_path_within(path, steps, config.timing), config.follow)
+    follower = Follower(time_path_within(path, steps, timing or config.timing), config.follow)
     while True:
         target = follower.advance(robot.scene.arm_qpos)
         if follower.lost() or not intact():
@@ -61,10 +66,16 @@ def sampled(robot: Robot, sample: Callable[[], GoalResult]) -> GoalResult:
     return goals
 
 
-def go(robot: Robot, collision: ArmCollision, goals: Array, share: float = REACH_SHARE) -> Motion:
+def go(
+    robot: Robot,
+    collision: ArmCollision,
+    goals: Array,
+    share: float = REACH_SHARE,
+    intact: Callable[[], bool] = lambda: True,
+) -> Motion:
     """Plans from where the arm is to one of the goals (G, 7), the first where possible, and goes.
 
-    `collision` must be the model of this moment.
+    `collision` must be the model of this moment; the others are as for `follow`.
     """
     start = robot.scene.arm_qpos.copy()
     ends = [Ends(open=start, tight=goal) for goal in goals]
@@ -72,7 +83,7 @@ def go(robot: Robot, collision: ArmCollision, goals: Array, share: float = REACH
     robot.spend("motion", result.seconds)
     if result.path is None:
         return result.failure
-    return (yield from follow(robot, result.path, share))
+    return (yield from follow(robot, result.path, share, intact))
 
 
 def straight(robot: Robot, start: Array, way_m: Array, collision: ArmCollision) -> Array:

@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
-from hab_spa.joint_goal import sample_reaching_goals
+from dataclasses import replace
+from functools import partial
+
+from hab_spa.joint_goal import (
+    JUDGE_SEED,
+    count_goals,
+    sample_reaching_goals,
+    sample_tight_goals,
+    tight_search,
+)
 from hab_spa.moves import go, sampled
 from hab_spa.rest import rest
 from hab_spa.results import Failure
 from hab_spa.robot import GRASP, RELEASE, Motion, Robot
+from hab_spa.shapes import Array
 
 
 def pick(robot: Robot, number: int) -> Motion:
@@ -28,29 +38,53 @@ def pick(robot: Robot, number: int) -> Motion:
     return failure
 
 
+def pick_ways(robot: Robot, number: int, base: Array) -> int:
+    """Returns how many ways to take an object a few samples find from a base pose (3,)."""
+    config = robot.config.goal
+    few = replace(config, tight_starts=config.judge_starts, tight_round=config.judge_starts)
+    points_m = robot.scene.grasp_points_m(number, around=True)
+    search = tight_search(points_m, JUDGE_SEED, few)
+    return count_goals(search, robot.scene.collision(base=base), robot.kinematics, config)
+
+
 def _take(robot: Robot, number: int) -> Motion:
-    """Plans a grasp, goes there and grasps."""
+    """Plans a grasp, goes there and grasps; in tight places with points all around the object."""
     robot.doing, robot.gripper = "reach", RELEASE
     if robot.scene.holding:  # the wrong object
         yield robot.command()
+    failure: Failure | None = Failure.TARGET_PLAN
+    for around in (False, True):
+        failure = yield from _reach(robot, number, around)
+        if failure is None or failure is Failure.EXECUTION:
+            break
+    if failure is not None:
+        return failure
+    return (yield from _grasp(robot, number))
+
+
+def _reach(robot: Robot, number: int, around: bool) -> Motion:
+    """Plans to where the hand takes an object, and goes there."""
     scene, config = robot.scene, robot.config
     collision = scene.collision()
-    points_m = scene.grasp_points_m(number)
+    points_m = scene.grasp_points_m(number, around=around)
+    sample = sample_tight_goals if around else sample_reaching_goals
     goals = sampled(
         robot,
-        lambda: sample_reaching_goals(
-            points_m, collision, robot.kinematics, robot.next_seed(), config.goal
-        ),
+        partial(sample, points_m, collision, robot.kinematics, robot.next_seed(), config.goal),
     )
     if goals.failure is not None:
         return goals.failure
-    failure = yield from go(robot, collision, goals.goals)
-    if failure is not None:
-        return failure
+    return (yield from go(robot, collision, goals.goals))
+
+
+def _grasp(robot: Robot, number: int) -> Motion:
+    """Closes the hand, and remembers which way was up."""
+    scene = robot.scene
     robot.doing, robot.gripper = "grasp", GRASP
-    for _ in range(config.grasp_steps):
+    for _ in range(robot.config.grasp_steps):
         if scene.holding:
             break
         yield robot.command()
+    robot.held_up = robot.up()
     yield robot.command()  # the object stops moving in the hand
     return None if scene.holds(number) else Failure.EXECUTION

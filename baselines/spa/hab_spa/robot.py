@@ -18,6 +18,7 @@ from hab_spa.follow import FollowConfig
 from hab_spa.ik import BatchArm
 from hab_spa.joint_goal import GoalConfig
 from hab_spa.path import TimingConfig
+from hab_spa.place_goal import PlacingConfig
 from hab_spa.results import Failure
 from hab_spa.scene import Scene
 from hab_spa.shapes import Array
@@ -54,13 +55,14 @@ class SpaConfig:
         retries: How often a skill plans again after an execution failure.
         grasp_steps: A grasp must hold after this many steps.
         release_steps: After letting go, the hand stays this many steps.
-        goal, plan, escape, timing, follow: Numbers of the stages.
+        goal, placing, plan, escape, timing, follow: Numbers of the stages.
     """
 
     retries: int = 2
     grasp_steps: int = 15
     release_steps: int = 4
     goal: GoalConfig = field(default_factory=GoalConfig)
+    placing: PlacingConfig = field(default_factory=PlacingConfig)
     plan: PlanConfig = field(default_factory=PlanConfig)
     escape: EscapeConfig = field(default_factory=EscapeConfig)
     timing: TimingConfig = field(default_factory=TimingConfig)
@@ -78,6 +80,8 @@ class Robot:
         steps: How many commands were carried out in this episode.
         deadline: The skill being done should be over by this step.
         doing: What it is doing, in words.
+        held_up: (3,) direction in the end-effector's frame that was up when what is held stood;
+            None when nobody saw it stand.
         timings_s: Time spent on ``target`` (goal sampling), ``motion`` (motion planning) and
             ``plan`` (their sum) in this episode [s].
         failure: What failed last, for whoever tries something else then.
@@ -94,6 +98,7 @@ class Robot:
         self.failure: Failure | None = None
         self.obs: Mapping[str, Any] = {}
         self.trace: list[dict[str, Any]] = []
+        self.held_up: Array | None = None
         self._seeds = np.random.default_rng(seed)
         self._arm_rad = scene.arm_qpos.copy()
 
@@ -127,6 +132,10 @@ class Robot:
     def relax(self) -> None:
         """Makes the arm's present pose its target."""
         self._arm_rad = self.scene.arm_qpos.copy()
+
+    def up(self) -> Array:
+        """Returns the direction (3,) in the end-effector's frame that points up now."""
+        return self.kinematics.ee_pose(self.scene.arm_qpos)[2, :3].copy()
 
     def next_seed(self) -> int:
         """Returns the seed of the next search."""

@@ -14,6 +14,10 @@ from hab_tasks.privileged import FrontState
 class Scene(Protocol):
     """The world as the robot knows it at this step."""
 
+    def forget(self) -> None:
+        """Starts a new episode."""
+        ...
+
     def see(self, obs: Mapping[str, Any], row: int) -> None:
         """Takes in the observation of one row of a batch; called at every step."""
         ...
@@ -45,8 +49,11 @@ class Scene(Protocol):
         """Returns where it is to be (3,)."""
         ...
 
-    def grasp_points_m(self, number: int) -> Array:
-        """Returns points (P, 3) in the world at which the hand would take an object."""
+    def grasp_points_m(self, number: int, *, around: bool = False) -> Array:
+        """Returns points (P, 3) in the world at which the hand would take an object.
+
+        These are a few at its faces, or many `around` it, some as far away as it can be taken.
+        """
         ...
 
     def ee_from_held(self) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hab_spa.collision import ArmCollision, ShapeCache
-from hab_spa.joint_goal import GraspConfig
+from hab_spa.joint_goal import GraspConfig, sphere_m
 from hab_spa.shapes import Array, body_bounds_m, invert_pose
 from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.navigation import NavigationMap
@@ -30,6 +30,9 @@ class TrueScene:
     def __init__(self, config: GraspConfig | None = None) -> None:
         """Makes the scene of one row; shapes are kept from episode to episode."""
         self._config, self._cache = config or GraspConfig(), ShapeCache()
+
+    def forget(self) -> None:
+        """Starts a new episode, of which nothing is remembered but shapes."""
 
     def see(self, obs: Mapping[str, Any], row: int) -> None:
         """Takes in the true state of a row."""
@@ -62,11 +65,19 @@ class TrueScene:
         """Returns where its centre of mass (3,) is to be."""
         return self.state.goals_m[number]
 
-    def grasp_points_m(self, number: int) -> Array:
-        """Returns the face centres (P, 3) of an object's box at which the hand would take it."""
-        name = self.state.targets[number]
-        centres_m = face_centres_m(self.state, name)
-        return centres_m[would_grasp(self.state, name, centres_m, self._config)]
+    def grasp_points_m(self, number: int, *, around: bool = False) -> Array:
+        """Returns the points (P, 3) at which the hand would take an object.
+
+        They are the face centres of its box, or points `around` its centre of mass.
+        """
+        name, config = self.state.targets[number], self._config
+        if around:
+            com_m = self.object_m(number)
+            spheres = [sphere_m(com_m, radius_m, config.sides) for radius_m in config.around_m]
+            points_m = np.concatenate(spheres)
+        else:
+            points_m = face_centres_m(self.state, name)
+        return points_m[would_grasp(self.state, name, points_m, config)]
 
     def ee_from_held(self) -> Array:
         """Returns the centre of mass (3,) of what is held, in the end-effector's frame.

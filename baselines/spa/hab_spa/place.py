@@ -1,0 +1,87 @@
+"""The Place skill as sense, plan and act (S App. D): bring, let go, and back to rest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from hab_spa.ik import Tool
+from hab_spa.joint_goal import JUDGE_SEED, count_goals
+from hab_spa.moves import go, sampled, wait
+from hab_spa.place_goal import lowering, sample_placing_goals
+from hab_spa.rest import rest
+from hab_spa.results import Failure
+from hab_spa.robot import RELEASE, Motion, Robot
+from hab_spa.shapes import Array
+
+
+def place(robot: Robot, number: int) -> Motion:
+    """Brings what is held to its goal, lets go and rests; plans again when execution fails.
+
+    What was let go is not taken again, wherever it came to lie.
+
+    Args:
+        robot: Who does it.
+        number: Number of the object.
+    """
+    scene, failure = robot.scene, Failure.EXECUTION
+    for _ in range(1 + robot.config.retries):
+        if scene.holds(number):
+            failure = yield from _bring(robot, number)
+            if failure is None:
+                yield from _let_go(robot)
+            elif failure is not Failure.EXECUTION:
+                return failure
+        if not scene.holds(number):
+            break
+    lost = failure
+    for _ in range(1 + robot.config.retries):
+        failure = yield from rest(robot)
+        if failure is not Failure.EXECUTION:
+            break
+    return lost or failure
+
+
+def place_ways(robot: Robot, number: int, base: Array) -> int:
+    """Returns how many ways to let an object go a few samples find from a base pose (3,)."""
+    config = robot.config
+    few = replace(config.placing, round_starts=config.goal.judge_starts)
+    search = lowering(robot.scene.goal_m(number), _tool(robot), JUDGE_SEED, config.goal, few)
+    return count_goals(search, robot.scene.collision(base=base), robot.kinematics, config.goal)
+
+
+def _tool(robot: Robot) -> Tool:
+    """Returns the centre of mass of what is held; in the hand it is upright if nobody knows."""
+    up = robot.up() if robot.held_up is None else robot.held_up
+    return Tool(point_m=robot.scene.ee_from_held(), up=up)
+
+
+def _bring(robot: Robot, number: int) -> Motion:
+    """Plans to where the object is let go, and goes there."""
+    robot.doing = "bring"
+    scene, config = robot.scene, robot.config
+    if robot.held_up is None:
+        robot.held_up = robot.up()
+    collision = scene.collision()
+    goals = sampled(
+        robot,
+        lambda: sample_placing_goals(
+            scene.goal_m(number),
+            _tool(robot),
+            collision,
+            robot.kinematics,
+            robot.next_seed(),
+            config.goal,
+            config.placing,
+        ),
+    )
+    if goals.failure is not None:
+        return goals.failure
+    return (yield from go(robot, collision, goals.goals, intact=lambda: scene.holds(number)))
+
+
+def _let_go(robot: Robot) -> Motion:
+    """Opens the hand, and waits until what was in it stands."""
+    robot.doing, robot.gripper = "let go", RELEASE
+    yield from wait(robot, robot.config.release_steps)
+    robot.held_up = None
+    return None

@@ -1,15 +1,17 @@
-"""Observers of a rollout: the video recorder."""
+"""Observers of a rollout, and what they are told: the video recorder is one."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import imageio.v2 as imageio
 import numpy as np
-from numpy.typing import NDArray
 
+from hab_eval.film import Frame, compose, describe
 from hab_tasks.constants import CONTROL_HZ
 
 if TYPE_CHECKING:
@@ -17,7 +19,44 @@ if TYPE_CHECKING:
 
     from hab_tasks.episodes import Episode
 
-Frame = NDArray[np.uint8]
+
+@dataclass(frozen=True, kw_only=True)
+class Moment:
+    """What is known after a step, and before the first one.
+
+    Attributes:
+        step: Steps taken.
+        info: What the environment told last.
+        doing: What the agent says that it is doing.
+        reward: Reward of the last step.
+        episode_return: Sum of the rewards so far.
+    """
+
+    step: int
+    info: Mapping[str, Any]
+    doing: str
+    reward: float
+    episode_return: float
+
+
+class Observer(Protocol):
+    """Sees every episode pass by and changes nothing."""
+
+    def start(self, index: int, episode: Episode, moment: Moment) -> None:
+        """Called after the reset of episode number `index` of the set."""
+        ...
+
+    def step(self, moment: Moment) -> None:
+        """Called after every step."""
+        ...
+
+    def end(self) -> None:
+        """Called once after the last step."""
+        ...
+
+    def abort(self) -> None:
+        """Called instead of `end` if the episode did not come to its end."""
+        ...
 
 
 class VideoRecorder:
@@ -31,16 +70,18 @@ class VideoRecorder:
         self._env = env
         self._folder = folder
         self._count = count
+        self._episode_id = ""
         self._target: Path | None = None
         self._writer: Any = None
 
-    def start(self, index: int, episode: Episode) -> None:
+    def start(self, index: int, episode: Episode, moment: Moment) -> None:
         """Opens `video_<index>_<episode id>.mp4` and writes its first frame, also as PNG."""
         if index >= self._count:
             return
+        self._episode_id = episode.id
         safe_id = re.sub(r"[^A-Za-z0-9._-]+", "-", episode.id)
         self._target = self._folder / f"video_{index:03d}_{safe_id}.mp4"
-        frame = self._frame()
+        frame = self._frame(moment)
         imageio.imwrite(self._target.with_suffix(".png"), frame)
         # Two is the smallest multiple of the frame size that players of yuv420p take.
         self._writer = imageio.get_writer(
@@ -51,10 +92,10 @@ class VideoRecorder:
         )
         self._writer.append_data(frame)
 
-    def step(self) -> None:
+    def step(self, moment: Moment) -> None:
         """Appends one frame."""
         if self._writer is not None:
-            self._writer.append_data(self._frame())
+            self._writer.append_data(self._frame(moment))
 
     def end(self) -> None:
         """Finishes the file."""
@@ -72,10 +113,13 @@ class VideoRecorder:
         self._scratch(self._target).unlink(missing_ok=True)
         self._writer = self._target = None
 
-    def _frame(self) -> Frame:
-        """Returns the third-person view (H, W, 3) of the only row."""
+    def _frame(self, moment: Moment) -> Frame:
+        """Returns what the robot's cameras and a person see of the only row, and words below."""
+        base: Any = self._env.unwrapped
         rendered: Any = self._env.render()
-        return np.asarray(rendered[0].cpu(), dtype=np.uint8)
+        pictures = [*base.render_views().values(), rendered]
+        views = [np.asarray(picture[0].cpu(), dtype=np.uint8) for picture in pictures]
+        return compose(views, describe(self._episode_id, moment))
 
     @staticmethod
     def _scratch(target: Path) -> Path:

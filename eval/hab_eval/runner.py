@@ -9,7 +9,7 @@ import traceback
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
@@ -18,7 +18,7 @@ from hab_eval import environments
 from hab_eval.config import EvalConfig
 from hab_eval.errors import AgentError, RunStoppedError
 from hab_eval.load_agent import load_agent
-from hab_eval.observers import VideoRecorder
+from hab_eval.observers import Moment, Observer, VideoRecorder
 from hab_eval.results import EpisodeResult, FinishedEpisode
 from hab_eval.seen import Seen, show
 from hab_tasks.agent import Agent, AgentReport, AgentSetup
@@ -30,26 +30,6 @@ if TYPE_CHECKING:
 
 TIMEOUT = "timeout"
 UNNAMED_FAILURE = "environment"
-
-
-class Observer(Protocol):
-    """Sees every episode pass by and changes nothing."""
-
-    def start(self, index: int, episode: Episode) -> None:
-        """Called after the reset of episode number `index` of the set."""
-        ...
-
-    def step(self) -> None:
-        """Called after every step."""
-        ...
-
-    def end(self) -> None:
-        """Called once after the last step."""
-        ...
-
-    def abort(self) -> None:
-        """Called instead of `end` if the episode did not come to its end."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,11 +100,11 @@ def run_episode(
     The scene is rebuilt for every episode, so that an outcome depends neither on the episodes that
     ran before in the same process nor on the number of workers.
     """
-    obs, _ = env.reset(seed=episode.seed, options={"episode": episode, "reconfigure": True})
+    obs, info = env.reset(seed=episode.seed, options={"episode": episode, "reconfigure": True})
     agent.reset(torch.ones(1, dtype=torch.bool), [episode.seed])
     try:
         for observer in observers:
-            observer.start(index, episode)
+            observer.start(index, episode, _moment(agent, info, 0, 0.0, 0.0))
         finished = _rollout(env, agent, episode, obs, observers)
     except BaseException:
         for observer in observers:
@@ -155,10 +135,11 @@ def _rollout(
         obs, reward, terminated, truncated, info = env.step(action)
         seconds += time.perf_counter() - started
         steps += 1
-        episode_return += float(torch.as_tensor(reward).reshape(-1)[0])
+        paid = float(torch.as_tensor(reward).reshape(-1)[0])
+        episode_return += paid
         done = _first(terminated) or _first(truncated)
         for observer in observers:
-            observer.step()
+            observer.step(_moment(agent, info, steps, paid, episode_return))
     report = agent.report()[0]
     success = _first(info["success"])
     result = EpisodeResult(
@@ -173,6 +154,19 @@ def _rollout(
     )
     timings_s = {name: float(value) for name, value in report.timings_s.items()}
     return FinishedEpisode(episode=result, timings_s=timings_s, trace=_checked_trace(report))
+
+
+def _moment(
+    agent: Agent, info: Mapping[str, Any], step: int, reward: float, episode_return: float
+) -> Moment:
+    """Returns what observers are told."""
+    return Moment(
+        step=step,
+        info=info,
+        doing=agent.report()[0].doing,
+        reward=reward,
+        episode_return=episode_return,
+    )
 
 
 def _failure(info: Mapping[str, Any], reported: str | None) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar
 
 from mani_skill.envs.sapien_env import BaseEnv
-from mani_skill.sensors.camera import CameraConfig
+from mani_skill.sensors.camera import Camera, CameraConfig
 from torch import Tensor
 
 from hab_tasks.arrays import to_tensor
@@ -20,6 +20,10 @@ from hab_tasks.skills.viewpoint import FIRST_VIEW, Viewpoint
 from hab_tasks.skills.world import World
 
 RENDER_SIZE_PX = 512
+VIEW_SIZE_PX = 256
+
+VIEWS = ("head", "arm")
+"""Cameras on the robot that `render_views` shows a person, whatever the agent sees with."""
 
 WITHOUT_IMAGES = ("state", "state_dict", "none")
 """Observation modes that need no renderer."""
@@ -36,6 +40,7 @@ class ObservingEnv(BaseEnv):
     _viewpoint: Viewpoint
     _hides_arm: bool
     _images_on_demand = False
+    _views: dict[str, Camera]
 
     def _set_sensors(
         self,
@@ -85,7 +90,7 @@ class ObservingEnv(BaseEnv):
 
     def _start_observing(self) -> None:
         """Runs when a new simulation has been built, before its cameras are set up."""
-        self._viewpoint = Viewpoint()
+        self._viewpoint, self._views = Viewpoint(), {}
         noise = self._sensor_noise
         self._noise = None if noise is None else NoiseSource(noise, self.num_envs)
         self.agent.rig = self._rig
@@ -121,6 +126,25 @@ class ObservingEnv(BaseEnv):
         """Renders the human-render camera and the sensors."""
         self._aim()
         return super().render_all()
+
+    def render_views(self) -> dict[str, Tensor]:
+        """Renders what the robot has before its head and its hand, in colour, for a person.
+
+        It works in every observation mode, and needs a `render_mode`. Not for GPU simulation.
+
+        Returns:
+            Name in `VIEWS` -> (N, 256, 256, 3) uint8.
+        """
+        if not self._views:
+            rig = CameraRig(names=VIEWS, size_px=VIEW_SIZE_PX, hfov_rad=self._rig.hfov_rad)
+            configs = rig.configs(self.agent.link)
+            self._views = {config.uid: Camera(config, self.scene) for config in configs}
+        self.scene.update_render(update_sensors=False, update_human_render_cameras=False)
+        views = {}
+        for name, camera in self._views.items():
+            camera.capture()
+            views[name] = camera.get_obs(depth=False, position=False, segmentation=False)["rgb"]
+        return views
 
     def _aim(self) -> None:
         """Moves the human-render camera where a wall came between; it drives with the base."""

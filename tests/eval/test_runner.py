@@ -72,11 +72,12 @@ def test_observers_see_everything_once():
     calls = []
 
     class Recorder:
-        def start(self, index, episode):
-            calls.append(("start", index, episode.id))
+        def start(self, index, episode, moment):
+            calls.append(("start", index, episode.id, moment.step, moment.episode_return))
 
-        def step(self):
-            calls.append("step")
+        def step(self, moment):
+            assert moment.info["stages"]
+            calls.append((moment.step, moment.reward, moment.episode_return, moment.doing))
 
         def end(self):
             calls.append("end")
@@ -84,14 +85,18 @@ def test_observers_see_everything_once():
         def abort(self):
             calls.append("abort")
 
-    run(1, stub_hab.StubAgent(), [Recorder()])
-    assert calls == [("start", 0, "e"), "step", "step", "end"]
+    agent = stub_hab.StubAgent()
+    agent.report = lambda: [AgentReport(doing=f"act {len(agent.seen)}")]
+    run(1, agent, [Recorder()])
+    # Each action pays 0.5.
+    steps = [(1, 0.5, 0.5, "act 1"), (2, 0.5, 1.0, "act 2")]
+    assert calls == [("start", 0, "e", 0, 0.0), *steps, "end"]
     calls.clear()
     broken = stub_hab.StubAgent()
     broken.act = lambda obs: None
     with pytest.raises(AgentError):
         run(1, broken, [Recorder()])
-    assert calls == [("start", 0, "e"), "abort"]
+    assert calls == [("start", 0, "e", 0, 0.0), "abort"]
 
 
 @pytest.mark.usefixtures("stubbed")

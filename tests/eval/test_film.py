@@ -1,0 +1,122 @@
+"""A film's frame: pictures in a row, words below."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from hab_eval import environments
+from hab_eval.config import EvalConfig
+from hab_eval.film import LINE_PX, LINES, compose, describe
+from hab_eval.observers import Moment
+
+from hab_tasks.agent import AgentSpec
+from hab_tasks.envs import ENVS
+
+render = pytest.mark.render
+quick = ("HabPick-v1", "HabNavigate-v1")
+few_envs = pytest.mark.parametrize(
+    "env_id", [e if e in quick else pytest.param(e, marks=pytest.mark.slow) for e in ENVS]
+)
+
+
+def moment(step=12, doing="3/20 pick(bowl, drawer): reach", **info):
+    return Moment(step=step, info=info, doing=doing, reward=-0.25, episode_return=1.5)
+
+
+def flag(value):
+    return torch.tensor([value])
+
+
+def test_words_of_a_task():
+    stages = {"pick_1": flag(True), "place_1": flag(False), "pick_2": flag(False)}
+    terms = {"pick/distance": flag(-0.3), "pick/force": flag(0.05), "place/distance": flag(0.0)}
+    told = moment(
+        success=flag(False),
+        failures={},
+        stages=stages,
+        part={"number": flag(2)},
+        reward_terms=terms,
+    )
+    assert describe("e/7", told) == [
+        "e/7   step 12   0.4 s",  # 30 steps a second
+        "3/20 pick(bowl, drawer): reach",
+        "part 2   1 of 3 stages: pick_1",
+        "reward -0.2500 = pick/distance -0.3000, pick/force +0.0500",
+        "return +1.500",
+    ]
+
+
+def test_words_of_a_skill_at_its_ends():
+    failures = {"force": flag(True), "wrong_object": flag(False)}
+    told = moment(doing="", success=flag(False), failures=failures, reward_terms={"x": flag(0.0)})
+    assert describe("e/7", told) == [
+        "e/7   step 12   0.4 s   force",
+        "reward -0.2500",
+        "return +1.500",
+    ]
+    assert describe("e/7", moment(success=flag(True)))[0] == "e/7   step 12   0.4 s   success"
+    # Nothing is paid for a reset, whatever the terms would be.
+    first = moment(step=0, doing="", success=flag(False), reward_terms={"x": flag(1.0)})
+    assert describe("e/7", first) == ["e/7   step 0   0.0 s", "return +1.500"]
+
+
+def plain(height, width, shade):
+    return np.full((height, width, 3), shade, dtype=np.uint8)
+
+
+def test_pictures_stand_in_a_row_at_one_height():
+    views = [plain(64, 64, 50), plain(64, 96, 100), plain(128, 128, 150)]
+    frame = compose(views, [])
+    # 128 px high: 64 x 64 grows to 128 x 128, 64 x 96 to 128 x 192.
+    assert frame.shape == (128 + LINES * LINE_PX, 128 + 192 + 128, 3)
+    assert frame.dtype == np.uint8
+    for start, end, shade in ((0, 128, 50), (128, 320, 100), (320, 448, 150)):
+        assert np.all(frame[:128, start:end] == shade)
+    assert np.all(frame[128:] == 0)
+
+
+def test_words_are_broken_and_never_grow_the_frame():
+    view = plain(64, 400, 0)
+    few, long = compose([view], ["one line"]), compose([view], ["many words " * 200])
+    assert few.shape == long.shape
+
+    def lines_with_words(frame):
+        strip = frame[64:].reshape(LINES, LINE_PX, -1)
+        return int((strip.max(axis=(1, 2)) > 0).sum())
+
+    assert lines_with_words(few) == 1
+    assert lines_with_words(long) == LINES
+    assert few[64:].max() > 200
+    assert not few[64:, -150:].any()  # eight letters take less than 250 px
+
+
+@render
+@few_envs
+def test_views_are_in_colour_whatever_the_agent_sees(env_id):
+    """The same episode for an agent of states and for one of depth; Navigate has no arm camera."""
+    spec = AgentSpec(name="x", control_mode=environments.continuous_control(env_id))
+    config = EvalConfig(agent="x:y", env=env_id)
+    shown = []
+    for obs_mode in ("state", "depth"):
+        one = replace(spec, obs_mode=obs_mode)
+        env = environments.make_env(config, one, split="val", render=True)
+        first, _ = env.reset(seed=1, options={"episode": 1})
+        views = env.unwrapped.render_views()
+        assert list(views) == ["head", "arm"]
+        for view in views.values():
+            assert view.shape == (1, 256, 256, 3)
+            assert view.dtype == torch.uint8
+            assert (view[..., 0] != view[..., 2]).float().mean() > 0.2
+            assert view.float().std() > 5
+        assert not torch.equal(views["head"], views["arm"])
+        shown.append(views)
+        if obs_mode == "depth":  # what the agent sees is untouched
+            again = env.unwrapped.look()["sensor_data"]
+            assert torch.equal(again["head"]["depth"], first["sensor_data"]["head"]["depth"])
+        # Made anew with the simulation, the cameras show the new one.
+        env.reset(seed=1, options={"episode": 2, "reconfigure": True})
+        assert not torch.equal(env.unwrapped.render_views()["head"], views["head"])
+        env.close()
+    for name in shown[0]:
+        assert torch.equal(shown[0][name], shown[1][name])

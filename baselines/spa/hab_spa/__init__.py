@@ -2,5 +2,6 @@
 
 from hab_spa.factories import spa_priv
 from hab_spa.results import Failure
+from hab_spa.seen_agents import spa
 
-__all__ = ["Failure", "spa_priv"]
+__all__ = ["Failure", "spa", "spa_priv"]

@@ -46,7 +46,9 @@ class SpaAgent:
     def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
         """Starts a new episode in the rows of `mask` (N,) bool, seeded with `seeds` (N,)."""
         for number in torch.nonzero(mask).flatten().tolist():
-            self._rows[number] = _Row(self._rows[number].scene, int(seeds[number]))
+            scene = self._rows[number].scene
+            scene.forget()
+            self._rows[number] = _Row(scene, int(seeds[number]))
 
     def act(self, obs: Mapping[str, Any]) -> Tensor:
         """Returns actions (N, A) float32 in the spec's control mode."""

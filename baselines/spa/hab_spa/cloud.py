@@ -1,0 +1,133 @@
+"""Depth images as points in the world (S App. D, SPA)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hab_spa.shapes import Array, invert_pose
+from hab_tasks.constants import CAMERA_DEPTH_MAX_M
+from hab_tasks.robots.cameras import PLACES
+
+_SAPIEN_FROM_CAMERA = np.array(
+    ((0.0, 0.0, 1.0, 0.0), (-1.0, 0.0, 0.0, 0.0), (0.0, -1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+)
+"""SAPIEN's cameras look along x, z up; a depth image's along z, y down."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DepthView:
+    """What one camera measured at one moment.
+
+    Attributes:
+        depth_m: (H, W) distance along the camera's axis; infinite where nothing was in range.
+        focal_px: (2,) focal lengths, sideways and up.
+        centre_px: (2,) where the axis meets the image; the first pixel's corner is (0, 0).
+        world_from_camera: (4, 4); camera x to the right, y down, z ahead.
+    """
+
+    depth_m: Array
+    focal_px: Array
+    centre_px: Array
+    world_from_camera: Array
+
+    @classmethod
+    def read(cls, obs: Mapping[str, Any], camera: str, row: int) -> DepthView:
+        """Reads a camera's image and pose of one row from an observation with images."""
+        depth = np.asarray(obs["sensor_data"][camera]["depth"][row], dtype=float)[..., 0]
+        parameters = obs["sensor_param"][camera]
+        intrinsics = np.asarray(parameters["intrinsic_cv"][row], dtype=float)
+        return cls(
+            depth_m=np.where(depth < 1.0, depth * CAMERA_DEPTH_MAX_M, np.inf),
+            focal_px=intrinsics[(0, 1), (0, 1)],
+            centre_px=intrinsics[:2, 2],
+            world_from_camera=world_from_camera(obs, camera, row),
+        )
+
+    def points_m(self) -> Array:
+        """Returns the point (H, W, 3) in the world that each pixel's centre shows."""
+        return self.to_world_m(self.rays() * self.depth_m[..., None])
+
+    def rays(self) -> Array:
+        """Returns directions (H, W, 3) of the pixels' centres in the camera's frame, z = 1."""
+        height, width = self.depth_m.shape
+        x = (np.arange(width) + 0.5 - self.centre_px[0]) / self.focal_px[0]
+        y = (np.arange(height) + 0.5 - self.centre_px[1]) / self.focal_px[1]
+        return np.stack((*np.meshgrid(x, y), np.ones((height, width))), axis=-1)
+
+    def to_world_m(self, points_m: Array) -> Array:
+        """Maps points (..., 3) from the camera's frame to the world."""
+        pose = self.world_from_camera
+        return points_m @ pose[:3, :3].T + pose[:3, 3]
+
+    def project(self, points_m: Array) -> tuple[NDArray[np.int64], Array, NDArray[np.bool_]]:
+        """Projects points (K, 3) of the world.
+
+        Returns:
+            The pixels (K, 2) row and column, clipped to the image, the points' depths (K,) and
+            whether each is in the image (K,) bool.
+        """
+        camera_from_world = invert_pose(self.world_from_camera)
+        local = points_m @ camera_from_world[:3, :3].T + camera_from_world[:3, 3]
+        ahead = local[:, 2] > 1e-3
+        scaled = local[:, :2] / np.where(ahead, local[:, 2], 1.0)[:, None]
+        columns_rows = np.floor(scaled * self.focal_px + self.centre_px)
+        pixels = np.clip(columns_rows[:, ::-1], -1, np.array(self.depth_m.shape)).astype(np.int64)
+        inside = ahead & (pixels >= 0).all(axis=1) & (pixels < self.depth_m.shape).all(axis=1)
+        return np.clip(pixels, 0, np.array(self.depth_m.shape) - 1), local[:, 2], inside
+
+
+def world_from_camera(obs: Mapping[str, Any], camera: str, row: int) -> Array:
+    """Returns a camera's pose (4, 4): x to the right, y down, z ahead."""
+    camera_from_world = np.eye(4)
+    camera_from_world[:3] = np.asarray(obs["sensor_param"][camera]["extrinsic_cv"][row])
+    return invert_pose(camera_from_world)
+
+
+def world_from_base(obs: Mapping[str, Any], row: int) -> Array:
+    """Returns the pose (4, 4) of Fetch's base_link: the head's camera is fixed to it."""
+    base_from_sapien = PLACES["head"].pose().to_transformation_matrix().astype(float)
+    base_from_camera = base_from_sapien @ _SAPIEN_FROM_CAMERA
+    return world_from_camera(obs, "head", row) @ invert_pose(base_from_camera)
+
+
+def surface_points_m(
+    view: DepthView, seen: NDArray[np.bool_], spacing_m: float, slope: float
+) -> Array:
+    """Returns points (K, 3) in the world on the surfaces between the pixels of a view.
+
+    A plane's inverse depth is linear across an image, so what lies between four neighbouring
+    pixels of one surface is interpolated in it.
+
+    Args:
+        view: The image.
+        seen: (H, W) which pixels count.
+        spacing_m: Points are at most this far apart along an image's row or column.
+        slope: Neighbours whose depths differ by more than this many times their distance
+            sideways are thought to be of two surfaces.
+    """
+    depth_m, rays = view.depth_m, view.rays()
+    corners = [np.s_[:-1, :-1], np.s_[:-1, 1:], np.s_[1:, :-1], np.s_[1:, 1:]]
+    quads = np.stack([depth_m[corner] for corner in corners])
+    whole = np.all([seen[corner] for corner in corners], axis=0)
+    near_m, far_m = quads.min(axis=0), quads.max(axis=0)
+    pixel_m = near_m / view.focal_px.min()
+    with np.errstate(invalid="ignore"):
+        whole &= far_m - near_m <= slope * pixel_m
+    inverse = 1.0 / quads[:, whole]
+    directions = np.stack([rays[corner][whole] for corner in corners])
+    counts = np.ceil((pixel_m + (far_m - near_m))[whole] / spacing_m).astype(int)
+    points = [(rays * depth_m[..., None])[seen]]
+    for count in np.unique(counts):
+        steps = (np.arange(count) + 0.5) / count
+        x, y = (grid.reshape(-1, 1) for grid in np.meshgrid(steps, steps))
+        weights = np.stack(((1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y))  # (4, C, 1)
+        chosen = counts == count
+        depth = 1.0 / (weights * inverse[:, None, chosen]).sum(axis=0)
+        direction = (weights[..., None] * directions[:, None, chosen]).sum(axis=0)
+        points.append((direction * depth[..., None]).reshape(-1, 3))
+    return view.to_world_m(np.concatenate(points))

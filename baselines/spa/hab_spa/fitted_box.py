@@ -1,0 +1,192 @@
+"""The best-fit box around an object's points (S App. D, SPA: Pick)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+from hab_spa.shapes import Array, invert_pose
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoxConfig:
+    """The numbers of the fit.
+
+    Attributes:
+        reach_m: Points farther than this from the object's position are of other things.
+        support_reach_m: The plane that it stands on is looked for this far around, sideways.
+        support_bin_m: Resolution of that plane's height.
+        support_share: The plane holds at least this share of the points around and below.
+        above_m: Points this much above the plane may be the object's.
+        grain_m: Of points nearer to each other than this, one is enough.
+        link_m: Neighbours this near to each other are of one object.
+        yaw_steps: How many directions of the box within a quarter turn are compared.
+        trim: This share of the points may stick out of the box on each side.
+        smallest_m: Half the edge of the smallest box.
+        fewest: With fewer points there is nothing, and the object's box is the smallest one.
+        others_reach_m: Other things are looked for this far around.
+        thing_m: What is longer than this is no thing that the hand can take.
+    """
+
+    reach_m: float = 0.15
+    support_reach_m: float = 0.3
+    support_bin_m: float = 0.005
+    support_share: float = 0.2
+    above_m: float = 0.008
+    grain_m: float = 0.006
+    link_m: float = 0.015
+    yaw_steps: int = 30
+    trim: float = 0.01
+    smallest_m: float = 0.02
+    fewest: int = 8
+    others_reach_m: float = 0.35
+    thing_m: float = 0.3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FittedBox:
+    """A box that stands upright in the world.
+
+    Attributes:
+        world_from_box: (4, 4) pose of its centre.
+        half_size_m: (3,) half extents.
+        support_m: Height of the plane that it stands on; None if none was seen.
+    """
+
+    world_from_box: Array
+    half_size_m: Array
+    support_m: float | None = None
+
+    def upper_face_centres_m(self) -> Array:
+        """Returns the centres (5, 3) of its top and its four sides, in the world."""
+        half = np.diag(self.half_size_m)
+        local = np.concatenate((half[2:], half[:2], -half[:2]))
+        return local @ self.world_from_box[:3, :3].T + self.world_from_box[:3, 3]
+
+    def contains(self, points_m: Array, margin_m: float) -> NDArray[np.bool_]:
+        """Whether points (K, 3) are in it or nearer than `margin_m` to it, edgewise."""
+        return in_box(points_m, self.world_from_box, self.half_size_m + margin_m)
+
+
+def in_box(points_m: Array, world_from_box: Array, half_size_m: Array) -> NDArray[np.bool_]:
+    """Whether points (K, 3) are in a box (4, 4), (3,)."""
+    box_from_world = invert_pose(world_from_box)
+    local = points_m @ box_from_world[:3, :3].T + box_from_world[:3, 3]
+    return np.all(np.abs(local) <= half_size_m, axis=1)
+
+
+def fit_box(points_m: Array, centre_m: Array, config: BoxConfig) -> FittedBox:
+    """Fits an upright box around the points of the object at a place.
+
+    One sees only an object's near side. Its other side is taken to be like it, turned by half
+    a turn about the vertical through the object's position.
+
+    Args:
+        points_m: (K, 3) of everything seen, in the world.
+        centre_m: (3,) the object's position.
+        config: The numbers.
+    """
+    support_m = support_height_m(points_m, centre_m, config)
+    own_m = _object_points(points_m, centre_m, support_m, config)
+    if len(own_m) < config.fewest:
+        pose = np.eye(4)
+        pose[:3, 3] = centre_m
+        return FittedBox(
+            world_from_box=pose, half_size_m=np.full(3, config.smallest_m), support_m=support_m
+        )
+    offsets_m = own_m[:, :2] - centre_m[:2]
+    offsets_m = np.concatenate((offsets_m, -offsets_m))
+    yaws = np.linspace(0.0, np.pi / 2, config.yaw_steps, endpoint=False)
+    axes = np.stack((np.cos(yaws), np.sin(yaws)), axis=1)  # (Y, 2)
+    across = np.stack((-axes[:, 1], axes[:, 0]), axis=1)
+    half_m = np.stack(
+        [
+            np.quantile(np.abs(offsets_m @ side.T), 1.0 - config.trim, axis=0)
+            for side in (axes, across)
+        ],
+        axis=1,
+    )  # (Y, 2)
+    best = int(half_m.prod(axis=1).argmin())
+    top_m = float(np.quantile(own_m[:, 2], 1.0 - config.trim))
+    bottom_m = min(float(own_m[:, 2].min()), centre_m[2])
+    if support_m is not None:
+        bottom_m = support_m
+    pose = np.eye(4)
+    pose[:2, 0], pose[:2, 1] = axes[best], across[best]
+    pose[:3, 3] = (*centre_m[:2], (top_m + bottom_m) / 2)
+    half = np.array((*half_m[best], (top_m - bottom_m) / 2))
+    return FittedBox(
+        world_from_box=pose, half_size_m=np.maximum(half, config.smallest_m), support_m=support_m
+    )
+
+
+def support_height_m(points_m: Array, centre_m: Array, config: BoxConfig) -> float | None:
+    """Returns the height of the plane below a place (3,), None if no plane stands out."""
+    sideways_m = np.linalg.norm(points_m[:, :2] - centre_m[:2], axis=1)
+    below_m = centre_m[2] - points_m[:, 2]
+    around = (sideways_m < config.support_reach_m) & (below_m > 0.0) & (below_m < config.reach_m)
+    heights_m = points_m[around, 2]
+    if len(heights_m) < config.fewest:
+        return None
+    bins = np.floor(heights_m / config.support_bin_m).astype(int)
+    counts = np.bincount(bins - bins.min())
+    # A plane may lie across the border of two bins.
+    pairs = counts + np.append(counts[1:], 0)
+    best = int(pairs.argmax())
+    if pairs[best] < config.support_share * len(heights_m):
+        return None
+    chosen = np.isin(bins - bins.min(), (best, best + 1))
+    return float(np.median(heights_m[chosen]))
+
+
+def other_things_m(points_m: Array, centre_m: Array, box: FittedBox, config: BoxConfig) -> Array:
+    """Returns about where other small things (T, 3) are around an object.
+
+    Args:
+        points_m: (K, 3) of everything seen, in the world.
+        centre_m: (3,) the object's position.
+        box: The object's.
+        config: The numbers.
+    """
+    near = np.linalg.norm(points_m - centre_m, axis=1) < config.others_reach_m
+    if box.support_m is not None:
+        near &= points_m[:, 2] > box.support_m + config.above_m
+    near_m = points_m[near]
+    near_m = near_m[~box.contains(near_m, config.link_m)]
+    found = []
+    for thing_m in _things(near_m, config):
+        lower_m, upper_m = thing_m.min(axis=0), thing_m.max(axis=0)
+        if (upper_m - lower_m).max() < config.thing_m:
+            found.append((lower_m + upper_m) / 2)
+    return np.array(found).reshape(-1, 3)
+
+
+def _object_points(
+    points_m: Array, centre_m: Array, support_m: float | None, config: BoxConfig
+) -> Array:
+    """The points above the plane that hang together and are nearest to the place."""
+    near = np.linalg.norm(points_m - centre_m, axis=1) < config.reach_m
+    if support_m is not None:
+        near &= points_m[:, 2] > support_m + config.above_m
+    things = _things(points_m[near], config)
+    if not things:
+        return np.zeros((0, 3))
+    return min(things, key=lambda thing_m: np.linalg.norm(thing_m - centre_m, axis=1).min())
+
+
+def _things(points_m: Array, config: BoxConfig) -> list[Array]:
+    """Points (K, 3), thinned out, as those that hang together; specks are left out."""
+    if not len(points_m):
+        return []
+    _, first = np.unique(np.floor(points_m / config.grain_m), axis=0, return_index=True)
+    points_m = points_m[first]
+    pairs = KDTree(points_m).query_pairs(config.link_m, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(points_m), len(points_m)))
+    _, labels = connected_components(links, directed=False)
+    counts = np.bincount(labels)
+    return [points_m[labels == label] for label in np.flatnonzero(counts >= config.fewest)]

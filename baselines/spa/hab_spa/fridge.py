@@ -8,9 +8,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from hab_spa.fridge_arc import Lead, Pull
 from hab_spa.fridge_door import Door
-from hab_spa.fridge_place import PlaceConfig, Places, Pull
+from hab_spa.fridge_place import PlaceConfig, Places
 from hab_spa.fridge_shunt import ShuntConfig, drive
+from hab_spa.ik import IkConfig
 from hab_spa.moves import go
 from hab_spa.path import time_path
 from hab_spa.rest import rest
@@ -30,6 +32,8 @@ class FridgeConfig:
         close_to, close_need: It takes an open door to here, and moves it at least so much [rad].
         past_rad: The door is to come this much farther than it must.
         grasps_m: (along, out) of the handle at which the hand may take it.
+        leads: So many ways of leading the door are handed to the motion planner.
+        let_go: The hand lets go of a door that opens when it is open so far.
         pace: Of the motion along the arc.
         brake_steps: The hand lets go so many steps before its motion ends.
         away_m: After opening, the hand moves this far beyond the door's edge.
@@ -41,14 +45,16 @@ class FridgeConfig:
     """
 
     open_to: float = 0.9
-    open_need: float = 0.45
+    open_need: float = 0.6
     close_to: float = 0.05
     close_need: float = 0.45
     past_rad: float = 0.03
     grasps_m: tuple[tuple[float, float], ...] = (
         (0.0, 0.02), (0.0, 0.06), (0.04, 0.06), (0.08, 0.03), (0.1, 0.05), (0.0, 0.1)
     )  # fmt: skip
-    pace: float = 1.0
+    leads: int = 3
+    let_go: float = 0.65
+    pace: float = 1.3
     brake_steps: int = 5
     away_m: float = 0.2
     away_steps: int = 14
@@ -122,23 +128,26 @@ class _Fridge:
         handle = door.handle_m
         grasps = tuple((handle[0] + a, handle[1] + o) for a, o in config.grasps_m)
         if self._out:
-            end = max(config.open_to, door.joint + config.open_need)
-            need = max(config.open_need, door.joint + 0.2)
+            end = max(config.open_to, door.joint + 0.5)
+            need = max(config.open_need, door.joint + 0.3)
             swept = (door.joint, FRIDGE_OPEN_RAD + 0.1)
         else:
             end, need = config.close_to, max(door.joint - config.close_need, config.close_to + 0.05)
             swept = (config.close_to, door.joint)
-        return Pull(end=end, need=need, swept=swept, grasps_m=grasps)
+        return Pull(end=end, need=need, swept=swept, grasps_m=grasps, way_out=self._out)
 
     def _swing(self) -> Motion:
         """Goes to a good place, takes the handle, leads it along its arc and lets go."""
         failure = yield from self._stand()
         if failure is not None:
             return failure
-        failure = yield from self._take()
+        leads = self._leads()
+        if not leads:
+            return Failure.TARGET_PLAN
+        failure = yield from self._take(leads)
         if failure is not None:
             return failure
-        yield from self._lead()
+        yield from self._lead(leads)
         if self._out:
             yield from self._away()
         return None
@@ -150,20 +159,16 @@ class _Fridge:
         began = time.perf_counter()
         places = Places(robot, self._number, self._pull(), self._region, config)
         map_ = robot.scene.floor_map()
-        best, best_travel = None, 0.0
+        best = None
         for pose in places.ranked(map_)[: config.tries]:
             here = np.array_equal(pose, robot.base)
-            stand = places.stand(None if here else pose)
-            if stand is None:
-                continue
-            travel = abs(stand.ends[0] - places.door.joint)
-            enough = (stand.ends[0] - places.pull.need) * (1 if self._out else -1) >= 0
-            if travel <= best_travel:
+            leads = places.leads(None if here else pose)
+            if not leads or (best is not None and not leads[0].enough):
                 continue
             shunt = None if here else places.way(pose, map_)
             if here or shunt is not None:
-                best, best_travel = (shunt, enough), travel
-                if enough:
+                best = (shunt, leads[0].enough)
+                if leads[0].enough:
                     break
         robot.spend("target", time.perf_counter() - began)
         if best is None:
@@ -172,17 +177,21 @@ class _Fridge:
             yield from drive(robot, best[0], self._config.shunt)
         return None
 
-    def _take(self) -> Motion:
+    def _leads(self) -> list[Lead]:
+        """Returns the ways of leading the door from here, the best first."""
+        robot = self._robot
+        began = time.perf_counter()
+        places = Places(robot, self._number, self._pull(), self._region, self._config.place)
+        leads = places.leads(None)
+        robot.spend("target", time.perf_counter() - began)
+        return leads[: self._config.leads]
+
+    def _take(self, leads: list[Lead]) -> Motion:
         """Takes the handle."""
         robot = self._robot
         robot.doing, robot.gripper = "reach", RELEASE
-        began = time.perf_counter()
-        places = Places(robot, self._number, self._pull(), self._region, self._config.place)
-        stand = places.stand(None)
-        robot.spend("target", time.perf_counter() - began)
-        if stand is None:
-            return Failure.TARGET_PLAN
-        failure = yield from go(robot, robot.scene.collision(), stand.goals[:3])
+        goals = np.array([lead.goal for lead in leads])
+        failure = yield from go(robot, robot.scene.collision(), goals)
         if failure is not None:
             return failure
         robot.doing, robot.gripper = "grasp", GRASP
@@ -192,21 +201,19 @@ class _Fridge:
             yield robot.command()
         return Failure.EXECUTION
 
-    def _lead(self) -> Generator[Command, None, None]:
-        """Leads the handle along its arc as far as the arm goes, and lets go while it moves."""
+    def _lead(self, leads: list[Lead]) -> Generator[Command, None, None]:
+        """Leads the handle along its arc and lets go while the door moves."""
         robot, config = self._robot, self._config
         robot.doing = "pull" if self._out else "push"
-        began = time.perf_counter()
-        places = Places(robot, self._number, self._pull(), self._region, config.place)
-        collision = robot.scene.collision(without=robot.scene.front(self._number).body)
         start = robot.scene.arm_qpos.copy()
-        arc = places.arcs(start[None], collision)[0]
-        robot.spend("motion", time.perf_counter() - began)
-        if len(arc) < 2:
-            return
-        targets = time_path(np.concatenate((start[None], arc)), robot.config.timing, config.pace)
+        lead = min(leads, key=lambda lead: np.abs(lead.goal - start).max())
+        way = np.abs(lead.joints - lead.joints[0])
+        passed = np.searchsorted(way, abs(self._joint - lead.joints[0]), side="right")
+        arc = np.concatenate((start[None], lead.arc[passed:]))
+        targets = time_path(arc, robot.config.timing, config.pace)
         for target in targets[: -config.brake_steps]:
-            if not robot.scene.front(self._number).held:
+            held = robot.scene.front(self._number).held
+            if not held or (self._out and self._joint > config.let_go):
                 break
             yield robot.command(target)
         robot.gripper = RELEASE
@@ -239,7 +246,7 @@ class _Fridge:
         hand = robot.kinematics.ee_pose(qpos)[:3, 3]
         gap = local - hand
         gap *= min(1.0, 0.08 / (np.linalg.norm(gap) + 1e-9))
-        goal, _ = robot.kinematics.solve(qpos[None], (hand + gap)[None], self._config.place.ik)
+        goal, _ = robot.kinematics.solve(qpos[None], (hand + gap)[None], IkConfig(steps=6))
         return goal[0]
 
     def _wait(self) -> Generator[Command, None, None]:

@@ -6,26 +6,22 @@ take the handle, and when the arm alone can then take it far enough along its ar
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
-import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 
-from hab_spa.collision import ArmCollision, shared_arm_model
+from hab_spa.collision import ArmCollision
 from hab_spa.drive import STEP_M, STEP_RAD
+from hab_spa.fridge_arc import ArcConfig, Arcs, Lead, Pull, arm_points_m
 from hab_spa.fridge_door import Door
 from hab_spa.fridge_shunt import Shunt, shunts
-from hab_spa.ik import IkConfig
 from hab_spa.joint_goal import GoalConfig, sample_reaching_goals
 from hab_spa.robot import Robot
 from hab_spa.shapes import Array
 from hab_tasks.episodes.robot_start import Rectangle
 from hab_tasks.navigation import NavigationMap
 from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
-
-ELBOW = 4
-"""Number of the elbow's joint in the arm's model; from here on the arm reaches out."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,9 +39,6 @@ class PlaceConfig:
         distance_m: The hand works best this far from the middle of the base.
         tries: So many places are looked at closely.
         margins_m: Clearances of the resting arm; the next only where the one before fails.
-        arc_rad: The handle's arc is followed in such steps ...
-        arc_margin_m: ... with this clearance.
-        door_m: Clearance of elbow and wrist from the door that the hand pulls.
         drives: So many ways to a place are looked at closely.
     """
 
@@ -61,44 +54,13 @@ class PlaceConfig:
     distance_m: tuple[float, float] = (0.6, 0.85)
     tries: int = 30
     margins_m: tuple[float, ...] = (0.02, 0.008)
-    arc_rad: float = 0.06
-    arc_margin_m: float = 0.003
-    door_m: float = 0.05
     drives: int = 3
     goal: GoalConfig = field(
-        default_factory=lambda: GoalConfig(starts_per_point=250, enough=30, goals=6)
+        default_factory=lambda: GoalConfig(
+            starts_per_point=60, round_starts=60, enough=30, goals=14, same_goal_rad=0.2
+        )
     )
-    ik: IkConfig = field(default_factory=lambda: IkConfig(steps=6))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Pull:
-    """How the door is to be moved.
-
-    Attributes:
-        end: As far as the hand is to take it [rad] ...
-        need: ... and at least.
-        swept: From where to where it swings, with the robot out of its way.
-        grasps_m: (along, out) beside the door where the hand may take the handle.
-    """
-
-    end: float
-    need: float
-    swept: tuple[float, float]
-    grasps_m: tuple[tuple[float, float], ...]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Stand:
-    """A place, and what the arm does there.
-
-    Attributes:
-        goals: (G, 7) arm poses that take the handle, the one that gets farthest first.
-        ends: (G,) how far each of them takes the door [rad].
-    """
-
-    goals: Array
-    ends: Array
+    arc: ArcConfig = field(default_factory=ArcConfig)
 
 
 class Places:
@@ -114,8 +76,8 @@ class Places:
     ) -> None:
         """Looks at the door as it is now."""
         self.robot, self.pull, self.config, self._region = robot, pull, config, region
-        front = robot.scene.front(number)
-        self.door, self._body, self._frame = Door(front), front.body, front.frame
+        self._front = front = robot.scene.front(number)
+        self.door, self._frame = Door(front), front.frame
         self._rest = arm_points_m(np.array(REST_QPOS_RAD)[None])[0]
 
     def ranked(self, map_: NavigationMap) -> Array:
@@ -135,52 +97,18 @@ class Places:
         order = np.argsort(cost, kind="stable")
         return poses[order]
 
-    def stand(self, pose: Array | None) -> Stand | None:
-        """Returns what the arm can do at a base pose (3,), or where it is; None for nothing."""
+    def leads(self, pose: Array | None) -> list[Lead]:
+        """Returns what the arm can do at a base pose (3,), or where it is, the best first."""
         config, scene, robot = self.config, self.robot.scene, self.robot
         collision = scene.collision(base=pose)
         if pose is not None and not self._free(collision, scene.arm_qpos, config.margins_m[-1]):
-            return None
+            return []
         points_m = np.array([self.door.point(self.door.joint, *g) for g in self.pull.grasps_m])
         found = sample_reaching_goals(
             points_m, collision, robot.kinematics, robot.next_seed(), config.goal
         )
-        if not len(found.goals):
-            return None
-        without = scene.collision(base=pose, without=self._body)
-        arcs = self.arcs(found.goals, without)
-        travel = np.array([len(arc) for arc in arcs])
-        order = np.argsort(-travel, kind="stable")
-        joints = self._joints()
-        ends = joints[np.maximum(travel - 1, 0)]
-        return Stand(goals=found.goals[order], ends=ends[order])
-
-    def arcs(self, starts: Array, collision: ArmCollision) -> list[Array]:
-        """Returns the arm poses (K, 7) that take the handle along its arc, from each start (S, 7).
-
-        Each is as long as it is free. `collision` leaves out the door.
-        """
-        config, kinematics = self.config, self.robot.kinematics
-        collision.set_margin(config.arc_margin_m)
-        for start in starts:
-            collision.relax(start)
-        joints = self._joints()
-        targets = np.stack([self.door.handle(float(joint)) for joint in joints])
-        targets = targets @ collision.arm_from_world[:3, :3].T + collision.arm_from_world[:3, 3]
-        poses, going = np.array(starts), np.ones(len(starts), dtype=bool)
-        arcs: list[list[Array]] = [[] for _ in starts]
-        world_from_arm = np.linalg.inv(collision.arm_from_world)
-        for joint, target in zip(joints, targets, strict=True):
-            goal = np.repeat(target[None], len(poses), axis=0)
-            poses, reached = kinematics.solve(poses, goal, config.ik)
-            for number, pose in enumerate(poses):
-                going[number] &= reached[number] and collision.is_free(pose)
-                going[number] = going[number] and self._clear(pose, float(joint), world_from_arm)
-                if going[number]:
-                    arcs[number].append(pose)
-            if not going.any():
-                break
-        return [np.array(arc).reshape(-1, 7) for arc in arcs]
+        arcs = Arcs(self._front, robot.kinematics, self.pull, config.arc)
+        return arcs.leads(scene.arm_qpos, found.goals, collision)
 
     def swept_m(self, poses: Array) -> Array:
         """Returns how far base poses (K, 3) put torso or resting arm into the door's way, (K,)."""
@@ -218,18 +146,6 @@ class Places:
         collision.set_margin(margin_m)
         return collision.is_free(qpos)
 
-    def _joints(self) -> Array:
-        """Returns the positions (K,) of the door along the pull."""
-        way = self.pull.end - self.door.joint
-        count = 1 + round(abs(way) / self.config.arc_rad)
-        return np.linspace(self.door.joint, self.pull.end, count)
-
-    def _clear(self, qpos: Array, joint: float, world_from_arm: Array) -> bool:
-        """Whether elbow and wrist keep off the door."""
-        points = arm_points_m(qpos[None])[0][:-2]
-        world = points @ world_from_arm[:3, :3].T + world_from_arm[:3, 3]
-        return bool(self.door.gap_m(world, joint).min() > self.config.door_m)
-
     def _reach_m(self, poses: Array) -> Array:
         """Returns how far the hand's places are from the base (3, K), each a pose of `poses`."""
         joints = np.linspace(self.door.joint, self.pull.need, 3)
@@ -246,9 +162,7 @@ class Places:
         middle = (self.door.handle(self.door.joint) + self.door.handle(self.pull.need)) / 2
         gap = middle[:2] - world
         facing = np.arctan2(gap[:, 1], gap[:, 0])
-        poses = [
-            np.column_stack((world, facing + aside)) for aside in config.asides_rad
-        ]
+        poses = [np.column_stack((world, facing + aside)) for aside in config.asides_rad]
         grid = np.concatenate(poses)
         return grid[self._inside(grid)]
 
@@ -266,22 +180,6 @@ class Places:
         start = (self.robot.base[:2] - (x0, y0)) @ turn
         low, high = np.minimum(low, start), np.maximum(high, start)
         return ((local >= low - 1e-6) & (local <= high + 1e-6)).all(axis=1)
-
-
-def arm_points_m(qpos: Array) -> Array:
-    """Returns points (K, P, 3) along the reaching part of arms (K, 7), in the arm's root frame."""
-    model, frame = shared_arm_model()
-    data, found = model.createData(), []
-    for pose in qpos:
-        pin.forwardKinematics(model, data, pose)
-        ee = pin.updateFramePlacement(model, data, frame).translation
-        joints = [data.oMi[number].translation for number in range(ELBOW, model.njoints)]
-        corners = np.array([*joints, ee])
-        middles = (corners[1:] + corners[:-1]) / 2
-        points = np.empty((2 * len(corners) - 1, 3))
-        points[::2], points[1::2] = corners, middles
-        found.append(points)
-    return np.array(found)
 
 
 def _placed(points_m: Array, poses: Array) -> Array:

@@ -27,9 +27,9 @@ class ShuntConfig:
         still_steps: It is given up when the base has not moved in so many steps.
     """
 
-    turn_share: float = 0.7
+    turn_share: float = 1.0
     way_share: float = 1.0
-    ease: float = 0.3
+    ease: float = 0.34
     brake_steps: float = 4.0
     near_m: float = 0.02
     near_rad: float = 0.03
@@ -54,7 +54,7 @@ class Shunt:
         """About how many steps it takes."""
         turns = abs(self.heading_rad - self.start[2]) + abs(self.yaw_rad - self.heading_rad)
         stops = 6.0 * (abs(self.way_m) > 0) + 6.0 * (turns > 0)
-        return turns / (0.7 * STEP_RAD) + abs(self.way_m) / STEP_M + stops
+        return turns / STEP_RAD + abs(self.way_m) / STEP_M + stops
 
     def poses(self, step_m: float = 0.12, step_rad: float = 0.35) -> Array:
         """Returns base poses (K, 3) along it, its end included."""
@@ -95,9 +95,7 @@ def shunts(base: Array, goal: Array) -> list[Shunt]:
         to = math.atan2(sign * gap[1], sign * gap[0])
         heading = yaw + _either(angle(to, yaw), first)
         end = heading + _either(angle(goal[2], heading), last)
-        found.append(
-            Shunt(start=(x, y, yaw), heading_rad=heading, way_m=sign * way_m, yaw_rad=end)
-        )
+        found.append(Shunt(start=(x, y, yaw), heading_rad=heading, way_m=sign * way_m, yaw_rad=end))
     return sorted(found, key=lambda shunt: shunt.steps)
 
 

@@ -34,6 +34,11 @@ Example:
 
 With --check nothing is written, and the exit status tells whether the files are up to date."""
 
+FAILURES_HELP = """Shows why episodes failed, for one or several runs: a table, and a figure.
+
+Example:
+  hab-eval failures runs/tidy_house runs/set_table/run.json --out failures.png"""
+
 BENCH_HELP = """Measures speed and memory, side by side with ManiSkill's own scene environment.
 
 Example:
@@ -99,6 +104,18 @@ class TableCommand:
 
 
 @dataclass(frozen=True, kw_only=True)
+class FailuresCommand:
+    """Options of `hab-eval failures`."""
+
+    runs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
+    """Runs to compare: folders of --out, or run.json files."""
+    out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
+    """Picture, a .png."""
+    force: bool = False
+    """Replace FILE."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class BenchCommand:
     """Options of `hab-eval bench`."""
 
@@ -126,10 +143,18 @@ class BenchCommand:
 Command = (
     Annotated[RunCommand, tyro.conf.subcommand("run", description=RUN_HELP)]
     | Annotated[TableCommand, tyro.conf.subcommand("table", description=TABLE_HELP)]
+    | Annotated[FailuresCommand, tyro.conf.subcommand("failures", description=FAILURES_HELP)]
     | Annotated[BenchCommand, tyro.conf.subcommand("bench", description=BENCH_HELP)]
 )
 
-COMMANDS = {"run": RunCommand, "table": TableCommand, "bench": BenchCommand}
+AnyCommand = RunCommand | TableCommand | FailuresCommand | BenchCommand
+
+COMMANDS = {
+    "run": RunCommand,
+    "table": TableCommand,
+    "failures": FailuresCommand,
+    "bench": BenchCommand,
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -155,7 +180,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return EXIT_INTERRUPTED
 
 
-def _parse(arguments: Sequence[str]) -> RunCommand | TableCommand | BenchCommand | None:
+def _parse(arguments: Sequence[str]) -> AnyCommand | None:
     """Parses; a bad name is told in one line, whatever else is wrong in the parser's own words."""
     told = io.StringIO()
     try:
@@ -182,11 +207,13 @@ def _parse(arguments: Sequence[str]) -> RunCommand | TableCommand | BenchCommand
         return None
 
 
-def _dispatch(command: RunCommand | TableCommand | BenchCommand) -> int:
+def _dispatch(command: AnyCommand) -> int:
     if isinstance(command, RunCommand):
         return _run(command)
     if isinstance(command, TableCommand):
         return _table(command)
+    if isinstance(command, FailuresCommand):
+        return _failures(command)
     return _bench(command)
 
 
@@ -256,6 +283,20 @@ def _table(command: TableCommand) -> int:
     return 0
 
 
+def _failures(command: FailuresCommand) -> int:
+    """Shows and draws why episodes failed."""
+    from rich.console import Console
+
+    from hab_eval.failures import check_picture, draw_failures, failure_table, read_runs
+
+    check_picture(command.out, force=command.force)
+    records = read_runs(command.runs)
+    draw_failures(records, command.out)
+    Console(width=None if sys.stdout.isatty() else LOG_WIDTH).print(failure_table(records))
+    print(f"wrote {command.out}")
+    return 0
+
+
 def _bench(command: BenchCommand) -> int:
     """Measures, then shows and writes the rows."""
     from rich.console import Console
@@ -285,7 +326,7 @@ def _interrupt(signal_number: int, frame: object) -> None:
     raise KeyboardInterrupt
 
 
-def _advice(command: RunCommand | TableCommand | BenchCommand) -> str:
+def _advice(command: AnyCommand) -> str:
     """Tells how an interrupted run goes on."""
     if not isinstance(command, RunCommand):
         return ""

@@ -51,7 +51,7 @@ def build_groups(records: Mapping[str, RunRecord]) -> list[Group]:
     """Sorts records into groups: best first, then by agent, seed and file name."""
     by_title: dict[str, list[tuple[str, RunRecord]]] = {}
     for name, record in records.items():
-        by_title.setdefault(_title(record), []).append((name, record))
+        by_title.setdefault(group_title(record), []).append((name, record))
     return [
         Group(
             title=title,
@@ -92,7 +92,7 @@ def to_html(groups: Sequence[Group]) -> str:
     return "\n".join([*lines, "</html>"]) + "\n"
 
 
-def _title(record: RunRecord) -> str:
+def group_title(record: RunRecord) -> str:
     """Names what must agree for two runs to be comparable."""
     objects = f", objects {record.objects}" if record.objects else ""
     return f"{record.env}, {record.scene_dataset}{objects}"
@@ -109,7 +109,7 @@ def _row(record: RunRecord) -> tuple[str, ...]:
     low, high = (100.0 * bound for bound in success.ci95)
     commit = f" ({_short(record.git)})" if record.git else ""
     return (
-        _agent(record),
+        agent_label(record),
         f"{100.0 * success.mean:.1f} [{low:.1f}, {high:.1f}]",
         str(success.n),
         f"{record.summary.mean_steps:.1f}",
@@ -120,7 +120,7 @@ def _row(record: RunRecord) -> tuple[str, ...]:
     )
 
 
-def _agent(record: RunRecord) -> str:
+def agent_label(record: RunRecord) -> str:
     """Names the agent with its mark and its options, by which its runs differ."""
     mark = f" {PRIVILEGED_MARK}" if record.privileged else ""
     options = ", ".join(f"{name}={short_name(value)}" for name, value in record.options.items())

@@ -1,7 +1,6 @@
 import json
 from pathlib import Path
 
-import pytest
 from hab_eval.leaderboard import (
     build_groups,
     default_submissions,
@@ -13,20 +12,6 @@ from hab_eval.results import write_record
 from hab_eval.schema import to_json
 
 ROOT = Path(__file__).resolve().parents[2]
-
-
-@pytest.fixture
-def make_record(request):
-    """The record builder of test_results."""
-    import importlib.util
-
-    path = Path(__file__).with_name("test_results.py")
-    spec = importlib.util.spec_from_file_location("record_builder", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.make_record
 
 
 def test_committed_leaderboard_follows_from_the_submissions():

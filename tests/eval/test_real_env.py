@@ -7,7 +7,12 @@ import sys
 from pathlib import Path
 
 import pytest
+from hab_eval import environments, random_agent
+from hab_eval.config import EvalConfig
 from hab_eval.results import read_record
+from hab_eval.runner import run_episode
+
+from hab_tasks.agent import AgentReport, AgentSetup
 
 ROOT = Path(__file__).resolve().parents[2]
 RUN = ("run", "--agent", "hab_eval:random_agent", "--env", "HabPick-v1")
@@ -65,6 +70,20 @@ def test_bad_names(tmp_path, option, value, expected):
     assert expected in done.stderr
     assert "Traceback" not in done.stderr
     assert not (tmp_path / "run").exists()
+
+
+def test_a_task_that_times_out_has_the_agents_category():
+    """No task names a failure of its own, so that what the agent says is kept."""
+    config = EvalConfig(agent="hab_eval:random_agent", env="HabPrepareGroceries-v1", episodes=1)
+    (episode,) = environments.load_episode_set(config, None, 1).episodes
+    agent = random_agent(AgentSetup(env_id=config.env))
+    agent.report = lambda: [AgentReport(failure="target plan")]  # pyright: ignore[reportAttributeAccessIssue]
+    env = environments.make_env(config, agent.spec, split="val", render=False)
+    result = run_episode(env, agent, 0, episode).episode
+    env.close()
+    assert result.steps == 4000
+    assert not result.success
+    assert result.failure == "target plan"
 
 
 @pytest.mark.render

@@ -214,7 +214,7 @@ def test_unknown_option(cli, tmp_path):
     assert "--episodes" in done.stderr
 
 
-@pytest.mark.parametrize("command", ["run", "table", "bench"])
+@pytest.mark.parametrize("command", ["run", "table", "failures", "bench"])
 def test_help_shows_a_worked_example(cli, command):
     done = cli(command, "--help")
     assert done.returncode == 0

@@ -50,8 +50,8 @@ STOP_CELL = BASE_CELLS.index((0.0, 0.0))
 STOP_SHARE = 0.05
 """Base entries up to this count as the stop action."""
 
-WORLD_LIMIT_M = 100.0
-"""A base pose lies within this of the world's origin in x and in y; no home is as large."""
+WORLD_LIMIT_M = 20.0
+"""A base pose lies within this of the world's origin in x and y: Fetch's base joints end there."""
 
 
 def action_size(arm: ArmMode, base: BaseMode) -> int:

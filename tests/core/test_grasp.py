@@ -1,5 +1,7 @@
 """The snap grasp in a small scene: what it takes, how it holds, what it lets go. Both kinds."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 import sapien
@@ -238,6 +240,19 @@ class Kitchen:
         index = [j.name for j in self.furniture.active_joints].index(self.link.joint.name)
         return float(self.furniture.get_qpos()[0, index])
 
+    def gap_m(self):
+        gap = self.grasp.handle_position_m(0) - self.grasp.ee_position_m()
+        return float(torch.linalg.norm(gap))
+
+    def act(self):
+        """Runs the physics of an action that has set joints, and goes on grasping."""
+        self.grasp.carry(4)
+        self.grasp.command(GRASP)
+        for _ in range(4):
+            self.grasp.before_simulation_step()
+            self.scene.px.step()
+        self.grasp.after_control_step()
+
     def stand(self):
         """Places the base so that the hand, at rest height or not, is on the marker."""
         marker = self.grasp.handle_position_m(0)[0].numpy()
@@ -337,3 +352,45 @@ def test_every_marker_names_furniture_of_the_apartment():
     dataset = resolve_dataset("apartment")
     spec = load_scene(dataset, sorted(dataset.scene_files)[0])
     assert {m.template for m in HANDLE_MARKERS} <= {a.template for a in spec.articulations}
+
+
+# Arms that are set at once ---------------------------------------------------------------------
+
+PULLING = partial(DriveGrasp, pulls_along=True)
+
+
+@pytest.mark.parametrize("marker", [HANDLE_MARKERS[2], HANDLE_MARKERS[-1]], ids=lambda m: m.name)
+def test_a_door_or_drawer_follows_a_hand_that_is_set(marker):
+    kitchen = Kitchen(PULLING, marker)
+    before, direction = kitchen.position(), opening_direction(kitchen)
+    robot = kitchen.agent.robot._objs[0]
+    columns = kitchen.agent.base_index.tolist()[:2]
+    kitchen.grasp.command(GRASP)
+    for _ in range(12):
+        qpos = robot.get_qpos()
+        qpos[columns] += 0.02 * direction
+        robot.set_qpos(qpos)
+        robot.set_qvel(np.zeros_like(qpos))
+        kitchen.act()
+        # The hand goes straight on; the door's handle goes round its hinge.
+        assert kitchen.gap_m() < (1e-3 if marker is HANDLE_MARKERS[2] else 0.06)
+    assert np.allclose(robot.get_qpos(), qpos, atol=1e-4), "the hand is where it was set"
+    # 24 cm: all of a drawer's way, or 0.3 rad and more about a hinge less than 0.8 m away.
+    assert kitchen.position() - before > (0.23 if marker is HANDLE_MARKERS[2] else 0.3)
+    kitchen.act()
+    assert float(kitchen.furniture.get_qvel().abs().max()) < 1e-3
+    assert kitchen.grasp.held_handle.tolist() == [0]
+
+
+@every_kind
+def test_a_hand_that_is_set_far_away_lets_go_of_a_handle(kind):
+    kitchen = Kitchen(kind, HANDLE_MARKERS[2])
+    before = kitchen.position()
+    kitchen.grasp.command(GRASP)
+    robot = kitchen.agent.robot._objs[0]
+    qpos = robot.get_qpos()
+    qpos[kitchen.agent.base_index.tolist()[0]] -= 2.0
+    robot.set_qpos(qpos)
+    kitchen.act()
+    assert not kitchen.grasp.holding
+    assert kitchen.position() == pytest.approx(before, abs=1e-3)

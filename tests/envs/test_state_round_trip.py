@@ -10,12 +10,11 @@ from builders import go_above_and_grasp, reach, same
 from mani_skill.trajectory import utils as trajectory_utils
 from mani_skill.utils.wrappers.record import RecordEpisode
 from playing import (
+    FAMILIES,
     actions,
-    each_family,
     each_kind,
     ee_grip,
     ee_mode,
-    every_env,
     held,
     move_base,
     move_joint,
@@ -320,9 +319,13 @@ def shown_in(step):
     return {"obs": obs, "reward": reward, "measures": measures}
 
 
-@every_env
-def test_a_recording_replays(make, env_id, tmp_path):
-    options = {"control_mode": ENVS[env_id].env.control_modes[0], "obs_mode": "state_dict"}
+FIRST_MODES = {env_id: entry.env.control_modes[0] for env_id, entry in ENVS.items()}
+JOINTS_SET = ("HabPlace-v1", "joint_state"), ("HabTidyHouse-v1", "joint_target_pose")
+
+
+@pytest.mark.parametrize(("env_id", "mode"), [*FIRST_MODES.items(), *JOINTS_SET])
+def test_a_recording_replays(make, env_id, mode, tmp_path):
+    options = {"control_mode": mode, "obs_mode": "state_dict"}
     told, data = recording(make(env_id, **options), tmp_path)
     assert told["env_id"] == env_id
     assert len(data["states"]) == 13
@@ -332,10 +335,19 @@ def test_a_recording_replays(make, env_id, tmp_path):
         assert same(shown_in(player.step(action)), expected)
 
 
-@each_family
-def test_a_recorded_state_restores(make, env_id, tmp_path):
+@pytest.mark.parametrize(
+    ("env_id", "mode"),
+    [
+        *(
+            case if case[0] in FAMILIES else pytest.param(*case, marks=slow)
+            for case in FIRST_MODES.items()
+        ),
+        *JOINTS_SET,
+    ],
+)
+def test_a_recorded_state_restores(make, env_id, mode, tmp_path):
     """As ManiSkill's replay with ``--use-env-states`` does it."""
-    options = {"control_mode": ENVS[env_id].env.control_modes[0], "obs_mode": "state_dict"}
+    options = {"control_mode": mode, "obs_mode": "state_dict"}
     told, data = recording(make(env_id, **options), tmp_path)
     player = make(env_id, **options)
     player.reset(**told["reset_kwargs"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
 
 from hab_eval import environments
@@ -12,6 +13,26 @@ from hab_eval.bench_objects import run_objects
 from hab_eval.bench_options import BenchOptions, Suite, WriteLine
 from hab_eval.bench_rows import BenchRow
 from hab_eval.bench_vector import run_processes
+from hab_eval.errors import BenchError
+
+PLAN_MODULE = "hab_spa.bench_plan"
+
+
+def run_plan(options: BenchOptions, write_line: WriteLine) -> list[BenchRow]:
+    """Measures the arm planner of the baseline SPA, which brings this suite with it.
+
+    Raises:
+        BenchError: It is not installed.
+    """
+    try:
+        suite = importlib.import_module(PLAN_MODULE)
+    except ModuleNotFoundError as error:
+        raise BenchError(
+            f"Suite plan comes with hab_spa, and there is no {error.name!r}: "
+            "pip install -e baselines/spa"
+        ) from error
+    return suite.run_plan(options, write_line)
+
 
 SUITES: dict[Suite, Callable[[BenchOptions, WriteLine], list[BenchRow]]] = {
     "sim": run_sim,
@@ -20,6 +41,7 @@ SUITES: dict[Suite, Callable[[BenchOptions, WriteLine], list[BenchRow]]] = {
     "objects": run_objects,
     "processes": run_processes,
     "memory": run_memory,
+    "plan": run_plan,
 }
 
 

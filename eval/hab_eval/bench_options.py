@@ -11,7 +11,7 @@ from hab_eval.errors import OptionError
 
 WriteLine = Callable[[str], None]
 
-Suite = Literal["sim", "depth", "reset", "objects", "processes", "memory"]
+Suite = Literal["sim", "depth", "reset", "objects", "processes", "memory", "plan"]
 
 PICK = "HabPick-v1"
 TIDY_HOUSE = "HabTidyHouse-v1"
@@ -25,14 +25,16 @@ RESET_SCENES = (
 BESIDE_REFERENCE = ("sim", "depth")
 """Suites whose default scenes are both of `DEFAULT_SCENES`; the others take the first one."""
 
-DEFAULT_STEPS = {
+DEFAULT_STEPS: dict[Suite, int] = {
     "sim": 200,
     "depth": 40,
     "reset": 0,
     "objects": 200,
     "processes": 1000,
     "memory": 50,
+    "plan": 100,
 }
+"""Suite plan counts plans, the others steps of an environment."""
 
 
 @dataclass(frozen=True, kw_only=True)

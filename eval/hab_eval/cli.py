@@ -52,7 +52,8 @@ Suites:
   reset      resets within and between layouts, beside the same
   objects    time outside the physics engine with 10, 30 and 100 objects in the scene
   processes  steps of two processes, beside one
-  memory     memory of one process, and what each further one adds"""
+  memory     memory of one process, and what each further one adds
+  plan       arm plans of the baseline SPA, which has to be installed"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,7 +120,7 @@ class FailuresCommand:
 class BenchCommand:
     """Options of `hab-eval bench`."""
 
-    suite: Literal["sim", "depth", "reset", "objects", "processes", "memory"]
+    suite: Literal["sim", "depth", "reset", "objects", "processes", "memory", "plan"]
     """What to measure."""
     json: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     """File for the rows."""
@@ -135,7 +136,7 @@ class BenchCommand:
     repeats: Annotated[int, tyro.conf.arg(metavar="N")] = 5
     """Alternations of ours and the reference; the median of each is reported."""
     steps: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """Steps of one repeat, instead of the suite's own."""
+    """Steps of one repeat, or plans in suite plan, instead of the suite's own."""
     force: bool = False
     """Replace FILE."""
 

@@ -1,25 +1,33 @@
 """The suites that compare ours with itself: objects, processes and memory."""
 
+import json
 import os
+import sys
 import typing
+from types import SimpleNamespace
 
 import pytest
 import stub_bench
 import torch
-from hab_eval import bench_memory, bench_objects, bench_vector, cli
-from hab_eval.bench import SUITES
+from hab_eval import bench_memory, bench_objects, bench_vector
+from hab_eval.bench import PLAN_MODULE, SUITES
+from hab_eval.bench_layout import SCENE_SUFFIX
 from hab_eval.bench_memory import Memory, Reading, further_mb, memory_rows, parse_rollup
 from hab_eval.bench_motion import Motion
 from hab_eval.bench_objects import object_rows
 from hab_eval.bench_options import DEFAULT_STEPS, BenchOptions
 from hab_eval.bench_ours import control_of, motion_of, our_actions
 from hab_eval.bench_process import StepTiming
+from hab_eval.bench_rows import bound_row
 from hab_eval.bench_vector import process_row
+from hab_eval.cli import BenchCommand
 from hab_eval.errors import BenchError
 
 from hab_tasks.envs import ENVS
 from hab_tasks.episodes import Episode
 from hab_tasks.episodes.schema import RobotStart
+
+SCENE = "v3_sc0_staging_00"
 
 ROLLUP = """55d0c0a3e000-7ffc1f5f1000 ---p 00000000 00:00 0                          [rollup]
 Rss:              500000 kB
@@ -41,8 +49,46 @@ def episode(held=None):
 
 
 def test_every_suite_has_a_name_on_the_command_line():
-    hints = typing.get_type_hints(cli.BenchCommand)
+    hints = typing.get_type_hints(BenchCommand)
     assert typing.get_args(hints["suite"]) == tuple(SUITES) == tuple(DEFAULT_STEPS)
+
+
+def test_suite_plan_is_the_one_that_the_baseline_brings(cli, tmp_path, monkeypatch):
+    asked = []
+
+    def run_plan(options, write_line):
+        asked.append(options)
+        write_line("planning")
+        return [bound_row(["plan", "s", "e", "median"], [0.2], 0.3, unit="s")]
+
+    monkeypatch.setitem(sys.modules, PLAN_MODULE, SimpleNamespace(run_plan=run_plan))
+    done = cli(*plan_command(tmp_path), "--steps", 7)
+    assert done.returncode == 0, done.stderr
+    assert "planning" in done.stdout
+    assert (asked[0].suite, asked[0].step_count, asked[0].groups) == ("plan", 7, ((SCENE,),))
+    (row,) = json.loads((tmp_path / "rows.json").read_text())
+    assert row["name"] == "plan/s/e/median"
+
+
+@pytest.mark.parametrize("missing", ["hab_spa", PLAN_MODULE])
+def test_suite_plan_without_the_baseline(cli, tmp_path, monkeypatch, missing):
+    monkeypatch.delitem(sys.modules, PLAN_MODULE, raising=False)
+    monkeypatch.setitem(sys.modules, missing, None)  # Python's way to say: not there
+    done = cli(*plan_command(tmp_path))
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "there is no 'hab_spa" in done.stderr
+    assert "pip install -e baselines/spa" in done.stderr
+    assert not (tmp_path / "rows.json").exists()
+
+
+def plan_command(folder):
+    """A command on a dataset of one empty scene."""
+    scenes = folder / "data" / "configs" / "scenes"
+    scenes.mkdir(parents=True)
+    (scenes / f"{SCENE}{SCENE_SUFFIX}").write_text("{}")
+    data = ("--scene-dataset", folder / "data")
+    return ("bench", "--suite", "plan", *data, "--json", folder / "rows.json")
 
 
 @pytest.mark.parametrize("env_id", ENVS)

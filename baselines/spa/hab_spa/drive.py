@@ -59,8 +59,8 @@ def drive_to(robot: Robot, map_: NavigationMap, goal: Array, config: DriveConfig
     Returns:
         `Failure.EXECUTION` when the goal was not reached by the robot's deadline.
     """
+    yield from leave(robot, map_, config)
     wheels = _Wheels(robot, config)
-    yield from _leave(wheels, map_)
     before = _before(map_, goal, config)
     while robot.steps_left > 0:
         here = robot.base[:2]
@@ -158,9 +158,9 @@ def _turn(wheels: _Wheels, yaw_rad: float) -> Generator[Command, None, bool]:
     return True
 
 
-def _leave(wheels: _Wheels, map_: NavigationMap) -> Generator[Command, None, None]:
+def leave(robot: Robot, map_: NavigationMap, config: DriveConfig) -> Generator[Command, None, None]:
     """Drives straight back from what the robot stands at, as far as there is room."""
-    robot, config = wheels.robot, wheels.config
+    wheels = _Wheels(robot, config)
     start = robot.base
     back = -np.array((math.cos(start[2]), math.sin(start[2])))
     lengths = np.linspace(config.before_m, 0.0, 8)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -11,19 +11,19 @@ from hab_planner.observe import start_given
 from hab_planner.plan import Plan, saved_plan
 from hab_planner.problem import atoms_of, problem_of, task_of
 
+from hab_spa.drive import DriveConfig, leave
 from hab_spa.interactions import Interaction, believed, interaction
 from hab_spa.navigate import Errand, Navigator
 from hab_spa.rest import rest
 from hab_spa.results import Failure
 from hab_spa.robot import Motion, Robot
-from hab_spa.shapes import Array
+from hab_spa.standing import Standing, StandingConfig, choose
 from hab_tasks.constants import (
     NAVIGATE_HORIZON_STEPS,
     REST_POSITION_M,
     REST_RADIUS_M,
     SKILL_HORIZON_STEPS,
 )
-from hab_tasks.navigation import NavigationMap
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,18 +33,14 @@ class TaskConfig:
     Attributes:
         skill_steps, navigate_steps: Longest time for a skill (S H.2).
         tries: From how many places a skill is tried.
-        places: How many base poses are thought of for one of them.
-        enough_ways: A base pose with so many ways to do the skill is taken at once.
-        apart_m: Another place to try from is at least this far from those tried before.
+        standing: How these places are chosen.
         replans: How often a new plan is made from what is observed after a failure.
     """
 
     skill_steps: int = SKILL_HORIZON_STEPS
     navigate_steps: int = NAVIGATE_HORIZON_STEPS
     tries: int = 4
-    places: int = 16
-    enough_ways: float = 12
-    apart_m: float = 0.12
+    standing: StandingConfig = field(default_factory=StandingConfig)
     replans: int = 3
 
 
@@ -62,9 +58,10 @@ class Executor:
         robot, plan = self._robot, saved_plan(self._env_id)
         for _ in range(1 + self._config.replans):
             robot.failure = yield from self._carry_out(plan)
-            if robot.failure is None or robot.steps >= self._end:
+            if robot.steps >= self._end:
                 break
             try:
+                # After the last action too: what was done first may have come undone.
                 plan = self._replanned()
             except NoPlanError:
                 break
@@ -92,9 +89,9 @@ class Executor:
 
     def _at_work(self, item: Interaction) -> Motion:
         """Drives to where a skill can be done and does it; elsewhere when it does not work out."""
-        robot, tried = self._robot, list[Array]()
+        robot, tried = self._robot, list[Standing]()
         before = believed(self._task, robot.scene)
-        failure: Failure | None = Failure.TARGET_PLAN
+        failure: Failure | None = None
         for _ in range(self._config.tries):
             yield from self._fold()
             if robot.steps >= self._end:
@@ -103,10 +100,12 @@ class Executor:
             errand = Errand(
                 point_m=item.point_m(robot),
                 map=map_,
-                place=partial(self._place, item, map_, tried),
+                place=partial(choose, robot, item, map_, tried, self._config.standing),
             )
             going = self._navigator(robot, errand)
             failure = yield from self._timed("navigate", going, self._config.navigate_steps)
+            if failure is Failure.TARGET_PLAN:  # there is no other place
+                break
             if failure is None:
                 failure = yield from self._timed(
                     str(item.action), item.skill(robot), self._config.skill_steps
@@ -117,15 +116,23 @@ class Executor:
             robot.failure = failure = failure or Failure.EXECUTION
             if now != before:  # something else has happened, which asks for another plan
                 break
+        robot.failure = failure
         return failure
 
     def _fold(self) -> Motion:
-        """Brings the arm to rest, which driving asks for."""
+        """Brings the arm to rest, which driving asks for; drives back where it has no room."""
         robot = self._robot
-        ee_m = robot.kinematics.ee_pose(robot.scene.arm_qpos)[:3, 3]
-        if np.linalg.norm(ee_m - REST_POSITION_M) < REST_RADIUS_M:
+        if self._rests():
             return None
+        failure = yield from self._timed("rest", rest(robot), self._config.skill_steps)
+        if failure is None:
+            return None
+        yield from leave(robot, robot.scene.floor_map(), DriveConfig())
         return (yield from self._timed("rest", rest(robot), self._config.skill_steps))
+
+    def _rests(self) -> bool:
+        ee_m = self._robot.kinematics.ee_pose(self._robot.scene.arm_qpos)[:3, 3]
+        return bool(np.linalg.norm(ee_m - REST_POSITION_M) < REST_RADIUS_M)
 
     def _timed(self, what: str, motion: Motion, steps: int) -> Motion:
         """Does something within so many steps, and writes down what was believed and done."""
@@ -157,22 +164,3 @@ class Executor:
         motion.close()
         robot.relax()
         return Failure.EXECUTION
-
-    def _place(self, item: Interaction, map_: NavigationMap, tried: list[Array]) -> Array | None:
-        """Returns the base pose (3,) with most ways to do something; None if there is none."""
-        robot, config = self._robot, self._config
-        poses = item.places(robot, map_)
-        for other in tried:
-            poses = poses[np.linalg.norm(poses[:, :2] - other[:2], axis=1) >= config.apart_m]
-        best, most = None, 0.0
-        for pose in poses[:: max(1, len(poses) // config.places)]:
-            if not robot.scene.collision(base=pose).is_free(robot.scene.arm_qpos):
-                continue
-            ways = item.ways(robot, pose)
-            if ways > most:
-                best, most = pose, ways
-            if most >= config.enough_ways:
-                break
-        if best is not None:
-            tried.append(best)
-        return best

@@ -21,6 +21,9 @@ from hab_tasks.measures import PLACE_RADIUS_M
 from hab_tasks.navigation import NavigationMap, poses_reaching
 from hab_tasks.tasks.base import Condition, Task
 
+NEAREST_M, FARTHEST_M = 0.4, 1.35
+"""Distance on the floor from the base to what is taken, or let go, by the stretched arm."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Interaction:
@@ -32,7 +35,7 @@ class Interaction:
         skill: (robot) -> it being done.
         places: (robot, map) -> base poses (K, 3) from which it may be possible, best first.
         point_m: (robot) -> what is to be reached (3,).
-        ways: (robot, base pose (3,)) -> how many ways there are to do it from there.
+        ways: (robot, base pose (3,), effort) -> how many ways to do it from there are found.
     """
 
     action: Action
@@ -40,7 +43,7 @@ class Interaction:
     skill: Callable[[Robot], Motion]
     places: Callable[[Robot, NavigationMap], Array]
     point_m: Callable[[Robot], Array]
-    ways: Callable[[Robot, Array], float]
+    ways: Callable[[Robot, Array, int], float]
 
 
 def interaction(task: Task, action: Action) -> Interaction:
@@ -55,18 +58,23 @@ def interaction(task: Task, action: Action) -> Interaction:
             action=action,
             effect=Condition(held=(number,)),
             skill=partial(pick, number=number),
-            places=lambda robot, map_: poses_reaching(map_, robot.scene.object_m(number)),
+            places=lambda robot, map_: _around(map_, robot.scene.object_m(number)),
             point_m=lambda robot: robot.scene.object_m(number),
-            ways=lambda robot, base: pick_ways(robot, number, base),
+            ways=lambda robot, base, effort: pick_ways(robot, number, base, effort),
         )
     return Interaction(
         action=action,
         effect=Condition(placed=(number,)),
         skill=partial(place, number=number),
-        places=lambda robot, map_: poses_reaching(map_, robot.scene.goal_m(number)),
+        places=lambda robot, map_: _around(map_, robot.scene.goal_m(number)),
         point_m=lambda robot: robot.scene.goal_m(number),
-        ways=lambda robot, base: place_ways(robot, number, base),
+        ways=lambda robot, base, effort: place_ways(robot, number, base, effort),
     )
+
+
+def _around(map_: NavigationMap, point_m: Array) -> Array:
+    """Returns base poses (K, 3) from which the stretched arm may come to a point, nearest first."""
+    return poses_reaching(map_, point_m, NEAREST_M, FARTHEST_M)
 
 
 def _front(kind: str, number: int, action: Action) -> Interaction:
@@ -89,7 +97,7 @@ def _front(kind: str, number: int, action: Action) -> Interaction:
             else fridge_places(robot, number, map_, out)
         ),
         point_m=lambda robot: robot.scene.front(number).handle_m,
-        ways=lambda robot, base: (
+        ways=lambda robot, base, _effort: (
             drawer_ways(robot, number, base, out)
             if drawer
             else fridge_ways(robot, number, base, out)

@@ -15,6 +15,7 @@ from hab_spa.moves import wait
 from hab_spa.results import Failure
 from hab_spa.robot import Motion, Robot
 from hab_spa.shapes import Array, invert_pose
+from hab_spa.standing import Standing, fold
 from hab_tasks.agent import AgentSetup, AgentSpec
 from hab_tasks.navigation import NavigationMap
 from hab_tasks.robots.control import BASE_CELLS, STOP_SHARE
@@ -30,13 +31,13 @@ class Errand:
     Attributes:
         point_m: (3,) what is to be reached from there, in the world.
         map: The true floor.
-        place: Chooses a base pose (3,) from which it can be reached; None if there is none. It
-            knows more than the robot may; a learned policy does without.
+        place: Chooses where to stand to reach it; None if there is nowhere. It knows more than
+            the robot may; a learned policy does without.
     """
 
     point_m: Array
     map: NavigationMap
-    place: Callable[[], Array | None]
+    place: Callable[[], Standing | None]
 
 
 Navigator = Callable[[Robot, Errand], Motion]
@@ -44,20 +45,22 @@ Navigator = Callable[[Robot, Errand], Motion]
 
 def oracle(robot: Robot, errand: Errand) -> Motion:
     """Follows the shortest way on the true floor, with the physics of the real base."""
-    goal = errand.place()
-    if goal is None:
+    standing = errand.place()
+    if standing is None:
         return Failure.TARGET_PLAN
+    yield from fold(robot, standing)
     robot.doing = "navigate"
-    return (yield from drive_to(robot, errand.map, goal, DriveConfig()))
+    return (yield from drive_to(robot, errand.map, standing.base, DriveConfig()))
 
 
 def teleport(robot: Robot, errand: Errand) -> Motion:
     """Is there at once; needs a control mode that can set the base's pose."""
-    goal = errand.place()
-    if goal is None:
+    standing = errand.place()
+    if standing is None:
         return Failure.TARGET_PLAN
+    yield from fold(robot, standing)
     robot.doing = "teleport"
-    yield robot.command(pose=goal)
+    yield robot.command(pose=standing.base)
     yield from wait(robot, SETTLE_STEPS)
     return None
 

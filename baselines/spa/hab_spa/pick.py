@@ -38,10 +38,14 @@ def pick(robot: Robot, number: int) -> Motion:
     return failure
 
 
-def pick_ways(robot: Robot, number: int, base: Array) -> int:
-    """Returns how many ways to take an object a few samples find from a base pose (3,)."""
+def pick_ways(robot: Robot, number: int, base: Array, effort: int = 1) -> int:
+    """Returns how many ways to take an object a few samples find from a base pose (3,).
+
+    `effort` times as many samples are taken.
+    """
     config = robot.config.goal
-    few = replace(config, tight_starts=config.judge_starts, tight_round=config.judge_starts)
+    starts = effort * config.judge_starts
+    few = replace(config, tight_starts=starts, tight_round=starts)
     points_m = robot.scene.grasp_points_m(number, around=True)
     search = tight_search(points_m, JUDGE_SEED, few)
     return count_goals(search, robot.scene.collision(base=base), robot.kinematics, config)

@@ -41,10 +41,13 @@ def place(robot: Robot, number: int) -> Motion:
     return lost or failure
 
 
-def place_ways(robot: Robot, number: int, base: Array) -> int:
-    """Returns how many ways to let an object go a few samples find from a base pose (3,)."""
+def place_ways(robot: Robot, number: int, base: Array, effort: int = 1) -> int:
+    """Returns how many ways to let an object go a few samples find from a base pose (3,).
+
+    `effort` times as many samples are taken.
+    """
     config = robot.config
-    few = replace(config.placing, round_starts=config.goal.judge_starts)
+    few = replace(config.placing, round_starts=effort * config.goal.judge_starts)
     search = lowering(robot.scene.goal_m(number), _tool(robot), JUDGE_SEED, config.goal, few)
     return count_goals(search, robot.scene.collision(base=base), robot.kinematics, config.goal)
 

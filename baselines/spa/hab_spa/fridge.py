@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hab_spa.fridge_arc import Lead, Pull
+from hab_spa.fridge_arc import Lead, Pull, arm_points_m
 from hab_spa.fridge_door import Door
 from hab_spa.fridge_place import PlaceConfig, Places
 from hab_spa.fridge_shunt import ShuntConfig, drive
@@ -37,7 +37,11 @@ class FridgeConfig:
         pace: Of the motion along the arc.
         brake_steps: The hand lets go so many steps before its motion ends.
         away_m: After opening, the hand moves this far beyond the door's edge.
-        away_steps: It has so many steps for that.
+        reach_out_steps: It has so many steps for that ...
+        away_steps: ... and all that the door needs to pass by has so many.
+        passed_rad: A door that is open so far has passed by the arm.
+        patience_steps: A door that stands still for so long does not swing on.
+        back_m: The base goes back when there is free floor this far behind.
         still_rad: A door that moves less than this in a step stands still.
         wait_steps: A swinging door is waited for so long.
         place: Numbers of the search for a place.
@@ -57,7 +61,11 @@ class FridgeConfig:
     pace: float = 1.3
     brake_steps: int = 5
     away_m: float = 0.2
-    away_steps: int = 14
+    reach_out_steps: int = 12
+    away_steps: int = 40
+    passed_rad: float = 1.2
+    patience_steps: int = 4
+    back_m: float = 0.1
     still_rad: float = 0.002
     wait_steps: int = 60
     place: PlaceConfig = field(default_factory=PlaceConfig)
@@ -93,7 +101,7 @@ class _Fridge:
     ) -> None:
         self._robot, self._number, self._out = robot, number, out
         self._region, self._config = region, config
-        self._speed_rad = 0.0
+        self._places = self._look()
 
     @property
     def _joint(self) -> float:
@@ -108,13 +116,12 @@ class _Fridge:
     def move(self) -> Motion:
         """Swings the door and rests, again while that is to no avail."""
         robot, failure = self._robot, None
-        body = robot.scene.front(self._number).body
         for _ in range(1 + robot.config.retries):
             failure = None if self._done else (yield from self._swing())
             if failure in (Failure.TARGET_PLAN, Failure.MOTION_PLAN):
                 return failure
             robot.gripper = RELEASE
-            failure = yield from rest(robot, without=body)
+            failure = yield from rest(robot)
             yield from self._wait()
             if self._done and failure is None:
                 return None
@@ -152,20 +159,25 @@ class _Fridge:
             yield from self._away()
         return None
 
+    def _look(self) -> Places:
+        """Looks for places as the door is now."""
+        map_ = self._robot.scene.floor_map()
+        pull = self._pull()
+        return Places(self._robot, self._number, pull, map_, self._region, self._config.place)
+
     def _stand(self) -> Motion:
         """Drives to the best place."""
         robot, config = self._robot, self._config.place
         robot.doing = "stand"
         began = time.perf_counter()
-        places = Places(robot, self._number, self._pull(), self._region, config)
-        map_ = robot.scene.floor_map()
+        self._places = places = self._look()
         best = None
-        for pose in places.ranked(map_)[: config.tries]:
+        for pose in places.ranked()[: config.tries]:
             here = np.array_equal(pose, robot.base)
             leads = places.leads(None if here else pose)
             if not leads or (best is not None and not leads[0].enough):
                 continue
-            shunt = None if here else places.way(pose, map_)
+            shunt = None if here else places.way(pose)
             if here or shunt is not None:
                 best = (shunt, leads[0].enough)
                 if leads[0].enough:
@@ -181,8 +193,7 @@ class _Fridge:
         """Returns the ways of leading the door from here, the best first."""
         robot = self._robot
         began = time.perf_counter()
-        places = Places(robot, self._number, self._pull(), self._region, self._config.place)
-        leads = places.leads(None)
+        leads = self._places.leads(None)
         robot.spend("target", time.perf_counter() - began)
         return leads[: self._config.leads]
 
@@ -219,29 +230,42 @@ class _Fridge:
         robot.gripper = RELEASE
 
     def _away(self) -> Generator[Command, None, None]:
-        """Moves the hand out beyond the door's edge, ahead of the door."""
+        """Takes the arm out of the circle that the door's edge describes, and lets it pass."""
         robot, config = self._robot, self._config
-        robot.doing = "away"
-        for _ in range(config.away_steps):
-            door = Door(robot.scene.front(self._number))
-            world = door.point(door.joint + 0.15, door.edge_m + config.away_m, 0.1)
-            collision_free = robot.scene.world_from_base
-            yield robot.command(self._towards(world, collision_free))
-            along, _ = door.beside(self._hand_m(), door.joint)
-            if along > door.edge_m + 0.6 * config.away_m:
+        robot.doing, moving = "away", config.patience_steps
+        for step in range(config.away_steps):
+            door, before = Door(robot.scene.front(self._number)), self._joint
+            if moving == 0 or door.joint > config.passed_rad:
                 break
+            point_m = door.point(door.joint + 0.15, door.edge_m + config.away_m, 0.1)
+            short_m = self._short_m(door)
+            hand = None if short_m < 0 or step > config.reach_out_steps else self._towards(point_m)
+            back = -1.0 if short_m > 0 and self._room_behind() else 0.0
+            yield robot.command(hand, base=(back, 0.0))
+            moving = (
+                moving - 1 if self._joint - before < config.still_rad else config.patience_steps
+            )
         robot.relax()
 
-    def _hand_m(self) -> Array:
-        robot = self._robot
-        arm = robot.kinematics.ee_pose(robot.scene.arm_qpos)[:3, 3]
-        pose = robot.scene.world_from_base
-        return pose[:3, :3] @ arm + pose[:3, 3]
+    def _short_m(self, door: Door) -> float:
+        """Returns how much the arm lacks to be out of the way of the door as it opens."""
+        pose = self._robot.scene.world_from_base
+        points = arm_points_m(self._robot.scene.arm_qpos[None])[0]
+        place = door.beside(points @ pose[:3, :3].T + pose[:3, 3], door.joint)
+        ahead = place[:, 1] > -self._config.place.arm_m
+        radius_m = np.linalg.norm(place, axis=1) - self._config.place.arm_m
+        return float(np.max(door.edge_m - radius_m, where=ahead, initial=-1.0))
 
-    def _towards(self, point_m: Array, world_from_base: Array) -> Array:
+    def _room_behind(self) -> bool:
+        """Whether the base can go back a little."""
+        base = self._robot.base
+        behind = base - self._config.back_m * np.array((np.cos(base[2]), np.sin(base[2]), 0.0))
+        return self._places.has_room(behind)
+
+    def _towards(self, point_m: Array) -> Array:
         """Returns the arm's next targets (7,) on the way of the hand to a point (3,)."""
         robot = self._robot
-        qpos = robot.scene.arm_qpos
+        qpos, world_from_base = robot.scene.arm_qpos, robot.scene.world_from_base
         local = world_from_base[:3, :3].T @ (point_m - world_from_base[:3, 3])
         hand = robot.kinematics.ee_pose(qpos)[:3, 3]
         gap = local - hand

@@ -36,7 +36,7 @@ class ArcConfig:
     """
 
     step_rad: float = 0.06
-    shares: tuple[float, ...] = (0.0, 0.5, 1.0)
+    shares: tuple[float, ...] = (0.5, 1.0)
     margin_m: float = 0.003
     steps: int = 4
     turn_weight_m: float = 0.05

@@ -52,12 +52,12 @@ class PlaceConfig:
     arm_m: float = 0.09
     body_m: float = 0.24
     distance_m: tuple[float, float] = (0.6, 0.85)
-    tries: int = 30
+    tries: int = 20
     margins_m: tuple[float, ...] = (0.02, 0.008)
     drives: int = 3
     goal: GoalConfig = field(
         default_factory=lambda: GoalConfig(
-            starts_per_point=60, round_starts=60, enough=30, goals=14, same_goal_rad=0.2
+            starts_per_point=60, round_starts=60, enough=30, goals=10, same_goal_rad=0.2
         )
     )
     arc: ArcConfig = field(default_factory=ArcConfig)
@@ -71,16 +71,18 @@ class Places:
         robot: Robot,
         number: int,
         pull: Pull,
+        map_: NavigationMap,
         region: Rectangle | None,
         config: PlaceConfig,
     ) -> None:
         """Looks at the door as it is now."""
-        self.robot, self.pull, self.config, self._region = robot, pull, config, region
+        self.robot, self.pull, self.config = robot, pull, config
+        self._map, self._region = map_, region
         self._front = front = robot.scene.front(number)
         self.door, self._frame = Door(front), front.frame
         self._rest = arm_points_m(np.array(REST_QPOS_RAD)[None])[0]
 
-    def ranked(self, map_: NavigationMap) -> Array:
+    def ranked(self) -> Array:
         """Returns base poses (K, 3), those first that are near, roomy and out of the way."""
         poses = np.concatenate((self.robot.base[None], self._grid()))
         distance_m = self._reach_m(poses)
@@ -92,7 +94,7 @@ class Places:
         turn = np.abs((gap[:, 2] + np.pi) % (2 * np.pi) - np.pi)
         way = np.linalg.norm(gap[:, :2], axis=1)
         cost += way / STEP_M + turn / STEP_RAD + 12.0 * (way > 0)
-        cost += 400.0 * np.maximum(self.config.base_m - _clearance_m(map_, poses), 0.0)
+        cost += 400.0 * np.maximum(self.config.base_m - _clearance_m(self._map, poses), 0.0)
         cost += 400.0 * self.swept_m(poses)
         order = np.argsort(cost, kind="stable")
         return poses[order]
@@ -121,15 +123,15 @@ class Places:
         body = self.config.body_m - np.min(bodies, axis=0)
         return np.maximum(arm, 0.0) + np.maximum(body, 0.0)
 
-    def way(self, pose: Array, map_: NavigationMap) -> Shunt | None:
+    def way(self, pose: Array) -> Shunt | None:
         """Returns the quickest drive to a base pose (3,) that touches nothing; None if none."""
         base = self.robot.base
-        room_m = _clearance_m(map_, base[None])[0]
+        room_m = _clearance_m(self._map, base[None])[0]
         least_m = min(self.config.least_base_m, room_m - 0.005)
         looked_at = 0
         for shunt in shunts(base, pose):
             poses = shunt.poses()
-            if not self._inside(poses).all() or (_clearance_m(map_, poses) < least_m).any():
+            if not self._inside(poses).all() or (_clearance_m(self._map, poses) < least_m).any():
                 continue
             looked_at += 1
             if all(self._arm_fits(at) for at in poses[1:]):
@@ -137,6 +139,11 @@ class Places:
             if looked_at == self.config.drives:
                 break
         return None
+
+    def has_room(self, pose: Array) -> bool:
+        """Whether the base may stand at a pose (3,), as far as the floor goes."""
+        room_m = float(_clearance_m(self._map, pose[None])[0])
+        return bool(self._inside(pose[None])[0]) and room_m > self.config.least_base_m
 
     def _arm_fits(self, pose: Array) -> bool:
         collision = self.robot.scene.collision(base=pose)

@@ -7,15 +7,17 @@ else, the rest of the robot too, is an obstacle that stands still in the base fr
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 from xml.etree import ElementTree
 
+import coal  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 
-from hab_spa.shapes import Array, invert_pose, shape_bounds_m
+from hab_spa.shapes import Array, body_bounds_m, invert_pose, shape_bounds_m
 from hab_tasks.privileged import CollisionBody, PrivilegedState
 from hab_tasks.robots.fetch_spec import (
     ARM_LINKS,
@@ -54,6 +56,23 @@ class Contact:
     first: str
     second: str
     distance_m: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Obstacle:
+    """A part of the scene that is no body of the simulator's, e.g. what a camera saw.
+
+    Attributes:
+        name: For reports of contacts.
+        geometry: Coal's, placed in the world's frame.
+        lower_m: Lower corner (3,) of its box in the world ...
+        upper_m: ... and the upper one.
+    """
+
+    name: str
+    geometry: coal.CollisionGeometry
+    lower_m: Array
+    upper_m: Array
 
 
 @lru_cache(maxsize=1)
@@ -109,18 +128,30 @@ class ArmCollision:
         held: str | None = None,
         config: CollisionConfig | None = None,
         cache: ShapeCache | None = None,
+        obstacles: Sequence[Obstacle] = (),
     ) -> None:
-        """Builds the model from `state`; `held` names the object that moves with the gripper."""
+        """Builds the model.
+
+        Args:
+            state: The robot and the bodies around it.
+            held: Name of the body that moves with the gripper.
+            config: What counts as a collision.
+            cache: Shapes of earlier models.
+            obstacles: More of the scene.
+        """
         self.config = config or CollisionConfig()
         self.checks = 0
         self._state, self._cache = state, cache or ShapeCache()
         self._model, _ = shared_arm_model()
         self._data = self._model.createData()
         self._geometry = pin.GeometryModel()
+        self._moving: dict[str, list[tuple[pin.GeometryObject, pin.SE3]]] = {}
         self.base_from_arm = np.eye(4)
         self.base_from_arm[2, 3] = state.locked_qpos[TORSO_JOINT] - LOCKED_QPOS[TORSO_JOINT]
         self.arm_from_world = invert_pose(state.world_from_base @ self.base_from_arm)
         self._add_bodies(held)
+        for obstacle in obstacles:
+            self._add_obstacle(obstacle)
         self._finish()
 
     def is_free(self, qpos: Array) -> bool:
@@ -166,7 +197,41 @@ class ArmCollision:
             self._set_pair_margin(contact.pair, contact.distance_m - touch_m)
         return contacts
 
+    def move(self, name: str, motion: Array) -> bool:
+        """Moves a body of the scene, with what lies in it, from where it was in the state.
+
+        Args:
+            name: The body.
+            motion: (4, 4) how its points move in the world.
+
+        Returns:
+            Whether the model has this body.
+        """
+        if name not in self._moving:
+            names = {name, *self._lying_in(name)}
+            items = [g for g in self._geometry.geometryObjects if g.name.split("#")[0] in names]
+            self._moving[name] = [(item, pin.SE3(item.placement)) for item in items]
+        in_arm = pin.SE3(self.arm_from_world @ motion @ invert_pose(self.arm_from_world))
+        for item, placement in self._moving[name]:
+            item.placement = in_arm * placement
+        return bool(self._moving[name])
+
+    def _lying_in(self, name: str) -> list[str]:
+        """Returns the loose objects whose centre of mass is in a body's box."""
+        body = next((body for body in self._state.bodies if body.name == name), None)
+        if body is None or name not in self._state.world_from_body:
+            return []
+        lower, upper = body_bounds_m(body)
+        body_from_world = invert_pose(self._state.world_from_body[name])
+        points = {
+            other: body_from_world[:3, :3] @ com_m + body_from_world[:3, 3]
+            for other, com_m in self._state.object_com_m.items()
+        }
+        return [other for other, p in points.items() if (lower <= p).all() and (p <= upper).all()]
+
     def _set_pair_margin(self, pair: int, margin_m: float) -> None:
+        if self._with_octree[pair]:
+            margin_m = max(margin_m, 0.0)  # coal knows no smaller one for octrees
         self._pairs.collisionRequests[pair].security_margin = margin_m
         self._broad.getGeometryData().collisionRequests[pair].security_margin = margin_m
 
@@ -206,6 +271,16 @@ class ArmCollision:
             self._kinds.append(kind)
             self._links.append(link)
 
+    def _add_obstacle(self, obstacle: Obstacle) -> None:
+        """Adds an obstacle if it is near, standing still in the world."""
+        if not self._near((obstacle.lower_m, obstacle.upper_m), self.arm_from_world):
+            return
+        placement = pin.SE3(self.arm_from_world)
+        item = pin.GeometryObject(obstacle.name, 0, placement, obstacle.geometry)
+        self._geometry.addGeometryObject(item)
+        self._kinds.append("scene")
+        self._links.append(obstacle.name)
+
     def _gripper_from(self, name: str) -> Array:
         poses = self._state.world_from_body
         gripper = next(key for key in poses if key.rsplit("/", 1)[-1] == EE_LINK)
@@ -231,6 +306,8 @@ class ArmCollision:
         self._drop_rest_pairs()
         pairs = self._geometry.collisionPairs
         self._with_scene = ["scene" in (kinds[p.first], kinds[p.second]) for p in pairs]
+        octrees = [isinstance(g.geometry, coal.OcTree) for g in self._geometry.geometryObjects]
+        self._with_octree = [octrees[p.first] or octrees[p.second] for p in pairs]
         self._pairs = self._geometry.createData()
         self._broad = pin.BroadPhaseManager_SSaPCollisionManager(
             self._model, self._geometry, self._geometry.createData()

@@ -3,7 +3,8 @@
 Each pair of ends is tried in three ways, the cheapest first: a straight line in joint space;
 the gripper drawn straight out of the tight end, then on by a straight line or by RRTConnect;
 RRTConnect from end to end. Runs of RRTConnect are short and start again with new random
-numbers, because their running time has a long tail.
+numbers, because their running time has a long tail; ends that the gripper can be drawn out of the
+farthest come first, for the others are hard to get out of.
 """
 
 from __future__ import annotations
@@ -37,6 +38,8 @@ class PlanConfig:
             the next round of runs after twice as many, and so on.
         good_rad: A path this short (largest joint, summed over its edges) is not improved on.
         improve_checks: While fewer checks than this were spent, a longer path is improved on.
+        most_checks: After so many, no further attempt is made.
+        roomy_ends: From so many ends RRTConnect runs in turn.
         verify_rad: A path found is tested once more at this resolution, without clearance.
         rrt: Numbers of one run; its step is replaced by the two above.
         retreat: Numbers of drawing the gripper out.
@@ -48,7 +51,9 @@ class PlanConfig:
     restart_range_rad: float = 1.0
     first_checks: int = 2_000
     good_rad: float = 2.5
-    improve_checks: int = 8_000
+    improve_checks: int = 4_000
+    most_checks: int = 250_000
+    roomy_ends: int = 3
     verify_rad: float = 0.015
     rrt: RrtConfig = field(default_factory=RrtConfig)
     retreat: EscapeConfig = field(default_factory=EscapeConfig)
@@ -62,7 +67,7 @@ class Ends:
     tight: Array
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Attempt:
     """One way to connect; a `range_rad` of 0 stands for straight lines only."""
 
@@ -107,22 +112,6 @@ def path_rad(path: Array) -> float:
     return float(np.abs(np.diff(path, axis=0)).max(axis=1).sum())
 
 
-def _attempts(pairs: int, config: PlanConfig) -> Iterator[_Attempt]:
-    """Straight ways, one run with the paper's step, then ever longer runs without end."""
-    for margin_m, retreats_, pair in product(config.margins_m, (False, True), range(pairs)):
-        yield _Attempt(margin_m=margin_m, pair=pair, retreats=retreats_, range_rad=0.0, checks=0)
-    yield _Attempt(
-        margin_m=config.margins_m[0], pair=0, retreats=False, range_rad=config.range_rad,
-        checks=config.first_checks,
-    )  # fmt: skip
-    for power in count():
-        for margin_m, pair, retreats_ in product(config.margins_m, range(pairs), (True, False)):
-            yield _Attempt(
-                margin_m=margin_m, pair=pair, retreats=retreats_,
-                range_rad=config.restart_range_rad, checks=config.first_checks * 2**power,
-            )  # fmt: skip
-
-
 class _Search:
     """The attempts of one call of `plan_path`."""
 
@@ -143,11 +132,11 @@ class _Search:
         """Makes attempts until one succeeds, and some more when its path is long."""
         began, checks_before = time.perf_counter(), self._collision.checks
         best: Array | None = None
-        for i, attempt in enumerate(_attempts(len(self._ends), self._config)):
+        for i, attempt in enumerate(self._attempts()):
             spent = self._collision.checks - checks_before
             good = best is not None and path_rad(best) <= self._config.good_rad
-            enough = best is not None and spent >= self._config.improve_checks
-            if good or enough or time.perf_counter() >= self._deadline_s:
+            enough = self._config.most_checks if best is None else self._config.improve_checks
+            if good or spent >= enough or time.perf_counter() >= self._deadline_s:
                 break
             path = self._attempt(attempt, seed + i)
             if path is not None and (best is None or path_rad(path) < path_rad(best)):
@@ -158,6 +147,25 @@ class _Search:
             seconds=time.perf_counter() - began,
             checks=self._collision.checks - checks_before,
         )
+
+    def _attempts(self) -> Iterator[_Attempt]:
+        """Straight ways, one run with the paper's step, then ever longer runs without end."""
+        config, margins_m = self._config, self._config.margins_m
+        pairs = range(len(self._ends))
+        for margin_m, retreats_, pair in product(margins_m, (False, True), pairs):
+            yield _Attempt(margin_m, pair, retreats_, range_rad=0.0, checks=0)
+        yield _Attempt(margins_m[0], 0, False, config.range_rad, config.first_checks)
+        for power in count():
+            checks = config.first_checks * 2**power
+            for margin_m in margins_m:
+                roomy = sorted(pairs, key=lambda pair, m=margin_m: -self._way_out_steps(m, pair))
+                for pair in roomy[: config.roomy_ends]:
+                    yield _Attempt(margin_m, pair, True, config.restart_range_rad, checks)
+            yield _Attempt(margins_m[-1], power % len(pairs), False, config.restart_range_rad, checks)
+
+    def _way_out_steps(self, margin_m: float, pair: int) -> int:
+        """How far the gripper can be drawn out of an end; all were tried at all margins before."""
+        return max((len(way) for way in self._ways.get((margin_m, pair), [])), default=0)
 
     def _attempt(self, attempt: _Attempt, seed: int) -> Array | None:
         ends, config = self._ends[attempt.pair], self._config.rrt

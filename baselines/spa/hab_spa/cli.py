@@ -1,0 +1,128 @@
+"""The console script `hab-spa`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from hab_tasks.errors import HabError
+from hab_tasks.options import check_options
+
+EXIT_BAD_INPUT = 2
+EXIT_STOPPED = 1
+EXIT_INTERRUPTED = 130
+
+MOST_FOR_EACH = 10
+"""Give up, unless told otherwise, after so many episodes for each demonstration wanted."""
+
+RECORD_HELP = """Records episodes that an agent solves, as a ManiSkill trajectory.
+
+Example:
+  hab-spa record --agent hab_spa:spa_priv --env HabPick-v1 --count 10 --out runs/demonstrations
+  python -m mani_skill.trajectory.replay_trajectory --traj-path runs/demonstrations/trajectory.h5
+
+Any agent will do, also one of your own. Episodes are played in order until enough are solved."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordCommand:
+    """Options of `hab-spa record`."""
+
+    agent: Annotated[str, tyro.conf.arg(metavar="MODULE:FACTORY")]
+    """The agent, e.g. hab_spa:spa_priv."""
+    env: Annotated[str, tyro.conf.arg(metavar="ID")]
+    """Environment id, e.g. HabPick-v1; `hab-tasks list` shows all."""
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
+    """Folder for trajectory.h5 and trajectory.json."""
+    scene_dataset: Annotated[str, tyro.conf.arg(metavar="NAME|PATH")] = "apartment"
+    """`apartment`, which is shipped, or a ReplicaCAD folder."""
+    objects: Annotated[str | None, tyro.conf.arg(metavar="PATH")] = None
+    """A YCB folder, instead of the shipped objects."""
+    split: Annotated[str, tyro.conf.arg(metavar="NAME")] = "train"
+    """Episode split; the others are for evaluation."""
+    count: Annotated[int, tyro.conf.arg(metavar="N")] = 10
+    """Number of demonstrations."""
+    most: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """Give up after so many episodes, instead of ten for each demonstration."""
+    seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
+    """Seed of the episodes and of the agent."""
+    novel: Annotated[str | None, tyro.conf.arg(metavar="WHAT")] = None
+    """objects or receptacles: those kept for evaluating generalisation."""
+    option: Annotated[
+        tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE"), tyro.conf.UseAppendAction
+    ] = ()
+    """An option of the agent's own, e.g. navigation=teleport; may be given again."""
+    lerobot: bool = False
+    """Write LeRobot's dataset format (v3.0) as well, into DIR/lerobot; needs pyarrow."""
+    force: bool = False
+    """Replace the recording in DIR."""
+
+    def run(self) -> int:
+        """Records, and shows how each episode went."""
+        # Loading the simulator takes seconds, which --help and a mistyped option should not.
+        from hab_eval.config import EvalConfig, parse_options
+        from hab_eval.results import EpisodeResult
+
+        from hab_spa.record import RecordPlan, record
+
+        config = EvalConfig(
+            agent=self.agent,
+            env=self.env,
+            scene_dataset=self.scene_dataset,
+            objects=self.objects,
+            split=self.split,
+            episodes=self.count,
+            seed=self.seed,
+            novel=self.novel,
+            options=parse_options(self.option),
+        )
+        most = MOST_FOR_EACH * self.count if self.most is None else self.most
+        plan = RecordPlan(
+            config=config, out=self.out, most=most, lerobot=self.lerobot, force=self.force
+        )
+
+        def tell(result: EpisodeResult) -> None:
+            ended = "solved" if result.success else f"failed: {result.failure}"
+            print(f"{result.id}: {ended}, {result.steps} steps", flush=True)
+
+        recorded = record(plan, tell)
+        for failure, number in sorted(recorded.failures.items()):
+            print(f"{number} of {recorded.episodes} episodes failed: {failure}")
+        for file in recorded.files:
+            print(f"wrote {file}")
+        print(f"{recorded.demonstrations} of {self.count} demonstrations")
+        return 0 if recorded.demonstrations == self.count else EXIT_STOPPED
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs `hab-spa`; returns its exit status."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    from hab_eval.errors import RunStoppedError
+
+    try:
+        check_options("hab-spa", {"record": RecordCommand}, arguments)
+        if not arguments or arguments[0] != "record":  # --help, or nothing
+            print(f"usage: hab-spa record --agent M:F --env ID --out DIR\n\n{RECORD_HELP}")
+            return 0 if arguments else EXIT_BAD_INPUT
+        command = tyro.cli(
+            RecordCommand,
+            prog="hab-spa record",
+            description=RECORD_HELP,
+            args=arguments[1:],
+            config=(tyro.conf.FlagCreatePairsOff,),
+        )
+        return command.run()
+    except RunStoppedError as error:
+        print(f"{error.details}hab-spa: {error} Nothing was written.", file=sys.stderr)
+        return EXIT_STOPPED
+    except HabError as error:
+        print(f"hab-spa: {' '.join(str(error).split())}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    except KeyboardInterrupt:
+        print("hab-spa: interrupted; nothing was written.", file=sys.stderr)
+        return EXIT_INTERRUPTED

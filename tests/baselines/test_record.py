@@ -1,0 +1,321 @@
+"""Demonstrations: what is recorded, ManiSkill's own replay of it, and LeRobot's format."""
+
+import dataclasses
+import io
+import json
+import subprocess
+import sys
+
+import h5py
+import numpy as np
+import pytest
+from hab_eval.errors import OptionError, RunStoppedError
+from hab_spa import record as module
+from hab_spa.cli import main
+from hab_spa.dataset_stats import merge_stats, nested, stats_of
+from hab_spa.lerobot_format import action_names, write_dataset
+from PIL import Image
+from pyarrow import parquet
+
+from hab_tasks.robots.control import control_configs
+
+PICK = ("--agent", "hab_spa:spa_priv", "--env", "HabPick-v1")
+REPLAY = (sys.executable, "-m", "mani_skill.trajectory.replay_trajectory", "--traj-path")
+
+
+def record(folder, *options, agent=PICK):
+    return main(["record", *agent, "--out", str(folder), *map(str, options)])
+
+
+def replayed(folder, *options):
+    """What ManiSkill's tool, in a process of its own, says of a recording."""
+    command = [*REPLAY, str(folder / "trajectory.h5"), *options]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def told(folder):
+    return json.loads((folder / "trajectory.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """One demonstration of Pick in the apartment, in both formats."""
+    folder = tmp_path_factory.mktemp("recording")
+    assert record(folder, "--count", 1, "--lerobot") == 0
+    return folder
+
+
+# ManiSkill's trajectories ----------------------------------------------------------------------
+
+
+def test_maniskills_own_tool_replays_a_recording_to_success(recording):
+    assert "1/1=100.00% demos saved" in replayed(recording)
+
+
+def test_a_recording_says_what_was_played(recording):
+    info, (episode,) = told(recording)["env_info"], told(recording)["episodes"]
+    assert info["env_id"] == "hab_tasks:HabPick-v1"
+    assert info["env_kwargs"]["split"] == "train"
+    assert episode["episode"] == "HabPick-v1/apartment/train/0/00000"
+    assert episode["reset_kwargs"]["options"]["episode"] == 0
+    assert episode["task"].startswith("Pick the target object")
+    assert episode["success"] is True
+    with h5py.File(recording / "trajectory.h5") as file:
+        assert list(file) == ["traj_0"]
+        assert len(file["traj_0/actions"]) == episode["elapsed_steps"]
+        assert bool(file["traj_0/success"][-1])
+
+
+def test_nothing_but_the_recording_is_left(recording):
+    names = sorted(path.name for path in recording.iterdir())
+    assert names == ["lerobot", "trajectory.h5", "trajectory.json"]
+
+
+def test_only_what_was_solved_is_kept(tmp_path, monkeypatch, capsys):
+    """The second of three episodes counts as failed: the first and the third are kept."""
+    play = module.run_episode
+
+    def flaky(env, agent, number, episode):
+        finished = play(env, agent, number, episode)
+        if number != 1:
+            return finished
+        failed = dataclasses.replace(finished.episode, success=False, failure="motion plan")
+        return dataclasses.replace(finished, episode=failed)
+
+    monkeypatch.setattr(module, "run_episode", flaky)
+    assert record(tmp_path, "--count", 2) == 0
+    shown = capsys.readouterr().out
+    assert "1 of 3 episodes failed: motion plan" in shown
+    assert "2 of 2 demonstrations" in shown
+    episodes = told(tmp_path)["episodes"]
+    assert [entry["reset_kwargs"]["options"]["episode"] for entry in episodes] == [0, 2]
+    assert [entry["episode"][-5:] for entry in episodes] == ["00000", "00002"]
+    with h5py.File(tmp_path / "trajectory.h5") as file:
+        assert list(file) == ["traj_0", "traj_1"]
+
+
+def test_an_agent_that_solves_nothing_leaves_what_was_there(tmp_path, capsys):
+    old = tmp_path / "trajectory.h5"
+    old.write_text("old")
+    agent = ("--agent", "hab_eval:random_agent", "--env", "HabOpenFridge-v1")
+    options = ("--count", 1, "--most", 1, "--force")
+    assert record(tmp_path, *options, agent=agent) == 1
+    shown = capsys.readouterr().out
+    assert "1 of 1 episodes failed" in shown
+    assert "0 of 1 demonstrations" in shown
+    assert [path.name for path in tmp_path.iterdir()] == ["trajectory.h5"]
+    assert old.read_text() == "old"
+
+
+def test_an_agent_that_raises_is_named_with_its_episode(tmp_path, monkeypatch):
+    def broken(env, agent, number, episode):
+        raise ValueError("no idea")
+
+    monkeypatch.setattr(module, "run_episode", broken)
+    config = module.EvalConfig(agent=PICK[1], env=PICK[3], split="train", episodes=1)
+    plan = module.RecordPlan(config=config, out=tmp_path, most=1)
+    with pytest.raises(RunStoppedError, match=r"00000' stopped the recording: ValueError: no idea"):
+        module.record(plan, print)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["trajectory.json", "lerobot/meta"])
+def test_what_is_there_is_not_replaced(tmp_path, name, capsys):
+    (tmp_path / name).mkdir(parents=True)
+    (tmp_path / name / "old").touch()
+    assert record(tmp_path, "--lerobot") == 2
+    assert "give --force to replace it" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--most", 3, "--count", 4), "most must be at least count, 4, got 3"),
+        (("--count", 0), "episodes must be at least 1, got 0"),
+        (("--splt", "val"), "'--splt'"),
+        (("--option", "speed"), "not of the form NAME=VALUE"),
+        (("--split", "trian"), "'trian'"),
+        (("--option", "speed=2"), "'speed'"),
+    ],
+)
+def test_a_bad_value_is_told_in_one_line(tmp_path, options, words, capsys):
+    assert record(tmp_path, *options) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith("hab-spa: ")
+    assert words in line
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_bad_environment_is_told_with_the_nearest(tmp_path, capsys):
+    agent = ("--agent", "hab_spa:spa_priv", "--env", "HabPik-v1")
+    assert record(tmp_path, agent=agent) == 2
+    assert "Did you mean 'HabPick-v1'" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.assets
+def test_recordings_of_the_real_rooms_replay(replica_cad, ycb, tmp_path):
+    options = ("--scene-dataset", replica_cad, "--objects", ycb, "--count", 2)
+    assert record(tmp_path, *options) == 0
+    assert "2/2=100.00% demos saved" in replayed(tmp_path)
+    assert "2/2=100.00% demos saved" in replayed(tmp_path, "--use-env-states")
+
+
+# LeRobot's format ------------------------------------------------------------------------------
+
+
+def frames_of(folder):
+    return parquet.read_table(folder / "lerobot/data/chunk-000/file-000.parquet").to_pydict()
+
+
+def test_a_frame_holds_what_was_seen_done_and_paid(recording):
+    frames = frames_of(recording)
+    with h5py.File(recording / "trajectory.h5") as file:
+        trajectory = file["traj_0"]
+        count = len(trajectory["actions"])
+        assert np.array_equal(frames["action"], trajectory["actions"])
+        state = np.array(frames["observation.state"])
+        assert state.shape == (count, 17)  # 7 joints, hand 3, holding 1, rest 3, target 3
+        assert np.array_equal(state[:, :7], trajectory["obs/agent/arm_qpos"][:count])
+        assert np.array_equal(state[:, 14:], trajectory["obs/extra/object_start_in_ee"][:count])
+        assert np.array_equal(frames["next.reward"], trajectory["rewards"])
+    assert frames["next.done"] == [False] * (count - 1) + [True]
+    assert frames["next.success"][-1] is True
+    # 30 actions a second
+    assert frames["timestamp"] == pytest.approx(np.arange(count) / 30)
+    assert frames["frame_index"] == frames["index"] == list(range(count))
+    assert set(frames["episode_index"]) == set(frames["task_index"]) == {0}
+
+
+def test_what_describes_the_frames_fits_them(recording):
+    meta, frames = recording / "lerobot/meta", frames_of(recording)
+    info = json.loads((meta / "info.json").read_text())
+    count = len(frames["index"])
+    assert (info["codebase_version"], info["fps"], info["robot_type"]) == ("v3.0", 30, "hab_fetch")
+    assert (info["total_episodes"], info["total_frames"], info["total_tasks"]) == (1, count, 1)
+    assert list(info["features"]) == list(frames)
+    for name, feature in info["features"].items():
+        assert np.array(frames[name]).reshape(count, *feature["shape"]).shape[0] == count
+        assert feature["names"] is None or len(feature["names"]) == feature["shape"][0]
+    tasks = parquet.read_table(meta / "tasks.parquet")
+    assert tasks.to_pydict() == {
+        "task_index": [0],
+        "task": [told(recording)["episodes"][0]["task"]],
+    }
+    assert json.loads(tasks.schema.metadata[b"pandas"])["index_columns"] == ["task"]
+    (row,) = parquet.read_table(meta / "episodes/chunk-000/file-000.parquet").to_pylist()
+    assert (row["dataset_from_index"], row["dataset_to_index"], row["length"]) == (0, count, count)
+    assert row["stats/action/mean"] == pytest.approx(np.mean(frames["action"], axis=0).tolist())
+    stats = json.loads((meta / "stats.json").read_text())
+    assert stats["action"]["std"] == pytest.approx(np.std(frames["action"], axis=0), abs=1e-6)
+    assert stats["timestamp"]["max"] == pytest.approx([(count - 1) / 30])
+
+
+def made_trajectory(folder, lengths):
+    """A recording with two cameras of 2 x 2 pixels, made up."""
+    rng, episodes = np.random.default_rng(0), []
+    with h5py.File(folder / "trajectory.h5", "w") as file:
+        for number, steps in enumerate(lengths):
+            episodes.append(
+                {"episode_id": number, "control_mode": "base", "task": f"t{number % 2}"}
+            )
+            group = file.create_group(f"traj_{number}", track_order=True)
+            group["obs/extra/entry"] = rng.normal(size=(steps + 1, 2)).astype(np.float32)
+            depth = np.full((steps + 1, 2, 2, 1), 0.4, dtype=np.float32)
+            group["obs/sensor_data/head/depth"] = depth
+            pictures = rng.integers(0, 256, (steps + 1, 2, 2, 3), dtype=np.uint8)
+            group["obs/sensor_data/arm/rgb"] = pictures
+            group["actions"] = rng.normal(size=(steps, 2)).astype(np.float32)
+            group["rewards"] = rng.normal(size=steps).astype(np.float32)
+            group["terminated"] = group["success"] = np.arange(steps) == steps - 1
+            group["truncated"] = np.zeros(steps, dtype=bool)
+    (folder / "trajectory.json").write_text(json.dumps({"episodes": episodes}))
+
+
+def test_pictures_are_kept_and_depth_is_grey(tmp_path):
+    made_trajectory(tmp_path, [3])
+    write_dataset(tmp_path / "trajectory.h5", tmp_path / "lerobot")
+    frames = frames_of(tmp_path)
+
+    def picture(name, frame):
+        return np.asarray(
+            Image.open(io.BytesIO(frames[f"observation.images.{name}"][frame]["bytes"]))
+        )
+
+    with h5py.File(tmp_path / "trajectory.h5") as file:
+        for frame in range(3):
+            expected = file["traj_0/obs/sensor_data/arm/rgb"][frame]
+            assert np.array_equal(picture("arm", frame), expected)
+    assert (picture("head_depth", 0) == 102).all()  # 0.4 of 255
+    info = json.loads((tmp_path / "lerobot/meta/info.json").read_text())
+    feature = info["features"]["observation.images.head_depth"]
+    assert feature == {
+        "dtype": "image",
+        "shape": [2, 2, 3],
+        "names": ["height", "width", "channels"],
+    }
+    stats = json.loads((tmp_path / "lerobot/meta/stats.json").read_text())
+    assert stats["observation.images.head_depth"]["mean"] == pytest.approx(
+        np.full((3, 1, 1), 0.4), abs=1e-6
+    )
+
+
+def test_episodes_follow_one_another(tmp_path):
+    made_trajectory(tmp_path, [3, 5, 2])
+    write_dataset(tmp_path / "trajectory.h5", tmp_path / "lerobot")
+    frames, meta = frames_of(tmp_path), tmp_path / "lerobot/meta"
+    assert frames["index"] == list(range(10))
+    assert frames["episode_index"] == [0] * 3 + [1] * 5 + [2] * 2
+    assert frames["frame_index"] == [0, 1, 2, 0, 1, 2, 3, 4, 0, 1]
+    assert frames["task_index"] == [0] * 3 + [1] * 5 + [0] * 2
+    rows = parquet.read_table(meta / "episodes/chunk-000/file-000.parquet").to_pylist()
+    assert [row["dataset_from_index"] for row in rows] == [0, 3, 8]
+    assert [row["tasks"] for row in rows] == [["t0"], ["t1"], ["t0"]]
+
+
+def test_a_full_file_is_followed_by_another(tmp_path, monkeypatch):
+    monkeypatch.setattr("hab_spa.lerobot_format.FILE_SIZE_MB", 1e-6)
+    made_trajectory(tmp_path, [3, 5])
+    write_dataset(tmp_path / "trajectory.h5", tmp_path / "lerobot")
+    files = sorted((tmp_path / "lerobot/data").rglob("*.parquet"))
+    assert [parquet.read_table(file).num_rows for file in files] == [3, 5]
+    meta = tmp_path / "lerobot/meta/episodes/chunk-000/file-000.parquet"
+    assert [row["data/file_index"] for row in parquet.read_table(meta).to_pylist()] == [0, 1]
+
+
+def test_statistics_of_episodes_make_those_of_all():
+    rng = np.random.default_rng(0)
+    parts = [rng.normal(i, 1 + i, (count, 3)) for i, count in enumerate((5, 1, 20))]
+    merged, whole = merge_stats([stats_of(p) for p in parts]), stats_of(np.concatenate(parts))
+    for name, value in nested(whole).items():
+        assert nested(merged)[name] == pytest.approx(value)
+    # 1, 2, 6: mean 3, variance (4 + 1 + 9) / 3
+    by_hand = nested(stats_of(np.array([[1.0], [2.0], [6.0]])))
+    assert by_hand["std"] == pytest.approx([(14 / 3) ** 0.5])
+    assert (by_hand["min"], by_hand["max"], by_hand["mean"]) == ([1.0], [6.0], [3.0])
+    assert by_hand["count"] == [3]
+
+
+@pytest.mark.parametrize("mode", [mode for mode in control_configs() if mode != "base_discrete"])
+def test_every_entry_of_an_action_has_a_name(mode):
+    names = action_names(mode)
+    assert len(set(names)) == len(names) == control_configs()[mode].size
+
+
+def test_without_pyarrow_the_format_is_refused_before_anything_is_played(tmp_path):
+    code = (
+        "import sys; sys.modules['pyarrow'] = None; from hab_spa.cli import main;"
+        f"sys.exit(main(['record', *{PICK!r}, '--out', {str(tmp_path)!r}, '--lerobot']))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "pip install 'hab-spa[lerobot]'" in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_most_is_no_less_than_what_is_wanted(tmp_path):
+    config = module.EvalConfig(agent=PICK[1], env=PICK[3], episodes=5)
+    with pytest.raises(OptionError, match="most"):
+        module.RecordPlan(config=config, out=tmp_path, most=4)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import count, product
+from itertools import count, pairwise, product
 
 import numpy as np
 
@@ -52,7 +52,7 @@ class PlanConfig:
     first_checks: int = 2_000
     good_rad: float = 2.5
     improve_checks: int = 4_000
-    most_checks: int = 250_000
+    most_checks: int = 60_000
     roomy_ends: int = 3
     verify_rad: float = 0.015
     rrt: RrtConfig = field(default_factory=RrtConfig)
@@ -127,6 +127,7 @@ class _Search:
         self._config, self._touch_m = config, touch_m
         self._deadline_s = time.perf_counter() + config.time_limit_s
         self._ways: dict[tuple[float, int], list[Array]] = {}
+        self._close: dict[int, dict[int, float]] = {}
 
     def run(self, seed: int) -> PathResult:
         """Makes attempts until one succeeds, and some more when its path is long."""
@@ -161,7 +162,8 @@ class _Search:
                 roomy = sorted(pairs, key=lambda pair, m=margin_m: -self._way_out_steps(m, pair))
                 for pair in roomy[: config.roomy_ends]:
                     yield _Attempt(margin_m, pair, True, config.restart_range_rad, checks)
-            yield _Attempt(margins_m[-1], power % len(pairs), False, config.restart_range_rad, checks)
+            pair = power % len(pairs)
+            yield _Attempt(margins_m[-1], pair, False, config.restart_range_rad, checks)
 
     def _way_out_steps(self, margin_m: float, pair: int) -> int:
         """How far the gripper can be drawn out of an end; all were tried at all margins before."""
@@ -169,22 +171,31 @@ class _Search:
 
     def _attempt(self, attempt: _Attempt, seed: int) -> Array | None:
         ends, config = self._ends[attempt.pair], self._config.rrt
-        self._collision.set_margin(attempt.margin_m)
-        self._collision.relax(ends.open, self._touch_m)
-        self._collision.relax(ends.tight, self._touch_m)
+        self._keep(attempt.margin_m, attempt.pair)
         if attempt.range_rad == 0.0:
             path = self._straight(attempt, ends)
         else:
             path = self._connect(attempt, ends, seed)
         if path is not None and len(path) > 2:
             path = shorten(self._collision, path, seed, self._deadline_s, config)
-        return path if path is not None and self._stands(path, ends) else None
+        return path if path is not None and self._stands(path, attempt.pair) else None
 
-    def _stands(self, path: Array, ends: Ends) -> bool:
+    def _keep(self, margin_m: float, pair: int) -> None:
+        """Asks for a margin, less where an end has shapes closer together."""
+        if pair not in self._close:
+            self._collision.set_margin(max(self._config.margins_m))
+            ends, close = self._ends[pair], {}
+            for contact in (
+                c for q in (ends.open, ends.tight) for c in self._collision.contacts(q)
+            ):
+                gap_m = contact.distance_m - self._touch_m
+                close[contact.pair] = min(gap_m, close.get(contact.pair, gap_m))
+            self._close[pair] = close
+        self._collision.set_margin(margin_m, self._close[pair])
+
+    def _stands(self, path: Array, pair: int) -> bool:
         """Whether nothing touches along the path between the points that were tested."""
-        self._collision.set_margin(0.0)
-        self._collision.relax(ends.open, self._touch_m)
-        self._collision.relax(ends.tight, self._touch_m)
+        self._keep(0.0, pair)
         return path_is_free(self._collision, path, self._config.verify_rad)
 
     def _straight(self, attempt: _Attempt, ends: Ends) -> Array | None:
@@ -215,8 +226,24 @@ class _Search:
         return None if path is None else np.concatenate((path, way[-2::-1]))
 
     def _retreats(self, attempt: _Attempt) -> list[Array]:
+        """The ways out of the tight end: at larger margins, as far as they keep them."""
+        least_m = min(self._config.margins_m)
+        if (least_m, attempt.pair) not in self._ways:
+            self._keep(least_m, attempt.pair)
+            tight = self._ends[attempt.pair].tight
+            ways = retreats(self._collision, self._arm, tight, self._config.retreat)
+            self._ways[least_m, attempt.pair] = ways
+            self._keep(attempt.margin_m, attempt.pair)
         key = attempt.margin_m, attempt.pair
         if key not in self._ways:
-            tight = self._ends[attempt.pair].tight
-            self._ways[key] = retreats(self._collision, self._arm, tight, self._config.retreat)
+            longest = [self._as_far_as_free(way) for way in self._ways[least_m, attempt.pair]]
+            self._ways[key] = [way for way in longest if len(way) > 1]
         return self._ways[key]
+
+    def _as_far_as_free(self, way: Array) -> Array:
+        for i, (first, second) in enumerate(pairwise(way)):
+            if not edge_is_free(
+                self._collision, first, second, self._config.retreat.resolution_rad
+            ):
+                return way[: i + 1]
+        return way

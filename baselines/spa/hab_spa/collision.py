@@ -7,7 +7,7 @@ else, the rest of the robot too, is an obstacle that stands still in the base fr
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
@@ -177,10 +177,17 @@ class ArmCollision:
                 )
         return found
 
-    def set_margin(self, margin_m: float) -> None:
-        """Sets the margin of every pair with the scene; pairs within the robot keep none."""
+    def set_margin(self, margin_m: float, less: Mapping[int, float] | None = None) -> None:
+        """Sets the margin of every pair with the scene; pairs within the robot keep none.
+
+        Args:
+            margin_m: The margin [m].
+            less: Pair -> another margin [m], where it is smaller.
+        """
         for i, with_scene in enumerate(self._with_scene):
             self._set_pair_margin(i, margin_m if with_scene else 0.0)
+        for i, pair_m in (less or {}).items():
+            self._set_pair_margin(i, min(pair_m, self._margins_m[i]))
 
     def relax(self, qpos: Array, touch_m: float = 0.001) -> list[Contact]:
         """Lowers the margins of the pairs that an arm pose (7,) violates so that it is free.
@@ -232,6 +239,9 @@ class ArmCollision:
     def _set_pair_margin(self, pair: int, margin_m: float) -> None:
         if self._with_octree[pair]:
             margin_m = max(margin_m, 0.0)  # coal knows no smaller one for octrees
+        if self._margins_m[pair] == margin_m:
+            return
+        self._margins_m[pair] = margin_m
         self._pairs.collisionRequests[pair].security_margin = margin_m
         self._broad.getGeometryData().collisionRequests[pair].security_margin = margin_m
 
@@ -312,6 +322,7 @@ class ArmCollision:
         self._broad = pin.BroadPhaseManager_SSaPCollisionManager(
             self._model, self._geometry, self._geometry.createData()
         )
+        self._margins_m = [float("nan")] * len(pairs)
         self.set_margin(self.config.margin_m)
 
     def _drop_rest_pairs(self) -> None:

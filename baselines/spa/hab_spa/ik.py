@@ -50,7 +50,7 @@ class Tool:
 
     point_m: Array
     up: Array
-    tilt_weight_m: float = 0.1
+    tilt_weight_m: float = 0.03
     tilt_rad: float = 0.1
     step_rad: float = 0.5
 

@@ -88,7 +88,8 @@ class Search:
     Attributes:
         draw: Returns arm poses to start from (B, 7), and their targets (B, 3) in the world.
         rounds: At most so many.
-        enough: No more when so many poses have the largest margin.
+        enough: No more when so many poses have the largest margin, ...
+        plenty: ... or this many times as many the least one.
         margins_m: Wanted clearances, the largest first.
         tool: What comes to the targets; None for the end-effector, whose resting roll is tried.
     """
@@ -97,6 +98,7 @@ class Search:
     rounds: int
     enough: int
     margins_m: tuple[float, ...]
+    plenty: int = 4
     tool: Tool | None = None
 
     def run(self, collision: ArmCollision, arm: BatchArm, ik: IkConfig) -> tuple[Array, int]:
@@ -113,7 +115,7 @@ class Search:
             found = free_poses(found, collision, self.margins_m[-1])
             free = np.concatenate((free, found))
             roomy += len(free_poses(found, collision, self.margins_m[0]))
-            if roomy >= self.enough:
+            if roomy >= self.enough or len(free) >= self.plenty * self.enough:
                 break
         return free, samples
 
@@ -125,7 +127,7 @@ def sample_reaching_goals(
 
     Args:
         points_m: (P, 3) in the world.
-        collision: Tells which arm poses are free; its margin is left at the goals' clearance.
+        collision: Tells which arm poses are free; its margins are changed.
         arm: Kinematics.
         seed: Seeds the random arm poses.
         config: The sampler's numbers.
@@ -219,23 +221,26 @@ def found_by(
     config: GoalConfig,
     cost: Callable[[Array], Array],
 ) -> GoalResult:
-    """Returns the goals of a search, of those with the largest margin the cheapest.
+    """Returns the goals of a search: those with the largest margin, the cheapest first.
+
+    Where these are few, some with less room follow.
 
     Args:
         search: Finds arm poses.
-        collision: Tells which are free; its margin is left at the goals' clearance.
+        collision: Tells which are free; its margins are changed.
         arm: Kinematics.
         config: The samplers' numbers.
         cost: (B, 7) -> (B,).
     """
     began, checks_before = time.perf_counter(), collision.checks
     poses, samples = search.run(collision, arm, config.ik)
-    free = np.zeros((0, 7))
+    poses = poses[np.argsort(cost(poses), kind="stable")]
+    chosen = np.zeros((0, 7))
     for margin_m in search.margins_m:
-        free = free_poses(poses, collision, margin_m)
-        if len(free):
+        chosen = np.concatenate((chosen, free_poses(poses, collision, margin_m)))
+        goals = apart(chosen, config)
+        if len(goals) == config.goals:
             break
-    goals = apart(free[np.argsort(cost(free), kind="stable")], config)
     return GoalResult(
         goals=goals,
         failure=None if len(goals) else Failure.TARGET_PLAN,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from dataclasses import replace
 
 from hab_spa.ik import Tool
@@ -10,12 +11,12 @@ from hab_spa.moves import go, sampled, wait
 from hab_spa.place_goal import lowering, sample_placing_goals
 from hab_spa.rest import rest
 from hab_spa.results import Failure
-from hab_spa.robot import RELEASE, Motion, Robot
+from hab_spa.robot import RELEASE, Command, Motion, Robot
 from hab_spa.shapes import Array
 
 
 def place(robot: Robot, number: int) -> Motion:
-    """Brings what is held to its goal, lets go and rests; plans again when execution fails.
+    """Brings what is held to its goal, lets go and rests; tries again as long as it is held.
 
     What was let go is not taken again, wherever it came to lie.
 
@@ -23,22 +24,19 @@ def place(robot: Robot, number: int) -> Motion:
         robot: Who does it.
         number: Number of the object.
     """
-    scene, failure = robot.scene, Failure.EXECUTION
-    for _ in range(1 + robot.config.retries):
+    scene = robot.scene
+    failure: Failure | None = Failure.EXECUTION
+    for attempt in range(1 + robot.config.retries):
         if scene.holds(number):
-            failure = yield from _bring(robot, number)
-            if failure is None:
-                yield from _let_go(robot)
-            elif failure is not Failure.EXECUTION:
-                return failure
+            failure = yield from _bring(robot, number, attempt)
+        if failure is None:
+            yield from _let_go(robot)
         if not scene.holds(number):
             break
-    lost = failure
-    for _ in range(1 + robot.config.retries):
-        failure = yield from rest(robot)
-        if failure is not Failure.EXECUTION:
-            break
-    return lost or failure
+    if scene.holds(number):
+        return failure
+    resting = yield from _rest_again(robot)
+    return failure or resting
 
 
 def place_ways(robot: Robot, number: int, base: Array, effort: int = 1) -> int:
@@ -58,10 +56,11 @@ def _tool(robot: Robot) -> Tool:
     return Tool(point_m=robot.scene.ee_from_held(), up=up)
 
 
-def _bring(robot: Robot, number: int) -> Motion:
-    """Plans to where the object is let go, and goes there."""
+def _bring(robot: Robot, number: int, attempt: int) -> Motion:
+    """Plans to where the object is let go, and goes there; farther aside in later attempts."""
     robot.doing = "bring"
     scene, config = robot.scene, robot.config
+    placing = config.placing if not attempt else config.placing.looser()
     if robot.held_up is None:
         robot.held_up = robot.up()
     collision = scene.collision()
@@ -74,7 +73,7 @@ def _bring(robot: Robot, number: int) -> Motion:
             robot.kinematics,
             robot.next_seed(),
             config.goal,
-            config.placing,
+            placing,
         ),
     )
     if goals.failure is not None:
@@ -82,9 +81,17 @@ def _bring(robot: Robot, number: int) -> Motion:
     return (yield from go(robot, collision, goals.goals, intact=lambda: scene.holds(number)))
 
 
-def _let_go(robot: Robot) -> Motion:
+def _let_go(robot: Robot) -> Generator[Command, None, None]:
     """Opens the hand, and waits until what was in it stands."""
-    robot.doing, robot.gripper = "let go", RELEASE
+    robot.doing, robot.gripper, robot.held_up = "let go", RELEASE, None
     yield from wait(robot, robot.config.release_steps)
-    robot.held_up = None
-    return None
+
+
+def _rest_again(robot: Robot) -> Motion:
+    """Brings the arm to rest; plans again when execution fails."""
+    failure = None
+    for _ in range(1 + robot.config.retries):
+        failure = yield from rest(robot)
+        if failure is not Failure.EXECUTION:
+            break
+    return failure

@@ -7,7 +7,7 @@ and be let go higher up.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,7 +27,8 @@ class PlacingConfig:
         round_starts: ... so many at a time, ...
         enough: ... until this many goals have the largest clearance.
         heights_m: How far above its goal the object may be.
-        aside_m: How far beside it, at most.
+        aside_m: How far beside it, at most, ...
+        far_aside_m: ... and where nothing is found like that.
         margins_m: Wanted clearances, also between the object and what it comes to stand on.
         tilt_cost_m: A radian of tilt is as bad as this much height, ...
         rest_cost_m: ... and so is a radian away from the resting pose.
@@ -38,9 +39,14 @@ class PlacingConfig:
     enough: int = 30
     heights_m: tuple[float, ...] = (0.004, 0.012, 0.025, 0.04, 0.06, 0.09)
     aside_m: float = 0.03
+    far_aside_m: float = 0.08
     margins_m: tuple[float, ...] = (0.01, 0.003)
     tilt_cost_m: float = 0.1
     rest_cost_m: float = 0.01
+
+    def looser(self) -> PlacingConfig:
+        """Returns the numbers of another attempt, after a failure."""
+        return replace(self, aside_m=self.far_aside_m)
 
 
 def sample_placing_goals(
@@ -57,7 +63,7 @@ def sample_placing_goals(
     Args:
         goal_m: (3,) in the world.
         tool: The point of what is held that counts, and its upright direction.
-        collision: Of the arm with what it holds; its margin is left at the goals' clearance.
+        collision: Of the arm with what it holds; its margins are changed.
         arm: Kinematics.
         seed: Seeds the random arm poses.
         config: The samplers' numbers.

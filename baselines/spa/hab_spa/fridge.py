@@ -33,6 +33,7 @@ class FridgeConfig:
         past_rad: The door is to come this much farther than it must.
         grasps_m: (along, out) of the handle at which the hand may take it.
         leads: So many ways of leading the door are handed to the motion planner.
+        reach_share: Reaching for the handle takes this share of the time left, or more.
         let_go: The hand lets go of a door that opens when it is open so far.
         pace: Of the motion along the arc.
         brake_steps: The hand lets go so many steps before its motion ends.
@@ -57,8 +58,9 @@ class FridgeConfig:
         (0.0, 0.02), (0.0, 0.06), (0.04, 0.06), (0.08, 0.03), (0.1, 0.05), (0.0, 0.1)
     )  # fmt: skip
     leads: int = 3
+    reach_share: float = 0.3
     let_go: float = 0.65
-    pace: float = 1.3
+    pace: float = 1.6
     brake_steps: int = 5
     away_m: float = 0.2
     reach_out_steps: int = 12
@@ -175,11 +177,11 @@ class _Fridge:
         for pose in places.ranked()[: config.tries]:
             here = np.array_equal(pose, robot.base)
             leads = places.leads(None if here else pose)
-            if not leads or (best is not None and not leads[0].enough):
+            if not leads or (best is not None and leads[0].cost >= best[1].cost):
                 continue
             shunt = None if here else places.way(pose)
             if here or shunt is not None:
-                best = (shunt, leads[0].enough)
+                best = (shunt, leads[0])
                 if leads[0].enough:
                     break
         robot.spend("target", time.perf_counter() - began)
@@ -195,14 +197,15 @@ class _Fridge:
         began = time.perf_counter()
         leads = self._places.leads(None)
         robot.spend("target", time.perf_counter() - began)
-        return leads[: self._config.leads]
+        good = [lead for lead in leads if lead.enough]
+        return (good or leads[:1])[: self._config.leads]
 
     def _take(self, leads: list[Lead]) -> Motion:
         """Takes the handle."""
-        robot = self._robot
+        robot, config = self._robot, self._config
         robot.doing, robot.gripper = "reach", RELEASE
         goals = np.array([lead.goal for lead in leads])
-        failure = yield from go(robot, robot.scene.collision(), goals)
+        failure = yield from go(robot, robot.scene.collision(), goals, config.reach_share)
         if failure is not None:
             return failure
         robot.doing, robot.gripper = "grasp", GRASP

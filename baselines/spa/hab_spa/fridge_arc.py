@@ -24,26 +24,27 @@ class ArcConfig:
     """The numbers of following the handle.
 
     Attributes:
-        step_rad: The arc is followed in such steps of the door ...
-        shares: ... with the hand turning by these shares of the door's turn.
+        step_rad: The arc is followed in such steps of the door.
+        ways: How the hand turns on the way: a share of the door's turn, and what a radian off
+            that is worth in metres off the arc.
         margin_m: Clearance on the way.
-        steps, turn_weight_m: Each step takes so many of inverse kinematics, with this weight of
-            the hand's heading ...
+        steps: Each step takes so many of inverse kinematics ...
         missed_m: ... and may miss the arc by this much.
         pace_rad: A joint moves this far in a control step, for the length of a motion.
         pad_m: The arm is out of the door's way this far beyond its edge ...
         way_out_steps: ... and a metre that it is short of that costs so many steps.
+        swing_rad: A door that was let go swings on by so much in a step.
     """
 
     step_rad: float = 0.06
-    shares: tuple[float, ...] = (0.5, 1.0)
+    ways: tuple[tuple[float, float], ...] = ((0.0, 0.0), (0.5, 0.05), (1.0, 0.05))
     margin_m: float = 0.003
     steps: int = 4
-    turn_weight_m: float = 0.05
     missed_m: float = 0.01
     pace_rad: float = 0.05
     pad_m: float = 0.1
     way_out_steps: float = 100.0
+    swing_rad: float = 0.025
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,9 +107,9 @@ class Arcs:
             collision: Tells what is free; the door is moved in it.
         """
         collision.set_margin(self._config.margin_m)
-        starts = np.repeat(goals, len(self._config.shares), axis=0)
-        shares = np.tile(self._config.shares, len(goals))
-        arcs = self._follow(starts, shares, collision)
+        ways = self._config.ways
+        starts = np.repeat(goals, len(ways), axis=0)
+        arcs = self._follow(starts, ways * len(goals), collision)
         found = [
             self._lead(here, start, np.array(arc), collision)
             for start, arc in zip(starts, arcs, strict=True)
@@ -116,7 +117,9 @@ class Arcs:
         ]
         return sorted(found, key=lambda lead: (not lead.enough, lead.cost))
 
-    def _follow(self, starts: Array, shares: Array, collision: ArmCollision) -> list[list[Array]]:
+    def _follow(
+        self, starts: Array, ways: tuple[tuple[float, float], ...], collision: ArmCollision
+    ) -> list[list[Array]]:
         """Returns the arm poses along the arc from each start, as long as they are free."""
         arcs: list[list[Array]] = [[] for _ in starts]
         poses, hands = list(starts), [self._arm.ee_pose(pose) for pose in starts]
@@ -129,21 +132,18 @@ class Arcs:
             place = collision.arm_from_world @ np.append(self.door.handle(float(joint)), 1.0)
             for number in tuple(going):
                 goal = np.eye(4)
-                turn = Rotation.from_rotvec(shares[number] * axis).as_matrix()
+                share, weight_m = ways[number]
+                turn = Rotation.from_rotvec(share * axis).as_matrix()
                 goal[:3, :3], goal[:3, 3] = turn @ hands[number][:3, :3], place[:3]
-                poses[number] = self._tracked(poses[number], goal)
+                poses[number] = self._arm.track_pose(
+                    poses[number], goal, steps=self._config.steps, turn_weight_m=weight_m
+                )
                 missed_m = np.linalg.norm(self._arm.ee_pose(poses[number])[:3, 3] - place[:3])
                 if missed_m > self._config.missed_m or not collision.is_free(poses[number]):
                     going.remove(number)
                     continue
                 arcs[number].append(poses[number])
         return arcs
-
-    def _tracked(self, qpos: Array, goal: Array) -> Array:
-        config = self._config
-        return self._arm.track_pose(
-            qpos, goal, steps=config.steps, turn_weight_m=config.turn_weight_m
-        )
 
     def _lead(self, here: Array, goal: Array, arc: Array, collision: ArmCollision) -> Lead:
         config, joints = self._config, self._joints[: len(arc)]
@@ -160,6 +160,8 @@ class Arcs:
             out_m = np.linalg.norm(self.door.beside(world, 0.0), axis=1)
             short_m = np.maximum(self.door.edge_m + config.pad_m - out_m, 0.0)
             cost += config.way_out_steps * float(short_m.sum())
+        else:
+            cost += abs(float(joints[-1]) - self._pull.end) / config.swing_rad
         return Lead(goal=goal, arc=arc, joints=joints, enough=enough, cost=cost)
 
 

@@ -38,7 +38,8 @@ class PlaceConfig:
         arm_m, body_m: Radius of the arm and of the torso for what the door sweeps.
         distance_m: The hand works best this far from the middle of the base.
         tries: So many places are looked at closely.
-        margins_m: Clearances of the resting arm; the next only where the one before fails.
+        margins_m: Clearances of the resting arm, the largest wanted most.
+        arm_reach_m: Nothing that is farther from the middle of the base touches the resting arm.
         drives: So many ways to a place are looked at closely.
     """
 
@@ -53,11 +54,12 @@ class PlaceConfig:
     body_m: float = 0.24
     distance_m: tuple[float, float] = (0.6, 0.85)
     tries: int = 20
-    margins_m: tuple[float, ...] = (0.02, 0.008)
+    margins_m: tuple[float, ...] = (0.04, 0.02, 0.005)
+    arm_reach_m: float = 0.75
     drives: int = 3
     goal: GoalConfig = field(
         default_factory=lambda: GoalConfig(
-            starts_per_point=60, round_starts=60, enough=30, goals=10, same_goal_rad=0.2
+            starts_per_point=60, round_starts=60, enough=30, goals=8, same_goal_rad=0.2
         )
     )
     arc: ArcConfig = field(default_factory=ArcConfig)
@@ -109,6 +111,8 @@ class Places:
         found = sample_reaching_goals(
             points_m, collision, robot.kinematics, robot.next_seed(), config.goal
         )
+        if not self.pull.way_out:  # a door that closes gives way to the hand
+            collision = scene.collision(base=pose, without=self._front.body)
         arcs = Arcs(self._front, robot.kinematics, self.pull, config.arc)
         return arcs.leads(scene.arm_qpos, found.goals, collision)
 
@@ -124,30 +128,45 @@ class Places:
         return np.maximum(arm, 0.0) + np.maximum(body, 0.0)
 
     def way(self, pose: Array) -> Shunt | None:
-        """Returns the quickest drive to a base pose (3,) that touches nothing; None if none."""
-        base = self.robot.base
-        room_m = _clearance_m(self._map, base[None])[0]
+        """Returns the drive to a base pose (3,) with the most room for the arm; None if none."""
+        base, best, most = self.robot.base, None, 0
+        room_m = float(_clearance_m(self._map, base[None])[0])
         least_m = min(self.config.least_base_m, room_m - 0.005)
-        looked_at = 0
-        for shunt in shunts(base, pose):
-            poses = shunt.poses()
-            if not self._inside(poses).all() or (_clearance_m(self._map, poses) < least_m).any():
-                continue
-            looked_at += 1
-            if all(self._arm_fits(at) for at in poses[1:]):
-                return shunt
-            if looked_at == self.config.drives:
+        fits = [
+            shunt
+            for shunt in shunts(base, pose)
+            if self._inside(shunt.poses()).all()
+            and (_clearance_m(self._map, shunt.poses()) >= least_m).all()
+        ]
+        for shunt in fits[: self.config.drives]:
+            room = self._arm_room(shunt.poses()[1:], most)
+            if room > most:
+                best, most = shunt, room
+            if most == len(self.config.margins_m):
                 break
-        return None
+        return best
+
+    def _arm_room(self, poses: Array, least: int) -> int:
+        """Returns how many of the margins the resting arm keeps at base poses (K, 3).
+
+        Nobody asks for the number when it is `least` or below.
+        """
+        room = len(self.config.margins_m)
+        near = _clearance_m(self._map, poses) < self.config.arm_reach_m
+        for pose in poses[near]:
+            collision = self.robot.scene.collision(base=pose)
+            while room > least and not self._free(
+                collision, self.robot.scene.arm_qpos, self.config.margins_m[-room]
+            ):
+                room -= 1
+            if room <= least:
+                break
+        return room
 
     def has_room(self, pose: Array) -> bool:
         """Whether the base may stand at a pose (3,), as far as the floor goes."""
         room_m = float(_clearance_m(self._map, pose[None])[0])
         return bool(self._inside(pose[None])[0]) and room_m > self.config.least_base_m
-
-    def _arm_fits(self, pose: Array) -> bool:
-        collision = self.robot.scene.collision(base=pose)
-        return self._free(collision, self.robot.scene.arm_qpos, self.config.margins_m[-1])
 
     def _free(self, collision: ArmCollision, qpos: Array, margin_m: float) -> bool:
         collision.set_margin(margin_m)

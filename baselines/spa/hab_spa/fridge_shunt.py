@@ -56,7 +56,7 @@ class Shunt:
         stops = 6.0 * (abs(self.way_m) > 0) + 6.0 * (turns > 0)
         return turns / STEP_RAD + abs(self.way_m) / STEP_M + stops
 
-    def poses(self, step_m: float = 0.12, step_rad: float = 0.35) -> Array:
+    def poses(self, step_m: float = 0.08, step_rad: float = 0.2) -> Array:
         """Returns base poses (K, 3) along it, its end included."""
         x, y, yaw = self.start
         end = np.array((x, y)) + self.way_m * np.array(

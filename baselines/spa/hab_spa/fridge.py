@@ -32,7 +32,8 @@ class FridgeConfig:
         close_to, close_need: It takes an open door to here, and moves it at least so much [rad].
         past_rad: The door is to come this much farther than it must.
         grasps_m: (along, out) of the handle at which the hand may take it.
-        leads: So many ways of leading the door are handed to the motion planner.
+        leads: So many ways of leading the door are handed to the motion planner ...
+        as_good_steps: ... if they take at most so many steps more than the best.
         reach_share: Reaching for the handle takes this share of the time left, or more.
         let_go: The hand lets go of a door that opens when it is open so far.
         pace: Of the motion along the arc.
@@ -58,6 +59,7 @@ class FridgeConfig:
         (0.0, 0.02), (0.0, 0.06), (0.04, 0.06), (0.08, 0.03), (0.1, 0.05), (0.0, 0.1)
     )  # fmt: skip
     leads: int = 3
+    as_good_steps: float = 15.0
     reach_share: float = 0.3
     let_go: float = 0.65
     pace: float = 1.6
@@ -177,12 +179,13 @@ class _Fridge:
         for pose in places.ranked()[: config.tries]:
             here = np.array_equal(pose, robot.base)
             leads = places.leads(None if here else pose)
-            if not leads or (best is not None and leads[0].cost >= best[1].cost):
+            if not leads or (best is not None and leads[0].cost >= best[1]):
                 continue
-            shunt = None if here else places.way(pose)
-            if here or shunt is not None:
-                best = (shunt, leads[0])
-                if leads[0].enough:
+            shunt, tight = (None, 0) if here else places.way(pose)
+            cost = leads[0].cost + config.tight_steps * tight
+            if (here or shunt is not None) and (best is None or cost < best[1]):
+                best = (shunt, cost)
+                if leads[0].enough and not tight:
                     break
         robot.spend("target", time.perf_counter() - began)
         if best is None:
@@ -197,8 +200,8 @@ class _Fridge:
         began = time.perf_counter()
         leads = self._places.leads(None)
         robot.spend("target", time.perf_counter() - began)
-        good = [lead for lead in leads if lead.enough]
-        return (good or leads[:1])[: self._config.leads]
+        good = [lead for lead in leads if lead.cost < leads[0].cost + self._config.as_good_steps]
+        return good[: self._config.leads]
 
     def _take(self, leads: list[Lead]) -> Motion:
         """Takes the handle."""

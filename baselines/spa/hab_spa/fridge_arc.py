@@ -36,7 +36,7 @@ class ArcConfig:
         swing_rad: A door that was let go swings on by so much in a step.
     """
 
-    step_rad: float = 0.06
+    step_rad: float = 0.08
     ways: tuple[tuple[float, float], ...] = ((0.0, 0.0), (0.5, 0.05), (1.0, 0.05))
     margin_m: float = 0.003
     steps: int = 4

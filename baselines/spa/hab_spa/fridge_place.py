@@ -40,6 +40,7 @@ class PlaceConfig:
         tries: So many places are looked at closely.
         margins_m: Clearances of the resting arm, the largest wanted most.
         arm_reach_m: Nothing that is farther from the middle of the base touches the resting arm.
+        tight_steps: A clearance that a place lacks counts as so many steps.
         drives: So many ways to a place are looked at closely.
     """
 
@@ -53,13 +54,14 @@ class PlaceConfig:
     arm_m: float = 0.09
     body_m: float = 0.24
     distance_m: tuple[float, float] = (0.6, 0.85)
-    tries: int = 20
+    tries: int = 16
     margins_m: tuple[float, ...] = (0.04, 0.02, 0.005)
     arm_reach_m: float = 0.75
+    tight_steps: float = 40.0
     drives: int = 3
     goal: GoalConfig = field(
         default_factory=lambda: GoalConfig(
-            starts_per_point=60, round_starts=60, enough=30, goals=8, same_goal_rad=0.2
+            starts_per_point=60, round_starts=60, enough=30, goals=6, same_goal_rad=0.2
         )
     )
     arc: ArcConfig = field(default_factory=ArcConfig)
@@ -127,8 +129,11 @@ class Places:
         body = self.config.body_m - np.min(bodies, axis=0)
         return np.maximum(arm, 0.0) + np.maximum(body, 0.0)
 
-    def way(self, pose: Array) -> Shunt | None:
-        """Returns the drive to a base pose (3,) with the most room for the arm; None if none."""
+    def way(self, pose: Array) -> tuple[Shunt | None, int]:
+        """Returns the drive to a base pose (3,) with the most room for the arm; None if none.
+
+        The number tells how many of the wanted clearances are too large for it.
+        """
         base, best, most = self.robot.base, None, 0
         room_m = float(_clearance_m(self._map, base[None])[0])
         least_m = min(self.config.least_base_m, room_m - 0.005)
@@ -144,7 +149,7 @@ class Places:
                 best, most = shunt, room
             if most == len(self.config.margins_m):
                 break
-        return best
+        return best, len(self.config.margins_m) - most
 
     def _arm_room(self, poses: Array, least: int) -> int:
         """Returns how many of the margins the resting arm keeps at base poses (K, 3).

@@ -168,18 +168,23 @@ def table_scene(make_scene: Callable[[], FetchScene]) -> FetchScene:
 class PickLoop:
     """A small stand-in for the environment: joint drives, 120/30 Hz, and a snap grasp.
 
+    What is held meets everything but the robot.
+
     Attributes:
         peak_impulse_n_s: Largest contact impulse on the robot in one physics step, without what
             the held object brings.
     """
 
-    def __init__(self, scene: FetchScene, target: str) -> None:
+    def __init__(self, scene: FetchScene, target: str, goal_m: tuple = (0.0, 0.0, 0.0)) -> None:
         self.scene, self.target, self.held = scene, target, None
+        self._goal_m = goal_m
         self.peak_impulse_n_s = 0.0
         self._drive = None
         scene.scene.timestep = 1 / 120
         for link in scene.robot.links:
             link.disable_gravity = True
+            for shape in link.collision_shapes:
+                shape.set_collision_groups([4, 1, *shape.get_collision_groups()[2:]])
         for joint in scene.robot.active_joints:
             arm = joint.name in ARM_JOINTS
             joint.set_drive_properties(
@@ -198,7 +203,9 @@ class PickLoop:
         """Applies joint targets and gripper for 1/30 s and reads the scene."""
         for name, value in zip(ARM_JOINTS, command.arm_rad, strict=True):
             self.scene.robot.active_joints[self._names.index(name)].set_drive_target(float(value))
-        state = self.scene.privileged(self.target, self.held)
+        state = self.scene.privileged(self.target, self.held, self._goal_m)
+        if command.gripper != GRASP and self.held is not None:
+            self._let_go()
         if command.gripper == GRASP and self.held is None:
             point = self.ee_point_m()
             near = {n: np.linalg.norm(c - point) for n, c in state.object_com_m.items()}
@@ -208,7 +215,7 @@ class PickLoop:
         for _ in range(4):
             self.scene.scene.step()
             self._watch()
-        return self.scene.privileged(self.target, self.held)
+        return self.scene.privileged(self.target, self.held, self._goal_m)
 
     def _snap(self, name: str) -> None:
         entity = self.scene.entities[name][0]
@@ -222,8 +229,16 @@ class PickLoop:
         self._drive.set_limit_twist(0, 0)
         self._drive.set_limit_cone(0, 0)
         for shape in self.scene._body(entity).collision_shapes:
-            shape.set_collision_groups([2, 2, 0, 0])
+            shape.set_collision_groups([2, 3, 0, 0])
         self.held = name
+
+    def _let_go(self) -> None:
+        self._drive.entity.remove_component(self._drive)
+        body = self.scene._body(self.scene.entities[self.held][0])
+        for shape in body.collision_shapes:
+            shape.set_collision_groups([1, 1, 0, 0])
+        body.wake_up()
+        self.held = None
 
     def _watch(self) -> None:
         robot = {link.entity.name for link in self.scene.robot.links}

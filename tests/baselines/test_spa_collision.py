@@ -88,6 +88,17 @@ def test_relax_frees_a_pose_and_only_its_own_pairs(table_scene):
             assert not collision.is_free(other)
 
 
+def test_a_pair_can_have_less_than_the_margin_never_more(table_scene):
+    collision = ArmCollision(table_scene.privileged("target"))
+    collision.set_margin(0.4)
+    near = {contact.pair: contact.distance_m for contact in collision.contacts(REST)}
+    assert min(near.values()) > 0.0
+    collision.set_margin(0.4, {pair: gap - 0.001 for pair, gap in near.items()})
+    assert collision.is_free(REST)
+    collision.set_margin(0.0, dict.fromkeys(near, 0.4))
+    assert collision.is_free(REST)
+
+
 def test_held_object_changes_validity(table_scene):
     state = table_scene.privileged("target")
     long_box = make_held_state(table_scene)

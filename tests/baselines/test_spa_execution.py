@@ -10,7 +10,8 @@ import torch
 from hab_spa import Failure, spa_priv
 from hab_spa.follow import FollowConfig, Follower
 from hab_spa.path import TimingConfig, time_path
-from hab_spa.pick import pick
+from hab_spa.pick import pick, pick_ways
+from hab_spa.place import place, place_ways
 from hab_spa.robot import RELEASE, Robot, SpaConfig
 from hab_spa.true_scene import TrueScene
 
@@ -106,6 +107,41 @@ def test_picks_from_a_table_without_touching_anything(table_scene, pick_loop, se
     assert loop.peak_impulse_n_s == 0.0
     times_s = robot.timings_s
     assert times_s["plan"] == pytest.approx(times_s["target"] + times_s["motion"])
+
+
+def test_what_is_placed_stands_upright_at_its_goal(table_scene, pick_loop):
+    # The target's centre stands 0.05 m above the table, whose top is at 0.75 m.
+    goal_m = (0.62, -0.05, 0.80)
+    loop = pick_loop(table_scene, "target", goal_m)
+    robot = robot_in(table_scene.privileged("target", goal_m=goal_m))
+    assert carry_out(robot, pick(robot, 0), loop.step)[1] is None
+    robot.steps = 0
+    assert place_ways(robot, 0, robot.base) > 0
+    assert carry_out(robot, place(robot, 0), loop.step)[1] is None
+    assert loop.held is None
+    assert np.linalg.norm(loop.ee_point_m() - REST_POSITION_M) < 0.05
+    pose = loop.step(robot.command()).world_from_body["target"]
+    assert np.linalg.norm(pose[:3, 3] - goal_m) < 0.06
+    assert pose[2, 2] > 0.99
+    assert loop.peak_impulse_n_s == 0.0
+
+
+def test_place_with_an_empty_hand_only_rests(table_scene, pick_loop):
+    table_scene.set_arm(REST + 0.2 * np.eye(7)[0])
+    loop = pick_loop(table_scene, "target")
+    robot = robot_in(table_scene.privileged("target"))
+    commands, failure = carry_out(robot, place(robot, 0), loop.step)
+    assert failure is Failure.EXECUTION
+    np.testing.assert_allclose(commands[-1].arm_rad, REST, atol=0.05)
+
+
+def test_ways_depend_on_where_the_base_is_thought_to_be(table_scene):
+    robot = robot_in(table_scene.privileged("target"))
+    near, far = np.zeros(3), np.array((-1.5, 0.0, 0.0))
+    assert pick_ways(robot, 0, near) > 10
+    assert pick_ways(robot, 0, far) == 0
+    # Nothing is changed by thinking of another place.
+    assert pick_ways(robot, 0, near) == pick_ways(robot, 0, near)
 
 
 def test_same_seed_same_commands(table_scene):

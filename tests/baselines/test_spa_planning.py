@@ -4,16 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import sapien
 from hab_spa.arm_plan import Ends, PlanConfig, plan_path
 from hab_spa.collision import ArmCollision
 from hab_spa.escape import EscapeConfig, escape, retreats
-from hab_spa.ik import LOWER_RAD, UPPER_RAD, BatchArm
+from hab_spa.ik import LOWER_RAD, UPPER_RAD, BatchArm, IkConfig, Tool
 from hab_spa.joint_goal import (
     GoalConfig,
     GraspConfig,
     sample_reaching_goals,
     sample_rest_goals,
+    sample_tight_goals,
+    sphere_m,
 )
+from hab_spa.place_goal import PlacingConfig, sample_placing_goals
 from hab_spa.results import Failure
 from hab_spa.rrt import Limit, RrtConfig, connect, path_is_free, shorten
 from hab_spa.true_scene import TrueScene, face_centres_m, would_grasp
@@ -94,6 +98,78 @@ def test_would_grasp_needs_the_target_to_be_nearest_by_a_margin(table_scene):
         False,
         False,
     ]
+
+
+def test_points_of_a_sphere_are_spread_evenly():
+    points = sphere_m(np.array([1.0, 2.0, 3.0]), 0.5, 80)
+    np.testing.assert_allclose(np.linalg.norm(points - [1, 2, 3], axis=1), 0.5)
+    # Each of 80 points has 1/80 of the sphere: about a disc of radius 0.5 * 2 / sqrt(80) = 0.11.
+    gaps = np.linalg.norm(points[:, None] - points, axis=2) + np.eye(80)
+    assert gaps.min(axis=1).min() > 0.09
+    assert gaps.min(axis=1).max() < 0.22
+
+
+def test_tight_goals_reach_points_that_the_faces_do_not_leave(make_scene):
+    scene = make_scene()
+    scene.add_box("target", "object", (0.8, 0.0, 0.85), (0.05, 0.05, 0.05))
+    # A slab on each side but that of the robot, so near that no finger fits in between.
+    for axis, side in ((0, 1), (1, -1), (1, 1), (2, -1), (2, 1)):
+        position, size = np.array([0.8, 0.0, 0.85]), np.full(3, 0.09)
+        position[axis] += side * 0.04
+        size[axis] = 0.02
+        scene.add_box(f"wall{axis}{side:+}", "static", tuple(position), tuple(size))
+    true_scene = TrueScene()
+    true_scene.see({"privileged": [scene.privileged("target")]}, 0)
+    points_m = true_scene.grasp_points_m(0, around=True)
+    collision = true_scene.collision()
+    result = sample_tight_goals(points_m, collision, BatchArm(), 0, GoalConfig())
+    assert result.failure is None
+    for goal in result.goals:
+        point_m = BatchArm().ee_pose(goal)[:3, 3]
+        assert np.linalg.norm(points_m - point_m, axis=1).min() <= GoalConfig().ik.tolerance_m
+        collision.set_margin(GoalConfig().margins_m[-1])
+        assert collision.is_free(goal)
+
+
+def test_inverse_kinematics_brings_a_tool_upright_to_its_target():
+    arm = BatchArm()
+    # Upright is the tool as it is at rest; the target is in front of Fetch's chest.
+    tool = Tool(point_m=np.array([0.05, 0.0, -0.06]), up=arm.ee_pose(REST)[2, :3].copy())
+    starts = REST + np.random.default_rng(0).normal(scale=0.4, size=(200, 7))
+    poses, reached = arm.solve(starts, np.tile([0.7, 0.1, 0.9], (200, 1)), IkConfig(), tool)
+    assert reached.any()
+    for pose in poses[reached]:
+        ee = arm.ee_pose(pose)
+        point_m = ee[:3, :3] @ tool.point_m + ee[:3, 3]
+        assert np.linalg.norm(point_m - [0.7, 0.1, 0.9]) <= IkConfig().tolerance_m
+        up = float((ee[:3, :3] @ tool.up)[2])
+        assert np.arccos(up) == pytest.approx(arm.tilts_rad(pose[None], tool)[0], abs=1e-6)
+    assert np.median(arm.tilts_rad(poses[reached], tool)) < 0.15
+
+
+def test_placing_goals_are_low_upright_and_free(table_scene):
+    arm = BatchArm()
+    table_scene.entities["target"][0].set_pose(held_pose(arm))
+    state = table_scene.privileged("target", held="target")
+    scene = TrueScene()
+    scene.see({"privileged": [state]}, 0)
+    collision, goal_m = scene.collision(), np.array([0.70, 0.0, 0.80])
+    tool = Tool(point_m=scene.ee_from_held(), up=arm.ee_pose(REST)[2, :3])
+    result = sample_placing_goals(goal_m, tool, collision, arm, 0, GoalConfig(), PlacingConfig())
+    assert result.failure is None
+    collision.set_margin(PlacingConfig().margins_m[-1])
+    for goal in result.goals:
+        com_m = (state.world_from_base @ arm.ee_pose(goal) @ np.append(tool.point_m, 1.0))[:3]
+        assert np.linalg.norm(com_m[:2] - goal_m[:2]) < PlacingConfig().aside_m + 0.005
+        assert 0.0 < com_m[2] - goal_m[2] < max(PlacingConfig().heights_m) + 0.005
+        assert collision.is_free(goal)
+    assert arm.tilts_rad(result.goals[:1], tool)[0] < 0.2
+
+
+def held_pose(arm):
+    """Returns the upright pose of an object 0.08 m ahead of the resting end-effector."""
+    ahead = arm.ee_pose(REST) @ [0.08, 0.0, 0.0, 1.0]
+    return sapien.Pose(ahead[:3])
 
 
 def test_blocked_target_is_a_target_plan_failure(make_scene):

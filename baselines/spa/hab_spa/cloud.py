@@ -49,8 +49,9 @@ class DepthView:
         )
 
     def points_m(self) -> Array:
-        """Returns the point (H, W, 3) in the world that each pixel's centre shows."""
-        return self.to_world_m(self.rays() * self.depth_m[..., None])
+        """Returns the point (H, W, 3) in the world that each pixel's centre shows, else NaN."""
+        depth_m = np.where(np.isfinite(self.depth_m), self.depth_m, np.nan)
+        return self.to_world_m(self.rays() * depth_m[..., None])
 
     def rays(self) -> Array:
         """Returns directions (H, W, 3) of the pixels' centres in the camera's frame, z = 1."""
@@ -120,8 +121,8 @@ def surface_points_m(
         whole &= far_m - near_m <= slope * pixel_m
     inverse = 1.0 / quads[:, whole]
     directions = np.stack([rays[corner][whole] for corner in corners])
-    counts = np.ceil((pixel_m + (far_m - near_m))[whole] / spacing_m).astype(int)
-    points = [(rays * depth_m[..., None])[seen]]
+    counts = np.ceil((pixel_m[whole] + far_m[whole] - near_m[whole]) / spacing_m).astype(int)
+    points = [rays[seen] * depth_m[seen, None]]
     for count in np.unique(counts):
         steps = (np.arange(count) + 0.5) / count
         x, y = (grid.reshape(-1, 1) for grid in np.meshgrid(steps, steps))

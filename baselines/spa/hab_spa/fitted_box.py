@@ -56,11 +56,13 @@ class FittedBox:
         world_from_box: (4, 4) pose of its centre.
         half_size_m: (3,) half extents.
         support_m: Height of the plane that it stands on; None if none was seen.
+        seen: Whether points were there to fit it to.
     """
 
     world_from_box: Array
     half_size_m: Array
     support_m: float | None = None
+    seen: bool = True
 
     def upper_face_centres_m(self) -> Array:
         """Returns the centres (5, 3) of its top and its four sides, in the world."""
@@ -96,8 +98,9 @@ def fit_box(points_m: Array, centre_m: Array, config: BoxConfig) -> FittedBox:
     if len(own_m) < config.fewest:
         pose = np.eye(4)
         pose[:3, 3] = centre_m
+        half_size_m = np.full(3, config.smallest_m)
         return FittedBox(
-            world_from_box=pose, half_size_m=np.full(3, config.smallest_m), support_m=support_m
+            world_from_box=pose, half_size_m=half_size_m, support_m=support_m, seen=False
         )
     offsets_m = own_m[:, :2] - centre_m[:2]
     offsets_m = np.concatenate((offsets_m, -offsets_m))

@@ -45,6 +45,11 @@ class Follower:
         """The joint target (7,) [rad] handed out last."""
         return self._targets[max(self._index - 1, 0)]
 
+    @property
+    def rest(self) -> Array:
+        """The joint targets (T, 7) [rad] that are left."""
+        return self._targets[self._index :]
+
     def advance(self, qpos: Array) -> Array:
         """Returns the next target (7,), given where the arm (7,) is."""
         error = float(np.abs(qpos - self.target).max()) if self._index else 0.0

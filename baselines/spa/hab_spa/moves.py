@@ -42,14 +42,15 @@ def follow(
         timing: Other limits of speed than the robot's usual ones.
 
     Returns:
-        `Failure.EXECUTION` when the arm does not keep up, or when it made no sense to go on.
+        `Failure.EXECUTION` when the arm does not keep up, when something was seen in its way, or
+        when it made no sense to go on.
     """
     config = robot.config
     steps = int((robot.steps_left - config.follow.settle_steps) * share)
     follower = Follower(time_path_within(path, steps, timing or config.timing), config.follow)
     while True:
         target = follower.advance(robot.scene.arm_qpos)
-        if follower.lost() or not intact():
+        if follower.lost() or not intact() or robot.scene.in_the_way(follower.rest):
             robot.relax()
             return Failure.EXECUTION
         if follower.settled(robot.scene.arm_qpos):

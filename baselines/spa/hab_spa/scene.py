@@ -73,6 +73,16 @@ class Scene(Protocol):
         """
         ...
 
+    def in_the_way(self, path: Array) -> bool:
+        """Returns whether something was seen in the way of the arm since it set out on a path.
+
+        Asked at every step.
+
+        Args:
+            path: The arm poses (K, 7) that are left of it.
+        """
+        ...
+
     def floor_map(self) -> NavigationMap:
         """Returns the floor with everything as it stands now, but for robot and held object."""
         ...

@@ -22,23 +22,24 @@ class MapConfig:
         range_m: What is farther from the camera is left out.
         spacing_m: Between neighbouring pixels of a surface there is a point this often.
         slope: See `hab_spa.cloud.surface_points_m`.
-        behind_m: Things are thought to be this thick behind the surfaces seen, unless another
-            view sees through.
+        behind_m: What is this far behind a surface is not free unless another view shows that.
         views: So many views are remembered one by one.
-        voxels: Numbers of the voxels.
+        voxels: Of the surfaces.
+        hidden: Voxels of what is behind them.
     """
 
-    range_m: float = 2.5
-    spacing_m: float = 0.015
+    range_m: float = 2.0
+    spacing_m: float = 0.009
     slope: float = 5.0
-    behind_m: float = 0.06
-    views: int = 12
+    behind_m: float = 0.3
+    views: int = 16
     voxels: VoxelConfig = field(default_factory=VoxelConfig)
+    hidden: VoxelConfig = field(default_factory=lambda: VoxelConfig(size_m=0.03, through_m=0.03))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Look:
-    """A view, the pixels (H, W) of it that show the world, and the voxels (V, 3) they fall in."""
+    """A view, the pixels (H, W) of it that show the world, and coarse voxels (V, 3) of these."""
 
     view: DepthView
     world: NDArray[np.bool_]
@@ -60,14 +61,13 @@ class SeenMap:
         world = ~own & (view.depth_m < config.range_m)
         self._voxels.carve(view)
         points_m = surface_points_m(view, world, config.spacing_m, config.slope)
-        here = VoxelMap(config.voxels)
+        here = VoxelMap(config.hidden)
         here.add(points_m)
         self._voxels.add(points_m)
         self._looks.append(_Look(view=view, world=world, centres_m=here.centres_m()))
 
-    def remove(self, box: FittedBox) -> None:
-        """Forgets what was seen in a box: it is not there any more."""
-        margin_m = self.config.voxels.size_m
+    def remove(self, box: FittedBox, margin_m: float) -> None:
+        """Forgets what was seen in a box and this near to it: it is not there any more."""
         self._voxels.clear(box.contains(self._voxels.centres_m(), margin_m))
         for number, look in enumerate(self._looks):
             gone = look.world.copy()
@@ -79,19 +79,20 @@ class SeenMap:
             )
 
     def occupied_m(self, centre_m: Array, reach_m: float) -> Array:
-        """Returns the centres (V, 3) of voxels near a point (3,) that are or may be occupied."""
-        seen_m = _near(self._voxels.centres_m(), centre_m, reach_m)
-        hidden = VoxelMap(self.config.voxels)
+        """Returns the centres (V, 3) of the voxels near a point (3,) where surfaces were seen."""
+        return _near(self._voxels.centres_m(), centre_m, reach_m)
+
+    def hidden_m(self, centre_m: Array, reach_m: float) -> Array:
+        """Returns the centres (V, 3) of coarse voxels near a point (3,) that no view shows."""
+        hidden, size_m = VoxelMap(self.config.hidden), self.config.hidden.size_m
         for look in self._looks:
             surface_m = _near(look.centres_m, centre_m, reach_m)
             rays = surface_m - look.view.world_from_camera[:3, 3]
             rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-            size_m = self.config.voxels.size_m
-            for depth_m in np.arange(size_m, self.config.behind_m + 1e-6, size_m):
+            for depth_m in np.arange(1.5 * size_m, self.config.behind_m, size_m):
                 hidden.add(surface_m + depth_m * rays)
         for look in self._looks:
             hidden.carve(look.view)
-        hidden.add(seen_m)
         return hidden.centres_m()
 
     def points_m(self, centre_m: Array, reach_m: float, spacing_m: float, slope: float) -> Array:

@@ -36,10 +36,12 @@ class SeenConfig:
 
     Attributes:
         own_margin_m: Points this near to the robot are its own ...
-        touch_margin_m: ... and where it is now, nothing else is this near to it.
+        touch_margin_m: ... and where it is now, nothing else is this near to it or what it holds.
         held_margin_m: Points this near to the box of what is held belong to it.
+        unseen_m: What is this near to an object that was taken unseen may be part of it.
         held_reach_m: What the hand holds when an episode begins is within this of it.
         reach_m: Obstacles farther than this from the shoulder do not count.
+        watch_steps: On the way it is looked this often whether something is in the way.
         cell_m: Edge of the cells of which each is an octree of its own.
         fit_reach_m: A box is fitted to the points within this of the object's position.
         fit_spacing_m: Spacing of these points ...
@@ -50,10 +52,12 @@ class SeenConfig:
     """
 
     own_margin_m: float = 0.03
-    touch_margin_m: float = 0.01
-    held_margin_m: float = 0.015
+    touch_margin_m: float = 0.003
+    held_margin_m: float = 0.02
+    unseen_m: float = 0.06
     held_reach_m: float = 0.14
     reach_m: float = 1.6
+    watch_steps: int = 6
     cell_m: float = 0.24
     fit_reach_m: float = 0.45
     fit_spacing_m: float = 0.008
@@ -88,6 +92,7 @@ class SeenScene:
         self._held: int | None = None
         self._was_holding = False
         self._new = True
+        self._steps = 0
 
     def see(self, obs: Mapping[str, Any], row: int) -> None:
         """Takes in an observation; its images are looked at only by `look`."""
@@ -198,20 +203,43 @@ class SeenScene:
         here = self._believed()
         there = here if base is None else standing_at(here, base)
         shoulder_m = there.world_from_base[:3, :3] @ SHOULDER_M + there.world_from_base[:3, 3]
-        occupied_m = self.map.occupied_m(shoulder_m, self.config.reach_m)
-        empty = inside_robot(occupied_m, here.world_from_body, self.config.touch_margin_m)
-        empty |= self._in_hand(occupied_m, self.config.held_margin_m)
+        config = self.config
+        surfaces_m = self.map.occupied_m(shoulder_m, config.reach_m)
+        hidden_m = self.map.hidden_m(shoulder_m, config.reach_m)
+        sizes = config.map.voxels.size_m, config.map.hidden.size_m
+        obstacles = [
+            obstacle
+            for centres_m, size_m in zip((surfaces_m, hidden_m), sizes, strict=True)
+            for obstacle in octrees(
+                centres_m[~self._cleared(centres_m, size_m, here, without)], size_m, config.cell_m
+            )
+        ]
+        return ArmCollision(there, held=there.held, cache=self._cache, obstacles=obstacles)
+
+    def in_the_way(self, path: Array) -> bool:
+        """Looks every few steps, and returns whether an arm's path (K, 7) is no longer free."""
+        self._steps += 1
+        if self._steps % self.config.watch_steps:
+            return False
+        collision = self.collision()
+        collision.set_margin(0.0)
+        collision.relax(self.arm_qpos)
+        return not all(collision.is_free(pose) for pose in path)
+
+    def _cleared(
+        self, centres_m: Array, size_m: float, here: PrivilegedState, without: str | None
+    ) -> NDArray[np.bool_]:
+        """Whether voxels (V, 3) are where the robot is, or what it holds or leaves out."""
+        corner_m = size_m * 3**0.5 / 2  # half a voxel's diagonal
+        cleared = inside_robot(
+            centres_m, here.world_from_body, self.config.touch_margin_m + corner_m
+        )
+        cleared |= self._in_hand(centres_m, self.config.touch_margin_m + corner_m)
         for front in self._truth.state.fronts if without is not None else ():
             if front.body == without:
-                empty |= np.linalg.norm(occupied_m - front.handle_m, axis=1) < self.config.front_m
-        return ArmCollision(
-            there,
-            held=there.held,
-            cache=self._cache,
-            obstacles=octrees(
-                occupied_m[~empty], self.config.map.voxels.size_m, self.config.cell_m
-            ),
-        )
+                near_m = np.linalg.norm(centres_m - front.handle_m, axis=1)
+                cleared |= near_m < self.config.front_m
+        return cleared
 
     def _believed(self) -> PrivilegedState:
         """The robot and what it holds, in the form in which true states come."""
@@ -246,14 +274,17 @@ class SeenScene:
         """Believes that the hand took what it wanted, in the pose that it had."""
         if "privileged" in self._obs and any(front.held for front in self._truth.state.fronts):
             return
+        if self._wanted is None:
+            return
+        # It stands where it stood until now, and was seen better on the way.
+        self.grasp_points_m(self._wanted)
         self._held = self._wanted
-        box = self._boxes.get(-1 if self._wanted is None else self._wanted)
-        if box is not None:
-            self._hand = _Hand(
-                ee_from_box=invert_pose(self._world_from_ee()) @ box.world_from_box,
-                half_size_m=box.half_size_m,
-            )
-            self.map.remove(box)
+        box, config = self._boxes[self._wanted], self.config
+        self._hand = _Hand(
+            ee_from_box=invert_pose(self._world_from_ee()) @ box.world_from_box,
+            half_size_m=box.half_size_m,
+        )
+        self.map.remove(box, config.held_margin_m if box.seen else config.unseen_m)
 
     def _find_held(self, points_m: Array) -> None:
         """Finds what the hand holds when an episode begins: all that is near it (K, 3)."""

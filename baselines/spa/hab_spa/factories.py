@@ -5,6 +5,7 @@ from __future__ import annotations
 from hab_spa.agent import Behaviour, SpaAgent
 from hab_spa.drawer import close_drawer, open_drawer
 from hab_spa.drive import DriveConfig, drive_to
+from hab_spa.fridge import close_fridge, open_fridge
 from hab_spa.modes import CONTROLLERS, control_mode
 from hab_spa.pick import pick
 from hab_spa.place import place
@@ -12,6 +13,7 @@ from hab_spa.robot import Motion, Robot
 from hab_spa.true_scene import TrueScene
 from hab_tasks.agent import AgentSetup, AgentSpec, check_options
 from hab_tasks.errors import UnknownNameError
+from hab_tasks.skills.regions import SPAWN_REGION
 
 
 def navigate(robot: Robot) -> Motion:
@@ -25,6 +27,8 @@ SKILLS: dict[str, Behaviour] = {
     "HabPick-v1": lambda robot: pick(robot, 0),
     "HabPlace-v1": lambda robot: place(robot, 0),
     "HabNavigate-v1": navigate,
+    "HabOpenFridge-v1": lambda robot: open_fridge(robot, 0, SPAWN_REGION),
+    "HabCloseFridge-v1": lambda robot: close_fridge(robot, 0, SPAWN_REGION),
     "HabOpenDrawer-v1": lambda robot: open_drawer(robot, 0),
     "HabCloseDrawer-v1": lambda robot: close_drawer(robot, 0),
 }

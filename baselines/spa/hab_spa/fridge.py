@@ -175,8 +175,10 @@ class _Fridge:
         robot.doing = "stand"
         began = time.perf_counter()
         self._places = places = self._look()
-        best = None
-        for pose in places.ranked()[: config.tries]:
+        best, tries = None, config.tries
+        for number, pose in enumerate(places.ranked()[: config.tries]):
+            if number >= tries:
+                break
             here = np.array_equal(pose, robot.base)
             leads = places.leads(None if here else pose)
             if not leads or (best is not None and leads[0].cost >= best[1]):
@@ -185,8 +187,8 @@ class _Fridge:
             cost = leads[0].cost + config.tight_steps * tight
             if (here or shunt is not None) and (best is None or cost < best[1]):
                 best = (shunt, cost)
-                if leads[0].enough and not tight:
-                    break
+                if leads[0].enough:
+                    tries = min(tries, number + 1 + config.more_tries * (tight > 0))
         robot.spend("target", time.perf_counter() - began)
         if best is None:
             return Failure.TARGET_PLAN

@@ -38,17 +38,19 @@ class PlaceConfig:
         arm_m, body_m: Radius of the arm and of the torso for what the door sweeps.
         distance_m: The hand works best this far from the middle of the base.
         tries: So many places are looked at closely.
+        more_tries: When one will do, so many more are.
         margins_m: Clearances of the resting arm, the largest wanted most.
         arm_reach_m: Nothing that is farther from the middle of the base touches the resting arm.
+        edge_steps: A place at the edge of the region counts as so many steps.
         tight_steps: A clearance that a place lacks counts as so many steps.
         drives: So many ways to a place are looked at closely.
     """
 
-    x_m: tuple[float, float] = (0.95, 1.82)
-    y_m: tuple[float, float] = (-0.58, 0.58)
+    x_m: tuple[float, float] = (0.99, 1.79)
+    y_m: tuple[float, float] = (-0.55, 0.55)
     spacing_m: float = 0.08
     asides_rad: tuple[float, ...] = (-1.2, -0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9, 1.2)
-    inside_m: float = 0.04
+    inside_m: float = 0.05
     base_m: float = 0.33
     least_base_m: float = 0.27
     arm_m: float = 0.09
@@ -57,8 +59,10 @@ class PlaceConfig:
     tries: int = 16
     margins_m: tuple[float, ...] = (0.04, 0.02, 0.005)
     arm_reach_m: float = 0.75
+    edge_steps: float = 60.0
     tight_steps: float = 40.0
-    drives: int = 3
+    more_tries: int = 4
+    drives: int = 2
     goal: GoalConfig = field(
         default_factory=lambda: GoalConfig(
             starts_per_point=60, round_starts=60, enough=30, goals=6, same_goal_rad=0.2
@@ -100,6 +104,7 @@ class Places:
         cost += way / STEP_M + turn / STEP_RAD + 12.0 * (way > 0)
         cost += 400.0 * np.maximum(self.config.base_m - _clearance_m(self._map, poses), 0.0)
         cost += 400.0 * self.swept_m(poses)
+        cost += self.config.edge_steps * ~self._inside(poses, leaving=False)
         order = np.argsort(cost, kind="stable")
         return poses[order]
 
@@ -197,19 +202,23 @@ class Places:
         grid = np.concatenate(poses)
         return grid[self._inside(grid)]
 
-    def _inside(self, poses: Array) -> Array:
-        """Whether base poses (K, 3) are in the region, (K,)."""
+    def _inside(self, poses: Array, leaving: bool = True) -> Array:
+        """Whether base poses (K, 3) are well inside the region, (K,).
+
+        Args:
+            poses: The base poses.
+            leaving: Whether the way from where the robot is counts as inside.
+        """
         if self._region is None:
             return np.ones(len(poses), dtype=bool)
         x0, y0, yaw = self._frame
         turn = np.array(((np.cos(yaw), -np.sin(yaw)), (np.sin(yaw), np.cos(yaw))))
         local = (poses[:, :2] - (x0, y0)) @ turn
-        edge = self.config.inside_m
-        low = np.array((self._region.x_m[0], self._region.y_m[0])) + edge
-        high = np.array((self._region.x_m[1], self._region.y_m[1])) - edge
-        # Where the robot starts outside the inner part it must be able to leave.
-        start = (self.robot.base[:2] - (x0, y0)) @ turn
-        low, high = np.minimum(low, start), np.maximum(high, start)
+        low = np.array((self._region.x_m[0], self._region.y_m[0])) + self.config.inside_m
+        high = np.array((self._region.x_m[1], self._region.y_m[1])) - self.config.inside_m
+        if leaving:
+            start = (self.robot.base[:2] - (x0, y0)) @ turn
+            low, high = np.minimum(low, start), np.maximum(high, start)
         return ((local >= low - 1e-6) & (local <= high + 1e-6)).all(axis=1)
 
 

@@ -37,7 +37,8 @@ class PlanConfig:
         first_checks: The first runs of RRTConnect give up after this many collision checks;
             the next round of runs after twice as many, and so on.
         good_rad: A path this short (largest joint, summed over its edges) is not improved on.
-        improve_checks: While fewer checks than this were spent, a longer path is improved on.
+        improve_checks: A longer one is, with so many checks if it is twice as long, and in
+            proportion to what it is too long.
         most_checks: After so many, no further attempt is made.
         roomy_ends: From so many ends RRTConnect runs in turn.
         verify_rad: A path found is tested once more at this resolution, without clearance.
@@ -131,17 +132,19 @@ class _Search:
 
     def run(self, seed: int) -> PathResult:
         """Makes attempts until one succeeds, and some more when its path is long."""
-        began, checks_before = time.perf_counter(), self._collision.checks
-        best: Array | None = None
+        began, checks_before, before = time.perf_counter(), self._collision.checks, 0
+        best, enough = None, self._config.most_checks
         for i, attempt in enumerate(self._attempts()):
             spent = self._collision.checks - checks_before
-            good = best is not None and path_rad(best) <= self._config.good_rad
-            enough = self._config.most_checks if best is None else self._config.improve_checks
-            if good or spent >= enough or time.perf_counter() >= self._deadline_s:
+            if spent >= enough or time.perf_counter() >= self._deadline_s:
                 break
             path = self._attempt(attempt, seed + i)
-            if path is not None and (best is None or path_rad(path) < path_rad(best)):
-                best = path
+            if path is None or (best is not None and path_rad(path) >= path_rad(best)):
+                continue
+            if best is None:
+                before = self._collision.checks - checks_before
+            too_long = path_rad(path) / self._config.good_rad - 1.0
+            best, enough = path, before + int(too_long * self._config.improve_checks)
         return PathResult(
             path=best,
             failure=Failure.MOTION_PLAN if best is None else None,

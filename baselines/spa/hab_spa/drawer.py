@@ -34,7 +34,7 @@ class DrawerConfig:
     """The numbers of the drawer skills.
 
     Attributes:
-        rounds: How often the handle is taken anew where the arm does not get it all the way.
+        rounds: How often the handle is taken, where the arm does not get it all the way at once.
         open_share: Share of its travel to which a drawer is pulled; pushed, it is left as near
             to closed.
         near_m: The handle is not taken anew for so little.
@@ -42,7 +42,7 @@ class DrawerConfig:
         timing: Limits of speed along a line.
         reach_share: Share of the time left that the way to the handle may take, ...
         line_share: ... and then that along the line, if the limits of speed allow.
-        plan_s: Time limit of the plan to the handle.
+        plan_checks: The plan to the handle is given up after so many collision checks.
         grasp_steps: The handle must be held after this many steps.
         still_steps: The hand keeps the handle this long at the end, until nothing moves.
         swing_m: What remains of the way up to this is left to a swing ...
@@ -55,14 +55,14 @@ class DrawerConfig:
         aside_m: ... and how far to the side.
     """
 
-    rounds: int = 2
+    rounds: int = 3
     open_share: float = 0.985
     near_m: float = 0.035
     line: LineConfig = field(default_factory=LineConfig)
     timing: TimingConfig = field(default_factory=lambda: TimingConfig(paces=(0.5, 0.7, 1.0)))
     reach_share: float = 0.3
     line_share: float = 0.4
-    plan_s: float = 3.0
+    plan_checks: int = 40_000
     grasp_steps: int = 5
     still_steps: int = 5
     swing_m: float = 0.12
@@ -141,19 +141,18 @@ def drawer_places(
 
 def _slide(robot: Robot, number: int, out: bool, config: DrawerConfig) -> Motion:
     """Moves a drawer, and takes it anew where the arm did not get it all the way."""
-    scene, failure = robot.scene, None
-    for attempt in range(config.rounds):
+    scene, failure, began = robot.scene, None, robot.steps
+    for _ in range(config.rounds):
         if abs(_way_m(scene.front(number), out, config)) <= config.near_m:
             break
         failure = yield from _move(robot, number, out, config)
-        if failure in (Failure.TARGET_PLAN, Failure.MOTION_PLAN):
-            if attempt == 0:
-                return failure
+        if failure is Failure.TARGET_PLAN:
             break
-    body = scene.front(number).body
+    if failure is not None and robot.steps == began:
+        return failure
     rested = yield from rest(robot)
     if rested is not None:  # beside an open drawer there may be no way that keeps clear of it
-        rested = yield from rest(robot, without=body)
+        rested = yield from rest(robot, without=scene.front(number).body)
     return rested if _is_done(scene.front(number), out) else failure or Failure.EXECUTION
 
 
@@ -195,7 +194,7 @@ def _reach(
     """Goes to where one of the lines begins, the first where possible."""
     start = robot.scene.arm_qpos.copy()
     ends = [Ends(open=start, tight=line.poses[0]) for line in lines]
-    plan = replace(robot.config.plan, time_limit_s=config.plan_s)
+    plan = replace(robot.config.plan, most_checks=config.plan_checks)
     result = plan_path(collision, robot.kinematics, ends, robot.next_seed(), plan)
     robot.spend("motion", result.seconds)
     if result.path is None:

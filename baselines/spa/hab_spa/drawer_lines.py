@@ -39,14 +39,14 @@ class LineConfig:
         apart_rad: Two grasps differ by at least this much in some joint.
     """
 
-    starts: int = 500
-    rounds: int = 4
+    starts: int = 1000
+    rounds: int = 3
     step_m: float = 0.02
     jump_rad: float = 0.35
     ik: IkConfig = field(default_factory=lambda: IkConfig(steps=4, damping=0.03))
-    least_m: float = 0.005
+    least_m: float = 0.003
     room_m: float = 0.03
-    slack_m: float = 0.02
+    slack_m: float = 0.025
     lines: int = 4
     apart_rad: float = 0.3
 
@@ -103,7 +103,8 @@ class HandleLines:
         # Room is scarce where the handle is near the robot: lines that begin there go on best.
         ends = sorted((0, self._steps), key=lambda at: float(np.linalg.norm(self._handle_m(at))))
         for number in range(config.rounds):
-            found += self._round(rng, ends[number % 2])
+            last = number > 0 and number == config.rounds - 1
+            found += self._round(rng, ends[last])
             if any(line.missing_m <= config.slack_m for line in found):
                 break
         self._move(0)

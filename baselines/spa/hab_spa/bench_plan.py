@@ -1,0 +1,178 @@
+"""Suite plan of ``hab-eval bench``: seconds of an arm plan, and what its collision model saves.
+
+An arm plan is what Pick does before it moves: collision model, joint goals, path to one of them.
+The reference is the same search with every arm pose tested by setting the simulator's state
+(`hab_spa.validity`). Both agree on the poses, so the searches are the same; what the reference
+takes is counted from the seconds of its checks, on poses of the very sequence that the search
+asked about, times their number, and what the plan takes beside its checks.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from hab_eval.bench_options import PICK, BenchOptions, WriteLine
+from hab_eval.bench_rows import BenchRow, bound_row, make_row
+
+from hab_spa.arm_plan import Ends, plan_path
+from hab_spa.collision import ArmCollision, ShapeCache
+from hab_spa.ik import BatchArm
+from hab_spa.joint_goal import sample_reaching_goals
+from hab_spa.robot import SpaConfig
+from hab_spa.shapes import Array
+from hab_spa.true_scene import TrueScene
+from hab_spa.validity import Agreement, SimulatorCheck, agreement
+from hab_tasks.episodes import Episode, EpisodeRequest, load_episodes
+
+MEDIAN_BOUND_S, MOST_BOUND_S, SPEEDUP_BOUND, AGREEMENT_BOUND_PERCENT = 0.3, 2.0, 20.0, 99.0
+MOST_PERCENTILE = 95
+TIMED_CHECKS = 100
+"""So many poses of each plan are tested by setting the simulator's state."""
+
+VALIDITY_POSES = 2000
+REFERENCE = "the same, validity by setting the simulator's state: checks x measured s per check"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanTiming:
+    """One arm plan.
+
+    Attributes:
+        seconds: Of the plan.
+        checks: Arm poses tested in it.
+        check_s: Of one check by the collision model ...
+        state_check_s: ... and by setting the simulator's state, on the same poses.
+    """
+
+    seconds: float
+    checks: int
+    check_s: float
+    state_check_s: float
+
+    @property
+    def reference_s(self) -> float:
+        """What the plan takes when the simulator's state is set for every check."""
+        return self.seconds + self.checks * (self.state_check_s - self.check_s)
+
+
+class _Recorder(ArmCollision):
+    """Remembers the poses that it is asked about."""
+
+    def __init__(self, *args: Any, **settings: Any) -> None:
+        self.poses: list[Array] = []
+        super().__init__(*args, **settings)
+
+    def is_free(self, qpos: Array) -> bool:
+        """See `ArmCollision`."""
+        self.poses.append(np.array(qpos))
+        return super().is_free(qpos)
+
+
+def run_plan(options: BenchOptions, write_line: WriteLine) -> list[BenchRow]:
+    """Measures plans for real episodes of HabPick-v1: in the apartment, and in each scene."""
+    rows: list[BenchRow] = []
+    for name, request in _requests(options):
+        env = _make_env(request)
+        try:
+            episodes = load_episodes(request, options.step_count).episodes
+            timings = [_time_plan(env, episode) for episode in episodes]
+            write_line(f"suite plan, {name}: {len(timings)} plans")
+            _reset(env, episodes[0])
+            agreed = agreement(env, VALIDITY_POSES, seed=0)
+            rows += plan_rows((("plan", name, PICK)), timings, agreed)
+        finally:
+            env.close()
+    return rows
+
+
+def plan_rows(
+    name: tuple[str, str, str], timings: Sequence[PlanTiming], agreed: Agreement
+) -> list[BenchRow]:
+    """Turns timings and an agreement into rows."""
+    seconds = [timing.seconds for timing in timings]
+    most_s = float(np.percentile(seconds, MOST_PERCENTILE))
+    references_s = [timing.reference_s for timing in timings]
+    speedups = [timing.reference_s / timing.seconds for timing in timings]
+    checks = [timing.check_s * 1e6 for timing in timings], [t.state_check_s * 1e6 for t in timings]
+    near = 100.0 if not agreed.disagreements else 100.0 * (1 - agreed.far / agreed.disagreements)
+    return [
+        bound_row((*name, "median"), seconds, MEDIAN_BOUND_S, unit="s/plan"),
+        bound_row((*name, f"percentile_{MOST_PERCENTILE}"), [most_s], MOST_BOUND_S, unit="s/plan"),
+        make_row((*name, "state_set"), seconds, references_s, unit="s/plan", reference=REFERENCE),
+        bound_row((*name, "speedup"), speedups, SPEEDUP_BOUND, unit="x fewer s (checks x s/check)"),
+        make_row((*name, "check"), *checks, unit="us/check", reference="the simulator's state set"),
+        bound_row((*name, "validity"), [agreed.percent], AGREEMENT_BOUND_PERCENT, unit="% agree"),
+        bound_row((*name, "validity_near"), [near], 100.0, unit="% of the others within 1 cm"),
+    ]
+
+
+def _requests(options: BenchOptions) -> Iterator[tuple[str, EpisodeRequest]]:
+    yield "apartment", EpisodeRequest(env_id=PICK, scene_dataset="apartment")
+    objects = None if options.objects is None else str(options.objects)
+    for (scene,) in options.groups:
+        dataset = str(options.scene_dataset)
+        yield (
+            scene,
+            EpisodeRequest(env_id=PICK, scene_dataset=dataset, objects=objects, scene=scene),
+        )
+
+
+def _make_env(request: EpisodeRequest) -> Any:
+    return gym.make(
+        f"hab_tasks:{request.env_id}",
+        num_envs=1,
+        scene_dataset=request.scene_dataset,
+        objects=request.objects,
+        obs_mode="state_dict",
+        render_backend="none",
+    )
+
+
+def _reset(env: Any, episode: Episode) -> None:
+    env.reset(seed=episode.seed, options={"episode": episode, "reconfigure": False})
+
+
+def _time_plan(env: Any, episode: Episode) -> PlanTiming:
+    """Times a plan, then its checks both ways; the simulator's state comes last, as it changes."""
+    _reset(env, episode)
+    scene, cache = TrueScene(), ShapeCache()
+    scene.state = env.unwrapped.privileged()[0]
+    make = lambda kind: kind(scene.state, held=scene.state.held, cache=cache)  # noqa: E731
+    make(ArmCollision)  # shapes are kept from episode to episode in a layout
+    began = time.perf_counter()
+    model = make(ArmCollision)
+    _plan(scene, model, episode.seed)
+    seconds = time.perf_counter() - began
+    recorder = make(_Recorder)
+    _plan(scene, recorder, episode.seed)
+    asked = np.linspace(0, len(recorder.poses) - 1, TIMED_CHECKS).astype(int)
+    poses = [recorder.poses[i] for i in asked] if recorder.poses else []
+    return PlanTiming(
+        seconds=seconds,
+        checks=len(recorder.poses),
+        check_s=_check_s(model, poses),
+        state_check_s=_check_s(SimulatorCheck(env), poses),
+    )
+
+
+def _plan(scene: TrueScene, collision: ArmCollision, seed: int) -> None:
+    """Plans the way to the episode's object, as Pick does."""
+    config, arm = SpaConfig(), BatchArm()
+    points_m = scene.grasp_points_m(0)
+    goals = sample_reaching_goals(points_m, collision, arm, seed, config.goal).goals
+    if len(goals):
+        ends = [Ends(open=scene.arm_qpos, tight=goal) for goal in goals]
+        plan_path(collision, arm, ends, seed, config.plan)
+
+
+def _check_s(collision: ArmCollision | SimulatorCheck, poses: Sequence[Array]) -> float:
+    """Returns the seconds of one check; 0 where there is none."""
+    began = time.perf_counter()
+    for pose in poses:
+        collision.is_free(pose)
+    return (time.perf_counter() - began) / max(1, len(poses))

@@ -10,7 +10,7 @@ import numpy as np
 
 from hab_spa.fridge_arc import Lead, Pull, arm_points_m
 from hab_spa.fridge_door import Door
-from hab_spa.fridge_place import PlaceConfig, Places
+from hab_spa.fridge_place import PlaceConfig, Places, find_leads
 from hab_spa.fridge_shunt import ShuntConfig, drive
 from hab_spa.ik import IkConfig
 from hab_spa.moves import go
@@ -21,6 +21,11 @@ from hab_spa.robot import GRASP, RELEASE, Command, Motion, Robot
 from hab_spa.shapes import Array
 from hab_tasks.episodes.robot_start import Rectangle
 from hab_tasks.fronts import FRIDGE_CLOSED_RAD, FRIDGE_OPEN_RAD
+from hab_tasks.navigation import NavigationMap
+from hab_tasks.privileged import FrontState
+
+ALL_WAYS = 12
+"""The most that `fridge_ways` returns."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +35,6 @@ class FridgeConfig:
     Attributes:
         open_to, open_need: The hand takes a closed door so far, and at least so far [rad].
         close_to, close_need: It takes an open door to here, and moves it at least so much [rad].
-        past_rad: The door is to come this much farther than it must.
         grasps_m: (along, out) of the handle at which the hand may take it.
         leads: So many ways of leading the door are handed to the motion planner ...
         as_good_steps: ... if they take at most so many steps more than the best.
@@ -46,6 +50,8 @@ class FridgeConfig:
         back_m: The base goes back when there is free floor this far behind.
         still_rad: A door that moves less than this in a step stands still.
         wait_steps: A swinging door is waited for so long.
+        places: So many base poses are offered to those who come from elsewhere.
+        quick_steps: A way of that many steps is as good as any; one of so many the worst.
         place: Numbers of the search for a place.
         shunt: Numbers of driving there.
     """
@@ -54,7 +60,6 @@ class FridgeConfig:
     open_need: float = 0.6
     close_to: float = 0.05
     close_need: float = 0.45
-    past_rad: float = 0.03
     grasps_m: tuple[tuple[float, float], ...] = (
         (0.0, 0.02), (0.0, 0.06), (0.04, 0.06), (0.08, 0.03), (0.1, 0.05), (0.0, 0.1)
     )  # fmt: skip
@@ -72,6 +77,8 @@ class FridgeConfig:
     back_m: float = 0.1
     still_rad: float = 0.002
     wait_steps: int = 60
+    places: int = 64
+    quick_steps: tuple[float, float] = (80.0, 200.0)
     place: PlaceConfig = field(default_factory=PlaceConfig)
     shunt: ShuntConfig = field(default_factory=ShuntConfig)
 
@@ -95,6 +102,66 @@ def close_fridge(
 ) -> Motion:
     """Closes the fridge, and rests; see `open_fridge`."""
     return (yield from _Fridge(robot, number, False, region, config or FridgeConfig()).move())
+
+
+def fridge_places(
+    robot: Robot, number: int, map_: NavigationMap, out: bool, config: FridgeConfig | None = None
+) -> Array:
+    """Returns free base poses (K, 3) before a fridge, those first that do best at first sight.
+
+    Args:
+        robot: Who would stand there.
+        number: Number of the fridge.
+        map_: The floor.
+        out: Whether the fridge is to be opened.
+        config: The numbers.
+    """
+    config = config or FridgeConfig()
+    pull = pull_of(robot.scene.front(number), out, config)
+    places = Places(robot, number, pull, map_, None, config.place)
+    poses = places.ranked(coming=False)
+    return poses[map_.is_free(poses[:, :2])][: config.places]
+
+
+def fridge_ways(
+    robot: Robot, number: int, base: Array, out: bool, config: FridgeConfig | None = None
+) -> float:
+    """Returns how well the fridge's door can be moved from a base pose (3,): 0 to `ALL_WAYS`.
+
+    Up to half of that for a part of the way, more the fewer steps all of it takes.
+
+    Args:
+        robot: Who would do it.
+        number: Number of the fridge.
+        base: Where the robot is thought to stand.
+        out: Whether the fridge is to be opened.
+        config: The numbers.
+    """
+    config = config or FridgeConfig()
+    front = robot.scene.front(number)
+    pull = pull_of(front, out, config)
+    leads = find_leads(robot, front, pull, base, config.place.glance, config.place)
+    if not leads:
+        return 0.0
+    if not leads[0].enough:
+        return ALL_WAYS / 2 * min(leads[0].share, 1.0)
+    quick, slow = config.quick_steps
+    return float(ALL_WAYS / 2 * (1.0 + np.clip((slow - leads[0].cost) / (slow - quick), 0.0, 1.0)))
+
+
+def pull_of(front: FrontState, out: bool, config: FridgeConfig) -> Pull:
+    """Returns what the hand is to do with a door as it is."""
+    door = Door(front)
+    handle = door.handle_m
+    grasps = tuple((handle[0] + a, handle[1] + o) for a, o in config.grasps_m)
+    if out:
+        end = max(config.open_to, door.joint + 0.5)
+        need = max(config.open_need, door.joint + 0.3)
+        swept = (door.joint, FRIDGE_OPEN_RAD + 0.1)
+    else:
+        end, need = config.close_to, max(door.joint - config.close_need, config.close_to + 0.05)
+        swept = (config.close_to, door.joint)
+    return Pull(end=end, need=need, swept=swept, grasps_m=grasps, way_out=out)
 
 
 class _Fridge:
@@ -132,21 +199,6 @@ class _Fridge:
             failure = failure or Failure.EXECUTION
         return failure
 
-    def _pull(self) -> Pull:
-        """Returns what the hand is to do with the door as it is."""
-        config, robot = self._config, self._robot
-        door = Door(robot.scene.front(self._number))
-        handle = door.handle_m
-        grasps = tuple((handle[0] + a, handle[1] + o) for a, o in config.grasps_m)
-        if self._out:
-            end = max(config.open_to, door.joint + 0.5)
-            need = max(config.open_need, door.joint + 0.3)
-            swept = (door.joint, FRIDGE_OPEN_RAD + 0.1)
-        else:
-            end, need = config.close_to, max(door.joint - config.close_need, config.close_to + 0.05)
-            swept = (config.close_to, door.joint)
-        return Pull(end=end, need=need, swept=swept, grasps_m=grasps, way_out=self._out)
-
     def _swing(self) -> Motion:
         """Goes to a good place, takes the handle, leads it along its arc and lets go."""
         failure = yield from self._stand()
@@ -166,7 +218,7 @@ class _Fridge:
     def _look(self) -> Places:
         """Looks for places as the door is now."""
         map_ = self._robot.scene.floor_map()
-        pull = self._pull()
+        pull = pull_of(self._robot.scene.front(self._number), self._out, self._config)
         return Places(self._robot, self._number, pull, map_, self._region, self._config.place)
 
     def _stand(self) -> Motion:
@@ -200,7 +252,7 @@ class _Fridge:
         """Returns the ways of leading the door from here, the best first."""
         robot = self._robot
         began = time.perf_counter()
-        leads = self._places.leads(None)
+        leads = self._places.leads(None, thorough=True)
         robot.spend("target", time.perf_counter() - began)
         good = [lead for lead in leads if lead.cost < leads[0].cost + self._config.as_good_steps]
         return good[: self._config.leads]

@@ -79,6 +79,7 @@ class Lead:
         arc: (K, 7) arm poses along the handle's arc ...
         joints: ... and how far the door is open at each (K,) [rad].
         enough: Whether the door gets far enough.
+        share: The part of the way that the door needs to be led.
         cost: About how many steps it takes.
     """
 
@@ -86,6 +87,7 @@ class Lead:
     arc: Array
     joints: Array
     enough: bool
+    share: float
     cost: float
 
 
@@ -162,7 +164,8 @@ class Arcs:
             cost += config.way_out_steps * float(short_m.sum())
         else:
             cost += abs(float(joints[-1]) - self._pull.end) / config.swing_rad
-        return Lead(goal=goal, arc=arc, joints=joints, enough=enough, cost=cost)
+        share = float((joints[-1] - joints[0]) / (self._pull.need - joints[0]))
+        return Lead(goal=goal, arc=arc, joints=joints, enough=enough, share=share, cost=cost)
 
 
 def arm_points_m(qpos: Array) -> Array:

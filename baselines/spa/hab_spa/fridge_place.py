@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hab_spa.collision import ArmCollision
 from hab_spa.drive import STEP_M, STEP_RAD
@@ -21,6 +22,7 @@ from hab_spa.robot import Robot
 from hab_spa.shapes import Array
 from hab_tasks.episodes.robot_start import Rectangle
 from hab_tasks.navigation import NavigationMap
+from hab_tasks.privileged import FrontState
 from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
 
 
@@ -41,9 +43,15 @@ class PlaceConfig:
         more_tries: When one will do, so many more are.
         margins_m: Clearances of the resting arm, the largest wanted most.
         arm_reach_m: Nothing that is farther from the middle of the base touches the resting arm.
+        off_steps, in_the_way_steps: What a metre costs that a place is too near or too far, and
+            one that something is in the way.
+        stop_steps: A drive takes so many steps more than its turns and its way.
         edge_steps: A place at the edge of the region counts as so many steps.
         tight_steps: A clearance that a place lacks counts as so many steps.
         drives: So many ways to a place are looked at closely.
+        glance, judging, doing: How the hand's ways to the handle are looked for at first sight,
+            while places are compared, and where the robot stands at last.
+        arc: How the handle's arc is followed.
     """
 
     x_m: tuple[float, float] = (0.99, 1.79)
@@ -59,16 +67,64 @@ class PlaceConfig:
     tries: int = 16
     margins_m: tuple[float, ...] = (0.04, 0.02, 0.005)
     arm_reach_m: float = 0.75
+    off_steps: float = 60.0
+    in_the_way_steps: float = 400.0
+    stop_steps: float = 12.0
     edge_steps: float = 60.0
     tight_steps: float = 40.0
     more_tries: int = 4
     drives: int = 2
-    goal: GoalConfig = field(
+    judging: GoalConfig = field(
         default_factory=lambda: GoalConfig(
-            starts_per_point=60, round_starts=60, enough=30, goals=6, same_goal_rad=0.2
+            starts_per_point=60, round_starts=60, enough=30, goals=8, same_goal_rad=0.2
+        )
+    )
+    glance: GoalConfig = field(
+        default_factory=lambda: GoalConfig(
+            starts_per_point=20, round_starts=20, enough=10, goals=3, same_goal_rad=0.3
+        )
+    )
+    doing: GoalConfig = field(
+        default_factory=lambda: GoalConfig(
+            starts_per_point=300, round_starts=150, enough=120, goals=30, same_goal_rad=0.2
         )
     )
     arc: ArcConfig = field(default_factory=ArcConfig)
+
+
+def find_leads(
+    robot: Robot,
+    front: FrontState,
+    pull: Pull,
+    pose: Array | None,
+    goal: GoalConfig,
+    config: PlaceConfig,
+) -> list[Lead]:
+    """Returns what the arm can do at a base pose (3,), or where it is, the best first.
+
+    Args:
+        robot: Whose arm.
+        front: The door.
+        pull: How it is to be moved.
+        pose: Where the robot is thought to stand; None for where it is.
+        goal: How the hand's ways to the handle are looked for.
+        config: The numbers.
+    """
+    scene, door = robot.scene, Door(front)
+    collision = scene.collision(base=pose)
+    if pose is not None:
+        collision.set_margin(config.margins_m[-1])
+        if not collision.is_free(scene.arm_qpos):
+            return []
+    points_m = np.array([door.point(door.joint, *grasp) for grasp in pull.grasps_m])
+    seed = robot.next_seed()
+    found = sample_reaching_goals(points_m, collision, robot.kinematics, seed, goal)
+    if not len(found.goals):
+        return []
+    if not pull.way_out:  # a door that closes gives way to the hand
+        collision = scene.collision(base=pose, without=front.body)
+    arcs = Arcs(front, robot.kinematics, pull, config.arc)
+    return arcs.leads(scene.arm_qpos, found.goals, collision)
 
 
 class Places:
@@ -90,38 +146,34 @@ class Places:
         self.door, self._frame = Door(front), front.frame
         self._rest = arm_points_m(np.array(REST_QPOS_RAD)[None])[0]
 
-    def ranked(self) -> Array:
-        """Returns base poses (K, 3), those first that are near, roomy and out of the way."""
-        poses = np.concatenate((self.robot.base[None], self._grid()))
+    def ranked(self, coming: bool = True) -> Array:
+        """Returns base poses (K, 3), those first that are near, roomy and out of the way.
+
+        Args:
+            coming: Whether the way there counts, and where the robot is as well.
+        """
+        config, poses, base = self.config, self._grid(), self.robot.base
+        if coming:
+            poses = np.concatenate((base[None], poses))
         distance_m = self._reach_m(poses)
-        low, high = self.config.distance_m
-        cost = 60.0 * (np.maximum(low - distance_m, 0.0) + np.maximum(distance_m - high, 0.0)).sum(
-            axis=0
-        )
-        gap = poses - poses[0]
-        turn = np.abs((gap[:, 2] + np.pi) % (2 * np.pi) - np.pi)
-        way = np.linalg.norm(gap[:, :2], axis=1)
-        cost += way / STEP_M + turn / STEP_RAD + 12.0 * (way > 0)
-        cost += 400.0 * np.maximum(self.config.base_m - _clearance_m(self._map, poses), 0.0)
-        cost += 400.0 * self.swept_m(poses)
-        cost += self.config.edge_steps * ~self._inside(poses, leaving=False)
+        low, high = config.distance_m
+        off_m = np.maximum(low - distance_m, 0.0) + np.maximum(distance_m - high, 0.0)
+        cost = config.off_steps * off_m.sum(axis=0)
+        cost += np.where(self._inside(poses, leaving=False), 0.0, config.edge_steps)
+        lacking_m = np.maximum(config.base_m - _clearance_m(self._map, poses), 0.0)
+        cost += config.in_the_way_steps * (lacking_m + self.swept_m(poses))
+        if coming:
+            gap = poses - base
+            turn = np.abs((gap[:, 2] + np.pi) % (2 * np.pi) - np.pi)
+            way = np.linalg.norm(gap[:, :2], axis=1)
+            cost += way / STEP_M + turn / STEP_RAD + config.stop_steps * (way > 0)
         order = np.argsort(cost, kind="stable")
         return poses[order]
 
-    def leads(self, pose: Array | None) -> list[Lead]:
+    def leads(self, pose: Array | None, thorough: bool = False) -> list[Lead]:
         """Returns what the arm can do at a base pose (3,), or where it is, the best first."""
-        config, scene, robot = self.config, self.robot.scene, self.robot
-        collision = scene.collision(base=pose)
-        if pose is not None and not self._free(collision, scene.arm_qpos, config.margins_m[-1]):
-            return []
-        points_m = np.array([self.door.point(self.door.joint, *g) for g in self.pull.grasps_m])
-        found = sample_reaching_goals(
-            points_m, collision, robot.kinematics, robot.next_seed(), config.goal
-        )
-        if not self.pull.way_out:  # a door that closes gives way to the hand
-            collision = scene.collision(base=pose, without=self._front.body)
-        arcs = Arcs(self._front, robot.kinematics, self.pull, config.arc)
-        return arcs.leads(scene.arm_qpos, found.goals, collision)
+        goal = self.config.doing if thorough else self.config.judging
+        return find_leads(self.robot, self._front, self.pull, pose, goal, self.config)
 
     def swept_m(self, poses: Array) -> Array:
         """Returns how far base poses (K, 3) put torso or resting arm into the door's way, (K,)."""
@@ -202,7 +254,7 @@ class Places:
         grid = np.concatenate(poses)
         return grid[self._inside(grid)]
 
-    def _inside(self, poses: Array, leaving: bool = True) -> Array:
+    def _inside(self, poses: Array, leaving: bool = True) -> NDArray[np.bool_]:
         """Whether base poses (K, 3) are well inside the region, (K,).
 
         Args:
@@ -219,7 +271,7 @@ class Places:
         if leaving:
             start = (self.robot.base[:2] - (x0, y0)) @ turn
             low, high = np.minimum(low, start), np.maximum(high, start)
-        return ((local >= low - 1e-6) & (local <= high + 1e-6)).all(axis=1)
+        return np.all((local >= low - 1e-6) & (local <= high + 1e-6), axis=1)
 
 
 def _placed(points_m: Array, poses: Array) -> Array:

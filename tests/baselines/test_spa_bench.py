@@ -1,0 +1,91 @@
+"""Suite plan: its rows, and the planner's model held against the simulator in real episodes."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from hab_eval.bench_options import BenchOptions
+from hab_spa.bench_plan import PlanTiming, plan_rows, run_plan
+from hab_spa.validity import Agreement, SimulatorCheck, agreement
+
+from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
+
+
+def test_rows_hold_plans_beside_bounds_and_the_reference():
+    timings = [
+        PlanTiming(seconds=seconds, checks=1000, check_s=5e-5, state_check_s=1e-3)
+        for seconds in (0.1, 0.2, 0.3)
+    ]
+    agreed = Agreement(poses=200, touching=80, disagreements=4, far=1)
+    rows = {row.name: row for row in plan_rows(("plan", "apartment", "Env"), timings, agreed)}
+    found = {name.split("/")[-1]: row for name, row in rows.items()}
+    assert found["median"].value == pytest.approx(0.2)
+    # Linear between the ranks: 0.95 of the way from the first to the last is 0.9 from the middle.
+    assert found["percentile_95"].value == pytest.approx(0.29)
+    # A thousand checks of 1 ms instead of 0.05 ms: 0.95 s more each.
+    assert found["state_set"].reference_value == pytest.approx(1.15)
+    assert found["speedup"].value == pytest.approx(1.15 / 0.2)
+    assert found["check"].ratio == pytest.approx(0.05)
+    assert found["validity"].value == pytest.approx(98.0)
+    assert found["validity_near"].value == pytest.approx(75.0)
+
+
+@pytest.fixture
+def make(request):
+    """Makes an environment on the apartment or on the real data."""
+
+    def make(env_id, dataset="apartment"):
+        real = dataset == "real"
+        return gym.make(
+            f"hab_tasks:{env_id}",
+            num_envs=1,
+            scene_dataset=request.getfixturevalue("replica_cad") if real else dataset,
+            objects=request.getfixturevalue("ycb") if real else None,
+            obs_mode="state_dict",
+            render_backend="none",
+        )
+
+    return make
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dataset", ["apartment", pytest.param("real", marks=pytest.mark.assets)])
+@pytest.mark.parametrize("env_id", ["HabPick-v1", "HabPlace-v1"])
+def test_the_model_agrees_with_the_simulator(generated, make, env_id, dataset):
+    _, episodes = generated(env_id, dataset)
+    env = make(env_id, dataset)
+    env.reset(seed=episodes[0].seed, options={"episode": episodes[0]})
+    agreed = agreement(env, 2000, seed=0)
+    env.close()
+    assert 100 < agreed.touching < 1900
+    assert agreed.percent >= 99.0
+    assert agreed.far == 0
+
+
+@pytest.mark.slow
+def test_checks_leave_the_scene_as_it_was(generated, make):
+    _, episodes = generated("HabPick-v1")
+    env = make("HabPick-v1")
+    env.reset(seed=episodes[0].seed, options={"episode": episodes[0]})
+    before = env.unwrapped.privileged()[0].world_from_body
+    check = SimulatorCheck(env)
+    poses = np.random.default_rng(0).uniform(-1.5, 1.5, (300, 7))
+    said = [check.is_free(pose) for pose in poses]
+    assert [check.is_free(pose) for pose in poses] == said
+    assert 20 < sum(said) < 280
+    assert check.is_free(np.array(REST_QPOS_RAD))
+    after = env.unwrapped.privileged()[0].world_from_body
+    still = [name for name in before if not name.startswith("hab_fetch/")]
+    env.close()
+    gap_m = max(np.abs(before[name] - after[name]).max() for name in still)
+    assert gap_m < 0.001
+
+
+@pytest.mark.slow
+@pytest.mark.assets
+def test_suite_plan_measures_the_apartment_and_each_scene(replica_cad, ycb):
+    options = BenchOptions(suite="plan", scene_dataset=replica_cad, objects=ycb, steps=2)
+    told = []
+    rows = run_plan(options, told.append)
+    assert {row.name.split("/")[1] for row in rows} == {"apartment", "v3_sc0_staging_00"}
+    assert len(told) == 2
+    assert all(row.value > 0 for row in rows)

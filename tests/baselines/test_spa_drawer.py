@@ -1,0 +1,165 @@
+"""Drawers: a body that moves in the collision model, lines of a handle, and the skills."""
+
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from hab_spa import Failure, spa_priv
+from hab_spa.collision import ArmCollision, CollisionConfig
+from hab_spa.drawer import ALL_WAYS, drawer_places, drawer_ways, open_drawer
+from hab_spa.drawer_lines import HandleLines, LineConfig
+from hab_spa.ik import LOWER_RAD, UPPER_RAD
+from hab_spa.robot import Robot, SpaConfig
+from hab_spa.true_scene import TrueScene
+
+from hab_tasks.agent import AgentSetup
+from hab_tasks.privileged import FrontState
+
+# The tray's handle is 3 cm before its front, which is 0.62 m ahead of the robot; the drawer
+# opens towards the robot, by up to 0.2 m.
+HANDLE_M = (0.60, 0.0, 0.85)
+TRAY_M, TRAY_SIZE_M = (0.80, 0.0, 0.85), (0.34, 0.3, 0.1)
+
+
+@pytest.fixture
+def tray(make_scene):
+    """A drawer without furniture, with a box in it."""
+    made = make_scene()
+    made.add_box("tray", "furniture", TRAY_M, TRAY_SIZE_M)
+    made.add_box("content", "object", (0.80, 0.0, 0.88), (0.04, 0.04, 0.04))
+    made.add_box("beside", "object", (0.80, 0.4, 0.88), (0.04, 0.04, 0.04))
+    front = FrontState(
+        kind="drawer",
+        body="tray",
+        handle_m=np.array(HANDLE_M),
+        held=False,
+        joint=0.0,
+        limits=(0.0, 0.2),
+        slides=True,
+        axis=np.array((-1.0, 0.0, 0.0)),
+        axis_point_m=np.zeros(3),
+        frame=np.array((0.97, 0.0, np.pi)),
+    )
+    scene = TrueScene()
+    scene.state = replace(made.privileged("content"), fronts=(front,))
+    return scene
+
+
+def shifted(state, way_m):
+    """The tray and what is in it so much farther along x, nothing else."""
+    poses = {name: pose.copy() for name, pose in state.world_from_body.items()}
+    for name in ("tray", "content"):
+        poses[name][0, 3] += way_m
+    return replace(state, world_from_body=poses)
+
+
+def test_a_moved_body_takes_along_what_lies_in_it(tray):
+    config = CollisionConfig(margin_m=0.0)
+    model = ArmCollision(tray.state, config=config)
+    motion = np.eye(4)
+    motion[0, 3] = -0.2
+    poses = np.random.default_rng(0).uniform(LOWER_RAD, UPPER_RAD, (400, 7))
+    before = [model.is_free(pose) for pose in poses]
+    assert model.move("tray", motion)
+    expected = ArmCollision(shifted(tray.state, -0.2), config=config)
+    after = [model.is_free(pose) for pose in poses]
+    assert after == [expected.is_free(pose) for pose in poses]
+    assert after != before
+    # Each motion counts from where the body was in the state, not from the last one.
+    assert model.move("tray", np.eye(4))
+    assert [model.is_free(pose) for pose in poses] == before
+    assert not model.move("cupboard", motion)
+
+
+def test_lines_take_the_handle_all_the_way_clear_of_the_drawer(tray):
+    robot = Robot(tray, SpaConfig(), seed=0, deadline=200)
+    lines = HandleLines(robot, tray.front(0), 0.18, LineConfig()).find(seed=0)
+    assert lines
+    # 0.18 m in steps of at most 0.02 m: nine steps, ten arm poses.
+    assert {len(line.poses) for line in lines} == {10}
+    for line in lines:
+        assert line.missing_m == pytest.approx(0.0)
+        for step, pose in enumerate(line.poses):
+            hand_m = robot.kinematics.ee_pose(pose)[:3, 3]
+            wanted_m = np.array(HANDLE_M) - (0.02 * step, 0.0, 0.0)
+            arm_from_world = tray.collision().arm_from_world
+            wanted_m = arm_from_world[:3, :3] @ wanted_m + arm_from_world[:3, 3]
+            assert np.linalg.norm(hand_m - wanted_m) < 0.005
+            model = ArmCollision(shifted(tray.state, -0.02 * step), cache=tray._cache)
+            model.set_margin(0.0)
+            assert model.is_free(pose)
+
+
+def test_same_seed_same_lines(tray):
+    robot = Robot(tray, SpaConfig(), seed=0, deadline=200)
+    first, again = (
+        HandleLines(robot, tray.front(0), 0.18, LineConfig()).find(seed=3) for _ in range(2)
+    )
+    np.testing.assert_array_equal(first[0].poses, again[0].poses)
+
+
+def test_base_poses_are_judged_by_how_far_the_drawer_goes(tray):
+    robot = Robot(tray, SpaConfig(), seed=0, deadline=200)
+    near = drawer_ways(robot, 0, np.zeros(3), out=True)
+    assert ALL_WAYS // 2 < near <= ALL_WAYS
+    assert drawer_ways(robot, 0, np.array((-2.0, 0.0, 0.0)), out=True) == 0
+
+
+def test_base_poses_face_the_handle_from_free_floor(tray):
+    class Floor:
+        """Free left of the line through the handle only."""
+
+        def is_free(self, spot):
+            return spot[1] <= 0.0
+
+    robot = Robot(tray, SpaConfig(), seed=0, deadline=200)
+    poses = drawer_places(robot, 0, Floor())  # type: ignore[arg-type]
+    assert len(poses)
+    assert (poses[:, 1] <= 0.0).all()
+    # The drawer opens towards -x, so all of them are on that side, and look back at the handle.
+    assert (poses[:, 0] < HANDLE_M[0]).all()
+    gap_m = np.array(HANDLE_M[:2]) - poses[:, :2]
+    np.testing.assert_allclose(np.arctan2(gap_m[:, 1], gap_m[:, 0]), poses[:, 2], atol=1e-9)
+
+
+def test_what_is_out_of_reach_fails_at_once(tray):
+    front = tray.front(0)
+    far = replace(front, handle_m=front.handle_m + np.array((2.0, 0.0, 0.0)))
+    tray.state = replace(tray.state, fronts=(far,))
+    robot = Robot(tray, SpaConfig(), seed=0, deadline=200)
+    with pytest.raises(StopIteration) as end:
+        next(open_drawer(robot, 0))
+    assert end.value.value is Failure.TARGET_PLAN
+    assert robot.timings_s["plan"] < 5.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dataset", ["apartment", pytest.param("real", marks=pytest.mark.assets)])
+@pytest.mark.parametrize("env_id", ["HabOpenDrawer-v1", "HabCloseDrawer-v1"])
+def test_drawers_open_and_close(generated, request, env_id, dataset):
+    _, episodes = generated(env_id, dataset)
+    real = dataset == "real"
+    env = gym.make(
+        f"hab_tasks:{env_id}",
+        num_envs=1,
+        scene_dataset=request.getfixturevalue("replica_cad") if real else dataset,
+        objects=request.getfixturevalue("ycb") if real else None,
+        obs_mode="state_dict",
+        control_mode="joint_target",
+        render_backend="none",
+    )
+    agent, solved = spa_priv(AgentSetup(env_id=env_id)), 0
+    for episode in episodes:
+        env.reset(seed=episode.seed, options={"episode": episode})
+        agent.reset(torch.tensor([True]), [episode.seed])
+        over, info = False, {}
+        while not over:
+            state = env.unwrapped.privileged()
+            action = agent.act({"privileged": state})[0].numpy()
+            _, _, terminated, truncated, info = env.step(action)
+            over = bool(terminated) or bool(truncated)
+        solved += bool(info["success"])
+    env.close()
+    assert solved >= len(episodes) - 1

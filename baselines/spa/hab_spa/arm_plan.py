@@ -53,7 +53,7 @@ class PlanConfig:
     first_checks: int = 2_000
     good_rad: float = 2.5
     improve_checks: int = 4_000
-    most_checks: int = 60_000
+    most_checks: int = 30_000
     roomy_ends: int = 3
     verify_rad: float = 0.015
     rrt: RrtConfig = field(default_factory=RrtConfig)

@@ -24,6 +24,7 @@ class EscapeConfig:
 
     Attributes:
         directions: Directions in the base frame (x ahead, z up), tried in this order.
+        aside: More of them, for what touches something.
         step_m: Length of a step.
         length_m: Longest way out of contact.
         retreat_m: Longest way out of a tight place.
@@ -41,6 +42,14 @@ class EscapeConfig:
         (-0.7071, 0.0, 0.7071),
         (-0.97, 0.0, 0.24),
         (-1.0, 0.0, 0.0),
+    )
+    aside: tuple[tuple[float, float, float], ...] = (
+        (-0.5, 0.5, 0.7071),
+        (-0.5, -0.5, 0.7071),
+        (-0.7071, 0.7071, 0.0),
+        (-0.7071, -0.7071, 0.0),
+        (0.0, 1.0, 0.0),
+        (0.0, -1.0, 0.0),
     )
     step_m: float = 0.01
     length_m: float = 0.20
@@ -65,7 +74,7 @@ def escape(collision: ArmCollision, arm: BatchArm, start: Array, config: EscapeC
         collision.set_margin(margin_m)
         if collision.is_free(start):
             return start[None]
-        for direction in config.directions:
+        for direction in (*config.directions, *config.aside):
             path = _out_of_contact(collision, arm, start, direction, margin_m, config)
             if path is not None:
                 return path

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
+from hab_spa.collision import ArmCollision
+from hab_spa.escape import escape
 from hab_spa.joint_goal import (
     JUDGE_SEED,
     count_goals,
@@ -16,11 +21,11 @@ from hab_spa.moves import go, sampled
 from hab_spa.rest import rest
 from hab_spa.results import Failure
 from hab_spa.robot import GRASP, RELEASE, Motion, Robot
-from hab_spa.shapes import Array
+from hab_spa.shapes import Array, invert_pose
 
 
 def pick(robot: Robot, number: int) -> Motion:
-    """Takes an object of the episode and rests; plans again when execution fails.
+    """Takes an object of the episode and rests; plans anew when motion or execution fails.
 
     Args:
         robot: Who does it.
@@ -33,7 +38,7 @@ def pick(robot: Robot, number: int) -> Motion:
             failure = yield from _take(robot, number)
         if failure is None:
             failure = yield from rest(robot, intact=lambda: scene.holds(number))
-        if failure is not Failure.EXECUTION:
+        if failure is None or failure is Failure.TARGET_PLAN:
             break
     return failure
 
@@ -78,7 +83,31 @@ def _reach(robot: Robot, number: int, around: bool) -> Motion:
     )
     if goals.failure is not None:
         return goals.failure
-    return (yield from go(robot, collision, goals.goals))
+    began = time.perf_counter()
+    chosen = _with_way_out(robot, number, collision, goals.goals)
+    robot.spend("target", time.perf_counter() - began)
+    if not len(chosen) and not around:
+        return Failure.TARGET_PLAN
+    return (yield from go(robot, collision, chosen if len(chosen) else goals.goals))
+
+
+def _with_way_out(robot: Robot, number: int, collision: ArmCollision, goals: Array) -> Array:
+    """Returns those of the goals (G, 7) from which the object comes straight out in the hand.
+
+    Where it does from the best of them, they are all returned.
+    """
+    kinematics, escaping = robot.kinematics, robot.config.escape
+    world_from_arm = invert_pose(collision.arm_from_world)
+    chosen = []
+    for i, goal in enumerate(goals):
+        held = robot.scene.taking(number, world_from_arm @ kinematics.ee_pose(goal))
+        if held is None:
+            return goals
+        if len(escape(held, kinematics, goal, escaping)):
+            chosen.append(goal)
+            if i == 0:
+                return goals
+    return np.array(chosen).reshape(-1, 7)
 
 
 def _grasp(robot: Robot, number: int) -> Motion:

@@ -83,6 +83,17 @@ class Scene(Protocol):
         """
         ...
 
+    def taking(self, number: int, world_from_ee: Array) -> ArmCollision | None:
+        """Returns the collision model as if the hand, at a pose (4, 4), had taken an object.
+
+        It is None where the robot does not know what it will hold.
+        """
+        ...
+
+    def met(self, path: Array) -> None:
+        """Is told that the arm met with something where it was about to go, (K, 7)."""
+        ...
+
     def floor_map(self) -> NavigationMap:
         """Returns the floor with everything as it stands now, but for robot and held object."""
         ...

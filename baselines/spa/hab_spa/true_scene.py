@@ -102,9 +102,20 @@ class TrueScene:
             state = replace(state, world_from_body=poses)
         return ArmCollision(state, held=state.held, cache=self._cache)
 
+    def taking(self, number: int, world_from_ee: Array) -> ArmCollision:
+        """Returns the collision model as if the hand, at a pose (4, 4), had taken an object."""
+        name, poses = self.state.targets[number], dict(self.state.world_from_body)
+        # What counts is the object's pose in the hand, wherever that is now.
+        poses[name] = self._world_from_ee() @ invert_pose(world_from_ee) @ poses[name]
+        state = replace(self.state, world_from_body=poses)
+        return ArmCollision(state, held=name, cache=self._cache)
+
     def in_the_way(self, path: Array) -> bool:
         """Returns False: all was known when the path was planned."""
         return False
+
+    def met(self, path: Array) -> None:
+        """Learns nothing: all is known."""
 
     def floor_map(self) -> NavigationMap:
         """Returns the floor with everything as it stands now, but for robot and held object."""

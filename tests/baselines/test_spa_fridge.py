@@ -1,0 +1,155 @@
+"""SPA-Priv at the fridge: the door's geometry, drives before it, places, and whole episodes."""
+
+from __future__ import annotations
+
+import math
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from hab_spa.drive import STEP_M, STEP_RAD
+from hab_spa.factories import spa_priv
+from hab_spa.fridge import ALL_WAYS, FridgeConfig, fridge_places, fridge_ways, pull_of
+from hab_spa.fridge_door import Door
+from hab_spa.fridge_shunt import shunts
+from hab_spa.robot import Robot, SpaConfig
+from hab_spa.true_scene import TrueScene
+
+from hab_tasks.agent import AgentSetup
+from hab_tasks.privileged import FrontState
+
+
+def door_at(joint: float) -> FrontState:
+    """Hinge at the origin, frame along the world's axes, closed along +y; opens clockwise."""
+    turn = np.array(((np.cos(joint), np.sin(joint)), (-np.sin(joint), np.cos(joint))))
+    handle = turn @ (0.1, 0.6)
+    return FrontState(
+        kind="fridge",
+        body="fridge/door",
+        handle_m=np.append(handle, 1.2),
+        held=False,
+        joint=joint,
+        limits=(0.0, 2.3),
+        slides=False,
+        axis=np.array((0.0, 0.0, -1.0)),
+        axis_point_m=np.array((0.0, 0.0, 1.4)),
+        frame=np.zeros(3),
+    )
+
+
+@pytest.mark.parametrize("joint", [0.0, 0.7, 2.0])
+def test_door_is_the_same_however_far_it_is_open(joint):
+    door = Door(door_at(joint))
+
+    np.testing.assert_allclose(door.handle_m, (0.6, 0.1), atol=1e-9)
+    np.testing.assert_allclose(door.handle(0.0), (0.1, 0.6, 1.2), atol=1e-9)
+    # A quarter turn clockwise takes +y to +x and +x to -y.
+    np.testing.assert_allclose(door.handle(math.pi / 2), (0.6, -0.1, 1.2), atol=1e-9)
+    np.testing.assert_allclose(door.beside(np.array((0.6, -0.1)), math.pi / 2), (0.6, 0.1))
+
+
+def test_gap_to_the_door():
+    door = Door(door_at(1.0))
+
+    # The handle is 0.1 off the hinge's plane, and 0.04 off the face; the edge is at 0.68.
+    points = np.array(((0.1, 0.6), (0.03, 0.3), (0.06, 0.78), (0.36, 0.3)))
+    np.testing.assert_allclose(door.gap_m(points, 0.0), (0.04, 0.0, 0.1, 0.3), atol=1e-9)
+    # Opened by 90 degrees the door lies along +x, with its outer face at y = -0.06.
+    np.testing.assert_allclose(door.gap_m(np.array((0.5, -0.16)), math.pi / 2), 0.1, atol=1e-9)
+
+
+def test_a_pull_tells_when_the_door_is_far_enough():
+    opening = pull_of(door_at(0.0), True, FridgeConfig(open_need=0.6))
+    closing = pull_of(door_at(1.5), False, FridgeConfig(close_need=0.45))
+
+    assert opening.enough(0.61)
+    assert not opening.enough(0.59)
+    assert closing.enough(1.04)
+    assert not closing.enough(1.06)
+    np.testing.assert_allclose(closing.swept, (0.05, 1.5))
+
+
+def test_shunts_end_at_the_goal_in_every_way():
+    base, goal = np.array((1.0, 0.0, 0.0)), np.array((0.0, 0.0, math.pi / 2))
+
+    found = shunts(base, goal)
+
+    assert len(found) == 8
+    for shunt in found:
+        end = shunt.poses()[-1]
+        np.testing.assert_allclose(end[:2], goal[:2], atol=1e-9)
+        assert math.isclose(math.remainder(end[2] - goal[2], math.tau), 0.0, abs_tol=1e-9)
+    # The quickest goes one metre back and turns left by a quarter.
+    assert found[0].way_m == pytest.approx(-1.0)
+    assert found[0].steps == pytest.approx(1.0 / STEP_M + math.pi / 2 / STEP_RAD + 12.0)
+
+
+def test_shunt_in_place_only_turns():
+    found = shunts(np.array((0.0, 0.0, 3.0)), np.array((0.01, 0.0, -3.0)))
+
+    # 3 rad to -3 rad is 0.283 rad to the left.
+    assert [shunt.way_m for shunt in found] == [0.0, 0.0]
+    assert found[0].yaw_rad - 3.0 == pytest.approx(2 * math.pi - 6.0)
+
+
+def solved(episode, env, agent) -> bool:
+    """Plays an episode; whether it succeeded."""
+    obs, _ = env.reset(seed=episode.seed, options={"episode": episode, "reconfigure": True})
+    agent.reset(torch.ones(1, dtype=torch.bool), [episode.seed])
+    while True:
+        obs["privileged"] = env.unwrapped.privileged()
+        obs, _, terminated, truncated, info = env.step(agent.act(obs)[0].numpy())
+        if bool(terminated) or bool(truncated):
+            return bool(info["success"])
+
+
+@pytest.fixture
+def fridge_env(request):
+    env = gymnasium.make(
+        f"hab_tasks:{request.param}",
+        num_envs=1,
+        obs_mode="state_dict",
+        control_mode="joint_target_base",
+    )
+    yield env
+    env.close()
+
+
+both = pytest.mark.parametrize(
+    "fridge_env", ["HabOpenFridge-v1", "HabCloseFridge-v1"], indirect=True
+)
+
+
+@pytest.mark.slow
+@both
+def test_opens_and_closes(fridge_env, generated):
+    env_id = fridge_env.unwrapped.spec.id
+    _, episodes = generated(env_id)
+    agent = spa_priv(AgentSetup(env_id=env_id))
+
+    done = [solved(episode, fridge_env, agent) for episode in episodes]
+
+    assert sum(done) >= len(done) - 1, done
+
+
+@pytest.mark.slow
+@both
+def test_places_are_free_and_some_will_do(fridge_env, generated):
+    env_id = fridge_env.unwrapped.spec.id
+    _, (episode, *_) = generated(env_id)
+    fridge_env.reset(seed=episode.seed, options={"episode": episode, "reconfigure": True})
+    scene = TrueScene()
+    scene.see({"privileged": fridge_env.unwrapped.privileged()}, 0)
+    robot = Robot(scene, SpaConfig(), seed=0, deadline=200)
+    map_, out = scene.floor_map(), env_id == "HabOpenFridge-v1"
+
+    poses = fridge_places(robot, 0, map_, out)
+    ways = [fridge_ways(robot, 0, pose, out) for pose in poses[:8]]
+
+    assert len(poses)
+    assert map_.is_free(poses[:, :2]).all()
+    assert max(ways) > ALL_WAYS / 2
+    # Nothing can be done from three metres away.
+    far = poses[0] + (3.0, 3.0, 0.0)
+    assert fridge_ways(robot, 0, far, out) == 0.0

@@ -39,7 +39,7 @@ class DrawerConfig:
             to closed.
         near_m: The handle is not taken anew for so little.
         line: Numbers of grasps and lines.
-        timing: Limits of speed along a line.
+        timing: Limits of speed along a line, and then beside the drawer.
         reach_share: Share of the time left that the way to the handle may take, ...
         line_share: ... and then that along the line, if the limits of speed allow.
         plan_checks: The plan to the handle is given up after so many collision checks.
@@ -59,7 +59,7 @@ class DrawerConfig:
     open_share: float = 0.985
     near_m: float = 0.035
     line: LineConfig = field(default_factory=LineConfig)
-    timing: TimingConfig = field(default_factory=lambda: TimingConfig(paces=(0.5, 0.7, 1.0)))
+    timing: TimingConfig = field(default_factory=lambda: TimingConfig(paces=(0.5, 0.7, 1.0, 1.3)))
     reach_share: float = 0.3
     line_share: float = 0.4
     plan_checks: int = 40_000
@@ -150,9 +150,10 @@ def _slide(robot: Robot, number: int, out: bool, config: DrawerConfig) -> Motion
             break
     if failure is not None and robot.steps == began:
         return failure
-    rested = yield from rest(robot)
+    # A finger that cuts a corner is enough to push the drawer all the way.
+    rested = yield from rest(robot, timing=config.timing)
     if rested is not None:  # beside an open drawer there may be no way that keeps clear of it
-        rested = yield from rest(robot, without=scene.front(number).body)
+        rested = yield from rest(robot, without=scene.front(number).body, timing=config.timing)
     return rested if _is_done(scene.front(number), out) else failure or Failure.EXECUTION
 
 

@@ -13,13 +13,17 @@ from hab_spa.collision import ArmCollision
 from hab_spa.escape import escape
 from hab_spa.joint_goal import sample_rest_goals
 from hab_spa.moves import RETURN_SHARE, follow, sampled
+from hab_spa.path import TimingConfig
 from hab_spa.results import PathResult
 from hab_spa.robot import Motion, Robot
 from hab_spa.shapes import Array
 
 
 def rest(
-    robot: Robot, intact: Callable[[], bool] = lambda: True, without: str | None = None
+    robot: Robot,
+    intact: Callable[[], bool] = lambda: True,
+    without: str | None = None,
+    timing: TimingConfig | None = None,
 ) -> Motion:
     """Brings the arm to rest, first straight out of what it touches.
 
@@ -27,6 +31,7 @@ def rest(
         robot: Whose arm.
         intact: Whether it makes sense to go on; asked at every step.
         without: Name of a body that may be touched.
+        timing: Other limits of speed than the robot's usual ones.
     """
     robot.doing = "rest"
     began = time.perf_counter()
@@ -44,7 +49,7 @@ def rest(
     robot.spend("motion", result.seconds)
     if result.path is None:
         return result.failure
-    return (yield from follow(robot, result.path, RETURN_SHARE, intact))
+    return (yield from follow(robot, result.path, RETURN_SHARE, intact, timing))
 
 
 def _way_back(robot: Robot, collision: ArmCollision, goals: Array) -> PathResult:

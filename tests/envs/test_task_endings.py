@@ -7,6 +7,8 @@ from hab_planner import problem_of, saved_plan
 from hab_planner.observe import observed, start_from
 from hab_planner.problem import atoms_of
 from hab_planner.solve import solve
+from hab_spa.interactions import believed
+from hab_spa.true_scene import TrueScene
 from playing import ee_grip, held, move_base, move_joint, move_object, put, still
 
 from hab_tasks.envs import ENVS
@@ -138,6 +140,10 @@ def test_predicates_follow_the_stages_and_planning_goes_on_from_them(make, env_i
     for number, (name, condition) in enumerate(task.stages.items()):
         satisfy(env, condition, before)
         assert atoms_of(task, condition) <= observed(base), name
+        # What a planner believes that sees the true state is what success asks.
+        scene = TrueScene()
+        scene.see({"privileged": base.privileged()}, 0)
+        assert believed(task, scene) == observed(base), name
         # Each stage takes two actions, to drive there and to do it.
         left = planned - 2 * (number + 1)
         assert len(solve(problem.started(start_from(base))).actions) == left, name

@@ -26,6 +26,7 @@ class BoxConfig:
         grain_m: Of points nearer to each other than this, one is enough.
         link_m: Neighbours this near to each other are of one object.
         yaw_steps: How many directions of the box within a quarter turn are compared.
+        uneven_m: Seen from the front, one side may be this much wider than the other.
         trim: This share of the points may stick out of the box on each side.
         smallest_m: Half the edge of the smallest box.
         fewest: With fewer points there is nothing, and the object's box is the smallest one.
@@ -41,6 +42,7 @@ class BoxConfig:
     grain_m: float = 0.006
     link_m: float = 0.015
     yaw_steps: int = 30
+    uneven_m: float = 0.015
     trim: float = 0.01
     smallest_m: float = 0.02
     fewest: int = 8
@@ -82,7 +84,7 @@ def in_box(points_m: Array, world_from_box: Array, half_size_m: Array) -> NDArra
     return np.all(np.abs(local) <= half_size_m, axis=1)
 
 
-def fit_box(points_m: Array, centre_m: Array, config: BoxConfig) -> FittedBox:
+def fit_box(points_m: Array, centre_m: Array, eye_m: Array, config: BoxConfig) -> FittedBox:
     """Fits an upright box around the points of the object at a place.
 
     One sees only an object's near side. Its other side is taken to be like it, turned by half
@@ -91,10 +93,12 @@ def fit_box(points_m: Array, centre_m: Array, config: BoxConfig) -> FittedBox:
     Args:
         points_m: (K, 3) of everything seen, in the world.
         centre_m: (3,) the object's position.
+        eye_m: (3,) from where it is seen.
         config: The numbers.
     """
     support_m = support_height_m(points_m, centre_m, config)
     own_m = _object_points(points_m, centre_m, support_m, config)
+    own_m = _evenly_wide(own_m, centre_m, eye_m, config)
     if len(own_m) < config.fewest:
         pose = np.eye(4)
         pose[:3, 3] = centre_m
@@ -180,6 +184,15 @@ def _object_points(
     if not things:
         return np.zeros((0, 3))
     return min(things, key=lambda thing_m: np.linalg.norm(thing_m - centre_m, axis=1).min())
+
+
+def _evenly_wide(own_m: Array, centre_m: Array, eye_m: Array, config: BoxConfig) -> Array:
+    """Leaves out what sticks out farther to one side than to the other: a neighbour."""
+    ahead_m = centre_m[:2] - eye_m[:2]
+    sideways = np.array((-ahead_m[1], ahead_m[0])) / np.linalg.norm(ahead_m)
+    along_m = (own_m[:, :2] - centre_m[:2]) @ sideways
+    half_m = min(along_m.max(initial=0.0), -along_m.min(initial=0.0)) + config.uneven_m
+    return own_m[np.abs(along_m) <= half_m]
 
 
 def _things(points_m: Array, config: BoxConfig) -> list[Array]:

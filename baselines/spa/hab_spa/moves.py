@@ -18,6 +18,9 @@ from hab_spa.shapes import Array
 RETURN_SHARE, REACH_SHARE = 1.0, 0.5
 """Share of the time left that a motion may take: half of it on the way there."""
 
+MEETING_STEPS = 6
+"""What the arm meets with is where it would have been within so many steps."""
+
 
 def wait(robot: Robot, steps: int) -> Generator[Command, None, None]:
     """Keeps the arm where it was told to be."""
@@ -42,15 +45,18 @@ def follow(
         timing: Other limits of speed than the robot's usual ones.
 
     Returns:
-        `Failure.EXECUTION` when the arm does not keep up, when something was seen in its way, or
-        when it made no sense to go on.
+        `Failure.EXECUTION` when the arm does not keep up, when something was seen or felt in its
+        way, or when it made no sense to go on.
     """
     config = robot.config
     steps = int((robot.steps_left - config.follow.settle_steps) * share)
     follower = Follower(time_path_within(path, steps, timing or config.timing), config.follow)
     while True:
         target = follower.advance(robot.scene.arm_qpos)
-        if follower.lost() or not intact() or robot.scene.in_the_way(follower.rest):
+        if follower.bumped:
+            robot.scene.met(follower.rest[:MEETING_STEPS])
+        blocked = follower.bumped or follower.lost() or robot.scene.in_the_way(follower.rest)
+        if blocked or not intact():
             robot.relax()
             return Failure.EXECUTION
         if follower.settled(robot.scene.arm_qpos):

@@ -66,6 +66,14 @@ class SeenMap:
         self._voxels.add(points_m)
         self._looks.append(_Look(view=view, world=world, centres_m=here.centres_m()))
 
+    def add_unseen(self, points_m: Array) -> None:
+        """Takes points (K, 3) as occupied, but for those that some view sees through."""
+        unseen = VoxelMap(self.config.voxels)
+        unseen.add(points_m)
+        for look in self._looks:
+            unseen.carve(look.view)
+        self._voxels.add(unseen.centres_m())
+
     def remove(self, box: FittedBox, margin_m: float) -> None:
         """Forgets what was seen in a box and this near to it: it is not there any more."""
         self._voxels.clear(box.contains(self._voxels.centres_m(), margin_m))

@@ -15,17 +15,24 @@ from hab_spa.fitted_box import BoxConfig, FittedBox, fit_box, in_box, other_thin
 from hab_spa.ik import BatchArm
 from hab_spa.joint_goal import GraspConfig, sphere_m
 from hab_spa.octree import octrees
-from hab_spa.own_shapes import inside_robot, own_bodies, own_poses
+from hab_spa.own_shapes import PREFIX, inside_robot, own_bodies, own_poses
 from hab_spa.seen_map import MapConfig, SeenMap
 from hab_spa.shapes import Array, invert_pose
 from hab_spa.true_scene import TrueScene, standing_at
 from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.navigation import NavigationMap
 from hab_tasks.privileged import CollisionBody, CollisionShape, FrontState, PrivilegedState
-from hab_tasks.robots.fetch_spec import LOCKED_QPOS
+from hab_tasks.robots.fetch_spec import EE_LINK, LOCKED_QPOS
 
 HELD = "held"
 CAMERAS = ("head", "arm")
+HELD_HALF_M = 0.03
+"""Half the size of what is held, when the robot dares to think it small."""
+
+_SIDE_M = np.arange(-0.2, 0.2, 0.014)
+_GRID_M = np.stack(np.meshgrid(_SIDE_M, _SIDE_M, _SIDE_M), axis=-1).reshape(-1, 3)
+"""Points around the gripper, in which it may meet with something."""
+
 SHOULDER_M = np.array((0.033, 0.0, 0.88))
 """About where the arm begins, in the base's frame."""
 
@@ -72,6 +79,10 @@ class SeenConfig:
 class SeenScene:
     """Answers from depth images and localisation; see `hab_spa.scene.Scene`.
 
+    Attributes:
+        daring: 0: what no view shows is not free; 1: it is; 2: what is held is small, too. For
+            when there is no plan otherwise.
+
     About doors and drawers, and the floor that the oracle of navigation drives on, it knows what
     the observation's privileged group says, if there is one: S App. D is silent on them.
     """
@@ -92,6 +103,7 @@ class SeenScene:
         self._held: int | None = None
         self._was_holding = False
         self._new = True
+        self.daring = 0
         self._steps = 0
 
     def see(self, obs: Mapping[str, Any], row: int) -> None:
@@ -157,7 +169,9 @@ class SeenScene:
         seen_m = self.map.points_m(
             object_m, config.fit_reach_m, config.fit_spacing_m, config.fit_slope
         )
-        box = self._boxes[number] = fit_box(seen_m, object_m, config.box)
+        box = self._boxes[number] = fit_box(
+            seen_m, object_m, self.world_from_base[:3, 3], config.box
+        )
         points_m = box.upper_face_centres_m()
         if around:
             radii_m, sides = config.grasp.around_m, config.grasp.sides
@@ -167,6 +181,12 @@ class SeenScene:
         for other_m in other_things_m(seen_m, object_m, box, config.box):
             taken &= np.linalg.norm(points_m - other_m, axis=1) >= own_m + config.runner_up_m
         return points_m[taken]
+
+    def stands(self, number: int) -> bool:
+        """Whether the robot sees an object and what it stands on."""
+        self.grasp_points_m(number)
+        box = self._boxes[number]
+        return box.seen and box.support_m is not None
 
     def ee_from_held(self) -> Array:
         """Returns the hand itself: what it holds is thought to be where it is."""
@@ -205,7 +225,7 @@ class SeenScene:
         shoulder_m = there.world_from_base[:3, :3] @ SHOULDER_M + there.world_from_base[:3, 3]
         config = self.config
         surfaces_m = self.map.occupied_m(shoulder_m, config.reach_m)
-        hidden_m = self.map.hidden_m(shoulder_m, config.reach_m)
+        hidden_m = self.map.hidden_m(shoulder_m, config.reach_m)[: 0 if self.daring else None]
         sizes = config.map.voxels.size_m, config.map.hidden.size_m
         obstacles = [
             obstacle
@@ -216,6 +236,9 @@ class SeenScene:
         ]
         return ArmCollision(there, held=there.held, cache=self._cache, obstacles=obstacles)
 
+    def taking(self, number: int, world_from_ee: Array) -> None:
+        """Returns None: what of the points will come along is known when it is in the hand."""
+
     def in_the_way(self, path: Array) -> bool:
         """Looks every few steps, and returns whether an arm's path (K, 7) is no longer free."""
         self._steps += 1
@@ -225,6 +248,23 @@ class SeenScene:
         collision.set_margin(0.0)
         collision.relax(self.arm_qpos)
         return not all(collision.is_free(pose) for pose in path)
+
+    def met(self, path: Array) -> None:
+        """Is told that the arm met with something where it was about to go, (K, 7).
+
+        What that was is where the arm would have been, is not now, and no view shows.
+        """
+        self.look()
+        here = own_poses(self.world_from_base, self.arm_qpos)
+        found = [np.zeros((0, 3))]
+        for pose in path:
+            there = own_poses(self.world_from_base, pose)
+            gripper_m = there[PREFIX + EE_LINK][:3, 3]
+            points_m = gripper_m + _GRID_M
+            new = inside_robot(points_m, there, 0.0)
+            new[new] = ~inside_robot(points_m[new], here, self.config.touch_margin_m)
+            found.append(points_m[new])
+        self.map.add_unseen(np.concatenate(found))
 
     def _cleared(
         self, centres_m: Array, size_m: float, here: PrivilegedState, without: str | None
@@ -246,9 +286,9 @@ class SeenScene:
         bodies, poses = own_bodies(), own_poses(self.world_from_base, self.arm_qpos)
         if self._hand is not None:
             poses[HELD] = self._world_from_ee() @ self._hand.ee_from_box
-            bodies = (*bodies, self._hand.body())
+            bodies = (*bodies, self._hand.body(HELD_HALF_M if self.daring > 1 else np.inf))
         return PrivilegedState(
-            scene_key=f"seen with {self._hand}",
+            scene_key=f"seen with {self._hand} {self.daring}",
             bodies=bodies,
             world_from_body=poses,
             world_from_base=self.world_from_base,
@@ -319,12 +359,12 @@ class _Hand:
     ee_from_box: Array
     half_size_m: Array
 
-    def body(self) -> CollisionBody:
-        """Returns it as a body."""
+    def body(self, largest_m: float) -> CollisionBody:
+        """Returns it as a body, of at most this half size."""
         box = CollisionShape(
             kind="box",
             body_from_shape=np.eye(4),
-            half_size_m=self.half_size_m,
+            half_size_m=np.minimum(self.half_size_m, largest_m),
             vertices_m=np.zeros((0, 3)),
             faces=np.zeros((0, 3), dtype=np.int64),
         )

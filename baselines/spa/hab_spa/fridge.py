@@ -43,6 +43,8 @@ class FridgeConfig:
         pace: Of the motion along the arc.
         brake_steps: The hand lets go so many steps before its motion ends.
         away_m: After opening, the hand moves this far beyond the door's edge.
+        ahead_rad: It goes to where the door will be when it is open so much farther ...
+        hand_step_m: ... by this much in a step.
         reach_out_steps: It has so many steps for that ...
         away_steps: ... and all that the door needs to pass by has so many.
         passed_rad: A door that is open so far has passed by the arm.
@@ -70,6 +72,8 @@ class FridgeConfig:
     pace: float = 1.6
     brake_steps: int = 5
     away_m: float = 0.2
+    ahead_rad: float = 0.15
+    hand_step_m: float = 0.08
     reach_out_steps: int = 12
     away_steps: int = 40
     passed_rad: float = 1.2
@@ -297,7 +301,9 @@ class _Fridge:
             door, before = Door(robot.scene.front(self._number)), self._joint
             if moving == 0 or door.joint > config.passed_rad:
                 break
-            point_m = door.point(door.joint + 0.15, door.edge_m + config.away_m, 0.1)
+            point_m = door.point(
+                door.joint + config.ahead_rad, door.edge_m + config.away_m, door.handle_m[1]
+            )
             short_m = self._short_m(door)
             hand = None if short_m < 0 or step > config.reach_out_steps else self._towards(point_m)
             back = -1.0 if short_m > 0 and self._room_behind() else 0.0
@@ -329,7 +335,7 @@ class _Fridge:
         local = world_from_base[:3, :3].T @ (point_m - world_from_base[:3, 3])
         hand = robot.kinematics.ee_pose(qpos)[:3, 3]
         gap = local - hand
-        gap *= min(1.0, 0.08 / (np.linalg.norm(gap) + 1e-9))
+        gap *= min(1.0, self._config.hand_step_m / (np.linalg.norm(gap) + 1e-9))
         goal, _ = robot.kinematics.solve(qpos[None], (hand + gap)[None], IkConfig(steps=6))
         return goal[0]
 
@@ -338,7 +344,7 @@ class _Fridge:
         robot, before, still = self._robot, self._joint, 0
         robot.doing = "wait"
         for _ in range(self._config.wait_steps):
-            if self._done or still > 3:
+            if self._done or still >= self._config.patience_steps:
                 return
             yield robot.command()
             still = still + 1 if abs(self._joint - before) < self._config.still_rad else 0

@@ -1,7 +1,8 @@
-"""SPA in one skill: it knows the scene from depth images (S App. D)."""
+"""SPA's skills, and SPA in one of them: it knows the scene from depth images (S App. D)."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from hab_spa.agent import Behaviour, SpaAgent
@@ -11,6 +12,7 @@ from hab_spa.joint_goal import GoalConfig
 from hab_spa.look import LookConfig, look_around, look_closer
 from hab_spa.modes import CONTROLLERS, control_mode
 from hab_spa.pick import pick
+from hab_spa.place import place
 from hab_spa.results import Failure
 from hab_spa.robot import Motion, Robot, SpaConfig
 from hab_spa.seen_scene import SeenScene
@@ -26,29 +28,52 @@ SPA_CONFIG = SpaConfig(
 """The arm stops for what is seen or felt on the way, and plans again; an object's box is often too
 wide to rest exactly, and the tasks ask for 0.15 m."""
 
-PERFECT_CONFIG = replace(SPA_CONFIG, follow=FollowConfig())
-"""Joint states that are set feel nothing."""
-
 DARING = 3
 """So many times, with ever less caution, it is planned where there was no plan."""
 
 
+def spa_config(setup: AgentSetup) -> SpaConfig:
+    """Returns the numbers of skills that go by what is seen and felt."""
+    perfect = setup.options.get("controller") == "perfect"
+    # Joint states that are set feel nothing.
+    return replace(SPA_CONFIG, follow=FollowConfig()) if perfect else SPA_CONFIG
+
+
 def pick_seen(robot: Robot, number: int) -> Motion:
     """Takes an object of the episode and rests, having looked for it."""
-    scene, config = robot.scene, LookConfig()
-    assert isinstance(scene, SeenScene)
+    scene, config = _scene(robot), LookConfig()
     yield from look_around(robot, scene, config)
     yield from look_closer(robot, scene, number, config)
-    failure: Failure | None = None
+    return (yield from _daring(robot, pick, number))
+
+
+def place_seen(robot: Robot, number: int) -> Motion:
+    """Puts what is held where it is to be and rests, having looked around."""
+    yield from look_around(robot, _scene(robot), LookConfig())
+    return (yield from _daring(robot, place, number))
+
+
+def _daring(robot: Robot, skill: Callable[[Robot, int], Motion], number: int) -> Motion:
+    """Does a skill; with ever less caution where there is no plan."""
+    scene, failure = _scene(robot), None
     for daring in range(DARING):
         scene.daring = daring
-        failure = yield from pick(robot, number)
+        failure = yield from skill(robot, number)
         if failure not in (Failure.TARGET_PLAN, Failure.MOTION_PLAN):
             break
+    scene.daring = 0
     return failure
 
 
-SKILLS: dict[str, Behaviour] = {"HabPick-v1": lambda robot: pick_seen(robot, 0)}
+def _scene(robot: Robot) -> SeenScene:
+    assert isinstance(robot.scene, SeenScene)
+    return robot.scene
+
+
+SKILLS: dict[str, Behaviour] = {
+    "HabPick-v1": lambda robot: pick_seen(robot, 0),
+    "HabPlace-v1": lambda robot: place_seen(robot, 0),
+}
 """Environment id -> what the robot does in it."""
 
 
@@ -71,6 +96,4 @@ def spa(setup: AgentSetup) -> SpaAgent:
         obs_mode="depth",
         looks="on demand",
     )
-    perfect = setup.options.get("controller") == "perfect"
-    config = PERFECT_CONFIG if perfect else SPA_CONFIG
-    return SpaAgent(setup, spec, SeenScene, SKILLS[env_id], config)
+    return SpaAgent(setup, spec, SeenScene, SKILLS[env_id], spa_config(setup))

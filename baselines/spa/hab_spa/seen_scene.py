@@ -82,6 +82,9 @@ class SeenScene:
     Attributes:
         daring: 0: what no view shows is not free; 1: it is; 2: what is held is small, too. For
             when there is no plan otherwise.
+        truth: The true scene, for what the privileged group is there for.
+        truth: The true scene, where the observation has the privileged group.
+        truth: The true scene, if the observation has the privileged group.
 
     About doors and drawers, and the floor that the oracle of navigation drives on, it knows what
     the observation's privileged group says, if there is one: S App. D is silent on them.
@@ -90,7 +93,7 @@ class SeenScene:
     def __init__(self, config: SeenConfig | None = None) -> None:
         """Makes the scene of one row."""
         self.config = config or SeenConfig()
-        self._arm, self._cache, self._truth = BatchArm(), ShapeCache(), TrueScene()
+        self._arm, self._cache, self.truth = BatchArm(), ShapeCache(), TrueScene()
         self.forget()
 
     def forget(self) -> None:
@@ -113,7 +116,7 @@ class SeenScene:
         self._looked = False
         self._arm_rad = np.asarray(obs["agent"]["arm_qpos"][row], dtype=float)
         if "privileged" in obs:
-            self._truth.see(obs, row)
+            self.truth.see(obs, row)
         holding = bool(obs["extra"]["is_holding"][row, 0] > 0.5)
         if self._new:
             self._new = False
@@ -122,6 +125,8 @@ class SeenScene:
         elif holding and not self._was_holding:
             self._took()
         elif not holding:
+            if self._held is not None:  # it is believed to lie where the hand let it go
+                self._starts_m[self._held] = self._world_from_ee()[:3, 3]
             self._held, self._hand = None, None
         self._was_holding = holding
 
@@ -136,7 +141,7 @@ class SeenScene:
         if self._pose is None:
             told = "privileged" in self._obs
             self._pose = (
-                self._truth.world_from_base if told else world_from_base(self._obs, self._row)
+                self.truth.world_from_base if told else world_from_base(self._obs, self._row)
             )
         return self._pose
 
@@ -194,11 +199,11 @@ class SeenScene:
 
     def front(self, number: int) -> FrontState:
         """Returns a door or drawer of the episode."""
-        return self._truth.front(number)
+        return self.truth.front(number)
 
     def floor_map(self) -> NavigationMap:
         """Returns the true floor, for the oracle of navigation."""
-        return self._truth.floor_map()
+        return self.truth.floor_map()
 
     def look(self) -> None:
         """Adds what the cameras show at this step to the map."""
@@ -275,7 +280,7 @@ class SeenScene:
             centres_m, here.world_from_body, self.config.touch_margin_m + corner_m
         )
         cleared |= self._in_hand(centres_m, self.config.touch_margin_m + corner_m)
-        for front in self._truth.state.fronts if without is not None else ():
+        for front in self.truth.state.fronts if without is not None else ():
             if front.body == without:
                 near_m = np.linalg.norm(centres_m - front.handle_m, axis=1)
                 cleared |= near_m < self.config.front_m
@@ -312,7 +317,7 @@ class SeenScene:
 
     def _took(self) -> None:
         """Believes that the hand took what it wanted, in the pose that it had."""
-        if "privileged" in self._obs and any(front.held for front in self._truth.state.fronts):
+        if "privileged" in self._obs and any(front.held for front in self.truth.state.fronts):
             return
         if self._wanted is None:
             return

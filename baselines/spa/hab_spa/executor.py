@@ -12,7 +12,7 @@ from hab_planner.plan import Plan, saved_plan
 from hab_planner.problem import atoms_of, problem_of, task_of
 
 from hab_spa.drive import DriveConfig, leave
-from hab_spa.interactions import Interaction, believed, interaction
+from hab_spa.interactions import Hands, Interaction, believed, interaction
 from hab_spa.navigate import Errand, Navigator
 from hab_spa.rest import rest
 from hab_spa.results import Failure
@@ -47,8 +47,27 @@ class TaskConfig:
 class Executor:
     """Carries out the plan of one task, for one robot."""
 
-    def __init__(self, env_id: str, robot: Robot, navigator: Navigator, config: TaskConfig) -> None:
-        """Takes the saved plan of a task."""
+    def __init__(
+        self,
+        env_id: str,
+        robot: Robot,
+        navigator: Navigator,
+        config: TaskConfig,
+        hands: Hands,
+        guide: Robot | None = None,
+    ) -> None:
+        """Takes the saved plan of a task.
+
+        Args:
+            env_id: The task.
+            robot: Who does it.
+            navigator: How it gets about.
+            config: How the plan is carried out.
+            hands: How it takes and puts down things.
+            guide: By what is known here places are chosen, for navigators that ask for one: the
+                robot itself, or one that knows the truth.
+        """
+        self._hands, self._guide = hands, guide or robot
         self._env_id, self._task = env_id, task_of(env_id)
         self._robot, self._navigator, self._config = robot, navigator, config
         self._end = robot.deadline
@@ -82,7 +101,7 @@ class Executor:
         actions = [action for action in plan.actions if action.name != "navigate"]
         for number, action in enumerate(actions, 1):
             self._step = f"{number}/{len(actions)} {action}"
-            failure = yield from self._at_work(interaction(self._task, action))
+            failure = yield from self._at_work(interaction(self._task, action, self._hands))
             if failure is not None:
                 return failure
         return None
@@ -100,7 +119,7 @@ class Executor:
             errand = Errand(
                 point_m=item.point_m(robot),
                 map=map_,
-                place=partial(choose, robot, item, map_, tried, self._config.standing),
+                place=partial(choose, self._guide, item, map_, tried, self._config.standing),
             )
             going = self._navigator(robot, errand)
             failure = yield from self._timed("navigate", going, self._config.navigate_steps)

@@ -46,8 +46,16 @@ class Interaction:
     ways: Callable[[Robot, Array, int], float]
 
 
-def interaction(task: Task, action: Action) -> Interaction:
-    """Returns what an action of a task's plan is."""
+@dataclass(frozen=True, kw_only=True)
+class Hands:
+    """How a robot takes and puts down things: (robot, number of the object) -> it being done."""
+
+    pick: Callable[[Robot, int], Motion] = pick
+    place: Callable[[Robot, int], Motion] = place
+
+
+def interaction(task: Task, action: Action, hands: Hands) -> Interaction:
+    """Returns what an action of a task's plan is, for a robot with these hands."""
     thing = action.things[0]
     if action.name in ("open", "close"):
         fronts = [kind.name for kind in task.fronts]
@@ -57,7 +65,7 @@ def interaction(task: Task, action: Action) -> Interaction:
         return Interaction(
             action=action,
             effect=Condition(held=(number,)),
-            skill=partial(pick, number=number),
+            skill=lambda robot: hands.pick(robot, number),
             places=lambda robot, map_: _around(map_, robot.scene.object_m(number)),
             point_m=lambda robot: robot.scene.object_m(number),
             ways=lambda robot, base, effort: pick_ways(robot, number, base, effort),
@@ -65,7 +73,7 @@ def interaction(task: Task, action: Action) -> Interaction:
     return Interaction(
         action=action,
         effect=Condition(placed=(number,)),
-        skill=partial(place, number=number),
+        skill=lambda robot: hands.place(robot, number),
         places=lambda robot, map_: _around(map_, robot.scene.goal_m(number)),
         point_m=lambda robot: robot.scene.goal_m(number),
         ways=lambda robot, base, effort: place_ways(robot, number, base, effort),

@@ -83,8 +83,6 @@ class SeenScene:
         daring: 0: what no view shows is not free; 1: it is; 2: what is held is small, too. For
             when there is no plan otherwise.
         truth: The true scene, for what the privileged group is there for.
-        truth: The true scene, where the observation has the privileged group.
-        truth: The true scene, if the observation has the privileged group.
 
     About doors and drawers, and the floor that the oracle of navigation drives on, it knows what
     the observation's privileged group says, if there is one: S App. D is silent on them.

@@ -1,0 +1,310 @@
+"""SPA's perception: depth images, voxels, octrees, fitted boxes, and what the arm feels."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hab_eval.cli import main
+from hab_spa.cloud import DepthView, surface_points_m, world_from_base
+from hab_spa.collision import ArmCollision, CollisionConfig
+from hab_spa.fitted_box import BoxConfig, fit_box, other_things_m
+from hab_spa.follow import FollowConfig, Follower
+from hab_spa.ik import LOWER_RAD, UPPER_RAD
+from hab_spa.octree import octrees
+from hab_spa.own_shapes import inside_robot, own_bodies, own_poses
+from hab_spa.seen_map import MapConfig, SeenMap
+from hab_spa.shapes import invert_pose
+from hab_spa.voxels import VoxelConfig, VoxelMap
+
+from hab_tasks.robots.cameras import PLACES
+from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
+
+REST = np.array(REST_QPOS_RAD)
+LOOKS_DOWN = np.array(
+    # Columns: the image's right, its down and its ahead; x ahead of the robot is up in the image.
+    ((0.0, -1.0, 0.0, 0.0), (-1.0, 0.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+)
+
+
+def view_from(height_m: float, depth_m: np.ndarray, focal_px: float = 8.0) -> DepthView:
+    """A camera that looks straight down from above the origin."""
+    pose = LOOKS_DOWN.copy()
+    pose[2, 3] = height_m
+    rows, columns = depth_m.shape
+    return DepthView(
+        depth_m=depth_m,
+        focal_px=np.array((focal_px, focal_px)),
+        centre_px=np.array((columns / 2, rows / 2)),
+        world_from_camera=pose,
+    )
+
+
+def test_pixels_become_points():
+    view = view_from(2.0, np.array(((1.0, 2.0), (np.inf, 4.0))), focal_px=1.0)
+    points = view.points_m()
+    # Row 0, column 0 is half a pixel left and up of the axis: camera (-0.5, -0.5, 1) * 1 m. Left
+    # is +y of the world and up is +x; 1 m below a camera at 2 m is z = 1.
+    np.testing.assert_allclose(points[0, 0], (0.5, 0.5, 1.0))
+    # Right and up, 2 m away: camera (1, -1, 2).
+    np.testing.assert_allclose(points[0, 1], (1.0, -1.0, 0.0))
+    # Right and down, 4 m away: camera (2, 2, 4).
+    np.testing.assert_allclose(points[1, 1], (-2.0, -2.0, -2.0))
+    assert np.isnan(points[1, 0]).all()
+
+
+def test_points_are_projected_to_their_pixels():
+    view = view_from(2.0, np.full((4, 6), 2.0))
+    pixels, depth_m, inside = view.project(view.points_m().reshape(-1, 3))
+    rows, columns = np.meshgrid(range(4), range(6), indexing="ij")
+    np.testing.assert_array_equal(pixels, np.stack((rows.ravel(), columns.ravel()), axis=1))
+    np.testing.assert_allclose(depth_m, 2.0)
+    assert inside.all()
+    # Beside the image, and behind the camera.
+    _, _, inside = view.project(np.array(((0.0, 5.0, 0.0), (0.0, 0.0, 3.0))))
+    assert not inside.any()
+
+
+def test_an_observation_gives_the_image_and_where_the_robot_is():
+    base = np.eye(4)
+    base[:2, :2] = ((0.0, -1.0), (1.0, 0.0))  # turned left by a quarter
+    base[:3, 3] = 3.0, -2.0, 0.005
+    base_from_sapien = PLACES["head"].pose().to_transformation_matrix().astype(float)
+    camera = base @ base_from_sapien
+    # SAPIEN's x, y, z are ahead, left, up; a depth image's are right, down, ahead.
+    axes = np.stack((-camera[:3, 1], -camera[:3, 2], camera[:3, 0]), axis=1)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = axes, camera[:3, 3]
+    # Half of 10 m, and nothing within 10 m.
+    depth = np.array((((0.5,), (1.0,)),))[None]
+    obs = {
+        "sensor_data": {"head": {"depth": depth}},
+        "sensor_param": {
+            "head": {
+                "extrinsic_cv": invert_pose(pose)[None, :3],
+                "intrinsic_cv": np.array(((4.0, 0.0, 1.0), (0.0, 4.0, 0.5), (0.0, 0.0, 1.0)))[None],
+            }
+        },
+    }
+    np.testing.assert_allclose(world_from_base(obs, 0), base, atol=1e-9)
+    view = DepthView.read(obs, "head", 0)
+    np.testing.assert_array_equal(view.depth_m, ((5.0, np.inf),))
+    np.testing.assert_array_equal(view.focal_px, (4.0, 4.0))
+    np.testing.assert_array_equal(view.centre_px, (1.0, 0.5))
+
+
+def test_a_surface_is_filled_between_pixels_and_an_edge_is_not():
+    depth_m = np.full((16, 16), 1.0)
+    depth_m[:, 8:] = 0.6
+    view = view_from(1.0, depth_m)
+    # On the floor pixels are 1 / 8 m apart.
+    points = surface_points_m(view, np.isfinite(depth_m), spacing_m=0.02, slope=2.0)
+    floor = points[:, 2] < 1e-6
+    assert floor.sum() > 7 * 15 * 36
+    np.testing.assert_allclose(points[~floor, 2], 0.4)
+    steps = np.diff(np.unique(points[floor, 1].round(6)))
+    assert steps.max() <= 0.021
+    # The last column of the floor is half a pixel from the middle, and nothing lies beyond.
+    assert points[floor, 1].min() == pytest.approx(0.5 / 8.0)
+
+
+def test_voxels_that_a_view_sees_through_are_emptied():
+    voxels = VoxelMap(VoxelConfig(size_m=0.1, through_m=0.15))
+    voxels.add(
+        np.array(((0.01, 0.02, 0.53), (0.04, 0.07, 0.58), (0.01, 0.0, -0.25), (3.0, 0.0, 0.5)))
+    )
+    # Two points share a voxel, whose centre is (0.05, 0.05, 0.55).
+    assert len(voxels) == 3
+    assert any(np.allclose(centre, (0.05, 0.05, 0.55)) for centre in voxels.centres_m())
+    voxels.carve(view_from(1.0, np.full((16, 16), 0.9)))
+    left = voxels.centres_m()
+    # Floor at z = 0.1: the camera sees through the first one; the second is behind the floor, the
+    # third beside the picture.
+    np.testing.assert_allclose(
+        left[np.argsort(left[:, 0])], ((0.05, 0.05, -0.25), (3.05, 0.05, 0.55))
+    )
+
+
+def test_what_hides_behind_a_surface_is_not_free_until_seen():
+    config = MapConfig(behind_m=0.3, hidden=VoxelConfig(size_m=0.03, through_m=0.03))
+    seen = SeenMap(config)
+    depth_m = np.full((64, 64), 1.0)
+    depth_m[24:40, 24:40] = 0.5  # something 0.5 m above the floor, 0.25 m wide
+    seen.add(view_from(1.0, depth_m, focal_px=32.0), np.zeros((64, 64), dtype=bool))
+    hidden = seen.hidden_m(np.zeros(3), 1.0)
+    below = (
+        (np.abs(hidden[:, :2]) < 0.1).all(axis=1) & (hidden[:, 2] > 0.25) & (hidden[:, 2] < 0.45)
+    )
+    assert below.sum() > 100
+    # Nothing but what is below it and below the floor is hidden.
+    assert (hidden[np.abs(hidden[:, 0]) > 0.4, 2] < 0.0).all()
+    # From the side one looks below it, at a wall 2 m away.
+    side = view_from(0.0, np.full((64, 64), 2.0), focal_px=32.0)
+    pose = np.eye(4)
+    pose[:3, :3] = ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
+    pose[:3, 3] = -1.0, 0.0, 0.3
+    look = DepthView(
+        depth_m=side.depth_m,
+        focal_px=side.focal_px,
+        centre_px=side.centre_px,
+        world_from_camera=pose,
+    )
+    seen.add(look, np.zeros((64, 64), dtype=bool))
+    hidden = seen.hidden_m(np.zeros(3), 1.0)
+    assert not ((np.abs(hidden[:, :2]) < 0.1).all(axis=1) & (hidden[:, 2] > 0.05)).any()
+
+
+def test_the_robot_knows_its_own_shapes(table_scene):
+    state = table_scene.privileged("target")
+    poses = own_poses(state.world_from_base, REST)
+    for name, pose in poses.items():
+        np.testing.assert_allclose(pose, state.world_from_body[name], atol=1e-5, err_msg=name)
+    true = {body.name: body for body in state.bodies}
+    for body in own_bodies():
+        (own,) = body.shapes
+        for shape in true[body.name].shapes:  # the wheels have none
+            np.testing.assert_allclose(own.vertices_m.min(0), shape.vertices_m.min(0), atol=1e-3)
+            np.testing.assert_allclose(own.vertices_m.max(0), shape.vertices_m.max(0), atol=1e-3)
+    # Every corner of a hull is the robot's.
+    gripper = poses["hab_fetch/gripper_link"]
+    corners = own_bodies()[-1].shapes[0].vertices_m
+    own = poses[own_bodies()[-1].name]
+    assert inside_robot(corners @ own[:3, :3].T + own[:3, 3], poses, 1e-6).all()
+    # The palm is 5 to 12 cm behind the link's origin, the fingers end 3 cm ahead of it.
+    along = gripper[:3, 3] + np.array(((-0.08,), (0.10,))) * gripper[:3, 0]
+    assert inside_robot(along, poses, 0.03).tolist() == [True, False]
+
+
+def table_points(step_m: float = 0.01) -> np.ndarray:
+    """Points on the top, the front and the lower side of the table of `table_scene`."""
+    x, y = np.meshgrid(np.arange(0.45, 1.05, step_m), np.arange(-0.6, 0.6, step_m))
+    top, low = (np.stack((x, y, np.full_like(x, z)), axis=-1) for z in (0.749, 0.711))
+    y, z = np.meshgrid(np.arange(-0.6, 0.6, step_m), np.arange(0.711, 0.75, step_m))
+    front = np.stack((np.full_like(y, 0.451), y, z), axis=-1)
+    return np.concatenate([points.reshape(-1, 3) for points in (top, low, front)])
+
+
+def test_octrees_tell_what_the_true_shapes_tell(table_scene):
+    state = table_scene.privileged("target")
+    gone = {"table", "leg-0.55", "leg+0.55", "target", "clutter0", "clutter1"}
+    assert gone < state.world_from_body.keys()
+    bare = {name: pose for name, pose in state.world_from_body.items() if name not in gone}
+    only = {n: p for n, p in state.world_from_body.items() if n in bare or n == "table"}
+    voxels = VoxelMap(VoxelConfig(size_m=0.01))
+    voxels.add(table_points())
+    config = CollisionConfig(margin_m=0.0)
+    obstacles = octrees(voxels.centres_m(), 0.01, cell_m=0.2)
+    seen = ArmCollision(with_poses(state, bare), config=config, obstacles=obstacles)
+    true = ArmCollision(with_poses(state, only), config=config)
+    poses = np.random.default_rng(1).uniform(LOWER_RAD, UPPER_RAD, (600, 7))
+    differ = [pose for pose in poses if seen.is_free(pose) != true.is_free(pose)]
+    hits = sum(not true.is_free(pose) for pose in poses)
+    assert 100 < hits < 500
+    # Voxels reach up to 1 cm beyond the surface; and what is in the table whole is not seen.
+    assert len(differ) <= 0.05 * len(poses)
+    true.set_margin(0.02)
+    assert all(not true.is_free(pose) for pose in differ)
+
+
+def test_near_one_cell_the_others_keep_their_margin(table_scene):
+    state = table_scene.privileged("target")
+    bare = {n: p for n, p in state.world_from_body.items() if n.startswith("hab_fetch/")}
+    # Just below the hand at rest, which points down, and far to the left.
+    spots = np.array(((0.5, 0.0, 0.98), (0.6, 0.6, 1.0)))
+    obstacles = octrees(spots, 0.02, cell_m=0.25)
+    assert len(obstacles) == 2
+    collision = ArmCollision(with_poses(state, bare), obstacles=obstacles)
+    collision.set_margin(0.15)
+    relaxed = {contact.second for contact in collision.relax(REST)}
+    assert relaxed == {obstacles[0].name}
+    assert collision.is_free(REST)
+    assert octrees(np.zeros((0, 3)), 0.02, 0.25) == []
+
+
+def with_poses(state, poses):
+    """A state with these bodies only."""
+    return replace(state, world_from_body=poses)
+
+
+def box_from_the_front(centre, half, step_m=0.005) -> np.ndarray:
+    """Points on the top and the front (-x) of a box along the axes."""
+    y, z = np.meshgrid(*(np.arange(-h, h + 1e-9, step_m) for h in half[1:]))
+    front = np.stack((np.full_like(y, -half[0]), y, z), axis=-1).reshape(-1, 3)
+    x, y = np.meshgrid(*(np.arange(-h, h + 1e-9, step_m) for h in half[:2]))
+    top = np.stack((x, y, np.full_like(x, half[2])), axis=-1).reshape(-1, 3)
+    return np.array(centre) + np.concatenate((front, top))
+
+
+def plane(height_m: float) -> np.ndarray:
+    x, y = np.meshgrid(np.arange(0.4, 1.2, 0.01), np.arange(-0.5, 0.5, 0.01))
+    return np.stack((x, y, np.full_like(x, height_m)), axis=-1).reshape(-1, 3)
+
+
+UP, BESIDE = np.array((0.0, 0.0, 1.0)), np.array((0.0, 0.085, 0.0))
+CENTRE, HALF = np.array((0.8, 0.1, 0.8)), np.array((0.03, 0.04, 0.05))
+
+
+def test_a_box_is_fitted_to_what_stands_on_a_plane():
+    points = np.concatenate((plane(0.75), box_from_the_front(CENTRE, HALF)))
+    box = fit_box(points, CENTRE, np.zeros(3), BoxConfig())
+    assert box.seen
+    assert box.support_m == pytest.approx(0.75, abs=1e-9)
+    np.testing.assert_allclose(box.world_from_box[:3, 3], CENTRE, atol=0.006)
+    np.testing.assert_allclose(box.half_size_m, HALF, atol=0.006)
+    top, *sides = box.upper_face_centres_m()
+    np.testing.assert_allclose(top, CENTRE + UP * 0.05, atol=0.006)
+    assert all(abs(side[2] - 0.8) < 0.006 for side in sides)
+    inside = box.contains(np.stack((CENTRE, CENTRE + UP * 0.08)), 0.01)
+    assert inside.tolist() == [True, False]
+
+
+def test_a_neighbour_that_touches_makes_the_box_no_wider():
+    neighbour = box_from_the_front(CENTRE + BESIDE, HALF)
+    points = np.concatenate((plane(0.75), box_from_the_front(CENTRE, HALF), neighbour))
+    eye = np.array((0.0, 0.1, 1.2))
+    box = fit_box(points, CENTRE, eye, BoxConfig())
+    assert box.half_size_m[:2].max() < 0.065
+    (other,) = other_things_m(points, CENTRE, box, BoxConfig())
+    assert np.linalg.norm(other - (CENTRE + BESIDE)) < 0.04
+
+
+def test_without_points_the_box_is_the_smallest_at_the_place_told():
+    box = fit_box(plane(0.5), CENTRE, np.zeros(3), BoxConfig())
+    assert not box.seen
+    np.testing.assert_allclose(box.world_from_box[:3, 3], CENTRE)
+    np.testing.assert_allclose(box.half_size_m, 0.02)
+    assert len(other_things_m(plane(0.5), CENTRE, box, BoxConfig())) == 0
+
+
+def feel(blocked_from: int) -> list[bool]:
+    """Follows a path with joints that move as the drives do in free air, until one is blocked."""
+    targets = np.linspace(0.0, 1.0, 30)[:, None] * np.linspace(0.2, 1.0, 7)
+    follower = Follower(targets, FollowConfig(bump_rad=0.008))
+    qpos, step, felt = np.zeros(7), np.zeros(7), []
+    for i in range(20):
+        target = follower.advance(qpos)
+        felt.append(follower.bumped)
+        step = 0.33 * (target - qpos) + 0.17 * step
+        if i >= blocked_from:
+            step[6] = 0.0
+        qpos = qpos + step
+    return felt
+
+
+def test_the_arm_feels_when_it_is_held_up():
+    assert not any(feel(blocked_from=99))
+    felt = feel(blocked_from=10)
+    # Blocked in step 10, which is felt when the arm is asked for the next one.
+    assert felt.index(True) == 11
+
+
+@pytest.mark.slow
+@pytest.mark.render
+def test_spa_picks_from_depth_alone(tmp_path):
+    out = tmp_path / "run"
+    options = ["--agent", "hab_spa:spa", "--env", "HabPick-v1", "--episodes", "3"]
+    code = main(["run", *options, "--out", str(out)])
+    assert code in (0, None)
+    record = json.loads((out / "run.json").read_text())
+    assert record["agent"]["privileged"] is False
+    assert sum(episode["success"] for episode in record["episodes"]) >= 2

@@ -232,16 +232,14 @@ class _Fridge:
         began = time.perf_counter()
         self._places = places = self._look()
         best, tries = None, config.tries
-        for number, pose in enumerate(places.ranked()[: config.tries]):
-            if number >= tries:
+        for number, pose in enumerate(places.ranked()[: config.most_tries]):
+            if number >= tries and best is not None:
                 break
             here = np.array_equal(pose, robot.base)
-            leads = places.leads(None if here else pose)
-            if not leads or (best is not None and leads[0].cost >= best[1]):
-                continue
             shunt, tight = (None, 0) if here else places.way(pose)
-            cost = leads[0].cost + config.tight_steps * tight
-            if (here or shunt is not None) and (best is None or cost < best[1]):
+            leads = places.leads(None if here else pose) if here or shunt is not None else []
+            cost = leads[0].cost + config.tight_steps * tight if leads else np.inf
+            if cost < (np.inf if best is None else best[1]):
                 best = (shunt, cost)
                 if leads[0].enough:
                     tries = min(tries, number + 1 + config.more_tries * (tight > 0))

@@ -12,7 +12,6 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from hab_spa.collision import ArmCollision
 from hab_spa.drive import STEP_M, STEP_RAD
 from hab_spa.fridge_arc import ArcConfig, Arcs, Lead, Pull, arm_points_m
 from hab_spa.fridge_door import Door
@@ -40,8 +39,10 @@ class PlaceConfig:
         arm_m, body_m: Radius of the arm and of the torso for what the door sweeps.
         distance_m: The hand works best this far from the middle of the base.
         tries: So many places are looked at closely.
-        more_tries: When one will do, so many more are.
+        more_tries: When one will do, so many more are, ...
+        most_tries: ... and while there is no way to any, so many.
         margins_m: Clearances of the resting arm, the largest wanted most.
+        alike: Base poses that differ by less in x, y [m] and yaw [rad] are the same to the arm.
         arm_reach_m: Nothing that is farther from the middle of the base touches the resting arm.
         off_steps, in_the_way_steps: What a metre costs that a place is too near or too far, and
             one that something is in the way.
@@ -66,6 +67,7 @@ class PlaceConfig:
     distance_m: tuple[float, float] = (0.6, 0.85)
     tries: int = 16
     margins_m: tuple[float, ...] = (0.04, 0.02, 0.005)
+    alike: tuple[float, float, float] = (0.02, 0.02, 0.06)
     arm_reach_m: float = 0.75
     off_steps: float = 60.0
     in_the_way_steps: float = 400.0
@@ -73,6 +75,7 @@ class PlaceConfig:
     edge_steps: float = 60.0
     tight_steps: float = 40.0
     more_tries: int = 4
+    most_tries: int = 60
     drives: int = 2
     judging: GoalConfig = field(
         default_factory=lambda: GoalConfig(
@@ -144,6 +147,7 @@ class Places:
         self._map, self._region = map_, region
         self._front = front = robot.scene.front(number)
         self.door, self._frame = Door(front), front.frame
+        self._kept: dict[tuple[int, ...], int] = {}
         self._rest = arm_points_m(np.array(REST_QPOS_RAD)[None])[0]
 
     def ranked(self, coming: bool = True) -> Array:
@@ -215,24 +219,33 @@ class Places:
         """
         room = len(self.config.margins_m)
         near = _clearance_m(self._map, poses) < self.config.arm_reach_m
-        for pose in poses[near]:
-            collision = self.robot.scene.collision(base=pose)
-            while room > least and not self._free(
-                collision, self.robot.scene.arm_qpos, self.config.margins_m[-room]
-            ):
-                room -= 1
+        for pose in poses[near][::-1]:
+            room = min(room, self._margins_kept(pose))
             if room <= least:
                 break
         return room
+
+    def _margins_kept(self, pose: Array) -> int:
+        """Returns how many of the margins the resting arm keeps at a base pose (3,).
+
+        Drives have much in common, so a pose next to one that was looked at is not looked at.
+        """
+        key = tuple(np.round(pose / self.config.alike).astype(int).tolist())
+        if key not in self._kept:
+            collision = self.robot.scene.collision(base=pose)
+            arm, kept = self.robot.scene.arm_qpos, 0
+            for margin_m in self.config.margins_m[::-1]:
+                collision.set_margin(margin_m)
+                if not collision.is_free(arm):
+                    break
+                kept += 1
+            self._kept[key] = kept
+        return self._kept[key]
 
     def has_room(self, pose: Array) -> bool:
         """Whether the base may stand at a pose (3,), as far as the floor goes."""
         room_m = float(_clearance_m(self._map, pose[None])[0])
         return bool(self._inside(pose[None])[0]) and room_m > self.config.least_base_m
-
-    def _free(self, collision: ArmCollision, qpos: Array, margin_m: float) -> bool:
-        collision.set_margin(margin_m)
-        return collision.is_free(qpos)
 
     def _reach_m(self, poses: Array) -> Array:
         """Returns how far the hand's places are from the base (3, K), each a pose of `poses`."""

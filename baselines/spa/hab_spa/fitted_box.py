@@ -26,6 +26,7 @@ class BoxConfig:
         grain_m: Of points nearer to each other than this, one is enough.
         link_m: Neighbours this near to each other are of one object.
         yaw_steps: How many directions of the box within a quarter turn are compared.
+        facing: One faces a side when the cosine of the angle to its normal is larger.
         uneven_m: Seen from the front, one side may be this much wider than the other.
         trim: This share of the points may stick out of the box on each side.
         smallest_m: Half the edge of the smallest box.
@@ -42,6 +43,7 @@ class BoxConfig:
     grain_m: float = 0.006
     link_m: float = 0.015
     yaw_steps: int = 30
+    facing: float = 0.3
     uneven_m: float = 0.015
     trim: float = 0.01
     smallest_m: float = 0.02
@@ -87,8 +89,8 @@ def in_box(points_m: Array, world_from_box: Array, half_size_m: Array) -> NDArra
 def fit_box(points_m: Array, centre_m: Array, eye_m: Array, config: BoxConfig) -> FittedBox:
     """Fits an upright box around the points of the object at a place.
 
-    One sees only an object's near side. Its other side is taken to be like it, turned by half
-    a turn about the vertical through the object's position.
+    One sees only an object's near side. Its far side is taken to be as far from the object's
+    position.
 
     Args:
         points_m: (K, 3) of everything seen, in the world.
@@ -106,19 +108,15 @@ def fit_box(points_m: Array, centre_m: Array, eye_m: Array, config: BoxConfig) -
         return FittedBox(
             world_from_box=pose, half_size_m=half_size_m, support_m=support_m, seen=False
         )
-    offsets_m = own_m[:, :2] - centre_m[:2]
-    offsets_m = np.concatenate((offsets_m, -offsets_m))
     yaws = np.linspace(0.0, np.pi / 2, config.yaw_steps, endpoint=False)
     axes = np.stack((np.cos(yaws), np.sin(yaws)), axis=1)  # (Y, 2)
     across = np.stack((-axes[:, 1], axes[:, 0]), axis=1)
     half_m = np.stack(
-        [
-            np.quantile(np.abs(offsets_m @ side.T), 1.0 - config.trim, axis=0)
-            for side in (axes, across)
-        ],
-        axis=1,
+        [_half_m(own_m, centre_m, eye_m, sides, config) for sides in (axes, across)], axis=1
     )  # (Y, 2)
     best = int(half_m.prod(axis=1).argmin())
+    offsets_m = np.abs((own_m - centre_m)[:, :2] @ np.stack((axes[best], across[best]), axis=1))
+    own_m = own_m[(offsets_m <= half_m[best] + config.grain_m).all(axis=1)]
     top_m = float(np.quantile(own_m[:, 2], 1.0 - config.trim))
     bottom_m = min(float(own_m[:, 2].min()), centre_m[2])
     if support_m is not None:
@@ -184,6 +182,19 @@ def _object_points(
     if not things:
         return np.zeros((0, 3))
     return min(things, key=lambda thing_m: np.linalg.norm(thing_m - centre_m, axis=1).min())
+
+
+def _half_m(own_m: Array, centre_m: Array, eye_m: Array, sides: Array, config: BoxConfig) -> Array:
+    """Half the widths (Y,) of a thing in some directions (Y, 2), by the side that is seen."""
+    view = (eye_m - centre_m)[:2] / np.linalg.norm((eye_m - centre_m)[:2])
+    facing = sides @ view
+    toward = np.where(facing[:, None] >= 0.0, sides, -sides)
+    along_m = (own_m[:, :2] - centre_m[:2]) @ toward.T
+    near_m = np.quantile(along_m, 1.0 - config.trim, axis=0)
+    far_m = -np.quantile(along_m, config.trim, axis=0)
+    # Both sides of what one does not face are seen; something else may touch one of them.
+    half_m = np.where(np.abs(facing) > config.facing, near_m, np.minimum(near_m, far_m))
+    return np.maximum(half_m, config.smallest_m)
 
 
 def _evenly_wide(own_m: Array, centre_m: Array, eye_m: Array, config: BoxConfig) -> Array:

@@ -20,16 +20,19 @@ from hab_tasks.agent import AgentSetup, AgentSpec, check_options
 from hab_tasks.errors import UnknownNameError
 
 SPA_CONFIG = SpaConfig(
-    retries=8,
+    retries=0,
     goal=GoalConfig(rest_radius_m=0.12, rest_spread_rad=0.7),
     plan=PlanConfig(time_limit_s=10.0),
     follow=FollowConfig(bump_rad=0.008),
 )
-"""The arm stops for what is seen or felt on the way, and plans again; an object's box is often too
-wide to rest exactly, and the tasks ask for 0.15 m."""
+"""The arm stops for what is seen or felt on the way; an object's box is often too wide to rest
+exactly, and the tasks ask for 0.15 m. What failed is tried again here, not by the skills."""
 
-DARING = 3
-"""So many times, with ever less caution, it is planned where there was no plan."""
+ATTEMPTS = 12
+"""So often a skill is tried; the arm stops for every little thing."""
+
+MOST_DARING = 2
+"""See `SeenScene`."""
 
 
 def spa_config(setup: AgentSetup) -> SpaConfig:
@@ -54,13 +57,15 @@ def place_seen(robot: Robot, number: int) -> Motion:
 
 
 def _daring(robot: Robot, skill: Callable[[Robot, int], Motion], number: int) -> Motion:
-    """Does a skill; with ever less caution where there is no plan."""
-    scene, failure = _scene(robot), None
-    for daring in range(DARING):
-        scene.daring = daring
+    """Does a skill, again when execution fails, and with less caution where there is no plan."""
+    scene = _scene(robot)
+    scene.daring = 0
+    failure: Failure | None = None
+    for _ in range(ATTEMPTS):
         failure = yield from skill(robot, number)
-        if failure not in (Failure.TARGET_PLAN, Failure.MOTION_PLAN):
+        if failure is None or (failure is not Failure.EXECUTION and scene.daring == MOST_DARING):
             break
+        scene.daring += failure is not Failure.EXECUTION
     scene.daring = 0
     return failure
 

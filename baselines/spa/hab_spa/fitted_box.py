@@ -116,7 +116,8 @@ def fit_box(points_m: Array, centre_m: Array, eye_m: Array, config: BoxConfig) -
     )  # (Y, 2)
     best = int(half_m.prod(axis=1).argmin())
     offsets_m = np.abs((own_m - centre_m)[:, :2] @ np.stack((axes[best], across[best]), axis=1))
-    own_m = own_m[(offsets_m <= half_m[best] + config.grain_m).all(axis=1)]
+    within = (offsets_m <= half_m[best] + config.grain_m).all(axis=1)
+    own_m = own_m[within] if within.any() else own_m
     top_m = float(np.quantile(own_m[:, 2], 1.0 - config.trim))
     bottom_m = min(float(own_m[:, 2].min()), centre_m[2])
     if support_m is not None:

@@ -62,6 +62,11 @@ class Follower:
         """The joint targets (T, 7) [rad] that are left."""
         return self._targets[self._index :]
 
+    @property
+    def way_back(self) -> Array:
+        """The joint targets (T, 7) [rad] handed out so far, the last first."""
+        return self._targets[: self._index][::-1]
+
     def advance(self, qpos: Array) -> Array:
         """Returns the next target (7,), given where the arm (7,) is."""
         self._feel(qpos)

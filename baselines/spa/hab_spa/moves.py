@@ -18,8 +18,11 @@ from hab_spa.shapes import Array
 RETURN_SHARE, REACH_SHARE = 1.0, 0.5
 """Share of the time left that a motion may take: half of it on the way there."""
 
-MEETING_STEPS = 6
+MEETING_STEPS = 4
 """What the arm meets with is where it would have been within so many steps."""
+
+BACK_OFF = slice(4, 12)
+"""Which of its last targets the arm goes back through: it is about four behind the latest."""
 
 
 def wait(robot: Robot, steps: int) -> Generator[Command, None, None]:
@@ -55,6 +58,8 @@ def follow(
         target = follower.advance(robot.scene.arm_qpos)
         if follower.bumped:
             robot.scene.met(follower.rest[:MEETING_STEPS])
+            for passed in follower.way_back[BACK_OFF]:
+                yield robot.command(passed)
         blocked = follower.bumped or follower.lost() or robot.scene.in_the_way(follower.rest)
         if blocked or not intact():
             robot.relax()

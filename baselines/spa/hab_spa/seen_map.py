@@ -53,6 +53,7 @@ class SeenMap:
         """Starts with nothing seen."""
         self.config = config or MapConfig()
         self._voxels = VoxelMap(self.config.voxels)
+        self._felt = VoxelMap(self.config.voxels)
         self._looks: deque[_Look] = deque(maxlen=self.config.views)
 
     def add(self, view: DepthView, own: NDArray[np.bool_]) -> None:
@@ -66,13 +67,9 @@ class SeenMap:
         self._voxels.add(points_m)
         self._looks.append(_Look(view=view, world=world, centres_m=here.centres_m()))
 
-    def add_unseen(self, points_m: Array) -> None:
+    def feel(self, points_m: Array) -> None:
         """Takes points (K, 3) as occupied, but for those that some view sees through."""
-        unseen = VoxelMap(self.config.voxels)
-        unseen.add(points_m)
-        for look in self._looks:
-            unseen.carve(look.view)
-        self._voxels.add(unseen.centres_m())
+        self._felt.add(points_m)
 
     def remove(self, box: FittedBox, margin_m: float) -> None:
         """Forgets what was seen in a box and this near to it: it is not there any more."""
@@ -89,6 +86,12 @@ class SeenMap:
     def occupied_m(self, centre_m: Array, reach_m: float) -> Array:
         """Returns the centres (V, 3) of the voxels near a point (3,) where surfaces were seen."""
         return _near(self._voxels.centres_m(), centre_m, reach_m)
+
+    def felt_m(self) -> Array:
+        """Returns the centres (V, 3) of the voxels that were felt and that no view shows."""
+        for look in self._looks:
+            self._felt.carve(look.view)
+        return self._felt.centres_m()
 
     def hidden_m(self, centre_m: Array, reach_m: float) -> Array:
         """Returns the centres (V, 3) of coarse voxels near a point (3,) that no view shows."""

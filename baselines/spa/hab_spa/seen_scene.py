@@ -60,7 +60,7 @@ class SeenConfig:
 
     own_margin_m: float = 0.03
     touch_margin_m: float = 0.003
-    held_margin_m: float = 0.02
+    held_margin_m: float = 0.04
     unseen_m: float = 0.06
     held_reach_m: float = 0.14
     reach_m: float = 1.6
@@ -80,8 +80,8 @@ class SeenScene:
     """Answers from depth images and localisation; see `hab_spa.scene.Scene`.
 
     Attributes:
-        daring: 0: what no view shows is not free; 1: it is; 2: what is held is small, too. For
-            when there is no plan otherwise.
+        daring: For when there is no plan otherwise. 0: what no view shows is not free; 1: it is;
+            2: so is what was only felt, and what is held is small.
         truth: The true scene, for what the privileged group is there for.
 
     About doors and drawers, and the floor that the oracle of navigation drives on, it knows what
@@ -227,8 +227,11 @@ class SeenScene:
         there = here if base is None else standing_at(here, base)
         shoulder_m = there.world_from_base[:3, :3] @ SHOULDER_M + there.world_from_base[:3, 3]
         config = self.config
-        surfaces_m = self.map.occupied_m(shoulder_m, config.reach_m)
-        hidden_m = self.map.hidden_m(shoulder_m, config.reach_m)[: 0 if self.daring else None]
+        surfaces_m, hidden_m = self.map.occupied_m(shoulder_m, config.reach_m), np.zeros((0, 3))
+        if self.daring < 2:
+            surfaces_m = np.concatenate((surfaces_m, self.map.felt_m()))
+        if self.daring < 1:
+            hidden_m = self.map.hidden_m(shoulder_m, config.reach_m)
         sizes = config.map.voxels.size_m, config.map.hidden.size_m
         obstacles = [
             obstacle
@@ -267,7 +270,7 @@ class SeenScene:
             new = inside_robot(points_m, there, 0.0)
             new[new] = ~inside_robot(points_m[new], here, self.config.touch_margin_m)
             found.append(points_m[new])
-        self.map.add_unseen(np.concatenate(found))
+        self.map.feel(np.concatenate(found))
 
     def _cleared(
         self, centres_m: Array, size_m: float, here: PrivilegedState, without: str | None

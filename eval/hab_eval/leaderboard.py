@@ -18,6 +18,7 @@ from hab_eval.results import RunRecord, read_record
 
 PRIVILEGED_MARK = "†"
 COLUMNS = ("agent", "success %", "n", "steps", "s / step", "split", "seed", "version")
+STAGES = "stages %"
 TITLE = "Leaderboard"
 LEGEND = (
     f"Success with its 95 % Wilson interval; steps is the mean length of an episode. "
@@ -29,10 +30,27 @@ EMPTY = "No submissions yet."
 
 @dataclass(frozen=True, kw_only=True)
 class Group:
-    """The rows that may be compared: one environment on one set of scenes and objects."""
+    """The rows that may be compared: one environment on one set of scenes and objects.
+
+    Attributes:
+        title: What it is.
+        stages: Names of a task's stages in their order (S G.2); none of a skill.
+        rows: Cells of each submission, one for each of `columns`.
+    """
 
     title: str
+    stages: tuple[str, ...] = ()
     rows: tuple[tuple[str, ...], ...]
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Headings; a task has one more for its stages."""
+        return (*COLUMNS[:2], STAGES, *COLUMNS[2:]) if self.stages else COLUMNS
+
+    @property
+    def note(self) -> str:
+        """Says what the stages are; empty for a skill."""
+        return f"Stages: {', '.join(self.stages)}." if self.stages else ""
 
 
 def default_submissions() -> Path:
@@ -55,6 +73,7 @@ def build_groups(records: Mapping[str, RunRecord]) -> list[Group]:
     return [
         Group(
             title=title,
+            stages=_stages(by_title[title][0][1]),
             rows=tuple(_row(record) for _, record in sorted(by_title[title], key=_rank)),
         )
         for title in sorted(by_title)
@@ -65,8 +84,10 @@ def to_markdown(groups: Sequence[Group]) -> str:
     """Returns the text of LEADERBOARD.md."""
     lines = [f"# {TITLE}", "", ORIGIN, LEGEND]
     for group in groups:
-        lines += ["", f"## {group.title}", "", _markdown_row(COLUMNS)]
-        lines.append(_markdown_row(["---"] * len(COLUMNS)))
+        lines += ["", f"## {group.title}", ""]
+        lines += [group.note, ""] if group.note else []
+        lines.append(_markdown_row(group.columns))
+        lines.append(_markdown_row(["---"] * len(group.columns)))
         lines += [_markdown_row(row) for row in group.rows]
     if not groups:
         lines += ["", EMPTY]
@@ -84,7 +105,9 @@ def to_html(groups: Sequence[Group]) -> str:
         f"<p>{html.escape(LEGEND)}</p>",
     ]
     for group in groups:
-        lines += [f"<h2>{html.escape(group.title)}</h2>", "<table>", _html_row(COLUMNS, "th")]
+        lines.append(f"<h2>{html.escape(group.title)}</h2>")
+        lines += [f"<p>{html.escape(group.note)}</p>"] if group.note else []
+        lines += ["<table>", _html_row(group.columns, "th")]
         lines += [_html_row(row, "td") for row in group.rows]
         lines.append("</table>")
     if not groups:
@@ -98,19 +121,25 @@ def group_title(record: RunRecord) -> str:
     return f"{record.env}, {record.scene_dataset}{objects}"
 
 
+def _stages(record: RunRecord) -> tuple[str, ...]:
+    """Returns the names of a task's stages as they follow one another; () of a skill."""
+    return tuple(record.episodes[0].stages) if record.episodes else ()
+
+
 def _rank(named: tuple[str, RunRecord]) -> tuple[float, str, int, str]:
     name, record = named
     return (-record.summary.success.mean, record.agent_name, record.seed, name)
 
 
 def _row(record: RunRecord) -> tuple[str, ...]:
-    """Returns the cells of one submission, in the order of `COLUMNS`."""
-    success = record.summary.success
+    """Returns the cells of one submission, in the order of its group's columns."""
+    success, stages = record.summary.success, record.summary.stages
     low, high = (100.0 * bound for bound in success.ci95)
     commit = f" ({_short(record.git)})" if record.git else ""
     return (
         agent_label(record),
         f"{100.0 * success.mean:.1f} [{low:.1f}, {high:.1f}]",
+        *([" ".join(f"{100.0 * stages[n].mean:.0f}" for n in _stages(record))] if stages else []),
         str(success.n),
         f"{record.summary.mean_steps:.1f}",
         f"{record.summary.seconds_per_step:.4f}",

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from rich.table import Table
 
-from hab_eval.leaderboard import COLUMNS, Group
+from hab_eval.leaderboard import Group
 from hab_eval.results import RunRecord
 from hab_eval.stats import Estimate
 
@@ -40,8 +40,8 @@ def leaderboard_tables(groups: Iterable[Group]) -> list[Table]:
 
 
 def _group_table(group: Group) -> Table:
-    table = Table(title=group.title)
-    for column in COLUMNS:
+    table = Table(title=group.title, caption=group.note or None)
+    for column in group.columns:
         table.add_column(column, overflow="fold")
     for row in group.rows:
         table.add_row(*row)

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 
 from hab_eval.leaderboard import (
@@ -8,7 +9,7 @@ from hab_eval.leaderboard import (
     to_html,
     to_markdown,
 )
-from hab_eval.results import write_record
+from hab_eval.results import summarize, write_record
 from hab_eval.schema import to_json
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -48,6 +49,7 @@ def test_a_row_by_hand(make_record):
     assert group.rows[0] == (
         "Stub",
         "80.0 [37.6, 96.4]",
+        "80",
         "5",
         "30.0",
         "0.0167",
@@ -59,8 +61,28 @@ def test_a_row_by_hand(make_record):
     assert edited.rows[0][-1] == "0.1.0 (01234567-dirty)"
     (mixed,) = build_groups({"x.json": make_record(git="0123456789 then abcdef0123-dirty")})
     assert mixed.rows[0][-1] == "0.1.0 (01234567 then abcdef01-dirty)"
-    assert "| Stub | 80.0 [37.6, 96.4] | 5 |" in to_markdown([group])
+    assert "| Stub | 80.0 [37.6, 96.4] | 80 | 5 |" in to_markdown([group])
     assert "<td>80.0 [37.6, 96.4]</td>" in to_html([group])
+
+
+def test_a_task_says_how_often_each_stage_was_reached_and_a_skill_does_not(make_record):
+    record = make_record((True, False))
+    # Out of alphabetical order: the order is that of the task.
+    told = ({"pick_1": True, "a": True}, {"pick_1": True, "a": False})
+    both = zip(record.episodes, told, strict=True)
+    episodes = tuple(replace(episode, stages=stages) for episode, stages in both)
+    task = replace(record, episodes=episodes, summary=summarize(episodes, {}))
+    (group,) = build_groups({"x.json": task})
+    assert group.columns[:3] == ("agent", "success %", "stages %")
+    assert group.note == "Stages: pick_1, a."
+    assert group.rows[0][2] == "100 50"
+    assert "Stages: pick_1, a." in to_markdown([group])
+    assert "<p>Stages: pick_1, a.</p>" in to_html([group])
+    episodes = tuple(replace(episode, stages={}) for episode in record.episodes)
+    skill = replace(record, episodes=episodes, summary=summarize(episodes, {}))
+    (group,) = build_groups({"x.json": skill})
+    assert len(group.rows[0]) == len(group.columns) == 8
+    assert group.note == ""
 
 
 def test_an_agents_options_stand_beside_its_name(make_record):

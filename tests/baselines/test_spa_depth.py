@@ -306,5 +306,5 @@ def test_spa_picks_from_depth_alone(tmp_path):
     code = main(["run", *options, "--out", str(out)])
     assert code in (0, None)
     record = json.loads((out / "run.json").read_text())
-    assert record["agent"]["privileged"] is False
+    assert record["privileged"] is False
     assert sum(episode["success"] for episode in record["episodes"]) >= 2

@@ -10,6 +10,7 @@ from hab_spa.drive import DriveConfig, angle, drive_to
 from hab_spa.navigate import Errand, PolicyNavigator, navigator_of, observation, teleport
 from hab_spa.results import Failure
 from hab_spa.robot import Robot, SpaConfig
+from hab_spa.standing import TUCKED_QPOS_RAD, Standing, fold
 from hab_spa.true_scene import TrueScene
 
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec
@@ -82,10 +83,14 @@ def test_no_time_is_an_execution_failure(started):
     assert robot.steps < 60
 
 
+def joint_targets(command):
+    return np.concatenate((command.arm_rad, [command.gripper], command.base))
+
+
 def errand(robot, pose, point_m=(1.0, 2.0, 0.5)):
-    return Errand(
-        point_m=np.array(point_m), map=robot.scene.floor_map(), place=lambda: np.array(pose)
-    )
+    """To a base pose, the arm as it is."""
+    standing = None if pose is None else Standing(base=pose, arm_rad=robot.scene.arm_qpos)
+    return Errand(point_m=np.array(point_m), map=robot.scene.floor_map(), place=lambda: standing)
 
 
 def test_teleport_is_there_at_once(started):
@@ -100,6 +105,18 @@ def test_teleport_is_there_at_once(started):
     assert run(teleport(robot, errand(robot, goal)), entries) is None
     np.testing.assert_allclose(robot.base, goal, atol=0.01)
     assert robot.steps < 10
+
+
+def test_the_folded_arm_stays_over_the_base_and_a_robot_folds_it_first(started):
+    env, robot, run = started("HabTidyHouse-v1", "joint_target_base")
+    folded = np.array(TUCKED_QPOS_RAD)
+    assert run(fold(robot, Standing(base=robot.base, arm_rad=folded)), joint_targets) is None
+    np.testing.assert_allclose(robot.scene.arm_qpos, folded, atol=0.05)
+    # Navigation takes the robot for a disc of 0.3 m; what the hand holds may stick out a little.
+    ee_m = robot.kinematics.ee_pose(robot.scene.arm_qpos)[:2, 3]
+    assert np.linalg.norm(ee_m) < 0.25
+    assert robot.scene.collision().is_free(folded)
+    assert float(env.unwrapped.measures.force_n[0]) == 0.0
 
 
 def test_nowhere_to_stand_is_a_target_plan_failure(started):
@@ -142,7 +159,7 @@ def test_another_agent_drives_until_it_stops(started, monkeypatch):
 
     def entries(command):
         turns.append(command.base)
-        return np.concatenate((command.arm_rad, [command.gripper], command.base))
+        return joint_targets(command)
 
     assert run(navigator(robot, errand(robot, None)), entries) is None
     assert turns == [(0.0, 1.0), (0.0, 1.0), (0.0, 0.0)]

@@ -128,7 +128,7 @@ def test_privileged_state_is_the_simulators(make):
     env.step(grip())
     base = env.unwrapped
     (state,) = base.privileged()
-    assert state.target == state.held == episode.target
+    assert state.targets == (state.held,) == (episode.target,)
     assert set(state.object_com_m) == set(episode.objects)
     actors = base._world.handles.pickables
     assert set(actors) == set(episode.objects)

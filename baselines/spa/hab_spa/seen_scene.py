@@ -356,6 +356,8 @@ class SeenScene:
             if name in extra:
                 place_m = world_from_ee[:3, :3] @ extra[name] + world_from_ee[:3, 3]
                 setattr(self, kept, place_m[None])
+        if not len(self._starts_m):  # in Place the object is in the hand, wherever it was
+            self._starts_m = np.repeat(world_from_ee[None, :3, 3], len(self._goals_m), axis=0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

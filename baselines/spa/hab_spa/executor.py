@@ -110,7 +110,7 @@ class Executor:
         """Drives to where a skill can be done and does it; elsewhere when it does not work out."""
         robot, tried = self._robot, list[Standing]()
         before = believed(self._task, robot.scene)
-        failure: Failure | None = None
+        failure: Failure | None = Failure.EXECUTION  # no time is left
         for _ in range(self._config.tries):
             yield from self._fold()
             if robot.steps >= self._end:
@@ -135,7 +135,6 @@ class Executor:
             robot.failure = failure = failure or Failure.EXECUTION
             if now != before:  # something else has happened, which asks for another plan
                 break
-        robot.failure = failure
         return failure
 
     def _fold(self) -> Motion:

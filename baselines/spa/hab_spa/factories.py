@@ -6,13 +6,12 @@ from hab_spa.agent import Behaviour, SpaAgent
 from hab_spa.drawer import close_drawer, open_drawer
 from hab_spa.drive import DriveConfig, drive_to
 from hab_spa.fridge import close_fridge, open_fridge
-from hab_spa.modes import CONTROLLERS, control_mode
+from hab_spa.modes import control_mode, skill_asked
 from hab_spa.pick import pick
 from hab_spa.place import place
 from hab_spa.robot import Motion, Robot
 from hab_spa.true_scene import TrueScene
-from hab_tasks.agent import AgentSetup, AgentSpec, check_options
-from hab_tasks.errors import UnknownNameError
+from hab_tasks.agent import AgentSetup, AgentSpec
 from hab_tasks.skills.regions import SPAWN_REGION
 
 
@@ -44,10 +43,7 @@ def spa_priv(setup: AgentSetup) -> SpaAgent:
         UnknownNameError: The environment is no skill that this agent can do, or an option is
             unknown.
     """
-    check_options(setup, {"controller": CONTROLLERS})
-    env_id = setup.env_id.rsplit(":", 1)[-1]
-    if env_id not in SKILLS:
-        raise UnknownNameError("environment of SPA-Priv", env_id, SKILLS)
+    env_id, skill = skill_asked(setup, "SPA-Priv", SKILLS)
     mode = control_mode(env_id, setup.options)
     spec = AgentSpec(name="SPA-Priv", control_mode=mode, privileged=True)
-    return SpaAgent(setup, spec, TrueScene, SKILLS[env_id])
+    return SpaAgent(setup, spec, TrueScene, skill)

@@ -10,14 +10,13 @@ from hab_spa.arm_plan import PlanConfig
 from hab_spa.follow import FollowConfig
 from hab_spa.joint_goal import GoalConfig
 from hab_spa.look import LookConfig, look_around, look_closer
-from hab_spa.modes import CONTROLLERS, control_mode
+from hab_spa.modes import control_mode, skill_asked
 from hab_spa.pick import pick
 from hab_spa.place import place
 from hab_spa.results import Failure
 from hab_spa.robot import Motion, Robot, SpaConfig
 from hab_spa.seen_scene import SeenScene
-from hab_tasks.agent import AgentSetup, AgentSpec, check_options
-from hab_tasks.errors import UnknownNameError
+from hab_tasks.agent import AgentSetup, AgentSpec
 
 SPA_CONFIG = SpaConfig(
     retries=0,
@@ -91,14 +90,11 @@ def spa(setup: AgentSetup) -> SpaAgent:
         UnknownNameError: The environment is no skill that this agent can do, or an option is
             unknown.
     """
-    check_options(setup, {"controller": CONTROLLERS})
-    env_id = setup.env_id.rsplit(":", 1)[-1]
-    if env_id not in SKILLS:
-        raise UnknownNameError("environment of SPA", env_id, SKILLS)
+    env_id, skill = skill_asked(setup, "SPA", SKILLS)
     spec = AgentSpec(
         name="SPA",
         control_mode=control_mode(env_id, setup.options),
         obs_mode="depth",
         looks="on demand",
     )
-    return SpaAgent(setup, spec, SeenScene, SKILLS[env_id], spa_config(setup))
+    return SpaAgent(setup, spec, SeenScene, skill, spa_config(setup))

@@ -14,7 +14,7 @@ from hab_spa.robot import Motion, Robot
 from hab_spa.shapes import Array
 from hab_tasks.navigation import NavigationMap
 
-TUCKED_QPOS_RAD = (-1.61, -1.22, 0.90, -0.61, 1.88, 2.14, 0.39)
+TUCKED_QPOS_RAD = (-1.60, -1.22, 0.90, -0.61, 1.88, 2.14, 0.39)
 """Arm pose that keeps arm, hand and a held object over the base, within 0.35 m of its middle."""
 
 SAME_ARM_RAD = 0.1
@@ -67,10 +67,8 @@ def choose(
     poses = item.places(robot, map_)
     for other in tried:
         poses = poses[np.linalg.norm(poses[:, :2] - other.base[:2], axis=1) >= config.apart_m]
-    few, more = (
-        spread(np.array_split(poses, 2)[0], config.places),
-        spread(poses, config.more_places),
-    )
+    few = spread(np.array_split(poses, 2)[0], config.places)
+    more = spread(poses, config.more_places)
     arms = (robot.scene.arm_qpos.copy(), np.array(TUCKED_QPOS_RAD))
     for (some, effort), arm_rad in product(((few, 1), (more, 1), (more, config.effort)), arms):
         best, most = None, 0.0

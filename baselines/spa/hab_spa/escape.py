@@ -33,7 +33,6 @@ class EscapeConfig:
         touch_m: Shapes in contact at the start may come this much closer: the arm turns slightly.
         drift_m: The end-effector may miss its straight line by this much.
         turn_weight_m: What a radian of turn is worth beside a metre of position error.
-        line_turn_weight_m: The same where the hand moves along a given line and may turn.
         resolution_rad: Edges are tested at points at most this far apart (Euclidean).
     """
 
@@ -59,7 +58,6 @@ class EscapeConfig:
     touch_m: float = 0.004
     drift_m: float = 0.01
     turn_weight_m: float = 0.2
-    line_turn_weight_m: float = 0.05
     resolution_rad: float = 0.05
 
 

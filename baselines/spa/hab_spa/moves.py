@@ -5,8 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Generator
 
-import numpy as np
-
 from hab_spa.arm_plan import Ends, plan_path
 from hab_spa.collision import ArmCollision
 from hab_spa.follow import Follower
@@ -96,28 +94,3 @@ def go(
     if result.path is None:
         return result.failure
     return (yield from follow(robot, result.path, share, intact))
-
-
-def straight(robot: Robot, start: Array, way_m: Array, collision: ArmCollision) -> Array:
-    """Returns arm poses (K, 7) along a straight way of the hand, as far as it is free.
-
-    Args:
-        robot: Whose arm.
-        start: The arm pose (7,) that it begins at.
-        way_m: The way (3,) in the world.
-        collision: Tells what is free.
-    """
-    config = robot.config.escape
-    way = collision.arm_from_world[:3, :3] @ way_m
-    count = max(1, round(float(np.linalg.norm(way)) / config.step_m))
-    goal, poses = robot.kinematics.ee_pose(start).copy(), [start]
-    for _ in range(count):
-        goal[:3, 3] += way / count
-        pose = robot.kinematics.track_pose(
-            poses[-1], goal, steps=3, turn_weight_m=config.line_turn_weight_m
-        )
-        missed_m = np.linalg.norm(robot.kinematics.ee_pose(pose)[:3, 3] - goal[:3, 3])
-        if missed_m > config.drift_m or not collision.is_free(pose):
-            break
-        poses.append(pose)
-    return np.array(poses)

@@ -12,7 +12,7 @@ from hab_spa.arm_plan import Ends, plan_path
 from hab_spa.collision import ArmCollision
 from hab_spa.escape import escape
 from hab_spa.joint_goal import sample_rest_goals
-from hab_spa.moves import RETURN_SHARE, follow, sampled
+from hab_spa.moves import RETURN_SHARE, follow
 from hab_spa.path import TimingConfig
 from hab_spa.results import PathResult
 from hab_spa.robot import Motion, Robot
@@ -36,13 +36,8 @@ def rest(
     robot.doing = "rest"
     began = time.perf_counter()
     collision = robot.scene.collision(without=without)
+    goals = sample_rest_goals(collision, robot.kinematics, robot.next_seed(), robot.config.goal)
     robot.spend("target", time.perf_counter() - began)
-    goals = sampled(
-        robot,
-        lambda: sample_rest_goals(
-            collision, robot.kinematics, robot.next_seed(), robot.config.goal
-        ),
-    )
     if goals.failure is not None:
         return goals.failure
     result = _way_back(robot, collision, goals.goals)

@@ -29,6 +29,23 @@ ORDER = [
     {"cli"},
 ]
 RANK = {name: rank for rank, row in enumerate(ORDER) for name in row}
+
+# The same for hab_spa.
+SPA_ORDER = [
+    {"shapes", "results"},
+    {"planning"},
+    {"sensing"},
+    {"scenes"},
+    {"motion"},
+    {"skills"},
+    {"tasks"},
+    {"agents"},
+    {"__init__"},
+    {"recording", "bench_plan"},
+    {"cli"},
+]
+SPA_RANK = {name: rank for rank, row in enumerate(SPA_ORDER) for name in row}
+SPA = ROOT / "baselines" / "spa" / "hab_spa"
 BASELINES = {p.parent.name for p in (ROOT / "baselines").glob("*/*/__init__.py")}
 
 # Run by a new Python: whatever the import prints, asks, downloads or writes shows.
@@ -96,6 +113,19 @@ def test_imports_inside_hab_tasks_go_one_way(path, package):
     for name in imports_of(path, package):
         other = part_of_hab_tasks(name)
         assert other is None or RANK.get(other, 99) <= RANK[own], f"{own} must not import {name}"
+
+
+@pytest.mark.parametrize("path", sorted(SPA.rglob("*.py")), ids=lambda path: path.stem)
+def test_imports_inside_hab_spa_go_one_way(path):
+    own = Path(path.relative_to(SPA).parts[0]).stem
+    assert own in SPA_RANK, f"give hab_spa.{own} a row in SPA_ORDER"
+    for name in imports_of(path, "hab_spa"):
+        head, _, rest = name.partition(".")
+        if head == "hab_spa":
+            other = rest.partition(".")[0]
+            # What is no module is a name that the package itself exports.
+            rank = SPA_RANK.get(other, SPA_RANK["__init__"])
+            assert rank <= SPA_RANK[own], f"{own} must not import {name}"
 
 
 def test_hab_tasks_imports_no_sibling():

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import sapien
-from hab_spa.robot import GRASP, Command
+from hab_spa.motion.robot import GRASP, Command
 
 from hab_tasks.privileged import CollisionBody, CollisionShape, PrivilegedState
 from hab_tasks.robots.fetch_spec import ARM_JOINTS, LOCKED_QPOS, REST_QPOS_RAD, urdf_path

@@ -10,10 +10,10 @@ import h5py
 import numpy as np
 import pytest
 from hab_eval.errors import OptionError, RunStoppedError
-from hab_spa import record as module
 from hab_spa.cli import main
-from hab_spa.dataset_stats import merge_stats, nested, stats_of
-from hab_spa.lerobot_format import action_names, write_dataset
+from hab_spa.recording import record as module
+from hab_spa.recording.dataset_stats import merge_stats, nested, stats_of
+from hab_spa.recording.lerobot_format import action_names, write_dataset
 from PIL import Image
 from pyarrow import parquet
 
@@ -276,7 +276,7 @@ def test_episodes_follow_one_another(tmp_path):
 
 
 def test_a_full_file_is_followed_by_another(tmp_path, monkeypatch):
-    monkeypatch.setattr("hab_spa.lerobot_format.FILE_SIZE_MB", 1e-6)
+    monkeypatch.setattr("hab_spa.recording.lerobot_format.FILE_SIZE_MB", 1e-6)
     made_trajectory(tmp_path, [3, 5])
     write_dataset(tmp_path / "trajectory.h5", tmp_path / "lerobot")
     files = sorted((tmp_path / "lerobot/data").rglob("*.parquet"))

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hab_eval.bench_options import BenchOptions
 from hab_spa.bench_plan import PlanTiming, plan_rows, run_plan
-from hab_spa.validity import Agreement, SimulatorCheck, agreement
+from hab_spa.planning.validity import Agreement, SimulatorCheck, agreement
 
 from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
 

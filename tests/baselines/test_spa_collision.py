@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from hab_spa.collision import ArmCollision, CollisionConfig
-from hab_spa.ik import LOWER_RAD, UPPER_RAD
+from hab_spa.planning.collision import ArmCollision, CollisionConfig
+from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
 from hab_spa.shapes import shape_bounds_m
 
 from hab_tasks.privileged import CollisionShape

@@ -6,16 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hab_eval.cli import main
-from hab_spa.cloud import DepthView, surface_points_m, world_from_base
-from hab_spa.collision import ArmCollision, CollisionConfig
-from hab_spa.fitted_box import BoxConfig, fit_box, other_things_m
-from hab_spa.follow import FollowConfig, Follower
-from hab_spa.ik import LOWER_RAD, UPPER_RAD
-from hab_spa.octree import octrees
-from hab_spa.own_shapes import inside_robot, own_bodies, own_poses
-from hab_spa.seen_map import MapConfig, SeenMap
+from hab_spa.motion.follow import FollowConfig, Follower
+from hab_spa.planning.collision import ArmCollision, CollisionConfig
+from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
+from hab_spa.sensing.cloud import DepthView, surface_points_m, world_from_base
+from hab_spa.sensing.fitted_box import BoxConfig, fit_box, other_things_m
+from hab_spa.sensing.octree import octrees
+from hab_spa.sensing.own_shapes import inside_robot, own_bodies, own_poses
+from hab_spa.sensing.seen_map import MapConfig, SeenMap
+from hab_spa.sensing.voxels import VoxelConfig, VoxelMap
 from hab_spa.shapes import invert_pose
-from hab_spa.voxels import VoxelConfig, VoxelMap
 
 from hab_tasks.robots.cameras import PLACES
 from hab_tasks.robots.fetch_spec import REST_QPOS_RAD

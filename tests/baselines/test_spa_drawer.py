@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import torch
 from hab_spa import Failure, spa_priv
-from hab_spa.collision import ArmCollision, CollisionConfig
-from hab_spa.drawer import ALL_WAYS, drawer_places, drawer_ways, open_drawer
-from hab_spa.drawer_lines import HandleLines, LineConfig
-from hab_spa.ik import LOWER_RAD, UPPER_RAD
-from hab_spa.robot import Robot, SpaConfig
-from hab_spa.true_scene import TrueScene
+from hab_spa.motion.robot import Robot, SpaConfig
+from hab_spa.planning.collision import ArmCollision, CollisionConfig
+from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
+from hab_spa.scenes.true_scene import TrueScene
+from hab_spa.skills.drawer import ALL_WAYS, drawer_places, drawer_ways, open_drawer
+from hab_spa.skills.drawer_lines import HandleLines, LineConfig
 
 from hab_tasks.agent import AgentSetup
 from hab_tasks.privileged import FrontState

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import torch
 from hab_spa import Failure, spa_priv
-from hab_spa.follow import FollowConfig, Follower
-from hab_spa.path import TimingConfig, time_path
-from hab_spa.pick import pick, pick_ways
-from hab_spa.place import place, place_ways
-from hab_spa.robot import RELEASE, Robot, SpaConfig
-from hab_spa.true_scene import TrueScene
+from hab_spa.motion.follow import FollowConfig, Follower
+from hab_spa.motion.robot import RELEASE, Robot, SpaConfig
+from hab_spa.planning.path import TimingConfig, time_path
+from hab_spa.scenes.true_scene import TrueScene
+from hab_spa.skills.pick import pick, pick_ways
+from hab_spa.skills.place import place, place_ways
 
 from hab_tasks.agent import Agent, AgentSetup
 from hab_tasks.constants import REST_POSITION_M

@@ -8,13 +8,13 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
-from hab_spa.drive import STEP_M, STEP_RAD
-from hab_spa.factories import spa_priv
-from hab_spa.fridge import ALL_WAYS, FridgeConfig, fridge_places, fridge_ways, pull_of
-from hab_spa.fridge_door import Door
-from hab_spa.fridge_shunt import shunts
-from hab_spa.robot import Robot, SpaConfig
-from hab_spa.true_scene import TrueScene
+from hab_spa.agents.factories import spa_priv
+from hab_spa.motion.drive import STEP_M, STEP_RAD
+from hab_spa.motion.robot import Robot, SpaConfig
+from hab_spa.scenes.true_scene import TrueScene
+from hab_spa.skills.fridge import ALL_WAYS, FridgeConfig, fridge_places, fridge_ways, pull_of
+from hab_spa.skills.fridge_door import Door
+from hab_spa.skills.fridge_shunt import shunts
 
 from hab_tasks.agent import AgentSetup
 from hab_tasks.privileged import FrontState

@@ -1,8 +1,8 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from hab_spa.collision import shared_arm_model
-from hab_spa.ik import LOWER_RAD, UPPER_RAD, BatchArm, IkConfig
+from hab_spa.planning.collision import shared_arm_model
+from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD, BatchArm, IkConfig
 
 from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
 

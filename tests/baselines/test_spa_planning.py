@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import sapien
-from hab_spa.arm_plan import Ends, PlanConfig, plan_path
-from hab_spa.collision import ArmCollision
-from hab_spa.escape import EscapeConfig, escape, retreats
-from hab_spa.ik import LOWER_RAD, UPPER_RAD, BatchArm, IkConfig, Tool
-from hab_spa.joint_goal import (
+from hab_spa.planning.arm_plan import Ends, PlanConfig, plan_path
+from hab_spa.planning.collision import ArmCollision
+from hab_spa.planning.escape import EscapeConfig, escape, retreats
+from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD, BatchArm, IkConfig, Tool
+from hab_spa.planning.joint_goal import (
     GoalConfig,
     GraspConfig,
     sample_reaching_goals,
@@ -17,10 +17,10 @@ from hab_spa.joint_goal import (
     sample_tight_goals,
     sphere_m,
 )
-from hab_spa.place_goal import PlacingConfig, sample_placing_goals
+from hab_spa.planning.place_goal import PlacingConfig, sample_placing_goals
+from hab_spa.planning.rrt import Limit, RrtConfig, connect, path_is_free, shorten
 from hab_spa.results import Failure
-from hab_spa.rrt import Limit, RrtConfig, connect, path_is_free, shorten
-from hab_spa.true_scene import TrueScene, face_centres_m, would_grasp
+from hab_spa.scenes.true_scene import TrueScene, face_centres_m, would_grasp
 
 from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.robots.fetch_spec import REST_QPOS_RAD

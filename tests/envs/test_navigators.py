@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 from hab_spa import spa_priv
-from hab_spa.drive import DriveConfig, angle, drive_to
-from hab_spa.navigate import Errand, PolicyNavigator, navigator_of, observation, teleport
+from hab_spa.motion.drive import DriveConfig, angle, drive_to
+from hab_spa.motion.robot import Robot, SpaConfig
 from hab_spa.results import Failure
-from hab_spa.robot import Robot, SpaConfig
-from hab_spa.standing import TUCKED_QPOS_RAD, Standing, fold
-from hab_spa.true_scene import TrueScene
+from hab_spa.scenes.true_scene import TrueScene
+from hab_spa.tasks.navigate import Errand, PolicyNavigator, navigator_of, observation, teleport
+from hab_spa.tasks.standing import TUCKED_QPOS_RAD, Standing, fold
 
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec
 from hab_tasks.errors import HabError

@@ -7,7 +7,7 @@ from hab_eval.config import EvalConfig
 from hab_eval.environments import make_env
 from hab_eval.load_agent import load_agent
 from hab_eval.runner import run_episode
-from hab_spa.factories import SKILLS
+from hab_spa.agents.factories import SKILLS
 
 from hab_tasks.agent import AgentSetup
 from hab_tasks.envs import ENVS

@@ -7,8 +7,8 @@ from hab_planner import problem_of, saved_plan
 from hab_planner.observe import observed, start_from
 from hab_planner.problem import atoms_of
 from hab_planner.solve import solve
-from hab_spa.interactions import believed
-from hab_spa.true_scene import TrueScene
+from hab_spa.scenes.true_scene import TrueScene
+from hab_spa.tasks.interactions import believed
 from playing import ee_grip, held, move_base, move_joint, move_object, put, still
 
 from hab_tasks.envs import ENVS

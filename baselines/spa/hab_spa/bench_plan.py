@@ -2,9 +2,9 @@
 
 An arm plan is what Pick does before it moves: collision model, joint goals, path to one of them.
 The reference is the same search with every arm pose tested by setting the simulator's state
-(`hab_spa.validity`). Both agree on the poses, so the searches are the same; what the reference
-takes is counted from the seconds of its checks, on poses of the very sequence that the search
-asked about, times their number, and what the plan takes beside its checks.
+(`hab_spa.planning.validity`). Both agree on the poses, so the searches are the same; what the
+reference takes is counted from the seconds of its checks, on poses of the very sequence that the
+search asked about, times their number, and what the plan takes beside its checks.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ import numpy as np
 from hab_eval.bench_options import PICK, BenchOptions, WriteLine
 from hab_eval.bench_rows import BenchRow, bound_row, make_row
 
-from hab_spa.arm_plan import Ends, plan_path
-from hab_spa.collision import ArmCollision, ShapeCache
-from hab_spa.ik import BatchArm
-from hab_spa.joint_goal import sample_reaching_goals
-from hab_spa.robot import SpaConfig
+from hab_spa.motion.robot import SpaConfig
+from hab_spa.planning.arm_plan import Ends, plan_path
+from hab_spa.planning.collision import ArmCollision, ShapeCache
+from hab_spa.planning.ik import BatchArm
+from hab_spa.planning.joint_goal import sample_reaching_goals
+from hab_spa.planning.validity import Agreement, SimulatorCheck, agreement
+from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.shapes import Array
-from hab_spa.true_scene import TrueScene
-from hab_spa.validity import Agreement, SimulatorCheck, agreement
 from hab_tasks.episodes import Episode, EpisodeRequest, load_episodes
 
 MEDIAN_BOUND_S, MOST_BOUND_S, SPEEDUP_BOUND, AGREEMENT_BOUND_PERCENT = 0.3, 2.0, 20.0, 99.0

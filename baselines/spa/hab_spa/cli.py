@@ -68,7 +68,7 @@ class RecordCommand:
         from hab_eval.config import EvalConfig, parse_options
         from hab_eval.results import EpisodeResult
 
-        from hab_spa.record import RecordPlan, record
+        from hab_spa.recording.record import RecordPlan, record
 
         config = EvalConfig(
             agent=self.agent,

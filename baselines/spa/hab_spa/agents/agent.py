@@ -1,0 +1,117 @@
+"""The agents: sense-plan-act in one skill, or along the plan of a task (S App. D)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from hab_spa.motion.robot import Command, Motion, Robot, SpaConfig
+from hab_spa.scenes.scene import Scene
+from hab_spa.shapes import Array
+from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec
+from hab_tasks.envs import ENVS
+
+Behaviour = Callable[[Robot], Motion]
+
+
+class SpaAgent:
+    """Runs one behaviour for each environment row."""
+
+    def __init__(
+        self,
+        setup: AgentSetup,
+        spec: AgentSpec,
+        make_scene: Callable[[], Scene],
+        behave: Behaviour,
+        config: SpaConfig | None = None,
+    ) -> None:
+        """Makes the agent.
+
+        Args:
+            setup: What is asked for; the environment's horizon is the time there is.
+            spec: What the agent needs.
+            make_scene: Makes what one row knows of the world.
+            behave: Begins what a row's robot does in an episode.
+            config: The numbers; the paper's by default.
+        """
+        self.spec = spec
+        self._config, self._behave = config or SpaConfig(), behave
+        self._horizon_steps = ENVS[setup.env_id.rsplit(":", 1)[-1]].env.horizon_steps
+        self._rows = [_Row(make_scene(), setup.seed + row) for row in range(setup.num_envs)]
+
+    def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
+        """Starts a new episode in the rows of `mask` (N,) bool, seeded with `seeds` (N,)."""
+        for number in torch.nonzero(mask).flatten().tolist():
+            scene = self._rows[number].scene
+            scene.forget()
+            self._rows[number] = _Row(scene, int(seeds[number]))
+
+    def act(self, obs: Mapping[str, Any]) -> Tensor:
+        """Returns actions (N, A) float32 in the spec's control mode."""
+        actions = []
+        for number, row in enumerate(self._rows):
+            row.scene.see(obs, number)
+            robot = row.robot or row.begin(self._behave, self._config, self._horizon_steps)
+            robot.obs = obs
+            actions.append(self._action(robot, row.next_command(robot)))
+        return torch.from_numpy(np.array(actions, dtype=np.float32))
+
+    def _action(self, robot: Robot, command: Command) -> Array:
+        """Returns the action (A,) that a command is in this control mode."""
+        mode = self.spec.control_mode
+        if mode == "base":
+            return np.array(command.base)
+        action = np.append(command.arm_rad, command.gripper)
+        if mode.endswith("_base"):
+            return np.concatenate((action, command.base))
+        if mode.endswith("_pose"):
+            pose = robot.base if command.pose is None else command.pose
+            return np.concatenate((action, pose))
+        return action
+
+    def report(self) -> list[AgentReport]:
+        """Returns each row's failure category (S App. I.1) and planning times."""
+        return [row.report() for row in self._rows]
+
+
+class _Row:
+    """One row's episode."""
+
+    def __init__(self, scene: Scene, seed: int) -> None:
+        self.scene, self._seed = scene, seed
+        self.robot: Robot | None = None
+        self._motion: Motion | None = None
+
+    def begin(self, behave: Behaviour, config: SpaConfig, horizon_steps: int) -> Robot:
+        """Starts what the robot does."""
+        self.robot = Robot(self.scene, config, seed=self._seed, deadline=horizon_steps)
+        self._motion = behave(self.robot)
+        return self.robot
+
+    def next_command(self, robot: Robot) -> Command:
+        """Goes on for one step; at the end the robot stays as it is."""
+        command = None
+        if self._motion is not None:
+            try:
+                command = next(self._motion)
+            except StopIteration as end:
+                self._motion, robot.failure = None, end.value
+        if command is None:
+            command = robot.command()
+        robot.steps += 1
+        return command
+
+    def report(self) -> AgentReport:
+        """Returns what failed, if anything did, and how long planning took."""
+        if self.robot is None:
+            return AgentReport()
+        return AgentReport(
+            failure=None if self.robot.failure is None else self.robot.failure.value,
+            timings_s=dict(self.robot.timings_s),
+            doing=self.robot.doing,
+            trace=tuple(self.robot.trace),
+        )

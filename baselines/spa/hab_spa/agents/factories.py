@@ -1,0 +1,49 @@
+"""Agents by name, for ``hab-eval run --agent hab_spa:NAME``."""
+
+from __future__ import annotations
+
+from hab_spa.agents.agent import Behaviour, SpaAgent
+from hab_spa.agents.modes import control_mode, skill_asked
+from hab_spa.motion.drive import DriveConfig, drive_to
+from hab_spa.motion.robot import Motion, Robot
+from hab_spa.scenes.true_scene import TrueScene
+from hab_spa.skills.drawer import close_drawer, open_drawer
+from hab_spa.skills.fridge import close_fridge, open_fridge
+from hab_spa.skills.pick import pick
+from hab_spa.skills.place import place
+from hab_tasks.agent import AgentSetup, AgentSpec
+from hab_tasks.skills.regions import SPAWN_REGION
+
+
+def navigate(robot: Robot) -> Motion:
+    """Drives to the goal of a Navigate episode and stops there."""
+    scene = robot.scene
+    assert isinstance(scene, TrueScene)
+    return (yield from drive_to(robot, scene.floor_map(), scene.state.base_goal, DriveConfig()))
+
+
+SKILLS: dict[str, Behaviour] = {
+    "HabPick-v1": lambda robot: pick(robot, 0),
+    "HabPlace-v1": lambda robot: place(robot, 0),
+    "HabNavigate-v1": navigate,
+    "HabOpenFridge-v1": lambda robot: open_fridge(robot, 0, SPAWN_REGION),
+    "HabCloseFridge-v1": lambda robot: close_fridge(robot, 0, SPAWN_REGION),
+    "HabOpenDrawer-v1": lambda robot: open_drawer(robot, 0),
+    "HabCloseDrawer-v1": lambda robot: close_drawer(robot, 0),
+}
+"""Environment id -> what the robot does in it."""
+
+
+def spa_priv(setup: AgentSetup) -> SpaAgent:
+    """Makes SPA-Priv: one skill, with the true geometry of the scene.
+
+    Option: ``controller`` (``real`` or ``perfect``).
+
+    Raises:
+        UnknownNameError: The environment is no skill that this agent can do, or an option is
+            unknown.
+    """
+    env_id, skill = skill_asked(setup, "SPA-Priv", SKILLS)
+    mode = control_mode(env_id, setup.options)
+    spec = AgentSpec(name="SPA-Priv", control_mode=mode, privileged=True)
+    return SpaAgent(setup, spec, TrueScene, skill)

@@ -1,0 +1,90 @@
+"""TP+SPA-Priv and TP+SPA: task plans carried out by sense-plan-act (S 5, H.1)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from hab_planner.problem import task_of
+
+from hab_spa.agents.agent import SpaAgent
+from hab_spa.agents.modes import CONTROLLERS, control_mode
+from hab_spa.agents.seen_agents import pick_seen, place_seen, spa_config
+from hab_spa.motion.robot import Motion, Robot
+from hab_spa.scenes.seen_scene import SeenScene
+from hab_spa.scenes.true_scene import TrueScene
+from hab_spa.tasks.executor import Executor, TaskConfig
+from hab_spa.tasks.interactions import Hands
+from hab_spa.tasks.navigate import navigator_of
+from hab_tasks.agent import AgentSetup, AgentSpec, check_options
+from hab_tasks.errors import OptionError
+
+OPTIONS = {"navigation": None, "controller": CONTROLLERS, "policy": None, "replan": None}
+
+
+def tp_spa_priv(setup: AgentSetup) -> SpaAgent:
+    """Makes TP+SPA-Priv: the task's plan, with the true geometry of the scene.
+
+    Options: ``navigation`` (``oracle``, ``teleport`` or ``module:factory``), ``policy`` (a file,
+    for the latter), ``controller`` (``real`` or ``perfect``), ``replan`` (how often).
+
+    Raises:
+        HabError: The environment is no task, or an option is unknown.
+    """
+    env_id, config = _asked(setup)
+    navigator = navigator_of(setup)
+
+    def behave(robot: Robot) -> Motion:
+        return Executor(env_id, robot, navigator, config, Hands()).run()
+
+    spec = AgentSpec(
+        name=_name("TP+SPA-Priv", setup),
+        control_mode=control_mode(env_id, setup.options),
+        privileged=True,
+    )
+    return SpaAgent(setup, spec, TrueScene, behave)
+
+
+def tp_spa(setup: AgentSetup) -> SpaAgent:
+    """Makes TP+SPA: the task's plan, with what depth images show.
+
+    The true state is for the oracle of navigation, and for where doors and drawers are, on which
+    S App. D is silent. The options are those of `tp_spa_priv`.
+
+    Raises:
+        HabError: The environment is no task, or an option is unknown.
+    """
+    env_id, config = _asked(setup)
+    navigator = navigator_of(setup)
+
+    def behave(robot: Robot) -> Motion:
+        scene = robot.scene
+        assert isinstance(scene, SeenScene)
+        guide = Robot(scene.truth, robot.config, seed=robot.next_seed(), deadline=robot.deadline)
+        hands = Hands(pick=pick_seen, place=place_seen)
+        return Executor(env_id, robot, navigator, config, hands, guide).run()
+
+    spec = AgentSpec(
+        name=_name("TP+SPA", setup),
+        control_mode=control_mode(env_id, setup.options),
+        obs_mode="depth",
+        looks="on demand",
+        privileged=True,
+    )
+    return SpaAgent(setup, spec, SeenScene, behave, spa_config(setup))
+
+
+def _asked(setup: AgentSetup) -> tuple[str, TaskConfig]:
+    """Returns the task's id, and how its plan is to be carried out."""
+    check_options(setup, OPTIONS)
+    env_id = setup.env_id.rsplit(":", 1)[-1]
+    task_of(env_id)
+    text = setup.options.get("replan")
+    if text is None:
+        return env_id, TaskConfig()
+    if not text.isdecimal():
+        raise OptionError("option replan of the agent", text, "a number from 0")
+    return env_id, replace(TaskConfig(), replans=int(text))
+
+
+def _name(agent: str, setup: AgentSetup) -> str:
+    return f"{agent} ({setup.options.get('navigation', 'oracle')} navigation)"

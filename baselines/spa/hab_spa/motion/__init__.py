@@ -1,0 +1,1 @@
+"""Moving the robot: following paths, holding poses and driving."""

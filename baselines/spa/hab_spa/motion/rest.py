@@ -1,0 +1,62 @@
+"""Arm reset: back to the resting pose, with what is in the hand (S App. D, I.1)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from hab_spa.motion.moves import RETURN_SHARE, follow
+from hab_spa.motion.robot import Motion, Robot
+from hab_spa.planning.arm_plan import Ends, plan_path
+from hab_spa.planning.collision import ArmCollision
+from hab_spa.planning.escape import escape
+from hab_spa.planning.joint_goal import sample_rest_goals
+from hab_spa.planning.path import TimingConfig
+from hab_spa.results import PathResult
+from hab_spa.shapes import Array
+
+
+def rest(
+    robot: Robot,
+    intact: Callable[[], bool] = lambda: True,
+    without: str | None = None,
+    timing: TimingConfig | None = None,
+) -> Motion:
+    """Brings the arm to rest, first straight out of what it touches.
+
+    Args:
+        robot: Whose arm.
+        intact: Whether it makes sense to go on; asked at every step.
+        without: Name of a body that may be touched.
+        timing: Other limits of speed than the robot's usual ones.
+    """
+    robot.doing = "rest"
+    began = time.perf_counter()
+    collision = robot.scene.collision(without=without)
+    goals = sample_rest_goals(collision, robot.kinematics, robot.next_seed(), robot.config.goal)
+    robot.spend("target", time.perf_counter() - began)
+    if goals.failure is not None:
+        return goals.failure
+    result = _way_back(robot, collision, goals.goals)
+    robot.spend("motion", result.seconds)
+    if result.path is None:
+        return result.failure
+    return (yield from follow(robot, result.path, RETURN_SHARE, intact, timing))
+
+
+def _way_back(robot: Robot, collision: ArmCollision, goals: Array) -> PathResult:
+    """Escapes from contact, then plans; without an escape the planner starts in contact."""
+    began, start = time.perf_counter(), robot.scene.arm_qpos.copy()
+    config = robot.config
+    way_out = escape(collision, robot.kinematics, start, config.escape)
+    if not len(way_out):
+        way_out = start[None]
+    ends = [Ends(open=goal, tight=way_out[-1]) for goal in goals]
+    seed, touch_m = robot.next_seed(), config.escape.touch_m
+    result = plan_path(collision, robot.kinematics, ends, seed, config.plan, touch_m)
+    if result.path is not None:
+        result = replace(result, path=np.concatenate((way_out, result.path[-2::-1])))
+    return replace(result, seconds=time.perf_counter() - began)

@@ -1,0 +1,1 @@
+"""Collision model, inverse kinematics and path planning of the arm."""

@@ -1,0 +1,141 @@
+"""Straight ways out: the gripper moves in small steps along a line, without turning.
+
+After a grasp the held object is in contact with what it stands on, and a sampling planner
+needs a start that is free with some clearance. In a tight place a straight way out also saves
+the planner the search for the exit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from hab_spa.planning.collision import ArmCollision
+from hab_spa.planning.ik import BatchArm
+from hab_spa.planning.rrt import edge_is_free
+from hab_spa.shapes import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class EscapeConfig:
+    """The numbers of a straight way.
+
+    Attributes:
+        directions: Directions in the base frame (x ahead, z up), tried in this order.
+        aside: More of them, for what touches something.
+        step_m: Length of a step.
+        length_m: Longest way out of contact.
+        retreat_m: Longest way out of a tight place.
+        retreat_stride: A retreat is made of every so manyth step.
+        margins_m: Wanted clearances after contact; a smaller one only when all directions fail.
+        touch_m: Shapes in contact at the start may come this much closer: the arm turns slightly.
+        drift_m: The end-effector may miss its straight line by this much.
+        turn_weight_m: What a radian of turn is worth beside a metre of position error.
+        resolution_rad: Edges are tested at points at most this far apart (Euclidean).
+    """
+
+    directions: tuple[tuple[float, float, float], ...] = (
+        (0.0, 0.0, 1.0),
+        (-0.7071, 0.0, 0.7071),
+        (-0.97, 0.0, 0.24),
+        (-1.0, 0.0, 0.0),
+    )
+    aside: tuple[tuple[float, float, float], ...] = (
+        (-0.5, 0.5, 0.7071),
+        (-0.5, -0.5, 0.7071),
+        (-0.7071, 0.7071, 0.0),
+        (-0.7071, -0.7071, 0.0),
+        (0.0, 1.0, 0.0),
+        (0.0, -1.0, 0.0),
+    )
+    step_m: float = 0.01
+    length_m: float = 0.20
+    retreat_m: float = 0.40
+    retreat_stride: int = 4
+    margins_m: tuple[float, ...] = (0.02, 0.01, 0.003)
+    touch_m: float = 0.004
+    drift_m: float = 0.01
+    turn_weight_m: float = 0.2
+    resolution_rad: float = 0.05
+
+
+def escape(collision: ArmCollision, arm: BatchArm, start: Array, config: EscapeConfig) -> Array:
+    """Moves the arm (7,) away from what it or the held object touches.
+
+    Returns:
+        The path (K, 7) from the start on; only the start (1, 7) if it is free already; empty
+        (0, 7) if no direction leads out. The margins of `collision` are changed.
+    """
+    for margin_m in config.margins_m:
+        collision.set_margin(margin_m)
+        if collision.is_free(start):
+            return start[None]
+        for direction in (*config.directions, *config.aside):
+            path = _out_of_contact(collision, arm, start, direction, margin_m, config)
+            if path is not None:
+                return path
+    return np.zeros((0, 7))
+
+
+def retreats(
+    collision: ArmCollision, arm: BatchArm, start: Array, config: EscapeConfig
+) -> list[Array]:
+    """Returns the free straight ways (K, 7), K > 1, that lead away from an arm pose (7,).
+
+    They keep the margins that `collision` has.
+    """
+    ways = []
+    for direction in config.directions:
+        way, last = [start], start
+        steps = round(config.retreat_m / config.step_m)
+        for i, qpos in enumerate(_line(arm, start, direction, steps, config), start=1):
+            if i % config.retreat_stride:
+                continue
+            if not edge_is_free(collision, last, qpos, config.resolution_rad):
+                break
+            way.append(qpos)
+            last = qpos
+        if len(way) > 1:
+            ways.append(np.array(way))
+    return ways
+
+
+def _out_of_contact(
+    collision: ArmCollision,
+    arm: BatchArm,
+    start: Array,
+    direction: tuple[float, float, float],
+    margin_m: float,
+    config: EscapeConfig,
+) -> Array | None:
+    path = [start]
+    steps = round(config.length_m / config.step_m)
+    for qpos in _line(arm, start, direction, steps, config):
+        collision.set_margin(0.0)
+        collision.relax(start, config.touch_m)
+        if not edge_is_free(collision, path[-1], qpos, config.resolution_rad):
+            return None
+        path.append(qpos)
+        collision.set_margin(margin_m)
+        if collision.is_free(qpos):
+            return np.array(path)
+    return None
+
+
+def _line(
+    arm: BatchArm,
+    start: Array,
+    direction: tuple[float, float, float],
+    steps: int,
+    config: EscapeConfig,
+) -> Iterator[Array]:
+    """Yields the arm poses (7,) along a line, until the arm cannot follow it."""
+    goal, qpos = arm.ee_pose(start).copy(), start
+    for _ in range(steps):
+        goal[:3, 3] += np.array(direction) * config.step_m
+        qpos = arm.track_pose(qpos, goal, steps=3, turn_weight_m=config.turn_weight_m)
+        if np.linalg.norm(arm.ee_pose(qpos)[:3, 3] - goal[:3, 3]) > config.drift_m:
+            return
+        yield qpos

@@ -1,0 +1,188 @@
+"""Inverse kinematics of Fetch's arm for many start poses at once, in numpy.
+
+The forward kinematics repeats Pinocchio's for a whole batch; a test holds the two together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no stubs
+from numpy.typing import NDArray
+
+from hab_spa.planning.collision import shared_arm_model
+from hab_spa.shapes import Array
+from hab_tasks.robots.fetch_spec import ARM_LOWER_RAD, ARM_UPPER_RAD
+
+LOWER_RAD = np.array(ARM_LOWER_RAD)
+UPPER_RAD = np.array(ARM_UPPER_RAD)
+
+
+@dataclass(frozen=True, kw_only=True)
+class IkConfig:
+    """Damped least squares.
+
+    Attributes:
+        steps: Largest number of steps.
+        damping: Damping of the step, in the unit of the Jacobian [m/rad].
+        step_m: The end-effector is asked to move at most this far in a step.
+        tolerance_m: A solution is at most this far from its target.
+    """
+
+    steps: int = 20
+    damping: float = 0.05
+    step_m: float = 0.2
+    tolerance_m: float = 0.005
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tool:
+    """A point that moves with the end-effector and is to come somewhere, as upright as it can.
+
+    Attributes:
+        point_m: (3,) where it is in the end-effector's frame.
+        up: (3,) direction in that frame that is to point up.
+        tilt_weight_m: What a radian of tilt is worth beside a metre of position error.
+        tilt_rad: Inverse kinematics stops at a tilt this small.
+        step_rad: It is asked to become less by at most this in a step.
+    """
+
+    point_m: Array
+    up: Array
+    tilt_weight_m: float = 0.03
+    tilt_rad: float = 0.1
+    step_rad: float = 0.5
+
+
+class BatchArm:
+    """End-effector position and Jacobian of the arm for (B, 7) poses, in the arm's root frame."""
+
+    def __init__(self) -> None:
+        self._model, self._frame_id = shared_arm_model()
+        self._data = self._model.createData()
+        # The arm's joints turn about x, y or z of their own frame.
+        self._axes = ["XYZ".index(joint.shortname()[-1]) for joint in list(self._model.joints)[1:]]
+        self._placements = list(self._model.jointPlacements)[1:]
+        self._wrist_from_ee_m = self._model.frames[self._frame_id].placement.translation
+
+    def position_and_jacobian(self, qpos: Array) -> tuple[Array, Array]:
+        """Returns (B, 3) positions [m] and (B, 3, 7) Jacobians [m/rad] of poses (B, 7) [rad]."""
+        position, jacobian, _, _ = self._chain(qpos, np.zeros(3))
+        return position, jacobian
+
+    def points_m(self, qpos: Array, tool: Tool) -> Array:
+        """Returns where a tool is (B, 3) in the arm's root frame, of poses (B, 7)."""
+        return self._chain(qpos, tool.point_m)[0]
+
+    def tilts_rad(self, qpos: Array, tool: Tool) -> Array:
+        """Returns how far a tool is from upright (B,), of poses (B, 7)."""
+        up = self._chain(qpos, tool.point_m)[3] @ tool.up
+        return np.arccos(np.clip(up[:, 2], -1.0, 1.0))
+
+    def _chain(self, qpos: Array, point_m: Array) -> tuple[Array, Array, Array, Array]:
+        """Position of a point of the end-effector, its Jacobian, the joints' axes, the rotation."""
+        batch = len(qpos)
+        rotation = np.broadcast_to(np.eye(3), (batch, 3, 3))
+        position = np.zeros((batch, 3))
+        axes, origins = np.empty((batch, 7, 3)), np.empty((batch, 7, 3))
+        for i, (axis, placement) in enumerate(zip(self._axes, self._placements, strict=True)):
+            position = position + rotation @ placement.translation
+            rotation = rotation @ placement.rotation
+            axes[:, i], origins[:, i] = rotation[:, :, axis], position
+            rotation = _turned(rotation, axis, qpos[:, i])
+        # The end-effector's frame is turned as the wrist's.
+        position = position + rotation @ (self._wrist_from_ee_m + point_m)
+        arms = position[:, None] - origins
+        jacobian = np.cross(axes, arms).astype(np.float64, copy=False)
+        return position, jacobian.transpose(0, 2, 1), axes.transpose(0, 2, 1), rotation
+
+    def solve(
+        self, qpos: Array, targets_m: Array, config: IkConfig, tool: Tool | None = None
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Moves arm poses (B, 7) to targets (B, 3) of the end-effector, or of a tool.
+
+        Targets are in the arm's root frame, whose z points up.
+
+        Returns:
+            The poses (B, 7), within the limits, and whether each reached its target (B,) bool.
+        """
+        qpos = np.array(qpos)
+        active = np.arange(len(qpos))
+        reached = np.zeros(len(qpos), dtype=bool)
+        for step in range(config.steps + 1):
+            point_m = np.zeros(3) if tool is None else tool.point_m
+            position, jacobian, axes, rotation = self._chain(qpos[active], point_m)
+            error = targets_m[active] - position
+            distance = np.linalg.norm(error, axis=1)
+            # Half of the tolerance is left for rounding and for the last centimetres of control.
+            done = distance < 0.5 * config.tolerance_m
+            reached[active] = done
+            error *= np.minimum(1.0, config.step_m / np.maximum(distance, 1e-9))[:, None]
+            if tool is not None:
+                turn = _righting(rotation @ tool.up)
+                tilt_rad = np.linalg.norm(turn, axis=1)
+                done &= tilt_rad < tool.tilt_rad
+                turn *= np.minimum(1.0, tool.step_rad / np.maximum(tilt_rad, 1e-9))[:, None]
+                error = np.concatenate((error, tool.tilt_weight_m * turn), axis=1)
+                jacobian = np.concatenate((jacobian, tool.tilt_weight_m * axes[:, :2]), axis=1)
+            if step == config.steps or done.all():
+                break
+            delta = _damped_step(jacobian[~done], error[~done], config.damping)
+            active = active[~done]
+            qpos[active] = np.clip(qpos[active] + delta, LOWER_RAD, UPPER_RAD)
+        return qpos, reached
+
+    def ee_pose(self, qpos: Array) -> Array:
+        """Returns the (4, 4) pose of the end-effector in the arm's root frame, of one pose (7,)."""
+        pin.forwardKinematics(self._model, self._data, qpos)
+        return pin.updateFramePlacement(self._model, self._data, self._frame_id).homogeneous
+
+    def track_pose(
+        self, qpos: Array, arm_from_ee: Array, steps: int, turn_weight_m: float
+    ) -> Array:
+        """Moves one arm pose (7,) to an end-effector pose (4, 4) with `steps` damped steps.
+
+        `turn_weight_m` says how many metres of position error a radian of turn is worth.
+        """
+        goal = pin.SE3(arm_from_ee)
+        weights = np.array([1.0] * 3 + [turn_weight_m] * 3)
+        for _ in range(steps):
+            here = pin.SE3(self.ee_pose(qpos))
+            turn = here.rotation @ pin.log3(here.rotation.T @ goal.rotation)
+            error = weights * np.concatenate((goal.translation - here.translation, turn))
+            jacobian = weights[:, None] * pin.computeFrameJacobian(
+                self._model, self._data, qpos, self._frame_id, pin.LOCAL_WORLD_ALIGNED
+            )
+            delta = _damped_step(jacobian[None], error[None], 0.02)[0]
+            qpos = np.clip(qpos + delta, LOWER_RAD, UPPER_RAD)
+        return qpos
+
+
+def _turned(rotation: Array, axis: int, angle_rad: Array) -> Array:
+    """`rotation` (B, 3, 3) followed by a turn (B,) about its own axis 0, 1 or 2."""
+    cos, sin = np.cos(angle_rad)[:, None], np.sin(angle_rad)[:, None]
+    u, v = (axis + 1) % 3, (axis + 2) % 3
+    turned = np.empty_like(rotation)
+    turned[:, :, axis] = rotation[:, :, axis]
+    turned[:, :, u] = cos * rotation[:, :, u] + sin * rotation[:, :, v]
+    turned[:, :, v] = cos * rotation[:, :, v] - sin * rotation[:, :, u]
+    return turned
+
+
+def _righting(up: Array) -> Array:
+    """Returns the turns about the horizontal axes (B, 2) [rad] that make directions (B, 3) upright.
+
+    A turn about z does not change the tilt.
+    """
+    across = np.stack((up[:, 1], -up[:, 0]), axis=1)
+    length = np.linalg.norm(across, axis=1)
+    angle = np.arctan2(length, up[:, 2])
+    return across * (angle / np.maximum(length, 1e-9))[:, None]
+
+
+def _damped_step(jacobian: Array, error: Array, damping: float) -> Array:
+    """Returns dq = J^T (J J^T + damping^2 I)^-1 error, for (B, D, 7) and (B, D)."""
+    gram = jacobian @ jacobian.transpose(0, 2, 1)
+    gram[:, np.arange(gram.shape[1]), np.arange(gram.shape[1])] += damping**2
+    return (jacobian.transpose(0, 2, 1) @ np.linalg.solve(gram, error[:, :, None]))[:, :, 0]

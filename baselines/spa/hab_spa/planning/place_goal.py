@@ -1,0 +1,114 @@
+"""Joint goal sampler of Place: what is held comes to its goal (S App. D).
+
+It is brought to where it would be after falling by a few millimetres, as upright as it stood
+before it was taken, so that it stays where it is let go. Where that is not possible it may tilt,
+and be let go higher up.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hab_spa.planning.collision import ArmCollision
+from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD, BatchArm, Tool
+from hab_spa.planning.joint_goal import (
+    GoalConfig,
+    Search,
+    found_by,
+    in_arm,
+    near_rest,
+    rest_distance,
+)
+from hab_spa.results import GoalResult
+from hab_spa.shapes import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlacingConfig:
+    """The numbers of goals at which an object is let go.
+
+    Attributes:
+        starts: Arm poses to start from, half of them random and half near rest, ...
+        round_starts: ... so many at a time, ...
+        enough: ... until this many goals have the largest clearance.
+        heights_m: How far above its goal the object may be.
+        aside_m: How far beside it, at most, ...
+        far_aside_m: ... and where nothing is found like that.
+        margins_m: Wanted clearances, also between the object and what it comes to stand on.
+        tilt_cost_m: A radian of tilt is as bad as this much height, ...
+        rest_cost_m: ... and so is a radian away from the resting pose.
+    """
+
+    starts: int = 4000
+    round_starts: int = 400
+    enough: int = 30
+    heights_m: tuple[float, ...] = (0.004, 0.012, 0.025, 0.04, 0.06, 0.09)
+    aside_m: float = 0.03
+    far_aside_m: float = 0.08
+    margins_m: tuple[float, ...] = (0.01, 0.003)
+    tilt_cost_m: float = 0.1
+    rest_cost_m: float = 0.01
+
+    def looser(self) -> PlacingConfig:
+        """Returns the numbers of another attempt, after a failure."""
+        return replace(self, aside_m=self.far_aside_m)
+
+
+def sample_placing_goals(
+    goal_m: Array,
+    tool: Tool,
+    collision: ArmCollision,
+    arm: BatchArm,
+    seed: int,
+    config: GoalConfig,
+    placing: PlacingConfig,
+) -> GoalResult:
+    """Samples arm poses that bring what is held to its goal, the low and upright ones first.
+
+    Args:
+        goal_m: (3,) in the world.
+        tool: The point of what is held that counts, and its upright direction.
+        collision: Of the arm with what it holds; its margins are changed.
+        arm: Kinematics.
+        seed: Seeds the random arm poses.
+        config: The samplers' numbers.
+        placing: Those of this one.
+    """
+    above_m = in_arm(goal_m[None], collision)[0, 2]
+
+    def cost(poses: Array) -> Array:
+        height_m = arm.points_m(poses, tool)[:, 2] - above_m
+        tilt_rad = arm.tilts_rad(poses, tool)
+        far_rad = rest_distance(poses)
+        return height_m + placing.tilt_cost_m * tilt_rad + placing.rest_cost_m * far_rad
+
+    search = lowering(goal_m, tool, seed, config, placing)
+    return found_by(search, collision, arm, config, cost)
+
+
+def lowering(
+    goal_m: Array, tool: Tool, seed: int, config: GoalConfig, placing: PlacingConfig
+) -> Search:
+    """Returns the search for arm poses with what is held at its goal (3,) or little above."""
+    rng = np.random.default_rng(seed)
+
+    def draw() -> tuple[Array, Array]:
+        half = placing.round_starts // 2
+        random = rng.uniform(LOWER_RAD, UPPER_RAD, (half, 7))
+        starts = np.concatenate((random, near_rest(rng, half, config.tight_spread_rad)))
+        targets_m = np.tile(goal_m, (len(starts), 1))
+        targets_m[:, 2] += rng.choice(placing.heights_m, len(starts))
+        angle = rng.uniform(0.0, 2.0 * np.pi, len(starts))
+        aside_m = placing.aside_m * np.sqrt(rng.uniform(size=len(starts)))
+        targets_m[:, :2] += aside_m[:, None] * np.stack((np.cos(angle), np.sin(angle)), axis=1)
+        return starts, targets_m
+
+    return Search(
+        draw=draw,
+        rounds=placing.starts // placing.round_starts,
+        enough=placing.enough,
+        margins_m=placing.margins_m,
+        tool=tool,
+    )

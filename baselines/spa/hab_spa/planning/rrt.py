@@ -1,0 +1,149 @@
+"""RRTConnect and path shortening in the arm's joint space, through OMPL (S App. D)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from ompl import base as ob
+from ompl import geometric as og
+from ompl import util as ou
+
+from hab_spa.planning.collision import ArmCollision
+from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
+from hab_spa.shapes import Array
+
+DIMENSION = 7
+
+
+@dataclass(frozen=True, kw_only=True)
+class RrtConfig:
+    """Numbers of one run.
+
+    Attributes:
+        range_rad: Step of RRTConnect (S App. D).
+        resolution_rad: Edges are tested at points at most this far apart (Euclidean).
+        shortcuts: Attempts to shorten the path in each pass of the simplifier.
+        passes: The simplifier stops after this many passes ...
+        gain: ... or when a pass shortens the path by less than this fraction.
+    """
+
+    range_rad: float = 0.1
+    resolution_rad: float = 0.05
+    shortcuts: int = 60
+    passes: int = 6
+    gain: float = 0.02
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limit:
+    """When a run gives up.
+
+    Attributes:
+        checks: Largest number of collision checks; this, not the clock, ends most runs, so that
+            a seed gives the same path on any machine.
+        deadline_s: Value of `time.perf_counter` at which to stop.
+    """
+
+    checks: int
+    deadline_s: float
+
+
+def edge_is_free(
+    collision: ArmCollision, first: Array, second: Array, resolution_rad: float
+) -> bool:
+    """Whether the straight line between two arm poses (7,) is free, ends included."""
+    count = max(1, int(np.ceil(np.linalg.norm(second - first) / resolution_rad)))
+    return all(collision.is_free(first + (second - first) * (i / count)) for i in range(count + 1))
+
+
+def path_is_free(collision: ArmCollision, path: Array, resolution_rad: float) -> bool:
+    """Whether all edges of a path (K, 7) are free."""
+    return all(
+        edge_is_free(collision, first, second, resolution_rad) for first, second in pairwise(path)
+    )
+
+
+def connect(
+    collision: ArmCollision, start: Array, goal: Array, seed: int, limit: Limit, config: RrtConfig
+) -> Array | None:
+    """Runs RRTConnect once from `start` (7,) to `goal` (7,); returns a path (K, 7) or None."""
+    last_check = collision.checks + limit.checks
+    information = _space_information(collision.is_free, seed, config)
+    problem = ob.ProblemDefinition(information)
+    problem.setStartAndGoalStates(_state(information, start), _state(information, goal))
+    planner = og.RRTConnect(information)
+    planner.setRange(config.range_rad)
+    planner.setProblemDefinition(problem)
+    planner.setup()
+
+    def gives_up() -> bool:
+        return collision.checks >= last_check or time.perf_counter() >= limit.deadline_s
+
+    planner.solve(ob.PlannerTerminationCondition(gives_up))
+    if not problem.hasExactSolution():
+        return None
+    path: Any = problem.getSolutionPath()
+    return np.array([start, *_poses(path)[1:-1], goal])
+
+
+def shorten(
+    collision: ArmCollision, path: Array, seed: int, deadline_s: float, config: RrtConfig
+) -> Array:
+    """Shortens a free path (K, 7) with OMPL's simplifier; the ends stay, the result is free."""
+    information = _space_information(collision.is_free, seed, config)
+    simplified = og.PathGeometric(information, [_state(information, pose) for pose in path])
+    simplifier = og.PathSimplifier(information)
+    length = simplified.length()
+    for _ in range(config.passes):
+        if time.perf_counter() >= deadline_s:
+            break
+        simplifier.reduceVertices(simplified, config.shortcuts, config.shortcuts)
+        simplifier.partialShortcutPath(simplified, config.shortcuts, config.shortcuts)
+        before, length = length, simplified.length()
+        if length > (1.0 - config.gain) * before:
+            break
+    return np.array([path[0], *_poses(simplified)[1:-1], path[-1]])
+
+
+def _poses(path: Any) -> list[list[float]]:
+    return [[state[i] for i in range(DIMENSION)] for state in path.getStates()]
+
+
+def _space_information(
+    is_free: Callable[[Array], bool], seed: int, config: RrtConfig
+) -> ob.SpaceInformation:
+    """A joint space with a collision test, and OMPL's random numbers seeded for what follows."""
+    # OMPL complains that earlier generators keep their seeds; those made from here on do not.
+    ou.setLogLevel(ou.LogLevel.LOG_NONE)
+    ou.RNG.setSeed(seed % (2**31 - 1) + 1)
+    bounds = ob.RealVectorBounds(DIMENSION)
+    for i in range(DIMENSION):
+        bounds.setLow(i, float(LOWER_RAD[i]))
+        bounds.setHigh(i, float(UPPER_RAD[i]))
+    space = ob.RealVectorStateSpace(DIMENSION)
+    space.setBounds(bounds)
+    information = ob.SpaceInformation(space)
+    pose = np.empty(DIMENSION)
+
+    def is_valid(state: Any) -> bool:
+        for i in range(DIMENSION):
+            pose[i] = state[i]
+        return bool(is_free(pose))  # OMPL refuses numpy's bool
+
+    information.setStateValidityChecker(is_valid)
+    information.setStateValidityCheckingResolution(config.resolution_rad / space.getMaximumExtent())
+    information.setup()
+    return information
+
+
+def _state(information: ob.SpaceInformation, pose: Array) -> Any:
+    # The stubs name the base class, which has no items; the space's own states have.
+    state: Any = information.allocState()
+    for i, value in enumerate(np.clip(pose, LOWER_RAD, UPPER_RAD)):
+        state[i] = float(value)
+    return state

@@ -1,0 +1,159 @@
+"""Collision checks by setting the simulator's own state, to hold the planner's model against.
+
+SAPIEN tells contacts of the bodies as they were in its last step, so the state is set and one
+step of a microsecond is taken: collision detection is that of any step, and nothing moves by
+more than micrometres. That step is run by the physics system itself, without what an
+environment does around it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import sapien
+
+from hab_spa.planning.collision import MOVING_LINKS, ArmCollision, CollisionConfig
+from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
+from hab_spa.shapes import Array
+from hab_tasks.privileged import PrivilegedState
+from hab_tasks.robots.fetch_spec import EE_LINK
+
+STEP_S = 1e-6
+NEAR_M = 0.01
+
+
+class SimulatorCheck:
+    """Asks the simulation of an environment with one row whether an arm pose touches anything.
+
+    The environment has to be reset before it is played on.
+
+    Attributes:
+        checks: Arm poses tested so far.
+    """
+
+    def __init__(self, env: Any) -> None:
+        """Takes an environment that has been reset to an episode.
+
+        Raises:
+            ValueError: It has several rows, which only the simulation on a GPU has.
+        """
+        core = env.unwrapped
+        if core.num_envs != 1:
+            raise ValueError(f"SimulatorCheck reads one row, got {core.num_envs}.")
+        self.checks, state = 0, core.privileged()[0]
+        scene = core.scene.sub_scenes[0]
+        self._physics: Any = scene.physx_system
+        self._robot: Any = core.agent.robot._objs[0]
+        self._arm, self._qpos = core.agent.arm_index.tolist(), self._robot.get_qpos()
+        links: Any = {link.name: link._objs[0] for link in core.agent.robot.links}
+        self._hand = links[EE_LINK]
+        self._moving = {links[name].entity.per_scene_id for name in MOVING_LINKS}
+        self._held, self._hand_from_held = _held(scene, state), sapien.Pose()
+        if self._held is not None:
+            self._moving.add(self._held.per_scene_id)
+            self._hand_from_held = self._hand.entity_pose.inv() * self._held.pose
+        self._loose = {
+            body.entity.per_scene_id: body.entity.pose
+            for body in self._physics.rigid_dynamic_components
+        }
+        self._furniture = {
+            link.entity.per_scene_id: link.articulation.get_qpos()
+            for link in self._physics.articulation_link_components
+            if link.is_root
+        }
+        self._physics.set_timestep(STEP_S)
+
+    def is_free(self, qpos: Array) -> bool:
+        """Whether an arm pose (7,) touches nothing, itself included."""
+        self.checks += 1
+        self._qpos[self._arm] = qpos
+        self._robot.set_qpos(self._qpos)
+        self._robot.set_qvel(np.zeros_like(self._qpos))
+        if self._held is not None:
+            self._held.set_pose(self._hand.entity_pose * self._hand_from_held)
+        self._physics.step()
+        # All of them are looked at, so that everything is put back.
+        return not [c for c in self._physics.get_contacts() if self._touches(c)]
+
+    def _touches(self, contact: Any) -> bool:
+        """Whether the arm, or what it holds, is in this contact; what it hit is put back."""
+        bodies = contact.bodies
+        if not any(body.entity.per_scene_id in self._moving for body in bodies):
+            return False
+        touches = any(point.separation < 0.0 for point in contact.points)
+        for body in bodies if touches else ():
+            self._put_back(body)
+        return touches
+
+    def _put_back(self, body: Any) -> None:
+        """Undoes the push of the microsecond, which is as far as the arm was in the body."""
+        if isinstance(body, sapien.physx.PhysxArticulationLinkComponent):
+            furniture: Any = body.articulation
+            if furniture is not self._robot:
+                qpos = self._furniture[furniture.root.entity.per_scene_id]
+                furniture.set_qpos(qpos)
+                furniture.set_qvel(np.zeros_like(qpos))
+        elif isinstance(body, sapien.physx.PhysxRigidDynamicComponent):
+            body.entity.set_pose(self._loose[body.entity.per_scene_id])
+            body.set_linear_velocity([0.0, 0.0, 0.0])
+            body.set_angular_velocity([0.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Agreement:
+    """How often a planner's model and the simulator say the same of random arm poses.
+
+    Attributes:
+        poses: How many were asked about.
+        touching: In how many of them the simulator has a contact.
+        disagreements: How many the two do not agree about.
+        far: Of these, those with no two shapes within a centimetre of touching.
+    """
+
+    poses: int
+    touching: int
+    disagreements: int
+    far: int
+
+    @property
+    def percent(self) -> float:
+        """Share of the poses on which they agree."""
+        return 100.0 * (1.0 - self.disagreements / self.poses)
+
+
+def agreement(env: Any, count: int, seed: int) -> Agreement:
+    """Compares the planner's model of a scene with the simulator, on random arm poses.
+
+    Args:
+        env: Has been reset to an episode; has to be reset again before it is played on.
+        count: How many poses.
+        seed: Of the random numbers.
+    """
+    state = env.unwrapped.privileged()[0]
+    model = ArmCollision(state, held=state.held, config=CollisionConfig(margin_m=0.0))
+    simulator = SimulatorCheck(env)
+    touching = disagreements = far = 0
+    for pose in np.random.default_rng(seed).uniform(LOWER_RAD, UPPER_RAD, (count, 7)):
+        free = simulator.is_free(pose)
+        touching += not free
+        if free != model.is_free(pose):
+            disagreements += 1
+            far += not _nearly(model, pose)
+    return Agreement(poses=count, touching=touching, disagreements=disagreements, far=far)
+
+
+def _nearly(model: ArmCollision, pose: Array) -> bool:
+    """Whether two shapes are less than a centimetre apart, and none deeper in each other."""
+    model.set_margin(NEAR_M)
+    distances_m = [contact.distance_m for contact in model.contacts(pose)]
+    model.set_margin(0.0)
+    return bool(distances_m) and min(distances_m) > -NEAR_M
+
+
+def _held(scene: sapien.Scene, state: PrivilegedState) -> sapien.Entity | None:
+    """Returns what the hand holds; ManiSkill puts the row before its name."""
+    if state.held is None:
+        return None
+    return next(e for e in scene.entities if e.name.split("_", 1)[-1] == state.held)

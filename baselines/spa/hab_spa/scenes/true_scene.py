@@ -1,0 +1,176 @@
+"""The scene of SPA-Priv: the simulator's true state (S App. D)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hab_spa.planning.collision import ArmCollision, ShapeCache
+from hab_spa.planning.joint_goal import GraspConfig, sphere_m
+from hab_spa.shapes import Array, body_bounds_m, invert_pose
+from hab_tasks.constants import GRASP_RADIUS_M
+from hab_tasks.navigation import NavigationMap
+from hab_tasks.privileged import FrontState, PrivilegedState
+from hab_tasks.robots.fetch_spec import EE_LINK, EE_OFFSET_M
+
+
+class TrueScene:
+    """Answers from the observation's privileged group; see `hab_spa.scenes.scene.Scene`.
+
+    Attributes:
+        state: The state at this step.
+    """
+
+    state: PrivilegedState
+
+    def __init__(self, config: GraspConfig | None = None) -> None:
+        """Makes the scene of one row; shapes are kept from episode to episode."""
+        self._config, self._cache = config or GraspConfig(), ShapeCache()
+
+    def forget(self) -> None:
+        """Starts a new episode, of which nothing is remembered but shapes."""
+
+    def see(self, obs: Mapping[str, Any], row: int) -> None:
+        """Takes in the true state of a row."""
+        self.state = obs["privileged"][row]
+
+    @property
+    def arm_qpos(self) -> Array:
+        """The arm (7,) [rad]."""
+        return self.state.arm_qpos
+
+    @property
+    def world_from_base(self) -> Array:
+        """(4, 4) pose of Fetch's base_link."""
+        return self.state.world_from_base
+
+    @property
+    def holding(self) -> bool:
+        """Whether an object is in the hand."""
+        return self.state.held is not None
+
+    def holds(self, number: int) -> bool:
+        """Whether the hand holds this object."""
+        return self.state.held == self.state.targets[number]
+
+    def object_m(self, number: int) -> Array:
+        """Returns an object's centre of mass (3,)."""
+        return self.state.object_com_m[self.state.targets[number]]
+
+    def goal_m(self, number: int) -> Array:
+        """Returns where its centre of mass (3,) is to be."""
+        return self.state.goals_m[number]
+
+    def grasp_points_m(self, number: int, *, around: bool = False) -> Array:
+        """Returns the points (P, 3) at which the hand would take an object.
+
+        They are the face centres of its box, or points `around` its centre of mass.
+        """
+        name, config = self.state.targets[number], self._config
+        if around:
+            com_m = self.object_m(number)
+            spheres = [sphere_m(com_m, radius_m, config.sides) for radius_m in config.around_m]
+            points_m = np.concatenate(spheres)
+        else:
+            points_m = face_centres_m(self.state, name)
+        return points_m[would_grasp(self.state, name, points_m, config)]
+
+    def ee_from_held(self) -> Array:
+        """Returns the centre of mass (3,) of what is held, in the end-effector's frame.
+
+        Raises:
+            ValueError: Nothing is held.
+        """
+        if self.state.held is None:
+            raise ValueError("ee_from_held: nothing is in the hand.")
+        point = np.append(self.state.object_com_m[self.state.held], 1.0)
+        return (invert_pose(self._world_from_ee()) @ point)[:3]
+
+    def front(self, number: int) -> FrontState:
+        """Returns a door or drawer of the episode."""
+        return self.state.fronts[number]
+
+    def collision(self, *, base: Array | None = None, without: str | None = None) -> ArmCollision:
+        """Returns the collision model with the simulator's own shapes; see `Scene.collision`."""
+        state = self.state if base is None else standing_at(self.state, base)
+        if without is not None:
+            poses = {n: pose for n, pose in state.world_from_body.items() if n != without}
+            state = replace(state, world_from_body=poses)
+        return ArmCollision(state, held=state.held, cache=self._cache)
+
+    def taking(self, number: int, world_from_ee: Array) -> ArmCollision:
+        """Returns the collision model as if the hand, at a pose (4, 4), had taken an object."""
+        name, poses = self.state.targets[number], dict(self.state.world_from_body)
+        # What counts is the object's pose in the hand, wherever that is now.
+        poses[name] = self._world_from_ee() @ invert_pose(world_from_ee) @ poses[name]
+        state = replace(self.state, world_from_body=poses)
+        return ArmCollision(state, held=name, cache=self._cache)
+
+    def in_the_way(self, path: Array) -> bool:
+        """Returns False: all was known when the path was planned."""
+        return False
+
+    def met(self, path: Array) -> None:
+        """Learns nothing: all is known."""
+
+    def floor_map(self) -> NavigationMap:
+        """Returns the floor with everything as it stands now, but for robot and held object."""
+        poses = self.state.world_from_body
+        bodies = [b for b in self.state.bodies if b.group != "robot" and b.name in poses]
+        return NavigationMap.of_bodies([b for b in bodies if b.name != self.state.held], poses)
+
+    def _world_from_ee(self) -> Array:
+        poses = self.state.world_from_body
+        gripper = next(pose for name, pose in poses.items() if name.rsplit("/", 1)[-1] == EE_LINK)
+        ee = gripper.copy()
+        ee[:3, 3] += gripper[:3, 0] * EE_OFFSET_M
+        return ee
+
+
+def face_centres_m(state: PrivilegedState, name: str) -> Array:
+    """Returns the six face centres (6, 3) [m] of a body's box, in the world.
+
+    The box is the one around all collision shapes, along the axes of the body's own frame.
+    """
+    body = next(body for body in state.bodies if body.name == name)
+    lower, upper = body_bounds_m(body)
+    centre, half = (lower + upper) / 2, (upper - lower) / 2
+    local = centre + np.concatenate((np.diag(half), -np.diag(half)))
+    world_from_body = state.world_from_body[name]
+    return local @ world_from_body[:3, :3].T + world_from_body[:3, 3]
+
+
+def would_grasp(
+    state: PrivilegedState, name: str, points_m: Array, config: GraspConfig
+) -> NDArray[np.bool_]:
+    """Whether the snap grasp at end-effector points (B, 3) in the world takes an object: (B,).
+
+    The grasp takes the object whose centre of mass is nearest, so being near is not enough.
+    """
+    own = np.linalg.norm(points_m - state.object_com_m[name], axis=1)
+    allowed = own <= GRASP_RADIUS_M - config.reach_safety_m
+    for other_name, com_m in state.object_com_m.items():
+        if other_name != name:
+            other = np.linalg.norm(points_m - com_m, axis=1)
+            allowed &= other >= own + config.runner_up_m
+    return allowed
+
+
+def standing_at(state: PrivilegedState, base: Array) -> PrivilegedState:
+    """Returns a state with the robot, and what it holds, at another base pose (3,)."""
+    x, y, yaw = base
+    world_from_base = state.world_from_base.copy()
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    world_from_base[:3, :3] = ((cosine, -sine, 0.0), (sine, cosine, 0.0), (0.0, 0.0, 1.0))
+    world_from_base[:2, 3] = x, y
+    motion = world_from_base @ invert_pose(state.world_from_base)
+    robot = {body.name for body in state.bodies if body.group == "robot"} | {state.held}
+    poses = {
+        name: motion @ pose if name in robot else pose
+        for name, pose in state.world_from_body.items()
+    }
+    return replace(state, world_from_base=world_from_base, world_from_body=poses)

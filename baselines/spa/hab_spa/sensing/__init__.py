@@ -1,0 +1,1 @@
+"""From depth images to what is seen: points, boxes and octrees."""

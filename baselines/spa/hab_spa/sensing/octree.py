@@ -1,0 +1,37 @@
+"""Occupied voxels as octrees, which coal tests against the arm's hulls (S App. D, SPA)."""
+
+from __future__ import annotations
+
+import coal  # pyright: ignore[reportMissingImports]  # compiled, no stubs
+import numpy as np
+
+from hab_spa.planning.collision import Obstacle
+from hab_spa.shapes import Array
+
+
+def octrees(centres_m: Array, size_m: float, cell_m: float) -> list[Obstacle]:
+    """Returns voxels as obstacles, an octree for each cell of a grid.
+
+    Margins are relaxed by pairs of shapes. With a single octree an arm that starts near one point
+    would be allowed near all.
+
+    Args:
+        centres_m: (V, 3) centres of voxels in the world.
+        size_m: Edge of a voxel.
+        cell_m: Edge of a cell.
+    """
+    if not len(centres_m):
+        return []
+    cells, which = np.unique(np.floor(centres_m / cell_m), axis=0, return_inverse=True)
+    found = []
+    for number, cell in enumerate(cells):
+        own_m = centres_m[which.ravel() == number]
+        found.append(
+            Obstacle(
+                name="seen_" + "_".join(str(int(index)) for index in cell),
+                geometry=coal.makeOctree(own_m, size_m),
+                lower_m=own_m.min(axis=0) - size_m / 2,
+                upper_m=own_m.max(axis=0) + size_m / 2,
+            )
+        )
+    return found

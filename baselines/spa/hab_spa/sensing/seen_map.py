@@ -1,0 +1,120 @@
+"""What the cameras saw so far: occupied voxels, and what hides behind surfaces (S App. D, SPA)."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hab_spa.sensing.cloud import DepthView, surface_points_m
+from hab_spa.sensing.fitted_box import FittedBox
+from hab_spa.sensing.voxels import VoxelConfig, VoxelMap
+from hab_spa.shapes import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapConfig:
+    """The numbers of the map.
+
+    Attributes:
+        range_m: What is farther from the camera is left out.
+        spacing_m: Between neighbouring pixels of a surface there is a point this often.
+        slope: See `hab_spa.sensing.cloud.surface_points_m`.
+        behind_m: What is this far behind a surface is not free unless another view shows that.
+        views: So many views are remembered one by one.
+        voxels: Of the surfaces.
+        hidden: Voxels of what is behind them.
+    """
+
+    range_m: float = 2.0
+    spacing_m: float = 0.009
+    slope: float = 5.0
+    behind_m: float = 0.3
+    views: int = 16
+    voxels: VoxelConfig = field(default_factory=VoxelConfig)
+    hidden: VoxelConfig = field(default_factory=lambda: VoxelConfig(size_m=0.03, through_m=0.03))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Look:
+    """A view, the pixels (H, W) of it that show the world, and coarse voxels (V, 3) of these."""
+
+    view: DepthView
+    world: NDArray[np.bool_]
+    centres_m: Array
+
+
+class SeenMap:
+    """Accumulates views."""
+
+    def __init__(self, config: MapConfig | None = None) -> None:
+        """Starts with nothing seen."""
+        self.config = config or MapConfig()
+        self._voxels = VoxelMap(self.config.voxels)
+        self._felt = VoxelMap(self.config.voxels)
+        self._looks: deque[_Look] = deque(maxlen=self.config.views)
+
+    def add(self, view: DepthView, own: NDArray[np.bool_]) -> None:
+        """Takes in a view, but for the pixels (H, W) that show the robot and what it holds."""
+        config = self.config
+        world = ~own & (view.depth_m < config.range_m)
+        self._voxels.carve(view)
+        points_m = surface_points_m(view, world, config.spacing_m, config.slope)
+        here = VoxelMap(config.hidden)
+        here.add(points_m)
+        self._voxels.add(points_m)
+        self._looks.append(_Look(view=view, world=world, centres_m=here.centres_m()))
+
+    def feel(self, points_m: Array) -> None:
+        """Takes points (K, 3) as occupied, but for those that some view sees through."""
+        self._felt.add(points_m)
+
+    def remove(self, box: FittedBox, margin_m: float) -> None:
+        """Forgets what was seen in a box and this near to it: it is not there any more."""
+        self._voxels.clear(box.contains(self._voxels.centres_m(), margin_m))
+        for number, look in enumerate(self._looks):
+            gone = look.world.copy()
+            gone[look.world] = box.contains(look.view.points_m()[look.world], margin_m)
+            self._looks[number] = _Look(
+                view=look.view,
+                world=look.world & ~gone,
+                centres_m=look.centres_m[~box.contains(look.centres_m, margin_m)],
+            )
+
+    def occupied_m(self, centre_m: Array, reach_m: float) -> Array:
+        """Returns the centres (V, 3) of the voxels near a point (3,) where surfaces were seen."""
+        return _near(self._voxels.centres_m(), centre_m, reach_m)
+
+    def felt_m(self) -> Array:
+        """Returns the centres (V, 3) of the voxels that were felt and that no view shows."""
+        for look in self._looks:
+            self._felt.carve(look.view)
+        return self._felt.centres_m()
+
+    def hidden_m(self, centre_m: Array, reach_m: float) -> Array:
+        """Returns the centres (V, 3) of coarse voxels near a point (3,) that no view shows."""
+        hidden, size_m = VoxelMap(self.config.hidden), self.config.hidden.size_m
+        for look in self._looks:
+            surface_m = _near(look.centres_m, centre_m, reach_m)
+            rays = surface_m - look.view.world_from_camera[:3, 3]
+            rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+            for depth_m in np.arange(1.5 * size_m, self.config.behind_m, size_m):
+                hidden.add(surface_m + depth_m * rays)
+        for look in self._looks:
+            hidden.carve(look.view)
+        return hidden.centres_m()
+
+    def points_m(self, centre_m: Array, reach_m: float, spacing_m: float, slope: float) -> Array:
+        """Returns points (K, 3) of the surfaces near a point (3,) that the latest views show."""
+        found = [np.zeros((0, 3))]
+        for look in self._looks:
+            near = np.linalg.norm(look.view.points_m() - centre_m, axis=-1) < reach_m
+            if (near & look.world).any():
+                found.append(surface_points_m(look.view, near & look.world, spacing_m, slope))
+        return np.concatenate(found)
+
+
+def _near(points_m: Array, centre_m: Array, reach_m: float) -> Array:
+    return points_m[np.linalg.norm(points_m - centre_m, axis=1) < reach_m]

@@ -1,0 +1,68 @@
+"""What is occupied, in voxels of the world, accumulated over views (S App. D, SPA)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter
+
+from hab_spa.sensing.cloud import DepthView
+from hab_spa.shapes import Array
+
+_BITS = 20
+"""Of each index in a key: with voxels of 1 cm, 10 km."""
+_OFFSET = 1 << (_BITS - 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class VoxelConfig:
+    """The numbers of the map.
+
+    Attributes:
+        size_m: Edge of a voxel.
+        through_m: A voxel is empty when a camera sees this much farther through it.
+    """
+
+    size_m: float = 0.012
+    through_m: float = 0.05
+
+
+class VoxelMap:
+    """Occupied voxels of the world; what a camera sees through is emptied again."""
+
+    def __init__(self, config: VoxelConfig | None = None) -> None:
+        """Starts empty."""
+        self.config = config or VoxelConfig()
+        self._keys = np.zeros(0, dtype=np.int64)
+
+    def __len__(self) -> int:
+        """Returns how many voxels are occupied."""
+        return len(self._keys)
+
+    def centres_m(self) -> Array:
+        """Returns the centres (V, 3) of the occupied voxels."""
+        shifts = np.array((2 * _BITS, _BITS, 0))
+        indices = (self._keys[:, None] >> shifts) & ((1 << _BITS) - 1)
+        return (indices.astype(float) - _OFFSET + 0.5) * self.config.size_m
+
+    def add(self, points_m: Array) -> None:
+        """Marks the voxels of points (K, 3) as occupied."""
+        indices = np.floor(points_m / self.config.size_m).astype(np.int64) + _OFFSET
+        keys = (indices[:, 0] << (2 * _BITS)) | (indices[:, 1] << _BITS) | indices[:, 2]
+        # Much faster than numpy's union1d, which hashes.
+        keys = np.sort(np.concatenate((self._keys, keys)))
+        self._keys = keys[np.append(True, keys[1:] != keys[:-1])[: len(keys)]]
+
+    def clear(self, emptied: NDArray[np.bool_]) -> None:
+        """Marks the voxels (V,) as empty, in the order of `centres_m`."""
+        self._keys = self._keys[~emptied]
+
+    def carve(self, view: DepthView) -> None:
+        """Empties the voxels that a view sees through."""
+        pixels, depth_m, inside = view.project(self.centres_m())
+        # The nearest of the pixels around, because a voxel covers more than one.
+        behind_m = minimum_filter(view.depth_m, size=3, mode="nearest")
+        farther = behind_m[pixels[:, 0], pixels[:, 1]] > depth_m + self.config.through_m
+        self.clear(inside & farther)

@@ -1,0 +1,195 @@
+"""Grasps of a drawer's handle, and the lines along which the arm moves it from there.
+
+A held handle is tied to the end-effector, so the line of the handle is that of the hand; how
+the hand turns on the way is free. A grasp is therefore chosen for its line: of the arm poses
+with the hand at the handle, those from which the arm follows it farthest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hab_spa.motion.robot import Robot
+from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD, IkConfig
+from hab_spa.shapes import Array
+from hab_tasks.privileged import FrontState
+from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
+
+REST_RAD = np.array(REST_QPOS_RAD)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LineConfig:
+    """The numbers of grasps and lines.
+
+    Attributes:
+        starts: Random arm poses from which inverse kinematics starts in a round.
+        rounds: Of these, so many are made while no line goes all the way.
+        step_m: Length of a step of the hand along the line.
+        jump_rad: No joint turns more than this in a step.
+        ik: Inverse kinematics of a step.
+        least_m: Least clearance of the grasp and along the line.
+        room_m: Lines with this much clearance at both ends are preferred: next to nothing holds
+            a drawer that is touched.
+        slack_m: What may remain of the way.
+        lines: How many lines are looked for.
+        apart_rad: Two grasps differ by at least this much in some joint.
+    """
+
+    starts: int = 1000
+    rounds: int = 3
+    step_m: float = 0.02
+    jump_rad: float = 0.35
+    ik: IkConfig = field(default_factory=lambda: IkConfig(steps=4, damping=0.03))
+    least_m: float = 0.003
+    room_m: float = 0.03
+    slack_m: float = 0.025
+    lines: int = 4
+    apart_rad: float = 0.3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Line:
+    """Arm poses along which a held handle moves.
+
+    Attributes:
+        poses: (K, 7) [rad]; the first has the hand at the handle.
+        missing_m: What remains of the way at the end.
+    """
+
+    poses: Array
+    missing_m: float
+
+
+class HandleLines:
+    """Looks for lines of one drawer.
+
+    Attributes:
+        collision: The collision model with the drawer where it is.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        front: FrontState,
+        way_m: float,
+        config: LineConfig,
+        base: Array | None = None,
+    ) -> None:
+        """Makes the collision models.
+
+        Args:
+            robot: Whose arm.
+            front: The drawer.
+            way_m: How far it is to move along its axis.
+            config: The numbers.
+            base: Where the robot is thought to stand (3,); None for where it is.
+        """
+        self._robot, self._front, self._way_m, self._config = robot, front, way_m, config
+        self._steps = max(1, int(np.ceil(abs(way_m) / config.step_m)))
+        self.collision = self._moving = robot.scene.collision(base=base)
+        if not self._move(0):
+            self._moving = robot.scene.collision(base=base, without=front.body)
+
+    def find(self, seed: int) -> list[Line]:
+        """Returns lines that move the handle about as far as any.
+
+        Those with room come first, then those from and to which the arm has not far to go.
+        """
+        config, rng, found = self._config, np.random.default_rng(seed), list[Line]()
+        # Room is scarce where the handle is near the robot: lines that begin there go on best.
+        ends = sorted((0, self._steps), key=lambda at: float(np.linalg.norm(self._handle_m(at))))
+        for number in range(config.rounds):
+            last = number > 0 and number == config.rounds - 1
+            found += self._round(rng, ends[last])
+            if any(line.missing_m <= config.slack_m for line in found):
+                break
+        self._move(0)
+        least_m = min((line.missing_m for line in found), default=abs(self._way_m))
+        enough_m = max(least_m + 0.5 * config.step_m, config.slack_m)
+        return [line for line in found if line.missing_m <= enough_m][: config.lines]
+
+    def _round(self, rng: np.random.Generator, at: int) -> list[Line]:
+        """Returns lines from samples of one end, until enough of them go all the way."""
+        config, found = self._config, list[Line]()
+        for line in self._in_order(self._followed(self._grasps(rng, at), at)):
+            if any(np.abs(line[0] - f.poses[0]).max() < config.apart_rad for f in found):
+                continue
+            free = self._free(line)
+            if free > 1:
+                missing_m = abs(self._way_m) * (1.0 - (free - 1) / self._steps)
+                found.append(Line(poses=line[:free], missing_m=missing_m))
+            if sum(line.missing_m <= config.slack_m for line in found) == config.lines:
+                break
+        return found
+
+    def _grasps(self, rng: np.random.Generator, at: int) -> Array:
+        """Returns free arm poses (B, 7) with the hand at the handle after so many steps."""
+        config, robot = self._config, self._robot
+        starts = rng.uniform(LOWER_RAD, UPPER_RAD, (config.starts, 7))
+        targets_m = np.repeat(self._handle_m(at)[None], config.starts, axis=0)
+        poses, found = robot.kinematics.solve(starts, targets_m, robot.config.goal.ik)
+        poses = poses[found]
+        return poses[self._are_free(poses, at, config.least_m)]
+
+    def _followed(self, poses: Array, at: int) -> list[Array]:
+        """Returns the lines (K, 7) through arm poses (B, 7) at one end, obstacles or not.
+
+        They begin where the handle is now.
+        """
+        config, stations = (
+            self._config,
+            range(at, self._steps + 1) if at == 0 else range(at, -1, -1),
+        )
+        lines, lengths = [poses], np.ones(len(poses), dtype=int)
+        for station in stations[1:]:
+            targets_m = np.repeat(self._handle_m(station)[None], len(poses), axis=0)
+            pose, arrived = self._robot.kinematics.solve(lines[-1], targets_m, config.ik)
+            smooth = np.abs(pose - lines[-1]).max(axis=1, initial=0.0) <= config.jump_rad
+            lengths += arrived & smooth & (lengths == len(lines))
+            lines.append(pose)
+        stacked = np.stack(lines, axis=1)
+        if at == 0:
+            return [line[:length] for line, length in zip(stacked, lengths, strict=True)]
+        return [line[::-1] for line in stacked[lengths == len(lines)]]
+
+    def _in_order(self, lines: list[Array]) -> list[Array]:
+        """Sorts lines: the most room first, then the shortest way of the arm there and back."""
+        if not lines:
+            return []
+        firsts, lasts = np.array([ln[0] for ln in lines]), np.array([ln[-1] for ln in lines])
+        whole = np.array([len(line) > self._steps for line in lines])
+        room_m = self._config.room_m
+        roomy = self._are_free(firsts, 0, room_m).astype(int)
+        roomy += whole & self._are_free(lasts, self._steps, room_m)
+        far_rad = np.abs(firsts - self._robot.scene.arm_qpos).max(axis=1)
+        far_rad += np.abs(lasts - REST_RAD).max(axis=1)
+        return [lines[i] for i in np.lexsort((far_rad, -roomy))]
+
+    def _free(self, line: Array) -> int:
+        """Returns how many poses of a line (K, 7) touch nothing from the first on."""
+        for station, pose in enumerate(line):
+            if not self._are_free(pose[None], station, self._config.least_m)[0]:
+                return station
+        return len(line)
+
+    def _are_free(self, poses: Array, station: int, margin_m: float) -> NDArray[np.bool_]:
+        """Whether arm poses (B, 7) are free with the drawer after so many steps."""
+        collision = self._moving if station else self.collision
+        self._move(station)
+        collision.set_margin(margin_m)
+        return np.array([collision.is_free(pose) for pose in poses], dtype=bool)
+
+    def _handle_m(self, station: int) -> Array:
+        """Returns where the handle (3,) is after so many steps, in the arm's root frame."""
+        front, arm_from_world = self._front, self.collision.arm_from_world
+        handle_m = front.handle_m + front.axis * (self._way_m * station / self._steps)
+        return arm_from_world[:3, :3] @ handle_m + arm_from_world[:3, 3]
+
+    def _move(self, station: int) -> bool:
+        """Moves the drawer of the model; whether the model has it."""
+        way_m = self._way_m * station / self._steps
+        return self._moving.move(self._front.body, self._front.moved(self._front.joint + way_m))

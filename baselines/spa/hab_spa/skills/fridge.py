@@ -1,0 +1,349 @@
+"""Open fridge and Close fridge: the hand takes the handle and leads the door along its arc."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Generator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hab_spa.motion.moves import go
+from hab_spa.motion.rest import rest
+from hab_spa.motion.robot import GRASP, RELEASE, Command, Motion, Robot
+from hab_spa.planning.ik import IkConfig
+from hab_spa.planning.path import time_path
+from hab_spa.results import Failure
+from hab_spa.shapes import Array
+from hab_spa.skills.fridge_arc import Lead, Pull, arm_points_m
+from hab_spa.skills.fridge_door import Door
+from hab_spa.skills.fridge_place import PlaceConfig, Places, find_leads
+from hab_spa.skills.fridge_shunt import ShuntConfig, drive
+from hab_tasks.episodes.robot_start import Rectangle
+from hab_tasks.fronts import FRIDGE_CLOSED_RAD, FRIDGE_OPEN_RAD
+from hab_tasks.navigation import NavigationMap
+from hab_tasks.privileged import FrontState
+
+ALL_WAYS = 12
+"""The most that `fridge_ways` returns."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FridgeConfig:
+    """The numbers of opening and closing.
+
+    Attributes:
+        open_to, open_need: The hand takes a closed door so far, and at least so far [rad].
+        close_to, close_need: It takes an open door to here, and moves it at least so much [rad].
+        grasps_m: (along, out) of the handle at which the hand may take it.
+        leads: So many ways of leading the door are handed to the motion planner ...
+        as_good_steps: ... if they take at most so many steps more than the best.
+        reach_share: Reaching for the handle takes this share of the time left, or more.
+        let_go: The hand lets go of a door that opens when it is open so far.
+        pace: Of the motion along the arc.
+        brake_steps: The hand lets go so many steps before its motion ends.
+        away_m: After opening, the hand moves this far beyond the door's edge.
+        ahead_rad: It goes to where the door will be when it is open so much farther ...
+        hand_step_m: ... by this much in a step.
+        reach_out_steps: It has so many steps for that ...
+        away_steps: ... and all that the door needs to pass by has so many.
+        passed_rad: A door that is open so far has passed by the arm.
+        patience_steps: A door that stands still for so long does not swing on.
+        back_m: The base goes back when there is free floor this far behind.
+        still_rad: A door that moves less than this in a step stands still.
+        wait_steps: A swinging door is waited for so long.
+        places: So many base poses are offered to those who come from elsewhere.
+        quick_steps: A way of that many steps is as good as any; one of so many the worst.
+        place: Numbers of the search for a place.
+        shunt: Numbers of driving there.
+    """
+
+    open_to: float = 0.9
+    open_need: float = 0.6
+    close_to: float = 0.05
+    close_need: float = 0.45
+    grasps_m: tuple[tuple[float, float], ...] = (
+        (0.0, 0.02), (0.0, 0.06), (0.04, 0.06), (0.08, 0.03), (0.1, 0.05), (0.0, 0.1)
+    )  # fmt: skip
+    leads: int = 3
+    as_good_steps: float = 15.0
+    reach_share: float = 0.3
+    let_go: float = 0.65
+    pace: float = 1.6
+    brake_steps: int = 5
+    away_m: float = 0.2
+    ahead_rad: float = 0.15
+    hand_step_m: float = 0.08
+    reach_out_steps: int = 12
+    away_steps: int = 40
+    passed_rad: float = 1.2
+    patience_steps: int = 4
+    back_m: float = 0.1
+    still_rad: float = 0.002
+    wait_steps: int = 60
+    places: int = 64
+    quick_steps: tuple[float, float] = (80.0, 200.0)
+    place: PlaceConfig = field(default_factory=PlaceConfig)
+    shunt: ShuntConfig = field(default_factory=ShuntConfig)
+
+
+def open_fridge(
+    robot: Robot, number: int, region: Rectangle | None = None, config: FridgeConfig | None = None
+) -> Motion:
+    """Opens the fridge by more than 90 degrees, and rests beside the door.
+
+    Args:
+        robot: Who does it.
+        number: Number of the fridge among the doors and drawers of the episode.
+        region: Rectangle in the fridge's frame that the base must not leave.
+        config: The numbers.
+    """
+    return (yield from _Fridge(robot, number, True, region, config or FridgeConfig()).move())
+
+
+def close_fridge(
+    robot: Robot, number: int, region: Rectangle | None = None, config: FridgeConfig | None = None
+) -> Motion:
+    """Closes the fridge, and rests; see `open_fridge`."""
+    return (yield from _Fridge(robot, number, False, region, config or FridgeConfig()).move())
+
+
+def fridge_places(
+    robot: Robot, number: int, map_: NavigationMap, out: bool, config: FridgeConfig | None = None
+) -> Array:
+    """Returns free base poses (K, 3) before a fridge, those first that do best at first sight.
+
+    Args:
+        robot: Who would stand there.
+        number: Number of the fridge.
+        map_: The floor.
+        out: Whether the fridge is to be opened.
+        config: The numbers.
+    """
+    config = config or FridgeConfig()
+    pull = pull_of(robot.scene.front(number), out, config)
+    places = Places(robot, number, pull, map_, None, config.place)
+    poses = places.ranked(coming=False)
+    return poses[map_.is_free(poses[:, :2])][: config.places]
+
+
+def fridge_ways(
+    robot: Robot, number: int, base: Array, out: bool, config: FridgeConfig | None = None
+) -> float:
+    """Returns how well the fridge's door can be moved from a base pose (3,): 0 to `ALL_WAYS`.
+
+    Up to half of that for a part of the way, more the fewer steps all of it takes.
+
+    Args:
+        robot: Who would do it.
+        number: Number of the fridge.
+        base: Where the robot is thought to stand.
+        out: Whether the fridge is to be opened.
+        config: The numbers.
+    """
+    config = config or FridgeConfig()
+    front = robot.scene.front(number)
+    pull = pull_of(front, out, config)
+    leads = find_leads(robot, front, pull, base, config.place.glance, config.place)
+    if not leads:
+        return 0.0
+    if not leads[0].enough:
+        return ALL_WAYS / 2 * min(leads[0].share, 1.0)
+    quick, slow = config.quick_steps
+    return float(ALL_WAYS / 2 * (1.0 + np.clip((slow - leads[0].cost) / (slow - quick), 0.0, 1.0)))
+
+
+def pull_of(front: FrontState, out: bool, config: FridgeConfig) -> Pull:
+    """Returns what the hand is to do with a door as it is."""
+    door = Door(front)
+    handle = door.handle_m
+    grasps = tuple((handle[0] + a, handle[1] + o) for a, o in config.grasps_m)
+    if out:
+        end = max(config.open_to, door.joint + 0.5)
+        need = max(config.open_need, door.joint + 0.3)
+        swept = (door.joint, FRIDGE_OPEN_RAD + 0.1)
+    else:
+        end, need = config.close_to, max(door.joint - config.close_need, config.close_to + 0.05)
+        swept = (config.close_to, door.joint)
+    return Pull(end=end, need=need, swept=swept, grasps_m=grasps, way_out=out)
+
+
+class _Fridge:
+    """One door being opened or closed."""
+
+    def __init__(
+        self, robot: Robot, number: int, out: bool, region: Rectangle | None, config: FridgeConfig
+    ) -> None:
+        self._robot, self._number, self._out = robot, number, out
+        self._region, self._config = region, config
+        self._places = self._look()
+
+    @property
+    def _joint(self) -> float:
+        return self._robot.scene.front(self._number).joint
+
+    @property
+    def _done(self) -> bool:
+        if self._out:
+            return self._joint > FRIDGE_OPEN_RAD
+        return self._joint <= FRIDGE_CLOSED_RAD
+
+    def move(self) -> Motion:
+        """Swings the door and rests, again while that is to no avail."""
+        robot, failure = self._robot, None
+        for _ in range(1 + robot.config.retries):
+            failure = None if self._done else (yield from self._swing())
+            if failure in (Failure.TARGET_PLAN, Failure.MOTION_PLAN):
+                return failure
+            robot.gripper = RELEASE
+            failure = yield from rest(robot)
+            yield from self._wait()
+            if self._done and failure is None:
+                return None
+            failure = failure or Failure.EXECUTION
+        return failure
+
+    def _swing(self) -> Motion:
+        """Goes to a good place, takes the handle, leads it along its arc and lets go."""
+        failure = yield from self._stand()
+        if failure is not None:
+            return failure
+        leads = self._leads()
+        if not leads:
+            return Failure.TARGET_PLAN
+        failure = yield from self._take(leads)
+        if failure is not None:
+            return failure
+        yield from self._lead(leads)
+        if self._out:
+            yield from self._away()
+        return None
+
+    def _look(self) -> Places:
+        """Looks for places as the door is now."""
+        map_ = self._robot.scene.floor_map()
+        pull = pull_of(self._robot.scene.front(self._number), self._out, self._config)
+        return Places(self._robot, self._number, pull, map_, self._region, self._config.place)
+
+    def _stand(self) -> Motion:
+        """Drives to the best place."""
+        robot, config = self._robot, self._config.place
+        robot.doing = "stand"
+        began = time.perf_counter()
+        self._places = places = self._look()
+        best, tries = None, config.tries
+        for number, pose in enumerate(places.ranked()[: config.most_tries]):
+            if number >= tries and best is not None:
+                break
+            here = np.array_equal(pose, robot.base)
+            shunt, tight = (None, 0) if here else places.way(pose)
+            leads = places.leads(None if here else pose) if here or shunt is not None else []
+            cost = leads[0].cost + config.tight_steps * tight if leads else np.inf
+            if cost < (np.inf if best is None else best[1]):
+                best = (shunt, cost)
+                if leads[0].enough:
+                    tries = min(tries, number + 1 + config.more_tries * (tight > 0))
+        robot.spend("target", time.perf_counter() - began)
+        if best is None:
+            return Failure.TARGET_PLAN
+        if best[0] is not None:
+            yield from drive(robot, best[0], self._config.shunt)
+        return None
+
+    def _leads(self) -> list[Lead]:
+        """Returns the ways of leading the door from here, the best first."""
+        robot = self._robot
+        began = time.perf_counter()
+        leads = self._places.leads(None, thorough=True)
+        robot.spend("target", time.perf_counter() - began)
+        good = [lead for lead in leads if lead.cost < leads[0].cost + self._config.as_good_steps]
+        return good[: self._config.leads]
+
+    def _take(self, leads: list[Lead]) -> Motion:
+        """Takes the handle."""
+        robot, config = self._robot, self._config
+        robot.doing, robot.gripper = "reach", RELEASE
+        goals = np.array([lead.goal for lead in leads])
+        failure = yield from go(robot, robot.scene.collision(), goals, config.reach_share)
+        if failure is not None:
+            return failure
+        robot.doing, robot.gripper = "grasp", GRASP
+        for _ in range(robot.config.grasp_steps):
+            if robot.scene.front(self._number).held:
+                return None
+            yield robot.command()
+        return Failure.EXECUTION
+
+    def _lead(self, leads: list[Lead]) -> Generator[Command, None, None]:
+        """Leads the handle along its arc and lets go while the door moves."""
+        robot, config = self._robot, self._config
+        robot.doing = "pull" if self._out else "push"
+        start = robot.scene.arm_qpos.copy()
+        lead = min(leads, key=lambda lead: np.abs(lead.goal - start).max())
+        way = np.abs(lead.joints - lead.joints[0])
+        passed = np.searchsorted(way, abs(self._joint - lead.joints[0]), side="right")
+        arc = np.concatenate((start[None], lead.arc[passed:]))
+        targets = time_path(arc, robot.config.timing, config.pace)
+        for target in targets[: -config.brake_steps]:
+            held = robot.scene.front(self._number).held
+            if not held or (self._out and self._joint > config.let_go):
+                break
+            yield robot.command(target)
+        robot.gripper = RELEASE
+
+    def _away(self) -> Generator[Command, None, None]:
+        """Takes the arm out of the circle that the door's edge describes, and lets it pass."""
+        robot, config = self._robot, self._config
+        robot.doing, moving = "away", config.patience_steps
+        for step in range(config.away_steps):
+            door, before = Door(robot.scene.front(self._number)), self._joint
+            if moving == 0 or door.joint > config.passed_rad:
+                break
+            point_m = door.point(
+                door.joint + config.ahead_rad, door.edge_m + config.away_m, door.handle_m[1]
+            )
+            short_m = self._short_m(door)
+            hand = None if short_m < 0 or step > config.reach_out_steps else self._towards(point_m)
+            back = -1.0 if short_m > 0 and self._room_behind() else 0.0
+            yield robot.command(hand, base=(back, 0.0))
+            moving = (
+                moving - 1 if self._joint - before < config.still_rad else config.patience_steps
+            )
+        robot.relax()
+
+    def _short_m(self, door: Door) -> float:
+        """Returns how much the arm lacks to be out of the way of the door as it opens."""
+        pose = self._robot.scene.world_from_base
+        points = arm_points_m(self._robot.scene.arm_qpos[None])[0]
+        place = door.beside(points @ pose[:3, :3].T + pose[:3, 3], door.joint)
+        ahead = place[:, 1] > -self._config.place.arm_m
+        radius_m = np.linalg.norm(place, axis=1) - self._config.place.arm_m
+        return float(np.max(door.edge_m - radius_m, where=ahead, initial=-1.0))
+
+    def _room_behind(self) -> bool:
+        """Whether the base can go back a little."""
+        base = self._robot.base
+        behind = base - self._config.back_m * np.array((np.cos(base[2]), np.sin(base[2]), 0.0))
+        return self._places.has_room(behind)
+
+    def _towards(self, point_m: Array) -> Array:
+        """Returns the arm's next targets (7,) on the way of the hand to a point (3,)."""
+        robot = self._robot
+        qpos, world_from_base = robot.scene.arm_qpos, robot.scene.world_from_base
+        local = world_from_base[:3, :3].T @ (point_m - world_from_base[:3, 3])
+        hand = robot.kinematics.ee_pose(qpos)[:3, 3]
+        gap = local - hand
+        gap *= min(1.0, self._config.hand_step_m / (np.linalg.norm(gap) + 1e-9))
+        goal, _ = robot.kinematics.solve(qpos[None], (hand + gap)[None], IkConfig(steps=6))
+        return goal[0]
+
+    def _wait(self) -> Generator[Command, None, None]:
+        """Waits while the door swings on."""
+        robot, before, still = self._robot, self._joint, 0
+        robot.doing = "wait"
+        for _ in range(self._config.wait_steps):
+            if self._done or still >= self._config.patience_steps:
+                return
+            yield robot.command()
+            still = still + 1 if abs(self._joint - before) < self._config.still_rad else 0
+            before = self._joint

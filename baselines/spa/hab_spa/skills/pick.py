@@ -1,0 +1,123 @@
+"""The Pick skill as sense, plan and act (S App. D): grasp, then back to rest with the object."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from hab_spa.motion.moves import go, sampled
+from hab_spa.motion.rest import rest
+from hab_spa.motion.robot import GRASP, RELEASE, Motion, Robot
+from hab_spa.planning.collision import ArmCollision
+from hab_spa.planning.escape import escape
+from hab_spa.planning.joint_goal import (
+    JUDGE_SEED,
+    count_goals,
+    sample_reaching_goals,
+    sample_tight_goals,
+    tight_search,
+)
+from hab_spa.results import Failure
+from hab_spa.shapes import Array, invert_pose
+
+
+def pick(robot: Robot, number: int) -> Motion:
+    """Takes an object of the episode and rests; plans anew when motion or execution fails.
+
+    Args:
+        robot: Who does it.
+        number: Number of the object.
+    """
+    scene, failure = robot.scene, None
+    for _ in range(1 + robot.config.retries):
+        failure = None
+        if not scene.holds(number):
+            failure = yield from _take(robot, number)
+        if failure is None:
+            failure = yield from rest(robot, intact=lambda: scene.holds(number))
+        if failure is None or failure is Failure.TARGET_PLAN:
+            break
+    return failure
+
+
+def pick_ways(robot: Robot, number: int, base: Array, effort: int = 1) -> int:
+    """Returns how many ways to take an object a few samples find from a base pose (3,).
+
+    `effort` times as many samples are taken.
+    """
+    config = robot.config.goal
+    starts = effort * config.judge_starts
+    few = replace(config, tight_starts=starts, tight_round=starts)
+    points_m = robot.scene.grasp_points_m(number, around=True)
+    search = tight_search(points_m, JUDGE_SEED, few)
+    return count_goals(search, robot.scene.collision(base=base), robot.kinematics, config)
+
+
+def _take(robot: Robot, number: int) -> Motion:
+    """Plans a grasp, goes there and grasps; in tight places with points all around the object."""
+    robot.doing, robot.gripper = "reach", RELEASE
+    if robot.scene.holding:  # the wrong object
+        yield robot.command()
+    failure: Failure | None = Failure.TARGET_PLAN
+    for around in (False, True):
+        failure = yield from _reach(robot, number, around)
+        if failure is None or failure is Failure.EXECUTION:
+            break
+    if failure is not None:
+        return failure
+    return (yield from _grasp(robot, number))
+
+
+def _reach(robot: Robot, number: int, around: bool) -> Motion:
+    """Plans to where the hand takes an object, and goes there."""
+    scene, config = robot.scene, robot.config
+    collision = scene.collision()
+    points_m = scene.grasp_points_m(number, around=around)
+    sample = sample_tight_goals if around else sample_reaching_goals
+    goals = sampled(
+        robot,
+        partial(sample, points_m, collision, robot.kinematics, robot.next_seed(), config.goal),
+    )
+    if goals.failure is not None:
+        return goals.failure
+    began = time.perf_counter()
+    chosen = _with_way_out(robot, number, collision, goals.goals)
+    robot.spend("target", time.perf_counter() - began)
+    if not len(chosen) and not around:
+        return Failure.TARGET_PLAN
+    return (yield from go(robot, collision, chosen if len(chosen) else goals.goals))
+
+
+def _with_way_out(robot: Robot, number: int, collision: ArmCollision, goals: Array) -> Array:
+    """Returns those of the goals (G, 7) from which the object comes straight out in the hand.
+
+    Where it does from the best of them, they are all returned.
+    """
+    kinematics, escaping = robot.kinematics, robot.config.escape
+    world_from_arm = invert_pose(collision.arm_from_world)
+    chosen = []
+    for i, goal in enumerate(goals):
+        held = robot.scene.taking(number, world_from_arm @ kinematics.ee_pose(goal))
+        if held is None:
+            return goals
+        if len(escape(held, kinematics, goal, escaping)):
+            chosen.append(goal)
+            if i == 0:
+                return goals
+    return np.array(chosen).reshape(-1, 7)
+
+
+def _grasp(robot: Robot, number: int) -> Motion:
+    """Closes the hand, and remembers which way was up."""
+    scene = robot.scene
+    robot.doing, robot.gripper = "grasp", GRASP
+    for _ in range(robot.config.grasp_steps):
+        if scene.holding:
+            break
+        yield robot.command()
+    robot.held_up = robot.up()
+    yield robot.command()  # the object stops moving in the hand
+    return None if scene.holds(number) else Failure.EXECUTION

@@ -1,0 +1,97 @@
+"""The Place skill as sense, plan and act (S App. D): bring, let go, and back to rest."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import replace
+
+from hab_spa.motion.moves import go, sampled, wait
+from hab_spa.motion.rest import rest
+from hab_spa.motion.robot import RELEASE, Command, Motion, Robot
+from hab_spa.planning.ik import Tool
+from hab_spa.planning.joint_goal import JUDGE_SEED, count_goals
+from hab_spa.planning.place_goal import lowering, sample_placing_goals
+from hab_spa.results import Failure
+from hab_spa.shapes import Array
+
+
+def place(robot: Robot, number: int) -> Motion:
+    """Brings what is held to its goal, lets go and rests; tries again as long as it is held.
+
+    What was let go is not taken again, wherever it came to lie.
+
+    Args:
+        robot: Who does it.
+        number: Number of the object.
+    """
+    scene = robot.scene
+    failure: Failure | None = Failure.EXECUTION
+    for attempt in range(1 + robot.config.retries):
+        if scene.holds(number):
+            failure = yield from _bring(robot, number, attempt)
+        if failure is None:
+            yield from _let_go(robot)
+        if not scene.holds(number):
+            break
+    if scene.holds(number):
+        return failure
+    resting = yield from _rest_again(robot)
+    return failure or resting
+
+
+def place_ways(robot: Robot, number: int, base: Array, effort: int = 1) -> int:
+    """Returns how many ways to let an object go a few samples find from a base pose (3,).
+
+    `effort` times as many samples are taken.
+    """
+    config = robot.config
+    few = replace(config.placing, round_starts=effort * config.goal.judge_starts)
+    search = lowering(robot.scene.goal_m(number), _tool(robot), JUDGE_SEED, config.goal, few)
+    return count_goals(search, robot.scene.collision(base=base), robot.kinematics, config.goal)
+
+
+def _tool(robot: Robot) -> Tool:
+    """Returns the centre of mass of what is held; in the hand it is upright if nobody knows."""
+    up = robot.up() if robot.held_up is None else robot.held_up
+    return Tool(point_m=robot.scene.ee_from_held(), up=up)
+
+
+def _bring(robot: Robot, number: int, attempt: int) -> Motion:
+    """Plans to where the object is let go, and goes there; farther aside in later attempts."""
+    robot.doing = "bring"
+    scene, config = robot.scene, robot.config
+    placing = config.placing if not attempt else config.placing.looser()
+    if robot.held_up is None:
+        robot.held_up = robot.up()
+    collision = scene.collision()
+    goals = sampled(
+        robot,
+        lambda: sample_placing_goals(
+            scene.goal_m(number),
+            _tool(robot),
+            collision,
+            robot.kinematics,
+            robot.next_seed(),
+            config.goal,
+            placing,
+        ),
+    )
+    if goals.failure is not None:
+        return goals.failure
+    return (yield from go(robot, collision, goals.goals, intact=lambda: scene.holds(number)))
+
+
+def _let_go(robot: Robot) -> Generator[Command, None, None]:
+    """Opens the hand, and waits until what was in it stands."""
+    robot.doing, robot.gripper, robot.held_up = "let go", RELEASE, None
+    yield from wait(robot, robot.config.release_steps)
+
+
+def _rest_again(robot: Robot) -> Motion:
+    """Brings the arm to rest; plans again when execution fails."""
+    failure = None
+    for _ in range(1 + robot.config.retries):
+        failure = yield from rest(robot)
+        if failure is not Failure.EXECUTION:
+            break
+    return failure

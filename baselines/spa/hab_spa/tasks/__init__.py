@@ -1,0 +1,1 @@
+"""The long tasks: a plan, carried out skill by skill."""

@@ -5,14 +5,16 @@ import numpy as np
 import pytest
 from hab_eval.bench_options import BenchOptions
 from hab_spa.bench_plan import PlanTiming, plan_rows, run_plan
-from hab_spa.planning.validity import Agreement, SimulatorCheck, agreement
+from hab_spa.planning.validity import Agreement, SimulatorCheck, StateDictCheck, agreement
 
 from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
 
 
 def test_rows_hold_plans_beside_bounds_and_the_reference():
     timings = [
-        PlanTiming(seconds=seconds, checks=1000, check_s=5e-5, state_check_s=1e-3)
+        PlanTiming(
+            seconds=seconds, checks=1000, check_s=5e-5, joints_check_s=5e-4, state_check_s=1e-3
+        )
         for seconds in (0.1, 0.2, 0.3)
     ]
     agreed = Agreement(poses=200, touching=80, disagreements=4, far=1)
@@ -24,7 +26,10 @@ def test_rows_hold_plans_beside_bounds_and_the_reference():
     # A thousand checks of 1 ms instead of 0.05 ms: 0.95 s more each.
     assert found["state_set"].reference_value == pytest.approx(1.15)
     assert found["speedup"].value == pytest.approx(1.15 / 0.2)
-    assert found["check"].ratio == pytest.approx(0.05)
+    # Half a millisecond: 0.45 s more each.
+    assert found["joints_set"].reference_value == pytest.approx(0.65)
+    assert found["check_state"].ratio == pytest.approx(0.05)
+    assert found["check_joints"].ratio == pytest.approx(0.1)
     assert found["validity"].value == pytest.approx(98.0)
     assert found["validity_near"].value == pytest.approx(75.0)
 
@@ -59,6 +64,21 @@ def test_the_model_agrees_with_the_simulator(generated, make, env_id, dataset):
     assert 100 < agreed.touching < 1900
     assert agreed.percent >= 99.0
     assert agreed.far == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("env_id", ["HabPick-v1", "HabPlace-v1"])
+def test_both_ways_to_set_the_state_say_the_same(generated, make, env_id):
+    _, episodes = generated(env_id)
+    env, said = make(env_id), []
+    poses = np.random.default_rng(0).uniform(-1.5, 1.5, (200, 7))
+    for kind in (SimulatorCheck, StateDictCheck):
+        env.reset(seed=episodes[0].seed, options={"episode": episodes[0]})
+        check = kind(env)
+        said.append([check.is_free(pose) for pose in poses])
+    env.close()
+    assert said[0] == said[1]
+    assert 20 < sum(said[0]) < 180
 
 
 @pytest.mark.slow

@@ -130,7 +130,7 @@ def test_what_hides_behind_a_surface_is_not_free_until_seen():
     seen = SeenMap(config)
     depth_m = np.full((64, 64), 1.0)
     depth_m[24:40, 24:40] = 0.5  # something 0.5 m above the floor, 0.25 m wide
-    seen.add(view_from(1.0, depth_m, focal_px=32.0), np.zeros((64, 64), dtype=bool))
+    seen.add(view_from(1.0, depth_m, focal_px=32.0), np.ones((64, 64), dtype=bool))
     hidden = seen.hidden_m(np.zeros(3), 1.0)
     below = (
         (np.abs(hidden[:, :2]) < 0.1).all(axis=1) & (hidden[:, 2] > 0.25) & (hidden[:, 2] < 0.45)
@@ -149,7 +149,7 @@ def test_what_hides_behind_a_surface_is_not_free_until_seen():
         centre_px=side.centre_px,
         world_from_camera=pose,
     )
-    seen.add(look, np.zeros((64, 64), dtype=bool))
+    seen.add(look, np.ones((64, 64), dtype=bool))
     hidden = seen.hidden_m(np.zeros(3), 1.0)
     assert not ((np.abs(hidden[:, :2]) < 0.1).all(axis=1) & (hidden[:, 2] > 0.05)).any()
 

@@ -49,3 +49,11 @@ def body_bounds_m(body: CollisionBody) -> tuple[Array, Array]:
         corners.append(points @ shape.body_from_shape[:3, :3].T + shape.body_from_shape[:3, 3])
     stacked = np.concatenate(corners)
     return stacked.min(axis=0), stacked.max(axis=0)
+
+
+def within_body(body: CollisionBody, world_from_body: Array, points_m: Array) -> NDArray[np.bool_]:
+    """Whether points (K, 3) of the world are in the box around a body, which is at (4, 4)."""
+    lower, upper = body_bounds_m(body)
+    body_from_world = invert_pose(world_from_body)
+    local_m = points_m @ body_from_world[:3, :3].T + body_from_world[:3, 3]
+    return np.all((lower <= local_m) & (local_m <= upper), axis=1)

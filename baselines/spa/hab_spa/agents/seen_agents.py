@@ -21,7 +21,7 @@ from hab_tasks.agent import AgentSetup, AgentSpec
 SPA_CONFIG = SpaConfig(
     retries=0,
     goal=GoalConfig(rest_radius_m=0.12, rest_spread_rad=0.7),
-    plan=PlanConfig(time_limit_s=10.0),
+    plan=PlanConfig(time_limit_s=10.0, improve_checks=1_500, most_checks=12_000),
     follow=FollowConfig(bump_rad=0.008),
 )
 """The arm stops for what is seen or felt on the way; an object's box is often too wide to rest

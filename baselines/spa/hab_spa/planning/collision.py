@@ -16,8 +16,9 @@ from xml.etree import ElementTree
 import coal  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no stubs
+from numpy.typing import NDArray
 
-from hab_spa.shapes import Array, body_bounds_m, invert_pose, shape_bounds_m
+from hab_spa.shapes import Array, invert_pose, shape_bounds_m, within_body
 from hab_tasks.privileged import CollisionBody, PrivilegedState
 from hab_tasks.robots.fetch_spec import (
     ARM_LINKS,
@@ -226,15 +227,11 @@ class ArmCollision:
     def _lying_in(self, name: str) -> list[str]:
         """Returns the loose objects whose centre of mass is in a body's box."""
         body = next((body for body in self._state.bodies if body.name == name), None)
-        if body is None or name not in self._state.world_from_body:
+        if body is None or name not in self._state.world_from_body or not self._state.object_com_m:
             return []
-        lower, upper = body_bounds_m(body)
-        body_from_world = invert_pose(self._state.world_from_body[name])
-        points = {
-            other: body_from_world[:3, :3] @ com_m + body_from_world[:3, 3]
-            for other, com_m in self._state.object_com_m.items()
-        }
-        return [other for other, p in points.items() if (lower <= p).all() and (p <= upper).all()]
+        names, points_m = zip(*self._state.object_com_m.items(), strict=True)
+        lies = within_body(body, self._state.world_from_body[name], np.array(points_m))
+        return [other for other, lies_in in zip(names, lies, strict=True) if lies_in]
 
     def _set_pair_margin(self, pair: int, margin_m: float) -> None:
         if self._with_octree[pair]:
@@ -304,16 +301,10 @@ class ArmCollision:
 
     def _finish(self) -> None:
         """Pairs the shapes, less what the rest pose has in contact, and builds the broad phase."""
-        allowed = allowed_link_pairs()
-        kinds, links = self._kinds, self._links
-        moving = [i for i, kind in enumerate(kinds) if kind in ("arm", "held")]
-        for i, j in product(moving, range(len(kinds))):
-            counts = kinds[j] == "scene"
-            if kinds[i] == "arm" and (kinds[j] == "robot" or (kinds[j] == "arm" and j > i)):
-                counts = links[i] != links[j] and frozenset((links[i], links[j])) not in allowed
-            if counts:
-                self._geometry.addCollisionPair(pin.CollisionPair(min(i, j), max(i, j)))
-        self._drop_rest_pairs()
+        kinds = np.array(self._kinds)
+        moving = np.isin(kinds, ("arm", "held"))
+        with_scene = np.logical_and.outer(moving, kinds == "scene")
+        self._geometry.setCollisionPairs(self._own_pairs() | with_scene | with_scene.T)
         pairs = self._geometry.collisionPairs
         self._with_scene = ["scene" in (kinds[p.first], kinds[p.second]) for p in pairs]
         octrees = [isinstance(g.geometry, coal.OcTree) for g in self._geometry.geometryObjects]
@@ -325,12 +316,21 @@ class ArmCollision:
         self._margins_m = [float("nan")] * len(pairs)
         self.set_margin(self.config.margin_m)
 
-    def _drop_rest_pairs(self) -> None:
+    def _own_pairs(self) -> NDArray[np.bool_]:
+        """Returns which shapes (S, S) of the robot may meet; what does at rest never counts."""
+        allowed, kinds, links = allowed_link_pairs(), self._kinds, self._links
+        paired = np.zeros((len(kinds), len(kinds)), dtype=bool)
+        arm, own = (
+            [i for i, k in enumerate(kinds) if k in of] for of in (("arm",), ("arm", "robot"))
+        )
+        for i, j in product(arm, own):
+            meet = links[i] != links[j] and frozenset((links[i], links[j])) not in allowed
+            paired[i, j] = paired[j, i] = meet
+        self._geometry.setCollisionPairs(paired)
         data = self._geometry.createData()
         rest = np.array(REST_QPOS_RAD)
         pin.computeCollisions(self._model, self._data, self._geometry, data, rest, False)
-        for i in reversed(range(len(self._geometry.collisionPairs))):
-            pair = self._geometry.collisionPairs[i]
-            own = "scene" not in (self._kinds[pair.first], self._kinds[pair.second])
-            if own and data.collisionResults[i].isCollision():
-                self._geometry.removeCollisionPair(pair)
+        for pair, result in zip(self._geometry.collisionPairs, data.collisionResults, strict=True):
+            if result.isCollision():
+                paired[pair.first, pair.second] = paired[pair.second, pair.first] = False
+        return paired

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import sapien
+import torch
 
 from hab_spa.planning.collision import MOVING_LINKS, ArmCollision, CollisionConfig
 from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
@@ -79,13 +80,16 @@ class SimulatorCheck:
 
     def _touches(self, contact: Any) -> bool:
         """Whether the arm, or what it holds, is in this contact; what it hit is put back."""
-        bodies = contact.bodies
-        if not any(body.entity.per_scene_id in self._moving for body in bodies):
-            return False
-        touches = any(point.separation < 0.0 for point in contact.points)
-        for body in bodies if touches else ():
+        touches = self._is_touching(contact)
+        for body in contact.bodies if touches else ():
             self._put_back(body)
         return touches
+
+    def _is_touching(self, contact: Any) -> bool:
+        """Whether the arm, or what it holds, is in this contact."""
+        if not any(body.entity.per_scene_id in self._moving for body in contact.bodies):
+            return False
+        return any(point.separation < 0.0 for point in contact.points)
 
     def _put_back(self, body: Any) -> None:
         """Undoes the push of the microsecond, which is as far as the arm was in the body."""
@@ -99,6 +103,30 @@ class SimulatorCheck:
             body.entity.set_pose(self._loose[body.entity.per_scene_id])
             body.set_linear_velocity([0.0, 0.0, 0.0])
             body.set_angular_velocity([0.0, 0.0, 0.0])
+
+
+class StateDictCheck(SimulatorCheck):
+    """The same by ManiSkill's own way to set a state, which is that of the whole scene."""
+
+    def __init__(self, env: Any) -> None:
+        """See `SimulatorCheck`."""
+        super().__init__(env)
+        self._core = env.unwrapped
+        self._state = self._core.get_state_dict()
+        robot = self._state["articulations"][self._core.agent.robot.name]
+        joints = robot.shape[1] - 2 * self._robot.dof
+        self._arm_columns = [joints + column for column in self._arm]
+        self._robot_row = robot[0]
+
+    def is_free(self, qpos: Array) -> bool:
+        """See `SimulatorCheck`."""
+        self.checks += 1
+        self._robot_row[self._arm_columns] = torch.as_tensor(qpos, dtype=self._robot_row.dtype)
+        self._core.set_state_dict(self._state)
+        if self._held is not None:
+            self._held.set_pose(self._hand.entity_pose * self._hand_from_held)
+        self._physics.step()
+        return not any(self._is_touching(c) for c in self._physics.get_contacts())
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,17 +14,17 @@ from hab_spa.planning.ik import BatchArm
 from hab_spa.planning.joint_goal import GraspConfig, sphere_m
 from hab_spa.scenes.true_scene import TrueScene, standing_at
 from hab_spa.sensing.cloud import DepthView, world_from_base
-from hab_spa.sensing.fitted_box import BoxConfig, FittedBox, fit_box, in_box, other_things_m
+from hab_spa.sensing.fitted_box import BoxConfig, FittedBox, fit_box, other_things_m
+from hab_spa.sensing.held_box import HELD, HeldBox
 from hab_spa.sensing.octree import octrees
 from hab_spa.sensing.own_shapes import PREFIX, inside_robot, own_bodies, own_poses
 from hab_spa.sensing.seen_map import MapConfig, SeenMap
-from hab_spa.shapes import Array, invert_pose
+from hab_spa.shapes import Array, invert_pose, within_body
 from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.navigation import NavigationMap
-from hab_tasks.privileged import CollisionBody, CollisionShape, FrontState, PrivilegedState
+from hab_tasks.privileged import FrontState, PrivilegedState
 from hab_tasks.robots.fetch_spec import EE_LINK, LOCKED_QPOS
 
-HELD = "held"
 CAMERAS = ("head", "arm")
 HELD_HALF_M = 0.03
 """Half the size of what is held, when the robot dares to think it small."""
@@ -48,6 +48,7 @@ class SeenConfig:
         unseen_m: What is this near to an object that was taken unseen may be part of it.
         held_reach_m: What the hand holds when an episode begins is within this of it.
         reach_m: Obstacles farther than this from the shoulder do not count.
+        map_m: What is seen farther than this from it is left out of the map.
         watch_steps: On the way it is looked this often whether something is in the way.
         cell_m: Edge of the cells of which each is an octree of its own.
         fit_reach_m: A box is fitted to the points within this of the object's position.
@@ -64,6 +65,7 @@ class SeenConfig:
     unseen_m: float = 0.06
     held_reach_m: float = 0.14
     reach_m: float = 1.6
+    map_m: float = 1.9
     watch_steps: int = 6
     cell_m: float = 0.24
     fit_reach_m: float = 0.45
@@ -99,7 +101,8 @@ class SeenScene:
         self.map = SeenMap(self.config.map)
         self._starts_m, self._goals_m = np.zeros((0, 3)), np.zeros((0, 3))
         self._boxes: dict[int, FittedBox] = {}
-        self._hand: _Hand | None = None
+        self._drawers: dict[int, FrontState] = {}
+        self._hand: HeldBox | None = None
         self._wanted: int | None = None
         self._held: int | None = None
         self._was_holding = False
@@ -153,8 +156,13 @@ class SeenScene:
         return self._held == number
 
     def object_m(self, number: int) -> Array:
-        """Returns where an object (3,) was when the episode began."""
-        return self._starts_m[number]
+        """Returns where an object (3,) was when the episode began, or its drawer has taken it."""
+        start_m = self._starts_m[number]
+        if number not in self._drawers:
+            return start_m
+        before = self._drawers[number]
+        now = next(front for front in self.truth.state.fronts if front.body == before.body)
+        return start_m + before.moved(now.joint)[:3, 3]
 
     def goal_m(self, number: int) -> Array:
         """Returns where it is to be (3,)."""
@@ -208,24 +216,27 @@ class SeenScene:
         if self._looked:
             return
         self._looked = True
-        poses = own_poses(self.world_from_base, self.arm_qpos)
+        poses, shoulder_m = own_poses(self.world_from_base, self.arm_qpos), self._shoulder_m
         for camera in CAMERAS:
             view = DepthView.read(self._obs, camera, self._row)
-            pixels = view.depth_m < self.config.map.range_m
-            points_m = view.points_m()[pixels]
-            own = np.zeros_like(pixels)
+            points_m = view.points_m()
+            pixels = ((points_m - shoulder_m) ** 2).sum(axis=-1) < self.config.map_m**2
+            points_m = points_m[pixels]
+            world = pixels.copy()
             of_robot = inside_robot(points_m, poses, self.config.own_margin_m)
             if self.holding and self._hand is None:
                 self._find_held(points_m[~of_robot])
-            own[pixels] = of_robot | self._in_hand(points_m, self.config.held_margin_m)
-            self.map.add(view, own)
+            world[pixels] = ~of_robot & ~self._in_hand(points_m, self.config.held_margin_m)
+            self.map.add(view, world)
 
     def collision(self, *, base: Array | None = None, without: str | None = None) -> ArmCollision:
         """Returns the collision model with what was seen; see `Scene.collision`."""
         self.look()
+        if base is None:
+            self.map.mark()
         here = self._believed()
         there = here if base is None else standing_at(here, base)
-        shoulder_m = there.world_from_base[:3, :3] @ SHOULDER_M + there.world_from_base[:3, 3]
+        shoulder_m = _at(there.world_from_base, SHOULDER_M)
         config = self.config
         surfaces_m, hidden_m = self.map.occupied_m(shoulder_m, config.reach_m), np.zeros((0, 3))
         if self.daring < 2:
@@ -246,14 +257,18 @@ class SeenScene:
         """Returns None: what of the points will come along is known when it is in the hand."""
 
     def in_the_way(self, path: Array) -> bool:
-        """Looks every few steps, and returns whether an arm's path (K, 7) is no longer free."""
+        """Looks every few steps, and returns whether an arm's path (K, 7) is no longer free.
+
+        What a path is to keep clear of was seen when it was planned, so that only what has been
+        seen since can be in its way.
+        """
         self._steps += 1
         if self._steps % self.config.watch_steps:
             return False
-        collision = self.collision()
-        collision.set_margin(0.0)
-        collision.relax(self.arm_qpos)
-        return not all(collision.is_free(pose) for pose in path)
+        self.look()
+        new_m = self.map.new_m(self._shoulder_m, self.config.reach_m)
+        new_m = new_m[~self._cleared(new_m, self.config.map.voxels.size_m, self._believed(), None)]
+        return any(self._meets(pose, new_m) for pose in path) if len(new_m) else False
 
     def met(self, path: Array) -> None:
         """Is told that the arm met with something where it was about to go, (K, 7).
@@ -272,6 +287,20 @@ class SeenScene:
             found.append(points_m[new])
         self.map.feel(np.concatenate(found))
 
+    def _meets(self, pose: Array, points_m: Array) -> bool:
+        """Whether the arm or what it holds would be where points (K, 3) are, in a pose (7,)."""
+        if inside_robot(points_m, own_poses(self.world_from_base, pose), 0.0).any():
+            return True
+        if self._hand is None:
+            return False
+        world_from_ee = self.world_from_base @ self._arm.ee_pose(pose)
+        return bool(self._hand.contains(points_m, world_from_ee, largest_m=self._largest_m).any())
+
+    @property
+    def _largest_m(self) -> float:
+        """Half the size that the robot, when it dares to, thinks that what it holds has at most."""
+        return HELD_HALF_M if self.daring > 1 else np.inf
+
     def _cleared(
         self, centres_m: Array, size_m: float, here: PrivilegedState, without: str | None
     ) -> NDArray[np.bool_]:
@@ -281,7 +310,7 @@ class SeenScene:
             centres_m, here.world_from_body, self.config.touch_margin_m + corner_m
         )
         cleared |= self._in_hand(centres_m, self.config.touch_margin_m + corner_m)
-        for front in self.truth.state.fronts if without is not None else ():
+        for front in self._fronts():
             if front.body == without:
                 near_m = np.linalg.norm(centres_m - front.handle_m, axis=1)
                 cleared |= near_m < self.config.front_m
@@ -292,7 +321,7 @@ class SeenScene:
         bodies, poses = own_bodies(), own_poses(self.world_from_base, self.arm_qpos)
         if self._hand is not None:
             poses[HELD] = self._world_from_ee() @ self._hand.ee_from_box
-            bodies = (*bodies, self._hand.body(HELD_HALF_M if self.daring > 1 else np.inf))
+            bodies = (*bodies, self._hand.body(self._largest_m))
         return PrivilegedState(
             scene_key=f"seen with {self._hand} {self.daring}",
             bodies=bodies,
@@ -306,6 +335,14 @@ class SeenScene:
             goals_m=np.zeros((0, 3)),
         )
 
+    def _fronts(self) -> tuple[FrontState, ...]:
+        """The doors and drawers of the episode, where the observation tells of them."""
+        return self.truth.state.fronts if "privileged" in self._obs else ()
+
+    @property
+    def _shoulder_m(self) -> Array:
+        return _at(self.world_from_base, SHOULDER_M)
+
     def _world_from_ee(self) -> Array:
         return self.world_from_base @ self._arm.ee_pose(self.arm_qpos)
 
@@ -313,20 +350,18 @@ class SeenScene:
         """Whether points (K, 3) of the world are of what is held."""
         if self._hand is None:
             return np.zeros(len(points_m), dtype=bool)
-        pose = self._world_from_ee() @ self._hand.ee_from_box
-        return in_box(points_m, pose, self._hand.half_size_m + margin_m)
+        return self._hand.contains(points_m, self._world_from_ee(), margin_m)
 
     def _took(self) -> None:
         """Believes that the hand took what it wanted, in the pose that it had."""
-        if "privileged" in self._obs and any(front.held for front in self.truth.state.fronts):
-            return
-        if self._wanted is None:
+        if any(front.held for front in self._fronts()) or self._wanted is None:
             return
         # It stands where it stood until now, and was seen better on the way.
         self.grasp_points_m(self._wanted)
         self._held = self._wanted
+        self._drawers.pop(self._held, None)
         box, config = self._boxes[self._wanted], self.config
-        self._hand = _Hand(
+        self._hand = HeldBox(
             ee_from_box=invert_pose(self._world_from_ee()) @ box.world_from_box,
             half_size_m=box.half_size_m,
         )
@@ -338,10 +373,7 @@ class SeenScene:
         local_m = points_m @ ee_from_world[:3, :3].T + ee_from_world[:3, 3]
         local_m = local_m[np.linalg.norm(local_m, axis=1) < self.config.held_reach_m]
         if len(local_m) >= self.config.box.fewest:
-            lower_m, upper_m = local_m.min(axis=0), local_m.max(axis=0)
-            pose = np.eye(4)
-            pose[:3, 3] = (lower_m + upper_m) / 2
-            self._hand = _Hand(ee_from_box=pose, half_size_m=(upper_m - lower_m) / 2)
+            self._hand = HeldBox.around(local_m)
 
     def _read_places(self) -> None:
         """Reads where the objects of the episode are and are to be."""
@@ -356,24 +388,15 @@ class SeenScene:
             if name in extra:
                 place_m = world_from_ee[:3, :3] @ extra[name] + world_from_ee[:3, 3]
                 setattr(self, kept, place_m[None])
+        for front in self._fronts():
+            if front.slides:
+                body = next(b for b in self.truth.state.bodies if b.name == front.body)
+                pose = self.truth.state.world_from_body[front.body]
+                for number in np.flatnonzero(within_body(body, pose, self._starts_m)):
+                    self._drawers[int(number)] = front
         if not len(self._starts_m):  # in Place the object is in the hand, wherever it was
             self._starts_m = np.repeat(world_from_ee[None, :3, 3], len(self._goals_m), axis=0)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Hand:
-    """The box (4, 4), (3,) around what is held, in the end-effector's frame."""
-
-    ee_from_box: Array
-    half_size_m: Array
-
-    def body(self, largest_m: float) -> CollisionBody:
-        """Returns it as a body, of at most this half size."""
-        box = CollisionShape(
-            kind="box",
-            body_from_shape=np.eye(4),
-            half_size_m=np.minimum(self.half_size_m, largest_m),
-            vertices_m=np.zeros((0, 3)),
-            faces=np.zeros((0, 3), dtype=np.int64),
-        )
-        return CollisionBody(name=HELD, group="object", shapes=(box,))
+def _at(pose: Array, point_m: Array) -> Array:
+    return pose[:3, :3] @ point_m + pose[:3, 3]

@@ -10,6 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
+from hab_spa.sensing.voxels import voxel_keys
 from hab_spa.shapes import Array, invert_pose
 
 
@@ -211,7 +212,7 @@ def _things(points_m: Array, config: BoxConfig) -> list[Array]:
     """Points (K, 3), thinned out, as those that hang together; specks are left out."""
     if not len(points_m):
         return []
-    _, first = np.unique(np.floor(points_m / config.grain_m), axis=0, return_index=True)
+    _, first = np.unique(voxel_keys(points_m, config.grain_m), return_index=True)
     points_m = points_m[first]
     pairs = KDTree(points_m).query_pairs(config.link_m, output_type="ndarray")
     links = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(points_m), len(points_m)))

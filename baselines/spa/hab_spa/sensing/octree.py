@@ -22,13 +22,15 @@ def octrees(centres_m: Array, size_m: float, cell_m: float) -> list[Obstacle]:
     """
     if not len(centres_m):
         return []
-    cells, which = np.unique(np.floor(centres_m / cell_m), axis=0, return_inverse=True)
+    cells = np.floor(centres_m / cell_m).astype(np.int64)
+    order = np.lexsort(cells.T)
+    cells, centres_m = cells[order], centres_m[order]
+    borders = np.flatnonzero((cells[1:] != cells[:-1]).any(axis=1)) + 1
     found = []
-    for number, cell in enumerate(cells):
-        own_m = centres_m[which.ravel() == number]
+    for own_m, cell in zip(np.split(centres_m, borders), cells[np.append(0, borders)], strict=True):
         found.append(
             Obstacle(
-                name="seen_" + "_".join(str(int(index)) for index in cell),
+                name="seen_" + "_".join(str(index) for index in cell),
                 geometry=coal.makeOctree(own_m, size_m),
                 lower_m=own_m.min(axis=0) - size_m / 2,
                 upper_m=own_m.max(axis=0) + size_m / 2,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,29 +19,37 @@ class MapConfig:
     """The numbers of the map.
 
     Attributes:
-        range_m: What is farther from the camera is left out.
         spacing_m: Between neighbouring pixels of a surface there is a point this often.
         slope: See `hab_spa.sensing.cloud.surface_points_m`.
         behind_m: What is this far behind a surface is not free unless another view shows that.
         views: So many views are remembered one by one.
+        keep_m: What is farther from where the camera is now is forgotten, and the views from there.
         voxels: Of the surfaces.
         hidden: Voxels of what is behind them.
     """
 
-    range_m: float = 2.0
     spacing_m: float = 0.009
     slope: float = 5.0
     behind_m: float = 0.3
     views: int = 16
+    keep_m: float = 2.6
     voxels: VoxelConfig = field(default_factory=VoxelConfig)
     hidden: VoxelConfig = field(default_factory=lambda: VoxelConfig(size_m=0.03, through_m=0.03))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Look:
-    """A view, the pixels (H, W) of it that show the world, and coarse voxels (V, 3) of these."""
+    """A view.
+
+    Attributes:
+        view: The image.
+        points_m: (H, W, 3) what its pixels show in the world.
+        world: (H, W) which of them are to be remembered.
+        centres_m: (V, 3) coarse voxels of these.
+    """
 
     view: DepthView
+    points_m: Array
     world: NDArray[np.bool_]
     centres_m: Array
 
@@ -56,16 +64,17 @@ class SeenMap:
         self._felt = VoxelMap(self.config.voxels)
         self._looks: deque[_Look] = deque(maxlen=self.config.views)
 
-    def add(self, view: DepthView, own: NDArray[np.bool_]) -> None:
-        """Takes in a view, but for the pixels (H, W) that show the robot and what it holds."""
+    def add(self, view: DepthView, world: NDArray[np.bool_]) -> None:
+        """Takes in a view, of which some pixels (H, W) show what is to be remembered."""
         config = self.config
-        world = ~own & (view.depth_m < config.range_m)
+        self._forget_beyond(view.world_from_camera[:3, 3])
         self._voxels.carve(view)
         points_m = surface_points_m(view, world, config.spacing_m, config.slope)
         here = VoxelMap(config.hidden)
         here.add(points_m)
         self._voxels.add(points_m)
-        self._looks.append(_Look(view=view, world=world, centres_m=here.centres_m()))
+        look = _Look(view=view, points_m=view.points_m(), world=world, centres_m=here.centres_m())
+        self._looks.append(look)
 
     def feel(self, points_m: Array) -> None:
         """Takes points (K, 3) as occupied, but for those that some view sees through."""
@@ -76,12 +85,20 @@ class SeenMap:
         self._voxels.clear(box.contains(self._voxels.centres_m(), margin_m))
         for number, look in enumerate(self._looks):
             gone = look.world.copy()
-            gone[look.world] = box.contains(look.view.points_m()[look.world], margin_m)
-            self._looks[number] = _Look(
-                view=look.view,
+            gone[look.world] = box.contains(look.points_m[look.world], margin_m)
+            self._looks[number] = replace(
+                look,
                 world=look.world & ~gone,
                 centres_m=look.centres_m[~box.contains(look.centres_m, margin_m)],
             )
+
+    def mark(self) -> None:
+        """Remembers where surfaces were seen until now."""
+        self._voxels.mark()
+
+    def new_m(self, centre_m: Array, reach_m: float) -> Array:
+        """Returns those of `occupied_m` that were not when the map was marked."""
+        return _near(self._voxels.new_m(), centre_m, reach_m)
 
     def occupied_m(self, centre_m: Array, reach_m: float) -> Array:
         """Returns the centres (V, 3) of the voxels near a point (3,) where surfaces were seen."""
@@ -89,19 +106,21 @@ class SeenMap:
 
     def felt_m(self) -> Array:
         """Returns the centres (V, 3) of the voxels that were felt and that no view shows."""
-        for look in self._looks:
+        for look in self._looks if len(self._felt) else ():
             self._felt.carve(look.view)
         return self._felt.centres_m()
 
     def hidden_m(self, centre_m: Array, reach_m: float) -> Array:
         """Returns the centres (V, 3) of coarse voxels near a point (3,) that no view shows."""
         hidden, size_m = VoxelMap(self.config.hidden), self.config.hidden.size_m
+        depths_m = np.arange(1.5 * size_m, self.config.behind_m, size_m)[:, None, None]
+        behind_m = [np.zeros((0, 3))]
         for look in self._looks:
             surface_m = _near(look.centres_m, centre_m, reach_m)
             rays = surface_m - look.view.world_from_camera[:3, 3]
             rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-            for depth_m in np.arange(1.5 * size_m, self.config.behind_m, size_m):
-                hidden.add(surface_m + depth_m * rays)
+            behind_m.append((surface_m + depths_m * rays).reshape(-1, 3))
+        hidden.add(np.concatenate(behind_m))
         for look in self._looks:
             hidden.carve(look.view)
         return hidden.centres_m()
@@ -110,11 +129,23 @@ class SeenMap:
         """Returns points (K, 3) of the surfaces near a point (3,) that the latest views show."""
         found = [np.zeros((0, 3))]
         for look in self._looks:
-            near = np.linalg.norm(look.view.points_m() - centre_m, axis=-1) < reach_m
-            if (near & look.world).any():
-                found.append(surface_points_m(look.view, near & look.world, spacing_m, slope))
+            near = look.world & (((look.points_m - centre_m) ** 2).sum(axis=-1) < reach_m**2)
+            if near.any():
+                found.append(surface_points_m(look.view, near, spacing_m, slope))
         return np.concatenate(found)
+
+    def _forget_beyond(self, camera_m: Array) -> None:
+        """Keeps what is near the camera (3,): the arm reaches no farther, and maps stay small."""
+        keep_m = self.config.keep_m
+        for voxels in (self._voxels, self._felt):
+            voxels.crop(camera_m, keep_m)
+        for look in [
+            look
+            for look in self._looks
+            if np.linalg.norm(look.view.world_from_camera[:3, 3] - camera_m) >= keep_m
+        ]:
+            self._looks.remove(look)
 
 
 def _near(points_m: Array, centre_m: Array, reach_m: float) -> Array:
-    return points_m[np.linalg.norm(points_m - centre_m, axis=1) < reach_m]
+    return points_m[((points_m - centre_m) ** 2).sum(axis=1) < reach_m**2]

@@ -29,13 +29,19 @@ class VoxelConfig:
     through_m: float = 0.05
 
 
+def voxel_keys(points_m: Array, size_m: float) -> NDArray[np.int64]:
+    """Returns a number (K,) for each of some points (K, 3), the same within a voxel."""
+    indices = np.floor(points_m / size_m).astype(np.int64) + _OFFSET
+    return (indices[:, 0] << (2 * _BITS)) | (indices[:, 1] << _BITS) | indices[:, 2]
+
+
 class VoxelMap:
     """Occupied voxels of the world; what a camera sees through is emptied again."""
 
     def __init__(self, config: VoxelConfig | None = None) -> None:
         """Starts empty."""
         self.config = config or VoxelConfig()
-        self._keys = np.zeros(0, dtype=np.int64)
+        self._keys = self._marked = np.zeros(0, dtype=np.int64)
 
     def __len__(self) -> int:
         """Returns how many voxels are occupied."""
@@ -43,21 +49,32 @@ class VoxelMap:
 
     def centres_m(self) -> Array:
         """Returns the centres (V, 3) of the occupied voxels."""
-        shifts = np.array((2 * _BITS, _BITS, 0))
-        indices = (self._keys[:, None] >> shifts) & ((1 << _BITS) - 1)
-        return (indices.astype(float) - _OFFSET + 0.5) * self.config.size_m
+        return self._centres_m(self._keys)
+
+    def mark(self) -> None:
+        """Remembers which voxels are occupied now."""
+        self._marked = self._keys
+
+    def new_m(self) -> Array:
+        """Returns the centres (V, 3) of the occupied voxels that were not when it was marked."""
+        if not len(self._marked):
+            return self.centres_m()
+        places = np.searchsorted(self._marked, self._keys).clip(max=len(self._marked) - 1)
+        return self._centres_m(self._keys[self._marked[places] != self._keys])
 
     def add(self, points_m: Array) -> None:
         """Marks the voxels of points (K, 3) as occupied."""
-        indices = np.floor(points_m / self.config.size_m).astype(np.int64) + _OFFSET
-        keys = (indices[:, 0] << (2 * _BITS)) | (indices[:, 1] << _BITS) | indices[:, 2]
         # Much faster than numpy's union1d, which hashes.
-        keys = np.sort(np.concatenate((self._keys, keys)))
+        keys = np.sort(np.concatenate((self._keys, voxel_keys(points_m, self.config.size_m))))
         self._keys = keys[np.append(True, keys[1:] != keys[:-1])[: len(keys)]]
 
     def clear(self, emptied: NDArray[np.bool_]) -> None:
         """Marks the voxels (V,) as empty, in the order of `centres_m`."""
         self._keys = self._keys[~emptied]
+
+    def crop(self, centre_m: Array, reach_m: float) -> None:
+        """Forgets the voxels that are not within so much of a point (3,)."""
+        self.clear(((self.centres_m() - centre_m) ** 2).sum(axis=1) >= reach_m**2)
 
     def carve(self, view: DepthView) -> None:
         """Empties the voxels that a view sees through."""
@@ -66,3 +83,8 @@ class VoxelMap:
         behind_m = minimum_filter(view.depth_m, size=3, mode="nearest")
         farther = behind_m[pixels[:, 0], pixels[:, 1]] > depth_m + self.config.through_m
         self.clear(inside & farther)
+
+    def _centres_m(self, keys: NDArray[np.int64]) -> Array:
+        shifts = np.array((2 * _BITS, _BITS, 0))
+        indices = (keys[:, None] >> shifts) & ((1 << _BITS) - 1)
+        return (indices.astype(float) - _OFFSET + 0.5) * self.config.size_m

@@ -8,8 +8,8 @@ from functools import partial
 import numpy as np
 from hab_planner.errors import NoPlanError
 from hab_planner.observe import start_given
-from hab_planner.plan import Plan, saved_plan
-from hab_planner.problem import atoms_of, problem_of, task_of
+from hab_planner.plan import Action, Plan, saved_plan
+from hab_planner.problem import Atom, atoms_of, problem_of, task_of
 
 from hab_spa.motion.drive import DriveConfig, leave
 from hab_spa.motion.rest import rest
@@ -70,6 +70,7 @@ class Executor:
         self._hands, self._guide = hands, guide or robot
         self._env_id, self._task = env_id, task_of(env_id)
         self._robot, self._navigator, self._config = robot, navigator, config
+        self._tried: dict[tuple[Action, frozenset[Atom]], list[Standing]] = {}
         self._end = robot.deadline
 
     def run(self) -> Motion:
@@ -108,8 +109,9 @@ class Executor:
 
     def _at_work(self, item: Interaction) -> Motion:
         """Drives to where a skill can be done and does it; elsewhere when it does not work out."""
-        robot, tried = self._robot, list[Standing]()
+        robot = self._robot
         before = believed(self._task, robot.scene)
+        tried = self._tried.setdefault((item.action, before), [])  # by an earlier plan, too
         failure: Failure | None = Failure.EXECUTION  # no time is left
         for _ in range(self._config.tries):
             yield from self._fold()

@@ -55,14 +55,14 @@ def test_pixels_become_points():
 
 def test_points_are_projected_to_their_pixels():
     view = view_from(2.0, np.full((4, 6), 2.0))
-    pixels, depth_m, inside = view.project(view.points_m().reshape(-1, 3))
+    inside, pixels, depth_m = view.project(view.points_m().reshape(-1, 3))
     rows, columns = np.meshgrid(range(4), range(6), indexing="ij")
+    np.testing.assert_array_equal(inside, range(24))
     np.testing.assert_array_equal(pixels, np.stack((rows.ravel(), columns.ravel()), axis=1))
     np.testing.assert_allclose(depth_m, 2.0)
-    assert inside.all()
-    # Beside the image, and behind the camera.
-    _, _, inside = view.project(np.array(((0.0, 5.0, 0.0), (0.0, 0.0, 3.0))))
-    assert not inside.any()
+    # Beside the image, and behind the camera; the third is below it.
+    inside, _, _ = view.project(np.array(((0.0, 5.0, 0.0), (0.0, 0.0, 3.0), (0.01, 0.01, 1.0))))
+    np.testing.assert_array_equal(inside, (2,))
 
 
 def test_an_observation_gives_the_image_and_where_the_robot_is():

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hab_spa.planning.collision import ArmCollision, ShapeCache
 from hab_spa.planning.ik import BatchArm
 from hab_spa.planning.joint_goal import GraspConfig, sphere_m
+from hab_spa.scenes.told_places import ToldPlaces
 from hab_spa.scenes.true_scene import TrueScene, standing_at
 from hab_spa.sensing.cloud import DepthView, world_from_base
 from hab_spa.sensing.fitted_box import BoxConfig, FittedBox, fit_box, other_things_m
@@ -19,7 +20,7 @@ from hab_spa.sensing.held_box import HELD, HeldBox
 from hab_spa.sensing.octree import octrees
 from hab_spa.sensing.own_shapes import PREFIX, inside_robot, own_bodies, own_poses
 from hab_spa.sensing.seen_map import MapConfig, SeenMap
-from hab_spa.shapes import Array, invert_pose, within_body
+from hab_spa.shapes import Array, invert_pose
 from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.navigation import NavigationMap
 from hab_tasks.privileged import FrontState, PrivilegedState
@@ -67,7 +68,7 @@ class SeenConfig:
     reach_m: float = 1.6
     map_m: float = 1.9
     watch_steps: int = 6
-    cell_m: float = 0.24
+    cell_m: float = 0.4
     fit_reach_m: float = 0.45
     fit_spacing_m: float = 0.008
     fit_slope: float = 3.0
@@ -99,14 +100,12 @@ class SeenScene:
     def forget(self) -> None:
         """Starts a new episode."""
         self.map = SeenMap(self.config.map)
-        self._starts_m, self._goals_m = np.zeros((0, 3)), np.zeros((0, 3))
+        self._places: ToldPlaces | None = None
         self._boxes: dict[int, FittedBox] = {}
-        self._drawers: dict[int, FrontState] = {}
         self._hand: HeldBox | None = None
         self._wanted: int | None = None
         self._held: int | None = None
         self._was_holding = False
-        self._new = True
         self.daring = 0
         self._steps = 0
 
@@ -119,15 +118,16 @@ class SeenScene:
         if "privileged" in obs:
             self.truth.see(obs, row)
         holding = bool(obs["extra"]["is_holding"][row, 0] > 0.5)
-        if self._new:
-            self._new = False
-            self._read_places()
+        if self._places is None:
+            self._places = ToldPlaces.read(
+                obs, row, self.world_from_base, self._world_from_ee(), self._told_state()
+            )
             self._held = 0 if holding else None
         elif holding and not self._was_holding:
             self._took()
         elif not holding:
             if self._held is not None:  # it is believed to lie where the hand let it go
-                self._starts_m[self._held] = self._world_from_ee()[:3, 3]
+                self._told.lies_at(self._held, self._world_from_ee()[:3, 3])
             self._held, self._hand = None, None
         self._was_holding = holding
 
@@ -157,16 +157,11 @@ class SeenScene:
 
     def object_m(self, number: int) -> Array:
         """Returns where an object (3,) was when the episode began, or its drawer has taken it."""
-        start_m = self._starts_m[number]
-        if number not in self._drawers:
-            return start_m
-        before = self._drawers[number]
-        now = next(front for front in self.truth.state.fronts if front.body == before.body)
-        return start_m + before.moved(now.joint)[:3, 3]
+        return self._told.object_m(number, self._told_state())
 
     def goal_m(self, number: int) -> Array:
         """Returns where it is to be (3,)."""
-        return self._goals_m[number]
+        return self._told.goals_m[number]
 
     def grasp_points_m(self, number: int, *, around: bool = False) -> Array:
         """Returns the points (P, 3) at which the hand would take an object.
@@ -259,15 +254,17 @@ class SeenScene:
     def in_the_way(self, path: Array) -> bool:
         """Looks every few steps, and returns whether an arm's path (K, 7) is no longer free.
 
-        What a path is to keep clear of was seen when it was planned, so that only what has been
-        seen since can be in its way.
+        What was seen when it was planned it keeps clear of, so that only what has been seen since
+        can be in its way. The door or drawer that the hand pulls goes with it.
         """
         self._steps += 1
         if self._steps % self.config.watch_steps:
             return False
         self.look()
         new_m = self.map.new_m(self._shoulder_m, self.config.reach_m)
-        new_m = new_m[~self._cleared(new_m, self.config.map.voxels.size_m, self._believed(), None)]
+        pulled = next((front.body for front in self._fronts() if front.held), None)
+        here, size_m = self._believed(), self.config.map.voxels.size_m
+        new_m = new_m[~self._cleared(new_m, size_m, here, pulled)]
         return any(self._meets(pose, new_m) for pose in path) if len(new_m) else False
 
     def met(self, path: Array) -> None:
@@ -335,9 +332,19 @@ class SeenScene:
             goals_m=np.zeros((0, 3)),
         )
 
+    def _told_state(self) -> PrivilegedState | None:
+        """What the observation tells of the true state, if anything."""
+        return self.truth.state if "privileged" in self._obs else None
+
     def _fronts(self) -> tuple[FrontState, ...]:
         """The doors and drawers of the episode, where the observation tells of them."""
-        return self.truth.state.fronts if "privileged" in self._obs else ()
+        state = self._told_state()
+        return () if state is None else state.fronts
+
+    @property
+    def _told(self) -> ToldPlaces:
+        assert self._places is not None, "nothing was seen yet"
+        return self._places
 
     @property
     def _shoulder_m(self) -> Array:
@@ -359,7 +366,6 @@ class SeenScene:
         # It stands where it stood until now, and was seen better on the way.
         self.grasp_points_m(self._wanted)
         self._held = self._wanted
-        self._drawers.pop(self._held, None)
         box, config = self._boxes[self._wanted], self.config
         self._hand = HeldBox(
             ee_from_box=invert_pose(self._world_from_ee()) @ box.world_from_box,
@@ -374,28 +380,6 @@ class SeenScene:
         local_m = local_m[np.linalg.norm(local_m, axis=1) < self.config.held_reach_m]
         if len(local_m) >= self.config.box.fewest:
             self._hand = HeldBox.around(local_m)
-
-    def _read_places(self) -> None:
-        """Reads where the objects of the episode are and are to be."""
-        extra = {k: np.asarray(v[self._row], dtype=float) for k, v in self._obs["extra"].items()}
-        if "targets_in_base" in extra:
-            pairs_m = extra["targets_in_base"].reshape(-1, 2, 3)
-            base = self.world_from_base
-            places_m = pairs_m @ base[:3, :3].T + np.append(base[:2, 3], 0.0)
-            self._starts_m, self._goals_m = places_m[:, 0], places_m[:, 1]
-        world_from_ee = self._world_from_ee()
-        for name, kept in (("object_start_in_ee", "_starts_m"), ("object_goal_in_ee", "_goals_m")):
-            if name in extra:
-                place_m = world_from_ee[:3, :3] @ extra[name] + world_from_ee[:3, 3]
-                setattr(self, kept, place_m[None])
-        for front in self._fronts():
-            if front.slides:
-                body = next(b for b in self.truth.state.bodies if b.name == front.body)
-                pose = self.truth.state.world_from_body[front.body]
-                for number in np.flatnonzero(within_body(body, pose, self._starts_m)):
-                    self._drawers[int(number)] = front
-        if not len(self._starts_m):  # in Place the object is in the hand, wherever it was
-            self._starts_m = np.repeat(world_from_ee[None, :3, 3], len(self._goals_m), axis=0)
 
 
 def _at(pose: Array, point_m: Array) -> Array:

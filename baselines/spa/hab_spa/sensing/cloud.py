@@ -65,21 +65,23 @@ class DepthView:
         pose = self.world_from_camera
         return points_m @ pose[:3, :3].T + pose[:3, 3]
 
-    def project(self, points_m: Array) -> tuple[NDArray[np.int64], Array, NDArray[np.bool_]]:
+    def project(self, points_m: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
         """Projects points (K, 3) of the world.
 
         Returns:
-            The pixels (K, 2) row and column, clipped to the image, the points' depths (K,) and
-            whether each is in the image (K,) bool.
+            Which of the points are in the image (P,), their pixels (P, 2) row and column, and
+            their depths (P,).
         """
         camera_from_world = invert_pose(self.world_from_camera)
-        local = points_m @ camera_from_world[:3, :3].T + camera_from_world[:3, 3]
-        ahead = local[:, 2] > 1e-3
-        scaled = local[:, :2] / np.where(ahead, local[:, 2], 1.0)[:, None]
-        columns_rows = np.floor(scaled * self.focal_px + self.centre_px)
-        pixels = np.clip(columns_rows[:, ::-1], -1, np.array(self.depth_m.shape)).astype(np.int64)
-        inside = ahead & (pixels >= 0).all(axis=1) & (pixels < self.depth_m.shape).all(axis=1)
-        return np.clip(pixels, 0, np.array(self.depth_m.shape) - 1), local[:, 2], inside
+        x, y, depth_m = camera_from_world[:3, :3] @ points_m.T + camera_from_world[:3, 3:]
+        height, width = self.depth_m.shape
+        ahead_m = np.where(depth_m > 1e-3, depth_m, np.nan)  # nothing is in a picture at NaN
+        columns = x / ahead_m * self.focal_px[0] + self.centre_px[0]
+        rows = y / ahead_m * self.focal_px[1] + self.centre_px[1]
+        inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+        which = np.flatnonzero(inside)
+        pixels = np.stack((rows[which], columns[which]), axis=1).astype(np.int64)
+        return which, pixels, depth_m[which]
 
 
 def world_from_camera(obs: Mapping[str, Any], camera: str, row: int) -> Array:
@@ -126,9 +128,9 @@ def surface_points_m(
     for count in np.unique(counts):
         steps = (np.arange(count) + 0.5) / count
         x, y = (grid.reshape(-1, 1) for grid in np.meshgrid(steps, steps))
-        weights = np.stack(((1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y))  # (4, C, 1)
+        weights = np.hstack(((1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y))  # (C, 4)
         chosen = counts == count
-        depth = 1.0 / (weights * inverse[:, None, chosen]).sum(axis=0)
-        direction = (weights[..., None] * directions[:, None, chosen]).sum(axis=0)
+        depth = 1.0 / (weights @ inverse[:, chosen])
+        direction = np.tensordot(weights, directions[:, chosen], axes=1)
         points.append((direction * depth[..., None]).reshape(-1, 3))
     return view.to_world_m(np.concatenate(points))

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 import trimesh
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from hab_spa.planning.collision import shared_arm_model
 from hab_spa.shapes import Array
@@ -59,11 +60,19 @@ def inside_robot(points_m: Array, poses: dict[str, Array], margin_m: float) -> N
     """
     directions = _directions()
     inside = np.zeros(len(points_m), dtype=bool)
-    for name, heights_m, centre_m, radius_m in _outlines():
-        pose = poses[name]
-        offset_m = points_m - (pose[:3, :3] @ centre_m + pose[:3, 3])
-        near = np.flatnonzero((offset_m**2).sum(axis=1) <= (radius_m + margin_m) ** 2)
-        along_m = offset_m[near] @ (pose[:3, :3] @ directions.T)
+    outlines = _outlines()
+    frames = [poses[name] for name, *_ in outlines]
+    centres_m = np.array(
+        [
+            pose[:3, :3] @ centre_m + pose[:3, 3]
+            for pose, (_, _, centre_m, _) in zip(frames, outlines, strict=True)
+        ]
+    )
+    gaps_m2 = cdist(centres_m, points_m, "sqeuclidean")
+    for pose, at_m, gap_m2, outline in zip(frames, centres_m, gaps_m2, outlines, strict=True):
+        _, heights_m, _, radius_m = outline
+        near = np.flatnonzero(gap_m2 <= (radius_m + margin_m) ** 2)
+        along_m = (points_m[near] - at_m) @ (pose[:3, :3] @ directions.T)
         inside[near[(along_m <= heights_m + margin_m).all(axis=1)]] = True
     return inside
 

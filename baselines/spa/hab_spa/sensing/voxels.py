@@ -78,11 +78,13 @@ class VoxelMap:
 
     def carve(self, view: DepthView) -> None:
         """Empties the voxels that a view sees through."""
-        pixels, depth_m, inside = view.project(self.centres_m())
+        inside, pixels, depth_m = view.project(self.centres_m())
         # The nearest of the pixels around, because a voxel covers more than one.
         behind_m = minimum_filter(view.depth_m, size=3, mode="nearest")
         farther = behind_m[pixels[:, 0], pixels[:, 1]] > depth_m + self.config.through_m
-        self.clear(inside & farther)
+        emptied = np.zeros(len(self), dtype=bool)
+        emptied[inside] = farther
+        self.clear(emptied)
 
     def _centres_m(self, keys: NDArray[np.int64]) -> Array:
         shifts = np.array((2 * _BITS, _BITS, 0))

@@ -11,6 +11,7 @@ from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
 import torch
+from threadpoolctl import threadpool_limits
 
 LOOK_EVERY_S = 1.0
 
@@ -29,8 +30,18 @@ def worker_pool(
     return ProcessPoolExecutor(workers, context, _begin, (start, arguments))
 
 
-def _begin(start: Callable[..., None] | None, arguments: tuple[Any, ...]) -> None:
+def use_one_thread() -> None:
+    """Keeps this process's arithmetic on one thread.
+
+    More gain nothing on tensors this small, would wait for one another beside other processes,
+    and one makes sums reproducible.
+    """
     torch.set_num_threads(1)
+    threadpool_limits(limits=1)
+
+
+def _begin(start: Callable[..., None] | None, arguments: tuple[Any, ...]) -> None:
+    use_one_thread()
     threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
     if start is not None:
         start(*arguments)

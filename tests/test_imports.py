@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[1]
 
 # A module of hab_tasks may import from its own row and the rows above. A new one needs a row.
 ORDER = [
-    {"constants", "errors", "agent", "privileged", "assets", "arrays"},
+    {"constants", "errors", "agent", "privileged", "assets", "arrays", "files"},
     {"fronts", "goals"},
     {"geometry", "rendering", "options", "processes", "noise"},
     {"scenes"},

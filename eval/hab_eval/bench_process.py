@@ -17,12 +17,12 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
-import torch
 from torch import Tensor
 
 from hab_eval.bench_motion import Motion
 from hab_eval.errors import BenchError
 from hab_tasks.constants import CONTROL_HZ
+from hab_tasks.processes import use_one_thread
 
 START_TIMEOUT_S = 600.0
 STOP_TIMEOUT_S = 10.0
@@ -212,7 +212,7 @@ class RemoteSide:
 def _serve(factory: Callable[[], Side], connection: Connection) -> None:
     """Runs in the process: answers calls until the parent closes the pipe."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    torch.set_num_threads(1)
+    use_one_thread()
     try:
         side = factory()
         connection.send((True, None))

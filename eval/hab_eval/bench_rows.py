@@ -12,6 +12,7 @@ from rich.table import Table
 
 from hab_eval.errors import BenchError
 from hab_eval.schema import to_json
+from hab_tasks.files import written_aside
 
 REFERENCE = "ManiSkill ReplicaCAD_SceneManipulation-v1 fetch pd_ee_delta_pos"
 
@@ -67,8 +68,8 @@ def bound_row(name: Sequence[str], ours: Sequence[float], bound: float, *, unit:
 def write_rows(path: Path, rows: Sequence[BenchRow], *, force: bool) -> None:
     """Writes the rows as JSON."""
     check_target(path, force=force)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(to_json(list(rows)), indent=1) + "\n", encoding="utf-8")
+    with written_aside(path) as scratch:
+        scratch.write_text(json.dumps(to_json(list(rows)), indent=1) + "\n", encoding="utf-8")
 
 
 def check_target(path: Path, *, force: bool) -> None:

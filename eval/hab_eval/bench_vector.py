@@ -122,10 +122,11 @@ def _losses_told() -> Iterator[None]:
 
 def _make(factory: Any) -> gym.Env[Any, Any]:
     """Makes one environment, in its process, as plain Gymnasium wants it."""
-    import torch
     from mani_skill.utils.wrappers.gymnasium import CPUGymWrapper
 
-    torch.set_num_threads(1)
+    from hab_tasks.processes import use_one_thread
+
+    use_one_thread()
     return CPUGymWrapper(factory.make_env())
 
 

@@ -13,6 +13,9 @@ from typing import Annotated, Literal
 
 import tyro
 
+from hab_eval.episode_options import EpisodeOptions
+from hab_tasks.files import written_aside
+
 EXIT_BAD_INPUT = 2
 EXIT_STOPPED = 1
 EXIT_INTERRUPTED = 130
@@ -57,31 +60,13 @@ Suites:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunCommand:
+class RunCommand(EpisodeOptions):
     """Options of `hab-eval run`."""
 
-    agent: Annotated[str, tyro.conf.arg(metavar="MODULE:FACTORY")]
-    """The agent, e.g. hab_spa:spa_priv or hab_eval:random_agent."""
-    env: Annotated[str, tyro.conf.arg(metavar="ID")]
-    """Environment id, e.g. HabPick-v1; `hab-tasks list` shows all."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder for run.json, episodes.jsonl, config.json and videos."""
-    scene_dataset: Annotated[str, tyro.conf.arg(metavar="NAME|PATH")] = "apartment"
-    """`apartment`, which is shipped, or a ReplicaCAD folder."""
-    objects: Annotated[str | None, tyro.conf.arg(metavar="PATH")] = None
-    """A YCB folder, instead of the shipped objects."""
-    split: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
-    """Episode split, instead of the dataset's evaluation split."""
     episodes: Annotated[int, tyro.conf.arg(metavar="N")] = 50
     """Number of episodes."""
-    seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
-    """Seed of the episodes and of the agent."""
-    novel: Annotated[str | None, tyro.conf.arg(metavar="WHAT")] = None
-    """objects or receptacles: those kept for evaluating generalisation."""
-    option: Annotated[
-        tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE"), tyro.conf.UseAppendAction
-    ] = ()
-    """An option of the agent's own, e.g. navigation=teleport; may be given again."""
     workers: Annotated[int, tyro.conf.arg(metavar="W")] = 1
     """Number of processes; changes no result."""
     video: Annotated[int, tyro.conf.arg(metavar="K")] = 0
@@ -222,23 +207,11 @@ def _run(command: RunCommand) -> int:
     """Evaluates, then shows the result and where it stands."""
     from rich.console import Console
 
-    from hab_eval.config import EvalConfig, parse_options
     from hab_eval.evaluate import RunOptions, evaluate
     from hab_eval.leaderboard import build_groups, default_submissions, read_submissions
     from hab_eval.progress import make_reporter
     from hab_eval.report import leaderboard_tables, result_table
 
-    config = EvalConfig(
-        agent=command.agent,
-        env=command.env,
-        scene_dataset=command.scene_dataset,
-        objects=command.objects,
-        split=command.split,
-        episodes=command.episodes,
-        seed=command.seed,
-        novel=command.novel,
-        options=parse_options(command.option),
-    )
     options = RunOptions(
         out=command.out,
         workers=command.workers,
@@ -249,7 +222,7 @@ def _run(command: RunCommand) -> int:
     reporter = make_reporter(
         terminal=sys.stderr.isatty(), write_line=lambda line: print(line, flush=True)
     )
-    record = evaluate(config, options, reporter)
+    record = evaluate(command.config_of(command.episodes), options, reporter)
     console = Console(width=None if sys.stdout.isatty() else LOG_WIDTH)
     console.print(result_table(record))
     print(f"wrote {command.out / 'run.json'}")
@@ -276,7 +249,8 @@ def _table(command: TableCommand) -> int:
     texts = {target: to_markdown(groups), target.with_suffix(".html"): to_html(groups)}
     for path, text in texts.items():
         if not command.check:
-            path.write_text(text, encoding="utf-8")
+            with written_aside(path) as scratch:
+                scratch.write_text(text, encoding="utf-8")
             print(f"wrote {path}")
         elif not path.is_file() or path.read_text(encoding="utf-8") != text:
             print(f"hab-eval: {path} is out of date; run hab-eval table.", file=sys.stderr)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from hab_eval.errors import OptionError, ResultError
 from hab_eval.schema import MAY_BE_ABSENT, parse_json, read_dataclass
+from hab_tasks.files import written_aside
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,9 +84,8 @@ def join_commits(before: str | None, now: str | None) -> str | None:
 
 def write_config(path: Path, saved: SavedConfig) -> None:
     """Writes `config.json` through a temporary file, so that a resumed run never finds half."""
-    scratch = path.with_name(path.name + ".partial")
-    scratch.write_text(json.dumps(asdict(saved), indent=2) + "\n", encoding="utf-8")
-    scratch.replace(path)
+    with written_aside(path) as scratch:
+        scratch.write_text(json.dumps(asdict(saved), indent=2) + "\n", encoding="utf-8")
 
 
 def read_config(path: Path) -> SavedConfig:

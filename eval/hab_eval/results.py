@@ -18,6 +18,7 @@ from typing import Any
 from hab_eval.errors import ResultError
 from hab_eval.schema import MAY_BE_ABSENT, parse_json, read_dataclass, to_json
 from hab_eval.stats import Estimate, bootstrap_mean, mean, rate
+from hab_tasks.files import written_aside
 
 SCHEMA_VERSION = 1
 SUMMARY_TOLERANCE = 1e-6
@@ -158,13 +159,11 @@ def summarize(
 
 def write_record(path: Path, record: RunRecord) -> None:
     """Writes `run.json` through a temporary file, so that it is never half there."""
-    scratch = path.with_name(path.name + ".partial")
-    with scratch.open("w", encoding="utf-8") as file:
+    with written_aside(path) as scratch, scratch.open("w", encoding="utf-8") as file:
         json.dump(to_json(record), file, indent=1, allow_nan=False)
         file.write("\n")
         file.flush()
         os.fsync(file.fileno())
-    scratch.replace(path)
 
 
 def read_record(path: Path) -> RunRecord:

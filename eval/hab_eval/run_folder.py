@@ -19,6 +19,7 @@ from hab_eval.config import (
 from hab_eval.errors import ResultError, RunFolderError
 from hab_eval.results import FinishedEpisode
 from hab_eval.schema import parse_json_text, read_dataclass, to_json
+from hab_tasks.files import ASIDE, written_aside
 
 OWN_FILES = (
     "config.json",
@@ -26,7 +27,7 @@ OWN_FILES = (
     "traces.jsonl",
     "run.json",
     "error.txt",
-    "*.partial",
+    f"{ASIDE}*",
     "video_*.mp4",
     "video_*.png",
     "partial_video_*.mp4",
@@ -96,9 +97,8 @@ class RunFolder:
         lines = _whole_lines(self.traces_path)
         kept = [line for line in lines if json.loads(line)["id"] in finished]
         if len(kept) < len(lines):
-            scratch = self.traces_path.with_name(self.traces_path.name + ".partial")
-            scratch.write_text("".join(f"{line}\n" for line in kept), encoding="utf-8")
-            scratch.replace(self.traces_path)
+            with written_aside(self.traces_path) as scratch:
+                scratch.write_text("".join(f"{line}\n" for line in kept), encoding="utf-8")
 
 
 def check_free(root: Path, *, resume: bool, force: bool) -> None:

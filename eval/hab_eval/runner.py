@@ -22,6 +22,7 @@ from hab_eval.observers import Moment, Observer, VideoRecorder
 from hab_eval.results import EpisodeResult, FinishedEpisode
 from hab_eval.seen import Seen, show
 from hab_tasks.agent import Agent, AgentReport, AgentSetup
+from hab_tasks.processes import use_one_thread
 
 if TYPE_CHECKING:
     import gymnasium as gym
@@ -53,8 +54,7 @@ class Rollouts:
     """An environment with the agent that acts in it."""
 
     def __init__(self, plan: RolloutPlan) -> None:
-        # More threads gain nothing on these small tensors, and one makes sums reproducible.
-        torch.set_num_threads(1)
+        use_one_thread()
         config = plan.config
         setup = AgentSetup(env_id=config.env, seed=config.seed, options=config.options)
         self._agent = load_agent(config.agent, setup)

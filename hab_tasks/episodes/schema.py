@@ -10,7 +10,6 @@ from __future__ import annotations
 import gzip
 import json
 import math
-import tempfile
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from hab_tasks.errors import EpisodeError, UnknownNameError
+from hab_tasks.files import written_aside
 from hab_tasks.geometry import Pose7
 
 SCHEMA = 2
@@ -161,11 +161,8 @@ def save_json(value: Any, file: Path, *, sort_keys: bool) -> None:
     data = (json.dumps(value, sort_keys=sort_keys) + "\n").encode()
     if file.suffix == ".gz":
         data = gzip.compress(data, mtime=0)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=file.parent, prefix=".partial-") as scratch:
-        partial = Path(scratch) / file.name
-        partial.write_bytes(data)
-        partial.replace(file)
+    with written_aside(file) as scratch:
+        scratch.write_bytes(data)
 
 
 def read_episodes(file: Path) -> EpisodeSet:

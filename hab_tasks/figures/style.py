@@ -6,7 +6,6 @@ says is said by a marker, a hatch or words as well.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -14,6 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+
+from hab_tasks.files import written_aside
 
 BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 FLOOR, WALL, PIECE, EDGE, PALE = "#F4F1EA", "#5F6368", "#C3C9CF", "#6B7075", "#D8DCE0"
@@ -31,11 +32,8 @@ def new_figure(width_in: float, height_in: float) -> Figure:
 
 def save(figure: Figure, file: Path) -> None:
     """Writes a PNG aside and renames it; the same figure gives the same bytes."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=file.parent, prefix=".partial-") as scratch:
-        partial = Path(scratch) / file.name
-        figure.savefig(partial, metadata={"Software": None})
-        partial.replace(file)
+    with written_aside(file) as scratch:
+        figure.savefig(scratch, metadata={"Software": None})
 
 
 def bars(

@@ -14,6 +14,7 @@ from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.structs import Link
 from torch import Tensor
 
+from hab_tasks.files import written_aside
 from hab_tasks.robots.cameras import CameraRig
 from hab_tasks.robots.control import HabController, HabControllerConfig, control_configs
 from hab_tasks.robots.fetch_spec import (
@@ -59,7 +60,8 @@ def fetch_urdf(visuals: bool) -> Path:
     srdf = path.with_suffix(".srdf")
     pairs = _without_near_pairs(source.with_suffix(".srdf"))
     if not srdf.exists() or srdf.read_text() != pairs:
-        srdf.write_text(pairs)
+        with written_aside(srdf) as scratch:
+            scratch.write_text(pairs)
     return path
 
 

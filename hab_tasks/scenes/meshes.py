@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import os
 import struct
-import tempfile
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
@@ -20,6 +19,7 @@ import trimesh
 from trimesh.visual.material import PBRMaterial
 
 from hab_tasks.errors import DatasetError
+from hab_tasks.files import written_aside
 from hab_tasks.scenes.light_mesh import decimate_textured, fill_background
 
 TEXTURE_SIZE_PX = 512
@@ -49,11 +49,8 @@ def cached_file(name: str, write: Callable[[Path], None]) -> Path:
     path = cache_dir() / name
     if path.exists():
         return path
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=path.parent) as scratch:
-        partial = Path(scratch) / path.name
-        write(partial)
-        partial.replace(path)
+    with written_aside(path) as scratch:
+        write(scratch)
     return path
 
 

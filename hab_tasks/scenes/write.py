@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from hab_tasks.files import written_aside
 from hab_tasks.geometry import WORLD_FROM_HABITAT, Pose7, compose, inverse
 from hab_tasks.scenes.dataset import SceneDataset, read_json
 from hab_tasks.scenes.spec import SceneSpec
@@ -48,10 +49,9 @@ def _rotation(wxyz: tuple[float, ...]) -> list[float]:
 def write_scene(scene: Mapping[str, Any], folder: Path, scene_id: str) -> Path:
     """Writes a scene_instance file aside, then gives it its name; returns it."""
     path = folder / f"{scene_id}{SCENE_SUFFIX}"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_suffix(".partial")
-    partial.write_text(json.dumps(scene, indent=2) + "\n")
-    return partial.replace(path)
+    with written_aside(path) as scratch:
+        scratch.write_text(json.dumps(scene, indent=2) + "\n", encoding="utf-8")
+    return path
 
 
 def _template(entry: Mapping[str, Any]) -> str:

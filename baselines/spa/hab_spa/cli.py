@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
+from hab_eval.episode_options import EpisodeOptions
 
 from hab_tasks.errors import HabError
 from hab_tasks.options import check_options
@@ -30,33 +31,17 @@ Any agent will do, also one of your own. Episodes are played in order until enou
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecordCommand:
+class RecordCommand(EpisodeOptions):
     """Options of `hab-spa record`."""
 
-    agent: Annotated[str, tyro.conf.arg(metavar="MODULE:FACTORY")]
-    """The agent, e.g. hab_spa:spa_priv."""
-    env: Annotated[str, tyro.conf.arg(metavar="ID")]
-    """Environment id, e.g. HabPick-v1; `hab-tasks list` shows all."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder for trajectory.h5 and trajectory.json."""
-    scene_dataset: Annotated[str, tyro.conf.arg(metavar="NAME|PATH")] = "apartment"
-    """`apartment`, which is shipped, or a ReplicaCAD folder."""
-    objects: Annotated[str | None, tyro.conf.arg(metavar="PATH")] = None
-    """A YCB folder, instead of the shipped objects."""
-    split: Annotated[str, tyro.conf.arg(metavar="NAME")] = "train"
+    split: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = "train"
     """Episode split; the others are for evaluation."""
     count: Annotated[int, tyro.conf.arg(metavar="N")] = 10
     """Number of demonstrations."""
     most: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """Give up after so many episodes, instead of ten for each demonstration."""
-    seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
-    """Seed of the episodes and of the agent."""
-    novel: Annotated[str | None, tyro.conf.arg(metavar="WHAT")] = None
-    """objects or receptacles: those kept for evaluating generalisation."""
-    option: Annotated[
-        tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE"), tyro.conf.UseAppendAction
-    ] = ()
-    """An option of the agent's own, e.g. navigation=teleport; may be given again."""
     lerobot: bool = False
     """Write LeRobot's dataset format (v3.0) as well, into DIR/lerobot; needs pyarrow."""
     force: bool = False
@@ -65,25 +50,17 @@ class RecordCommand:
     def run(self) -> int:
         """Records, and shows how each episode went."""
         # Loading the simulator takes seconds, which --help and a mistyped option should not.
-        from hab_eval.config import EvalConfig, parse_options
         from hab_eval.results import EpisodeResult
 
         from hab_spa.recording.record import RecordPlan, record
 
-        config = EvalConfig(
-            agent=self.agent,
-            env=self.env,
-            scene_dataset=self.scene_dataset,
-            objects=self.objects,
-            split=self.split,
-            episodes=self.count,
-            seed=self.seed,
-            novel=self.novel,
-            options=parse_options(self.option),
-        )
         most = MOST_FOR_EACH * self.count if self.most is None else self.most
         plan = RecordPlan(
-            config=config, out=self.out, most=most, lerobot=self.lerobot, force=self.force
+            config=self.config_of(self.count),
+            out=self.out,
+            most=most,
+            lerobot=self.lerobot,
+            force=self.force,
         )
 
         def tell(result: EpisodeResult) -> None:

@@ -14,6 +14,7 @@ from hab_planner.plan import Plan, saved_plan
 from hab_planner.problem import DOMAIN, problem_of
 from hab_tasks.commands.base import refuse_existing
 from hab_tasks.errors import HabError
+from hab_tasks.files import written_aside
 from hab_tasks.options import check_options
 
 EXIT_BAD_INPUT = 2
@@ -79,6 +80,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _write(plan: Plan, file: Path) -> None:
     """Writes whole or not at all."""
-    partial = file.with_name(f"{file.name}.partial")
-    partial.write_text(plan.to_json(), encoding="utf-8")
-    partial.replace(file)
+    with written_aside(file) as scratch:
+        scratch.write_text(plan.to_json(), encoding="utf-8")

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-import torch
 from hab_eval import environments
 from hab_eval.config import EvalConfig
 from hab_eval.errors import OptionError, RunStoppedError
@@ -33,6 +32,7 @@ from hab_tasks.envs import ENVS
 from hab_tasks.episodes import Episode, EpisodeRequest, open_source
 from hab_tasks.episodes.source import EpisodeSource
 from hab_tasks.figures.statistics import readable
+from hab_tasks.processes import use_one_thread
 
 NAME = "trajectory"
 LEROBOT = "lerobot"
@@ -151,7 +151,7 @@ def _targets(plan: RecordPlan) -> list[Path]:
 
 def _play(plan: RecordPlan, scratch: Path, told: Told) -> list[EpisodeResult]:
     """Plays the episodes; leaves the two files of those that were solved in `scratch`."""
-    torch.set_num_threads(1)  # as in an evaluation
+    use_one_thread()  # as in an evaluation
     config = plan.config
     setup = AgentSetup(env_id=config.env, seed=config.seed, options=config.options)
     agent = load_agent(config.agent, setup)

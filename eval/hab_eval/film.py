@@ -5,16 +5,14 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from hab_eval.moment import Moment
 from hab_tasks.constants import CONTROL_HZ
-
-if TYPE_CHECKING:
-    from hab_eval.observers import Moment
 
 Frame = NDArray[np.uint8]
 

@@ -1,10 +1,8 @@
-"""Observers of a rollout, and what they are told: the video recorder is one."""
+"""Observers of a rollout: the video recorder is one."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -12,31 +10,13 @@ import imageio.v2 as imageio
 import numpy as np
 
 from hab_eval.film import Frame, compose, describe
+from hab_eval.moment import Moment
 from hab_tasks.constants import CONTROL_HZ
 
 if TYPE_CHECKING:
     import gymnasium as gym
 
     from hab_tasks.episodes import Episode
-
-
-@dataclass(frozen=True, kw_only=True)
-class Moment:
-    """What is known after a step, and before the first one.
-
-    Attributes:
-        step: Steps taken.
-        info: What the environment told last.
-        doing: What the agent says that it is doing.
-        reward: Reward of the last step.
-        episode_return: Sum of the rewards so far.
-    """
-
-    step: int
-    info: Mapping[str, Any]
-    doing: str
-    reward: float
-    episode_return: float
 
 
 class Observer(Protocol):

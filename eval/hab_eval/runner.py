@@ -18,7 +18,8 @@ from hab_eval import environments
 from hab_eval.config import EvalConfig
 from hab_eval.errors import AgentError, RunStoppedError
 from hab_eval.load_agent import load_agent
-from hab_eval.observers import Moment, Observer, VideoRecorder
+from hab_eval.moment import Moment
+from hab_eval.observers import Observer, VideoRecorder
 from hab_eval.results import EpisodeResult, FinishedEpisode
 from hab_eval.seen import Seen, show
 from hab_tasks.agent import Agent, AgentReport, AgentSetup

@@ -125,6 +125,33 @@ def test_voxels_that_a_view_sees_through_are_emptied():
     )
 
 
+def test_a_map_tells_what_is_new_and_forgets_what_is_far():
+    voxels = VoxelMap(VoxelConfig(size_m=0.1))
+    np.testing.assert_allclose(voxels.new_m(), np.zeros((0, 3)))
+    voxels.add(np.array(((0.01, 0.0, 0.0), (0.25, 0.0, 0.0))))
+    assert len(voxels.new_m()) == 2  # it was never marked
+    voxels.mark()
+    # The first is in a voxel that was known; the second and third are in one that was not.
+    voxels.add(np.array(((0.02, 0.03, 0.04), (0.51, 0.0, 0.0), (0.58, 0.0, 0.0))))
+    np.testing.assert_allclose(voxels.new_m(), ((0.55, 0.05, 0.05),))
+    # Centres are at x = 0.05, 0.25 and 0.55: the last is 0.55 m or more from the origin.
+    voxels.crop(np.array((0.05, 0.05, 0.05)), 0.3)
+    np.testing.assert_allclose(voxels.centres_m()[:, 0], (0.05, 0.25))
+    assert not len(voxels.new_m())
+
+
+def test_views_from_far_away_are_forgotten():
+    seen = SeenMap(MapConfig(keep_m=1.5))
+    everything = np.ones((8, 8), dtype=bool)
+    seen.add(view_from(1.0, np.full((8, 8), 1.0)), everything)
+    assert len(seen.points_m(np.zeros(3), 1.0, 0.05, 5.0))
+    seen.add(view_from(2.4, np.full((8, 8), 0.4)), everything)  # 1.4 m above the first
+    assert len(seen.points_m(np.zeros(3), 1.0, 0.05, 5.0))
+    seen.add(view_from(2.6, np.full((8, 8), 0.4)), everything)
+    assert not len(seen.points_m(np.zeros(3), 1.0, 0.05, 5.0))
+    assert not len(seen.occupied_m(np.zeros(3), 1.0))
+
+
 def test_what_hides_behind_a_surface_is_not_free_until_seen():
     config = MapConfig(behind_m=0.3, hidden=VoxelConfig(size_m=0.03, through_m=0.03))
     seen = SeenMap(config)

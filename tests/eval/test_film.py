@@ -8,7 +8,7 @@ import torch
 from hab_eval import environments
 from hab_eval.config import EvalConfig
 from hab_eval.film import LINE_PX, LINES, compose, describe
-from hab_eval.observers import Moment
+from hab_eval.moment import Moment
 
 from hab_tasks.agent import AgentSpec
 from hab_tasks.envs import ENVS

@@ -1,0 +1,115 @@
+"""What SPA believes of the scene: what is in the way, and where things are."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hab_spa.planning.ik import BatchArm
+from hab_spa.scenes.seen_scene import SeenConfig, SeenScene
+from hab_spa.scenes.told_places import ToldPlaces
+
+from hab_tasks.privileged import CollisionBody, CollisionShape, FrontState, PrivilegedState
+from hab_tasks.robots.cameras import PLACES
+from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
+
+REST = np.array(REST_QPOS_RAD)
+ASIDE = REST + np.array((0.6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+"""The shoulder turned, so that the hand is about half a metre to the left."""
+
+FOCAL_PX = 64.0
+
+
+def observation(wall_m):
+    """One row's images: a wall so far ahead of the head's camera, nothing before the hand's."""
+    depth = np.ones((1, 128, 128, 1))
+    depth[..., 0] = wall_m / 10.0
+    base_from_sapien = PLACES["head"].pose().to_transformation_matrix().astype(float)
+    axes = np.stack((-base_from_sapien[:3, 1], -base_from_sapien[:3, 2], base_from_sapien[:3, 0]))
+    extrinsic = np.concatenate((axes, -axes @ base_from_sapien[:3, 3:]), axis=1)
+    intrinsic = np.array(((FOCAL_PX, 0.0, 64.0), (0.0, FOCAL_PX, 64.0), (0.0, 0.0, 1.0)))
+    parameters = {"extrinsic_cv": extrinsic[None], "intrinsic_cv": intrinsic[None]}
+    return {
+        "agent": {"arm_qpos": REST[None]},
+        "extra": {"is_holding": np.zeros((1, 1)), "object_start_in_ee": np.ones((1, 3))},
+        "sensor_data": {"head": {"depth": depth}, "arm": {"depth": np.ones((1, 128, 128, 1))}},
+        "sensor_param": {"head": parameters, "arm": parameters},
+    }
+
+
+@pytest.fixture
+def scene():
+    """A robot at the origin that sees nothing within 10 m."""
+    scene = SeenScene(SeenConfig(watch_steps=1))
+    scene.see(observation(wall_m=10.0), 0)
+    scene.collision()
+    return scene
+
+
+def test_only_what_was_seen_since_the_plan_is_in_the_way(scene):
+    path = np.linspace(REST, ASIDE, 20)
+    assert not scene.in_the_way(path)
+    hand_m = BatchArm().ee_pose(ASIDE)[:3, 3]
+    # How far ahead of the head's camera the hand will be: a wall there is where it goes.
+    camera = PLACES["head"].pose().to_transformation_matrix().astype(float)
+    ahead_m = float(camera[:3, 0] @ (hand_m - camera[:3, 3]))
+    scene.see(observation(wall_m=ahead_m), 0)
+    assert scene.in_the_way(path)
+    assert not scene.in_the_way(path[:2])  # so far it is free
+    scene.collision()  # what is planned now knows the wall
+    assert not scene.in_the_way(path)
+
+
+def test_what_lies_in_a_drawer_is_believed_to_move_with_it():
+    drawer = CollisionBody(name="cabinet/drawer", group="furniture", shapes=(box((0.3, 0.2, 0.1)),))
+    pose = np.eye(4)
+    pose[:3, 3] = 1.0, 0.0, 0.5
+    closed = front_state(joint=0.0)
+    told = PrivilegedState(
+        scene_key="one drawer",
+        bodies=(drawer,),
+        world_from_body={drawer.name: pose},
+        world_from_base=np.eye(4),
+        arm_qpos=np.zeros(7),
+        locked_qpos={},
+        held=None,
+        object_com_m={},
+        targets=(),
+        goals_m=np.zeros((0, 3)),
+        fronts=(closed,),
+    )
+    # The drawer reaches from x = 0.7 to 1.3: the first object is in it, the second on top.
+    starts_m = np.array(((1.2, 0.1, 0.45), (1.2, 0.1, 0.65)))
+    places = ToldPlaces(starts_m, starts_m + 1.0, told)
+    opened = replace(told, fronts=(front_state(joint=0.4),))
+    np.testing.assert_allclose(places.object_m(0, told), starts_m[0])
+    np.testing.assert_allclose(places.object_m(0, opened), (0.8, 0.1, 0.45))  # it opens along -x
+    np.testing.assert_allclose(places.object_m(1, opened), starts_m[1])
+    places.lies_at(0, np.array((3.0, 0.0, 0.8)))
+    np.testing.assert_allclose(places.object_m(0, told), (3.0, 0.0, 0.8))
+
+
+def box(half_size_m):
+    """A box in the middle of its body."""
+    return CollisionShape(
+        kind="box",
+        body_from_shape=np.eye(4),
+        half_size_m=np.array(half_size_m),
+        vertices_m=np.zeros((0, 3)),
+        faces=np.zeros((0, 3), dtype=np.int64),
+    )
+
+
+def front_state(joint):
+    """A drawer that opens along -x."""
+    return FrontState(
+        kind="drawer",
+        body="cabinet/drawer",
+        handle_m=np.array((0.7 - joint, 0.0, 0.5)),
+        held=False,
+        joint=joint,
+        limits=(0.0, 0.5),
+        slides=True,
+        axis=np.array((-1.0, 0.0, 0.0)),
+        axis_point_m=np.zeros(3),
+        frame=np.zeros(3),
+    )

@@ -208,7 +208,12 @@ def _run(command: RunCommand) -> int:
     from rich.console import Console
 
     from hab_eval.evaluate import RunOptions, evaluate
-    from hab_eval.leaderboard import build_groups, default_submissions, read_submissions
+    from hab_eval.leaderboard import (
+        build_groups,
+        default_submissions,
+        group_title,
+        read_submissions,
+    )
     from hab_eval.progress import make_reporter
     from hab_eval.report import leaderboard_tables, result_table
 
@@ -228,7 +233,8 @@ def _run(command: RunCommand) -> int:
     print(f"wrote {command.out / 'run.json'}")
     folder = default_submissions()
     others = read_submissions(folder) if folder.is_dir() else {}
-    for table in leaderboard_tables(build_groups({**others, "this run": record})):
+    groups = build_groups({**others, "this run": record})
+    for table in leaderboard_tables([g for g in groups if g.title == group_title(record)]):
         console.print(table)
     return 0
 

@@ -42,7 +42,7 @@ def view_from(height_m: float, depth_m: np.ndarray, focal_px: float = 8.0) -> De
 
 def test_pixels_become_points():
     view = view_from(2.0, np.array(((1.0, 2.0), (np.inf, 4.0))), focal_px=1.0)
-    points = view.points_m()
+    points = view.points_m
     # Row 0, column 0 is half a pixel left and up of the axis: camera (-0.5, -0.5, 1) * 1 m. Left
     # is +y of the world and up is +x; 1 m below a camera at 2 m is z = 1.
     np.testing.assert_allclose(points[0, 0], (0.5, 0.5, 1.0))
@@ -55,7 +55,7 @@ def test_pixels_become_points():
 
 def test_points_are_projected_to_their_pixels():
     view = view_from(2.0, np.full((4, 6), 2.0))
-    inside, pixels, depth_m = view.project(view.points_m().reshape(-1, 3))
+    inside, pixels, depth_m = view.project(view.points_m.reshape(-1, 3))
     rows, columns = np.meshgrid(range(4), range(6), indexing="ij")
     np.testing.assert_array_equal(inside, range(24))
     np.testing.assert_array_equal(pixels, np.stack((rows.ravel(), columns.ravel()), axis=1))

@@ -214,9 +214,8 @@ class SeenScene:
         poses, shoulder_m = own_poses(self.world_from_base, self.arm_qpos), self._shoulder_m
         for camera in CAMERAS:
             view = DepthView.read(self._obs, camera, self._row)
-            points_m = view.points_m()
-            pixels = ((points_m - shoulder_m) ** 2).sum(axis=-1) < self.config.map_m**2
-            points_m = points_m[pixels]
+            pixels = ((view.points_m - shoulder_m) ** 2).sum(axis=-1) < self.config.map_m**2
+            points_m = view.points_m[pixels]
             world = pixels.copy()
             of_robot = inside_robot(points_m, poses, self.config.own_margin_m)
             if self.holding and self._hand is None:

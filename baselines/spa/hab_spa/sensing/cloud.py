@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -48,8 +49,9 @@ class DepthView:
             world_from_camera=world_from_camera(obs, camera, row),
         )
 
+    @cached_property
     def points_m(self) -> Array:
-        """Returns the point (H, W, 3) in the world that each pixel's centre shows, else NaN."""
+        """The point (H, W, 3) in the world that each pixel's centre shows, else NaN."""
         depth_m = np.where(np.isfinite(self.depth_m), self.depth_m, np.nan)
         return self.to_world_m(self.rays() * depth_m[..., None])
 

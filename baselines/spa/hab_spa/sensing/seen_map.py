@@ -43,13 +43,11 @@ class _Look:
 
     Attributes:
         view: The image.
-        points_m: (H, W, 3) what its pixels show in the world.
         world: (H, W) which of them are to be remembered.
         centres_m: (V, 3) coarse voxels of these.
     """
 
     view: DepthView
-    points_m: Array
     world: NDArray[np.bool_]
     centres_m: Array
 
@@ -73,8 +71,7 @@ class SeenMap:
         here = VoxelMap(config.hidden)
         here.add(points_m)
         self._voxels.add(points_m)
-        look = _Look(view=view, points_m=view.points_m(), world=world, centres_m=here.centres_m())
-        self._looks.append(look)
+        self._looks.append(_Look(view=view, world=world, centres_m=here.centres_m()))
 
     def feel(self, points_m: Array) -> None:
         """Takes points (K, 3) as occupied, but for those that some view sees through."""
@@ -85,7 +82,7 @@ class SeenMap:
         self._voxels.clear(box.contains(self._voxels.centres_m(), margin_m))
         for number, look in enumerate(self._looks):
             gone = look.world.copy()
-            gone[look.world] = box.contains(look.points_m[look.world], margin_m)
+            gone[look.world] = box.contains(look.view.points_m[look.world], margin_m)
             self._looks[number] = replace(
                 look,
                 world=look.world & ~gone,
@@ -129,7 +126,7 @@ class SeenMap:
         """Returns points (K, 3) of the surfaces near a point (3,) that the latest views show."""
         found = [np.zeros((0, 3))]
         for look in self._looks:
-            near = look.world & (((look.points_m - centre_m) ** 2).sum(axis=-1) < reach_m**2)
+            near = look.world & (((look.view.points_m - centre_m) ** 2).sum(axis=-1) < reach_m**2)
             if near.any():
                 found.append(surface_points_m(look.view, near, spacing_m, slope))
         return np.concatenate(found)

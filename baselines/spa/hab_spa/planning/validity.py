@@ -69,27 +69,28 @@ class SimulatorCheck:
     def is_free(self, qpos: Array) -> bool:
         """Whether an arm pose (7,) touches nothing, itself included."""
         self.checks += 1
-        self._qpos[self._arm] = qpos
-        self._robot.set_qpos(self._qpos)
-        self._robot.set_qvel(np.zeros_like(self._qpos))
+        self._set(qpos)
         if self._held is not None:
             self._held.set_pose(self._hand.entity_pose * self._hand_from_held)
         self._physics.step()
         # All of them are looked at, so that everything is put back.
         return not [c for c in self._physics.get_contacts() if self._touches(c)]
 
+    def _set(self, qpos: Array) -> None:
+        """Sets the arm's pose (7,)."""
+        self._qpos[self._arm] = qpos
+        self._robot.set_qpos(self._qpos)
+        self._robot.set_qvel(np.zeros_like(self._qpos))
+
     def _touches(self, contact: Any) -> bool:
         """Whether the arm, or what it holds, is in this contact; what it hit is put back."""
-        touches = self._is_touching(contact)
-        for body in contact.bodies if touches else ():
+        bodies = contact.bodies
+        if not any(body.entity.per_scene_id in self._moving for body in bodies):
+            return False
+        touches = any(point.separation < 0.0 for point in contact.points)
+        for body in bodies if touches else ():
             self._put_back(body)
         return touches
-
-    def _is_touching(self, contact: Any) -> bool:
-        """Whether the arm, or what it holds, is in this contact."""
-        if not any(body.entity.per_scene_id in self._moving for body in contact.bodies):
-            return False
-        return any(point.separation < 0.0 for point in contact.points)
 
     def _put_back(self, body: Any) -> None:
         """Undoes the push of the microsecond, which is as far as the arm was in the body."""
@@ -118,15 +119,12 @@ class StateDictCheck(SimulatorCheck):
         self._arm_columns = [joints + column for column in self._arm]
         self._robot_row = robot[0]
 
-    def is_free(self, qpos: Array) -> bool:
-        """See `SimulatorCheck`."""
-        self.checks += 1
+    def _set(self, qpos: Array) -> None:
         self._robot_row[self._arm_columns] = torch.as_tensor(qpos, dtype=self._robot_row.dtype)
         self._core.set_state_dict(self._state)
-        if self._held is not None:
-            self._held.set_pose(self._hand.entity_pose * self._hand_from_held)
-        self._physics.step()
-        return not any(self._is_touching(c) for c in self._physics.get_contacts())
+
+    def _put_back(self, body: Any) -> None:
+        """Does nothing: the next state is that of everything."""
 
 
 @dataclass(frozen=True, kw_only=True)

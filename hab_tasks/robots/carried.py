@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sapien.physx import PhysxArticulationLinkComponent, PhysxRigidDynamicComponent
 
 from hab_tasks.constants import SIM_HZ
+from hab_tasks.robots.handle_tie import HANDLE_SPRING
 
 if TYPE_CHECKING:
     from hab_tasks.robots.grasp import Handle
@@ -37,23 +38,40 @@ def take_along(
 
 
 def pull_along(handle: Handle, hand_m: Vector, physics_steps: int) -> None:
-    """Gives a door or drawer the speed that brings its handle to the hand.
+    """Gives a door or drawer the speed that brings its handle to its place in the hand.
 
     It is the joint's speed and not its position that is set, so that what lies in a drawer is taken
-    along, and what stands in the way of a door is pushed.
+    along, and what stands in the way of a door is pushed; by no more than the spring's force.
 
     Args:
         handle: What is held.
-        hand_m: (3,) the end-effector in the world.
-        physics_steps: After so many steps it is there, or as near as the joint lets it.
+        hand_m: (3,) the handle's place in the hand, in the world.
+        physics_steps: After so many steps it is there, or as near as joint and force let it.
     """
     furniture, column = handle.furniture._objs[0], handle.column
     lower, upper = handle.limits
     position = float(furniture.qpos[column])
     wanted = min(max(position + joint_way(handle, hand_m), lower), upper)
     speeds = furniture.qvel
-    speeds[column] = (wanted - position) * SIM_HZ / physics_steps
+    most = HANDLE_SPRING.force_n / _inertia_at(handle) / SIM_HZ
+    change = (wanted - position) * SIM_HZ / physics_steps - float(speeds[column])
+    speeds[column] += min(max(change, -most), most)
     furniture.set_qvel(speeds)
+
+
+def _inertia_at(handle: Handle) -> float:
+    """Returns the force at a handle that accelerates its joint by 1 m/s^2 or 1 rad/s^2 [N]."""
+    link: Any = handle.link._objs[0]
+    if link.joint.type == "prismatic":
+        return float(link.mass)
+    frame = link.joint.global_pose.to_transformation_matrix()
+    axis, center = frame[:3, 0], frame[:3, 3]
+    middle = link.entity_pose * link.cmass_local_pose
+    turned = middle.to_transformation_matrix()[:3, :3].T @ axis
+    lever_m = np.linalg.norm(np.cross(axis, middle.p - center))
+    point = (link.entity_pose * sapien.Pose(list(handle.offset_m))).p
+    inertia_kg_m2 = float(link.inertia @ turned**2) + link.mass * lever_m**2
+    return float(inertia_kg_m2 / np.linalg.norm(np.cross(axis, point - center)))
 
 
 def joint_way(handle: Handle, hand_m: Vector) -> float:

@@ -6,16 +6,18 @@ from typing import Any
 
 import sapien
 
+from hab_tasks.constants import SIM_HZ
 from hab_tasks.robots.carried import pull_along, take_along
 from hab_tasks.robots.fetch_spec import EE_OFFSET_M
 from hab_tasks.robots.grasp import NOTHING, SnapGrasp
+from hab_tasks.robots.handle_tie import HANDLE_SPRING
 
 HOLD_STIFFNESS_NM_RAD = 1e5
 HOLD_DAMPING_NM_S_RAD = 1e3
 
 
 class DriveGrasp(SnapGrasp):
-    """Holds with a constraint: a rigid joint for an object, a ball joint for a handle.
+    """Holds with a constraint: a rigid joint for an object, a spring of limited force for a handle.
 
     Attributes:
         pulls_along: Whether the furniture of a held handle goes where the hand is set, instead of
@@ -42,7 +44,9 @@ class DriveGrasp(SnapGrasp):
         """Moves the furniture of a held handle to a hand that was set."""
         if self._steps_left and int(self.held_handle[0]) != NOTHING:
             handle = self.handles[int(self.held_handle[0])]
-            pull_along(handle, self.ee_position_m()[0].numpy(), self._steps_left)
+            world_from_ee = self._cpu_hand.entity_pose * sapien.Pose([EE_OFFSET_M, 0.0, 0.0])
+            place_m = (world_from_ee * sapien.Pose(self._handle_in_ee_m[0])).p
+            pull_along(handle, place_m, self._steps_left)
             self._steps_left -= 1
 
     def after_control_step(self) -> None:
@@ -69,8 +73,19 @@ class DriveGrasp(SnapGrasp):
         )
         if self.pulls_along:  # tied bodies do not collide, and that is all
             return
-        for lock in (drive.set_limit_x, drive.set_limit_y, drive.set_limit_z):
-            lock(0.0, 0.0)
+        spring = HANDLE_SPRING
+        # SAPIEN limits the impulse of a physics step, and calls it a force (measured).
+        most_n_s = spring.force_n / SIM_HZ
+        for pull in (
+            drive.set_drive_property_x,
+            drive.set_drive_property_y,
+            drive.set_drive_property_z,
+        ):
+            pull(spring.stiffness_n_m, spring.damping_n_s_m, most_n_s)
+        self._retie_handle(row)
+
+    def _retie_handle(self, row: int) -> None:
+        self._ties[row][1].set_drive_target(sapien.Pose(self._handle_in_ee_m[row]))
 
     def _drive(
         self, row: int, pose0: sapien.Pose, entity: sapien.Entity, pose1: sapien.Pose

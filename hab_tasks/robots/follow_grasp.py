@@ -12,9 +12,7 @@ from torch import Tensor
 
 from hab_tasks.robots.drive_grasp import DriveGrasp
 from hab_tasks.robots.grasp import NOTHING, Handle, SnapGrasp
-
-HANDLE_STIFFNESS_N_M = 2000.0
-HANDLE_DAMPING_N_S_M = 60.0
+from hab_tasks.robots.handle_tie import HANDLE_SPRING
 
 
 class FollowGrasp(SnapGrasp):
@@ -90,8 +88,11 @@ class FollowGrasp(SnapGrasp):
         velocity = handle.link.get_linear_velocity() + torch.linalg.cross(
             handle.link.get_angular_velocity(), point - handle.link.pose.p
         )
-        force = HANDLE_STIFFNESS_N_M * (self.ee_position_m() - point)
-        force = force - HANDLE_DAMPING_N_S_M * velocity
+        place = torch.as_tensor(self._handle_in_ee_m, device=self.scene.device) + self._offset
+        wanted = (self.ee_link.pose * Pose.create_from_pq(place)).p
+        spring = HANDLE_SPRING
+        force = spring.stiffness_n_m * (wanted - point) - spring.damping_n_s_m * velocity
+        force = force.clamp(-spring.force_n, spring.force_n)
         joint = handle.link.joint
         frame = joint.get_global_pose()
         # SAPIEN's joint frames have the joint's axis along x.

@@ -28,6 +28,7 @@ from torch import Tensor
 from hab_tasks.arrays import Rows
 from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.robots.fetch_spec import EE_OFFSET_M
+from hab_tasks.robots.handle_tie import HANDLE_SPRING
 from hab_tasks.scenes.collision_groups import HELD, MOVING, Groups, set_groups
 
 HOLD_TOLERANCE_M = 0.09
@@ -98,6 +99,8 @@ class SnapGrasp:
         self.lost = torch.zeros(count, dtype=torch.bool, device=device)
         self._any_lost = False
         self._ee_from_object = Pose.create_from_pq(torch.zeros(count, 3, device=device))
+        self._handle_in_ee_m = np.zeros((count, 3), dtype=np.float32)
+        self._steps_apart = np.zeros(count, dtype=np.int64)
         self._cpu_held = sapien.Pose()
         self._leaving: list[tuple[int, int, float]] = []
         self._busy: set[int] = set()
@@ -157,12 +160,10 @@ class SnapGrasp:
         Args:
             physics_steps: So many are coming in this action.
         """
-        if self._busy:
-            gap_m = torch.linalg.norm(self.handles_m() - self.ee_position_m()[:, None], dim=2)
-            for row in sorted(self._busy):
-                handle = int(self.held_handle[row])
-                if handle != NOTHING and float(gap_m[row, handle]) > HANDLE_TOLERANCE_M:
-                    self._release_row(row)
+        for row in sorted(self._busy):
+            handle = int(self.held_handle[row])
+            if handle != NOTHING and self._handle_gap_m(row) > HANDLE_TOLERANCE_M:
+                self._lose(row)
 
     def before_simulation_step(self) -> None:
         """Runs before every physics step."""
@@ -171,15 +172,17 @@ class SnapGrasp:
         """Loses what has been pulled out of the hand; runs after the physics of an action."""
         if self._busy:
             for row in sorted(self._busy):
-                if int(self.held[row]) != NOTHING and self._drift_m(row) > HOLD_TOLERANCE_M:
-                    self._release_row(row)
-                    self.lost = _with(self.lost, row, True)
-                    self._any_lost = True
+                if int(self.held[row]) == NOTHING:
+                    self._draw_in(row)
+                elif self._drift_m(row) > HOLD_TOLERANCE_M:
+                    self._lose(row)
 
     def get_state(self) -> dict[str, Tensor]:
-        """Returns held, held_handle (N,), the grasp poses (N, 7), and what leaves the hand.
+        """Returns held, held_handle (N,), how they are held, and what leaves the hand.
 
-        That is (N, K): how far an object has to get to be clear of the hand [m], 0 if it is.
+        An object by its pose in the hand (N, 7), a handle by its place in it (N, 3) [m] and the
+        actions (N,) for which it was out of reach. What leaves the hand, (N, K): how far an object
+        has to get to be clear of it [m], 0 if it is.
         """
         leaving_m = torch.zeros(len(self.held), len(self.objects), device=self.held.device)
         for row, index, side_m in self._leaving:
@@ -188,6 +191,8 @@ class SnapGrasp:
             "held": self.held.clone(),
             "held_handle": self.held_handle.clone(),
             "ee_from_object": self._ee_from_object.raw_pose.clone(),
+            "handle_in_ee_m": torch.as_tensor(self._handle_in_ee_m.copy()),
+            "steps_apart": torch.as_tensor(self._steps_apart.copy()),
             "leaving_m": leaving_m,
         }
 
@@ -198,7 +203,9 @@ class SnapGrasp:
             if int(state["held"][i]) != NOTHING:
                 self._hold(row, int(state["held"][i]), state["ee_from_object"][i])
             elif int(state["held_handle"][i]) != NOTHING:
-                self._grasp_handle(row, int(state["held_handle"][i]))
+                place_m = state["handle_in_ee_m"][i].cpu().numpy().astype(np.float32)
+                self._hold_handle(row, int(state["held_handle"][i]), place_m)
+                self._steps_apart[row] = int(state["steps_apart"][i])
             for index in torch.nonzero(state["leaving_m"][i]).flatten().tolist():
                 self._leaving.append((row, index, float(state["leaving_m"][i, index])))
                 self._set_collision(row, index, HELD)
@@ -244,7 +251,8 @@ class SnapGrasp:
             handle, handle_distance = _nearest(ee, self.handles_m()[rows])
             free = free & (handle_distance <= GRASP_RADIUS_M)
             for i in torch.nonzero(free).flatten().tolist():
-                self._grasp_handle(int(rows[i]), int(handle[i]))
+                row, index = int(rows[i]), int(handle[i])
+                self._hold_handle(row, index, self._place_in_ee_m(row, index))
         for i in torch.nonzero(distance <= GRASP_RADIUS_M).flatten().tolist():
             self.attach(int(rows[i]), int(nearest[i]))
 
@@ -271,10 +279,41 @@ class SnapGrasp:
         self._cpu_held = sapien.Pose(raw[row, :3].tolist(), raw[row, 3:].tolist())
         self._tie_object(row, index)
 
-    def _grasp_handle(self, row: int, index: int) -> None:
+    def _hold_handle(self, row: int, index: int, place_m: NDArray[np.float32]) -> None:
+        """Holds a handle that is to be at a place (3,) in the hand."""
         self.held_handle = _with(self.held_handle, row, index)
         self._busy.add(row)
+        self._handle_in_ee_m[row], self._steps_apart[row] = place_m, 0
         self._tie_handle(row, index)
+
+    def _draw_in(self, row: int) -> None:
+        """Draws the held handle nearer to the hand; loses one that stays out of reach."""
+        far = self._handle_gap_m(row) > HANDLE_SPRING.reach_m
+        self._steps_apart[row] = self._steps_apart[row] + 1 if far else 0
+        if self._steps_apart[row] >= HANDLE_SPRING.lost_steps:
+            self._lose(row)
+        elif self._handle_in_ee_m[row].any():
+            self._handle_in_ee_m[row] = HANDLE_SPRING.drawn_in(self._handle_in_ee_m[row])
+            self._retie_handle(row)
+
+    def _handle_gap_m(self, row: int) -> float:
+        """Returns how far the held handle is from the hand."""
+        return float(np.linalg.norm(self._place_in_ee_m(row, int(self.held_handle[row]))))
+
+    def _place_in_ee_m(self, row: int, index: int) -> NDArray[np.float32]:
+        """Returns a handle's place (3,) in the end-effector's frame."""
+        if not self.scene.gpu_sim_enabled:
+            link, offset = self._cpu_handles[index]
+            world_from_ee = self.ee_link._objs[0].entity_pose * _EE_FROM_LINK
+            return (world_from_ee.inv() * (link.entity_pose * offset)).p
+        gap = (self.handle_position_m(index) - self.ee_position_m())[row]
+        axes = self.ee_link.pose[row].to_transformation_matrix()[0, :3, :3]
+        return (gap @ axes).cpu().numpy()
+
+    def _lose(self, row: int) -> None:
+        self._release_row(row)
+        self.lost = _with(self.lost, row, True)
+        self._any_lost = True
 
     def _release_row(self, row: int) -> None:
         if int(self.held[row]) != NOTHING:
@@ -318,6 +357,9 @@ class SnapGrasp:
 
     def _tie_handle(self, row: int, index: int) -> None:
         raise NotImplementedError
+
+    def _retie_handle(self, row: int) -> None:
+        """Runs when the held handle's place in the hand has changed."""
 
     def _untie(self, row: int) -> None:
         raise NotImplementedError

@@ -26,6 +26,7 @@ from hab_tasks.scenes.collision_groups import (
     STATIC,
     set_groups,
 )
+from hab_tasks.scenes.joint_friction import brake
 from hab_tasks.scenes.meshes import parts_volume, textured_glb
 from hab_tasks.scenes.spec import (
     ArticulationInstance,
@@ -33,7 +34,7 @@ from hab_tasks.scenes.spec import (
     ObjectTemplate,
     Stage,
 )
-from hab_tasks.scenes.urdf import sapien_urdf
+from hab_tasks.scenes.urdf import joint_frictions, sapien_urdf
 
 FLAT_HEIGHT_M = 0.05
 """Floor, rugs and mats: bodies whose top is below this do not touch the robot's base."""
@@ -111,10 +112,11 @@ class BodyBuilder:
         built = builder.build()
         moving = {j.child_link.name for j in built.active_joints if j.child_link is not None}
         for link in built.links:
-            # Slides are level and hinges upright, so gravity could only make doors creep.
+            # Slides are level and hinges upright: gravity would only load them.
             link.disable_gravity = True
             for body in link._objs:
                 set_groups(body, FRONT if link.name in moving else PASSIVE)
+        brake(built, joint_frictions(furniture.urdf_file))
         return built
 
     def parking(self, count: int) -> Actor:

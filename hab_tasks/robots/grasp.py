@@ -305,7 +305,7 @@ class SnapGrasp:
         if not self.scene.gpu_sim_enabled:
             link, offset = self._cpu_handles[index]
             world_from_ee = self.ee_link._objs[0].entity_pose * _EE_FROM_LINK
-            return (world_from_ee.inv() * (link.entity_pose * offset)).p
+            return np.asarray((world_from_ee.inv() * (link.entity_pose * offset)).p)
         gap = (self.handle_position_m(index) - self.ee_position_m())[row]
         axes = self.ee_link.pose[row].to_transformation_matrix()[0, :3, :3]
         return (gap @ axes).cpu().numpy()

@@ -92,8 +92,8 @@ Actions of `ee` move the end-effector along the axes of the base frame. `object_
 same axes: in free space their direction is that of the action. Added to `ee_position`, each gives
 a point in the base frame. `ee_rotation` is the first column of the rotation matrix base_from_ee,
 followed by the second; the third is their cross product. That matrix transposed, times
-`object_start_from_ee`, is the paper's entry, the target in the hand's frame, which
-`target_frame="ee"` puts in its place.
+`object_start_from_ee`, is the target in the hand's frame, which `target_frame="ee"` puts in its
+place, as in Habitat.
 
 Navigate and the tasks are told points in the base frame itself; `targets_in_base` and
 `handles_in_base` less `ee_position` are what a skill is told. Objects' points are where they were

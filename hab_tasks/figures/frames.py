@@ -20,7 +20,7 @@ from hab_tasks.rendering import use_default_shaders
 AXES = (("x", VERMILION), ("y", GREEN), ("z", BLUE))
 SIZE_PX, INCHES = (660, 540), 4.4
 FIELD_RAD = 0.62
-COLORS = 64
+COLORS = 128
 HALO = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.8}
 
 
@@ -100,7 +100,7 @@ def draw_frames(file: Path, photo: Photo, frames: Sequence[Frame], arrows: Seque
     figure = new_figure(INCHES, INCHES * height / width)
     figure.set_layout_engine("none")
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    # With few colours the file is half as large.
+    # With few colours the file is much smaller.
     few = Image.fromarray(photo.image).quantize(COLORS, dither=Image.Dither.NONE)
     axes.imshow(np.asarray(few.convert("RGB")))
     axes.set_axis_off()

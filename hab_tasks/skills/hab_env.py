@@ -77,7 +77,7 @@ class HabEnv(ObservingEnv):
             observation is what is to be done, and the images.
         target_frame: ``base``: a skill's target is the vector from the end-effector to it, along
             the base's axes, as actions of ``ee`` move the hand (Navigate: the point in the base
-            frame); ``ee``: the target in the end-effector's frame, as in the paper. Tasks have the
+            frame); ``ee``: the target in the end-effector's frame, as in Habitat. Tasks have the
             base frame only.
         handle_position: True tells where the handle of the door or drawer is, along the base's
             axes; for environments that are about one.

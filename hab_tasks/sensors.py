@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from hab_tasks.agent import TargetFrame
-from hab_tasks.arrays import Rows, as_kind_of, cos, is_numpy, sin, stack
+from hab_tasks.arrays import Rows, cos, is_numpy, maximum, sin, stack
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, REST_POSITION_M
 from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.goals import Goals
@@ -117,13 +117,12 @@ def _rest(device: torch.device) -> Tensor:
 
 def _ee_rotation(s: Snapshot, m: Measures, g: Goals) -> Rows:
     # Row vectors times the base's axes: each axis of the hand in the base frame.
-    hand = s.ee_axes[:, :, :2].swapaxes(1, 2) @ s.base_axes
-    return hand.reshape(-1, 6)
+    return (s.ee_axes.swapaxes(1, 2)[:, :2] @ s.base_axes).reshape(-1, 6)
 
 
 def _is_holding(s: Snapshot, m: Measures, g: Goals) -> Rows:
-    holding = (s.held >= 0) | (s.held_handle >= 0)
-    return as_kind_of(holding, s.ee_m)[:, None]
+    holding = maximum(s.held, s.held_handle)[:, None] >= 0
+    return holding.astype(np.float32) if is_numpy(holding) else holding.float()
 
 
 ARM_QPOS = ObsEntry(

@@ -129,18 +129,10 @@ class HabEnv(ObservingEnv):
         self._hides_arm, self._delay_steps = invisible_arm, checked_steps(action_delay_steps)
         kwargs["render_backend"] = self._set_backend(render_backend, kwargs)
         kwargs["control_mode"] = self._known_mode(kwargs.get("control_mode"))
-        places: dict[str, Any] = {
-            "scene_dataset": scene_dataset,
-            "objects": objects,
-            "scene": scene,
-        }
-        chosen: dict[str, Any] = {
-            "split": split,
-            "file": episodes,
-            "seed": episode_seed,
-            "novel": novel,
-        }
-        source = open_source(EpisodeRequest(env_id=self.default_id(), **places, **chosen))
+        where: dict[str, Any] = {"scene_dataset": scene_dataset, "objects": objects, "scene": scene}
+        which: dict[str, Any] = {"split": split, "file": episodes, "seed": episode_seed}
+        request = EpisodeRequest(env_id=self.default_id(), novel=novel, **where, **which)
+        source = open_source(request)
         self._world = World(self.needs, source, num_episodes, num_envs, prefetch=prefetch)
         super().__init__(num_envs=num_envs, **{"robot_uids": "hab_fetch", **kwargs})
 

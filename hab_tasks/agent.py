@@ -16,6 +16,9 @@ from hab_tasks.errors import UnknownNameError
 
 Looks = Literal["always", "on demand"]
 
+TargetFrame = Literal["base", "ee"]
+"""How a skill tells its target: along the axes of the base, or in the end-effector's frame."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class AgentSpec:
@@ -36,6 +39,8 @@ class AgentSpec:
     obs_mode: str = "state_dict"
     privileged: bool = False
     looks: Looks = "always"
+    target_frame: TargetFrame = "base"
+    handle_position: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

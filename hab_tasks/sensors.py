@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Literal, get_args
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from hab_tasks.arrays import Rows, as_kind_of, cos, is_numpy, sin, stack
+from hab_tasks.agent import TargetFrame
+from hab_tasks.arrays import Rows, cos, is_numpy, maximum, sin, stack
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, REST_POSITION_M
+from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.goals import Goals
 from hab_tasks.measures import Measures
 from hab_tasks.snapshot import Snapshot
@@ -30,6 +33,8 @@ class ObsEntry:
         meaning: One line for tables.
         read: (snapshot, measures, goals) -> (N, *shape) float32.
         proprioceptive: The robot feels it; the others tell what is to be done.
+        in_ee: What takes its place with ``target_frame="ee"``: the same in the end-effector's
+            frame; None where there is only this one.
     """
 
     name: str
@@ -38,6 +43,50 @@ class ObsEntry:
     meaning: str
     read: Reader
     proprioceptive: bool = False
+    in_ee: ObsEntry | None = None
+
+    @property
+    def group(self) -> Literal["agent", "extra"]:
+        """The part of the observation that it is in."""
+        return "agent" if self.proprioceptive else "extra"
+
+
+def observed(
+    entries: Sequence[ObsEntry],
+    handle: ObsEntry | None,
+    target_frame: str = "base",
+    handle_position: bool = False,
+) -> tuple[ObsEntry, ...]:
+    """Returns the entries of an environment with its options.
+
+    Args:
+        entries: Those without options.
+        handle: The entry that `handle_position` adds; None where no door or drawer is in question.
+        target_frame: The option, ``base`` or ``ee``.
+        handle_position: The option.
+
+    Raises:
+        UnknownNameError: There is no such frame.
+        OptionError: The environment does not have the option.
+    """
+    chosen = tuple(entries)
+    if target_frame not in get_args(TargetFrame):
+        raise UnknownNameError("target_frame", target_frame, get_args(TargetFrame))
+    if target_frame == "ee":
+        if all(entry.in_ee is None for entry in chosen):
+            raise OptionError("target_frame", target_frame, "'base' in a task")
+        chosen = tuple(entry.in_ee or entry for entry in chosen)
+    if not handle_position:
+        return chosen
+    if handle is None:
+        valid = "False in an environment that is about no door or drawer"
+        raise OptionError("handle_position", handle_position, valid)
+    return (*chosen, handle)
+
+
+def along_base_axes(s: Snapshot, point_m: Rows) -> Rows:
+    """Returns the vector from the end-effector to a world point (N, 3) in base axes, (N, 3)."""
+    return ((point_m - s.ee_m)[:, None] @ s.base_axes)[:, 0]
 
 
 def in_ee_frame(s: Snapshot, point_m: Rows) -> Rows:
@@ -66,9 +115,14 @@ def _rest(device: torch.device) -> Tensor:
     return torch.tensor(REST_POSITION_M, device=device)
 
 
+def _ee_rotation(s: Snapshot, m: Measures, g: Goals) -> Rows:
+    # Row vectors times the base's axes: each axis of the hand in the base frame.
+    return (s.ee_axes.swapaxes(1, 2)[:, :2] @ s.base_axes).reshape(-1, 6)
+
+
 def _is_holding(s: Snapshot, m: Measures, g: Goals) -> Rows:
-    holding = (s.held >= 0) | (s.held_handle >= 0)
-    return as_kind_of(holding, s.ee_m)[:, None]
+    holding = maximum(s.held, s.held_handle)[:, None] >= 0
+    return holding.astype(np.float32) if is_numpy(holding) else holding.float()
 
 
 ARM_QPOS = ObsEntry(
@@ -87,6 +141,14 @@ EE_POSITION = ObsEntry(
     read=lambda s, m, g: m.ee_in_base_m,
     proprioceptive=True,
 )
+EE_ROTATION = ObsEntry(
+    name="ee_rotation",
+    shape=(6,),
+    unit="1",
+    meaning="x axis of the end-effector's frame, then its y axis, in the base frame",
+    read=_ee_rotation,
+    proprioceptive=True,
+)
 IS_HOLDING = ObsEntry(
     name="is_holding",
     shape=(1,),
@@ -103,29 +165,58 @@ REST_FROM_EE = ObsEntry(
     read=_rest_from_ee,
     proprioceptive=True,
 )
-OBJECT_START_IN_EE = ObsEntry(
-    name="object_start_in_ee",
+OBJECT_START = ObsEntry(
+    name="object_start_from_ee",
     shape=(3,),
     unit="m",
-    meaning="the target's starting position in the end-effector's frame",
-    read=lambda s, m, g: in_ee_frame(s, g.starts_m[:, 0]),
+    meaning="from the end-effector to the target's starting position, base frame",
+    read=lambda s, m, g: along_base_axes(s, g.starts_m[:, 0]),
+    in_ee=ObsEntry(
+        name="object_start_in_ee",
+        shape=(3,),
+        unit="m",
+        meaning="the target's starting position in the end-effector's frame",
+        read=lambda s, m, g: in_ee_frame(s, g.starts_m[:, 0]),
+    ),
 )
-OBJECT_GOAL_IN_EE = ObsEntry(
-    name="object_goal_in_ee",
+OBJECT_GOAL = ObsEntry(
+    name="object_goal_from_ee",
     shape=(3,),
     unit="m",
-    meaning="the target's goal position in the end-effector's frame",
-    read=lambda s, m, g: in_ee_frame(s, g.goals_m[:, 0]),
+    meaning="from the end-effector to the target's goal position, base frame",
+    read=lambda s, m, g: along_base_axes(s, g.goals_m[:, 0]),
+    in_ee=ObsEntry(
+        name="object_goal_in_ee",
+        shape=(3,),
+        unit="m",
+        meaning="the target's goal position in the end-effector's frame",
+        read=lambda s, m, g: in_ee_frame(s, g.goals_m[:, 0]),
+    ),
 )
-POINT_IN_EE = ObsEntry(
-    name="point_in_ee",
+# Where an object is only to be taken, its goal is its start. The base turns about its own frame's
+# origin, not about the hand.
+POINT = ObsEntry(
+    name="point_in_base",
     shape=(3,),
     unit="m",
-    meaning="start or goal of the object in question, in the end-effector's frame",
-    # Where an object is only to be taken, its goal is its start.
-    read=lambda s, m, g: in_ee_frame(s, g.goals_m[:, 0]),
+    meaning="start or goal of the object in question, in the base frame",
+    read=lambda s, m, g: in_base_frame(s, g.goals_m[:, :1])[:, 0],
+    in_ee=ObsEntry(
+        name="point_in_ee",
+        shape=(3,),
+        unit="m",
+        meaning="start or goal of the object in question, in the end-effector's frame",
+        read=lambda s, m, g: in_ee_frame(s, g.goals_m[:, 0]),
+    ),
 )
-PROPRIOCEPTION = (ARM_QPOS, EE_POSITION, IS_HOLDING, REST_FROM_EE)
+HANDLE = ObsEntry(
+    name="handle_from_ee",
+    shape=(3,),
+    unit="m",
+    meaning="from the end-effector to the handle where it is now, base frame",
+    read=lambda s, m, g: along_base_axes(s, s.handles_m[:, 0]),
+)
+PROPRIOCEPTION = (ARM_QPOS, EE_POSITION, EE_ROTATION, IS_HOLDING, REST_FROM_EE)
 
 
 def targets_in_base(objects: int) -> ObsEntry:
@@ -142,6 +233,17 @@ def targets_in_base(objects: int) -> ObsEntry:
         unit="m",
         meaning="start and goal of each object in turn, in the base frame",
         read=read,
+    )
+
+
+def handles_in_base(fronts: int) -> ObsEntry:
+    """Returns the entry that tells a task's handles, where they are now."""
+    return ObsEntry(
+        name="handles_in_base",
+        shape=(3 * fronts,),
+        unit="m",
+        meaning="handle of each door and drawer in turn where it is now, in the base frame",
+        read=lambda s, m, g: in_base_frame(s, s.handles_m).reshape(-1, 3 * fronts),
     )
 
 

@@ -25,6 +25,7 @@ class Snapshot:
     Attributes:
         arm_qpos_rad: (N, 7) arm joints.
         base: (N, 3) x [m], y [m], yaw [rad] of the base in the world.
+        base_axes: (N, 3, 3) axes of the base frame in the world, as columns.
         ee_m: (N, 3) end-effector point in the world.
         ee_in_base_m: (N, 3) the same point in the base frame.
         ee_axes: (N, 3, 3) axes of the gripper in the world, as columns.
@@ -39,6 +40,7 @@ class Snapshot:
 
     arm_qpos_rad: Rows
     base: Rows
+    base_axes: Rows
     ee_m: Rows
     ee_in_base_m: Rows
     ee_axes: Rows
@@ -75,13 +77,14 @@ class SnapshotReader:
             numbers = self._read_cpu(targets[0].tolist(), handles[0].tolist())
         else:
             numbers = self._read_batch(targets, handles)
-        arm, base, ee, ee_in_base, axes, objects_m, handles_m, joints = numbers
+        arm, base, base_axes, ee, ee_in_base, axes, objects_m, handles_m, joints = numbers
         held, held_handle, lost = self._grasp.held, self._grasp.held_handle, self._grasp.lost
         if self._on_cpu:
             held, held_handle, lost = held.numpy(), held_handle.numpy(), lost.numpy()
         return Snapshot(
             arm_qpos_rad=arm,
             base=base,
+            base_axes=base_axes,
             ee_m=ee,
             ee_in_base_m=ee_in_base,
             ee_axes=axes,
@@ -98,7 +101,7 @@ class SnapshotReader:
         qpos = self._robot.get_qpos()
         matrix = self._ee_link.entity_pose.to_transformation_matrix()
         objects, fronts = len(targets), len(handles)
-        raw = np.empty((1, 25 + 3 * objects + 4 * fronts), dtype=np.float32)
+        raw = np.empty((1, 34 + 3 * objects + 4 * fronts), dtype=np.float32)
         now = raw[0]
         now[:10] = qpos[self._joints]
         now[10:13] = matrix[:3, 3] + EE_OFFSET_M * matrix[:3, 0]
@@ -106,8 +109,9 @@ class SnapshotReader:
         base_x, base_y, yaw = now[7:10].tolist()
         ee_x, ee_y, ee_z = now[10:13].tolist()
         x, y, cosine, sine = ee_x - base_x, ee_y - base_y, math.cos(yaw), math.sin(yaw)
-        now[22:25] = cosine * x + sine * y, cosine * y - sine * x, ee_z
-        at = 25
+        ee_in_base = cosine * x + sine * y, cosine * y - sine * x, ee_z
+        now[22:34] = *ee_in_base, cosine, -sine, 0.0, sine, cosine, 0.0, 0.0, 0.0, 1.0
+        at = 34
         for index in targets:
             body, com = self._bodies[index]
             now[at : at + 3] = (body.entity_pose * com).p
@@ -116,12 +120,18 @@ class SnapshotReader:
             now[at : at + 3] = self._fronts[index].handle_m()
             now[number - fronts] = self._fronts[index].joint()
             at += 3
-        ends = 25 + 3 * objects, 25 + 3 * (objects + fronts)
-        points = raw[:, 25 : ends[0]].reshape(1, objects, 3)
-        grips = raw[:, ends[0] : ends[1]].reshape(1, fronts, 3)
-        axes = raw[:, 13:22].reshape(1, 3, 3)
-        arm, base, ee, ee_in_base = raw[:, :7], raw[:, 7:10], raw[:, 10:13], raw[:, 22:25]
-        return arm, base, ee, ee_in_base, axes, points, grips, raw[:, ends[1] :]
+        ends = 34 + 3 * objects, 34 + 3 * (objects + fronts)
+        return (
+            raw[:, :7],
+            raw[:, 7:10],
+            raw[:, 25:34].reshape(1, 3, 3),
+            raw[:, 10:13],
+            raw[:, 22:25],
+            raw[:, 13:22].reshape(1, 3, 3),
+            raw[:, 34 : ends[0]].reshape(1, objects, 3),
+            raw[:, ends[0] : ends[1]].reshape(1, fronts, 3),
+            raw[:, ends[1] :],
+        )
 
     def _read_batch(self, targets: Tensor, handles: Tensor) -> tuple[Tensor, ...]:
         agent, grasp = self._agent, self._grasp
@@ -136,8 +146,8 @@ class SnapshotReader:
             here = handles == index
             grips = torch.where(here[..., None], grasp.handle_position_m(index)[:, None], grips)
             joints = torch.where(here, self._fronts[index].batch_joint()[:, None], joints)
-        in_base = world_to_base(base, ee)
-        return qpos[:, agent.arm_index], base, ee, in_base, axes, points, grips, joints
+        arm, in_base = qpos[:, agent.arm_index], world_to_base(base, ee)
+        return arm, base, axes_of_base(base), ee, in_base, axes, points, grips, joints
 
 
 class _FrontReader:
@@ -168,6 +178,14 @@ def world_to_base(base: Rows, points_m: Rows) -> Rows:
     cosine, sine = cos(base[:, 2]), sin(base[:, 2])
     x, y = offset[:, 0], offset[:, 1]
     return stack((cosine * x + sine * y, cosine * y - sine * x, points_m[:, 2]), axis=1)
+
+
+def axes_of_base(base: Rows) -> Rows:
+    """Returns the axes of base frames (N, 3: x, y, yaw) in the world as columns, (N, 3, 3)."""
+    cosine, sine = cos(base[:, 2]), sin(base[:, 2])
+    zero = base[:, 2] * 0.0
+    rows = (cosine, -sine, zero, sine, cosine, zero, zero, zero, zero + 1.0)
+    return stack(rows, axis=1).reshape(-1, 3, 3)
 
 
 class ContactForce:

@@ -26,7 +26,7 @@ from hab_tasks.rewards import total
 from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.scenes.collision_groups import MOVING, set_groups
 from hab_tasks.skills.base import Skill
-from hab_tasks.snapshot import Snapshot, world_to_base
+from hab_tasks.snapshot import Snapshot, axes_of_base, world_to_base
 
 TABLE_SIZE_M = (1.0, 0.8, 0.6)
 """The tiny dataset's table: x, y (up) and z extents; its origin is its middle."""
@@ -173,7 +173,9 @@ def snapshot(
         "force_n": torch.zeros(count),
     }
     raw |= values
-    return Snapshot(**{"ee_in_base_m": world_to_base(raw["base"], raw["ee_m"]), **raw})
+    base = raw["base"]
+    known = {"base_axes": axes_of_base(base), "ee_in_base_m": world_to_base(base, raw["ee_m"])}
+    return Snapshot(**known | raw)
 
 
 def row(*values: float) -> torch.Tensor:

@@ -146,10 +146,12 @@ def test_the_page_says_everything_of_an_environment():
         for mode in entry.env.control_modes:
             assert f"| `{mode}` |" in section
         for item in entry.env.observation:
-            assert f"| `{item.name}` | {'x'.join(map(str, item.shape))} | {item.unit} |" in section
+            shape = "x".join(map(str, item.shape))
+            assert f"| `{item.name}` | `{item.group}` | {shape} | {item.unit} |" in section
         # Each observation table of a docstring is the class's own list.
-        table = re.findall(r"^    (\w+) +(\d+) ", entry.env.__doc__, flags=re.MULTILINE)
-        assert dict(table) == {e.name: str(*e.shape) for e in entry.env.observation}
+        row = r"^    (\w+) +(agent|extra) +(\d+) "
+        table = re.findall(row, entry.env.__doc__, flags=re.MULTILINE)
+        assert table == [(e.name, e.group, str(*e.shape)) for e in entry.env.observation]
 
 
 @pytest.mark.slow

@@ -70,6 +70,8 @@ def make_env(config: EvalConfig, spec: AgentSpec, *, split: str, render: bool) -
         novel=config.novel,
         obs_mode=spec.obs_mode,
         control_mode=spec.control_mode,
+        target_frame=spec.target_frame,
+        handle_position=spec.handle_position,
         reward_mode="dense",
         render_mode="rgb_array" if render else None,
         render_backend="auto",

@@ -121,6 +121,8 @@ def make_record(
         privileged=spec.privileged,
         control_mode=spec.control_mode,
         obs_mode=spec.obs_mode,
+        target_frame=spec.target_frame,
+        handle_position=spec.handle_position,
         env=config.env,
         scene_dataset=environments.short_name(episodes.scene_dataset),
         objects=None if config.objects is None else environments.short_name(config.objects),

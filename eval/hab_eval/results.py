@@ -100,6 +100,8 @@ class RunRecord:
         privileged: Whether the agent was given the simulator's true state.
         control_mode: Control mode that the agent asked for.
         obs_mode: Observation mode that the agent asked for.
+        target_frame: How the agent was told its target (an option of the environment).
+        handle_position: Whether the agent was told where the handle is.
         env: Environment id.
         scene_dataset: Name of the scene dataset.
         objects: Name of the object folder, None for the objects that are shipped.
@@ -122,6 +124,8 @@ class RunRecord:
     privileged: bool
     control_mode: str
     obs_mode: str
+    target_frame: str = field(default="base", metadata=MAY_BE_ABSENT)
+    handle_position: bool = field(default=False, metadata=MAY_BE_ABSENT)
     env: str
     scene_dataset: str
     objects: str | None

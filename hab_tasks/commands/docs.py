@@ -19,6 +19,7 @@ from hab_tasks.commands.base import Command, refuse_existing
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, CAMERA_SIZE_PX, EE_STEP_M, JOINT_STEP_RAD
 from hab_tasks.envs import ENVS, EnvEntry
 from hab_tasks.errors import HabError
+from hab_tasks.figures.frames import Arrow, Frame, draw_frames, photograph
 from hab_tasks.measures import MEANINGS, Measures
 from hab_tasks.rendering import resolve_backend
 from hab_tasks.robots.control import HabControllerConfig, control_configs
@@ -30,11 +31,13 @@ from hab_tasks.robots.control_modes import (
     STOP_SHARE,
 )
 from hab_tasks.robots.fetch_spec import BASE_ANGULAR_SPEED_RAD_S, BASE_LINEAR_SPEED_M_S
+from hab_tasks.sensors import OBJECT_START, ObsEntry
 from hab_tasks.skills.base import SkillEnv
 from hab_tasks.skills.hab_env import HabEnv
 from hab_tasks.tasks.task_env import SHOWN, TaskEnv
 
 PAGE = "environments.md"
+FRAMES_PICTURE = "frames.png"
 PICTURE_PX = 512
 
 SCORES = {
@@ -51,6 +54,10 @@ EPISODES = {
 }
 """Environment -> the episode of its picture; the first one elsewhere."""
 
+FRAMES_EPISODE = 18
+FRAMES_VIEW_M = (1.0, 2.3, 1.35), (0.4, 0.0, 0.6)
+"""Where the picture of the frames is taken from, and what it looks at, in the base frame."""
+
 ARM_MEANINGS = {
     "ee": f"displacement of the end-effector in the base frame, 1 is {EE_STEP_M} m",
     "joint_delta": f"displacement of the arm joints' targets, 1 is {JOINT_STEP_RAD} rad",
@@ -58,7 +65,7 @@ ARM_MEANINGS = {
     "joint_state": "positions of the arm joints [rad], set at once",
 }
 
-INTRODUCTION = """\
+INTRODUCTION = f"""\
 # Environments
 
 Made by `hab-tasks docs --out docs` from the classes themselves; change them, not this page.
@@ -71,6 +78,26 @@ Every environment takes the same options (`scene_dataset`, `split`, `cameras`, .
 `none`. [notation.md](notation.md) has the paper's symbols, [deviations.md](deviations.md) every
 departure from the paper. S is the paper's supplement. In the base frame x is ahead, y to the left,
 z up; in the hand's frame x points out of the hand.
+
+## Frames
+
+Of the observation's groups, `agent` is what the robot feels of itself, `extra` what it is told, and
+`sensor_data` the images. Below, the start of an episode of `HabPick-v1`: the base frame on the
+floor, the hand's frame at the end-effector, and the way from there to the target.
+
+![The base frame, the hand's frame, and the vector to the target]({FRAMES_PICTURE})
+
+Actions of `ee` move the end-effector along the axes of the base frame. `object_start_from_ee`,
+`object_goal_from_ee`, `handle_from_ee` and `rest_from_ee` are what is left of the way, along the
+same axes: in free space their direction is that of the action. Added to `ee_position`, each gives
+a point in the base frame. `ee_rotation` is the first column of the rotation matrix base_from_ee,
+followed by the second; the third is their cross product. That matrix transposed, times
+`object_start_from_ee`, is the target in the hand's frame, which `target_frame="ee"` puts in its
+place, as in Habitat.
+
+Navigate and the tasks are told points in the base frame itself; `targets_in_base` and
+`handles_in_base` less `ee_position` are what a skill is told. Objects' points are where they were
+when the episode began, or where they are to be; handles' are where they are now.
 """
 
 
@@ -86,7 +113,7 @@ Example:
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder of the page; made when absent."""
     pictures: bool = False
-    """Draw env_<id>.png for each as well: the room beside the head camera's view."""
+    """Draw the frames as well, and env_<id>.png of each: the room beside the head camera's view."""
     force: bool = False
     """Replace files in DIR."""
 
@@ -95,7 +122,7 @@ Example:
         files = [self.out / PAGE]
         if self.pictures:
             resolve_backend("auto", wants_images=True)
-            files += [self.out / picture_name(env_id) for env_id in ENVS]
+            files += [self.out / name for name in (*map(picture_name, ENVS), FRAMES_PICTURE)]
         for file in files:
             refuse_existing(file, self.force)
         try:
@@ -105,6 +132,8 @@ Example:
                 scratch = file.with_name(f"partial_{file.name}")
                 Image.fromarray(picture(env_id)).save(scratch)
                 scratch.replace(file)
+            if self.pictures:
+                _draw_frames(files[-1])
         except OSError as error:
             raise HabError(f"{self.out}: cannot be written ({error}).") from error
         for file in files:
@@ -140,6 +169,31 @@ def picture(env_id: str) -> np.ndarray:
         env.close()
 
 
+def _draw_frames(file: Path) -> None:
+    """Draws the base frame, the hand's frame and the target at the start of an episode of Pick."""
+    env = gym.make("HabPick-v1", obs_mode="state", render_mode="rgb_array")
+    try:
+        env.reset(seed=0, options={"episode": FRAMES_EPISODE})
+        base: Any = env.unwrapped
+        now = base._world.snapshot
+        world_from_base, world_from_ee = np.eye(4), np.eye(4)
+        world_from_base[:3, :3], world_from_base[:2, 3] = now.base_axes[0], now.base[0, :2]
+        world_from_ee[:3, :3], world_from_ee[:3, 3] = now.ee_axes[0], now.ee_m[0]
+        eye_m, at_m = ((world_from_base @ (*point, 1.0))[:3] for point in FRAMES_VIEW_M)
+        target_m = now.objects_m[0, 0].astype(float)
+        draw_frames(
+            file,
+            photograph(base.scene.sub_scenes[0], eye_m, at_m),
+            (
+                Frame(name="base frame", world_from_frame=world_from_base, length_m=0.4),
+                Frame(name="hand's frame", world_from_frame=world_from_ee, length_m=0.2),
+            ),
+            (Arrow(name=OBJECT_START.name, start_m=world_from_ee[:3, 3], end_m=target_m),),
+        )
+    finally:
+        env.close()
+
+
 def _row(entry: EnvEntry) -> tuple[str, ...]:
     name = f"[`{entry.id}`](#{entry.id.lower()})"
     return name, task_sentence(entry.env), f"{entry.horizon_steps} steps"
@@ -148,10 +202,7 @@ def _row(entry: EnvEntry) -> tuple[str, ...]:
 def _section(entry: EnvEntry) -> str:
     """Returns what the page says of one environment."""
     env, parts = entry.env, _parts(entry.env)
-    observed = [
-        (f"`{e.name}`", "x".join(map(str, e.shape)), e.unit, e.meaning) for e in env.observation
-    ]
-    observed.append(_cameras(env))
+    observed = [*map(_observed, env.observation), _cameras(env)]
     modes = [(f"`{m}`", *_action(control_configs()[m])) for m in env.control_modes]
     measured = [(f"`{name}`", *meaning) for name, meaning in measures_of(env).items()]
     lines = [
@@ -161,7 +212,8 @@ def _section(entry: EnvEntry) -> str:
         f"({picture_name(entry.id)})\n",
         _paragraph("Start", parts["Start"]),
         _paragraph("Observation", parts["Observation"]),
-        _table(("entry", "shape", "unit", "meaning"), observed),
+        _table(("entry", "group", "shape", "unit", "meaning"), observed),
+        *_on_request(env),
         _paragraph("Action", parts["Action"]),
         _table(("control mode", "entries", "meaning"), modes),
         _paragraph("Reward", parts["Reward"]),
@@ -194,12 +246,30 @@ def _weights(env: type[HabEnv]) -> list[str]:
     return [_paragraph("Weights", f"{', '.join(said)}.")]
 
 
-def _cameras(env: type[HabEnv]) -> tuple[str, str, str, str]:
+def _observed(entry: ObsEntry) -> tuple[str, ...]:
+    """Returns the table's row of an entry."""
+    shape = "x".join(map(str, entry.shape))
+    return f"`{entry.name}`", f"`{entry.group}`", shape, entry.unit, entry.meaning
+
+
+def _on_request(env: type[HabEnv]) -> list[str]:
+    """Returns the table of the entries that options bring; nothing where there are none."""
+    rows = [
+        (f'`target_frame="ee"`, instead of `{entry.name}`', *_observed(entry.in_ee))
+        for entry in env.observation
+        if entry.in_ee is not None
+    ]
+    if env.handle is not None:
+        rows.append(("`handle_position=True`", *_observed(env.handle)))
+    return [_table(("option", "entry", "group", "shape", "unit", "meaning"), rows)] if rows else []
+
+
+def _cameras(env: type[HabEnv]) -> tuple[str, ...]:
     """Returns the table's row of the images."""
     names = ", ".join(f"`{name}`" for name in env.cameras)
     size = f"{CAMERA_SIZE_PX} x {CAMERA_SIZE_PX}"
-    meaning = f"in `sensor_data`: `depth` (1 at {CAMERA_DEPTH_MAX_M:g} m) or `rgb` of these cameras"
-    return names, size, "0 to 1 or 255", meaning
+    meaning = f"`depth` (1 at {CAMERA_DEPTH_MAX_M:g} m) or `rgb` of these cameras"
+    return names, "`sensor_data`", size, "0 to 1 or 255", meaning
 
 
 def _action(config: HabControllerConfig) -> tuple[str, str]:

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from hab_tasks.arrays import Rows
 from hab_tasks.goals import Goals
 from hab_tasks.measures import Measures
-from hab_tasks.sensors import ObsEntry
+from hab_tasks.sensors import HANDLE, ObsEntry
 from hab_tasks.skills.hab_env import HabEnv, Verdict
 from hab_tasks.skills.needs import Needs
 from hab_tasks.snapshot import Snapshot
@@ -80,6 +80,7 @@ class SkillEnv(HabEnv):
         cls.name, cls.needs, cls.horizon_steps = skill.name, skill.needs, skill.horizon_steps
         cls.control_modes, cls.observation = skill.control_modes, skill.observation
         cls.reward_bound = skill.reward_bound
+        cls.handle = HANDLE if skill.needs.fronts else None
 
     def judge(self, snapshot: Snapshot, measures: Measures) -> Verdict:
         """Asks the skill's functions."""

@@ -16,6 +16,7 @@ import torch
 from mani_skill.utils.structs.types import SimConfig
 from torch import Tensor
 
+from hab_tasks.agent import TargetFrame
 from hab_tasks.arrays import Rows, to_info
 from hab_tasks.constants import CAMERA_HFOV_RAD, CAMERA_SIZE_PX
 from hab_tasks.episodes.schema import Episode
@@ -74,6 +75,12 @@ class HabEnv(ObservingEnv):
             human-render camera does. (In GPU simulation, that one does not see it either.)
         proprioception: False leaves out what the robot feels of itself (S F.1), so that the
             observation is what is to be done, and the images.
+        target_frame: ``base``: a skill's target is the vector from the end-effector to it, along
+            the base's axes, as actions of ``ee`` move the hand (Navigate: the point in the base
+            frame); ``ee``: the target in the end-effector's frame, as in Habitat. Tasks have the
+            base frame only.
+        handle_position: True tells where the handle of the door or drawer is, along the base's
+            axes; for environments that are about one.
         sensor_noise: None, or how far the sensors are off: a `SensorNoise` or a dict of its
             attributes (which can be recorded as JSON). It is drawn from the episode's seed.
         action_delay_steps: Actions are carried out so many steps later (S F.5); until the first
@@ -109,26 +116,22 @@ class HabEnv(ObservingEnv):
         camera_hfov_rad: float = CAMERA_HFOV_RAD,
         invisible_arm: bool = False,
         proprioception: bool = True,
+        target_frame: TargetFrame = "base",
+        handle_position: bool = False,
         sensor_noise: SensorNoise | Mapping[str, float] | None = None,
         action_delay_steps: int = 0,
         render_backend: str = "auto",
         num_envs: int = 1,
         **kwargs: Any,
     ) -> None:
-        self._set_sensors(cameras, camera_size_px, camera_hfov_rad, proprioception, sensor_noise)
+        self._set_entries(proprioception, target_frame, handle_position)
+        self._set_sensors(cameras, camera_size_px, camera_hfov_rad, sensor_noise)
         self._hides_arm, self._delay_steps = invisible_arm, checked_steps(action_delay_steps)
         kwargs["render_backend"] = self._set_backend(render_backend, kwargs)
         kwargs["control_mode"] = self._known_mode(kwargs.get("control_mode"))
-        request = EpisodeRequest(
-            env_id=self.default_id(),
-            scene_dataset=scene_dataset,
-            objects=objects,
-            split=split,
-            scene=scene,
-            file=episodes,
-            seed=episode_seed,
-            novel=novel,
-        )
+        where: dict[str, Any] = {"scene_dataset": scene_dataset, "objects": objects, "scene": scene}
+        which: dict[str, Any] = {"split": split, "file": episodes, "seed": episode_seed}
+        request = EpisodeRequest(env_id=self.default_id(), novel=novel, **where, **which)
         source = open_source(request)
         self._world = World(self.needs, source, num_episodes, num_envs, prefetch=prefetch)
         super().__init__(num_envs=num_envs, **{"robot_uids": "hab_fetch", **kwargs})

@@ -9,7 +9,7 @@ from hab_tasks.constants import NAVIGATE_HORIZON_STEPS
 from hab_tasks.goals import Goals
 from hab_tasks.measures import Measures
 from hab_tasks.rewards import weighted_by_path
-from hab_tasks.sensors import IS_HOLDING, POINT_IN_EE
+from hab_tasks.sensors import IS_HOLDING, POINT
 from hab_tasks.skills.base import Skill, SkillEnv
 from hab_tasks.skills.needs import Needs
 from hab_tasks.snapshot import Snapshot
@@ -74,7 +74,7 @@ NAVIGATE = Skill(
     needs=Needs(navigates=True),
     horizon_steps=NAVIGATE_HORIZON_STEPS,
     control_modes=("base_discrete", "base"),
-    observation=(IS_HOLDING, POINT_IN_EE),
+    observation=(IS_HOLDING, POINT),
     measures=(
         "base_to_goal_m",
         "heading_error_rad",
@@ -100,15 +100,15 @@ class HabNavigateEnv(SkillEnv):
     **Start**: anywhere on the free floor, turned anyhow; doors, drawers and objects as in a start
     of one of the other six skills, whose base pose is the goal (S H.2).
 
-    **Observation** (``state_dict``: ``extra``; ``state`` is its concatenation):
+    **Observation** (``state_dict``: ``agent`` and ``extra``; ``state`` is their concatenation):
 
-    =====================  =====  ======  ====================================================
-    entry                  shape  unit    meaning
-    =====================  =====  ======  ====================================================
-    is_holding             1      0 or 1  whether anything is in the hand
-    point_in_ee            3      m       start or goal of the object in question, hand's frame
-    head                   128²   0..1    depth camera, 1 at 10 m (``depth``); uint8 (``rgb``)
-    =====================  =====  ======  ====================================================
+    ====================  ===========  =====  ======  ==============================================
+    entry                 group        shape  unit    meaning
+    ====================  ===========  =====  ======  ==============================================
+    is_holding            agent        1      0 or 1  whether anything is in the hand
+    point_in_base         extra        3      m       start or goal of the object, base frame
+    head                  sensor_data  128²   0..1    depth, 1 at 10 m; uint8 with ``rgb``
+    ====================  ===========  =====  ======  ==============================================
 
     The goal of the base itself is not observed.
 

@@ -15,7 +15,7 @@ from hab_tasks.noise import NoiseSource, SensorNoise
 from hab_tasks.rendering import resolve_backend, sensor_shader
 from hab_tasks.robots.cameras import PLACES, CameraRig, HiddenArm
 from hab_tasks.robots.fetch import HabFetch
-from hab_tasks.sensors import ARM_QPOS, ObsEntry, scale_depth
+from hab_tasks.sensors import ARM_QPOS, ObsEntry, observed, scale_depth
 from hab_tasks.skills.viewpoint import FIRST_VIEW, Viewpoint
 from hab_tasks.skills.world import World
 
@@ -33,6 +33,9 @@ class ObservingEnv(BaseEnv):
     """Reads and draws the observations of a `World`, and a person's view of it."""
 
     observation: ClassVar[tuple[ObsEntry, ...]]
+    handle: ClassVar[ObsEntry | None] = None
+    """The entry that the option `handle_position` adds, where there is one."""
+
     cameras: ClassVar[tuple[str, ...]] = ("head", "arm")
     agent: HabFetch  # type: ignore[assignment]
     _world: World
@@ -47,15 +50,17 @@ class ObservingEnv(BaseEnv):
         cameras: Iterable[str] | None,
         size_px: int,
         hfov_rad: float,
-        proprioception: bool,
         noise: SensorNoise | Mapping[str, float] | None,
     ) -> None:
-        """Keeps what the agent sees and feels, checked, in the form in which each step needs it."""
+        """Keeps what the agent sees, checked."""
         self._rig = CameraRig.of(self.cameras if cameras is None else cameras, size_px, hfov_rad)
-        felt = [e for e in self.observation if proprioception or not e.proprioceptive]
-        self._feels_arm = ARM_QPOS in felt
-        self._extra_entries = [entry for entry in felt if entry is not ARM_QPOS]
         self._sensor_noise = SensorNoise.of(noise)
+
+    def _set_entries(self, proprioception: bool, target_frame: str, handle_position: bool) -> None:
+        """Keeps what the agent feels and is told, in the form in which each step needs it."""
+        entries = observed(self.observation, self.handle, target_frame, handle_position)
+        self._felt = [e for e in entries if proprioception and e.proprioceptive]
+        self._told = [e for e in entries if not e.proprioceptive]
 
     def _set_backend(self, backend: str, options: dict[str, Any]) -> str:
         """Keeps and returns ManiSkill's render_backend.
@@ -191,15 +196,18 @@ class ObservingEnv(BaseEnv):
         return {name: group for name, group in flat.items() if len(group)}
 
     def _get_obs_agent(self) -> dict[str, Tensor]:
-        if not self._feels_arm:
-            return {}
-        qpos = to_tensor(self._world.snapshot.arm_qpos_rad)
-        return {"arm_qpos": qpos if self._noise is None else self._noise.joints(qpos)}
+        felt = self._values(self._felt)
+        if self._noise is not None and ARM_QPOS.name in felt:
+            felt[ARM_QPOS.name] = self._noise.joints(felt[ARM_QPOS.name])
+        return felt
 
     def _get_obs_extra(self, info: dict[str, Any]) -> dict[str, Tensor]:
+        return self._values(self._told)
+
+    def _values(self, entries: list[ObsEntry]) -> dict[str, Tensor]:
         world = self._world
         now = world.snapshot, world.tracker.measures, world.goals
-        return {entry.name: to_tensor(entry.read(*now)) for entry in self._extra_entries}
+        return {entry.name: to_tensor(entry.read(*now)) for entry in entries}
 
     def _get_obs_sensor_data(self, apply_texture_transforms: bool = True) -> dict[str, Any]:
         data = super()._get_obs_sensor_data(apply_texture_transforms)

@@ -10,7 +10,7 @@ from hab_tasks.goals import Goals
 from hab_tasks.measures import Measures
 from hab_tasks.rewards import force_penalty, weighted_by_completion_time
 from hab_tasks.robots.control_modes import ARM_MODES
-from hab_tasks.sensors import OBJECT_START_IN_EE, PROPRIOCEPTION
+from hab_tasks.sensors import OBJECT_START, PROPRIOCEPTION
 from hab_tasks.skills.base import Skill, SkillEnv
 from hab_tasks.skills.needs import Needs
 from hab_tasks.snapshot import Snapshot
@@ -88,7 +88,7 @@ PICK = Skill(
     needs=Needs(takes="objects"),
     horizon_steps=SKILL_HORIZON_STEPS,
     control_modes=ARM_MODES,
-    observation=(*PROPRIOCEPTION, OBJECT_START_IN_EE),
+    observation=(*PROPRIOCEPTION, OBJECT_START),
     measures=(
         "ee_to_object_m",
         "ee_to_rest_m",
@@ -118,16 +118,17 @@ class HabPickEnv(SkillEnv):
 
     **Observation** (``state_dict``: ``agent`` and ``extra``; ``state`` is their concatenation):
 
-    =====================  =====  ======  ====================================================
-    entry                  shape  unit    meaning
-    =====================  =====  ======  ====================================================
-    arm_qpos               7      rad     arm joints, shoulder to wrist
-    ee_position            3      m       end-effector in the base frame
-    is_holding             1      0 or 1  whether anything is in the hand
-    rest_from_ee           3      m       from the end-effector to its rest position, base frame
-    object_start_in_ee     3      m       the target's starting position in the hand's frame
-    head, arm              128²   0..1    depth cameras, 1 at 10 m (``depth``); uint8 (``rgb``)
-    =====================  =====  ======  ====================================================
+    ====================  ===========  =====  ======  ==============================================
+    entry                 group        shape  unit    meaning
+    ====================  ===========  =====  ======  ==============================================
+    arm_qpos              agent        7      rad     arm joints, shoulder to wrist
+    ee_position           agent        3      m       end-effector in the base frame
+    ee_rotation           agent        6      1       x, then y axis of the hand in the base frame
+    is_holding            agent        1      0 or 1  whether anything is in the hand
+    rest_from_ee          agent        3      m       from the hand to its rest position, base frame
+    object_start_from_ee  extra        3      m       from the hand to the target's start
+    head, arm             sensor_data  128²   0..1    depth, 1 at 10 m; uint8 with ``rgb``
+    ====================  ===========  =====  ======  ==============================================
 
     **Action**: ``ee`` 3 + 1, ``joint_delta``, ``joint_target``, ``joint_state`` 7 + 1
     (`hab_tasks.robots.control`). Release is masked while the target is held.

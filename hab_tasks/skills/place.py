@@ -10,7 +10,7 @@ from hab_tasks.goals import Goals
 from hab_tasks.measures import Measures
 from hab_tasks.rewards import force_penalty
 from hab_tasks.robots.control_modes import ARM_MODES
-from hab_tasks.sensors import OBJECT_GOAL_IN_EE, PROPRIOCEPTION
+from hab_tasks.sensors import OBJECT_GOAL, PROPRIOCEPTION
 from hab_tasks.skills.base import Skill, SkillEnv
 from hab_tasks.skills.needs import Needs
 from hab_tasks.snapshot import Snapshot
@@ -78,7 +78,7 @@ PLACE = Skill(
     needs=Needs(takes="objects"),
     horizon_steps=SKILL_HORIZON_STEPS,
     control_modes=ARM_MODES,
-    observation=(*PROPRIOCEPTION, OBJECT_GOAL_IN_EE),
+    observation=(*PROPRIOCEPTION, OBJECT_GOAL),
     measures=(
         "object_to_goal_m",
         "ee_to_rest_m",
@@ -107,16 +107,17 @@ class HabPlaceEnv(SkillEnv):
 
     **Observation** (``state_dict``: ``agent`` and ``extra``; ``state`` is their concatenation):
 
-    =====================  =====  ======  ====================================================
-    entry                  shape  unit    meaning
-    =====================  =====  ======  ====================================================
-    arm_qpos               7      rad     arm joints, shoulder to wrist
-    ee_position            3      m       end-effector in the base frame
-    is_holding             1      0 or 1  whether anything is in the hand
-    rest_from_ee           3      m       from the end-effector to its rest position, base frame
-    object_goal_in_ee      3      m       the object's goal position in the hand's frame
-    head, arm              128²   0..1    depth cameras, 1 at 10 m (``depth``); uint8 (``rgb``)
-    =====================  =====  ======  ====================================================
+    ====================  ===========  =====  ======  ==============================================
+    entry                 group        shape  unit    meaning
+    ====================  ===========  =====  ======  ==============================================
+    arm_qpos              agent        7      rad     arm joints, shoulder to wrist
+    ee_position           agent        3      m       end-effector in the base frame
+    ee_rotation           agent        6      1       x, then y axis of the hand in the base frame
+    is_holding            agent        1      0 or 1  whether anything is in the hand
+    rest_from_ee          agent        3      m       from the hand to its rest position, base frame
+    object_goal_from_ee   extra        3      m       from the hand to the object's goal
+    head, arm             sensor_data  128²   0..1    depth, 1 at 10 m; uint8 with ``rgb``
+    ====================  ===========  =====  ======  ==============================================
 
     **Action**: ``ee`` 3 + 1, ``joint_delta``, ``joint_target``, ``joint_state`` 7 + 1
     (`hab_tasks.robots.control`). Once the object is placed, nothing is grasped any more.

@@ -46,16 +46,17 @@ class HabPrepareGroceriesEnv(TaskEnv):
 
     **Observation** (``state_dict``: ``agent`` and ``extra``; ``state`` is their concatenation):
 
-    =====================  =====  ======  ====================================================
-    entry                  shape  unit    meaning
-    =====================  =====  ======  ====================================================
-    arm_qpos               7      rad     arm joints, shoulder to wrist
-    ee_position            3      m       end-effector in the base frame
-    is_holding             1      0 or 1  whether anything is in the hand
-    rest_from_ee           3      m       from the end-effector to its rest position, base frame
-    targets_in_base        18     m       start and goal of each object in turn, base frame
-    head, arm              128²   0..1    depth cameras, 1 at 10 m (``depth``); uint8 (``rgb``)
-    =====================  =====  ======  ====================================================
+    ====================  ===========  =====  ======  ==============================================
+    entry                 group        shape  unit    meaning
+    ====================  ===========  =====  ======  ==============================================
+    arm_qpos              agent        7      rad     arm joints, shoulder to wrist
+    ee_position           agent        3      m       end-effector in the base frame
+    ee_rotation           agent        6      1       x, then y axis of the hand in the base frame
+    is_holding            agent        1      0 or 1  whether anything is in the hand
+    rest_from_ee          agent        3      m       from the hand to its rest position, base frame
+    targets_in_base       extra        18     m       start and goal of each object, base frame
+    head, arm             sensor_data  128²   0..1    depth, 1 at 10 m; uint8 with ``rgb``
+    ====================  ===========  =====  ======  ==============================================
 
     **Action**: ``ee_base`` 3 + 1 + 2; ``joint_delta_base``, ``joint_target_base`` and
     ``joint_state_base`` 7 + 1 + 2; ``joint_target_pose`` and ``joint_state_pose`` 7 + 1 + 3

@@ -14,7 +14,7 @@ from hab_tasks.goals import Goals
 from hab_tasks.measures import Measures
 from hab_tasks.navigation import poses_reaching
 from hab_tasks.robots.control_modes import MOBILE_MODES
-from hab_tasks.sensors import PROPRIOCEPTION, targets_in_base
+from hab_tasks.sensors import PROPRIOCEPTION, handles_in_base, targets_in_base
 from hab_tasks.skills.hab_env import HabEnv, Verdict
 from hab_tasks.skills.navigate import NAVIGATE
 from hab_tasks.skills.needs import Needs
@@ -48,6 +48,7 @@ class TaskEnv(HabEnv):
         cls.needs = Needs(objects=task.objects, fronts=task.fronts, navigates=True, takes="any")
         cls.control_modes = MOBILE_MODES
         cls.observation = (*PROPRIOCEPTION, targets_in_base(task.objects))
+        cls.handle = handles_in_base(len(task.fronts)) if task.fronts else None
         cls.reward_bound = max(part.skill.reward_bound for part in task.parts)
 
     def judge(self, snapshot: Snapshot, measures: Measures) -> Verdict:

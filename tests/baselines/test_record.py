@@ -177,9 +177,9 @@ def test_a_frame_holds_what_was_seen_done_and_paid(recording):
         count = len(trajectory["actions"])
         assert np.array_equal(frames["action"], trajectory["actions"])
         state = np.array(frames["observation.state"])
-        assert state.shape == (count, 17)  # 7 joints, hand 3, holding 1, rest 3, target 3
+        assert state.shape == (count, 23)  # 7 joints, hand 3 and 6, holding 1, rest 3, target 3
         assert np.array_equal(state[:, :7], trajectory["obs/agent/arm_qpos"][:count])
-        assert np.array_equal(state[:, 14:], trajectory["obs/extra/object_start_in_ee"][:count])
+        assert np.array_equal(state[:, 20:], trajectory["obs/extra/object_start_from_ee"][:count])
         assert np.array_equal(frames["next.reward"], trajectory["rewards"])
     assert frames["next.done"] == [False] * (count - 1) + [True]
     assert frames["next.success"][-1] is True

@@ -29,8 +29,8 @@ def observation(wall_m):
     intrinsic = np.array(((FOCAL_PX, 0.0, 64.0), (0.0, FOCAL_PX, 64.0), (0.0, 0.0, 1.0)))
     parameters = {"extrinsic_cv": extrinsic[None], "intrinsic_cv": intrinsic[None]}
     return {
-        "agent": {"arm_qpos": REST[None]},
-        "extra": {"is_holding": np.zeros((1, 1)), "object_start_in_ee": np.ones((1, 3))},
+        "agent": {"arm_qpos": REST[None], "is_holding": np.zeros((1, 1))},
+        "extra": {"object_start_from_ee": np.ones((1, 3))},
         "sensor_data": {"head": {"depth": depth}, "arm": {"depth": np.ones((1, 128, 128, 1))}},
         "sensor_param": {"head": parameters, "arm": parameters},
     }

@@ -14,7 +14,9 @@ from hab_spa.tasks.navigate import Errand, PolicyNavigator, navigator_of, observ
 from hab_spa.tasks.standing import TUCKED_QPOS_RAD, Standing, fold
 
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec
+from hab_tasks.arrays import to_tensor
 from hab_tasks.errors import HabError
+from hab_tasks.sensors import POINT
 
 SETUP = AgentSetup(env_id="HabTidyHouse-v1")
 
@@ -166,13 +168,20 @@ def test_another_agent_drives_until_it_stops(started, monkeypatch):
     assert angle(robot.base[2], before[2]) > 0.05
 
 
-def test_its_observation_is_that_of_navigate(started):
+@pytest.mark.parametrize("frame", ["base", "ee"])
+def test_its_observation_is_that_of_navigate(started, frame):
     env, robot, _ = started("HabNavigate-v1", "base")
-    point_m = env.unwrapped._world.goals.goals_m[0, 0]
-    told = observation(robot, np.asarray(point_m, dtype=float))
-    assert told["extra"].keys() == robot.obs["extra"].keys()
-    for name, value in robot.obs["extra"].items():
-        torch.testing.assert_close(told["extra"][name], value, atol=1e-4, rtol=0.0)
+    goals = env.unwrapped._world.goals
+    told = observation(robot, np.asarray(goals.goals_m[0, 0], dtype=float), frame)
+    if frame == "base":
+        extra = robot.obs["extra"]
+    else:
+        entry = POINT.in_ee
+        extra = {entry.name: to_tensor(entry.read(env.unwrapped._world.snapshot, None, goals))}
+    for group, expected in {"agent": robot.obs["agent"], "extra": extra}.items():
+        assert told[group].keys() == expected.keys()
+        for name, value in expected.items():
+            torch.testing.assert_close(told[group][name], value, atol=1e-4, rtol=0.0)
 
 
 def test_an_unknown_way_to_navigate_is_refused():

@@ -68,7 +68,7 @@ def test_without_proprioception_the_rest_is_the_same(make, env_id):
 def test_without_proprioception_the_flat_state_is_shorter(make):
     env = make(obs_mode="state", proprioception=False)
     obs, _ = env.reset(seed=0)
-    # Pick: only the object's start in the hand's frame is left.
+    # Pick: only the way to the object's start is left.
     assert obs.shape == (1, 3)
     assert env.observation_space.shape == (1, 3)
 

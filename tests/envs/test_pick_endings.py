@@ -165,8 +165,9 @@ def test_measures_agree_with_the_privileged_state(make):
         assert np.allclose(m.ee_in_base_m[0, :2], in_base[:2], atol=1e-5)
 
 
-def test_the_observation_keeps_pointing_at_the_objects_start(make):
-    env, episode = start(make, 1, obs_mode="state_dict")
+@pytest.mark.parametrize("frame", ["base", "ee"])
+def test_the_observation_keeps_pointing_at_the_objects_start(make, frame):
+    env, episode = start(make, 1, obs_mode="state_dict", target_frame=frame)
     begin = env.unwrapped.privileged()[0].object_com_m[episode.target]
     go_above_and_grasp(env, episode.target)
     for _ in range(3):
@@ -174,5 +175,32 @@ def test_the_observation_keeps_pointing_at_the_objects_start(make):
     (state,) = env.unwrapped.privileged()
     link = state.world_from_body["hab_fetch/gripper_link"]
     ee = link[:3, 3] + 0.08 * link[:3, 0]
-    expected = link[:3, :3].T @ (begin - ee)
-    assert np.allclose(obs["extra"]["object_start_in_ee"][0], expected, atol=1e-4)
+    axes, name = link[:3, :3], "object_start_in_ee"
+    if frame == "base":
+        axes, name = state.world_from_base[:3, :3], "object_start_from_ee"
+    assert list(obs["extra"]) == [name]
+    assert np.allclose(obs["extra"][name][0], axes.T @ (begin - ee), atol=1e-4)
+
+
+def test_the_hands_orientation_is_observed(make):
+    env, episode = start(make, 1, obs_mode="state_dict")
+    go_above_and_grasp(env, episode.target)
+    obs = env.step(np.array([1, 0, 0, 1], dtype=np.float32))[0]
+    (state,) = env.unwrapped.privileged()
+    link = state.world_from_body["hab_fetch/gripper_link"]
+    base_from_ee = state.world_from_base[:3, :3].T @ link[:3, :3]
+    six = np.concatenate((base_from_ee[:, 0], base_from_ee[:, 1]))
+    assert np.allclose(obs["agent"]["ee_rotation"][0], six, atol=1e-4)
+
+
+def test_ee_actions_move_the_hand_along_the_axes_of_what_is_told(make):
+    """Steps to the left shorten the second entry of the way by 1.5 cm each."""
+    env, _ = start(make, 1, obs_mode="state_dict")
+    before = env.step(np.array([0, 0, 0, -1], dtype=np.float32))[0]["extra"]["object_start_from_ee"]
+    for _ in range(6):
+        env.step(np.array([0, 1, 0, -1], dtype=np.float32))
+    for _ in range(20):
+        obs = env.step(np.array([0, 0, 0, -1], dtype=np.float32))[0]
+    # 6 steps of 0.015 m are 0.09 m to the left; the drives leave a millimetre or two.
+    moved = (before - obs["extra"]["object_start_from_ee"])[0]
+    assert np.allclose(moved, [0.0, 0.09, 0.0], atol=0.005)

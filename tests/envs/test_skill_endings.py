@@ -268,7 +268,7 @@ def test_navigate_holds_what_it_starts_with(make):
     for cell in (BASE_CELLS.index((0.0, 1.0)), BASE_CELLS.index((0.5, 0.0))) * 5:
         obs, *_ = env.step(cell)
         assert held(env) == name
-        assert float(obs["extra"]["is_holding"]) == 1.0
+        assert float(obs["agent"]["is_holding"]) == 1.0
 
 
 def test_doors_stay_where_they_are_while_one_drives(make):

@@ -10,7 +10,7 @@ import os
 import signal
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -112,6 +112,13 @@ class StubAgent:
 
 def constant(setup: AgentSetup) -> StubAgent:
     return StubAgent()
+
+
+def handy(setup: AgentSetup) -> StubAgent:
+    """Asks to be told where the handle is, and the target in the hand's frame."""
+    agent = StubAgent()
+    agent.spec = replace(agent.spec, handle_position=True, target_frame="ee")
+    return agent
 
 
 def optional(setup: AgentSetup) -> StubAgent:

@@ -92,6 +92,18 @@ def test_an_agents_options_stand_beside_its_name(make_record):
     assert "Stub † (navigation=teleport" in to_html([group])
 
 
+def test_what_an_agent_is_told_beside_the_usual_stands_there_too(make_record):
+    def label(**changes):
+        (group,) = build_groups({"x.json": make_record(**changes)})
+        return group.rows[0][0]
+
+    assert label(handle_position=True) == "Stub (handle_position)"
+    assert (
+        label(target_frame="ee", options={"mode": "still"}) == "Stub (target_frame=ee, mode=still)"
+    )
+    assert "handle_position is told where the handle is" in to_markdown([])
+
+
 def test_names_cannot_break_the_table(make_record):
     groups = build_groups({"x.json": make_record(name="a|b <script>")})
     assert "a\\|b" in to_markdown(groups)

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -84,6 +85,20 @@ def test_a_task_that_times_out_has_the_agents_category():
     assert result.steps == 4000
     assert not result.success
     assert result.failure == "target plan"
+
+
+def test_the_environment_tells_what_the_agent_asked_for():
+    config = EvalConfig(agent="hab_eval:random_agent", env="HabOpenDrawer-v1", episodes=1)
+    spec = random_agent(AgentSetup(env_id=config.env)).spec
+    asked = {
+        replace(spec, handle_position=True): {"object_start_from_ee", "handle_from_ee"},
+        replace(spec, target_frame="ee"): {"object_start_in_ee"},
+    }
+    for one, entries in asked.items():
+        env = environments.make_env(config, one, split="val", render=False)
+        obs, _ = env.reset(seed=0)
+        assert obs["extra"].keys() == entries
+        env.close()
 
 
 @pytest.mark.render

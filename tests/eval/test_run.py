@@ -316,3 +316,12 @@ def test_traces_are_cut_to_the_finished_episodes(cli, tmp_path):
     assert after["stub/003"] == [{"seed": 3}, {"steps": 3}]
     assert cli(*RUN, "--episodes", 1, "--out", out, "--force").returncode == 0
     assert not (out / "traces.jsonl").exists()
+
+
+def test_the_result_holds_what_the_agent_asked_to_be_told(cli, tmp_path):
+    for factory, told in {"handy": (True, "ee"), "constant": (False, "base")}.items():
+        command = ("run", "--agent", f"stub_hab:{factory}", "--env", "HabStub-v1", "--episodes", 1)
+        done = cli(*command, "--out", tmp_path / factory)
+        assert done.returncode == 0, done.stderr
+        record = read_record(tmp_path / factory / "run.json")
+        assert (record.handle_position, record.target_frame) == told

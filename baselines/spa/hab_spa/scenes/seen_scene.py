@@ -117,7 +117,7 @@ class SeenScene:
         self._arm_rad = np.asarray(obs["agent"]["arm_qpos"][row], dtype=float)
         if "privileged" in obs:
             self.truth.see(obs, row)
-        holding = bool(obs["extra"]["is_holding"][row, 0] > 0.5)
+        holding = bool(obs["agent"]["is_holding"][row, 0] > 0.5)
         if self._places is None:
             self._places = ToldPlaces.read(
                 obs, row, self.world_from_base, self._world_from_ee(), self._told_state()

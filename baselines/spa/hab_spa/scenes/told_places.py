@@ -53,15 +53,13 @@ class ToldPlaces:
             floor_m = np.append(world_from_base[:2, 3], 0.0)
             places_m = pairs_m @ world_from_base[:3, :3].T + floor_m
             starts_m, goals_m = places_m[:, 0], places_m[:, 1]
-        in_ee = {
-            name: (world_from_ee[:3, :3] @ extra[name] + world_from_ee[:3, 3])[None]
-            for name in ("object_start_in_ee", "object_goal_in_ee")
-            if name in extra
-        }
-        starts_m = in_ee.get("object_start_in_ee", starts_m)
-        goals_m = in_ee.get("object_goal_in_ee", goals_m)
+        hand_m = world_from_ee[:3, 3]
+        for name, is_start in (("object_start_from_ee", True), ("object_goal_from_ee", False)):
+            if name in extra:
+                place_m = (hand_m + world_from_base[:3, :3] @ extra[name])[None]
+                starts_m, goals_m = (place_m, goals_m) if is_start else (starts_m, place_m)
         if not len(starts_m):  # in Place the object is in the hand, wherever it was
-            starts_m = np.repeat(world_from_ee[None, :3, 3], len(goals_m), axis=0)
+            starts_m = np.repeat(hand_m[None], len(goals_m), axis=0)
         return cls(starts_m, goals_m, state)
 
     def object_m(self, number: int, state: PrivilegedState | None) -> Array:

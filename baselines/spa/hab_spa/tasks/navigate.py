@@ -16,7 +16,7 @@ from hab_spa.motion.robot import Motion, Robot
 from hab_spa.results import Failure
 from hab_spa.shapes import Array, invert_pose
 from hab_spa.tasks.standing import Standing, fold
-from hab_tasks.agent import AgentSetup, AgentSpec
+from hab_tasks.agent import AgentSetup, AgentSpec, TargetFrame
 from hab_tasks.navigation import NavigationMap
 from hab_tasks.robots.control import BASE_CELLS, STOP_SHARE
 
@@ -91,7 +91,9 @@ class PolicyNavigator:
         robot.doing = "navigate by policy"
         self._agent.reset(torch.ones(1, dtype=torch.bool), [robot.next_seed()])
         while robot.steps_left > 0:
-            share = self._share(self._agent.act(observation(robot, errand.point_m)))
+            share = self._share(
+                self._agent.act(observation(robot, errand.point_m, self.spec.target_frame))
+            )
             yield robot.command(base=share)
             if max(abs(share[0]), abs(share[1])) <= STOP_SHARE:
                 return None
@@ -105,15 +107,29 @@ class PolicyNavigator:
         return forward, turn
 
 
-def observation(robot: Robot, point_m: Array) -> dict[str, Any]:
-    """Returns Navigate's observation of one row: images as they are, and the point in question."""
-    ee = robot.world_from_ee
-    point = (invert_pose(ee) @ np.append(point_m, 1.0))[:3]
-    entries = {
-        "is_holding": torch.tensor([[float(robot.scene.holding)]]),
-        "point_in_ee": torch.tensor(point[None], dtype=torch.float32),
+def observation(robot: Robot, point_m: Array, frame: TargetFrame) -> dict[str, Any]:
+    """Returns Navigate's observation of one row: images as they are, and the point in question.
+
+    Args:
+        robot: Whose observation it is.
+        point_m: (3,) in the world.
+        frame: In which frame the agent wants it.
+    """
+    if frame == "ee":
+        name, point = (
+            "point_in_ee",
+            (invert_pose(robot.world_from_ee) @ np.append(point_m, 1.0))[:3],
+        )
+    else:
+        x, y, yaw = robot.base
+        gap = point_m[:2] - (x, y)
+        ahead, left = np.array((np.cos(yaw), np.sin(yaw))), np.array((-np.sin(yaw), np.cos(yaw)))
+        name, point = "point_in_base", np.array((ahead @ gap, left @ gap, point_m[2]))
+    return {
+        **robot.obs,
+        "agent": {"is_holding": torch.tensor([[float(robot.scene.holding)]])},
+        "extra": {name: torch.tensor(point[None], dtype=torch.float32)},
     }
-    return {**robot.obs, "extra": entries}
 
 
 def navigator_of(setup: AgentSetup) -> Navigator:

@@ -1,0 +1,131 @@
+"""Observation entries: what they say, by hand, of tensors and of arrays; and the options."""
+
+import math
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+import torch
+from builders import snapshot
+
+from hab_tasks.arrays import to_tensor
+from hab_tasks.envs import ENVS
+from hab_tasks.errors import OptionError, UnknownNameError
+from hab_tasks.goals import Goals
+from hab_tasks.sensors import (
+    EE_ROTATION,
+    HANDLE,
+    OBJECT_GOAL,
+    OBJECT_START,
+    POINT,
+    handles_in_base,
+    observed,
+)
+
+QUARTER = math.pi / 2
+
+# Two rows. In the first the base looks along the world's x and the hand's frame is the world's; in
+# the second the base stands at (1, 2), looks along the world's y, and the hand points down with
+# its z ahead of the base: x axis (0, 0, -1), y axis (-1, 0, 0), z axis (0, 1, 0) in the world.
+DOWN = [[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]]
+SHOT = snapshot(
+    2,
+    fronts=1,
+    base=torch.tensor([[0.0, 0.0, 0.0], [1.0, 2.0, QUARTER]]),
+    ee_m=torch.tensor([[0.5, 0.0, 1.0], [1.0, 2.5, 1.0]]),
+    ee_axes=torch.stack([torch.eye(3), torch.tensor(DOWN)]),
+    handles_m=torch.tensor([[[0.6, 0.1, 0.9]], [[1.2, 2.9, 0.7]]]),
+)
+GOALS = replace(
+    Goals.empty(2, 1, 1, "cpu"),
+    starts_m=torch.tensor([[[0.7, 0.1, 0.8]], [[1.3, 2.9, 0.8]]]),
+    goals_m=torch.tensor([[[0.4, -0.2, 1.1]], [[0.9, 2.5, 1.5]]]),
+)
+
+
+def read(entry, arrays):
+    shot, goals = SHOT, GOALS
+    if arrays:
+        shot, goals = (
+            replace(part, **{f.name: getattr(part, f.name).numpy() for f in fields(part)})
+            for part in (shot, goals)
+        )
+    value = entry.read(shot, None, goals)
+    assert isinstance(value, np.ndarray) is arrays
+    return to_tensor(value)
+
+
+BY_HAND = [
+    # 0.2 ahead, 0.1 left, 0.2 down; (0.3, 0.4, -0.2) in the world, where the base's x is y and its
+    # y is -x: 0.4 ahead and 0.3 to the right.
+    (OBJECT_START, [[0.2, 0.1, -0.2], [0.4, -0.3, -0.2]]),
+    (OBJECT_GOAL, [[-0.1, -0.2, 0.1], [0.0, 0.1, 0.5]]),
+    (HANDLE, [[0.1, 0.1, -0.1], [0.4, -0.2, -0.3]]),
+    # (0.3, 0.4, -0.2) along the hand's axes: 0.2 down, -0.3 along -x, 0.4 along y.
+    (OBJECT_START.in_ee, [[0.2, 0.1, -0.2], [0.2, -0.3, 0.4]]),
+    (OBJECT_GOAL.in_ee, [[-0.1, -0.2, 0.1], [-0.5, 0.1, 0.0]]),
+    (POINT.in_ee, [[-0.1, -0.2, 0.1], [-0.5, 0.1, 0.0]]),
+    # From the base at (1, 2): (-0.1, 0.5) in the world, so 0.5 ahead and 0.1 left; heights stay.
+    (POINT, [[0.4, -0.2, 1.1], [0.5, 0.1, 1.5]]),
+    (handles_in_base(1), [[0.6, 0.1, 0.9], [0.9, -0.2, 0.7]]),
+    # The hand's x is down, its y, the world's -x, is to the base's left.
+    (EE_ROTATION, [[1, 0, 0, 0, 1, 0], [0, 0, -1, 0, 1, 0]]),
+]
+
+
+@pytest.mark.parametrize("arrays", [False, True], ids=["tensors", "arrays"])
+@pytest.mark.parametrize(("entry", "expected"), BY_HAND, ids=[e.name for e, _ in BY_HAND])
+def test_an_entry_by_hand(entry, expected, arrays):
+    torch.testing.assert_close(read(entry, arrays), torch.tensor(expected).float())
+
+
+def test_what_is_told_along_the_bases_axes_gives_what_habitat_tells():
+    """Its columns, completed, turn the way to the target into the hand's frame."""
+    two = read(EE_ROTATION, False).reshape(2, 2, 3)
+    axes = torch.stack([two[:, 0], two[:, 1], torch.linalg.cross(two[:, 0], two[:, 1])], dim=1)
+    turned = torch.einsum("nij,nj->ni", axes, read(OBJECT_START, False))
+    torch.testing.assert_close(turned, read(OBJECT_START.in_ee, False))
+
+
+# The options ------------------------------------------------------------------------------------
+
+TOLD = {
+    "HabPick-v1": ("object_start_from_ee", "object_start_in_ee", None),
+    "HabPlace-v1": ("object_goal_from_ee", "object_goal_in_ee", None),
+    "HabNavigate-v1": ("point_in_base", "point_in_ee", None),
+    "HabOpenFridge-v1": ("object_start_from_ee", "object_start_in_ee", "handle_from_ee"),
+    "HabCloseFridge-v1": ("object_start_from_ee", "object_start_in_ee", "handle_from_ee"),
+    "HabOpenDrawer-v1": ("object_start_from_ee", "object_start_in_ee", "handle_from_ee"),
+    "HabCloseDrawer-v1": ("object_start_from_ee", "object_start_in_ee", "handle_from_ee"),
+    "HabTidyHouse-v1": ("targets_in_base", None, None),
+    "HabPrepareGroceries-v1": ("targets_in_base", None, None),
+    "HabSetTable-v1": ("targets_in_base", None, "handles_in_base"),
+}
+"""Environment -> what tells the target, the same with ``target_frame="ee"``, and the handle."""
+
+
+@pytest.mark.parametrize("env_id", ENVS)
+def test_each_environment_has_the_options_that_make_sense(env_id):
+    env = ENVS[env_id].env
+    default, in_ee, handle = TOLD[env_id]
+
+    def told(*options):
+        entries = observed(env.observation, env.handle, *options)
+        assert [e for e in entries if e.group == "agent"] == [
+            e for e in env.observation if e.proprioceptive
+        ]
+        return [e.name for e in entries if e.group == "extra"]
+
+    assert told() == [default]
+    if in_ee is None:
+        with pytest.raises(OptionError, match="'base' in a task"):
+            told("ee")
+    else:
+        assert told("ee") == [in_ee]
+    if handle is None:
+        with pytest.raises(OptionError, match="no door or drawer"):
+            told("base", True)
+    else:
+        assert told("base", True) == [default, handle]
+    with pytest.raises(UnknownNameError, match="Did you mean 'base'"):
+        told("bas")

@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[1]
 ORDER = [
     {"constants", "errors", "agent", "privileged", "assets", "arrays", "files"},
     {"fronts", "goals"},
-    {"geometry", "rendering", "options", "processes", "noise"},
+    {"geometry", "rendering", "options", "processes", "noise", "simulation"},
     {"scenes"},
     {"navigation", "robots", "pipeline"},
     {"episodes"},

@@ -16,7 +16,7 @@ def check_rows(num_envs: int, sim_backend: str | None, env_id: str) -> None:
 
     Args:
         num_envs: Rows of the batch.
-        sim_backend: ManiSkill's option: ``auto`` and None are the CPU for one row, the GPU for more.
+        sim_backend: ManiSkill's option; ``auto`` and None: the CPU for one row, the GPU for more.
         env_id: What the advice names.
 
     Raises:

@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[1]
 
 # A module of hab_tasks may import from its own row and the rows above. A new one needs a row.
 ORDER = [
-    {"constants", "errors", "agent", "privileged", "assets", "arrays", "files"},
+    {"constants", "registration", "errors", "agent", "privileged", "assets", "arrays", "files"},
     {"fronts", "goals"},
     {"geometry", "rendering", "options", "processes", "noise", "simulation"},
     {"scenes"},
@@ -56,12 +56,19 @@ socket.socket.connect = socket.create_connection = refuse
 sys.stdin = None
 before = dict(os.environ)
 import hab_tasks
+heavy = {"torch", "sapien", "mani_skill"} & set(sys.modules)
+assert not heavy, f"the import loads {heavy}"
 import gymnasium, torch
 changed = {k for k in before.keys() | os.environ.keys() if before.get(k) != os.environ.get(k)}
 assert not {k for k in changed if k.startswith(("MS_", "HAB_"))}, changed
 assert not torch.cuda.is_initialized()
 ours = [name for name in gymnasium.registry if name.startswith("Hab")]
 assert ours, "no environment was registered"
+assert ours == list(hab_tasks.ENVS), "the table of names is not that of the classes"
+for entry in hab_tasks.ENVS.values():
+    known = gymnasium.spec(entry.id)
+    assert known.entry_point == f"{entry.env.__module__}:{entry.env.__name__}", entry.id
+    assert known.max_episode_steps == entry.horizon_steps, entry.id
 assert not {m.split(".")[0] for m in sys.modules} & {"hab_eval", "hab_spa", "hab_planner", "ompl"}
 """
 

@@ -10,14 +10,19 @@ from mani_skill.envs.utils.system.backend import CPU_SIM_BACKENDS
 
 from hab_tasks.errors import OptionError
 
+ADVICE = (
+    "On the CPU a row is a process of its own: gymnasium.make_vec('hab_tasks:HabPick-v1', "
+    "num_envs=N, vectorization_mode='async', "
+    "wrappers=[mani_skill.utils.wrappers.CPUGymWrapper])"
+)
 
-def check_rows(num_envs: int, sim_backend: str | None, env_id: str) -> None:
+
+def check_rows(num_envs: int, sim_backend: str | None) -> None:
     """Refuses rows that this machine cannot simulate.
 
     Args:
         num_envs: Rows of the batch.
         sim_backend: ManiSkill's option; ``auto`` and None: the CPU for one row, the GPU for more.
-        env_id: What the advice names.
 
     Raises:
         OptionError: Says what to use instead.
@@ -25,13 +30,13 @@ def check_rows(num_envs: int, sim_backend: str | None, env_id: str) -> None:
     backend = (sim_backend or "auto").partition(":")[0]
     if backend in CPU_SIM_BACKENDS or (backend == "auto" and num_envs == 1):
         if num_envs != 1:
-            raise OptionError("num_envs", num_envs, f"1 with {sim_backend=}. {_advice(env_id)}")
+            raise OptionError("num_envs", num_envs, f"1 with {sim_backend=}. {ADVICE}")
         return
     if has_gpu():
         return
     reason = (
         "GPU simulation needs an NVIDIA GPU that torch can use, and PhysX's GPU library, which "
-        f"SAPIEN downloads once. {_advice(env_id)}"
+        f"SAPIEN downloads once. {ADVICE}"
     )
     if backend == "auto":
         raise OptionError("num_envs", num_envs, f"1 on this machine: {reason}")
@@ -49,11 +54,3 @@ def has_gpu() -> bool:
     except RuntimeError:
         return False
     return True
-
-
-def _advice(env_id: str) -> str:
-    return (
-        "On the CPU a row is a process of its own: "
-        f"gymnasium.make_vec('hab_tasks:{env_id}', num_envs=N, vectorization_mode='async', "
-        "wrappers=[mani_skill.utils.wrappers.CPUGymWrapper])"
-    )

@@ -167,3 +167,15 @@ def test_import_is_silent_and_changes_nothing(tmp_path):
     assert done.stdout == ""
     assert not [line for line in done.stderr.splitlines() if "Matplotlib" not in line]
     assert not list(home.rglob("*")), "the import wrote files"
+
+
+def test_help_of_the_evaluator_loads_no_simulator():
+    code = (
+        "import sys; from hab_eval.cli import _parse\n"
+        "try: _parse(['--help'])\n"
+        "except SystemExit: pass\n"
+        "print({'torch', 'sapien', 'mani_skill'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "set()"

@@ -27,7 +27,6 @@ from hab_tasks.noise import NoiseSource, SensorNoise
 from hab_tasks.rewards import total
 from hab_tasks.robots.delay import ActionDelay, checked_steps
 from hab_tasks.scenes.physics import sim_config
-from hab_tasks.simulation import check_rows
 from hab_tasks.skills.needs import Needs
 from hab_tasks.skills.observing_env import ObservingEnv
 from hab_tasks.skills.recorded_state import shaped_like, with_columns
@@ -122,10 +121,9 @@ class HabEnv(ObservingEnv):
         num_envs: int = 1,
         **kwargs: Any,
     ) -> None:
-        check_rows(num_envs, kwargs.get("sim_backend"), self.default_id())
         self._set_sensors(cameras, camera_size_px, camera_hfov_rad, proprioception, sensor_noise)
         self._hides_arm, self._delay_steps = invisible_arm, checked_steps(action_delay_steps)
-        kwargs["render_backend"] = self._set_backend(render_backend, kwargs)
+        kwargs["render_backend"] = self._set_backend(render_backend, num_envs, kwargs)
         kwargs["control_mode"] = self._known_mode(kwargs.get("control_mode"))
         request = EpisodeRequest(
             env_id=self.default_id(),

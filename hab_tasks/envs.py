@@ -1,10 +1,10 @@
-"""The single table of environments; importing it registers them with Gymnasium and ManiSkill."""
+"""The classes of all environments; importing this registers them with ManiSkill as well."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mani_skill.utils.registration import register_env
+from mani_skill.utils.registration import register
 
 from hab_tasks.skills.close_drawer import HabCloseDrawerEnv
 from hab_tasks.skills.close_fridge import HabCloseFridgeEnv
@@ -47,4 +47,4 @@ ENVS: dict[str, EnvEntry] = {
 }
 
 for _env in ENVS.values():
-    register_env(_env.id, max_episode_steps=_env.horizon_steps)(_env.env)
+    register(_env.id, _env.env, max_episode_steps=_env.horizon_steps)

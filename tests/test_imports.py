@@ -12,9 +12,9 @@ ROOT = Path(__file__).parents[1]
 
 # A module of hab_tasks may import from its own row and the rows above. A new one needs a row.
 ORDER = [
-    {"constants", "errors", "agent", "privileged", "assets", "arrays", "files"},
+    {"constants", "registration", "errors", "agent", "privileged", "assets", "arrays", "files"},
     {"fronts", "goals"},
-    {"geometry", "rendering", "options", "processes", "noise"},
+    {"geometry", "rendering", "options", "processes", "noise", "simulation"},
     {"scenes"},
     {"navigation", "robots", "pipeline"},
     {"episodes"},
@@ -56,12 +56,19 @@ socket.socket.connect = socket.create_connection = refuse
 sys.stdin = None
 before = dict(os.environ)
 import hab_tasks
+heavy = {"torch", "sapien", "mani_skill"} & set(sys.modules)
+assert not heavy, f"the import loads {heavy}"
 import gymnasium, torch
 changed = {k for k in before.keys() | os.environ.keys() if before.get(k) != os.environ.get(k)}
 assert not {k for k in changed if k.startswith(("MS_", "HAB_"))}, changed
 assert not torch.cuda.is_initialized()
 ours = [name for name in gymnasium.registry if name.startswith("Hab")]
 assert ours, "no environment was registered"
+assert ours == list(hab_tasks.ENVS), "the table of names is not that of the classes"
+for entry in hab_tasks.ENVS.values():
+    known = gymnasium.spec(entry.id)
+    assert known.entry_point == f"{entry.env.__module__}:{entry.env.__name__}", entry.id
+    assert known.max_episode_steps == entry.horizon_steps, entry.id
 assert not {m.split(".")[0] for m in sys.modules} & {"hab_eval", "hab_spa", "hab_planner", "ompl"}
 """
 
@@ -160,3 +167,15 @@ def test_import_is_silent_and_changes_nothing(tmp_path):
     assert done.stdout == ""
     assert not [line for line in done.stderr.splitlines() if "Matplotlib" not in line]
     assert not list(home.rglob("*")), "the import wrote files"
+
+
+def test_help_of_the_evaluator_loads_no_simulator():
+    code = (
+        "import sys; from hab_eval.cli import _parse\n"
+        "try: _parse(['--help'])\n"
+        "except SystemExit: pass\n"
+        "print({'torch', 'sapien', 'mani_skill'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "set()"

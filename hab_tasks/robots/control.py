@@ -45,6 +45,7 @@ from hab_tasks.robots.control_modes import (
     STOP_SHARE,
     ArmMode,
     BaseMode,
+    Cells,
     action_bounds,
     action_size,
     within_a_turn,
@@ -92,7 +93,7 @@ class HabController(BaseController):
         low, high = action_bounds(self.config.arm, self.config.base)
         self.single_action_space = spaces.Box(low, high, dtype=np.float32)
         if self.config.base == "discrete":
-            self.single_action_space = spaces.Discrete(len(BASE_CELLS))
+            self.single_action_space = Cells(len(BASE_CELLS))
         self._cpu_low, self._cpu_high = low, high
         self._low = torch.as_tensor(low, device=self.device)
         self._high = torch.as_tensor(high, device=self.device)

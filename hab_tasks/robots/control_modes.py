@@ -6,6 +6,7 @@ import math
 from typing import Any, Literal
 
 import numpy as np
+from gymnasium import spaces
 from numpy.typing import NDArray
 
 from hab_tasks.robots.fetch_spec import ARM_LOWER_RAD, ARM_UPPER_RAD
@@ -52,6 +53,14 @@ STOP_SHARE = 0.05
 
 WORLD_LIMIT_M = 20.0
 """A base pose lies within this of the world's origin in x and y: Fetch's base joints end there."""
+
+
+class Cells(spaces.Discrete):
+    """The discrete actions, drawn as Python's integers, which ManiSkill's recorder can append."""
+
+    def sample(self, mask: Any = None, probability: Any = None) -> int:  # type: ignore[override]
+        """Draws an action; see `gymnasium.spaces.Discrete.sample`."""
+        return int(super().sample(mask, probability))
 
 
 def action_size(arm: ArmMode, base: BaseMode) -> int:

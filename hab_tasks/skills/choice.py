@@ -11,6 +11,7 @@ from hab_tasks.episodes.source import EpisodeSource
 from hab_tasks.errors import EpisodeError
 
 DRAWS = 1000
+SEEDS = 2**31
 
 
 class EpisodeChoice:
@@ -18,6 +19,7 @@ class EpisodeChoice:
 
     Attributes:
         episodes: The episode of each row, in order; empty before the first choice.
+        seeds: What each was drawn with, also where no seed was given; 0 before the first choice.
     """
 
     def __init__(self, source: EpisodeSource, num_episodes: int, num_envs: int) -> None:
@@ -27,6 +29,7 @@ class EpisodeChoice:
         self._num_envs = num_envs
         self._order = np.random.default_rng(source.seed)
         self.episodes: list[Episode] = []
+        self.seeds = [0] * num_envs
 
     def choose(
         self, rows: list[int], seed: int | list[int] | None, wanted: Any, shown: Shown
@@ -39,8 +42,10 @@ class EpisodeChoice:
             wanted: An `Episode`, its index in the set, a list with one for each row, or None.
             shown: What a partial reset has to make do with.
         """
-        seeds = [None] * len(rows)
-        if seed is not None:
+        if seed is None:
+            # Drawn, so that a recorder has a seed to ask for the same episode with.
+            seeds = self._order.integers(SEEDS, size=len(rows)).tolist()
+        else:
             seeds = np.broadcast_to(seed, len(rows)).tolist()
             self._order = np.random.default_rng([self.source.seed, *seeds, 1])
         wishes = wanted if isinstance(wanted, (list, tuple)) else [wanted] * len(rows)
@@ -50,8 +55,9 @@ class EpisodeChoice:
         chosen: list[Episode | None] = [*self.episodes] or [None] * self._num_envs
         for row, row_seed, wish in zip(rows, seeds, wishes, strict=True):
             # Rows of one batch share a seed argument but not an episode.
-            rng = self._order if row_seed is None else np.random.default_rng([row_seed, row])
+            rng = np.random.default_rng([row_seed, row])
             episode = self._pick(rng, wish, layout, shown if partial else None)
+            self.seeds[row] = row_seed
             if layout not in (None, episode.scene_id):
                 raise EpisodeError(f"{episode.id}: in {episode.scene_id}, the batch in {layout}.")
             chosen[row], layout = episode, episode.scene_id

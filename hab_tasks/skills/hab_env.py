@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from operator import or_
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 import gymnasium as gym
 import numpy as np
 import torch
+from gymnasium.envs.registration import EnvSpec
 from mani_skill.utils.structs.types import SimConfig
 from torch import Tensor
 
@@ -29,8 +30,12 @@ from hab_tasks.robots.delay import ActionDelay, checked_steps
 from hab_tasks.scenes.physics import sim_config
 from hab_tasks.skills.needs import Needs
 from hab_tasks.skills.observing_env import ObservingEnv
-from hab_tasks.skills.world import World, like
+from hab_tasks.skills.recorded_state import shaped_like, with_columns
+from hab_tasks.skills.world import World
 from hab_tasks.snapshot import Snapshot
+
+PACKAGE = "hab_tasks"
+"""What Gymnasium imports before it makes one of these environments."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,6 +103,7 @@ class HabEnv(ObservingEnv):
     control_modes: ClassVar[tuple[str, ...]]
     reward_bound: ClassVar[float]
     _delay: ActionDelay | None
+    _spec: EnvSpec | None = None
 
     def __init__(
         self,
@@ -127,7 +133,7 @@ class HabEnv(ObservingEnv):
         self._set_entries(proprioception, target_frame, handle_position)
         self._set_sensors(cameras, camera_size_px, camera_hfov_rad, sensor_noise)
         self._hides_arm, self._delay_steps = invisible_arm, checked_steps(action_delay_steps)
-        kwargs["render_backend"] = self._set_backend(render_backend, kwargs)
+        kwargs["render_backend"] = self._set_backend(render_backend, num_envs, kwargs)
         kwargs["control_mode"] = self._known_mode(kwargs.get("control_mode"))
         where: dict[str, Any] = {"scene_dataset": scene_dataset, "objects": objects, "scene": scene}
         which: dict[str, Any] = {"split": split, "file": episodes, "seed": episode_seed}
@@ -169,6 +175,18 @@ class HabEnv(ObservingEnv):
         return f"{cls.__name__.removesuffix('Env')}-v1"
 
     @property
+    def spec(self) -> EnvSpec | None:  # type: ignore[override]
+        """Gymnasium's spec, by whose id anybody can make the environment, without an import."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        package = type(self).__module__.partition(".")[0]
+        if spec is not None and package == PACKAGE and ":" not in spec.id:
+            spec = replace(spec, id=f"{PACKAGE}:{spec.id}")
+        self._spec = spec
+
+    @property
     def episode(self) -> tuple[Episode, ...]:
         """The episode that each row plays."""
         return tuple(self._world.episodes)
@@ -193,6 +211,10 @@ class HabEnv(ObservingEnv):
     ) -> tuple[Any, dict[str, Any]]:
         """Starts episodes.
 
+        ``info["reconfigure"]`` tells whether the state has other entries than before: other objects
+        or another layout. A recorded ``episode_seed`` starts the same episode, whether a seed was
+        given or not.
+
         Args:
             seed: Chooses the episodes; the same seed gives the same ones.
             options: ManiSkill's own, and ``episode``: an `Episode` or its index in the set, or a
@@ -206,7 +228,13 @@ class HabEnv(ObservingEnv):
             options["reconfigure"] = True
         # Nothing draws from Gymnasium's generator, but its checker wants it seeded.
         gym.Env.reset(self, seed=None if seed is None else int(np.ravel(seed)[0]))
-        return super().reset(seed=seed, options=options)
+        before = self._world.shown
+        obs, info = super().reset(seed=seed, options=options)
+        if seed is None:
+            self._episode_seed[rows] = [self._world.seeds[row] for row in rows]
+        # Recorders look here whether states have other entries than before.
+        info["reconfigure"] = info["reconfigure"] or self._world.shown is not before
+        return obs, info
 
     def _load_scene(self, options: dict[str, Any]) -> None:
         self._world.build(self.scene, self.agent, lit=self._is_lit)
@@ -297,7 +325,7 @@ class HabEnv(ObservingEnv):
         """Returns the simulator's state and the episode's, enough to go on from here."""
         simulator: Any = super().get_state_dict()
         options = {name: option.get_state() for name, option in self._stateful.items()}
-        return {**simulator, "hab": {**self._world.get_state(), **options}}
+        return with_columns({**simulator, "hab": {**self._world.get_state(), **options}})
 
     @property
     def _stateful(self) -> dict[str, ActionDelay | NoiseSource]:
@@ -306,11 +334,17 @@ class HabEnv(ObservingEnv):
         return {name: option for name, option in options.items() if option is not None}
 
     def set_state_dict(self, state: dict[str, Any], env_idx: Tensor | None = None) -> None:
-        """Restores what `get_state_dict` returned."""
+        """Restores what `get_state_dict` returned.
+
+        Raises:
+            EpisodeError: The state is of other furniture or objects than those of this episode.
+        """
         rows = torch.arange(self.num_envs, device=self.device) if env_idx is None else env_idx
-        self._world.thaw()
         simulator = {key: value for key, value in state.items() if key != "hab"}
+        self._world.refuse_other_bodies(simulator)
+        self._world.thaw()
         super().set_state_dict(simulator, env_idx)  # pyright: ignore[reportArgumentType]  # None is its default
         self._world.set_state(state["hab"], rows)
         for name, option in self._stateful.items():
-            option.set_state(like(state["hab"][name], option.get_state(), self.device), rows)
+            kept = shaped_like(state["hab"][name], option.get_state(), len(rows), self.device)
+            option.set_state(kept, rows)

@@ -16,6 +16,7 @@ from hab_tasks.rendering import resolve_backend, sensor_shader
 from hab_tasks.robots.cameras import PLACES, CameraRig, HiddenArm
 from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.sensors import ARM_QPOS, ObsEntry, observed, scale_depth
+from hab_tasks.simulation import check_rows
 from hab_tasks.skills.viewpoint import FIRST_VIEW, Viewpoint
 from hab_tasks.skills.world import World
 
@@ -62,13 +63,15 @@ class ObservingEnv(BaseEnv):
         self._felt = [e for e in entries if proprioception and e.proprioceptive]
         self._told = [e for e in entries if not e.proprioceptive]
 
-    def _set_backend(self, backend: str, options: dict[str, Any]) -> str:
+    def _set_backend(self, backend: str, num_envs: int, options: dict[str, Any]) -> str:
         """Keeps and returns ManiSkill's render_backend.
 
         Args:
             backend: The option.
-            options: ManiSkill's own, which say what is drawn.
+            num_envs: Rows of the batch; refused where this machine cannot simulate them.
+            options: ManiSkill's own, which say what is drawn, and what simulates.
         """
+        check_rows(num_envs, options.get("sim_backend"))
         obs_mode = options.get("obs_mode") or "state"
         images = obs_mode not in WITHOUT_IMAGES
         if images and not self._rig.names:

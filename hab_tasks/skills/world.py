@@ -14,6 +14,7 @@ from hab_tasks.arrays import put_rows
 from hab_tasks.episodes.apply import apply_episode
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.episodes.source import EpisodeSource
+from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import Pose7
 from hab_tasks.goals import Goals
 from hab_tasks.measures import Tracker
@@ -30,6 +31,7 @@ from hab_tasks.skills.containers import Containers
 from hab_tasks.skills.goal_setting import GoalSetting, LayoutMaps, handles_of
 from hab_tasks.skills.ground_truth import GroundTruth
 from hab_tasks.skills.needs import Needs
+from hab_tasks.skills.recorded_state import shaped_like
 from hab_tasks.snapshot import ContactForce, Snapshot, SnapshotReader
 
 _shows = count()
@@ -79,6 +81,16 @@ class World:
     def episodes(self) -> list[Episode]:
         """The episode of each row."""
         return self._choice.episodes
+
+    @property
+    def seeds(self) -> list[int]:
+        """What each row's episode was drawn with: as a seed of that row, it draws it again."""
+        return self._choice.seeds
+
+    @property
+    def shown(self) -> Shown:
+        """Layout and objects in the simulation; another object after every change of them."""
+        return self._shown
 
     @property
     def goals(self) -> Goals:
@@ -272,12 +284,24 @@ class World:
             "controller": self._agent.controller.get_state(),
         }
 
+    def refuse_other_bodies(self, simulator: dict[str, Any]) -> None:
+        """Raises EpisodeError when a state of the simulator has bodies that are not in it."""
+        present = self._scene.state_dict_registry
+        for kind in ("actors", "articulations"):
+            others = sorted(set(simulator.get(kind, ())) - set(getattr(present, kind)))
+            if others:
+                raise EpisodeError(
+                    f"The state holds {others[0]!r}, which is not in episode "
+                    f"{self.episodes[0].id!r}. Start the episode that it comes from first: "
+                    "env.reset(seed=...) or env.reset(options={'episode': ...})."
+                )
+
     def set_state(self, state: dict[str, Any], rows: Tensor) -> None:
         """Restores what `get_state` returned, for `rows`, after the simulator's state was set.
 
         Recorded states come as numpy arrays, and without the batch dimension when there is one row.
         """
-        state = like(state, self.get_state(), self._scene.device)
+        state = shaped_like(state, self.get_state(), len(rows), self._scene.device)
         self._loose = {}  # a restored state may have moved any of them
         self._freeze()
         if self._dormant is not None:
@@ -302,15 +326,3 @@ class World:
         (episode,) = self.episodes
         handles = [int(index) for index in self.tracker.handles[0]]
         return [self._truth.read(episode, self.goals, self.needs.fronts, handles)]
-
-
-def like(state: dict[str, Any], example: dict[str, Any], device: Any) -> dict[str, Any]:
-    """Returns nested arrays as tensors with as many dimensions as those of `example`."""
-    result = {}
-    for name, present in example.items():
-        if isinstance(present, dict):
-            result[name] = like(state[name], present, device)
-            continue
-        value = torch.as_tensor(state[name], device=device)
-        result[name] = value[None] if value.dim() == present.dim() - 1 else value
-    return result

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from hab_tasks.constants import PREPARE_GROCERIES_HORIZON_STEPS
 from hab_tasks.skills.navigate import NAVIGATE
 from hab_tasks.skills.pick import PICK
 from hab_tasks.skills.place import PLACE
@@ -23,7 +24,7 @@ def _moving(number: int) -> tuple[Part, ...]:
 
 PREPARE_GROCERIES = Task(
     name="prepare_groceries",
-    horizon_steps=4000,
+    horizon_steps=PREPARE_GROCERIES_HORIZON_STEPS,
     objects=OBJECTS,
     parts=tuple(part for number in range(OBJECTS) for part in _moving(number)),
     stages={

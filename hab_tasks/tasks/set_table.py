@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from hab_tasks.constants import SET_TABLE_HORIZON_STEPS
 from hab_tasks.fronts import DRAWER, FRIDGE
 from hab_tasks.skills.close_drawer import CLOSE_DRAWER
 from hab_tasks.skills.close_fridge import CLOSE_FRIDGE
@@ -18,7 +19,7 @@ IN_DRAWER, IN_FRIDGE = 0, 1
 
 SET_TABLE = Task(
     name="set_table",
-    horizon_steps=4500,
+    horizon_steps=SET_TABLE_HORIZON_STEPS,
     objects=2,
     fronts=(DRAWER, FRIDGE),
     parts=(

@@ -18,7 +18,7 @@ from hab_tasks.sensors import PROPRIOCEPTION, handles_in_base, targets_in_base
 from hab_tasks.skills.hab_env import HabEnv, Verdict
 from hab_tasks.skills.navigate import NAVIGATE
 from hab_tasks.skills.needs import Needs
-from hab_tasks.skills.world import like
+from hab_tasks.skills.recorded_state import shaped_like, with_columns
 from hab_tasks.snapshot import Snapshot
 from hab_tasks.tasks.base import Condition, Task
 from hab_tasks.tasks.progress import Progress
@@ -158,7 +158,8 @@ class TaskEnv(HabEnv):
 
     def get_state_dict(self) -> dict[str, Any]:
         """Returns `HabEnv`'s state and the progress."""
-        return {**super().get_state_dict(), "progress": self._progress.get_state()}
+        progress = with_columns(self._progress.get_state())
+        return {**super().get_state_dict(), "progress": progress}
 
     def set_state_dict(self, state: dict[str, Any], env_idx: Tensor | None = None) -> None:
         """Restores what `get_state_dict` returned."""
@@ -167,6 +168,6 @@ class TaskEnv(HabEnv):
         rows = torch.arange(self.num_envs, device=self.device) if env_idx is None else env_idx
         known = self._progress.get_state()
         world = self._world
-        restored = like(state["progress"], known, self.device)
+        restored = shaped_like(state["progress"], known, len(rows), self.device)
         targets = world.tracker.targets
         self._progress.set_state(restored, rows, world.snapshot, world.goals, targets)

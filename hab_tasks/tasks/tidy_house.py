@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from hab_tasks.constants import TIDY_HOUSE_HORIZON_STEPS
 from hab_tasks.skills.navigate import NAVIGATE
 from hab_tasks.skills.pick import PICK
 from hab_tasks.skills.place import PLACE
@@ -32,7 +33,7 @@ def _stages(number: int) -> dict[str, Condition]:
 
 TIDY_HOUSE = Task(
     name="tidy_house",
-    horizon_steps=5000,
+    horizon_steps=TIDY_HOUSE_HORIZON_STEPS,
     objects=OBJECTS,
     parts=tuple(part for number in range(OBJECTS) for part in _moving(number)),
     stages={n: c for number in range(OBJECTS) for n, c in _stages(number).items()},

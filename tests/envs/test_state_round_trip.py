@@ -327,7 +327,7 @@ JOINTS_SET = ("HabPlace-v1", "joint_state"), ("HabTidyHouse-v1", "joint_target_p
 def test_a_recording_replays(make, env_id, mode, tmp_path):
     options = {"control_mode": mode, "obs_mode": "state_dict"}
     told, data = recording(make(env_id, **options), tmp_path)
-    assert told["env_id"] == env_id
+    assert told["env_id"] == f"hab_tasks:{env_id}"
     assert len(data["states"]) == 13
     player = make(env_id, **options)
     player.reset(**told["reset_kwargs"])

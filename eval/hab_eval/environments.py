@@ -54,8 +54,10 @@ def load_episode_set(
     return load_episodes(request, config.episodes, progress, workers)
 
 
-def make_env(config: EvalConfig, spec: AgentSpec, *, split: str, render: bool) -> gym.Env[Any, Any]:
-    """Makes the environment that an agent's spec asks for."""
+def make_env(
+    config: EvalConfig, spec: AgentSpec, *, split: str, render: bool, num_episodes: int = 50
+) -> gym.Env[Any, Any]:
+    """Makes the environment that an agent's spec asks for, with so many episodes by index."""
     import gymnasium
 
     if spec.looks not in get_args(Looks):

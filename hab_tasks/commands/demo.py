@@ -70,6 +70,7 @@ Example:
             render_mode="human" if window else "rgb_array" if self.out else None,
             scene_dataset=self.scene_dataset,
             objects=self.objects,
+            num_episodes=max(50, self.episode + 1),
         )
         scene = cast(HabEnv, env.unwrapped)
         show = _Show(scene, window, self.out)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import index
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,8 @@ class EpisodeChoice:
     def __init__(self, source: EpisodeSource, num_episodes: int, num_envs: int) -> None:
         """Draws from the first `num_episodes` of `source`."""
         self.source = source
-        self._num_episodes = min(num_episodes, source.available)
+        self._most = source.available
+        self._num_episodes = min(num_episodes, self._most)
         self._num_envs = num_envs
         self._order = np.random.default_rng(source.seed)
         self.episodes: list[Episode] = []
@@ -41,6 +43,10 @@ class EpisodeChoice:
             seed: Chooses the episodes, and those of later choices without one.
             wanted: An `Episode`, its index in the set, a list with one for each row, or None.
             shown: What a partial reset has to make do with.
+
+        Raises:
+            EpisodeError: The set has no episode of this index, or it plays in another layout than
+                the rest of the batch.
         """
         if seed is None:
             # Drawn, so that a recorder has a seed to ask for the same episode with.
@@ -69,12 +75,24 @@ class EpisodeChoice:
         if isinstance(wish, Episode):
             return wish
         if wish is not None:
-            return self.source.get(int(wish))
+            return self.source.get(self._known(wish))
         for _ in range(DRAWS):
             episode = self.source.get(int(rng.integers(self._num_episodes)))
             if scene_id in (None, episode.scene_id) and (shown is None or shown.fits(episode)):
                 return episode
         raise AssertionError(f"no episode in {scene_id}, though one was played there")
+
+    def _known(self, wish: Any) -> int:
+        """Returns the index that a wish is, if the set has it."""
+        count = self._num_episodes
+        try:
+            number = index(wish)
+        except TypeError as error:
+            raise EpisodeError(f"Episode {wish!r} is neither an index nor an Episode.") from error
+        if not 0 <= number < count:
+            more = f"; num_episodes={number + 1} has it" if count <= number < self._most else ""
+            raise EpisodeError(f"Episode {number}: of {count}, valid are 0 to {count - 1}{more}.")
+        return number
 
 
 class Shown:

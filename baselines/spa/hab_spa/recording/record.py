@@ -165,8 +165,11 @@ def _play(plan: RecordPlan, scratch: Path, told: Told) -> list[EpisodeResult]:
             novel=config.novel,
         )
     )
+    env: Any = environments.make_env(
+        config, agent.spec, split=source.split, render=False, num_episodes=plan.most
+    )
     recorder = RecordEpisode(
-        environments.make_env(config, agent.spec, split=source.split, render=False),  # pyright: ignore[reportArgumentType]  # a wrapped BaseEnv
+        env,
         str(scratch),
         trajectory_name=NAME,
         save_video=False,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from hab_tasks.agent import Agent, AgentSetup
 
-__all__ = ["__version__", "random_agent"]
+__all__ = ["__version__", "close_hand", "do_nothing", "open_hand", "random_agent"]
 
 __version__ = "0.1.0"
 
@@ -20,3 +20,24 @@ def random_agent(setup: AgentSetup) -> Agent:
     from hab_eval.example_agent import RandomAgent  # the agent's types live in hab_tasks
 
     return RandomAgent(setup)
+
+
+def do_nothing(setup: AgentSetup) -> Agent:
+    """Returns the agent that stands still and keeps what it holds."""
+    from hab_eval.standing_agent import StandingAgent
+
+    return StandingAgent(setup, hand="keep")
+
+
+def close_hand(setup: AgentSetup) -> Agent:
+    """Returns the agent that stands still and closes the hand."""
+    from hab_eval.standing_agent import StandingAgent
+
+    return StandingAgent(setup, hand="close")
+
+
+def open_hand(setup: AgentSetup) -> Agent:
+    """Returns the agent that stands still and opens the hand."""
+    from hab_eval.standing_agent import StandingAgent
+
+    return StandingAgent(setup, hand="open")

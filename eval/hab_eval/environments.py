@@ -68,6 +68,7 @@ def make_env(
         scene_dataset=config.scene_dataset,
         objects=config.objects,
         split=split,
+        num_episodes=num_episodes,
         episode_seed=config.seed,
         novel=config.novel,
         obs_mode=spec.obs_mode,
@@ -97,6 +98,14 @@ def action_size(control_mode: str) -> int:
     from hab_tasks.robots.control import control_configs
 
     return control_configs()[control_mode].size
+
+
+def gripper_entry(control_mode: str) -> int | None:
+    """Returns which action entry opens and closes the hand; None where the arm is not moved."""
+    from hab_tasks.robots.control import control_configs
+    from hab_tasks.robots.control_modes import ARM_SIZE
+
+    return ARM_SIZE[control_configs()[control_mode].arm] or None
 
 
 def short_name(dataset: str) -> str:

@@ -189,6 +189,7 @@ def install() -> Callable[[], None]:
         "make_env": lambda config, spec, *, split, render: StubEnv(render=render),
         "action_size": lambda control_mode: 2,
         "continuous_control": lambda env_id: "ee",
+        "gripper_entry": lambda control_mode: 1,
     }
     before = {name: getattr(environments, name) for name in replaced}
     for name, function in replaced.items():

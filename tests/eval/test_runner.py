@@ -1,3 +1,4 @@
+import hab_eval
 import pytest
 import stub_hab
 import torch
@@ -166,3 +167,35 @@ def test_a_factory_refuses_options_that_it_does_not_know():
 def test_the_random_agent_has_no_options():
     with pytest.raises(UnknownNameError, match=r"'speed'.*Valid: \(none\)"):
         random_agent(setup_with(speed="2"))
+
+
+@pytest.mark.usefixtures("stubbed")
+@pytest.mark.parametrize(
+    ("name", "holding", "gripper"),
+    [
+        ("do_nothing", 1.0, 1.0),
+        ("do_nothing", 0.0, -1.0),  # from 0 on the hand would close
+        ("close_hand", 0.0, 1.0),
+        ("open_hand", 1.0, -1.0),
+    ],
+)
+def test_agents_that_stand_still_move_the_hand_at_most(name, holding, gripper):
+    agent = load_agent(f"hab_eval:{name}", SETUP)
+    agent.reset(torch.ones(1, dtype=torch.bool), [0])
+    obs = {"agent": {}, "extra": {"is_holding": torch.tensor([[holding]])}}
+    # The stub's actions have two entries, the hand's is the second one.
+    assert agent.act(obs).tolist() == [[0.0, gripper]]
+    assert agent.report() == [AgentReport()]
+    assert agent.spec.control_mode == "ee"
+
+
+@pytest.mark.usefixtures("stubbed")
+def test_agents_that_stand_still_have_names_of_their_own_and_no_options():
+    names = [getattr(hab_eval, f)(SETUP).spec.name for f in ("do_nothing", "close_hand")]
+    assert [*names, hab_eval.open_hand(SETUP).spec.name] == [
+        "Do nothing",
+        "Close the hand only",
+        "Open the hand only",
+    ]
+    with pytest.raises(UnknownNameError, match=r"'hand'.*Valid: \(none\)"):
+        hab_eval.do_nothing(setup_with(hand="open"))

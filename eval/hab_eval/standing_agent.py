@@ -1,0 +1,57 @@
+"""Agents that earn nothing: they stand still and do at most one thing with the hand.
+
+No episode may be won by them, so their rows on the leaderboard are all zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import torch
+from torch import Tensor
+
+from hab_eval import environments
+from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec, check_options
+
+Hand = Literal["keep", "close", "open"]
+
+NAMES: dict[Hand, str] = {
+    "keep": "Do nothing",
+    "close": "Close the hand only",
+    "open": "Open the hand only",
+}
+
+
+class StandingAgent:
+    """Moves neither arm nor base; keeps what it holds, or closes or opens the hand all the time."""
+
+    def __init__(self, setup: AgentSetup, hand: Hand) -> None:
+        check_options(setup, {})
+        control_mode = environments.continuous_control(setup.env_id)
+        self.spec = AgentSpec(name=NAMES[hand], control_mode=control_mode)
+        self._hand = hand
+        self._still = torch.zeros(setup.num_envs, environments.action_size(control_mode))
+        self._entry = environments.gripper_entry(control_mode)
+
+    def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
+        """Does nothing: there is nothing to forget."""
+
+    def act(self, obs: Mapping[str, Any]) -> Tensor:
+        """Returns zeros (N, A) float32 but for the gripper; zero velocity is the stop action."""
+        action = self._still.clone()
+        if self._entry is not None:
+            action[:, self._entry] = self._gripper(obs)
+        return action
+
+    def report(self) -> list[AgentReport]:
+        """Returns an empty report for each row."""
+        return [AgentReport() for _ in self._still]
+
+    def _gripper(self, obs: Mapping[str, Any]) -> Tensor | float:
+        """Returns the gripper entry (N,): >= 0 grasps when the hand is empty, < 0 releases."""
+        if self._hand != "keep":
+            return 1.0 if self._hand == "close" else -1.0
+        felt = {**obs["agent"], **obs["extra"]}
+        holding = torch.as_tensor(felt["is_holding"]).reshape(len(self._still))
+        return torch.where(holding > 0.5, 1.0, -1.0)

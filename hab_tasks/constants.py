@@ -11,6 +11,9 @@ CONTROL_HZ = 30
 GRASP_RADIUS_M = 0.15
 """An object or handle within this distance of the end-effector can be snapped (S E.3)."""
 
+PLACE_RADIUS_M = 0.15
+"""An object is at its goal within this distance, whatever its orientation (S G.1)."""
+
 EE_STEP_M = 0.015
 """Largest end-effector displacement in one action (S E.3)."""
 

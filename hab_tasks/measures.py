@@ -27,13 +27,10 @@ from hab_tasks.arrays import (
     whole,
     zeros,
 )
-from hab_tasks.constants import REST_POSITION_M
+from hab_tasks.constants import PLACE_RADIUS_M, REST_POSITION_M
 from hab_tasks.goals import Goals
 from hab_tasks.navigation.ways import Ways
 from hab_tasks.snapshot import Snapshot
-
-PLACE_RADIUS_M = 0.15
-"""An object is at its goal within this distance, whatever its orientation (S G.1)."""
 
 
 @dataclass(frozen=True, kw_only=True)

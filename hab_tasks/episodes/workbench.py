@@ -118,6 +118,10 @@ class Workbench:
         body = self._components[name][1]
         return np.asarray((body.entity_pose * body.cmass_local_pose).p, dtype=float)
 
+    def graspable_m(self) -> Array:
+        """Returns the centres of mass (K, 3) of everything that a hand could take."""
+        return np.array([self.com_m(name) for name in self.handles.movable]).reshape(-1, 3)
+
     def com_in_object_m(self, name: str) -> Array:
         """Returns a movable object's centre of mass (3,) in its own frame."""
         return np.asarray(self._components[name][1].cmass_local_pose.p, dtype=float)
@@ -125,6 +129,10 @@ class Workbench:
     def _speed_m_s(self, name: str) -> float:
         """Returns how fast a movable object's centre of mass moves."""
         return float(np.linalg.norm(self._components[name][1].linear_velocity))
+
+    def asleep(self, name: str) -> bool:
+        """Whether a movable object has come to rest for good."""
+        return bool(self._components[name][1].is_sleeping)
 
     def box_m(self, name: str) -> tuple[Array, Array]:
         """Returns the lowest and the highest corner (3,) of a body's box along the world's axes."""
@@ -279,13 +287,8 @@ class Workbench:
 
         The robot is sent away again, and what it pushed is put back.
         """
-        qpos = self._agent.rest_qpos()
-        qpos[self._agent.base_index] = torch.tensor(base, dtype=torch.float32)
-        for name, value in zip(ARM_JOINTS, arm_qpos_rad, strict=True):
-            qpos[self._agent.joint_index[name]] = float(value)
         remembered = self._remember()
-        self._robot.set_qpos(qpos.numpy())
-        self._robot.set_qvel(np.zeros(len(qpos), dtype=np.float32))
+        self._stand_robot(base, arm_qpos_rad)
         self._px.step()
         touches = self._robot_contact(clearance_m)
         self.send_robot_away()
@@ -293,6 +296,20 @@ class Workbench:
         # Furniture that something leans on gives way a little in every step.
         self._restore((poses if touches else {}, joints))
         return touches
+
+    def _stand_robot(self, base: tuple[float, float, float], arm_qpos_rad: Array) -> None:
+        qpos = self._agent.rest_qpos()
+        qpos[self._agent.base_index] = torch.tensor(base, dtype=torch.float32)
+        for name, value in zip(ARM_JOINTS, arm_qpos_rad, strict=True):
+            qpos[self._agent.joint_index[name]] = float(value)
+        self._robot.set_qpos(qpos.numpy())
+        self._robot.set_qvel(np.zeros(len(qpos), dtype=np.float32))
+
+    def stand_robot(self, base: tuple[float, float, float], arm_qpos_rad: Array) -> HabFetch:
+        """Puts the robot down, holding its pose, until it is sent away; returns it."""
+        self._stand_robot(base, arm_qpos_rad)
+        self._agent.controller.reset()
+        return self._agent
 
     def _robot_contact(self, clearance_m: float) -> bool:
         for contact in self._px.get_contacts():

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from hab_tasks.arrays import Rows, as_kind_of, concat, norm, stack
+from hab_tasks.constants import PLACE_RADIUS_M
 from hab_tasks.fronts import FrontKind
 from hab_tasks.goals import Goals
-from hab_tasks.measures import PLACE_RADIUS_M
 from hab_tasks.skills.base import Skill
 from hab_tasks.snapshot import Snapshot
 

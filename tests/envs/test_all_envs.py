@@ -20,7 +20,7 @@ from playing import (
 )
 
 from hab_tasks.envs import ENVS
-from hab_tasks.errors import ActionError, EpisodeError, UnknownNameError
+from hab_tasks.errors import ActionError, UnknownNameError
 from hab_tasks.robots.control import control_configs
 from hab_tasks.robots.control_modes import ARM_SIZE, BASE_CELLS, STOP_CELL
 
@@ -217,22 +217,6 @@ def test_an_episode_can_be_asked_for_by_index_or_itself(make, env_id):
         env.reset(options={"episode": wish})
         expected = source.get(wish) if isinstance(wish, int) else wish
         assert env.unwrapped.episode == (expected,)
-
-
-@pytest.mark.parametrize("wish", [5, -1, 10**7])
-def test_an_episode_outside_the_set_is_refused(make, wish):
-    """The file has eight, of which five are played: 0 to 4."""
-    env = make(num_episodes=5)
-    with pytest.raises(EpisodeError, match=rf"Episode {wish}: of 5, valid are 0 to 4") as caught:
-        env.reset(options={"episode": wish})
-    # The file's sixth one can be had.
-    assert ("num_episodes=6" in str(caught.value)) == (wish == 5)
-    env.reset(options={"episode": 4})
-
-
-def test_what_is_no_episode_is_refused(make):
-    with pytest.raises(EpisodeError, match="'7' is neither an index nor an Episode"):
-        make().reset(options={"episode": "7"})
 
 
 @every_env

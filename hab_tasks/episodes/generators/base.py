@@ -17,7 +17,7 @@ import numpy as np
 from hab_tasks.episodes.placing import Placer, Settling
 from hab_tasks.episodes.receptacles import Spot, find_spots
 from hab_tasks.episodes.refusal import RefusedError
-from hab_tasks.episodes.robot_start import RobotStarts, StartNoise
+from hab_tasks.episodes.robot_start import NOTHING_NEAR, KeepOff, RobotStarts, StartNoise
 from hab_tasks.episodes.schema import Episode, HandleRef, Rearrangement, RobotStart
 from hab_tasks.episodes.workbench import Workbench
 from hab_tasks.errors import GenerationError
@@ -25,7 +25,7 @@ from hab_tasks.geometry import Pose7
 from hab_tasks.robots.kinematics import ArmKinematics
 from hab_tasks.scenes.spec import ObjectTemplate, SceneSpec
 
-GENERATOR_VERSION = 7
+GENERATOR_VERSION = 8
 """Goes up when the same seed gives other episodes; cached files of another version are not used."""
 
 ATTEMPTS = 200
@@ -57,7 +57,11 @@ class Objects:
 
 
 class Generator(ABC):
-    """Makes the episodes of one env in the given layouts."""
+    """Makes the episodes of one env in the given layouts.
+
+    Attributes:
+        refused: Reason -> how many candidates of the present episode were refused.
+    """
 
     settling: ClassVar[Settling] = Settling()
     noise: ClassVar[StartNoise] = StartNoise()
@@ -68,6 +72,7 @@ class Generator(ABC):
         """Draws layouts from `scenes`; `load` reads one."""
         self.scenes, self.load, self.objects = scenes, load, objects
         self.kinematics = ArmKinematics()
+        self.refused: Counter[str] = Counter()
         self._spots: dict[tuple[str, ...], list[Spot]] = {}
 
     @abstractmethod
@@ -85,7 +90,7 @@ class Generator(ABC):
             GenerationError: Every attempt was refused; the message counts the reasons.
         """
         rng = np.random.default_rng(seed)
-        refused: Counter[str] = Counter()
+        refused = self.refused = Counter()
         layouts = min(LAYOUTS, len(self.scenes))
         for _ in range(layouts):
             scene_id = self.scenes[int(rng.integers(len(self.scenes)))]
@@ -110,9 +115,13 @@ class Generator(ABC):
 
     # Parts of an attempt ---------------------------------------------------------------------
 
-    def starts(self, bench: Workbench, rng: np.random.Generator) -> RobotStarts:
-        """Returns the finder of robot starts."""
-        return RobotStarts(bench, rng, self.kinematics, self.noise)
+    def starts(
+        self, bench: Workbench, rng: np.random.Generator, keep_off: KeepOff = NOTHING_NEAR
+    ) -> RobotStarts:
+        """Returns the finder of robot starts, whose hand starts off `keep_off`."""
+        starts = RobotStarts(bench, rng, self.kinematics, self.noise, keep_off)
+        starts.refused = self.refused
+        return starts
 
     def spots(self, bench: Workbench, names: tuple[str, ...]) -> list[Spot]:
         """Returns the usable receptacles of these names, with the joints that open them.

@@ -5,11 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from hab_tasks.episodes.generators.base import Generator, open_joints, put_all, stage, start_state
-from hab_tasks.episodes.generators.furniture import Front, find_front, level_frame, other_drawers
+from hab_tasks.episodes.generators.furniture import (
+    Front,
+    find_front,
+    handles_m,
+    level_frame,
+    other_drawers,
+)
 from hab_tasks.episodes.placing import Placer
 from hab_tasks.episodes.receptacles import DRAWER
 from hab_tasks.episodes.refusal import RefusedError
-from hab_tasks.episodes.robot_start import Rectangle
+from hab_tasks.episodes.robot_start import KeepOff, Rectangle
 from hab_tasks.episodes.schema import POSE_DIGITS, Episode, Rearrangement, rounded
 from hab_tasks.episodes.workbench import Workbench
 from hab_tasks.geometry import Pose7, from_matrix, to_matrix
@@ -57,7 +63,7 @@ class OpenDrawer(Generator):
         if any(bench.touching(handle) for handle in objects):
             raise RefusedError("the drawer cannot be closed over the object")
         link = bench.world_from(f"{front.ref.furniture}/{front.marker.link}")
-        robot = self.starts(bench, rng).in_rectangle(
+        robot = self.starts(bench, rng, KeepOff(points_m=handles_m(bench))).in_rectangle(
             level_frame(link[:3, 3], link[:3, 0]), SPAWN_REGION, front.handle_m(bench), reach=True
         )
         rearrangement = Rearrangement(object=handles[0], start=spot.ref)

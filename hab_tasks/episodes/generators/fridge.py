@@ -7,11 +7,11 @@ import math
 import numpy as np
 
 from hab_tasks.episodes.generators.base import Generator, open_joints, put_all, stage, start_state
-from hab_tasks.episodes.generators.furniture import find_front, level_frame
+from hab_tasks.episodes.generators.furniture import find_front, handles_m, level_frame
 from hab_tasks.episodes.placing import Placer
 from hab_tasks.episodes.receptacles import FRIDGE
 from hab_tasks.episodes.refusal import RefusedError
-from hab_tasks.episodes.robot_start import Rectangle
+from hab_tasks.episodes.robot_start import KeepOff, Rectangle
 from hab_tasks.episodes.schema import Episode, Rearrangement
 from hab_tasks.episodes.workbench import Workbench
 
@@ -46,7 +46,7 @@ class OpenFridge(Generator):
         if bench.touching(f"{front.ref.furniture}/{front.marker.link}"):
             raise RefusedError("the door meets something")
         root = bench.world_from(f"{front.ref.furniture}/{bench.root_of(front.ref.furniture)}")
-        robot = self.starts(bench, rng).in_rectangle(
+        robot = self.starts(bench, rng, KeepOff(points_m=handles_m(bench))).in_rectangle(
             level_frame(root[:3, 3], root[:3, 0]), SPAWN_REGION, front.handle_m(bench), reach=False
         )
         rearrangement = Rearrangement(object=target, start=spot.ref)

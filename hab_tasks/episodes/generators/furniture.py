@@ -27,12 +27,25 @@ class Front:
 
     def handle_m(self, bench: Workbench) -> Array:
         """Returns the handle (3,) in the world, as the furniture stands now."""
-        scale = {a.name: a.scale for a in bench.spec.articulations}[self.ref.furniture]
-        world_from_link = bench.world_from(f"{self.ref.furniture}/{self.marker.link}")
-        return (
-            world_from_link[:3, :3] @ (scale * np.array(self.marker.offset_m))
-            + (world_from_link[:3, 3])
-        )
+        return marker_m(bench, self.ref.furniture, self.marker)
+
+
+def marker_m(bench: Workbench, furniture: str, marker: HandleMarker) -> Array:
+    """Returns a handle marker (3,) in the world, as the furniture stands now."""
+    scale = {a.name: a.scale for a in bench.spec.articulations}[furniture]
+    world_from_link = bench.world_from(f"{furniture}/{marker.link}")
+    return world_from_link[:3, :3] @ (scale * np.array(marker.offset_m)) + world_from_link[:3, 3]
+
+
+def handles_m(bench: Workbench) -> Array:
+    """Returns every handle (H, 3) of the layout in the world, as the furniture stands now."""
+    points = [
+        marker_m(bench, furniture, marker)
+        for furniture in bench.handles.articulations
+        for marker in HANDLE_MARKERS
+        if marker.template == template_of(furniture)
+    ]
+    return np.array(points).reshape(-1, 3)
 
 
 def find_front(bench: Workbench, marker_name: str) -> Front:

@@ -36,6 +36,7 @@ class Navigate(Generator):
         """Returns one candidate."""
         skill = list(LEADS_TO)[int(rng.integers(len(LEADS_TO)))]
         leads_to = LEADS_TO[skill](self.scenes, self.load, self.objects)
+        leads_to.refused = self.refused
         episode = leads_to.attempt(bench, rng)
         goal = NavigationGoal(skill=skill, base=episode.robot.base)
         objects = dict(episode.objects)

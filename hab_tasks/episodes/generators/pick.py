@@ -14,6 +14,7 @@ from hab_tasks.episodes.generators.base import (
 from hab_tasks.episodes.placing import Placer
 from hab_tasks.episodes.receptacles import PICK_RECEPTACLES
 from hab_tasks.episodes.refusal import RefusedError
+from hab_tasks.episodes.robot_start import KeepOff
 from hab_tasks.episodes.schema import Episode, Rearrangement
 from hab_tasks.episodes.workbench import Workbench
 
@@ -39,5 +40,7 @@ class Pick(Generator):
             raise RefusedError("nothing rests on the receptacle")
         target = list(objects)[int(rng.integers(len(objects)))]
         stage(bench, objects, spot.joints)
-        robot = self.starts(bench, rng).facing(bench.com_m(target))
+        # Of the other objects as well: one that is taken first ends the episode.
+        keep_off = KeepOff(points_m=bench.graspable_m())
+        robot = self.starts(bench, rng, keep_off).facing(bench.com_m(target))
         return start_state(bench, robot, objects, (Rearrangement(object=target, start=spot.ref),))

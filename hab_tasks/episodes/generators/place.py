@@ -18,11 +18,11 @@ from hab_tasks.episodes.generators.pick import CLUTTER
 from hab_tasks.episodes.placing import Placer
 from hab_tasks.episodes.receptacles import PLACE_RECEPTACLES
 from hab_tasks.episodes.refusal import RefusedError
-from hab_tasks.episodes.schema import Base, Episode, Rearrangement, RobotStart, rounded, template_of
+from hab_tasks.episodes.rehearsal import falls_to
+from hab_tasks.episodes.robot_start import KeepOff, ee_in_world
+from hab_tasks.episodes.schema import Episode, Rearrangement, RobotStart, rounded, template_of
 from hab_tasks.episodes.workbench import Workbench
-from hab_tasks.geometry import Array, Pose7, apply, planar, pose, rotation_between
-from hab_tasks.robots.fetch import BASE_HEIGHT_M
-from hab_tasks.robots.kinematics import ArmKinematics
+from hab_tasks.geometry import Array, Pose7, pose, rotation_between
 
 
 class Place(Generator):
@@ -46,13 +46,18 @@ class Place(Generator):
         goal = objects.pop(held)
         goal_com_m, com_m = bench.com_m(held), bench.com_in_object_m(held)
         stage(bench, objects, spot.joints)
-        robot = self.starts(bench, rng).facing(goal_com_m)
+        # Let go, the object must not fall onto its goal.
+        keep_off = KeepOff(points_m=goal_com_m[None], level=True)
+        robot = self.starts(bench, rng, keep_off).facing(goal_com_m)
         yaw = rng.uniform(-math.pi, math.pi)
         up = np.array(bench.templates[template_of(held)].up)
         objects[held] = self.in_hand(com_m, up, robot, yaw)
         stage(bench, objects, spot.joints)
         if bench.touching(held):
             raise RefusedError("the held object touches something")
+        if falls_to(bench, robot, held, goal_com_m):
+            raise RefusedError("let go, the object gets to its goal by itself")
+        stage(bench, objects, spot.joints)
         target = Rearrangement(object=held, goal=spot.ref, world_from_goal=goal)
         return start_state(bench, robot, objects, (target,), held=held)
 
@@ -69,9 +74,3 @@ class Place(Generator):
         q = quaternions.qmult(turn, rotation_between(up, np.array([0.0, 0.0, 1.0])))
         ee_m = ee_in_world(self.kinematics, robot.base, np.array(robot.arm_qpos_rad))
         return rounded(pose(ee_m - quaternions.rotate_vector(com_m, q), q))
-
-
-def ee_in_world(kinematics: ArmKinematics, base: Base, arm_qpos_rad: Array) -> Array:
-    """Returns the end-effector point (3,) in the world."""
-    above_floor = np.array([0.0, 0.0, BASE_HEIGHT_M])
-    return apply(planar(*base), kinematics.position(arm_qpos_rad)) + above_floor

@@ -21,10 +21,11 @@ from hab_tasks.episodes.generators.base import (
     start_state,
 )
 from hab_tasks.episodes.generators.drawer import DRAWER_MARKER, carried, slides
-from hab_tasks.episodes.generators.furniture import find_front
+from hab_tasks.episodes.generators.furniture import find_front, handles_m
 from hab_tasks.episodes.placing import AWAY, Placer
 from hab_tasks.episodes.receptacles import DRAWER, Spot
 from hab_tasks.episodes.refusal import RefusedError
+from hab_tasks.episodes.robot_start import KeepOff
 from hab_tasks.episodes.schema import Episode, Rearrangement
 from hab_tasks.episodes.workbench import Workbench
 from hab_tasks.geometry import Pose7
@@ -102,7 +103,9 @@ class Rearrange(Generator):
             )
             for target, ghost, goal in zip(targets, ghosts, goals, strict=True)
         )
-        return start_state(bench, starts.anywhere(), objects, rearrangements)
+        in_reach = KeepOff(points_m=np.concatenate([bench.graspable_m(), handles_m(bench)]))
+        robot = self.starts(bench, rng, in_reach).anywhere()
+        return start_state(bench, robot, objects, rearrangements)
 
     def _open_drawer(self, bench: Workbench) -> dict[str, dict[str, float]]:
         """Returns the drawer's open joint where the task starts with it open, empty or not."""

@@ -17,7 +17,7 @@ from hab_spa.skills.drawer import close_drawer, drawer_places, drawer_ways, open
 from hab_spa.skills.fridge import close_fridge, fridge_places, fridge_ways, open_fridge
 from hab_spa.skills.pick import pick, pick_ways
 from hab_spa.skills.place import place, place_ways
-from hab_tasks.measures import PLACE_RADIUS_M
+from hab_tasks.constants import PLACE_RADIUS_M
 from hab_tasks.navigation import NavigationMap, poses_reaching
 from hab_tasks.tasks.base import Condition, Task
 

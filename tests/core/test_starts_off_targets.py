@@ -1,0 +1,87 @@
+"""The hand starts off what it could take, and what it lets go does not reach its goal."""
+
+import numpy as np
+import pytest
+from start_checks import SKILLS, TASKS, Replay
+
+from hab_tasks.episodes.generators.furniture import handles_m
+from hab_tasks.episodes.rehearsal import falls_to
+from hab_tasks.episodes.robot_start import HAND_CLEARANCE_M, NOTHING_NEAR, KeepOff
+from hab_tasks.geometry import apply
+
+REAL = pytest.param("real", marks=[pytest.mark.assets, pytest.mark.slow])
+every_dataset = pytest.mark.parametrize("dataset", ["apartment", REAL])
+POINT = np.array([[1.0, 2.0, 0.8]])
+
+
+@pytest.mark.parametrize(
+    ("hand_m", "near", "near_from_above"),
+    [
+        ((1.12, 2.0, 1.01), True, True),  # hypot(0.12, 0.21) = 0.242
+        ((1.12, 2.0, 1.03), False, True),  # hypot(0.12, 0.23) = 0.259
+        ((1.2, 2.16, 0.8), False, False),  # hypot(0.2, 0.16) = 0.256
+        ((1.0, 2.0, 2.0), False, True),
+    ],
+)
+def test_the_hand_keeps_off_points(hand_m, near, near_from_above):
+    hand_m = np.array(hand_m)
+    assert KeepOff(points_m=POINT).meets(hand_m) == near
+    assert KeepOff(points_m=POINT, level=True).meets(hand_m) == near_from_above
+    beside = np.concatenate([POINT + 5.0, POINT])
+    assert KeepOff(points_m=beside).meets(hand_m) == near
+    assert not NOTHING_NEAR.meets(hand_m)
+
+
+def gap_m(replay, points_m, axes=3):
+    """From the hand to the nearest of points (K, 3), infinite without any."""
+    return np.linalg.norm((points_m - replay.ee_m())[:, :axes], axis=1).min(initial=np.inf)
+
+
+@every_dataset
+@pytest.mark.parametrize("env_id", ["HabPick-v1", *TASKS])
+def test_no_object_is_in_the_hands_reach(generated, dataset, env_id):
+    source, episodes = generated(env_id, dataset)
+    for replay in (Replay(source, episode) for episode in episodes):
+        assert gap_m(replay, replay.bench.graspable_m()) >= HAND_CLEARANCE_M, replay.episode.id
+
+
+@every_dataset
+@pytest.mark.parametrize("env_id", [*(e for e in SKILLS if "Open" in e or "Close" in e), *TASKS])
+def test_no_handle_is_in_the_hands_reach(generated, dataset, env_id):
+    source, episodes = generated(env_id, dataset)
+    for replay in (Replay(source, episode) for episode in episodes):
+        assert gap_m(replay, handles_m(replay.bench)) >= HAND_CLEARANCE_M, replay.episode.id
+
+
+def goal_of(replay):
+    """Where the held object's centre of mass is to be (3,)."""
+    (target,) = replay.episode.targets
+    return apply(target.world_from_goal, replay.bench.com_in_object_m(target.object))
+
+
+@every_dataset
+def test_what_is_held_is_not_above_its_goal_and_does_not_get_there(generated, dataset):
+    source, episodes = generated("HabPlace-v1", dataset)
+    for replay in (Replay(source, episode) for episode in episodes):
+        goal_m, episode = goal_of(replay), replay.episode
+        assert gap_m(replay, goal_m[None], axes=2) >= HAND_CLEARANCE_M, episode.id
+        assert not falls_to(replay.bench, episode.robot, episode.held, goal_m), episode.id
+
+
+def groups(bench, name):
+    """What a movable object collides with."""
+    shapes = bench.handles.movable[name]._bodies[0].collision_shapes
+    return [shape.collision_groups for shape in shapes]
+
+
+def test_what_falls_onto_its_goal_is_seen(generated):
+    source, episodes = generated("HabPlace-v1")
+    replay = Replay(source, episodes[0])
+    bench, held = replay.bench, episodes[0].held
+    start_m, before = bench.com_m(held), groups(bench, held)
+    # It counts from 0.18 m on: below, once it fell by 2 cm; above, it falls away from it.
+    for way_m, falls in ((-0.20, True), (0.20, False)):
+        replay.stand()
+        goal_m = start_m + np.array([0.0, 0.0, way_m])
+        assert falls_to(bench, episodes[0].robot, held, goal_m) == falls
+        assert groups(bench, held) == before, "still held"

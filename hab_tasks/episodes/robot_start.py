@@ -232,7 +232,8 @@ class RobotStarts:
 
     def _hand_too_near(self, base: Base, arm: Array) -> bool:
         near = self._keep_off.meets(ee_in_world(self._kinematics, base, arm))
-        self.refused[HAND_TOO_NEAR] += near
+        if near:
+            self.refused[HAND_TOO_NEAR] += 1
         return near
 
     def _noisy_base(self, cell: Array, target_m: Array, draw: Array) -> Base:

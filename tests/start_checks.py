@@ -6,11 +6,11 @@ import math
 import numpy as np
 import torch
 
+from hab_tasks.episodes.schema import template_of
 from hab_tasks.episodes.source import EpisodeSource
 from hab_tasks.episodes.workbench import Workbench
 from hab_tasks.geometry import to_matrix
 from hab_tasks.robots.kinematics import ArmKinematics
-from hab_tasks.episodes.schema import template_of
 from hab_tasks.scenes.markers import HANDLE_MARKERS
 
 AABB = "receptacle_aabb_"

@@ -7,6 +7,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -66,8 +67,8 @@ Example:
             raise HabError(f"--count {self.count}: at least 1 layout.")
         if self.macro is None and not self.wild:
             raise HabError(
-                "Which layout is to be varied? Give --macro, for example --macro sc1, or --wild for "
-                "layouts drawn from all of them."
+                "Which layout is to be varied? Give --macro, for example --macro sc1, or --wild "
+                "for layouts drawn from all of them."
             )
         dataset = resolve_dataset(self.dataset)
         if dataset.layouts is not None:
@@ -121,7 +122,11 @@ Example:
         self, dataset: SceneDataset, macro: str | None, macros: dict[str, str]
     ) -> LayoutSet:
         embedded = dataset.root == embedded_dataset().resolve()
-        parts = [dataset.name, *(["wild"] if self.wild else []), *([_short(macro)] if macro else [])]
+        parts = [
+            dataset.name,
+            *(["wild"] if self.wild else []),
+            *([_short(macro)] if macro else []),
+        ]
         return LayoutSet(
             name="_".join([*parts, str(self.seed)]),
             dataset="apartment" if embedded else str(dataset.root),
@@ -142,7 +147,7 @@ def _about(layouts: list[WildLayout]) -> Iterator[str]:
     if not layouts:
         return
     angles = [layout.door_rad for layout in layouts]
-    for low, high in zip(DOOR_BINS_RAD[:-1], DOOR_BINS_RAD[1:], strict=True):
+    for low, high in pairwise(DOOR_BINS_RAD):
         count = sum(low <= angle < high for angle in angles)
         yield f"{count}: the fridge's door is stopped at {low:g} to {min(high, 2.3):g} rad"
     yield f"{sum(a >= DOOR_BINS_RAD[-1] for a in angles)}: it opens all the way"

@@ -1,8 +1,8 @@
 """Habitat's scene dataset format: ReplicaCAD as published, as ManiSkill renames it, and ours.
 
 A dataset folder holds ``*.scene_dataset_config.json``, ``configs/{scenes,objects,stages,lighting}``
-and ``urdf/*/``. Templates are found by their file's stem, so both folder layouts read alike. A folder
-of layouts only (`hab_tasks.scenes.layout_set`) takes everything else from the dataset it names.
+and ``urdf/*/``. Templates are found by their file's stem, so both folder layouts read alike. A
+folder of layouts only (`hab_tasks.scenes.layout_set`) takes all else from the dataset it names.
 """
 
 from __future__ import annotations
@@ -141,8 +141,8 @@ class SceneDataset:
             source = resolve_dataset(layouts.dataset)
         except (UnknownNameError, DatasetError) as error:
             raise DatasetError(
-                f"{file}: the dataset of these layouts, {layouts.dataset}, cannot be read ({error}). "
-                "Put it back, or write its new place into that file."
+                f"{file}: the dataset of these layouts, {layouts.dataset}, cannot be read "
+                f"({error}). Put it back, or write its new place into that file."
             ) from error
         if source.templates != layouts.templates:
             raise DatasetError(
@@ -262,9 +262,7 @@ class SceneDataset:
         return {file.name.removesuffix(suffix): file for file in files}
 
 
-def _checksum(
-    files: Iterable[Path], start: int = 0, strip: re.Pattern[bytes] | None = None
-) -> int:
+def _checksum(files: Iterable[Path], start: int = 0, strip: re.Pattern[bytes] | None = None) -> int:
     """Returns a number made from files' names and bytes, without what matches `strip`."""
     crc = start
     for file in files:

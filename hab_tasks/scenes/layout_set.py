@@ -1,7 +1,7 @@
-"""A folder of layouts of another dataset: scene files, and one file that says whose furniture it is.
+"""A folder of layouts of another dataset: scene files, and one file that names that dataset.
 
-Nothing of the dataset is copied. ``layouts.json`` names it, and such a folder is then given wherever
-a dataset is.
+Nothing of the dataset is copied. ``layouts.json`` names it, and such a folder can be given wherever
+a dataset can.
 """
 
 from __future__ import annotations

@@ -73,7 +73,8 @@ def read_scene(
     if missing:
         absent = ", ".join(_absent_templates(dataset))
         _say_once(
-            f"{dataset.source.root}: objects without files are skipped wherever they occur: {absent}."
+            f"{dataset.source.root}: objects without files are skipped wherever they occur: "
+            f"{absent}."
         )
     receptacles = [r for instance in objects for r in _placed_receptacles(instance)]
     for instance in articulations:
@@ -263,8 +264,8 @@ def _stage(dataset: SceneDataset, scene_id: str, data: dict[str, Any]) -> Stage:
         check_mesh(visual)
     else:
         _say_once(
-            f"{dataset.source.root}: stage meshes absent; floor and walls are boxes made from the navmesh "
-            "files (stairs are wall as well)."
+            f"{dataset.source.root}: stage meshes absent; floor and walls are boxes made from the "
+            "navmesh files (stairs are wall as well)."
         )
     if visual.exists() and asset:
         file = (folder / asset).resolve()
@@ -275,7 +276,9 @@ def _stage(dataset: SceneDataset, scene_id: str, data: dict[str, Any]) -> Stage:
     else:
         # Planning and the free floor need convex parts, which a scan's triangles are not.
         if visual.exists():
-            _say_once(f"{dataset.source.root}: stage meshes without collision_asset collide as boxes.")
+            _say_once(
+                f"{dataset.source.root}: stage meshes without collision_asset collide as boxes."
+            )
         collision = shell(_stage_bounds(dataset, scene_id, visual))
     return Stage(
         name=name,

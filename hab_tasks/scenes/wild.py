@@ -236,6 +236,7 @@ class _Arrangement:
         self.motions = dict(self.of.away)
         self._absent = set(self.motions)
         self.layout: Layout = self.of.layout.moved(self.motions)
+        self._floor = self.of.baseline.plan.floor(self.motions)
 
     def find(self) -> bool:
         """Furnishes the layout; returns whether the result passed all checks."""
@@ -265,7 +266,6 @@ class _Arrangement:
 
     def _put(self, piece: Piece) -> bool:
         """Puts a piece somewhere; returns whether there was room."""
-        floor = self.of.baseline.plan.floor(self.motions)
         kitchen = piece in (self.of.fridge, self.of.counter)
         if not kitchen and self.rng.random() < self.config.stays_share:
             stay = Place(center_m=piece.center_m, back=piece.back)
@@ -279,7 +279,7 @@ class _Arrangement:
             inside = (p for p in seen if self.of.places.holds(piece, p))
             held = list(islice(inside, self.config.looked_at))
             chance = self.rng.uniform(0.0, self.config.chance_m, len(held))
-            worth = [crowding(piece, p, floor) + c for p, c in zip(held, chance, strict=True)]
+            worth = [crowding(piece, p, self._floor) + c for p, c in zip(held, chance, strict=True)]
             places = [held[i] for i in np.argsort(worth)[:tries]]
         return any(self._try(piece, place) for place in places)
 
@@ -319,15 +319,14 @@ class _Arrangement:
         baseline, absent = self.of.baseline, self._absent - set(piece.members)
         if self._refuse(baseline.overlapping(layout, new)):
             return False
-        if piece.name in self.of.fridge.members or self.of.fridge.name not in absent:
-            if self._door_stops(layout):
-                return False
+        if self.of.fridge.name not in absent and self._door_stops(layout):
+            return False
         if self._refuse(baseline.blocked(layout, new)):
             return False
         floor = baseline.plan.floor(self.motions | new)
         if self._refuse(baseline.crowded(layout, floor, absent)):
             return False
-        self.layout, self._absent = layout, absent
+        self.layout, self._floor, self._absent = layout, floor, absent
         self.motions |= new
         return True
 

@@ -1,4 +1,4 @@
-"""Where furniture may stand in a wild layout: along walls, in corners, or free with narrow aisles."""
+"""Where furniture may stand in a wild layout: at walls, in corners, or free with narrow aisles."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ AISLE_M = 2 * BASE_RADIUS_M + 0.05
 """Gaps of about this width are sought; the floor's map has cells of 5 cm."""
 
 WALL_FROM_M, WALL_TO_M, TALL_M = 0.3, 0.7, 1.8
-"""What reaches from below the first to above the second height is wall; a kitchen wants the third."""
+"""What reaches from below the first to above the second is wall; a kitchen wants the third."""
 
 DOOR_M = (0.87, 1.97)
 """What lies between these heights meets the fridge's upper door."""
@@ -86,7 +86,8 @@ class WildPlaces:
         labelled: Any = ndimage.label(self._bare.clearance_m > 0)
         room = np.isin(labelled[0], np.unique(labelled[0][self._bare.room]))
         # A cell that a wall reaches into may hold furniture in its other part.
-        self._inside: NDArray[np.bool_] = ndimage.binary_dilation(room, np.ones((3, 3)))
+        inside: Any = ndimage.binary_dilation(room, np.ones((3, 3)))
+        self._inside: NDArray[np.bool_] = inside
         self._cells = np.argwhere(self._bare.room)
 
     def holds(self, piece: Piece, place: Place) -> bool:

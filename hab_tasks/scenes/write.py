@@ -31,7 +31,7 @@ def moved_scene(
         world_from: Handle of an object or of furniture -> its new pose in the world.
         changed: What it was loaded from instead of its file.
     """
-    scene = copy.deepcopy(changed or read_json(dataset.scene_file(spec.scene_id)))
+    scene = copy.deepcopy(dict(changed or read_json(dataset.scene_file(spec.scene_id))))
     entries = [e for e in scene.get("object_instances", []) if _template(e) not in spec.missing]
     furniture = scene.get("articulated_object_instances", [])
     for items, own in ((spec.objects, entries), (spec.articulations, furniture)):

@@ -353,7 +353,9 @@ def test_every_marker_names_furniture_of_the_apartment():
     spec = load_scene(dataset, sorted(dataset.scene_files)[0])
     assert {m.template for m in HANDLE_MARKERS} <= {*dataset.urdf_files}
     here = {a.template for a in spec.articulations}
-    assert {m.name for m in HANDLE_MARKERS if m.template in here} == {m.name for m in HANDLE_MARKERS}
+    assert {m.name for m in HANDLE_MARKERS if m.template in here} == {
+        m.name for m in HANDLE_MARKERS
+    }
 
 
 # Arms that are set at once ---------------------------------------------------------------------

@@ -12,6 +12,7 @@ from hab_tasks.episodes.source import EpisodeRequest, open_source
 from hab_tasks.errors import DatasetError, HabError, UnknownNameError
 from hab_tasks.geometry import to_matrix
 from hab_tasks.pipeline.optimise import optimise
+from hab_tasks.pipeline.options import AssetOptions
 from hab_tasks.scenes.dataset import SceneDataset, read_json, resolve_dataset
 from hab_tasks.scenes.layout_checks import check_layout, free_range
 from hab_tasks.scenes.layout_geometry import Layout
@@ -164,7 +165,7 @@ def test_bad_commands_are_told(wild, tmp_path, capsys):
     assert main(command(wild.root, tmp_path / "a")) == 2
     assert "vary apartment instead" in capsys.readouterr().err
     with pytest.raises(HabError, match="layouts only"):
-        optimise(wild, tmp_path / "b", CopyOptions())
+        optimise(wild, tmp_path / "b", AssetOptions())
     with pytest.raises(UnknownNameError):
         wild.scene_file("v3_sc0_staging_00")
 

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import torch
 
+from hab_tasks.episodes.schema import template_of
 from hab_tasks.episodes.source import EpisodeSource
 from hab_tasks.episodes.workbench import Workbench
 from hab_tasks.geometry import to_matrix
@@ -181,7 +182,11 @@ class Replay:
     def marker_m(self):
         """The handle (3,) of the episode's door or drawer, as it stands."""
         furniture = self.episode.handle.furniture
-        marker = next(m for m in HANDLE_MARKERS if m.name == self.episode.handle.marker)
+        marker = next(
+            m
+            for m in HANDLE_MARKERS
+            if (m.name, m.template) == (self.episode.handle.marker, template_of(furniture))
+        )
         (scale,) = [a.scale for a in self.bench.spec.articulations if a.name == furniture]
         world_from_link = self.bench.world_from(f"{furniture}/{marker.link}")
         return (world_from_link @ np.append(scale * np.array(marker.offset_m), 1.0))[:3]

@@ -149,7 +149,7 @@ def _present(dataset: SceneDataset, found: Inventory) -> list[Entry]:
         objects += f", and {found.movable} that tasks move"
     boxes = found.templates + found.movable - found.convex - len(found.absent_meshes)
     entries = [
-        ("layouts", f"{len(found.layouts)}: {splits}; {by_kind}"),
+        ("layouts", f"{len(found.layouts)}: {splits}; {_kinds(dataset) or by_kind}"),
         ("objects", objects),
         ("collision", f"{found.convex} templates with convex parts, {boxes} as boxes"),
         ("furniture", f"{len(found.furniture)} with joints: {', '.join(found.furniture)}"),
@@ -162,6 +162,16 @@ def _present(dataset: SceneDataset, found: Inventory) -> list[Entry]:
     return entries
 
 
+def _kinds(dataset: SceneDataset) -> str | None:
+    """Returns what a folder of layouts holds; None for other datasets."""
+    if dataset.layouts is None:
+        return None
+    counts = Counter(dataset.layouts.macros.values())
+    kind = "wild layouts" if dataset.layouts.wild else "micro-variations"
+    words = ", ".join(f"{macro} ({count})" for macro, count in sorted(counts.items()))
+    return f"{kind} of {words} of {dataset.layouts.dataset}"
+
+
 def _missing(dataset: SceneDataset, found: Inventory) -> list[Entry]:
     """Returns what is absent and, after the arrow, what is done about it."""
     entries = []
@@ -171,7 +181,7 @@ def _missing(dataset: SceneDataset, found: Inventory) -> list[Entry]:
             ("layouts", f"{count}: {_runs(found.absent_layouts)} -> the others are used")
         )
     empty = [name for name in SPLIT_MACROS if not dataset.scenes_of_split(name)]
-    if empty and len(empty) < len(SPLIT_MACROS):
+    if empty and len(empty) < len(SPLIT_MACROS) and dataset.layouts is None:
         used = dataset.resolve_split(None)
         words = f"{', '.join(empty)} -> refused by --split; without --split, {used} is used"
         entries.append(("splits", words))

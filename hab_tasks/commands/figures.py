@@ -18,6 +18,7 @@ from hab_tasks.errors import EpisodeError, HabError, RenderingUnavailableError
 from hab_tasks.figures.charts import draw_categories, draw_furniture
 from hab_tasks.figures.layouts import draw_macros, draw_micros
 from hab_tasks.figures.rearrangement import draw_episodes, figure_name
+from hab_tasks.figures.wild import draw_wild
 from hab_tasks.rendering import resolve_backend
 from hab_tasks.scenes.dataset import SceneDataset, resolve_dataset
 from hab_tasks.scenes.inventory import macro_layouts, micro_variations
@@ -70,6 +71,8 @@ Example:
             jobs["fig08_micro_variations.png"] = partial(draw_micros, dataset)
         else:
             notes.append(f"{dataset.name} has no micro-variations: no fig06, no sheet of them")
+        if dataset.layouts is not None and dataset.layouts.wild:
+            jobs["fig_wild_layouts.png"] = partial(draw_wild, dataset)
         if macro_layouts(dataset):
             backend = "none"
             try:

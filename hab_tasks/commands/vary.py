@@ -1,41 +1,59 @@
-"""`hab-tasks vary`: makes micro-variations of a macro layout."""
+"""`hab-tasks vary`: makes micro-variations of a macro layout, or wild layouts."""
 
 from __future__ import annotations
 
+import statistics
 import sys
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import tyro
 from tqdm import tqdm
 
 from hab_tasks.commands.base import Command, refuse_existing
 from hab_tasks.errors import HabError
-from hab_tasks.scenes.dataset import resolve_dataset
-from hab_tasks.scenes.vary import LayoutVarier
+from hab_tasks.scenes.dataset import SceneDataset, embedded_dataset, resolve_dataset
+from hab_tasks.scenes.layout_set import LayoutSet, write_layout_set
+from hab_tasks.scenes.vary import LayoutVarier, macro_scene_id
+from hab_tasks.scenes.wild import MIRRORED, WildLayout, WildVarier
 from hab_tasks.scenes.write import write_scene
+
+WILD_SPLIT = "test"
+DOOR_BINS_RAD = (1.6, 1.8, 2.0, 2.29)
+"""The fridge's door, which opens to 2.3 rad, is counted by how far it gets."""
+
+Made = tuple[str, str, dict[str, Any], Counter[str]]
+"""Scene id, macro layout, scene_instance file, reasons of refusal."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Vary(Command):
     """Options of `hab-tasks vary`."""
 
-    help: ClassVar[str] = """Makes micro-variations of a macro layout, each checked, as scene files.
+    help: ClassVar[str] = """Makes layouts of a dataset's furniture, each checked, as a dataset.
 
-At least two pieces of furniture change places and some of the others move a little. The same
-options always give the same layouts, and number 7 is the same whether 10 or 100 are made.
+At least two pieces of furniture change places and some of the others move a little; with --wild,
+furniture and kitchen go anywhere along the walls: fridges whose door meets a wall, narrow aisles.
+The same options always give the same layouts, and number 7 is the same whether 10 or 100 are made.
+DIR can be given wherever a dataset is; it names the dataset whose furniture it uses.
 
 Example:
-  hab-tasks vary apartment --macro sc1 --count 20 --seed 0 --out my_layouts"""
+  hab-tasks vary apartment --macro sc1 --count 20 --seed 0 --out my_layouts
+  hab-tasks vary apartment --wild --count 100 --out wild
+  hab-eval run --agent hab_spa:spa_priv --env HabPick-v1 --scene-dataset wild --out runs/wild"""
 
     dataset: tyro.conf.Positional[str]
     """`apartment` or a ReplicaCAD folder."""
-    macro: Annotated[str, tyro.conf.arg(metavar="ID")]
-    """The macro layout, v3_sc1_staging_00 or short sc1."""
+    macro: Annotated[str | None, tyro.conf.arg(metavar="ID")] = None
+    """The macro layout, v3_sc1_staging_00 or short sc1. With --wild: any of them unless given."""
+    wild: bool = False
+    """Move everything, kitchen included, as far as tasks stay possible. All are of split test."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
-    """Folder for the *.scene_instance.json files."""
+    """Folder for the *.scene_instance.json files and layouts.json."""
     count: Annotated[int, tyro.conf.arg(metavar="N")] = 20
     """Number of layouts."""
     seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
@@ -47,18 +65,94 @@ Example:
         """Makes and writes the layouts, then prints what was refused on the way and why."""
         if self.count < 1:
             raise HabError(f"--count {self.count}: at least 1 layout.")
+        if self.macro is None and not self.wild:
+            raise HabError(
+                "Which layout is to be varied? Give --macro, for example --macro sc1, or --wild "
+                "for layouts drawn from all of them."
+            )
+        dataset = resolve_dataset(self.dataset)
+        if dataset.layouts is not None:
+            raise HabError(
+                f"{self.dataset} holds variations already; vary {dataset.layouts.dataset} instead."
+            )
+        macro = None if self.macro is None else macro_scene_id(dataset, self.macro)
         refuse_existing(self.out, self.force)
-        varier = LayoutVarier(resolve_dataset(self.dataset), self.macro)
-        stem = varier.scene_id.removesuffix("_00")
-        rejections: Counter[str] = Counter()
-        for index in tqdm(range(1, self.count + 1), unit="layout", disable=not sys.stderr.isatty()):
-            variation = varier.make(self.seed, index)
-            rejections += variation.rejections
-            try:
-                write_scene(variation.scene, self.out, f"{stem}_{index:02d}")
-            except OSError as error:
-                raise HabError(f"{self.out}: cannot be written ({error}).") from error
-        print(f"wrote {self.count} layouts of {varier.scene_id} to {self.out}")
-        for reason, times in sorted(rejections.items()):
+        wild: list[WildLayout] = []
+        if macro is None or self.wild:
+            made = self._wild(dataset, macro, wild)
+        else:
+            made = self._ordinary(dataset, macro)
+        macros: dict[str, str] = {}
+        refused: Counter[str] = Counter()
+        bar = tqdm(made, total=self.count, unit="layout", disable=not sys.stderr.isatty())
+        try:
+            for scene_id, source, scene, reasons in bar:
+                write_scene(scene, self.out, scene_id)
+                macros[scene_id] = source
+                refused += reasons
+            write_layout_set(self._layout_set(dataset, macro, macros), self.out)
+        except OSError as error:
+            raise HabError(f"{self.out}: cannot be written ({error}).") from error
+        kind = "wild layouts" if self.wild else "layouts"
+        print(f"wrote {self.count} {kind} of {macro or dataset.name} to {self.out}")
+        for line in _about(wild):
+            print(f"  {line}")
+        for reason, times in sorted(refused.items()):
             print(f"  refused {times}: {reason}")
         return 0
+
+    def _ordinary(self, dataset: SceneDataset, macro: str) -> Iterator[Made]:
+        varier = LayoutVarier(dataset, macro)
+        stem = macro.removesuffix("_00")
+        for index in range(1, self.count + 1):
+            variation = varier.make(self.seed, index)
+            yield f"{stem}_{index:02d}", macro, variation.scene, variation.rejections
+
+    def _wild(
+        self, dataset: SceneDataset, macro: str | None, found: list[WildLayout]
+    ) -> Iterator[Made]:
+        varier = WildVarier(dataset, macro)
+        for index in range(1, self.count + 1):
+            layout = varier.make(self.seed, index)
+            found.append(layout)
+            scene_id = f"wild_{index:03d}_{_short(layout.macro)}"
+            yield scene_id, layout.macro, layout.scene, layout.rejections
+
+    def _layout_set(
+        self, dataset: SceneDataset, macro: str | None, macros: dict[str, str]
+    ) -> LayoutSet:
+        embedded = dataset.root == embedded_dataset().resolve()
+        parts = [
+            dataset.name,
+            *(["wild"] if self.wild else []),
+            *([_short(macro)] if macro else []),
+        ]
+        return LayoutSet(
+            name="_".join([*parts, str(self.seed)]),
+            dataset="apartment" if embedded else str(dataset.root),
+            templates=dataset.templates,
+            split=WILD_SPLIT if self.wild else dataset.split_of(next(iter(macros.values()))),
+            wild=self.wild,
+            macros=macros,
+        )
+
+
+def _short(macro: str) -> str:
+    """Returns ``sc1`` for ``v3_sc1_staging_00``."""
+    return macro.split("_")[1]
+
+
+def _about(layouts: list[WildLayout]) -> Iterator[str]:
+    """Yields what wild layouts are like."""
+    if not layouts:
+        return
+    angles = [layout.door_rad for layout in layouts]
+    for low, high in pairwise(DOOR_BINS_RAD):
+        count = sum(low <= angle < high for angle in angles)
+        yield f"{count}: the fridge's door is stopped at {low:g} to {min(high, 2.3):g} rad"
+    yield f"{sum(a >= DOOR_BINS_RAD[-1] for a in angles)}: it opens all the way"
+    mirrored = sum(layout.fridge == MIRRORED for layout in layouts)
+    yield f"{mirrored}: its hinges are on the other side"
+    widths = sorted(layout.aisle_m for layout in layouts)
+    middle = statistics.median(widths)
+    yield f"narrowest aisle {widths[0]:.2f} to {widths[-1]:.2f} m, in the middle {middle:.2f} m"

@@ -187,7 +187,8 @@ class HabitatLayout:
     def markers(self, also: str | None) -> list[dict[str, Any]]:
         """Returns Habitat's markers of this layout, and the one named `also`."""
         wanted = (*HABITAT_MARKERS, *([also] if also not in HABITAT_MARKERS else []))
-        known = {marker.name: marker for marker in HANDLE_MARKERS}
+        here = [m for m in HANDLE_MARKERS if f"{m.template}_:0000" in self._links]
+        known = {marker.name: marker for marker in here}
         return [
             {
                 "name": marker.name,
@@ -199,7 +200,6 @@ class HabitatLayout:
                 },
             }
             for marker in (known[name] for name in wanted if name in known)
-            if f"{marker.template}_:0000" in self._links
         ]
 
     def _furniture(self, handle: str) -> tuple[UrdfLink, ...]:

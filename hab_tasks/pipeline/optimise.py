@@ -78,6 +78,11 @@ def optimise(
         raise HabError(f"--workers {workers}: at least 1 process.")
     if objects is not None and not objects.expanduser().is_dir():
         raise UnknownNameError("objects", str(objects), ["PATH of a YCB folder"])
+    if dataset.layouts is not None:
+        raise HabError(
+            f"{dataset.root} holds layouts only; copy {dataset.layouts.dataset}, and name the copy "
+            "in its layouts.json."
+        )
     out = out.expanduser().resolve()
     ycb = objects.expanduser().resolve() if objects is not None else None
     for source in (dataset.root, ycb):

@@ -1,7 +1,8 @@
 """Habitat's scene dataset format: ReplicaCAD as published, as ManiSkill renames it, and ours.
 
 A dataset folder holds ``*.scene_dataset_config.json``, ``configs/{scenes,objects,stages,lighting}``
-and ``urdf/*/``. Templates are found by their file's stem, so both folder layouts read alike.
+and ``urdf/*/``. Templates are found by their file's stem, so both folder layouts read alike. A
+folder of layouts only (`hab_tasks.scenes.layout_set`) takes all else from the dataset it names.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import json
 import re
 import zlib
+from collections.abc import Iterable
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
@@ -17,6 +19,8 @@ from typing import Any
 from mani_skill import ASSET_DIR
 
 from hab_tasks.errors import DatasetError, UnknownNameError
+from hab_tasks.scenes import layout_set
+from hab_tasks.scenes.layout_set import read_layout_set
 
 SPLIT_MACROS = {"train": ("sc0", "sc1", "sc2"), "val": ("sc3",), "test": ("sc4",)}
 """Macro layouts of each split (S E.1 and ReplicaCAD's own splits)."""
@@ -32,6 +36,9 @@ MANISKILL_ASSETS = {
     "ycb": ("assets/mani_skill2_ycb", "models"),
 }
 """Asset id of ManiSkill -> where its own command downloads it to, and a folder that is in it."""
+
+_DYNAMICS = re.compile(rb"<dynamics\b[^>]*>")
+"""Friction and damping of joints do not change where furniture fits."""
 
 _MACRO = re.compile(r"^v3_(sc\d)_staging_\d\d$")
 
@@ -96,10 +103,26 @@ def maniskill_folder(asset: str) -> Path:
 
 
 class SceneDataset:
-    """An index of one dataset folder. Nothing is loaded until it is asked for."""
+    """An index of one dataset folder. Nothing is loaded until it is asked for.
+
+    Attributes:
+        root: The folder that holds the layouts.
+        name: The dataset's name.
+        layouts: What ``layouts.json`` says; None for a dataset that holds more than layouts.
+        source: The dataset with the furniture, stages and navmeshes; itself unless it has none.
+    """
 
     def __init__(self, root: Path) -> None:
+        """Opens a folder.
+
+        Raises:
+            DatasetError: It holds no dataset, or the dataset of its layouts is absent or changed.
+        """
         self.root = root.resolve()
+        self.layouts, self.source = None, self
+        if (self.root / layout_set.FILE).exists():
+            self._open_layouts(self.root / layout_set.FILE)
+            return
         configs = sorted(self.root.glob("*.scene_dataset_config.json"))
         if not configs:
             raise DatasetError(
@@ -110,9 +133,32 @@ class SceneDataset:
         if not self.scene_files:
             raise DatasetError(f"{self.root}: configs/scenes holds no *.scene_instance.json.")
 
+    def _open_layouts(self, file: Path) -> None:
+        layouts = read_layout_set(file)
+        if layouts.split not in SPLIT_MACROS:
+            raise DatasetError(f"{file}: unknown split {layouts.split!r}.")
+        try:
+            source = resolve_dataset(layouts.dataset)
+        except (UnknownNameError, DatasetError) as error:
+            raise DatasetError(
+                f"{file}: the dataset of these layouts, {layouts.dataset}, cannot be read "
+                f"({error}). Put it back, or write its new place into that file."
+            ) from error
+        if source.templates != layouts.templates:
+            raise DatasetError(
+                f"{file}: {layouts.dataset} has changed since these layouts were made, so that "
+                "furniture may not fit. Make them anew with `hab-tasks vary --force`."
+            )
+        self.layouts, self.source, self.name = layouts, source, layouts.name
+        absent = [s for s in layouts.macros if not self.scene_files[s].exists()]
+        if absent or not layouts.macros:
+            raise DatasetError(f"{self.root}: no {', '.join(absent[:3]) or 'layouts'} in it.")
+
     @cached_property
     def scene_files(self) -> dict[str, Path]:
         """Scene id -> scene_instance file."""
+        if self.layouts is not None:
+            return {s: self.root / f"{s}.scene_instance.json" for s in sorted(self.layouts.macros)}
         return self._index("configs/scenes", ".scene_instance.json")
 
     @cached_property
@@ -134,7 +180,7 @@ class SceneDataset:
     def urdf_files(self) -> dict[str, Path]:
         """Articulated template name -> URDF; a file in a folder of its own name comes first."""
         found: dict[str, Path] = {}
-        for file in sorted((self.root / "urdf").glob("*/*.urdf")):
+        for file in sorted((self.source.root / "urdf").glob("*/*.urdf")):
             if file.stem not in found or file.parent.name == file.stem:
                 found[file.stem] = file
         return found
@@ -142,15 +188,25 @@ class SceneDataset:
     @cached_property
     def fingerprint(self) -> int:
         """A number made from every configuration and URDF: datasets that differ have another."""
-        crc = 0
-        for file in sorted((self.root / "configs").rglob("*.json")) + sorted(
-            (self.root / "urdf").rglob("*.urdf")
-        ):
-            crc = zlib.crc32(file.read_bytes(), zlib.crc32(file.name.encode(), crc))
-        return crc
+        if self.layouts is not None:
+            return _checksum(self.scene_files.values(), self.source.fingerprint)
+        configs = sorted((self.root / "configs").rglob("*.json"))
+        return _checksum([*configs, *sorted((self.root / "urdf").rglob("*.urdf"))])
+
+    @cached_property
+    def templates(self) -> int:
+        """A number made from what furniture and stages are like, without their joints' friction."""
+        kinds = (self.object_files, self.stage_files, self.urdf_files)
+        files = [file for kind in kinds for _, file in sorted(kind.items())]
+        return _checksum(files, strip=_DYNAMICS)
 
     def navmesh_file(self, scene_id: str) -> Path | None:
-        """Returns the published navmesh of a scene, None when the dataset has none."""
+        """Returns the published navmesh of a scene, None when the dataset has none.
+
+        Layouts of another dataset have that of their macro layout: stage and bounds are the same.
+        """
+        if self.layouts is not None:
+            return self.source.navmesh_file(self.layouts.macros[scene_id])
         for folder in ("navmeshes", "navmeshes_default"):
             file = self.root / folder / f"{scene_id}.navmesh"
             if file.exists():
@@ -165,8 +221,15 @@ class SceneDataset:
         """
         if split not in SPLIT_MACROS:
             raise UnknownNameError("split", split, SPLIT_MACROS)
+        if self.layouts is not None:
+            return sorted(self.scene_files) if split == self.layouts.split else []
         wanted = SPLIT_MACROS[split]
         return [s for s in sorted(self.scene_files) if (m := _MACRO.match(s)) and m[1] in wanted]
+
+    def split_of(self, scene_id: str) -> str:
+        """Returns the split that a scene belongs to, ``test`` for one that belongs to none."""
+        found = (name for name in SPLIT_MACROS if scene_id in self.scenes_of_split(name))
+        return next(found, "test")
 
     def resolve_split(self, split: str | None) -> str:
         """Returns `split`, or the most unseen split that this dataset has scenes for.
@@ -195,8 +258,18 @@ class SceneDataset:
         return self.scene_files[scene_id]
 
     def _index(self, folder: str, suffix: str) -> dict[str, Path]:
-        files = sorted((self.root / folder).rglob(f"*{suffix}"))
+        files = sorted((self.source.root / folder).rglob(f"*{suffix}"))
         return {file.name.removesuffix(suffix): file for file in files}
+
+
+def _checksum(files: Iterable[Path], start: int = 0, strip: re.Pattern[bytes] | None = None) -> int:
+    """Returns a number made from files' names and bytes, without what matches `strip`."""
+    crc = start
+    for file in files:
+        data = file.read_bytes()
+        data = data if strip is None else strip.sub(b"", data)
+        crc = zlib.crc32(data, zlib.crc32(file.name.encode(), crc))
+    return crc
 
 
 def read_json(file: Path) -> dict[str, Any]:

@@ -6,7 +6,7 @@ on a piece goes with it, what hangs on a wall, leans or lies flat stays, and so 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import coal  # pyright: ignore[reportMissingImports]  # compiled, no stubs
@@ -16,9 +16,11 @@ from hab_tasks.geometry import to_matrix
 from hab_tasks.privileged import Array
 from hab_tasks.scenes.build import FLAT_HEIGHT_M
 from hab_tasks.scenes.layout_geometry import STAGE, Layout, Placed, depth_m
+from hab_tasks.scenes.markers import FRIDGES
 from hab_tasks.scenes.standing import ROOM_DOORS
 
-FIXED_TEMPLATES = ("fridge", "kitchen_counter", "kitchenCupboard_01", *ROOM_DOORS)
+COUNTER, CUPBOARD = "kitchen_counter", "kitchenCupboard_01"
+FIXED_TEMPLATES = (*FRIDGES, COUNTER, CUPBOARD, *ROOM_DOORS)
 """These have one pose in each macro layout."""
 
 FLOOR_GAP_M = 0.25
@@ -77,19 +79,28 @@ class _Side:
     half_length_m: float
 
 
-def find_pieces(layout: Layout) -> list[Piece]:
-    """Returns the pieces of a layout that may move, in the layout's order."""
+def find_pieces(layout: Layout, fixed: Collection[str] = FIXED_TEMPLATES) -> list[Piece]:
+    """Returns the pieces of a layout that may move, in the layout's order.
+
+    Args:
+        layout: The layout.
+        fixed: Templates that stay where they are. Where the kitchen counter is none of them, the
+            cupboard that hangs above it goes with it.
+    """
     bodies: dict[str, list[Placed]] = {}
     for body in layout.placed.values():
         bodies.setdefault(body.piece, []).append(body)
     templates = {item.name: item.template.name for item in layout.spec.objects}
     templates |= {item.name: item.template for item in layout.spec.articulations}
     carriers = _carriers(bodies)
+    counter = next((n for n, t in templates.items() if t == COUNTER and t not in fixed), None)
+    if counter is not None:
+        carriers |= {name: counter for name, t in templates.items() if t == CUPBOARD}
     standing = [
         name
         for name in templates
         if name not in carriers
-        and templates[name] not in FIXED_TEMPLATES
+        and templates[name] not in fixed
         and _stands(layout, name, bodies[name])
     ]
     boxes = {name: _outline_box(layout, name, bodies[name]) for name in standing}

@@ -75,7 +75,7 @@ def take_inventory(dataset: SceneDataset) -> Inventory:
     stages = {spec.stage.name: spec.stage.visual_file for spec in specs}
     return Inventory(
         layouts=tuple(sorted(dataset.scene_files)),
-        absent_layouts=tuple(s for s in COMPLETE if s not in dataset.scene_files),
+        absent_layouts=() if dataset.layouts else _absent_layouts(dataset),
         templates=len(own),
         movable=len(templates) - len(own),
         convex=sum(
@@ -91,7 +91,7 @@ def take_inventory(dataset: SceneDataset) -> Inventory:
         navmeshes=sum(dataset.navmesh_file(s) is not None for s in dataset.scene_files),
         stages=tuple(sorted(stages)),
         absent_stages=tuple(sorted(name for name, visual in stages.items() if visual is None)),
-        licence=_licence(dataset.root),
+        licence=_licence(dataset.source.root),
     )
 
 
@@ -125,6 +125,10 @@ def absent_objects(folder: str | Path) -> list[str]:
     root = resolve_objects(folder)
     models = root / "models" if (root / "models").is_dir() else root
     return [name for name in ALL_OBJECTS if not (models / name).is_dir()]
+
+
+def _absent_layouts(dataset: SceneDataset) -> tuple[str, ...]:
+    return tuple(s for s in COMPLETE if s not in dataset.scene_files)
 
 
 def _licence(root: Path) -> Path | None:

@@ -183,10 +183,17 @@ class Joint:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Layout:
-    """A layout's bodies, all doors and drawers closed."""
+    """A layout's bodies, all doors and drawers closed.
+
+    Attributes:
+        spec: As it was loaded.
+        placed: Name of each body -> where it is now.
+        roots: Handle of furniture with joints -> the pose (4, 4) of its root now.
+    """
 
     spec: SceneSpec
     placed: dict[str, Placed]
+    roots: dict[str, Array]
     joints: tuple[Joint, ...]
 
     @cached_property
@@ -204,6 +211,7 @@ class Layout:
         """Returns the geometry of a layout."""
         placed: dict[str, Placed] = {}
         joints: list[Joint] = []
+        roots = {item.name: to_matrix(item.world_from_root) for item in spec.articulations}
         world_from_stage = to_matrix(spec.stage.world_from_stage)
         for index, shapes in enumerate(_stage_shapes(spec.stage)):
             name = f"{STAGE}/{index}"
@@ -214,7 +222,7 @@ class Layout:
             placed[item.name] = place(item.name, item.name, shapes, pose)
         for item in spec.articulations:
             model = _furniture(item.urdf_file, item.scale)
-            world_from_root = to_matrix(item.world_from_root)
+            world_from_root = roots[item.name]
             for link in model.links:
                 name, pose = f"{item.name}/{link.name}", world_from_root @ link.world_from_body
                 placed[name] = place(name, item.name, link.shapes, pose)
@@ -224,7 +232,7 @@ class Layout:
                 joints.append(
                     replace(joint, piece=item.name, members=members, world_from_joint=pose)
                 )
-        return Layout(spec=spec, placed=placed, joints=tuple(joints))
+        return Layout(spec=spec, placed=placed, roots=roots, joints=tuple(joints))
 
     def moved(self, motions: Mapping[str, Array]) -> Layout:
         """Returns the layout with some pieces (by handle) moved rigidly, (4, 4) each."""
@@ -242,7 +250,8 @@ class Layout:
             else joint
             for joint in self.joints
         )
-        return replace(self, placed=placed, joints=joints)
+        roots = {n: motions[n] @ root if n in motions else root for n, root in self.roots.items()}
+        return replace(self, placed=placed, roots=roots, joints=joints)
 
     def opened(self, values: Mapping[tuple[str, str], float]) -> dict[str, Placed]:
         """Returns all bodies with some joints open: (piece, joint) -> [m or rad]."""

@@ -47,17 +47,25 @@ def load_scene(dataset: SceneDataset, scene_id: str) -> SceneSpec:
         UnknownNameError: The dataset has no such scene.
         DatasetError: A file it needs is absent, damaged or names an unknown template.
     """
-    spec = _read_scene(dataset, scene_id)
+    spec = read_scene(dataset, scene_id)
     if all(source.kind == "convex_parts" for source in spec.stage.collision):
         return spec
-    walls = inner_walls(dataset, spec, partial(_read_scene, dataset))
+    walls = inner_walls(dataset, spec, partial(read_scene, dataset.source))
     return replace(spec, stage=replace(spec.stage, collision=spec.stage.collision + walls))
 
 
-def _read_scene(dataset: SceneDataset, scene_id: str) -> SceneSpec:
-    """Reads a layout; a stage without convex parts has only floor and outer walls."""
+def read_scene(
+    dataset: SceneDataset, scene_id: str, changed: dict[str, Any] | None = None
+) -> SceneSpec:
+    """Reads a layout; a stage without convex parts has only floor and outer walls.
+
+    Args:
+        dataset: Where it is from.
+        scene_id: Which layout.
+        changed: What its file is taken to hold instead.
+    """
     file = dataset.scene_file(scene_id)
-    data = read_json(file)
+    data = read_json(file) if changed is None else changed
     with _fields_of(file):
         objects, missing = _objects(dataset, file, data)
         articulations = _articulations(dataset, file, data)
@@ -65,7 +73,8 @@ def _read_scene(dataset: SceneDataset, scene_id: str) -> SceneSpec:
     if missing:
         absent = ", ".join(_absent_templates(dataset))
         _say_once(
-            f"{dataset.root}: objects without files are skipped wherever they occur: {absent}."
+            f"{dataset.source.root}: objects without files are skipped wherever they occur: "
+            f"{absent}."
         )
     receptacles = [r for instance in objects for r in _placed_receptacles(instance)]
     for instance in articulations:
@@ -248,15 +257,15 @@ def _stage(dataset: SceneDataset, scene_id: str, data: dict[str, Any]) -> Stage:
     entry = data["stage_instance"]
     name = Path(entry["template_name"]).name.removesuffix(".stage_config.json")
     config = read_json(dataset.stage_files[name]) if name in dataset.stage_files else {}
-    folder = dataset.root / "configs" / "stages"
+    folder = dataset.source.root / "configs" / "stages"
     visual = (folder / config.get("render_asset", f"../../stages/{name}.glb")).resolve()
     asset = config.get("collision_asset")
     if visual.exists():
         check_mesh(visual)
     else:
         _say_once(
-            f"{dataset.root}: stage meshes absent; floor and walls are boxes made from the navmesh "
-            "files (stairs are wall as well)."
+            f"{dataset.source.root}: stage meshes absent; floor and walls are boxes made from the "
+            "navmesh files (stairs are wall as well)."
         )
     if visual.exists() and asset:
         file = (folder / asset).resolve()
@@ -267,7 +276,9 @@ def _stage(dataset: SceneDataset, scene_id: str, data: dict[str, Any]) -> Stage:
     else:
         # Planning and the free floor need convex parts, which a scan's triangles are not.
         if visual.exists():
-            _say_once(f"{dataset.root}: stage meshes without collision_asset collide as boxes.")
+            _say_once(
+                f"{dataset.source.root}: stage meshes without collision_asset collide as boxes."
+            )
         collision = shell(_stage_bounds(dataset, scene_id, visual))
     return Stage(
         name=name,

@@ -1,7 +1,9 @@
 """Handle markers: the points on doors and drawers that a gripper can snap to.
 
-Names and offsets are Habitat's where it has them (its four drawers and the fridge); the other
-drawers follow the same rule. Offsets are in the link's frame, before the furniture's scale.
+Templates that tasks do not tell apart, such as the fridges with hinges on either side, have markers
+of the same names; a layout holds one of them. Names and offsets are Habitat's where it has them
+(its four drawers and the fridge); the other drawers follow the same rule. Offsets are in the link's
+frame, before the furniture's scale.
 """
 
 from __future__ import annotations
@@ -20,6 +22,9 @@ class HandleMarker:
     link: str
     offset_m: Vector
 
+
+FRIDGES = ("fridge", "fridge_mirrored")
+"""Templates of fridges: ReplicaCAD's, and the apartment's with its hinges on the other side."""
 
 _DRAWER_HANDLE_M = (0.3, 0.0, 0.0)
 
@@ -46,5 +51,11 @@ HANDLE_MARKERS = (
         template="fridge",
         link="top_door",
         offset_m=(0.10, -0.62, 0.2),
+    ),
+    HandleMarker(
+        name="fridge_push_point",
+        template="fridge_mirrored",
+        link="top_door",
+        offset_m=(0.10, 0.62, 0.2),
     ),
 )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from hab_tasks.constants import BASE_RADIUS_M
-from hab_tasks.geometry import apply, to_matrix
+from hab_tasks.geometry import to_matrix
 from hab_tasks.privileged import Array
 from hab_tasks.scenes.floor import (
     CELL_M,
@@ -21,7 +21,7 @@ from hab_tasks.scenes.floor import (
     outline,
 )
 from hab_tasks.scenes.layout_geometry import STAGE, Layout, Placed
-from hab_tasks.scenes.markers import HANDLE_MARKERS
+from hab_tasks.scenes.markers import FRIDGES, HANDLE_MARKERS
 from hab_tasks.scenes.spec import Receptacle
 
 NEAREST_M, FARTHEST_M = 0.45, 1.1
@@ -30,10 +30,11 @@ NEAREST_M, FARTHEST_M = 0.45, 1.1
 ROOM_DOORS = ("door1", "door2", "door3", "doubledoor")
 """Templates of doors between rooms."""
 
-FRIDGE = "fridge"
 FRIDGE_REGION_M = ((0.833, 1.25), (-0.6, 0.6))
 DRAWER_REGION_M = ((0.80, 0.95), (-0.35, 0.35))
 """Spawn rectangles (S H.2) as Habitat has them: x and z in the fridge's or the handle's frame."""
+
+PART_M2, WIDEST_M = 0.3, 1.5
 
 _SPREAD = np.stack(np.meshgrid(*[np.linspace(-0.8, 0.8, 5)] * 2), axis=-1).reshape(-1, 2)
 _SIGHT_END_M = 0.1
@@ -41,7 +42,11 @@ _SIGHT_END_M = 0.1
 
 
 class FloorPlan:
-    """Floor maps of one layout and of its variations, in which pieces have moved."""
+    """Floor maps of one layout and of its variations, in which pieces have moved.
+
+    Attributes:
+        bare: The floor between walls and closed doors, without furniture.
+    """
 
     def __init__(self, layout: Layout) -> None:
         """Outlines every shape once; motions on the floor do not change them."""
@@ -56,7 +61,7 @@ class FloorPlan:
         doors = [a.name for a in layout.spec.articulations if a.template in ROOM_DOORS]
         closed = [polygon for name in doors for polygon in self._outlines.get(name, [])]
         self._walls: NDArray[np.bool_] = floor_between(walls, self._corners).clearance_m == 0
-        self._bare = floor_between([*walls, *closed], self._corners)
+        self.bare = floor_between([*walls, *closed], self._corners)
 
     def floor(self, motions: Mapping[str, Array] | None = None) -> FreeFloor:
         """Returns the free floor after pieces (by handle) moved by (4, 4) motions."""
@@ -76,7 +81,7 @@ class FloorPlan:
         """
         labelled: Any = ndimage.label((floor.clearance_m >= BASE_RADIUS_M) & ~floor.room)
         labels, count = labelled
-        return [self._bare.room & (labels == number) for number in range(1, count + 1)]
+        return [self.bare.room & (labels == number) for number in range(1, count + 1)]
 
     def reaches(self, floor: FreeFloor, points_m: Array) -> bool:
         """Whether some point (K, 2) is within reach, and not behind a wall, of the free floor."""
@@ -107,6 +112,19 @@ class FloorPlan:
         line = bases_m[:, None] + (end - bases_m)[:, None] * share[:, None]
         blocked = lookup(self._walls, floor, line.reshape(-1, 2)).reshape(line.shape[:2])
         return bool((~blocked).all(axis=1).any())
+
+
+def narrowest_aisle_m(floor: FreeFloor) -> float:
+    """Returns how wide a round base is that no longer gets from one part of the room to another.
+
+    Parts count from `PART_M2` on; `WIDEST_M` where even a base as wide as that gets everywhere.
+    """
+    for width in np.arange(2 * BASE_RADIUS_M, WIDEST_M, CELL_M / 2):
+        labelled: Any = ndimage.label(floor.room & (floor.clearance_m >= width / 2))
+        sizes = np.bincount(labelled[0].ravel())[1:]
+        if (CELL_M**2 * sizes > PART_M2).sum() > 1:
+            return float(width)
+    return WIDEST_M
 
 
 def lookup(cells: NDArray[np.bool_], floor: FreeFloor, points_m: Array) -> NDArray[np.bool_]:
@@ -144,19 +162,17 @@ def handle_room(layout: Layout, floor: FreeFloor) -> dict[str, float]:
         for marker in HANDLE_MARKERS:
             if marker.template != item.template:
                 continue
-            fridge = item.template == FRIDGE
+            fridge = item.template in FRIDGES
             region = FRIDGE_REGION_M if fridge else DRAWER_REGION_M
             offset = (0.0, 0.0, 0.0) if fridge else tuple(item.scale * x for x in marker.offset_m)
             xs, zs = (np.arange(low, high + 1e-9, CELL_M) for low, high in region)
             x, z = (grid.ravel() for grid in np.meshgrid(xs, zs))
             local = np.stack((x, np.zeros_like(x), z), axis=1) + offset
-            if fridge:
-                world = apply(item.world_from_root, local)
-            else:
-                pose = layout.placed[f"{item.name}/{marker.link}"].world_from_body
-                world = local @ pose[:3, :3].T + pose[:3, 3]
+            link = f"{item.name}/{marker.link}"
+            pose = layout.roots[item.name] if fridge else layout.placed[link].world_from_body
+            world = local @ pose[:3, :3].T + pose[:3, 3]
             free = lookup(floor.room, floor, world[:, :2])
-            found[f"{item.name}/{marker.link}"] = float(free.mean())
+            found[link] = float(free.mean())
     return found
 
 

@@ -11,7 +11,7 @@ import math
 import re
 import zlib
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
@@ -24,8 +24,9 @@ from hab_tasks.privileged import Array
 from hab_tasks.scenes.dataset import SceneDataset
 from hab_tasks.scenes.furnishing import Piece, find_pieces, flat_bodies
 from hab_tasks.scenes.layout_checks import Baseline, Fault
-from hab_tasks.scenes.layout_geometry import Bodies, Layout, Placed, overlaps
+from hab_tasks.scenes.layout_geometry import Bodies, Layout
 from hab_tasks.scenes.load import load_scene
+from hab_tasks.scenes.settled import SINK_M, planar, settled
 from hab_tasks.scenes.write import moved_scene
 
 MACRO = re.compile(r"^v3_(sc\d)_staging_00$")
@@ -60,7 +61,7 @@ class VaryConfig:
     two_swaps_share: float = 0.3
     sidestep_m: float = 0.3
     wall_gap_m: float = 0.01
-    sink_m: float = 0.008
+    sink_m: float = SINK_M
     tries: int = 4
     attempts: int = 200
 
@@ -212,7 +213,7 @@ class _Arrangement:
             wall = place.half_m[0] + place.wall_gap_m
             center = center + back * (wall - gap - piece.half_m[0])
         turn = math.atan2(back[1], back[0]) - math.atan2(piece.back[1], piece.back[0])
-        return self._settled(piece, _planar(piece.center_m, center, turn))
+        return self._settled(piece, planar(piece.center_m, center, turn))
 
     def _nudge(self, piece: Piece) -> Array:
         """Returns a small motion: along the wall, or anywhere on the floor and turned."""
@@ -225,30 +226,11 @@ class _Arrangement:
             length = rng.uniform(config.least_m, config.shift_m)
             shift = length * np.array((math.cos(angle), math.sin(angle)))
             turn = rng.uniform(-config.turn_rad, config.turn_rad)
-        return self._settled(piece, _planar(piece.center_m, piece.center_m + shift, turn))
+        return self._settled(piece, planar(piece.center_m, piece.center_m + shift, turn))
 
     def _settled(self, piece: Piece, motion: Array) -> Array:
-        """Raises or lowers a motion so that the piece stands on the rug or floor below it."""
         own = self._of.layout.of_pieces([piece.name]).all
-        low, sink = min(body.box_m[0, 2] for body in own), self._config.sink_m
-        carrying = [
-            flat
-            for flat in self._met(own, _lifted(np.eye(4), -sink))
-            if abs(low - flat.box_m[1, 2]) < sink
-        ]
-        lowered = -max((flat.box_m[1, 2] for flat in carrying), default=0.0)
-        met = self._met(own, _lifted(motion, lowered))
-        if any(flat in carrying for flat in met):
-            return motion
-        # Hulls of soft things may reach below the floor; they are not lifted out of it.
-        bottom = max(low + lowered, 0.0)
-        raised = max((flat.box_m[1, 2] - sink - bottom for flat in met), default=0.0)
-        return _lifted(motion, lowered + max(raised, 0.0))
-
-    def _met(self, own: Iterable[Placed], motion: Array) -> list[Placed]:
-        """Returns the rugs that a piece overlaps after a motion."""
-        moved = Bodies(body.moved(motion) for body in own)
-        return [flat for _, flat, _ in overlaps(moved, self._of.flat)]
+        return settled(own, motion, self._of.flat, self._config.sink_m)
 
     def _move(self, motions: Mapping[Piece, Array]) -> bool:
         """Moves pieces, and what goes with them, if they fit; returns whether they did."""
@@ -269,19 +251,3 @@ class _Arrangement:
         if fault is not None:
             self._refused[fault.kind] += 1
         return fault is not None
-
-
-def _planar(start_m: Array, end_m: Array, turn_rad: float) -> Array:
-    """Returns the (4, 4) motion that turns about `start_m` (2,) and takes it to `end_m` (2,)."""
-    cosine, sine = math.cos(turn_rad), math.sin(turn_rad)
-    motion = np.eye(4)
-    motion[:2, :2] = [[cosine, -sine], [sine, cosine]]
-    motion[:2, 3] = end_m - motion[:2, :2] @ start_m
-    return motion
-
-
-def _lifted(motion: Array, height_m: float) -> Array:
-    """Returns a planar motion (4, 4) that also lifts."""
-    lifted = motion.copy()
-    lifted[2, 3] = height_m
-    return lifted

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -83,21 +83,34 @@ def inner_walls(
     Args:
         dataset: Where the layout is from.
         spec: The layout, in a shell.
-        read: Reads any layout of the dataset, in a shell.
+        read: Reads any layout of the dataset's source, in a shell.
     """
     mesh = spec.stage.visual_file
-    source = content_key(mesh) if mesh else _navmeshes_key(dataset.root / NAVMESHES)
+    source = content_key(mesh) if mesh else _navmeshes_key(dataset.source.root / NAVMESHES)
     if source is None:
         return ()
 
     def write(path: Path) -> None:
-        walls = _mesh_walls(mesh) if mesh else _stage_walls(dataset, spec, read)
+        walls = _mesh_walls(mesh) if mesh else _stage_walls(dataset.source, spec, read)
         boxes = cut(walls, furniture_of(spec)) if len(walls.blocks) else []
         path.write_text(json.dumps(np.round(boxes, 4).tolist()))
 
     layout = content_key(dataset.scene_file(spec.scene_id))
     file = cached_file(f"walls/{_VERSION}-{source}-{layout}.json", write)
     return tuple(_box(*values) for values in json.loads(file.read_text()))
+
+
+def walls_without(
+    dataset: SceneDataset, spec: SceneSpec, read: Callable[[str], SceneSpec], moved: Collection[str]
+) -> tuple[CollisionSource, ...]:
+    """Returns `inner_walls` as they are once some pieces (by handle) have left their places."""
+    mesh = spec.stage.visual_file
+    if mesh is None and _navmeshes_key(dataset.source.root / NAVMESHES) is None:
+        return ()
+    walls = _mesh_walls(mesh) if mesh else _stage_walls(dataset.source, spec, read)
+    if not len(walls.blocks):
+        return ()
+    return tuple(_box(*np.round(b, 4).tolist()) for b in cut(walls, furniture_of(spec, moved)))
 
 
 def walls_between(
@@ -187,15 +200,20 @@ def cover(left: Cells, allowed: Cells, block: Rectangle) -> list[Rectangle]:
             found.append((a, b, c, d))
 
 
-def furniture_of(spec: SceneSpec) -> list[Footprint]:
-    """Returns the shapes of furniture, closed, and loose objects in the y-up stage frame."""
+def furniture_of(spec: SceneSpec, but: Collection[str] = ()) -> list[Footprint]:
+    """Returns the shapes of furniture, closed, and loose objects in the y-up stage frame.
+
+    Args:
+        spec: The layout.
+        but: Handles that are left out.
+    """
     # Geometry needs the engine and its collision library, which a cached layout does without.
     from hab_tasks.scenes.layout_geometry import STAGE, Layout
 
     stage_from_world = inverse(spec.stage.world_from_stage)
     found = []
     for body in Layout.of(spec).placed.values():
-        if body.piece != STAGE and len(body.shapes.starts):
+        if body.piece not in (STAGE, *but) and len(body.shapes.starts):
             points = apply(stage_from_world, body.points_m.T)[:, [0, 2, 1]].T
             found.extend(footprints(points, body.shapes.starts))
     return found

@@ -18,7 +18,10 @@ SCENE_SUFFIX = ".scene_instance.json"
 
 
 def moved_scene(
-    dataset: SceneDataset, spec: SceneSpec, world_from: Mapping[str, Pose7]
+    dataset: SceneDataset,
+    spec: SceneSpec,
+    world_from: Mapping[str, Pose7],
+    changed: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Returns a scene's file with some pieces posed anew and everything else as it was.
 
@@ -26,8 +29,9 @@ def moved_scene(
         dataset: Where the scene comes from.
         spec: The scene as it was loaded.
         world_from: Handle of an object or of furniture -> its new pose in the world.
+        changed: What it was loaded from instead of its file.
     """
-    scene = copy.deepcopy(read_json(dataset.scene_file(spec.scene_id)))
+    scene = copy.deepcopy(dict(changed or read_json(dataset.scene_file(spec.scene_id))))
     entries = [e for e in scene.get("object_instances", []) if _template(e) not in spec.missing]
     furniture = scene.get("articulated_object_instances", [])
     for items, own in ((spec.objects, entries), (spec.articulations, furniture)):

@@ -255,7 +255,8 @@ def test_the_command_writes_layouts(tmp_path, capsys, apartment):
     said = capsys.readouterr().out
     assert f"wrote 2 layouts of {MACRO} to {out}" in said
     assert "overlap" in said.partition("refused")[2]
-    files = sorted(path.name for path in out.iterdir())
+    files = sorted(path.name for path in out.glob("v3*"))
+    assert {path.name for path in out.iterdir()} == {*files, "layouts.json"}
     assert files == [f"v3_sc0_staging_0{i}.scene_instance.json" for i in (1, 2)]
     assert read_json(out / files[1]) == apartment.variations[1].scene
     assert main(arguments) == 2

@@ -60,6 +60,7 @@ def make_dataset() -> Dataset:
     feet_m = layouts.feet_m(objects)
     articulations = [
         fridge.build(),
+        fridge.build("fridge_mirrored", -1.0),
         kitchen.build(),
         cupboards.wall_cupboard(),
         cupboards.room_door(),

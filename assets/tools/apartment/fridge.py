@@ -1,10 +1,12 @@
-"""The two-door refrigerator.
+"""The two-door refrigerator, and one with its hinges on the other side.
 
 The body link is turned so that its +x points out of the doors, -z points up and +y points along the
-wall; all heights below are therefore negative z. The root is 1.01 m above the floor.
+wall; all heights below are therefore negative z. The root is 1.01 m above the floor. The two differ
+in the sign of the doors' y coordinates and of their axes.
 """
 
 import math
+from typing import Any
 
 import shapes
 from builder import Builder
@@ -21,16 +23,16 @@ CEILING_M, FLOOR_M = TOP_M + WALL_M, BOTTOM_M - 0.040
 SHELF_FRONT_M = 0.255
 
 
-def build() -> Articulation:
-    """Return the refrigerator."""
+def build(name: str = "fridge", side: float = 1.0) -> Articulation:
+    """Return the refrigerator with its hinges at +y, or at -y where `side` is -1."""
     return Articulation(
-        "fridge",
+        name,
         "frl_apartment_refrigerator",
         [
             Link("root"),
             _body(),
-            _door("top_door", 8.0, (-0.5715, 0.5315), (-0.06, 0.46)),
-            _door("bottom_door", 6.0, (-0.365, 0.405), (-0.33, 0.07)),
+            _door("top_door", 8.0, (-0.5715, 0.5315), (-0.06, 0.46), side),
+            _door("bottom_door", 6.0, (-0.365, 0.405), (-0.33, 0.07), side),
         ],
         [
             Joint("root_rotation", "fixed", "root", "body", rpy=(RIGHT_ANGLE_RAD, 0.0, 0.0)),
@@ -39,8 +41,8 @@ def build() -> Articulation:
                 "revolute",
                 "body",
                 "top_door",
-                (0.322, 0.353, -0.385),
-                axis=(0.0, 0.0, 1.0),
+                (0.322, side * 0.353, -0.385),
+                axis=(0.0, 0.0, side),
                 upper=2.3,
             ),
             Joint(
@@ -48,8 +50,8 @@ def build() -> Articulation:
                 "revolute",
                 "body",
                 "bottom_door",
-                (0.322, 0.353, 0.531),
-                axis=(0.0, 0.0, 1.0),
+                (0.322, side * 0.353, 0.531),
+                axis=(0.0, 0.0, side),
                 upper=2.5,
             ),
         ],
@@ -90,30 +92,29 @@ def _liner(make: Builder, back: float, inner: float) -> None:
 
 
 def _door(
-    name: str, mass_kg: float, span_z: tuple[float, float], bar_z: tuple[float, float]
+    name: str,
+    mass_kg: float,
+    span_z: tuple[float, float],
+    bar_z: tuple[float, float],
+    side: float,
 ) -> Link:
-    """Return a door whose hinge is the z axis; it reaches towards -y from there."""
+    """Return a door whose hinge is the z axis; it reaches from there towards -y, times `side`."""
     make = Builder()
-    make.span((0.0085, -0.691, span_z[0]), (0.0615, -0.001, span_z[1]), "fridge_shell", 0.010)
-    make.span(
-        (0.001, -0.672, span_z[0] + 0.02),
-        (0.009, -0.030, span_z[1] - 0.02),
-        "gasket",
-        0.003,
-        solid=False,
-    )
-    make.span(
-        (-0.004, -0.650, span_z[0] + 0.04),
-        (0.004, -0.052, span_z[1] - 0.04),
-        "fridge_liner",
-        0.002,
-        solid=False,
-    )
+
+    def sheet(x: tuple[float, float], y: tuple[float, float], inset_m: float, *looks: Any) -> None:
+        near, far = sorted(side * value for value in y)
+        low, high = (x[0], near, span_z[0] + inset_m), (x[1], far, span_z[1] - inset_m)
+        make.span(low, high, *looks)
+
+    sheet((0.0085, 0.0615), (-0.691, -0.001), 0.0, "fridge_shell", 0.010)
+    sheet((0.001, 0.009), (-0.672, -0.030), 0.02, "gasket", 0.003, False)
+    sheet((-0.004, 0.004), (-0.650, -0.052), 0.04, "fridge_liner", 0.002, False)
     low, high = bar_z
     # The bar's centre is the marker (0.10, -0.62, 0.2) of the top door: 38.5 mm of room behind.
-    make.bar_handle((0.10, -0.62, (low + high) / 2), "z", high - low, 0.0385, "black_metal")
+    make.bar_handle((0.10, side * -0.62, (low + high) / 2), "z", high - low, 0.0385, "black_metal")
     if name == "top_door":
-        make.see(shapes.box((0.062, -0.10, -0.48), (0.002, 0.07, 0.016), "black_metal", 0.0005))
+        plate = (0.062, side * -0.10, -0.48)
+        make.see(shapes.box(plate, (0.002, 0.07, 0.016), "black_metal", 0.0005))
     return Link(name, mass_kg, make.parts, make.boxes)
 
 

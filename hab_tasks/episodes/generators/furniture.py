@@ -54,13 +54,14 @@ def find_front(bench: Workbench, marker_name: str) -> Front:
     Raises:
         RefusedError: The layout has none.
     """
-    marker = next(m for m in HANDLE_MARKERS if m.name == marker_name)
-    furniture = bench.furniture(marker.template)
-    joint = bench.joint_of(furniture, marker.link) if furniture else None
-    if furniture is None or joint is None:
-        raise RefusedError(f"no {marker.template} in the layout")
-    ref = HandleRef(furniture=furniture, joint=joint, marker=marker.name)
-    return Front(ref=ref, marker=marker)
+    markers = [m for m in HANDLE_MARKERS if m.name == marker_name]
+    for marker in markers:
+        furniture = bench.furniture(marker.template)
+        joint = bench.joint_of(furniture, marker.link) if furniture else None
+        if furniture is not None and joint is not None:
+            ref = HandleRef(furniture=furniture, joint=joint, marker=marker.name)
+            return Front(ref=ref, marker=marker)
+    raise RefusedError(f"no {markers[0].template} in the layout")
 
 
 def other_drawers(bench: Workbench, front: Front) -> list[str]:

@@ -1,0 +1,201 @@
+"""Wild layouts: anything may stand anywhere, and tasks stay possible."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from hab_tasks.cli import main
+from hab_tasks.episodes.layout_report import layout_faults
+from hab_tasks.episodes.source import EpisodeRequest, open_source
+from hab_tasks.errors import DatasetError, HabError, UnknownNameError
+from hab_tasks.geometry import to_matrix
+from hab_tasks.pipeline.optimise import optimise
+from hab_tasks.pipeline.options import AssetOptions
+from hab_tasks.scenes.dataset import SceneDataset, read_json, resolve_dataset
+from hab_tasks.scenes.layout_checks import check_layout, free_range
+from hab_tasks.scenes.layout_geometry import Layout
+from hab_tasks.scenes.load import load_scene
+from hab_tasks.scenes.markers import FRIDGES, HANDLE_MARKERS
+from hab_tasks.scenes.wild import WildVarier
+
+COUNT = 2
+ENVS = (
+    "HabPick-v1", "HabPlace-v1", "HabOpenFridge-v1", "HabCloseFridge-v1", "HabOpenDrawer-v1",
+    "HabCloseDrawer-v1", "HabNavigate-v1", "HabTidyHouse-v1", "HabPrepareGroceries-v1",
+    "HabSetTable-v1",
+)  # fmt: skip
+
+
+def command(dataset, out, count=COUNT, *more):
+    return ["vary", str(dataset), "--wild", "--count", str(count), "--out", str(out), *more]
+
+
+@pytest.fixture(scope="module")
+def wild(tmp_path_factory) -> SceneDataset:
+    out = tmp_path_factory.mktemp("wild") / "layouts"
+    assert main(command("apartment", out)) == 0
+    return SceneDataset(out)
+
+
+@pytest.fixture(scope="module")
+def real(tmp_path_factory, replica_cad) -> SceneDataset:
+    out = tmp_path_factory.mktemp("real") / "layouts"
+    assert main(command(replica_cad, out, 5)) == 0
+    return SceneDataset(out)
+
+
+def fridge_of(spec):
+    return next(a for a in spec.articulations if a.template in FRIDGES)
+
+
+def test_the_same_seed_and_index_give_the_same_layout(wild):
+    scene_id = sorted(wild.scene_files)[1]
+    alone = WildVarier(wild.source).make(0, 2)
+    assert alone.scene == read_json(wild.scene_file(scene_id))
+    assert wild.layouts.macros[scene_id] == alone.macro
+
+
+def test_kitchen_and_furniture_move_and_all_else_stays(wild):
+    for scene_id in wild.scene_files:
+        old = load_scene(wild.source, wild.layouts.macros[scene_id])
+        new = load_scene(wild, scene_id)
+        shift = np.subtract(fridge_of(new).world_from_root[:2], fridge_of(old).world_from_root[:2])
+        assert np.linalg.norm(shift) > 0.1
+        before = {o.name: o.world_from_object for o in old.objects}
+        after = {o.name: o.world_from_object for o in new.objects}
+        assert before.keys() == after.keys()
+        assert sum(before[n] != after[n] for n in before) >= 10
+        stays = {o.name for o in old.objects if o.template.category in ("rug", "mat", "picture")}
+        assert stays
+        assert all(np.allclose(before[n], after[n], atol=1e-6) for n in stays)
+
+
+def test_layouts_keep_to_what_tasks_need(wild):
+    for scene_id in wild.scene_files:
+        assert check_layout(wild, scene_id).reasons == ()
+        layout = Layout.of(load_scene(wild, scene_id))
+        hinge = next(j for j in layout.joints if j.name == "top_door_hinge")
+        assert free_range(hinge, layout.bodies, 0.01).upper >= 1.6
+
+
+def test_the_mirrored_fridge_opens_to_the_other_side():
+    varier = WildVarier(resolve_dataset("apartment"))
+    sides = {}
+    for mirrored in (False, True):
+        emptied = varier.emptied("v3_sc0_staging_00", mirrored)
+        layout, fridge = emptied.layout, emptied.fridge
+        root = to_matrix(fridge_of(emptied.spec).world_from_root)
+        marker = next(m for m in HANDLE_MARKERS if m.template == fridge.template)
+        link = layout.placed[f"{fridge.name}/top_door"]
+        # In the root's frame x looks out of the doors and z along the wall: y of the body.
+        opened = emptied.hinge(layout).motion(1.0) @ link.world_from_body
+        handle = [
+            (np.linalg.inv(root) @ pose @ [*marker.offset_m, 1.0])[:3]
+            for pose in (link.world_from_body, opened)
+        ]
+        sides[mirrored] = np.array(handle)
+    # The hinge is 0.353 m beside the middle, the handle 0.62 m from it: 0.353 - 0.62 = -0.267.
+    assert abs(sides[False][0, 2]) == pytest.approx(0.267, abs=1e-4)
+    assert np.allclose(sides[False][:, 2], -sides[True][:, 2], atol=1e-4)
+    assert np.allclose(sides[False][:, :2], sides[True][:, :2], atol=1e-4)
+    # Closed, it is 0.322 + 0.10 m out; open by 1 rad, 0.62 sin 1 + 0.10 cos 1 out of the hinge.
+    out_m = 0.322 + 0.62 * math.sin(1) + 0.10 * math.cos(1)
+    assert sides[True][:, 0] == pytest.approx([0.422, out_m], abs=1e-4)
+
+
+# The folder as a dataset ---------------------------------------------------------------------------
+
+
+def test_the_folder_is_a_dataset_of_its_own(wild):
+    assert wild.name == "apartment_wild_0"
+    assert wild.resolve_split(None) == "test"
+    assert wild.scenes_of_split("test") == sorted(wild.scene_files)
+    assert wild.scenes_of_split("train") == []
+    assert wild.fingerprint != wild.source.fingerprint
+    assert wild.object_files == wild.source.object_files
+    names = {path.name for path in wild.root.iterdir()}
+    assert names == {"layouts.json", *(f"{s}.scene_instance.json" for s in wild.scene_files)}
+    assert not set(wild.scene_files) & set(wild.source.scene_files)
+
+
+def test_episodes_are_made_there(wild):
+    request = EpisodeRequest(env_id="HabOpenFridge-v1", scene_dataset=str(wild.root), seed=3)
+    episode = open_source(request).make(0).episode
+    assert episode.scene_id in wild.scene_files
+    assert episode.handle.marker == "fridge_push_point"
+    assert episode.handle.furniture.removesuffix("_:0000") in FRIDGES
+
+
+def test_ordinary_variations_are_a_dataset_too(tmp_path):
+    assert (
+        main(["vary", "apartment", "--macro", "sc3", "--count", "1", "--out", str(tmp_path)]) == 0
+    )
+    made = resolve_dataset(tmp_path)
+    assert made.name == "apartment_sc3_0"
+    # sc3 is the macro layout of split val.
+    assert made.scenes_of_split("val") == ["v3_sc3_staging_01"]
+    assert load_scene(made, "v3_sc3_staging_01").dataset == "apartment_sc3_0"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"dataset": "/nowhere"}, "cannot be read"),
+        ({"templates": 1}, "has changed"),
+        ({"format": 2}, "format 2"),
+        ({"split": "tset"}, "unknown split"),
+        ({"macros": {"wild_001_sc0": "v3_sc0_staging_00"}}, "wild_001_sc0"),
+        ({"macros": 3}, "damaged"),
+    ],
+)
+def test_what_is_wrong_with_the_folder_is_told(wild, tmp_path, change, words):
+    data = json.loads((wild.root / "layouts.json").read_text())
+    (tmp_path / "layouts.json").write_text(json.dumps(data | change))
+    with pytest.raises(DatasetError, match=words):
+        resolve_dataset(tmp_path)
+
+
+def test_bad_commands_are_told(wild, tmp_path, capsys):
+    assert main(["vary", "apartment", "--out", str(tmp_path / "a")]) == 2
+    assert "--macro sc1" in capsys.readouterr().err
+    assert main(command("apartment", tmp_path / "a", 1, "--macro", "sc9")) == 2
+    assert "Unknown macro layout" in capsys.readouterr().err
+    assert main(command(wild.root, tmp_path / "a")) == 2
+    assert "vary apartment instead" in capsys.readouterr().err
+    with pytest.raises(HabError, match="layouts only"):
+        optimise(wild, tmp_path / "b", AssetOptions())
+    with pytest.raises(UnknownNameError):
+        wild.scene_file("v3_sc0_staging_00")
+
+
+def test_one_macro_layout_can_be_chosen(tmp_path):
+    assert main(command("apartment", tmp_path, 1, "--macro", "sc2", "--seed", "5")) == 0
+    made = SceneDataset(tmp_path)
+    assert made.name == "apartment_wild_sc2_5"
+    assert list(made.layouts.macros) == ["wild_001_sc2"]
+
+
+@pytest.mark.slow
+@pytest.mark.assets
+def test_real_layouts_keep_to_what_tasks_need(real):
+    reached = []
+    for scene_id in sorted(real.scene_files):
+        faults = [f for f in layout_faults(real, scene_id) if not f.startswith("overlap")]
+        assert faults == [], scene_id
+        layout = Layout.of(load_scene(real, scene_id))
+        hinge = next(j for j in layout.joints if j.name == "top_door_hinge")
+        reached.append(free_range(hinge, layout.bodies, 0.01).upper)
+    assert min(reached) >= 1.6
+    assert sum(upper < 2.29 for upper in reached) >= 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("env", ENVS)
+@pytest.mark.parametrize("which", ["wild", pytest.param("real", marks=pytest.mark.assets)])
+def test_every_layout_gives_episodes(which, env, request):
+    dataset = request.getfixturevalue(which)
+    for scene_id in sorted(dataset.scene_files)[:COUNT]:
+        asked = EpisodeRequest(env_id=env, scene_dataset=str(dataset.root), scene=scene_id)
+        assert open_source(asked).make(0).episode.scene_id == scene_id

@@ -33,6 +33,8 @@ def sapien_urdf(file: Path, visuals: bool) -> Path:
     """Returns a copy of the URDF that SAPIEN loads, with or without visual meshes."""
     root = _parse(file)
     mend_numbers(root)
+    for dynamics in root.iter("dynamics"):
+        dynamics.attrib.setdefault("damping", "0")  # ManiSkill cannot do without
     for mesh in root.iter("mesh"):
         mesh.set("filename", str((file.parent / mesh.get("filename", "")).resolve()))
     if not visuals:

@@ -37,6 +37,8 @@ POSITION_DIGITS, SOLID_DIGITS, NORMAL_DIGITS, UV_DIGITS, JSON_DIGITS = 5, 7, 3, 
 SEMANTICS = "apartment_ssd_map"
 # Their root joint turns the body forward by a right angle; the instance turns it back.
 TURNED_BACK = {"kitchenCupboard_01", "chestOfDrawers_01"}
+FRICTION = {"prismatic": 4.0, "revolute": 0.8}
+"""Of joints, by kind: N on rails, N m at hinges, as real furniture has."""
 Json = dict[str, Any]
 
 
@@ -169,7 +171,7 @@ def _joint_xml(joint: Joint) -> list[str]:
         limits = f'lower="{_number(joint.lower)}" upper="{_number(joint.upper)}"'
         lines += [
             f'    <axis xyz="{_triple(joint.axis)}"/>',
-            '    <dynamics damping="0.01" friction="0.01"/>',
+            f'    <dynamics damping="0.01" friction="{_number(FRICTION[joint.kind])}"/>',
             f'    <limit effort="44.4" {limits} velocity="{_number(joint.velocity)}"/>',
         ]
     return [*lines, "  </joint>"]

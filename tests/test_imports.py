@@ -24,6 +24,7 @@ ORDER = [
     {"skills"},
     {"tasks"},
     {"envs"},
+    {"agent_spaces"},
     {"__init__"},
     {"commands"},
     {"cli"},

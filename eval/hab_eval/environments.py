@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 from hab_eval.config import EvalConfig
-from hab_tasks.agent import AgentSpec, Looks
+from hab_tasks.agent import AgentSetup, AgentSpaces, AgentSpec, Looks
 from hab_tasks.errors import UnknownNameError
 
 if TYPE_CHECKING:
@@ -35,6 +35,28 @@ def check_env_id(env_id: str) -> None:
     valid = env_ids()
     if env_id not in valid:
         raise UnknownNameError("environment", env_id, valid)
+
+
+def setup_of(config: EvalConfig, device: str = "cpu") -> AgentSetup:
+    """Returns what the factory of the agent that `config` names is told.
+
+    Args:
+        config: The evaluation.
+        device: Where the agent's networks are to run.
+    """
+
+    def spaces(spec: AgentSpec) -> AgentSpaces:
+        from hab_tasks.agent_spaces import agent_spaces
+
+        return agent_spaces(config.env, spec)
+
+    return AgentSetup(
+        env_id=config.env,
+        seed=config.seed,
+        options=config.options,
+        device=device,
+        spaces=spaces,
+    )
 
 
 def load_episode_set(

@@ -17,7 +17,7 @@ from hab_tasks.errors import UnknownNameError
 if TYPE_CHECKING:
     import gymnasium as gym
 
-    from hab_tasks.episodes import EpisodeSet
+    from hab_tasks.episodes import Episode, EpisodeSet
 
 CountCallback = Callable[[int, int], None]
 """Called with (done, total) while episodes are generated."""
@@ -100,6 +100,15 @@ def make_env(config: EvalConfig, spec: AgentSpec, *, split: str, render: bool) -
         base: Any = env.unwrapped
         base.leave_out_images()
     return env
+
+
+def instruction_of(env_id: str, episode: Episode) -> str:
+    """Returns what is to be done in an episode, in a sentence, and what the marks mean."""
+    from hab_tasks.envs import ENVS
+    from hab_tasks.instructions import instruction
+    from hab_tasks.skills.marks import LEGEND
+
+    return f"{instruction(ENVS[env_id].env, episode)} ({LEGEND})"
 
 
 def continuous_control(env_id: str) -> str:

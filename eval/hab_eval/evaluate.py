@@ -21,8 +21,8 @@ from hab_eval.results import (
     summarize,
     write_record,
 )
-from hab_eval.run_folder import RunFolder, check_free, open_folder
 from hab_eval.rows import Job, RolloutPlan
+from hab_eval.run_folder import RunFolder, check_free, open_folder
 from hab_eval.runner import check_rows
 from hab_eval.workers import run_agent
 from hab_tasks.agent import Agent, AgentSpec

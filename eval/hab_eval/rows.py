@@ -7,6 +7,7 @@ import time
 import traceback
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -231,8 +232,9 @@ def make_rows(plan: RolloutPlan, spec: AgentSpec, count: int) -> LocalRows:
     for _ in range(count):
         render = plan.videos > 0
         env = environments.make_env(plan.config, spec, split=plan.split, render=render)
-        observers = [VideoRecorder(env, plan.out, count=plan.videos)] if render else []
-        rows.add(env, observers)
+        instruct = partial(environments.instruction_of, plan.config.env)
+        film = VideoRecorder(env, plan.out, count=plan.videos, instruct=instruct)
+        rows.add(env, [film] if render else [])
     return rows
 
 

@@ -27,7 +27,7 @@ from hab_eval.environments import setup_of
 from hab_eval.errors import RunStoppedError
 from hab_eval.load_agent import load_agent
 from hab_eval.results import FinishedEpisode
-from hab_eval.rows import Call, Job, LocalRows, RolloutPlan, Rows, Step, Turn, make_rows
+from hab_eval.rows import Call, Job, RolloutPlan, Rows, Step, Turn, make_rows
 from hab_eval.runner import play
 from hab_tasks.agent import Agent, AgentSpec
 from hab_tasks.errors import HabError

@@ -180,6 +180,7 @@ def install() -> Callable[[], None]:
         "env_ids": lambda: [ENV_ID, "HabOther-v1"],
         "load_episode_set": load_episode_set,
         "make_env": lambda config, spec, *, split, render: StubEnv(render=render),
+        "instruction_of": lambda env_id, episode: f"Be like {episode.id}.",
         "action_size": lambda control_mode: 2,
         "continuous_control": lambda env_id: "ee",
     }

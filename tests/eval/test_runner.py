@@ -131,7 +131,7 @@ def test_malformed_reference(reference):
 def test_unknown_agents_name_the_nearest():
     with pytest.raises(AgentError, match="Did you mean 'hab_eval'"):
         load_agent("hab_evall:random_agent", SETUP)
-    with pytest.raises(AgentError, match="not in the package 'hab_eval'.*'hab_eval.runner'"):
+    with pytest.raises(AgentError, match=r"not in the package 'hab_eval'.*'hab_eval.runner'"):
         load_agent("hab_eval.runer:x", SETUP)
     with pytest.raises(UnknownNameError, match="Did you mean 'random_agent'"):
         load_agent("hab_eval:randomagent", SETUP)

@@ -137,7 +137,14 @@ def test_unknown_agents_name_the_nearest():
         load_agent("hab_eval:randomagent", SETUP)
     with pytest.raises(UnknownNameError, match="Did you mean 'constant'") as caught:
         load_agent("stub_hab:constnt", SETUP)
-    assert caught.value.valid == ["constant", "not_an_agent", "optional", "raising", "telling"]
+    assert caught.value.valid == [
+        "constant",
+        "many",
+        "not_an_agent",
+        "optional",
+        "raising",
+        "telling",
+    ]
 
 
 def test_what_is_no_agent_is_refused():

@@ -89,7 +89,7 @@ class AgentSpaces:
     cameras: Mapping[str, CameraParameters]
 
 
-def _no_spaces(spec: AgentSpec) -> AgentSpaces:
+def _no_spaces(env_id: str, spec: AgentSpec) -> AgentSpaces:
     raise HabError(
         "This AgentSetup knows no spaces; make it with hab_tasks.agent_spaces.agent_setup(env_id)."
     )
@@ -106,15 +106,22 @@ class AgentSetup:
             (see `check_options`).
         device: Where the agent's networks are to run, as torch names it: ``cpu``, ``cuda:1``.
             Observations come as CPU tensors; actions may be on any device.
-        spaces: Returns the spaces and cameras of an environment made for a spec, without making
-            it: ``setup.spaces(AgentSpec(...)).action``.
+        spaces_of: (env_id, spec) -> spaces and cameras of that environment; see `spaces`.
     """
 
     env_id: str
     seed: int = 0
     options: Mapping[str, str] = field(default_factory=dict)
     device: str = "cpu"
-    spaces: Callable[[AgentSpec], AgentSpaces] = _no_spaces
+    spaces_of: Callable[[str, AgentSpec], AgentSpaces] = _no_spaces
+
+    def spaces(self, spec: AgentSpec) -> AgentSpaces:
+        """Returns the spaces and cameras of the environment made for a spec, without making it.
+
+        Raises:
+            HabError: The environment is not known, or does not offer what the spec asks for.
+        """
+        return self.spaces_of(self.env_id, spec)
 
 
 def check_options(setup: AgentSetup, known: Mapping[str, Collection[str] | None]) -> None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import partial
 
 import numpy as np
 from gymnasium import spaces
@@ -48,9 +47,12 @@ def agent_setup(
         options: The agent's own options.
         device: Where its networks are to run.
     """
-    told = partial(agent_spaces, env_id)
     return AgentSetup(
-        env_id=env_id, seed=seed, options=dict(options or {}), device=device, spaces=told
+        env_id=env_id,
+        seed=seed,
+        options=dict(options or {}),
+        device=device,
+        spaces_of=agent_spaces,
     )
 
 

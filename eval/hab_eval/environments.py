@@ -45,17 +45,17 @@ def setup_of(config: EvalConfig, device: str = "cpu") -> AgentSetup:
         device: Where the agent's networks are to run.
     """
 
-    def spaces(spec: AgentSpec) -> AgentSpaces:
+    def spaces_of(env_id: str, spec: AgentSpec) -> AgentSpaces:
         from hab_tasks.agent_spaces import agent_spaces
 
-        return agent_spaces(config.env, spec)
+        return agent_spaces(env_id, spec)
 
     return AgentSetup(
         env_id=config.env,
         seed=config.seed,
         options=config.options,
         device=device,
-        spaces=spaces,
+        spaces_of=spaces_of,
     )
 
 

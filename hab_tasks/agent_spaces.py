@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
@@ -148,13 +149,12 @@ def _cameras(env: type[HabEnv]) -> dict[str, CameraParameters]:
     return found
 
 
-def _nested(groups: Mapping[str, Mapping[str, spaces.Space] | spaces.Space]) -> spaces.Dict:
-    return spaces.Dict(
-        {
-            name: value if isinstance(value, spaces.Space) else _nested(value)
-            for name, value in groups.items()
-        }
-    )
+def _nested(groups: Mapping[str, Any]) -> spaces.Dict:
+    parts: dict[str, spaces.Space] = {
+        name: value if isinstance(value, spaces.Space) else _nested(value)
+        for name, value in groups.items()
+    }
+    return spaces.Dict(parts)
 
 
 def _box(shape: tuple[int, ...]) -> spaces.Box:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 import sapien
@@ -92,7 +93,7 @@ def _arrow(
     head.apply_translation((0, 0, _HEAD_M))
     shaft = trimesh.creation.cylinder(radius=_SHAFT_RADIUS_M, height=_SHAFT_M)
     shaft.apply_translation((0, 0, _HEAD_M + _SHAFT_M / 2))
-    mesh = trimesh.util.concatenate([head, shaft])
+    mesh: Any = trimesh.util.concatenate([head, shaft])
     # It shines by itself, so that it is as bright inside a cupboard as outside.
     material = sapien.render.RenderMaterial(
         emission=[*color, 1.0], base_color=[0.0, 0.0, 0.0, 1.0], roughness=1.0

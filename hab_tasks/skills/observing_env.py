@@ -164,6 +164,7 @@ class ObservingEnv(BaseEnv):
 
     def _hide(self) -> None:
         """Hides what only the human-render camera sees; ManiSkill forgets it after one picture."""
+        hidden: Any
         for hidden in self._hidden_objects:
             hidden.hide_visual()
 

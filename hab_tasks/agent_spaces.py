@@ -125,8 +125,9 @@ def _image(height_px: int, width_px: int, channels: int, kind: type[np.generic])
     shape = (height_px, width_px, channels)
     if np.issubdtype(kind, np.floating):
         return _box(shape)
-    limits = np.iinfo(kind)  # pyright: ignore[reportArgumentType]  # an integer type
-    return spaces.Box(int(limits.min), int(limits.max), shape, kind)  # pyright: ignore[reportArgumentType]
+    limits: Any = np.iinfo(np.dtype(kind))
+    box: Any = spaces.Box  # its stub wants one of the concrete types
+    return box(int(limits.min), int(limits.max), shape, kind)
 
 
 def _cameras(env: type[HabEnv]) -> dict[str, CameraParameters]:

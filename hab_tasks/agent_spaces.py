@@ -121,13 +121,12 @@ def _image_spaces(
     return {"sensor_param": dict.fromkeys(cameras, matrices), "sensor_data": data}
 
 
-def _image(height_px: int, width_px: int, channels: int, kind: type[np.generic]) -> spaces.Box:
+def _image(height_px: int, width_px: int, channels: int, kind: Any) -> spaces.Box:
     shape = (height_px, width_px, channels)
     if np.issubdtype(kind, np.floating):
         return _box(shape)
-    limits: Any = np.iinfo(np.dtype(kind))
-    box: Any = spaces.Box  # its stub wants one of the concrete types
-    return box(int(limits.min), int(limits.max), shape, kind)
+    limits = np.iinfo(kind)
+    return spaces.Box(int(limits.min), int(limits.max), shape, kind)
 
 
 def _cameras(env: type[HabEnv]) -> dict[str, CameraParameters]:

@@ -45,7 +45,7 @@ def test_rows_and_workers_change_no_outcome(tmp_path):
         assert run(folder, *options) == alone
         ids = [json.loads(line)["episode"]["id"] for line in (folder / "episodes.jsonl").open()]
         assert sorted(ids) == [episode["id"] for episode in alone[0]]
-    # The two of the journal are kept, the other three are played in two rows.
+    # The three of the journal are kept, the other two are played in two rows.
     journal = folder / "episodes.jsonl"
     journal.write_text("".join(journal.read_text().splitlines(keepends=True)[:3]))
     assert run(folder, *options, "--resume") == alone

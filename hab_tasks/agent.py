@@ -1,18 +1,29 @@
-"""The small contract between whatever acts and whatever evaluates it.
+"""The contract between agents and the evaluator.
 
-An agent never holds the environment. It states in `AgentSpec` what it needs (control mode,
-observations, privileged state), and the evaluator makes the environment accordingly.
+An agent never holds the environment. Its factory is called once in each process that needs the
+agent, before any environment exists:
+
+1. The evaluator calls ``factory(setup)``.
+2. The factory decides on an `AgentSpec`: control mode, observations, number of rows.
+3. ``setup.spaces(spec)`` tells which spaces and cameras an environment made for that spec has, so
+   that the factory can build its network, on ``setup.device``.
+4. The evaluator reads ``agent.spec`` and makes the environments accordingly.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 
+import numpy as np
+from numpy.typing import NDArray
 from torch import Tensor
 
-from hab_tasks.errors import UnknownNameError
+from hab_tasks.errors import HabError, UnknownNameError
+
+if TYPE_CHECKING:
+    from gymnasium import spaces
 
 Looks = Literal["always", "on demand"]
 
@@ -32,6 +43,13 @@ class AgentSpec:
             `hab_tasks.privileged.PrivilegedState`. The leaderboard marks such agents.
         looks: Whether the images of `obs_mode` are rendered ``always``, or ``on demand``: only in
             the steps in which `act` reads ``obs["sensor_data"]`` or ``obs["sensor_param"]``.
+        target_frame: The environment's option `target_frame`: whether the target of a skill is told
+            along the axes of the ``base`` or in the frame of the end-effector, ``ee``.
+        handle_position: The environment's option `handle_position`: whether the handle of the door
+            or drawer is told as well. The leaderboard names both where they are not the usual.
+        rows: How many rows one call of `act` can take. With more than one, that many episodes are
+            played at the same time. `reset` tells the number of rows N <= `rows` by the length of
+            its mask; N stays the same for the whole run.
     """
 
     name: str
@@ -41,24 +59,78 @@ class AgentSpec:
     looks: Looks = "always"
     target_frame: TargetFrame = "base"
     handle_position: bool = False
+    rows: int = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraParameters:
+    """A camera of the robot; the same in every episode.
+
+    Attributes:
+        width_px: Width of its pictures.
+        height_px: Height of its pictures.
+        intrinsics_px: (3, 3) matrix of the pinhole model.
+        link: The link of Fetch that it moves with.
+        link_from_camera: (4, 4) pose in that link's frame, of a camera that looks along z with x
+            to the right and y down (OpenCV's axes). ``sensor_param`` has the pose in the world.
+    """
+
+    width_px: int
+    height_px: int
+    intrinsics_px: NDArray[np.float64]
+    link: str
+    link_from_camera: NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AgentSpaces:
+    """What an environment made for an `AgentSpec` takes and gives.
+
+    Attributes:
+        observation: Space of one row of the observation, without the batch dimension and without
+            ``privileged``.
+        action: Space of one row of the action.
+        cameras: Camera name -> its parameters; empty without images.
+    """
+
+    observation: spaces.Space[Any]
+    action: spaces.Space[Any]
+    cameras: Mapping[str, CameraParameters]
+
+
+def _no_spaces(env_id: str, spec: AgentSpec) -> AgentSpaces:
+    raise HabError(
+        "This AgentSetup knows no spaces; make it with hab_tasks.agent_spaces.agent_setup(env_id)."
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class AgentSetup:
-    """What an agent's factory is told.
+    """What an agent's factory is told; `hab_tasks.agent_spaces.agent_setup` makes one.
 
     Attributes:
         env_id: Environment id.
-        num_envs: Number of rows.
         seed: The run's seed.
         options: The agent's own options, name -> value; the factory refuses what it does not know
             (see `check_options`).
+        device: Where the agent's networks are to run, as torch names it: ``cpu``, ``cuda:1``.
+            Observations come as CPU tensors; actions may be on any device.
+        spaces_of: (env_id, spec) -> spaces and cameras of that environment; see `spaces`.
     """
 
     env_id: str
-    num_envs: int = 1
     seed: int = 0
     options: Mapping[str, str] = field(default_factory=dict)
+    device: str = "cpu"
+    spaces_of: Callable[[str, AgentSpec], AgentSpaces] = _no_spaces
+
+    def spaces(self, spec: AgentSpec) -> AgentSpaces:
+        """Returns the spaces and cameras of the environment made for a spec, without making it.
+
+        Raises:
+            HabError: The environment is not known, or does not offer what the spec asks for.
+        """
+        return self.spaces_of(self.env_id, spec)
 
 
 def check_options(setup: AgentSetup, known: Mapping[str, Collection[str] | None]) -> None:
@@ -106,11 +178,18 @@ class Agent(Protocol):
     spec: AgentSpec
 
     def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
-        """Forgets the past of the rows in `mask` (N,) bool and seeds each row with `seeds` (N,)."""
+        """Forgets the past of the rows in `mask` (N,) bool and seeds each row with `seeds` (N,).
+
+        In the first call of a run all rows are in the mask. Later, rows start new episodes while
+        others go on.
+        """
         ...
 
     def act(self, obs: Mapping[str, Any]) -> Tensor:
-        """Returns actions (N, A) float32 for the observations of all N rows."""
+        """Returns actions (N, A) float32 for the observations of all N rows.
+
+        A row whose episode is over keeps its last observation; its action is not used.
+        """
         ...
 
     def report(self) -> list[AgentReport]:

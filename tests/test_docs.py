@@ -93,8 +93,8 @@ def test_make_targets_exist(page):
 def test_readme_lists_every_environment_with_task_and_horizon():
     import gymnasium
 
-    from hab_tasks.commands.docs import task_sentence
     from hab_tasks.envs import ENVS
+    from hab_tasks.instructions import task_sentence
 
     registered = {name for name in gymnasium.registry if re.fullmatch(r"Hab\w+-v\d+", name)}
     assert set(ENVS) == registered

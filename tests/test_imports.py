@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[1]
 ORDER = [
     {"constants", "registration", "errors", "agent", "privileged", "assets", "arrays", "files"},
     {"fronts", "goals"},
-    {"geometry", "rendering", "options", "processes", "noise", "simulation"},
+    {"geometry", "rendering", "options", "processes", "noise", "simulation", "captions"},
     {"scenes"},
     {"navigation", "robots", "pipeline"},
     {"episodes"},
@@ -24,6 +24,7 @@ ORDER = [
     {"skills"},
     {"tasks"},
     {"envs"},
+    {"agent_spaces", "instructions"},
     {"__init__"},
     {"commands"},
     {"cli"},

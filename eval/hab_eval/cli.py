@@ -68,13 +68,18 @@ class RunCommand(EpisodeOptions):
     episodes: Annotated[int, tyro.conf.arg(metavar="N")] = 50
     """Number of episodes."""
     workers: Annotated[int, tyro.conf.arg(metavar="W")] = 1
-    """Number of processes; changes no result."""
+    """Number of processes; changes no result. An agent that acts on several rows runs once, and the
+    processes hold the environments of its rows."""
+    device: Annotated[str, tyro.conf.arg(metavar="NAME")] = "cpu"
+    """Where the agent's networks run, e.g. cuda."""
     video: Annotated[int, tyro.conf.arg(metavar="K")] = 0
     """Film the first K episodes; needs a Vulkan device, software ones included."""
     resume: bool = False
     """Go on with the run in --out."""
     force: bool = False
     """Replace the run in --out."""
+    verbose: bool = False
+    """Print a line for each episode, also above a progress bar."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,9 +228,12 @@ def _run(command: RunCommand) -> int:
         videos=command.video,
         resume=command.resume,
         force=command.force,
+        device=command.device,
     )
     reporter = make_reporter(
-        terminal=sys.stderr.isatty(), write_line=lambda line: print(line, flush=True)
+        terminal=sys.stderr.isatty(),
+        verbose=command.verbose,
+        write_line=lambda line: print(line, flush=True),
     )
     record = evaluate(command.config_of(command.episodes), options, reporter)
     console = Console(width=None if sys.stdout.isatty() else LOG_WIDTH)

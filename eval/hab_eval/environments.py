@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 from hab_eval.config import EvalConfig
-from hab_tasks.agent import AgentSpec, Looks
+from hab_tasks.agent import AgentSetup, AgentSpaces, AgentSpec, Looks
 from hab_tasks.errors import UnknownNameError
 
 if TYPE_CHECKING:
     import gymnasium as gym
 
-    from hab_tasks.episodes import EpisodeSet
+    from hab_tasks.episodes import Episode, EpisodeSet
 
 CountCallback = Callable[[int, int], None]
 """Called with (done, total) while episodes are generated."""
@@ -35,6 +35,28 @@ def check_env_id(env_id: str) -> None:
     valid = env_ids()
     if env_id not in valid:
         raise UnknownNameError("environment", env_id, valid)
+
+
+def setup_of(config: EvalConfig, device: str = "cpu") -> AgentSetup:
+    """Returns what the factory of the agent that `config` names is told.
+
+    Args:
+        config: The evaluation.
+        device: Where the agent's networks are to run.
+    """
+
+    def spaces_of(env_id: str, spec: AgentSpec) -> AgentSpaces:
+        from hab_tasks.agent_spaces import agent_spaces
+
+        return agent_spaces(env_id, spec)
+
+    return AgentSetup(
+        env_id=config.env,
+        seed=config.seed,
+        options=config.options,
+        device=device,
+        spaces_of=spaces_of,
+    )
 
 
 def load_episode_set(
@@ -83,6 +105,15 @@ def make_env(
         base: Any = env.unwrapped
         base.leave_out_images()
     return env
+
+
+def instruction_of(env_id: str, episode: Episode) -> str:
+    """Returns what is to be done in an episode, in a sentence, and what the marks mean."""
+    from hab_tasks.envs import ENVS
+    from hab_tasks.instructions import instruction
+    from hab_tasks.skills.marks import LEGEND
+
+    return f"{instruction(ENVS[env_id].env, episode)} ({LEGEND})"
 
 
 def continuous_control(env_id: str) -> str:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
+import torch
+
 from hab_eval import environments, provenance
 from hab_eval.config import EvalConfig, SavedConfig
 from hab_eval.errors import OptionError, RunFolderError, RunStoppedError
@@ -19,11 +21,13 @@ from hab_eval.results import (
     summarize,
     write_record,
 )
+from hab_eval.rows import Job, RolloutPlan
 from hab_eval.run_folder import RunFolder, check_free, open_folder
-from hab_eval.runner import RolloutPlan
-from hab_eval.workers import Job, run_inline, run_parallel
-from hab_tasks.agent import AgentSetup, AgentSpec
+from hab_eval.runner import check_rows
+from hab_eval.workers import run_agent
+from hab_tasks.agent import Agent, AgentSpec
 from hab_tasks.errors import HabError
+from hab_tasks.processes import use_one_thread
 
 if TYPE_CHECKING:
     from hab_tasks.episodes import EpisodeSet
@@ -39,6 +43,7 @@ class RunOptions:
         videos: The first so many episodes are filmed.
         resume: Go on with the run in `out`.
         force: Replace the run in `out`.
+        device: Where the agent's networks run, as torch names it.
     """
 
     out: Path
@@ -46,12 +51,26 @@ class RunOptions:
     videos: int = 0
     resume: bool = False
     force: bool = False
+    device: str = "cpu"
 
     def __post_init__(self) -> None:
+        check_device(self.device)
         if self.workers < 1:
             raise OptionError(f"workers must be at least 1, got {self.workers}.")
         if self.videos < 0:
             raise OptionError(f"video must not be negative, got {self.videos}.")
+
+
+def check_device(device: str) -> None:
+    """Refuses a device that torch does not know or that is not there.
+
+    Raises:
+        OptionError: Names the devices that are there.
+    """
+    count = torch.cuda.device_count()
+    there = ["cpu", *(["cuda"] * (count > 0)), *(f"cuda:{index}" for index in range(count))]
+    if device not in there:
+        raise OptionError(f"device {device!r} is not there. Valid: {', '.join(there)}.")
 
 
 class Reporter(Protocol):
@@ -74,8 +93,9 @@ def evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> Run
     """Runs every episode that is not finished yet, and writes `run.json`."""
     environments.check_env_id(config.env)
     check_free(options.out, resume=options.resume, force=options.force)
-    setup = AgentSetup(env_id=config.env, seed=config.seed, options=config.options)
-    spec = load_agent(config.agent, setup).spec
+    use_one_thread()
+    agent = load_agent(config.agent, environments.setup_of(config, options.device))
+    check_rows(agent.spec)
     episodes = environments.load_episode_set(config, reporter.generating, options.workers)
     saved = SavedConfig(
         config=config,
@@ -87,7 +107,9 @@ def evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> Run
     reporter.running(len(finished), len(episodes.episodes))
     try:
         # Closing ends the workers at once on Ctrl-C, not when the generator is collected.
-        with contextlib.closing(_run_missing(config, options, episodes, finished)) as results:
+        with contextlib.closing(
+            _run_missing(config, options, agent, episodes, finished)
+        ) as results:
             for one in results:
                 folder.append(one)
                 finished[one.episode.id] = replace(one, trace=())  # which may be long
@@ -98,7 +120,7 @@ def evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> Run
         if not finished:
             folder.discard()  # so that the mended command is not refused for a folder in its way
         raise
-    record = make_record(saved, spec, episodes, finished)
+    record = make_record(saved, agent.spec, episodes, finished)
     write_record(folder.record_path, record)
     return record
 
@@ -153,17 +175,21 @@ def _kept(folder: RunFolder, episodes: EpisodeSet) -> dict[str, FinishedEpisode]
 def _run_missing(
     config: EvalConfig,
     options: RunOptions,
+    agent: Agent,
     episodes: EpisodeSet,
     finished: Mapping[str, FinishedEpisode],
 ) -> Generator[FinishedEpisode, None, None]:
     """Runs what is missing, here or in worker processes."""
     numbered = enumerate(episodes.episodes)
     jobs: Sequence[Job] = [job for job in numbered if job[1].id not in finished]
-    videos = min(options.videos, len(episodes.episodes))
-    plan = RolloutPlan(config=config, split=episodes.split, out=options.out, videos=videos)
-    if options.workers == 1:
-        return run_inline(plan, jobs)
-    return run_parallel(plan, jobs, count=options.workers)
+    plan = RolloutPlan(
+        config=config,
+        split=episodes.split,
+        out=options.out,
+        videos=min(options.videos, len(episodes.episodes)),
+        device=options.device,
+    )
+    return run_agent(plan, agent, jobs, workers=options.workers)
 
 
 def _with_advice(

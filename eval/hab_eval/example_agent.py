@@ -20,10 +20,12 @@ class RandomAgent:
         control_mode = environments.continuous_control(setup.env_id)
         self.spec = AgentSpec(name="Random", control_mode=control_mode)
         self._size = environments.action_size(self.spec.control_mode)
-        self._generators = [torch.Generator() for _ in range(setup.num_envs)]
+        self._generators: list[torch.Generator] = []
 
     def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
         """Restarts the generators of the rows in `mask` (N,) bool."""
+        if len(self._generators) != len(mask):
+            self._generators = [torch.Generator() for _ in seeds]
         for row in mask.nonzero().flatten().tolist():
             self._generators[row].manual_seed(seeds[row])
 

@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image
 
 from hab_eval.moment import Moment
+from hab_tasks.captions import Frame, with_words
 from hab_tasks.constants import CONTROL_HZ
 
-Frame = NDArray[np.uint8]
-
-FONT_PX = 18
-LINE_PX = 24
-LINES = 6
-"""Room for words; the same in every frame, as a film's frames have one size."""
-
-MARGIN_PX = 10
+LINES = 7
+"""Room for words."""
 
 
 def compose(views: Sequence[Frame], lines: Sequence[str]) -> Frame:
@@ -33,20 +25,15 @@ def compose(views: Sequence[Frame], lines: Sequence[str]) -> Frame:
     """
     height = max(view.shape[0] for view in views)
     row = np.concatenate([_enlarged(view, height) for view in views], axis=1)
-    words = Image.new("RGB", (row.shape[1], LINES * LINE_PX))
-    draw, font = ImageDraw.Draw(words), _font()
-    letters = max(int((row.shape[1] - 2 * MARGIN_PX) / font.getlength("n")), 1)
-    broken = [part for line in lines for part in textwrap.wrap(line, letters)]
-    for number, line in enumerate(broken[:LINES]):
-        draw.text((MARGIN_PX, number * LINE_PX), line, fill="white", font=font)
-    return np.concatenate([row, np.asarray(words)])
+    return with_words(row, lines, LINES)
 
 
-def describe(episode_id: str, moment: Moment) -> list[str]:
-    """Returns the words on one moment: outcome, plan step, stages, reward terms, return."""
+def describe(episode_id: str, instruction: str, moment: Moment) -> list[str]:
+    """Returns the words on one moment: task, outcome, plan step, stages, reward terms, return."""
     info = moment.info
     time_s = moment.step / CONTROL_HZ
     words = [f"{episode_id}   step {moment.step}   {time_s:.1f} s   {_outcome(info)}".rstrip()]
+    words += [instruction] if instruction else []
     words += [moment.doing] if moment.doing else []
     words += _stages(info)
     if moment.step:  # a reset pays nothing
@@ -78,8 +65,3 @@ def _enlarged(view: Frame, height: int) -> Frame:
         return view
     width = round(view.shape[1] * height / view.shape[0])
     return np.asarray(Image.fromarray(view).resize((width, height), Image.Resampling.BICUBIC))
-
-
-@lru_cache(maxsize=1)
-def _font() -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    return ImageFont.load_default(FONT_PX)

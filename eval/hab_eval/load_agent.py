@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib
 import inspect
 import pkgutil
+import sys
 from collections.abc import Callable
 from importlib import metadata
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -19,9 +22,9 @@ def load_agent(reference: str, setup: AgentSetup) -> Agent:
     """Imports ``module:factory`` and calls the factory.
 
     Raises:
-        UnknownNameError: If there is no such module or factory.
-        AgentError: If the reference is malformed, the module cannot be imported, or what the
-            factory returns is no `Agent`.
+        UnknownNameError: If there is no such factory in the module.
+        AgentError: If the reference is malformed, the module is not there or cannot be imported, or
+            what the factory returns is no `Agent`.
     """
     module_name, colon, factory_name = reference.partition(":")
     if not (colon and module_name and factory_name):
@@ -42,13 +45,17 @@ def load_agent(reference: str, setup: AgentSetup) -> Agent:
 
 
 def _import(name: str) -> ModuleType:
-    """Imports the module that holds an agent."""
+    """Imports the module that holds an agent, from the working directory or what is installed."""
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.append(here)  # last: a file beside the user's own must not hide a library
+        importlib.invalidate_caches()
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
         missing = error.name or ""
         if name == missing or name.startswith(f"{missing}."):
-            raise UnknownNameError("agent module", name, _agent_modules()) from error
+            raise AgentError(_not_found(name, missing, here)) from error
         raise AgentError(
             f"Agent module {name!r} needs {missing!r}, which is not installed."
         ) from error
@@ -56,11 +63,19 @@ def _import(name: str) -> ModuleType:
         raise AgentError(f"Agent module {name!r} cannot be imported: {error}") from error
 
 
-def _agent_modules() -> list[str]:
-    """Returns the installed top-level modules that may hold agents, by the `hab_` convention."""
-    found = {module.name for module in pkgutil.iter_modules()}
-    found |= metadata.packages_distributions().keys()
-    return sorted(name for name in found if name.startswith("hab_") and name != "hab_tasks")
+def _not_found(name: str, missing: str, here: str) -> str:
+    """Says where a module was looked for, and which one has the nearest name."""
+    parent, _, last = missing.rpartition(".")
+    if parent:
+        names = {module.name for module in pkgutil.iter_modules(sys.modules[parent].__path__)}
+        where = f"in the package {parent!r}"
+    else:
+        names = {module.name for module in pkgutil.iter_modules()}
+        names |= metadata.packages_distributions().keys()  # editable ones are not on the path
+        where = f"in the working directory ({here}) nor among the installed packages"
+    near = difflib.get_close_matches(last, names, n=1)
+    hint = f" Did you mean {f'{parent}.{near[0]}'.lstrip('.')!r}?" if near else ""
+    return f"Agent module {name!r} is {'not' if parent else 'neither'} {where}.{hint}"
 
 
 def _factories(module: ModuleType) -> list[str]:

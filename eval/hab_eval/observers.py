@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -46,8 +47,16 @@ class VideoRecorder:
     one; the finished file is renamed, so that an interrupted one is never mistaken for it.
     """
 
-    def __init__(self, env: gym.Env[Any, Any], folder: Path, *, count: int) -> None:
-        self._env = env
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        folder: Path,
+        *,
+        count: int,
+        instruct: Callable[[Episode], str] = lambda episode: "",
+    ) -> None:
+        """Films the first `count` episodes into `folder`; `instruct` tells what is to be done."""
+        self._env, self._instruct, self._instruction = env, instruct, ""
         self._folder = folder
         self._count = count
         self._episode_id = ""
@@ -58,7 +67,7 @@ class VideoRecorder:
         """Opens `video_<index>_<episode id>.mp4` and writes its first frame, also as PNG."""
         if index >= self._count:
             return
-        self._episode_id = episode.id
+        self._episode_id, self._instruction = episode.id, self._instruct(episode)
         safe_id = re.sub(r"[^A-Za-z0-9._-]+", "-", episode.id)
         self._target = self._folder / f"video_{index:03d}_{safe_id}.mp4"
         frame = self._frame(moment)
@@ -99,7 +108,7 @@ class VideoRecorder:
         rendered: Any = self._env.render()
         pictures = [*base.render_views().values(), rendered]
         views = [np.asarray(picture[0].cpu(), dtype=np.uint8) for picture in pictures]
-        return compose(views, describe(self._episode_id, moment))
+        return compose(views, describe(self._episode_id, self._instruction, moment))
 
     @staticmethod
     def _scratch(target: Path) -> Path:

@@ -47,7 +47,9 @@ class PlainReporter:
 class BarReporter:
     """Draws a bar for the generation of episodes and one for the run."""
 
-    def __init__(self) -> None:
+    def __init__(self, write_line: WriteLine | None = None) -> None:
+        """Writes a line for each episode above the bar, if given how."""
+        self._write = write_line
         self._bar: tqdm | None = None
         self._successes = 0
         self._finished = 0
@@ -69,6 +71,8 @@ class BarReporter:
             return
         self._finished += 1
         self._successes += finished.episode.success
+        if self._write is not None:
+            self._write(f"[{self._bar.n + 1}/{self._bar.total}] {describe(finished.episode)}")
         self._bar.set_postfix_str(f"{self._successes}/{self._finished} successful")
         self._bar.update()
 
@@ -79,9 +83,17 @@ class BarReporter:
             self._bar = None
 
 
-def make_reporter(*, terminal: bool, write_line: WriteLine) -> Reporter:
-    """Returns the reporter that suits the output."""
-    return BarReporter() if terminal else PlainReporter(write_line)
+def make_reporter(*, terminal: bool, verbose: bool, write_line: WriteLine) -> Reporter:
+    """Returns the reporter that suits the output.
+
+    Args:
+        terminal: Whether a bar can be drawn; without one, each episode gets a line.
+        verbose: Whether each episode gets a line above the bar as well.
+        write_line: How lines are written where there is no bar.
+    """
+    if not terminal:
+        return PlainReporter(write_line)
+    return BarReporter(tqdm.write if verbose else None)
 
 
 def describe(episode: EpisodeResult) -> str:

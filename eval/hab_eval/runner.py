@@ -1,29 +1,26 @@
-"""The one rollout loop. Recording and video are observers; parallel runs call it in each worker."""
+"""The one rollout loop: an agent acts in N rows, each of which plays one episode after another.
+
+N is 1 for most agents. Recording and video are observers of the rows; the rows live in this process
+(`hab_eval.rows`) or in workers (`hab_eval.workers`), which makes no difference here.
+"""
 
 from __future__ import annotations
 
-import gc
+import contextlib
 import json
 import time
-import traceback
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
 
-from hab_eval import environments
-from hab_eval.config import EvalConfig
 from hab_eval.errors import AgentError, RunStoppedError
-from hab_eval.load_agent import load_agent
-from hab_eval.moment import Moment
-from hab_eval.observers import Observer, VideoRecorder
-from hab_eval.results import EpisodeResult, FinishedEpisode
-from hab_eval.seen import Seen, show
-from hab_tasks.agent import Agent, AgentReport, AgentSetup
-from hab_tasks.processes import use_one_thread
+from hab_eval.observers import Observer
+from hab_eval.results import FinishedEpisode
+from hab_eval.rows import Call, Job, LocalRows, Rows, Start, Step, Turn, stopped
+from hab_tasks.agent import Agent, AgentReport, AgentSpec
 
 if TYPE_CHECKING:
     import gymnasium as gym
@@ -31,62 +28,31 @@ if TYPE_CHECKING:
     from hab_tasks.episodes import Episode
 
 TIMEOUT = "timeout"
-UNNAMED_FAILURE = "environment"
 
 
-@dataclass(frozen=True, kw_only=True)
-class RolloutPlan:
-    """What a process that runs episodes has to know; sent to the workers.
+@dataclass(kw_only=True)
+class _Playing:
+    """What the loop knows of a row; `episode` is None when it is over."""
 
-    Attributes:
-        config: The evaluation.
-        split: Resolved split.
-        out: The run's folder, for videos.
-        videos: The first so many episodes are recorded.
+    episode: Episode | None = None
+    seed: int = 0
+    obs: Any = None
+    act_s: float = 0.0
+
+
+def check_rows(spec: AgentSpec) -> None:
+    """Refuses a number of rows that cannot be played.
+
+    Raises:
+        AgentError: Says what would be right.
     """
-
-    config: EvalConfig
-    split: str
-    out: Path
-    videos: int
-
-
-class Rollouts:
-    """An environment with the agent that acts in it."""
-
-    def __init__(self, plan: RolloutPlan) -> None:
-        use_one_thread()
-        config = plan.config
-        setup = AgentSetup(env_id=config.env, seed=config.seed, options=config.options)
-        self._agent = load_agent(config.agent, setup)
-        # ManiSkill collects garbage whenever it builds a scene, which is before each episode:
-        # looking through all that was imported would take most of a reset.
-        gc.freeze()
-        self._env = environments.make_env(
-            config, self._agent.spec, split=plan.split, render=plan.videos > 0
+    if isinstance(spec.rows, bool) or not isinstance(spec.rows, int) or spec.rows < 1:
+        raise AgentError(f"rows of the agent must be a whole number from 1, got {spec.rows!r}.")
+    if spec.rows > 1 and spec.looks == "on demand":
+        raise AgentError(
+            f"The agent acts on {spec.rows} rows and looks on demand. Images on demand are "
+            "rendered for one row: use rows=1, or looks='always'."
         )
-        self._observers: list[Observer] = []
-        if plan.videos:
-            self._observers.append(VideoRecorder(self._env, plan.out, count=plan.videos))
-
-    def run(self, index: int, episode: Episode) -> FinishedEpisode:
-        """Runs episode number `index` of the set.
-
-        Raises:
-            RunStoppedError: If the agent or the environment raised; names the episode.
-        """
-        try:
-            return run_episode(self._env, self._agent, index, episode, self._observers)
-        except Exception as error:
-            raise RunStoppedError(
-                f"Episode {episode.id!r} stopped the run: {type(error).__name__}: {error}",
-                details=traceback.format_exc(),
-            ) from error
-
-    def close(self) -> None:
-        """Frees the simulator."""
-        self._env.close()
-        gc.unfreeze()  # what is never looked at counts as leaked when Python ends
 
 
 def run_episode(
@@ -96,88 +62,134 @@ def run_episode(
     episode: Episode,
     observers: Sequence[Observer] = (),
 ) -> FinishedEpisode:
-    """Runs one episode to its end and returns how it went.
+    """Runs one episode to its end in a given environment and returns how it went.
 
-    The scene is rebuilt for every episode, so that an outcome depends neither on the episodes that
-    ran before in the same process nor on the number of workers.
+    Raises:
+        Exception: What the agent or the environment raised.
     """
-    obs, info = env.reset(seed=episode.seed, options={"episode": episode, "reconfigure": True})
-    agent.reset(torch.ones(1, dtype=torch.bool), [episode.seed])
+    rows = LocalRows(spec=agent.spec)
+    rows.add(env, observers)
     try:
-        for observer in observers:
-            observer.start(index, episode, _moment(agent, info, 0, 0.0, 0.0))
-        finished = _rollout(env, agent, episode, obs, observers)
-    except BaseException:
-        for observer in observers:
-            observer.abort()
-        raise
-    for observer in observers:
-        observer.end()
+        (finished,) = play(agent, [rows], iter([(index, episode)]))
+    except RunStoppedError as error:
+        raise error.__cause__ or error from None
     return finished
 
 
-def _rollout(
-    env: gym.Env[Any, Any],
-    agent: Agent,
-    episode: Episode,
-    obs: Mapping[str, Any],
-    observers: Sequence[Observer],
-) -> FinishedEpisode:
-    """Steps until the environment says that the episode is over."""
-    steps, episode_return, seconds, done = 0, 0.0, 0.0, False
-    info: Mapping[str, Any] = {}
-    while not done:
-        started = time.perf_counter()
-        seen = show(env, agent.spec, obs)
-        action = agent.act(seen)
-        _check_action(action)
-        if isinstance(seen, Seen):
-            seen.step_away()
-        obs, reward, terminated, truncated, info = env.step(action)
-        seconds += time.perf_counter() - started
-        steps += 1
-        paid = float(torch.as_tensor(reward).reshape(-1)[0])
-        episode_return += paid
-        done = _first(terminated) or _first(truncated)
-        for observer in observers:
-            observer.step(_moment(agent, info, steps, paid, episode_return))
-    report = agent.report()[0]
-    success = _first(info["success"])
-    result = EpisodeResult(
-        id=episode.id,
-        scene=episode.scene_id,
-        success=success,
-        stages={name: _first(value) for name, value in info.get("stages", {}).items()},
-        steps=steps,
-        failure=None if success else _failure(info, report.failure),
-        episode_return=episode_return,
-        seconds=seconds,
-    )
+def play(
+    agent: Agent, groups: Sequence[Rows], jobs: Iterator[Job]
+) -> Generator[FinishedEpisode, None, None]:
+    """Hands out the jobs to rows that are free, each once, and yields results as they come.
+
+    There must be at least as many jobs as rows.
+
+    Raises:
+        RunStoppedError: If the agent or an environment raised; names the episodes.
+    """
+    rows = [_Playing() for group in groups for _ in range(group.count)]
+    watched = any(group.watched for group in groups)
+    try:
+        while calls := _next_calls(agent, rows, jobs, watched):
+            for number, turn in _exchange(groups, calls).items():
+                rows[number].obs = turn.obs
+                if turn.result is not None:
+                    yield _finish(agent, rows[number], number, turn)
+    finally:
+        for group in groups:
+            group.abort()
+
+
+def _next_calls(
+    agent: Agent, rows: Sequence[_Playing], jobs: Iterator[Job], watched: bool
+) -> dict[int, Call]:
+    """Returns an action for every row that plays, and a new episode for every other one."""
+    playing = [number for number, row in enumerate(rows) if row.episode is not None]
+    calls: dict[int, Call] = dict(_act(agent, rows, playing, watched)) if playing else {}
+    started: dict[int, Job] = {}
+    for number, row in enumerate(rows):
+        job = next(jobs, None) if row.episode is None else None
+        if job is not None:
+            started[number] = job
+            row.episode, row.seed, row.act_s = job[1], job[1].seed, 0.0
+    if started:
+        mask = torch.tensor([number in started for number in range(len(rows))])
+        with _naming(job[1] for job in started.values()):
+            agent.reset(mask, [row.seed for row in rows])
+            doing = _doing(agent, rows, watched)
+        for number, job in started.items():
+            calls[number] = Start(job=job, doing=doing[number])
+    return calls
+
+
+def _act(
+    agent: Agent, rows: Sequence[_Playing], playing: Sequence[int], watched: bool
+) -> dict[int, Step]:
+    """Asks the agent for the actions of all rows; returns those of the rows that play."""
+    started = time.perf_counter()
+    with _naming(_episodes(rows)):
+        actions = agent.act(_batched([row.obs for row in rows]))
+        _check_actions(actions, len(rows))
+        actions = actions.cpu()
+        seconds = (time.perf_counter() - started) / len(playing)
+        doing = _doing(agent, rows, watched)
+    for number in playing:
+        rows[number].act_s += seconds
+    return {n: Step(action=actions[n : n + 1], doing=doing[n]) for n in playing}
+
+
+def _doing(agent: Agent, rows: Sequence[_Playing], watched: bool) -> list[str]:
+    """Returns what the agent is doing in each row, where anybody watches."""
+    return [report.doing for report in agent.report()] if watched else [""] * len(rows)
+
+
+def _exchange(groups: Sequence[Rows], calls: Mapping[int, Call]) -> dict[int, Turn]:
+    """Sends each process the calls of its rows, then collects the answers."""
+    first, sent = 0, []
+    for group in groups:
+        own = {n - first: call for n, call in calls.items() if 0 <= n - first < group.count}
+        if own:
+            group.send(own)
+            sent.append((first, group))
+        first += group.count
+    return {start + n: turn for start, group in sent for n, turn in group.receive().items()}
+
+
+def _finish(agent: Agent, row: _Playing, number: int, turn: Turn) -> FinishedEpisode:
+    """Adds what the agent says to the environment's result, and frees the row."""
+    assert turn.result is not None
+    with _naming(_episodes([row])):
+        report = agent.report()[number]
+        trace = _checked_trace(report)
+    failure = None if turn.result.success else turn.result.failure or report.failure or TIMEOUT
+    result = replace(turn.result, failure=failure, seconds=turn.result.seconds + row.act_s)
+    row.episode = None
     timings_s = {name: float(value) for name, value in report.timings_s.items()}
-    return FinishedEpisode(episode=result, timings_s=timings_s, trace=_checked_trace(report))
+    return FinishedEpisode(episode=result, timings_s=timings_s, trace=trace)
 
 
-def _moment(
-    agent: Agent, info: Mapping[str, Any], step: int, reward: float, episode_return: float
-) -> Moment:
-    """Returns what observers are told."""
-    return Moment(
-        step=step,
-        info=info,
-        doing=agent.report()[0].doing,
-        reward=reward,
-        episode_return=episode_return,
-    )
+@contextlib.contextmanager
+def _naming(episodes: Iterable[Episode]) -> Generator[None, None, None]:
+    """Names the episodes in whatever the agent raises."""
+    try:
+        yield
+    except Exception as error:
+        raise stopped(episodes, error) from error
 
 
-def _failure(info: Mapping[str, Any], reported: str | None) -> str:
-    """Names why an episode failed: the environment's word first, then the agent's own."""
-    named = [name for name, value in info.get("failures", {}).items() if _first(value)]
-    if named:
-        return named[0]
-    if _first(info.get("fail", False)):
-        return UNNAMED_FAILURE
-    return reported or TIMEOUT
+def _episodes(rows: Sequence[_Playing]) -> Iterator[Episode]:
+    return (row.episode for row in rows if row.episode is not None)
+
+
+def _batched(values: Sequence[Any]) -> Any:
+    """Returns one observation of N rows from N of one row; tensors (1, ...) become (N, ...)."""
+    first = values[0]
+    if len(values) == 1:
+        return first
+    if isinstance(first, Tensor):
+        return torch.cat(list(values))
+    if isinstance(first, Mapping):
+        return {name: _batched([value[name] for value in values]) for name in first}
+    return [item for value in values for item in value]  # true states, a list for each row
 
 
 def _checked_trace(report: AgentReport) -> tuple[dict[str, Any], ...]:
@@ -191,13 +203,8 @@ def _checked_trace(report: AgentReport) -> tuple[dict[str, Any], ...]:
     return report.trace
 
 
-def _check_action(action: object) -> None:
-    """Refuses what is no (1, A) tensor, in words; the environment checks the numbers."""
-    if not isinstance(action, Tensor) or action.ndim != 2 or action.shape[0] != 1:
-        found = tuple(action.shape) if isinstance(action, Tensor) else type(action).__name__
-        raise AgentError(f"act() must return a (1, A) tensor for one row, got {found}.")
-
-
-def _first(value: Any) -> bool:
-    """Returns the only row of an (N,) flag; Gymnasium's own wrappers may return plain bools."""
-    return bool(torch.as_tensor(value).reshape(-1)[0])
+def _check_actions(actions: object, count: int) -> None:
+    """Refuses what is no (N, A) tensor, in words; the environment checks the numbers."""
+    if not isinstance(actions, Tensor) or actions.ndim != 2 or actions.shape[0] != count:
+        found = tuple(actions.shape) if isinstance(actions, Tensor) else type(actions).__name__
+        raise AgentError(f"act() must return a ({count}, A) tensor for {count} rows, got {found}.")

@@ -1,30 +1,37 @@
-"""Parallel evaluation on one machine: worker processes that each run one episode at a time.
+"""Evaluation in worker processes on one machine.
 
-The parent hands out episode numbers and is the only one that writes results, so each episode runs
-exactly once. An episode's outcome does not depend on its worker (see `runner.run_episode`).
+An agent of one row runs in every worker, with an environment of its own (`run_parallel`). An agent
+of several rows runs once, in the parent, and the workers hold the environments (`run_batched`).
+
+The parent hands out the episodes and is the only one that writes results, so each episode runs
+exactly once. An episode's outcome does not depend on its worker (see `rows.LocalRows`).
 """
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import signal
 import traceback
-from collections.abc import Generator, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
-from typing import TYPE_CHECKING
+from typing import Any
 
+import numpy as np
+import torch
+from torch import Tensor
+
+from hab_eval.environments import setup_of
 from hab_eval.errors import RunStoppedError
+from hab_eval.load_agent import load_agent
 from hab_eval.results import FinishedEpisode
-from hab_eval.runner import RolloutPlan, Rollouts
+from hab_eval.rows import Call, Job, RolloutPlan, Rows, Step, Turn, make_rows
+from hab_eval.runner import play
+from hab_tasks.agent import Agent, AgentSpec
 from hab_tasks.errors import HabError
-
-if TYPE_CHECKING:
-    from hab_tasks.episodes import Episode
-
-Job = tuple[int, "Episode"]
-"""An episode with its number in the set."""
+from hab_tasks.processes import use_one_thread
 
 STOP_TIMEOUT_S = 5.0
 
@@ -43,54 +50,143 @@ class _Failure:
 
 @dataclass(kw_only=True)
 class _Worker:
-    """A worker process, the parent's end of its pipe, and what it is busy with."""
+    """A worker process, the parent's end of its pipe, and the episodes it is busy with."""
 
     process: SpawnProcess
     connection: Connection
-    episode_id: str | None = None
+    episode_ids: tuple[str, ...] = ()
+
+    def send(self, message: Any) -> None:
+        """Sends a message."""
+        try:
+            self.connection.send(message)
+        except OSError as error:
+            raise self._died() from error
+
+    def receive(self) -> Any:
+        """Takes an answer; raises what the worker says that went wrong."""
+        try:
+            answer = self.connection.recv()
+        except (EOFError, OSError) as error:
+            raise self._died() from error
+        if isinstance(answer, _Failure):
+            if answer.details is None:
+                raise HabError(answer.message)
+            raise RunStoppedError(answer.message, details=answer.details)
+        return answer
+
+    def _died(self) -> RunStoppedError:
+        """Describes the end of a worker that said nothing."""
+        self.process.join(STOP_TIMEOUT_S)
+        code = self.process.exitcode
+        how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
+        ids = ", ".join(map(repr, self.episode_ids))
+        return RunStoppedError(
+            f"Episode{'s' * (len(self.episode_ids) > 1)} {ids} stopped the run: its worker process "
+            f"{self.process.pid} ended with {how}."
+        )
 
 
-def run_inline(plan: RolloutPlan, jobs: Sequence[Job]) -> Generator[FinishedEpisode, None, None]:
-    """Runs the jobs in this process, in order."""
-    if not jobs:
-        return
-    rollouts = Rollouts(plan)
-    try:
-        for index, episode in jobs:
-            yield rollouts.run(index, episode)
-    finally:
-        rollouts.close()
+@dataclass(kw_only=True)
+class _RemoteRows:
+    """Rows in a worker; observations and actions travel as numpy arrays."""
+
+    worker: _Worker
+    count: int
+    watched: bool
+    _playing: dict[int, str] = field(default_factory=dict)
+
+    def send(self, calls: Mapping[int, Call]) -> None:
+        """Sends the calls to the worker."""
+        self._playing |= {n: c.job[1].id for n, c in calls.items() if not isinstance(c, Step)}
+        self.worker.episode_ids = tuple(self._playing.values())
+        self.worker.send({number: _packed_call(call) for number, call in calls.items()})
+
+    def receive(self) -> dict[int, Turn]:
+        """Waits for the worker's answers."""
+        answers: dict[int, Turn] = self.worker.receive()
+        for number, turn in answers.items():
+            if turn.result is not None:
+                del self._playing[number]
+        return {n: replace(turn, obs=_unpacked(turn.obs)) for n, turn in answers.items()}
+
+    def abort(self) -> None:
+        """Leaves that to the end of the worker."""
 
 
-def run_parallel(
-    plan: RolloutPlan, jobs: Sequence[Job], *, count: int
+def run_agent(
+    plan: RolloutPlan, agent: Agent, jobs: Sequence[Job], *, workers: int
 ) -> Generator[FinishedEpisode, None, None]:
-    """Runs the jobs in `count` processes and yields results as they come.
+    """Runs the jobs and yields results as they come.
+
+    An agent of one row is loaded anew in each of several workers.
 
     Raises:
         RunStoppedError: If an episode raised or a worker died.
         HabError: If the environment or the agent cannot be made as asked.
     """
-    workers = [_start(plan) for _ in range(min(count, len(jobs)))]
+    if not jobs:
+        return
+    if workers == 1:
+        yield from run_inline(plan, agent, jobs)
+    elif agent.spec.rows == 1:
+        yield from run_parallel(plan, jobs, count=workers)
+    else:
+        yield from run_batched(plan, agent, jobs, count=workers)
+
+
+def run_inline(
+    plan: RolloutPlan, agent: Agent, jobs: Sequence[Job]
+) -> Generator[FinishedEpisode, None, None]:
+    """Runs the jobs in this process."""
+    rows = make_rows(plan, agent.spec, min(agent.spec.rows, len(jobs)))
+    try:
+        yield from play(agent, [rows], iter(jobs))
+    finally:
+        rows.close()
+
+
+def run_batched(
+    plan: RolloutPlan, agent: Agent, jobs: Sequence[Job], *, count: int
+) -> Generator[FinishedEpisode, None, None]:
+    """Runs the jobs with the agent here and the environments of its rows in `count` processes."""
+    rows = min(agent.spec.rows, len(jobs))
+    shares = [len(range(first, rows, count)) for first in range(min(count, rows))]
+    workers = [_start(_serve_rows, plan, agent.spec, share) for share in shares]
+    try:
+        groups: list[Rows] = [
+            _RemoteRows(worker=worker, count=share, watched=plan.videos > 0)
+            for worker, share in zip(workers, shares, strict=True)
+        ]
+        yield from play(agent, groups, iter(jobs))
+    finally:
+        _stop(workers)
+
+
+def run_parallel(
+    plan: RolloutPlan, jobs: Sequence[Job], *, count: int
+) -> Generator[FinishedEpisode, None, None]:
+    """Runs the jobs in `count` processes, each with an agent of one row."""
+    workers = [_start(_serve_episodes, plan) for _ in range(min(count, len(jobs)))]
     queue = iter(jobs)
     try:
         for worker in workers:
             _give_next(worker, queue)
-        while busy := [worker for worker in workers if worker.episode_id is not None]:
+        while busy := [worker for worker in workers if worker.episode_ids]:
             ready = wait([worker.connection for worker in busy])
             for worker in (worker for worker in busy if worker.connection in ready):
-                finished = _receive(worker)
+                finished = worker.receive()
                 _give_next(worker, queue)
                 yield finished
     finally:
         _stop(workers)
 
 
-def _start(plan: RolloutPlan) -> _Worker:
+def _start(serve: Callable[..., None], *arguments: Any) -> _Worker:
     """Starts a worker. Spawn, not fork: the simulator and Vulkan do not survive a fork."""
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
-    process = context.Process(target=_serve, args=(plan, theirs), daemon=True)
+    process = context.Process(target=_serve, args=(theirs, serve, *arguments), daemon=True)
     process.start()
     theirs.close()  # so that the pipe ends when the worker does
     return _Worker(process=process, connection=ours)
@@ -99,37 +195,9 @@ def _start(plan: RolloutPlan) -> _Worker:
 def _give_next(worker: _Worker, queue: Iterator[Job]) -> None:
     """Sends the next job, if there is one."""
     job = next(queue, None)
-    worker.episode_id = job[1].id if job else None
-    if job is None:
-        return
-    try:
-        worker.connection.send(job)
-    except OSError as error:
-        raise _died(worker) from error
-
-
-def _receive(worker: _Worker) -> FinishedEpisode:
-    """Takes a worker's answer."""
-    try:
-        answer = worker.connection.recv()
-    except (EOFError, OSError) as error:
-        raise _died(worker) from error
-    if isinstance(answer, _Failure):
-        if answer.details is None:
-            raise HabError(answer.message)
-        raise RunStoppedError(answer.message, details=answer.details)
-    return answer
-
-
-def _died(worker: _Worker) -> RunStoppedError:
-    """Describes the end of a worker that said nothing."""
-    worker.process.join(STOP_TIMEOUT_S)
-    code = worker.process.exitcode
-    how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
-    return RunStoppedError(
-        f"Episode {worker.episode_id!r} stopped the run: its worker process "
-        f"{worker.process.pid} ended with {how}."
-    )
+    worker.episode_ids = (job[1].id,) if job else ()
+    if job is not None:
+        worker.send(job)
 
 
 def _stop(workers: Sequence[_Worker]) -> None:
@@ -144,14 +212,13 @@ def _stop(workers: Sequence[_Worker]) -> None:
             worker.process.join()
 
 
-def _serve(plan: RolloutPlan, connection: Connection) -> None:
-    """Runs in the worker: answers each job until the parent ends the process or the pipe."""
+def _serve(connection: Connection, serve: Callable[..., None], *arguments: Any) -> None:
+    """Runs in the worker until the parent ends the process or the pipe."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what Ctrl-C means
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    use_one_thread()
     try:
-        rollouts = Rollouts(plan)
-        while True:
-            connection.send(rollouts.run(*connection.recv()))
+        serve(connection, *arguments)
     except (EOFError, BrokenPipeError):
         return  # the parent is gone
     except RunStoppedError as error:
@@ -161,3 +228,45 @@ def _serve(plan: RolloutPlan, connection: Connection) -> None:
     except Exception as error:
         message = f"A worker could not start: {type(error).__name__}: {error}"
         connection.send(_Failure(message=message, details=traceback.format_exc()))
+
+
+def _serve_episodes(connection: Connection, plan: RolloutPlan) -> None:
+    """Plays the episodes that the parent sends, with an agent of its own."""
+    agent = load_agent(plan.config.agent, setup_of(plan.config, plan.device))
+    rows = make_rows(plan, agent.spec, 1)
+    jobs = iter(connection.recv, None)  # ends with an EOFError
+    with contextlib.closing(rows):
+        for finished in play(agent, [rows], jobs):
+            connection.send(finished)
+
+
+def _serve_rows(connection: Connection, plan: RolloutPlan, spec: AgentSpec, count: int) -> None:
+    """Carries out the calls that the parent sends."""
+    with contextlib.closing(make_rows(plan, spec, count)) as rows:
+        while True:
+            calls: dict[int, Any] = connection.recv()
+            rows.send({number: _unpacked_call(call) for number, call in calls.items()})
+            turns = rows.receive()
+            connection.send({n: replace(turn, obs=_packed(turn.obs)) for n, turn in turns.items()})
+
+
+def _packed_call(call: Call) -> Any:
+    return replace(call, action=_packed(call.action)) if isinstance(call, Step) else call
+
+
+def _unpacked_call(call: Any) -> Call:
+    return replace(call, action=_unpacked(call.action)) if isinstance(call, Step) else call
+
+
+def _packed(value: Any) -> Any:
+    """Returns nested groups with arrays for tensors, which would travel in shared memory."""
+    if isinstance(value, Mapping):
+        return {name: _packed(part) for name, part in value.items()}
+    return value.numpy() if isinstance(value, Tensor) else value
+
+
+def _unpacked(value: Any) -> Any:
+    """Returns what `_packed` was given."""
+    if isinstance(value, Mapping):
+        return {name: _unpacked(part) for name, part in value.items()}
+    return torch.from_numpy(value) if isinstance(value, np.ndarray) else value

@@ -15,16 +15,21 @@ import imageio.v2 as imageio
 import numpy as np
 import tyro
 
+from hab_tasks.captions import with_words
 from hab_tasks.commands.base import Command, refuse_existing
 from hab_tasks.commands.keyboard import QUIT, Keyboard, key_table, keys_of
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.envs import ENVS
 from hab_tasks.errors import HabError, RenderingUnavailableError, UnknownNameError
+from hab_tasks.instructions import instruction
 from hab_tasks.rendering import resolve_backend
+from hab_tasks.robots.fetch_spec import BASE_LINEAR_SPEED_M_S
 from hab_tasks.skills.hab_env import HabEnv
+from hab_tasks.skills.marks import LEGEND
 
 AGENTS = ("random", "keyboard")
 RANDOM_STEPS = 200
+CAPTION_LINES = 5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +39,8 @@ class Demo(Command):
     help: ClassVar[str] = f"""Plays one episode in a window or into a video, and tells its measures.
 
 Without a display nothing is shown; --out writes a video all the same. Keys are typed in the
-terminal, one key one action:
+terminal; one that is held moves on, slowly for half a second, then at full speed (the base at
+{BASE_LINEAR_SPEED_M_S:g} m/s):
 {key_table()}
 
 Example:
@@ -76,8 +82,9 @@ Example:
         show = _Show(scene, window, self.out)
         try:
             env.reset(seed=self.seed, options={"episode": self.episode})
-            print(f"{self.env}, episode {scene.episode[0].id}")
-            show.draw()
+            task = instruction(ENVS[self.env].env, scene.episode[0])
+            print(f"{self.env}, episode {scene.episode[0].id}\n{task}")
+            show.begin(f"{task} ({LEGEND})")
             result = self._play(env, scene, show)
             show.finish()
         finally:
@@ -111,7 +118,7 @@ Example:
                 _, reward, terminated, truncated, info = env.step(action)
                 result.add(float(cast(Any, reward)), info)
                 print(_line(result))
-                show.draw()
+                show.draw(result)
                 if bool(terminated) or bool(truncated):
                     result.end = "the episode is over" if terminated else "time is over"
                     break
@@ -127,13 +134,13 @@ Example:
             yield env.action_space.sample()
 
     def _typed(self, scene: HabEnv, show: _Show) -> Iterator[Any]:
-        """Yields the action of each key."""
+        """Yields the action of each key, again while it is held."""
         keyboard = Keyboard(scene.agent.controller, bool(scene.measures.holding_target))
         print(keyboard.table, flush=True)
-        for name in keys_of(sys.stdin, show.refresh):
+        for name, share in keys_of(sys.stdin, show.refresh):
             if name == QUIT:
                 return
-            action = keyboard.action(name)
+            action = keyboard.action(name, share)
             if action is None:
                 print(f"  {name!r} does nothing here")
                 continue
@@ -163,19 +170,25 @@ class _Show:
         self._viewer: Any = None
         self._writer: Any = None
         self._seen_from: Any = None
-        self._due_s = 0.0
+        self._due_s, self._task = 0.0, ""
 
     @property
     def closed(self) -> bool:
         """Whether somebody has closed the window."""
         return self._viewer is not None and self._viewer.closed
 
-    def draw(self) -> None:
+    def begin(self, task: str) -> None:
+        """Shows the start; `task` is written below every frame."""
+        self._task = task
+        self.draw(_Result())
+
+    def draw(self, result: _Result) -> None:
         """Shows the present moment and films it."""
         if self._out is not None:
             self._writer = self._writer or _writer(self._scratch)
-            frame = self._scene.render_rgb_array()[0]
-            self._writer.append_data(np.asarray(frame.cpu(), dtype=np.uint8))
+            frame = np.asarray(self._scene.render_rgb_array()[0].cpu(), dtype=np.uint8)
+            words = [self._task, *_stages(result.info)]
+            self._writer.append_data(with_words(frame, words, CAPTION_LINES))
         if self._window:
             self.refresh()
             time.sleep(max(0.0, self._due_s - time.monotonic()))
@@ -261,9 +274,15 @@ def _tell(result: _Result) -> None:
         "end": ", ".join([f"{result.end} after {result.steps} actions", *failures]),
         "return": f"{result.total:.3f}",
     }
-    stages = info.get("stages", {})
-    if stages:
-        reached = [name for name, value in stages.items() if value.item()]
-        rows["stages"] = f"{len(reached)} of {len(stages)} {' '.join(reached)}".strip()
+    for words in _stages(info):
+        rows["stages"] = words.removeprefix("stages: ")
     for name, words in rows.items():
         print(f"{name:<9} {words}")
+
+
+def _stages(info: dict[str, Any]) -> list[str]:
+    """Returns a line on the stages of a task, none for a skill."""
+    stages = info.get("stages", {})
+    reached = [name for name, value in stages.items() if value.item()]
+    told = f"stages: {len(reached)} of {len(stages)} {' '.join(reached)}".strip()
+    return [told] if stages else []

@@ -20,6 +20,7 @@ from hab_tasks.constants import CAMERA_DEPTH_MAX_M, CAMERA_SIZE_PX, EE_STEP_M, J
 from hab_tasks.envs import ENVS, EnvEntry
 from hab_tasks.errors import HabError
 from hab_tasks.figures.frames import Arrow, Frame, draw_frames, photograph
+from hab_tasks.instructions import task_sentence
 from hab_tasks.measures import MEANINGS, Measures
 from hab_tasks.rendering import resolve_backend
 from hab_tasks.robots.control import HabControllerConfig, control_configs
@@ -145,11 +146,6 @@ def page() -> str:
     """Returns the page about every registered environment."""
     contents = _table(("environment", "task", "longest episode"), map(_row, ENVS.values()))
     return "\n".join([INTRODUCTION, contents, *(_section(entry) for entry in ENVS.values())])
-
-
-def task_sentence(env: type[HabEnv]) -> str:
-    """Returns what is to be done: the first sentence of the class's docstring."""
-    return _parts(env)["Task"]
 
 
 def picture_name(env_id: str) -> str:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from hab_tasks.commands.base import Command
-from hab_tasks.commands.docs import task_sentence
 from hab_tasks.envs import ENVS
+from hab_tasks.instructions import task_sentence
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar
 
+import numpy as np
 from mani_skill.envs.sapien_env import BaseEnv
 from mani_skill.sensors.camera import Camera, CameraConfig
 from torch import Tensor
@@ -12,12 +13,14 @@ from torch import Tensor
 from hab_tasks.arrays import to_tensor
 from hab_tasks.errors import OptionError
 from hab_tasks.noise import NoiseSource, SensorNoise
+from hab_tasks.privileged import Array
 from hab_tasks.rendering import resolve_backend, sensor_shader
 from hab_tasks.robots.cameras import PLACES, CameraRig, HiddenArm
 from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.sensors import ARM_QPOS, ObsEntry, observed, scale_depth
 from hab_tasks.simulation import check_rows
-from hab_tasks.skills.viewpoint import FIRST_VIEW, Viewpoint
+from hab_tasks.skills.marks import Marks
+from hab_tasks.skills.viewpoint import FIELD_OF_VIEW_RAD, FIRST_VIEW, Hit, Viewpoint
 from hab_tasks.skills.world import World
 
 RENDER_SIZE_PX = 512
@@ -45,6 +48,7 @@ class ObservingEnv(BaseEnv):
     _hides_arm: bool
     _images_on_demand = False
     _views: dict[str, Camera]
+    _marks: Marks | None
 
     def _set_sensors(
         self,
@@ -90,7 +94,7 @@ class ObservingEnv(BaseEnv):
             pose=FIRST_VIEW,  # type: ignore[arg-type]  # moved by _aim
             width=RENDER_SIZE_PX,
             height=RENDER_SIZE_PX,
-            fov=1.2,
+            fov=FIELD_OF_VIEW_RAD,
             near=0.05,
             far=50.0,
             mount=self.agent.link("base_link"),
@@ -98,12 +102,15 @@ class ObservingEnv(BaseEnv):
 
     def _start_observing(self) -> None:
         """Runs when a new simulation has been built, before its cameras are set up."""
-        self._viewpoint, self._views = Viewpoint(), {}
+        self._viewpoint, self._views, self._marks = Viewpoint(), {}, None
         noise = self._sensor_noise
         self._noise = None if noise is None else NoiseSource(noise, self.num_envs)
         self.agent.rig = self._rig
         if self._hides_arm and self.scene.can_render():
             self._hidden_objects.append(HiddenArm(self.agent.link))  # type: ignore[arg-type]
+        if self.render_mode is not None and self.scene.can_render() and not self.gpu_sim_enabled:
+            self._marks = Marks(self.scene)
+            self._hidden_objects.append(self._marks)  # type: ignore[arg-type]
 
     @property
     def _is_lit(self) -> bool:
@@ -126,14 +133,22 @@ class ObservingEnv(BaseEnv):
         """Leaves out ManiSkill's lamps: the world shows the layout's own."""
 
     def render_rgb_array(self, camera_name: str | None = None) -> Any:
-        """Renders the human-render camera, put where no wall hides the robot."""
+        """Renders the human-render camera, put where nothing hides the hand, with marks."""
         self._aim()
-        return super().render_rgb_array(camera_name)  # pyright: ignore[reportArgumentType]  # None is its default
+        image = super().render_rgb_array(camera_name)  # pyright: ignore[reportArgumentType]  # None is its default
+        self._hide()
+        return image
 
     def render_all(self) -> Any:
         """Renders the human-render camera and the sensors."""
         self._aim()
         return super().render_all()
+
+    def render_human(self) -> Any:
+        """Draws the window, with marks."""
+        if self._marks is not None:
+            self._marks.place(self._world)
+        return super().render_human()
 
     def render_views(self) -> dict[str, Tensor]:
         """Renders what the robot has before its head and its hand, in colour, for a person.
@@ -147,6 +162,7 @@ class ObservingEnv(BaseEnv):
             rig = CameraRig(names=VIEWS, size_px=VIEW_SIZE_PX, hfov_rad=self._rig.hfov_rad)
             configs = rig.configs(self.agent.link)
             self._views = {config.uid: Camera(config, self.scene) for config in configs}
+        self._hide()
         self.scene.update_render(update_sensors=False, update_human_render_cameras=False)
         views = {}
         for name, camera in self._views.items():
@@ -154,12 +170,28 @@ class ObservingEnv(BaseEnv):
             views[name] = camera.get_obs(depth=False, position=False, segmentation=False)["rgb"]
         return views
 
+    def _hide(self) -> None:
+        """Hides what only the human-render camera sees; ManiSkill forgets it after one picture."""
+        hidden: Any
+        for hidden in self._hidden_objects:
+            hidden.hide_visual()
+
     def _aim(self) -> None:
-        """Moves the human-render camera where a wall came between; it drives with the base."""
-        pose = None if self.gpu_sim_enabled else self._viewpoint.follow(self._world)
+        """Places the marks; moves the human-render camera where something hides the hand."""
+        if self.gpu_sim_enabled:
+            return
+        if self._marks is not None:
+            self._marks.place(self._world)
+        pose = self._viewpoint.follow(self._world, self._cast_ray)
         if pose is not None:
             for camera in self._human_render_cameras["render_camera"].camera._render_cameras:
                 camera.local_pose = pose
+
+    def _cast_ray(self, origin_m: Array, direction: Array, length_m: float) -> Hit | None:
+        """Returns the first hit of a ray in the CPU simulation."""
+        px: Any = self.scene.px
+        hit = px.raycast(origin_m.astype(np.float32), direction.astype(np.float32), length_m)
+        return None if hit is None else (float(hit.distance), hit.component.entity.name)
 
     # Observations ----------------------------------------------------------------------------
 

@@ -1,87 +1,144 @@
-"""Where the human-render camera stands: beside the robot, with no wall between them."""
+"""Where the human-render camera stands: beside the robot, with a free view of its hand."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 import sapien
 from mani_skill.utils.sapien_utils import look_at
 
-from hab_tasks.privileged import Array, PrivilegedState
-from hab_tasks.scenes.floor import FreeFloor, free_floor
+from hab_tasks.privileged import Array
 from hab_tasks.skills.world import World
 
-CAMERA_HEIGHT_M = 2.1
+Hit = tuple[float, str]
+"""Distance [m] of what a ray meets, and the name of its body."""
+
+CastRay = Callable[[Array, Array, float], Hit | None]
+"""(origin (3,), unit direction (3,), length [m]) -> the first hit, None if there is none."""
+
 LOOK_AT_M = (0.7, 0.0, 0.75)
 CANDIDATES_M = (
-    (-1.4, 1.1),
-    (-1.4, -1.1),
-    (-0.5, 1.7),
-    (-0.5, -1.7),
-    (0.9, 1.7),
-    (0.9, -1.7),
-    (-0.9, 0.8),
-    (-0.9, -0.8),
-    (-0.2, 1.2),
-    (-0.2, -1.2),
-    (-0.45, 0.35),
-    (-0.45, -0.35),
+    (-1.4, 1.1, 2.1),
+    (-1.4, -1.1, 2.1),
+    (-0.5, 1.7, 2.1),
+    (-0.5, -1.7, 2.1),
+    (0.9, 1.7, 2.1),
+    (0.9, -1.7, 2.1),
+    (-0.9, 0.8, 2.1),
+    (-0.9, -0.8, 2.1),
+    (-0.2, 1.2, 2.1),
+    (-0.2, -1.2, 2.1),
+    (-0.45, 0.35, 2.1),
+    (-0.45, -0.35, 2.1),
+    (0.2, 0.9, 1.5),
+    (0.2, -0.9, 1.5),
+    (0.1, 0.3, 2.3),
+    (0.1, -0.3, 2.3),
+    (0.0, 0.6, 0.9),
+    (0.0, -0.6, 0.9),
+    (0.3, 0.3, 0.75),
+    (0.3, -0.3, 0.75),
 )
-"""Camera positions in the base frame, best first; the last ones are close to the shoulder."""
+"""Camera positions in the base frame, best first; the last ones look over the shoulder, down from
+above, and into what the robot stands before."""
 
-_MARGIN_M = 0.1
-_SAMPLES = 20
+FIELD_OF_VIEW_RAD = 1.2
+
+_MARGIN_M = 0.15
+"""Free room behind the camera."""
+
+_SKIN_M = 0.02
+_HAND = ("gripper", "wrist")
+"""Parts of names of links that may be before the hand, as they are the hand."""
 
 
 def _pose(candidate: int) -> sapien.Pose:
-    x, y = CANDIDATES_M[candidate]
-    return look_at((x, y, CAMERA_HEIGHT_M), LOOK_AT_M).sp
+    return look_at(CANDIDATES_M[candidate], LOOK_AT_M).sp
 
 
 FIRST_VIEW = _pose(0)
 
 
 class Viewpoint:
-    """Chooses the camera's place; it moves with the base until a wall would hide the robot."""
+    """Chooses the camera's place; it moves with the base until something hides the hand."""
 
     def __init__(self) -> None:
-        self._walls: FreeFloor | None = None
-        self._layout, self._episode, self._chosen = "", "", 0
+        self._episode, self._chosen = "", 0
 
-    def follow(self, world: World) -> sapien.Pose | None:
+    def follow(self, world: World, cast: CastRay) -> sapien.Pose | None:
         """Returns the camera's new pose in the base frame; None where it can stay.
 
-        Cheap: a layout's walls are mapped once, and here only the way to the camera is looked at.
+        Args:
+            world: Whose first row is looked at.
+            cast: Casts a ray among everything that is there, open doors included.
         """
-        episode = world.episodes[0]
-        if self._walls is None or episode.scene_id != self._layout:
-            self._walls, self._layout = _walls(world.privileged()[0]), episode.scene_id
-        base = np.asarray(world.snapshot.base[0])
-        if episode.id == self._episode and _clearance(self._walls, base, self._chosen) > 0.0:
+        snapshot = world.snapshot
+        base = np.asarray(snapshot.base[0], dtype=float)
+        hand_m = np.asarray(snapshot.ee_m[0], dtype=float)
+        name = world.held_name()
+        new = world.episodes[0].id != self._episode
+        if not new and _sees(self._chosen, base, hand_m, name, cast):
             return None
-        self._episode = episode.id
-        clear = [_clearance(self._walls, base, i) for i in range(len(CANDIDATES_M))]
-        free = [i for i, value in enumerate(clear) if value >= _MARGIN_M]
-        self._chosen = free[0] if free else int(np.argmax(clear))
-        return _pose(self._chosen)
+        self._episode = world.episodes[0].id
+        seeing = (i for i in range(len(CANDIDATES_M)) if _sees(i, base, hand_m, name, cast))
+        found = next(seeing, None)
+        if found is None:  # the nearest that is at least not in a wall, as it was, or the first
+            found = next(
+                (i for i in range(len(CANDIDATES_M)) if _stands_free(i, base, cast)), self._chosen
+            )
+        if found == self._chosen and not new:
+            return None
+        self._chosen = found
+        return _pose(found)
 
 
-def _walls(state: PrivilegedState) -> FreeFloor:
-    """Maps what reaches up to the camera."""
-    solid = [body for body in state.bodies if body.group in ("stage", "static", "furniture")]
-    heights = (1.2, CAMERA_HEIGHT_M + 0.2)
-    return free_floor(solid, state.world_from_body, radius_m=0.0, heights_m=heights)
-
-
-def _clearance(walls: FreeFloor, base: Array, candidate: int) -> float:
-    """Returns the least clearance [m] on the way from the robot's middle to a camera.
+def in_world(candidate: int, base: Array) -> Array:
+    """Returns a candidate's position (3,) in the world.
 
     Args:
-        walls: Map of the walls.
-        base: (3,) x [m], y [m], yaw [rad].
         candidate: Which of `CANDIDATES_M`.
+        base: (3,) x [m], y [m], yaw [rad].
     """
-    x, y = CANDIDATES_M[candidate]
+    return _to_world(np.array(CANDIDATES_M[candidate]), base)
+
+
+def _sees(candidate: int, base: Array, hand_m: Array, held: str | None, cast: CastRay) -> bool:
+    """Returns whether the hand is in the picture and nothing is before it."""
+    camera_m = in_world(candidate, base)
+    ahead = _unit(_to_world(np.array(LOOK_AT_M), base) - camera_m)
+    way_m = hand_m - camera_m
+    distance_m = float(np.linalg.norm(way_m))
+    in_picture = float(ahead @ way_m) > distance_m * np.cos(0.45 * FIELD_OF_VIEW_RAD)
+    if not in_picture or not _stands_free(candidate, base, cast):
+        return False
+    hit = cast(camera_m, way_m / distance_m, distance_m)
+    return hit is None or hit[0] > distance_m - _SKIN_M or _is_hand(hit[1], held)
+
+
+def _stands_free(candidate: int, base: Array, cast: CastRay) -> bool:
+    """Returns whether there is nothing between the robot's head and a little behind the camera."""
+    camera_m = in_world(candidate, base)
+    height_m = max(1.3, float(camera_m[2]))  # over the robot's head, which is 1.1 m high
+    above_m = np.array((*base[:2], height_m))
+    over_m = np.array((*camera_m[:2], height_m))
+    for start_m, end_m in ((above_m, over_m), (over_m, camera_m)):
+        way_m = end_m - start_m
+        length_m = float(np.linalg.norm(way_m))
+        if length_m > 0 and cast(start_m, way_m / length_m, length_m + _MARGIN_M) is not None:
+            return False
+    return True
+
+
+def _is_hand(name: str, held: str | None) -> bool:
+    return name == held or any(part in name for part in _HAND)
+
+
+def _to_world(point_m: Array, base: Array) -> Array:
     cosine, sine = np.cos(base[2]), np.sin(base[2])
-    reach = np.array((cosine * x - sine * y, sine * x + cosine * y))
-    points = base[:2] + np.linspace(0.0, 1.0, _SAMPLES)[:, None] * reach
-    return min(walls.clearance_at(point) for point in points)
+    x, y, z = point_m
+    return np.array((base[0] + cosine * x - sine * y, base[1] + sine * x + cosine * y, z))
+
+
+def _unit(vector: Array) -> Array:
+    return vector / np.linalg.norm(vector)

@@ -319,6 +319,11 @@ class World:
             tracker.targets, tracker.handles, tracker.measures.force_n
         )
 
+    def held_name(self) -> str | None:
+        """Returns the name of the body in the hand of the first row, None if there is none."""
+        held = int(self.snapshot.held[0])
+        return self._names[held] if held >= 0 else None
+
     def privileged(self) -> list[PrivilegedState]:
         """Returns the true state of each row; CPU simulation, which has one row."""
         if self._scene.gpu_sim_enabled:

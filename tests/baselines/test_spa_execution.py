@@ -178,7 +178,7 @@ def test_grasp_that_does_not_hold_is_an_execution_failure(table_scene):
 
 
 def test_agent_keeps_the_contract_for_several_rows(table_scene):
-    agent = spa_priv(AgentSetup(env_id="hab_tasks:HabPick-v1", num_envs=2))
+    agent = spa_priv(AgentSetup(env_id="hab_tasks:HabPick-v1"))
     assert isinstance(agent, Agent)
     assert agent.spec.privileged
     assert agent.spec.control_mode == "joint_target"

@@ -13,8 +13,19 @@ import imageio.v2 as imageio
 import pytest
 
 from hab_tasks import rendering
-from hab_tasks.commands.keyboard import KEYS, OTHER_KEYS, Keyboard, keys_of
+from hab_tasks.captions import LINE_PX
+from hab_tasks.commands.demo import CAPTION_LINES
+from hab_tasks.commands.keyboard import (
+    CAREFUL_SHARE,
+    FIRST_REPEAT_S,
+    KEYS,
+    OTHER_KEYS,
+    HeldKey,
+    Keyboard,
+    keys_of,
+)
 from hab_tasks.robots.control import control_configs
+from hab_tasks.robots.fetch_spec import BASE_LINEAR_SPEED_M_S
 
 STEP = re.compile(r"^ *(\d+)  reward ([+-][\d.]+)  (.*)$", re.MULTILINE)
 
@@ -120,23 +131,58 @@ def test_the_table_has_each_key_that_does_something():
 def test_arrows_are_one_key_and_line_ends_none():
     stream = io.StringIO("a\x1b[A\r\n\x1b[D b\x1bOP")
     names = ["a", "up", "left", "space", "b", "escape"]
-    assert list(keys_of(stream, lambda: None)) == names
+    assert list(keys_of(stream, lambda: None)) == [(name, 1.0) for name in names]
 
 
-def test_keys_of_a_terminal_come_without_a_line_end():
+def test_keys_of_a_terminal_come_without_a_line_end_and_go_on_while_held():
     mine, theirs = pty.openpty()
     waited = []
 
-    def type_next():
-        if len(waited) < 2:
-            os.write(mine, (b"w", b"\x1b[C")[len(waited)])
-        waited.append(1)
+    def type_first():
+        assert not waited, "w is held for more than half a second"
+        waited.append(os.write(mine, b"w"))
 
     with os.fdopen(theirs, "r") as terminal:
-        keys = keys_of(terminal, type_next)
-        assert [next(keys), next(keys)] == ["w", "right"]
+        keys = keys_of(terminal, type_first)
+        # Typed once, it may be held, and goes on slowly without a second character.
+        assert [next(keys) for _ in range(3)] == [("w", CAREFUL_SHARE)] * 3
+        os.write(mine, b"w")
+        assert [next(keys) for _ in range(3)] == [("w", 1.0)] * 3
+        os.write(mine, b"\x1b[")  # an arrow may come in two parts
+        assert next(keys) == ("w", 1.0)
+        os.write(mine, b"C")
+        assert next(keys) == ("right", CAREFUL_SHARE)
+        os.write(mine, b"g")  # what is no motion is carried out once, and ends the motion
+        assert next(keys) == ("g", 1.0)
+        os.write(mine, b"q")
+        assert next(keys) == ("q", 1.0)
         keys.close()
     os.close(mine)
+
+
+def test_a_key_is_held_while_it_repeats():
+    key = HeldKey()
+    assert key.held(0.0) is None
+    key.press("up", 10.0)
+    # The slowest terminals repeat after 0.66 s.
+    assert key.held(10.0) == key.held(10.66) == ("up", CAREFUL_SHARE)
+    assert key.held(10.71) is None
+    key.press("up", 20.0)
+    for repeat_s in (20.5, 20.6, 20.7):
+        key.press("up", repeat_s)
+        assert key.held(repeat_s + 0.1) == ("up", 1.0)
+    assert key.held(20.86) is None
+    key.press("w", 20.7)
+    assert key.held(20.7) == ("w", CAREFUL_SHARE)
+    key.press("space", 20.8)
+    assert key.held(20.8) is None
+
+
+def test_the_base_drives_at_walking_speed_while_a_key_is_held():
+    full, careful = (keyboard("ee_base").action("w", share)[4] for share in (1.0, CAREFUL_SHARE))
+    assert full * BASE_LINEAR_SPEED_M_S == 1.0
+    # A tap: 0.7 s at a quarter of it.
+    assert careful * BASE_LINEAR_SPEED_M_S * FIRST_REPEAT_S == pytest.approx(0.175)
 
 
 def test_without_vulkan_measures_are_told_all_the_same(run, monkeypatch):
@@ -184,7 +230,7 @@ def test_a_video_has_a_frame_for_each_moment(run, tmp_path):
     assert f"video     {out}" in done.stdout
     # The start, and the moment after each of three actions.
     frames = [*imageio.get_reader(out).iter_data()]
-    assert [frame.shape for frame in frames] == [(512, 512, 3)] * 4
+    assert [frame.shape for frame in frames] == [(512 + CAPTION_LINES * LINE_PX, 512, 3)] * 4
     assert frames[-1].std() > 10
     assert list(out.parent.iterdir()) == [out]
 

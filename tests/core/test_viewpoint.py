@@ -1,85 +1,107 @@
-"""The human-render camera stays beside the robot, and moves where a wall comes between."""
+"""The human-render camera stays beside the robot, and moves where something hides the hand."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import sapien
+from sapien.physx import PhysxCollisionShapeBox, PhysxCpuSystem, PhysxRigidStaticComponent
 
-from hab_tasks.privileged import CollisionBody, CollisionShape
-from hab_tasks.skills.viewpoint import CANDIDATES_M, Viewpoint
-
-
-def box(name, middle_m, half_m):
-    pose = np.eye(4)
-    pose[:3, 3] = middle_m
-    shape = CollisionShape(
-        kind="box",
-        body_from_shape=pose,
-        half_size_m=np.array(half_m),
-        vertices_m=np.zeros((0, 3)),
-        faces=np.zeros((0, 3), dtype=np.int64),
-    )
-    return CollisionBody(name=name, group="stage", shapes=(shape,))
-
-
-# A floor of 12 m x 12 m and a wall of 10 cm at x = -0.85.
-BODIES = (box("floor", (0, 0, -0.1), (6, 6, 0.1)), box("wall", (-0.85, 0, 1.25), (0.05, 6, 1.25)))
-STATE = SimpleNamespace(bodies=BODIES, world_from_body={b.name: np.eye(4) for b in BODIES})
+from hab_tasks.skills.viewpoint import CANDIDATES_M, Viewpoint, in_world
 
 
 class World:
-    """A robot in a room, without a simulation."""
+    """A robot's base, its hand and boxes around it, with PhysX to cast the rays."""
 
     def __init__(self):
-        self.read = 0
+        self._scene = sapien.Scene([PhysxCpuSystem()])
+        self.held = None
 
-    def at(self, x, y, yaw, episode="a", layout="room"):
-        self.snapshot = SimpleNamespace(base=np.array([[x, y, yaw]]))
-        self.episodes = [SimpleNamespace(id=episode, scene_id=layout)]
+    def add_box(self, name, middle_m, half_m):
+        body = PhysxRigidStaticComponent()
+        body.attach(PhysxCollisionShapeBox(list(half_m), sapien.physx.get_default_material()))
+        entity = sapien.Entity()
+        entity.name = name
+        entity.add_component(body)
+        entity.set_pose(sapien.Pose(list(middle_m)))
+        self._scene.add_entity(entity)
+        self._scene.physx_system.step()
+        return entity
+
+    def at(self, x, y, yaw, episode="a", hand=(0.7, 0.0, 0.9)):
+        """The hand's place is in the base frame."""
+        turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+        ee = np.append(turn @ hand[:2] + (x, y), hand[2])
+        self.snapshot = SimpleNamespace(base=np.array([[x, y, yaw]]), ee_m=ee[None])
+        self.episodes = [SimpleNamespace(id=episode)]
         return self
 
-    def privileged(self):
-        self.read += 1
-        return [STATE]
+    def held_name(self):
+        return self.held
+
+    def cast(self, origin_m, direction, length_m):
+        origin_m, direction = (v.astype(np.float32) for v in (origin_m, direction))
+        hit = self._scene.physx_system.raycast(origin_m, direction, length_m)
+        return None if hit is None else (hit.distance, hit.component.entity.name)
 
 
 def place(pose):
     """Which of the candidates a pose is."""
-    return CANDIDATES_M.index(tuple(round(float(v), 6) for v in pose.p[:2]))
+    return CANDIDATES_M.index(tuple(round(float(v), 6) for v in pose.p))
 
 
 @pytest.fixture
 def world():
-    return World()
+    """A floor of 12 m x 12 m and a wall of 10 cm at x = -0.85."""
+    room = World()
+    room.add_box("floor", (0, 0, -0.1), (6, 6, 0.1))
+    room.add_box("wall", (-0.85, 0, 1.25), (0.05, 6, 1.25))
+    return room
 
 
 def test_the_best_place_is_taken_where_nothing_is_near(world):
-    assert place(Viewpoint().follow(world.at(3, 0, 0))) == 0
+    assert place(Viewpoint().follow(world.at(3, 0, 0), world.cast)) == 0
 
 
 def test_a_place_behind_a_wall_is_not_taken(world):
     # Facing away from the wall, the first two places, 1.4 m behind, are on its other side; the
     # third is 0.5 m behind.
-    assert place(Viewpoint().follow(world.at(0, 0, 0))) == 2
+    assert place(Viewpoint().follow(world.at(0, 0, 0), world.cast)) == 2
 
 
-def test_the_camera_moves_only_when_a_wall_comes_between(world):
+def test_the_camera_moves_only_when_something_comes_between(world):
     view = Viewpoint()
-    assert place(view.follow(world.at(3, 0, 0))) == 0
+    assert place(view.follow(world.at(3, 0, 0), world.cast)) == 0
     # The camera is at x = 1.6, then 0.1.
-    assert view.follow(world.at(3, 0, 0)) is None
-    assert view.follow(world.at(1.5, 0, 0)) is None
+    assert view.follow(world.at(3, 0, 0), world.cast) is None
+    assert view.follow(world.at(1.5, 0, 0), world.cast) is None
     # At x = -1.4 it would be behind the wall.
-    assert place(view.follow(world.at(0, 0, 0))) == 2
+    assert place(view.follow(world.at(0, 0, 0), world.cast)) == 2
     # It stays there when the first place is free again, until the next episode.
-    assert view.follow(world.at(3, 0, 0)) is None
-    assert place(view.follow(world.at(3, 0, 0, episode="b"))) == 0
+    assert view.follow(world.at(3, 0, 0), world.cast) is None
+    assert place(view.follow(world.at(3, 0, 0, episode="b"), world.cast)) == 0
 
 
-def test_a_layout_is_read_once(world):
+def test_an_open_door_before_the_hand_moves_the_camera(world):
     view = Viewpoint()
-    for x in (3.0, 2.0, 1.0):
-        view.follow(world.at(x, 0, 0))
-    assert world.read == 1
-    view.follow(world.at(3, 0, 0, episode="b", layout="another"))
-    assert world.read == 2
+    base = np.array((3.0, 0.0, 0.0))
+    assert place(view.follow(world.at(*base), world.cast)) == 0
+    # A door of 0.9 m x 1.8 m to the left of the hand, at (3.7, 0, 0.9). The camera is at
+    # (1.6, 1.1, 2.1), so its view crosses the door's plane, y = 0.25, at x = 3.22, z = 1.17.
+    door = world.add_box("fridge/door", (3.45, 0.25, 0.9), (0.45, 0.02, 0.9))
+    chosen = place(view.follow(world.at(*base), world.cast))
+    assert chosen == 1  # on the other side of the door
+    hand_m = world.snapshot.ee_m[0]
+    way_m = hand_m - in_world(chosen, base)
+    far_m = np.linalg.norm(way_m)
+    assert world.cast(in_world(chosen, base), way_m / far_m, far_m) is None
+    # Shut again, it changes nothing.
+    door.set_pose(sapien.Pose([6, 0, 0.9]))
+    assert view.follow(world.at(*base), world.cast) is None
+
+
+def test_the_hand_does_not_hide_itself_nor_what_it_holds(world):
+    world.add_box("gripper_link", (3.6, 0.1, 0.95), (0.05, 0.02, 0.05))
+    world.add_box("bowl", (3.55, 0.15, 0.98), (0.05, 0.02, 0.05))
+    world.held = "bowl"
+    assert place(Viewpoint().follow(world.at(3, 0, 0), world.cast)) == 0

@@ -157,6 +157,36 @@ def raising(setup: AgentSetup) -> StubAgent:
     return agent
 
 
+class ManyAgent:
+    """Acts on three rows, and tells how often it acted on each since its reset."""
+
+    def __init__(self) -> None:
+        self.spec = AgentSpec(name="Many", control_mode="ee", rows=3)
+        self.seeds: list[int] = []
+        self.acts: list[int] = []
+
+    def reset(self, mask, seeds) -> None:
+        if not self.acts:
+            assert mask.all()
+            self.acts = [0] * len(mask)
+        self.seeds = list(seeds)
+        self.acts = [0 if new else old for new, old in zip(mask.tolist(), self.acts, strict=True)]
+
+    def act(self, obs):
+        assert obs["steps"].shape == (len(self.acts),)
+        self.acts = [count + 1 for count in self.acts]
+        return torch.full((len(self.acts), 2), 0.5)
+
+    def report(self):
+        rows = zip(self.seeds, self.acts, strict=True)
+        told = [{"seed": seed, "acts": acts, "rows": len(self.acts)} for seed, acts in rows]
+        return [AgentReport(doing="act", trace=(one,)) for one in told]
+
+
+def many(setup: AgentSetup) -> ManyAgent:
+    return ManyAgent()
+
+
 def not_an_agent(setup: AgentSetup) -> object:
     return object()
 
@@ -187,6 +217,7 @@ def install() -> Callable[[], None]:
         "env_ids": lambda: [ENV_ID, "HabOther-v1"],
         "load_episode_set": load_episode_set,
         "make_env": lambda config, spec, *, split, render: StubEnv(render=render),
+        "instruction_of": lambda env_id, episode: f"Be like {episode.id}.",
         "action_size": lambda control_mode: 2,
         "continuous_control": lambda env_id: "ee",
         "gripper_entry": lambda control_mode: 1,

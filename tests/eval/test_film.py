@@ -7,10 +7,11 @@ import pytest
 import torch
 from hab_eval import environments
 from hab_eval.config import EvalConfig
-from hab_eval.film import LINE_PX, LINES, compose, describe
+from hab_eval.film import LINES, compose, describe
 from hab_eval.moment import Moment
 
 from hab_tasks.agent import AgentSpec
+from hab_tasks.captions import LINE_PX
 from hab_tasks.envs import ENVS
 
 render = pytest.mark.render
@@ -38,8 +39,9 @@ def test_words_of_a_task():
         part={"number": flag(2)},
         reward_terms=terms,
     )
-    assert describe("e/7", told) == [
+    assert describe("e/7", "Move it.", told) == [
         "e/7   step 12   0.4 s",  # 30 steps a second
+        "Move it.",
         "3/20 pick(bowl, drawer): reach",
         "part 2   1 of 3 stages: pick_1",
         "reward -0.2500 = pick/distance -0.3000, pick/force +0.0500",
@@ -50,15 +52,15 @@ def test_words_of_a_task():
 def test_words_of_a_skill_at_its_ends():
     failures = {"force": flag(True), "wrong_object": flag(False)}
     told = moment(doing="", success=flag(False), failures=failures, reward_terms={"x": flag(0.0)})
-    assert describe("e/7", told) == [
+    assert describe("e/7", "", told) == [
         "e/7   step 12   0.4 s   force",
         "reward -0.2500",
         "return +1.500",
     ]
-    assert describe("e/7", moment(success=flag(True)))[0] == "e/7   step 12   0.4 s   success"
+    assert describe("e/7", "", moment(success=flag(True)))[0] == "e/7   step 12   0.4 s   success"
     # Nothing is paid for a reset, whatever the terms would be.
     first = moment(step=0, doing="", success=flag(False), reward_terms={"x": flag(1.0)})
-    assert describe("e/7", first) == ["e/7   step 0   0.0 s", "return +1.500"]
+    assert describe("e/7", "", first) == ["e/7   step 0   0.0 s", "return +1.500"]
 
 
 def plain(height, width, shade):

@@ -1,3 +1,5 @@
+import sys
+
 import hab_eval
 import pytest
 import stub_hab
@@ -128,13 +130,22 @@ def test_malformed_reference(reference):
 
 
 def test_unknown_agents_name_the_nearest():
-    with pytest.raises(UnknownNameError, match="Did you mean 'hab_eval'"):
+    with pytest.raises(AgentError, match="Did you mean 'hab_eval'"):
         load_agent("hab_evall:random_agent", SETUP)
+    with pytest.raises(AgentError, match=r"not in the package 'hab_eval'.*'hab_eval.runner'"):
+        load_agent("hab_eval.runer:x", SETUP)
     with pytest.raises(UnknownNameError, match="Did you mean 'random_agent'"):
         load_agent("hab_eval:randomagent", SETUP)
     with pytest.raises(UnknownNameError, match="Did you mean 'constant'") as caught:
         load_agent("stub_hab:constnt", SETUP)
-    assert caught.value.valid == ["constant", "not_an_agent", "optional", "raising", "telling"]
+    assert caught.value.valid == [
+        "constant",
+        "many",
+        "not_an_agent",
+        "optional",
+        "raising",
+        "telling",
+    ]
 
 
 def test_what_is_no_agent_is_refused():
@@ -147,6 +158,17 @@ def test_missing_dependency_is_not_taken_for_an_unknown_module(tmp_path, monkeyp
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(AgentError, match="'needs_more' needs 'surely_not_installed'"):
         load_agent("needs_more:agent", SETUP)
+
+
+def test_the_working_directory_counts(tmp_path, monkeypatch):
+    (tmp_path / "my_own_agent.py").write_text("import stub_hab\ngreedy = stub_hab.constant\n")
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    with pytest.raises(AgentError, match="neither in the working directory"):
+        load_agent("my_own_agent:greedy", SETUP)
+    monkeypatch.chdir(tmp_path)
+    assert isinstance(load_agent("my_own_agent:greedy", SETUP), stub_hab.StubAgent)
+    with pytest.raises(AgentError, match=f"{tmp_path}.*Did you mean 'my_own_agent'"):
+        load_agent("my_own_agnt:greedy", SETUP)
 
 
 def setup_with(**options):

@@ -41,10 +41,13 @@ class SpaAgent:
         self.spec = spec
         self._config, self._behave = config or SpaConfig(), behave
         self._horizon_steps = ENVS[setup.env_id.rsplit(":", 1)[-1]].env.horizon_steps
-        self._rows = [_Row(make_scene(), setup.seed + row) for row in range(setup.num_envs)]
+        self._make_scene = make_scene
+        self._rows: list[_Row] = []
 
     def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
         """Starts a new episode in the rows of `mask` (N,) bool, seeded with `seeds` (N,)."""
+        if len(self._rows) != len(mask):
+            self._rows = [_Row(self._make_scene(), seed) for seed in seeds]
         for number in torch.nonzero(mask).flatten().tolist():
             scene = self._rows[number].scene
             scene.forget()

@@ -25,13 +25,12 @@ from hab_eval.results import EpisodeResult
 from hab_eval.runner import run_episode
 from mani_skill.utils.wrappers.record import RecordEpisode
 
-from hab_tasks.agent import Agent, AgentSetup
+from hab_tasks.agent import Agent
 from hab_tasks.commands.base import refuse_existing
-from hab_tasks.commands.docs import task_sentence
 from hab_tasks.envs import ENVS
 from hab_tasks.episodes import Episode, EpisodeRequest, open_source
 from hab_tasks.episodes.source import EpisodeSource
-from hab_tasks.figures.statistics import readable
+from hab_tasks.instructions import instruction
 from hab_tasks.processes import use_one_thread
 
 NAME = "trajectory"
@@ -123,9 +122,7 @@ def record(plan: RecordPlan, told: Told) -> Recorded:
 
 def describe_task(env_id: str, episode: Episode) -> str:
     """Returns what is to be done in words, with the names of the objects."""
-    sentence = task_sentence(ENVS[env_id].env)
-    names = [readable(target.object.partition("_:")[0]).lower() for target in episode.targets]
-    return f"{sentence.rstrip('.')}: {', '.join(names)}." if names else sentence
+    return instruction(ENVS[env_id].env, episode)
 
 
 class _Numbered(gym.Wrapper[Any, Any, Any, Any]):
@@ -153,8 +150,7 @@ def _play(plan: RecordPlan, scratch: Path, told: Told) -> list[EpisodeResult]:
     """Plays the episodes; leaves the two files of those that were solved in `scratch`."""
     use_one_thread()  # as in an evaluation
     config = plan.config
-    setup = AgentSetup(env_id=config.env, seed=config.seed, options=config.options)
-    agent = load_agent(config.agent, setup)
+    agent = load_agent(config.agent, environments.setup_of(config))
     source = open_source(
         EpisodeRequest(
             env_id=config.env,

@@ -1,0 +1,73 @@
+"""What an agent's factory is told of spaces and cameras is what the environment then has."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from hab_tasks.agent import AgentSetup, AgentSpec
+from hab_tasks.agent_spaces import agent_setup, agent_spaces
+from hab_tasks.envs import ENVS
+from hab_tasks.errors import HabError, OptionError, UnknownNameError
+from hab_tasks.robots.control import control_configs
+
+QUICK = ("HabPick-v1", "HabNavigate-v1")
+FEW = [e if e in QUICK else pytest.param(e, marks=pytest.mark.slow) for e in ENVS]
+
+
+def real(env_id, spec):
+    return gym.make(
+        f"hab_tasks:{env_id}", obs_mode=spec.obs_mode, control_mode=spec.control_mode
+    ).unwrapped
+
+
+@pytest.mark.parametrize("env_id", FEW)
+def test_spaces_of_states_and_actions(env_id):
+    first, *others = ENVS[env_id].env.control_modes
+    for obs_mode in ("state_dict", "state"):
+        spec = AgentSpec(name="x", control_mode=first, obs_mode=obs_mode)
+        told = agent_setup(env_id).spaces(spec)
+        env = real(env_id, spec)
+        assert told.observation == env.single_observation_space
+        assert told.action == env.single_action_space
+        assert not told.cameras
+        env.close()
+    for mode in others:
+        told = agent_spaces(env_id, AgentSpec(name="x", control_mode=mode)).action
+        size = getattr(told, "shape", None)
+        assert size == (control_configs()[mode].size,) or mode == "base_discrete"
+
+
+@pytest.mark.render
+@pytest.mark.parametrize("env_id", QUICK)
+@pytest.mark.parametrize("obs_mode", ["depth", "rgb+depth+segmentation+position"])
+def test_spaces_of_images_and_cameras(env_id, obs_mode):
+    mode = ENVS[env_id].env.control_modes[0]
+    spec = AgentSpec(name="x", control_mode=mode, obs_mode=obs_mode)
+    told = agent_spaces(env_id, spec)
+    env = real(env_id, spec)
+    assert told.observation == env.single_observation_space
+    obs, _ = env.reset(seed=0)
+    assert list(told.cameras) == list(obs["sensor_data"])
+    for name, camera in told.cameras.items():
+        seen = obs["sensor_param"][name]
+        np.testing.assert_allclose(camera.intrinsics_px, seen["intrinsic_cv"][0], atol=1e-4)
+        # World to camera is the inverse of world from link times link from camera.
+        world_from_link = env.agent.link(camera.link).pose.to_transformation_matrix()[0].numpy()
+        expected = np.linalg.inv(world_from_link @ camera.link_from_camera)[:3]
+        np.testing.assert_allclose(seen["extrinsic_cv"][0], expected, atol=1e-4)
+        assert seen["extrinsic_cv"].shape[1:] == (3, 4)
+        size = camera.height_px, camera.width_px
+        assert obs["sensor_data"][name]["depth"].shape[1:3] == size
+    env.close()
+
+
+def test_what_cannot_be_told_is_refused():
+    pick = AgentSpec(name="x", control_mode="ee")
+    with pytest.raises(UnknownNameError, match="Did you mean 'HabPick-v1'"):
+        agent_spaces("HabPik-v1", pick)
+    with pytest.raises(UnknownNameError, match="Did you mean 'ee'"):
+        agent_spaces("HabPick-v1", AgentSpec(name="x", control_mode="e"))
+    with pytest.raises(OptionError, match="'pointcloud'"):
+        agent_spaces("HabPick-v1", AgentSpec(name="x", control_mode="ee", obs_mode="pointcloud"))
+    with pytest.raises(HabError, match="agent_setup"):
+        AgentSetup(env_id="HabPick-v1").spaces(pick)

@@ -1,0 +1,99 @@
+"""One agent that acts on several rows: each episode runs once and ends as it does alone."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hab_eval.cli import main
+from hab_eval.errors import AgentError
+from hab_eval.runner import check_rows
+
+from hab_tasks.agent import AgentSpec
+
+HERE = Path(__file__).resolve().parent
+RUN = ("run", "--agent", "reaching_agent:reaching", "--env", "HabPick-v1", "--seed", "1")
+STUB = ("run", "--agent", "stub_hab:many", "--env", "HabStub-v1")
+
+
+@pytest.fixture(autouse=True)
+def beside_the_agent(monkeypatch):
+    monkeypatch.chdir(HERE)
+
+
+def outcomes(folder):
+    """Episodes without what may differ between two runs, and what the agent tells of each."""
+    data = json.loads((folder / "run.json").read_text())["episodes"]
+    episodes = [{key: value for key, value in one.items() if key != "seconds"} for one in data]
+    lines = map(json.loads, (folder / "traces.jsonl").read_text().splitlines())
+    return episodes, {line["id"]: line["trace"] for line in lines}
+
+
+def run(folder, *arguments):
+    assert main([*RUN, *map(str, arguments), "--out", str(folder)]) == 0
+    return outcomes(folder)
+
+
+@pytest.mark.slow
+def test_rows_and_workers_change_no_outcome(tmp_path):
+    alone = run(tmp_path / "1", "--episodes", 5)
+    assert len({episode["steps"] for episode in alone[0]}) > 2  # they end at different times
+    assert any(episode["success"] for episode in alone[0])
+    for workers in (1, 2):
+        folder = tmp_path / f"3-{workers}"
+        options = ("--episodes", 5, "--option", "rows=3", "--workers", workers)
+        assert run(folder, *options) == alone
+        ids = [json.loads(line)["episode"]["id"] for line in (folder / "episodes.jsonl").open()]
+        assert sorted(ids) == [episode["id"] for episode in alone[0]]
+    # The three of the journal are kept, the other two are played in two rows.
+    journal = folder / "episodes.jsonl"
+    journal.write_text("".join(journal.read_text().splitlines(keepends=True)[:3]))
+    assert run(folder, *options, "--resume") == alone
+
+
+@pytest.mark.slow
+@pytest.mark.render
+def test_images_true_states_and_videos_of_several_rows(tmp_path):
+    options = ("--episodes", 2, "--option", "obs_mode=depth", "--option", "privileged=yes")
+    alone = run(tmp_path / "1", *options)
+    both = run(tmp_path / "2", *options, "--option", "rows=2", "--workers", 2, "--video", 2)
+    assert both == alone
+    assert len([*(tmp_path / "2").glob("video_*.mp4")]) == 2
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_rows_are_handed_out_and_the_last_ones_stay_empty(cli_process, tmp_path, workers):
+    options = ("--episodes", 7, "--workers", workers, "--out", tmp_path / "run")
+    done = cli_process(*STUB, *options, "--video", 1)
+    assert done.returncode == 0, done.stderr
+    record = json.loads((tmp_path / "run" / "run.json").read_text())
+    # Seeds 0..6: 0, 3, 6 succeed in 3 steps; 1, 4 end by force in 2; 2, 5 time out in 5.
+    assert [episode["steps"] for episode in record["episodes"]] == [3, 2, 5, 3, 2, 5, 3]
+    assert [*(tmp_path / "run").glob("video_*.mp4")]
+    traces = outcomes(tmp_path / "run")[1]
+    # Each row was acted on once a step, with its own episode's seed, always in a batch of three.
+    for number, episode in enumerate(record["episodes"]):
+        told = {"seed": number, "acts": episode["steps"], "rows": 3}
+        assert traces[episode["id"]] == [told]
+
+
+def test_a_worker_that_dies_names_its_rows(cli_process, tmp_path):
+    out = tmp_path / "run"
+    arguments = (*STUB, "--episodes", 6, "--workers", 2, "--out", out)
+    done = cli_process(*arguments, STUB_KILL_EPISODE="stub/001")
+    assert done.returncode == 1
+    assert "'stub/001' stopped the run" in done.stderr
+    assert "signal 9" in done.stderr
+    assert cli_process(*arguments, "--resume").returncode == 0
+
+
+def test_rows_that_cannot_be_played_are_refused(cli, tmp_path):
+    spec = AgentSpec(name="x", control_mode="ee", rows=4)
+    check_rows(spec)
+    with pytest.raises(AgentError, match="whole number from 1, got 0"):
+        check_rows(replace(spec, rows=0))
+    with pytest.raises(AgentError, match="acts on 4 rows and looks on demand"):
+        check_rows(replace(spec, looks="on demand"))
+    done = cli(*STUB, "--device", "cuda:9", "--out", tmp_path / "run")
+    assert done.returncode == 2
+    assert "device 'cuda:9' is not there. Valid: cpu" in done.stderr

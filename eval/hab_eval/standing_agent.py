@@ -31,11 +31,12 @@ class StandingAgent:
         control_mode = environments.continuous_control(setup.env_id)
         self.spec = AgentSpec(name=NAMES[hand], control_mode=control_mode)
         self._hand = hand
-        self._still = torch.zeros(setup.num_envs, environments.action_size(control_mode))
+        self._still = torch.zeros(1, environments.action_size(control_mode))
         self._entry = environments.gripper_entry(control_mode)
 
     def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
-        """Does nothing: there is nothing to forget."""
+        """Takes the number of rows; there is nothing to forget."""
+        self._still = self._still[:1].repeat(len(mask), 1)
 
     def act(self, obs: Mapping[str, Any]) -> Tensor:
         """Returns zeros (N, A) float32 but for the gripper; zero velocity is the stop action."""

@@ -140,6 +140,7 @@ def test_unknown_agents_name_the_nearest():
         load_agent("stub_hab:constnt", SETUP)
     assert caught.value.valid == [
         "constant",
+        "handy",
         "many",
         "not_an_agent",
         "optional",

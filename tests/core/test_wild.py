@@ -105,7 +105,7 @@ def test_the_mirrored_fridge_opens_to_the_other_side():
     assert sides[True][:, 0] == pytest.approx([0.422, out_m], abs=1e-4)
 
 
-# The folder as a dataset ---------------------------------------------------------------------------
+# The folder as a dataset --------------------------------------------------------------------------
 
 
 def test_the_folder_is_a_dataset_of_its_own(wild):

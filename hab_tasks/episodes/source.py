@@ -183,7 +183,15 @@ class EpisodeSource:
         return self._generator.generate(
             f"{self.env_id}/{self.dataset.name}/{self.split}{scope}/{self.seed}/{index:05d}",
             (stable_hash(self.dataset.name, self.split + scope, self.env_id), self.seed, index),
+            self._first_layout(index),
         )
+
+    def _first_layout(self, index: int) -> str | None:
+        """Returns the layout of an episode in a folder of layouts, where each has its turn."""
+        if self.dataset.layouts is None:
+            return None
+        scenes = self.scene_ids()
+        return scenes[index % len(scenes)]
 
     def _keep(self, index: int, made: Made) -> None:
         self._episodes[index] = made.episode

@@ -128,6 +128,12 @@ def test_episodes_are_made_there(wild):
     assert episode.handle.furniture.removesuffix("_:0000") in FRIDGES
 
 
+def test_each_layout_has_its_turn(wild):
+    source = open_source(EpisodeRequest(env_id="HabCloseFridge-v1", scene_dataset=wild.root))
+    played = [source.make(index).episode.scene_id for index in range(COUNT + 1)]
+    assert played == [*sorted(wild.scene_files), min(wild.scene_files)]
+
+
 def test_ordinary_variations_are_a_dataset_too(tmp_path):
     assert (
         main(["vary", "apartment", "--macro", "sc3", "--count", "1", "--out", str(tmp_path)]) == 0

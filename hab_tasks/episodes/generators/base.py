@@ -83,8 +83,13 @@ class Generator(ABC):
             RefusedError: The candidate does not hold.
         """
 
-    def generate(self, episode_id: str, seed: tuple[int, ...]) -> Made:
+    def generate(self, episode_id: str, seed: tuple[int, ...], first: str | None = None) -> Made:
         """Makes one episode.
+
+        Args:
+            episode_id: Its id.
+            seed: It depends on nothing else.
+            first: The layout that is tried before others; None to draw that one as well.
 
         Raises:
             GenerationError: Every attempt was refused; the message counts the reasons.
@@ -92,8 +97,10 @@ class Generator(ABC):
         rng = np.random.default_rng(seed)
         refused = self.refused = Counter()
         layouts = min(LAYOUTS, len(self.scenes))
-        for _ in range(layouts):
+        for number in range(layouts):
             scene_id = self.scenes[int(rng.integers(len(self.scenes)))]
+            if number == 0 and first is not None:
+                scene_id = first
             # A fresh simulation: contact caches of an earlier episode would leave traces.
             bench = Workbench(self.load(scene_id), self.objects.templates)
             self._spots = {}

@@ -33,15 +33,19 @@ class FridgeConfig:
     """The numbers of opening and closing.
 
     Attributes:
-        open_to, open_need: The hand takes a closed door so far, and at least so far [rad].
-        close_to, close_need: It takes an open door to here, and moves it at least so much [rad].
-        grasps_m: (along, out) of the handle at which the hand may take it.
+        open_to, open_need: The hand takes a door so far, and at least so far [rad]: just beyond
+            what counts as open, so that it can be closed again and meets no wall.
+        close_to, close_need: It closes a door so far, and at least so far [rad].
+        grasps_m: (along, out) of the handle at which the hand may take it ...
+        around_m: ... and where from a door that is open by more than ...
+        around_rad: ... this: at its edge and behind it, for the snap grasp reaches through.
         leads: So many ways of leading the door are handed to the motion planner ...
         as_good_steps: ... if they take at most so many steps more than the best.
         reach_share: Reaching for the handle takes this share of the time left, or more.
-        let_go: The hand lets go of a door that opens when it is open so far.
         pace: Of the motion along the arc.
-        brake_steps: The hand lets go so many steps before its motion ends.
+        brake_steps: Where it cannot take the door all the way it lets go so many steps before its
+            motion ends; what remains is left to the swing, or to another grasp.
+        hold_steps: Else it holds the door until it stands, for at most so many steps.
         away_m: After opening, the hand moves this far beyond the door's edge.
         ahead_rad: It goes to where the door will be when it is open so much farther ...
         hand_step_m: ... by this much in a step.
@@ -58,19 +62,23 @@ class FridgeConfig:
         shunt: Numbers of driving there.
     """
 
-    open_to: float = 0.9
-    open_need: float = 0.6
-    close_to: float = 0.05
-    close_need: float = 0.45
+    open_to: float = 1.68
+    open_need: float = 1.63
+    close_to: float = 0.03
+    close_need: float = 0.1
     grasps_m: tuple[tuple[float, float], ...] = (
         (0.0, 0.02), (0.0, 0.06), (0.04, 0.06), (0.08, 0.03), (0.1, 0.05), (0.0, 0.1)
     )  # fmt: skip
+    around_m: tuple[tuple[float, float], ...] = (
+        (0.11, 0.0), (0.12, -0.05), (0.1, -0.09), (0.06, -0.12), (0.0, -0.13)
+    )  # fmt: skip
+    around_rad: float = 0.5
     leads: int = 3
     as_good_steps: float = 15.0
     reach_share: float = 0.3
-    let_go: float = 0.65
     pace: float = 1.6
     brake_steps: int = 5
+    hold_steps: int = 12
     away_m: float = 0.2
     ahead_rad: float = 0.15
     hand_step_m: float = 0.08
@@ -157,15 +165,17 @@ def pull_of(front: FrontState, out: bool, config: FridgeConfig) -> Pull:
     """Returns what the hand is to do with a door as it is."""
     door = Door(front)
     handle = door.handle_m
-    grasps = tuple((handle[0] + a, handle[1] + o) for a, o in config.grasps_m)
-    if out:
-        end = max(config.open_to, door.joint + 0.5)
-        need = max(config.open_need, door.joint + 0.3)
-        swept = (door.joint, FRIDGE_OPEN_RAD + 0.1)
-    else:
-        end, need = config.close_to, max(door.joint - config.close_need, config.close_to + 0.05)
-        swept = (config.close_to, door.joint)
-    return Pull(end=end, need=need, swept=swept, grasps_m=grasps, way_out=out)
+    offsets = config.grasps_m
+    if door.joint > config.around_rad:
+        offsets += config.around_m
+    end, need = (config.open_to, config.open_need) if out else (config.close_to, config.close_need)
+    return Pull(
+        end=end,
+        need=need,
+        swept=(min(door.joint, end), max(door.joint, end)),
+        grasps_m=tuple((handle[0] + a, handle[1] + o) for a, o in offsets),
+        way_out=out,
+    )
 
 
 class _Fridge:
@@ -214,8 +224,8 @@ class _Fridge:
         failure = yield from self._take(leads)
         if failure is not None:
             return failure
-        yield from self._lead(leads)
-        if self._out:
+        stands = yield from self._lead(leads)
+        if self._out and not stands:
             yield from self._away()
         return None
 
@@ -269,13 +279,13 @@ class _Fridge:
             return failure
         robot.doing, robot.gripper = "grasp", GRASP
         for _ in range(robot.config.grasp_steps):
-            if robot.scene.front(self._number).held:
+            if self._held:
                 return None
             yield robot.command()
         return Failure.EXECUTION
 
-    def _lead(self, leads: list[Lead]) -> Generator[Command, None, None]:
-        """Leads the handle along its arc and lets go while the door moves."""
+    def _lead(self, leads: list[Lead]) -> Generator[Command, None, bool]:
+        """Leads the handle along its arc; whether the door was brought to a stand at the end."""
         robot, config = self._robot, self._config
         robot.doing = "pull" if self._out else "push"
         start = robot.scene.arm_qpos.copy()
@@ -284,12 +294,36 @@ class _Fridge:
         passed = np.searchsorted(way, abs(self._joint - lead.joints[0]), side="right")
         arc = np.concatenate((start[None], lead.arc[passed:]))
         targets = time_path(arc, robot.config.timing, config.pace)
-        for target in targets[: -config.brake_steps]:
-            held = robot.scene.front(self._number).held
-            if not held or (self._out and self._joint > config.let_go):
+        for target in targets if lead.enough else targets[: -config.brake_steps]:
+            if not self._held or self._far_enough:
                 break
             yield robot.command(target)
+        if lead.enough:
+            yield from self._hold()
         robot.gripper = RELEASE
+        return lead.enough
+
+    def _hold(self) -> Generator[Command, None, None]:
+        """Holds the door until it stands."""
+        robot, before = self._robot, np.inf
+        if self._far_enough:
+            robot.relax()
+        for _ in range(self._config.hold_steps):
+            if not self._held or abs(self._joint - before) < self._config.still_rad:
+                break
+            before = self._joint
+            yield robot.command()
+
+    @property
+    def _held(self) -> bool:
+        return self._robot.scene.front(self._number).held
+
+    @property
+    def _far_enough(self) -> bool:
+        """Whether the door has come to where the hand is to leave it."""
+        if self._out:
+            return self._joint >= self._config.open_need
+        return self._joint <= self._config.close_to + 0.02
 
     def _away(self) -> Generator[Command, None, None]:
         """Takes the arm out of the circle that the door's edge describes, and lets it pass."""

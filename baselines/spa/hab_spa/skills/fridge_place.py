@@ -16,7 +16,7 @@ from hab_spa.motion.drive import STEP_M, STEP_RAD
 from hab_spa.motion.robot import Robot
 from hab_spa.planning.joint_goal import GoalConfig, sample_reaching_goals
 from hab_spa.shapes import Array
-from hab_spa.skills.fridge_arc import ArcConfig, Arcs, Lead, Pull, arm_points_m
+from hab_spa.skills.fridge_arc import ArcConfig, Arcs, Lead, Pull, arm_points_m, best_first
 from hab_spa.skills.fridge_door import Door
 from hab_spa.skills.fridge_shunt import Shunt, shunts
 from hab_tasks.episodes.robot_start import Rectangle
@@ -124,10 +124,15 @@ def find_leads(
     found = sample_reaching_goals(points_m, collision, robot.kinematics, seed, goal)
     if not len(found.goals):
         return []
-    if not pull.way_out:  # a door that closes gives way to the hand
-        collision = scene.collision(base=pose, without=front.body)
     arcs = Arcs(front, robot.kinematics, pull, config.arc)
-    return arcs.leads(scene.arm_qpos, found.goals, collision)
+    if pull.way_out:
+        return best_first(arcs.leads(scene.arm_qpos, found.goals, collision))
+    # A door that closes gives way to a hand before it.
+    before = arcs.are_before(found.goals, collision)
+    leads = arcs.leads(scene.arm_qpos, found.goals[~before], collision)
+    collision = scene.collision(base=pose, without=front.body)
+    leads += arcs.leads(scene.arm_qpos, found.goals[before], collision)
+    return best_first(leads)
 
 
 class Places:

@@ -33,9 +33,7 @@ class ArcConfig:
         steps: Each step takes so many of inverse kinematics ...
         missed_m: ... and may miss the arc by this much.
         pace_rad: A joint moves this far in a control step, for the length of a motion.
-        pad_m: The arm is out of the door's way this far beyond its edge ...
-        way_out_steps: ... and a metre that it is short of that costs so many steps.
-        swing_rad: A door that was let go swings on by so much in a step.
+        again_steps: To take the handle once more costs so many steps.
         before_m: A hand that is so much farther off the door than its handle is before it.
     """
 
@@ -45,9 +43,7 @@ class ArcConfig:
     steps: int = 4
     missed_m: float = 0.01
     pace_rad: float = 0.05
-    pad_m: float = 0.1
-    way_out_steps: float = 100.0
-    swing_rad: float = 0.025
+    again_steps: float = 75.0
     before_m: float = 0.01
 
 
@@ -56,15 +52,17 @@ class Pull:
     """How the door is to be moved.
 
     Attributes:
-        end: As far as the hand is to take it [rad] ...
-        need: ... and at least.
+        end: As far as the hand is to take it [rad].
+        need: It will do to take it so far ...
+        whole: ... and nothing remains to be done from here.
         swept: From where to where it swings, with the robot out of its way.
         grasps_m: (along, out) beside the door where the hand may take the handle.
-        way_out: Whether the arm is in the door's way when the hand lets go.
+        way_out: Whether it is opened.
     """
 
     end: float
     need: float
+    whole: float
     swept: tuple[float, float]
     grasps_m: tuple[tuple[float, float], ...]
     way_out: bool
@@ -72,6 +70,10 @@ class Pull:
     def enough(self, joint: float) -> bool:
         """Whether it will do to take the door as far as this."""
         return joint >= self.need if self.way_out else joint <= self.need
+
+    def all_the_way(self, joint: float) -> bool:
+        """Whether nothing remains to be done when the door is as far as this."""
+        return joint >= self.whole if self.way_out else joint <= self.whole
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -82,7 +84,8 @@ class Lead:
         goal: (7,) arm pose that takes the handle.
         arc: (K, 7) arm poses along the handle's arc ...
         joints: ... and how far the door is open at each (K,) [rad].
-        enough: Whether the door gets far enough.
+        enough: Whether the door gets far enough ...
+        whole: ... and all the way.
         share: The part of the way that the door needs to be led.
         cost: About how many steps it takes.
     """
@@ -91,6 +94,7 @@ class Lead:
     arc: Array
     joints: Array
     enough: bool
+    whole: bool
     share: float
     cost: float
 
@@ -119,7 +123,7 @@ class Arcs:
         starts = np.repeat(goals, len(ways), axis=0)
         arcs = self._follow(starts, ways * len(goals), collision)
         return [
-            self._lead(here, start, np.array(arc), collision)
+            self._lead(here, start, np.array(arc))
             for start, arc in zip(starts, arcs, strict=True)
             if len(arc) > 1
         ]
@@ -183,25 +187,20 @@ class Arcs:
     def _before(self, places: Array) -> NDArray[np.bool_]:
         return places[:, 1] > self.door.handle_m[1] + self._config.before_m
 
-    def _lead(self, here: Array, goal: Array, arc: Array, collision: ArmCollision) -> Lead:
+    def _lead(self, here: Array, goal: Array, arc: Array) -> Lead:
         config, joints = self._config, self._joints[: len(arc)]
-        enough = self._pull.enough(float(joints[-1]))
-        last = int(np.argmax([self._pull.enough(float(j)) for j in joints])) if enough else -1
-        cost = float(np.abs(goal - here).max()) + path_rad(arc[: last or None])
+        last = float(joints[-1])
+        enough, whole = self._pull.enough(last), self._pull.all_the_way(last)
+        cost = float(np.abs(goal - here).max()) + path_rad(arc)
         cost /= config.pace_rad
+        if not whole:
+            cost += config.again_steps
         if not enough:
-            cost += 1000.0 * abs(float(joints[-1]) - self._pull.need)
-        if self._pull.way_out and not enough:
-            world_from_arm = invert_pose(collision.arm_from_world)
-            points = arm_points_m(arc[last][None])[0][:-3]
-            world = points @ world_from_arm[:3, :3].T + world_from_arm[:3, 3]
-            out_m = np.linalg.norm(self.door.beside(world, 0.0), axis=1)
-            short_m = np.maximum(self.door.edge_m + config.pad_m - out_m, 0.0)
-            cost += config.way_out_steps * float(short_m.sum())
-        elif not enough:
-            cost += abs(float(joints[-1]) - self._pull.end) / config.swing_rad
+            cost += 1000.0 * abs(last - self._pull.need)
         share = float((joints[-1] - joints[0]) / (self._pull.need - joints[0]))
-        return Lead(goal=goal, arc=arc, joints=joints, enough=enough, share=share, cost=cost)
+        return Lead(
+            goal=goal, arc=arc, joints=joints, enough=enough, whole=whole, share=share, cost=cost
+        )
 
 
 def best_first(leads: list[Lead]) -> list[Lead]:

@@ -39,7 +39,7 @@ class PlaceConfig:
         arm_m, body_m: Radius of the arm and of the torso for what the door sweeps.
         distance_m: The hand works best this far from the middle of the base.
         tries: So many places are looked at closely.
-        more_tries: When one will do, so many more are, ...
+        more_tries: When one will do, but not well, so many more are, ...
         most_tries: ... and while there is no way to any, so many.
         margins_m: Clearances of the resting arm, the largest wanted most.
         alike: Base poses that differ by less in x, y [m] and yaw [rad] are the same to the arm.
@@ -74,7 +74,7 @@ class PlaceConfig:
     stop_steps: float = 12.0
     edge_steps: float = 60.0
     tight_steps: float = 40.0
-    more_tries: int = 4
+    more_tries: int = 8
     most_tries: int = 60
     drives: int = 2
     judging: GoalConfig = field(
@@ -121,7 +121,7 @@ def find_leads(
             return []
     points_m = np.array([door.point(door.joint, *grasp) for grasp in pull.grasps_m])
     seed = robot.next_seed()
-    found = sample_reaching_goals(points_m, collision, robot.kinematics, seed, goal)
+    found = sample_reaching_goals(points_m, collision, robot.kinematics, seed, goal, scene.arm_qpos)
     if not len(found.goals):
         return []
     arcs = Arcs(front, robot.kinematics, pull, config.arc)
@@ -254,7 +254,7 @@ class Places:
 
     def _reach_m(self, poses: Array) -> Array:
         """Returns how far the hand's places are from the base (3, K), each a pose of `poses`."""
-        joints = np.linspace(self.door.joint, self.pull.need, 3)
+        joints = np.linspace(self.door.joint, self.pull.whole, 3)
         points = np.stack([self.door.handle(float(joint))[:2] for joint in joints])
         return np.linalg.norm(points[:, None] - poses[None, :, :2], axis=2)
 
@@ -265,7 +265,7 @@ class Places:
         places = np.array(list(product(xs, ys)))
         turn = np.array(((np.cos(yaw), -np.sin(yaw)), (np.sin(yaw), np.cos(yaw))))
         world = places @ turn.T + (x0, y0)
-        middle = (self.door.handle(self.door.joint) + self.door.handle(self.pull.need)) / 2
+        middle = (self.door.handle(self.door.joint) + self.door.handle(self.pull.whole)) / 2
         gap = middle[:2] - world
         facing = np.arctan2(gap[:, 1], gap[:, 0])
         poses = [np.column_stack((world, facing + aside)) for aside in config.asides_rad]

@@ -38,6 +38,7 @@ class FridgeConfig:
         open_more: ... or one by so much more.
         close_to, closed: The hand closes a door so far, which is closed from here [rad].
         close_need: A way will do that closes it by so much.
+        go_on: The arm that has led the door leads it on from there by at least so much [rad].
         takes: How often the handle is taken.
         grasps_m: (along, out) of the handle at which the hand may take it ...
         around_m: ... and where from a door that is open by more than ...
@@ -62,11 +63,12 @@ class FridgeConfig:
     open_to: float = 1.68
     opened: float = 1.63
     open_need: float = 0.7
-    open_more: float = 0.4
+    open_more: float = 0.25
     close_to: float = 0.03
     closed: float = 0.1
     close_need: float = 0.45
-    takes: int = 4
+    go_on: float = 0.2
+    takes: int = 6
     grasps_m: tuple[tuple[float, float], ...] = (
         (0.0, 0.02), (0.0, 0.06), (0.04, 0.06), (0.08, 0.03), (0.1, 0.05), (0.0, 0.1)
     )  # fmt: skip
@@ -244,7 +246,7 @@ class _Fridge:
         if self._reaches:
             self._places = self._look()
             leads = self._places.leads(None)
-            if leads and leads[0].enough:
+            if any(self._goes_on(lead) for lead in leads):
                 return None
             failure = yield from rest(robot)
             if failure is not None:
@@ -273,6 +275,11 @@ class _Fridge:
         if best[0] is not None:
             yield from drive(robot, best[0], self._config.shunt)
         return None
+
+    def _goes_on(self, lead: Lead) -> bool:
+        """Whether a way takes the door on by enough to be worth another grasp from here."""
+        way = abs(float(lead.joints[-1] - lead.joints[0]))
+        return lead.whole or way > self._config.go_on
 
     def _leads(self) -> list[Lead]:
         """Returns the ways of leading the door from here, the best first."""

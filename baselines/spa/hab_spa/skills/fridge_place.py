@@ -52,6 +52,7 @@ class PlaceConfig:
         drives: So many ways to a place are looked at closely.
         glance, judging, doing: How the hand's ways to the handle are looked for at first sight,
             while places are compared, and where the robot stands at last.
+        resting_rad: An arm that is no farther from rest in any joint rests.
         arc: How the handle's arc is followed.
     """
 
@@ -77,6 +78,7 @@ class PlaceConfig:
     more_tries: int = 8
     most_tries: int = 60
     drives: int = 2
+    resting_rad: float = 0.6
     judging: GoalConfig = field(
         default_factory=lambda: GoalConfig(
             starts_per_point=60, round_starts=60, enough=30, goals=8, same_goal_rad=0.2
@@ -121,17 +123,22 @@ def find_leads(
             return []
     points_m = np.array([door.point(door.joint, *grasp) for grasp in pull.grasps_m])
     seed = robot.next_seed()
-    found = sample_reaching_goals(points_m, collision, robot.kinematics, seed, goal, scene.arm_qpos)
-    if not len(found.goals):
+    goals = sample_reaching_goals(points_m, collision, robot.kinematics, seed, goal).goals
+    here = scene.arm_qpos
+    if np.abs(here - REST_QPOS_RAD).max() > config.resting_rad:
+        # A hand that has just led the door may go on with little motion.
+        near = sample_reaching_goals(points_m, collision, robot.kinematics, seed, goal, here)
+        goals = np.concatenate((goals, near.goals))
+    if not len(goals):
         return []
     arcs = Arcs(front, robot.kinematics, pull, config.arc)
     if pull.way_out:
-        return best_first(arcs.leads(scene.arm_qpos, found.goals, collision))
+        return best_first(arcs.leads(scene.arm_qpos, goals, collision))
     # A door that closes gives way to a hand before it.
-    before = arcs.are_before(found.goals, collision)
-    leads = arcs.leads(scene.arm_qpos, found.goals[~before], collision)
+    before = arcs.are_before(goals, collision)
+    leads = arcs.leads(scene.arm_qpos, goals[~before], collision)
     collision = scene.collision(base=pose, without=front.body)
-    leads += arcs.leads(scene.arm_qpos, found.goals[before], collision)
+    leads += arcs.leads(scene.arm_qpos, goals[before], collision)
     return best_first(leads)
 
 

@@ -33,6 +33,7 @@ class ArcConfig:
         steps: Each step takes so many of inverse kinematics ...
         missed_m: ... and may miss the arc by this much.
         pace_rad: A joint moves this far in a control step, for the length of a motion.
+        detour: The way of the arm to a handle is so many times the straight one.
         again_steps: To take the handle once more costs so many steps.
         before_m: A hand that is so much farther off the door than its handle is before it.
     """
@@ -43,6 +44,7 @@ class ArcConfig:
     steps: int = 4
     missed_m: float = 0.01
     pace_rad: float = 0.05
+    detour: float = 2.0
     again_steps: float = 75.0
     before_m: float = 0.01
 
@@ -191,7 +193,7 @@ class Arcs:
         config, joints = self._config, self._joints[: len(arc)]
         last = float(joints[-1])
         enough, whole = self._pull.enough(last), self._pull.all_the_way(last)
-        cost = float(np.abs(goal - here).max()) + path_rad(arc)
+        cost = config.detour * float(np.abs(goal - here).max()) + path_rad(arc)
         cost /= config.pace_rad
         if not whole:
             cost += config.again_steps

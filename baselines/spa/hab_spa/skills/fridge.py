@@ -41,8 +41,8 @@ class FridgeConfig:
         go_on: The arm that has led the door leads it on from there by at least so much [rad].
         takes: How often the handle is taken.
         grasps_m: (along, out) of the handle at which the hand may take it ...
-        around_m: ... and where from a door that is open by more than ...
-        around_rad: ... this: at its edge and behind it, for the snap grasp reaches through.
+        around_m: ... and where it may hold the door by its edge, before, beside and behind it, for
+            the snap grasp reaches through; from there it follows the door all the way round.
         leads: So many ways of leading the door are handed to the motion planner ...
         as_good_steps: ... if they take at most so many steps more than the best.
         reach_share: Reaching for the handle takes this share of the time left, if limits of speed
@@ -75,7 +75,6 @@ class FridgeConfig:
     around_m: tuple[tuple[float, float], ...] = (
         (0.11, 0.0), (0.12, -0.05), (0.1, -0.09), (0.06, -0.12), (0.0, -0.13)
     )  # fmt: skip
-    around_rad: float = 0.5
     leads: int = 6
     as_good_steps: float = 25.0
     reach_share: float = 0.08
@@ -161,9 +160,7 @@ def pull_of(front: FrontState, out: bool, config: FridgeConfig) -> Pull:
     """Returns what the hand is to do with a door as it is."""
     door = Door(front)
     handle = door.handle_m
-    offsets = config.grasps_m
-    if door.joint > config.around_rad:
-        offsets += config.around_m
+    offsets = (*config.grasps_m, *config.around_m)
     if out:
         end, whole = config.open_to, config.opened
         need = min(whole, max(config.open_need, door.joint + config.open_more))
@@ -206,8 +203,8 @@ class _Fridge:
         for _ in range(self._config.takes):
             if not self._done:
                 failure = yield from self._swing()
-                if failure is None and not self._done:
-                    continue  # the next hand starts from here
+                if failure in (None, Failure.EXECUTION) and not self._done and self._reaches:
+                    continue  # it goes on from where the arm is
             began, robot.gripper = robot.steps, RELEASE
             rested = yield from rest(robot)
             yield from self._wait()

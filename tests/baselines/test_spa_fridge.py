@@ -17,6 +17,7 @@ from hab_spa.skills.fridge_door import Door
 from hab_spa.skills.fridge_shunt import shunts
 
 from hab_tasks.agent import AgentSetup
+from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.privileged import FrontState
 
 
@@ -60,14 +61,41 @@ def test_gap_to_the_door():
 
 
 def test_a_pull_tells_when_the_door_is_far_enough():
-    opening = pull_of(door_at(0.0), True, FridgeConfig(open_need=0.6))
-    closing = pull_of(door_at(1.5), False, FridgeConfig(close_need=0.45))
+    config = FridgeConfig(open_need=0.6, opened=1.6, close_need=0.45, closed=0.1, close_to=0.05)
+    opening = pull_of(door_at(0.0), True, config)
+    closing = pull_of(door_at(1.5), False, config)
 
     assert opening.enough(0.61)
     assert not opening.enough(0.59)
+    assert opening.all_the_way(1.61)
+    assert not opening.all_the_way(1.59)
     assert closing.enough(1.04)
     assert not closing.enough(1.06)
+    assert closing.all_the_way(0.09)
+    assert not closing.all_the_way(0.11)
     np.testing.assert_allclose(closing.swept, (0.05, 1.5))
+
+
+def test_a_door_that_is_nearly_open_need_not_be_led_beyond_what_is_open():
+    config = FridgeConfig(open_need=0.6, open_more=0.25, opened=1.6)
+
+    # From 1.0 rad a way to 1.25 rad will do; from 1.5 rad it has to go all the way.
+    assert pull_of(door_at(1.0), True, config).need == pytest.approx(1.25)
+    assert pull_of(door_at(1.5), True, config).need == pytest.approx(1.6)
+
+
+@pytest.mark.parametrize("joint", [0.0, 0.9, 1.79])
+def test_the_snap_grasp_reaches_the_handle_from_all_round_the_edge(joint):
+    front = door_at(joint)
+    door, pull = Door(front), pull_of(front, joint < 0.5, FridgeConfig())
+
+    # The handle is at (0.6, 0.1); the edge at 0.68, the outer face at 0.06.
+    places = np.array(pull.grasps_m)
+    points = np.array([door.point(joint, *place) for place in places])
+
+    assert (np.linalg.norm(points - front.handle_m, axis=1) < GRASP_RADIUS_M - 0.01).all()
+    assert ((places[:, 0] > door.edge_m) & (places[:, 1] < 0.06)).any()
+    assert ((places[:, 0] < door.edge_m) & (places[:, 1] < 0.0)).any()
 
 
 def test_shunts_end_at_the_goal_in_every_way():

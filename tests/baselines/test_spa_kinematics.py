@@ -54,3 +54,16 @@ def test_track_pose_keeps_the_orientation_along_a_line():
     goal[:3, 3] += [0.0, 0.0, 0.01]
     moved = arm.track_pose(qpos, goal, steps=5, turn_weight_m=0.2)
     np.testing.assert_allclose(arm.ee_pose(moved), goal, atol=3e-3)
+
+
+def test_many_poses_are_tracked_as_one_by_one():
+    arm, rng = BatchArm(), np.random.default_rng(3)
+    starts = np.array(REST_QPOS_RAD) + rng.normal(scale=0.2, size=(6, 7))
+    goals = np.stack([arm.ee_pose(start + 0.05) for start in starts])
+    weights_m = np.array((0.0, 0.05, 0.2, 0.0, 0.05, 0.2))
+
+    together = arm.track_poses(starts, goals, 4, weights_m)
+
+    for start, goal, weight_m, moved in zip(starts, goals, weights_m, together, strict=True):
+        alone = arm.track_pose(start, goal, steps=4, turn_weight_m=float(weight_m))
+        np.testing.assert_allclose(moved, alone, atol=1e-9)

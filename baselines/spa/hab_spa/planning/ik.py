@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from hab_spa.planning.collision import shared_arm_model
 from hab_spa.shapes import Array
@@ -155,6 +156,22 @@ class BatchArm:
                 self._model, self._data, qpos, self._frame_id, pin.LOCAL_WORLD_ALIGNED
             )
             delta = _damped_step(jacobian[None], error[None], 0.02)[0]
+            qpos = np.clip(qpos + delta, LOWER_RAD, UPPER_RAD)
+        return qpos
+
+    def track_poses(
+        self, qpos: Array, arm_from_ee: Array, steps: int, turn_weights_m: Array
+    ) -> Array:
+        """Does as `track_pose` for arm poses (B, 7), poses (B, 4, 4) and weights (B,)."""
+        weights = np.ones((len(qpos), 6))
+        weights[:, 3:] = turn_weights_m[:, None]
+        for _ in range(steps):
+            position, jacobian, axes, rotation = self._chain(qpos, np.zeros(3))
+            off = arm_from_ee[:, :3, :3] @ rotation.transpose(0, 2, 1)
+            turn = Rotation.from_matrix(off).as_rotvec()
+            error = np.concatenate((arm_from_ee[:, :3, 3] - position, turn), axis=1)
+            whole = np.concatenate((jacobian, axes), axis=1)
+            delta = _damped_step(weights[:, :, None] * whole, weights * error, 0.02)
             qpos = np.clip(qpos + delta, LOWER_RAD, UPPER_RAD)
         return qpos
 

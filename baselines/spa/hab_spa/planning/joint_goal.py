@@ -121,9 +121,16 @@ class Search:
 
 
 def sample_reaching_goals(
-    points_m: Array, collision: ArmCollision, arm: BatchArm, seed: int, config: GoalConfig
+    points_m: Array,
+    collision: ArmCollision,
+    arm: BatchArm,
+    seed: int,
+    config: GoalConfig,
+    near: Array | None = None,
 ) -> GoalResult:
     """Samples arm poses that bring the end-effector to one of some points.
+
+    With an arm pose `near` (7,) half of the search starts around it, and poses near it come first.
 
     Args:
         points_m: (P, 3) in the world.
@@ -131,12 +138,20 @@ def sample_reaching_goals(
         arm: Kinematics.
         seed: Seeds the random arm poses.
         config: The sampler's numbers.
+        near: The arm pose; None: any, and the resting one.
     """
     rng = np.random.default_rng(seed)
     batch_m = np.repeat(points_m, config.round_starts, axis=0)
 
     def draw() -> tuple[Array, Array]:
-        return rng.uniform(LOWER_RAD, UPPER_RAD, (len(batch_m), 7)), batch_m
+        starts = rng.uniform(LOWER_RAD, UPPER_RAD, (len(batch_m), 7))
+        if near is not None:
+            drawn = near + rng.normal(scale=config.tight_spread_rad, size=starts.shape)
+            starts[::2] = np.clip(drawn, LOWER_RAD, UPPER_RAD)[::2]
+        return starts, batch_m
+
+    def cost(poses: Array) -> Array:
+        return rest_distance(poses) if near is None else np.linalg.norm(poses - near, axis=1)
 
     search = Search(
         draw=draw,
@@ -144,7 +159,7 @@ def sample_reaching_goals(
         enough=config.enough,
         margins_m=config.margins_m,
     )
-    return found_by(search, collision, arm, config, rest_distance)
+    return found_by(search, collision, arm, config, cost)
 
 
 def sample_tight_goals(

@@ -8,14 +8,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hab_spa.motion.moves import go
+from hab_spa.motion.moves import go, wait
 from hab_spa.motion.rest import rest
 from hab_spa.motion.robot import GRASP, RELEASE, Command, Motion, Robot
-from hab_spa.planning.ik import IkConfig
 from hab_spa.planning.path import time_path
 from hab_spa.results import Failure
 from hab_spa.shapes import Array
-from hab_spa.skills.fridge_arc import Lead, Pull, arm_points_m
+from hab_spa.skills.fridge_arc import Lead, Pull
 from hab_spa.skills.fridge_door import Door
 from hab_spa.skills.fridge_place import PlaceConfig, Places, find_leads
 from hab_spa.skills.fridge_shunt import ShuntConfig, drive
@@ -33,23 +32,26 @@ class FridgeConfig:
     """The numbers of opening and closing.
 
     Attributes:
-        open_to, open_need: The hand takes a closed door so far, and at least so far [rad].
-        close_to, close_need: It takes an open door to here, and moves it at least so much [rad].
-        grasps_m: (along, out) of the handle at which the hand may take it.
+        open_to, opened: The hand takes a door so far, which is open from here [rad]: just beyond
+            what counts as open, so that it can be closed again and meets no wall.
+        open_need: A way of the hand will do that opens a closed door so far, ...
+        open_more: ... or one by so much more.
+        close_to, closed: The hand closes a door so far, which is closed from here [rad].
+        close_need: A way will do that closes it by so much.
+        go_on: The arm that has led the door leads it on from there by at least so much [rad].
+        takes: How often the handle is taken.
+        grasps_m: (along, out) of the handle at which the hand may take it ...
+        around_m: ... and where it may hold the door by its edge, before, beside and behind it, for
+            the snap grasp reaches through; from there it follows the door all the way round.
         leads: So many ways of leading the door are handed to the motion planner ...
         as_good_steps: ... if they take at most so many steps more than the best.
-        reach_share: Reaching for the handle takes this share of the time left, or more.
-        let_go: The hand lets go of a door that opens when it is open so far.
+        reach_share: Reaching for the handle takes this share of the time left, if limits of speed
+            allow.
         pace: Of the motion along the arc.
-        brake_steps: The hand lets go so many steps before its motion ends.
-        away_m: After opening, the hand moves this far beyond the door's edge.
-        ahead_rad: It goes to where the door will be when it is open so much farther ...
-        hand_step_m: ... by this much in a step.
-        reach_out_steps: It has so many steps for that ...
-        away_steps: ... and all that the door needs to pass by has so many.
-        passed_rad: A door that is open so far has passed by the arm.
+        brake_steps: A door that it cannot close all the way it lets go of so many steps before its
+            motion ends, so that it swings on.
+        hold_steps: Any other it holds until that stands, for at most so many steps.
         patience_steps: A door that stands still for so long does not swing on.
-        back_m: The base goes back when there is free floor this far behind.
         still_rad: A door that moves less than this in a step stands still.
         wait_steps: A swinging door is waited for so long.
         places: So many base poses are offered to those who come from elsewhere.
@@ -58,27 +60,28 @@ class FridgeConfig:
         shunt: Numbers of driving there.
     """
 
-    open_to: float = 0.9
-    open_need: float = 0.6
-    close_to: float = 0.05
+    open_to: float = 1.68
+    opened: float = 1.63
+    open_need: float = 0.7
+    open_more: float = 0.25
+    close_to: float = 0.03
+    closed: float = 0.1
     close_need: float = 0.45
+    go_on: float = 0.2
+    takes: int = 6
     grasps_m: tuple[tuple[float, float], ...] = (
         (0.0, 0.02), (0.0, 0.06), (0.04, 0.06), (0.08, 0.03), (0.1, 0.05), (0.0, 0.1)
     )  # fmt: skip
-    leads: int = 3
-    as_good_steps: float = 15.0
-    reach_share: float = 0.3
-    let_go: float = 0.65
+    around_m: tuple[tuple[float, float], ...] = (
+        (0.11, 0.0), (0.12, -0.05), (0.1, -0.09), (0.06, -0.12), (0.0, -0.13)
+    )  # fmt: skip
+    leads: int = 6
+    as_good_steps: float = 25.0
+    reach_share: float = 0.08
     pace: float = 1.6
     brake_steps: int = 5
-    away_m: float = 0.2
-    ahead_rad: float = 0.15
-    hand_step_m: float = 0.08
-    reach_out_steps: int = 12
-    away_steps: int = 40
-    passed_rad: float = 1.2
+    hold_steps: int = 12
     patience_steps: int = 4
-    back_m: float = 0.1
     still_rad: float = 0.002
     wait_steps: int = 60
     places: int = 64
@@ -157,15 +160,21 @@ def pull_of(front: FrontState, out: bool, config: FridgeConfig) -> Pull:
     """Returns what the hand is to do with a door as it is."""
     door = Door(front)
     handle = door.handle_m
-    grasps = tuple((handle[0] + a, handle[1] + o) for a, o in config.grasps_m)
+    offsets = (*config.grasps_m, *config.around_m)
     if out:
-        end = max(config.open_to, door.joint + 0.5)
-        need = max(config.open_need, door.joint + 0.3)
-        swept = (door.joint, FRIDGE_OPEN_RAD + 0.1)
+        end, whole = config.open_to, config.opened
+        need = min(whole, max(config.open_need, door.joint + config.open_more))
     else:
-        end, need = config.close_to, max(door.joint - config.close_need, config.close_to + 0.05)
-        swept = (config.close_to, door.joint)
-    return Pull(end=end, need=need, swept=swept, grasps_m=grasps, way_out=out)
+        end, whole = config.close_to, config.closed
+        need = max(whole, door.joint - config.close_need)
+    return Pull(
+        end=end,
+        need=need,
+        whole=whole,
+        swept=(min(door.joint, end), max(door.joint, end)),
+        grasps_m=tuple((handle[0] + a, handle[1] + o) for a, o in offsets),
+        way_out=out,
+    )
 
 
 class _Fridge:
@@ -176,7 +185,7 @@ class _Fridge:
     ) -> None:
         self._robot, self._number, self._out = robot, number, out
         self._region, self._config = region, config
-        self._places = self._look()
+        self._places, self._reaches = self._look(), False
 
     @property
     def _joint(self) -> float:
@@ -189,18 +198,22 @@ class _Fridge:
         return self._joint <= FRIDGE_CLOSED_RAD
 
     def move(self) -> Motion:
-        """Swings the door and rests, again while that is to no avail."""
+        """Takes the door and leads it, again where it did not get all the way, and rests."""
         robot, failure = self._robot, None
-        for _ in range(1 + robot.config.retries):
-            failure = None if self._done else (yield from self._swing())
-            if failure in (Failure.TARGET_PLAN, Failure.MOTION_PLAN):
-                return failure
-            robot.gripper = RELEASE
-            failure = yield from rest(robot)
+        for _ in range(self._config.takes):
+            if not self._done:
+                failure = yield from self._swing()
+                if failure in (None, Failure.EXECUTION) and not self._done and self._reaches:
+                    continue  # it goes on from where the arm is
+            began, robot.gripper = robot.steps, RELEASE
+            rested = yield from rest(robot)
             yield from self._wait()
-            if self._done and failure is None:
+            self._reaches = False
+            if self._done and rested is None:
                 return None
-            failure = failure or Failure.EXECUTION
+            failure = failure or rested or Failure.EXECUTION
+            if failure is Failure.TARGET_PLAN and robot.steps - began <= robot.config.retries:
+                break
         return failure
 
     def _swing(self) -> Motion:
@@ -211,12 +224,11 @@ class _Fridge:
         leads = self._leads()
         if not leads:
             return Failure.TARGET_PLAN
+        self._reaches = True
         failure = yield from self._take(leads)
         if failure is not None:
             return failure
         yield from self._lead(leads)
-        if self._out:
-            yield from self._away()
         return None
 
     def _look(self) -> Places:
@@ -226,8 +238,17 @@ class _Fridge:
         return Places(self._robot, self._number, pull, map_, self._region, self._config.place)
 
     def _stand(self) -> Motion:
-        """Drives to the best place."""
+        """Drives to the best place, unless the arm that has just led the door can go on."""
         robot, config = self._robot, self._config.place
+        if self._reaches:
+            self._places = self._look()
+            leads = self._places.leads(None)
+            if any(self._goes_on(lead) for lead in leads):
+                return None
+            failure = yield from rest(robot)
+            if failure is not None:
+                return failure
+            self._reaches = False
         robot.doing = "stand"
         began = time.perf_counter()
         self._places = places = self._look()
@@ -238,17 +259,24 @@ class _Fridge:
             here = np.array_equal(pose, robot.base)
             shunt, tight = (None, 0) if here else places.way(pose)
             leads = places.leads(None if here else pose) if here or shunt is not None else []
-            cost = leads[0].cost + config.tight_steps * tight if leads else np.inf
+            way_steps = 0.0 if shunt is None else shunt.steps + config.tight_steps * tight
+            cost = leads[0].cost + way_steps if leads else np.inf
             if cost < (np.inf if best is None else best[1]):
                 best = (shunt, cost)
                 if leads[0].enough:
-                    tries = min(tries, number + 1 + config.more_tries * (tight > 0))
+                    more = config.more_tries * (tight > 0 or not leads[0].whole)
+                    tries = min(tries, number + 1 + more)
         robot.spend("target", time.perf_counter() - began)
         if best is None:
             return Failure.TARGET_PLAN
         if best[0] is not None:
             yield from drive(robot, best[0], self._config.shunt)
         return None
+
+    def _goes_on(self, lead: Lead) -> bool:
+        """Whether a way takes the door on by enough to be worth another grasp from here."""
+        way = abs(float(lead.joints[-1] - lead.joints[0]))
+        return lead.whole or way > self._config.go_on
 
     def _leads(self) -> list[Lead]:
         """Returns the ways of leading the door from here, the best first."""
@@ -269,13 +297,13 @@ class _Fridge:
             return failure
         robot.doing, robot.gripper = "grasp", GRASP
         for _ in range(robot.config.grasp_steps):
-            if robot.scene.front(self._number).held:
+            if self._held:
                 return None
             yield robot.command()
         return Failure.EXECUTION
 
     def _lead(self, leads: list[Lead]) -> Generator[Command, None, None]:
-        """Leads the handle along its arc and lets go while the door moves."""
+        """Leads the handle along its arc, and lets go when the door stands or closes by itself."""
         robot, config = self._robot, self._config
         robot.doing = "pull" if self._out else "push"
         start = robot.scene.arm_qpos.copy()
@@ -284,58 +312,37 @@ class _Fridge:
         passed = np.searchsorted(way, abs(self._joint - lead.joints[0]), side="right")
         arc = np.concatenate((start[None], lead.arc[passed:]))
         targets = time_path(arc, robot.config.timing, config.pace)
-        for target in targets[: -config.brake_steps]:
-            held = robot.scene.front(self._number).held
-            if not held or (self._out and self._joint > config.let_go):
+        lets_swing = not (self._out or lead.whole)
+        for target in targets[: -config.brake_steps] if lets_swing else targets:
+            if not self._held or self._far_enough:
                 break
             yield robot.command(target)
+        if not lets_swing:
+            yield from self._hold()
         robot.gripper = RELEASE
+        yield from wait(robot, robot.config.release_steps)
 
-    def _away(self) -> Generator[Command, None, None]:
-        """Takes the arm out of the circle that the door's edge describes, and lets it pass."""
-        robot, config = self._robot, self._config
-        robot.doing, moving = "away", config.patience_steps
-        for step in range(config.away_steps):
-            door, before = Door(robot.scene.front(self._number)), self._joint
-            if moving == 0 or door.joint > config.passed_rad:
+    def _hold(self) -> Generator[Command, None, None]:
+        """Holds the door until it stands."""
+        robot, before = self._robot, np.inf
+        if self._far_enough:
+            robot.relax()
+        for _ in range(self._config.hold_steps):
+            if not self._held or abs(self._joint - before) < self._config.still_rad:
                 break
-            point_m = door.point(
-                door.joint + config.ahead_rad, door.edge_m + config.away_m, door.handle_m[1]
-            )
-            short_m = self._short_m(door)
-            hand = None if short_m < 0 or step > config.reach_out_steps else self._towards(point_m)
-            back = -1.0 if short_m > 0 and self._room_behind() else 0.0
-            yield robot.command(hand, base=(back, 0.0))
-            moving = (
-                moving - 1 if self._joint - before < config.still_rad else config.patience_steps
-            )
-        robot.relax()
+            before = self._joint
+            yield robot.command()
 
-    def _short_m(self, door: Door) -> float:
-        """Returns how much the arm lacks to be out of the way of the door as it opens."""
-        pose = self._robot.scene.world_from_base
-        points = arm_points_m(self._robot.scene.arm_qpos[None])[0]
-        place = door.beside(points @ pose[:3, :3].T + pose[:3, 3], door.joint)
-        ahead = place[:, 1] > -self._config.place.arm_m
-        radius_m = np.linalg.norm(place, axis=1) - self._config.place.arm_m
-        return float(np.max(door.edge_m - radius_m, where=ahead, initial=-1.0))
+    @property
+    def _held(self) -> bool:
+        return self._robot.scene.front(self._number).held
 
-    def _room_behind(self) -> bool:
-        """Whether the base can go back a little."""
-        base = self._robot.base
-        behind = base - self._config.back_m * np.array((np.cos(base[2]), np.sin(base[2]), 0.0))
-        return self._places.has_room(behind)
-
-    def _towards(self, point_m: Array) -> Array:
-        """Returns the arm's next targets (7,) on the way of the hand to a point (3,)."""
-        robot = self._robot
-        qpos, world_from_base = robot.scene.arm_qpos, robot.scene.world_from_base
-        local = world_from_base[:3, :3].T @ (point_m - world_from_base[:3, 3])
-        hand = robot.kinematics.ee_pose(qpos)[:3, 3]
-        gap = local - hand
-        gap *= min(1.0, self._config.hand_step_m / (np.linalg.norm(gap) + 1e-9))
-        goal, _ = robot.kinematics.solve(qpos[None], (hand + gap)[None], IkConfig(steps=6))
-        return goal[0]
+    @property
+    def _far_enough(self) -> bool:
+        """Whether the door has come to where the hand is to leave it."""
+        if self._out:
+            return self._joint >= self._config.opened
+        return self._joint <= self._config.close_to + 0.02
 
     def _wait(self) -> Generator[Command, None, None]:
         """Waits while the door swings on."""

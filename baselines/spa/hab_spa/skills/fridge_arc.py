@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no stubs
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from hab_spa.planning.arm_plan import path_rad
 from hab_spa.planning.collision import ArmCollision, shared_arm_model
 from hab_spa.planning.ik import BatchArm
+from hab_spa.planning.joint_goal import in_arm
 from hab_spa.shapes import Array, invert_pose
 from hab_spa.skills.fridge_door import Door
 from hab_tasks.privileged import FrontState
@@ -31,9 +33,9 @@ class ArcConfig:
         steps: Each step takes so many of inverse kinematics ...
         missed_m: ... and may miss the arc by this much.
         pace_rad: A joint moves this far in a control step, for the length of a motion.
-        pad_m: The arm is out of the door's way this far beyond its edge ...
-        way_out_steps: ... and a metre that it is short of that costs so many steps.
-        swing_rad: A door that was let go swings on by so much in a step.
+        detour: The way of the arm to a handle is so many times the straight one.
+        again_steps: To take the handle once more costs so many steps.
+        before_m: A hand that is so much farther off the door than its handle is before it.
     """
 
     step_rad: float = 0.08
@@ -42,9 +44,9 @@ class ArcConfig:
     steps: int = 4
     missed_m: float = 0.01
     pace_rad: float = 0.05
-    pad_m: float = 0.1
-    way_out_steps: float = 100.0
-    swing_rad: float = 0.025
+    detour: float = 2.0
+    again_steps: float = 75.0
+    before_m: float = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,15 +54,17 @@ class Pull:
     """How the door is to be moved.
 
     Attributes:
-        end: As far as the hand is to take it [rad] ...
-        need: ... and at least.
+        end: As far as the hand is to take it [rad].
+        need: It will do to take it so far ...
+        whole: ... and nothing remains to be done from here.
         swept: From where to where it swings, with the robot out of its way.
         grasps_m: (along, out) beside the door where the hand may take the handle.
-        way_out: Whether the arm is in the door's way when the hand lets go.
+        way_out: Whether it is opened.
     """
 
     end: float
     need: float
+    whole: float
     swept: tuple[float, float]
     grasps_m: tuple[tuple[float, float], ...]
     way_out: bool
@@ -68,6 +72,10 @@ class Pull:
     def enough(self, joint: float) -> bool:
         """Whether it will do to take the door as far as this."""
         return joint >= self.need if self.way_out else joint <= self.need
+
+    def all_the_way(self, joint: float) -> bool:
+        """Whether nothing remains to be done when the door is as far as this."""
+        return joint >= self.whole if self.way_out else joint <= self.whole
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,7 +86,8 @@ class Lead:
         goal: (7,) arm pose that takes the handle.
         arc: (K, 7) arm poses along the handle's arc ...
         joints: ... and how far the door is open at each (K,) [rad].
-        enough: Whether the door gets far enough.
+        enough: Whether the door gets far enough ...
+        whole: ... and all the way.
         share: The part of the way that the door needs to be led.
         cost: About how many steps it takes.
     """
@@ -87,6 +96,7 @@ class Lead:
     arc: Array
     joints: Array
     enough: bool
+    whole: bool
     share: float
     cost: float
 
@@ -101,71 +111,103 @@ class Arcs:
         self._joints = np.linspace(front.joint, pull.end, count)
 
     def leads(self, here: Array, goals: Array, collision: ArmCollision) -> list[Lead]:
-        """Returns the ways of leading the door from arm poses (G, 7), the best first.
+        """Returns the ways of leading the door from arm poses (G, 7).
 
         Args:
             here: The arm now (7,).
             goals: Arm poses that take the handle.
             collision: Tells what is free; the door is moved in it.
         """
+        if not len(goals):
+            return []
         collision.set_margin(self._config.margin_m)
         ways = self._config.ways
         starts = np.repeat(goals, len(ways), axis=0)
         arcs = self._follow(starts, ways * len(goals), collision)
-        found = [
-            self._lead(here, start, np.array(arc), collision)
+        return [
+            self._lead(here, start, np.array(arc))
             for start, arc in zip(starts, arcs, strict=True)
             if len(arc) > 1
         ]
-        return sorted(found, key=lambda lead: (not lead.enough, lead.cost))
+
+    def are_before(self, goals: Array, collision: ArmCollision) -> NDArray[np.bool_]:
+        """Whether hands of arm poses (G, 7) are before the door, and not at its edge or behind."""
+        if not len(goals):
+            return np.zeros(0, dtype=bool)
+        return self._before(
+            self._beside(np.stack([self._arm.ee_pose(g) for g in goals]), collision)
+        )
 
     def _follow(
         self, starts: Array, ways: tuple[tuple[float, float], ...], collision: ArmCollision
     ) -> list[list[Array]]:
         """Returns the arm poses along the arc from each start, as long as they are free."""
         arcs: list[list[Array]] = [[] for _ in starts]
-        poses, hands = list(starts), [self._arm.ee_pose(pose) for pose in starts]
-        going = list(range(len(starts)))
+        poses, going = starts, np.arange(len(starts))
+        hands = np.stack([self._arm.ee_pose(pose) for pose in starts])
+        shares, weights_m = np.array(ways).T
+        places = self._places(hands, collision)
         for joint in self._joints:
             motion = self._front.moved(float(joint))
             collision.move(self._front.body, motion)
-            axis = Rotation.from_matrix(motion[:3, :3]).as_rotvec()
-            axis = collision.arm_from_world[:3, :3] @ axis
-            place = collision.arm_from_world @ np.append(self.door.handle(float(joint)), 1.0)
-            for number in tuple(going):
-                goal = np.eye(4)
-                share, weight_m = ways[number]
-                turn = Rotation.from_rotvec(share * axis).as_matrix()
-                goal[:3, :3], goal[:3, 3] = turn @ hands[number][:3, :3], place[:3]
-                poses[number] = self._arm.track_pose(
-                    poses[number], goal, steps=self._config.steps, turn_weight_m=weight_m
-                )
-                missed_m = np.linalg.norm(self._arm.ee_pose(poses[number])[:3, 3] - place[:3])
-                if missed_m > self._config.missed_m or not collision.is_free(poses[number]):
-                    going.remove(number)
-                    continue
-                arcs[number].append(poses[number])
+            axis = (
+                collision.arm_from_world[:3, :3] @ Rotation.from_matrix(motion[:3, :3]).as_rotvec()
+            )
+            goals = hands[going].copy()
+            turns = Rotation.from_rotvec(shares[going, None] * axis).as_matrix()
+            goals[:, :3, :3] = turns @ goals[:, :3, :3]
+            points = [self.door.point(float(joint), *places[number]) for number in going]
+            goals[:, :3, 3] = in_arm(np.array(points), collision)
+            poses = self._arm.track_poses(poses, goals, self._config.steps, weights_m[going])
+            reached, _ = self._arm.position_and_jacobian(poses)
+            missed_m = np.linalg.norm(reached - goals[:, :3, 3], axis=1)
+            on = missed_m <= self._config.missed_m
+            on &= np.array(
+                [ok and collision.is_free(pose) for ok, pose in zip(on, poses, strict=True)]
+            )
+            going, poses = going[on], poses[on]
+            for number, pose in zip(going, poses, strict=True):
+                arcs[number].append(pose)
+            if not len(going):
+                break
         return arcs
 
-    def _lead(self, here: Array, goal: Array, arc: Array, collision: ArmCollision) -> Lead:
+    def _places(self, hands: Array, collision: ArmCollision) -> Array:
+        """Returns (along, out) (G, 2) at which hands (G, 4, 4) go along with the door.
+
+        A handle is drawn into a hand before it; a hand at the door's edge or behind it stays there.
+        """
+        places = self._beside(hands, collision)
+        return np.where(self._before(places)[:, None], self.door.handle_m, places)
+
+    def _beside(self, hands: Array, collision: ArmCollision) -> Array:
+        """Returns where hands (G, 4, 4) are beside the door, (G, 2)."""
+        world_from_arm = invert_pose(collision.arm_from_world)
+        points = hands[:, :3, 3] @ world_from_arm[:3, :3].T + world_from_arm[:3, 3]
+        return self.door.beside(points, self._front.joint)
+
+    def _before(self, places: Array) -> NDArray[np.bool_]:
+        return places[:, 1] > self.door.handle_m[1] + self._config.before_m
+
+    def _lead(self, here: Array, goal: Array, arc: Array) -> Lead:
         config, joints = self._config, self._joints[: len(arc)]
-        enough = self._pull.enough(float(joints[-1]))
-        last = int(np.argmax([self._pull.enough(float(j)) for j in joints])) if enough else -1
-        cost = float(np.abs(goal - here).max()) + path_rad(arc[: last or None])
+        last = float(joints[-1])
+        enough, whole = self._pull.enough(last), self._pull.all_the_way(last)
+        cost = config.detour * float(np.abs(goal - here).max()) + path_rad(arc)
         cost /= config.pace_rad
+        if not whole:
+            cost += config.again_steps
         if not enough:
-            cost += 1000.0 * abs(float(joints[-1]) - self._pull.need)
-        if self._pull.way_out:
-            world_from_arm = invert_pose(collision.arm_from_world)
-            points = arm_points_m(arc[last][None])[0][:-3]
-            world = points @ world_from_arm[:3, :3].T + world_from_arm[:3, 3]
-            out_m = np.linalg.norm(self.door.beside(world, 0.0), axis=1)
-            short_m = np.maximum(self.door.edge_m + config.pad_m - out_m, 0.0)
-            cost += config.way_out_steps * float(short_m.sum())
-        else:
-            cost += abs(float(joints[-1]) - self._pull.end) / config.swing_rad
+            cost += 1000.0 * abs(last - self._pull.need)
         share = float((joints[-1] - joints[0]) / (self._pull.need - joints[0]))
-        return Lead(goal=goal, arc=arc, joints=joints, enough=enough, share=share, cost=cost)
+        return Lead(
+            goal=goal, arc=arc, joints=joints, enough=enough, whole=whole, share=share, cost=cost
+        )
+
+
+def best_first(leads: list[Lead]) -> list[Lead]:
+    """Sorts ways of leading a door: those that go far enough first, then by what they cost."""
+    return sorted(leads, key=lambda lead: (not lead.enough, lead.cost))
 
 
 def arm_points_m(qpos: Array) -> Array:

@@ -16,7 +16,7 @@ from hab_spa.motion.drive import STEP_M, STEP_RAD
 from hab_spa.motion.robot import Robot
 from hab_spa.planning.joint_goal import GoalConfig, sample_reaching_goals
 from hab_spa.shapes import Array
-from hab_spa.skills.fridge_arc import ArcConfig, Arcs, Lead, Pull, arm_points_m
+from hab_spa.skills.fridge_arc import ArcConfig, Arcs, Lead, Pull, arm_points_m, best_first
 from hab_spa.skills.fridge_door import Door
 from hab_spa.skills.fridge_shunt import Shunt, shunts
 from hab_tasks.episodes.robot_start import Rectangle
@@ -39,7 +39,7 @@ class PlaceConfig:
         arm_m, body_m: Radius of the arm and of the torso for what the door sweeps.
         distance_m: The hand works best this far from the middle of the base.
         tries: So many places are looked at closely.
-        more_tries: When one will do, so many more are, ...
+        more_tries: When one will do, but not well, so many more are, ...
         most_tries: ... and while there is no way to any, so many.
         margins_m: Clearances of the resting arm, the largest wanted most.
         alike: Base poses that differ by less in x, y [m] and yaw [rad] are the same to the arm.
@@ -52,6 +52,7 @@ class PlaceConfig:
         drives: So many ways to a place are looked at closely.
         glance, judging, doing: How the hand's ways to the handle are looked for at first sight,
             while places are compared, and where the robot stands at last.
+        resting_rad: An arm that is no farther from rest in any joint rests.
         arc: How the handle's arc is followed.
     """
 
@@ -74,9 +75,10 @@ class PlaceConfig:
     stop_steps: float = 12.0
     edge_steps: float = 60.0
     tight_steps: float = 40.0
-    more_tries: int = 4
+    more_tries: int = 8
     most_tries: int = 60
     drives: int = 2
+    resting_rad: float = 0.6
     judging: GoalConfig = field(
         default_factory=lambda: GoalConfig(
             starts_per_point=60, round_starts=60, enough=30, goals=8, same_goal_rad=0.2
@@ -121,13 +123,23 @@ def find_leads(
             return []
     points_m = np.array([door.point(door.joint, *grasp) for grasp in pull.grasps_m])
     seed = robot.next_seed()
-    found = sample_reaching_goals(points_m, collision, robot.kinematics, seed, goal)
-    if not len(found.goals):
+    goals = sample_reaching_goals(points_m, collision, robot.kinematics, seed, goal).goals
+    here = scene.arm_qpos
+    if np.abs(here - REST_QPOS_RAD).max() > config.resting_rad:
+        # A hand that has just led the door may go on with little motion.
+        near = sample_reaching_goals(points_m, collision, robot.kinematics, seed, goal, here)
+        goals = np.concatenate((goals, near.goals))
+    if not len(goals):
         return []
-    if not pull.way_out:  # a door that closes gives way to the hand
-        collision = scene.collision(base=pose, without=front.body)
     arcs = Arcs(front, robot.kinematics, pull, config.arc)
-    return arcs.leads(scene.arm_qpos, found.goals, collision)
+    if pull.way_out:
+        return best_first(arcs.leads(scene.arm_qpos, goals, collision))
+    # A door that closes gives way to a hand before it.
+    before = arcs.are_before(goals, collision)
+    leads = arcs.leads(scene.arm_qpos, goals[~before], collision)
+    collision = scene.collision(base=pose, without=front.body)
+    leads += arcs.leads(scene.arm_qpos, goals[before], collision)
+    return best_first(leads)
 
 
 class Places:
@@ -249,7 +261,7 @@ class Places:
 
     def _reach_m(self, poses: Array) -> Array:
         """Returns how far the hand's places are from the base (3, K), each a pose of `poses`."""
-        joints = np.linspace(self.door.joint, self.pull.need, 3)
+        joints = np.linspace(self.door.joint, self.pull.whole, 3)
         points = np.stack([self.door.handle(float(joint))[:2] for joint in joints])
         return np.linalg.norm(points[:, None] - poses[None, :, :2], axis=2)
 
@@ -260,7 +272,7 @@ class Places:
         places = np.array(list(product(xs, ys)))
         turn = np.array(((np.cos(yaw), -np.sin(yaw)), (np.sin(yaw), np.cos(yaw))))
         world = places @ turn.T + (x0, y0)
-        middle = (self.door.handle(self.door.joint) + self.door.handle(self.pull.need)) / 2
+        middle = (self.door.handle(self.door.joint) + self.door.handle(self.pull.whole)) / 2
         gap = middle[:2] - world
         facing = np.arctan2(gap[:, 1], gap[:, 0])
         poses = [np.column_stack((world, facing + aside)) for aside in config.asides_rad]

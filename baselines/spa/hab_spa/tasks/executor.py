@@ -41,7 +41,7 @@ class TaskConfig:
     navigate_steps: int = NAVIGATE_HORIZON_STEPS
     tries: int = 4
     standing: StandingConfig = field(default_factory=StandingConfig)
-    replans: int = 3
+    replans: int = 6
 
 
 class Executor:
@@ -126,6 +126,7 @@ class Executor:
             going = self._navigator(robot, errand)
             failure = yield from self._timed("navigate", going, self._config.navigate_steps)
             if failure is Failure.TARGET_PLAN:  # there is no other place
+                tried.clear()  # the next plan may find another way from one of these
                 break
             if failure is None:
                 failure = yield from self._timed(

@@ -1,0 +1,53 @@
+"""What a handle's spring lets through: contact forces while SPA-Priv opens and closes."""
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from hab_spa.agents.factories import spa_priv
+
+from hab_tasks.agent_spaces import agent_setup
+
+FRONTS = ("HabOpenFridge-v1", "HabCloseFridge-v1", "HabOpenDrawer-v1", "HabCloseDrawer-v1")
+EPISODES = 5
+MOST_N, SHARE_PERCENT = 1000.0, 99.0
+"""In this share of the steps with a handle in the hand, contacts push no harder."""
+
+
+def forces_n(env_id, **options):
+    """Contact forces on the robot in every step in which it holds a handle, and the successes."""
+    agent = spa_priv(agent_setup(env_id, seed=5))
+    env = gymnasium.make(env_id, control_mode=agent.spec.control_mode, episode_seed=5, **options)
+    base, forces, won = env.unwrapped, [], 0
+    for index in range(EPISODES):
+        _, info = env.reset(options={"episode": index})
+        agent.reset(torch.ones(1, dtype=torch.bool), [base.episode[0].seed])
+        done = False
+        while not done:
+            action = agent.act({"privileged": base.privileged()})
+            _, _, terminated, truncated, info = env.step(action)
+            done = bool(terminated) or bool(truncated)
+            if bool(base.measures.holding_handle[0]):
+                forces.append(float(base.measures.force_n[0]))
+        won += bool(info["success"])
+    env.close()
+    return np.array(forces), won
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("env_id", FRONTS)
+def test_contacts_stay_soft_while_a_handle_is_held(env_id):
+    found, won = forces_n(env_id)
+    assert len(found) >= 10 * EPISODES
+    assert won >= EPISODES - 1
+    assert np.percentile(found, SHARE_PERCENT) <= MOST_N
+
+
+@pytest.mark.slow
+@pytest.mark.assets
+@pytest.mark.parametrize("env_id", FRONTS)
+def test_contacts_stay_soft_in_replica_cad(env_id, replica_cad, ycb):
+    found, won = forces_n(env_id, scene_dataset=replica_cad, objects=ycb)
+    assert len(found) >= 10 * EPISODES
+    assert won >= EPISODES - 1
+    assert np.percentile(found, SHARE_PERCENT) <= MOST_N

@@ -126,14 +126,14 @@ def test_readme_lists_every_command():
 
 
 def test_the_page_of_environments_is_what_is_generated():
-    from hab_tasks.commands.docs import PAGE, page
+    from hab_tasks.commands.environments_page import PAGE, page
 
     text = (ROOT / "docs" / PAGE).read_text(encoding="utf-8")
     assert text == page(), "run: hab-tasks docs --out docs --force"
 
 
 def test_the_page_says_everything_of_an_environment():
-    from hab_tasks.commands.docs import page
+    from hab_tasks.commands.environments_page import page
     from hab_tasks.envs import ENVS
 
     sections = re.split(r"^## ", page(), flags=re.MULTILINE)[1:]
@@ -159,7 +159,7 @@ def test_the_page_says_everything_of_an_environment():
 def test_the_page_names_what_info_holds(env_id):
     import gymnasium
 
-    from hab_tasks.commands.docs import measures_of
+    from hab_tasks.commands.environments_page import measures_of
     from hab_tasks.envs import ENVS
 
     env = gymnasium.make(env_id, obs_mode="state")

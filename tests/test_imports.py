@@ -1,12 +1,14 @@
 """Imports go one way, and ``import hab_tasks`` registers environments and does nothing else."""
 
 import ast
+import importlib.util
 import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+import tomllib
 
 ROOT = Path(__file__).parents[1]
 
@@ -71,6 +73,35 @@ for entry in hab_tasks.ENVS.values():
     assert known.entry_point == f"{entry.env.__module__}:{entry.env.__name__}", entry.id
     assert known.max_episode_steps == entry.horizon_steps, entry.id
 assert not {m.split(".")[0] for m in sys.modules} & {"hab_eval", "hab_spa", "hab_planner", "ompl"}
+"""
+
+SCRIPTS = {
+    script: target
+    for file in (
+        ROOT / "pyproject.toml",
+        *sorted(ROOT.glob("*/pyproject.toml")),
+        *sorted(ROOT.glob("baselines/*/pyproject.toml")),
+    )
+    for script, target in tomllib.loads(file.read_text())["project"].get("scripts", {}).items()
+}
+"""Console script -> its function."""
+
+HEAVY = {
+    *("torch", "sapien", "mani_skill", "pinocchio", "coal", "ompl", "trimesh", "matplotlib"),
+    *("scipy", "imageio", "unified_planning", "pyarrow"),
+}
+"""Modules that together take seconds to load."""
+
+# Run by a new Python: asks for each help, and writes the subcommand and what was loaded by then.
+HELP = """
+import sys
+from {module} import COMMANDS, {main}
+for command in ("", *COMMANDS):
+    try: status = {main}([*filter(None, [command]), "--help"])
+    except SystemExit as end: status = end.code
+    assert not status, (command, status)
+    loaded = sorted({heavy} & set(sys.modules))
+    print(command or "-", *loaded, file=sys.stderr)
 """
 
 
@@ -170,13 +201,15 @@ def test_import_is_silent_and_changes_nothing(tmp_path):
     assert not list(home.rglob("*")), "the import wrote files"
 
 
-def test_help_of_the_evaluator_loads_no_simulator():
-    code = (
-        "import sys; from hab_eval.cli import _parse\n"
-        "try: _parse(['--help'])\n"
-        "except SystemExit: pass\n"
-        "print({'torch', 'sapien', 'mani_skill'} & set(sys.modules))"
-    )
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_help_of_a_script_loads_no_simulator(script):
+    module, _, function = SCRIPTS[script].partition(":")
+    if importlib.util.find_spec(module.partition(".")[0]) is None:
+        pytest.skip(f"{script} is not installed")
+    code = HELP.format(module=module, main=function, heavy=HEAVY)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[-1] == "set()"
+    told = [line.split() for line in done.stderr.splitlines()]
+    assert len(told) >= 2, "neither the script's help nor a subcommand's was asked for"
+    for command, *loaded in told:
+        assert not loaded, f"{script} {command} --help loads {loaded}"

@@ -8,16 +8,16 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 from tqdm import tqdm
 
 from hab_tasks.commands.base import Command
-from hab_tasks.pipeline.footprint import Footprint
-from hab_tasks.pipeline.optimise import OBJECTS_FOLDER, optimise
 from hab_tasks.pipeline.options import AssetOptions
-from hab_tasks.scenes.dataset import resolve_dataset
+
+if TYPE_CHECKING:
+    from hab_tasks.pipeline.footprint import Footprint
 
 LINES = 10
 """Without a terminal, progress is told in so many lines."""
@@ -55,6 +55,9 @@ Example:
 
     def run(self) -> int:
         """Writes the copy, then prints what became smaller."""
+        from hab_tasks.pipeline.optimise import OBJECTS_FOLDER, optimise
+        from hab_tasks.scenes.dataset import resolve_dataset
+
         dataset = resolve_dataset(self.dataset)
         options = AssetOptions(
             collision=self.collision,

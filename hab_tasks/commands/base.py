@@ -14,6 +14,8 @@ from hab_tasks.errors import HabError
 class Command(ABC):
     """Options of one subcommand.
 
+    Its module imports no simulator, so that `--help` is there at once: `run` imports what it needs.
+
     Attributes:
         help: What `--help` says, with a worked example.
     """

@@ -8,21 +8,18 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import tyro
 from tqdm import tqdm
 
 from hab_tasks.commands.base import Command, refuse_existing
-from hab_tasks.envs import ENVS
-from hab_tasks.episodes.habitat import OWN_KEY, is_habitat, read_habitat, to_habitat
-from hab_tasks.episodes.habitat_entry import START
-from hab_tasks.episodes.habitat_start import draw_starts
-from hab_tasks.episodes.schema import read_episodes, save_json, write_episodes
 from hab_tasks.errors import HabError, UnknownNameError
-from hab_tasks.scenes.dataset import SceneDataset, resolve_dataset
-from hab_tasks.scenes.objects import load_objects
-from hab_tasks.scenes.spec import ObjectTemplate
+from hab_tasks.registration import ENTRY_POINTS
+
+if TYPE_CHECKING:
+    from hab_tasks.scenes.dataset import SceneDataset
+    from hab_tasks.scenes.spec import ObjectTemplate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,9 +48,13 @@ Example:
 
     def run(self) -> int:
         """Converts the file, then prints what went where."""
+        from hab_tasks.episodes.habitat import is_habitat
+        from hab_tasks.scenes.dataset import resolve_dataset
+        from hab_tasks.scenes.objects import load_objects
+
         refuse_existing(self.out, self.force)
-        if self.env is not None and self.env not in ENVS:
-            raise UnknownNameError("env", self.env, ENVS)
+        if self.env is not None and self.env not in ENTRY_POINTS:
+            raise UnknownNameError("env", self.env, ENTRY_POINTS)
         dataset, objects = resolve_dataset(self.scene_dataset), load_objects(self.objects)
         convert = self._from_habitat if is_habitat(self.source) else self._to_habitat
         try:
@@ -63,6 +64,11 @@ Example:
         return 0
 
     def _from_habitat(self, dataset: SceneDataset, objects: Mapping[str, ObjectTemplate]) -> None:
+        from hab_tasks.episodes.habitat import read_habitat
+        from hab_tasks.episodes.habitat_entry import START
+        from hab_tasks.episodes.habitat_start import draw_starts
+        from hab_tasks.episodes.schema import write_episodes
+
         with _bar("episode") as progress:
             made = read_habitat(self.source, dataset, objects, self.env, progress)
         with _bar("start") as progress:
@@ -76,6 +82,9 @@ Example:
         print("  dropped: nothing")
 
     def _to_habitat(self, dataset: SceneDataset, objects: Mapping[str, ObjectTemplate]) -> None:
+        from hab_tasks.episodes.habitat import OWN_KEY, to_habitat
+        from hab_tasks.episodes.schema import read_episodes, save_json
+
         with _bar("episode") as progress:
             raw = to_habitat(read_episodes(self.source), dataset, objects, progress)
         save_json(raw, self.out, sort_keys=False)

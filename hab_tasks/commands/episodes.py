@@ -11,9 +11,8 @@ import tyro
 from tqdm import tqdm
 
 from hab_tasks.commands.base import Command, refuse_existing
-from hab_tasks.episodes import EpisodeRequest, open_source
-from hab_tasks.episodes.generators import GENERATORS
 from hab_tasks.errors import HabError, UnknownNameError
+from hab_tasks.registration import ENTRY_POINTS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,8 +49,10 @@ Example:
 
     def run(self) -> int:
         """Generates and writes the file, then prints what was refused and why."""
-        if self.env not in GENERATORS:
-            raise UnknownNameError("env", self.env, GENERATORS)
+        from hab_tasks.episodes import EpisodeRequest, open_source
+
+        if self.env not in ENTRY_POINTS:
+            raise UnknownNameError("env", self.env, ENTRY_POINTS)
         if self.count < 1:
             raise HabError(f"--count {self.count}: at least 1 episode.")
         if self.workers < 1:

@@ -7,21 +7,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 from tqdm import tqdm
 
 from hab_tasks.commands.base import Command, refuse_existing
-from hab_tasks.episodes import read_episodes
 from hab_tasks.errors import EpisodeError, HabError, RenderingUnavailableError
-from hab_tasks.figures.charts import draw_categories, draw_furniture
-from hab_tasks.figures.layouts import draw_macros, draw_micros
-from hab_tasks.figures.rearrangement import draw_episodes, figure_name
-from hab_tasks.figures.wild import draw_wild
-from hab_tasks.rendering import resolve_backend
-from hab_tasks.scenes.dataset import SceneDataset, resolve_dataset
-from hab_tasks.scenes.inventory import macro_layouts, micro_variations
+
+if TYPE_CHECKING:
+    from hab_tasks.scenes.dataset import SceneDataset
 
 Draw = Callable[[Path], None]
 
@@ -48,6 +43,8 @@ Example:
 
     def run(self) -> int:
         """Draws every figure, then prints the files and what was not drawn."""
+        from hab_tasks.scenes.dataset import resolve_dataset
+
         dataset = resolve_dataset(self.dataset)
         jobs, notes = self._dataset_jobs(dataset)
         jobs |= self._episode_jobs(dataset)
@@ -64,6 +61,12 @@ Example:
 
     def _dataset_jobs(self, dataset: SceneDataset) -> tuple[dict[str, Draw], list[str]]:
         """Returns file name -> how to draw it, and what has to be said about it."""
+        from hab_tasks.figures.charts import draw_categories, draw_furniture
+        from hab_tasks.figures.layouts import draw_macros, draw_micros
+        from hab_tasks.figures.wild import draw_wild
+        from hab_tasks.rendering import resolve_backend
+        from hab_tasks.scenes.inventory import macro_layouts, micro_variations
+
         jobs: dict[str, Draw] = {"fig07_categories.png": partial(draw_categories, dataset)}
         notes = []
         if micro_variations(dataset):
@@ -85,6 +88,9 @@ Example:
         return dict(sorted(jobs.items())), notes
 
     def _episode_jobs(self, dataset: SceneDataset) -> dict[str, Draw]:
+        from hab_tasks.episodes import read_episodes
+        from hab_tasks.figures.rearrangement import draw_episodes, figure_name
+
         jobs: dict[str, Draw] = {}
         for file in self.episodes:
             episodes = read_episodes(file)

@@ -11,14 +11,16 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.errors import HabError
-from hab_tasks.robots.control import HabController
 from hab_tasks.robots.control_modes import ARM_SIZE, BASE_CELLS
+
+if TYPE_CHECKING:
+    from hab_tasks.robots.control import HabController
 
 WAIT_S = 0.05
 """While nothing is typed, a window is drawn anew this often."""

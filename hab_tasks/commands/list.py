@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from hab_tasks.commands.base import Command
-from hab_tasks.envs import ENVS
-from hab_tasks.instructions import task_sentence
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,6 +21,9 @@ Example:
 
     def run(self) -> int:
         """Prints the table."""
+        from hab_tasks.envs import ENVS
+        from hab_tasks.instructions import task_sentence
+
         for entry in ENVS.values():
             modes = ", ".join(entry.env.control_modes)
             print(f"{entry.id}: {entry.horizon_steps} steps; control {modes}")

@@ -9,18 +9,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import tyro
 from tqdm import tqdm
 
 from hab_tasks.commands.base import Command, refuse_existing
 from hab_tasks.errors import HabError
-from hab_tasks.scenes.dataset import SceneDataset, embedded_dataset, resolve_dataset
-from hab_tasks.scenes.layout_set import LayoutSet, write_layout_set
-from hab_tasks.scenes.vary import LayoutVarier, macro_scene_id
-from hab_tasks.scenes.wild import MIRRORED, WildLayout, WildVarier
-from hab_tasks.scenes.write import write_scene
+
+if TYPE_CHECKING:
+    from hab_tasks.scenes.dataset import SceneDataset
+    from hab_tasks.scenes.layout_set import LayoutSet
+    from hab_tasks.scenes.wild import WildLayout
 
 WILD_SPLIT = "test"
 DOOR_BINS_RAD = (1.6, 1.8, 2.0, 2.29)
@@ -63,13 +63,10 @@ Example:
 
     def run(self) -> int:
         """Makes and writes the layouts, then prints what was refused on the way and why."""
-        if self.count < 1:
-            raise HabError(f"--count {self.count}: at least 1 layout.")
-        if self.macro is None and not self.wild:
-            raise HabError(
-                "Which layout is to be varied? Give --macro, for example --macro sc1, or --wild "
-                "for layouts drawn from all of them."
-            )
+        from hab_tasks.scenes.dataset import resolve_dataset
+        from hab_tasks.scenes.vary import macro_scene_id
+
+        self._check()
         dataset = resolve_dataset(self.dataset)
         if dataset.layouts is not None:
             raise HabError(
@@ -82,6 +79,31 @@ Example:
             made = self._wild(dataset, macro, wild)
         else:
             made = self._ordinary(dataset, macro)
+        refused = self._write(dataset, macro, made)
+        kind = "wild layouts" if self.wild else "layouts"
+        print(f"wrote {self.count} {kind} of {macro or dataset.name} to {self.out}")
+        for line in _about(wild):
+            print(f"  {line}")
+        for reason, times in sorted(refused.items()):
+            print(f"  refused {times}: {reason}")
+        return 0
+
+    def _check(self) -> None:
+        if self.count < 1:
+            raise HabError(f"--count {self.count}: at least 1 layout.")
+        if self.macro is None and not self.wild:
+            raise HabError(
+                "Which layout is to be varied? Give --macro, for example --macro sc1, or --wild "
+                "for layouts drawn from all of them."
+            )
+
+    def _write(
+        self, dataset: SceneDataset, macro: str | None, made: Iterator[Made]
+    ) -> Counter[str]:
+        """Writes layouts as they are made; returns why others were refused, and how often."""
+        from hab_tasks.scenes.layout_set import write_layout_set
+        from hab_tasks.scenes.write import write_scene
+
         macros: dict[str, str] = {}
         refused: Counter[str] = Counter()
         bar = tqdm(made, total=self.count, unit="layout", disable=not sys.stderr.isatty())
@@ -93,15 +115,11 @@ Example:
             write_layout_set(self._layout_set(dataset, macro, macros), self.out)
         except OSError as error:
             raise HabError(f"{self.out}: cannot be written ({error}).") from error
-        kind = "wild layouts" if self.wild else "layouts"
-        print(f"wrote {self.count} {kind} of {macro or dataset.name} to {self.out}")
-        for line in _about(wild):
-            print(f"  {line}")
-        for reason, times in sorted(refused.items()):
-            print(f"  refused {times}: {reason}")
-        return 0
+        return refused
 
     def _ordinary(self, dataset: SceneDataset, macro: str) -> Iterator[Made]:
+        from hab_tasks.scenes.vary import LayoutVarier
+
         varier = LayoutVarier(dataset, macro)
         stem = macro.removesuffix("_00")
         for index in range(1, self.count + 1):
@@ -111,6 +129,8 @@ Example:
     def _wild(
         self, dataset: SceneDataset, macro: str | None, found: list[WildLayout]
     ) -> Iterator[Made]:
+        from hab_tasks.scenes.wild import WildVarier
+
         varier = WildVarier(dataset, macro)
         for index in range(1, self.count + 1):
             layout = varier.make(self.seed, index)
@@ -121,6 +141,9 @@ Example:
     def _layout_set(
         self, dataset: SceneDataset, macro: str | None, macros: dict[str, str]
     ) -> LayoutSet:
+        from hab_tasks.scenes.dataset import embedded_dataset
+        from hab_tasks.scenes.layout_set import LayoutSet
+
         embedded = dataset.root == embedded_dataset().resolve()
         parts = [
             dataset.name,
@@ -144,6 +167,8 @@ def _short(macro: str) -> str:
 
 def _about(layouts: list[WildLayout]) -> Iterator[str]:
     """Yields what wild layouts are like."""
+    from hab_tasks.scenes.wild import MIRRORED
+
     if not layouts:
         return
     angles = [layout.door_rad for layout in layouts]

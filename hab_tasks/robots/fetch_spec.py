@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import mani_skill
-
 ARM_JOINTS = (
     "shoulder_pan_joint",
     "shoulder_lift_joint",
@@ -49,4 +47,6 @@ BASE_ANGULAR_SPEED_RAD_S = 3.14
 
 def urdf_path() -> Path:
     """Returns the Fetch URDF of the installed ManiSkill."""
+    import mani_skill  # takes seconds, which --help should not
+
     return Path(mani_skill.PACKAGE_ASSET_DIR) / "robots" / "fetch" / "fetch.urdf"

@@ -7,7 +7,7 @@ import pytest
 from builders import box_glb, table_config, tiny_dataset, tiny_scene, write_json, write_scene
 
 from hab_tasks.commands import download
-from hab_tasks.commands.check import _runs
+from hab_tasks.commands.dataset_check import _runs
 from hab_tasks.episodes.layout_report import check_layouts, layout_faults
 from hab_tasks.errors import DatasetError, UnknownNameError
 from hab_tasks.scenes import dataset as dataset_module

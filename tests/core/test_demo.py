@@ -14,7 +14,6 @@ import pytest
 
 from hab_tasks import rendering
 from hab_tasks.captions import LINE_PX
-from hab_tasks.commands.demo import CAPTION_LINES
 from hab_tasks.commands.keyboard import (
     CAREFUL_SHARE,
     FIRST_REPEAT_S,
@@ -24,6 +23,7 @@ from hab_tasks.commands.keyboard import (
     Keyboard,
     keys_of,
 )
+from hab_tasks.commands.playing import CAPTION_LINES
 from hab_tasks.robots.control import control_configs
 from hab_tasks.robots.fetch_spec import BASE_LINEAR_SPEED_M_S
 

@@ -9,7 +9,7 @@ from builders import tiny_dataset, tiny_scene, write_json, write_scene
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from hab_tasks.commands import figures as command
+from hab_tasks import rendering
 from hab_tasks.episodes.schema import (
     Episode,
     EpisodeSet,
@@ -331,7 +331,7 @@ def no_vulkan(monkeypatch):
     def refuse(*arguments, **options):
         raise RenderingUnavailableError("No Vulkan device can draw images.")
 
-    monkeypatch.setattr(command, "resolve_backend", refuse)
+    monkeypatch.setattr(rendering, "resolve_backend", refuse)
 
 
 def test_figures_are_written_and_never_overwritten(run, tiny, tmp_path, no_vulkan):

@@ -76,13 +76,16 @@ class RecordCommand(EpisodeOptions):
         return 0 if recorded.demonstrations == self.count else EXIT_STOPPED
 
 
+COMMANDS = {"record": RecordCommand}
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs `hab-spa`; returns its exit status."""
     arguments = sys.argv[1:] if arguments is None else arguments
     from hab_eval.errors import RunStoppedError
 
     try:
-        check_options("hab-spa", {"record": RecordCommand}, arguments)
+        check_options("hab-spa", COMMANDS, arguments)
         if not arguments or arguments[0] != "record":  # --help, or nothing
             print(f"usage: hab-spa record --agent M:F --env ID --out DIR\n\n{RECORD_HELP}")
             return 0 if arguments else EXIT_BAD_INPUT

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from hab_spa.shapes import Array
+from hab_tasks.privileged import Array
 
 
 class Failure(Enum):

@@ -61,11 +61,14 @@ class PlanCommand:
         return 0
 
 
+COMMANDS = {"plan": PlanCommand}
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs `hab-planner`; returns its exit status."""
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
-        check_options("hab-planner", {"plan": PlanCommand}, arguments)
+        check_options("hab-planner", COMMANDS, arguments)
         if not arguments or arguments[0] != "plan":  # --help, or nothing
             print(f"usage: hab-planner plan ID [--solve] [--out FILE]\n\n{PLAN_HELP}")
             return 0 if arguments else EXIT_BAD_INPUT

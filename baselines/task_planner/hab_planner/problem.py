@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from hab_planner.errors import PlannerError
-from hab_tasks.envs import ENVS
-from hab_tasks.tasks.base import Condition, Task
-from hab_tasks.tasks.task_env import TaskEnv
+
+if TYPE_CHECKING:
+    from hab_tasks.tasks.base import Condition, Task
 
 DOMAIN = Path(__file__).parent / "domain.pddl"
 
@@ -86,6 +87,9 @@ NAMES: dict[str, Names] = {
 
 def tasks() -> dict[str, Task]:
     """Returns env id -> task, of every environment that is one."""
+    from hab_tasks.envs import ENVS  # loads the simulator, which --help does not need
+    from hab_tasks.tasks.task_env import TaskEnv
+
     return {e.id: e.env.task for e in ENVS.values() if issubclass(e.env, TaskEnv)}
 
 

@@ -1,0 +1,262 @@
+"""What `hab-tasks demo` does: it plays an episode, shows it, films it and tells its measures."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import gymnasium as gym
+import imageio.v2 as imageio
+import numpy as np
+
+from hab_tasks.captions import with_words
+from hab_tasks.commands.base import refuse_existing
+from hab_tasks.commands.keyboard import QUIT, Keyboard, keys_of
+from hab_tasks.constants import CONTROL_HZ
+from hab_tasks.envs import ENVS
+from hab_tasks.errors import HabError, RenderingUnavailableError, UnknownNameError
+from hab_tasks.instructions import instruction
+from hab_tasks.rendering import resolve_backend
+from hab_tasks.skills.hab_env import HabEnv
+from hab_tasks.skills.marks import LEGEND
+
+if TYPE_CHECKING:
+    from hab_tasks.commands.demo import Demo
+
+AGENTS = ("random", "keyboard")
+RANDOM_STEPS = 200
+CAPTION_LINES = 5
+
+
+def play(options: Demo) -> int:
+    """Plays the episode; prints a line for each action, then how it ended.
+
+    Raises:
+        HabError: Options that make no sense.
+    """
+    _check(options)
+    window = _window_works()
+    env = gym.make(
+        options.env,
+        obs_mode="none",
+        render_mode="human" if window else "rgb_array" if options.out else None,
+        scene_dataset=options.scene_dataset,
+        objects=options.objects,
+        num_episodes=max(50, options.episode + 1),
+    )
+    scene = cast(HabEnv, env.unwrapped)
+    show = _Show(scene, window, options.out)
+    try:
+        env.reset(seed=options.seed, options={"episode": options.episode})
+        task = instruction(ENVS[options.env].env, scene.episode[0])
+        print(f"{options.env}, episode {scene.episode[0].id}\n{task}")
+        show.begin(f"{task} ({LEGEND})")
+        result = _play(options, env, scene, show)
+        show.finish()
+    finally:
+        show.close()
+        env.close()
+    _tell(result)
+    if options.out is not None:
+        print(f"{'video':<9} {options.out}")
+    return 0
+
+
+def _check(options: Demo) -> None:
+    if options.env not in ENVS:
+        raise UnknownNameError("env", options.env, ENVS)
+    if options.agent not in AGENTS:
+        raise UnknownNameError("agent", options.agent, AGENTS)
+    if options.steps is not None and options.steps < 1:
+        raise HabError(f"--steps {options.steps}: at least 1 action.")
+    if options.out is not None:
+        if options.out.suffix != ".mp4":
+            raise HabError(f"--out {options.out}: a video ends in .mp4.")
+        refuse_existing(options.out, options.force)
+        resolve_backend("auto", wants_images=True)
+
+
+def _play(options: Demo, env: gym.Env[Any, Any], scene: HabEnv, show: _Show) -> _Result:
+    """Acts until the episode ends, the actions are used up, or somebody quits."""
+    result = _Result()
+    limit = options.steps or (RANDOM_STEPS if options.agent == "random" else None)
+    actions = _random(env, options.seed) if options.agent == "random" else _typed(scene, show)
+    try:
+        for action in actions:
+            _, reward, terminated, truncated, info = env.step(action)
+            result.add(float(cast(Any, reward)), info)
+            print(_line(result))
+            show.draw(result)
+            if bool(terminated) or bool(truncated):
+                result.end = "the episode is over" if terminated else "time is over"
+                break
+            if result.steps == limit or show.closed:
+                break
+    except KeyboardInterrupt:
+        result.end = "interrupted"
+    return result
+
+
+def _random(env: gym.Env[Any, Any], seed: int) -> Iterator[Any]:
+    env.action_space.seed(seed)
+    while True:
+        yield env.action_space.sample()
+
+
+def _typed(scene: HabEnv, show: _Show) -> Iterator[Any]:
+    """Yields the action of each key, again while it is held."""
+    keyboard = Keyboard(scene.agent.controller, bool(scene.measures.holding_target))
+    print(keyboard.table, flush=True)
+    for name, share in keys_of(sys.stdin, show.refresh):
+        if name == QUIT:
+            return
+        action = keyboard.action(name, share)
+        if action is None:
+            print(f"  {name!r} does nothing here")
+            continue
+        yield action
+
+
+class _Result:
+    """What happened until now."""
+
+    def __init__(self) -> None:
+        self.steps, self.total, self.last = 0, 0.0, 0.0
+        self.info: dict[str, Any] = {}
+        self.end = "stopped"
+
+    def add(self, reward: float, info: dict[str, Any]) -> None:
+        """Takes what a step returned."""
+        self.steps += 1
+        self.total += reward
+        self.last, self.info = reward, info
+
+
+class _Show:
+    """A window, a video, both, or neither."""
+
+    def __init__(self, scene: HabEnv, window: bool, out: Path | None) -> None:
+        self._scene, self._window, self._out = scene, window, out
+        self._viewer: Any = None
+        self._writer: Any = None
+        self._seen_from: Any = None
+        self._due_s, self._task = 0.0, ""
+
+    @property
+    def closed(self) -> bool:
+        """Whether somebody has closed the window."""
+        return self._viewer is not None and self._viewer.closed
+
+    def begin(self, task: str) -> None:
+        """Shows the start; `task` is written below every frame."""
+        self._task = task
+        self.draw(_Result())
+
+    def draw(self, result: _Result) -> None:
+        """Shows the present moment and films it."""
+        if self._out is not None:
+            self._writer = self._writer or _writer(self._scratch)
+            frame = np.asarray(self._scene.render_rgb_array()[0].cpu(), dtype=np.uint8)
+            words = [self._task, *_stages(result.info)]
+            self._writer.append_data(with_words(frame, words, CAPTION_LINES))
+        if self._window:
+            self.refresh()
+            time.sleep(max(0.0, self._due_s - time.monotonic()))
+            self._due_s = time.monotonic() + 1.0 / CONTROL_HZ
+
+    def refresh(self) -> None:
+        """Draws the window; its camera goes along where the robot drives."""
+        if not self._window or self.closed:
+            return
+        self._viewer = self._scene.render_human()
+        camera = self._scene.scene.human_render_cameras["render_camera"].camera
+        place = camera.get_global_pose().sp.p
+        if self._seen_from is None or not np.allclose(place, self._seen_from, atol=1e-3):
+            self._scene.render_rgb_array()  # puts the camera where no wall hides the robot
+            pose = camera.get_global_pose().sp
+            self._viewer.set_camera_pose(pose)
+            self._seen_from = pose.p
+
+    def finish(self) -> None:
+        """Ends the video and gives it its name."""
+        if self._out is not None and self._writer is not None:
+            self._writer.close()
+            self._writer = None
+            self._scratch.replace(self._out)
+
+    def close(self) -> None:
+        """Removes a video that was not finished."""
+        if self._writer is not None:
+            self._writer.close()
+            self._scratch.unlink(missing_ok=True)
+
+    @property
+    def _scratch(self) -> Path:
+        assert self._out is not None
+        return self._out.with_name(f"partial_{self._out.name}")
+
+
+def _writer(file: Path) -> Any:
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        return imageio.get_writer(
+            file,
+            format="FFMPEG",  # pyright: ignore[reportArgumentType]  # the stub knows no plugin names
+            fps=CONTROL_HZ,
+            macro_block_size=2,
+        )
+    except OSError as error:
+        raise HabError(f"{file.parent}: cannot be written ({error}).") from error
+
+
+def _window_works() -> bool:
+    """Returns whether a window can be opened; says so where not."""
+    named = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if sys.platform.startswith("linux") and not named:
+        print("no display: no window is opened; --out FILE.mp4 writes a video")
+        return False
+    try:
+        resolve_backend("auto", wants_images=True)
+    except RenderingUnavailableError as error:
+        print(f"no window is opened. {error}")
+        return False
+    return True
+
+
+def _line(result: _Result) -> str:
+    """Returns a step's reward and measures; of what is true or not, what is true."""
+    said = []
+    for name, value in result.info["measures"].items():
+        number = value.item()
+        if isinstance(number, bool):
+            said += [name] if number else []
+        else:
+            said.append(f"{name} {number:.3f}")
+    return f"{result.steps:>4}  reward {result.last:+.3f}  {'  '.join(said)}"
+
+
+def _tell(result: _Result) -> None:
+    """Prints how the episode ended."""
+    info = result.info
+    failures = [name for name, failed in info.get("failures", {}).items() if failed.item()]
+    rows = {
+        "success": "yes" if info and info["success"].item() else "no",
+        "end": ", ".join([f"{result.end} after {result.steps} actions", *failures]),
+        "return": f"{result.total:.3f}",
+    }
+    for words in _stages(info):
+        rows["stages"] = words.removeprefix("stages: ")
+    for name, words in rows.items():
+        print(f"{name:<9} {words}")
+
+
+def _stages(info: dict[str, Any]) -> list[str]:
+    """Returns a line on the stages of a task, none for a skill."""
+    stages = info.get("stages", {})
+    reached = [name for name, value in stages.items() if value.item()]
+    told = f"stages: {len(reached)} of {len(stages)} {' '.join(reached)}".strip()
+    return [told] if stages else []

@@ -267,6 +267,7 @@ def test_a_copy_of_ycb_loads_with_the_same_masses(tmp_path, ycb):
 
 def part_of_replica_cad(source: Path, root: Path, scenes: list[str]) -> SceneDataset:
     """Copies what some layouts need."""
+    source = source.resolve()  # may be a link, and the files found below are resolved
     whole = SceneDataset(source)
     files = {p for p in source.iterdir() if p.is_file()}
     files |= {*source.glob("configs/stages/*"), *source.glob("configs/lighting/*")}

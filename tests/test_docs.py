@@ -28,7 +28,7 @@ PAGES = sorted(
     if p.is_file()
 )
 
-ENV_IDS = re.findall(r"^\| `(Hab\w+-v\d+)`", README, flags=re.MULTILINE)
+ENV_IDS = list(dict.fromkeys(re.findall(r"^\| `(Hab\w+-v\d+)`", README, flags=re.MULTILINE)))
 
 
 def blocks(text: str, language: str) -> list[str]:

@@ -1,8 +1,9 @@
 """Compares a dataset with its optimised copy: memory of the visual meshes, and depth images.
 
-Memory is measured on a process that loads every visual of all layouts, objects and furniture, into
-SAPIEN on software Vulkan, and counted from the files as a check. Depth is compared in views from
-the robot's head camera at random places of several layouts.
+Memory of every visual of all layouts (objects and furniture, each file once) is measured on a
+process that loads them into SAPIEN and draws them by software Vulkan, and counted from the files
+(`hab-tasks assets` prints such a count too, with those visuals that no layout shows). Depth is
+compared in views from the robot's head camera at random places of several layouts.
 
     python -m hab_tasks.pipeline.measure ~/data/replica_cad ~/data/light --views 20 --json out.json
 """
@@ -38,15 +39,23 @@ PROBE = Path(__file__).with_name("memory_probe.py")
 LAYOUTS = 5
 MB = 1e6
 
+MEASURED = {
+    "counted": "counted from the files",
+    "trimmed": "of a process on software Vulkan",
+    "process": "with what its allocator keeps in stock",
+}
+"""What each figure of `Memory` is."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Memory:
     """Memory of a dataset's visual meshes.
 
     Attributes:
-        process_bytes: By how much a process grew when it loaded them.
-        trimmed_bytes: The same without what its allocator keeps in stock.
-        counted_bytes: Vertices and textures, counted from the files.
+        process_bytes: By how much a process on software Vulkan grew when it loaded and drew them.
+            What its allocator keeps in stock counts, so that this varies.
+        trimmed_bytes: The same after the allocator has returned its stock.
+        counted_bytes: Vertices, indices and texture pixels, counted from the files (`Footprint`).
     """
 
     process_bytes: int
@@ -61,14 +70,12 @@ class Comparison:
     Attributes:
         original: Memory of the original's visual meshes.
         copy: Memory of the copy's.
-        ratio: How many times smaller the copy is, on the process.
         depth_difference_m: Mean difference of depth of each view.
         mean_depth_difference_m: Their mean.
     """
 
     original: Memory
     copy: Memory
-    ratio: float
     depth_difference_m: tuple[float, ...]
     mean_depth_difference_m: float
 
@@ -103,7 +110,6 @@ def compare(
     return Comparison(
         original=before,
         copy=after,
-        ratio=before.process_bytes / after.process_bytes,
         depth_difference_m=tuple(differences),
         mean_depth_difference_m=float(np.mean(differences)),
     )
@@ -176,7 +182,11 @@ def _urdf_visuals(urdf: Path) -> set[Path]:
 
 @dataclass(frozen=True, kw_only=True)
 class _Options:
-    """Compares memory and depth images of a dataset with those of its optimised copy."""
+    """Compares memory and depth images of a dataset with those of its optimised copy.
+
+    Memory of all visuals that its layouts show, each file once: counted from the files, and the
+    growth of a process that draws them by software Vulkan. Movable objects (YCB) are left out.
+    """
 
     original: tyro.conf.Positional[str]
     """Path of the dataset."""
@@ -204,11 +214,11 @@ def main() -> int:
     except HabError as error:
         logger.error(error)
         return 2
-    for name in ("process", "trimmed", "counted"):
+    for name, meaning in MEASURED.items():
         before, after = (getattr(m, f"{name}_bytes") for m in (found.original, found.copy))
         logger.info(
             "memory, %s: %.1f MB -> %.1f MB, %.1f times smaller",
-            name,
+            meaning,
             before / MB,
             after / MB,
             before / after,

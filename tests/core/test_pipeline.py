@@ -210,6 +210,9 @@ def test_command_line(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "5 of 5 meshes" in printed
     assert "5 meshes computed, 0 reused" in printed
+    # Three boxes of 8 * 56 + 36 * 4 bytes; a sphere that halves to 2,560 triangles, from 210,288 to
+    # 106,376 bytes; its texture of 64 * 64 pixels, from 4 bytes each to 1/2: 228448 / 110200.
+    assert "memory, counted       2.1 times less" in printed
     assert main(arguments) == 2
     assert "--force" in capsys.readouterr().err
     assert main([*arguments, "--force", "--collision", "cubes"]) == 2
@@ -264,6 +267,7 @@ def test_a_copy_of_ycb_loads_with_the_same_masses(tmp_path, ycb):
 
 def part_of_replica_cad(source: Path, root: Path, scenes: list[str]) -> SceneDataset:
     """Copies what some layouts need."""
+    source = source.resolve()  # may be a link, and the files found below are resolved
     whole = SceneDataset(source)
     files = {p for p in source.iterdir() if p.is_file()}
     files |= {*source.glob("configs/stages/*"), *source.glob("configs/lighting/*")}
@@ -299,7 +303,7 @@ def test_real_visuals_need_a_quarter_of_the_memory_and_look_the_same(tmp_path, r
     found = compare(source, SceneDataset(tmp_path / "out"), views=20)
     assert len(found.depth_difference_m) == 20
     assert found.mean_depth_difference_m <= 0.01
-    assert found.ratio >= 4.0
+    assert found.original.process_bytes / found.copy.process_bytes >= 4.0
     assert found.original.trimmed_bytes / found.copy.trimmed_bytes >= 4.0
     assert found.original.counted_bytes / found.copy.counted_bytes >= 4.0
     assert report.after.triangles < 0.85 * report.before.triangles

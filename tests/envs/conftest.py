@@ -32,7 +32,8 @@ def make(episode_files):
     made = []
 
     def make(env_id: str = "HabPick-v1", **options):
-        env = gym.make(env_id, **{"episodes": episode_files[env_id], **options})
+        episodes = episode_files[env_id.removeprefix("hab_tasks:")]
+        env = gym.make(env_id, **{"episodes": episodes, **options})
         made.append(env)
         return env
 

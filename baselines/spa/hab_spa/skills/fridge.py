@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Generator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -48,12 +48,17 @@ class FridgeConfig:
         reach_share: Reaching for the handle takes this share of the time left, if limits of speed
             allow.
         pace: Of the motion along the arc.
+        rest_paces: Of the motion to rest, a faster one where time is short.
         brake_steps: A door that it cannot close all the way it lets go of so many steps before its
             motion ends, so that it swings on.
-        hold_steps: Any other it holds until that stands, for at most so many steps.
+        hold_steps: Any other it holds until that is slow, for at most so many steps.
+        slow_rad: A door that moves less than this in a step is soon stopped by its friction.
+        release_steps: A hand that has let go stays so long.
+        at_handle_rad: The handle is taken when every joint is this near to the end of the reach.
         patience_steps: A door that stands still for so long does not swing on.
         still_rad: A door that moves less than this in a step stands still.
         wait_steps: A swinging door is waited for so long.
+        spare_steps: Resting after it takes about so many steps, with some to spare.
         places: So many base poses are offered to those who come from elsewhere.
         quick_steps: A way of that many steps is as good as any; one of so many the worst.
         place: Numbers of the search for a place.
@@ -61,7 +66,7 @@ class FridgeConfig:
     """
 
     open_to: float = 1.68
-    opened: float = 1.63
+    opened: float = 1.59
     open_need: float = 0.7
     open_more: float = 0.25
     close_to: float = 0.03
@@ -79,11 +84,16 @@ class FridgeConfig:
     as_good_steps: float = 25.0
     reach_share: float = 0.08
     pace: float = 1.6
+    rest_paces: tuple[float, ...] = (1.3, 1.6)
     brake_steps: int = 5
     hold_steps: int = 12
+    slow_rad: float = 0.01
+    release_steps: int = 1
+    at_handle_rad: float = 0.05
     patience_steps: int = 4
     still_rad: float = 0.002
     wait_steps: int = 60
+    spare_steps: float = 50.0
     places: int = 64
     quick_steps: tuple[float, float] = (80.0, 200.0)
     place: PlaceConfig = field(default_factory=PlaceConfig)
@@ -206,7 +216,7 @@ class _Fridge:
                 if failure in (None, Failure.EXECUTION) and not self._done and self._reaches:
                     continue  # it goes on from where the arm is
             began, robot.gripper = robot.steps, RELEASE
-            rested = yield from rest(robot)
+            rested = yield from self._rest()
             yield from self._wait()
             self._reaches = False
             if self._done and rested is None:
@@ -215,6 +225,11 @@ class _Fridge:
             if failure is Failure.TARGET_PLAN and robot.steps - began <= robot.config.retries:
                 break
         return failure
+
+    def _rest(self) -> Motion:
+        """Brings the arm to rest, quickly."""
+        timing = replace(self._robot.config.timing, paces=self._config.rest_paces)
+        return (yield from rest(self._robot, timing=timing))
 
     def _swing(self) -> Motion:
         """Goes to a good place, takes the handle, leads it along its arc and lets go."""
@@ -245,7 +260,7 @@ class _Fridge:
             leads = self._places.leads(None)
             if any(self._goes_on(lead) for lead in leads):
                 return None
-            failure = yield from rest(robot)
+            failure = yield from self._rest()
             if failure is not None:
                 return failure
             self._reaches = False
@@ -253,8 +268,10 @@ class _Fridge:
         began = time.perf_counter()
         self._places = places = self._look()
         best, tries = None, config.tries
+        in_time = robot.steps_left - self._config.spare_steps
         for number, pose in enumerate(places.ranked()[: config.most_tries]):
-            if number >= tries and best is not None:
+            enough = tries if best is None or best[1] <= in_time else config.late_tries
+            if number >= enough and best is not None:
                 break
             here = np.array_equal(pose, robot.base)
             shunt, tight = (None, 0) if here else places.way(pose)
@@ -292,7 +309,7 @@ class _Fridge:
         robot, config = self._robot, self._config
         robot.doing, robot.gripper = "reach", RELEASE
         goals = np.array([lead.goal for lead in leads])
-        failure = yield from go(robot, robot.scene.collision(), goals, config.reach_share)
+        failure = yield from go(robot, robot.scene.collision(), goals, config.reach_share, near_rad=config.at_handle_rad)
         if failure is not None:
             return failure
         robot.doing, robot.gripper = "grasp", GRASP
@@ -320,15 +337,15 @@ class _Fridge:
         if not lets_swing:
             yield from self._hold()
         robot.gripper = RELEASE
-        yield from wait(robot, robot.config.release_steps)
+        yield from wait(robot, config.release_steps)
 
     def _hold(self) -> Generator[Command, None, None]:
-        """Holds the door until it stands."""
+        """Holds the door until it is slow."""
         robot, before = self._robot, np.inf
         if self._far_enough:
             robot.relax()
         for _ in range(self._config.hold_steps):
-            if not self._held or abs(self._joint - before) < self._config.still_rad:
+            if not self._held or abs(self._joint - before) < self._config.slow_rad:
                 break
             before = self._joint
             yield robot.command()

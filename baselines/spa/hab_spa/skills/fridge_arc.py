@@ -34,7 +34,8 @@ class ArcConfig:
         missed_m: ... and may miss the arc by this much.
         pace_rad: A joint moves this far in a control step, for the length of a motion.
         detour: The way of the arm to a handle is so many times the straight one.
-        again_steps: To take the handle once more costs so many steps.
+        again_steps: To take the handle once more costs so many steps, and so many for each radian
+            that the door is then to be led.
         before_m: A hand that is so much farther off the door than its handle is before it.
     """
 
@@ -45,7 +46,7 @@ class ArcConfig:
     missed_m: float = 0.01
     pace_rad: float = 0.05
     detour: float = 2.0
-    again_steps: float = 75.0
+    again_steps: tuple[float, float] = (45.0, 60.0)
     before_m: float = 0.01
 
 
@@ -196,7 +197,8 @@ class Arcs:
         cost = config.detour * float(np.abs(goal - here).max()) + path_rad(arc)
         cost /= config.pace_rad
         if not whole:
-            cost += config.again_steps
+            once, for_a_radian = config.again_steps
+            cost += once + for_a_radian * abs(last - self._pull.whole)
         if not enough:
             cost += 1000.0 * abs(last - self._pull.need)
         share = float((joints[-1] - joints[0]) / (self._pull.need - joints[0]))

@@ -34,6 +34,7 @@ class FridgeConfig:
     Attributes:
         open_to, opened: The hand takes a door so far, which is open from here [rad]: just beyond
             what counts as open, so that it can be closed again and meets no wall.
+        let_go: The hand lets go of a door that is so far open; friction stops it [rad].
         open_need: A way of the hand will do that opens a closed door so far, ...
         open_more: ... or one by so much more.
         close_to, closed: The hand closes a door so far, which is closed from here [rad].
@@ -48,7 +49,7 @@ class FridgeConfig:
         reach_share: Reaching for the handle takes this share of the time left, if limits of speed
             allow.
         pace: Of the motion along the arc.
-        rest_paces: Of the motion to rest, a faster one where time is short.
+        rest_pace: Of the motion to rest.
         brake_steps: A door that it cannot close all the way it lets go of so many steps before its
             motion ends, so that it swings on.
         hold_steps: Any other it holds until that is slow, for at most so many steps.
@@ -65,8 +66,9 @@ class FridgeConfig:
         shunt: Numbers of driving there.
     """
 
-    open_to: float = 1.68
-    opened: float = 1.59
+    open_to: float = 1.74
+    opened: float = 1.62
+    let_go: float = 1.6
     open_need: float = 0.7
     open_more: float = 0.25
     close_to: float = 0.03
@@ -84,10 +86,10 @@ class FridgeConfig:
     as_good_steps: float = 25.0
     reach_share: float = 0.08
     pace: float = 1.6
-    rest_paces: tuple[float, ...] = (1.3, 1.6)
+    rest_pace: float = 1.6
     brake_steps: int = 5
     hold_steps: int = 12
-    slow_rad: float = 0.01
+    slow_rad: float = 0.005
     release_steps: int = 1
     at_handle_rad: float = 0.05
     patience_steps: int = 4
@@ -228,7 +230,7 @@ class _Fridge:
 
     def _rest(self) -> Motion:
         """Brings the arm to rest, quickly."""
-        timing = replace(self._robot.config.timing, paces=self._config.rest_paces)
+        timing = replace(self._robot.config.timing, paces=(self._config.rest_pace,))
         return (yield from rest(self._robot, timing=timing))
 
     def _swing(self) -> Motion:
@@ -335,17 +337,21 @@ class _Fridge:
                 break
             yield robot.command(target)
         if not lets_swing:
-            yield from self._hold()
+            yield from self._hold(targets[-1])
         robot.gripper = RELEASE
         yield from wait(robot, config.release_steps)
 
-    def _hold(self) -> Generator[Command, None, None]:
-        """Holds the door until it is slow."""
-        robot, before = self._robot, np.inf
-        if self._far_enough:
-            robot.relax()
-        for _ in range(self._config.hold_steps):
-            if not self._held or abs(self._joint - before) < self._config.slow_rad:
+    def _hold(self, end: Array) -> Generator[Command, None, None]:
+        """Holds the door until it is slow and far enough, or the arm at the end (7,) of its way."""
+        robot, config, before = self._robot, self._config, np.inf
+        relaxed = False
+        for _ in range(config.hold_steps):
+            slow = abs(self._joint - before) < config.slow_rad
+            if self._far_enough and not relaxed:
+                robot.relax()
+                relaxed = True
+            there = relaxed or np.abs(robot.scene.arm_qpos - end).max() < config.at_handle_rad
+            if not self._held or (slow and there):
                 break
             before = self._joint
             yield robot.command()
@@ -358,7 +364,7 @@ class _Fridge:
     def _far_enough(self) -> bool:
         """Whether the door has come to where the hand is to leave it."""
         if self._out:
-            return self._joint >= self._config.opened
+            return self._joint >= self._config.let_go
         return self._joint <= self._config.close_to + 0.02
 
     def _wait(self) -> Generator[Command, None, None]:

@@ -311,7 +311,9 @@ class _Fridge:
         robot, config = self._robot, self._config
         robot.doing, robot.gripper = "reach", RELEASE
         goals = np.array([lead.goal for lead in leads])
-        failure = yield from go(robot, robot.scene.collision(), goals, config.reach_share, near_rad=config.at_handle_rad)
+        failure = yield from go(
+            robot, robot.scene.collision(), goals, config.reach_share, near_rad=config.at_handle_rad
+        )
         if failure is not None:
             return failure
         robot.doing, robot.gripper = "grasp", GRASP

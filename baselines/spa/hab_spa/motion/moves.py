@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator
+from dataclasses import replace
 
 from hab_spa.motion.follow import Follower
 from hab_spa.motion.robot import Command, Motion, Robot
@@ -35,6 +36,7 @@ def follow(
     share: float,
     intact: Callable[[], bool] = lambda: True,
     timing: TimingConfig | None = None,
+    near_rad: float | None = None,
 ) -> Motion:
     """Moves the arm along a path (K, 7).
 
@@ -44,6 +46,7 @@ def follow(
         share: Of the time left that the motion may take, if the limits of speed allow.
         intact: Whether it makes sense to go on; asked at every step.
         timing: Other limits of speed than the robot's usual ones.
+        near_rad: The end is reached when every joint is this near to it; None: as usual.
 
     Returns:
         `Failure.EXECUTION` when the arm does not keep up, when something was seen or felt in its
@@ -51,7 +54,8 @@ def follow(
     """
     config = robot.config
     steps = int((robot.steps_left - config.follow.settle_steps) * share)
-    follower = Follower(time_path_within(path, steps, timing or config.timing), config.follow)
+    following = config.follow if near_rad is None else replace(config.follow, settled_rad=near_rad)
+    follower = Follower(time_path_within(path, steps, timing or config.timing), following)
     while True:
         target = follower.advance(robot.scene.arm_qpos)
         if follower.bumped:
@@ -82,6 +86,7 @@ def go(
     goals: Array,
     share: float = REACH_SHARE,
     intact: Callable[[], bool] = lambda: True,
+    near_rad: float | None = None,
 ) -> Motion:
     """Plans from where the arm is to one of the goals (G, 7), the first where possible, and goes.
 
@@ -93,4 +98,4 @@ def go(
     robot.spend("motion", result.seconds)
     if result.path is None:
         return result.failure
-    return (yield from follow(robot, result.path, share, intact))
+    return (yield from follow(robot, result.path, share, intact, near_rad=near_rad))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Generator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -34,6 +34,7 @@ class FridgeConfig:
     Attributes:
         open_to, opened: The hand takes a door so far, which is open from here [rad]: just beyond
             what counts as open, so that it can be closed again and meets no wall.
+        let_go: The hand lets go of a door that is so far open; friction stops it [rad].
         open_need: A way of the hand will do that opens a closed door so far, ...
         open_more: ... or one by so much more.
         close_to, closed: The hand closes a door so far, which is closed from here [rad].
@@ -48,20 +49,26 @@ class FridgeConfig:
         reach_share: Reaching for the handle takes this share of the time left, if limits of speed
             allow.
         pace: Of the motion along the arc.
+        rest_pace: Of the motion to rest.
         brake_steps: A door that it cannot close all the way it lets go of so many steps before its
             motion ends, so that it swings on.
-        hold_steps: Any other it holds until that stands, for at most so many steps.
+        hold_steps: Any other it holds until that is slow, for at most so many steps.
+        slow_rad: A door that moves less than this in a step is soon stopped by its friction.
+        release_steps: A hand that has let go stays so long.
+        at_handle_rad: The handle is taken when every joint is this near to the end of the reach.
         patience_steps: A door that stands still for so long does not swing on.
         still_rad: A door that moves less than this in a step stands still.
         wait_steps: A swinging door is waited for so long.
+        spare_steps: Resting after it takes about so many steps, with some to spare.
         places: So many base poses are offered to those who come from elsewhere.
         quick_steps: A way of that many steps is as good as any; one of so many the worst.
         place: Numbers of the search for a place.
         shunt: Numbers of driving there.
     """
 
-    open_to: float = 1.68
-    opened: float = 1.63
+    open_to: float = 1.74
+    opened: float = 1.62
+    let_go: float = 1.6
     open_need: float = 0.7
     open_more: float = 0.25
     close_to: float = 0.03
@@ -79,11 +86,16 @@ class FridgeConfig:
     as_good_steps: float = 25.0
     reach_share: float = 0.08
     pace: float = 1.6
+    rest_pace: float = 1.6
     brake_steps: int = 5
     hold_steps: int = 12
+    slow_rad: float = 0.005
+    release_steps: int = 1
+    at_handle_rad: float = 0.05
     patience_steps: int = 4
     still_rad: float = 0.002
     wait_steps: int = 60
+    spare_steps: float = 50.0
     places: int = 64
     quick_steps: tuple[float, float] = (80.0, 200.0)
     place: PlaceConfig = field(default_factory=PlaceConfig)
@@ -206,7 +218,7 @@ class _Fridge:
                 if failure in (None, Failure.EXECUTION) and not self._done and self._reaches:
                     continue  # it goes on from where the arm is
             began, robot.gripper = robot.steps, RELEASE
-            rested = yield from rest(robot)
+            rested = yield from self._rest()
             yield from self._wait()
             self._reaches = False
             if self._done and rested is None:
@@ -215,6 +227,11 @@ class _Fridge:
             if failure is Failure.TARGET_PLAN and robot.steps - began <= robot.config.retries:
                 break
         return failure
+
+    def _rest(self) -> Motion:
+        """Brings the arm to rest, quickly."""
+        timing = replace(self._robot.config.timing, paces=(self._config.rest_pace,))
+        return (yield from rest(self._robot, timing=timing))
 
     def _swing(self) -> Motion:
         """Goes to a good place, takes the handle, leads it along its arc and lets go."""
@@ -245,7 +262,7 @@ class _Fridge:
             leads = self._places.leads(None)
             if any(self._goes_on(lead) for lead in leads):
                 return None
-            failure = yield from rest(robot)
+            failure = yield from self._rest()
             if failure is not None:
                 return failure
             self._reaches = False
@@ -253,8 +270,10 @@ class _Fridge:
         began = time.perf_counter()
         self._places = places = self._look()
         best, tries = None, config.tries
+        in_time = robot.steps_left - self._config.spare_steps
         for number, pose in enumerate(places.ranked()[: config.most_tries]):
-            if number >= tries and best is not None:
+            enough = tries if best is None or best[1] <= in_time else config.late_tries
+            if number >= enough and best is not None:
                 break
             here = np.array_equal(pose, robot.base)
             shunt, tight = (None, 0) if here else places.way(pose)
@@ -292,7 +311,9 @@ class _Fridge:
         robot, config = self._robot, self._config
         robot.doing, robot.gripper = "reach", RELEASE
         goals = np.array([lead.goal for lead in leads])
-        failure = yield from go(robot, robot.scene.collision(), goals, config.reach_share)
+        failure = yield from go(
+            robot, robot.scene.collision(), goals, config.reach_share, near_rad=config.at_handle_rad
+        )
         if failure is not None:
             return failure
         robot.doing, robot.gripper = "grasp", GRASP
@@ -318,17 +339,21 @@ class _Fridge:
                 break
             yield robot.command(target)
         if not lets_swing:
-            yield from self._hold()
+            yield from self._hold(targets[-1])
         robot.gripper = RELEASE
-        yield from wait(robot, robot.config.release_steps)
+        yield from wait(robot, config.release_steps)
 
-    def _hold(self) -> Generator[Command, None, None]:
-        """Holds the door until it stands."""
-        robot, before = self._robot, np.inf
-        if self._far_enough:
-            robot.relax()
-        for _ in range(self._config.hold_steps):
-            if not self._held or abs(self._joint - before) < self._config.still_rad:
+    def _hold(self, end: Array) -> Generator[Command, None, None]:
+        """Holds the door until it is slow and far enough, or the arm at the end (7,) of its way."""
+        robot, config, before = self._robot, self._config, np.inf
+        relaxed = False
+        for _ in range(config.hold_steps):
+            slow = abs(self._joint - before) < config.slow_rad
+            if self._far_enough and not relaxed:
+                robot.relax()
+                relaxed = True
+            there = relaxed or np.abs(robot.scene.arm_qpos - end).max() < config.at_handle_rad
+            if not self._held or (slow and there):
                 break
             before = self._joint
             yield robot.command()
@@ -341,7 +366,7 @@ class _Fridge:
     def _far_enough(self) -> bool:
         """Whether the door has come to where the hand is to leave it."""
         if self._out:
-            return self._joint >= self._config.opened
+            return self._joint >= self._config.let_go
         return self._joint <= self._config.close_to + 0.02
 
     def _wait(self) -> Generator[Command, None, None]:

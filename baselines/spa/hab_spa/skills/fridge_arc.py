@@ -34,7 +34,10 @@ class ArcConfig:
         missed_m: ... and may miss the arc by this much.
         pace_rad: A joint moves this far in a control step, for the length of a motion.
         detour: The way of the arm to a handle is so many times the straight one.
-        again_steps: To take the handle once more costs so many steps.
+        again_steps: To take the handle once more costs so many steps, and so many for each radian
+            that the door is then to be led.
+        behind_rad: A door that is opened stays so far behind a hand at its edge or behind it: the
+            handle is drawn in until the fingers touch the door's other side.
         before_m: A hand that is so much farther off the door than its handle is before it.
     """
 
@@ -45,7 +48,8 @@ class ArcConfig:
     missed_m: float = 0.01
     pace_rad: float = 0.05
     detour: float = 2.0
-    again_steps: float = 75.0
+    again_steps: tuple[float, float] = (45.0, 60.0)
+    behind_rad: float = 0.09
     before_m: float = 0.01
 
 
@@ -124,9 +128,12 @@ class Arcs:
         ways = self._config.ways
         starts = np.repeat(goals, len(ways), axis=0)
         arcs = self._follow(starts, ways * len(goals), collision)
+        lags = np.zeros(len(starts))
+        if self._pull.way_out:
+            lags[~self.are_before(starts, collision)] = self._config.behind_rad
         return [
-            self._lead(here, start, np.array(arc))
-            for start, arc in zip(starts, arcs, strict=True)
+            self._lead(here, start, np.array(arc), lag)
+            for start, arc, lag in zip(starts, arcs, lags, strict=True)
             if len(arc) > 1
         ]
 
@@ -189,17 +196,18 @@ class Arcs:
     def _before(self, places: Array) -> NDArray[np.bool_]:
         return places[:, 1] > self.door.handle_m[1] + self._config.before_m
 
-    def _lead(self, here: Array, goal: Array, arc: Array) -> Lead:
+    def _lead(self, here: Array, goal: Array, arc: Array, lag_rad: float) -> Lead:
         config, joints = self._config, self._joints[: len(arc)]
-        last = float(joints[-1])
+        last = float(joints[-1]) - lag_rad
         enough, whole = self._pull.enough(last), self._pull.all_the_way(last)
         cost = config.detour * float(np.abs(goal - here).max()) + path_rad(arc)
         cost /= config.pace_rad
         if not whole:
-            cost += config.again_steps
+            once, for_a_radian = config.again_steps
+            cost += once + for_a_radian * abs(last - self._pull.whole)
         if not enough:
             cost += 1000.0 * abs(last - self._pull.need)
-        share = float((joints[-1] - joints[0]) / (self._pull.need - joints[0]))
+        share = float((last - joints[0]) / (self._pull.need - joints[0]))
         return Lead(
             goal=goal, arc=arc, joints=joints, enough=enough, whole=whole, share=share, cost=cost
         )

@@ -40,6 +40,7 @@ class PlaceConfig:
         distance_m: The hand works best this far from the middle of the base.
         tries: So many places are looked at closely.
         more_tries: When one will do, but not well, so many more are, ...
+        late_tries: ... while none will do in time, so many, ...
         most_tries: ... and while there is no way to any, so many.
         margins_m: Clearances of the resting arm, the largest wanted most.
         alike: Base poses that differ by less in x, y [m] and yaw [rad] are the same to the arm.
@@ -76,6 +77,7 @@ class PlaceConfig:
     edge_steps: float = 60.0
     tight_steps: float = 40.0
     more_tries: int = 8
+    late_tries: int = 32
     most_tries: int = 60
     drives: int = 2
     resting_rad: float = 0.6

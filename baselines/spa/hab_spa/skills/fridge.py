@@ -49,7 +49,8 @@ class FridgeConfig:
         reach_share: Reaching for the handle takes this share of the time left, if limits of speed
             allow.
         pace: Of the motion along the arc.
-        rest_pace: Of the motion to rest.
+        rest_pace: Of the motion to rest ...
+        back_rad: ... which must not take the door back by more than this.
         brake_steps: A door that it cannot close all the way it lets go of so many steps before its
             motion ends, so that it swings on.
         hold_steps: Any other it holds until that is slow, for at most so many steps.
@@ -87,6 +88,7 @@ class FridgeConfig:
     reach_share: float = 0.08
     pace: float = 1.6
     rest_pace: float = 1.6
+    back_rad: float = 0.04
     brake_steps: int = 5
     hold_steps: int = 12
     slow_rad: float = 0.005
@@ -229,9 +231,20 @@ class _Fridge:
         return failure
 
     def _rest(self) -> Motion:
-        """Brings the arm to rest, quickly."""
-        timing = replace(self._robot.config.timing, paces=(self._config.rest_pace,))
-        return (yield from rest(self._robot, timing=timing))
+        """Brings the arm to rest, quickly; by another way when it takes the door back."""
+        robot, config, failure = self._robot, self._config, None
+        timing = replace(robot.config.timing, paces=(config.rest_pace,))
+        back = -1.0 if self._out else 1.0
+        for _ in range(1 + robot.config.retries):
+            before = self._joint
+
+            def intact(joint: float = before) -> bool:
+                return back * (self._joint - joint) < config.back_rad
+
+            failure = yield from rest(robot, intact, timing=timing)
+            if failure is not Failure.EXECUTION:
+                break
+        return failure
 
     def _swing(self) -> Motion:
         """Goes to a good place, takes the handle, leads it along its arc and lets go."""

@@ -16,6 +16,7 @@ from hab_spa.planning.joint_goal import in_arm
 from hab_spa.shapes import Array, invert_pose
 from hab_spa.skills.fridge_door import Door
 from hab_tasks.privileged import FrontState
+from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
 
 ELBOW = 4
 """Number of the elbow's joint in the arm's model; from here on the arm reaches out."""
@@ -93,7 +94,7 @@ class Lead:
         enough: Whether the door gets far enough ...
         whole: ... and all the way.
         share: The part of the way that the door needs to be led.
-        cost: About how many steps it takes.
+        cost: About how many steps it takes, and then to rest.
     """
 
     goal: Array
@@ -201,6 +202,7 @@ class Arcs:
         last = float(joints[-1]) - lag_rad
         enough, whole = self._pull.enough(last), self._pull.all_the_way(last)
         cost = config.detour * float(np.abs(goal - here).max()) + path_rad(arc)
+        cost += float(np.abs(arc[-1] - REST_QPOS_RAD).max())
         cost /= config.pace_rad
         if not whole:
             once, for_a_radian = config.again_steps

@@ -60,7 +60,7 @@ class FridgeConfig:
         patience_steps: A door that stands still for so long does not swing on.
         still_rad: A door that moves less than this in a step stands still.
         wait_steps: A swinging door is waited for so long.
-        spare_steps: Resting after it takes about so many steps, with some to spare.
+        spare_steps: So many steps are to spare where time suffices.
         places: So many base poses are offered to those who come from elsewhere.
         quick_steps: A way of that many steps is as good as any; one of so many the worst.
         place: Numbers of the search for a place.
@@ -97,7 +97,7 @@ class FridgeConfig:
     patience_steps: int = 4
     still_rad: float = 0.002
     wait_steps: int = 60
-    spare_steps: float = 50.0
+    spare_steps: float = 25.0
     places: int = 64
     quick_steps: tuple[float, float] = (80.0, 200.0)
     place: PlaceConfig = field(default_factory=PlaceConfig)

@@ -49,7 +49,7 @@ class ArcConfig:
     missed_m: float = 0.01
     pace_rad: float = 0.05
     detour: float = 2.0
-    again_steps: tuple[float, float] = (45.0, 60.0)
+    again_steps: tuple[float, float] = (60.0, 60.0)
     behind_rad: float = 0.09
     before_m: float = 0.01
 

@@ -76,7 +76,8 @@ class EpisodeSource:
     def __init__(self, request: EpisodeRequest, dataset: SceneDataset) -> None:
         """Reads what the request names and what was generated before."""
         self._request = request
-        self.env_id, self.seed, self.novel = request.env_id, request.seed, request.novel
+        self.env_id = request.env_id.rpartition(":")[2]
+        self.seed, self.novel = request.seed, request.novel
         self.dataset, self.scene_id = dataset, request.scene
         self.objects = load_objects(request.objects)
         self.split = _split(dataset, request.split, request.scene)

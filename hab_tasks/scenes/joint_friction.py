@@ -39,7 +39,7 @@ class JointFriction:
 SLIDE = JointFriction(usual=4.0, least=2.0, damping_per_s=2.0)
 """Drawers and sliding doors run on rails: 2 to 8 N."""
 
-HINGE = JointFriction(usual=0.8, least=0.3, damping_per_s=1.0)
+HINGE = JointFriction(usual=0.8, least=0.3, damping_per_s=2.5)
 """Doors: 0.3 to 1 N m."""
 
 

@@ -15,7 +15,7 @@ from hab_tasks.envs import ENVS
 
 pytestmark = pytest.mark.slow
 
-COUNT = 50
+COUNT, RANDOM_COUNT = 50, 100
 EARLY_STEPS = 25
 """Nobody who stands still may lose within these."""
 
@@ -81,9 +81,10 @@ def test_standing_still_earns_nothing(env_id, name):
 
 @pytest.mark.parametrize("env_id", ENVS)
 def test_random_actions_earn_next_to_nothing(env_id):
-    found = outcomes(env_id, "random_agent", COUNT, horizon(env_id, "random_agent"))
+    steps = horizon(env_id, "random_agent")
+    found = outcomes(env_id, "random_agent", RANDOM_COUNT, steps, num_episodes=RANDOM_COUNT)
     won = [index for index, outcome in enumerate(found) if outcome.won]
-    assert len(won) <= SHARE_AT_RANDOM.get(env_id, SHARE_ELSEWHERE) * COUNT, won
+    assert len(won) <= SHARE_AT_RANDOM.get(env_id, SHARE_ELSEWHERE) * RANDOM_COUNT, won
 
 
 @pytest.mark.assets

@@ -152,7 +152,7 @@ both = pytest.mark.parametrize(
 @pytest.mark.slow
 @both
 def test_opens_and_closes(fridge_env, generated):
-    env_id = fridge_env.unwrapped.spec.id
+    env_id = fridge_env.unwrapped.default_id()
     _, episodes = generated(env_id)
     agent = spa_priv(AgentSetup(env_id=env_id))
 
@@ -164,7 +164,7 @@ def test_opens_and_closes(fridge_env, generated):
 @pytest.mark.slow
 @both
 def test_places_are_free_and_some_will_do(fridge_env, generated):
-    env_id = fridge_env.unwrapped.spec.id
+    env_id = fridge_env.unwrapped.default_id()
     _, (episode, *_) = generated(env_id)
     fridge_env.reset(seed=episode.seed, options={"episode": episode, "reconfigure": True})
     scene = TrueScene()

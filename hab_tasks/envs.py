@@ -3,20 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import import_module
 
 from mani_skill.utils.registration import register
 
-from hab_tasks.skills.close_drawer import HabCloseDrawerEnv
-from hab_tasks.skills.close_fridge import HabCloseFridgeEnv
+from hab_tasks.registration import ENTRY_POINTS
 from hab_tasks.skills.hab_env import HabEnv
-from hab_tasks.skills.navigate import HabNavigateEnv
-from hab_tasks.skills.open_drawer import HabOpenDrawerEnv
-from hab_tasks.skills.open_fridge import HabOpenFridgeEnv
-from hab_tasks.skills.pick import HabPickEnv
-from hab_tasks.skills.place import HabPlaceEnv
-from hab_tasks.tasks.prepare_groceries import HabPrepareGroceriesEnv
-from hab_tasks.tasks.set_table import HabSetTableEnv
-from hab_tasks.tasks.tidy_house import HabTidyHouseEnv
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,23 +20,13 @@ class EnvEntry:
     horizon_steps: int
 
 
-_CLASSES: tuple[type[HabEnv], ...] = (
-    HabPickEnv,
-    HabPlaceEnv,
-    HabOpenFridgeEnv,
-    HabCloseFridgeEnv,
-    HabOpenDrawerEnv,
-    HabCloseDrawerEnv,
-    HabNavigateEnv,
-    HabTidyHouseEnv,
-    HabPrepareGroceriesEnv,
-    HabSetTableEnv,
-)
+def _load(env_id: str) -> EnvEntry:
+    module, _, name = ENTRY_POINTS[env_id][0].partition(":")
+    env = getattr(import_module(module), name)
+    return EnvEntry(id=env_id, env=env, horizon_steps=env.horizon_steps)
 
-ENVS: dict[str, EnvEntry] = {
-    env.default_id(): EnvEntry(id=env.default_id(), env=env, horizon_steps=env.horizon_steps)
-    for env in _CLASSES
-}
+
+ENVS: dict[str, EnvEntry] = {env_id: _load(env_id) for env_id in ENTRY_POINTS}
 
 for _env in ENVS.values():
     register(_env.id, _env.env, max_episode_steps=_env.horizon_steps)

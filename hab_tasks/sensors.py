@@ -86,12 +86,17 @@ def observed(
 
 def along_base_axes(s: Snapshot, point_m: Rows) -> Rows:
     """Returns the vector from the end-effector to a world point (N, 3) in base axes, (N, 3)."""
-    return ((point_m - s.ee_m)[:, None] @ s.base_axes)[:, 0]
+    return _from_ee(s, point_m, s.base_axes)
 
 
 def in_ee_frame(s: Snapshot, point_m: Rows) -> Rows:
     """Maps a world point (N, 3) to the end-effector's frame (N, 3)."""
-    return ((point_m - s.ee_m)[:, None] @ s.ee_axes)[:, 0]
+    return _from_ee(s, point_m, s.ee_axes)
+
+
+def _from_ee(s: Snapshot, point_m: Rows, axes: Rows) -> Rows:
+    """Returns the vector from the end-effector to a point (N, 3) along axes (N, 3, 3), (N, 3)."""
+    return ((point_m - s.ee_m)[:, None] @ axes)[:, 0]
 
 
 def in_base_frame(s: Snapshot, points_m: Rows) -> Rows:

@@ -53,6 +53,5 @@ class StandingAgent:
         """Returns the gripper entry (N,): >= 0 grasps when the hand is empty, < 0 releases."""
         if self._hand != "keep":
             return 1.0 if self._hand == "close" else -1.0
-        felt = {**obs["agent"], **obs["extra"]}
-        holding = torch.as_tensor(felt["is_holding"]).reshape(len(self._still))
+        holding = torch.as_tensor(obs["agent"]["is_holding"]).reshape(len(self._still))
         return torch.where(holding > 0.5, 1.0, -1.0)

@@ -37,7 +37,7 @@ def take_along(
     body.set_angular_velocity(hand.angular_velocity)
 
 
-def pull_along(handle: Handle, hand_m: Vector, physics_steps: int) -> None:
+def pull_along(handle: Handle, hand_m: Vector, physics_steps: int, inertia: float) -> None:
     """Gives a door or drawer the speed that brings its handle to its place in the hand.
 
     It is the joint's speed and not its position that is set, so that what lies in a drawer is taken
@@ -47,20 +47,24 @@ def pull_along(handle: Handle, hand_m: Vector, physics_steps: int) -> None:
         handle: What is held.
         hand_m: (3,) the handle's place in the hand, in the world.
         physics_steps: After so many steps it is there, or as near as joint and force let it.
+        inertia: `inertia_at` the handle.
     """
     furniture, column = handle.furniture._objs[0], handle.column
     lower, upper = handle.limits
     position = float(furniture.qpos[column])
     wanted = min(max(position + joint_way(handle, hand_m), lower), upper)
     speeds = furniture.qvel
-    most = HANDLE_SPRING.force_n / _inertia_at(handle) / SIM_HZ
+    most = HANDLE_SPRING.force_n / inertia / SIM_HZ
     change = (wanted - position) * SIM_HZ / physics_steps - float(speeds[column])
     speeds[column] += min(max(change, -most), most)
     furniture.set_qvel(speeds)
 
 
-def _inertia_at(handle: Handle) -> float:
-    """Returns the force at a handle that accelerates its joint by 1 m/s^2 or 1 rad/s^2 [N]."""
+def inertia_at(handle: Handle) -> float:
+    """Returns the force at a handle that accelerates its joint by 1 m/s^2 or 1 rad/s^2 [N].
+
+    It is the same wherever the door or drawer stands.
+    """
     link: Any = handle.link._objs[0]
     if link.joint.type == "prismatic":
         return float(link.mass)

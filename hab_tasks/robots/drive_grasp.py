@@ -8,7 +8,7 @@ import numpy as np
 import sapien
 
 from hab_tasks.constants import SIM_HZ
-from hab_tasks.robots.carried import pull_along, take_along
+from hab_tasks.robots.carried import inertia_at, pull_along, take_along
 from hab_tasks.robots.fetch_spec import EE_OFFSET_M
 from hab_tasks.robots.grasp import NOTHING, SnapGrasp
 from hab_tasks.robots.handle_tie import HANDLE_SPRING
@@ -31,7 +31,7 @@ class DriveGrasp(SnapGrasp):
         self._ties: dict[int, tuple[sapien.Entity, Any]] = {}
         self._cpu_hand = self.ee_link._objs[0]
         self._hand_before = sapien.Pose()
-        self._steps_left = 0
+        self._steps_left, self._inertia = 0, 0.0
 
     def carry(self, physics_steps: int) -> None:
         """Moves a held object with the hand, and lets a held handle follow it."""
@@ -47,7 +47,7 @@ class DriveGrasp(SnapGrasp):
             handle = self.handles[int(self.held_handle[0])]
             world_from_ee = self._cpu_hand.entity_pose * sapien.Pose([EE_OFFSET_M, 0.0, 0.0])
             place_m = np.asarray((world_from_ee * sapien.Pose(self._handle_in_ee_m[0])).p)
-            pull_along(handle, place_m, self._steps_left)
+            pull_along(handle, place_m, self._steps_left, self._inertia)
             self._steps_left -= 1
 
     def after_control_step(self) -> None:
@@ -73,6 +73,7 @@ class DriveGrasp(SnapGrasp):
             row, in_ee, handle.link._objs[row].entity, sapien.Pose(list(handle.offset_m))
         )
         if self.pulls_along:  # tied bodies do not collide, and that is all
+            self._inertia = inertia_at(handle)
             return
         spring = HANDLE_SPRING
         # SAPIEN limits the impulse of a physics step, and calls it a force (measured).

@@ -23,8 +23,8 @@ class JointFriction:
     Attributes:
         usual: Friction where the URDF states none [N or N m].
         least: Less than this in a URDF is a placeholder, as ReplicaCAD's 0.01 is.
-        damping_per_s: A link that is let go loses this share of its speed in a second, or, above 1,
-            all but 1/e of it in a second's fraction.
+        damping_per_s: Viscous damping: the speed v of a link that is let go decays by
+            dv/dt = -damping_per_s * v, friction left aside.
     """
 
     usual: float

@@ -8,6 +8,7 @@ import numpy as np
 import sapien
 from mani_skill.utils.sapien_utils import look_at
 
+from hab_tasks.geometry import apply, planar
 from hab_tasks.privileged import Array
 from hab_tasks.skills.world import World
 
@@ -135,9 +136,7 @@ def _is_hand(name: str, held: str | None) -> bool:
 
 
 def _to_world(point_m: Array, base: Array) -> Array:
-    cosine, sine = np.cos(base[2]), np.sin(base[2])
-    x, y, z = point_m
-    return np.array((base[0] + cosine * x - sine * y, base[1] + sine * x + cosine * y, z))
+    return apply(planar(*base.tolist()), point_m)
 
 
 def _unit(vector: Array) -> Array:

@@ -42,10 +42,8 @@ class ReachingAgent:
 
     def act(self, obs: Mapping[str, Any]) -> Tensor:
         """Returns actions (N, A): to the target, in a little spiral of each row's own time."""
-        extra = obs["extra"]
-        target_m = next(value for name, value in extra.items() if name.startswith("object_start"))
-        holding = extra["is_holding"] if "is_holding" in extra else obs["agent"]["is_holding"]
-        rest = extra["rest_from_ee"] if "rest_from_ee" in extra else obs["agent"]["rest_from_ee"]
+        target_m = obs["extra"]["object_start_from_ee"]
+        holding, rest = obs["agent"]["is_holding"], obs["agent"]["rest_from_ee"]
         assert len(target_m) == len(self._steps)
         self.rows_seen.append(len(target_m))
         way_m = torch.where(holding > 0, rest, target_m)

@@ -205,7 +205,7 @@ def test_the_random_agent_has_no_options():
 def test_agents_that_stand_still_move_the_hand_at_most(name, holding, gripper):
     agent = load_agent(f"hab_eval:{name}", SETUP)
     agent.reset(torch.ones(1, dtype=torch.bool), [0])
-    obs = {"agent": {}, "extra": {"is_holding": torch.tensor([[holding]])}}
+    obs = {"agent": {"is_holding": torch.tensor([[holding]])}}
     # The stub's actions have two entries, the hand's is the second one.
     assert agent.act(obs).tolist() == [[0.0, gripper]]
     assert agent.report() == [AgentReport()]

@@ -17,6 +17,7 @@ from hab_spa.results import Failure
 from hab_spa.shapes import Array, invert_pose
 from hab_spa.tasks.standing import Standing, fold
 from hab_tasks.agent import AgentSetup, AgentSpec, TargetFrame
+from hab_tasks.episodes.robot_start import in_base_frame
 from hab_tasks.navigation import NavigationMap
 from hab_tasks.robots.control import BASE_CELLS, STOP_SHARE
 
@@ -121,10 +122,8 @@ def observation(robot: Robot, point_m: Array, frame: TargetFrame) -> dict[str, A
             (invert_pose(robot.world_from_ee) @ np.append(point_m, 1.0))[:3],
         )
     else:
-        x, y, yaw = robot.base
-        gap = point_m[:2] - (x, y)
-        ahead, left = np.array((np.cos(yaw), np.sin(yaw))), np.array((-np.sin(yaw), np.cos(yaw)))
-        name, point = "point_in_base", np.array((ahead @ gap, left @ gap, point_m[2]))
+        x, y, yaw = robot.base.tolist()
+        name, point = "point_in_base", in_base_frame((x, y, yaw), point_m)
     return {
         **robot.obs,
         "agent": {"is_holding": torch.tensor([[float(robot.scene.holding)]])},

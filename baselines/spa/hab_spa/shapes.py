@@ -19,6 +19,16 @@ def invert_pose(a_from_b: Array) -> Array:
     return b_from_a
 
 
+def standing(base: Array, height_m: float) -> Array:
+    """Returns the pose (4, 4) of a robot's base at x, y [m] and yaw [rad] (3,)."""
+    x, y, yaw = base
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    world_from_base = np.eye(4)
+    world_from_base[:2, :2] = ((cosine, -sine), (sine, cosine))
+    world_from_base[:3, 3] = x, y, height_m
+    return world_from_base
+
+
 def shape_bounds_m(shape: CollisionShape) -> tuple[Array, Array]:
     """Returns the lower and upper corners (3,) [m] of a shape's box in its own frame."""
     radius, half_length, _ = shape.half_size_m

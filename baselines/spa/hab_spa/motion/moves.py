@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from hab_spa.motion.follow import Follower
 from hab_spa.motion.robot import Command, Motion, Robot
-from hab_spa.planning.arm_plan import Ends, plan_path
+from hab_spa.planning.arm_plan import Ends, PlanConfig, plan_path
 from hab_spa.planning.collision import ArmCollision
 from hab_spa.planning.path import TimingConfig, time_path_within
 from hab_spa.results import Failure, GoalResult
@@ -87,14 +87,17 @@ def go(
     share: float = REACH_SHARE,
     intact: Callable[[], bool] = lambda: True,
     near_rad: float | None = None,
+    plan: PlanConfig | None = None,
 ) -> Motion:
     """Plans from where the arm is to one of the goals (G, 7), the first where possible, and goes.
 
-    `collision` must be the model of this moment; the others are as for `follow`.
+    `collision` must be the model of this moment, `plan` are other numbers of the planner than the
+    robot's usual ones; the others are as for `follow`.
     """
     start = robot.scene.arm_qpos.copy()
     ends = [Ends(open=start, tight=goal) for goal in goals]
-    result = plan_path(collision, robot.kinematics, ends, robot.next_seed(), robot.config.plan)
+    plan = plan or robot.config.plan
+    result = plan_path(collision, robot.kinematics, ends, robot.next_seed(), plan)
     robot.spend("motion", result.seconds)
     if result.path is None:
         return result.failure

@@ -10,7 +10,7 @@ import numpy as np
 
 from hab_spa.motion.moves import RETURN_SHARE, follow
 from hab_spa.motion.robot import Motion, Robot
-from hab_spa.planning.arm_plan import Ends, plan_path
+from hab_spa.planning.arm_plan import Ends, PlanConfig, plan_path
 from hab_spa.planning.collision import ArmCollision
 from hab_spa.planning.escape import escape
 from hab_spa.planning.joint_goal import sample_rest_goals
@@ -24,6 +24,7 @@ def rest(
     intact: Callable[[], bool] = lambda: True,
     without: str | None = None,
     timing: TimingConfig | None = None,
+    plan: PlanConfig | None = None,
 ) -> Motion:
     """Brings the arm to rest, first straight out of what it touches.
 
@@ -32,6 +33,7 @@ def rest(
         intact: Whether it makes sense to go on; asked at every step.
         without: Name of a body that may be touched.
         timing: Other limits of speed than the robot's usual ones.
+        plan: Other numbers of the motion planner.
     """
     robot.doing = "rest"
     began = time.perf_counter()
@@ -40,14 +42,30 @@ def rest(
     robot.spend("target", time.perf_counter() - began)
     if goals.failure is not None:
         return goals.failure
-    result = _way_back(robot, collision, goals.goals)
+    result = _way_back(robot, collision, goals.goals, plan or robot.config.plan)
     robot.spend("motion", result.seconds)
     if result.path is None:
         return result.failure
     return (yield from follow(robot, result.path, RETURN_SHARE, intact, timing))
 
 
-def _way_back(robot: Robot, collision: ArmCollision, goals: Array) -> PathResult:
+def draw_out(robot: Robot, near_rad: float) -> Motion:
+    """Draws the hand straight out of what it touches; does nothing where it cannot.
+
+    Args:
+        robot: Whose arm.
+        near_rad: It is out when every joint is this near to the end of the way.
+    """
+    robot.doing = "draw out"
+    began, start = time.perf_counter(), robot.scene.arm_qpos.copy()
+    way = escape(robot.scene.collision(), robot.kinematics, start, robot.config.escape)
+    robot.spend("motion", time.perf_counter() - began)
+    if len(way) > 1:
+        yield from follow(robot, way, share=0.0, near_rad=near_rad)
+    return None
+
+
+def _way_back(robot: Robot, collision: ArmCollision, goals: Array, plan: PlanConfig) -> PathResult:
     """Escapes from contact, then plans; without an escape the planner starts in contact."""
     began, start = time.perf_counter(), robot.scene.arm_qpos.copy()
     config = robot.config
@@ -56,7 +74,7 @@ def _way_back(robot: Robot, collision: ArmCollision, goals: Array) -> PathResult
         way_out = start[None]
     ends = [Ends(open=goal, tight=way_out[-1]) for goal in goals]
     seed, touch_m = robot.next_seed(), config.escape.touch_m
-    result = plan_path(collision, robot.kinematics, ends, seed, config.plan, touch_m)
+    result = plan_path(collision, robot.kinematics, ends, seed, plan, touch_m)
     if result.path is not None:
         result = replace(result, path=np.concatenate((way_out, result.path[-2::-1])))
     return replace(result, seconds=time.perf_counter() - began)

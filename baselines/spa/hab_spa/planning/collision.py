@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 from numpy.typing import NDArray
 
-from hab_spa.shapes import Array, invert_pose, shape_bounds_m, within_body
+from hab_spa.shapes import Array, invert_pose, shape_bounds_m, standing, within_body
 from hab_tasks.privileged import CollisionBody, PrivilegedState
 from hab_tasks.robots.fetch_spec import (
     ARM_LINKS,
@@ -49,6 +49,11 @@ class CollisionConfig:
     margin_m: float = 0.02
 
 
+def within(reach_m: float | None) -> CollisionConfig:
+    """Returns the usual numbers with another reach; None for the usual one."""
+    return CollisionConfig() if reach_m is None else CollisionConfig(reach_m=reach_m)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Contact:
     """Two shapes closer than their margin; `distance_m` is negative when they penetrate."""
@@ -74,6 +79,16 @@ class Obstacle:
     geometry: coal.CollisionGeometry
     lower_m: Array
     upper_m: Array
+
+
+@dataclass(eq=False)
+class _SceneItem:
+    """A shape of the scene: whose it is, and where it is in the world, in the state and now."""
+
+    body: str
+    geometry: pin.GeometryObject
+    stated: pin.SE3
+    placed: pin.SE3
 
 
 @lru_cache(maxsize=1)
@@ -146,7 +161,8 @@ class ArmCollision:
         self._model, _ = shared_arm_model()
         self._data = self._model.createData()
         self._geometry = pin.GeometryModel()
-        self._moving: dict[str, list[tuple[pin.GeometryObject, pin.SE3]]] = {}
+        self._scene: list[_SceneItem] = []
+        self._moving: dict[str, list[_SceneItem]] = {}
         self.base_from_arm = np.eye(4)
         self.base_from_arm[2, 3] = state.locked_qpos[TORSO_JOINT] - LOCKED_QPOS[TORSO_JOINT]
         self.arm_from_world = invert_pose(state.world_from_base @ self.base_from_arm)
@@ -217,12 +233,33 @@ class ArmCollision:
         """
         if name not in self._moving:
             names = {name, *self._lying_in(name)}
-            items = [g for g in self._geometry.geometryObjects if g.name.split("#")[0] in names]
-            self._moving[name] = [(item, pin.SE3(item.placement)) for item in items]
-        in_arm = pin.SE3(self.arm_from_world @ motion @ invert_pose(self.arm_from_world))
-        for item, placement in self._moving[name]:
-            item.placement = in_arm * placement
-        return bool(self._moving[name])
+            self._moving[name] = [item for item in self._scene if item.body in names]
+        items, moved = self._moving[name], pin.SE3(motion)
+        for item in items:
+            item.placed = moved * item.stated
+        self._place(items)
+        return bool(items)
+
+    def arm_from_world_at(self, base: Array) -> Array:
+        """Returns the pose (4, 4) of the world in the arm's root frame at a base pose (3,)."""
+        world_from_base = standing(base, float(self._state.world_from_base[2, 3]))
+        return invert_pose(world_from_base @ self.base_from_arm)
+
+    def stand_at(self, base: Array) -> None:
+        """Puts the robot, with what it holds, at a base pose (3,) in the world.
+
+        What is farther than `reach_m` from the shoulder of the state is not met there either.
+        """
+        arm_from_world = self.arm_from_world_at(base)
+        if not np.array_equal(arm_from_world, self.arm_from_world):
+            self.arm_from_world = arm_from_world
+            self._place(self._scene)
+
+    def _place(self, items: Sequence[_SceneItem]) -> None:
+        """Puts shapes of the scene where they are as the arm's root sees them."""
+        arm_from_world = pin.SE3(self.arm_from_world)
+        for item in items:
+            item.geometry.placement = arm_from_world * item.placed
 
     def _lying_in(self, name: str) -> list[str]:
         """Returns the loose objects whose centre of mass is in a body's box."""
@@ -245,6 +282,7 @@ class ArmCollision:
     def _add_bodies(self, held: str | None) -> None:
         self._kinds: list[str] = []
         self._links: list[str] = []
+        self._bodies: list[str] = []
         for body in self._state.bodies:
             if body.name not in self._state.world_from_body:
                 continue
@@ -274,9 +312,7 @@ class ArmCollision:
             geometry, shape_offset = made
             placement = pin.SE3(joint_from_shape @ shape_offset)
             item = pin.GeometryObject(f"{body.name}#{i}", joint, placement, geometry)
-            self._geometry.addGeometryObject(item)
-            self._kinds.append(kind)
-            self._links.append(link)
+            self._add_item(item, kind, link, body.name)
 
     def _add_obstacle(self, obstacle: Obstacle) -> None:
         """Adds an obstacle if it is near, standing still in the world."""
@@ -284,9 +320,13 @@ class ArmCollision:
             return
         placement = pin.SE3(self.arm_from_world)
         item = pin.GeometryObject(obstacle.name, 0, placement, obstacle.geometry)
+        self._add_item(item, "scene", obstacle.name, obstacle.name)
+
+    def _add_item(self, item: pin.GeometryObject, kind: str, link: str, body: str) -> None:
         self._geometry.addGeometryObject(item)
-        self._kinds.append("scene")
-        self._links.append(obstacle.name)
+        self._kinds.append(kind)
+        self._links.append(link)
+        self._bodies.append(body)
 
     def _gripper_from(self, name: str) -> Array:
         poses = self._state.world_from_body
@@ -313,6 +353,13 @@ class ArmCollision:
         self._broad = pin.BroadPhaseManager_SSaPCollisionManager(
             self._model, self._geometry, self._geometry.createData()
         )
+        world_from_arm = pin.SE3(invert_pose(self.arm_from_world))
+        for body, kind, item in zip(
+            self._bodies, kinds, self._geometry.geometryObjects, strict=True
+        ):
+            if kind == "scene":
+                placed = world_from_arm * item.placement
+                self._scene.append(_SceneItem(body, item, placed, placed))
         self._margins_m = [float("nan")] * len(pairs)
         self.set_margin(self.config.margin_m)
 

@@ -64,12 +64,19 @@ class Scene(Protocol):
         """Returns a door or drawer of the episode."""
         ...
 
-    def collision(self, *, base: Array | None = None, without: str | None = None) -> ArmCollision:
+    def collision(
+        self,
+        *,
+        base: Array | None = None,
+        without: str | None = None,
+        reach_m: float | None = None,
+    ) -> ArmCollision:
         """Returns the collision model of the arm and of what it holds.
 
         Args:
             base: A base pose (3,) where the robot is thought to stand; None for where it is.
             without: Name of a body that is left out.
+            reach_m: Shapes farther than this from the shoulder are left out; None: as usual.
         """
         ...
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hab_spa.planning.collision import ArmCollision, ShapeCache
+from hab_spa.planning.collision import ArmCollision, ShapeCache, within
 from hab_spa.planning.ik import BatchArm
 from hab_spa.planning.joint_goal import GraspConfig, sphere_m
 from hab_spa.scenes.told_places import ToldPlaces
@@ -223,7 +223,13 @@ class SeenScene:
             world[pixels] = ~of_robot & ~self._in_hand(points_m, self.config.held_margin_m)
             self.map.add(view, world)
 
-    def collision(self, *, base: Array | None = None, without: str | None = None) -> ArmCollision:
+    def collision(
+        self,
+        *,
+        base: Array | None = None,
+        without: str | None = None,
+        reach_m: float | None = None,
+    ) -> ArmCollision:
         """Returns the collision model with what was seen; see `Scene.collision`."""
         self.look()
         if base is None:
@@ -231,12 +237,12 @@ class SeenScene:
         here = self._believed()
         there = here if base is None else standing_at(here, base)
         shoulder_m = _at(there.world_from_base, SHOULDER_M)
-        config = self.config
-        surfaces_m, hidden_m = self.map.occupied_m(shoulder_m, config.reach_m), np.zeros((0, 3))
+        config, far_m = self.config, reach_m or self.config.reach_m
+        surfaces_m, hidden_m = self.map.occupied_m(shoulder_m, far_m), np.zeros((0, 3))
         if self.daring < 2:
             surfaces_m = np.concatenate((surfaces_m, self.map.felt_m()))
         if self.daring < 1:
-            hidden_m = self.map.hidden_m(shoulder_m, config.reach_m)
+            hidden_m = self.map.hidden_m(shoulder_m, far_m)
         sizes = config.map.voxels.size_m, config.map.hidden.size_m
         obstacles = [
             obstacle
@@ -245,7 +251,13 @@ class SeenScene:
                 centres_m[~self._cleared(centres_m, size_m, here, without)], size_m, config.cell_m
             )
         ]
-        return ArmCollision(there, held=there.held, cache=self._cache, obstacles=obstacles)
+        return ArmCollision(
+            there,
+            held=there.held,
+            config=within(reach_m),
+            cache=self._cache,
+            obstacles=obstacles,
+        )
 
     def taking(self, number: int, world_from_ee: Array) -> None:
         """Returns None: what of the points will come along is known when it is in the hand."""

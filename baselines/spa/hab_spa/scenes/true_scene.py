@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hab_spa.planning.collision import ArmCollision, ShapeCache
+from hab_spa.planning.collision import ArmCollision, ShapeCache, within
 from hab_spa.planning.joint_goal import GraspConfig, sphere_m
-from hab_spa.shapes import Array, body_bounds_m, invert_pose
+from hab_spa.shapes import Array, body_bounds_m, invert_pose, standing
 from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.navigation import NavigationMap
 from hab_tasks.privileged import FrontState, PrivilegedState
@@ -94,13 +94,19 @@ class TrueScene:
         """Returns a door or drawer of the episode."""
         return self.state.fronts[number]
 
-    def collision(self, *, base: Array | None = None, without: str | None = None) -> ArmCollision:
+    def collision(
+        self,
+        *,
+        base: Array | None = None,
+        without: str | None = None,
+        reach_m: float | None = None,
+    ) -> ArmCollision:
         """Returns the collision model with the simulator's own shapes; see `Scene.collision`."""
         state = self.state if base is None else standing_at(self.state, base)
         if without is not None:
             poses = {n: pose for n, pose in state.world_from_body.items() if n != without}
             state = replace(state, world_from_body=poses)
-        return ArmCollision(state, held=state.held, cache=self._cache)
+        return ArmCollision(state, held=state.held, config=within(reach_m), cache=self._cache)
 
     def taking(self, number: int, world_from_ee: Array) -> ArmCollision:
         """Returns the collision model as if the hand, at a pose (4, 4), had taken an object."""
@@ -162,11 +168,7 @@ def would_grasp(
 
 def standing_at(state: PrivilegedState, base: Array) -> PrivilegedState:
     """Returns a state with the robot, and what it holds, at another base pose (3,)."""
-    x, y, yaw = base
-    world_from_base = state.world_from_base.copy()
-    cosine, sine = np.cos(yaw), np.sin(yaw)
-    world_from_base[:3, :3] = ((cosine, -sine, 0.0), (sine, cosine, 0.0), (0.0, 0.0, 1.0))
-    world_from_base[:2, 3] = x, y
+    world_from_base = standing(base, float(state.world_from_base[2, 3]))
     motion = world_from_base @ invert_pose(state.world_from_base)
     robot = {body.name for body in state.bodies if body.group == "robot"} | {state.held}
     poses = {

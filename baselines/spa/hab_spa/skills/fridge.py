@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from hab_spa.motion.moves import go, wait
-from hab_spa.motion.rest import rest
+from hab_spa.motion.rest import draw_out, rest
 from hab_spa.motion.robot import GRASP, RELEASE, Command, Motion, Robot
+from hab_spa.planning.arm_plan import PlanConfig
 from hab_spa.planning.path import time_path
 from hab_spa.results import Failure
 from hab_spa.shapes import Array
 from hab_spa.skills.fridge_arc import Lead, Pull
 from hab_spa.skills.fridge_door import Door
-from hab_spa.skills.fridge_place import PlaceConfig, Places, find_leads
+from hab_spa.skills.fridge_place import Chosen, PlaceConfig, Places
 from hab_spa.skills.fridge_shunt import ShuntConfig, drive
+from hab_spa.skills.fridge_tow import rolling, with_base, without_base
 from hab_tasks.episodes.robot_start import Rectangle
 from hab_tasks.fronts import FRIDGE_CLOSED_RAD, FRIDGE_OPEN_RAD
 from hab_tasks.navigation import NavigationMap
@@ -61,6 +63,9 @@ class FridgeConfig:
         still_rad: A door that moves less than this in a step stands still.
         wait_steps: A swinging door is waited for so long.
         spare_steps: So many steps are to spare where time suffices.
+        as_is_tries: So many places are looked at for a hand that has led the door and cannot go
+            on, before the arm rests.
+        plan: Numbers of the motion planner: short motions are worth some more computing.
         places: So many base poses are offered to those who come from elsewhere.
         quick_steps: A way of that many steps is as good as any; one of so many the worst.
         place: Numbers of the search for a place.
@@ -98,6 +103,8 @@ class FridgeConfig:
     still_rad: float = 0.002
     wait_steps: int = 60
     spare_steps: float = 25.0
+    as_is_tries: int = 8
+    plan: PlanConfig = field(default_factory=lambda: PlanConfig(good_rad=1.2, improve_checks=8_000))
     places: int = 64
     quick_steps: tuple[float, float] = (80.0, 200.0)
     place: PlaceConfig = field(default_factory=PlaceConfig)
@@ -145,29 +152,34 @@ def fridge_places(
 
 
 def fridge_ways(
-    robot: Robot, number: int, base: Array, out: bool, config: FridgeConfig | None = None
-) -> float:
-    """Returns how well the fridge's door can be moved from a base pose (3,): 0 to `ALL_WAYS`.
+    robot: Robot, number: int, map_: NavigationMap, out: bool, config: FridgeConfig | None = None
+) -> Callable[[Array], float]:
+    """Returns what tells how well the door can be moved from a base pose (3,): 0 to `ALL_WAYS`.
 
     Up to half of that for a part of the way, more the fewer steps all of it takes.
 
     Args:
         robot: Who would do it.
         number: Number of the fridge.
-        base: Where the robot is thought to stand.
+        map_: The floor.
         out: Whether the fridge is to be opened.
         config: The numbers.
     """
     config = config or FridgeConfig()
-    front = robot.scene.front(number)
-    pull = pull_of(front, out, config)
-    leads = find_leads(robot, front, pull, base, config.place.glance, config.place)
-    if not leads:
-        return 0.0
-    if not leads[0].enough:
-        return ALL_WAYS / 2 * min(leads[0].share, 1.0)
-    quick, slow = config.quick_steps
-    return float(ALL_WAYS / 2 * (1.0 + np.clip((slow - leads[0].cost) / (slow - quick), 0.0, 1.0)))
+    pull = pull_of(robot.scene.front(number), out, config)
+    places = Places(robot, number, pull, map_, None, config.place)
+
+    def ways(base: Array) -> float:
+        leads = places.glance(base)
+        if not leads:
+            return 0.0
+        if not leads[0].enough:
+            return ALL_WAYS / 2 * min(leads[0].share, 1.0)
+        quick, slow = config.quick_steps
+        quickness = np.clip((slow - leads[0].cost) / (slow - quick), 0.0, 1.0)
+        return float(ALL_WAYS / 2 * (1.0 + quickness))
+
+    return ways
 
 
 def pull_of(front: FrontState, out: bool, config: FridgeConfig) -> Pull:
@@ -241,7 +253,7 @@ class _Fridge:
             def intact(joint: float = before) -> bool:
                 return back * (self._joint - joint) < config.back_rad
 
-            failure = yield from rest(robot, intact, timing=timing)
+            failure = yield from rest(robot, intact, timing=timing, plan=config.plan)
             if failure is not Failure.EXECUTION:
                 break
         return failure
@@ -269,41 +281,37 @@ class _Fridge:
 
     def _stand(self) -> Motion:
         """Drives to the best place, unless the arm that has just led the door can go on."""
-        robot, config = self._robot, self._config.place
         if self._reaches:
             self._places = self._look()
-            leads = self._places.leads(None)
-            if any(self._goes_on(lead) for lead in leads):
+            if any(self._goes_on(lead) for lead in self._places.leads(None)):
+                return None
+            self._reaches = False
+            chosen = self._choose(self._config.as_is_tries)
+            if chosen is not None and chosen.whole:
+                yield from self._drive(chosen)
                 return None
             failure = yield from self._rest()
             if failure is not None:
                 return failure
-            self._reaches = False
+        chosen = self._choose(self._config.place.tries)
+        if chosen is None:
+            return Failure.TARGET_PLAN
+        yield from self._drive(chosen)
+        return None
+
+    def _choose(self, tries: int) -> Chosen | None:
+        """Looks closely at places, with the arm as it is, and returns the best."""
+        robot = self._robot
         robot.doing = "stand"
         began = time.perf_counter()
-        self._places = places = self._look()
-        best, tries = None, config.tries
-        in_time = robot.steps_left - self._config.spare_steps
-        for number, pose in enumerate(places.ranked()[: config.most_tries]):
-            enough = tries if best is None or best[1] <= in_time else config.late_tries
-            if number >= enough and best is not None:
-                break
-            here = np.array_equal(pose, robot.base)
-            shunt, tight = (None, 0) if here else places.way(pose)
-            leads = places.leads(None if here else pose) if here or shunt is not None else []
-            way_steps = 0.0 if shunt is None else shunt.steps + config.tight_steps * tight
-            cost = leads[0].cost + way_steps if leads else np.inf
-            if cost < (np.inf if best is None else best[1]):
-                best = (shunt, cost)
-                if leads[0].enough:
-                    more = config.more_tries * (tight > 0 or not leads[0].whole)
-                    tries = min(tries, number + 1 + more)
+        self._places = self._look()
+        chosen = self._places.choose(tries, robot.steps_left - self._config.spare_steps)
         robot.spend("target", time.perf_counter() - began)
-        if best is None:
-            return Failure.TARGET_PLAN
-        if best[0] is not None:
-            yield from drive(robot, best[0], self._config.shunt)
-        return None
+        return chosen
+
+    def _drive(self, chosen: Chosen) -> Generator[Command, None, None]:
+        if chosen.shunt is not None:
+            yield from drive(self._robot, chosen.shunt, self._config.shunt)
 
     def _goes_on(self, lead: Lead) -> bool:
         """Whether a way takes the door on by enough to be worth another grasp from here."""
@@ -314,6 +322,7 @@ class _Fridge:
         """Returns the ways of leading the door from here, the best first."""
         robot = self._robot
         began = time.perf_counter()
+        self._places = self._look()
         leads = self._places.leads(None, thorough=True)
         robot.spend("target", time.perf_counter() - began)
         good = [lead for lead in leads if lead.cost < leads[0].cost + self._config.as_good_steps]
@@ -323,9 +332,13 @@ class _Fridge:
         """Takes the handle."""
         robot, config = self._robot, self._config
         robot.doing, robot.gripper = "reach", RELEASE
-        goals = np.array([lead.goal for lead in leads])
         failure = yield from go(
-            robot, robot.scene.collision(), goals, config.reach_share, near_rad=config.at_handle_rad
+            robot,
+            robot.scene.collision(),
+            np.array([lead.goal for lead in leads]),
+            config.reach_share,
+            near_rad=config.at_handle_rad,
+            plan=config.plan,
         )
         if failure is not None:
             return failure
@@ -338,23 +351,29 @@ class _Fridge:
 
     def _lead(self, leads: list[Lead]) -> Generator[Command, None, None]:
         """Leads the handle along its arc, and lets go when the door stands or closes by itself."""
-        robot, config = self._robot, self._config
+        robot, config, tow = self._robot, self._config, self._config.place.lead.arc.tow
         robot.doing = "pull" if self._out else "push"
         start = robot.scene.arm_qpos.copy()
         lead = min(leads, key=lambda lead: np.abs(lead.goal - start).max())
         way = np.abs(lead.joints - lead.joints[0])
         passed = np.searchsorted(way, abs(self._joint - lead.joints[0]), side="right")
         arc = np.concatenate((start[None], lead.arc[passed:]))
-        targets = time_path(arc, robot.config.timing, config.pace)
+        bases = np.concatenate((lead.bases[:1], lead.bases[passed:]))
+        path = time_path(with_base(arc, bases, tow), robot.config.timing, config.pace)
+        targets, bases = without_base(path, tow)
         lets_swing = not (self._out or lead.whole)
-        for target in targets[: -config.brake_steps] if lets_swing else targets:
+        for step, target in enumerate(targets[: -config.brake_steps] if lets_swing else targets):
             if not self._held or self._far_enough:
                 break
-            yield robot.command(target)
+            now, soon = bases[np.maximum((step - tow.lag_steps, step - tow.lag_steps + 1), 0)]
+            moves = rolling(robot, now, soon, tow) if lead.towed else (0.0, 0.0)
+            yield robot.command(target, base=moves, pose=now if lead.towed else None)
         if not lets_swing:
             yield from self._hold(targets[-1])
         robot.gripper = RELEASE
         yield from wait(robot, config.release_steps)
+        if not self._done:
+            yield from draw_out(robot, config.at_handle_rad)
 
     def _hold(self, end: Array) -> Generator[Command, None, None]:
         """Holds the door until it is slow and far enough, or the arm at the end (7,) of its way."""

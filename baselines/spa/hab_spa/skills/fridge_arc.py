@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no stubs
@@ -12,9 +13,9 @@ from scipy.spatial.transform import Rotation
 from hab_spa.planning.arm_plan import path_rad
 from hab_spa.planning.collision import ArmCollision, shared_arm_model
 from hab_spa.planning.ik import BatchArm
-from hab_spa.planning.joint_goal import in_arm
 from hab_spa.shapes import Array, invert_pose
 from hab_spa.skills.fridge_door import Door
+from hab_spa.skills.fridge_tow import TowConfig, with_base
 from hab_tasks.privileged import FrontState
 from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
 
@@ -40,6 +41,7 @@ class ArcConfig:
         behind_rad: A door that is opened stays so far behind a hand at its edge or behind it: the
             handle is drawn in until the fingers touch the door's other side.
         before_m: A hand that is so much farther off the door than its handle is before it.
+        tow: How the base moves along.
     """
 
     step_rad: float = 0.08
@@ -52,6 +54,7 @@ class ArcConfig:
     again_steps: tuple[float, float] = (60.0, 60.0)
     behind_rad: float = 0.09
     before_m: float = 0.01
+    tow: TowConfig = field(default_factory=TowConfig)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +92,8 @@ class Lead:
 
     Attributes:
         goal: (7,) arm pose that takes the handle.
-        arc: (K, 7) arm poses along the handle's arc ...
+        arc: (K, 7) arm poses along the handle's arc, ...
+        bases: ... (K, 3) base poses, which are all the same where the robot stands, ...
         joints: ... and how far the door is open at each (K,) [rad].
         enough: Whether the door gets far enough ...
         whole: ... and all the way.
@@ -99,11 +103,17 @@ class Lead:
 
     goal: Array
     arc: Array
+    bases: Array
     joints: Array
     enough: bool
     whole: bool
     share: float
     cost: float
+
+    @property
+    def towed(self) -> bool:
+        """Whether the base goes along."""
+        return bool(np.ptp(self.bases, axis=0).any())
 
 
 class Arcs:
@@ -115,26 +125,35 @@ class Arcs:
         count = 1 + round(abs(pull.end - front.joint) / config.step_rad)
         self._joints = np.linspace(front.joint, pull.end, count)
 
-    def leads(self, here: Array, goals: Array, collision: ArmCollision) -> list[Lead]:
+    @property
+    def joints(self) -> Array:
+        """How far the door is open on the way (K,) [rad]."""
+        return self._joints
+
+    def leads(self, here: Array, goals: Array, collision: ArmCollision, tows: Array) -> list[Lead]:
         """Returns the ways of leading the door from arm poses (G, 7).
 
         Args:
             here: The arm now (7,).
             goals: Arm poses that take the handle.
-            collision: Tells what is free; the door is moved in it.
+            collision: Tells what is free; door and robot are moved in it.
+            tows: Motions of the base (T, K, 3), all from where it stands.
         """
-        if not len(goals):
+        if not len(goals) or not len(tows):
             return []
         collision.set_margin(self._config.margin_m)
-        ways = self._config.ways
-        starts = np.repeat(goals, len(ways), axis=0)
-        arcs = self._follow(starts, ways * len(goals), collision)
-        lags = np.zeros(len(starts))
-        if self._pull.way_out:
-            lags[~self.are_before(starts, collision)] = self._config.behind_rad
+        entries = list(product(range(len(tows)), goals, self._config.ways))
+        starts = np.stack([goal for _, goal, _ in entries])
+        towed = np.array([tow for tow, _, _ in entries])
+        collision.stand_at(tows[0, 0])
+        before = self.are_before(starts, collision)
+        arcs = self._follow(
+            starts, np.array([way for _, _, way in entries]), towed, tows, collision
+        )
+        lags = np.where(before | (not self._pull.way_out), 0.0, self._config.behind_rad)
         return [
-            self._lead(here, start, np.array(arc), lag)
-            for start, arc, lag in zip(starts, arcs, lags, strict=True)
+            self._lead(here, start, np.array(arc), tows[tow, : len(arc)], lag)
+            for start, arc, tow, lag in zip(starts, arcs, towed, lags, strict=True)
             if len(arc) > 1
         ]
 
@@ -147,38 +166,57 @@ class Arcs:
         )
 
     def _follow(
-        self, starts: Array, ways: tuple[tuple[float, float], ...], collision: ArmCollision
+        self, starts: Array, ways: Array, towed: Array, tows: Array, collision: ArmCollision
     ) -> list[list[Array]]:
-        """Returns the arm poses along the arc from each start, as long as they are free."""
+        """Returns the arm poses along the arc from each start (E, 7), as long as they are free.
+
+        Args:
+            starts: Arm poses that take the handle.
+            ways: How the hand turns from each (E, 2).
+            towed: With which motion of the base (E,) ...
+            tows: ... of these (T, K, 3).
+            collision: Tells what is free.
+        """
         arcs: list[list[Array]] = [[] for _ in starts]
         poses, going = starts, np.arange(len(starts))
         hands = np.stack([self._arm.ee_pose(pose) for pose in starts])
-        shares, weights_m = np.array(ways).T
         places = self._places(hands, collision)
-        for joint in self._joints:
+        hands = invert_pose(collision.arm_from_world) @ hands
+        for number, joint in enumerate(self._joints):
             motion = self._front.moved(float(joint))
             collision.move(self._front.body, motion)
-            axis = (
-                collision.arm_from_world[:3, :3] @ Rotation.from_matrix(motion[:3, :3]).as_rotvec()
-            )
-            goals = hands[going].copy()
-            turns = Rotation.from_rotvec(shares[going, None] * axis).as_matrix()
-            goals[:, :3, :3] = turns @ goals[:, :3, :3]
-            points = [self.door.point(float(joint), *places[number]) for number in going]
-            goals[:, :3, 3] = in_arm(np.array(points), collision)
-            poses = self._arm.track_poses(poses, goals, self._config.steps, weights_m[going])
+            goals = self._goals(float(joint), hands[going], places[going], ways[going, 0])
+            seen = np.stack([collision.arm_from_world_at(base) for base in tows[:, number]])
+            goals = seen[towed[going]] @ goals
+            poses = self._arm.track_poses(poses, goals, self._config.steps, ways[going, 1])
             reached, _ = self._arm.position_and_jacobian(poses)
             missed_m = np.linalg.norm(reached - goals[:, :3, 3], axis=1)
             on = missed_m <= self._config.missed_m
-            on &= np.array(
-                [ok and collision.is_free(pose) for ok, pose in zip(on, poses, strict=True)]
-            )
+            for entry in np.nonzero(on)[0]:
+                collision.stand_at(tows[towed[going[entry]], number])
+                on[entry] = collision.is_free(poses[entry])
             going, poses = going[on], poses[on]
-            for number, pose in zip(going, poses, strict=True):
-                arcs[number].append(pose)
+            for entry, pose in zip(going, poses, strict=True):
+                arcs[entry].append(pose)
             if not len(going):
                 break
         return arcs
+
+    def _goals(self, joint: float, hands: Array, places: Array, shares: Array) -> Array:
+        """Returns where hands (E, 4, 4) go in the world when the door is open so far.
+
+        Args:
+            joint: How far the door is open.
+            hands: Where they took it.
+            places: Where beside the door they go along (E, 2).
+            shares: Of the door's turn with which they turn (E,).
+        """
+        axis = Rotation.from_matrix(self._front.moved(joint)[:3, :3]).as_rotvec()
+        turns = Rotation.from_rotvec(shares[:, None] * axis).as_matrix()
+        goals = hands.copy()
+        goals[:, :3, :3] = turns @ goals[:, :3, :3]
+        goals[:, :3, 3] = [self.door.point(joint, *place) for place in places]
+        return goals
 
     def _places(self, hands: Array, collision: ArmCollision) -> Array:
         """Returns (along, out) (G, 2) at which hands (G, 4, 4) go along with the door.
@@ -197,11 +235,12 @@ class Arcs:
     def _before(self, places: Array) -> NDArray[np.bool_]:
         return places[:, 1] > self.door.handle_m[1] + self._config.before_m
 
-    def _lead(self, here: Array, goal: Array, arc: Array, lag_rad: float) -> Lead:
+    def _lead(self, here: Array, goal: Array, arc: Array, bases: Array, lag_rad: float) -> Lead:
         config, joints = self._config, self._joints[: len(arc)]
         last = float(joints[-1]) - lag_rad
         enough, whole = self._pull.enough(last), self._pull.all_the_way(last)
-        cost = config.detour * float(np.abs(goal - here).max()) + path_rad(arc)
+        cost = config.detour * float(np.abs(goal - here).max())
+        cost += path_rad(with_base(arc, bases, config.tow))
         cost += float(np.abs(arc[-1] - REST_QPOS_RAD).max())
         cost /= config.pace_rad
         if not whole:
@@ -211,7 +250,14 @@ class Arcs:
             cost += 1000.0 * abs(last - self._pull.need)
         share = float((last - joints[0]) / (self._pull.need - joints[0]))
         return Lead(
-            goal=goal, arc=arc, joints=joints, enough=enough, whole=whole, share=share, cost=cost
+            goal=goal,
+            arc=arc,
+            bases=bases,
+            joints=joints,
+            enough=enough,
+            whole=whole,
+            share=share,
+            cost=cost,
         )
 
 

@@ -14,15 +14,13 @@ from numpy.typing import NDArray
 
 from hab_spa.motion.drive import STEP_M, STEP_RAD
 from hab_spa.motion.robot import Robot
-from hab_spa.planning.joint_goal import GoalConfig, sample_reaching_goals
 from hab_spa.shapes import Array
-from hab_spa.skills.fridge_arc import ArcConfig, Arcs, Lead, Pull, arm_points_m, best_first
+from hab_spa.skills.fridge_arc import Lead, Pull, arm_points_m
 from hab_spa.skills.fridge_door import Door
+from hab_spa.skills.fridge_leads import LeadConfig, Leads
 from hab_spa.skills.fridge_shunt import Shunt, shunts
 from hab_tasks.episodes.robot_start import Rectangle
 from hab_tasks.navigation import NavigationMap
-from hab_tasks.privileged import FrontState
-from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,10 +49,7 @@ class PlaceConfig:
         edge_steps: A place at the edge of the region counts as so many steps.
         tight_steps: A clearance that a place lacks counts as so many steps.
         drives: So many ways to a place are looked at closely.
-        glance, judging, doing: How the hand's ways to the handle are looked for at first sight,
-            while places are compared, and where the robot stands at last.
-        resting_rad: An arm that is no farther from rest in any joint rests.
-        arc: How the handle's arc is followed.
+        lead: How the hand's ways with the door are looked for.
     """
 
     x_m: tuple[float, float] = (0.99, 1.79)
@@ -80,68 +75,26 @@ class PlaceConfig:
     late_tries: int = 32
     most_tries: int = 60
     drives: int = 2
-    resting_rad: float = 0.6
-    judging: GoalConfig = field(
-        default_factory=lambda: GoalConfig(
-            starts_per_point=60, round_starts=60, enough=30, goals=8, same_goal_rad=0.2
-        )
-    )
-    glance: GoalConfig = field(
-        default_factory=lambda: GoalConfig(
-            starts_per_point=20, round_starts=20, enough=10, goals=3, same_goal_rad=0.3
-        )
-    )
-    doing: GoalConfig = field(
-        default_factory=lambda: GoalConfig(
-            starts_per_point=300, round_starts=150, enough=120, goals=30, same_goal_rad=0.2
-        )
-    )
-    arc: ArcConfig = field(default_factory=ArcConfig)
+    lead: LeadConfig = field(default_factory=LeadConfig)
 
 
-def find_leads(
-    robot: Robot,
-    front: FrontState,
-    pull: Pull,
-    pose: Array | None,
-    goal: GoalConfig,
-    config: PlaceConfig,
-) -> list[Lead]:
-    """Returns what the arm can do at a base pose (3,), or where it is, the best first.
+@dataclass(frozen=True, kw_only=True)
+class Chosen:
+    """A place to stand at.
 
-    Args:
-        robot: Whose arm.
-        front: The door.
-        pull: How it is to be moved.
-        pose: Where the robot is thought to stand; None for where it is.
-        goal: How the hand's ways to the handle are looked for.
-        config: The numbers.
+    Attributes:
+        shunt: How to get there; None: the robot stands there.
+        cost: About how many steps it takes to move the door from there, and to get there.
+        whole: Whether nothing remains to be done then.
+        enough: Whether the door gets far enough.
+        tight: How many of the wanted clearances are too large for the drive.
     """
-    scene, door = robot.scene, Door(front)
-    collision = scene.collision(base=pose)
-    if pose is not None:
-        collision.set_margin(config.margins_m[-1])
-        if not collision.is_free(scene.arm_qpos):
-            return []
-    points_m = np.array([door.point(door.joint, *grasp) for grasp in pull.grasps_m])
-    seed = robot.next_seed()
-    goals = sample_reaching_goals(points_m, collision, robot.kinematics, seed, goal).goals
-    here = scene.arm_qpos
-    if np.abs(here - REST_QPOS_RAD).max() > config.resting_rad:
-        # A hand that has just led the door may go on with little motion.
-        near = sample_reaching_goals(points_m, collision, robot.kinematics, seed, goal, here)
-        goals = np.concatenate((goals, near.goals))
-    if not len(goals):
-        return []
-    arcs = Arcs(front, robot.kinematics, pull, config.arc)
-    if pull.way_out:
-        return best_first(arcs.leads(scene.arm_qpos, goals, collision))
-    # A door that closes gives way to a hand before it.
-    before = arcs.are_before(goals, collision)
-    leads = arcs.leads(scene.arm_qpos, goals[~before], collision)
-    collision = scene.collision(base=pose, without=front.body)
-    leads += arcs.leads(scene.arm_qpos, goals[before], collision)
-    return best_first(leads)
+
+    shunt: Shunt | None
+    cost: float
+    whole: bool
+    enough: bool
+    tight: int
 
 
 class Places:
@@ -159,10 +112,11 @@ class Places:
         """Looks at the door as it is now."""
         self.robot, self.pull, self.config = robot, pull, config
         self._map, self._region = map_, region
-        self._front = front = robot.scene.front(number)
-        self.door, self._frame = Door(front), front.frame
+        front = robot.scene.front(number)
+        self.door, self._frame, self._body = Door(front), front.frame, front.body
+        self._leads = Leads(robot, front, pull, self.may_tow, self._middle(), config.lead)
         self._kept: dict[tuple[int, ...], int] = {}
-        self._rest = arm_points_m(np.array(REST_QPOS_RAD)[None])[0]
+        self._arm_m = arm_points_m(robot.scene.arm_qpos[None])[0]
 
     def ranked(self, coming: bool = True) -> Array:
         """Returns base poses (K, 3), those first that are near, roomy and out of the way.
@@ -190,12 +144,57 @@ class Places:
 
     def leads(self, pose: Array | None, thorough: bool = False) -> list[Lead]:
         """Returns what the arm can do at a base pose (3,), or where it is, the best first."""
-        goal = self.config.doing if thorough else self.config.judging
-        return find_leads(self.robot, self._front, self.pull, pose, goal, self.config)
+        lead = self.config.lead
+        return self._leads.find(pose, lead.doing if thorough else lead.judging)
+
+    def choose(self, tries: int, in_time_steps: float) -> Chosen | None:
+        """Returns the best of the places that are looked at closely; None where none will do.
+
+        Args:
+            tries: So many are looked at, more where none of them will do in time.
+            in_time_steps: So many steps are left.
+        """
+        config, best = self.config, None
+        for number, pose in enumerate(self.ranked()[: config.most_tries]):
+            late = best is not None and best.cost > in_time_steps
+            if best is not None and number >= (config.late_tries if late else tries):
+                break
+            place = self._judge(pose)
+            if place is not None and (best is None or place.cost < best.cost):
+                best = place
+                if best.enough:
+                    more = config.more_tries * (best.tight > 0 or not best.whole)
+                    tries = min(tries, number + 1 + more)
+        return best
+
+    def _judge(self, pose: Array) -> Chosen | None:
+        """Looks closely at a base pose (3,); None if the arm or the drive cannot do it."""
+        here = np.array_equal(pose, self.robot.base)
+        shunt, tight = (None, 0) if here else self.way(pose)
+        leads = self.leads(None if here else pose) if here or shunt is not None else []
+        if not leads:
+            return None
+        way_steps = 0.0 if shunt is None else shunt.steps + self.config.tight_steps * tight
+        return Chosen(
+            shunt=shunt,
+            cost=leads[0].cost + way_steps,
+            whole=leads[0].whole,
+            enough=leads[0].enough,
+            tight=tight,
+        )
+
+    def glance(self, pose: Array) -> list[Lead]:
+        """Returns what the arm can do at a base pose (3,) at first sight."""
+        return self._leads.find(pose, self.config.lead.glance)
+
+    def may_tow(self, poses: Array) -> NDArray[np.bool_]:
+        """Whether the base may go over poses (K, 3) with the door in the hand, (K,)."""
+        roomy = _clearance_m(self._map, poses) >= self.config.least_base_m
+        return roomy & self._inside(poses)
 
     def swept_m(self, poses: Array) -> Array:
-        """Returns how far base poses (K, 3) put torso or resting arm into the door's way, (K,)."""
-        points = _placed(self._rest[:, :2], poses)
+        """Returns how far base poses (K, 3) put torso or arm into the door's way, (K,)."""
+        points = _placed(self._arm_m[:, :2], poses)
         gaps, bodies = [], []
         for joint in np.linspace(*self.pull.swept, 8):
             gaps.append(self.door.gap_m(points, float(joint)).min(axis=1))
@@ -229,32 +228,32 @@ class Places:
     def _arm_room(self, poses: Array, least: int) -> int:
         """Returns how many of the margins the resting arm keeps at base poses (K, 3).
 
-        Nobody asks for the number when it is `least` or below.
+        Nobody asks for the number when it is `least` or below. Drives have much in common, so a
+        pose next to one that was looked at is not looked at.
         """
-        room = len(self.config.margins_m)
         near = _clearance_m(self._map, poses) < self.config.arm_reach_m
-        for pose in poses[near][::-1]:
-            room = min(room, self._margins_kept(pose))
-            if room <= least:
-                break
+        keys = np.round(poses[near] / self.config.alike).astype(int).tolist()
+        alike = dict(zip(map(tuple, keys), poses[near], strict=True))
+        room, known = len(self.config.margins_m), [self._kept[k] for k in alike if k in self._kept]
+        room = min([room, *known])
+        if room > least:
+            new = {key: pose for key, pose in alike.items() if key not in self._kept}
+            self._kept.update(zip(new, self._margins_kept(list(new.values())), strict=True))
+            room = min([room, *(self._kept[key] for key in new)])
         return room
 
-    def _margins_kept(self, pose: Array) -> int:
-        """Returns how many of the margins the resting arm keeps at a base pose (3,).
-
-        Drives have much in common, so a pose next to one that was looked at is not looked at.
-        """
-        key = tuple(np.round(pose / self.config.alike).astype(int).tolist())
-        if key not in self._kept:
-            collision = self.robot.scene.collision(base=pose)
-            arm, kept = self.robot.scene.arm_qpos, 0
-            for margin_m in self.config.margins_m[::-1]:
-                collision.set_margin(margin_m)
-                if not collision.is_free(arm):
-                    break
-                kept += 1
-            self._kept[key] = kept
-        return self._kept[key]
+    def _margins_kept(self, poses: list[Array]) -> list[int]:
+        """Returns how many of the margins the resting arm keeps at each base pose (3,)."""
+        collision, arm = self._leads.collision, self.robot.scene.arm_qpos
+        collision.move(self._body, np.eye(4))
+        kept = [0] * len(poses)
+        for number, margin_m in enumerate(self.config.margins_m[::-1]):
+            collision.set_margin(margin_m)
+            for i, pose in enumerate(poses):
+                if kept[i] == number:
+                    collision.stand_at(pose)
+                    kept[i] += collision.is_free(arm)
+        return kept
 
     def has_room(self, pose: Array) -> bool:
         """Whether the base may stand at a pose (3,), as far as the floor goes."""
@@ -266,6 +265,13 @@ class Places:
         joints = np.linspace(self.door.joint, self.pull.whole, 3)
         points = np.stack([self.door.handle(float(joint))[:2] for joint in joints])
         return np.linalg.norm(points[:, None] - poses[None, :, :2], axis=2)
+
+    def _middle(self) -> Array:
+        """Returns the base pose (3,) in the middle of the places, facing the fridge."""
+        x0, y0, yaw = self._frame
+        x_m, y_m = np.mean(self.config.x_m), np.mean(self.config.y_m)
+        turn = np.array(((np.cos(yaw), -np.sin(yaw)), (np.sin(yaw), np.cos(yaw))))
+        return np.array((*(turn @ (x_m, y_m) + (x0, y0)), yaw + np.pi))
 
     def _grid(self) -> Array:
         config, (x0, y0, yaw) = self.config, self._frame

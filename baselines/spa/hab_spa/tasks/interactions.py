@@ -25,6 +25,10 @@ NEAREST_M, FARTHEST_M = 0.4, 1.35
 """Distance on the floor from the base to what is taken, or let go, by the stretched arm."""
 
 
+Ways = Callable[[Array, int], float]
+"""(base pose (3,), effort) -> how many ways to do something from there are found."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Interaction:
     """An action of a plan, other than to navigate.
@@ -35,7 +39,8 @@ class Interaction:
         skill: (robot) -> it being done.
         places: (robot, map) -> base poses (K, 3) from which it may be possible, best first.
         point_m: (robot) -> what is to be reached (3,).
-        ways: (robot, base pose (3,), effort) -> how many ways to do it from there are found.
+        ways: (robot, map) -> what tells for a base pose (3,), and effort, how many ways to do it
+            from there are found.
     """
 
     action: Action
@@ -43,7 +48,7 @@ class Interaction:
     skill: Callable[[Robot], Motion]
     places: Callable[[Robot, NavigationMap], Array]
     point_m: Callable[[Robot], Array]
-    ways: Callable[[Robot, Array, int], float]
+    ways: Callable[[Robot, NavigationMap], Ways]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +73,7 @@ def interaction(task: Task, action: Action, hands: Hands) -> Interaction:
             skill=lambda robot: hands.pick(robot, number),
             places=lambda robot, map_: _around(map_, robot.scene.object_m(number)),
             point_m=lambda robot: robot.scene.object_m(number),
-            ways=lambda robot, base, effort: pick_ways(robot, number, base, effort),
+            ways=lambda robot, _map: partial(pick_ways, robot, number),
         )
     return Interaction(
         action=action,
@@ -76,7 +81,7 @@ def interaction(task: Task, action: Action, hands: Hands) -> Interaction:
         skill=lambda robot: hands.place(robot, number),
         places=lambda robot, map_: _around(map_, robot.scene.goal_m(number)),
         point_m=lambda robot: robot.scene.goal_m(number),
-        ways=lambda robot, base, effort: place_ways(robot, number, base, effort),
+        ways=lambda robot, _map: partial(place_ways, robot, number),
     )
 
 
@@ -105,12 +110,15 @@ def _front(kind: str, number: int, action: Action) -> Interaction:
             else fridge_places(robot, number, map_, out)
         ),
         point_m=lambda robot: robot.scene.front(number).handle_m,
-        ways=lambda robot, base, _effort: (
-            drawer_ways(robot, number, base, out)
-            if drawer
-            else fridge_ways(robot, number, base, out)
-        ),
+        ways=lambda robot, map_: _front_ways(robot, number, drawer, out, map_),
     )
+
+
+def _front_ways(robot: Robot, number: int, drawer: bool, out: bool, map_: NavigationMap) -> Ways:
+    if drawer:
+        return lambda base, _effort: drawer_ways(robot, number, base, out)
+    ways = fridge_ways(robot, number, map_, out)
+    return lambda base, _effort: ways(base)
 
 
 def believed(task: Task, scene: Scene) -> frozenset[Atom]:

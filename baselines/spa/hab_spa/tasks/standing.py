@@ -11,7 +11,7 @@ import numpy as np
 from hab_spa.motion.moves import go
 from hab_spa.motion.robot import Motion, Robot
 from hab_spa.shapes import Array
-from hab_spa.tasks.interactions import Interaction
+from hab_spa.tasks.interactions import Interaction, Ways
 from hab_tasks.navigation import NavigationMap
 
 TUCKED_QPOS_RAD = (-1.60, -1.22, 0.90, -0.61, 1.88, 2.14, 0.39)
@@ -70,9 +70,10 @@ def choose(
     few = spread(np.array_split(poses, 2)[0], config.places)
     more = spread(poses, config.more_places)
     arms = (robot.scene.arm_qpos.copy(), np.array(TUCKED_QPOS_RAD))
+    ways_from = item.ways(robot, map_)
     for (some, effort), arm_rad in product(((few, 1), (more, 1), (more, config.effort)), arms):
         best, most = None, 0.0
-        for pose, ways in _ways(robot, item, some, arm_rad, effort):
+        for pose, ways in _ways(robot, ways_from, some, arm_rad, effort):
             if ways > most:
                 best, most = pose, ways
             if most >= config.enough_ways:
@@ -89,12 +90,12 @@ def spread(poses: Array, count: int) -> Array:
 
 
 def _ways(
-    robot: Robot, item: Interaction, poses: Array, arm_rad: Array, effort: int
+    robot: Robot, ways_from: Ways, poses: Array, arm_rad: Array, effort: int
 ) -> Iterator[tuple[Array, float]]:
     """Yields base poses (3,) where the arm is free, and how many ways there are from there."""
     for pose in poses:
         if robot.scene.collision(base=pose).is_free(arm_rad):
-            yield pose, item.ways(robot, pose, effort)
+            yield pose, ways_from(pose, effort)
 
 
 def fold(robot: Robot, standing: Standing) -> Motion:

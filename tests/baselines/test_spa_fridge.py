@@ -11,10 +11,13 @@ import torch
 from hab_spa.agents.factories import spa_priv
 from hab_spa.motion.drive import STEP_M, STEP_RAD
 from hab_spa.motion.robot import Robot, SpaConfig
+from hab_spa.planning.arm_plan import path_rad
 from hab_spa.scenes.true_scene import TrueScene
-from hab_spa.skills.fridge import ALL_WAYS, FridgeConfig, fridge_places, fridge_ways, pull_of
+from hab_spa.skills.fridge import ALL_WAYS, fridge_places, fridge_ways
+from hab_spa.skills.fridge_config import FridgeConfig, pull_of
 from hab_spa.skills.fridge_door import Door
 from hab_spa.skills.fridge_shunt import shunts
+from hab_spa.skills.fridge_tow import TowConfig, tows, with_base, without_base
 
 from hab_tasks.agent import AgentSetup
 from hab_tasks.constants import GRASP_RADIUS_M
@@ -121,6 +124,42 @@ def test_shunt_in_place_only_turns():
     assert found[0].yaw_rad - 3.0 == pytest.approx(2 * math.pi - 6.0)
 
 
+def test_the_base_backs_away_with_the_door_over_free_floor_only():
+    """The door of `door_at` is led to 90 degrees; the robot looks at it from x = 1.0."""
+    config, door = TowConfig(), Door(door_at(0.0))
+    base, joints = np.array((1.0, 0.6, math.pi)), np.linspace(0.0, math.pi / 2, 9)
+
+    def behind_a_line(poses):
+        return poses[:, 1] < 0.7
+
+    moving = tows(base, joints, len(joints), door, behind_a_line, config)
+
+    assert 0 < len(moving) <= config.count
+    np.testing.assert_allclose(moving[:, 0], np.tile(base, (len(moving), 1)))
+    assert (moving[:, :, 1] < 0.7).all()
+    for motion in moving:
+        gaps = [door.gap_m(pose[:2], joint) for pose, joint in zip(motion, joints, strict=True)]
+        assert min(gaps) >= config.door_m - 1e-9
+    # A robot that stood still would have the edge of the open door 0.68 from the hinge: 0.32 before
+    # it and 0.6 aside of it.
+    assert door.gap_m(base[:2], math.pi / 2) == pytest.approx(math.hypot(0.32, 0.6))
+    assert not len(tows(base, joints, len(joints), door, lambda poses: poses[:, 0] > 9, config))
+
+
+def test_a_path_with_the_base_is_timed_by_the_slower_of_both():
+    config = TowConfig(metre_rad=3.0, radian_rad=1.0)
+    arc, bases = np.zeros((2, 7)), np.array(((0.0, 0.0, 0.0), (-0.3, 0.0, 0.5)))
+    arc[1, 2] = 0.4
+
+    path = with_base(arc, bases, config)
+
+    # 0.3 m count as 0.9 rad, more than the 0.4 rad of the arm and the 0.5 rad of the turn.
+    assert path_rad(path) == pytest.approx(0.9)
+    back = without_base(path, config)
+    np.testing.assert_allclose(back[0], arc)
+    np.testing.assert_allclose(back[1], bases)
+
+
 def solved(episode, env, agent) -> bool:
     """Plays an episode; whether it succeeded."""
     obs, _ = env.reset(seed=episode.seed, options={"episode": episode, "reconfigure": True})
@@ -173,11 +212,12 @@ def test_places_are_free_and_some_will_do(fridge_env, generated):
     map_, out = scene.floor_map(), env_id == "HabOpenFridge-v1"
 
     poses = fridge_places(robot, 0, map_, out)
-    ways = [fridge_ways(robot, 0, pose, out) for pose in poses[:8]]
+    ways_from = fridge_ways(robot, 0, map_, out)
+    ways = [ways_from(pose) for pose in poses[:8]]
 
     assert len(poses)
     assert map_.is_free(poses[:, :2]).all()
     assert max(ways) > ALL_WAYS / 2
     # Nothing can be done from three metres away.
     far = poses[0] + (3.0, 3.0, 0.0)
-    assert fridge_ways(robot, 0, far, out) == 0.0
+    assert ways_from(far) == 0.0

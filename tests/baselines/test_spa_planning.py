@@ -20,7 +20,7 @@ from hab_spa.planning.joint_goal import (
 from hab_spa.planning.place_goal import PlacingConfig, sample_placing_goals
 from hab_spa.planning.rrt import Limit, RrtConfig, connect, path_is_free, shorten
 from hab_spa.results import Failure
-from hab_spa.scenes.true_scene import TrueScene, face_centres_m, would_grasp
+from hab_spa.scenes.true_scene import TrueScene, face_centres_m, standing_at, would_grasp
 
 from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
@@ -257,6 +257,31 @@ def test_time_limit_is_honoured_and_a_motion_plan_failure(table_scene):
     assert result.path is None
     assert result.failure is Failure.MOTION_PLAN
     assert 0.5 <= result.seconds < 1.0
+
+
+def test_a_model_whose_robot_is_put_elsewhere_is_the_model_of_there(table_scene):
+    state = table_scene.privileged("target")
+    base = np.array((0.1, -0.2, 0.3))
+    moved = ArmCollision(state)
+    moved.stand_at(base)
+    there = ArmCollision(standing_at(state, base))
+    rng = np.random.default_rng(0)
+    poses = rng.uniform(LOWER_RAD, UPPER_RAD, (300, 7))
+    free = [moved.is_free(pose) for pose in poses]
+
+    assert 0 < sum(free) < len(free)
+    assert free == [there.is_free(pose) for pose in poses]
+    np.testing.assert_allclose(moved.arm_from_world, there.arm_from_world, atol=1e-12)
+    # What is moved in the world keeps its place there when the robot goes elsewhere.
+    lift = np.eye(4)
+    lift[2, 3] = 0.2
+    moved.move("target", lift)
+    base = np.array((-0.1, 0.1, -0.2))
+    moved.stand_at(base)
+    there = standing_at(state, base)
+    lifted = {**there.world_from_body, "target": lift @ there.world_from_body["target"]}
+    fresh = ArmCollision(replace(there, world_from_body=lifted))
+    assert [moved.is_free(pose) for pose in poses] == [fresh.is_free(pose) for pose in poses]
 
 
 def test_held_object_escapes_from_the_table_and_comes_to_rest(table_scene):

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Generator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from hab_spa.motion.moves import follow, wait
 from hab_spa.motion.rest import rest
-from hab_spa.motion.robot import GRASP, RELEASE, Command, Motion, Robot
-from hab_spa.planning.arm_plan import Ends, plan_path
+from hab_spa.motion.robot import GRASP, RELEASE, Motion, Robot
+from hab_spa.planning.arm_plan import Ends, PlanConfig, plan_path
 from hab_spa.planning.collision import ArmCollision
-from hab_spa.planning.path import TimingConfig, time_path
+from hab_spa.planning.path import TimingConfig
 from hab_spa.results import Failure
 from hab_spa.shapes import Array
 from hab_spa.skills.drawer_lines import HandleLines, Line, LineConfig
@@ -37,19 +36,14 @@ class DrawerConfig:
         rounds: How often the handle is taken, where the arm does not get it all the way at once.
         open_share: Share of its travel to which a drawer is pulled; pushed, it is left as near
             to closed.
-        near_m: The handle is not taken anew for so little.
+        spare_m: The handle is not taken anew when it is so far beyond what is asked for.
         line: Numbers of grasps and lines.
         timing: Limits of speed along a line, and then beside the drawer.
         reach_share: Share of the time left that the way to the handle may take, ...
         line_share: ... and then that along the line, if the limits of speed allow.
-        plan_checks: The plan to the handle is given up after so many collision checks.
+        plan: Numbers of the motion planner: short motions are worth some more computing.
         grasp_steps: The handle must be held after this many steps.
         still_steps: The hand keeps the handle this long at the end, until nothing moves.
-        swing_m: What remains of the way up to this is left to a swing ...
-        swing_poses: ... along so many poses at the end of the line ...
-        swing_pace: ... at this multiple of the usual speed.
-        lag_steps: The arm is so many steps behind its targets.
-        swing_steps: The drawer is there after so many steps.
         judging: Numbers of the coarse lines by which a base pose is judged.
         far_m: Distances of base poses from the handle, best first ...
         aside_m: ... and how far to the side.
@@ -57,19 +51,16 @@ class DrawerConfig:
 
     rounds: int = 3
     open_share: float = 0.985
-    near_m: float = 0.035
+    spare_m: float = 0.005
     line: LineConfig = field(default_factory=LineConfig)
     timing: TimingConfig = field(default_factory=lambda: TimingConfig(paces=(0.5, 0.7, 1.0, 1.3)))
-    reach_share: float = 0.3
-    line_share: float = 0.4
-    plan_checks: int = 40_000
+    reach_share: float = 0.12
+    line_share: float = 0.25
+    plan: PlanConfig = field(
+        default_factory=lambda: PlanConfig(most_checks=40_000, good_rad=1.2, improve_checks=8_000)
+    )
     grasp_steps: int = 5
-    still_steps: int = 5
-    swing_m: float = 0.12
-    swing_poses: int = 6
-    swing_pace: float = 0.5
-    lag_steps: int = 3
-    swing_steps: int = 6
+    still_steps: int = 3
     judging: LineConfig = field(default_factory=lambda: JUDGING)
     far_m: tuple[float, ...] = (0.65, 0.72, 0.58, 0.8)
     aside_m: tuple[float, ...] = (0.0, 0.15, -0.15, 0.3, -0.3)
@@ -143,7 +134,7 @@ def _slide(robot: Robot, number: int, out: bool, config: DrawerConfig) -> Motion
     """Moves a drawer, and takes it anew where the arm did not get it all the way."""
     scene, failure, began = robot.scene, None, robot.steps
     for _ in range(config.rounds):
-        if abs(_way_m(scene.front(number), out, config)) <= config.near_m:
+        if _is_done(scene.front(number), out, config.spare_m):
             break
         failure = yield from _move(robot, number, out, config)
         if failure is Failure.TARGET_PLAN:
@@ -178,12 +169,8 @@ def _move(robot: Robot, number: int, out: bool, config: DrawerConfig) -> Motion:
     line = min(lines, key=lambda line: float(np.linalg.norm(line.poses[0] - here)))
     held = lambda: scene.front(number).held  # noqa: E731
     failure = yield from follow(robot, line.poses, config.line_share, held, config.timing)
-    missing_m = abs(_way_m(scene.front(number), out, config))
-    if failure is None and config.near_m < missing_m <= config.swing_m:
-        yield from _swing(robot, line.poses[-config.swing_poses :], config)
-        return None
     robot.relax()
-    yield from wait(robot, config.still_steps)  # nothing brakes a drawer that is let go
+    yield from wait(robot, config.still_steps)
     robot.doing, robot.gripper = "let go", RELEASE
     yield from wait(robot, robot.config.release_steps)
     return failure
@@ -195,8 +182,7 @@ def _reach(
     """Goes to where one of the lines begins, the first where possible."""
     start = robot.scene.arm_qpos.copy()
     ends = [Ends(open=start, tight=line.poses[0]) for line in lines]
-    plan = replace(robot.config.plan, most_checks=config.plan_checks)
-    result = plan_path(collision, robot.kinematics, ends, robot.next_seed(), plan)
+    result = plan_path(collision, robot.kinematics, ends, robot.next_seed(), config.plan)
     robot.spend("motion", result.seconds)
     if result.path is None:
         return result.failure
@@ -215,22 +201,6 @@ def _grasp(robot: Robot, number: int, config: DrawerConfig) -> Motion:
     return Failure.EXECUTION
 
 
-def _swing(robot: Robot, end: Array, config: DrawerConfig) -> Generator[Command, None, None]:
-    """Takes a drawer back along the end of its line (K, 7) and lets go of it on the way on.
-
-    Next to nothing brakes it, so it goes where the arm does not get.
-    """
-    robot.doing = "swing"
-    for path, lets_go in ((end[::-1], False), (end, True)):
-        targets = time_path(path, robot.config.timing, config.swing_pace)
-        for step, target in enumerate(targets):
-            if lets_go and step >= len(targets) / 2 + config.lag_steps:
-                robot.gripper = RELEASE
-            yield robot.command(target)
-        yield from wait(robot, config.lag_steps)
-    yield from wait(robot, config.swing_steps)
-
-
 def _way_m(front: FrontState, out: bool, config: DrawerConfig) -> float:
     """Returns how far a drawer is to move along its axis."""
     lower, upper = front.limits
@@ -238,8 +208,9 @@ def _way_m(front: FrontState, out: bool, config: DrawerConfig) -> float:
     return lower + share * (upper - lower) - front.joint
 
 
-def _is_done(front: FrontState, out: bool) -> bool:
-    """Whether a drawer counts as open, or closed."""
+def _is_done(front: FrontState, out: bool, spare_m: float = 0.0) -> bool:
+    """Whether a drawer counts as open, or closed, with so much to spare."""
     lower, upper = front.limits
-    joint, share = np.array(front.joint), np.array((front.joint - lower) / (upper - lower))
+    joint = np.array(front.joint + (-spare_m if out else spare_m))
+    share = (joint - lower) / (upper - lower)
     return bool(DRAWER.is_open(joint, share) if out else DRAWER.is_closed(joint))

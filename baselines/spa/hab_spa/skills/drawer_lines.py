@@ -40,7 +40,7 @@ class LineConfig:
     """
 
     starts: int = 1000
-    rounds: int = 3
+    rounds: int = 8
     step_m: float = 0.02
     jump_rad: float = 0.35
     ik: IkConfig = field(default_factory=lambda: IkConfig(steps=4, damping=0.03))

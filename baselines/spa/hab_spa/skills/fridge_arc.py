@@ -166,7 +166,12 @@ class Arcs:
         )
 
     def _follow(
-        self, starts: Array, ways: Array, towed: Array, tows: Array, collision: ArmCollision
+        self,
+        starts: Array,
+        ways: Array,
+        towed: NDArray[np.int64],
+        tows: Array,
+        collision: ArmCollision,
     ) -> list[list[Array]]:
         """Returns the arm poses along the arc from each start (E, 7), as long as they are free.
 

@@ -65,21 +65,17 @@ def tows(
     pairs = [pair for pair in product(config.ways_m, config.turns_rad) if pair != (0.0, 0.0)]
     ways_m, turns_rad = np.array(pairs).T
     poses = _along_circles(base, ways_m, turns_rad, len(joints))
-    is_free = free(poses[:, :whole].reshape(-1, 3)).reshape(-1, whole).all(axis=1)
+    is_free = np.all(free(poses[:, :whole].reshape(-1, 3)).reshape(-1, whole), axis=1)
     handles_m = np.stack([door.handle(float(joint))[:2] for joint in joints])
     gaps = np.stack(
         [door.gap_m(poses[:, k, :2], float(joint)) for k, joint in enumerate(joints)], axis=1
     )
-    is_free &= (gaps[:, :whole] >= min(config.door_m, gaps[:, 0].min())).all(axis=1)
+    is_free &= np.all(gaps[:, :whole] >= min(config.door_m, gaps[:, 0].min()), axis=1)
     gap_m = handles_m - poses[:, :, :2]
     cosine, sine = np.cos(poses[:, :, 2]), np.sin(poses[:, :, 2])
-    local_m = np.stack(
-        (
-            cosine * gap_m[..., 0] + sine * gap_m[..., 1],
-            cosine * gap_m[..., 1] - sine * gap_m[..., 0],
-        ),
-        axis=-1,
-    )
+    ahead_m = cosine * gap_m[..., 0] + sine * gap_m[..., 1]
+    left_m = cosine * gap_m[..., 1] - sine * gap_m[..., 0]
+    local_m = np.stack((ahead_m, left_m), axis=-1)
     hand_m = np.linalg.norm(np.diff(local_m, axis=1), axis=-1).sum(axis=1)
     low, high = config.distance_m
     distance_m = np.linalg.norm(local_m, axis=-1)

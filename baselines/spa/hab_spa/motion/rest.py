@@ -18,6 +18,9 @@ from hab_spa.planning.path import TimingConfig
 from hab_spa.results import PathResult
 from hab_spa.shapes import Array
 
+TUCKED_QPOS_RAD = (-1.60, -1.22, 0.90, -0.61, 1.88, 2.14, 0.39)
+"""Arm pose that keeps arm, hand and a held object over the base, within 0.35 m of its middle."""
+
 
 def rest(
     robot: Robot,

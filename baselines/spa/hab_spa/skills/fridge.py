@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from hab_spa.motion.moves import go, wait
-from hab_spa.motion.rest import draw_out, rest
+from hab_spa.motion.rest import TUCKED_QPOS_RAD, draw_out, rest
 from hab_spa.motion.robot import GRASP, RELEASE, Command, Motion, Robot
 from hab_spa.planning.path import time_path
 from hab_spa.results import Failure
@@ -175,10 +175,11 @@ class _Fridge:
         return Places(self._robot, self._number, pull, map_, self._region, self._config.place)
 
     def _stand(self) -> Motion:
-        """Drives to the best place, unless the arm that has just led the door can go on."""
+        """Drives to the best place; an arm that has just led the door may go on as it is."""
         if self._reaches:
             self._places = self._look()
-            if any(self._goes_on(lead) for lead in self._places.leads(None)):
+            leads = self._places.leads(None)
+            if any(self._goes_on(lead) for lead in leads):
                 return None
             self._reaches = False
             chosen = self._choose(self._config.as_is_tries)
@@ -190,9 +191,18 @@ class _Fridge:
                 return failure
         chosen = self._choose(self._config.place.tries)
         if chosen is None:
+            yield from self._tuck()
+            chosen = self._choose(self._config.place.tries)
+        if chosen is None:
             return Failure.TARGET_PLAN
         yield from self._drive(chosen)
         return None
+
+    def _tuck(self) -> Motion:
+        """Folds the arm, which then gets through where the resting one does not."""
+        robot, config = self._robot, self._config
+        robot.doing, tucked = "fold", np.array(TUCKED_QPOS_RAD)[None]
+        return (yield from go(robot, robot.scene.collision(), tucked, 0.0, plan=config.plan))
 
     def _choose(self, tries: int) -> Chosen | None:
         """Looks closely at places, with the arm as it is, and returns the best."""
@@ -209,9 +219,10 @@ class _Fridge:
             yield from drive(self._robot, chosen.shunt, self._config.shunt)
 
     def _goes_on(self, lead: Lead) -> bool:
-        """Whether a way takes the door on by enough to be worth another grasp from here."""
+        """Whether a way takes the door on by enough, soon, to be worth another grasp from here."""
         way = abs(float(lead.joints[-1] - lead.joints[0]))
-        return lead.whole or way > self._config.go_on
+        gains = lead.whole or way > self._config.go_on
+        return gains and lead.cost < self._config.go_on_steps
 
     def _leads(self) -> list[Lead]:
         """Returns the ways of leading the door from here, the best first."""

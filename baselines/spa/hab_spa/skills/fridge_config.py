@@ -24,7 +24,8 @@ class FridgeConfig:
         open_more: ... or one by so much more.
         close_to, closed: The hand closes a door so far, which is closed from here [rad].
         close_need: A way will do that closes it by so much.
-        go_on: The arm that has led the door leads it on from there by at least so much [rad].
+        go_on, go_on_steps: The arm that has led the door leads it on from there by at least so
+            much [rad], if that costs fewer steps.
         takes: How often the handle is taken.
         grasps_m: (along, out) of the handle at which the hand may take it ...
         around_m: ... and where it may hold the door by its edge, before, beside and behind it, for
@@ -48,7 +49,8 @@ class FridgeConfig:
         spare_steps: So many steps are to spare where time suffices.
         as_is_tries: So many places are looked at for a hand that has led the door and cannot go
             on, before the arm rests.
-        plan: Numbers of the motion planner: short motions are worth some more computing.
+        plan: Numbers of the motion planner: short motions are worth some more computing, and a
+            door that is touched moves.
         places: So many base poses are offered to those who come from elsewhere.
         quick_steps: A way of that many steps is as good as any; one of so many the worst.
         place: Numbers of the search for a place.
@@ -57,13 +59,14 @@ class FridgeConfig:
 
     open_to: float = 1.74
     opened: float = 1.62
-    let_go: float = 1.6
+    let_go: float = 1.64
     open_need: float = 0.7
     open_more: float = 0.25
     close_to: float = 0.03
     closed: float = 0.1
     close_need: float = 0.45
     go_on: float = 0.2
+    go_on_steps: float = 120.0
     takes: int = 6
     grasps_m: tuple[tuple[float, float], ...] = (
         (0.0, 0.02), (0.0, 0.06), (0.04, 0.06), (0.08, 0.03), (0.1, 0.05), (0.0, 0.1)
@@ -87,7 +90,11 @@ class FridgeConfig:
     wait_steps: int = 60
     spare_steps: float = 25.0
     as_is_tries: int = 8
-    plan: PlanConfig = field(default_factory=lambda: PlanConfig(good_rad=1.2, improve_checks=8_000))
+    plan: PlanConfig = field(
+        default_factory=lambda: PlanConfig(
+            margins_m=(0.04, 0.02, 0.01, 0.003), good_rad=1.2, improve_checks=8_000
+        )
+    )
     places: int = 64
     quick_steps: tuple[float, float] = (80.0, 200.0)
     place: PlaceConfig = field(default_factory=PlaceConfig)

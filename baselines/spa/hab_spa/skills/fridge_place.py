@@ -39,7 +39,8 @@ class PlaceConfig:
         tries: So many places are looked at closely.
         more_tries: When one will do, but not well, so many more are, ...
         late_tries: ... while none will do in time, so many, ...
-        most_tries: ... and while there is no way to any, so many.
+        most_tries: ... and at most so many.
+        stride: Behind the first `most_tries`, only one of so many places is looked at.
         margins_m: Clearances of the resting arm, the largest wanted most.
         alike: Base poses that differ by less in x, y [m] and yaw [rad] are the same to the arm.
         arm_reach_m: Nothing that is farther from the middle of the base touches the resting arm.
@@ -62,7 +63,7 @@ class PlaceConfig:
     arm_m: float = 0.09
     body_m: float = 0.24
     distance_m: tuple[float, float] = (0.6, 0.85)
-    tries: int = 16
+    tries: int = 20
     margins_m: tuple[float, ...] = (0.04, 0.02, 0.005)
     alike: tuple[float, float, float] = (0.02, 0.02, 0.06)
     arm_reach_m: float = 0.75
@@ -71,9 +72,10 @@ class PlaceConfig:
     stop_steps: float = 12.0
     edge_steps: float = 60.0
     tight_steps: float = 40.0
-    more_tries: int = 8
+    more_tries: int = 14
     late_tries: int = 32
     most_tries: int = 60
+    stride: int = 8
     drives: int = 2
     lead: LeadConfig = field(default_factory=LeadConfig)
 
@@ -154,17 +156,24 @@ class Places:
             tries: So many are looked at, more where none of them will do in time.
             in_time_steps: So many steps are left.
         """
-        config, best = self.config, None
-        for number, pose in enumerate(self.ranked()[: config.most_tries]):
+        config, best, number = self.config, None, 0
+        ranked = self.ranked()
+        first, others = np.split(ranked, [config.most_tries])
+        poses = np.concatenate((first, others[:: config.stride]))
+        for pose in poses:
             late = best is not None and best.cost > in_time_steps
             if best is not None and number >= (config.late_tries if late else tries):
                 break
+            if number >= config.most_tries:
+                break
             place = self._judge(pose)
+            # While no place will do at all, those to which there is no way do not count.
+            number += best is not None or place is not None
             if place is not None and (best is None or place.cost < best.cost):
                 best = place
                 if best.enough:
                     more = config.more_tries * (best.tight > 0 or not best.whole)
-                    tries = min(tries, number + 1 + more)
+                    tries = min(tries, number + more)
         return best
 
     def _judge(self, pose: Array) -> Chosen | None:

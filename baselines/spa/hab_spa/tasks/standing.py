@@ -9,13 +9,11 @@ from itertools import product
 import numpy as np
 
 from hab_spa.motion.moves import go
+from hab_spa.motion.rest import TUCKED_QPOS_RAD
 from hab_spa.motion.robot import Motion, Robot
 from hab_spa.shapes import Array
 from hab_spa.tasks.interactions import Interaction, Ways
 from hab_tasks.navigation import NavigationMap
-
-TUCKED_QPOS_RAD = (-1.60, -1.22, 0.90, -0.61, 1.88, 2.14, 0.39)
-"""Arm pose that keeps arm, hand and a held object over the base, within 0.35 m of its middle."""
 
 SAME_ARM_RAD = 0.1
 """An arm this near to where it should be is not moved."""

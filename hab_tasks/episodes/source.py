@@ -14,7 +14,6 @@ from importlib import import_module
 from pathlib import Path
 
 from hab_tasks.episodes.generators import (
-    GENERATOR_VERSION,
     GENERATORS,
     Generator,
     Made,
@@ -96,7 +95,7 @@ class EpisodeSource:
         shipped = dataset.root == embedded_dataset().resolve()
         self._embedded = _shipped_folder() / self._name if shipped else None
         masses = (f"{name} {t.mass_kg}" for name, t in sorted(self.objects.items()))
-        key = stable_hash(f"{GENERATOR_VERSION} {dataset.fingerprint}", *masses)
+        key = stable_hash(f"{GENERATORS[self.env_id].version} {dataset.fingerprint}", *masses)
         self._cached = cache_dir() / "episodes" / f"{key:08x}" / self._name
         # The cache may hold more episodes than were shipped; the shipped ones stay as they are.
         for file in (self._cached, self._embedded):

@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
-
 import numpy as np
 import sapien
 
 from hab_tasks.episodes.schema import Episode
-from hab_tasks.episodes.source import EpisodeSource
 from hab_tasks.errors import EpisodeError
-from hab_tasks.navigation import NavigationMap
 from hab_tasks.privileged import Array
 from hab_tasks.robots.grasp import Handle, SnapGrasp
 from hab_tasks.scenes.handles import SceneHandles
-from hab_tasks.scenes.layout_geometry import Layout
 from hab_tasks.scenes.markers import HANDLE_MARKERS
 from hab_tasks.skills.needs import Needs
-
-KEPT_MAPS = 64
 
 
 class GoalSetting:
@@ -82,35 +75,6 @@ class GoalSetting:
             "front": np.array([frame_of(handle) for handle in fronts]).reshape(-1, 3),
             "base": np.array(base),
         }
-
-
-class LayoutMaps:
-    """Navigation maps of layouts with doors and drawers as episodes have them."""
-
-    def __init__(self, source: EpisodeSource) -> None:
-        self._source = source
-        self._layouts: dict[str, Layout] = {}
-        self._maps: OrderedDict[str, NavigationMap] = OrderedDict()
-
-    def of(self, episode: Episode) -> NavigationMap:
-        """Returns the map of an episode's layout as it starts; the last ones are kept."""
-        joints = {
-            (furniture, joint): value
-            for furniture, values in episode.joints.items()
-            for joint, value in values.items()
-        }
-        key = f"{episode.scene_id} {sorted(joints.items())}"
-        if key not in self._maps:
-            self._maps[key] = NavigationMap.of_layout(self._layout(episode.scene_id), joints)
-            if len(self._maps) > KEPT_MAPS:
-                self._maps.popitem(last=False)
-        self._maps.move_to_end(key)
-        return self._maps[key]
-
-    def _layout(self, scene_id: str) -> Layout:
-        if scene_id not in self._layouts:
-            self._layouts[scene_id] = Layout.of(self._source.scene(scene_id))
-        return self._layouts[scene_id]
 
 
 def handles_of(shown: SceneHandles) -> list[Handle]:

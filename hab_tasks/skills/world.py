@@ -18,7 +18,7 @@ from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import Pose7
 from hab_tasks.goals import Goals
 from hab_tasks.measures import Tracker
-from hab_tasks.navigation import Ways
+from hab_tasks.navigation import LayoutMaps, Ways
 from hab_tasks.privileged import PrivilegedState
 from hab_tasks.robots.dormant import DormantObjects
 from hab_tasks.robots.fetch import HabFetch
@@ -28,7 +28,7 @@ from hab_tasks.scenes.lights import LayoutLights
 from hab_tasks.scenes.pool import BodyPool
 from hab_tasks.skills.choice import EpisodeChoice, Shown
 from hab_tasks.skills.containers import Containers
-from hab_tasks.skills.goal_setting import GoalSetting, LayoutMaps, handles_of
+from hab_tasks.skills.goal_setting import GoalSetting, handles_of
 from hab_tasks.skills.ground_truth import GroundTruth
 from hab_tasks.skills.needs import Needs
 from hab_tasks.skills.recorded_state import shaped_like
@@ -70,7 +70,7 @@ class World:
     ) -> None:
         """Plays episodes of `source`; with `prefetch`, builds all its layouts at the start."""
         self.needs, self.source, self._prefetch = needs, source, prefetch
-        self.maps = LayoutMaps(source)
+        self.maps = LayoutMaps(source.scene)
         self._choice = EpisodeChoice(source, num_episodes, num_envs)
         self._num_envs = num_envs
         self._built = False
@@ -213,7 +213,8 @@ class World:
         ways = self.tracker.ways
         if ways is not None:
             goal = np.array(self.tracker.goals.base[row, :2].tolist())
-            ways.lead(row, self.maps.of(self.episodes[row]), goal)
+            episode = self.episodes[row]
+            ways.lead(row, self.maps.of(episode.scene_id, episode.joints), goal)
 
     def step(self, gripper: Tensor, physics_steps: int) -> None:
         """Grasps or releases, runs the physics of one action, and advances the measures."""

@@ -140,7 +140,7 @@ class TaskEnv(HabEnv):
     def _lead(self, row: int, point_m: np.ndarray) -> None:
         """Makes the nearest base pose from which a point can be reached the row's goal."""
         world = self._world
-        map_ = world.maps.of(world.episodes[row])
+        map_ = world.maps.of(world.episodes[row].scene_id, world.episodes[row].joints)
         poses = poses_reaching(map_, point_m)
         if len(poses):
             base = poses[0]

@@ -7,7 +7,9 @@ import pytest
 import start_checks as sc
 from start_checks import SKILLS, TASKS, Replay
 
-from hab_tasks.episodes.generators import GENERATORS
+from hab_tasks.episodes.generators import GENERATORS, base
+from hab_tasks.errors import GenerationError
+from hab_tasks.navigation import LayoutMaps, NavigationMap
 from hab_tasks.robots.fetch_spec import ARM_LOWER_RAD, ARM_UPPER_RAD
 from hab_tasks.robots.kinematics import ArmKinematics
 
@@ -231,6 +233,34 @@ def test_navigate_goes_to_a_start_of_another_skill(replays):
         check(replay, goal.base, *limits)
         assert math.dist(goal.base[:2], start[:2]) >= 1.0
         assert replay.off_floor_m(start) < 1e-5, "it starts off the free floor"
+
+
+@every_dataset
+@pytest.mark.parametrize("env_id", ["HabNavigate-v1"])
+def test_navigates_ends_are_free_on_the_map_that_measures_the_way(generated, dataset, env_id):
+    source, episodes = generated(env_id, dataset)
+    maps = LayoutMaps(source.scene)
+    for episode in episodes:
+        map_ = maps.of(episode.scene_id, episode.joints)
+        start_m, goal_m = np.array(episode.robot.base[:2]), np.array(episode.navigation.base[:2])
+        assert map_.is_free(np.array((start_m, goal_m))).all(), episode.id
+        way_m = map_.geodesic_distance(start_m, map_.geodesic_field(goal_m))
+        # Fronts on cells of 5 cm are short by some per cent.
+        assert way_m >= 0.95 * math.dist(start_m, goal_m), episode.id
+
+
+def test_a_goal_that_the_map_parts_from_its_start_is_refused(generated, monkeypatch):
+    """With a map on which nothing is free no candidate is left, and the message says why."""
+    source, _ = generated("HabNavigate-v1", "apartment")
+
+    def nothing(map_, points_m):
+        return np.zeros(len(points_m), dtype=bool)
+
+    monkeypatch.setattr(NavigationMap, "is_free", nothing)
+    monkeypatch.setattr(base, "ATTEMPTS", 3)
+    monkeypatch.setattr(base, "LAYOUTS", 1)
+    with pytest.raises(GenerationError, match="no way from the start to the goal"):
+        source.make(0)
 
 
 # Furnished layouts -----------------------------------------------------------------------------

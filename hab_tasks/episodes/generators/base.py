@@ -25,9 +25,6 @@ from hab_tasks.geometry import Pose7
 from hab_tasks.robots.kinematics import ArmKinematics
 from hab_tasks.scenes.spec import ObjectTemplate, SceneSpec
 
-GENERATOR_VERSION = 8
-"""Goes up when the same seed gives other episodes; cached files of another version are not used."""
-
 ATTEMPTS = 200
 LAYOUTS = 20
 """An episode whose layout offers no start state moves to another one, so many times."""
@@ -60,9 +57,12 @@ class Generator(ABC):
     """Makes the episodes of one env in the given layouts.
 
     Attributes:
+        version: Goes up when the same seed gives other episodes; cached files of another version
+            are not used.
         refused: Reason -> how many candidates of the present episode were refused.
     """
 
+    version: ClassVar[int] = 8
     settling: ClassVar[Settling] = Settling()
     noise: ClassVar[StartNoise] = StartNoise()
 

@@ -26,7 +26,8 @@ class DriveConfig:
     Attributes:
         arrived_m, arrived_rad: The goal is reached within these.
         waypoint_m: A point of the way counts as passed within this distance.
-        turn_first_rad: The base turns in place while it looks farther than this off its way.
+        turn_first_rad: The base turns in place while it looks farther than this off its way, and
+            slows down from half of it.
         turn_gain: Share of the heading error that a step takes away.
         turn_share: Largest turning velocity, as a share of what the base can do: the arm holds
             what it carries better when it is swung slowly.
@@ -141,6 +142,7 @@ def _along(wheels: _Wheels, points_m: Array) -> Generator[Command, None, bool]:
             forward = 0.0
             if abs(turn) < config.turn_first_rad:
                 forward = sign * (gap_m / (config.brake_steps * STEP_M) if last else 1.0)
+                forward *= min(1.0, 2.0 * (1.0 - abs(turn) / config.turn_first_rad))
             yield wheels.roll(forward, config.turn_gain * turn / STEP_RAD)
     yield from wheels.stop()
     return True

@@ -57,9 +57,9 @@ class FridgeConfig:
         shunt: Numbers of driving there.
     """
 
-    open_to: float = 1.74
+    open_to: float = 1.8
     opened: float = 1.62
-    let_go: float = 1.64
+    let_go: float = 1.7
     open_need: float = 0.7
     open_more: float = 0.25
     close_to: float = 0.03

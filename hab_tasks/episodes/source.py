@@ -95,6 +95,8 @@ class EpisodeSource:
         shipped = dataset.root == embedded_dataset().resolve()
         self._embedded = _shipped_folder() / self._name if shipped else None
         masses = (f"{name} {t.mass_kg}" for name, t in sorted(self.objects.items()))
+        if self.env_id not in GENERATORS:
+            raise UnknownNameError("env with generated episodes", self.env_id, GENERATORS)
         key = stable_hash(f"{GENERATORS[self.env_id].version} {dataset.fingerprint}", *masses)
         self._cached = cache_dir() / "episodes" / f"{key:08x}" / self._name
         # The cache may hold more episodes than were shipped; the shipped ones stay as they are.
@@ -198,8 +200,6 @@ class EpisodeSource:
         self.rejections.update(made.rejections)
 
     def _make_generator(self) -> Generator:
-        if self.env_id not in GENERATORS:
-            raise UnknownNameError("env with generated episodes", self.env_id, GENERATORS)
         drawn = Objects(
             templates=self.objects,
             names=UNSEEN_OBJECTS if self.novel == "objects" else TRAIN_OBJECTS,

@@ -106,7 +106,7 @@ class _Fridge:
     ) -> None:
         self._robot, self._number, self._out = robot, number, out
         self._region, self._config = region, config
-        self._places, self._reaches = self._look(), False
+        self._reaches = False
 
     @property
     def _joint(self) -> float:
@@ -177,9 +177,7 @@ class _Fridge:
     def _stand(self) -> Motion:
         """Drives to the best place; an arm that has just led the door may go on as it is."""
         if self._reaches:
-            self._places = self._look()
-            leads = self._places.leads(None)
-            if any(self._goes_on(lead) for lead in leads):
+            if any(self._goes_on(lead) for lead in self._look().leads(None)):
                 return None
             self._reaches = False
             chosen = self._choose(self._config.as_is_tries)
@@ -209,8 +207,7 @@ class _Fridge:
         robot = self._robot
         robot.doing = "stand"
         began = time.perf_counter()
-        self._places = self._look()
-        chosen = self._places.choose(tries, robot.steps_left - self._config.spare_steps)
+        chosen = self._look().choose(tries, robot.steps_left - self._config.spare_steps)
         robot.spend("target", time.perf_counter() - began)
         return chosen
 
@@ -228,8 +225,7 @@ class _Fridge:
         """Returns the ways of leading the door from here, the best first."""
         robot = self._robot
         began = time.perf_counter()
-        self._places = self._look()
-        leads = self._places.leads(None, thorough=True)
+        leads = self._look().leads(None, thorough=True)
         robot.spend("target", time.perf_counter() - began)
         good = [lead for lead in leads if lead.cost < leads[0].cost + self._config.as_good_steps]
         return good[: self._config.leads]

@@ -264,11 +264,6 @@ class Places:
                     kept[i] += collision.is_free(arm)
         return kept
 
-    def has_room(self, pose: Array) -> bool:
-        """Whether the base may stand at a pose (3,), as far as the floor goes."""
-        room_m = float(_clearance_m(self._map, pose[None])[0])
-        return bool(self._inside(pose[None])[0]) and room_m > self.config.least_base_m
-
     def _reach_m(self, poses: Array) -> Array:
         """Returns how far the hand's places are from the base (3, K), each a pose of `poses`."""
         joints = np.linspace(self.door.joint, self.pull.whole, 3)

@@ -15,6 +15,7 @@ from hab_tasks.errors import HabError
 from hab_tasks.options import check_options
 
 EXIT_BAD_INPUT = 2
+EXIT_INTERRUPTED = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -33,6 +34,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except HabError as error:
         print(f"hab-tasks: {' '.join(str(error).split())}", file=sys.stderr)
         return EXIT_BAD_INPUT
+    except KeyboardInterrupt:
+        print("hab-tasks: interrupted.", file=sys.stderr)
+        return EXIT_INTERRUPTED
 
 
 def _any_command() -> Any:

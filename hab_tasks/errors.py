@@ -70,3 +70,13 @@ class OptionError(HabError, ValueError):
     def __init__(self, option: str, value: object, valid: str) -> None:
         super().__init__(f"{option} is {value!r}; it has to be {valid}.")
         self.option, self.value = option, value
+
+
+class WorkerError(HabError):
+    """A worker process that was killed, as the system does when memory is short."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "A worker process was killed, perhaps for want of memory; nothing was written. Run the "
+            "same command again, with fewer --workers if need be."
+        )

@@ -67,6 +67,7 @@ class EpisodeSource:
     Attributes:
         dataset: The scene dataset.
         objects: Object name -> template of the movable objects.
+        file: The episode file; None where episodes are generated.
         split: The resolved split.
         available: How many episodes there are.
         rejections: Reason -> candidates refused by this process's generation.
@@ -75,6 +76,7 @@ class EpisodeSource:
     def __init__(self, request: EpisodeRequest, dataset: SceneDataset) -> None:
         """Reads what the request names and what was generated before."""
         self._request = request
+        self.file = None if request.file is None else Path(request.file)
         self.env_id = request.env_id.rpartition(":")[2]
         self.seed, self.novel = request.seed, request.novel
         self.dataset, self.scene_id = dataset, request.scene
@@ -85,8 +87,8 @@ class EpisodeSource:
         self._generator: Generator | None = None
         self._episodes: dict[int, Episode] = {}
         self._scenes: dict[str, SceneSpec] = {}
-        if request.file is not None:
-            self._take_file(Path(request.file))
+        if self.file is not None:
+            self._take_file(self.file)
             return
         scope = "-".join(part for part in (self.split, self.scene_id) if part)
         scope += f"+{self.novel}" if self.novel else ""
@@ -103,6 +105,11 @@ class EpisodeSource:
         for file in (self._cached, self._embedded):
             if file is not None and file.exists():
                 self._take(read_episodes(file))
+
+    @property
+    def given(self) -> tuple[Episode, ...]:
+        """The episodes of the file; none where they are generated."""
+        return () if self.file is None else tuple(self._episodes.values())
 
     def get(self, index: int) -> Episode:
         """Returns episode number `index`, generating it when it is not known yet.

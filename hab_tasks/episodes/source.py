@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from importlib import import_module
 from pathlib import Path
 
@@ -17,11 +17,11 @@ from hab_tasks.episodes.generators import (
     GENERATORS,
     Generator,
     Made,
-    stable_hash,
 )
 from hab_tasks.episodes.generators.base import Objects
+from hab_tasks.episodes.provenance import check_made_from, made_from, stable_hash
 from hab_tasks.episodes.receptacles import UNSEEN_RECEPTACLES
-from hab_tasks.episodes.schema import Episode, EpisodeSet, read_episodes, write_episodes
+from hab_tasks.episodes.schema import SCHEMA, Episode, EpisodeSet, read_episodes, write_episodes
 from hab_tasks.errors import EpisodeError, UnknownNameError
 from hab_tasks.processes import worker_pool
 from hab_tasks.scenes.dataset import SceneDataset, embedded_dataset, resolve_dataset
@@ -70,6 +70,7 @@ class EpisodeSource:
         file: The episode file; None where episodes are generated.
         split: The resolved split.
         available: How many episodes there are.
+        made_from: What the episodes are made from.
         rejections: Reason -> candidates refused by this process's generation.
     """
 
@@ -92,14 +93,14 @@ class EpisodeSource:
             return
         scope = "-".join(part for part in (self.split, self.scene_id) if part)
         scope += f"+{self.novel}" if self.novel else ""
-        kind = "embedded" if request.objects is None else "ycb"
+        if self.env_id not in GENERATORS:
+            raise UnknownNameError("env with generated episodes", self.env_id, GENERATORS)
+        self.made_from = made_from(dataset, self.objects, GENERATORS[self.env_id].version)
+        kind = self.made_from.objects
         self._name = f"{self.env_id}.{dataset.name}.{kind}.{scope}.{self.seed}.json.gz"
         shipped = dataset.root == embedded_dataset().resolve()
         self._embedded = _shipped_folder() / self._name if shipped else None
-        masses = (f"{name} {t.mass_kg}" for name, t in sorted(self.objects.items()))
-        if self.env_id not in GENERATORS:
-            raise UnknownNameError("env with generated episodes", self.env_id, GENERATORS)
-        key = stable_hash(f"{GENERATORS[self.env_id].version} {dataset.fingerprint}", *masses)
+        key = stable_hash(*map(str, (SCHEMA, *astuple(self.made_from))))
         self._cached = cache_dir() / "episodes" / f"{key:08x}" / self._name
         # The cache may hold more episodes than were shipped; the shipped ones stay as they are.
         for file in (self._cached, self._embedded):
@@ -174,6 +175,7 @@ class EpisodeSource:
             scene_dataset=self.dataset.name,
             split=self.split,
             seed=self.seed,
+            made_from=self.made_from,
             episodes=tuple(self.get(index) for index in range(count)),
             rejections=dict(self.rejections),
         )
@@ -222,6 +224,11 @@ class EpisodeSource:
         given = read_episodes(file)
         if given.env != self.env_id:
             raise EpisodeError(f"{file}: made for {given.env}, not for {self.env_id}.")
+        if not given.episodes:
+            raise EpisodeError(f"{file}: holds no episode.")
+        now = made_from(self.dataset, self.objects)
+        check_made_from(str(file), given.scene_dataset, given.made_from, self.dataset, now)
+        self.made_from = given.made_from
         for episode in given.episodes:
             self.dataset.scene_file(episode.scene_id)
         self._take(given)

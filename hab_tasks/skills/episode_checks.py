@@ -17,7 +17,7 @@ from hab_tasks.scenes.spec import Stage
 from hab_tasks.skills.needs import Needs
 
 FARTHEST_M = 1000.0
-"""No coordinate of an episode is larger: beyond, float32 is coarser than a tenth of a millimetre."""
+"""No coordinate is larger: beyond, float32 is coarser than a tenth of a millimetre."""
 
 SEEDS = 2**63
 """Generators of random numbers take no larger seed, and none below 0."""

@@ -16,7 +16,16 @@ ROOT = Path(__file__).parents[1]
 ORDER = [
     {"constants", "registration", "errors", "agent", "privileged", "assets", "arrays", "files"},
     {"fronts", "goals"},
-    {"geometry", "rendering", "options", "processes", "noise", "simulation", "captions"},
+    {
+        "geometry",
+        "rendering",
+        "options",
+        "option_values",
+        "processes",
+        "noise",
+        "simulation",
+        "captions",
+    },
     {"scenes"},
     {"navigation", "robots", "pipeline"},
     {"episodes"},

@@ -22,7 +22,8 @@ from hab_tasks.episodes.generators.base import Objects
 from hab_tasks.episodes.provenance import check_made_from, made_from, stable_hash
 from hab_tasks.episodes.receptacles import UNSEEN_RECEPTACLES
 from hab_tasks.episodes.schema import SCHEMA, Episode, EpisodeSet, read_episodes, write_episodes
-from hab_tasks.errors import EpisodeError, UnknownNameError
+from hab_tasks.errors import EpisodeError, OptionError, UnknownNameError
+from hab_tasks.option_values import LARGEST_SEED, name, path, whole
 from hab_tasks.processes import worker_pool
 from hab_tasks.scenes.dataset import SceneDataset, embedded_dataset, resolve_dataset
 from hab_tasks.scenes.load import load_scene
@@ -59,6 +60,16 @@ class EpisodeRequest:
     file: str | Path | None = None
     seed: int = 0
     novel: str | None = None
+
+    def __post_init__(self) -> None:
+        """Refuses values of a wrong type."""
+        whole("seed", self.seed, 0, LARGEST_SEED)
+        for option in ("split", "scene", "novel"):
+            name(option, getattr(self, option))
+        for option in ("scene_dataset", "objects", "file"):
+            path(option, getattr(self, option))
+        if self.scene_dataset is None:
+            raise OptionError("scene_dataset", None, "a path or a name")
 
 
 class EpisodeSource:

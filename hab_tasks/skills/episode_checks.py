@@ -11,6 +11,7 @@ import numpy as np
 from hab_tasks.episodes.schema import ARM_JOINT_COUNT, Episode
 from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import Pose7, apply
+from hab_tasks.option_values import LARGEST_SEED
 from hab_tasks.scenes.handles import SceneHandles
 from hab_tasks.scenes.meshes import mesh_bounds
 from hab_tasks.scenes.spec import Stage
@@ -18,9 +19,6 @@ from hab_tasks.skills.needs import Needs
 
 FARTHEST_M = 1000.0
 """No coordinate is larger: beyond, float32 is coarser than a tenth of a millimetre."""
-
-SEEDS = 2**63
-"""Generators of random numbers take no larger seed, and none below 0."""
 
 JOINT_TOLERANCE = 1e-3
 """So far may a joint be beyond its limit [m or rad], as rounding can bring it."""
@@ -67,7 +65,7 @@ def _faults(episode: Episode, needs: Needs) -> Iterator[tuple[str, str]]:
         yield "navigation", "missing: where the base has to go"
     if len(episode.robot.arm_qpos_rad) != ARM_JOINT_COUNT:
         yield "robot.arm_qpos_rad", f"it needs {ARM_JOINT_COUNT} joints"
-    if not 0 <= episode.seed < SEEDS:
+    if not 0 <= episode.seed <= LARGEST_SEED:
         yield "seed", f"{episode.seed} is not within 0 to 2^63 - 1"
     for field, values in _coordinates(episode):
         if not all(abs(value) <= FARTHEST_M for value in values):

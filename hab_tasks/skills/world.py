@@ -13,12 +13,13 @@ from torch import Tensor
 from hab_tasks.arrays import put_rows
 from hab_tasks.episodes.apply import apply_episode
 from hab_tasks.episodes.schema import Episode
-from hab_tasks.episodes.source import EpisodeSource
+from hab_tasks.episodes.source import UNLIMITED, EpisodeSource
 from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import Pose7
 from hab_tasks.goals import Goals
 from hab_tasks.measures import Tracker
 from hab_tasks.navigation import LayoutMaps, Ways
+from hab_tasks.option_values import flag, whole
 from hab_tasks.privileged import PrivilegedState
 from hab_tasks.robots.dormant import DormantObjects
 from hab_tasks.robots.fetch import HabFetch
@@ -71,6 +72,8 @@ class World:
     ) -> None:
         """Plays episodes of `source`; with `prefetch`, builds all its layouts at the start."""
         self.needs, self.source, self._prefetch = needs, source, prefetch
+        whole("num_episodes", num_episodes, 1, UNLIMITED)
+        flag("prefetch", prefetch)
         for episode in source.given:
             check_entries(episode, needs, source.file)
         self.maps = LayoutMaps(source.scene)

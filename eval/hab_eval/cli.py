@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import tyro
 
 from hab_eval.episode_options import EpisodeOptions
+from hab_eval.errors import RunStoppedError
+from hab_tasks.errors import HabError
 from hab_tasks.files import written_aside
+from hab_tasks.options import one_line, parse_command
+
+DESCRIPTION = "Evaluation, leaderboard and benchmarks of hab-tasks."
 
 EXIT_BAD_INPUT = 2
 EXIT_STOPPED = 1
@@ -63,6 +66,8 @@ Suites:
 class RunCommand(EpisodeOptions):
     """Options of `hab-eval run`."""
 
+    help: ClassVar[str] = RUN_HELP
+
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder for run.json, episodes.jsonl, config.json and videos."""
     episodes: Annotated[int, tyro.conf.arg(metavar="N")] = 50
@@ -86,6 +91,8 @@ class RunCommand(EpisodeOptions):
 class TableCommand:
     """Options of `hab-eval table`."""
 
+    help: ClassVar[str] = TABLE_HELP
+
     submissions: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder of submitted run.json files, instead of the checkout's own."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
@@ -98,6 +105,8 @@ class TableCommand:
 class FailuresCommand:
     """Options of `hab-eval failures`."""
 
+    help: ClassVar[str] = FAILURES_HELP
+
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
     """Runs to compare: folders of --out, or run.json files."""
     out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
@@ -109,6 +118,8 @@ class FailuresCommand:
 @dataclass(frozen=True, kw_only=True)
 class BenchCommand:
     """Options of `hab-eval bench`."""
+
+    help: ClassVar[str] = BENCH_HELP
 
     suite: Literal["sim", "depth", "reset", "objects", "processes", "memory", "plan"]
     """What to measure."""
@@ -131,16 +142,9 @@ class BenchCommand:
     """Replace FILE."""
 
 
-Command = (
-    Annotated[RunCommand, tyro.conf.subcommand("run", description=RUN_HELP)]
-    | Annotated[TableCommand, tyro.conf.subcommand("table", description=TABLE_HELP)]
-    | Annotated[FailuresCommand, tyro.conf.subcommand("failures", description=FAILURES_HELP)]
-    | Annotated[BenchCommand, tyro.conf.subcommand("bench", description=BENCH_HELP)]
-)
-
 AnyCommand = RunCommand | TableCommand | FailuresCommand | BenchCommand
 
-COMMANDS = {
+COMMANDS: dict[str, Any] = {
     "run": RunCommand,
     "table": TableCommand,
     "failures": FailuresCommand,
@@ -150,52 +154,18 @@ COMMANDS = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs `hab-eval`; returns its exit status."""
-    command = _parse(sys.argv[1:] if arguments is None else arguments)
-    if command is None:
-        return EXIT_BAD_INPUT
-    # Loading the simulator takes seconds, which --help and a mistyped option should not.
-    from hab_eval.errors import RunStoppedError
-    from hab_tasks.errors import HabError
-
+    arguments = sys.argv[1:] if arguments is None else arguments
     signal.signal(signal.SIGTERM, _interrupt)  # a cluster's way to say Ctrl-C
+    command: AnyCommand | None = None
     try:
+        command = parse_command("hab-eval", COMMANDS, arguments, DESCRIPTION)
         return _dispatch(command)
-    except RunStoppedError as error:
-        print(f"hab-eval: {error}", file=sys.stderr)
-        return EXIT_STOPPED
     except HabError as error:
-        print(f"hab-eval: {' '.join(str(error).split())}", file=sys.stderr)
-        return EXIT_BAD_INPUT
+        print(f"hab-eval: {one_line(error)}", file=sys.stderr)
+        return EXIT_STOPPED if isinstance(error, RunStoppedError) else EXIT_BAD_INPUT
     except KeyboardInterrupt:
         print(f"hab-eval: interrupted.{_advice(command)}", file=sys.stderr)
         return EXIT_INTERRUPTED
-
-
-def _parse(arguments: Sequence[str]) -> AnyCommand | None:
-    """Parses; a bad name is told in one line, whatever else is wrong in the parser's own words."""
-    told = io.StringIO()
-    try:
-        with contextlib.redirect_stderr(told):
-            return tyro.cli(
-                Command,  # pyright: ignore[reportArgumentType]  # tyro takes unions, its stub does not
-                prog="hab-eval",
-                description="Evaluation, leaderboard and benchmarks of hab-tasks.",
-                args=arguments,
-                config=(tyro.conf.FlagCreatePairsOff,),
-            )
-    except SystemExit as stop:
-        if not stop.code:
-            raise
-        from hab_tasks.errors import HabError
-        from hab_tasks.options import check_options
-
-        try:
-            check_options("hab-eval", COMMANDS, arguments)
-        except HabError as error:
-            print(f"hab-eval: {' '.join(str(error).split())}", file=sys.stderr)
-        else:
-            print(told.getvalue(), end="", file=sys.stderr)
-        return None
 
 
 def _dispatch(command: AnyCommand) -> int:
@@ -315,7 +285,7 @@ def _interrupt(signal_number: int, frame: object) -> None:
     raise KeyboardInterrupt
 
 
-def _advice(command: AnyCommand) -> str:
+def _advice(command: AnyCommand | None) -> str:
     """Tells how an interrupted run goes on."""
     if not isinstance(command, RunCommand):
         return ""

@@ -156,15 +156,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs `hab-eval`; returns its exit status."""
     arguments = sys.argv[1:] if arguments is None else arguments
     signal.signal(signal.SIGTERM, _interrupt)  # a cluster's way to say Ctrl-C
-    command: AnyCommand | None = None
+    out: Path | None = None
     try:
-        command = parse_command("hab-eval", COMMANDS, arguments, DESCRIPTION)
+        command: AnyCommand = parse_command("hab-eval", COMMANDS, arguments, DESCRIPTION)
+        out = command.out if isinstance(command, RunCommand) else None
         return _dispatch(command)
     except HabError as error:
         print(f"hab-eval: {one_line(error)}", file=sys.stderr)
         return EXIT_STOPPED if isinstance(error, RunStoppedError) else EXIT_BAD_INPUT
     except KeyboardInterrupt:
-        print(f"hab-eval: interrupted.{_advice(command)}", file=sys.stderr)
+        print(f"hab-eval: interrupted.{_advice(out)}", file=sys.stderr)
         return EXIT_INTERRUPTED
 
 
@@ -285,8 +286,6 @@ def _interrupt(signal_number: int, frame: object) -> None:
     raise KeyboardInterrupt
 
 
-def _advice(command: AnyCommand | None) -> str:
+def _advice(out: Path | None) -> str:
     """Tells how an interrupted run goes on."""
-    if not isinstance(command, RunCommand):
-        return ""
-    return f" Finished episodes are kept in {command.out}; go on with --resume."
+    return f" Finished episodes are kept in {out}; go on with --resume." if out else ""

@@ -7,9 +7,12 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
-from hab_eval.errors import OptionError, ResultError
-from hab_eval.schema import MAY_BE_ABSENT, parse_json, read_dataclass
+from hab_eval.errors import OptionError, ResultError, check_number, shown
+from hab_eval.schema import LARGEST_INT, MAY_BE_ABSENT, is_text, parse_json, read_dataclass
 from hab_tasks.files import written_aside
+
+MOST_EPISODES = 100_000
+"""All episodes of a run are in memory, with 10 to 20 kB each."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,10 +42,13 @@ class EvalConfig:
     options: dict[str, str] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
 
     def __post_init__(self) -> None:
-        if self.episodes < 1:
-            raise OptionError(f"episodes must be at least 1, got {self.episodes}.")
-        if self.seed < 0:
-            raise OptionError(f"seed must not be negative, got {self.seed}.")
+        check_number("episodes", self.episodes, least=1, most=MOST_EPISODES)
+        check_number("seed", self.seed, least=0, most=LARGEST_INT)
+        texts = {f.name: getattr(self, f.name) for f in fields(self)}
+        options = {f"option {shown(name)}": f"{name}={self.options[name]}" for name in self.options}
+        for name, text in {**texts, **options}.items():
+            if isinstance(text, str) and not is_text(text):
+                raise OptionError(f"{name} is {shown(text)}, which is no UTF-8 text.")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Protocol
 import torch
 
 from hab_eval import environments, provenance
-from hab_eval.config import EvalConfig, SavedConfig
-from hab_eval.errors import OptionError, RunFolderError, RunStoppedError
+from hab_eval.config import MOST_EPISODES, EvalConfig, SavedConfig
+from hab_eval.errors import OptionError, RunFolderError, RunStoppedError, check_number
 from hab_eval.load_agent import load_agent
 from hab_eval.results import (
     SCHEMA_VERSION,
@@ -23,7 +23,6 @@ from hab_eval.results import (
 )
 from hab_eval.rows import Job, RolloutPlan
 from hab_eval.run_folder import RunFolder, check_free, open_folder
-from hab_eval.runner import check_rows
 from hab_eval.workers import run_agent
 from hab_tasks.agent import Agent, AgentSpec
 from hab_tasks.errors import HabError
@@ -31,6 +30,9 @@ from hab_tasks.processes import use_one_thread
 
 if TYPE_CHECKING:
     from hab_tasks.episodes import EpisodeSet
+
+MOST_WORKERS = 256
+"""A process of the simulator needs from 0.5 GB of memory."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,10 +57,8 @@ class RunOptions:
 
     def __post_init__(self) -> None:
         check_device(self.device)
-        if self.workers < 1:
-            raise OptionError(f"workers must be at least 1, got {self.workers}.")
-        if self.videos < 0:
-            raise OptionError(f"video must not be negative, got {self.videos}.")
+        check_number("workers", self.workers, least=1, most=MOST_WORKERS)
+        check_number("video", self.videos, least=0, most=MOST_EPISODES)
 
 
 def check_device(device: str) -> None:
@@ -95,7 +95,6 @@ def evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> Run
     check_free(options.out, resume=options.resume, force=options.force)
     use_one_thread()
     agent = load_agent(config.agent, environments.setup_of(config, options.device))
-    check_rows(agent.spec)
     episodes = environments.load_episode_set(config, reporter.generating, options.workers)
     saved = SavedConfig(
         config=config,

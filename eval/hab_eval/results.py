@@ -11,12 +11,19 @@ import math
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from hab_eval.errors import ResultError
-from hab_eval.schema import MAY_BE_ABSENT, parse_json, read_dataclass, to_json
+from hab_eval.errors import ResultError, shown
+from hab_eval.schema import (
+    MAY_BE_ABSENT,
+    NOT_EMPTY,
+    NOT_NEGATIVE,
+    parse_json,
+    read_dataclass,
+    to_json,
+)
 from hab_eval.stats import Estimate, bootstrap_mean, mean, rate
 from hab_tasks.files import written_aside
 
@@ -42,14 +49,14 @@ class EpisodeResult:
         seconds: Wall time of the agent and the simulator together, reset and video excluded.
     """
 
-    id: str
+    id: str = field(metadata=NOT_EMPTY)
     scene: str
     success: bool
     stages: dict[str, bool]
-    steps: int
-    failure: str | None
+    steps: int = field(metadata=NOT_NEGATIVE)
+    failure: str | None = field(metadata=NOT_EMPTY)
     episode_return: float = field(metadata={"key": "return"})
-    seconds: float
+    seconds: float = field(metadata=NOT_NEGATIVE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +70,7 @@ class FinishedEpisode:
     """
 
     episode: EpisodeResult
-    timings_s: dict[str, float]
+    timings_s: dict[str, float] = field(metadata=NOT_NEGATIVE)
     trace: tuple[dict[str, Any], ...] = field(default=(), metadata=MAY_BE_ABSENT)
 
 
@@ -119,24 +126,24 @@ class RunRecord:
     """
 
     schema: int
-    agent: str
-    agent_name: str
+    agent: str = field(metadata=NOT_EMPTY)
+    agent_name: str = field(metadata=NOT_EMPTY)
     privileged: bool
     control_mode: str
     obs_mode: str
     target_frame: str = field(default="base", metadata=MAY_BE_ABSENT)
     handle_position: bool = field(default=False, metadata=MAY_BE_ABSENT)
-    env: str
-    scene_dataset: str
+    env: str = field(metadata=NOT_EMPTY)
+    scene_dataset: str = field(metadata=NOT_EMPTY)
     objects: str | None
     split: str
-    seed: int
+    seed: int = field(metadata=NOT_NEGATIVE)
     options: dict[str, str] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
     versions: dict[str, str]
     git: str | None
     device: str
     episodes: tuple[EpisodeResult, ...]
-    timings_s: dict[str, dict[str, float]]
+    timings_s: dict[str, dict[str, float]] = field(metadata=NOT_NEGATIVE)
     summary: Summary
 
 
@@ -175,10 +182,44 @@ def read_record(path: Path) -> RunRecord:
     data = parse_json(path)
     version = data.get("schema") if isinstance(data, dict) else None
     if version != SCHEMA_VERSION:
-        raise ResultError(f"{path}: schema {version!r}, this version reads {SCHEMA_VERSION}.")
+        raise ResultError(f"{path}: schema {shown(version)}, this version reads {SCHEMA_VERSION}.")
     record = read_dataclass(RunRecord, data, where=str(path))
     _check(record, path)
     return record
+
+
+def check_finished(finished: FinishedEpisode, where: str) -> None:
+    """Refuses an episode whose line in the journal could not be read again.
+
+    Raises:
+        ResultError: Names the place, the field and the value.
+    """
+    line = to_json(replace(finished, trace=()))
+    check_episode(read_dataclass(FinishedEpisode, line, where).episode, where)
+
+
+def check_episode(episode: EpisodeResult, where: str) -> None:
+    """Refuses an episode that contradicts itself.
+
+    Raises:
+        ResultError: It both succeeded and failed, or neither.
+    """
+    if episode.success != (episode.failure is None):
+        raise ResultError(
+            f"{where}: episode {episode.id!r} has success {episode.success} and failure "
+            f"{episode.failure!r:.80}; exactly one of the two is expected."
+        )
+
+
+def _check_stages(episodes: Sequence[EpisodeResult], path: Path) -> None:
+    """Refuses episodes of different tasks; one that never started has no stages."""
+    staged = [episode for episode in episodes if episode.stages]
+    for episode in staged:
+        if episode.stages.keys() != staged[0].stages.keys():
+            raise ResultError(
+                f"{path}: episode {episode.id!r} has stages {shown(list(episode.stages))}, and "
+                f"episode {staged[0].id!r} has {shown(list(staged[0].stages))}."
+            )
 
 
 def _durations(timings_s: Mapping[str, Mapping[str, float]]) -> dict[str, Duration]:
@@ -199,12 +240,12 @@ def _check(record: RunRecord, path: Path) -> None:
     twice = [name for name, count in counts.items() if count > 1]
     if twice:
         raise ResultError(f"{path}: episode {twice[0]!r} appears {counts[twice[0]]} times.")
+    foreign = record.timings_s.keys() - counts.keys()
+    if foreign:
+        raise ResultError(f"{path}: timings_s: there is no episode {shown(min(foreign))}.")
     for episode in record.episodes:
-        if episode.success != (episode.failure is None):
-            raise ResultError(
-                f"{path}: episode {episode.id!r} has success {episode.success} and failure "
-                f"{episode.failure!r}; exactly one of the two is expected."
-            )
+        check_episode(episode, str(path))
+    _check_stages(record.episodes, path)
     expected = to_json(summarize(record.episodes, record.timings_s))
     different = _first_difference(expected, to_json(record.summary), "summary")
     if different:

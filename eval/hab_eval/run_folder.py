@@ -16,9 +16,9 @@ from hab_eval.config import (
     read_config,
     write_config,
 )
-from hab_eval.errors import ResultError, RunFolderError
-from hab_eval.results import FinishedEpisode
-from hab_eval.schema import parse_json_text, read_dataclass, to_json
+from hab_eval.errors import ResultError, RunFolderError, shown
+from hab_eval.results import FinishedEpisode, check_episode
+from hab_eval.schema import name_episode, parse_json_text, read_dataclass, to_json
 from hab_tasks.files import ASIDE, written_aside
 
 OWN_FILES = (
@@ -94,8 +94,9 @@ class RunFolder:
 
     def cut_traces(self, finished: Container[str]) -> None:
         """Keeps the traces of `finished` episodes; the others will run again and write theirs."""
-        lines = _whole_lines(self.traces_path)
-        kept = [line for line in lines if json.loads(line)["id"] in finished]
+        path, lines = self.traces_path, _whole_lines(self.traces_path)
+        numbered = enumerate(lines, start=1)
+        kept = [one for n, one in numbered if _traced(one, f"{path}: line {n}") in finished]
         if len(kept) < len(lines):
             with written_aside(self.traces_path) as scratch:
                 scratch.write_text("".join(f"{line}\n" for line in kept), encoding="utf-8")
@@ -158,12 +159,39 @@ def _whole_lines(path: Path) -> list[str]:
     if torn:
         with path.open("r+b") as file:
             file.truncate(len(whole) + len(newline))
-    return whole.decode("utf-8").split("\n") if whole else []
+    lines = whole.split(b"\n") if whole else []
+    return [_decoded(line, f"{path}: line {n}") for n, line in enumerate(lines, start=1)]
+
+
+def _decoded(line: bytes, where: str) -> str:
+    try:
+        return line.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise ResultError(f"{where}: is no UTF-8 text: {error}") from error
 
 
 def _parse(line: str, where: str) -> FinishedEpisode:
+    data = _parse_line(line, where)
     try:
-        data = parse_json_text(line)
+        finished = read_dataclass(FinishedEpisode, data, where=where)
+    except ResultError as error:
+        entry = data.get("episode") if isinstance(data, dict) else None
+        raise ResultError(f"{error}{name_episode(entry)}") from error
+    check_episode(finished.episode, where)
+    return finished
+
+
+def _traced(line: str, where: str) -> str:
+    """Returns the id of the episode that a line of traces is about."""
+    data = _parse_line(line, where)
+    name = data.get("id") if isinstance(data, dict) else None
+    if not isinstance(name, str):
+        raise ResultError(f"{where}: expected an object with an id, got {shown(data)}.")
+    return name
+
+
+def _parse_line(line: str, where: str) -> Any:
+    try:
+        return parse_json_text(line)
     except ValueError as error:
         raise ResultError(f"{where}: cannot be read as JSON: {error}") from error
-    return read_dataclass(FinishedEpisode, data, where=where)

@@ -23,6 +23,7 @@ from hab_eval.results import (
 )
 from hab_eval.rows import Job, RolloutPlan
 from hab_eval.run_folder import RunFolder, check_free, open_folder
+from hab_eval.run_lock import locked
 from hab_eval.workers import run_agent
 from hab_tasks.agent import Agent, AgentSpec
 from hab_tasks.errors import HabError
@@ -90,9 +91,20 @@ class Reporter(Protocol):
 
 
 def evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> RunRecord:
-    """Runs every episode that is not finished yet, and writes `run.json`."""
+    """Runs every episode that is not finished yet, and writes `run.json`.
+
+    Raises:
+        HabError: Bad input, or another run in the same folder.
+        RunStoppedError: The run ended before its last episode.
+    """
     environments.check_env_id(config.env)
     check_free(options.out, resume=options.resume, force=options.force)
+    with locked(options.out):
+        return _evaluate(config, options, reporter)
+
+
+def _evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> RunRecord:
+    """Evaluates in a folder that no other process writes to."""
     use_one_thread()
     agent = load_agent(config.agent, environments.setup_of(config, options.device))
     episodes = environments.load_episode_set(config, reporter.generating, options.workers)

@@ -18,8 +18,12 @@ from hab_eval.config import (
 )
 from hab_eval.errors import ResultError, RunFolderError, shown
 from hab_eval.results import FinishedEpisode, check_episode
+from hab_eval.run_lock import LOCK
 from hab_eval.schema import name_episode, parse_json_text, read_dataclass, to_json
 from hab_tasks.files import ASIDE, written_aside
+
+UNFINISHED = (f"{ASIDE}*", "partial_video_*.mp4")
+"""What a run that was killed may leave; the next one removes it."""
 
 OWN_FILES = (
     "config.json",
@@ -27,10 +31,9 @@ OWN_FILES = (
     "traces.jsonl",
     "run.json",
     "error.txt",
-    f"{ASIDE}*",
     "video_*.mp4",
     "video_*.png",
-    "partial_video_*.mp4",
+    *UNFINISHED,
 )
 """What a run writes; `--force` removes these and nothing else."""
 
@@ -69,8 +72,6 @@ class RunFolder:
     def discard(self) -> None:
         """Takes back a run that never started."""
         self.config_path.unlink(missing_ok=True)
-        if not any(self.root.iterdir()):
-            self.root.rmdir()
 
     def append(self, finished: FinishedEpisode) -> None:
         """Adds one line to the journal, and the trace if there is one; the disk then has both."""
@@ -108,7 +109,7 @@ def check_free(root: Path, *, resume: bool, force: bool) -> None:
         raise RunFolderError("--resume keeps the finished episodes, --force drops them: give one.")
     if root.exists() and not root.is_dir():
         raise RunFolderError(f"--out {root} is a file, not a folder.")
-    taken = root.is_dir() and any(root.iterdir())
+    taken = root.is_dir() and any(path.name != LOCK for path in root.iterdir())
     if taken and not (resume or force):
         raise RunFolderError(
             f"--out {root} is there already. Give --resume to go on with its run, --force to "
@@ -129,8 +130,8 @@ def open_folder(
     check_free(root, resume=resume, force=force)
     folder = RunFolder(root=root)
     root.mkdir(parents=True, exist_ok=True)
-    if force:
-        for path in (path for pattern in OWN_FILES for path in root.glob(pattern)):
+    for pattern in OWN_FILES if force else UNFINISHED:
+        for path in root.glob(pattern):
             path.unlink()
     if resume and folder.config_path.is_file():
         before = read_config(folder.config_path)

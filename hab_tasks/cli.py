@@ -10,6 +10,7 @@ from hab_tasks.errors import HabError
 from hab_tasks.options import one_line, parse_command
 
 EXIT_BAD_INPUT = 2
+EXIT_INTERRUPTED = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -23,3 +24,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except HabError as error:
         print(f"hab-tasks: {one_line(error)}", file=sys.stderr)
         return EXIT_BAD_INPUT
+    except KeyboardInterrupt:
+        print("hab-tasks: interrupted.", file=sys.stderr)
+        return EXIT_INTERRUPTED

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from pathlib import Path
+
+LONGEST_PATH = 300
+"""Of a longer path, the middle is not shown."""
 
 
 class HabError(Exception):
@@ -23,6 +27,21 @@ class UnknownNameError(HabError):
         shown = ", ".join(choices[:12]) + (f" and {len(choices) - 12} more" if choices[12:] else "")
         super().__init__(f"Unknown {kind} {name!r}.{hint} Valid: {shown or '(none)'}.")
         self.kind, self.name, self.valid = kind, name, choices
+
+
+def _shown(path: str) -> str:
+    """Returns a path as one short line can hold it."""
+    if len(path) > LONGEST_PATH:
+        path = f"{path[: LONGEST_PATH // 2]}...{path[-LONGEST_PATH // 2 :]}"
+    return path if path.isprintable() else repr(path)
+
+
+class FileError(HabError):
+    """A file or folder that cannot be written, or may not be replaced."""
+
+    def __init__(self, path: Path, reason: str) -> None:
+        super().__init__(f"{_shown(str(path))} {reason}.")
+        self.path, self.reason = path, reason
 
 
 class DatasetError(HabError):
@@ -51,3 +70,13 @@ class OptionError(HabError, ValueError):
     def __init__(self, option: str, value: object, valid: str) -> None:
         super().__init__(f"{option} is {value!r}; it has to be {valid}.")
         self.option, self.value = option, value
+
+
+class WorkerError(HabError):
+    """A worker process that was killed, as the system does when memory is short."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "A worker process was killed, perhaps for want of memory; nothing was written. Run the "
+            "same command again, with fewer --workers if need be."
+        )

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from pathlib import Path
 from typing import ClassVar
-
-from hab_tasks.errors import HabError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,10 +22,3 @@ class Command(ABC):
     @abstractmethod
     def run(self) -> int:
         """Does the work; returns the exit status. Raises HabError for bad input."""
-
-
-def refuse_existing(out: Path, force: bool) -> None:
-    """Raises HabError when `out` exists (a folder: holds anything) and may not be replaced."""
-    taken = any(out.iterdir()) if out.is_dir() else out.exists()
-    if taken and not force:
-        raise HabError(f"{out} exists; give --force to replace it.")

@@ -10,8 +10,9 @@ from typing import Annotated, ClassVar
 import tyro
 from tqdm import tqdm
 
-from hab_tasks.commands.base import Command, refuse_existing
+from hab_tasks.commands.base import Command
 from hab_tasks.errors import HabError, UnknownNameError
+from hab_tasks.files import check_file
 from hab_tasks.registration import ENTRY_POINTS
 
 
@@ -57,7 +58,7 @@ Example:
             raise HabError(f"--count {self.count}: at least 1 episode.")
         if self.workers < 1:
             raise HabError(f"--workers {self.workers}: at least 1 process.")
-        refuse_existing(self.out, self.force)
+        check_file(self.out, force=self.force)
         source = open_source(
             EpisodeRequest(
                 env_id=self.env,
@@ -75,10 +76,7 @@ Example:
                 bar.update(ready - bar.n)
 
             source.prepare(self.count, self.workers, show)
-        try:
-            source.save(self.count, self.out)
-        except OSError as error:
-            raise HabError(f"{self.out}: cannot be written ({error}).") from error
+        source.save(self.count, self.out)
         print(f"wrote {self.count} episodes ({source.split}) to {self.out}")
         for reason, times in sorted(source.rejections.items()):
             print(f"  refused {times}: {reason}")

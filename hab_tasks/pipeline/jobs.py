@@ -5,11 +5,10 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
 
-from hab_tasks.errors import DatasetError, HabError
+from hab_tasks.errors import DatasetError, HabError, WorkerError
 from hab_tasks.processes import worker_pool
 from hab_tasks.scenes.meshes import cache_dir, cached_file
 
@@ -71,19 +70,17 @@ def run_jobs(jobs: Iterable[Job], workers: int, progress: Progress) -> Tally:
 def _in_parallel(jobs: list[Job], workers: int) -> Iterator[None]:
     if not jobs:
         return
-    pool = worker_pool(min(workers, len(jobs)), _use_one_thread)
     try:
-        futures: dict[Future[None], Job] = {pool.submit(_run, job): job for job in jobs}
-        for future in as_completed(futures):
-            yield future.result()
-    except BrokenProcessPool as error:
+        with worker_pool(min(workers, len(jobs)), _use_one_thread) as pool:
+            futures: dict[Future[None], Job] = {pool.submit(_run, job): job for job in jobs}
+            for future in as_completed(futures):
+                yield future.result()
+    except WorkerError as error:
         left = [str(job.source) for job in jobs if not job.result.exists()]
         raise DatasetError(
-            f"{left[0]}: a worker died on this file or one of the next {workers - 1} "
-            f"({error}). Run it again with --workers 1 to see on which."
+            f"{left[0]}: a worker died on this file or one of the next {workers - 1}. "
+            "Run it again with --workers 1 to see on which."
         ) from error
-    finally:
-        pool.shutdown(cancel_futures=True)
 
 
 def _use_one_thread() -> None:

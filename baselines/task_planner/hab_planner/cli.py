@@ -12,9 +12,8 @@ import tyro
 
 from hab_planner.plan import Plan, saved_plan
 from hab_planner.problem import DOMAIN, problem_of
-from hab_tasks.commands.base import refuse_existing
 from hab_tasks.errors import HabError
-from hab_tasks.files import written_aside
+from hab_tasks.files import check_file, written_aside
 from hab_tasks.options import one_line, parse_only_command
 
 EXIT_BAD_INPUT = 2
@@ -44,7 +43,7 @@ class PlanCommand:
         """Prints, and writes the plan where asked."""
         problem = problem_of(self.env)
         if self.out is not None:
-            refuse_existing(self.out, self.force)
+            check_file(self.out, force=self.force)
         if self.solve:
             from hab_planner.solve import solve  # takes a second, and only this needs it
 

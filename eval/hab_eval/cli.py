@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -12,9 +13,9 @@ from typing import Annotated, Any, ClassVar, Literal
 import tyro
 
 from hab_eval.episode_options import EpisodeOptions
-from hab_eval.errors import RunStoppedError
+from hab_eval.errors import OptionError, RunStoppedError
 from hab_tasks.errors import HabError
-from hab_tasks.files import written_aside
+from hab_tasks.files import check_file, written_aside
 from hab_tasks.options import one_line, parse_command
 
 DESCRIPTION = "Evaluation, leaderboard and benchmarks of hab-tasks."
@@ -22,9 +23,6 @@ DESCRIPTION = "Evaluation, leaderboard and benchmarks of hab-tasks."
 EXIT_BAD_INPUT = 2
 EXIT_STOPPED = 1
 EXIT_INTERRUPTED = 130
-
-LOG_WIDTH = 140
-"""Characters of a table that goes into a file or a pipe, where no terminal gives a width."""
 
 RUN_HELP = """Evaluates an agent on a fixed list of episodes and writes run.json.
 
@@ -164,6 +162,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except HabError as error:
         print(f"hab-eval: {one_line(error)}", file=sys.stderr)
         return EXIT_STOPPED if isinstance(error, RunStoppedError) else EXIT_BAD_INPUT
+    except OSError as error:  # of stdout, or of a disk
+        print(f"hab-eval: {one_line(error)}", file=sys.stderr)
+        return EXIT_STOPPED
     except KeyboardInterrupt:
         print(f"hab-eval: interrupted.{_advice(out)}", file=sys.stderr)
         return EXIT_INTERRUPTED
@@ -181,8 +182,6 @@ def _dispatch(command: AnyCommand) -> int:
 
 def _run(command: RunCommand) -> int:
     """Evaluates, then shows the result and where it stands."""
-    from rich.console import Console
-
     from hab_eval.evaluate import RunOptions, evaluate
     from hab_eval.leaderboard import (
         build_groups,
@@ -190,6 +189,7 @@ def _run(command: RunCommand) -> int:
         group_title,
         read_submissions,
     )
+    from hab_eval.plain_text import show
     from hab_eval.progress import make_reporter
     from hab_eval.report import leaderboard_tables, result_table
 
@@ -207,14 +207,13 @@ def _run(command: RunCommand) -> int:
         write_line=lambda line: print(line, flush=True),
     )
     record = evaluate(command.config_of(command.episodes), options, reporter)
-    console = Console(width=None if sys.stdout.isatty() else LOG_WIDTH)
-    console.print(result_table(record))
+    show(result_table(record))
     print(f"wrote {command.out / 'run.json'}")
     folder = default_submissions()
     others = read_submissions(folder) if folder.is_dir() else {}
     groups = build_groups({**others, "this run": record})
     for table in leaderboard_tables([g for g in groups if g.title == group_title(record)]):
-        console.print(table)
+        show(table)
     return 0
 
 
@@ -231,13 +230,20 @@ def _table(command: TableCommand) -> int:
     submissions = command.submissions or default_submissions()
     target = command.out or submissions.parent / "LEADERBOARD.md"
     groups = build_groups(read_submissions(submissions))
-    texts = {target: to_markdown(groups), target.with_suffix(".html"): to_html(groups)}
+    if not target.name:
+        raise OptionError(f"--out {target} is a folder; give the name of a file.")
+    page = target.with_name(f"{target.stem}.html")
+    texts = {target: to_markdown(groups), page: to_html(groups)}
+    if page == target:
+        raise OptionError(f"--out {target} is the name of the web page; give one that ends in .md.")
+    for path in () if command.check else texts:
+        check_file(path, force=True)  # both or none
     for path, text in texts.items():
         if not command.check:
             with written_aside(path) as scratch:
                 scratch.write_text(text, encoding="utf-8")
             print(f"wrote {path}")
-        elif not path.is_file() or path.read_text(encoding="utf-8") != text:
+        elif not os.path.isfile(path) or path.read_bytes() != text.encode("utf-8"):
             print(f"hab-eval: {path} is out of date; run hab-eval table.", file=sys.stderr)
             return EXIT_STOPPED
     return 0
@@ -245,25 +251,23 @@ def _table(command: TableCommand) -> int:
 
 def _failures(command: FailuresCommand) -> int:
     """Shows and draws why episodes failed."""
-    from rich.console import Console
-
     from hab_eval.failures import check_picture, draw_failures, failure_table, read_runs
+    from hab_eval.plain_text import show
 
     check_picture(command.out, force=command.force)
     records = read_runs(command.runs)
     draw_failures(records, command.out)
-    Console(width=None if sys.stdout.isatty() else LOG_WIDTH).print(failure_table(records))
+    show(failure_table(records))
     print(f"wrote {command.out}")
     return 0
 
 
 def _bench(command: BenchCommand) -> int:
     """Measures, then shows and writes the rows."""
-    from rich.console import Console
-
     from hab_eval.bench import run_suite
     from hab_eval.bench_options import BenchOptions
     from hab_eval.bench_rows import check_target, row_table, write_rows
+    from hab_eval.plain_text import show
 
     options = BenchOptions(
         suite=command.suite,
@@ -277,7 +281,7 @@ def _bench(command: BenchCommand) -> int:
     check_target(command.json, force=command.force)  # before minutes are spent
     rows = run_suite(options, lambda line: print(line, flush=True))
     write_rows(command.json, rows, force=command.force)
-    Console(width=None if sys.stdout.isatty() else LOG_WIDTH).print(row_table(rows))
+    show(row_table(rows))
     print(f"wrote {command.json}")
     return 0
 

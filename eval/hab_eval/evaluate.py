@@ -26,7 +26,7 @@ from hab_eval.run_folder import RunFolder, check_free, open_folder
 from hab_eval.run_lock import locked
 from hab_eval.workers import run_agent
 from hab_tasks.agent import Agent, AgentSpec
-from hab_tasks.errors import HabError
+from hab_tasks.errors import FileError, HabError
 from hab_tasks.processes import use_one_thread
 
 if TYPE_CHECKING:
@@ -125,14 +125,14 @@ def _evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> Ru
                 folder.append(one)
                 finished[one.episode.id] = replace(one, trace=())  # which may be long
                 reporter.finished(one)
-    except RunStoppedError as error:
+        record = make_record(saved, agent.spec, episodes, finished)
+        write_record(folder.record_path, record)
+    except (RunStoppedError, FileError) as error:
         raise _with_advice(error, folder, len(finished), len(episodes.episodes)) from error
     except HabError:
         if not finished:
             folder.discard()  # so that the mended command is not refused for a folder in its way
         raise
-    record = make_record(saved, agent.spec, episodes, finished)
-    write_record(folder.record_path, record)
     return record
 
 
@@ -204,11 +204,13 @@ def _run_missing(
 
 
 def _with_advice(
-    error: RunStoppedError, folder: RunFolder, done: int, total: int
+    error: RunStoppedError | FileError, folder: RunFolder, done: int, total: int
 ) -> RunStoppedError:
     """Adds what the user needs next: what is kept, how to go on, where the traceback is."""
     advice = f" {done} of {total} episodes are kept in {folder.root}; go on with --resume."
-    if error.details:
-        folder.error_path.write_text(error.details, encoding="utf-8")
-        advice += f" Traceback: {folder.error_path}."
-    return RunStoppedError(f"{error}{advice}", details=error.details)
+    details = error.details if isinstance(error, RunStoppedError) else ""
+    if details:
+        with contextlib.suppress(OSError):  # the disk is full: the message itself is there
+            folder.error_path.write_text(details, encoding="utf-8", errors="backslashreplace")
+            advice += f" Traceback: {folder.error_path}."
+    return RunStoppedError(f"{error}{advice}", details=details)

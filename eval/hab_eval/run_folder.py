@@ -20,7 +20,8 @@ from hab_eval.errors import ResultError, RunFolderError, shown
 from hab_eval.results import FinishedEpisode, check_episode
 from hab_eval.run_lock import LOCK
 from hab_eval.schema import name_episode, parse_json_text, read_dataclass, to_json
-from hab_tasks.files import ASIDE, written_aside
+from hab_tasks.errors import FileError
+from hab_tasks.files import ASIDE, check_folder, written_aside
 
 UNFINISHED = (f"{ASIDE}*", "partial_video_*.mp4")
 """What a run that was killed may leave; the next one removes it."""
@@ -74,7 +75,11 @@ class RunFolder:
         self.config_path.unlink(missing_ok=True)
 
     def append(self, finished: FinishedEpisode) -> None:
-        """Adds one line to the journal, and the trace if there is one; the disk then has both."""
+        """Adds one line to the journal, and the trace if there is one; the disk then has both.
+
+        Raises:
+            FileError: The disk is full.
+        """
         line = to_json(finished)
         trace = line.pop("trace")
         if trace:
@@ -104,12 +109,18 @@ class RunFolder:
 
 
 def check_free(root: Path, *, resume: bool, force: bool) -> None:
-    """Refuses a folder that holds something, unless told what to do with it."""
+    """Refuses a folder that holds something, unless told what to do with it.
+
+    Raises:
+        RunFolderError: Says which options there are.
+        FileError: It cannot be written to, or is no folder.
+    """
     if resume and force:
         raise RunFolderError("--resume keeps the finished episodes, --force drops them: give one.")
-    if root.exists() and not root.is_dir():
-        raise RunFolderError(f"--out {root} is a file, not a folder.")
-    taken = root.is_dir() and any(path.name != LOCK for path in root.iterdir())
+    there = os.path.isdir(root)  # a name that no file can have is none
+    if not there:
+        check_folder(root, force=force, mark="config.json")
+    taken = there and any(path.name != LOCK for path in root.iterdir())
     if taken and not (resume or force):
         raise RunFolderError(
             f"--out {root} is there already. Give --resume to go on with its run, --force to "
@@ -146,16 +157,22 @@ def open_folder(
 
 def _add_line(path: Path, value: dict[str, Any]) -> None:
     """Adds a line of JSON and waits until the disk has it."""
-    with path.open("a", encoding="utf-8") as file:
-        file.write(json.dumps(value, allow_nan=False) + "\n")
-        file.flush()
-        os.fsync(file.fileno())
+    line = json.dumps(value, allow_nan=False) + "\n"
+    try:
+        with path.open("a", encoding="utf-8") as file:
+            file.write(line)
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        raise FileError(path, f"cannot be written: {error.strerror or error}") from error
 
 
 def _whole_lines(path: Path) -> list[str]:
     """Returns a file's lines, none if there is no file, and cuts off a torn last one."""
-    if not path.is_file():
+    if not path.exists():
         return []
+    if not path.is_file():
+        raise ResultError(f"{path}: is not a regular file.")
     whole, newline, torn = path.read_bytes().rpartition(b"\n")
     if torn:
         with path.open("r+b") as file:

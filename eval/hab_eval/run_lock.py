@@ -15,6 +15,7 @@ from collections.abc import Generator
 from pathlib import Path
 
 from hab_eval.errors import RunFolderError
+from hab_tasks.errors import FileError
 
 LOCK = ".lock"
 
@@ -28,12 +29,16 @@ def locked(root: Path) -> Generator[None, None, None]:
 
     Raises:
         RunFolderError: Another process holds it; names its pid and host.
+        FileError: The folder cannot be written to.
     """
     made = [folder for folder in (root, *root.parents) if not folder.exists()]
-    root.mkdir(parents=True, exist_ok=True)
     path = root / LOCK
     try:
-        file = _hold(path)
+        try:
+            root.mkdir(parents=True, exist_ok=True)
+            file = _hold(path)
+        except OSError as error:
+            raise FileError(path, f"cannot be written: {error.strerror or error}") from error
         try:
             yield
         finally:
@@ -48,7 +53,7 @@ def locked(root: Path) -> Generator[None, None, None]:
 def _hold(path: Path) -> int:
     """Returns the open lock file of this process."""
     while True:
-        file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:

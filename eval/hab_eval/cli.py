@@ -73,6 +73,10 @@ class RunCommand(EpisodeOptions):
     workers: Annotated[int, tyro.conf.arg(metavar="W")] = 1
     """Number of processes; changes no result. An agent that acts on several rows runs once, and the
     processes hold the environments of its rows."""
+    step_timeout: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
+    """Longest time for one call of the agent's act, reset or report; the episode of a longer one
+    has failed (`agent timeout`), its process is replaced, and the run goes on. Without it, as long
+    as it takes."""
     device: Annotated[str, tyro.conf.arg(metavar="NAME")] = "cpu"
     """Where the agent's networks run, e.g. cuda."""
     video: Annotated[int, tyro.conf.arg(metavar="K")] = 0
@@ -206,7 +210,7 @@ def _run(command: RunCommand) -> int:
         verbose=command.verbose,
         write_line=lambda line: print(line, flush=True),
     )
-    record = evaluate(command.config_of(command.episodes), options, reporter)
+    record = evaluate(command.config_of(command.episodes, command.step_timeout), options, reporter)
     show(result_table(record))
     print(f"wrote {command.out / 'run.json'}")
     folder = default_submissions()

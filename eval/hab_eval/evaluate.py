@@ -107,6 +107,11 @@ def _evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> Ru
     """Evaluates in a folder that no other process writes to."""
     use_one_thread()
     agent = load_agent(config.agent, environments.setup_of(config, options.device))
+    if config.step_timeout_s is not None and agent.spec.rows > 1:
+        raise OptionError(
+            f"--step-timeout needs an agent of one row; {agent.spec.name} acts on up to "
+            f"{agent.spec.rows}, and no row could be named as the one that hangs."
+        )
     episodes = environments.load_episode_set(config, reporter.generating, options.workers)
     saved = SavedConfig(
         config=config,
@@ -162,6 +167,7 @@ def make_record(
         split="+".join(part for part in (episodes.split, config.novel) if part),
         seed=config.seed,
         options=config.options,
+        step_timeout_s=config.step_timeout_s,
         versions=saved.versions,
         git=saved.git,
         device=provenance.device(),
@@ -212,5 +218,5 @@ def _with_advice(
     if details:
         with contextlib.suppress(OSError):  # the disk is full: the message itself is there
             folder.error_path.write_text(details, encoding="utf-8", errors="backslashreplace")
-            advice += f" Traceback: {folder.error_path}."
-    return RunStoppedError(f"{error}{advice}", details=details)
+            advice += f" Details: {folder.error_path}."
+    return RunStoppedError(f"{str(error).rstrip('.')}.{advice}", details=details)

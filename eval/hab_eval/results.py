@@ -31,6 +31,9 @@ SCHEMA_VERSION = 1
 SUMMARY_TOLERANCE = 1e-6
 """Relative; a bootstrap percentile may differ in its last digits between NumPy versions."""
 
+AGENT_TIMEOUT = "agent timeout"
+"""Category of an episode in which a call of the agent took longer than `step_timeout_s`."""
+
 Timings = Mapping[str, float]
 
 
@@ -44,7 +47,8 @@ class EpisodeResult:
         success: Whether the episode ended in success.
         stages: Stages of a long task that were reached; {} for a skill.
         steps: Control steps taken.
-        failure: None on success, else the environment's category, else the agent's, else timeout.
+        failure: None on success, else the environment's category, else the agent's, else timeout;
+            `AGENT_TIMEOUT` if a call of the agent took too long.
         episode_return: Undiscounted sum of rewards (``return`` in JSON).
         seconds: Wall time of the agent and the simulator together, reset and video excluded.
     """
@@ -115,6 +119,7 @@ class RunRecord:
         split: Episode split, and ``+objects`` or ``+receptacles`` where these are new.
         seed: Seed of the episode set and of the agent.
         options: The agent's own options; absent in files from before there were any.
+        step_timeout_s: Longest time that the agent may take for a call [s]; None for any.
         versions: Package -> version.
         git: Commit of the sources, with ``-dirty`` if they were edited; all of them, joined by
             " then ", if a run was resumed on another; None outside a checkout.
@@ -139,6 +144,7 @@ class RunRecord:
     split: str
     seed: int = field(metadata=NOT_NEGATIVE)
     options: dict[str, str] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
+    step_timeout_s: float | None = field(default=None, metadata=MAY_BE_ABSENT)
     versions: dict[str, str]
     git: str | None
     device: str

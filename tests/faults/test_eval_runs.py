@@ -1,4 +1,4 @@
-"""Runs that share a folder, hang or are killed: each episode is played once, and nothing is lost."""
+"""Runs that share a folder, hang or are killed: each episode is played once, none is lost."""
 
 import fcntl
 import os
@@ -142,6 +142,11 @@ def test_a_resume_wants_the_same_time_limit(tmp_path, capfd):
     refused_by_command(main, arguments, "step_timeout_s: None before, 5.0 now")
 
 
+def seconds_of(folder, failure):
+    episodes = read_record(folder / "run.json").episodes
+    return [one.seconds for one in episodes if one.failure == failure]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "workers", "steps"), [("act", 1, 1), ("reset", 2, 0), ("act:deaf", 2, 1)]
@@ -162,11 +167,7 @@ def test_an_agent_that_hangs_fails_the_episode_and_the_run_goes_on(
     assert [one for one in found if one not in late] == [
         one for one in expected if one["id"] not in ("stub/001", "stub/003")
     ]
-    assert all(
-        1.5 < one.seconds < 60
-        for one in read_record(out / "run.json").episodes
-        if one.failure == "agent timeout"
-    )
+    assert all(1.5 < seconds < 60 for seconds in seconds_of(out, "agent timeout"))
     assert [path.name for path in out.iterdir() if path.name.startswith((".", "partial"))] == []
 
 
@@ -200,7 +201,13 @@ def children_of(pid):
     return [c for c in found if b"spawn_main" in Path(f"/proc/{c}/cmdline").read_bytes()]
 
 
-def wait_until(true, seconds=30.0):
+def lines_of(folder):
+    """Number of finished episodes of a run."""
+    path = folder / "episodes.jsonl"
+    return path.read_bytes().count(b"\n") if path.exists() else 0
+
+
+def wait_until(true, seconds=60.0):
     deadline_s = time.monotonic() + seconds
     while not true():
         assert time.monotonic() < deadline_s
@@ -217,14 +224,17 @@ def test_ten_kills_at_any_moment_lose_nothing(tmp_path, capfd, killed):
     for _ in range(10):
         process = stub_runs.start(*arguments, STUB_STEP_S="0.05")
         wait_until(lambda p=process: p.poll() is not None or len(children_of(p.pid)) == 2)
-        time.sleep(rng.uniform(0.0, 3.0))
+        enough = lines_of(out) + rng.randrange(4) - 1  # or while the workers start
+        wait_until(lambda p=process, n=enough: p.poll() is not None or lines_of(out) >= n)
+        time.sleep(rng.uniform(0.0, 0.3))
         victims = [process.pid] if killed == "parent" else children_of(process.pid)
         if victims and process.poll() is None:
             os.kill(rng.choice(victims), signal.SIGKILL)
         _, err = process.communicate(timeout=60)
         assert "Traceback" not in err
         wait_until(lambda p=process: not processes_of(p.pid), 10.0)
-    assert main([str(word) for word in arguments]) == 0
+    assert lines_of(out) > 0
+    assert main([*RUN, "--episodes", "24", "--out", str(out), "--resume"]) == 0
     assert main([*RUN, "--episodes", "24", "--out", str(clean)]) == 0
     assert sorted(journal_ids(out)) == [f"stub/{number:03d}" for number in range(24)]
     assert results_of(out) == results_of(clean)

@@ -114,11 +114,18 @@ def _parse(kind: Any, program: str, arguments: Sequence[str], description: str, 
 
 
 def _without_box(text: str) -> str:
-    """Returns what the parser says inside its box, without the help on the option."""
+    """Returns what the parser says in its box, without the title and the help below a rule."""
     plain = re.sub(r"\x1b\[[0-9;]*m", "", text)
-    lines = [line.strip("│ \t") for line in plain.splitlines()]
-    ruled = [number for number, line in enumerate(lines) if number and set(line) <= {"─"}]
-    said = " ".join(line for line in lines[: ruled[0] if ruled else None] if line[:1] not in "╭╰")
+    lines = [line.strip("│ \t") for line in plain.splitlines() if line[:1] not in "╭╰"]
+    parts: list[list[str]] = [[]]
+    for line in lines:
+        if len(line) > 1 and set(line) in ({"─"}, {"-"}):
+            parts.append([])
+        else:
+            parts[-1].append(line)
+    # Where the terminal knows no box, the title is a line with a rule of its own.
+    body = parts[1] if len(parts) > 1 and len(parts[0]) == 1 and "╭" not in plain else parts[0]
+    said = " ".join(body)
     for words, ours in PLAIN_WORDS.items():
         said = said.replace(words, ours)
-    return f"{said.rstrip('.')}."
+    return f"{said.strip().rstrip('.')}."

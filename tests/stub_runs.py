@@ -9,6 +9,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from hab_eval.results import EpisodeResult, RunRecord, summarize
+
 ROOT = Path(__file__).resolve().parents[1]
 STUBS = ROOT / "tests" / "eval"
 if str(STUBS) not in sys.path:
@@ -41,3 +43,40 @@ def journal_ids(folder: Path) -> list[str]:
     """Returns the ids of the finished episodes, in the order in which they ended."""
     lines = (folder / "episodes.jsonl").read_text().splitlines()
     return [json.loads(line)["episode"]["id"] for line in lines]
+
+
+def record() -> RunRecord:
+    """Returns a run of two episodes, the second one failed."""
+    episodes = tuple(
+        EpisodeResult(
+            id=f"e{number}",
+            scene="s",
+            success=number == 0,
+            stages={"pick_1": number == 0},
+            steps=10,
+            failure=None if number == 0 else "timeout",
+            episode_return=float(number),
+            seconds=0.5,
+        )
+        for number in range(2)
+    )
+    timings_s = {"e1": {"plan": 0.25}}
+    return RunRecord(
+        schema=1,
+        agent="stub_hab:constant",
+        agent_name="Stub",
+        privileged=False,
+        control_mode="ee",
+        obs_mode="state_dict",
+        env="HabPick-v1",
+        scene_dataset="apartment",
+        objects=None,
+        split="val",
+        seed=0,
+        versions={"hab-tasks": "0.1.0"},
+        git=None,
+        device="cpu",
+        episodes=episodes,
+        timings_s=timings_s,
+        summary=summarize(episodes, timings_s),
+    )

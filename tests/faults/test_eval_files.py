@@ -10,11 +10,12 @@ import stub_runs  # first: it finds the stub
 import stub_hab  # isort: skip
 from hab_eval.cli import main
 from hab_eval.config import read_config
-from hab_eval.results import EpisodeResult, FinishedEpisode, RunRecord, read_record, summarize
+from hab_eval.results import EpisodeResult, FinishedEpisode, read_record, summarize
 from hab_eval.run_folder import RunFolder
 from hab_eval.schema import parse_json_text, to_json
 from hab_eval.stats import Estimate
 from refusals import refused_by_call, refused_by_command
+from stub_runs import record
 
 NAN, INF, HUGE = math.nan, math.inf, 10**400
 SURROGATE = "half \ud800 of a pair"
@@ -62,43 +63,6 @@ OF_RECORD = {
 }
 
 OF_CONFIG = {"agent": "str", "env": "str", "episodes": "count", "seed": "count", "options": "texts"}
-
-
-def record():
-    """A run of two episodes, the second one failed."""
-    episodes = tuple(
-        EpisodeResult(
-            id=f"e{number}",
-            scene="s",
-            success=number == 0,
-            stages={"pick_1": number == 0},
-            steps=10,
-            failure=None if number == 0 else "timeout",
-            episode_return=float(number),
-            seconds=0.5,
-        )
-        for number in range(2)
-    )
-    timings_s = {"e1": {"plan": 0.25}}
-    return RunRecord(
-        schema=1,
-        agent="stub_hab:constant",
-        agent_name="Stub",
-        privileged=False,
-        control_mode="ee",
-        obs_mode="state_dict",
-        env="HabPick-v1",
-        scene_dataset="apartment",
-        objects=None,
-        split="val",
-        seed=0,
-        versions={"hab-tasks": "0.1.0"},
-        git=None,
-        device="cpu",
-        episodes=episodes,
-        timings_s=timings_s,
-        summary=summarize(episodes, timings_s),
-    )
 
 
 GOOD = to_json(record())

@@ -101,9 +101,9 @@ def _refusing_room(path: Path, scratch: Path) -> Iterator[None]:
     """Names `path` when the system refuses what is written at `scratch`: the disk is full, ..."""
     try:
         yield
-    except FileNotFoundError:  # it was never written
-        raise
     except OSError as error:
+        if isinstance(error, FileNotFoundError) and error.filename2 is not None:
+            raise  # what was to take its place was never written
         if error.filename is None or str(error.filename).startswith(str(scratch)):
             raise FileError(path, f"cannot be written: {error.strerror or error}") from error
         raise

@@ -18,6 +18,8 @@ LARGEST_SEED = 2**63 - 1
 LARGEST_RESET_SEED = 2**32 - 1
 """ManiSkill's own generators take no larger one."""
 
+MOST_WORKERS = 1024
+
 
 def whole(option: str, value: Any, low: int, high: int) -> int:
     """Returns a whole number from `low` to `high`; raises OptionError for anything else."""

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from pathlib import Path
 from typing import ClassVar
+
+from hab_tasks.errors import HabError
+
+EPISODE_ENDINGS = (".json", ".json.gz")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,3 +27,9 @@ class Command(ABC):
     @abstractmethod
     def run(self) -> int:
         """Does the work; returns the exit status. Raises HabError for bad input."""
+
+
+def check_ending(file: Path) -> None:
+    """Raises HabError for an episode file whose name does not say what it holds."""
+    if not file.name.endswith(EPISODE_ENDINGS):
+        raise HabError(f"--out {file}: an episode file ends in {' or '.join(EPISODE_ENDINGS)}.")

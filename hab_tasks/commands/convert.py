@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import tyro
 from tqdm import tqdm
 
-from hab_tasks.commands.base import Command
+from hab_tasks.commands.base import Command, check_ending
 from hab_tasks.errors import UnknownNameError
 from hab_tasks.files import check_file
 from hab_tasks.registration import ENTRY_POINTS
@@ -53,6 +53,7 @@ Example:
         from hab_tasks.scenes.dataset import resolve_dataset
         from hab_tasks.scenes.objects import load_objects
 
+        check_ending(self.out)
         check_file(self.out, force=self.force)
         if self.env is not None and self.env not in ENTRY_POINTS:
             raise UnknownNameError("env", self.env, ENTRY_POINTS)

@@ -10,9 +10,10 @@ from typing import Annotated, ClassVar
 import tyro
 from tqdm import tqdm
 
-from hab_tasks.commands.base import Command
-from hab_tasks.errors import HabError, UnknownNameError
+from hab_tasks.commands.base import Command, check_ending
+from hab_tasks.errors import UnknownNameError
 from hab_tasks.files import check_file
+from hab_tasks.option_values import LARGEST_SEED, MOST_WORKERS, whole
 from hab_tasks.registration import ENTRY_POINTS
 
 
@@ -51,13 +52,14 @@ Example:
     def run(self) -> int:
         """Generates and writes the file, then prints what was refused and why."""
         from hab_tasks.episodes import EpisodeRequest, open_source
+        from hab_tasks.episodes.source import UNLIMITED
 
         if self.env not in ENTRY_POINTS:
             raise UnknownNameError("env", self.env, ENTRY_POINTS)
-        if self.count < 1:
-            raise HabError(f"--count {self.count}: at least 1 episode.")
-        if self.workers < 1:
-            raise HabError(f"--workers {self.workers}: at least 1 process.")
+        whole("--count", self.count, 1, UNLIMITED)
+        whole("--seed", self.seed, 0, LARGEST_SEED)
+        whole("--workers", self.workers, 1, MOST_WORKERS)
+        check_ending(self.out)
         check_file(self.out, force=self.force)
         source = open_source(
             EpisodeRequest(

@@ -18,9 +18,11 @@ from hab_tasks.captions import with_words
 from hab_tasks.commands.keyboard import QUIT, Keyboard, keys_of
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.envs import ENVS
+from hab_tasks.episodes.source import UNLIMITED
 from hab_tasks.errors import HabError, RenderingUnavailableError, UnknownNameError
 from hab_tasks.files import check_file, written_aside
 from hab_tasks.instructions import instruction
+from hab_tasks.option_values import LARGEST_RESET_SEED, whole
 from hab_tasks.rendering import resolve_backend
 from hab_tasks.skills.hab_env import HabEnv
 from hab_tasks.skills.marks import LEGEND
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
 
 AGENTS = ("random", "keyboard")
 RANDOM_STEPS = 200
+MOST_STEPS = 1_000_000
 CAPTION_LINES = 5
 
 
@@ -71,8 +74,10 @@ def _check(options: Demo) -> None:
         raise UnknownNameError("env", options.env, ENVS)
     if options.agent not in AGENTS:
         raise UnknownNameError("agent", options.agent, AGENTS)
-    if options.steps is not None and options.steps < 1:
-        raise HabError(f"--steps {options.steps}: at least 1 action.")
+    if options.steps is not None:
+        whole("--steps", options.steps, 1, MOST_STEPS)
+    whole("--episode", options.episode, 0, UNLIMITED - 1)
+    whole("--seed", options.seed, 0, LARGEST_RESET_SEED)
     if options.out is not None:
         if options.out.suffix != ".mp4":
             raise HabError(f"--out {options.out}: a video ends in .mp4.")

@@ -17,6 +17,7 @@ from tqdm import tqdm
 from hab_tasks.commands.base import Command
 from hab_tasks.errors import HabError
 from hab_tasks.files import check_folder, folder_written_aside
+from hab_tasks.option_values import LARGEST_SEED, whole
 
 if TYPE_CHECKING:
     from hab_tasks.scenes.dataset import SceneDataset
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from hab_tasks.scenes.wild import WildLayout
 
 WILD_SPLIT = "test"
+MOST_LAYOUTS = 100_000
 LAYOUTS = "layouts.json"
 DOOR_BINS_RAD = (1.6, 1.8, 2.0, 2.29)
 """The fridge's door, which opens to 2.3 rad, is counted by how far it gets."""
@@ -91,8 +93,8 @@ Example:
         return 0
 
     def _check(self) -> None:
-        if self.count < 1:
-            raise HabError(f"--count {self.count}: at least 1 layout.")
+        whole("--count", self.count, 1, MOST_LAYOUTS)
+        whole("--seed", self.seed, 0, LARGEST_SEED)
         if self.macro is None and not self.wild:
             raise HabError(
                 "Which layout is to be varied? Give --macro, for example --macro sc1, or --wild "

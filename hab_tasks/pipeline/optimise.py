@@ -15,6 +15,7 @@ from pathlib import Path
 
 from hab_tasks.errors import HabError, UnknownNameError
 from hab_tasks.files import check_folder, folder_written_aside
+from hab_tasks.option_values import MOST_WORKERS, whole
 from hab_tasks.pipeline.footprint import Footprint, footprint
 from hab_tasks.pipeline.jobs import Progress, Tally, run_jobs
 from hab_tasks.pipeline.options import AssetOptions
@@ -75,8 +76,7 @@ def optimise(
         HabError: Bad options, or `out` may not be written to.
         DatasetError: A file of the dataset is damaged.
     """
-    if workers < 1:
-        raise HabError(f"--workers {workers}: at least 1 process.")
+    whole("--workers", workers, 1, MOST_WORKERS)
     if objects is not None and not objects.expanduser().is_dir():
         raise UnknownNameError("objects", str(objects), ["PATH of a YCB folder"])
     if dataset.layouts is not None:
@@ -84,11 +84,12 @@ def optimise(
             f"{dataset.root} holds layouts only; copy {dataset.layouts.dataset}, and name the copy "
             "in its layouts.json."
         )
-    out = out.expanduser().resolve()
+    out = out.expanduser()
+    check_folder(out, force=force, mark=NOTE)
+    out = out.resolve()
     ycb = objects.expanduser().resolve() if objects is not None else None
     for source in (dataset.root, ycb):
         _keep_apart(out, source)
-    check_folder(out, force=force, mark=NOTE)
     plans = {Path(): plan_dataset(dataset, options)}
     if ycb is not None:
         plans[Path(OBJECTS_FOLDER)] = plan_objects(ycb, options)

@@ -196,9 +196,11 @@ def processes_of(group):
 
 def children_of(pid):
     """Ids of the worker processes of a process."""
-    path = Path(f"/proc/{pid}/task/{pid}/children")
-    found = [int(child) for child in path.read_text().split()] if path.exists() else []
-    return [c for c in found if b"spawn_main" in Path(f"/proc/{c}/cmdline").read_bytes()]
+    try:
+        found = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+        return [int(c) for c in found if "spawn_main" in Path(f"/proc/{c}/cmdline").read_text()]
+    except OSError:  # one of them has just ended
+        return []
 
 
 def lines_of(folder):

@@ -28,7 +28,7 @@ from hab_tasks.scenes.inventory import (
     micro_variations,
     take_inventory,
 )
-from hab_tasks.scenes.objects import load_objects
+from hab_tasks.scenes.objects import check_visuals, load_objects
 
 if TYPE_CHECKING:
     from hab_tasks.commands.check import Check
@@ -66,7 +66,9 @@ def check_dataset(options: Check) -> int:
         if lacking:
             missing.append(("YCB objects", f"{_names(lacking)} -> the folder is refused"))
         else:
-            masses = {n: o.mass_kg for n, o in sorted(load_objects(options.objects).items())}
+            objects = load_objects(options.objects)
+            check_visuals(objects)
+            masses = {name: objects[name].mass_kg for name in sorted(objects)}
             words = ", ".join(f"{name} {mass:.3f} kg" for name, mass in masses.items())
             present.append(("YCB objects", f"{len(masses)}: {words}"))
     print(f"{dataset.name} in {dataset.root}")

@@ -16,8 +16,7 @@ from hab_tasks.geometry import IDENTITY, WORLD_FROM_HABITAT, Pose7, compose, pos
 from hab_tasks.scenes.dataset import SceneDataset
 from hab_tasks.scenes.fields import Fields, is_present, read_fields
 from hab_tasks.scenes.lamps import read_lamps
-from hab_tasks.scenes.mesh_checks import check_mesh
-from hab_tasks.scenes.meshes import mesh_bounds
+from hab_tasks.scenes.meshes import check_any_mesh, mesh_bounds
 from hab_tasks.scenes.navmesh import NavmeshBounds, read_navmesh_bounds
 from hab_tasks.scenes.spec import (
     ArticulationInstance,
@@ -116,7 +115,7 @@ def load_template(file: Path) -> ObjectTemplate | None:
     visual = config.path("render_asset")
     if not is_present(visual):
         return None
-    check_mesh(visual)
+    check_any_mesh(visual)
     name = file.name.removesuffix(".object_config.json")
     up = config.direction("up", HABITAT_UP)
     return ObjectTemplate(
@@ -178,7 +177,7 @@ def _collision(config: Fields, visual: Path) -> CollisionSource:
     if config.text("collision_asset", "") and not as_box:
         asset = config.path("collision_asset")
         if is_present(asset):
-            check_mesh(asset)
+            check_any_mesh(asset)
             return CollisionSource(kind="convex_parts", file=asset)
         words = "its collision_asset is absent; its bounding box is used instead."
         _say_once(f"{config.file}: {words}")
@@ -295,7 +294,7 @@ def _stage(dataset: SceneDataset, scene_id: str, entry: Fields) -> Stage:
         config = replace(read_fields(dataset.stage_files[name]), file=file)
     visual = config.path("render_asset", f"../../stages/{name}.glb")
     if is_present(visual):
-        check_mesh(visual)
+        check_any_mesh(visual)
     else:
         _say_once(
             f"{dataset.source.root}: stage meshes absent; floor and walls are boxes made from the "
@@ -317,7 +316,7 @@ def _stage_collision(
         file = config.path("collision_asset")
         if not is_present(file):
             raise DatasetError(f"{config.file}: no collision_asset {file}.")
-        check_mesh(file)
+        check_any_mesh(file)
         return (CollisionSource(kind="convex_parts", file=file),)
     # Planning and the free floor need convex parts, which a scan's triangles are not.
     if is_present(visual):

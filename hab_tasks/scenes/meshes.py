@@ -140,6 +140,14 @@ def parts_volume(file: Path) -> float:
     return float(sum(hull.volume for hull in convex_parts(file)))
 
 
+@lru_cache(maxsize=4096)
+def check_any_mesh(file: Path) -> None:
+    """Raises DatasetError when a mesh file of any format cannot be read."""
+    check_mesh(file)
+    if file.suffix.lower() != ".glb":
+        read_mesh(file)
+
+
 def read_mesh(file: Path, *, process: bool = True) -> trimesh.Scene:
     """Reads a mesh file without its materials.
 

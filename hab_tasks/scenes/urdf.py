@@ -16,7 +16,7 @@ from hab_tasks.cache import run_dir
 from hab_tasks.errors import DatasetError
 from hab_tasks.files import written_aside
 from hab_tasks.scenes.fields import read_bytes
-from hab_tasks.scenes.mesh_checks import check_mesh
+from hab_tasks.scenes.meshes import check_any_mesh
 from hab_tasks.scenes.urdf_checks import check_robot, mesh_file
 
 _NUMERIC = ("xyz", "rpy", "scale", "size", "value", "rgba")
@@ -34,7 +34,7 @@ def check_urdf(file: Path) -> None:
     mend_numbers(root)
     check_robot(file, root)
     for mesh in root.iter("mesh"):
-        check_mesh(mesh_file(file, mesh))
+        check_any_mesh(mesh_file(file, mesh))
 
 
 @lru_cache(maxsize=512)

@@ -61,7 +61,7 @@ def mesh_file(file: Path, mesh: Element) -> Path:
         path = (file.parent / name).resolve()
         if name and is_present(path):
             return path
-    except (OSError, RuntimeError, ValueError) as error:
+    except (OSError, RuntimeError, ValueError, DatasetError) as error:
         raise refused(
             file, "the filename of a mesh", name, f"the name of a file ({error})"
         ) from error

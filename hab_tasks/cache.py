@@ -86,6 +86,8 @@ def read_cached(name: str, read: Callable[[Path], T]) -> T | None:
     if path is None:
         return None
     try:
+        if not path.is_file() and not path.is_dir():
+            raise ValueError("no file")  # a pipe would never end to be read
         return read(path)
     except DAMAGED as error:
         reason = " ".join(str(error).split()).removeprefix(f"{path}: ")

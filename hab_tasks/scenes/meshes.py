@@ -125,8 +125,9 @@ def read_textured(file: Path) -> tuple[Any, Image.Image]:
         DatasetError: The mesh, its material or its image is absent or damaged.
     """
     mesh: Any = _loaded(file, partial(trimesh.load_mesh, process=False))
-    image = getattr(getattr(mesh.visual, "material", None), "image", None)
-    if image is None or getattr(mesh.visual, "uv", None) is None:
+    image: Any = getattr(getattr(mesh.visual, "material", None), "image", None)
+    # Where there is none, trimesh puts an empty image that comes from no file.
+    if getattr(image, "format", None) is None or getattr(mesh.visual, "uv", None) is None:
         raise DatasetError(f"{file}: its material or texture is absent or cannot be read.")
     try:
         return mesh, image.convert("RGB")
@@ -154,6 +155,8 @@ def read_mesh(file: Path, *, process: bool = True) -> trimesh.Scene:
     Raises:
         DatasetError: It is damaged, holds no mesh or corners that are not finite.
     """
+    if process and file.suffix.lower() != ".glb":
+        read_mesh(file, process=False)  # corners that are not finite would be left out
     options = {"skip_materials": True, "process": process}
     return _loaded(file, partial(trimesh.load_scene, **options))
 

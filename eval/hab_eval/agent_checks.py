@@ -12,10 +12,10 @@ from typing import Any, get_args, get_type_hints
 
 from torch import Tensor
 
-from hab_eval.errors import AgentError, RunStoppedError, shown
+from hab_eval.errors import AgentError, RunStoppedError
 from hab_eval.schema import LARGEST_NUMBER, is_text
 from hab_tasks.agent import Agent, AgentReport, AgentSpec
-from hab_tasks.errors import HabError
+from hab_tasks.errors import HabError, shown
 
 OBS_MODES = ("state", "state_dict", "sensor_data", "pointcloud", "none")
 OBS_PARTS = ("rgb", "depth", "segmentation", "position", "normal", "albedo")

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from hab_eval.errors import OptionError, check_number
+from hab_eval.errors import OptionError
+from hab_tasks.option_values import whole
 
 WriteLine = Callable[[str], None]
 
@@ -54,9 +55,9 @@ class BenchOptions:
     steps: int | None = None
 
     def __post_init__(self) -> None:
-        check_number("repeats", self.repeats, least=1, most=MOST_REPEATS)
+        whole("repeats", self.repeats, 1, MOST_REPEATS)
         if self.steps is not None:
-            check_number("steps", self.steps, least=1, most=MOST_STEPS)
+            whole("steps", self.steps, 1, MOST_STEPS)
         if self.envs and self.suite != "sim":
             raise OptionError(f"suite {self.suite} has its own environment: leave --env out.")
 

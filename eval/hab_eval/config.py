@@ -7,9 +7,11 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
-from hab_eval.errors import OptionError, ResultError, check_number, shown
+from hab_eval.errors import OptionError, ResultError
 from hab_eval.schema import LARGEST_INT, MAY_BE_ABSENT, is_text, parse_json, read_dataclass
+from hab_tasks.errors import shown
 from hab_tasks.files import written_aside
+from hab_tasks.option_values import whole
 
 MOST_EPISODES = 100_000
 """All episodes of a run are in memory, with 10 to 20 kB each."""
@@ -46,8 +48,8 @@ class EvalConfig:
     step_timeout_s: float | None = field(default=None, metadata=MAY_BE_ABSENT)
 
     def __post_init__(self) -> None:
-        check_number("episodes", self.episodes, least=1, most=MOST_EPISODES)
-        check_number("seed", self.seed, least=0, most=LARGEST_INT)
+        whole("episodes", self.episodes, 1, MOST_EPISODES)
+        whole("seed", self.seed, 0, LARGEST_INT)
         if self.step_timeout_s is not None:
             _check_timeout(self.step_timeout_s)
         texts = {f.name: getattr(self, f.name) for f in fields(self)}

@@ -2,39 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import math
-from typing import Any
-
 from hab_tasks.errors import HabError
-
-SHOWN_CHARACTERS = 80
-SHOWN_DIGITS = 20
-
-
-def shown(value: Any) -> str:
-    """Returns a bad value as JSON shows it, cut short."""
-    if isinstance(value, int) and abs(value) >= 10**SHOWN_DIGITS:
-        return f"a number of {math.floor(math.log10(abs(value))) + 1} digits"
-    try:
-        text = json.dumps(value)
-    except (TypeError, ValueError, RecursionError):
-        text = repr(value) if isinstance(value, (str, bytes)) else f"a {type(value).__name__}"
-    return text if len(text) <= SHOWN_CHARACTERS else f"{text[:SHOWN_CHARACTERS]}..."
-
-
-def check_number(name: str, value: Any, *, least: int, most: int) -> None:
-    """Refuses what is no whole number from `least` to `most`.
-
-    Raises:
-        OptionError: Names the option, the bound and the value.
-    """
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise OptionError(f"{name} must be a whole number, got {shown(value)}.")
-    if value < least:
-        raise OptionError(f"{name} must be at least {least}, got {shown(value)}.")
-    if value > most:
-        raise OptionError(f"{name} must be at most {most}, got {shown(value)}.")
 
 
 class AgentError(HabError):
@@ -42,7 +10,7 @@ class AgentError(HabError):
 
 
 class OptionError(HabError):
-    """An option whose value is out of range."""
+    """Options of a command that cannot be used, or not together."""
 
 
 class ResultError(HabError):

@@ -12,7 +12,7 @@ import torch
 
 from hab_eval import environments, provenance
 from hab_eval.config import MOST_EPISODES, EvalConfig, SavedConfig
-from hab_eval.errors import OptionError, RunFolderError, RunStoppedError, check_number
+from hab_eval.errors import OptionError, RunFolderError, RunStoppedError
 from hab_eval.load_agent import load_agent
 from hab_eval.results import (
     SCHEMA_VERSION,
@@ -27,6 +27,7 @@ from hab_eval.run_lock import locked
 from hab_eval.workers import run_agent
 from hab_tasks.agent import Agent, AgentSpec
 from hab_tasks.errors import FileError, HabError
+from hab_tasks.option_values import whole
 from hab_tasks.processes import use_one_thread
 
 if TYPE_CHECKING:
@@ -58,8 +59,8 @@ class RunOptions:
 
     def __post_init__(self) -> None:
         check_device(self.device)
-        check_number("workers", self.workers, least=1, most=MOST_WORKERS)
-        check_number("video", self.videos, least=0, most=MOST_EPISODES)
+        whole("workers", self.workers, 1, MOST_WORKERS)
+        whole("video", self.videos, 0, MOST_EPISODES)
 
 
 def check_device(device: str) -> None:

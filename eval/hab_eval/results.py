@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from hab_eval.errors import ResultError, shown
+from hab_eval.errors import ResultError
 from hab_eval.schema import (
     MAY_BE_ABSENT,
     NOT_EMPTY,
@@ -25,6 +25,7 @@ from hab_eval.schema import (
     to_json,
 )
 from hab_eval.stats import Estimate, bootstrap_mean, mean, rate
+from hab_tasks.errors import shown
 from hab_tasks.files import written_aside
 
 SCHEMA_VERSION = 1

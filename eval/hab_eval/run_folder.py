@@ -16,11 +16,11 @@ from hab_eval.config import (
     read_config,
     write_config,
 )
-from hab_eval.errors import ResultError, RunFolderError, shown
+from hab_eval.errors import ResultError, RunFolderError
 from hab_eval.results import FinishedEpisode, check_episode
 from hab_eval.run_lock import LOCK
 from hab_eval.schema import name_episode, parse_json_text, read_dataclass, to_json
-from hab_tasks.errors import FileError
+from hab_tasks.errors import FileError, shown
 from hab_tasks.files import ASIDE, check_folder, written_aside
 
 UNFINISHED = (f"{ASIDE}*", "partial_video_*.mp4")

@@ -17,8 +17,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from hab_eval.errors import SHOWN_CHARACTERS, ResultError, shown
-from hab_tasks.errors import HabError
+from hab_eval.errors import ResultError
+from hab_tasks.errors import SHOWN_CHARACTERS, HabError, shown
 
 T = TypeVar("T")
 

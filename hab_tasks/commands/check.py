@@ -18,6 +18,8 @@ class Check(Command):
         str
     ] = """Tells on one page what a dataset holds, what is missing, and what is done about it.
 
+Reads every file, and stops at the first that is damaged.
+
 Example:
   hab-tasks check ~/data/replica_cad --objects ~/data/ycb
   hab-tasks check replica_cad --objects ycb --download

@@ -11,15 +11,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from hab_tasks.errors import EpisodeError, UnknownNameError
+from hab_tasks.errors import EpisodeError, UnknownNameError, shown
 from hab_tasks.geometry import Pose7
 
 LARGEST_BYTES = 256 * 2**20
 """Of an episode file, unpacked: some hundred thousand episodes."""
 
 LARGEST_INTEGER = 2**63
-SHOWN = 60
-"""Characters of an odd value that an error message shows."""
 
 
 def load_json(file: Path) -> Any:
@@ -60,21 +58,21 @@ def naming(where: str, name: str) -> Iterator[None]:
 def mapping(value: Any) -> dict[str, Any]:
     """Returns an object of JSON, with names that are text. Raises TypeError for anything else."""
     if not isinstance(value, dict):
-        raise TypeError(f"{_shown(value)} instead of an object")
+        raise TypeError(f"{shown(value)} instead of an object")
     return {text(key): entry for key, entry in value.items()}
 
 
 def sequence(value: Any) -> list[Any]:
     """Returns a list. Raises TypeError for anything else, text too."""
     if not isinstance(value, list | tuple):
-        raise TypeError(f"{_shown(value)} instead of a list")
+        raise TypeError(f"{shown(value)} instead of a list")
     return list(value)
 
 
 def text(value: Any) -> str:
     """Returns text. Raises TypeError or ValueError when it is none, or cannot be written."""
     if not isinstance(value, str):
-        raise TypeError(f"{_shown(value)} instead of text")
+        raise TypeError(f"{shown(value)} instead of text")
     value.encode()  # refuses half a character
     return value
 
@@ -82,22 +80,22 @@ def text(value: Any) -> str:
 def integer(value: Any) -> int:
     """Returns an integer of at most 64 bits. Raises TypeError or ValueError for anything else."""
     if not isinstance(value, int) or isinstance(value, bool):
-        raise TypeError(f"{_shown(value)} instead of an integer")
+        raise TypeError(f"{shown(value)} instead of an integer")
     if abs(value) >= LARGEST_INTEGER:
-        raise ValueError(f"{_shown(value)} is too large")
+        raise ValueError(f"{shown(value)} is too large")
     return value
 
 
 def number(value: Any) -> float:
     """Returns a number. Raises TypeError or ValueError when it is none, or not finite."""
     if not isinstance(value, int | float) or isinstance(value, bool):
-        raise TypeError(f"{_shown(value)} instead of a number")
+        raise TypeError(f"{shown(value)} instead of a number")
     try:
         found = float(value)
     except OverflowError:
         found = math.inf
     if not math.isfinite(found):
-        raise ValueError(f"{_shown(value)} is not a finite number")
+        raise ValueError(f"{shown(value)} is not a finite number")
     return found
 
 
@@ -109,11 +107,3 @@ def read_pose(value: Any) -> Pose7:
     if not 0 < math.hypot(*numbers[3:]) < math.inf:
         raise ValueError("a pose whose quaternion is zero or too large")
     return numbers  # type: ignore[return-value]
-
-
-def _shown(value: Any) -> str:
-    """Returns a value as one short line can hold it."""
-    if isinstance(value, int) and abs(value) >= LARGEST_INTEGER:
-        return f"an integer of {value.bit_length()} bits"
-    shown = ascii(value)
-    return shown if len(shown) <= SHOWN else f"{shown[:SHOWN]}..."

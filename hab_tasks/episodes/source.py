@@ -13,6 +13,7 @@ from dataclasses import astuple, dataclass
 from importlib import import_module
 from pathlib import Path
 
+from hab_tasks.cache import read_cached, write_cached
 from hab_tasks.episodes.generators import (
     GENERATORS,
     Generator,
@@ -27,7 +28,6 @@ from hab_tasks.option_values import LARGEST_SEED, name, path, whole
 from hab_tasks.processes import worker_pool
 from hab_tasks.scenes.dataset import SceneDataset, embedded_dataset, resolve_dataset
 from hab_tasks.scenes.load import load_scene
-from hab_tasks.scenes.meshes import cache_dir
 from hab_tasks.scenes.objects import TRAIN_OBJECTS, UNSEEN_OBJECTS, load_objects
 from hab_tasks.scenes.spec import SceneSpec
 
@@ -112,11 +112,13 @@ class EpisodeSource:
         shipped = dataset.root == embedded_dataset().resolve()
         self._embedded = _shipped_folder() / self._name if shipped else None
         key = stable_hash(*map(str, (SCHEMA, *astuple(self.made_from))))
-        self._cached = cache_dir() / "episodes" / f"{key:08x}" / self._name
+        self._cached = f"episodes/{key:08x}/{self._name}"
+        kept = read_cached(self._cached, read_episodes)
+        if kept is not None:
+            self._take(kept)
         # The cache may hold more episodes than were shipped; the shipped ones stay as they are.
-        for file in (self._cached, self._embedded):
-            if file is not None and file.exists():
-                self._take(read_episodes(file))
+        if self._embedded is not None and self._embedded.exists():
+            self._take(read_episodes(self._embedded))
 
     @property
     def given(self) -> tuple[Episode, ...]:
@@ -193,9 +195,11 @@ class EpisodeSource:
 
     def save(self, count: int, file: Path | None = None) -> Path:
         """Writes the first `count` episodes to `file`, or to the cache; returns the file."""
-        target = file or self._cached
-        write_episodes(self.to_set(count), target)
-        return target
+        episodes = self.to_set(count)
+        if file is None:
+            return write_cached(self._cached, lambda path: write_episodes(episodes, path))
+        write_episodes(episodes, file)
+        return file
 
     def make(self, index: int) -> Made:
         """Generates an episode, whether it is known or not."""

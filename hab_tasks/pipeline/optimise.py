@@ -77,16 +77,9 @@ def optimise(
         DatasetError: A file of the dataset is damaged.
     """
     whole("--workers", workers, 1, MOST_WORKERS)
-    if objects is not None and not objects.expanduser().is_dir():
-        raise UnknownNameError("objects", str(objects), ["PATH of a YCB folder"])
-    if dataset.layouts is not None:
-        raise HabError(
-            f"{dataset.root} holds layouts only; copy {dataset.layouts.dataset}, and name the copy "
-            "in its layouts.json."
-        )
-    out = out.expanduser()
-    check_folder(out, force=force, mark=NOTE)
-    out = out.resolve()
+    _check_sources(dataset, objects)
+    check_folder(out.expanduser(), force=force, mark=NOTE)
+    out = out.expanduser().resolve()
     ycb = objects.expanduser().resolve() if objects is not None else None
     for source in (dataset.root, ycb):
         _keep_apart(out, source)
@@ -107,6 +100,16 @@ def optimise(
         before=footprint(dataset.root / target for target in visuals),
         after=footprint(out / target for target in visuals),
     )
+
+
+def _check_sources(dataset: SceneDataset, objects: Path | None) -> None:
+    if objects is not None and not objects.expanduser().is_dir():
+        raise UnknownNameError("objects", str(objects), ["PATH of a YCB folder"])
+    if dataset.layouts is not None:
+        raise HabError(
+            f"{dataset.root} holds layouts only; copy {dataset.layouts.dataset}, and name the copy "
+            "in its layouts.json."
+        )
 
 
 def _keep_apart(out: Path, source: Path | None) -> None:

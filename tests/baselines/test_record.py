@@ -141,7 +141,7 @@ def test_what_is_there_is_not_replaced(tmp_path, name, capsys):
     ("options", "words"),
     [
         (("--most", 3, "--count", 4), "most must be at least count, 4, got 3"),
-        (("--count", 0), "episodes must be at least 1, got 0"),
+        (("--count", 0), "episodes is 0; it has to be a whole number from 1"),
         (("--splt", "val"), "'--splt'"),
         (("--option", "speed"), "not of the form NAME=VALUE"),
         (("--split", "trian"), "'trian'"),

@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import TypeVar
 from zipfile import BadZipFile
 
-from hab_tasks.errors import DatasetError, HabError
-from hab_tasks.files import written_aside
+from hab_tasks.errors import DatasetError, FileError, HabError
+from hab_tasks.files import make_scratch_folder, written_aside
 
 logger = logging.getLogger(__name__)
 
@@ -53,14 +53,21 @@ def run_dir() -> Path:
     """
     global _run_dir
     if _run_dir is None or not _run_dir.is_dir():
-        try:
-            _run_dir = Path(tempfile.mkdtemp(prefix="hab_tasks-"))
-        except OSError as error:
-            raise HabError(
-                f"no folder for temporary files can be written to ({error}); set TMPDIR to one."
-            ) from error
+        _run_dir = temporary_folder()
         atexit.register(_remove_of, _run_dir, os.getpid())
     return _run_dir
+
+
+def temporary_folder() -> Path:
+    """Makes a folder among the system's temporary files, and removes those of killed processes.
+
+    Raises:
+        HabError: None can be made.
+    """
+    try:
+        return make_scratch_folder(Path(tempfile.gettempdir()))
+    except (OSError, FileError) as error:
+        raise HabError(f"no temporary folder can be made ({error}); set TMPDIR to one.") from error
 
 
 def use_run_dir(folder: Path) -> None:

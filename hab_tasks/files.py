@@ -77,9 +77,10 @@ def folder_written_aside(path: Path) -> Iterator[Path]:
         shutil.rmtree(old, ignore_errors=True)
 
 
-@contextmanager
-def scratch_folder(folder: Path) -> Iterator[Path]:
-    """Gives an empty folder in `folder`, for files that are moved to their place from there.
+def make_scratch_folder(folder: Path) -> Path:
+    """Makes an empty folder in `folder`; what killed processes left there is removed.
+
+    The next that makes one removes it, should this process be killed.
 
     Raises:
         FileError: `folder` cannot be written to.
@@ -89,6 +90,17 @@ def scratch_folder(folder: Path) -> Iterator[Path]:
         _remove_leftovers(folder)
         scratch = _beside(folder / "files")
         scratch.mkdir()
+    return scratch
+
+
+@contextmanager
+def scratch_folder(folder: Path) -> Iterator[Path]:
+    """Gives an empty folder in `folder`, which is removed in the end.
+
+    Raises:
+        FileError: `folder` cannot be written to.
+    """
+    scratch = make_scratch_folder(folder)
     try:
         with _refusing_room(folder, scratch):
             yield scratch

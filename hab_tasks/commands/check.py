@@ -25,7 +25,7 @@ Example:
   hab-tasks check replica_cad --objects ycb --download
   hab-tasks check apartment --simulate"""
 
-    dataset: tyro.conf.Positional[str]
+    dataset: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="DATASET")]
     """`apartment`, `replica_cad` as ManiSkill downloads it, or the path of a ReplicaCAD folder."""
     objects: Annotated[str | None, tyro.conf.arg(metavar="ycb|PATH")] = None
     """YCB objects to check as well: `ycb` as ManiSkill downloads them, or a folder."""

@@ -33,7 +33,7 @@ class Figures(Command):
 Example:
   hab-tasks figures apartment --out docs/figures --episodes tidy.json.gz table.json.gz"""
 
-    dataset: tyro.conf.Positional[str]
+    dataset: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="DATASET")]
     """`apartment`, `replica_cad` as ManiSkill downloads it, or the path of a ReplicaCAD folder."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder of the PNG files; made when absent."""

@@ -50,7 +50,7 @@ Example:
   hab-tasks vary apartment --wild --count 100 --out wild
   hab-eval run --agent hab_spa:spa_priv --env HabPick-v1 --scene-dataset wild --out runs/wild"""
 
-    dataset: tyro.conf.Positional[str]
+    dataset: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="DATASET")]
     """`apartment` or a ReplicaCAD folder."""
     macro: Annotated[str | None, tyro.conf.arg(metavar="ID")] = None
     """The macro layout, v3_sc1_staging_00 or short sc1. With --wild: any of them unless given."""

@@ -109,8 +109,8 @@ class BodyBuilder:
         loader.fix_root_link = True
         loader.scale = furniture.scale
         loader.load_multiple_collisions_from_file = True
-        path = sapien_urdf(furniture.urdf_file, visuals=self.visuals)
-        builder = loader.parse(str(path))["articulation_builders"][0]
+        with sapien_urdf(furniture.urdf_file, visuals=self.visuals) as path:
+            builder = loader.parse(str(path))["articulation_builders"][0]
         builder.initial_pose = to_sapien(furniture.world_from_root)
         for link in builder.link_builders:
             link.collision_groups = [*FRONT, FURNITURE_BIT, group]

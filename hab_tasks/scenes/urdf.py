@@ -1,20 +1,21 @@
 """URDFs as SAPIEN can load them: commas mended, meshes by absolute path, visuals on request.
 
-ReplicaCAD's URDFs hold ``scale="1, 1, 1"``, which numpy 2 refuses. Mended copies last as long as
-the process; the dataset's own files stay as they are. Without a renderer SAPIEN cannot even make a
-material, so the copy for headless use has no visuals at all.
+ReplicaCAD's URDFs hold ``scale="1, 1, 1"``, which numpy 2 refuses. Mended copies are files only as
+long as they are loaded; the dataset's own stay as they are. Without a renderer SAPIEN cannot even
+make a material, so the copy for headless use has no visuals at all.
 """
 
 from __future__ import annotations
 
-import hashlib
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from xml.etree import ElementTree
 
-from hab_tasks.cache import run_dir
+from hab_tasks.cache import temporary_folder
 from hab_tasks.errors import DatasetError
-from hab_tasks.files import written_aside
 from hab_tasks.scenes.fields import read_bytes
 from hab_tasks.scenes.meshes import check_any_mesh
 from hab_tasks.scenes.urdf_checks import check_robot, mesh_file
@@ -37,9 +38,28 @@ def check_urdf(file: Path) -> None:
         check_any_mesh(mesh_file(file, mesh))
 
 
+@contextmanager
+def sapien_urdf(file: Path, visuals: bool) -> Iterator[Path]:
+    """Gives a copy of the URDF for SAPIEN to load, with or without visual meshes."""
+    with urdf_file(_mended(file, visuals), file.stem) as path:
+        yield path
+
+
+@contextmanager
+def urdf_file(text: str, stem: str) -> Iterator[Path]:
+    """Gives a file ``STEM.urdf`` with this text, which is removed in the end."""
+    folder = temporary_folder()
+    try:
+        path = folder / f"{stem}.urdf"
+        path.write_text(text, encoding="utf-8")
+        yield path
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
 @lru_cache(maxsize=512)
-def sapien_urdf(file: Path, visuals: bool) -> Path:
-    """Returns a copy of the URDF that SAPIEN loads, with or without visual meshes."""
+def _mended(file: Path, visuals: bool) -> str:
+    """Returns the text of a URDF as SAPIEN can load it."""
     check_urdf(file)
     root = read_urdf(file)
     mend_numbers(root)
@@ -52,18 +72,7 @@ def sapien_urdf(file: Path, visuals: bool) -> Path:
         mesh.set("filename", str(mesh_file(file, mesh)))
     if not visuals:
         remove_visuals(root)
-    return write_urdf(root, file.stem)
-
-
-def write_urdf(root: ElementTree.Element, stem: str) -> Path:
-    """Writes a URDF tree to a file of this process, named after its content; returns the file."""
-    text = ElementTree.tostring(root, encoding="unicode")
-    key = hashlib.sha256(text.encode()).hexdigest()[:20]
-    path = run_dir() / "urdf" / key / f"{stem}.urdf"
-    if not path.exists():
-        with written_aside(path) as scratch:
-            scratch.write_text(text, encoding="utf-8")
-    return path
+    return ElementTree.tostring(root, encoding="unicode")
 
 
 def mend_numbers(root: ElementTree.Element) -> None:

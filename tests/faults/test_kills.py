@@ -40,7 +40,7 @@ class Work:
 
 EPISODES = Work(
     (
-        *("hab-tasks", "episodes", "--env", "HabPick-v1", "--seed", "3", "--count", "6"),
+        *("hab-tasks", "episodes", "--env", "HabPick-v1", "--seed", "3", "--count", "3"),
         *("--workers", "2", "--out", "out.json", "--force"),
     ),
     "out.json",

@@ -85,7 +85,9 @@ class OptionError(HabError, ValueError):
     """A value that an option does not take."""
 
     def __init__(self, option: str, value: object, valid: str) -> None:
-        super().__init__(f"{option} is {value!r}; it has to be {valid}.")
+        typed = option.startswith("--")
+        said = f"{option} {shown(value)}:" if typed else f"{option} is {value!r};"
+        super().__init__(f"{said} it has to be {valid}.")
         self.option, self.value = option, value
 
 

@@ -21,15 +21,16 @@ LARGEST_RESET_SEED = 2**32 - 1
 MOST_WORKERS = 1024
 
 
-def whole(option: str, value: Any, low: int, high: int) -> int:
-    """Returns a whole number from `low` to `high`; raises OptionError for anything else."""
+def whole(option: str, value: Any, low: int, high: int, unit: str = "") -> int:
+    """Returns a whole number (of `unit`) from `low` to `high`; raises OptionError for others."""
     try:
         number = index(value)
     except TypeError:
         number = None
     if isinstance(value, bool) or number is None or not low <= number <= high:
         most = {LARGEST_SEED: "2^63 - 1", LARGEST_RESET_SEED: "2^32 - 1"}.get(high, f"{high:,}")
-        raise OptionError(option, value, f"a whole number from {low} to {most}")
+        kind = f"a whole number of {unit}" if unit else "a whole number"
+        raise OptionError(option, value, f"{kind} from {low} to {most}")
     return number
 
 

@@ -81,7 +81,7 @@ class CameraRig:
         for name in chosen:
             if name not in PLACES:
                 raise UnknownNameError("camera", name, PLACES)
-        size_px = option_values.whole("camera_size_px", size_px, 1, LARGEST_SIZE_PX)
+        size_px = option_values.whole("camera_size_px", size_px, 1, LARGEST_SIZE_PX, "pixels")
         valid = "an angle between 0 and pi [rad]"
         if not 0.0 < option_values.number("camera_hfov_rad", hfov_rad, valid) < math.pi:
             raise OptionError("camera_hfov_rad", hfov_rad, valid)

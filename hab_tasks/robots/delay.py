@@ -17,7 +17,7 @@ def checked_steps(steps: int) -> int:
     Raises:
         OptionError: Not a whole number, negative, or longer than `LONGEST_STEPS`.
     """
-    return whole("action_delay_steps", steps, 0, LONGEST_STEPS)
+    return whole("action_delay_steps", steps, 0, LONGEST_STEPS, "steps")
 
 
 class ActionDelay:

@@ -16,6 +16,9 @@ from hab_tasks.errors import DatasetError, UnknownNameError
 LARGEST = 1e6
 """No size, place, mass or factor is larger; the engine's single precision ends soon after."""
 
+LONGEST_REASON = 200
+"""Characters of what the system says of a path."""
+
 _repr = reprlib.Repr()
 _repr.maxstring = _repr.maxother = 60
 _repr.maxlist = 6
@@ -172,7 +175,9 @@ class Fields:
             is_present(path)
             return path
         except (OSError, RuntimeError, ValueError, DatasetError) as error:
-            raise self.refused(name, f"the name of a file ({error})") from error
+            reason = str(getattr(error, "strerror", None) or error)
+            reason = reason if len(reason) < LONGEST_REASON else f"...{reason[-LONGEST_REASON:]}"
+            raise self.refused(name, f"the name of a file ({reason})") from error
 
     def refused(self, name: str, wanted: str) -> DatasetError:
         """Returns the error for one of the fields."""

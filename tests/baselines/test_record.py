@@ -129,10 +129,10 @@ def test_an_agent_that_raises_is_named_with_its_episode(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("name", ["trajectory.json", "lerobot/meta"])
+@pytest.mark.parametrize("name", ["trajectory.json", "lerobot/meta/info.json"])
 def test_what_is_there_is_not_replaced(tmp_path, name, capsys):
-    (tmp_path / name).mkdir(parents=True)
-    (tmp_path / name / "old").touch()
+    (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / name).touch()
     assert record(tmp_path, "--lerobot") == 2
     assert "give --force to replace it" in capsys.readouterr().err
 

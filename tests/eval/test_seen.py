@@ -7,12 +7,12 @@ import stub_hab
 import torch
 from hab_eval import environments
 from hab_eval.config import EvalConfig
-from hab_eval.errors import AgentError, OptionError
+from hab_eval.errors import AgentError
 from hab_eval.runner import run_episode
 from hab_eval.seen import Seen, show
 
 from hab_tasks.agent import AgentSpec
-from hab_tasks.errors import UnknownNameError
+from hab_tasks.errors import OptionError, UnknownNameError
 
 PICK = EvalConfig(agent="stub_hab:constant", env="HabPick-v1")
 DEPTH = AgentSpec(name="Looker", control_mode="ee", obs_mode="depth", looks="on demand")

@@ -95,7 +95,7 @@ CASES = {
         ("docs-no-out", ("docs",), ("--out",)),
         ("list-more", ("list", "more"), ("more",)),
         ("list-option", ("list", "--all"), ("--all", "--help")),
-        ("command", ("epsiodes",), ("'epsiodes'", "episodes")),
+        ("command", ("epizodes",), ("'epizodes'", "episodes")),
     )
 }
 PLANNER = {

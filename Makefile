@@ -5,7 +5,7 @@ WORKERS ?= 2
 DATASET ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint format typecheck bench build clean
+.PHONY: help setup demo test soak lint format typecheck bench build clean
 
 help:  ## This list
 	@grep -hE '^[a-z]+: .*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 12
@@ -19,6 +19,9 @@ demo: setup ## Five Pick episodes in our apartment: result table, video, picture
 
 test: setup ## The quick tests; with SLOW=1 all of them
 	@$(PYTHON) -m pytest -q -n $(WORKERS) --dist loadfile $(if $(SLOW),,-m "not slow")
+
+soak: setup ## A million random and adversarial steps in all environments, as a test of what they stand
+	@HAB_SOAK_STEPS=$(or $(STEPS),1000000) $(PYTHON) -m pytest -q -n $(WORKERS) --log-cli-level=INFO tests/faults/test_soak.py
 
 lint: setup ## Code style, spelling, sizes of files and functions
 	@$(PYTHON) -m ruff check .

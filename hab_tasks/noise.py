@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 
@@ -11,6 +10,7 @@ import torch
 from torch import Tensor
 
 from hab_tasks.errors import OptionError, UnknownNameError
+from hab_tasks.option_values import number
 
 Images = dict[str, dict[str, Tensor]]
 
@@ -38,8 +38,9 @@ class SensorNoise:
         """Refuses what is no standard deviation."""
         for field in fields(self):
             value = getattr(self, field.name)
-            if not (math.isfinite(value) and value >= 0.0):
-                raise OptionError(f"sensor_noise.{field.name}", value, "a number from 0")
+            name, valid = f"sensor_noise.{field.name}", "a number from 0"
+            if number(name, value, valid) < 0.0:
+                raise OptionError(name, value, valid)
 
     @classmethod
     def of(cls, noise: SensorNoise | Mapping[str, float] | None) -> SensorNoise | None:

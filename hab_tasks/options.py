@@ -1,11 +1,28 @@
-"""A mistyped subcommand or option, told in one line like every other bad name."""
+"""Command lines: parsing, and one line on stderr for every option that cannot be used."""
 
 from __future__ import annotations
 
+import contextlib
+import io
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from functools import reduce
+from operator import or_
+from typing import Annotated, Any
 
-from hab_tasks.errors import UnknownNameError
+import tyro
+
+from hab_tasks.errors import HabError, UnknownNameError
+
+LONGEST_MESSAGE = 1000
+"""Characters of a message on stderr; the middle of a longer one is left out."""
+
+PLAIN_WORDS = {
+    "invalid literal for int() with base 10": "not a whole number",
+    "could not convert string to float": "not a number",
+}
+"""Python's words for a value that has the wrong type -> ours."""
 
 
 def check_options(
@@ -32,3 +49,83 @@ def check_options(
         option = word.split("=", 1)[0].replace("_", "-")
         if word.startswith("--") and option not in valid:
             raise UnknownNameError(f"option of {program} {command}", word, valid)
+
+
+def parse_command(
+    program: str, commands: Mapping[str, Any], arguments: Sequence[str], description: str
+) -> Any:
+    """Returns the options of the subcommand that was typed.
+
+    Args:
+        program: Name of the console script.
+        commands: Subcommand -> the dataclass of its options; its `help` is what `--help` says.
+        arguments: What was typed after the program's name.
+        description: What the program does.
+
+    Raises:
+        HabError: An unknown or missing option, or a value of the wrong type.
+        SystemExit: With status 0, after `--help`.
+    """
+    check_options(program, commands, arguments)
+    kinds = [
+        Annotated[options, tyro.conf.subcommand(name, description=options.help)]
+        for name, options in commands.items()
+    ]
+    known = [word for word in arguments[:1] if word in commands]
+    return _parse(reduce(or_, kinds), program, arguments, description, " ".join([program, *known]))
+
+
+def parse_only_command(
+    program: str, commands: Mapping[str, type], arguments: Sequence[str], description: str
+) -> Any:
+    """As `parse_command`, for a program with one subcommand; `description` says what that does."""
+    check_options(program, commands, arguments)
+    ((name, options),) = commands.items()
+    called = f"{program} {name}"
+    return _parse(options, called, arguments[1:], description, called)
+
+
+def one_line(message: object) -> str:
+    """Returns a message without line breaks and control characters, and not too long to read."""
+    words = " ".join(str(message).split())
+    text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in words)
+    if len(text) <= LONGEST_MESSAGE:
+        return text
+    half = LONGEST_MESSAGE // 2
+    return f"{text[:half]} ... {text[-half:]}"
+
+
+def _parse(kind: Any, program: str, arguments: Sequence[str], description: str, helped: str) -> Any:
+    """Runs the parser; `helped` is the command whose `--help` says more."""
+    told = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(told):
+            return tyro.cli(
+                kind,
+                prog=program,
+                description=description,
+                args=arguments,
+                config=(tyro.conf.FlagCreatePairsOff,),
+            )
+    except SystemExit as stop:
+        if not stop.code:
+            raise
+    raise HabError(f"{_without_box(told.getvalue())} Help: {helped} --help")
+
+
+def _without_box(text: str) -> str:
+    """Returns what the parser says in its box, without the title and the help below a rule."""
+    plain = re.sub(r"\x1b\[[0-9;]*m", "", text)
+    lines = [line.strip("│ \t") for line in plain.splitlines() if line[:1] not in "╭╰"]
+    parts: list[list[str]] = [[]]
+    for line in lines:
+        if len(line) > 1 and set(line) in ({"─"}, {"-"}):
+            parts.append([])
+        else:
+            parts[-1].append(line)
+    # Where the terminal knows no box, the title is a line with a rule of its own.
+    body = parts[1] if len(parts) > 1 and len(parts[0]) == 1 and "╭" not in plain else parts[0]
+    said = " ".join(body)
+    for words, ours in PLAIN_WORDS.items():
+        said = said.replace(words, ours)
+    return f"{said.strip().rstrip('.')}."

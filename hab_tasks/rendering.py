@@ -36,7 +36,7 @@ def resolve_backend(backend: str, wants_images: bool) -> str:
         UnknownNameError: No such backend.
         RenderingUnavailableError: Images are wanted and no Vulkan device was found.
     """
-    if backend.split(":")[0] not in (*BACKENDS, "cuda", "sapien_cpu", "sapien_cuda"):
+    if str(backend).split(":")[0] not in (*BACKENDS, "cuda", "sapien_cpu", "sapien_cuda"):
         raise UnknownNameError("render_backend", backend, BACKENDS)
     if backend != "auto":
         return backend

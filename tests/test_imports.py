@@ -15,8 +15,18 @@ ROOT = Path(__file__).parents[1]
 # A module of hab_tasks may import from its own row and the rows above. A new one needs a row.
 ORDER = [
     {"constants", "registration", "errors", "agent", "privileged", "assets", "arrays", "files"},
+    {"cache"},
     {"fronts", "goals"},
-    {"geometry", "rendering", "options", "processes", "noise", "simulation", "captions"},
+    {
+        "geometry",
+        "rendering",
+        "options",
+        "option_values",
+        "processes",
+        "noise",
+        "simulation",
+        "captions",
+    },
     {"scenes"},
     {"navigation", "robots", "pipeline"},
     {"episodes"},

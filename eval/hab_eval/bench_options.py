@@ -8,10 +8,15 @@ from pathlib import Path
 from typing import Literal
 
 from hab_eval.errors import OptionError
+from hab_tasks.option_values import whole
 
 WriteLine = Callable[[str], None]
 
 Suite = Literal["sim", "depth", "reset", "objects", "processes", "memory", "plan"]
+
+MOST_REPEATS = 1000
+MOST_STEPS = 1_000_000
+"""Motions for all steps are drawn before the first one."""
 
 PICK = "HabPick-v1"
 TIDY_HOUSE = "HabTidyHouse-v1"
@@ -50,10 +55,9 @@ class BenchOptions:
     steps: int | None = None
 
     def __post_init__(self) -> None:
-        if self.repeats < 1:
-            raise OptionError(f"repeats must be at least 1, got {self.repeats}.")
-        if self.steps is not None and self.steps < 1:
-            raise OptionError(f"steps must be at least 1, got {self.steps}.")
+        whole("repeats", self.repeats, 1, MOST_REPEATS)
+        if self.steps is not None:
+            whole("steps", self.steps, 1, MOST_STEPS)
         if self.envs and self.suite != "sim":
             raise OptionError(f"suite {self.suite} has its own environment: leave --env out.")
 

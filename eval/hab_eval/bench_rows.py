@@ -10,9 +10,8 @@ from pathlib import Path
 
 from rich.table import Table
 
-from hab_eval.errors import BenchError
 from hab_eval.schema import to_json
-from hab_tasks.files import written_aside
+from hab_tasks.files import check_file, written_aside
 
 REFERENCE = "ManiSkill ReplicaCAD_SceneManipulation-v1 fetch pd_ee_delta_pos"
 
@@ -73,9 +72,8 @@ def write_rows(path: Path, rows: Sequence[BenchRow], *, force: bool) -> None:
 
 
 def check_target(path: Path, *, force: bool) -> None:
-    """Refuses to overwrite a result."""
-    if path.exists() and not force:
-        raise BenchError(f"--json {path} is there already. Give --force to replace it.")
+    """Refuses to overwrite a result, and what cannot be written."""
+    check_file(path, force=force)
 
 
 def row_table(rows: Sequence[BenchRow]) -> Table:

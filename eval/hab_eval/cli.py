@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
+import os
 import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import tyro
 
 from hab_eval.episode_options import EpisodeOptions
-from hab_tasks.files import written_aside
+from hab_eval.errors import OptionError, RunStoppedError
+from hab_tasks.errors import HabError
+from hab_tasks.files import check_file, written_aside
+from hab_tasks.options import one_line, parse_command
+
+DESCRIPTION = "Evaluation, leaderboard and benchmarks of hab-tasks."
 
 EXIT_BAD_INPUT = 2
 EXIT_STOPPED = 1
 EXIT_INTERRUPTED = 130
-
-LOG_WIDTH = 140
-"""Characters of a table that goes into a file or a pipe, where no terminal gives a width."""
 
 RUN_HELP = """Evaluates an agent on a fixed list of episodes and writes run.json.
 
@@ -63,6 +64,8 @@ Suites:
 class RunCommand(EpisodeOptions):
     """Options of `hab-eval run`."""
 
+    help: ClassVar[str] = RUN_HELP
+
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder for run.json, episodes.jsonl, config.json and videos."""
     episodes: Annotated[int, tyro.conf.arg(metavar="N")] = 50
@@ -70,6 +73,10 @@ class RunCommand(EpisodeOptions):
     workers: Annotated[int, tyro.conf.arg(metavar="W")] = 1
     """Number of processes; changes no result. An agent that acts on several rows runs once, and the
     processes hold the environments of its rows."""
+    step_timeout: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
+    """Longest time for one call of the agent's act, reset or report; the episode of a longer one
+    has failed (`agent timeout`), its process is replaced, and the run goes on. Without it, as long
+    as it takes."""
     device: Annotated[str, tyro.conf.arg(metavar="NAME")] = "cpu"
     """Where the agent's networks run, e.g. cuda."""
     video: Annotated[int, tyro.conf.arg(metavar="K")] = 0
@@ -86,6 +93,8 @@ class RunCommand(EpisodeOptions):
 class TableCommand:
     """Options of `hab-eval table`."""
 
+    help: ClassVar[str] = TABLE_HELP
+
     submissions: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder of submitted run.json files, instead of the checkout's own."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
@@ -98,6 +107,8 @@ class TableCommand:
 class FailuresCommand:
     """Options of `hab-eval failures`."""
 
+    help: ClassVar[str] = FAILURES_HELP
+
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
     """Runs to compare: folders of --out, or run.json files."""
     out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
@@ -109,6 +120,8 @@ class FailuresCommand:
 @dataclass(frozen=True, kw_only=True)
 class BenchCommand:
     """Options of `hab-eval bench`."""
+
+    help: ClassVar[str] = BENCH_HELP
 
     suite: Literal["sim", "depth", "reset", "objects", "processes", "memory", "plan"]
     """What to measure."""
@@ -131,16 +144,9 @@ class BenchCommand:
     """Replace FILE."""
 
 
-Command = (
-    Annotated[RunCommand, tyro.conf.subcommand("run", description=RUN_HELP)]
-    | Annotated[TableCommand, tyro.conf.subcommand("table", description=TABLE_HELP)]
-    | Annotated[FailuresCommand, tyro.conf.subcommand("failures", description=FAILURES_HELP)]
-    | Annotated[BenchCommand, tyro.conf.subcommand("bench", description=BENCH_HELP)]
-)
-
 AnyCommand = RunCommand | TableCommand | FailuresCommand | BenchCommand
 
-COMMANDS = {
+COMMANDS: dict[str, Any] = {
     "run": RunCommand,
     "table": TableCommand,
     "failures": FailuresCommand,
@@ -150,52 +156,22 @@ COMMANDS = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs `hab-eval`; returns its exit status."""
-    command = _parse(sys.argv[1:] if arguments is None else arguments)
-    if command is None:
-        return EXIT_BAD_INPUT
-    # Loading the simulator takes seconds, which --help and a mistyped option should not.
-    from hab_eval.errors import RunStoppedError
-    from hab_tasks.errors import HabError
-
+    arguments = sys.argv[1:] if arguments is None else arguments
     signal.signal(signal.SIGTERM, _interrupt)  # a cluster's way to say Ctrl-C
+    out: Path | None = None
     try:
+        command: AnyCommand = parse_command("hab-eval", COMMANDS, arguments, DESCRIPTION)
+        out = command.out if isinstance(command, RunCommand) else None
         return _dispatch(command)
-    except RunStoppedError as error:
-        print(f"hab-eval: {error}", file=sys.stderr)
-        return EXIT_STOPPED
     except HabError as error:
-        print(f"hab-eval: {' '.join(str(error).split())}", file=sys.stderr)
-        return EXIT_BAD_INPUT
+        print(f"hab-eval: {one_line(error)}", file=sys.stderr)
+        return EXIT_STOPPED if isinstance(error, RunStoppedError) else EXIT_BAD_INPUT
+    except OSError as error:  # of stdout, or of a disk
+        print(f"hab-eval: {one_line(error)}", file=sys.stderr)
+        return EXIT_STOPPED
     except KeyboardInterrupt:
-        print(f"hab-eval: interrupted.{_advice(command)}", file=sys.stderr)
+        print(f"hab-eval: interrupted.{_advice(out)}", file=sys.stderr)
         return EXIT_INTERRUPTED
-
-
-def _parse(arguments: Sequence[str]) -> AnyCommand | None:
-    """Parses; a bad name is told in one line, whatever else is wrong in the parser's own words."""
-    told = io.StringIO()
-    try:
-        with contextlib.redirect_stderr(told):
-            return tyro.cli(
-                Command,  # pyright: ignore[reportArgumentType]  # tyro takes unions, its stub does not
-                prog="hab-eval",
-                description="Evaluation, leaderboard and benchmarks of hab-tasks.",
-                args=arguments,
-                config=(tyro.conf.FlagCreatePairsOff,),
-            )
-    except SystemExit as stop:
-        if not stop.code:
-            raise
-        from hab_tasks.errors import HabError
-        from hab_tasks.options import check_options
-
-        try:
-            check_options("hab-eval", COMMANDS, arguments)
-        except HabError as error:
-            print(f"hab-eval: {' '.join(str(error).split())}", file=sys.stderr)
-        else:
-            print(told.getvalue(), end="", file=sys.stderr)
-        return None
 
 
 def _dispatch(command: AnyCommand) -> int:
@@ -210,8 +186,6 @@ def _dispatch(command: AnyCommand) -> int:
 
 def _run(command: RunCommand) -> int:
     """Evaluates, then shows the result and where it stands."""
-    from rich.console import Console
-
     from hab_eval.evaluate import RunOptions, evaluate
     from hab_eval.leaderboard import (
         build_groups,
@@ -219,6 +193,7 @@ def _run(command: RunCommand) -> int:
         group_title,
         read_submissions,
     )
+    from hab_eval.plain_text import show
     from hab_eval.progress import make_reporter
     from hab_eval.report import leaderboard_tables, result_table
 
@@ -235,15 +210,14 @@ def _run(command: RunCommand) -> int:
         verbose=command.verbose,
         write_line=lambda line: print(line, flush=True),
     )
-    record = evaluate(command.config_of(command.episodes), options, reporter)
-    console = Console(width=None if sys.stdout.isatty() else LOG_WIDTH)
-    console.print(result_table(record))
+    record = evaluate(command.config_of(command.episodes, command.step_timeout), options, reporter)
+    show(result_table(record))
     print(f"wrote {command.out / 'run.json'}")
     folder = default_submissions()
     others = read_submissions(folder) if folder.is_dir() else {}
     groups = build_groups({**others, "this run": record})
     for table in leaderboard_tables([g for g in groups if g.title == group_title(record)]):
-        console.print(table)
+        show(table)
     return 0
 
 
@@ -260,13 +234,20 @@ def _table(command: TableCommand) -> int:
     submissions = command.submissions or default_submissions()
     target = command.out or submissions.parent / "LEADERBOARD.md"
     groups = build_groups(read_submissions(submissions))
-    texts = {target: to_markdown(groups), target.with_suffix(".html"): to_html(groups)}
+    if not target.name:
+        raise OptionError(f"--out {target} is a folder; give the name of a file.")
+    page = target.with_name(f"{target.stem}.html")
+    texts = {target: to_markdown(groups), page: to_html(groups)}
+    if page == target:
+        raise OptionError(f"--out {target} is the name of the web page; give one that ends in .md.")
+    for path in () if command.check else texts:
+        check_file(path, force=True)  # both or none
     for path, text in texts.items():
         if not command.check:
             with written_aside(path) as scratch:
                 scratch.write_text(text, encoding="utf-8")
             print(f"wrote {path}")
-        elif not path.is_file() or path.read_text(encoding="utf-8") != text:
+        elif not os.path.isfile(path) or path.read_bytes() != text.encode("utf-8"):
             print(f"hab-eval: {path} is out of date; run hab-eval table.", file=sys.stderr)
             return EXIT_STOPPED
     return 0
@@ -274,25 +255,23 @@ def _table(command: TableCommand) -> int:
 
 def _failures(command: FailuresCommand) -> int:
     """Shows and draws why episodes failed."""
-    from rich.console import Console
-
     from hab_eval.failures import check_picture, draw_failures, failure_table, read_runs
+    from hab_eval.plain_text import show
 
     check_picture(command.out, force=command.force)
     records = read_runs(command.runs)
     draw_failures(records, command.out)
-    Console(width=None if sys.stdout.isatty() else LOG_WIDTH).print(failure_table(records))
+    show(failure_table(records))
     print(f"wrote {command.out}")
     return 0
 
 
 def _bench(command: BenchCommand) -> int:
     """Measures, then shows and writes the rows."""
-    from rich.console import Console
-
     from hab_eval.bench import run_suite
     from hab_eval.bench_options import BenchOptions
     from hab_eval.bench_rows import check_target, row_table, write_rows
+    from hab_eval.plain_text import show
 
     options = BenchOptions(
         suite=command.suite,
@@ -306,7 +285,7 @@ def _bench(command: BenchCommand) -> int:
     check_target(command.json, force=command.force)  # before minutes are spent
     rows = run_suite(options, lambda line: print(line, flush=True))
     write_rows(command.json, rows, force=command.force)
-    Console(width=None if sys.stdout.isatty() else LOG_WIDTH).print(row_table(rows))
+    show(row_table(rows))
     print(f"wrote {command.json}")
     return 0
 
@@ -315,8 +294,6 @@ def _interrupt(signal_number: int, frame: object) -> None:
     raise KeyboardInterrupt
 
 
-def _advice(command: AnyCommand) -> str:
+def _advice(out: Path | None) -> str:
     """Tells how an interrupted run goes on."""
-    if not isinstance(command, RunCommand):
-        return ""
-    return f" Finished episodes are kept in {command.out}; go on with --resume."
+    return f" Finished episodes are kept in {out}; go on with --resume." if out else ""

@@ -8,8 +8,15 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
 from hab_eval.errors import OptionError, ResultError
-from hab_eval.schema import MAY_BE_ABSENT, parse_json, read_dataclass
+from hab_eval.schema import LARGEST_INT, MAY_BE_ABSENT, is_text, parse_json, read_dataclass
+from hab_tasks.errors import shown
 from hab_tasks.files import written_aside
+from hab_tasks.option_values import whole
+
+MOST_EPISODES = 100_000
+"""All episodes of a run are in memory, with 10 to 20 kB each."""
+
+LEAST_TIMEOUT_S, MOST_TIMEOUT_S = 0.01, 86400.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +33,7 @@ class EvalConfig:
         seed: Seed of the episode set and of the agent.
         novel: ``objects`` or ``receptacles`` kept for evaluating generalisation (S E.1).
         options: The agent's own options, name -> value; absent in files from before there were any.
+        step_timeout_s: Longest time that the agent may take for a call [s]; None for any.
     """
 
     agent: str
@@ -37,12 +45,18 @@ class EvalConfig:
     seed: int = 0
     novel: str | None = None
     options: dict[str, str] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
+    step_timeout_s: float | None = field(default=None, metadata=MAY_BE_ABSENT)
 
     def __post_init__(self) -> None:
-        if self.episodes < 1:
-            raise OptionError(f"episodes must be at least 1, got {self.episodes}.")
-        if self.seed < 0:
-            raise OptionError(f"seed must not be negative, got {self.seed}.")
+        whole("episodes", self.episodes, 1, MOST_EPISODES)
+        whole("seed", self.seed, 0, LARGEST_INT)
+        if self.step_timeout_s is not None:
+            _check_timeout(self.step_timeout_s)
+        texts = {f.name: getattr(self, f.name) for f in fields(self)}
+        options = {f"option {shown(name)}": f"{name}={self.options[name]}" for name in self.options}
+        for name, text in {**texts, **options}.items():
+            if isinstance(text, str) and not is_text(text):
+                raise OptionError(f"{name} is {shown(text)}, which is no UTF-8 text.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +66,14 @@ class SavedConfig:
     config: EvalConfig
     versions: dict[str, str]
     git: str | None
+
+
+def _check_timeout(timeout_s: float) -> None:
+    if not LEAST_TIMEOUT_S <= timeout_s <= MOST_TIMEOUT_S:
+        raise OptionError(
+            f"step-timeout must be from {LEAST_TIMEOUT_S} to {MOST_TIMEOUT_S} seconds, "
+            f"got {timeout_s}."
+        )
 
 
 def parse_options(pairs: Iterable[str]) -> dict[str, str]:

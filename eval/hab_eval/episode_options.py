@@ -37,11 +37,15 @@ class EpisodeOptions:
     ] = ()
     """An option of the agent's own, e.g. navigation=teleport; may be given again."""
 
-    def config_of(self, episodes: int) -> EvalConfig:
+    def config_of(self, episodes: int, step_timeout_s: float | None = None) -> EvalConfig:
         """Returns the configuration of a run of so many episodes.
 
+        Args:
+            episodes: Number of episodes.
+            step_timeout_s: Longest time that the agent may take for a call [s]; None for any.
+
         Raises:
-            HabError: An option of the agent is no NAME=VALUE.
+            HabError: An option of the agent is no NAME=VALUE, or a value is out of range.
         """
         # Loading the simulator takes seconds, which --help and a mistyped option should not.
         from hab_eval.config import EvalConfig, parse_options
@@ -56,4 +60,5 @@ class EpisodeOptions:
             seed=self.seed,
             novel=self.novel,
             options=parse_options(self.option),
+            step_timeout_s=step_timeout_s,
         )

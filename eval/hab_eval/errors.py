@@ -10,7 +10,7 @@ class AgentError(HabError):
 
 
 class OptionError(HabError):
-    """An option whose value is out of range."""
+    """Options of a command that cannot be used, or not together."""
 
 
 class ResultError(HabError):

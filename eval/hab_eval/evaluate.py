@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 import torch
 
 from hab_eval import environments, provenance
-from hab_eval.config import EvalConfig, SavedConfig
+from hab_eval.config import MOST_EPISODES, EvalConfig, SavedConfig
 from hab_eval.errors import OptionError, RunFolderError, RunStoppedError
 from hab_eval.load_agent import load_agent
 from hab_eval.results import (
@@ -23,14 +23,18 @@ from hab_eval.results import (
 )
 from hab_eval.rows import Job, RolloutPlan
 from hab_eval.run_folder import RunFolder, check_free, open_folder
-from hab_eval.runner import check_rows
+from hab_eval.run_lock import locked
 from hab_eval.workers import run_agent
 from hab_tasks.agent import Agent, AgentSpec
-from hab_tasks.errors import HabError
+from hab_tasks.errors import FileError, HabError
+from hab_tasks.option_values import whole
 from hab_tasks.processes import use_one_thread
 
 if TYPE_CHECKING:
     from hab_tasks.episodes import EpisodeSet
+
+MOST_WORKERS = 256
+"""A process of the simulator needs from 0.5 GB of memory."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,10 +59,8 @@ class RunOptions:
 
     def __post_init__(self) -> None:
         check_device(self.device)
-        if self.workers < 1:
-            raise OptionError(f"workers must be at least 1, got {self.workers}.")
-        if self.videos < 0:
-            raise OptionError(f"video must not be negative, got {self.videos}.")
+        whole("workers", self.workers, 1, MOST_WORKERS)
+        whole("video", self.videos, 0, MOST_EPISODES)
 
 
 def check_device(device: str) -> None:
@@ -90,12 +92,27 @@ class Reporter(Protocol):
 
 
 def evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> RunRecord:
-    """Runs every episode that is not finished yet, and writes `run.json`."""
+    """Runs every episode that is not finished yet, and writes `run.json`.
+
+    Raises:
+        HabError: Bad input, or another run in the same folder.
+        RunStoppedError: The run ended before its last episode.
+    """
     environments.check_env_id(config.env)
     check_free(options.out, resume=options.resume, force=options.force)
+    with locked(options.out):
+        return _evaluate(config, options, reporter)
+
+
+def _evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> RunRecord:
+    """Evaluates in a folder that no other process writes to."""
     use_one_thread()
     agent = load_agent(config.agent, environments.setup_of(config, options.device))
-    check_rows(agent.spec)
+    if config.step_timeout_s is not None and agent.spec.rows > 1:
+        raise OptionError(
+            f"--step-timeout needs an agent of one row; {agent.spec.name} acts on up to "
+            f"{agent.spec.rows}, and no row could be named as the one that hangs."
+        )
     episodes = environments.load_episode_set(config, reporter.generating, options.workers)
     saved = SavedConfig(
         config=config,
@@ -114,14 +131,14 @@ def evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> Run
                 folder.append(one)
                 finished[one.episode.id] = replace(one, trace=())  # which may be long
                 reporter.finished(one)
-    except RunStoppedError as error:
+        record = make_record(saved, agent.spec, episodes, finished)
+        write_record(folder.record_path, record)
+    except (RunStoppedError, FileError) as error:
         raise _with_advice(error, folder, len(finished), len(episodes.episodes)) from error
     except HabError:
         if not finished:
             folder.discard()  # so that the mended command is not refused for a folder in its way
         raise
-    record = make_record(saved, agent.spec, episodes, finished)
-    write_record(folder.record_path, record)
     return record
 
 
@@ -151,6 +168,7 @@ def make_record(
         split="+".join(part for part in (episodes.split, config.novel) if part),
         seed=config.seed,
         options=config.options,
+        step_timeout_s=config.step_timeout_s,
         versions=saved.versions,
         git=saved.git,
         device=provenance.device(),
@@ -193,11 +211,13 @@ def _run_missing(
 
 
 def _with_advice(
-    error: RunStoppedError, folder: RunFolder, done: int, total: int
+    error: RunStoppedError | FileError, folder: RunFolder, done: int, total: int
 ) -> RunStoppedError:
     """Adds what the user needs next: what is kept, how to go on, where the traceback is."""
     advice = f" {done} of {total} episodes are kept in {folder.root}; go on with --resume."
-    if error.details:
-        folder.error_path.write_text(error.details, encoding="utf-8")
-        advice += f" Traceback: {folder.error_path}."
-    return RunStoppedError(f"{error}{advice}", details=error.details)
+    details = error.details if isinstance(error, RunStoppedError) else ""
+    if details:
+        with contextlib.suppress(OSError):  # the disk is full: the message itself is there
+            folder.error_path.write_text(details, encoding="utf-8", errors="backslashreplace")
+            advice += f" Details: {folder.error_path}."
+    return RunStoppedError(f"{str(error).rstrip('.')}.{advice}", details=details)

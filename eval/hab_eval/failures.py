@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Sequence
 from itertools import cycle
@@ -12,7 +13,9 @@ from rich.table import Table
 
 from hab_eval.errors import OptionError, ResultError
 from hab_eval.leaderboard import agent_label, group_title
+from hab_eval.plain_text import add_row, figure_text, plain
 from hab_eval.results import RunRecord, read_record
+from hab_tasks.files import check_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,8 +39,7 @@ def check_picture(out: Path, *, force: bool) -> None:
     """Refuses another format, and to overwrite a picture."""
     if out.suffix != ".png":
         raise OptionError(f"--out {out} has to end in .png.")
-    if out.exists() and not force:
-        raise OptionError(f"--out {out} is there already. Give --force to replace it.")
+    check_file(out, force=force)
 
 
 def categories(records: Sequence[RunRecord]) -> tuple[str, ...]:
@@ -60,13 +62,12 @@ def failure_table(records: Sequence[RunRecord]) -> Table:
     shown = categories(records)
     table = Table(title="Episodes that failed, in percent of all")
     for column in ("run", "on", "n", "success", *shown):
-        table.add_column(column, overflow="fold")
+        table.add_column(plain(column), overflow="fold")
     for label, record in zip(_labels(records), records, strict=True):
         success = record.summary.success
         shares = [f"{percent(record, name):.1f}" for name in shown]
-        table.add_row(
-            label, group_title(record), str(success.n), f"{100.0 * success.mean:.1f}", *shares
-        )
+        mean = f"{100.0 * success.mean:.1f}"
+        add_row(table, label, group_title(record), str(success.n), mean, *shares)
     return table
 
 
@@ -84,7 +85,7 @@ def draw_failures(records: Sequence[RunRecord], out: Path) -> None:
     axes = figure.subplots(len(panels), 1, squeeze=False, sharey=True)[:, 0]
     for panel, (title, numbers) in zip(axes, panels.items(), strict=True):
         _draw_panel(panel, [records[i] for i in numbers], [labels[i] for i in numbers], shown)
-        panel.set_title(title, fontsize=10, loc="left")
+        panel.set_title(figure_text(title), fontsize=10, loc="left")
     highest = max(percent(record, name) for record in records for name in shown)
     axes[0].set_ylim(0.0, 1.15 * max(highest, 5.0))
     save(figure, out)
@@ -102,10 +103,18 @@ def _draw_panel(
         at = [place + width * (number - (len(records) - 1) / 2) for place in range(len(shown))]
         values = [percent(record, name) for name in shown]
         drawn = axes.bar(
-            at, values, 0.92 * width, color=colour, hatch=hatch, edgecolor=EDGE, label=label
+            at,
+            values,
+            0.92 * width,
+            color=colour,
+            hatch=hatch,
+            edgecolor=EDGE,
+            label=figure_text(label),
         )
         axes.bar_label(drawn, [f"{value:.3g}" for value in values], fontsize=8, padding=1)
-    axes.set_xticks(range(len(shown)), [name.replace("_", " ") for name in shown], fontsize=8.5)
+    axes.set_xticks(
+        range(len(shown)), [figure_text(name.replace("_", " ")) for name in shown], fontsize=8.5
+    )
     axes.set_ylabel("% of episodes", fontsize=9)
     axes.legend(fontsize=8, frameon=False)
     bare(axes)
@@ -114,7 +123,7 @@ def _draw_panel(
 
 def _read(path: Path) -> RunRecord:
     """Reads one run."""
-    if not path.is_dir():
+    if not os.path.isdir(path):  # a name that no file can have is none
         return read_record(path)
     file = path / "run.json"
     if not file.is_file():

@@ -6,7 +6,7 @@ the order in which a folder lists its files.
 
 from __future__ import annotations
 
-import html
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +14,7 @@ from pathlib import Path
 from hab_eval.config import COMMIT_SEPARATOR
 from hab_eval.environments import short_name
 from hab_eval.errors import ResultError
+from hab_eval.plain_text import markdown, markup
 from hab_eval.results import RunRecord, read_record
 
 PRIVILEGED_MARK = "†"
@@ -62,7 +63,7 @@ def default_submissions() -> Path:
 
 def read_submissions(folder: Path) -> dict[str, RunRecord]:
     """Reads every `*.json` of a folder: file name -> record."""
-    if not folder.is_dir():
+    if not os.path.isdir(folder):  # a name that no file can have is none
         raise ResultError(f"{folder}: not a folder of submissions.")
     return {path.name: read_record(path) for path in sorted(folder.glob("*.json"))}
 
@@ -86,8 +87,8 @@ def to_markdown(groups: Sequence[Group]) -> str:
     """Returns the text of LEADERBOARD.md."""
     lines = [f"# {TITLE}", "", ORIGIN, LEGEND]
     for group in groups:
-        lines += ["", f"## {group.title}", ""]
-        lines += [group.note, ""] if group.note else []
+        lines += ["", f"## {markdown(group.title)}", ""]
+        lines += [markdown(group.note), ""] if group.note else []
         lines.append(_markdown_row(group.columns))
         lines.append(_markdown_row(["---"] * len(group.columns)))
         lines += [_markdown_row(row) for row in group.rows]
@@ -104,11 +105,11 @@ def to_html(groups: Sequence[Group]) -> str:
         "<style>body{font:16px sans-serif;margin:2em}td,th{padding:.2em .8em;text-align:left}"
         "tr:nth-child(even){background:#eee}table{border-collapse:collapse}</style>",
         f"<h1>{TITLE}</h1>",
-        f"<p>{html.escape(LEGEND)}</p>",
+        f"<p>{markup(LEGEND)}</p>",
     ]
     for group in groups:
-        lines.append(f"<h2>{html.escape(group.title)}</h2>")
-        lines += [f"<p>{html.escape(group.note)}</p>"] if group.note else []
+        lines.append(f"<h2>{markup(group.title)}</h2>")
+        lines += [f"<p>{markup(group.note)}</p>"] if group.note else []
         lines += ["<table>", _html_row(group.columns, "th")]
         lines += [_html_row(row, "td") for row in group.rows]
         lines.append("</table>")
@@ -125,7 +126,8 @@ def group_title(record: RunRecord) -> str:
 
 def _stages(record: RunRecord) -> tuple[str, ...]:
     """Returns the names of a task's stages as they follow one another; () of a skill."""
-    return tuple(record.episodes[0].stages) if record.episodes else ()
+    # An episode that never started has none.
+    return next((tuple(one.stages) for one in record.episodes if one.stages), ())
 
 
 def _rank(named: tuple[str, RunRecord]) -> tuple[float, str, int, str]:
@@ -167,8 +169,8 @@ def _short(commit: str) -> str:
 
 
 def _markdown_row(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+    return "| " + " | ".join(map(markdown, cells)) + " |"
 
 
 def _html_row(cells: Sequence[str], tag: str) -> str:
-    return "<tr>" + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in cells) + "</tr>"
+    return "<tr>" + "".join(f"<{tag}>{markup(cell)}</{tag}>" for cell in cells) + "</tr>"

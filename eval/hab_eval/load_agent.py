@@ -13,6 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from hab_eval.agent_checks import check_agent, loading
 from hab_eval.errors import AgentError
 from hab_tasks.agent import Agent, AgentSetup
 from hab_tasks.errors import UnknownNameError
@@ -23,25 +24,22 @@ def load_agent(reference: str, setup: AgentSetup) -> Agent:
 
     Raises:
         UnknownNameError: If there is no such factory in the module.
-        AgentError: If the reference is malformed, the module is not there or cannot be imported, or
-            what the factory returns is no `Agent`.
+        AgentError: If the reference is malformed, the module is not there or cannot be imported,
+            the factory raises, or what it returns is no `Agent`.
+        RunStoppedError: If the module or the factory calls `sys.exit`.
     """
     module_name, colon, factory_name = reference.partition(":")
     if not (colon and module_name and factory_name):
         raise AgentError(
             f"Agent {reference!r} is not of the form module:factory, e.g. hab_eval:random_agent."
         )
-    module = _import(module_name)
-    factory = getattr(module, factory_name, None)
-    if not callable(factory):
-        raise UnknownNameError(f"agent in {module_name}", factory_name, _factories(module))
-    agent = factory(setup)
-    if not isinstance(agent, Agent):
-        raise AgentError(
-            f"{reference} returned a {type(agent).__name__}, which is no hab_tasks.agent.Agent: "
-            "it needs spec, reset, act and report."
-        )
-    return agent
+    with loading(f"Agent module {module_name!r}"):
+        module = _import(module_name)
+        factory = getattr(module, factory_name, None)
+        if not callable(factory):
+            raise UnknownNameError(f"agent in {module_name}", factory_name, _factories(module))
+    with loading(f"The factory of agent {reference!r}"):
+        return check_agent(factory(setup), reference)
 
 
 def _import(name: str) -> ModuleType:
@@ -67,7 +65,8 @@ def _not_found(name: str, missing: str, here: str) -> str:
     """Says where a module was looked for, and which one has the nearest name."""
     parent, _, last = missing.rpartition(".")
     if parent:
-        names = {module.name for module in pkgutil.iter_modules(sys.modules[parent].__path__)}
+        folders = getattr(sys.modules.get(parent), "__path__", [])  # none if it is no package
+        names = {module.name for module in pkgutil.iter_modules(folders)}
         where = f"in the package {parent!r}"
     else:
         names = {module.name for module in pkgutil.iter_modules()}

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from tqdm import tqdm
 
 from hab_eval.evaluate import Reporter
+from hab_eval.plain_text import plain
 from hab_eval.results import EpisodeResult, FinishedEpisode
 
 GENERATION_LINE_INTERVAL_S = 10.0
@@ -99,7 +100,7 @@ def make_reporter(*, terminal: bool, verbose: bool, write_line: WriteLine) -> Re
 def describe(episode: EpisodeResult) -> str:
     """Returns one line on how an episode went."""
     outcome = episode.failure or "success"
-    return (
+    return plain(
         f"{episode.id} ({episode.scene}): {outcome}, {episode.steps} steps, "
         f"return {episode.episode_return:.3f}, {episode.seconds:.1f} s"
     )

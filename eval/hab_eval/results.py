@@ -11,18 +11,29 @@ import math
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from hab_eval.errors import ResultError
-from hab_eval.schema import MAY_BE_ABSENT, parse_json, read_dataclass, to_json
+from hab_eval.schema import (
+    MAY_BE_ABSENT,
+    NOT_EMPTY,
+    NOT_NEGATIVE,
+    parse_json,
+    read_dataclass,
+    to_json,
+)
 from hab_eval.stats import Estimate, bootstrap_mean, mean, rate
+from hab_tasks.errors import shown
 from hab_tasks.files import written_aside
 
 SCHEMA_VERSION = 1
 SUMMARY_TOLERANCE = 1e-6
 """Relative; a bootstrap percentile may differ in its last digits between NumPy versions."""
+
+AGENT_TIMEOUT = "agent timeout"
+"""Category of an episode in which a call of the agent took longer than `step_timeout_s`."""
 
 Timings = Mapping[str, float]
 
@@ -37,19 +48,20 @@ class EpisodeResult:
         success: Whether the episode ended in success.
         stages: Stages of a long task that were reached; {} for a skill.
         steps: Control steps taken.
-        failure: None on success, else the environment's category, else the agent's, else timeout.
+        failure: None on success, else the environment's category, else the agent's, else timeout;
+            `AGENT_TIMEOUT` if a call of the agent took too long.
         episode_return: Undiscounted sum of rewards (``return`` in JSON).
         seconds: Wall time of the agent and the simulator together, reset and video excluded.
     """
 
-    id: str
+    id: str = field(metadata=NOT_EMPTY)
     scene: str
     success: bool
     stages: dict[str, bool]
-    steps: int
-    failure: str | None
+    steps: int = field(metadata=NOT_NEGATIVE)
+    failure: str | None = field(metadata=NOT_EMPTY)
     episode_return: float = field(metadata={"key": "return"})
-    seconds: float
+    seconds: float = field(metadata=NOT_NEGATIVE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +75,7 @@ class FinishedEpisode:
     """
 
     episode: EpisodeResult
-    timings_s: dict[str, float]
+    timings_s: dict[str, float] = field(metadata=NOT_NEGATIVE)
     trace: tuple[dict[str, Any], ...] = field(default=(), metadata=MAY_BE_ABSENT)
 
 
@@ -108,6 +120,7 @@ class RunRecord:
         split: Episode split, and ``+objects`` or ``+receptacles`` where these are new.
         seed: Seed of the episode set and of the agent.
         options: The agent's own options; absent in files from before there were any.
+        step_timeout_s: Longest time that the agent may take for a call [s]; None for any.
         versions: Package -> version.
         git: Commit of the sources, with ``-dirty`` if they were edited; all of them, joined by
             " then ", if a run was resumed on another; None outside a checkout.
@@ -119,24 +132,25 @@ class RunRecord:
     """
 
     schema: int
-    agent: str
-    agent_name: str
+    agent: str = field(metadata=NOT_EMPTY)
+    agent_name: str = field(metadata=NOT_EMPTY)
     privileged: bool
     control_mode: str
     obs_mode: str
     target_frame: str = field(default="base", metadata=MAY_BE_ABSENT)
     handle_position: bool = field(default=False, metadata=MAY_BE_ABSENT)
-    env: str
-    scene_dataset: str
+    env: str = field(metadata=NOT_EMPTY)
+    scene_dataset: str = field(metadata=NOT_EMPTY)
     objects: str | None
     split: str
-    seed: int
+    seed: int = field(metadata=NOT_NEGATIVE)
     options: dict[str, str] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
+    step_timeout_s: float | None = field(default=None, metadata=MAY_BE_ABSENT)
     versions: dict[str, str]
     git: str | None
     device: str
     episodes: tuple[EpisodeResult, ...]
-    timings_s: dict[str, dict[str, float]]
+    timings_s: dict[str, dict[str, float]] = field(metadata=NOT_NEGATIVE)
     summary: Summary
 
 
@@ -175,10 +189,44 @@ def read_record(path: Path) -> RunRecord:
     data = parse_json(path)
     version = data.get("schema") if isinstance(data, dict) else None
     if version != SCHEMA_VERSION:
-        raise ResultError(f"{path}: schema {version!r}, this version reads {SCHEMA_VERSION}.")
+        raise ResultError(f"{path}: schema {shown(version)}, this version reads {SCHEMA_VERSION}.")
     record = read_dataclass(RunRecord, data, where=str(path))
     _check(record, path)
     return record
+
+
+def check_finished(finished: FinishedEpisode, where: str) -> None:
+    """Refuses an episode whose line in the journal could not be read again.
+
+    Raises:
+        ResultError: Names the place, the field and the value.
+    """
+    line = to_json(replace(finished, trace=()))
+    check_episode(read_dataclass(FinishedEpisode, line, where).episode, where)
+
+
+def check_episode(episode: EpisodeResult, where: str) -> None:
+    """Refuses an episode that contradicts itself.
+
+    Raises:
+        ResultError: It both succeeded and failed, or neither.
+    """
+    if episode.success != (episode.failure is None):
+        raise ResultError(
+            f"{where}: episode {episode.id!r} has success {episode.success} and failure "
+            f"{episode.failure!r:.80}; exactly one of the two is expected."
+        )
+
+
+def _check_stages(episodes: Sequence[EpisodeResult], path: Path) -> None:
+    """Refuses episodes of different tasks; one that never started has no stages."""
+    staged = [episode for episode in episodes if episode.stages]
+    for episode in staged:
+        if episode.stages.keys() != staged[0].stages.keys():
+            raise ResultError(
+                f"{path}: episode {episode.id!r} has stages {shown(list(episode.stages))}, and "
+                f"episode {staged[0].id!r} has {shown(list(staged[0].stages))}."
+            )
 
 
 def _durations(timings_s: Mapping[str, Mapping[str, float]]) -> dict[str, Duration]:
@@ -199,12 +247,12 @@ def _check(record: RunRecord, path: Path) -> None:
     twice = [name for name, count in counts.items() if count > 1]
     if twice:
         raise ResultError(f"{path}: episode {twice[0]!r} appears {counts[twice[0]]} times.")
+    foreign = record.timings_s.keys() - counts.keys()
+    if foreign:
+        raise ResultError(f"{path}: timings_s: there is no episode {shown(min(foreign))}.")
     for episode in record.episodes:
-        if episode.success != (episode.failure is None):
-            raise ResultError(
-                f"{path}: episode {episode.id!r} has success {episode.success} and failure "
-                f"{episode.failure!r}; exactly one of the two is expected."
-            )
+        check_episode(episode, str(path))
+    _check_stages(record.episodes, path)
     expected = to_json(summarize(record.episodes, record.timings_s))
     different = _first_difference(expected, to_json(record.summary), "summary")
     if different:

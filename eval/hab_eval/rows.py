@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from hab_eval import environments
+from hab_eval.agent_checks import without_exit
 from hab_eval.config import EvalConfig
 from hab_eval.errors import RunStoppedError
 from hab_eval.moment import Moment
@@ -127,6 +128,8 @@ class _Row:
     episode_return: float = 0.0
     seconds: float = 0.0
     seen: Any = None
+    info: Mapping[str, Any] = field(default_factory=dict)
+    result: EpisodeResult | None = None
 
 
 @dataclass(kw_only=True)
@@ -159,6 +162,11 @@ class LocalRows:
         """Carries out the calls."""
         return {number: self._turn(self.rows[number], c) for number, c in self._calls.items()}
 
+    def so_far(self) -> EpisodeResult | None:
+        """Returns how the episode of the only row has gone until now; None before the first."""
+        (row,) = self.rows
+        return row.result if row.episode is None else _result(row, row.info)
+
     def abort(self) -> None:
         """Removes unfinished videos."""
         for row in self.rows:
@@ -179,7 +187,8 @@ class LocalRows:
             row.episode = call.job[1]
         assert row.episode is not None
         try:
-            return self._start(row, call) if isinstance(call, Start) else self._step(row, call)
+            with without_exit():  # images on demand may run the agent's own code
+                return self._start(row, call) if isinstance(call, Start) else self._step(row, call)
         except Exception as error:
             raise stopped([row.episode], error) from error
 
@@ -190,10 +199,10 @@ class LocalRows:
         that ran before in the same process nor on the number of workers.
         """
         index, episode = call.job
-        row.steps, row.episode_return = 0, 0.0
+        row.steps, row.episode_return, row.result = 0, 0.0, None
         options = {"episode": episode, "reconfigure": True}
-        obs, info = row.env.reset(seed=episode.seed, options=options)
-        moment = _moment(row, info, call.doing, 0.0)
+        obs, row.info = row.env.reset(seed=episode.seed, options=options)
+        moment = _moment(row, row.info, call.doing, 0.0)
         for observer in row.observers:
             observer.start(index, episode, moment)
         started = time.perf_counter()
@@ -206,21 +215,21 @@ class LocalRows:
         started = time.perf_counter()
         if isinstance(row.seen, Seen):
             row.seen.step_away()
-        obs, reward, terminated, truncated, info = row.env.step(call.action)
+        obs, reward, terminated, truncated, row.info = row.env.step(call.action)
         row.seen = show(row.env, self.spec, obs)
         row.seconds += time.perf_counter() - started
         paid = float(torch.as_tensor(reward).reshape(-1)[0])
         row.steps += 1
         row.episode_return += paid
         for observer in row.observers:
-            observer.step(_moment(row, info, call.doing, paid))
+            observer.step(_moment(row, row.info, call.doing, paid))
         over = _first(terminated) or _first(truncated)
-        result = _result(row, info) if over else None
+        row.result = _result(row, row.info) if over else None
         if over:
             for observer in row.observers:
                 observer.end()
             row.episode = None
-        return Turn(obs=row.seen, result=result)
+        return Turn(obs=row.seen, result=row.result)
 
 
 def make_rows(plan: RolloutPlan, spec: AgentSpec, count: int) -> LocalRows:
@@ -258,7 +267,7 @@ def _moment(row: _Row, info: Mapping[str, Any], doing: str, reward: float) -> Mo
 def _result(row: _Row, info: Mapping[str, Any]) -> EpisodeResult:
     """Returns how an episode went, from the environment's point of view."""
     assert row.episode is not None
-    success = _first(info["success"])
+    success = _first(info.get("success", False))  # nothing is known of it before the first step
     return EpisodeResult(
         id=row.episode.id,
         scene=row.episode.scene_id,

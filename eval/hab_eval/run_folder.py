@@ -17,9 +17,14 @@ from hab_eval.config import (
     write_config,
 )
 from hab_eval.errors import ResultError, RunFolderError
-from hab_eval.results import FinishedEpisode
-from hab_eval.schema import parse_json_text, read_dataclass, to_json
-from hab_tasks.files import ASIDE, written_aside
+from hab_eval.results import FinishedEpisode, check_episode
+from hab_eval.run_lock import LOCK
+from hab_eval.schema import name_episode, parse_json_text, read_dataclass, to_json
+from hab_tasks.errors import FileError, shown
+from hab_tasks.files import ASIDE, check_folder, written_aside
+
+UNFINISHED = (f"{ASIDE}*", "partial_video_*.mp4")
+"""What a run that was killed may leave; the next one removes it."""
 
 OWN_FILES = (
     "config.json",
@@ -27,10 +32,9 @@ OWN_FILES = (
     "traces.jsonl",
     "run.json",
     "error.txt",
-    f"{ASIDE}*",
     "video_*.mp4",
     "video_*.png",
-    "partial_video_*.mp4",
+    *UNFINISHED,
 )
 """What a run writes; `--force` removes these and nothing else."""
 
@@ -69,11 +73,13 @@ class RunFolder:
     def discard(self) -> None:
         """Takes back a run that never started."""
         self.config_path.unlink(missing_ok=True)
-        if not any(self.root.iterdir()):
-            self.root.rmdir()
 
     def append(self, finished: FinishedEpisode) -> None:
-        """Adds one line to the journal, and the trace if there is one; the disk then has both."""
+        """Adds one line to the journal, and the trace if there is one; the disk then has both.
+
+        Raises:
+            FileError: The disk is full.
+        """
         line = to_json(finished)
         trace = line.pop("trace")
         if trace:
@@ -94,20 +100,27 @@ class RunFolder:
 
     def cut_traces(self, finished: Container[str]) -> None:
         """Keeps the traces of `finished` episodes; the others will run again and write theirs."""
-        lines = _whole_lines(self.traces_path)
-        kept = [line for line in lines if json.loads(line)["id"] in finished]
+        path, lines = self.traces_path, _whole_lines(self.traces_path)
+        numbered = enumerate(lines, start=1)
+        kept = [one for n, one in numbered if _traced(one, f"{path}: line {n}") in finished]
         if len(kept) < len(lines):
             with written_aside(self.traces_path) as scratch:
                 scratch.write_text("".join(f"{line}\n" for line in kept), encoding="utf-8")
 
 
 def check_free(root: Path, *, resume: bool, force: bool) -> None:
-    """Refuses a folder that holds something, unless told what to do with it."""
+    """Refuses a folder that holds something, unless told what to do with it.
+
+    Raises:
+        RunFolderError: Says which options there are.
+        FileError: It cannot be written to, or is no folder.
+    """
     if resume and force:
         raise RunFolderError("--resume keeps the finished episodes, --force drops them: give one.")
-    if root.exists() and not root.is_dir():
-        raise RunFolderError(f"--out {root} is a file, not a folder.")
-    taken = root.is_dir() and any(root.iterdir())
+    there = os.path.isdir(root)  # a name that no file can have is none
+    if not there:
+        check_folder(root, force=force, mark="config.json")
+    taken = there and any(path.name != LOCK for path in root.iterdir())
     if taken and not (resume or force):
         raise RunFolderError(
             f"--out {root} is there already. Give --resume to go on with its run, --force to "
@@ -128,8 +141,8 @@ def open_folder(
     check_free(root, resume=resume, force=force)
     folder = RunFolder(root=root)
     root.mkdir(parents=True, exist_ok=True)
-    if force:
-        for path in (path for pattern in OWN_FILES for path in root.glob(pattern)):
+    for pattern in OWN_FILES if force else UNFINISHED:
+        for path in root.glob(pattern):
             path.unlink()
     if resume and folder.config_path.is_file():
         before = read_config(folder.config_path)
@@ -144,26 +157,59 @@ def open_folder(
 
 def _add_line(path: Path, value: dict[str, Any]) -> None:
     """Adds a line of JSON and waits until the disk has it."""
-    with path.open("a", encoding="utf-8") as file:
-        file.write(json.dumps(value, allow_nan=False) + "\n")
-        file.flush()
-        os.fsync(file.fileno())
+    line = json.dumps(value, allow_nan=False) + "\n"
+    try:
+        with path.open("a", encoding="utf-8") as file:
+            file.write(line)
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        raise FileError(path, f"cannot be written: {error.strerror or error}") from error
 
 
 def _whole_lines(path: Path) -> list[str]:
     """Returns a file's lines, none if there is no file, and cuts off a torn last one."""
-    if not path.is_file():
+    if not path.exists():
         return []
+    if not path.is_file():
+        raise ResultError(f"{path}: is not a regular file.")
     whole, newline, torn = path.read_bytes().rpartition(b"\n")
     if torn:
         with path.open("r+b") as file:
             file.truncate(len(whole) + len(newline))
-    return whole.decode("utf-8").split("\n") if whole else []
+    lines = whole.split(b"\n") if whole else []
+    return [_decoded(line, f"{path}: line {n}") for n, line in enumerate(lines, start=1)]
+
+
+def _decoded(line: bytes, where: str) -> str:
+    try:
+        return line.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise ResultError(f"{where}: is no UTF-8 text: {error}") from error
 
 
 def _parse(line: str, where: str) -> FinishedEpisode:
+    data = _parse_line(line, where)
     try:
-        data = parse_json_text(line)
+        finished = read_dataclass(FinishedEpisode, data, where=where)
+    except ResultError as error:
+        entry = data.get("episode") if isinstance(data, dict) else None
+        raise ResultError(f"{error}{name_episode(entry)}") from error
+    check_episode(finished.episode, where)
+    return finished
+
+
+def _traced(line: str, where: str) -> str:
+    """Returns the id of the episode that a line of traces is about."""
+    data = _parse_line(line, where)
+    name = data.get("id") if isinstance(data, dict) else None
+    if not isinstance(name, str):
+        raise ResultError(f"{where}: expected an object with an id, got {shown(data)}.")
+    return name
+
+
+def _parse_line(line: str, where: str) -> Any:
+    try:
+        return parse_json_text(line)
     except ValueError as error:
         raise ResultError(f"{where}: cannot be read as JSON: {error}") from error
-    return read_dataclass(FinishedEpisode, data, where=where)

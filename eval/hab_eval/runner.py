@@ -7,7 +7,6 @@ N is 1 for most agents. Recording and video are observers of the rows; the rows 
 from __future__ import annotations
 
 import contextlib
-import json
 import time
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,11 +15,12 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
-from hab_eval.errors import AgentError, RunStoppedError
+from hab_eval.agent_checks import check_actions, check_report, check_reports, without_exit
+from hab_eval.errors import RunStoppedError
 from hab_eval.observers import Observer
-from hab_eval.results import FinishedEpisode
+from hab_eval.results import FinishedEpisode, check_finished
 from hab_eval.rows import Call, Job, LocalRows, Rows, Start, Step, Turn, stopped
-from hab_tasks.agent import Agent, AgentReport, AgentSpec
+from hab_tasks.agent import Agent
 
 if TYPE_CHECKING:
     import gymnasium as gym
@@ -38,21 +38,6 @@ class _Playing:
     seed: int = 0
     obs: Any = None
     act_s: float = 0.0
-
-
-def check_rows(spec: AgentSpec) -> None:
-    """Refuses a number of rows that cannot be played.
-
-    Raises:
-        AgentError: Says what would be right.
-    """
-    if isinstance(spec.rows, bool) or not isinstance(spec.rows, int) or spec.rows < 1:
-        raise AgentError(f"rows of the agent must be a whole number from 1, got {spec.rows!r}.")
-    if spec.rows > 1 and spec.looks == "on demand":
-        raise AgentError(
-            f"The agent acts on {spec.rows} rows and looks on demand. Images on demand are "
-            "rendered for one row: use rows=1, or looks='always'."
-        )
 
 
 def run_episode(
@@ -93,7 +78,7 @@ def play(
             for number, turn in _exchange(groups, calls).items():
                 rows[number].obs = turn.obs
                 if turn.result is not None:
-                    yield _finish(agent, rows[number], number, turn)
+                    yield _finish(agent, rows, number, turn)
     finally:
         for group in groups:
             group.abort()
@@ -128,7 +113,7 @@ def _act(
     started = time.perf_counter()
     with _naming(_episodes(rows)):
         actions = agent.act(_batched([row.obs for row in rows]))
-        _check_actions(actions, len(rows))
+        check_actions(actions, len(rows))
         actions = actions.cpu()
         seconds = (time.perf_counter() - started) / len(playing)
         doing = _doing(agent, rows, watched)
@@ -139,7 +124,9 @@ def _act(
 
 def _doing(agent: Agent, rows: Sequence[_Playing], watched: bool) -> list[str]:
     """Returns what the agent is doing in each row, where anybody watches."""
-    return [report.doing for report in agent.report()] if watched else [""] * len(rows)
+    if not watched:
+        return [""] * len(rows)
+    return [one.doing for one in check_reports(agent.report(), len(rows), agent.spec.name)]
 
 
 def _exchange(groups: Sequence[Rows], calls: Mapping[int, Call]) -> dict[int, Turn]:
@@ -154,24 +141,27 @@ def _exchange(groups: Sequence[Rows], calls: Mapping[int, Call]) -> dict[int, Tu
     return {start + n: turn for start, group in sent for n, turn in group.receive().items()}
 
 
-def _finish(agent: Agent, row: _Playing, number: int, turn: Turn) -> FinishedEpisode:
+def _finish(agent: Agent, rows: Sequence[_Playing], number: int, turn: Turn) -> FinishedEpisode:
     """Adds what the agent says to the environment's result, and frees the row."""
     assert turn.result is not None
+    row, name = rows[number], agent.spec.name
     with _naming(_episodes([row])):
-        report = agent.report()[number]
-        trace = _checked_trace(report)
-    failure = None if turn.result.success else turn.result.failure or report.failure or TIMEOUT
-    result = replace(turn.result, failure=failure, seconds=turn.result.seconds + row.act_s)
+        report = check_reports(agent.report(), len(rows), name)[number]
+        said, timings_s = check_report(report, name)
+        failure = None if turn.result.success else turn.result.failure or said or TIMEOUT
+        result = replace(turn.result, failure=failure, seconds=turn.result.seconds + row.act_s)
+        finished = FinishedEpisode(episode=result, timings_s=timings_s, trace=tuple(report.trace))
+        check_finished(finished, "The result")
     row.episode = None
-    timings_s = {name: float(value) for name, value in report.timings_s.items()}
-    return FinishedEpisode(episode=result, timings_s=timings_s, trace=trace)
+    return finished
 
 
 @contextlib.contextmanager
 def _naming(episodes: Iterable[Episode]) -> Generator[None, None, None]:
     """Names the episodes in whatever the agent raises."""
     try:
-        yield
+        with without_exit():
+            yield
     except Exception as error:
         raise stopped(episodes, error) from error
 
@@ -190,21 +180,3 @@ def _batched(values: Sequence[Any]) -> Any:
     if isinstance(first, Mapping):
         return {name: _batched([value[name] for value in values]) for name in first}
     return [item for value in values for item in value]  # true states, a list for each row
-
-
-def _checked_trace(report: AgentReport) -> tuple[dict[str, Any], ...]:
-    """Returns the trace; refuses here, where the episode is named, what cannot be written."""
-    try:
-        json.dumps(report.trace, allow_nan=False)
-    except (TypeError, ValueError) as error:
-        raise AgentError(
-            f"The trace in report() holds what JSON does not know: {error}."
-        ) from error
-    return report.trace
-
-
-def _check_actions(actions: object, count: int) -> None:
-    """Refuses what is no (N, A) tensor, in words; the environment checks the numbers."""
-    if not isinstance(actions, Tensor) or actions.ndim != 2 or actions.shape[0] != count:
-        found = tuple(actions.shape) if isinstance(actions, Tensor) else type(actions).__name__
-        raise AgentError(f"act() must return a ({count}, A) tensor for {count} rows, got {found}.")

@@ -10,10 +10,13 @@ exactly once. An episode's outcome does not depend on its worker (see `rows.Loca
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import multiprocessing
+import os
 import signal
+import time
 import traceback
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
@@ -29,11 +32,14 @@ from hab_eval.load_agent import load_agent
 from hab_eval.results import FinishedEpisode
 from hab_eval.rows import Call, Job, RolloutPlan, Rows, Step, Turn, make_rows
 from hab_eval.runner import play
+from hab_eval.time_limit import Answered, Asked, TimedAgent
 from hab_tasks.agent import Agent, AgentSpec
 from hab_tasks.errors import HabError
 from hab_tasks.processes import use_one_thread
 
 STOP_TIMEOUT_S = 5.0
+PR_SET_PDEATHSIG = 1
+"""Of Linux's <sys/prctl.h>."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +61,45 @@ class _Worker:
     process: SpawnProcess
     connection: Connection
     episode_ids: tuple[str, ...] = ()
+    job: Job | None = None
+    asked: Asked | None = None
+    ended: bool = False
+
+    def give(self, job: Job | None) -> None:
+        """Sends the next job, if there is one."""
+        self.job = job
+        self.episode_ids = () if job is None else (job[1].id,)
+        if job is not None:
+            self.send(job)
+
+    def time_left_s(self, limit_s: float | None) -> float | None:
+        """Returns how long the agent's present call may still take [s]; None for any time."""
+        if limit_s is None or self.asked is None:
+            return None
+        return max(0.0, self.asked.at_s + limit_s - time.monotonic())
+
+    def take(self, limit_s: float | None, *, ready: bool) -> FinishedEpisode | None:
+        """Returns the episode if it is over, None if it goes on; ends a call that takes too long.
+
+        Args:
+            limit_s: Longest time of a call [s]; None for any.
+            ready: Whether there is an answer.
+        """
+        answer = self.receive() if ready else None
+        if isinstance(answer, FinishedEpisode):
+            return answer
+        if isinstance(answer, Asked):
+            self.asked = answer
+            return None
+        now_s = answer.at_s if isinstance(answer, Answered) else time.monotonic()
+        asked = self.asked
+        if asked is None or limit_s is None or self.job is None or now_s - asked.at_s <= limit_s:
+            self.asked = None if isinstance(answer, Answered) else asked
+            return None
+        self.process.kill()
+        self.process.join()
+        self.ended = True
+        return asked.late(now_s, self.job[1])
 
     def send(self, message: Any) -> None:
         """Sends a message."""
@@ -119,7 +164,8 @@ def run_agent(
 ) -> Generator[FinishedEpisode, None, None]:
     """Runs the jobs and yields results as they come.
 
-    An agent of one row is loaded anew in each of several workers.
+    An agent of one row is loaded anew in each of several workers; and in a worker, even a single
+    one, when the time of its calls is limited.
 
     Raises:
         RunStoppedError: If an episode raised or a worker died.
@@ -127,7 +173,9 @@ def run_agent(
     """
     if not jobs:
         return
-    if workers == 1:
+    if plan.config.step_timeout_s is not None:
+        yield from run_parallel(plan, jobs, count=workers)
+    elif workers == 1:
         yield from run_inline(plan, agent, jobs)
     elif agent.spec.rows == 1:
         yield from run_parallel(plan, jobs, count=workers)
@@ -166,17 +214,30 @@ def run_batched(
 def run_parallel(
     plan: RolloutPlan, jobs: Sequence[Job], *, count: int
 ) -> Generator[FinishedEpisode, None, None]:
-    """Runs the jobs in `count` processes, each with an agent of one row."""
+    """Runs the jobs in `count` processes, each with an agent of one row.
+
+    A process whose agent takes longer for a call than allowed is replaced.
+    """
+    limit_s = plan.config.step_timeout_s
     workers = [_start(_serve_episodes, plan) for _ in range(min(count, len(jobs)))]
     queue = iter(jobs)
     try:
         for worker in workers:
-            _give_next(worker, queue)
-        while busy := [worker for worker in workers if worker.episode_ids]:
-            ready = wait([worker.connection for worker in busy])
-            for worker in (worker for worker in busy if worker.connection in ready):
-                finished = worker.receive()
-                _give_next(worker, queue)
+            worker.give(next(queue, None))
+        while busy := [(n, worker) for n, worker in enumerate(workers) if worker.job is not None]:
+            left_s = [s for _, worker in busy if (s := worker.time_left_s(limit_s)) is not None]
+            ready = wait([worker.connection for _, worker in busy], min(left_s, default=None))
+            for number, worker in busy:
+                finished = worker.take(limit_s, ready=worker.connection in ready)
+                if finished is None:
+                    continue
+                job = next(queue, None)
+                if worker.ended:
+                    _remove_unfinished_video(plan, worker)
+                    if job is not None:
+                        worker.connection.close()
+                        workers[number] = _start(_serve_episodes, plan)
+                workers[number].give(job)
                 yield finished
     finally:
         _stop(workers)
@@ -192,12 +253,19 @@ def _start(serve: Callable[..., None], *arguments: Any) -> _Worker:
     return _Worker(process=process, connection=ours)
 
 
-def _give_next(worker: _Worker, queue: Iterator[Job]) -> None:
-    """Sends the next job, if there is one."""
-    job = next(queue, None)
-    worker.episode_ids = (job[1].id,) if job else ()
-    if job is not None:
-        worker.send(job)
+def _remove_unfinished_video(plan: RolloutPlan, worker: _Worker) -> None:
+    """Removes what a worker that was ended filmed of its episode."""
+    assert worker.job is not None
+    for path in plan.out.glob(f"partial_video_{worker.job[0]:03d}_*"):
+        path.unlink()
+
+
+def _end_with_parent() -> None:
+    """Has the kernel end this process with its parent, even when a library never returns."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    parent = multiprocessing.parent_process()
+    if parent is not None and not parent.is_alive():
+        os._exit(1)  # it ended before the kernel knew
 
 
 def _stop(workers: Sequence[_Worker]) -> None:
@@ -214,6 +282,7 @@ def _stop(workers: Sequence[_Worker]) -> None:
 
 def _serve(connection: Connection, serve: Callable[..., None], *arguments: Any) -> None:
     """Runs in the worker until the parent ends the process or the pipe."""
+    _end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what Ctrl-C means
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     use_one_thread()
@@ -235,8 +304,10 @@ def _serve_episodes(connection: Connection, plan: RolloutPlan) -> None:
     agent = load_agent(plan.config.agent, setup_of(plan.config, plan.device))
     rows = make_rows(plan, agent.spec, 1)
     jobs = iter(connection.recv, None)  # ends with an EOFError
+    timed = plan.config.step_timeout_s is not None
+    player = TimedAgent(agent, rows, connection.send) if timed else agent
     with contextlib.closing(rows):
-        for finished in play(agent, [rows], jobs):
+        for finished in play(player, [rows], jobs):
             connection.send(finished)
 
 

@@ -36,7 +36,7 @@ vertices (56 bytes), indices (4) and pixels of textures (4, or compressed to 1/2
 Example:
   hab-tasks assets ~/data/replica_cad --objects ~/data/ycb --collision coacd --out ~/data/light"""
 
-    dataset: tyro.conf.Positional[str]
+    dataset: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="DATASET")]
     """`apartment` or the path of a ReplicaCAD folder; it is not changed."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """The copy; use it as --scene-dataset DIR, and DIR/ycb as --objects."""

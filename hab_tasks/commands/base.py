@@ -9,6 +9,8 @@ from typing import ClassVar
 
 from hab_tasks.errors import HabError
 
+EPISODE_ENDINGS = (".json", ".json.gz")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Command(ABC):
@@ -27,8 +29,7 @@ class Command(ABC):
         """Does the work; returns the exit status. Raises HabError for bad input."""
 
 
-def refuse_existing(out: Path, force: bool) -> None:
-    """Raises HabError when `out` exists (a folder: holds anything) and may not be replaced."""
-    taken = any(out.iterdir()) if out.is_dir() else out.exists()
-    if taken and not force:
-        raise HabError(f"{out} exists; give --force to replace it.")
+def check_ending(file: Path) -> None:
+    """Raises HabError for an episode file whose name does not say what it holds."""
+    if not file.name.endswith(EPISODE_ENDINGS):
+        raise HabError(f"--out {file}: an episode file ends in {' or '.join(EPISODE_ENDINGS)}.")

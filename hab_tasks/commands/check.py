@@ -18,12 +18,14 @@ class Check(Command):
         str
     ] = """Tells on one page what a dataset holds, what is missing, and what is done about it.
 
+Reads every file, and stops at the first that is damaged.
+
 Example:
   hab-tasks check ~/data/replica_cad --objects ~/data/ycb
   hab-tasks check replica_cad --objects ycb --download
   hab-tasks check apartment --simulate"""
 
-    dataset: tyro.conf.Positional[str]
+    dataset: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="DATASET")]
     """`apartment`, `replica_cad` as ManiSkill downloads it, or the path of a ReplicaCAD folder."""
     objects: Annotated[str | None, tyro.conf.arg(metavar="ycb|PATH")] = None
     """YCB objects to check as well: `ycb` as ManiSkill downloads them, or a folder."""

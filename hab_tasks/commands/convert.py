@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import tyro
 from tqdm import tqdm
 
-from hab_tasks.commands.base import Command, refuse_existing
-from hab_tasks.errors import HabError, UnknownNameError
+from hab_tasks.commands.base import Command, check_ending
+from hab_tasks.errors import UnknownNameError
+from hab_tasks.files import check_file
 from hab_tasks.registration import ENTRY_POINTS
 
 if TYPE_CHECKING:
@@ -52,15 +53,13 @@ Example:
         from hab_tasks.scenes.dataset import resolve_dataset
         from hab_tasks.scenes.objects import load_objects
 
-        refuse_existing(self.out, self.force)
+        check_ending(self.out)
+        check_file(self.out, force=self.force)
         if self.env is not None and self.env not in ENTRY_POINTS:
             raise UnknownNameError("env", self.env, ENTRY_POINTS)
         dataset, objects = resolve_dataset(self.scene_dataset), load_objects(self.objects)
         convert = self._from_habitat if is_habitat(self.source) else self._to_habitat
-        try:
-            convert(dataset, objects)
-        except OSError as error:
-            raise HabError(f"{self.out}: cannot be written ({error}).") from error
+        convert(dataset, objects)
         return 0
 
     def _from_habitat(self, dataset: SceneDataset, objects: Mapping[str, ObjectTemplate]) -> None:

@@ -14,6 +14,7 @@ from tqdm import tqdm
 from hab_tasks.commands.download import fetch
 from hab_tasks.episodes.layout_report import check_layouts
 from hab_tasks.errors import HabError
+from hab_tasks.option_values import MOST_WORKERS, whole
 from hab_tasks.scenes.dataset import (
     REPLICA_CAD_NAMES,
     SPLIT_MACROS,
@@ -28,7 +29,7 @@ from hab_tasks.scenes.inventory import (
     micro_variations,
     take_inventory,
 )
-from hab_tasks.scenes.objects import load_objects
+from hab_tasks.scenes.objects import check_visuals, load_objects
 
 if TYPE_CHECKING:
     from hab_tasks.commands.check import Check
@@ -50,8 +51,7 @@ def check_dataset(options: Check) -> int:
     """
     if options.scenes is not None and not options.simulate:
         raise HabError("--scenes chooses what --simulate tries; give both.")
-    if options.workers < 1:
-        raise HabError(f"--workers {options.workers}: at least 1 process.")
+    whole("--workers", options.workers, 1, MOST_WORKERS)
     if options.download:
         _download(options)
     dataset = resolve_dataset(options.dataset)
@@ -66,7 +66,9 @@ def check_dataset(options: Check) -> int:
         if lacking:
             missing.append(("YCB objects", f"{_names(lacking)} -> the folder is refused"))
         else:
-            masses = {n: o.mass_kg for n, o in sorted(load_objects(options.objects).items())}
+            objects = load_objects(options.objects)
+            check_visuals(objects)
+            masses = {name: objects[name].mass_kg for name in sorted(objects)}
             words = ", ".join(f"{name} {mass:.3f} kg" for name, mass in masses.items())
             present.append(("YCB objects", f"{len(masses)}: {words}"))
     print(f"{dataset.name} in {dataset.root}")

@@ -8,8 +8,8 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from hab_tasks.commands.base import Command, refuse_existing
-from hab_tasks.errors import HabError
+from hab_tasks.commands.base import Command
+from hab_tasks.files import check_file, written_aside
 from hab_tasks.registration import ENTRY_POINTS
 
 
@@ -51,24 +51,14 @@ Example:
                 self.out / name for name in (*map(picture_name, ENTRY_POINTS), FRAMES_PICTURE)
             ]
         for file in files:
-            refuse_existing(file, self.force)
-        try:
-            self.out.mkdir(parents=True, exist_ok=True)
-            _write(files[0], page().encode())
-            for file, env_id in zip(files[1:], ENTRY_POINTS, strict=False):
-                scratch = file.with_name(f"partial_{file.name}")
+            check_file(file, force=self.force)
+        with written_aside(files[0]) as scratch:
+            scratch.write_text(page(), encoding="utf-8")
+        for file, env_id in zip(files[1:], ENTRY_POINTS, strict=False):
+            with written_aside(file) as scratch:
                 Image.fromarray(picture(env_id)).save(scratch)
-                scratch.replace(file)
-            if self.pictures:
-                draw_frames_picture(files[-1])
-        except OSError as error:
-            raise HabError(f"{self.out}: cannot be written ({error}).") from error
+        if self.pictures:
+            draw_frames_picture(files[-1])
         for file in files:
             print(f"wrote {file}")
         return 0
-
-
-def _write(file: Path, content: bytes) -> None:
-    scratch = file.with_name(f"partial_{file.name}")
-    scratch.write_bytes(content)
-    scratch.replace(file)

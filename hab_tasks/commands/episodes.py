@@ -10,8 +10,10 @@ from typing import Annotated, ClassVar
 import tyro
 from tqdm import tqdm
 
-from hab_tasks.commands.base import Command, refuse_existing
-from hab_tasks.errors import HabError, UnknownNameError
+from hab_tasks.commands.base import Command, check_ending
+from hab_tasks.errors import UnknownNameError
+from hab_tasks.files import check_file
+from hab_tasks.option_values import LARGEST_SEED, MOST_WORKERS, whole
 from hab_tasks.registration import ENTRY_POINTS
 
 
@@ -50,14 +52,15 @@ Example:
     def run(self) -> int:
         """Generates and writes the file, then prints what was refused and why."""
         from hab_tasks.episodes import EpisodeRequest, open_source
+        from hab_tasks.episodes.source import UNLIMITED
 
         if self.env not in ENTRY_POINTS:
             raise UnknownNameError("env", self.env, ENTRY_POINTS)
-        if self.count < 1:
-            raise HabError(f"--count {self.count}: at least 1 episode.")
-        if self.workers < 1:
-            raise HabError(f"--workers {self.workers}: at least 1 process.")
-        refuse_existing(self.out, self.force)
+        whole("--count", self.count, 1, UNLIMITED)
+        whole("--seed", self.seed, 0, LARGEST_SEED)
+        whole("--workers", self.workers, 1, MOST_WORKERS)
+        check_ending(self.out)
+        check_file(self.out, force=self.force)
         source = open_source(
             EpisodeRequest(
                 env_id=self.env,
@@ -75,10 +78,7 @@ Example:
                 bar.update(ready - bar.n)
 
             source.prepare(self.count, self.workers, show)
-        try:
-            source.save(self.count, self.out)
-        except OSError as error:
-            raise HabError(f"{self.out}: cannot be written ({error}).") from error
+        source.save(self.count, self.out)
         print(f"wrote {self.count} episodes ({source.split}) to {self.out}")
         for reason, times in sorted(source.rejections.items()):
             print(f"  refused {times}: {reason}")

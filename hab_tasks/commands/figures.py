@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import tyro
 from tqdm import tqdm
 
-from hab_tasks.commands.base import Command, refuse_existing
+from hab_tasks.commands.base import Command
 from hab_tasks.errors import EpisodeError, HabError, RenderingUnavailableError
+from hab_tasks.files import check_file
 
 if TYPE_CHECKING:
     from hab_tasks.scenes.dataset import SceneDataset
@@ -32,7 +33,7 @@ class Figures(Command):
 Example:
   hab-tasks figures apartment --out docs/figures --episodes tidy.json.gz table.json.gz"""
 
-    dataset: tyro.conf.Positional[str]
+    dataset: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="DATASET")]
     """`apartment`, `replica_cad` as ManiSkill downloads it, or the path of a ReplicaCAD folder."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Folder of the PNG files; made when absent."""
@@ -49,12 +50,9 @@ Example:
         jobs, notes = self._dataset_jobs(dataset)
         jobs |= self._episode_jobs(dataset)
         for name in jobs:
-            refuse_existing(self.out / name, self.force)
-        try:
-            for name, draw in tqdm(jobs.items(), unit="figure", disable=not sys.stderr.isatty()):
-                draw(self.out / name)
-        except OSError as error:
-            raise HabError(f"{self.out}: cannot be written ({error}).") from error
+            check_file(self.out / name, force=self.force)
+        for name, draw in tqdm(jobs.items(), unit="figure", disable=not sys.stderr.isatty()):
+            draw(self.out / name)
         for line in [f"wrote {self.out / name}" for name in jobs] + notes:
             print(line)
         return 0

@@ -6,6 +6,7 @@ import os
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -14,12 +15,14 @@ import imageio.v2 as imageio
 import numpy as np
 
 from hab_tasks.captions import with_words
-from hab_tasks.commands.base import refuse_existing
 from hab_tasks.commands.keyboard import QUIT, Keyboard, keys_of
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.envs import ENVS
+from hab_tasks.episodes.source import UNLIMITED
 from hab_tasks.errors import HabError, RenderingUnavailableError, UnknownNameError
+from hab_tasks.files import check_file, written_aside
 from hab_tasks.instructions import instruction
+from hab_tasks.option_values import LARGEST_RESET_SEED, whole
 from hab_tasks.rendering import resolve_backend
 from hab_tasks.skills.hab_env import HabEnv
 from hab_tasks.skills.marks import LEGEND
@@ -29,6 +32,7 @@ if TYPE_CHECKING:
 
 AGENTS = ("random", "keyboard")
 RANDOM_STEPS = 200
+MOST_STEPS = 1_000_000
 CAPTION_LINES = 5
 
 
@@ -49,17 +53,16 @@ def play(options: Demo) -> int:
         num_episodes=max(50, options.episode + 1),
     )
     scene = cast(HabEnv, env.unwrapped)
-    show = _Show(scene, window, options.out)
-    try:
+    with ExitStack() as ends:
+        ends.callback(env.close)
+        video = None if options.out is None else ends.enter_context(written_aside(options.out))
+        show = _Show(scene, window, video)
+        ends.callback(show.close)
         env.reset(seed=options.seed, options={"episode": options.episode})
         task = instruction(ENVS[options.env].env, scene.episode[0])
         print(f"{options.env}, episode {scene.episode[0].id}\n{task}")
         show.begin(f"{task} ({LEGEND})")
         result = _play(options, env, scene, show)
-        show.finish()
-    finally:
-        show.close()
-        env.close()
     _tell(result)
     if options.out is not None:
         print(f"{'video':<9} {options.out}")
@@ -71,12 +74,14 @@ def _check(options: Demo) -> None:
         raise UnknownNameError("env", options.env, ENVS)
     if options.agent not in AGENTS:
         raise UnknownNameError("agent", options.agent, AGENTS)
-    if options.steps is not None and options.steps < 1:
-        raise HabError(f"--steps {options.steps}: at least 1 action.")
+    if options.steps is not None:
+        whole("--steps", options.steps, 1, MOST_STEPS)
+    whole("--episode", options.episode, 0, UNLIMITED - 1)
+    whole("--seed", options.seed, 0, LARGEST_RESET_SEED)
     if options.out is not None:
         if options.out.suffix != ".mp4":
             raise HabError(f"--out {options.out}: a video ends in .mp4.")
-        refuse_existing(options.out, options.force)
+        check_file(options.out, force=options.force)
         resolve_backend("auto", wants_images=True)
 
 
@@ -139,8 +144,8 @@ class _Result:
 class _Show:
     """A window, a video, both, or neither."""
 
-    def __init__(self, scene: HabEnv, window: bool, out: Path | None) -> None:
-        self._scene, self._window, self._out = scene, window, out
+    def __init__(self, scene: HabEnv, window: bool, video: Path | None) -> None:
+        self._scene, self._window, self._video = scene, window, video
         self._viewer: Any = None
         self._writer: Any = None
         self._seen_from: Any = None
@@ -158,8 +163,8 @@ class _Show:
 
     def draw(self, result: _Result) -> None:
         """Shows the present moment and films it."""
-        if self._out is not None:
-            self._writer = self._writer or _writer(self._scratch)
+        if self._video is not None:
+            self._writer = self._writer or _writer(self._video)
             frame = np.asarray(self._scene.render_rgb_array()[0].cpu(), dtype=np.uint8)
             words = [self._task, *_stages(result.info)]
             self._writer.append_data(with_words(frame, words, CAPTION_LINES))
@@ -181,36 +186,19 @@ class _Show:
             self._viewer.set_camera_pose(pose)
             self._seen_from = pose.p
 
-    def finish(self) -> None:
-        """Ends the video and gives it its name."""
-        if self._out is not None and self._writer is not None:
-            self._writer.close()
-            self._writer = None
-            self._scratch.replace(self._out)
-
     def close(self) -> None:
-        """Removes a video that was not finished."""
+        """Ends the video."""
         if self._writer is not None:
             self._writer.close()
-            self._scratch.unlink(missing_ok=True)
-
-    @property
-    def _scratch(self) -> Path:
-        assert self._out is not None
-        return self._out.with_name(f"partial_{self._out.name}")
 
 
 def _writer(file: Path) -> Any:
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        return imageio.get_writer(
-            file,
-            format="FFMPEG",  # pyright: ignore[reportArgumentType]  # the stub knows no plugin names
-            fps=CONTROL_HZ,
-            macro_block_size=2,
-        )
-    except OSError as error:
-        raise HabError(f"{file.parent}: cannot be written ({error}).") from error
+    return imageio.get_writer(
+        file,
+        format="FFMPEG",  # pyright: ignore[reportArgumentType]  # the stub knows no plugin names
+        fps=CONTROL_HZ,
+        macro_block_size=2,
+    )
 
 
 def _window_works() -> bool:

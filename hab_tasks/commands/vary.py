@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import tyro
 from tqdm import tqdm
 
-from hab_tasks.commands.base import Command, refuse_existing
+from hab_tasks.commands.base import Command
 from hab_tasks.errors import HabError
+from hab_tasks.files import check_folder, folder_written_aside
+from hab_tasks.option_values import LARGEST_SEED, whole
 
 if TYPE_CHECKING:
     from hab_tasks.scenes.dataset import SceneDataset
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
     from hab_tasks.scenes.wild import WildLayout
 
 WILD_SPLIT = "test"
+MOST_LAYOUTS = 100_000
+LAYOUTS = "layouts.json"
 DOOR_BINS_RAD = (1.6, 1.8, 2.0, 2.29)
 """The fridge's door, which opens to 2.3 rad, is counted by how far it gets."""
 
@@ -46,7 +50,7 @@ Example:
   hab-tasks vary apartment --wild --count 100 --out wild
   hab-eval run --agent hab_spa:spa_priv --env HabPick-v1 --scene-dataset wild --out runs/wild"""
 
-    dataset: tyro.conf.Positional[str]
+    dataset: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="DATASET")]
     """`apartment` or a ReplicaCAD folder."""
     macro: Annotated[str | None, tyro.conf.arg(metavar="ID")] = None
     """The macro layout, v3_sc1_staging_00 or short sc1. With --wild: any of them unless given."""
@@ -59,7 +63,7 @@ Example:
     seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
     """Seed of the layouts."""
     force: bool = False
-    """Replace files in DIR."""
+    """Replace the layouts in DIR."""
 
     def run(self) -> int:
         """Makes and writes the layouts, then prints what was refused on the way and why."""
@@ -73,7 +77,7 @@ Example:
                 f"{self.dataset} holds variations already; vary {dataset.layouts.dataset} instead."
             )
         macro = None if self.macro is None else macro_scene_id(dataset, self.macro)
-        refuse_existing(self.out, self.force)
+        check_folder(self.out, force=self.force, mark=LAYOUTS)
         wild: list[WildLayout] = []
         if macro is None or self.wild:
             made = self._wild(dataset, macro, wild)
@@ -89,8 +93,8 @@ Example:
         return 0
 
     def _check(self) -> None:
-        if self.count < 1:
-            raise HabError(f"--count {self.count}: at least 1 layout.")
+        whole("--count", self.count, 1, MOST_LAYOUTS)
+        whole("--seed", self.seed, 0, LARGEST_SEED)
         if self.macro is None and not self.wild:
             raise HabError(
                 "Which layout is to be varied? Give --macro, for example --macro sc1, or --wild "
@@ -107,14 +111,12 @@ Example:
         macros: dict[str, str] = {}
         refused: Counter[str] = Counter()
         bar = tqdm(made, total=self.count, unit="layout", disable=not sys.stderr.isatty())
-        try:
+        with folder_written_aside(self.out) as folder:
             for scene_id, source, scene, reasons in bar:
-                write_scene(scene, self.out, scene_id)
+                write_scene(scene, folder, scene_id)
                 macros[scene_id] = source
                 refused += reasons
-            write_layout_set(self._layout_set(dataset, macro, macros), self.out)
-        except OSError as error:
-            raise HabError(f"{self.out}: cannot be written ({error}).") from error
+            write_layout_set(self._layout_set(dataset, macro, macros), folder)
         return refused
 
     def _ordinary(self, dataset: SceneDataset, macro: str) -> Iterator[Made]:

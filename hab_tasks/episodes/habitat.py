@@ -32,12 +32,14 @@ as long as the episode still means the same.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from hab_tasks.episodes.fields import load_json, naming, read_pose
 from hab_tasks.episodes.habitat_entry import OWN_KEY, HabitatEntries
-from hab_tasks.episodes.habitat_fields import naming
-from hab_tasks.episodes.schema import Episode, EpisodeSet, load_json, read_pose, save_json
+from hab_tasks.episodes.provenance import check_made_from, made_from, read_made_from
+from hab_tasks.episodes.schema import Episode, EpisodeSet, save_json
 from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import Pose7
 from hab_tasks.scenes.dataset import SPLIT_MACROS, SceneDataset
@@ -94,12 +96,18 @@ def read_habitat(
         if progress is not None:
             progress(index + 1, len(raw["episodes"]))
     told = {**_told(episodes, dataset), **own, **({"env": env_id} if env_id else {})}
+    origin = made_from(dataset, objects)
     with naming(str(file), OWN_KEY):
+        if "made_from" in own:
+            stated = read_made_from(own["made_from"])
+            check_made_from(str(file), dataset.name, stated, dataset, origin)
+            origin = stated
         return EpisodeSet(
             env=str(told["env"]),
             scene_dataset=dataset.name,
             split=str(told["split"]),
             seed=int(told["seed"]),
+            made_from=origin,
             episodes=tuple(episodes),
             rejections={str(k): int(v) for k, v in told["rejections"].items()},
             habitat={k: v for k, v in raw.items() if k not in ("episodes", OWN_KEY)},
@@ -124,11 +132,14 @@ def to_habitat(
         EpisodeError: They are for another dataset, or name something that it does not have.
         DatasetError: The dataset is damaged.
     """
-    if episodes.scene_dataset != dataset.name:
-        raise EpisodeError(
-            f"The episodes are for the scene dataset {episodes.scene_dataset}, not for "
-            f"{dataset.name}. Give its folder with --scene-dataset."
-        )
+    now = made_from(dataset, objects)
+    check_made_from(
+        f"{episodes.env}, split {episodes.split}, seed {episodes.seed}",
+        episodes.scene_dataset,
+        episodes.made_from,
+        dataset,
+        now,
+    )
     translate = HabitatEntries(dataset, objects)
     entries = []
     for episode in episodes.episodes:
@@ -137,6 +148,8 @@ def to_habitat(
             progress(len(entries), len(episodes))
     told = _told(list(episodes.episodes), dataset)
     own = {k: getattr(episodes, k) for k in _SET_FIELDS if getattr(episodes, k) != told[k]}
+    if episodes.made_from != now:
+        own["made_from"] = asdict(episodes.made_from)
     loose: dict[str, dict[str, Pose7]] = {e.scene_id: e.loose for e in episodes.episodes if e.loose}
     if loose:
         own["scenes"] = loose

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from hab_tasks.episodes.fields import naming, number
 from hab_tasks.episodes.habitat_fields import (
     body_of,
     close,
     habitat_handles,
-    naming,
     object_frame,
     ordered_like,
     plain_name,
@@ -30,7 +30,6 @@ from hab_tasks.episodes.schema import (
     Rearrangement,
     ReceptacleRef,
     RobotStart,
-    finite,
     read_episode,
     template_of,
 )
@@ -216,7 +215,7 @@ class HabitatEntries:
         with naming(where, "ao_states"):
             joints = {
                 str(furniture): {
-                    layout.joint(furniture, int(link)): finite(q) for link, q in states.items()
+                    layout.joint(furniture, int(link)): number(q) for link, q in states.items()
                 }
                 for furniture, states in entry["ao_states"].items()
             }

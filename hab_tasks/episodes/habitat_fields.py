@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from transforms3d import quaternions
 
-from hab_tasks.episodes.schema import Base, finite, naming, template_of
+from hab_tasks.episodes.fields import naming, number
+from hab_tasks.episodes.schema import Base, template_of
 from hab_tasks.geometry import Array, rotation_between
 from hab_tasks.scenes.load import HABITAT_UP
 from hab_tasks.scenes.meshes import mesh_bounds
@@ -86,9 +87,9 @@ def plain_name(name: Any) -> str:
 def read_base(entry: dict[str, Any], where: str) -> Base:
     """Returns where the base stands; its x axis points ahead, in Habitat's robots as in ours."""
     with naming(where, "start_position"):
-        x, _, z = (finite(v) for v in entry.get("start_position", (0, 0, 0)))
+        x, _, z = (number(v) for v in entry.get("start_position", (0, 0, 0)))
     with naming(where, "start_rotation"):
-        qx, qy, qz, qw = (finite(v) for v in entry.get("start_rotation", (0, 0, 0, 1)))
+        qx, qy, qz, qw = (number(v) for v in entry.get("start_rotation", (0, 0, 0, 1)))
         if not math.hypot(qx, qy, qz, qw) > 0:
             raise ValueError("a rotation of four zeros")
         ahead = quaternions.quat2mat((qw, qx, qy, qz))[:, 0]

@@ -24,7 +24,7 @@ from hab_tasks.errors import DatasetError, UnknownNameError
 from hab_tasks.geometry import Array, to_matrix
 from hab_tasks.scenes.markers import HANDLE_MARKERS
 from hab_tasks.scenes.spec import Receptacle, SceneSpec
-from hab_tasks.scenes.urdf import check_urdf
+from hab_tasks.scenes.urdf import check_urdf, read_urdf
 
 HABITAT_MARKERS = (
     "cab_push_point_7",
@@ -67,7 +67,7 @@ def urdf_link_ids(file: Path) -> dict[str, int]:
 def urdf_links(file: Path) -> tuple[UrdfLink, ...]:
     """Returns the links of a URDF in Habitat's order; see `urdf_link_ids`."""
     check_urdf(file)
-    robot = ElementTree.parse(file).getroot()
+    robot = read_urdf(file)
     children: dict[str, list[ElementTree.Element]] = defaultdict(list)
     for joint in sorted(robot.findall("joint"), key=lambda joint: joint.get("name", "")):
         children[_end(joint, "parent")].append(joint)

@@ -1,27 +1,36 @@
 """An episode as frozen data: which layout, what lies where, where the robot starts, what to do.
 
-Files are JSON (``.json`` or ``.json.gz``): ``{"schema": 2, "env", "scene_dataset", "split", "seed",
-"scenes": {scene_id: {object handle: pose}}, "episodes": [...]}``. Poses are position [m] and
-quaternion wxyz in the z-up world. Replaying an episode gives the same start state, always.
+Files are JSON (``.json`` or ``.json.gz``): ``{"schema": 3, "env", "scene_dataset", "made_from",
+"split", "seed", "scenes": {scene_id: {object handle: pose}}, "episodes": [...]}``. Poses are
+position [m] and quaternion wxyz in the z-up world. Replaying an episode gives the same start state,
+always.
 """
 
 from __future__ import annotations
 
 import gzip
 import json
-import math
-import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections import Counter
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hab_tasks.errors import EpisodeError, UnknownNameError
+from hab_tasks.episodes.fields import (
+    integer,
+    load_json,
+    mapping,
+    naming,
+    number,
+    read_pose,
+    sequence,
+    text,
+)
+from hab_tasks.episodes.provenance import MadeFrom, read_made_from
+from hab_tasks.errors import EpisodeError
 from hab_tasks.files import written_aside
 from hab_tasks.geometry import Pose7
 
-SCHEMA = 2
+SCHEMA = 3
 POSE_DIGITS = 6
 """Poses are rounded to a micrometre, in memory as in files, so that both give the same start."""
 
@@ -120,6 +129,7 @@ class EpisodeSet:
     """A list of episodes and what it was made from.
 
     Attributes:
+        made_from: Scene dataset, objects and generator, so that they are not played elsewhere.
         rejections: Reason -> how many candidates were refused while generating.
         habitat: What a Habitat file holds beside its episodes.
     """
@@ -128,6 +138,7 @@ class EpisodeSet:
     scene_dataset: str
     split: str
     seed: int
+    made_from: MadeFrom
     episodes: tuple[Episode, ...]
     rejections: dict[str, int] = field(default_factory=dict)
     habitat: dict[str, Any] = field(default_factory=dict)
@@ -180,50 +191,31 @@ def read_episodes(file: Path) -> EpisodeSet:
         )
     where = str(file)
     with naming(where, "scenes"):
-        scenes = {s: {k: read_pose(p) for k, p in v.items()} for s, v in raw["scenes"].items()}
+        scenes = {
+            scene: {handle: read_pose(pose) for handle, pose in mapping(poses).items()}
+            for scene, poses in mapping(raw["scenes"]).items()
+        }
     with naming(where, "episodes"):
-        entries = list(enumerate(raw["episodes"]))
+        entries = list(enumerate(sequence(raw["episodes"])))
+    with naming(where, "made_from"):
+        origin = read_made_from(raw["made_from"])
+    twice = [name for name, count in Counter(_id(e, i) for i, e in entries).items() if count > 1]
+    if twice:
+        raise EpisodeError(f"{file}: episode {twice[0]!r} appears twice.")
     with naming(where, "env, scene_dataset, split, seed, rejections"):
         return EpisodeSet(
-            env=str(raw["env"]),
-            scene_dataset=str(raw["scene_dataset"]),
-            split=str(raw["split"]),
-            seed=int(raw["seed"]),
+            env=text(raw["env"]),
+            scene_dataset=text(raw["scene_dataset"]),
+            split=text(raw["split"]),
+            seed=integer(raw["seed"]),
+            made_from=origin,
             episodes=tuple(
                 read_episode(entry, scenes, f"{where}: episode {_id(entry, index)!r}")
                 for index, entry in entries
             ),
-            rejections={str(k): int(v) for k, v in raw.get("rejections", {}).items()},
-            habitat=dict(raw.get("habitat", {})),
+            rejections={k: integer(v) for k, v in mapping(raw.get("rejections", {})).items()},
+            habitat=mapping(raw.get("habitat", {})),
         )
-
-
-@contextmanager
-def naming(where: str, name: str) -> Iterator[None]:
-    """Names the episode and the field when something in it is missing, odd or unknown."""
-    try:
-        yield
-    except KeyError as error:
-        raise EpisodeError(f"{where}, field {name}: {error} is missing.") from error
-    except UnknownNameError as error:
-        raise EpisodeError(f"{where}, field {name}: {error}") from error
-    except (LookupError, TypeError, ValueError, AttributeError) as error:
-        raise EpisodeError(f"{where}, field {name}: malformed ({error}).") from error
-
-
-def load_json(file: Path) -> Any:
-    """Returns what a ``.json`` or ``.json.gz`` file holds.
-
-    Raises:
-        EpisodeError: Absent or damaged.
-    """
-    try:
-        data = file.read_bytes()
-        return json.loads(gzip.decompress(data) if file.suffix == ".gz" else data)
-    except FileNotFoundError as error:
-        raise EpisodeError(f"{file}: no such file.") from error
-    except (OSError, EOFError, ValueError, zlib.error) as error:
-        raise EpisodeError(f"{file}: not a valid episode file ({error}).") from error
 
 
 def read_episode(entry: Any, scenes: dict[str, dict[str, Pose7]], where: str) -> Episode:
@@ -238,31 +230,34 @@ def read_episode(entry: Any, scenes: dict[str, dict[str, Pose7]], where: str) ->
         EpisodeError: A field is missing or malformed.
     """
     with naming(where, "scene_id"):
-        scene_id = str(entry["scene_id"])
+        scene_id = text(mapping(entry)["scene_id"])
         loose = scenes[scene_id]
     with naming(where, "robot"):
         robot = _robot(entry["robot"])
     with naming(where, "objects"):
-        objects = {str(k): read_pose(v) for k, v in entry["objects"].items()}
+        objects = {k: read_pose(v) for k, v in mapping(entry["objects"]).items()}
     with naming(where, "targets"):
-        targets = tuple(_rearrangement(target, objects) for target in entry["targets"])
+        targets = tuple(_rearrangement(target, objects) for target in sequence(entry["targets"]))
     with naming(where, "held"):
         held = None if entry.get("held") is None else _among(entry["held"], objects)
     with naming(where, "handle"):
         handle = entry.get("handle")
-        handle = HandleRef(**{k: str(v) for k, v in handle.items()}) if handle else None
+        if handle is not None:
+            handle = HandleRef(**{k: text(v) for k, v in mapping(handle).items()})
     with naming(where, "navigation"):
         goal = entry.get("navigation")
-        goal = NavigationGoal(skill=str(goal["skill"]), base=_base(goal["base"])) if goal else None
+        if goal is not None:
+            goal = NavigationGoal(skill=text(mapping(goal)["skill"]), base=_base(goal["base"]))
     with naming(where, "joints"):
         joints = {
-            str(k): {str(j): finite(q) for j, q in v.items()} for k, v in entry["joints"].items()
+            furniture: {joint: number(q) for joint, q in mapping(positions).items()}
+            for furniture, positions in mapping(entry["joints"]).items()
         }
     with naming(where, "id, seed, habitat"):
         return Episode(
-            id=str(entry["id"]),
+            id=text(entry["id"]),
             scene_id=scene_id,
-            seed=int(entry["seed"]),
+            seed=integer(entry["seed"]),
             robot=robot,
             objects=objects,
             targets=targets,
@@ -271,22 +266,23 @@ def read_episode(entry: Any, scenes: dict[str, dict[str, Pose7]], where: str) ->
             navigation=goal,
             joints=joints,
             loose=loose,
-            habitat=dict(entry.get("habitat", {})),
+            habitat=mapping(entry.get("habitat", {})),
         )
 
 
 def _id(entry: Any, index: int) -> Any:
-    return entry.get("id", index) if isinstance(entry, dict) else index
+    named = entry.get("id") if isinstance(entry, dict) else None
+    return named if isinstance(named, str) else index
 
 
 def _among(handle: Any, objects: dict[str, Pose7]) -> str:
-    if handle not in objects:
+    if text(handle) not in objects:
         raise ValueError(f"{handle!r} is not among the objects")
-    return str(handle)
+    return handle
 
 
 def _robot(entry: dict[str, Any]) -> RobotStart:
-    arm = tuple(finite(x) for x in entry["arm_qpos_rad"])
+    arm = tuple(number(x) for x in sequence(entry["arm_qpos_rad"]))
     if len(arm) != ARM_JOINT_COUNT:
         raise ValueError(f"arm_qpos_rad with {len(arm)} joints instead of {ARM_JOINT_COUNT}")
     return RobotStart(base=_base(entry["base"]), arm_qpos_rad=arm)
@@ -296,35 +292,17 @@ def _rearrangement(entry: dict[str, Any], objects: dict[str, Pose7]) -> Rearrang
     start, goal, pose = entry.get("start"), entry.get("goal"), entry.get("world_from_goal")
     return Rearrangement(
         object=_among(entry["object"], objects),
-        start=_receptacle(start) if start else None,
-        goal=_receptacle(goal) if goal else None,
-        world_from_goal=read_pose(pose) if pose else None,
+        start=None if start is None else _receptacle(start),
+        goal=None if goal is None else _receptacle(goal),
+        world_from_goal=None if pose is None else read_pose(pose),
     )
 
 
 def _receptacle(values: Any) -> ReceptacleRef:
-    name, body = values
-    return str(name), str(body)
+    name, body = sequence(values)
+    return text(name), text(body)
 
 
 def _base(values: Any) -> Base:
-    x, y, yaw = (finite(value) for value in values)
+    x, y, yaw = (number(value) for value in sequence(values))
     return x, y, yaw
-
-
-def read_pose(values: Any) -> Pose7:
-    """Returns a pose as files hold it. Raises TypeError or ValueError for anything else."""
-    numbers = tuple(finite(x) for x in values)
-    if len(numbers) != 7:
-        raise ValueError(f"a pose needs 7 numbers, found {len(numbers)}")
-    if not math.hypot(*numbers[3:]) > 0:
-        raise ValueError("a pose whose quaternion is zero")
-    return numbers  # type: ignore[return-value]
-
-
-def finite(value: Any) -> float:
-    """Returns a number. Raises TypeError or ValueError when it is none, or not finite."""
-    number = float(value)
-    if not math.isfinite(number):
-        raise ValueError(f"{value!r} is not a finite number")
-    return number

@@ -9,24 +9,25 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from importlib import import_module
 from pathlib import Path
 
+from hab_tasks.cache import read_cached, write_cached
 from hab_tasks.episodes.generators import (
     GENERATORS,
     Generator,
     Made,
-    stable_hash,
 )
 from hab_tasks.episodes.generators.base import Objects
+from hab_tasks.episodes.provenance import check_made_from, made_from, stable_hash
 from hab_tasks.episodes.receptacles import UNSEEN_RECEPTACLES
-from hab_tasks.episodes.schema import Episode, EpisodeSet, read_episodes, write_episodes
-from hab_tasks.errors import EpisodeError, UnknownNameError
+from hab_tasks.episodes.schema import SCHEMA, Episode, EpisodeSet, read_episodes, write_episodes
+from hab_tasks.errors import EpisodeError, OptionError, UnknownNameError
+from hab_tasks.option_values import LARGEST_SEED, name, path, whole
 from hab_tasks.processes import worker_pool
 from hab_tasks.scenes.dataset import SceneDataset, embedded_dataset, resolve_dataset
 from hab_tasks.scenes.load import load_scene
-from hab_tasks.scenes.meshes import cache_dir
 from hab_tasks.scenes.objects import TRAIN_OBJECTS, UNSEEN_OBJECTS, load_objects
 from hab_tasks.scenes.spec import SceneSpec
 
@@ -60,6 +61,16 @@ class EpisodeRequest:
     seed: int = 0
     novel: str | None = None
 
+    def __post_init__(self) -> None:
+        """Refuses values of a wrong type."""
+        whole("seed", self.seed, 0, LARGEST_SEED)
+        for option in ("split", "scene", "novel"):
+            name(option, getattr(self, option))
+        for option in ("scene_dataset", "objects", "file"):
+            path(option, getattr(self, option))
+        if self.scene_dataset is None:
+            raise OptionError("scene_dataset", None, "a path or a name")
+
 
 class EpisodeSource:
     """The episodes of a request, by index.
@@ -67,14 +78,17 @@ class EpisodeSource:
     Attributes:
         dataset: The scene dataset.
         objects: Object name -> template of the movable objects.
+        file: The episode file; None where episodes are generated.
         split: The resolved split.
         available: How many episodes there are.
+        made_from: What the episodes are made from.
         rejections: Reason -> candidates refused by this process's generation.
     """
 
     def __init__(self, request: EpisodeRequest, dataset: SceneDataset) -> None:
         """Reads what the request names and what was generated before."""
         self._request = request
+        self.file = None if request.file is None else Path(request.file)
         self.env_id = request.env_id.rpartition(":")[2]
         self.seed, self.novel = request.seed, request.novel
         self.dataset, self.scene_id = dataset, request.scene
@@ -85,24 +99,31 @@ class EpisodeSource:
         self._generator: Generator | None = None
         self._episodes: dict[int, Episode] = {}
         self._scenes: dict[str, SceneSpec] = {}
-        if request.file is not None:
-            self._take_file(Path(request.file))
+        if self.file is not None:
+            self._take_file(self.file)
             return
         scope = "-".join(part for part in (self.split, self.scene_id) if part)
         scope += f"+{self.novel}" if self.novel else ""
-        kind = "embedded" if request.objects is None else "ycb"
+        if self.env_id not in GENERATORS:
+            raise UnknownNameError("env with generated episodes", self.env_id, GENERATORS)
+        self.made_from = made_from(dataset, self.objects, GENERATORS[self.env_id].version)
+        kind = self.made_from.objects
         self._name = f"{self.env_id}.{dataset.name}.{kind}.{scope}.{self.seed}.json.gz"
         shipped = dataset.root == embedded_dataset().resolve()
         self._embedded = _shipped_folder() / self._name if shipped else None
-        masses = (f"{name} {t.mass_kg}" for name, t in sorted(self.objects.items()))
-        if self.env_id not in GENERATORS:
-            raise UnknownNameError("env with generated episodes", self.env_id, GENERATORS)
-        key = stable_hash(f"{GENERATORS[self.env_id].version} {dataset.fingerprint}", *masses)
-        self._cached = cache_dir() / "episodes" / f"{key:08x}" / self._name
+        key = stable_hash(*map(str, (SCHEMA, *astuple(self.made_from))))
+        self._cached = f"episodes/{key:08x}/{self._name}"
+        kept = read_cached(self._cached, read_episodes)
+        if kept is not None:
+            self._take(kept)
         # The cache may hold more episodes than were shipped; the shipped ones stay as they are.
-        for file in (self._cached, self._embedded):
-            if file is not None and file.exists():
-                self._take(read_episodes(file))
+        if self._embedded is not None and self._embedded.exists():
+            self._take(read_episodes(self._embedded))
+
+    @property
+    def given(self) -> tuple[Episode, ...]:
+        """The episodes of the file; none where they are generated."""
+        return () if self.file is None else tuple(self._episodes.values())
 
     def get(self, index: int) -> Episode:
         """Returns episode number `index`, generating it when it is not known yet.
@@ -167,15 +188,18 @@ class EpisodeSource:
             scene_dataset=self.dataset.name,
             split=self.split,
             seed=self.seed,
+            made_from=self.made_from,
             episodes=tuple(self.get(index) for index in range(count)),
             rejections=dict(self.rejections),
         )
 
     def save(self, count: int, file: Path | None = None) -> Path:
         """Writes the first `count` episodes to `file`, or to the cache; returns the file."""
-        target = file or self._cached
-        write_episodes(self.to_set(count), target)
-        return target
+        episodes = self.to_set(count)
+        if file is None:
+            return write_cached(self._cached, lambda path: write_episodes(episodes, path))
+        write_episodes(episodes, file)
+        return file
 
     def make(self, index: int) -> Made:
         """Generates an episode, whether it is known or not."""
@@ -215,6 +239,11 @@ class EpisodeSource:
         given = read_episodes(file)
         if given.env != self.env_id:
             raise EpisodeError(f"{file}: made for {given.env}, not for {self.env_id}.")
+        if not given.episodes:
+            raise EpisodeError(f"{file}: holds no episode.")
+        now = made_from(self.dataset, self.objects)
+        check_made_from(str(file), given.scene_dataset, given.made_from, self.dataset, now)
+        self.made_from = given.made_from
         for episode in given.episodes:
             self.dataset.scene_file(episode.scene_id)
         self._take(given)

@@ -13,7 +13,8 @@ import numpy as np
 
 from hab_tasks.episodes.schema import Episode, EpisodeSet, template_of
 from hab_tasks.geometry import Array
-from hab_tasks.scenes.dataset import SceneDataset, read_json
+from hab_tasks.scenes.dataset import SceneDataset
+from hab_tasks.scenes.fields import read_json
 from hab_tasks.scenes.inventory import macro_of, micro_variations
 from hab_tasks.scenes.load import read_category
 from hab_tasks.scenes.objects import ALL_OBJECTS

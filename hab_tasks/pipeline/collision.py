@@ -26,7 +26,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from hab_tasks.errors import DatasetError
 from hab_tasks.pipeline.options import AssetOptions
-from hab_tasks.scenes.meshes import check_mesh
+from hab_tasks.scenes.meshes import read_mesh
 
 MAX_PARTS = 20
 
@@ -119,7 +119,7 @@ def merge_parts(parts: list[Points], most: int = MAX_PARTS) -> list[Points]:
 
 def _pieces(file: Path) -> list[trimesh.Trimesh]:
     """Returns the meshes of a scene file or the connected pieces of its single mesh, welded."""
-    meshes: list[Any] = _load(file).dump()
+    meshes: list[Any] = read_mesh(file, process=False).dump()
     welded = [trimesh.Trimesh(mesh.vertices, mesh.faces, process=False) for mesh in meshes]
     for mesh in welded:
         mesh.merge_vertices()
@@ -131,19 +131,11 @@ def _pieces(file: Path) -> list[trimesh.Trimesh]:
     return pieces
 
 
-def _load(file: Path) -> trimesh.Scene:
-    check_mesh(file)
-    try:
-        return trimesh.load_scene(file, skip_materials=True, process=False)
-    except Exception as error:
-        raise DatasetError(f"{file}: cannot be read as a mesh ({error}).") from error
-
-
 def _fits(pieces: list[trimesh.Trimesh], visual: Path) -> bool:
     """Returns whether a collision mesh lies where the visual mesh lies."""
     own = np.array([piece.bounds for piece in pieces])
     own = np.array([own[:, 0].min(axis=0), own[:, 1].max(axis=0)])
-    bounds = _load(visual).bounds
+    bounds = read_mesh(visual, process=False).bounds
     return bool(np.abs(own - bounds).max() <= MAX_MISFIT * np.linalg.norm(bounds[1] - bounds[0]))
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hab_tasks.errors import DatasetError
-from hab_tasks.scenes.meshes import check_mesh
+from hab_tasks.scenes.mesh_checks import check_mesh
 
 _TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}

@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
 
-from hab_tasks.errors import DatasetError, HabError
+from hab_tasks.cache import cache_dir, cached_file, find, read_cached, run_dir, use_run_dir
+from hab_tasks.errors import DatasetError, HabError, WorkerError
 from hab_tasks.processes import worker_pool
-from hab_tasks.scenes.meshes import cache_dir, cached_file
+from hab_tasks.scenes.mesh_checks import check_mesh
 
 Progress = Callable[[int, int], None]
 """Told the number of computations that are done, and of all."""
@@ -35,7 +35,12 @@ class Job:
     @property
     def result(self) -> Path:
         """Where the result is or will be."""
-        return cache_dir() / self.name
+        return find(self.name) or cache_dir() / self.name
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the result is there and can be read; a damaged one is removed."""
+        return read_cached(self.name, _check_result) is not None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +65,7 @@ def run_jobs(jobs: Iterable[Job], workers: int, progress: Progress) -> Tally:
         DatasetError: A job failed; the message names its source.
     """
     wanted = {job.name: job for job in jobs}
-    missing = [job for job in wanted.values() if not job.result.exists()]
+    missing = [job for job in wanted.values() if not job.is_done]
     progress(0, len(missing))
     done = map(_run, missing) if workers == 1 else _in_parallel(missing, workers)
     for number, _ in enumerate(done, start=1):
@@ -71,28 +76,38 @@ def run_jobs(jobs: Iterable[Job], workers: int, progress: Progress) -> Tally:
 def _in_parallel(jobs: list[Job], workers: int) -> Iterator[None]:
     if not jobs:
         return
-    pool = worker_pool(min(workers, len(jobs)), _use_one_thread)
     try:
-        futures: dict[Future[None], Job] = {pool.submit(_run, job): job for job in jobs}
-        for future in as_completed(futures):
-            yield future.result()
-    except BrokenProcessPool as error:
+        # Where the cache cannot be written to, results go to a folder that this process removes.
+        with worker_pool(min(workers, len(jobs)), _start_worker, (run_dir(),)) as pool:
+            futures: dict[Future[None], Job] = {pool.submit(_run, job): job for job in jobs}
+            for future in as_completed(futures):
+                yield future.result()
+    except WorkerError as error:
         left = [str(job.source) for job in jobs if not job.result.exists()]
         raise DatasetError(
-            f"{left[0]}: a worker died on this file or one of the next {workers - 1} "
-            f"({error}). Run it again with --workers 1 to see on which."
+            f"{left[0]}: a worker died on this file or one of the next {workers - 1}. "
+            "Run it again with --workers 1 to see on which."
         ) from error
-    finally:
-        pool.shutdown(cancel_futures=True)
 
 
-def _use_one_thread() -> None:
+def _start_worker(run_dir: Path) -> None:
     os.environ["OMP_NUM_THREADS"] = "1"
+    use_run_dir(run_dir)
+
+
+def _check_result(path: Path) -> bool:
+    """Raises when a result, a mesh or a folder with one, is damaged."""
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    if not files:
+        raise ValueError("an empty folder")
+    for file in files:
+        check_mesh(file)
+    return True
 
 
 def _run(job: Job) -> None:
     try:
-        cached_file(job.name, job.write)
+        cached_file(job.name, job.write, _check_result)
     except HabError as error:
         message = str(error)
         named = message if str(job.source) in message else f"{job.source}: {message}"

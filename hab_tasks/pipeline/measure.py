@@ -19,8 +19,7 @@ import tempfile
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
-from xml.etree import ElementTree
+from typing import Annotated
 
 import numpy as np
 import trimesh
@@ -30,8 +29,11 @@ from hab_tasks.errors import DatasetError, HabError, RenderingUnavailableError
 from hab_tasks.pipeline.footprint import footprint
 from hab_tasks.pipeline.views import HeadCamera, base_poses
 from hab_tasks.rendering import ADVICE, software_vulkan_works
-from hab_tasks.scenes.dataset import SceneDataset, read_json, resolve_dataset
+from hab_tasks.scenes.dataset import SceneDataset, resolve_dataset
+from hab_tasks.scenes.fields import read_json
 from hab_tasks.scenes.load import load_scene, load_template
+from hab_tasks.scenes.urdf import read_urdf
+from hab_tasks.scenes.urdf_checks import mesh_file
 
 logger = logging.getLogger(__name__)
 
@@ -175,9 +177,8 @@ def depth_differences_m(
 
 
 def _urdf_visuals(urdf: Path) -> set[Path]:
-    links: Any = ElementTree.parse(urdf).getroot()
-    meshes = links.iterfind("link/visual/geometry/mesh")
-    return {(urdf.parent / mesh.get("filename", "")).resolve() for mesh in meshes}
+    meshes = read_urdf(urdf).iterfind("link/visual/geometry/mesh")
+    return {mesh_file(urdf, mesh) for mesh in meshes}
 
 
 @dataclass(frozen=True, kw_only=True)

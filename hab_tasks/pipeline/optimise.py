@@ -14,6 +14,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from hab_tasks.errors import HabError, UnknownNameError
+from hab_tasks.files import check_folder, folder_written_aside
+from hab_tasks.option_values import MOST_WORKERS, whole
 from hab_tasks.pipeline.footprint import Footprint, footprint
 from hab_tasks.pipeline.jobs import Progress, Tally, run_jobs
 from hab_tasks.pipeline.options import AssetOptions
@@ -74,27 +76,23 @@ def optimise(
         HabError: Bad options, or `out` may not be written to.
         DatasetError: A file of the dataset is damaged.
     """
-    if workers < 1:
-        raise HabError(f"--workers {workers}: at least 1 process.")
-    if objects is not None and not objects.expanduser().is_dir():
-        raise UnknownNameError("objects", str(objects), ["PATH of a YCB folder"])
-    if dataset.layouts is not None:
-        raise HabError(
-            f"{dataset.root} holds layouts only; copy {dataset.layouts.dataset}, and name the copy "
-            "in its layouts.json."
-        )
+    whole("--workers", workers, 1, MOST_WORKERS)
+    _check_sources(dataset, objects)
+    check_folder(out.expanduser(), force=force, mark=NOTE)
     out = out.expanduser().resolve()
     ycb = objects.expanduser().resolve() if objects is not None else None
     for source in (dataset.root, ycb):
         _keep_apart(out, source)
-    _check_replaceable(out, force)
     plans = {Path(): plan_dataset(dataset, options)}
     if ycb is not None:
         plans[Path(OBJECTS_FOLDER)] = plan_objects(ycb, options)
     jobs = [job for plan in plans.values() for job in plan.jobs.values()]
     tally = run_jobs(jobs, workers, progress)
     note = {"copied from": dataset.name, "changes": CHANGES, "options": asdict(options)}
-    _write_copy(plans, json.dumps(note, indent=2) + "\n", out)
+    with folder_written_aside(out) as copy:
+        for folder, plan in plans.items():
+            _assemble(plan, copy / folder)
+        (copy / NOTE).write_text(json.dumps(note, indent=2) + "\n")
     visuals = plans[Path()].visuals
     return Report(
         out=out,
@@ -104,42 +102,21 @@ def optimise(
     )
 
 
+def _check_sources(dataset: SceneDataset, objects: Path | None) -> None:
+    if objects is not None and not objects.expanduser().is_dir():
+        raise UnknownNameError("objects", str(objects), ["PATH of a YCB folder"])
+    if dataset.layouts is not None:
+        raise HabError(
+            f"{dataset.root} holds layouts only; copy {dataset.layouts.dataset}, and name the copy "
+            "in its layouts.json."
+        )
+
+
 def _keep_apart(out: Path, source: Path | None) -> None:
     if source is not None and out.is_relative_to(source):
         raise HabError(f"--out {out}: lies in {source}, which is never written to.")
     if source is not None and source.is_relative_to(out):
         raise HabError(f"--out {out}: holds {source}, which is never replaced.")
-
-
-def _check_replaceable(out: Path, force: bool) -> None:
-    if out.exists() and not out.is_dir():
-        raise HabError(f"--out {out}: a file; give the name of a folder.")
-    if not out.exists() or not any(out.iterdir()):
-        return
-    if not force:
-        raise HabError(f"--out {out}: exists; give --force to replace it.")
-    if not any(out.glob("*.scene_dataset_config.json")):
-        raise HabError(f"--out {out}: holds no dataset, so not even --force replaces it.")
-
-
-def _write_copy(plans: dict[Path, CopyPlan], note: str, out: Path) -> None:
-    """Writes all folders aside, then puts them in place as a whole."""
-    partial, old = (out.with_name(f".{out.name}.{kind}") for kind in ("partial", "old"))
-    for leftover in (partial, old):
-        shutil.rmtree(leftover, ignore_errors=True)
-    try:
-        for folder, plan in plans.items():
-            _assemble(plan, partial / folder)
-        (partial / NOTE).write_text(note)
-        if out.exists():
-            out.rename(old)
-        partial.rename(out)
-    except OSError as error:
-        if old.exists() and not out.exists():
-            old.rename(out)
-        shutil.rmtree(partial, ignore_errors=True)
-        raise HabError(f"--out {out}: cannot be written ({error}).") from error
-    shutil.rmtree(old, ignore_errors=True)
 
 
 def _assemble(plan: CopyPlan, folder: Path) -> None:

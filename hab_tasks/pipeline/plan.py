@@ -19,12 +19,14 @@ from hab_tasks.pipeline.collision import write_parts
 from hab_tasks.pipeline.jobs import Job
 from hab_tasks.pipeline.options import AssetOptions
 from hab_tasks.pipeline.visuals import texture_file, write_light_glb, write_light_obj
-from hab_tasks.scenes.dataset import SceneDataset, read_json
+from hab_tasks.scenes.dataset import SceneDataset
+from hab_tasks.scenes.fields import read_json
 from hab_tasks.scenes.load import load_template
 from hab_tasks.scenes.meshes import content_key, mesh_bounds, parts_volume
 from hab_tasks.scenes.objects import DEFAULT_DENSITY_KG_M3
 from hab_tasks.scenes.spec import ObjectTemplate
-from hab_tasks.scenes.urdf import mend_numbers
+from hab_tasks.scenes.urdf import mend_numbers, read_urdf
+from hab_tasks.scenes.urdf_checks import check_robot, mesh_file
 
 PARTS_FOLDER = Path("objects/convex")
 
@@ -161,20 +163,18 @@ def _plan_object(plan: CopyPlan, name: str, file: Path) -> None:
 
 
 def _plan_urdf(plan: CopyPlan, file: Path) -> None:
-    try:
-        root = ElementTree.parse(file).getroot()
-    except ElementTree.ParseError as error:
-        raise DatasetError(f"{file}: not a valid URDF ({error}).") from error
+    root = read_urdf(file)
     mend_numbers(root)
+    check_robot(file, root)
     for link in root.iter("link"):
         for mesh in link.iterfind("visual/geometry/mesh"):
-            plan.lighten(_named_mesh(file, mesh))
+            plan.lighten(mesh_file(file, mesh))
         for collision in link.findall("collision"):
             mesh = collision.find("geometry/mesh")
             if mesh is not None and plan.options.collision == "box":
-                _make_box(collision, mesh, _named_mesh(file, mesh))
+                _make_box(collision, mesh, mesh_file(file, mesh))
             elif mesh is not None:
-                own = _named_mesh(file, mesh)
+                own = mesh_file(file, mesh)
                 parts = own.with_name(f"{own.stem}_{plan.options.collision}.glb")
                 plan.add_parts(plan.inside(parts), own, own)
                 mesh.set("filename", os.path.relpath(parts, file.parent))
@@ -208,13 +208,6 @@ def _mesh(config: Path, name: str | None) -> Path | None:
     """Returns a mesh that a configuration names, None where it is absent."""
     file = (config.parent / name).resolve() if name else None
     return file if file is not None and file.exists() else None
-
-
-def _named_mesh(urdf: Path, mesh: ElementTree.Element) -> Path:
-    found = _mesh(urdf, mesh.get("filename"))
-    if found is None:
-        raise DatasetError(f"{urdf}: names {mesh.get('filename')!r}, which does not exist.")
-    return found
 
 
 def _mass_kg(template: ObjectTemplate) -> float:

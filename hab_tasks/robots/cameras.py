@@ -11,6 +11,7 @@ from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.sapien_utils import look_at
 from mani_skill.utils.structs import Link
 
+from hab_tasks import option_values
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, CAMERA_HFOV_RAD, CAMERA_SIZE_PX
 from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.robots.fetch_spec import ARM_LINKS, EE_LINK
@@ -51,6 +52,9 @@ PLACES = {
 """Every sensor camera by name."""
 
 
+LARGEST_SIZE_PX = 8192
+
+
 @dataclass(frozen=True, kw_only=True)
 class CameraRig:
     """The sensor cameras that a robot carries; square pictures, all alike.
@@ -73,14 +77,14 @@ class CameraRig:
             UnknownNameError: No such camera.
             OptionError: A size or an angle that no picture has.
         """
-        chosen = (names,) if isinstance(names, str) else tuple(names)
+        chosen = option_values.names("cameras", names, list(PLACES))
         for name in chosen:
             if name not in PLACES:
                 raise UnknownNameError("camera", name, PLACES)
-        if isinstance(size_px, bool) or not isinstance(size_px, int) or size_px < 1:
-            raise OptionError("camera_size_px", size_px, "a whole number of pixels from 1")
-        if not 0.0 < hfov_rad < math.pi:
-            raise OptionError("camera_hfov_rad", hfov_rad, "an angle between 0 and pi [rad]")
+        size_px = option_values.whole("camera_size_px", size_px, 1, LARGEST_SIZE_PX, "pixels")
+        valid = "an angle between 0 and pi [rad]"
+        if not 0.0 < option_values.number("camera_hfov_rad", hfov_rad, valid) < math.pi:
+            raise OptionError("camera_hfov_rad", hfov_rad, valid)
         # In the usual order, and each once.
         return cls(
             names=tuple(n for n in PLACES if n in chosen), size_px=size_px, hfov_rad=hfov_rad

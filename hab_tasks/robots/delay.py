@@ -5,19 +5,19 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from hab_tasks.errors import OptionError
+from hab_tasks.option_values import whole
 from hab_tasks.robots.control import HabController
+
+LONGEST_STEPS = 1000
 
 
 def checked_steps(steps: int) -> int:
     """Returns a delay [steps], or refuses it.
 
     Raises:
-        OptionError: No whole number, or a negative one.
+        OptionError: Not a whole number, negative, or longer than `LONGEST_STEPS`.
     """
-    if isinstance(steps, bool) or not isinstance(steps, int) or steps < 0:
-        raise OptionError("action_delay_steps", steps, "a whole number of steps from 0")
-    return steps
+    return whole("action_delay_steps", steps, 0, LONGEST_STEPS, "steps")
 
 
 class ActionDelay:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from pathlib import Path
 from xml.etree import ElementTree
 
 import sapien
@@ -14,7 +13,6 @@ from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.structs import Link
 from torch import Tensor
 
-from hab_tasks.files import written_aside
 from hab_tasks.robots.cameras import CameraRig
 from hab_tasks.robots.control import HabController, HabControllerConfig, control_configs
 from hab_tasks.robots.fetch_spec import (
@@ -27,7 +25,7 @@ from hab_tasks.robots.fetch_spec import (
 )
 from hab_tasks.robots.light_visuals import lighten
 from hab_tasks.scenes.collision_groups import FLOOR_BIT, ROBOT, set_groups
-from hab_tasks.scenes.urdf import remove_visuals, write_urdf
+from hab_tasks.scenes.urdf import remove_visuals, urdf_file
 
 BASE_HEIGHT_M = 0.005
 """Fetch's base mesh ends at z = 0; it is held this far above the floor so that it never rubs."""
@@ -39,8 +37,8 @@ distance is 1.9 cm): the engine would look for contacts between them in every st
 
 
 @lru_cache(maxsize=2)
-def fetch_urdf(visuals: bool) -> Path:
-    """Returns a URDF of Fetch in the cache, with light visuals or with none.
+def _fetch_urdf(visuals: bool) -> str:
+    """Returns the URDF of Fetch, with light visuals or with none.
 
     Wheels lose their collision shapes: they lie inside the base's outline and touch only the floor.
     """
@@ -56,18 +54,13 @@ def fetch_urdf(visuals: bool) -> Path:
                 link.remove(collision)
     for mesh in root.iter("mesh"):
         mesh.set("filename", str((source.parent / mesh.get("filename", "")).resolve()))
-    path = write_urdf(root, "hab_fetch")
-    srdf = path.with_suffix(".srdf")
-    pairs = _without_near_pairs(source.with_suffix(".srdf"))
-    if not srdf.exists() or srdf.read_text() != pairs:
-        with written_aside(srdf) as scratch:
-            scratch.write_text(pairs)
-    return path
+    return ElementTree.tostring(root, encoding="unicode")
 
 
-def _without_near_pairs(source: Path) -> str:
-    """Returns the file of link pairs that do not collide, with those that only come near."""
-    root = ElementTree.parse(source).getroot()
+@lru_cache(maxsize=1)
+def _ignored_pairs() -> str:
+    """Returns the SRDF: link pairs that do not collide, with those that only come near."""
+    root = ElementTree.parse(urdf_path().with_suffix(".srdf")).getroot()
     for first, second in NEAR_PAIRS:
         ElementTree.SubElement(
             root, "disable_collisions", link1=first, link2=second, reason="Default"
@@ -94,9 +87,11 @@ class HabFetch(BaseAgent):
         return self.rig.configs(self.link)
 
     def _load_articulation(self, initial_pose: object = None) -> None:
-        self.urdf_path = str(fetch_urdf(visuals=self.scene.can_render()))
         start = sapien.Pose([0.0, 0.0, BASE_HEIGHT_M]) if initial_pose is None else initial_pose
-        super()._load_articulation(start)  # type: ignore[arg-type]
+        with urdf_file(_fetch_urdf(visuals=self.scene.can_render()), "hab_fetch") as path:
+            path.with_suffix(".srdf").write_text(_ignored_pairs(), encoding="utf-8")
+            self.urdf_path = str(path)
+            super()._load_articulation(start)  # type: ignore[arg-type]
 
     def _after_init(self) -> None:
         self.ee_link = self.link(EE_LINK)

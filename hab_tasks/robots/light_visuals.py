@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from hab_tasks.scenes.meshes import cached_file, content_key
+from hab_tasks.cache import cached_file
+from hab_tasks.scenes.mesh_checks import check_mesh
+from hab_tasks.scenes.meshes import content_key
 
 TRIANGLES_PER_LINK = 500
 _PALETTE_STEPS = 4
@@ -52,7 +54,7 @@ def light_mesh(source: Path, rgba: str) -> Path:
         path.write_bytes(glb)
 
     key = f"{content_key(source)}-{TRIANGLES_PER_LINK}-{rgba.replace(' ', '_') or 'texture'}"
-    return cached_file(f"light/{source.stem}-{key}.glb", write)
+    return cached_file(f"light/{source.stem}-{key}.glb", write, check_mesh)
 
 
 def _reduced(source: Path, rgba: str) -> trimesh.Scene:

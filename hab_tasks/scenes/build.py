@@ -73,14 +73,18 @@ class BodyBuilder:
                 material = sapien.render.RenderMaterial(base_color=list(color))
                 material.roughness = 0.8
                 builder.add_box_visual(_at(source), list(source.half_size_m), material)
-        return mark_flat(builder.build_static(f"stage-{stage.name}"))
+        built = builder.build_static(f"stage-{stage.name}")
+        _check_shapes(built, stage.collision)
+        return mark_flat(built)
 
     def static(self, name: str, template: ObjectTemplate, pose: Pose7, scale: float) -> Actor:
         """Builds a piece that never moves by itself."""
         builder = self._new(pose)
         self._collide(builder, template.collision, _material(template.friction), 1000.0, scale)
         self._see(builder, template, scale)
-        return mark_flat(builder.build_static(name))
+        built = builder.build_static(name)
+        _check_shapes(built, template.collision)
+        return mark_flat(built)
 
     def dynamic(self, name: str, template: ObjectTemplate, pose: Pose7, scale: float) -> Actor:
         """Builds a loose object of its stated mass."""
@@ -91,6 +95,7 @@ class BodyBuilder:
         self._collide(builder, template.collision, _material(template.friction), density, scale)
         self._see(builder, template, scale)
         actor = builder.build_dynamic(name)
+        _check_shapes(actor, template.collision)
         for body in actor._bodies:
             set_groups(body, MOVING)
             # Cooked hulls are a little smaller than the mesh: the stated mass wins.
@@ -104,12 +109,17 @@ class BodyBuilder:
         loader.fix_root_link = True
         loader.scale = furniture.scale
         loader.load_multiple_collisions_from_file = True
-        path = sapien_urdf(furniture.urdf_file, visuals=self.visuals)
-        builder = loader.parse(str(path))["articulation_builders"][0]
+        with sapien_urdf(furniture.urdf_file, visuals=self.visuals) as path:
+            builder = loader.parse(str(path))["articulation_builders"][0]
         builder.initial_pose = to_sapien(furniture.world_from_root)
         for link in builder.link_builders:
             link.collision_groups = [*FRONT, FURNITURE_BIT, group]
         built = builder.build()
+        stated = {link.name: len(link.collision_records) for link in builder.link_builders}
+        for link in built.links:
+            if any(len(body.collision_shapes) < stated[link.name] for body in link._objs):
+                words = f"link {link.name!r} has collision meshes that the engine cannot read"
+                raise DatasetError(f"{furniture.urdf_file}: {words}.")
         moving = {j.child_link.name for j in built.active_joints if j.child_link is not None}
         for link in built.links:
             # Slides are level and hinges upright: gravity would only load them.
@@ -157,6 +167,13 @@ class BodyBuilder:
                 builder.add_multiple_convex_collisions_from_file(
                     str(source.file), scale=[scale] * 3, **common
                 )
+
+
+def _check_shapes(actor: Actor, sources: tuple[CollisionSource, ...]) -> None:
+    """Raises DatasetError for a body that things would fall through; the engine only logs it."""
+    if any(len(body.collision_shapes) < len(sources) for body in actor._bodies):
+        files = ", ".join(str(source.file) for source in sources if source.file is not None)
+        raise DatasetError(f"{files}: the engine finds no shape in it to collide with.")
 
 
 def mark_flat(actor: Actor) -> Actor:

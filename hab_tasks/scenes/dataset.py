@@ -7,19 +7,18 @@ folder of layouts only (`hab_tasks.scenes.layout_set`) takes all else from the d
 
 from __future__ import annotations
 
-import json
 import re
 import zlib
 from collections.abc import Iterable
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 from mani_skill import ASSET_DIR
 
 from hab_tasks.errors import DatasetError, UnknownNameError
 from hab_tasks.scenes import layout_set
+from hab_tasks.scenes.fields import Fields, read_bytes, read_fields
 from hab_tasks.scenes.layout_set import read_layout_set
 
 SPLIT_MACROS = {"train": ("sc0", "sc1", "sc2"), "val": ("sc3",), "test": ("sc4",)}
@@ -36,6 +35,9 @@ MANISKILL_ASSETS = {
     "ycb": ("assets/mani_skill2_ycb", "models"),
 }
 """Asset id of ManiSkill -> where its own command downloads it to, and a folder that is in it."""
+
+SECTIONS = ("stages", "objects", "articulated_objects", "light_setups", "scene_instances")
+"""Parts of a scene_dataset_config that name folders."""
 
 _DYNAMICS = re.compile(rb"<dynamics\b[^>]*>")
 """Friction and damping of joints do not change where furniture fits."""
@@ -129,6 +131,7 @@ class SceneDataset:
                 f"{self.root}: no *.scene_dataset_config.json in it, so not a scene dataset. Give "
                 "the folder that holds configs/ and urdf/, for example replica_cad."
             )
+        _check_config(read_fields(configs[0]))
         self.name = configs[0].name.removesuffix(".scene_dataset_config.json")
         if not self.scene_files:
             raise DatasetError(f"{self.root}: configs/scenes holds no *.scene_instance.json.")
@@ -138,6 +141,8 @@ class SceneDataset:
         if layouts.split not in SPLIT_MACROS:
             raise DatasetError(f"{file}: unknown split {layouts.split!r}.")
         try:
+            if (Path(layouts.dataset).expanduser() / layout_set.FILE).exists():
+                raise DatasetError("it holds layouts only")
             source = resolve_dataset(layouts.dataset)
         except (UnknownNameError, DatasetError) as error:
             raise DatasetError(
@@ -150,6 +155,11 @@ class SceneDataset:
                 "furniture may not fit. Make them anew with `hab-tasks vary --force`."
             )
         self.layouts, self.source, self.name = layouts, source, layouts.name
+        unknown = [m for m in layouts.macros.values() if m not in source.scene_files]
+        if unknown:
+            raise DatasetError(
+                f"{file}: {UnknownNameError('scene', unknown[0], source.scene_files)}"
+            )
         absent = [s for s in layouts.macros if not self.scene_files[s].exists()]
         if absent or not layouts.macros:
             raise DatasetError(f"{self.root}: no {', '.join(absent[:3]) or 'layouts'} in it.")
@@ -262,28 +272,20 @@ class SceneDataset:
         return {file.name.removesuffix(suffix): file for file in files}
 
 
+def _check_config(config: Fields) -> None:
+    """Raises DatasetError for a dataset configuration of another form; folders have fixed names."""
+    for kind in (name for name in SECTIONS if name in config):
+        paths = config.part(kind).part("paths", optional=True)
+        for suffix, folders in paths.values.items():
+            if not isinstance(folders, list) or not all(isinstance(f, str) and f for f in folders):
+                raise paths.refused(suffix, "a list of folders")
+
+
 def _checksum(files: Iterable[Path], start: int = 0, strip: re.Pattern[bytes] | None = None) -> int:
     """Returns a number made from files' names and bytes, without what matches `strip`."""
     crc = start
     for file in files:
-        data = file.read_bytes()
+        data = read_bytes(file)
         data = data if strip is None else strip.sub(b"", data)
         crc = zlib.crc32(data, zlib.crc32(file.name.encode(), crc))
     return crc
-
-
-def read_json(file: Path) -> dict[str, Any]:
-    """Reads a JSON object.
-
-    Raises:
-        DatasetError: Missing, not JSON, or not an object; the message names the file and line.
-    """
-    try:
-        value = json.loads(file.read_text())
-    except FileNotFoundError as error:
-        raise DatasetError(f"{file}: no such file.") from error
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise DatasetError(f"{file}: not valid JSON ({error}).") from error
-    if not isinstance(value, dict):
-        raise DatasetError(f"{file}: expected a JSON object, found {type(value).__name__}.")
-    return value

@@ -10,9 +10,10 @@ from pathlib import Path
 from hab_tasks.scenes.dataset import (
     SceneDataset,
     embedded_dataset,
-    read_json,
     resolve_objects,
 )
+from hab_tasks.scenes.dataset_files import check_files
+from hab_tasks.scenes.fields import is_present, read_fields
 from hab_tasks.scenes.load import load_scene, load_template, read_category
 from hab_tasks.scenes.objects import ALL_OBJECTS
 
@@ -69,6 +70,7 @@ def take_inventory(dataset: SceneDataset) -> Inventory:
         DatasetError: A file is damaged.
     """
     specs = [load_scene(dataset, scene_id) for scene_id in sorted(dataset.scene_files)]
+    check_files(dataset, [spec.stage for spec in specs])
     templates = {name: load_template(file) for name, file in dataset.object_files.items()}
     own = [file for name, file in dataset.object_files.items() if name not in ALL_OBJECTS]
     missing = Counter(name for spec in specs for name in spec.missing)
@@ -138,7 +140,7 @@ def _licence(root: Path) -> Path | None:
 
 
 def _parts_absent(file: Path) -> bool:
-    data = read_json(file)
-    asset = data.get("collision_asset")
-    box = data.get("use_bounding_box_for_collision")
-    return bool(asset and not box and not (file.parent / asset).exists())
+    config = read_fields(file)
+    if not config.text("collision_asset", "") or config.flag("use_bounding_box_for_collision"):
+        return False
+    return not is_present(config.path("collision_asset"))

@@ -10,10 +10,10 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 from hab_tasks.errors import DatasetError
 from hab_tasks.files import written_aside
+from hab_tasks.scenes.fields import read_json
 
 FILE = "layouts.json"
 FORMAT = 1
@@ -47,7 +47,7 @@ def read_layout_set(file: Path) -> LayoutSet:
         DatasetError: It is damaged, or of another version.
     """
     try:
-        data: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        data = read_json(file)
         version = data.pop("format")
         if version != FORMAT:
             raise DatasetError(f"{file}: format {version}, and {FORMAT} is what can be read.")
@@ -57,7 +57,9 @@ def read_layout_set(file: Path) -> LayoutSet:
         wrong = [n for (n, v), kind in zip(fields, kinds, strict=True) if not isinstance(v, kind)]
         if wrong:
             raise TypeError(f"{', '.join(wrong)}")
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        if not all(isinstance(m, str) and s == Path(s).name for s, m in found.macros.items()):
+            raise TypeError("macros")
+    except (ValueError, KeyError, TypeError) as error:
         raise DatasetError(
             f"{file}: damaged ({error}). Make the layouts anew with `hab-tasks vary --force`."
         ) from error

@@ -5,17 +5,18 @@ from __future__ import annotations
 import logging
 import math
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 from hab_tasks.errors import DatasetError, UnknownNameError
-from hab_tasks.geometry import IDENTITY, WORLD_FROM_HABITAT, Pose7, apply, compose, pose
-from hab_tasks.scenes.dataset import SceneDataset, read_json
-from hab_tasks.scenes.meshes import check_mesh, mesh_bounds
+from hab_tasks.geometry import IDENTITY, WORLD_FROM_HABITAT, Pose7, compose, pose
+from hab_tasks.scenes.dataset import SceneDataset
+from hab_tasks.scenes.fields import Fields, is_present, read_fields
+from hab_tasks.scenes.lamps import read_lamps
+from hab_tasks.scenes.meshes import check_any_mesh, mesh_bounds
 from hab_tasks.scenes.navmesh import NavmeshBounds, read_navmesh_bounds
 from hab_tasks.scenes.spec import (
     ArticulationInstance,
@@ -29,7 +30,7 @@ from hab_tasks.scenes.spec import (
     Vector,
 )
 from hab_tasks.scenes.stage import shell
-from hab_tasks.scenes.urdf import check_urdf
+from hab_tasks.scenes.urdf import check_urdf, link_names
 from hab_tasks.scenes.walls import inner_walls
 
 logger = logging.getLogger(__name__)
@@ -37,6 +38,19 @@ logger = logging.getLogger(__name__)
 HABITAT_UP: Vector = (0.0, 1.0, 0.0)
 DEFAULT_FRICTION = 0.5
 DEFAULT_BOUNDS: tuple[Vector, Vector] = ((-2.66, -0.05, -4.76), (4.60, 4.66, 8.17))
+
+MOTIONS = ("STATIC", "DYNAMIC", "KINEMATIC")
+
+NO_LIGHTS = ("", "no_lights")
+"""Habitat's names for a layout without lamps."""
+
+SAME_PLACE = 1e-3
+"""Poses (metres and quaternions) that differ by less are one."""
+
+MOST_FURNITURE = 64
+"""Pieces with joints in one layout; ReplicaCAD has 6. Hundreds in one place take the engine minutes
+for every step."""
+
 _said: set[str] = set()
 
 
@@ -65,11 +79,10 @@ def read_scene(
         changed: What its file is taken to hold instead.
     """
     file = dataset.scene_file(scene_id)
-    data = read_json(file) if changed is None else changed
-    with _fields_of(file):
-        objects, missing = _objects(dataset, file, data)
-        articulations = _articulations(dataset, file, data)
-        stage = _stage(dataset, scene_id, data)
+    scene = read_fields(file) if changed is None else Fields(file, changed)
+    objects, missing = _objects(dataset, scene)
+    articulations = _articulations(dataset, scene)
+    stage = _stage(dataset, scene_id, scene.part("stage_instance"))
     if missing:
         absent = ", ".join(_absent_templates(dataset))
         _say_once(
@@ -78,7 +91,7 @@ def read_scene(
         )
     receptacles = [r for instance in objects for r in _placed_receptacles(instance)]
     for instance in articulations:
-        receptacles.extend(_articulated_receptacles(instance))
+        receptacles.extend(articulated_receptacles(instance))
     return SceneSpec(
         scene_id=scene_id,
         dataset=dataset.name,
@@ -86,7 +99,7 @@ def read_scene(
         objects=tuple(objects),
         articulations=tuple(articulations),
         receptacles=tuple(receptacles),
-        lights=_lights(dataset, data),
+        lights=_lights(dataset, scene),
         missing=tuple(missing),
     )
 
@@ -98,37 +111,31 @@ def load_template(file: Path) -> ObjectTemplate | None:
     Raises:
         DatasetError: A file is damaged.
     """
-    data = read_json(file)
-    with _fields_of(file):
-        visual = (file.parent / data["render_asset"]).resolve()
-        if not visual.exists():
-            return None
-        check_mesh(visual)
-        return _template(file, data, visual)
-
-
-def _template(file: Path, data: dict[str, Any], visual: Path) -> ObjectTemplate:
+    config = read_fields(file)
+    visual = config.path("render_asset")
+    if not is_present(visual):
+        return None
+    check_any_mesh(visual)
     name = file.name.removesuffix(".object_config.json")
-    up = _vector(data.get("up", HABITAT_UP))
+    up = config.direction("up", HABITAT_UP)
     return ObjectTemplate(
         name=name,
         visual_file=visual,
-        collision=(_collision(file, data, visual),),
-        mass_kg=data.get("mass"),
-        friction=float(data.get("friction_coefficient", DEFAULT_FRICTION)),
+        collision=(_collision(config, visual),),
+        mass_kg=config.number("mass", above=0.0) if "mass" in config else None,
+        friction=config.number("friction_coefficient", DEFAULT_FRICTION, least=0.0),
         up=up,
-        receptacles=tuple(read_receptacles(data, name, up)),
+        receptacles=tuple(read_receptacles(config, name, up)),
         category=read_category(file),
     )
 
 
 def read_category(file: Path) -> str:
     """Returns an object's semantic category, empty when neither its config nor a lexicon has it."""
-    data = read_json(file)
-    with _fields_of(file):
-        stated = data.get("user_defined", {}).get("category")
-        known = _lexicon(next((p for p in file.parents if p.name == "configs"), file.parent))
-        return str(stated or known.get(data.get("semantic_id", -1), ""))
+    config = read_fields(file)
+    stated = config.part("user_defined", optional=True).text("category", "")
+    known = _lexicon(next((p for p in file.parents if p.name == "configs"), file.parent))
+    return stated or known.get(config.whole("semantic_id", -1), "")
 
 
 @lru_cache(maxsize=16)
@@ -136,66 +143,76 @@ def _lexicon(configs: Path) -> dict[int, str]:
     """Semantic id -> class name, from the lexicon of a dataset's folder ``configs``."""
     names = {}
     for file in sorted(configs.glob("ssd/*semantic_lexicon.json")):
-        data = read_json(file)
-        with _fields_of(file):
-            names |= {int(entry["id"]): str(entry["name"]) for entry in data["classes"]}
+        for entry in read_fields(file).parts("classes"):
+            names[entry.whole("id")] = entry.text("name")
     return names
 
 
-def read_receptacles(data: dict[str, Any], body: str, up: Vector) -> list[Receptacle]:
+def read_receptacles(config: Fields, body: str, up: Vector) -> list[Receptacle]:
     """Reads ``receptacle_aabb_*`` entries. `scale` holds HALF extents, sometimes negative."""
     found = []
-    for key, entry in data.get("user_defined", {}).items():
+    user_defined = config.part("user_defined", optional=True)
+    for key in user_defined.values:
         if not key.startswith("receptacle_aabb_"):
             continue
-        link = entry.get("parent_link")
+        entry = user_defined.part(key)
+        half = entry.vector("scale")
+        if 0.0 in half:
+            raise entry.refused("scale", "3 numbers other than 0")
+        link = entry.text("parent_link", "")
         found.append(
             Receptacle(
-                name=entry.get("name", key),
+                name=entry.text("name", key),
                 body=f"{body}/{link}" if link else body,
-                body_from_box=_pose(entry["position"], entry.get("rotation", (1, 0, 0, 0))),
-                half_size_m=_vector([abs(x) for x in entry["scale"]]),
-                up=_vector(entry.get("up", up)),
+                body_from_box=pose(entry.vector("position"), entry.rotation("rotation")),
+                half_size_m=(abs(half[0]), abs(half[1]), abs(half[2])),
+                up=entry.direction("up", up),
             )
         )
     return found
 
 
-def _collision(file: Path, data: dict[str, Any], visual: Path) -> CollisionSource:
-    if data.get("collision_asset") and not data.get("use_bounding_box_for_collision"):
-        asset = (file.parent / data["collision_asset"]).resolve()
-        if asset.exists():
-            check_mesh(asset)
+def _collision(config: Fields, visual: Path) -> CollisionSource:
+    as_box = config.flag("use_bounding_box_for_collision")
+    if config.text("collision_asset", "") and not as_box:
+        asset = config.path("collision_asset")
+        if is_present(asset):
+            check_any_mesh(asset)
             return CollisionSource(kind="convex_parts", file=asset)
-        _say_once(f"{file}: its collision_asset is absent; its bounding box is used instead.")
+        words = "its collision_asset is absent; its bounding box is used instead."
+        _say_once(f"{config.file}: {words}")
     center, half = mesh_bounds(visual)
     return CollisionSource(kind="box", center_m=center, half_size_m=half)
 
 
-def _objects(
-    dataset: SceneDataset, file: Path, data: dict[str, Any]
-) -> tuple[list[ObjectInstance], list[str]]:
+def _objects(dataset: SceneDataset, scene: Fields) -> tuple[list[ObjectInstance], list[str]]:
     instances, missing, counts = [], [], Counter()
-    for entry in data.get("object_instances", []):
-        template_name = Path(entry["template_name"]).name.removesuffix(".object_config.json")
-        if template_name not in dataset.object_files:
-            error = UnknownNameError("object template", template_name, dataset.object_files)
-            raise DatasetError(f"{file}: {error}")
-        template = load_template(dataset.object_files[template_name])
+    for entry in scene.parts("object_instances", optional=True):
+        name = _template_name(entry, ".object_config.json", dataset.object_files)
+        template = load_template(dataset.object_files[name])
         if template is None:
-            missing.append(template_name)
+            missing.append(name)
             continue
         instances.append(
             ObjectInstance(
-                name=f"{template_name}_:{counts[template_name]:04d}",
+                name=f"{name}_:{counts[name]:04d}",
                 template=template,
                 world_from_object=_world_pose(entry),
-                dynamic=entry.get("motion_type", "STATIC").upper() == "DYNAMIC",
-                scale=float(entry.get("uniform_scale", 1.0)),
+                dynamic=entry.choice("motion_type", "STATIC", MOTIONS) == "DYNAMIC",
+                scale=entry.number("uniform_scale", 1.0, above=0.0),
             )
         )
-        counts[template_name] += 1
+        counts[name] += 1
     return instances, sorted(set(missing))
+
+
+def _template_name(entry: Fields, suffix: str, known: Mapping[str, Path]) -> str:
+    """Returns which of the known templates an instance is of."""
+    name = Path(entry.text("template_name")).name.removesuffix(suffix)
+    if name not in known:
+        error = UnknownNameError("template", name, known)
+        raise DatasetError(f"{entry.file}: {entry.at('template_name')}: {error}")
+    return name
 
 
 def _absent_templates(dataset: SceneDataset) -> list[str]:
@@ -204,15 +221,14 @@ def _absent_templates(dataset: SceneDataset) -> list[str]:
     )
 
 
-def _articulations(
-    dataset: SceneDataset, file: Path, data: dict[str, Any]
-) -> list[ArticulationInstance]:
+def _articulations(dataset: SceneDataset, scene: Fields) -> list[ArticulationInstance]:
     instances, counts = [], Counter()
-    for entry in data.get("articulated_object_instances", []):
-        template = Path(entry["template_name"]).name
-        if template not in dataset.urdf_files:
-            error = UnknownNameError("articulated template", template, dataset.urdf_files)
-            raise DatasetError(f"{file}: {error}")
+    entries = scene.parts("articulated_object_instances", optional=True)
+    if len(entries) > MOST_FURNITURE:
+        words = f"{len(entries)} articulated_object_instances; at most {MOST_FURNITURE} are built"
+        raise DatasetError(f"{scene.file}: {words}.")
+    for entry in entries:
+        template = _template_name(entry, ".urdf", dataset.urdf_files)
         urdf = dataset.urdf_files[template]
         check_urdf(urdf)
         instances.append(
@@ -221,72 +237,91 @@ def _articulations(
                 template=template,
                 urdf_file=urdf,
                 world_from_root=_world_pose(entry),
-                scale=float(entry.get("uniform_scale", 1.0)),
+                scale=entry.number("uniform_scale", 1.0, above=0.0),
             )
         )
         counts[template] += 1
+        _check_apart(entry, instances)
     return instances
+
+
+def _check_apart(entry: Fields, instances: list[ArticulationInstance]) -> None:
+    """Refuses a piece exactly where another of its kind stands: every part would touch its twin."""
+    *others, last = instances
+    for other in others:
+        same = other.template == last.template and other.scale == last.scale
+        if same and math.dist(other.world_from_root, last.world_from_root) < SAME_PLACE:
+            words = f"{last.template} stands where another {last.template} stands"
+            raise DatasetError(f"{entry.file}: {entry.place}: {words}.")
 
 
 def _placed_receptacles(instance: ObjectInstance) -> list[Receptacle]:
     return [_scaled(r, instance.name, instance.scale) for r in instance.template.receptacles]
 
 
-def _articulated_receptacles(instance: ArticulationInstance) -> list[Receptacle]:
+def articulated_receptacles(instance: ArticulationInstance) -> list[Receptacle]:
+    """Returns the receptacles in furniture, from the ao_config beside its URDF."""
     config = instance.urdf_file.with_suffix(".ao_config.json")
-    if not config.exists():
+    if not is_present(config):
         return []
-    data = read_json(config)
-    with _fields_of(config):
-        entries = read_receptacles(data, instance.name, HABITAT_UP)
+    entries = read_receptacles(read_fields(config), instance.name, HABITAT_UP)
+    links = [f"{instance.name}/{link}" for link in link_names(instance.urdf_file)]
+    for receptacle in entries:
+        if receptacle.body not in (instance.name, *links):
+            error = UnknownNameError(f"link of {receptacle.name}", receptacle.body, links)
+            raise DatasetError(f"{config}: {error}")
     return [_scaled(r, r.body, instance.scale) for r in entries]
 
 
 def _scaled(receptacle: Receptacle, body: str, scale: float) -> Receptacle:
     position = tuple(scale * x for x in receptacle.body_from_box[:3])
+    x, y, z = receptacle.half_size_m
     return Receptacle(
         name=receptacle.name,
         body=body,
         body_from_box=pose(position, receptacle.body_from_box[3:]),
-        half_size_m=_vector([scale * x for x in receptacle.half_size_m]),
+        half_size_m=(scale * x, scale * y, scale * z),
         up=receptacle.up,
     )
 
 
-def _stage(dataset: SceneDataset, scene_id: str, data: dict[str, Any]) -> Stage:
-    entry = data["stage_instance"]
-    name = Path(entry["template_name"]).name.removesuffix(".stage_config.json")
-    config = read_json(dataset.stage_files[name]) if name in dataset.stage_files else {}
-    folder = dataset.source.root / "configs" / "stages"
-    visual = (folder / config.get("render_asset", f"../../stages/{name}.glb")).resolve()
-    asset = config.get("collision_asset")
-    if visual.exists():
-        check_mesh(visual)
+def _stage(dataset: SceneDataset, scene_id: str, entry: Fields) -> Stage:
+    name = Path(entry.text("template_name")).name.removesuffix(".stage_config.json")
+    # Without a configuration, the mesh of that name.
+    file = dataset.source.root / "configs" / "stages" / f"{name}.stage_config.json"
+    config = Fields(file, {})
+    if name in dataset.stage_files:
+        config = replace(read_fields(dataset.stage_files[name]), file=file)
+    visual = config.path("render_asset", f"../../stages/{name}.glb")
+    if is_present(visual):
+        check_any_mesh(visual)
     else:
         _say_once(
             f"{dataset.source.root}: stage meshes absent; floor and walls are boxes made from the "
             "navmesh files (stairs are wall as well)."
         )
-    if visual.exists() and asset:
-        file = (folder / asset).resolve()
-        if not file.exists():
-            raise DatasetError(f"{dataset.stage_files[name]}: no collision_asset {file}.")
-        check_mesh(file)
-        collision: tuple[CollisionSource, ...] = (CollisionSource(kind="convex_parts", file=file),)
-    else:
-        # Planning and the free floor need convex parts, which a scan's triangles are not.
-        if visual.exists():
-            _say_once(
-                f"{dataset.source.root}: stage meshes without collision_asset collide as boxes."
-            )
-        collision = shell(_stage_bounds(dataset, scene_id, visual))
     return Stage(
         name=name,
-        visual_file=visual if visual.exists() else None,
-        collision=collision,
+        visual_file=visual if is_present(visual) else None,
+        collision=_stage_collision(dataset, scene_id, config, visual),
         world_from_stage=_world_pose(entry),
-        friction=float(config.get("friction_coefficient", DEFAULT_FRICTION)),
+        friction=config.number("friction_coefficient", DEFAULT_FRICTION, least=0.0),
     )
+
+
+def _stage_collision(
+    dataset: SceneDataset, scene_id: str, config: Fields, visual: Path
+) -> tuple[CollisionSource, ...]:
+    if is_present(visual) and config.text("collision_asset", ""):
+        file = config.path("collision_asset")
+        if not is_present(file):
+            raise DatasetError(f"{config.file}: no collision_asset {file}.")
+        check_any_mesh(file)
+        return (CollisionSource(kind="convex_parts", file=file),)
+    # Planning and the free floor need convex parts, which a scan's triangles are not.
+    if is_present(visual):
+        _say_once(f"{dataset.source.root}: stage meshes without collision_asset collide as boxes.")
+    return shell(_stage_bounds(dataset, scene_id, visual))
 
 
 def _stage_bounds(dataset: SceneDataset, scene_id: str, visual: Path) -> NavmeshBounds:
@@ -299,52 +334,24 @@ def _stage_bounds(dataset: SceneDataset, scene_id: str, visual: Path) -> Navmesh
     return read_navmesh_bounds(navmesh)
 
 
-def _lights(dataset: SceneDataset, data: dict[str, Any]) -> tuple[PointLight, ...]:
-    name = Path(data.get("default_lighting", "")).name.removesuffix(".lighting_config.json")
-    if name not in dataset.lighting_files:
+def _lights(dataset: SceneDataset, scene: Fields) -> tuple[PointLight, ...]:
+    name = Path(scene.text("default_lighting", "")).name.removesuffix(".lighting_config.json")
+    if name in NO_LIGHTS:
         return ()
-    lights = []
-    for entry in read_json(dataset.lighting_files[name]).get("lights", {}).values():
-        intensity = float(entry.get("intensity", 1.0))
-        # ReplicaCAD takes light away with negative lamps; the renderer here has no such thing.
-        if entry.get("type", "point") != "point" or intensity <= 0:
-            continue
-        color = _vector([intensity * c for c in entry.get("color", (1, 1, 1))])
-        position = _vector(apply(WORLD_FROM_HABITAT, entry["position"]))
-        lights.append(PointLight(position_m=position, color=color))
-    return tuple(lights)
+    if name not in dataset.lighting_files:
+        error = UnknownNameError("lighting", name, dataset.lighting_files)
+        if dataset.lighting_files:
+            raise DatasetError(f"{scene.file}: default_lighting: {error}")
+        _say_once(f"{dataset.source.root}: no lighting_config files; layouts have no lamps.")
+        return ()
+    return read_lamps(dataset.lighting_files[name])
 
 
-def _world_pose(entry: dict[str, Any]) -> Pose7:
+def _world_pose(entry: Fields) -> Pose7:
     local = IDENTITY
     if "translation" in entry or "rotation" in entry:
-        local = _pose(entry.get("translation", (0, 0, 0)), entry.get("rotation", (1, 0, 0, 0)))
+        local = pose(entry.vector("translation", (0.0, 0.0, 0.0)), entry.rotation("rotation"))
     return compose(WORLD_FROM_HABITAT, local)
-
-
-def _pose(position: Any, wxyz: Any) -> Pose7:
-    rotation = tuple(float(x) for x in wxyz)
-    if len(rotation) != 4 or not math.hypot(*rotation) > 0 or not math.isfinite(sum(rotation)):
-        raise ValueError(f"a rotation needs four numbers that are not all zero, found {wxyz}")
-    return pose(_vector(position), rotation)
-
-
-def _vector(values: Any) -> Vector:
-    numbers = tuple(float(x) for x in values)
-    if len(numbers) != 3 or not math.isfinite(sum(numbers)):
-        raise ValueError(f"three numbers are needed, found {values}")
-    return numbers
-
-
-@contextmanager
-def _fields_of(file: Path) -> Iterator[None]:
-    """Names `file` when one of its fields is absent or of the wrong kind."""
-    try:
-        yield
-    except KeyError as error:
-        raise DatasetError(f"{file}: no field {error} in it.") from error
-    except (TypeError, ValueError, AttributeError) as error:
-        raise DatasetError(f"{file}: a field is malformed ({error}).") from error
 
 
 def _say_once(message: str) -> None:

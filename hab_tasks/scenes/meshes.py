@@ -1,26 +1,27 @@
-"""Mesh files: quick integrity checks, bounds, convex parts kept in a cache keyed by content.
+"""Mesh files: bounds, convex parts and light copies, kept in the cache by content.
 
-The user's dataset is never written to. What is computed goes to one cache folder
-(``HAB_CACHE_DIR``, default ``~/.cache/hab_tasks``).
+The user's dataset is never written to.
 """
 
 from __future__ import annotations
 
 import hashlib
-import os
-import struct
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import trimesh
+from PIL import Image
+from scipy.spatial import QhullError
 from trimesh.visual.material import PBRMaterial
 
+from hab_tasks.cache import cached, cached_file
 from hab_tasks.errors import DatasetError
-from hab_tasks.files import written_aside
+from hab_tasks.scenes.fields import read_bytes
 from hab_tasks.scenes.light_mesh import decimate_textured, fill_background
+from hab_tasks.scenes.mesh_checks import LARGEST_M, check_mesh
 
 TEXTURE_SIZE_PX = 512
 TEXTURED_TRIANGLES = 1500
@@ -30,57 +31,27 @@ SINGLE_HULL_EXCESS = 1.15
 """A decomposition whose common hull is at most this much larger than its parts becomes one hull."""
 
 
-def cache_dir() -> Path:
-    """Returns the folder for everything computed from a dataset; made when missing."""
-    default = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "hab_tasks"
-    folder = Path(os.environ.get("HAB_CACHE_DIR", default))
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
-
-
 @lru_cache(maxsize=1024)
 def content_key(file: Path) -> str:
     """Returns a short hash of the file's bytes."""
-    return hashlib.sha256(file.read_bytes()).hexdigest()[:20]
-
-
-def cached_file(name: str, write: Callable[[Path], None]) -> Path:
-    """Returns ``cache_dir()/name``; made by `write(path)` when absent, aside, then renamed."""
-    path = cache_dir() / name
-    if path.exists():
-        return path
-    with written_aside(path) as scratch:
-        write(scratch)
-    return path
-
-
-@lru_cache(maxsize=4096)
-def check_mesh(file: Path) -> None:
-    """Raises DatasetError when a mesh file is empty or a GLB is cut short."""
-    size = file.stat().st_size
-    if size == 0:
-        raise DatasetError(f"{file}: the file is empty.")
-    if file.suffix == ".glb":
-        with file.open("rb") as stream:
-            header = stream.read(12)
-        if len(header) < 12 or header[:4] != b"glTF":
-            raise DatasetError(f"{file}: not a GLB file (no glTF header).")
-        stated = struct.unpack("<I", header[8:12])[0]
-        if stated != size:
-            raise DatasetError(f"{file}: truncated, {size} of {stated} bytes. Download it again.")
+    return hashlib.sha256(read_bytes(file)).hexdigest()[:20]
 
 
 @lru_cache(maxsize=1024)
 def mesh_bounds(file: Path) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
     """Returns (centre, half size) [m] of a mesh file's axis-aligned box in its own frame."""
-    low, high = _load_scene(file).bounds
+    low, high = read_mesh(file).bounds
     center, half = (low + high) / 2, (high - low) / 2
     return tuple(map(float, center)), tuple(map(float, half))  # type: ignore[return-value]
 
 
 def convex_parts(file: Path) -> list[trimesh.Trimesh]:
-    """Returns a mesh file's convex parts: one a mesh, or one a connected piece of STL/PLY/OBJ."""
-    scene = _load_scene(file)
+    """Returns a mesh file's convex parts: one a mesh, or one a connected piece of STL/PLY/OBJ.
+
+    Raises:
+        DatasetError: The file cannot be read, or a part of it has no volume.
+    """
+    scene = read_mesh(file)
     pieces: list[trimesh.Trimesh] = []
     meshes: list[Any] = scene.dump()
     for mesh in meshes:
@@ -88,8 +59,13 @@ def convex_parts(file: Path) -> list[trimesh.Trimesh]:
             pieces.extend(mesh.split(only_watertight=False))
         else:
             pieces.append(mesh)
-    hulls = [piece.convex_hull for piece in pieces if len(piece.vertices) >= 4]
-    if not hulls:
+    try:
+        hulls = [piece.convex_hull for piece in pieces if len(piece.vertices) >= 4]
+    except QhullError as error:
+        raise DatasetError(
+            f"{file}: a part of it is flat, so nothing can collide with it."
+        ) from error
+    if not hulls or not sum(hull.volume for hull in hulls) > 0:
         raise DatasetError(f"{file}: holds no volume to collide with.")
     return hulls
 
@@ -113,8 +89,10 @@ def parts_file(file: Path) -> tuple[Path, float]:
         glb: Any = scene.export(file_type="glb")
         path.write_bytes(glb)
 
-    path = cached_file(f"parts/{content_key(file)}.glb", write)
-    return path, parts_volume(path)
+    def read(path: Path) -> tuple[Path, float]:
+        return path, parts_volume(path)
+
+    return cached(f"parts/{content_key(file)}.glb", write, read)
 
 
 def textured_glb(file: Path) -> Path:
@@ -125,9 +103,7 @@ def textured_glb(file: Path) -> Path:
     """
 
     def write(path: Path) -> None:
-        mesh: Any = trimesh.load_mesh(file, process=False)
-        material = mesh.visual.material
-        image = material.image.convert("RGB")
+        mesh, image = read_textured(file)
         image.thumbnail((2 * TEXTURE_SIZE_PX, 2 * TEXTURE_SIZE_PX))
         image = fill_background(image, mesh)
         image.thumbnail((TEXTURE_SIZE_PX, TEXTURE_SIZE_PX))
@@ -138,7 +114,24 @@ def textured_glb(file: Path) -> Path:
         path.write_bytes(light.export(file_type="glb"))
 
     key = f"{content_key(file)}-{TEXTURE_SIZE_PX}-{TEXTURED_TRIANGLES}"
-    return cached_file(f"visual/{key}.glb", write)
+    return cached_file(f"visual/{key}.glb", write, check_mesh)
+
+
+def read_textured(file: Path) -> tuple[Any, Image.Image]:
+    """Reads an OBJ with one texture; returns the mesh, vertices doubled along seams, and its image.
+
+    Raises:
+        DatasetError: The mesh, its material or its image is absent or damaged.
+    """
+    mesh: Any = _loaded(file, partial(trimesh.load_mesh, process=False))
+    image: Any = getattr(getattr(mesh.visual, "material", None), "image", None)
+    # Where there is none, trimesh puts an empty image that comes from no file.
+    if getattr(image, "format", None) is None or getattr(mesh.visual, "uv", None) is None:
+        raise DatasetError(f"{file}: its material or texture is absent or cannot be read.")
+    try:
+        return mesh, image.convert("RGB")
+    except (OSError, SyntaxError, ValueError) as error:
+        raise DatasetError(f"{file}: its texture cannot be read ({error}).") from error
 
 
 @lru_cache(maxsize=1024)
@@ -147,12 +140,34 @@ def parts_volume(file: Path) -> float:
     return float(sum(hull.volume for hull in convex_parts(file)))
 
 
-def _load_scene(file: Path) -> trimesh.Scene:
+@lru_cache(maxsize=4096)
+def check_any_mesh(file: Path) -> None:
+    """Raises DatasetError when a mesh file of any format cannot be read."""
+    check_mesh(file)
+    if file.suffix.lower() != ".glb":
+        read_mesh(file)
+
+
+def read_mesh(file: Path, *, process: bool = True) -> trimesh.Scene:
+    """Reads a mesh file without its materials.
+
+    Raises:
+        DatasetError: It is damaged, holds no mesh or corners that are not finite.
+    """
+    if process and file.suffix.lower() != ".glb":
+        read_mesh(file, process=False)  # corners that are not finite would be left out
+    options = {"skip_materials": True, "process": process}
+    return _loaded(file, partial(trimesh.load_scene, **options))
+
+
+def _loaded(file: Path, load: Callable[[Path], Any]) -> Any:
     check_mesh(file)
     try:
-        scene = trimesh.load_scene(file, skip_materials=True)
+        found = load(file)
+        is_empty, bounds = found.is_empty, found.bounds
+    # Its readers raise whatever the damaged bytes lead to.
     except Exception as error:
         raise DatasetError(f"{file}: cannot be read as a mesh ({error}).") from error
-    if scene.is_empty or not np.isfinite(scene.bounds).all():
-        raise DatasetError(f"{file}: holds no mesh.")
-    return scene
+    if is_empty or bounds is None or not (np.abs(bounds) <= LARGEST_M).all():
+        raise DatasetError(f"{file}: holds no mesh, or one that is not finite.")
+    return found

@@ -21,6 +21,7 @@ from scipy.sparse.csgraph import connected_components
 
 from hab_tasks.errors import DatasetError
 from hab_tasks.geometry import Array
+from hab_tasks.scenes.fields import LARGEST, read_bytes, refused
 from hab_tasks.scenes.spec import Vector
 
 _TILE = b"VAND"
@@ -159,10 +160,13 @@ def read_navmesh(file: Path) -> Navmesh:
     # cell, cell height, agent height, agent radius, climb, slope, ...
     cell, cell_height = struct.unpack_from("<2f", data, _SETTINGS_AT)
     height, radius, climb = struct.unpack_from("<3f", data, at + 60)
+    sizes_m = (cell, cell_height, height, radius, climb)
+    if not all(0 <= size <= LARGEST for size in sizes_m) or not min(sizes_m[:3]) > 0:
+        raise refused(file, "its cell and agent sizes", sizes_m, "numbers above 0")
     try:
         corners, polygons, triangles, owners = _read_tile(data, at)
         islands = _islands(polygons, corners)
-    except (ValueError, IndexError) as error:
+    except (ValueError, IndexError, struct.error, OverflowError) as error:
         raise DatasetError(f"{file}: cut short or damaged ({error}).") from error
     return Navmesh(
         bounds=bounds,
@@ -180,7 +184,7 @@ def read_navmesh(file: Path) -> Navmesh:
 
 
 def _tile(file: Path) -> tuple[bytes, int]:
-    data = file.read_bytes()
+    data = read_bytes(file)
     at = data.find(_TILE)
     if at < 0 or len(data) < at + _HEADER_BYTES:
         raise DatasetError(f"{file}: not a navmesh (no Detour tile in it).")
@@ -198,11 +202,17 @@ def _bounds(file: Path, data: bytes, at: int) -> NavmeshBounds:
 def _read_tile(data: bytes, at: int) -> tuple[Array, NDArray, Array, NDArray[np.int64]]:
     """Returns corners, polygons as stored, and the triangles (T, 3, 3) with their polygons."""
     counts = struct.unpack_from("<6i", data, at + 24)
+    if min(counts) < 0 or min(counts[:2]) < 1:
+        raise ValueError(f"its numbers of polygons, corners and so on are {counts}")
     polygon_count, corner_count, link_count, detail_count, extra_count, triangle_count = counts
     at += _HEADER_BYTES
     corners = np.frombuffer(data, "<f4", 3 * corner_count, at).reshape(-1, 3).astype(float)
     at += 12 * corner_count
     polygons = np.frombuffer(data, _POLYGON, polygon_count, at)
+    if not (np.abs(corners) <= LARGEST).all():
+        raise ValueError("a corner is not finite")
+    if not ((polygons["count"] >= 3) & (polygons["count"] <= 6)).all():
+        raise ValueError("a polygon does not have 3 to 6 corners")
     at += _POLYGON.itemsize * polygon_count + _LINK_BYTES * link_count
     details = np.frombuffer(data, _DETAIL, detail_count, at)
     at += _DETAIL.itemsize * detail_count

@@ -9,19 +9,20 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
-from xml.etree import ElementTree
 
 from hab_tasks.errors import DatasetError
 from hab_tasks.scenes.dataset import (
     SceneDataset,
     embedded_dataset,
-    read_json,
     resolve_objects,
 )
+from hab_tasks.scenes.fields import Fields, check_number, is_present, read_fields
 from hab_tasks.scenes.load import load_template
-from hab_tasks.scenes.meshes import check_mesh, parts_file
+from hab_tasks.scenes.mesh_checks import check_mesh
+from hab_tasks.scenes.meshes import parts_file, read_textured
 from hab_tasks.scenes.spec import CollisionSource, ObjectTemplate
+from hab_tasks.scenes.urdf import read_urdf
+from hab_tasks.scenes.urdf_checks import as_number
 
 TRAIN_OBJECTS = (
     "002_master_chef_can",
@@ -63,6 +64,13 @@ def load_objects(folder: str | Path | None) -> dict[str, ObjectTemplate]:
     return _maniskill_objects(root) if (root / "models").is_dir() else _google_objects(root)
 
 
+def check_visuals(objects: dict[str, ObjectTemplate]) -> None:
+    """Raises DatasetError when a YCB object's mesh or texture cannot be drawn."""
+    for template in objects.values():
+        if template.visual_file is not None and template.visual_file.suffix == ".obj":
+            read_textured(template.visual_file)
+
+
 def _embedded_objects() -> dict[str, ObjectTemplate]:
     dataset = SceneDataset(embedded_dataset())
     found = {}
@@ -81,32 +89,33 @@ def _google_objects(root: Path) -> dict[str, ObjectTemplate]:
     for name in ALL_OBJECTS:
         folder = root / name / "google_16k"
         visual, collision = folder / "textured.obj", folder / "textured_vhacd.stl"
-        if not collision.exists():
+        if not is_present(collision):
             collision = visual
         _require(root, name, visual, collision)
-        found[name] = _template(name, visual, collision, masses.get(name), None)
+        found[name] = _template(name, visual, collision, masses.get(name), DEFAULT_DENSITY_KG_M3)
     return found
 
 
 def _maniskill_objects(root: Path) -> dict[str, ObjectTemplate]:
     info_file = root / "info_pick_v0.json"
-    info: dict[str, Any] = read_json(info_file) if info_file.exists() else {}
+    info = read_fields(info_file) if is_present(info_file) else Fields(info_file, {})
     found = {}
     for name in ALL_OBJECTS:
         folder = root / "models" / name
         visual, collision = folder / "textured.obj", folder / "collision.ply"
         _require(root, name, visual, collision)
-        density = info.get(name, {}).get("density")
+        about = info.part(name, optional=True)
+        density = about.number("density", DEFAULT_DENSITY_KG_M3, above=0.0)
         found[name] = _template(name, visual, collision, None, density)
     return found
 
 
 def _template(
-    name: str, visual: Path, collision: Path, mass_kg: float | None, density: float | None
+    name: str, visual: Path, collision: Path, mass_kg: float | None, density_kg_m3: float
 ) -> ObjectTemplate:
     parts, volume_m3 = parts_file(collision)
     if mass_kg is None:
-        mass_kg = volume_m3 * (density or DEFAULT_DENSITY_KG_M3)
+        mass_kg = volume_m3 * density_kg_m3
     return ObjectTemplate(
         name=name,
         visual_file=visual,
@@ -121,19 +130,17 @@ def _urdf_masses(root: Path) -> dict[str, float]:
     """Masses [kg] from URDFs that lie beside the object folders and name a mesh in them."""
     masses = {}
     for file in sorted(root.glob("*.urdf")):
-        try:
-            tree = ElementTree.parse(file).getroot()
-        except ElementTree.ParseError as error:
-            raise DatasetError(f"{file}: not a valid URDF ({error}).") from error
+        tree = read_urdf(file)
         mesh, mass = next(tree.iter("mesh"), None), next(tree.iter("mass"), None)
         match = re.search(r"\d{3}_\w+", mesh.get("filename", "")) if mesh is not None else None
         if match and mass is not None:
-            masses[match[0]] = float(mass.get("value", 0.0))
+            value = as_number(mass.get("value"))
+            masses[match[0]] = check_number(file, "mass value", value, above=0.0)
     return masses
 
 
 def _require(root: Path, name: str, *files: Path) -> None:
     for file in files:
-        if not file.exists():
+        if not is_present(file):
             raise DatasetError(f"{root}: object {name} has no {file.relative_to(root)}.")
         check_mesh(file)

@@ -1,56 +1,78 @@
 """URDFs as SAPIEN can load them: commas mended, meshes by absolute path, visuals on request.
 
-ReplicaCAD's URDFs hold ``scale="1, 1, 1"``, which numpy 2 refuses. Mended copies lie in the cache,
-keyed by content; the dataset's own files stay as they are. Without a renderer SAPIEN cannot even
+ReplicaCAD's URDFs hold ``scale="1, 1, 1"``, which numpy 2 refuses. Mended copies are files only as
+long as they are loaded; the dataset's own stay as they are. Without a renderer SAPIEN cannot even
 make a material, so the copy for headless use has no visuals at all.
 """
 
 from __future__ import annotations
 
-import hashlib
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from xml.etree import ElementTree
 
+from hab_tasks.cache import temporary_folder
 from hab_tasks.errors import DatasetError
-from hab_tasks.scenes.meshes import cached_file, check_mesh
+from hab_tasks.scenes.fields import read_bytes
+from hab_tasks.scenes.meshes import check_any_mesh
+from hab_tasks.scenes.urdf_checks import check_robot, mesh_file
 
 _NUMERIC = ("xyz", "rpy", "scale", "size", "value", "rgba")
+_READ = {
+    "robot": ("link", "joint", "material"),
+    "joint": ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic"),
+}
+"""The only parts that SAPIEN gets; it would stumble over faults in others, which nothing uses."""
 
 
 @lru_cache(maxsize=512)
 def check_urdf(file: Path) -> None:
-    """Raises DatasetError when a URDF does not parse or names a mesh that is absent or damaged."""
-    for mesh in _parse(file).iter("mesh"):
-        path = (file.parent / mesh.get("filename", "")).resolve()
-        if not path.exists():
-            raise DatasetError(f"{file}: names {mesh.get('filename')!r}, which does not exist.")
-        check_mesh(path)
+    """Raises DatasetError for a URDF that cannot be built, or a mesh of it that is damaged."""
+    root = read_urdf(file)
+    mend_numbers(root)
+    check_robot(file, root)
+    for mesh in root.iter("mesh"):
+        check_any_mesh(mesh_file(file, mesh))
+
+
+@contextmanager
+def sapien_urdf(file: Path, visuals: bool) -> Iterator[Path]:
+    """Gives a copy of the URDF for SAPIEN to load, with or without visual meshes."""
+    with urdf_file(_mended(file, visuals), file.stem) as path:
+        yield path
+
+
+@contextmanager
+def urdf_file(text: str, stem: str) -> Iterator[Path]:
+    """Gives a file ``STEM.urdf`` with this text, which is removed in the end."""
+    folder = temporary_folder()
+    try:
+        path = folder / f"{stem}.urdf"
+        path.write_text(text, encoding="utf-8")
+        yield path
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 @lru_cache(maxsize=512)
-def sapien_urdf(file: Path, visuals: bool) -> Path:
-    """Returns a copy of the URDF that SAPIEN loads, with or without visual meshes."""
-    root = _parse(file)
+def _mended(file: Path, visuals: bool) -> str:
+    """Returns the text of a URDF as SAPIEN can load it."""
+    check_urdf(file)
+    root = read_urdf(file)
     mend_numbers(root)
+    for parent in (root, *root.findall("joint")):
+        for element in [e for e in parent if e.tag not in _READ[parent.tag]]:
+            parent.remove(element)
     for dynamics in root.iter("dynamics"):
         dynamics.attrib.setdefault("damping", "0")  # ManiSkill cannot do without
     for mesh in root.iter("mesh"):
-        mesh.set("filename", str((file.parent / mesh.get("filename", "")).resolve()))
+        mesh.set("filename", str(mesh_file(file, mesh)))
     if not visuals:
         remove_visuals(root)
-    return write_urdf(root, file.stem)
-
-
-def write_urdf(root: ElementTree.Element, stem: str) -> Path:
-    """Writes a URDF tree to the cache under a name made from its content; returns the file."""
-    text = ElementTree.tostring(root, encoding="unicode")
-    key = hashlib.sha256(text.encode()).hexdigest()[:20]
-
-    def write(path: Path) -> None:
-        path.write_text(text)
-
-    return cached_file(f"urdf/{key}/{stem}.urdf", write)
+    return ElementTree.tostring(root, encoding="unicode")
 
 
 def mend_numbers(root: ElementTree.Element) -> None:
@@ -73,7 +95,7 @@ def remove_visuals(root: ElementTree.Element) -> None:
 def joint_limits(file: Path) -> dict[str, tuple[float, float]]:
     """Returns joint name -> (lower, upper) [m or rad] of the movable joints, before scaling."""
     limits = {}
-    for joint in _parse(file).iter("joint"):
+    for joint in read_urdf(file).iter("joint"):
         limit = joint.find("limit")
         if joint.get("type") in ("revolute", "prismatic") and limit is not None:
             limits[joint.get("name", "")] = (
@@ -86,17 +108,26 @@ def joint_limits(file: Path) -> dict[str, tuple[float, float]]:
 def joint_frictions(file: Path) -> dict[str, float]:
     """Returns joint name -> friction [N or N m] of the joints that state one."""
     stated = {}
-    for joint in _parse(file).iter("joint"):
+    for joint in read_urdf(file).iter("joint"):
         dynamics = joint.find("dynamics")
         if dynamics is not None and dynamics.get("friction") is not None:
             stated[joint.get("name", "")] = float(dynamics.get("friction", 0))
     return stated
 
 
-def _parse(file: Path) -> ElementTree.Element:
+@lru_cache(maxsize=512)
+def link_names(file: Path) -> tuple[str, ...]:
+    """Returns the names of a URDF's links."""
+    return tuple(link.get("name", "") for link in read_urdf(file).findall("link"))
+
+
+def read_urdf(file: Path) -> ElementTree.Element:
+    """Reads a URDF, whatever it holds.
+
+    Raises:
+        DatasetError: It is absent or no XML.
+    """
     try:
-        return ElementTree.parse(file).getroot()
-    except FileNotFoundError as error:
-        raise DatasetError(f"{file}: no such file.") from error
-    except ElementTree.ParseError as error:
+        return ElementTree.fromstring(read_bytes(file))
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise DatasetError(f"{file}: not a valid URDF ({error}).") from error

@@ -25,10 +25,12 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from trimesh.intersections import slice_faces_plane
 
+from hab_tasks.cache import cached
 from hab_tasks.geometry import Array, apply, inverse
-from hab_tasks.scenes.dataset import SceneDataset, read_json
+from hab_tasks.scenes.dataset import SceneDataset
+from hab_tasks.scenes.fields import check_numbers, read_fields
 from hab_tasks.scenes.floor import CELL_M, LOWEST_M, Footprint, footprints, touched
-from hab_tasks.scenes.meshes import cached_file, content_key
+from hab_tasks.scenes.meshes import content_key, read_mesh
 from hab_tasks.scenes.navmesh import Navmesh, read_navmesh
 from hab_tasks.scenes.spec import CollisionSource, SceneSpec
 from hab_tasks.scenes.stage import WALL_HEIGHT_M
@@ -96,8 +98,7 @@ def inner_walls(
         path.write_text(json.dumps(np.round(boxes, 4).tolist()))
 
     layout = content_key(dataset.scene_file(spec.scene_id))
-    file = cached_file(f"walls/{_VERSION}-{source}-{layout}.json", write)
-    return tuple(_box(*values) for values in json.loads(file.read_text()))
+    return cached(f"walls/{_VERSION}-{source}-{layout}.json", write, _read_boxes)
 
 
 def walls_without(
@@ -234,15 +235,28 @@ def _stage_walls(
             walls = walls_between([read_navmesh(navmeshes[s]) for s in scenes], furniture)
         np.savez(path, corner_m=walls.corner_m, shape=walls.shape, blocks=walls.blocks)
 
-    file = cached_file(f"walls/{_VERSION}-{_navmeshes_key(folder)}-{name}.npz", write)
+    return cached(f"walls/{_VERSION}-{_navmeshes_key(folder)}-{name}.npz", write, _read_walls)
+
+
+def _read_boxes(file: Path) -> tuple[CollisionSource, ...]:
+    return tuple(_box(*check_numbers(file, "a box", v, 5)) for v in json.loads(file.read_text()))
+
+
+def _read_walls(file: Path) -> WallMap:
     with np.load(file) as values:
         columns, rows = values["shape"].tolist()
-        return WallMap(corner_m=values["corner_m"], shape=(columns, rows), blocks=values["blocks"])
+        corner_m, blocks = values["corner_m"], values["blocks"]
+    cells = np.array((columns, rows, columns, rows))
+    if corner_m.shape != (2,) or not np.isfinite(corner_m).all():
+        raise ValueError("a corner that is not finite")
+    if blocks.shape[1:] != (4,) or (blocks < 0).any() or (blocks > cells).any():
+        raise ValueError("walls outside the map")
+    return WallMap(corner_m=corner_m, shape=(columns, rows), blocks=blocks)
 
 
 def _uses(dataset: SceneDataset, scene_id: str, stage: str) -> bool:
-    entry = read_json(dataset.scene_file(scene_id)).get("stage_instance", {})
-    return Path(entry.get("template_name", "")).name.removesuffix(".stage_config.json") == stage
+    entry = read_fields(dataset.scene_file(scene_id)).part("stage_instance")
+    return Path(entry.text("template_name")).name.removesuffix(".stage_config.json") == stage
 
 
 @lru_cache(maxsize=8)
@@ -255,7 +269,7 @@ def _navmeshes_key(folder: Path) -> str | None:
 
 @lru_cache(maxsize=8)
 def _mesh_walls(file: Path) -> WallMap:
-    mesh: Any = trimesh.load_scene(file, skip_materials=True).to_mesh()
+    mesh: Any = read_mesh(file).to_mesh()
     return walls_in_mesh(mesh)
 
 

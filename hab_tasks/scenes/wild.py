@@ -22,7 +22,8 @@ import numpy as np
 from hab_tasks.errors import GenerationError
 from hab_tasks.geometry import Pose7, from_matrix, to_matrix
 from hab_tasks.privileged import Array
-from hab_tasks.scenes.dataset import SceneDataset, read_json
+from hab_tasks.scenes.dataset import SceneDataset
+from hab_tasks.scenes.fields import read_json
 from hab_tasks.scenes.furnishing import COUNTER, Piece, find_pieces, flat_bodies
 from hab_tasks.scenes.inventory import macro_layouts
 from hab_tasks.scenes.layout_checks import FRIDGE_HINGE, WILD, Baseline, Fault, free_range

@@ -10,7 +10,8 @@ from typing import Any
 
 from hab_tasks.files import written_aside
 from hab_tasks.geometry import WORLD_FROM_HABITAT, Pose7, compose, inverse
-from hab_tasks.scenes.dataset import SceneDataset, read_json
+from hab_tasks.scenes.dataset import SceneDataset
+from hab_tasks.scenes.fields import read_json
 from hab_tasks.scenes.spec import SceneSpec
 
 POSITION_DIGITS, ROTATION_DIGITS = 6, 9

@@ -55,6 +55,8 @@ class EpisodeChoice:
             seeds = np.broadcast_to(seed, len(rows)).tolist()
             self._order = np.random.default_rng([self.source.seed, *seeds, 1])
         wishes = wanted if isinstance(wanted, (list, tuple)) else [wanted] * len(rows)
+        if len(wishes) != len(rows):
+            raise EpisodeError(f"{len(wishes)} episodes for {len(rows)} rows; give one for each.")
         # A batch shares one layout; a partial reset goes on in the one there is.
         partial = len(rows) < self._num_envs
         layout = shown.layout if partial else None

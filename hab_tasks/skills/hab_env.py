@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -25,9 +26,11 @@ from hab_tasks.episodes.source import EpisodeRequest, open_source
 from hab_tasks.errors import ActionError, UnknownNameError
 from hab_tasks.measures import Measures
 from hab_tasks.noise import NoiseSource, SensorNoise
+from hab_tasks.option_values import entries, flag, row_numbers, seeds
 from hab_tasks.rewards import total
 from hab_tasks.robots.delay import ActionDelay, checked_steps
 from hab_tasks.scenes.physics import sim_config
+from hab_tasks.skills.inherited_options import check_inherited
 from hab_tasks.skills.needs import Needs
 from hab_tasks.skills.observing_env import ObservingEnv
 from hab_tasks.skills.recorded_state import shaped_like, with_columns
@@ -130,9 +133,11 @@ class HabEnv(ObservingEnv):
         num_envs: int = 1,
         **kwargs: Any,
     ) -> None:
+        check_inherited(self.name, inspect.signature(HabEnv.__init__).parameters, kwargs)
         self._set_entries(proprioception, target_frame, handle_position)
         self._set_sensors(cameras, camera_size_px, camera_hfov_rad, sensor_noise)
-        self._hides_arm, self._delay_steps = invisible_arm, checked_steps(action_delay_steps)
+        self._hides_arm = flag("invisible_arm", invisible_arm)
+        self._delay_steps = checked_steps(action_delay_steps)
         kwargs["render_backend"] = self._set_backend(render_backend, num_envs, kwargs)
         kwargs["control_mode"] = self._known_mode(kwargs.get("control_mode"))
         where: dict[str, Any] = {"scene_dataset": scene_dataset, "objects": objects, "scene": scene}
@@ -219,10 +224,16 @@ class HabEnv(ObservingEnv):
             seed: Chooses the episodes; the same seed gives the same ones.
             options: ManiSkill's own, and ``episode``: an `Episode` or its index in the set, or a
                 list with one for each row.
+
+        Raises:
+            OptionError: A seed or an option that is none.
+            EpisodeError: An episode that there is not, or that does not fit into its layout.
         """
-        options = dict(options or {})
+        options = entries("options", options)
         rows = options.get("env_idx")
-        rows = list(range(self.num_envs)) if rows is None else [int(row) for row in rows]
+        count = self.num_envs
+        rows = list(range(count)) if rows is None else row_numbers("env_idx", rows, count)
+        seeds("seed", seed, len(rows))
         rebuild = self._world.choose(rows, seed, options.pop("episode", None))
         if rebuild:
             options["reconfigure"] = True

@@ -71,7 +71,7 @@ def scores(m: Measures, success: Rows) -> dict[str, Rows]:
 NAVIGATE = Skill(
     name="navigate",
     config=NavigateConfig(),
-    needs=Needs(navigates=True),
+    needs=Needs(leads=True, navigates=True),
     horizon_steps=NAVIGATE_HORIZON_STEPS,
     control_modes=("base_discrete", "base"),
     observation=(IS_HOLDING, POINT),

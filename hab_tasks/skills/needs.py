@@ -15,6 +15,9 @@ class Needs:
     Attributes:
         objects: How many objects are to be rearranged.
         fronts: The doors and drawers whose state counts. An episode of a skill names its own.
+        goals: Whether each object has a goal.
+        holds: Whether the first object starts in the grasp.
+        leads: Whether the episode names where the base is to go.
         navigates: Whether ways of the base are measured.
         takes: What the hand snaps to: ``objects``, ``handles``, or ``any``, whatever is allowed
             to be nearest.
@@ -22,5 +25,8 @@ class Needs:
 
     objects: int = 1
     fronts: tuple[FrontKind, ...] = ()
+    goals: bool = False
+    holds: bool = False
+    leads: bool = False
     navigates: bool = False
     takes: Literal["objects", "handles", "any"] = "objects"

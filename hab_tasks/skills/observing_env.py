@@ -13,6 +13,7 @@ from torch import Tensor
 from hab_tasks.arrays import to_tensor
 from hab_tasks.errors import OptionError
 from hab_tasks.noise import NoiseSource, SensorNoise
+from hab_tasks.option_values import flag
 from hab_tasks.privileged import Array
 from hab_tasks.rendering import resolve_backend, sensor_shader
 from hab_tasks.robots.cameras import PLACES, CameraRig, HiddenArm
@@ -63,6 +64,8 @@ class ObservingEnv(BaseEnv):
 
     def _set_entries(self, proprioception: bool, target_frame: str, handle_position: bool) -> None:
         """Keeps what the agent feels and is told, in the form in which each step needs it."""
+        flag("proprioception", proprioception)
+        flag("handle_position", handle_position)
         entries = observed(self.observation, self.handle, target_frame, handle_position)
         self._felt = [e for e in entries if proprioception and e.proprioceptive]
         self._told = [e for e in entries if not e.proprioceptive]

@@ -75,7 +75,7 @@ def mask_gripper(gripper: Rows, m: Measures) -> Rows:
 PLACE = Skill(
     name="place",
     config=PlaceConfig(),
-    needs=Needs(takes="objects"),
+    needs=Needs(goals=True, holds=True, takes="objects"),
     horizon_steps=SKILL_HORIZON_STEPS,
     control_modes=ARM_MODES,
     observation=(*PROPRIOCEPTION, OBJECT_GOAL),

@@ -13,12 +13,13 @@ from torch import Tensor
 from hab_tasks.arrays import put_rows
 from hab_tasks.episodes.apply import apply_episode
 from hab_tasks.episodes.schema import Episode
-from hab_tasks.episodes.source import EpisodeSource
+from hab_tasks.episodes.source import UNLIMITED, EpisodeSource
 from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import Pose7
 from hab_tasks.goals import Goals
 from hab_tasks.measures import Tracker
 from hab_tasks.navigation import LayoutMaps, Ways
+from hab_tasks.option_values import flag, whole
 from hab_tasks.privileged import PrivilegedState
 from hab_tasks.robots.dormant import DormantObjects
 from hab_tasks.robots.fetch import HabFetch
@@ -28,6 +29,7 @@ from hab_tasks.scenes.lights import LayoutLights
 from hab_tasks.scenes.pool import BodyPool
 from hab_tasks.skills.choice import EpisodeChoice, Shown
 from hab_tasks.skills.containers import Containers
+from hab_tasks.skills.episode_checks import check_entries, check_in_layout
 from hab_tasks.skills.goal_setting import GoalSetting, handles_of
 from hab_tasks.skills.ground_truth import GroundTruth
 from hab_tasks.skills.needs import Needs
@@ -70,6 +72,10 @@ class World:
     ) -> None:
         """Plays episodes of `source`; with `prefetch`, builds all its layouts at the start."""
         self.needs, self.source, self._prefetch = needs, source, prefetch
+        whole("num_episodes", num_episodes, 1, UNLIMITED)
+        flag("prefetch", prefetch)
+        for episode in source.given:
+            check_entries(episode, needs, source.file)
         self.maps = LayoutMaps(source.scene)
         self._choice = EpisodeChoice(source, num_episodes, num_envs)
         self._num_envs = num_envs
@@ -101,6 +107,9 @@ class World:
 
     def choose(self, rows: list[int], seed: int | list[int] | None, wanted: Any) -> bool:
         """Picks the next episode of each row; returns whether the simulation has to be rebuilt."""
+        for wish in wanted if isinstance(wanted, (list, tuple)) else [wanted]:
+            if isinstance(wish, Episode):
+                check_entries(wish, self.needs)
         self._choice.choose(rows, seed, wanted, self._shown)
         # One row, on the CPU, shows any layout in a running simulation.
         fits = all(self._shown.fits(episode) for episode in self.episodes)
@@ -182,6 +191,7 @@ class World:
         tracker = self.tracker
         for row in rows.tolist():
             episode = self.episodes[row]
+            check_in_layout(episode, self.handles)
             apply_episode(episode, row, self.handles, self._agent, in_place)
             targets, handles = self._setting.targets(episode), self._setting.handles(episode)
             tracker.targets = put_rows(tracker.targets, [row], [targets])

@@ -45,7 +45,9 @@ class TaskEnv(HabEnv):
         """Takes over what the task says."""
         task = cls.task
         cls.name, cls.horizon_steps = task.name, task.horizon_steps
-        cls.needs = Needs(objects=task.objects, fronts=task.fronts, navigates=True, takes="any")
+        cls.needs = Needs(
+            objects=task.objects, fronts=task.fronts, goals=True, navigates=True, takes="any"
+        )
         cls.control_modes = MOBILE_MODES
         cls.observation = (*PROPRIOCEPTION, targets_in_base(task.objects))
         cls.handle = handles_in_base(len(task.fronts)) if task.fronts else None

@@ -2,7 +2,8 @@
 
 import pytest
 
-from hab_tasks.scenes.dataset import SPLIT_MACROS, read_json, resolve_dataset
+from hab_tasks.scenes.dataset import SPLIT_MACROS, resolve_dataset
+from hab_tasks.scenes.fields import read_json
 from hab_tasks.scenes.layout_checks import check_layout
 from hab_tasks.scenes.vary import LayoutVarier
 

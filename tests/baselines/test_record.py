@@ -129,10 +129,10 @@ def test_an_agent_that_raises_is_named_with_its_episode(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("name", ["trajectory.json", "lerobot/meta"])
+@pytest.mark.parametrize("name", ["trajectory.json", "lerobot/meta/info.json"])
 def test_what_is_there_is_not_replaced(tmp_path, name, capsys):
-    (tmp_path / name).mkdir(parents=True)
-    (tmp_path / name / "old").touch()
+    (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / name).touch()
     assert record(tmp_path, "--lerobot") == 2
     assert "give --force to replace it" in capsys.readouterr().err
 
@@ -141,7 +141,7 @@ def test_what_is_there_is_not_replaced(tmp_path, name, capsys):
     ("options", "words"),
     [
         (("--most", 3, "--count", 4), "most must be at least count, 4, got 3"),
-        (("--count", 0), "episodes must be at least 1, got 0"),
+        (("--count", 0), "episodes is 0; it has to be a whole number from 1"),
         (("--splt", "val"), "'--splt'"),
         (("--option", "speed"), "not of the form NAME=VALUE"),
         (("--split", "trian"), "'trian'"),

@@ -217,7 +217,7 @@ def test_bad_input_is_one_line_and_status_2(run, case):
 def test_an_unknown_episode_is_told(run):
     done = run("demo", "HabPick-v1", "--episode", "-1")
     assert done.returncode == 2
-    assert "Episode -1" in done.stderr
+    assert "--episode -1" in done.stderr
     assert "Traceback" not in done.stderr
 
 

@@ -20,6 +20,7 @@ from hab_tasks.episodes import (
     read_episodes,
     write_episodes,
 )
+from hab_tasks.episodes.provenance import MadeFrom
 from hab_tasks.episodes.schema import (
     HandleRef,
     NavigationGoal,
@@ -30,6 +31,7 @@ from hab_tasks.episodes.schema import (
 from hab_tasks.errors import EpisodeError, UnknownNameError
 
 ENV = "HabPick-v1"
+MADE_FROM = MadeFrom(dataset="0123abcd", objects="embedded", masses="89ef4567", generator=8)
 SCENES = ("v3_sc0_staging_00", "apt_0")
 every_suffix = pytest.mark.parametrize("name", ["set.json", "set.json.gz"])
 
@@ -86,6 +88,7 @@ def random_set(seed, count=20):
         scene_dataset="apartment",
         split="train",
         seed=seed,
+        made_from=MADE_FROM,
         episodes=tuple(random_episode(rng, index, loose) for index in range(count)),
         rejections={"a reason": int(rng.integers(1, 9))},
         habitat={"config": {"x": 1}} if seed % 2 else {},
@@ -137,7 +140,9 @@ def test_a_new_file_can_be_read_by_others(tmp_path):
 
 
 def test_an_empty_set_is_fine(tmp_path):
-    empty = EpisodeSet(env=ENV, scene_dataset="x", split="train", seed=0, episodes=())
+    empty = EpisodeSet(
+        env=ENV, scene_dataset="x", split="train", seed=0, made_from=MADE_FROM, episodes=()
+    )
     write_episodes(empty, tmp_path / "set.json")
     assert read_episodes(tmp_path / "set.json") == empty
 
@@ -156,7 +161,7 @@ def refused(file, content, match):
         read_episodes(file)
 
 
-@pytest.mark.parametrize("version", [0, 1, 3, None, "2"])
+@pytest.mark.parametrize("version", [0, 1, 2, 4, None, "3"])
 def test_another_schema_version_is_refused(tmp_path, version):
     write_episodes(random_set(1), tmp_path / "set.json")
     raw = json.loads((tmp_path / "set.json").read_text()) | {"schema": version}
@@ -236,7 +241,9 @@ def test_a_malformed_episode_is_refused_with_its_field(tmp_path, field, damage):
     assert name.endswith(f"{index:05d}")
 
 
-@pytest.mark.parametrize("field", ["scenes", "episodes", "env", "scene_dataset", "split", "seed"])
+@pytest.mark.parametrize(
+    "field", ["scenes", "episodes", "env", "scene_dataset", "split", "seed", "made_from"]
+)
 def test_a_set_without_a_field_is_refused(tmp_path, field):
     write_episodes(random_set(1), tmp_path / "set.json")
     raw = json.loads((tmp_path / "set.json").read_text())

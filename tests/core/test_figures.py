@@ -10,6 +10,7 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 from hab_tasks import rendering
+from hab_tasks.episodes.provenance import MadeFrom
 from hab_tasks.episodes.schema import (
     Episode,
     EpisodeSet,
@@ -145,8 +146,14 @@ def episode(number, scene_id=MACRO, **changes):
 
 
 def episode_set(*episodes, env="HabTidyHouse-v1", scene_dataset="tiny"):
+    origin = MadeFrom(dataset="0" * 8, objects="embedded", masses="0" * 8, generator=None)
     return EpisodeSet(
-        env=env, scene_dataset=scene_dataset, split="train", seed=0, episodes=episodes
+        env=env,
+        scene_dataset=scene_dataset,
+        split="train",
+        seed=0,
+        made_from=origin,
+        episodes=episodes,
     )
 
 

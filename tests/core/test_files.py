@@ -1,8 +1,31 @@
-"""Files are written aside, and are whole or not there."""
+"""Files are written aside, and are whole or not there; where nothing may be written is told."""
+
+import errno
+import os
+import resource
+import shutil
+import socket
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from functools import partial
 
 import pytest
+from killed import FILE, FOLDER, killed_while_writing
+from refusals import refused_by_call
 
-from hab_tasks.files import written_aside
+from hab_tasks.errors import FileError
+from hab_tasks.files import (
+    ASIDE,
+    STALE_S,
+    check_file,
+    check_folder,
+    folder_written_aside,
+    scratch_folder,
+    written_aside,
+)
+
+MARK = "made_here.json"
 
 
 def test_a_file_takes_its_place_in_the_end(tmp_path):
@@ -27,3 +50,211 @@ def test_an_older_file_stays_when_writing_fails(tmp_path):
 def test_what_was_never_written_is_an_error(tmp_path):
     with pytest.raises(FileNotFoundError), written_aside(tmp_path / "told.json"):
         pass
+
+
+def write(path, text="new"):
+    with written_aside(path) as scratch:
+        scratch.write_text(text)
+
+
+def fill(path):
+    with folder_written_aside(path) as scratch:
+        (scratch / MARK).write_text("new")
+
+
+@contextmanager
+def no_room(most_bytes):
+    """The system refuses to write files larger than this, as it does when the disk is full."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def a_folder(tmp_path):
+    (tmp_path / "told.json").mkdir()
+    return tmp_path / "told.json", "is a folder"
+
+
+def a_pipe(tmp_path):
+    os.mkfifo(tmp_path / "told.json")
+    return tmp_path / "told.json", "is a device, pipe or socket"
+
+
+def a_link_to_a_socket(tmp_path):
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(str(tmp_path / "socket"))
+    (tmp_path / "told.json").symlink_to(tmp_path / "socket")
+    return tmp_path / "told.json", "is a device, pipe or socket"
+
+
+def below_a_file(tmp_path):
+    (tmp_path / "file").write_text("precious")
+    return tmp_path / "file" / "new" / "told.json", "file is a file, not a folder"
+
+
+def a_link_to_nothing(tmp_path):
+    (tmp_path / "told.json").symlink_to(tmp_path / "nothing")
+    return tmp_path / "told.json", "is a link to"
+
+
+def a_link_to_itself(tmp_path):
+    (tmp_path / "told.json").symlink_to(tmp_path / "told.json")
+    return tmp_path / "told.json", "told.json"
+
+
+def a_long_name(tmp_path):
+    return tmp_path / ("n" * 300), os.strerror(errno.ENAMETOOLONG)
+
+
+def a_long_path(tmp_path):
+    return tmp_path.joinpath(*["n" * 200] * 30), os.strerror(errno.ENAMETOOLONG)
+
+
+def a_name_with_a_nul(tmp_path):
+    return tmp_path / "told\0.json", "null"
+
+
+def a_name_that_is_no_text(tmp_path):
+    return tmp_path / "told\ud800.json", "surrogates not allowed"
+
+
+NO_FILES = (
+    a_folder,
+    a_pipe,
+    a_link_to_a_socket,
+    below_a_file,
+    a_link_to_nothing,
+    a_link_to_itself,
+    a_long_name,
+    a_long_path,
+    a_name_with_a_nul,
+    a_name_that_is_no_text,
+)
+
+
+@pytest.mark.parametrize("bad", NO_FILES)
+@pytest.mark.parametrize("force", [False, True])
+def test_what_can_be_no_file_is_refused_before_the_work(tmp_path, bad, force):
+    path, words = bad(tmp_path)
+    refused_by_call(partial(check_file, path, force=force), words)
+
+
+@pytest.mark.parametrize("bad", NO_FILES)
+def test_what_can_be_no_file_is_refused_by_the_writer(tmp_path, bad):
+    path, _ = bad(tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    refused_by_call(partial(write, path), path.name[:5].rstrip("\0\ud800"))
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("bad", [b for b in NO_FILES if b is not a_folder])
+def test_what_can_be_no_folder_is_refused(tmp_path, bad):
+    path, words = bad(tmp_path)
+    refused_by_call(partial(check_folder, path, force=True, mark=MARK), words)
+    with pytest.raises(FileError):
+        fill(path)
+
+
+def test_a_folder_that_the_command_has_not_made_is_never_replaced(tmp_path):
+    (tmp_path / "thesis.txt").write_text("precious")
+    for force in (False, True):
+        refused_by_call(partial(check_folder, tmp_path, force=force, mark=MARK), f"no {MARK}")
+
+
+def test_a_folder_that_the_command_has_made_is_replaced_when_asked(tmp_path):
+    folder = tmp_path / "made"
+    fill(folder)
+    (folder / "more").write_text("old")
+    refused_by_call(partial(check_folder, folder, force=False, mark=MARK), "exists", "--force")
+    check_folder(folder, force=True, mark=MARK)
+    fill(folder)
+    assert [file.name for file in folder.iterdir()] == [MARK]
+    assert list(tmp_path.iterdir()) == [folder]
+
+
+def test_a_link_stays_and_its_file_is_replaced(tmp_path):
+    (tmp_path / "far").mkdir()
+    (tmp_path / "far/told.json").write_text("old")
+    (tmp_path / "link.json").symlink_to(tmp_path / "far/told.json")
+    check_file(tmp_path / "link.json", force=True)
+    write(tmp_path / "link.json")
+    assert (tmp_path / "link.json").is_symlink()
+    assert (tmp_path / "far/told.json").read_text() == "new"
+
+
+def test_a_disk_without_room_is_told_and_keeps_the_old_file(tmp_path):
+    file = tmp_path / "told.json"
+    write(file, "old")
+    with no_room(1000):
+        refused_by_call(partial(write, file, "x" * 2000), str(file), os.strerror(errno.EFBIG))
+    assert file.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_a_folder_without_room_is_told_and_keeps_the_old_one(tmp_path):
+    fill(tmp_path / "made")
+    with (
+        no_room(1000),
+        pytest.raises(FileError, match="File too large"),
+        folder_written_aside(tmp_path / "made") as scratch,
+    ):
+        (scratch / "big").write_text("x" * 2000)
+    assert (tmp_path / "made" / MARK).read_text() == "new"
+    assert list(tmp_path.iterdir()) == [tmp_path / "made"]
+
+
+def test_threads_may_write_the_same_file_at_once(tmp_path):
+    texts = [str(number) * 5000 for number in range(8)]
+    together = threading.Barrier(4)
+
+    def write_often(thread):
+        together.wait(timeout=30)
+        for _ in range(50):
+            write(tmp_path / "told.json", texts[thread])
+
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(write_often, range(4)))
+    assert (tmp_path / "told.json").read_text() in texts
+    assert list(tmp_path.iterdir()) == [tmp_path / "told.json"]
+
+
+@pytest.mark.parametrize("code", [FILE, FOLDER])
+def test_the_next_writer_removes_what_a_killed_one_left(tmp_path, code):
+    killed_while_writing(code, tmp_path / "told.json")
+    (left,) = tmp_path.iterdir()
+    assert left.name.startswith(ASIDE)
+    write(tmp_path / "other.json")
+    assert [file.name for file in tmp_path.iterdir()] == ["other.json"]
+
+
+def test_what_others_are_writing_stays(tmp_path):
+    with written_aside(tmp_path / "a.json") as first:
+        first.write_text("a")
+        elsewhere = tmp_path / f"{ASIDE}0badcafe-1-0123.json"
+        elsewhere.write_text("written by another machine just now")
+        write(tmp_path / "b.json")
+        assert first.exists()
+        assert elsewhere.exists()
+    long_ago = elsewhere.stat().st_mtime - STALE_S - 1.0
+    os.utime(elsewhere, (long_ago, long_ago))
+    write(tmp_path / "c.json")
+    assert not elsewhere.exists()
+
+
+def test_a_folder_that_was_changing_places_comes_back(tmp_path):
+    fill(tmp_path / "made")
+    (tmp_path / "made").rename(tmp_path / ".made.old")  # what a kill between two renames leaves
+    with pytest.raises(RuntimeError), folder_written_aside(tmp_path / "made"):
+        raise RuntimeError
+    assert (tmp_path / "made" / MARK).read_text() == "new"
+
+
+def test_a_scratch_folder_is_gone_in_the_end(tmp_path):
+    with scratch_folder(tmp_path / "out") as scratch:
+        (scratch / "kept").write_text("kept")
+        (scratch / "dropped").write_text("")
+        shutil.move(scratch / "kept", tmp_path / "out/kept")
+    assert [file.name for file in (tmp_path / "out").iterdir()] == ["kept"]

@@ -35,6 +35,8 @@ COUNTER = {
 }
 FRIDGE = {"root": -1, "body": 0, "bottom_door": 1, "top_door": 2}
 
+ORIGIN = "0 0 0"
+
 
 def urdf(file, joints, links):
     """Writes a URDF of ``(joint, type, parent, child, xyz, rpy)``."""
@@ -42,7 +44,7 @@ def urdf(file, joints, links):
     for name, kind, parent, child, xyz, rpy in joints:
         parts.append(
             f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-            f'<origin xyz="{xyz}" rpy="{rpy}"/></joint>'
+            f'<origin xyz="{xyz}" rpy="{rpy}"/><limit lower="0" upper="1"/></joint>'
         )
     file.write_text(f'<robot name="x">{"".join(parts)}</robot>')
     return file
@@ -64,16 +66,20 @@ def test_links_are_numbered_depth_first_by_joint_name(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("joints", "links"),
+    ("joints", "links", "words"),
     [
-        ([], ("a", "b")),
-        ([("j", "fixed", "a", "b", "0 0 0", "0 0 0"), ("k", "fixed", "b", "a", "0", "0")], "ab"),
-        ([("j", "fixed", "a", "nowhere", "0 0 0", "0 0 0")], ("a",)),
+        ([], ("a", "b"), "no joint"),
+        (
+            [("j", "fixed", "a", "b", ORIGIN, ORIGIN), ("k", "fixed", "b", "a", ORIGIN, ORIGIN)],
+            "ab",
+            "hangs on itself",
+        ),
+        ([("j", "fixed", "a", "nowhere", ORIGIN, ORIGIN)], ("a",), "'nowhere'"),
     ],
 )
-def test_what_is_not_one_tree_is_refused(tmp_path, joints, links):
+def test_what_is_not_one_tree_is_refused(tmp_path, joints, links, words):
     file = urdf(tmp_path / "bad.urdf", joints, links)
-    with pytest.raises(DatasetError, match=r"bad\.urdf: its links are not one tree"):
+    with pytest.raises(DatasetError, match=rf"bad\.urdf: .*{words}"):
         urdf_link_ids(file)
 
 

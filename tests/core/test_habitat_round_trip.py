@@ -20,6 +20,7 @@ from hab_tasks.episodes.generators.base import stage
 from hab_tasks.episodes.habitat import OWN_KEY, read_habitat, to_habitat, write_habitat
 from hab_tasks.episodes.habitat_fields import close
 from hab_tasks.episodes.habitat_start import draw_starts
+from hab_tasks.episodes.provenance import made_from
 from hab_tasks.episodes.robot_start import START_CLEARANCE_M
 from hab_tasks.episodes.schema import (
     Episode,
@@ -185,6 +186,7 @@ def test_any_episode_of_ours_comes_back(tmp_path, apartment, objects, seed):
         scene_dataset="apartment",
         split="train",
         seed=seed,
+        made_from=made_from(apartment, objects, 8),
         episodes=tuple(random_episode(rng, i, spec, objects) for i in range(12)),
         rejections={"fell": 3},
     )

@@ -1,12 +1,12 @@
 """Navmesh files, the walls made from them, and the free floor against the published one."""
 
 import logging
-import struct
 import time
 
 import numpy as np
 import pytest
 import trimesh
+from faulty_data import navmesh_bytes
 
 from hab_tasks.errors import DatasetError
 from hab_tasks.scenes.dataset import SceneDataset, embedded_dataset
@@ -20,30 +20,6 @@ from hab_tasks.scenes.walls import cover, cut, walls_between, walls_in_mesh
 
 SHELL_PARTS = 5
 """Floor and outer walls come before inner walls."""
-
-
-def navmesh_bytes(rectangles, low=(0.0, -0.05, 0.0), high=(6.0, 2.0, 4.0), joined=()) -> bytes:
-    """A file as Habitat writes it: one tile; rectangles (x0, z0, x1, z1, y at x0, y at x1).
-
-    `joined` holds pairs of polygons that are neighbours.
-    """
-    corners, polygons, details, triangles = [], b"", b"", b""
-    for index, (x0, z0, x1, z1, y0, y1) in enumerate(rectangles):
-        corners += [(x0, y0, z0), (x1, y1, z0), (x1, y1, z1), (x0, y0, z1)]
-        others = [b for a, b in joined if a == index] + [a for a, b in joined if b == index]
-        neighbours = [other + 1 for other in others] + [0] * (6 - len(others))
-        own = [4 * index + k for k in range(4)] + [0, 0]
-        polygons += struct.pack("<I6H6HHBB", 0, *own, *neighbours, 1, 4, 0)
-        details += struct.pack("<IIBBH", 0, 2 * index, 0, 2, 0)
-        triangles += bytes((0, 1, 2, 0, 0, 2, 3, 0))
-    count = len(rectangles)
-    counts = (count, 4 * count, 0, count, 0, 2 * count)
-    header = struct.pack("<4s14i", b"VAND", 7, 0, 0, 0, 0, *counts, 0, 0, count)
-    header += struct.pack("<3f6ff", 1.5, 0.1, 0.2, *low, *high, 20.0)
-    settings = struct.pack("<13f", 0.05, 0.2, 1.5, 0.1, 0.2, 45, 20, 20, 12, 1.3, 6, 6, 1)
-    start = b"TESM" + struct.pack("<ii", 2, 1) + b"\0" * 28 + settings + b"\0" * 12
-    points = np.array(corners, dtype="<f4").tobytes()
-    return start + header + points + polygons + details + triangles
 
 
 def write_navmesh(tmp_path, *args, **kwargs):

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 import trimesh
 from builders import box_glb
+from killed import FOLDER, killed_while_writing
 from PIL import Image
 from textured import box_at, textured_dataset
 
 from hab_tasks.cli import main
 from hab_tasks.errors import DatasetError, HabError, UnknownNameError
+from hab_tasks.files import ASIDE
 from hab_tasks.pipeline import jobs, optimise
 from hab_tasks.pipeline.options import AssetOptions
 from hab_tasks.scenes.dataset import SceneDataset
@@ -136,18 +138,17 @@ def test_a_failure_names_the_file_and_keeps_what_was_computed(tmp_path):
     with pytest.raises(DatasetError, match=r"body\.glb: .*POSITION"):
         copy(source, tmp_path / "out")
     assert not (tmp_path / "out").exists()
-    assert not list(tmp_path.glob(".out*"))
+    assert not list(tmp_path.glob(".*"))
     # Two objects' visual meshes and the table's parts came before it.
     assert copy(textured_dataset(tmp_path / "mended"), tmp_path / "out").tally.reused == 3
 
 
 def test_what_a_killed_run_left_is_cleaned_up(tmp_path):
     source = textured_dataset(tmp_path / "source")
-    half = tmp_path / ".out.partial"
-    half.mkdir()
-    (half / "half").write_text("half a copy")
+    killed_while_writing(FOLDER, tmp_path / "out")
+    assert len(list(tmp_path.glob(f"{ASIDE}*"))) == 1
     copy(source, tmp_path / "out")
-    assert not half.exists()
+    assert not list(tmp_path.glob(f"{ASIDE}*"))
     assert not (tmp_path / "out/half").exists()
 
 
@@ -175,7 +176,7 @@ def test_force_replaces_datasets_and_nothing_else(tmp_path):
     assert not (tmp_path / "out/extra").exists()
     (tmp_path / "home").mkdir()
     (tmp_path / "home/thesis.txt").write_text("precious")
-    with pytest.raises(HabError, match="no dataset"):
+    with pytest.raises(HabError, match=f"holds files and no {optimise.NOTE}"):
         optimise.optimise(source, tmp_path / "home", AssetOptions(), force=True)
 
 

@@ -5,7 +5,11 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
+import pytest
+
+from hab_tasks.errors import WorkerError
 from hab_tasks.processes import worker_pool
 
 KILLED = """
@@ -13,9 +17,9 @@ import time
 from hab_tasks.processes import worker_pool
 import os
 if __name__ == "__main__":
-    pool = worker_pool(1)
-    print(pool.submit(os.getpid).result(), flush=True)
-    time.sleep(60)
+    with worker_pool(1) as pool:
+        print(pool.submit(os.getpid).result(), flush=True)
+        time.sleep(60)
 """
 
 
@@ -32,11 +36,41 @@ def test_workers_do_not_outlive_a_killed_parent(tmp_path):
     worker = int(parent.stdout.readline())
     parent.send_signal(signal.SIGKILL)
     parent.wait()
+    wait_until_gone(worker)
+
+
+def test_workers_end_when_something_is_raised():
+    started = time.monotonic()
+    pids = []
+    with pytest.raises(KeyboardInterrupt):
+        interrupted(pids)
+    wait_until_gone(*pids)
+    assert time.monotonic() - started < 30
+
+
+def test_a_killed_worker_is_told():
+    with pytest.raises(WorkerError, match="worker process was killed"):
+        short_of_memory()
+
+
+def interrupted(pids):
+    with worker_pool(2) as pool:
+        pids.append(pool.submit(os.getpid).result())
+        for _ in range(8):
+            pool.submit(time.sleep, 60)
+        raise KeyboardInterrupt
+
+
+def short_of_memory():
+    with worker_pool(2) as pool:
+        os.kill(pool.submit(os.getpid).result(), signal.SIGKILL)
+        pool.submit(os.getpid).result()
+
+
+def wait_until_gone(*pids):
     deadline = time.monotonic() + 30
     while time.monotonic() < deadline:
-        try:
-            os.kill(worker, 0)
-        except ProcessLookupError:
+        if not any(Path(f"/proc/{pid}").exists() for pid in pids):
             return
-        time.sleep(0.2)
-    raise AssertionError(f"worker {worker} is still there")
+        time.sleep(0.1)
+    raise AssertionError(f"of {pids} some are still there")

@@ -19,7 +19,8 @@ from hab_tasks.cli import main
 from hab_tasks.errors import GenerationError, UnknownNameError
 from hab_tasks.geometry import compose, inverse, to_matrix
 from hab_tasks.scenes.collision_groups import MOVING
-from hab_tasks.scenes.dataset import SceneDataset, read_json, resolve_dataset
+from hab_tasks.scenes.dataset import SceneDataset, resolve_dataset
+from hab_tasks.scenes.fields import read_json
 from hab_tasks.scenes.floor import CELL_M
 from hab_tasks.scenes.layout_checks import free_range
 from hab_tasks.scenes.layout_geometry import Layout

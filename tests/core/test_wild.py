@@ -13,7 +13,8 @@ from hab_tasks.errors import DatasetError, HabError, UnknownNameError
 from hab_tasks.geometry import to_matrix
 from hab_tasks.pipeline.optimise import optimise
 from hab_tasks.pipeline.options import AssetOptions
-from hab_tasks.scenes.dataset import SceneDataset, read_json, resolve_dataset
+from hab_tasks.scenes.dataset import SceneDataset, resolve_dataset
+from hab_tasks.scenes.fields import read_json
 from hab_tasks.scenes.layout_checks import check_layout, free_range
 from hab_tasks.scenes.layout_geometry import Layout
 from hab_tasks.scenes.load import load_scene

@@ -36,7 +36,7 @@ NOISE = {"depth_at_1_m_m": 0.01, "rgb_levels": 5.0, "joint_rad": 0.02}
         ({"action_delay_steps": -1}, OptionError, "a whole number of steps"),
         ({"sensor_noise": 0.1}, OptionError, "SensorNoise or a dict"),
         ({"sensor_noise": {"deph": 0.1}}, UnknownNameError, "depth_at_1_m_m"),
-        ({"camera": ["head"]}, TypeError, "camera"),
+        ({"camera": ["head"]}, UnknownNameError, "Did you mean 'cameras'"),
     ],
 )
 def test_a_bad_option_is_refused_with_what_is_valid(make, options, error, words):

@@ -5,9 +5,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from hab_eval.agent_checks import check_rows
 from hab_eval.cli import main
 from hab_eval.errors import AgentError
-from hab_eval.runner import check_rows
 
 from hab_tasks.agent import AgentSpec
 

@@ -13,7 +13,7 @@ from hab_eval.bench_process import QUIET_STEPS, RemoteSide, StepTiming, time_ste
 from hab_eval.bench_rows import BenchRow, bound_row, make_row, write_rows
 from hab_eval.errors import BenchError, OptionError
 
-from hab_tasks.errors import UnknownNameError
+from hab_tasks.errors import FileError, UnknownNameError
 
 
 @pytest.fixture
@@ -81,7 +81,7 @@ def test_rows_file(tmp_path):
     write_rows(path, [row], force=False)
     keys = {"name", "value", "unit", "reference", "reference_value", "ratio", "n"}
     assert [set(entry) for entry in json.loads(path.read_text())] == [keys]
-    with pytest.raises(BenchError, match="--force"):
+    with pytest.raises(FileError, match="--force"):
         write_rows(path, [row], force=False)
     write_rows(path, [], force=True)
     assert json.loads(path.read_text()) == []

@@ -12,7 +12,7 @@ import tyro
 from hab_eval.episode_options import EpisodeOptions
 
 from hab_tasks.errors import HabError
-from hab_tasks.options import check_options
+from hab_tasks.options import one_line, parse_only_command
 
 EXIT_BAD_INPUT = 2
 EXIT_STOPPED = 1
@@ -85,23 +85,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from hab_eval.errors import RunStoppedError
 
     try:
-        check_options("hab-spa", COMMANDS, arguments)
-        if not arguments or arguments[0] != "record":  # --help, or nothing
+        if not arguments or arguments[0].startswith("-"):  # --help, or nothing
             print(f"usage: hab-spa record --agent M:F --env ID --out DIR\n\n{RECORD_HELP}")
             return 0 if arguments else EXIT_BAD_INPUT
-        command = tyro.cli(
-            RecordCommand,
-            prog="hab-spa record",
-            description=RECORD_HELP,
-            args=arguments[1:],
-            config=(tyro.conf.FlagCreatePairsOff,),
-        )
+        command = parse_only_command("hab-spa", COMMANDS, arguments, RECORD_HELP)
         return command.run()
     except RunStoppedError as error:
         print(f"{error.details}hab-spa: {error} Nothing was written.", file=sys.stderr)
         return EXIT_STOPPED
     except HabError as error:
-        print(f"hab-spa: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"hab-spa: {one_line(error)}", file=sys.stderr)
         return EXIT_BAD_INPUT
     except KeyboardInterrupt:
         print("hab-spa: interrupted; nothing was written.", file=sys.stderr)

@@ -12,10 +12,9 @@ import tyro
 
 from hab_planner.plan import Plan, saved_plan
 from hab_planner.problem import DOMAIN, problem_of
-from hab_tasks.commands.base import refuse_existing
 from hab_tasks.errors import HabError
-from hab_tasks.files import written_aside
-from hab_tasks.options import check_options
+from hab_tasks.files import check_file, written_aside
+from hab_tasks.options import one_line, parse_only_command
 
 EXIT_BAD_INPUT = 2
 
@@ -44,7 +43,7 @@ class PlanCommand:
         """Prints, and writes the plan where asked."""
         problem = problem_of(self.env)
         if self.out is not None:
-            refuse_existing(self.out, self.force)
+            check_file(self.out, force=self.force)
         if self.solve:
             from hab_planner.solve import solve  # takes a second, and only this needs it
 
@@ -68,16 +67,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs `hab-planner`; returns its exit status."""
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
-        check_options("hab-planner", COMMANDS, arguments)
-        if not arguments or arguments[0] != "plan":  # --help, or nothing
+        if not arguments or arguments[0].startswith("-"):  # --help, or nothing
             print(f"usage: hab-planner plan ID [--solve] [--out FILE]\n\n{PLAN_HELP}")
             return 0 if arguments else EXIT_BAD_INPUT
-        command = tyro.cli(
-            PlanCommand, prog="hab-planner plan", description=PLAN_HELP, args=arguments[1:]
-        )
+        command = parse_only_command("hab-planner", COMMANDS, arguments, PLAN_HELP)
         return command.run()
     except HabError as error:
-        print(f"hab-planner: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"hab-planner: {one_line(error)}", file=sys.stderr)
         return EXIT_BAD_INPUT
 
 

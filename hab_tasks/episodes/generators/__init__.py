@@ -1,6 +1,6 @@
 """One generator for each env: its start states, settled, stable and reachable."""
 
-from hab_tasks.episodes.generators.base import Generator, Made, stable_hash
+from hab_tasks.episodes.generators.base import Generator, Made
 from hab_tasks.episodes.generators.drawer import CloseDrawer, OpenDrawer
 from hab_tasks.episodes.generators.fridge import CloseFridge, OpenFridge
 from hab_tasks.episodes.generators.navigate import Navigate
@@ -24,4 +24,4 @@ GENERATORS: dict[str, type[Generator]] = {
 }
 """Env id -> what makes its episodes."""
 
-__all__ = ["GENERATORS", "Generator", "Made", "stable_hash"]
+__all__ = ["GENERATORS", "Generator", "Made"]

@@ -5,7 +5,6 @@ Each episode draws only from its own generator, seeded by (dataset, split, env),
 
 from __future__ import annotations
 
-import zlib
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -211,8 +210,3 @@ def start_state(
         handle=handle,
         joints=bench.joints(),
     )
-
-
-def stable_hash(*names: str) -> int:
-    """Returns a number made from names, the same on every machine and in every run."""
-    return zlib.crc32("\0".join(names).encode())

@@ -26,16 +26,16 @@ from hab_eval.runner import run_episode
 from mani_skill.utils.wrappers.record import RecordEpisode
 
 from hab_tasks.agent import Agent
-from hab_tasks.commands.base import refuse_existing
 from hab_tasks.envs import ENVS
 from hab_tasks.episodes import Episode, EpisodeRequest, open_source
 from hab_tasks.episodes.source import EpisodeSource
+from hab_tasks.files import check_file, check_folder, scratch_folder
 from hab_tasks.instructions import instruction
 from hab_tasks.processes import use_one_thread
 
 NAME = "trajectory"
 LEROBOT = "lerobot"
-SCRATCH = "partial_record"
+LEROBOT_MARK = "meta/info.json"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,9 +97,7 @@ def record(plan: RecordPlan, told: Told) -> Recorded:
     targets = _targets(plan)
     if plan.lerobot:  # refuses, before minutes are spent, when pyarrow is missing
         from hab_spa.recording import lerobot_format
-    scratch = plan.out / SCRATCH
-    shutil.rmtree(scratch, ignore_errors=True)
-    try:
+    with scratch_folder(plan.out) as scratch:
         results = _play(plan, scratch, told)
         solved = [result for result in results if result.success]
         if not solved:
@@ -110,8 +108,6 @@ def record(plan: RecordPlan, told: Told) -> Recorded:
             if target.is_dir():
                 shutil.rmtree(target)
             (scratch / target.name).replace(target)
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
     return Recorded(
         demonstrations=len(solved),
         episodes=len(results),
@@ -140,9 +136,11 @@ class _Numbered(gym.Wrapper[Any, Any, Any, Any]):
 def _targets(plan: RecordPlan) -> list[Path]:
     """Returns the files to write; refuses to replace any unless that is wished."""
     targets = [plan.out / f"{NAME}.h5", plan.out / f"{NAME}.json"]
-    targets += [plan.out / LEROBOT] * plan.lerobot
     for target in targets:
-        refuse_existing(target, plan.force)
+        check_file(target, force=plan.force)
+    if plan.lerobot:
+        targets.append(plan.out / LEROBOT)
+        check_folder(targets[-1], force=plan.force, mark=LEROBOT_MARK)
     return targets
 
 

@@ -1,0 +1,82 @@
+"""One run at a time in a result folder.
+
+The lock is the kernel's (`flock`) on a file that is held open, so it ends with the process however
+that ends. The file itself only says whose lock it is.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import os
+import socket
+from collections.abc import Generator
+from pathlib import Path
+
+from hab_eval.errors import RunFolderError
+from hab_tasks.errors import FileError
+
+LOCK = ".lock"
+
+NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
+"""Some network file systems know no locks; a run there goes without."""
+
+
+@contextlib.contextmanager
+def locked(root: Path) -> Generator[None, None, None]:
+    """Holds the folder `root`, which is made if it is not there, and removed if it stays empty.
+
+    Raises:
+        RunFolderError: Another process holds it; names its pid and host.
+        FileError: The folder cannot be written to.
+    """
+    made = [folder for folder in (root, *root.parents) if not folder.exists()]
+    path = root / LOCK
+    try:
+        try:
+            root.mkdir(parents=True, exist_ok=True)
+            file = _hold(path)
+        except OSError as error:
+            raise FileError(path, f"cannot be written: {error.strerror or error}") from error
+        try:
+            yield
+        finally:
+            path.unlink(missing_ok=True)  # before it is let go: a later one has a file of its own
+            os.close(file)
+    finally:
+        with contextlib.suppress(OSError):  # it holds something
+            for folder in made:
+                folder.rmdir()
+
+
+def _hold(path: Path) -> int:
+    """Returns the open lock file of this process."""
+    while True:
+        file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            if error.errno not in NO_LOCKS:
+                owner = os.pread(file, 1000, 0).decode("utf-8", "replace") or "another process"
+                os.close(file)
+                raise RunFolderError(_busy(path.parent, owner)) from error
+        if _is_at(file, path):
+            os.ftruncate(file, 0)
+            os.pwrite(file, f"process {os.getpid()} on {socket.gethostname()}".encode(), 0)
+            return file
+        os.close(file)  # its owner ended, and removed it, between our two calls
+
+
+def _is_at(file: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(file), path.stat())
+    except FileNotFoundError:
+        return False
+
+
+def _busy(root: Path, owner: str) -> str:
+    return (
+        f"--out {root} is in use: {owner} is running in it. Wait for its end, or give another "
+        "folder."
+    )

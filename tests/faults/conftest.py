@@ -1,0 +1,11 @@
+"""What all tests of bad input share."""
+
+import pytest
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path_factory, monkeypatch):
+    """A cache of the tests' own, so that nothing is found in it or left in it."""
+    folder = tmp_path_factory.getbasetemp() / "faults-cache"
+    monkeypatch.setenv("HAB_CACHE_DIR", str(folder))
+    return folder

@@ -1,0 +1,194 @@
+"""Agents that break the protocol: one line that names the agent and what is wrong with it."""
+
+import sys
+
+import pytest
+import stub_runs  # first: it finds the stub
+
+import faulty_agents  # isort: skip
+import stub_hab
+from faulty_agents import ACTIONS, REPORTS, SPECS
+from hab_eval.agent_checks import check_report
+from hab_eval.cli import main
+from hab_eval.errors import AgentError
+from hab_eval.load_agent import load_agent
+from refusals import check_words, refused_by_command
+from stub_runs import FAULTY, journal_ids
+
+from hab_tasks.agent import AgentReport, AgentSetup
+
+EXIT_STOPPED = 1
+
+
+@pytest.fixture(autouse=True)
+def stubbed():
+    undo = stub_hab.install()
+    yield
+    undo()
+
+
+def stopped_line(capfd, out, *arguments):
+    """Runs; asserts exit 1 and one line on stderr, and returns that line."""
+    capfd.readouterr()
+    code = main([*map(str, arguments), "--out", str(out)])
+    lines = capfd.readouterr().err.splitlines()
+    assert code == EXIT_STOPPED, lines
+    assert len(lines) == 1, lines
+    check_words(lines[0], ("hab-eval: ", "--resume"))
+    assert "run.json" not in [path.name for path in out.iterdir()]
+    return lines[0]
+
+
+@pytest.mark.parametrize("case", SPECS)
+def test_a_bad_spec_is_named_before_anything_is_made(tmp_path, case):
+    arguments = (*FAULTY, "--option", f"case=spec:{case}", "--out", tmp_path / "run")
+    field = next(iter(SPECS[case]))
+    refused_by_command(main, arguments, "rows" if "rows" in case else f"spec.{field} is")
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("case", ["none"])
+def test_an_agent_without_a_spec_is_named(tmp_path, case):
+    arguments = (*FAULTY, "--option", f"case=spec:{case}", "--out", tmp_path / "run")
+    refused_by_command(main, arguments, "faulty_agents:made", "spec is null", "AgentSpec")
+
+
+@pytest.mark.parametrize("case", REPORTS)
+def test_a_bad_report_stops_the_run_and_names_the_agent(tmp_path, capfd, case):
+    arguments = (*FAULTY, "--option", f"case=report:{case}", "--episodes", 2)
+    line = stopped_line(capfd, tmp_path / "run", *arguments)
+    field = case.partition("_")[0]
+    field = field if field in ("failure", "timings", "doing", "trace") else "report()"
+    check_words(line, ("'stub/000'", "Stub: ", field, "report()"))
+
+
+@pytest.mark.parametrize("case", ACTIONS)
+def test_a_bad_action_stops_the_run_and_is_named(tmp_path, capfd, case):
+    arguments = (*FAULTY, "--option", f"case=act:{case}", "--episodes", 2)
+    line = stopped_line(capfd, tmp_path / "run", *arguments)
+    check_words(line, ("'stub/000'", "act() must return"))
+
+
+ERRORS = {
+    "exit": "sys.exit(0)",
+    "exit_none": "sys.exit(None)",
+    "exit_text": "sys.exit('done')",
+    "value": "ValueError: three lines of it",
+    "key": "KeyError: 'missing'",
+    "memory": "MemoryError",
+    "assertion": "AssertionError",
+    "recursion": "RecursionError: too deep",
+    "long": "RuntimeError: xxx",
+    "control": r"RuntimeError: \x1b[31mred",
+}
+
+
+@pytest.mark.parametrize("method", ["reset", "act", "report"])
+@pytest.mark.parametrize("case", ERRORS)
+def test_a_method_that_raises_or_exits_stops_the_run_and_keeps_what_is_done(
+    tmp_path, capfd, method, case
+):
+    out = tmp_path / "run"
+    arguments = (*FAULTY, "--option", f"case=raise:{method}:{case}", "--episodes", 3)
+    line = stopped_line(capfd, out, *arguments)
+    check_words(line, ("Episode 'stub/001' stopped the run", ERRORS[case], "1 of 3 episodes"))
+    assert journal_ids(out) == ["stub/000"]
+
+
+@pytest.mark.parametrize("case", [c for c in ERRORS if "exit" not in c] + ["stop"])
+def test_a_factory_that_raises_is_named_with_file_and_line(tmp_path, case):
+    arguments = (*FAULTY, "--option", f"case=factory:{case}", "--out", tmp_path / "run")
+    words = ("factory of agent 'faulty_agents:made' raised", ERRORS.get(case, "StopIteration"))
+    refused_by_command(main, arguments, *words)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("case", ["nothing", "class", "absent", "halved", "guarded"])
+def test_what_is_no_agent_is_named(tmp_path, case):
+    arguments = (*FAULTY, "--option", f"case=factory:{case}", "--out", tmp_path / "run")
+    wanted = "no spec today" if case == "guarded" else "it needs spec, reset, act and report"
+    refused_by_command(main, arguments, "faulty_agents:made", wanted)
+
+
+@pytest.mark.parametrize("case", ["exit", "exit_none", "exit_text"])
+def test_a_factory_that_exits_is_no_success(tmp_path, capfd, case):
+    code = main([*FAULTY, "--option", f"case=factory:{case}", "--out", str(tmp_path / "run")])
+    lines = capfd.readouterr().err.splitlines()
+    assert (code, len(lines)) == (EXIT_STOPPED, 1)
+    check_words(lines[0], ("factory of agent 'faulty_agents:made'", ERRORS[case]))
+
+
+MODULES = {
+    "syntax": ("def agent(setup:\n", "SyntaxError", "line 1"),
+    "indent": ("if True:\npass\n", "IndentationError", "line 2"),
+    "nul": ("x = 1\0\n", "SyntaxError", "null bytes"),
+    "bytes": (b"x = '\xff'\n", "SyntaxError", "utf-8"),
+    "name": ("agent = missing\n", "NameError", "line 1"),
+    "raises": ("\nraise RuntimeError('no weights')\n", "no weights", "line 2"),
+    "import": ("from hab_tasks import nothing_such\n", "cannot be imported", "nothing_such"),
+    "needs": ("import surely_not_there\n", "needs 'surely_not_there'", "not installed"),
+    "deep": ("x = " + "(" * 300 + ")" * 300 + "\n", "raised", "parenthes"),
+}
+
+
+@pytest.mark.parametrize("case", MODULES)
+def test_a_module_that_cannot_be_imported_is_named(tmp_path, monkeypatch, case):
+    source, *words = MODULES[case]
+    name = f"bad_module_{case}"
+    source = source.encode() if isinstance(source, str) else source
+    (tmp_path / f"{name}.py").write_bytes(source)
+    monkeypatch.syspath_prepend(tmp_path)
+    arguments = ("run", "--agent", f"{name}:agent", "--env", "HabStub-v1")
+    refused_by_command(main, (*arguments, "--out", tmp_path / "run"), name, *words)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_module_that_exits_is_no_success(tmp_path, monkeypatch, capfd):
+    (tmp_path / "exiting_module.py").write_text("import sys\nsys.exit(0)\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    arguments = ["run", "--agent", "exiting_module:agent", "--env", "HabStub-v1"]
+    assert main([*arguments, "--out", str(tmp_path / "run")]) == EXIT_STOPPED
+    lines = capfd.readouterr().err.splitlines()
+    assert len(lines) == 1
+    check_words(lines[0], ("'exiting_module' called sys.exit(0)", "line 2"))
+    assert not (tmp_path / "run").exists()
+
+
+REFERENCES = ["", ":", "x", "x:", ":x", ".:x", "..x:y", "stub_hab.x:y", "json.decoder.x:y", "a b:c"]
+REFERENCES += ["hab_eval..x:y", "stub_hab:a.b", "stub_hab:constant:x", "nul\0:x", "é" * 500 + ":x"]
+
+
+@pytest.mark.parametrize("reference", REFERENCES, ids=range(len(REFERENCES)))
+def test_a_bad_reference_is_one_line(tmp_path, reference):
+    arguments = ("run", "--agent", reference, "--env", "HabStub-v1", "--out", tmp_path / "run")
+    refused_by_command(main, arguments, "gent")
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["act", "reset"])
+def test_an_exit_in_a_worker_is_told_as_in_one_process(tmp_path, method):
+    out = tmp_path / "run"
+    arguments = (*FAULTY, "--option", f"case=raise:{method}:exit", "--episodes", 3, "--workers", 2)
+    process = stub_runs.start(*arguments, "--out", out)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == EXIT_STOPPED
+    assert len(err.splitlines()) == 1, err
+    check_words(err, ("Episode 'stub/001' stopped the run", "sys.exit(0)", "--resume"))
+    assert "stub/001" not in (journal_ids(out) if (out / "episodes.jsonl").exists() else [])
+
+
+def test_numbers_of_other_libraries_are_durations():
+    import numpy as np
+    import torch
+
+    report = AgentReport(timings_s={"a": np.float32(0.5), "b": torch.tensor(2.0), "c": 3})
+    assert check_report(report, "x") == (None, {"a": 0.5, "b": 2.0, "c": 3.0})
+
+
+def test_good_agents_still_load():
+    setup = AgentSetup(env_id="HabStub-v1", options={"case": "report:none"})
+    assert load_agent("faulty_agents:made", setup)
+    assert faulty_agents.__name__ in sys.modules
+    with pytest.raises(AgentError, match="no hab_tasks"):
+        load_agent("stub_hab:not_an_agent", setup)

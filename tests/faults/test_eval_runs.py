@@ -1,0 +1,244 @@
+"""Runs that share a folder, hang or are killed: each episode is played once, none is lost."""
+
+import fcntl
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import stub_runs  # first: it finds the stub
+
+import stub_hab  # isort: skip
+from hab_eval.cli import main
+from hab_eval.errors import RunFolderError
+from hab_eval.results import read_record
+from hab_eval.run_lock import LOCK, locked
+from refusals import refused_by_command
+from stub_runs import FAULTY, RUN, journal_ids, results_of
+
+HOLDER = """
+import sys, time
+from pathlib import Path
+from hab_eval.run_lock import locked
+with locked(Path(sys.argv[1])):
+    print("held", flush=True)
+    time.sleep(600)
+"""
+
+
+@pytest.fixture(autouse=True)
+def stubbed():
+    undo = stub_hab.install()
+    yield
+    undo()
+
+
+@pytest.fixture
+def holder(tmp_path):
+    """A process that holds the folder `run`."""
+    environment = {**os.environ, "PYTHONPATH": str(stub_runs.ROOT / "eval")}
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLDER, str(tmp_path / "run")],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=environment,
+    )
+    assert process.stdout.readline() == "held\n"
+    yield process
+    process.kill()
+    process.communicate()
+
+
+def finished(folder):
+    """Plays six episodes into a folder."""
+    assert main([*RUN, "--episodes", "6", "--out", str(folder)]) == 0
+
+
+@pytest.mark.parametrize("how", ["--resume", "--force"])
+def test_a_folder_in_use_is_refused_with_its_owner(tmp_path, holder, capfd, how):
+    out = tmp_path / "run"
+    words = (str(out), f"process {holder.pid} on {socket.gethostname()}")
+    refused_by_command(main, (*RUN, "--episodes", 1, "--out", out, how), *words)
+    assert [path.name for path in out.iterdir()] == [LOCK]
+
+
+def test_what_a_run_in_use_has_written_stays(tmp_path, capfd):
+    out = tmp_path / "run"
+    finished(out)
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    with locked(out):
+        refused_by_command(main, (*RUN, "--episodes", 6, "--out", out, "--force"), "is in use")
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+def test_the_lock_of_a_killed_process_is_taken_over_without_a_word(tmp_path, holder, capfd):
+    out = tmp_path / "run"
+    holder.kill()
+    holder.wait()
+    assert (out / LOCK).is_file()
+    capfd.readouterr()
+    finished(out)  # a lock alone is no run in the way
+    assert capfd.readouterr().err == ""
+    assert sorted(path.name for path in out.iterdir()) == [
+        "config.json",
+        "episodes.jsonl",
+        "run.json",
+    ]
+
+
+def test_a_folder_that_stays_empty_is_removed_with_those_made_above_it(tmp_path):
+    with locked(tmp_path / "a" / "b"):
+        pass
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "mine").mkdir()
+    with locked(tmp_path / "mine"):
+        pass
+    assert (tmp_path / "mine").is_dir()
+
+
+def test_a_file_system_without_locks_is_no_obstacle(tmp_path, monkeypatch):
+    def flock(*_):
+        raise OSError(38, "Function not implemented")
+
+    monkeypatch.setattr(fcntl, "flock", flock)
+    finished(tmp_path / "run")
+
+
+def test_only_one_of_several_threads_holds_a_folder(tmp_path):
+    with locked(tmp_path / "run"), pytest.raises(RunFolderError), locked(tmp_path / "run"):
+        pass
+    with locked(tmp_path / "run"):
+        pass
+
+
+@pytest.mark.slow
+def test_of_two_resumes_at_once_one_plays(tmp_path):
+    out = tmp_path / "run"
+    arguments = (*RUN, "--episodes", 8, "--out", out, "--resume")
+    both = [stub_runs.start(*arguments, STUB_STEP_S="0.3") for _ in range(2)]
+    told = [process.communicate(timeout=120)[1] for process in both]
+    codes = [process.returncode for process in both]
+    assert sorted(codes) == [0, 2], told
+    line = told[codes.index(2)]
+    assert f"process {both[codes.index(0)].pid} on" in line
+    assert len(line.splitlines()) == 1
+    assert len(journal_ids(out)) == 8
+
+
+def test_a_time_limit_needs_an_agent_of_one_row(tmp_path):
+    arguments = ("run", "--agent", "stub_hab:many", "--env", "HabStub-v1", "--step-timeout", 5)
+    refused_by_command(main, (*arguments, "--out", tmp_path / "run"), "--step-timeout", "Many", "3")
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_resume_wants_the_same_time_limit(tmp_path, capfd):
+    finished(tmp_path / "run")
+    arguments = (*RUN, "--episodes", 6, "--out", tmp_path / "run", "--resume", "--step-timeout", 5)
+    refused_by_command(main, arguments, "step_timeout_s: None before, 5.0 now")
+
+
+def seconds_of(folder, failure):
+    episodes = read_record(folder / "run.json").episodes
+    return [one.seconds for one in episodes if one.failure == failure]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("case", "workers", "steps"), [("act", 1, 1), ("reset", 2, 0), ("act:deaf", 2, 1)]
+)
+def test_an_agent_that_hangs_fails_the_episode_and_the_run_goes_on(
+    tmp_path, capfd, case, workers, steps
+):
+    out, clean = tmp_path / "run", tmp_path / "clean"
+    options = ("--episodes", 6, "--workers", workers, "--step-timeout", 1.5, "--out", out)
+    process = stub_runs.start(*FAULTY, "--option", f"case=late:{case}", *options)
+    _, err = process.communicate(timeout=200)
+    assert process.returncode == 0, err
+    finished(clean)
+    found, expected = results_of(out), results_of(clean)
+    late = [one for one in found if one["failure"] == "agent timeout"]
+    assert [one["id"] for one in late] == ["stub/001", "stub/003"]
+    assert [(one["success"], one["steps"]) for one in late] == [(False, steps)] * 2
+    assert [one for one in found if one not in late] == [
+        one for one in expected if one["id"] not in ("stub/001", "stub/003")
+    ]
+    assert all(1.5 < seconds < 60 for seconds in seconds_of(out, "agent timeout"))
+    assert [path.name for path in out.iterdir() if path.name.startswith((".", "partial"))] == []
+
+
+@pytest.mark.slow
+def test_a_time_limit_changes_no_result_of_an_agent_that_keeps_it(tmp_path, capfd):
+    out, clean = tmp_path / "run", tmp_path / "clean"
+    process = stub_runs.start(*RUN, "--episodes", 6, "--step-timeout", 30, "--out", out)
+    assert process.wait(timeout=120) == 0
+    finished(clean)
+    assert results_of(out) == results_of(clean)
+    assert read_record(out / "run.json").step_timeout_s == 30.0
+
+
+def processes_of(group):
+    """Ids of the processes of a process group that still run."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = entry.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[2]) == group and fields[0] != "Z":
+            found.append(int(entry.parent.name))
+    return found
+
+
+def children_of(pid):
+    """Ids of the worker processes of a process."""
+    try:
+        found = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+        return [int(c) for c in found if "spawn_main" in Path(f"/proc/{c}/cmdline").read_text()]
+    except OSError:  # one of them has just ended
+        return []
+
+
+def lines_of(folder):
+    """Number of finished episodes of a run."""
+    path = folder / "episodes.jsonl"
+    return path.read_bytes().count(b"\n") if path.exists() else 0
+
+
+def wait_until(true, seconds=60.0):
+    deadline_s = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < deadline_s
+        time.sleep(0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("killed", ["parent", "worker"])
+def test_ten_kills_at_any_moment_lose_nothing(tmp_path, capfd, killed):
+    """Each sitting is killed at a seeded moment and goes on; the last one may end."""
+    out, clean = tmp_path / "run", tmp_path / "clean"
+    rng = random.Random(f"{killed}")
+    arguments = (*RUN, "--episodes", 24, "--workers", 2, "--out", out, "--resume")
+    for _ in range(10):
+        process = stub_runs.start(*arguments, STUB_STEP_S="0.05")
+        wait_until(lambda p=process: p.poll() is not None or len(children_of(p.pid)) == 2)
+        enough = lines_of(out) + rng.randrange(4) - 1  # or while the workers start
+        wait_until(lambda p=process, n=enough: p.poll() is not None or lines_of(out) >= n)
+        time.sleep(rng.uniform(0.0, 0.3))
+        victims = [process.pid] if killed == "parent" else children_of(process.pid)
+        if victims and process.poll() is None:
+            os.kill(rng.choice(victims), signal.SIGKILL)
+        _, err = process.communicate(timeout=60)
+        assert "Traceback" not in err
+        wait_until(lambda p=process: not processes_of(p.pid), 10.0)
+    assert lines_of(out) > 0
+    assert main([*RUN, "--episodes", "24", "--out", str(out), "--resume"]) == 0
+    assert main([*RUN, "--episodes", "24", "--out", str(clean)]) == 0
+    assert sorted(journal_ids(out)) == [f"stub/{number:03d}" for number in range(24)]
+    assert results_of(out) == results_of(clean)
+    names = {"config.json", "episodes.jsonl", "run.json"}
+    assert {path.name for path in out.iterdir()} - {"error.txt"} == names

@@ -1,0 +1,203 @@
+"""Commands that are killed: nothing keeps running, nothing is half written, again is enough."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import pytest
+from textured import textured_dataset
+
+from hab_tasks.files import ASIDE
+
+BIN = Path(sys.executable).parent
+KILLS = 10
+GONE_WITHIN_S = 20.0
+LONGEST_S = 240.0
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+
+
+@dataclass(frozen=True)
+class Work:
+    """A command that takes some seconds, in a folder of its own.
+
+    Attributes:
+        arguments: What is run; relative paths are in the folder.
+        out: What it writes.
+        workers: Whether it has worker processes.
+    """
+
+    arguments: tuple[str, ...]
+    out: str
+    workers: bool
+
+
+EPISODES = Work(
+    (
+        *("hab-tasks", "episodes", "--env", "HabPick-v1", "--seed", "3", "--count", "3"),
+        *("--workers", "2", "--out", "out.json", "--force"),
+    ),
+    "out.json",
+    True,
+)
+ASSETS = Work(
+    ("hab-tasks", "assets", "source", "--workers", "2", "--out", "out", "--force"), "out", True
+)
+RECORD = Work(
+    (
+        *("hab-spa", "record", "--agent", "hab_spa:spa_priv", "--env", "HabPick-v1"),
+        *("--count", "1", "--split", "val", "--out", "out", "--force"),
+    ),
+    "out",
+    False,
+)
+WORKS = {"episodes": EPISODES, "assets": ASSETS, "record": RECORD}
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """An empty folder with a dataset, and a cache and temporary files that nobody else writes."""
+    for name, variable in (("cache", "HAB_CACHE_DIR"), ("temporary", "TMPDIR")):
+        (tmp_path / name).mkdir()
+        monkeypatch.setenv(variable, str(tmp_path / name))
+    (tmp_path / "work").mkdir()
+    textured_dataset(tmp_path / "work" / "source")
+    return tmp_path
+
+
+def start(folder, work):
+    script, *arguments = work.arguments
+    return subprocess.Popen(
+        [str(BIN / script), *arguments],
+        cwd=folder / "work",
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def session_of(pid):
+    """Returns the pids of a session's processes that still run."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            _, _, rest = stat.read_text().rpartition(") ")
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        state, _, _, session, *_ = rest.split()
+        if int(session) == pid and state != "Z":
+            found.append(int(stat.parent.name))
+    return found
+
+
+def check_nothing_runs(pid):
+    deadline = time.monotonic() + GONE_WITHIN_S
+    while session_of(pid) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert session_of(pid) == []
+
+
+def finish(folder, work):
+    """Runs to the end; returns how long that took and what it wrote."""
+    started = time.monotonic()
+    process = start(folder, work)
+    _, told = process.communicate(timeout=LONGEST_S)
+    assert process.returncode == 0, told
+    check_nothing_runs(process.pid)
+    return time.monotonic() - started, written(folder / "work" / work.out)
+
+
+def written(out):
+    """Returns what a command has written: path -> content."""
+    files = [out] if out.is_file() else sorted(p for p in out.rglob("*") if p.is_file())
+    return {str(p.relative_to(out.parent)): content(p) for p in files}
+
+
+def content(file):
+    """Returns a file's bytes; of HDF5, which holds times of day, the values."""
+    if file.suffix != ".h5":
+        return file.read_bytes()
+    found = {}
+    with h5py.File(file) as data:
+        data.visititems(
+            lambda name, item: (
+                found.update({name: item[()].tobytes()}) if isinstance(item, h5py.Dataset) else None
+            )
+        )
+    return found
+
+
+def left_over(folder):
+    return [p for p in folder.rglob("*") if p.name.startswith(ASIDE) or p.name.endswith(".old")]
+
+
+@pytest.mark.parametrize("name", WORKS)
+def test_a_killed_command_leaves_what_was_there_and_runs_again(folder, name):
+    work = WORKS[name]
+    duration_s, whole = finish(folder, work)
+    moments = random.Random(f"parent of {name}")
+    for _ in range(KILLS):
+        process = start(folder, work)
+        time.sleep(moments.uniform(0.0, duration_s))
+        process.kill()
+        process.communicate()
+        check_nothing_runs(process.pid)
+        assert written(folder / "work" / work.out) == whole
+    assert finish(folder, work)[1] == whole
+    assert left_over(folder) == []
+
+
+@pytest.mark.parametrize("name", [name for name, work in WORKS.items() if work.workers])
+def test_a_killed_worker_is_told_and_nothing_is_lost(folder, name):
+    work = WORKS[name]
+    duration_s, whole = finish(folder, work)
+    moments = random.Random(f"worker of {name}")
+    told = 0
+    for _ in range(KILLS):
+        process = start(folder, work)
+        time.sleep(moments.uniform(0.3, 0.9) * duration_s)
+        workers = [p for p in session_of(process.pid) if p != process.pid and is_worker(p)]
+        if workers:
+            os.kill(moments.choice(workers), signal.SIGKILL)
+        _, error = process.communicate(timeout=LONGEST_S)
+        check_nothing_runs(process.pid)
+        if process.returncode:
+            lines = [line for line in error.splitlines() if line.startswith("hab-tasks:")]
+            assert process.returncode == 2, error
+            assert len(lines) == 1, error
+            assert "worker" in lines[0]
+            assert "Traceback" not in error
+            told += 1
+        assert written(folder / "work" / work.out) == whole
+    assert told, "no kill came while the workers worked"
+    assert finish(folder, work)[1] == whole
+    assert left_over(folder) == []
+
+
+def is_worker(pid):
+    try:
+        return b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.parametrize("name", WORKS)
+def test_ctrl_c_ends_a_command_in_one_line(folder, name):
+    work = WORKS[name]
+    process = start(folder, work)
+    time.sleep(4.0)  # by then it works
+    os.killpg(process.pid, signal.SIGINT)
+    out, error = process.communicate(timeout=60)
+    check_nothing_runs(process.pid)
+    assert process.returncode == 130, out + error
+    assert "Traceback" not in error
+    assert error.splitlines()[-1].startswith(f"{work.arguments[0]}: interrupted")
+    assert not (folder / "work" / work.out).is_file()
+    assert left_over(folder) == []

@@ -1,0 +1,37 @@
+"""All environments in both datasets stand any action; `make soak` takes a million steps."""
+
+import logging
+import os
+
+import pytest
+from soak import soak
+
+from hab_tasks.envs import ENVS
+
+STEPS = int(os.environ.get("HAB_SOAK_STEPS", "10000"))
+"""In all environments and datasets together."""
+
+LONG_STEPS = 100_000
+"""Growth of memory is looked at in runs of so many steps."""
+
+MOST_GROWTH = 0.05
+logger = logging.getLogger(__name__)
+DATASETS = ("apartment", "replica_cad")
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(24 * 3600)]
+
+
+@pytest.mark.parametrize("dataset", DATASETS)
+@pytest.mark.parametrize("env_id", ENVS)
+def test_an_environment_stands_any_action(env_id, dataset, request):
+    options = {}
+    if dataset != "apartment":
+        options = {
+            "scene_dataset": str(request.getfixturevalue("replica_cad")),
+            "objects": str(request.getfixturevalue("ycb")),
+        }
+    done = soak(env_id, options, STEPS // (len(ENVS) * len(DATASETS)), seed=0)
+    logger.info("%s %s: %s, growth %.1f %%", env_id, dataset, done, 100.0 * done.growth)
+    assert done.steps == STEPS // (len(ENVS) * len(DATASETS))
+    if STEPS >= LONG_STEPS:
+        assert done.growth <= MOST_GROWTH

@@ -2,6 +2,7 @@
 
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -72,6 +73,9 @@ def folder(tmp_path, monkeypatch):
 
 
 def start(folder, work):
+    """Starts a command that finds nothing in the cache."""
+    shutil.rmtree(folder / "cache")
+    (folder / "cache").mkdir()
     script, *arguments = work.arguments
     return subprocess.Popen(
         [str(BIN / script), *arguments],
@@ -191,13 +195,14 @@ def is_worker(pid):
 @pytest.mark.parametrize("name", WORKS)
 def test_ctrl_c_ends_a_command_in_one_line(folder, name):
     work = WORKS[name]
+    duration_s, whole = finish(folder, work)
     process = start(folder, work)
-    time.sleep(4.0)  # by then it works
+    time.sleep(0.5 * duration_s)
     os.killpg(process.pid, signal.SIGINT)
     out, error = process.communicate(timeout=60)
     check_nothing_runs(process.pid)
     assert process.returncode == 130, out + error
     assert "Traceback" not in error
     assert error.splitlines()[-1].startswith(f"{work.arguments[0]}: interrupted")
-    assert not (folder / "work" / work.out).is_file()
+    assert written(folder / "work" / work.out) == whole
     assert left_over(folder) == []

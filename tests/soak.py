@@ -129,7 +129,7 @@ def check_finite(name: str, value: Any) -> None:
 
 
 def _actions(space: gym.Space[Any], rng: np.random.Generator) -> Iterator[Any]:
-    """Yields actions: by chance, held for a while, at the limits, back and forth, beyond the limits."""
+    """Yields actions: by chance, held for a while, at and beyond the limits, back and forth."""
     if isinstance(space, spaces.Discrete):
         while True:
             held = int(rng.integers(space.n))

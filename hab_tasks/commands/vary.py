@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 WILD_SPLIT = "test"
 MOST_LAYOUTS = 100_000
-LAYOUTS = "layouts.json"
 DOOR_BINS_RAD = (1.6, 1.8, 2.0, 2.29)
 """The fridge's door, which opens to 2.3 rad, is counted by how far it gets."""
 
@@ -68,6 +67,7 @@ Example:
     def run(self) -> int:
         """Makes and writes the layouts, then prints what was refused on the way and why."""
         from hab_tasks.scenes.dataset import resolve_dataset
+        from hab_tasks.scenes.layout_set import FILE
         from hab_tasks.scenes.vary import macro_scene_id
 
         self._check()
@@ -77,7 +77,7 @@ Example:
                 f"{self.dataset} holds variations already; vary {dataset.layouts.dataset} instead."
             )
         macro = None if self.macro is None else macro_scene_id(dataset, self.macro)
-        check_folder(self.out, force=self.force, mark=LAYOUTS)
+        check_folder(self.out, force=self.force, mark=FILE)
         wild: list[WildLayout] = []
         if macro is None or self.wild:
             made = self._wild(dataset, macro, wild)

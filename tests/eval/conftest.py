@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import os
-import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -18,6 +16,7 @@ ROOT = HERE.parents[1]
 sys.path.insert(0, str(HERE))  # so that stub_hab has one name here and in worker processes
 
 import stub_hab  # noqa: E402
+import stub_runs  # noqa: E402
 from hab_eval.cli import main  # noqa: E402
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
@@ -35,20 +34,7 @@ def stubbed() -> Iterator[None]:
 def start_cli() -> Callable[..., subprocess.Popen[str]]:
     """Starts `hab-eval` on the stub in a process group of its own."""
 
-    def start(*arguments: object, **variables: str) -> subprocess.Popen[str]:
-        path = os.pathsep.join([str(HERE), str(ROOT), str(ROOT / "eval")])
-        return subprocess.Popen(
-            [sys.executable, str(HERE / "stub_main.py"), *map(str, arguments)],
-            env={**os.environ, "PYTHONPATH": path, "COLUMNS": "120", **variables},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-            # Tests started in a shell's background ignore Ctrl-C, and so would this process.
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-        )
-
-    return start
+    return stub_runs.start
 
 
 @pytest.fixture

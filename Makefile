@@ -5,7 +5,7 @@ WORKERS ?= 2
 DATASET ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test soak lint format typecheck bench build clean
+.PHONY: help setup demo test soak kills lint format typecheck bench build clean
 
 help:  ## This list
 	@grep -hE '^[a-z]+: .*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 12
@@ -22,6 +22,9 @@ test: setup ## The quick tests; with SLOW=1 all of them
 
 soak: setup ## A million random and adversarial steps in all environments, as a test of what they stand
 	@HAB_SOAK_STEPS=$(or $(STEPS),1000000) $(PYTHON) -m pytest -q -n $(WORKERS) --log-cli-level=INFO tests/faults/test_soak.py
+
+kills: setup ## Kill every command that writes and its workers at 70 moments, as a test of what is left
+	@HAB_KILLS=10 $(PYTHON) -m pytest -q -n 0 -k kill tests/faults/test_kills.py tests/faults/test_eval_runs.py
 
 lint: setup ## Code style, spelling, sizes of files and functions
 	@$(PYTHON) -m ruff check .

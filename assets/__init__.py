@@ -1,1 +1,1 @@
-"""Data of the package: the apartment scene, and episodes in it."""
+"""Package data: the apartment dataset and its episodes."""

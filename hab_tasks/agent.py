@@ -1,12 +1,12 @@
 """The contract between agents and the evaluator.
 
-An agent never holds the environment. Its factory is called once in each process that needs the
-agent, before any environment exists:
+Agents have no access to the environment object. An agent's factory is called once per process,
+before any environment exists:
 
 1. The evaluator calls ``factory(setup)``.
 2. The factory decides on an `AgentSpec`: control mode, observations, number of rows.
-3. ``setup.spaces(spec)`` tells which spaces and cameras an environment made for that spec has, so
-   that the factory can build its network, on ``setup.device``.
+3. ``setup.spaces(spec)`` returns the spaces and cameras of an environment made for that spec. The
+   factory can use them to build its network on ``setup.device``.
 4. The evaluator reads ``agent.spec`` and makes the environments accordingly.
 """
 
@@ -28,28 +28,29 @@ if TYPE_CHECKING:
 Looks = Literal["always", "on demand"]
 
 TargetFrame = Literal["base", "ee"]
-"""How a skill tells its target: along the axes of the base, or in the end-effector's frame."""
+"""Frame of a skill's target in the observation: axes of the base, or the end-effector's frame."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class AgentSpec:
-    """What an agent needs from the environment; read before the environment is made.
+    """Environment options that an agent needs; read before the environment is made.
 
     Attributes:
-        name: Name shown in results, e.g. ``SPA-Priv``.
-        control_mode: A control mode of `hab_fetch`, e.g. ``ee``, ``joint_delta``, ``joint_target``.
+        name: Name displayed in results, e.g. ``SPA-Priv``.
+        control_mode: A control mode of the robot, e.g. ``ee``, ``joint_delta``, ``joint_target``.
         obs_mode: ManiSkill observation mode, e.g. ``state_dict``, ``depth``.
-        privileged: Whether observations must hold ``obs["privileged"]``, a list of N
+        privileged: Whether observations must contain ``obs["privileged"]``, a list of N
             `hab_tasks.privileged.PrivilegedState`. The leaderboard marks such agents.
-        looks: Whether the images of `obs_mode` are rendered ``always``, or ``on demand``: only in
-            the steps in which `act` reads ``obs["sensor_data"]`` or ``obs["sensor_param"]``.
-        target_frame: The environment's option `target_frame`: whether the target of a skill is told
-            along the axes of the ``base`` or in the frame of the end-effector, ``ee``.
-        handle_position: The environment's option `handle_position`: whether the handle of the door
-            or drawer is told as well. The leaderboard names both where they are not the usual.
-        rows: How many rows one call of `act` can take. With more than one, that many episodes are
-            played at the same time. `reset` tells the number of rows N <= `rows` by the length of
-            its mask; N stays the same for the whole run.
+        looks: When the images of `obs_mode` are rendered: ``always``, or ``on demand``, only in
+            steps in which `act` reads ``obs["sensor_data"]`` or ``obs["sensor_param"]``.
+        target_frame: The environment option `target_frame`: whether the target of a skill is
+            given along the axes of the ``base`` or in the frame of the end-effector, ``ee``.
+        handle_position: The environment option `handle_position`: whether the observation also
+            contains the handle of the door or drawer. The leaderboard shows both options where
+            they differ from the defaults.
+        rows: Maximum batch size of `act`. With more than one row, that many episodes run in
+            parallel. The length of the mask passed to `reset` is the number of rows N <= `rows`;
+            N is constant during a run.
     """
 
     name: str
@@ -64,15 +65,15 @@ class AgentSpec:
 
 @dataclass(frozen=True, kw_only=True)
 class CameraParameters:
-    """A camera of the robot; the same in every episode.
+    """Parameters of a robot camera; constant across episodes.
 
     Attributes:
-        width_px: Width of its pictures.
-        height_px: Height of its pictures.
+        width_px: Image width.
+        height_px: Image height.
         intrinsics_px: (3, 3) matrix of the pinhole model.
-        link: The link of Fetch that it moves with.
-        link_from_camera: (4, 4) pose in that link's frame, of a camera that looks along z with x
-            to the right and y down (OpenCV's axes). ``sensor_param`` has the pose in the world.
+        link: The robot link that the camera is mounted on.
+        link_from_camera: (4, 4) pose of the camera in that link's frame, in the OpenCV convention
+            (z forward, x right, y down). ``sensor_param`` holds the pose in the world.
     """
 
     width_px: int
@@ -84,7 +85,7 @@ class CameraParameters:
 
 @dataclass(frozen=True, kw_only=True)
 class AgentSpaces:
-    """What an environment made for an `AgentSpec` takes and gives.
+    """Spaces and cameras of an environment made for an `AgentSpec`.
 
     Attributes:
         observation: Space of one row of the observation, without the batch dimension and without
@@ -100,21 +101,21 @@ class AgentSpaces:
 
 def _no_spaces(env_id: str, spec: AgentSpec) -> AgentSpaces:
     raise HabError(
-        "This AgentSetup knows no spaces; make it with hab_tasks.agent_spaces.agent_setup(env_id)."
+        "This AgentSetup has no spaces; create it with hab_tasks.agent_spaces.agent_setup(env_id)."
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class AgentSetup:
-    """What an agent's factory is told; `hab_tasks.agent_spaces.agent_setup` makes one.
+    """Arguments of an agent's factory; created by `hab_tasks.agent_spaces.agent_setup`.
 
     Attributes:
         env_id: Environment id.
         seed: The run's seed.
-        options: The agent's own options, name -> value; the factory refuses what it does not know
-            (see `check_options`).
-        device: Where the agent's networks are to run, as torch names it: ``cpu``, ``cuda:1``.
-            Observations come as CPU tensors; actions may be on any device.
+        options: The agent's own options, name -> value; the factory rejects unknown names (see
+            `check_options`).
+        device: Torch device of the agent's networks: ``cpu``, ``cuda:1``. Observations are CPU
+            tensors; actions may be on any device.
         spaces_of: (env_id, spec) -> spaces and cameras of that environment; see `spaces`.
     """
 
@@ -125,20 +126,20 @@ class AgentSetup:
     spaces_of: Callable[[str, AgentSpec], AgentSpaces] = _no_spaces
 
     def spaces(self, spec: AgentSpec) -> AgentSpaces:
-        """Returns the spaces and cameras of the environment made for a spec, without making it.
+        """Returns the spaces and cameras of an environment without making it.
 
         Raises:
-            HabError: The environment is not known, or does not offer what the spec asks for.
+            HabError: The environment is unknown, or does not support the spec.
         """
         return self.spaces_of(self.env_id, spec)
 
 
 def check_options(setup: AgentSetup, known: Mapping[str, Collection[str] | None]) -> None:
-    """Refuses options that an agent does not know; for its factory.
+    """Rejects options unknown to an agent; for use in its factory.
 
     Args:
-        setup: What the factory was given.
-        known: Option -> its valid values, None if the agent checks the value itself. Empty for an
+        setup: Argument of the factory.
+        known: Option -> valid values, or None if the agent checks the value itself. Empty for an
             agent without options.
 
     Raises:
@@ -154,15 +155,15 @@ def check_options(setup: AgentSetup, known: Mapping[str, Collection[str] | None]
 
 @dataclass(frozen=True, kw_only=True)
 class AgentReport:
-    """What an agent says about the episode so far, one a row.
+    """Report of an agent on the episode so far, one per row.
 
-    It may be asked for after every step, so it has to be cheap.
+    The evaluator may request it after every step, so it has to be cheap.
 
     Attributes:
-        failure: The agent's own failure category (e.g. ``target plan``), None if none.
+        failure: The agent's own failure category (e.g. ``target plan``), or None.
         timings_s: Named durations in seconds, e.g. ``{"plan": 0.21}``.
-        doing: What the agent is doing now, e.g. ``3/20 pick(bowl, drawer): reach``; for videos.
-        trace: What it believed and did, in order; entries of values that JSON knows.
+        doing: Current activity, e.g. ``3/20 pick(bowl, drawer): reach``; for videos.
+        trace: Beliefs and actions in order; JSON-serialisable entries.
     """
 
     failure: str | None = None
@@ -178,20 +179,20 @@ class Agent(Protocol):
     spec: AgentSpec
 
     def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
-        """Forgets the past of the rows in `mask` (N,) bool and seeds each row with `seeds` (N,).
+        """Resets the rows in `mask` (N,) bool and seeds each row with `seeds` (N,).
 
-        In the first call of a run all rows are in the mask. Later, rows start new episodes while
-        others go on.
+        The first call of a run resets all rows. Later calls reset single rows while the others
+        continue.
         """
         ...
 
     def act(self, obs: Mapping[str, Any]) -> Tensor:
         """Returns actions (N, A) float32 for the observations of all N rows.
 
-        A row whose episode is over keeps its last observation; its action is not used.
+        A row whose episode is over keeps its last observation; its action is ignored.
         """
         ...
 
     def report(self) -> list[AgentReport]:
-        """Returns one report for each of the N rows; at the end of an episode or at any step."""
+        """Returns one report per row; called at the end of an episode or at any step."""
         ...

@@ -1,6 +1,6 @@
-"""Spaces and cameras of the environment that an agent asks for, without making it.
+"""Spaces and cameras of the environment for an agent, without making the environment.
 
-A test over the registry compares them with those of the environments.
+A test compares them with those of every registered environment.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from gymnasium import spaces
 from mani_skill.envs.utils.observations import parse_obs_mode_to_struct
 
 from hab_tasks.agent import AgentSetup, AgentSpaces, AgentSpec, CameraParameters
+from hab_tasks.engine.hab_env import HabEnv
+from hab_tasks.engine.sensors import observed
 from hab_tasks.envs import ENVS
 from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.robots.cameras import PLACES, CameraRig
 from hab_tasks.robots.control import control_configs
 from hab_tasks.robots.control_modes import BASE_CELLS, action_bounds
-from hab_tasks.sensors import observed
-from hab_tasks.skills.hab_env import HabEnv
 
 CAMERA_MATRICES = {"extrinsic_cv": (3, 4), "cam2world_gl": (4, 4), "intrinsic_cv": (3, 3)}
-"""Entries of ``sensor_param`` of each camera."""
+"""Shapes of the ``sensor_param`` entries of a camera."""
 
 TEXTURES: dict[str, tuple[int, type[np.generic]]] = {
     "rgb": (3, np.uint8),
@@ -31,22 +31,22 @@ TEXTURES: dict[str, tuple[int, type[np.generic]]] = {
     "segmentation": (1, np.int16),
     "position": (3, np.int16),
 }
-"""Entries of ``sensor_data`` of each camera: channels and type."""
+"""Channels and dtype of the ``sensor_data`` entries of a camera."""
 
 _OPENCV_FROM_SAPIEN = np.array([[0, -1, 0], [0, 0, -1], [1, 0, 0]], dtype=np.float64)
-"""SAPIEN's cameras look along x with z up."""
+"""SAPIEN's cameras look along x, with z up."""
 
 
 def agent_setup(
     env_id: str, *, seed: int = 0, options: Mapping[str, str] | None = None, device: str = "cpu"
 ) -> AgentSetup:
-    """Returns what an agent's factory is told.
+    """Returns the setup passed to an agent's factory.
 
     Args:
         env_id: Environment id, with or without ``hab_tasks:``.
         seed: The run's seed.
         options: The agent's own options.
-        device: Where its networks are to run.
+        device: Torch device of its networks.
     """
     return AgentSetup(
         env_id=env_id,
@@ -58,16 +58,13 @@ def agent_setup(
 
 
 def agent_spaces(env_id: str, spec: AgentSpec) -> AgentSpaces:
-    """Returns spaces and cameras of the environment `env_id` made for `spec`.
+    """Returns the spaces and cameras of environment `env_id` for `spec`.
 
     Raises:
-        UnknownNameError: No such environment or control mode.
-        OptionError: The space of the observation mode depends on the scene, as in ``pointcloud``.
+        UnknownNameError: Unknown environment or control mode.
+        OptionError: The observation space depends on the scene, as with ``pointcloud``.
     """
-    name = env_id.rsplit(":", 1)[-1]
-    if name not in ENVS:
-        raise UnknownNameError("environment", env_id, ENVS)
-    env = ENVS[name].env
+    env = ENVS[env_id].env
     if spec.control_mode not in env.control_modes:
         raise UnknownNameError(f"control_mode of {env.name}", spec.control_mode, env.control_modes)
     entries = _state_spaces(env, spec)
@@ -93,7 +90,7 @@ def _action_space(control_mode: str) -> spaces.Space:
 
 
 def _state_spaces(env: type[HabEnv], spec: AgentSpec) -> dict[str, dict[str, spaces.Space]]:
-    """Returns the groups ``agent`` and ``extra``, those that are not empty."""
+    """Returns the non-empty groups of ``agent`` and ``extra``."""
     groups: dict[str, dict[str, spaces.Space]] = {"agent": {}, "extra": {}}
     for entry in observed(env.observation, env.handle, spec.target_frame, spec.handle_position):
         groups[entry.group][entry.name] = _box(entry.shape)
@@ -103,14 +100,14 @@ def _state_spaces(env: type[HabEnv], spec: AgentSpec) -> dict[str, dict[str, spa
 def _image_spaces(
     obs_mode: str, cameras: Mapping[str, CameraParameters]
 ) -> dict[str, dict[str, spaces.Space]]:
-    """Returns the groups ``sensor_param`` and ``sensor_data``."""
+    """Returns the spaces of ``sensor_param`` and ``sensor_data``."""
     asked = vars(parse_obs_mode_to_struct(obs_mode).visual)
     unknown = [name for name, wanted in asked.items() if wanted and name not in TEXTURES]
     if unknown or "pointcloud" in obs_mode or obs_mode in ("none", "sensor_data"):
         valid = (
-            f"'state', 'state_dict', or some of {list(TEXTURES)} joined by '+', to know its space"
+            f"a mode with a fixed space: 'state', 'state_dict', or {list(TEXTURES)} joined by '+'"
         )
-        raise OptionError("obs_mode", obs_mode, valid)
+        raise OptionError.of_value("obs_mode", obs_mode, valid)
     matrices = _nested({name: _box(shape) for name, shape in CAMERA_MATRICES.items()})
     data: dict[str, spaces.Space] = {}
     for name, camera in cameras.items():
@@ -130,7 +127,7 @@ def _image(height_px: int, width_px: int, channels: int, kind: Any) -> spaces.Bo
 
 
 def _cameras(env: type[HabEnv]) -> dict[str, CameraParameters]:
-    """Returns the sensor cameras of an environment, in the order of its observation."""
+    """Returns the sensor cameras of an environment, in observation order."""
     rig = CameraRig(names=tuple(name for name in PLACES if name in env.cameras))
     focal_px = rig.size_px / 2 / math.tan(rig.hfov_rad / 2)
     middle_px = rig.size_px / 2

@@ -1,8 +1,7 @@
-"""What is computed from datasets, kept between runs in one folder (``HAB_CACHE_DIR``).
+"""Persistent cache of data computed from datasets (``HAB_CACHE_DIR``).
 
-The default is ``~/.cache/hab_tasks``. The folder is made when something is written to it. A damaged
-entry is made anew, and where the folder cannot be written to, results last as long as the process;
-a warning says so once.
+The default folder is ``~/.cache/hab_tasks``; it is created on first write. Damaged entries are
+recomputed. If the folder is not writable, entries last as long as the process, with one warning.
 """
 
 from __future__ import annotations
@@ -30,26 +29,26 @@ DAMAGED = (
     *(HabError, OSError, ValueError, LookupError, TypeError, AttributeError),
     *(EOFError, BadZipFile, zlib.error),
 )
-"""What reading a damaged file raises."""
+"""Exceptions raised on reading a damaged file."""
 
 _said: set[str] = set()
 _run_dir: Path | None = None
 
 
 def cache_dir() -> Path:
-    """Returns the folder for everything computed from a dataset; it may not be there yet."""
+    """Returns the cache folder; it may not exist yet."""
     chosen = os.environ.get("HAB_CACHE_DIR")
     if chosen:
         return Path(os.path.expanduser(chosen)).absolute()
-    place = os.environ.get("XDG_CACHE_HOME")
-    return (Path(place) if place else Path(os.path.expanduser("~/.cache"))) / "hab_tasks"
+    folder = os.environ.get("XDG_CACHE_HOME")
+    return (Path(folder) if folder else Path(os.path.expanduser("~/.cache"))) / "hab_tasks"
 
 
 def run_dir() -> Path:
     """Returns a folder that is removed when this process ends.
 
     Raises:
-        HabError: No temporary folder can be written to.
+        HabError: No temporary folder is writable.
     """
     global _run_dir
     if _run_dir is None or not _run_dir.is_dir():
@@ -59,54 +58,54 @@ def run_dir() -> Path:
 
 
 def temporary_folder() -> Path:
-    """Makes a folder among the system's temporary files, and removes those of killed processes.
+    """Creates a temporary folder, and removes those of killed processes.
 
     Raises:
-        HabError: None can be made.
+        HabError: No temporary folder can be created.
     """
     try:
         return make_scratch_folder(Path(tempfile.gettempdir()))
     except (OSError, FileError) as error:
-        raise HabError(f"no temporary folder can be made ({error}); set TMPDIR to one.") from error
+        raise HabError(f"cannot create a temporary folder ({error}); set TMPDIR.") from error
 
 
 def use_run_dir(folder: Path) -> None:
-    """Shares the `run_dir` of the process that started this one."""
+    """Uses the `run_dir` of the parent process."""
     global _run_dir
     _run_dir = folder
 
 
 def find(name: str) -> Path | None:
-    """Returns an entry of the cache, None where there is none."""
+    """Returns the path of a cache entry, or None."""
     folders = [cache_dir()] if _run_dir is None else [_run_dir, cache_dir()]
     return next((f / name for f in folders if os.path.lexists(f / name)), None)
 
 
 def read_cached(name: str, read: Callable[[Path], T]) -> T | None:
-    """Returns what `read` makes of an entry; None when it is absent, or damaged and so removed.
+    """Reads an entry with `read`; returns None if it is absent or damaged. Removes damaged ones.
 
     Args:
-        name: The entry, a path relative to the folder.
-        read: Reads it; one of `DAMAGED` from it means that the entry is damaged.
+        name: Path of the entry relative to the folder.
+        read: Reader; raises one of `DAMAGED` for a damaged entry.
     """
     path = find(name)
     if path is None:
         return None
     try:
         if not path.is_file() and not path.is_dir():
-            raise ValueError("no file")  # a pipe would never end to be read
+            raise ValueError("no file")  # reading a pipe would block
         return read(path)
     except DAMAGED as error:
         reason = " ".join(str(error).split()).removeprefix(f"{path}: ")
-        _say_once(f"{path}: damaged in the cache ({reason}); it is made anew.")
+        _say_once(f"{path}: damaged cache entry ({reason}); it is recomputed.")
         _remove(path)
         return None
 
 
 def write_cached(name: str, write: Write) -> Path:
-    """Writes an entry aside, then renames it; returns its path.
+    """Writes an entry atomically; returns its path.
 
-    Where the cache cannot be written to, the entry goes to `run_dir`.
+    If the cache is not writable, the entry is written to `run_dir`.
     """
     path = cache_dir() / name
     try:
@@ -118,8 +117,8 @@ def write_cached(name: str, write: Write) -> Path:
         if isinstance(error, DatasetError) or not isinstance(cause, OSError):
             raise
         _say_once(
-            f"{cache_dir()}: the cache cannot be written to ({cause.strerror or cause}); results "
-            "are kept for this run only. Set HAB_CACHE_DIR to a folder that can be written to."
+            f"{cache_dir()}: the cache is not writable ({cause.strerror or cause}); entries are "
+            "kept for this run only. Set HAB_CACHE_DIR to a writable folder."
         )
     path = run_dir() / name
     with written_aside(path) as scratch:
@@ -128,13 +127,13 @@ def write_cached(name: str, write: Write) -> Path:
 
 
 def cached(name: str, write: Write, read: Callable[[Path], T]) -> T:
-    """Returns what `read` makes of an entry, which `write` makes when it is absent or damaged."""
+    """Returns an entry as read by `read`; `write` creates it if absent or damaged."""
     kept = read_cached(name, lambda path: (read(path),))
     return read(write_cached(name, write)) if kept is None else kept[0]
 
 
 def cached_file(name: str, write: Write, check: Callable[[Path], object] | None = None) -> Path:
-    """Returns an entry's path; `write` makes the entry when it is absent or fails `check`."""
+    """Returns an entry's path; `write` creates it if it is absent or fails `check`."""
 
     def read(path: Path) -> Path:
         path.stat()
@@ -152,7 +151,7 @@ def _say_once(message: str) -> None:
 
 
 def _remove(path: Path) -> None:
-    """Removes a file or a folder, where that can be done."""
+    """Removes a file or folder; ignores failures."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
         return
@@ -163,6 +162,6 @@ def _remove(path: Path) -> None:
 
 
 def _remove_of(folder: Path, process: int) -> None:
-    """Removes a folder at the end of the process that made it, not of one forked from it."""
+    """Removes a folder at exit of the process that created it, but not of its forks."""
     if os.getpid() == process:
         shutil.rmtree(folder, ignore_errors=True)

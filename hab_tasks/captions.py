@@ -1,4 +1,4 @@
-"""Words below a picture, for frames of videos."""
+"""Captions of video frames."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ MARGIN_PX = 10
 
 
 def with_words(picture: Frame, lines: Sequence[str], room: int) -> Frame:
-    """Returns a picture (H, W, 3) with a black strip of `room` lines and words in it below.
+    """Returns an image (H, W, 3) with a caption of `room` lines on a black strip below.
 
     Args:
-        picture: The picture.
-        lines: The words; long lines are broken, and what finds no room is left out.
-        room: Number of lines; the same in every frame of a video, which have one size.
+        picture: The image.
+        lines: The caption; long lines are wrapped, and overflow is cut off.
+        room: Number of lines; constant within a video, so that all frames have one size.
     """
     width = picture.shape[1]
     words = Image.new("RGB", (width, room * LINE_PX))

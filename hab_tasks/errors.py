@@ -1,4 +1,4 @@
-"""Errors a user can act on. Each names the bad value, the valid ones and what to do next."""
+"""Errors for users. Messages name the bad value, the valid ones and the remedy."""
 
 from __future__ import annotations
 
@@ -7,23 +7,36 @@ import json
 import math
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 LONGEST_PATH = 300
-"""Of a longer path, the middle is not shown."""
+"""Longer paths are abbreviated in the middle."""
 
 SHOWN_CHARACTERS = 80
 SHOWN_DIGITS = 20
 
 
 class HabError(Exception):
-    """Base of every error that bad input or a missing file can cause."""
+    """Base class of errors caused by bad input or missing files.
+
+    Pickles with its message and attributes, independent of the subclass's `__init__`.
+    """
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _remade, (type(self), self.args, self.__dict__)
+
+
+def _remade(kind: type[HabError], args: tuple[Any, ...], state: dict[str, Any]) -> HabError:
+    """Unpickles an error from its message and attributes, without calling `__init__`."""
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(state)
+    return error
 
 
 class UnknownNameError(HabError):
-    """A name that is not in the list of valid names.
+    """Unknown name.
 
-    The message holds the bad name, the nearest match and all valid names.
+    The message contains the name, the nearest match and the valid names.
     """
 
     def __init__(self, kind: str, name: object, valid: Iterable[str]) -> None:
@@ -36,7 +49,7 @@ class UnknownNameError(HabError):
 
 
 def shown(value: Any) -> str:
-    """Returns a bad value as JSON shows it, cut short."""
+    """Formats a bad value as JSON, abbreviated."""
     if isinstance(value, int) and abs(value) >= 10**SHOWN_DIGITS:
         return f"a number of {math.floor(math.log10(abs(value))) + 1} digits"
     try:
@@ -47,7 +60,7 @@ def shown(value: Any) -> str:
 
 
 def _shown_path(path: str) -> str:
-    """Returns a path as one short line can hold it."""
+    """Formats a path for a one-line message."""
     if len(path) > LONGEST_PATH:
         path = f"{path[: LONGEST_PATH // 2]}...{path[-LONGEST_PATH // 2 :]}"
     return path if path.isprintable() else repr(path)
@@ -62,19 +75,19 @@ class FileError(HabError):
 
 
 class DatasetError(HabError):
-    """A scene or object dataset that cannot be used. The message starts with the file's path."""
+    """Invalid scene or object dataset. The message starts with the file's path."""
 
 
 class EpisodeError(HabError):
-    """An episode, or a file of episodes, that cannot be used."""
+    """Invalid episode or episode file."""
 
 
 class GenerationError(HabError):
-    """No acceptable episode was found within the allowed number of attempts."""
+    """No valid episode was found within the maximum number of attempts."""
 
 
 class RenderingUnavailableError(HabError):
-    """Images were asked for, and no Vulkan device can draw them."""
+    """Images were requested, but no Vulkan device can render them."""
 
 
 class ActionError(HabError, ValueError):
@@ -82,20 +95,34 @@ class ActionError(HabError, ValueError):
 
 
 class OptionError(HabError, ValueError):
-    """A value that an option does not take."""
+    """Invalid option value, or conflicting options."""
 
-    def __init__(self, option: str, value: object, valid: str) -> None:
-        typed = option.startswith("--")
-        said = f"{option} {shown(value)}:" if typed else f"{option} is {value!r};"
-        super().__init__(f"{said} it has to be {valid}.")
-        self.option, self.value = option, value
+    @classmethod
+    def of_value(cls, option: str, value: object, valid: str) -> Self:
+        """Returns the error for an invalid option value; `valid` describes the valid ones."""
+        if option.startswith("--"):
+            return cls(f"{option} {shown(value)}: it has to be {valid}.")
+        found = shown(value) if type(value) is int else repr(value)  # an int may be huge
+        return cls(f"{option} is {found}; it has to be {valid}.")
+
+
+class RunStoppedError(HabError):
+    """A run that stopped early, not because of bad input.
+
+    Attributes:
+        details: Traceback of the cause, or "".
+    """
+
+    def __init__(self, message: str, *, details: str = "") -> None:
+        super().__init__(message)
+        self.details = details
 
 
 class WorkerError(HabError):
-    """A worker process that was killed, as the system does when memory is short."""
+    """A worker process was killed, usually for lack of memory."""
 
     def __init__(self) -> None:
         super().__init__(
-            "A worker process was killed, perhaps for want of memory; nothing was written. Run the "
-            "same command again, with fewer --workers if need be."
+            "A worker process was killed, possibly for lack of memory; nothing was written. Run "
+            "the same command again, with fewer --workers if necessary."
         )

@@ -1,4 +1,4 @@
-"""Files that are whole or not there, and places that may be written to."""
+"""Atomic writes of files and folders, and checks of output paths."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from pathlib import Path
 from hab_tasks.errors import FileError
 
 ASIDE = ".partial-"
-"""What is being written has a name that begins like this."""
+"""Name prefix of partial files and folders."""
 
 STALE_S = 24 * 3600.0
-"""What another machine left half written is removed when it is older than this."""
+"""Age from which partial files of other machines are removed."""
 
 
 @contextmanager
 def written_aside(path: Path) -> Iterator[Path]:
-    """Gives a path beside `path` to write to; at the end that file takes its place.
+    """Yields a temporary path beside `path`; on exit, that file replaces `path`.
 
-    When something goes wrong, what was written is removed and an older file stays as it was.
-    Several threads, processes and machines may write the same file: each writes its own, and one
-    of them stays. What a killed process left is removed by the next that writes in its folder.
+    On an error, the temporary file is removed and an existing file is kept. Concurrent writers
+    (threads, processes, machines) use separate temporary files, and the last one wins. Partial
+    files of killed processes are removed by the next writer in the folder.
 
     Raises:
-        FileError: `path` cannot be written: no room, no right, not a regular file.
+        FileError: `path` cannot be written: disk full, no permission, not a regular file.
     """
     with _refusing(path):
         target = _regular(path)
@@ -48,39 +48,58 @@ def written_aside(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def folder_written_aside(path: Path) -> Iterator[Path]:
-    """Gives an empty folder beside `path` to fill; at the end that folder takes its place.
+    """Yields a temporary folder beside `path`; on exit, that folder replaces `path`.
 
-    When something goes wrong, what was filled is removed and an older folder stays as it was.
+    On an error, the temporary folder is removed and an existing folder is kept.
 
     Raises:
         FileError: `path` cannot be written.
     """
     with _refusing(path):
         target = _folder(path)
-        scratch, old = _beside(target), target.with_name(f".{target.name}.old")
-        if old.exists() and not target.exists():  # killed while they changed places
-            old.rename(target)
-        shutil.rmtree(old, ignore_errors=True)
+        scratch = _beside(target)
+        _bring_back(target)
         target.parent.mkdir(parents=True, exist_ok=True)
         _remove_leftovers(target.parent)
         scratch.mkdir()
     try:
         with _refusing_room(path, scratch):
             yield scratch
-            if target.exists():
-                target.rename(old)
-            scratch.rename(target)
+            replace_folder(scratch, target)
     finally:
-        if old.exists() and not target.exists():
-            old.rename(target)
         shutil.rmtree(scratch, ignore_errors=True)
-        shutil.rmtree(old, ignore_errors=True)
+
+
+def replace_folder(source: Path, target: Path) -> None:
+    """Moves folder `source` to `target`, and then removes the replaced folder.
+
+    If this process is killed between the two moves, the next writer restores the old folder.
+    """
+    _bring_back(target)
+    try:
+        if target.exists():
+            target.rename(_old(target))
+        source.rename(target)
+    finally:
+        _bring_back(target)
+
+
+def _old(target: Path) -> Path:
+    return target.with_name(f".{target.name}.old")
+
+
+def _bring_back(target: Path) -> None:
+    """Rolls back an interrupted replacement, and removes the old folder of a finished one."""
+    old = _old(target)
+    if old.exists() and not target.exists():
+        old.rename(target)
+    shutil.rmtree(old, ignore_errors=True)
 
 
 def make_scratch_folder(folder: Path) -> Path:
-    """Makes an empty folder in `folder`; what killed processes left there is removed.
+    """Creates an empty folder in `folder`; removes those of killed processes.
 
-    The next that makes one removes it, should this process be killed.
+    If this process is killed, the next call removes its folder.
 
     Raises:
         FileError: `folder` cannot be written to.
@@ -95,7 +114,7 @@ def make_scratch_folder(folder: Path) -> Path:
 
 @contextmanager
 def scratch_folder(folder: Path) -> Iterator[Path]:
-    """Gives an empty folder in `folder`, which is removed in the end.
+    """Yields an empty folder in `folder`, which is removed on exit.
 
     Raises:
         FileError: `folder` cannot be written to.
@@ -110,27 +129,27 @@ def scratch_folder(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def _refusing_room(path: Path, scratch: Path) -> Iterator[None]:
-    """Names `path` when the system refuses what is written at `scratch`: the disk is full, ..."""
+    """Reports `path` if writing to `scratch` fails, e.g. because the disk is full."""
     try:
         yield
     except OSError as error:
         if isinstance(error, FileNotFoundError) and error.filename2 is not None:
-            raise  # what was to take its place was never written
+            raise  # the temporary file was never written
         if error.filename is None or str(error.filename).startswith(str(scratch)):
             raise FileError(path, f"cannot be written: {error.strerror or error}") from error
         raise
 
 
 def check_file(path: Path, *, force: bool) -> None:
-    """Refuses a file that cannot be written, before minutes are spent on what goes into it.
+    """Checks that a file can be written, before its content is computed.
 
     Args:
         path: The file; its folders need not exist yet.
-        force: Whether a file that is there may be replaced.
+        force: Whether an existing file may be replaced.
 
     Raises:
-        FileError: There is one and `force` is False, it is not a regular file, or its folder
-            cannot be written to.
+        FileError: It exists and `force` is False, it is not a regular file, or its folder is not
+            writable.
     """
     with _refusing(path):
         target = _regular(path)
@@ -140,16 +159,16 @@ def check_file(path: Path, *, force: bool) -> None:
 
 
 def check_folder(path: Path, *, force: bool, mark: str) -> None:
-    """Refuses a folder that cannot be written to, before minutes are spent.
+    """Checks that a folder can be written, before its content is computed.
 
     Args:
         path: The folder; it need not exist yet.
-        force: Whether the files in it may be replaced.
-        mark: Name of a file that is in every folder that the command has made.
+        force: Whether files in it may be replaced.
+        mark: Name of a file that the command writes to each of its folders.
 
     Raises:
-        FileError: It holds something and `force` is False, it was not made by the command, it is
-            not a folder, or it cannot be written to.
+        FileError: It is not empty and `force` is False, it was not created by the command, it is
+            not a folder, or it is not writable.
     """
     with _refusing(path):
         target = _folder(path)
@@ -157,8 +176,8 @@ def check_folder(path: Path, *, force: bool, mark: str) -> None:
             if not (target / mark).is_file():
                 raise FileError(
                     path,
-                    f"holds files and no {mark}: this command has not made it, so not even "
-                    "--force replaces it; give another folder",
+                    f"contains files but no {mark}, so it was not created by this command and "
+                    "--force does not replace it; give another folder",
                 )
             if not force:
                 raise FileError(path, "exists; give --force to replace it")
@@ -167,7 +186,7 @@ def check_folder(path: Path, *, force: bool, mark: str) -> None:
 
 @contextmanager
 def _refusing(path: Path) -> Iterator[None]:
-    """Names `path` when the system refuses it: too long, a NUL in it, a file for a folder, ..."""
+    """Reports `path` on system errors: name too long, NUL in it, a file used as a folder, ..."""
     try:
         yield
     except OSError as error:
@@ -177,9 +196,9 @@ def _refusing(path: Path) -> Iterator[None]:
 
 
 def _without_links(path: Path) -> Path:
-    """Returns where `path` leads; refuses a link to nothing, and names that no file can have."""
+    """Resolves links; rejects broken links and invalid names."""
     with suppress(FileNotFoundError, NotADirectoryError):
-        path.lstat()  # too long, or a NUL in it
+        path.lstat()  # raises if the name is too long or has a NUL in it
     if not path.is_symlink():
         return path
     target = Path(os.path.realpath(path))
@@ -189,7 +208,7 @@ def _without_links(path: Path) -> Path:
 
 
 def _regular(path: Path) -> Path:
-    """Returns the file that `path` leads to; refuses what is there and is not a regular file."""
+    """Resolves links to a file; rejects anything existing that is not a regular file."""
     target = _without_links(path)
     if target.exists() and not target.is_file():
         raise FileError(path, f"is {_kind(target)}; give the name of a file")
@@ -197,7 +216,7 @@ def _regular(path: Path) -> Path:
 
 
 def _folder(path: Path) -> Path:
-    """Returns the folder that `path` leads to; refuses what is there and is not a folder."""
+    """Resolves links to a folder; rejects anything existing that is not a folder."""
     target = _without_links(path)
     if target.exists() and not target.is_dir():
         raise FileError(path, f"is {_kind(target)}; give the name of a folder")
@@ -211,24 +230,24 @@ def _kind(path: Path) -> str:
 
 
 def _check_room(path: Path, folder: Path) -> None:
-    """Refuses `path` unless a file can be made in `folder`, or in what there is of it."""
+    """Checks that a file can be created in `folder`, or in its closest existing parent."""
     there = folder
     while not there.exists():
         there = there.parent
     if not there.is_dir():
         raise FileError(path, f"cannot be written: {there} is {_kind(there)}, not a folder")
     if not os.access(there, os.W_OK | os.X_OK):
-        raise FileError(path, f"cannot be written: no right to write in {there}")
+        raise FileError(path, f"cannot be written: no write permission in {there}")
 
 
 def _beside(target: Path) -> Path:
-    """Returns a name beside `target` that nobody else writes to, with its suffix."""
+    """Returns a unique temporary name beside `target`, with its suffix."""
     own = f"{ASIDE}{_machine()}-{os.getpid()}-{secrets.token_hex(6)}"
     return target.with_name(own + target.suffix)
 
 
 def _remove_leftovers(folder: Path) -> None:
-    """Removes what killed processes left half written in a folder."""
+    """Removes partial files of killed processes from a folder."""
     for file in folder.glob(f"{ASIDE}*"):
         machine, _, rest = file.name.removeprefix(ASIDE).partition("-")
         pid = rest.partition("-")[0]
@@ -245,7 +264,7 @@ def _remove_leftovers(folder: Path) -> None:
 def _changed_s(file: Path) -> float:
     try:
         return file.lstat().st_mtime
-    except FileNotFoundError:  # it has just taken its place
+    except FileNotFoundError:  # just renamed by its writer
         return time.time()
 
 
@@ -261,7 +280,7 @@ def _runs(pid: int) -> bool:
 
 @functools.cache
 def _machine() -> str:
-    """Returns a name of those who count their processes together: a computer or a container."""
+    """Returns the name of the process id namespace: a machine or a container."""
     boot, processes = Path("/proc/sys/kernel/random/boot_id"), Path("/proc/self/ns/pid")
     names = [
         socket.gethostname(),

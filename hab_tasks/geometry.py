@@ -17,7 +17,7 @@ Pose7 = tuple[float, float, float, float, float, float, float]
 IDENTITY: Pose7 = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 WORLD_FROM_HABITAT: Pose7 = (0.0, 0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)
-"""Habitat's data are y-up; the world is z-up. Applied once, when a scene is loaded."""
+"""Rotation from Habitat's y-up data to the z-up world; applied once, on loading a scene."""
 
 
 def pose(position_m: Array | tuple[float, ...], wxyz: Array | tuple[float, ...]) -> Pose7:
@@ -60,7 +60,7 @@ def from_matrix(a_from_b: Array) -> Pose7:
 
 
 def planar(x_m: float, y_m: float, yaw_rad: float) -> Pose7:
-    """Returns the pose of a frame on the floor, turned by `yaw_rad` about z."""
+    """Returns the pose of a frame on the floor, rotated by `yaw_rad` about z."""
     return pose((x_m, y_m, 0.0), (math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2)))
 
 

@@ -1,8 +1,7 @@
-"""What an option of an environment may be: a check for each kind of value."""
+"""Validators of option values, one per type."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from operator import index
 from os import PathLike
@@ -10,19 +9,20 @@ from typing import Any
 
 import numpy as np
 
+from hab_tasks import typed_values
 from hab_tasks.errors import OptionError
 
 LARGEST_SEED = 2**63 - 1
-"""The largest seed that every generator of random numbers takes."""
+"""Largest seed accepted by all random number generators."""
 
 LARGEST_RESET_SEED = 2**32 - 1
-"""ManiSkill's own generators take no larger one."""
+"""Largest seed accepted by ManiSkill's generators."""
 
 MOST_WORKERS = 1024
 
 
 def whole(option: str, value: Any, low: int, high: int, unit: str = "") -> int:
-    """Returns a whole number (of `unit`) from `low` to `high`; raises OptionError for others."""
+    """Returns an integer (of `unit`) from `low` to `high`; raises OptionError for other values."""
     try:
         number = index(value)
     except TypeError:
@@ -30,28 +30,29 @@ def whole(option: str, value: Any, low: int, high: int, unit: str = "") -> int:
     if isinstance(value, bool) or number is None or not low <= number <= high:
         most = {LARGEST_SEED: "2^63 - 1", LARGEST_RESET_SEED: "2^32 - 1"}.get(high, f"{high:,}")
         kind = f"a whole number of {unit}" if unit else "a whole number"
-        raise OptionError(option, value, f"{kind} from {low} to {most}")
+        raise OptionError.of_value(option, value, f"{kind} from {low} to {most}")
     return number
 
 
 def number(option: str, value: Any, valid: str) -> float:
     """Returns a finite number; raises OptionError for anything else, saying what is `valid`."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise OptionError(option, value, valid)
-    return float(value)
+    try:
+        return typed_values.number(value)
+    except (TypeError, ValueError) as error:
+        raise OptionError.of_value(option, value, valid) from error
 
 
 def flag(option: str, value: Any) -> bool:
     """Returns True or False; raises OptionError for anything else."""
     if not isinstance(value, bool):
-        raise OptionError(option, value, "True or False")
+        raise OptionError.of_value(option, value, "True or False")
     return value
 
 
 def name(option: str, value: Any) -> str | None:
     """Returns text or None; raises OptionError for anything else."""
     if value is not None and not isinstance(value, str):
-        raise OptionError(option, value, "text, or None")
+        raise OptionError.of_value(option, value, "text, or None")
     return value
 
 
@@ -59,39 +60,41 @@ def names(option: str, value: Any, valid: Sequence[str]) -> tuple[str, ...]:
     """Returns one text or several as a tuple; raises OptionError for anything else."""
     found = (value,) if isinstance(value, str) or not isinstance(value, Iterable) else tuple(value)
     if not all(isinstance(entry, str) for entry in found):
-        raise OptionError(option, value, f"some of {list(valid)}")
+        raise OptionError.of_value(option, value, f"some of {list(valid)}")
     return found
 
 
 def path(option: str, value: Any) -> Any:
     """Returns a path, as text or as an object, or None; raises OptionError for anything else."""
     if value is not None and not isinstance(value, str | PathLike):
-        raise OptionError(option, value, "a path or a name, or None")
+        raise OptionError.of_value(option, value, "a path or a name, or None")
     if "\0" in str(value):
-        raise OptionError(option, value, "a path without a NUL in it")
+        raise OptionError.of_value(option, value, "a path without a NUL in it")
     return value
 
 
 def entries(option: str, value: Any) -> dict[str, Any]:
     """Returns a copy of a dict, an empty one for None; raises OptionError for anything else."""
     if value is not None and not isinstance(value, Mapping):
-        raise OptionError(option, value, "a dict, or None")
+        raise OptionError.of_value(option, value, "a dict, or None")
     return dict(value or {})
 
 
 def seeds(option: str, value: Any, count: int) -> None:
-    """Refuses with OptionError what is neither None, a seed, nor `count` seeds."""
+    """Raises OptionError unless the value is None, a seed, or `count` seeds."""
     several = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
     found = list(value) if several else [] if value is None else [value]
     if several and len(found) not in (1, count):
-        raise OptionError(option, value, f"one whole number, or one for each of {count} rows")
+        raise OptionError.of_value(
+            option, value, f"one whole number, or one for each of {count} rows"
+        )
     for seed in found:
         whole(option, seed, 0, LARGEST_RESET_SEED)
 
 
 def row_numbers(option: str, value: Any, count: int) -> list[int]:
-    """Returns numbers of rows, which there are `count` of; raises OptionError for others."""
+    """Returns indices of rows below `count`; raises OptionError for anything else."""
     try:
         return [whole(option, row, 0, count - 1) for row in value]
     except TypeError as error:
-        raise OptionError(option, value, f"a list of some of the {count} rows") from error
+        raise OptionError.of_value(option, value, f"a list of some of the {count} rows") from error

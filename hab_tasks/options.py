@@ -1,4 +1,4 @@
-"""Command lines: parsing, and one line on stderr for every option that cannot be used."""
+"""Command-line parsing, with one-line errors for invalid options."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ import tyro
 from hab_tasks.errors import HabError, UnknownNameError
 
 LONGEST_MESSAGE = 1000
-"""Characters of a message on stderr; the middle of a longer one is left out."""
+"""Maximum length of a message on stderr; longer ones are abbreviated in the middle."""
 
 PLAIN_WORDS = {
     "invalid literal for int() with base 10": "not a whole number",
     "could not convert string to float": "not a number",
 }
-"""Python's words for a value that has the wrong type -> ours."""
+"""Python's messages for values of the wrong type -> ours."""
 
 
 def check_options(
     program: str, commands: Mapping[str, type], arguments: Sequence[str] | None
 ) -> None:
-    """Refuses subcommands and options that do not exist, before the parser sees them.
+    """Reports unknown CLI options and subcommands with the nearest match, before parsing.
 
     Args:
         program: Name of the console script.
-        commands: Subcommand -> the dataclass of its options.
-        arguments: What was typed after the program's name.
+        commands: Subcommand -> dataclass of its options.
+        arguments: Arguments after the program's name.
 
     Raises:
         UnknownNameError: With the valid names and the nearest match.
@@ -54,19 +54,21 @@ def check_options(
 def parse_command(
     program: str, commands: Mapping[str, Any], arguments: Sequence[str], description: str
 ) -> Any:
-    """Returns the options of the subcommand that was typed.
+    """Returns the parsed options of the subcommand.
 
     Args:
         program: Name of the console script.
-        commands: Subcommand -> the dataclass of its options; its `help` is what `--help` says.
-        arguments: What was typed after the program's name.
-        description: What the program does.
+        commands: Subcommand -> dataclass of its options, whose `help` is the text of `--help`.
+        arguments: Arguments after the program's name.
+        description: Description of a program with several subcommands.
 
     Raises:
         HabError: An unknown or missing option, or a value of the wrong type.
         SystemExit: With status 0, after `--help`.
     """
     check_options(program, commands, arguments)
+    if len(commands) == 1:
+        return _parse_only_command(program, commands, list(arguments))
     kinds = [
         Annotated[options, tyro.conf.subcommand(name, description=options.help)]
         for name, options in commands.items()
@@ -75,18 +77,8 @@ def parse_command(
     return _parse(reduce(or_, kinds), program, arguments, description, " ".join([program, *known]))
 
 
-def parse_only_command(
-    program: str, commands: Mapping[str, type], arguments: Sequence[str], description: str
-) -> Any:
-    """As `parse_command`, for a program with one subcommand; `description` says what that does."""
-    check_options(program, commands, arguments)
-    ((name, options),) = commands.items()
-    called = f"{program} {name}"
-    return _parse(options, called, arguments[1:], description, called)
-
-
 def one_line(message: object) -> str:
-    """Returns a message without line breaks and control characters, and not too long to read."""
+    """Returns a message without line breaks and control characters, abbreviated if long."""
     words = " ".join(str(message).split())
     text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in words)
     if len(text) <= LONGEST_MESSAGE:
@@ -95,8 +87,19 @@ def one_line(message: object) -> str:
     return f"{text[:half]} ... {text[-half:]}"
 
 
+def _parse_only_command(program: str, commands: Mapping[str, Any], arguments: list[str]) -> Any:
+    """Returns the parsed options of the only subcommand; its help is the program's help."""
+    ((name, options),) = commands.items()
+    if arguments[:1] in (["--help"], ["-h"]):
+        arguments = [name, "--help"]
+    if arguments[:1] != [name]:
+        raise HabError(f"Expected the command {name}. Help: {program} --help")
+    called = f"{program} {name}"
+    return _parse(options, called, arguments[1:], options.help, called)
+
+
 def _parse(kind: Any, program: str, arguments: Sequence[str], description: str, helped: str) -> Any:
-    """Runs the parser; `helped` is the command whose `--help` says more."""
+    """Runs the parser; errors refer to the `--help` of the command `helped`."""
     told = io.StringIO()
     try:
         with contextlib.redirect_stderr(told):
@@ -114,7 +117,7 @@ def _parse(kind: Any, program: str, arguments: Sequence[str], description: str, 
 
 
 def _without_box(text: str) -> str:
-    """Returns what the parser says in its box, without the title and the help below a rule."""
+    """Returns the message in the parser's error box, without title and help."""
     plain = re.sub(r"\x1b\[[0-9;]*m", "", text)
     lines = [line.strip("│ \t") for line in plain.splitlines() if line[:1] not in "╭╰"]
     parts: list[list[str]] = [[]]
@@ -123,7 +126,7 @@ def _without_box(text: str) -> str:
             parts.append([])
         else:
             parts[-1].append(line)
-    # Where the terminal knows no box, the title is a line with a rule of its own.
+    # On terminals without box characters, the title is a line with its own rule.
     body = parts[1] if len(parts) > 1 and len(parts[0]) == 1 and "╭" not in plain else parts[0]
     said = " ".join(body)
     for words, ours in PLAIN_WORDS.items():

@@ -1,12 +1,13 @@
-"""Ground truth for planners that are allowed to see it (S App. D, SPA-Priv).
+"""Privileged state: ground truth for planners (S App. D, SPA-Priv).
 
-The shapes are read back from the physics engine, so a planner's geometry is the simulator's
-geometry, hull for hull. Geometry changes only when the scene is rebuilt (`scene_key`); poses
-are read at every observation that holds the privileged group.
+Shapes are read back from the physics engine, so planners use exactly the simulator's collision
+geometry. Geometry changes only when the scene is rebuilt (`scene_key`); poses are read for every
+observation that contains the privileged group.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -22,7 +23,7 @@ class CollisionShape:
     """One collision shape in its body's frame.
 
     Attributes:
-        kind: Which of the fields below describe it.
+        kind: Shape type; determines which of the fields below are used.
         body_from_shape: (4, 4) pose of the shape in the body frame.
         half_size_m: (3,) half extents of a box; (radius, half length, 0) of a capsule or cylinder
             (axis x, as in PhysX); (radius, 0, 0) of a sphere; zeros for a plane (normal +x).
@@ -43,7 +44,7 @@ class CollisionBody:
 
     Attributes:
         name: Unique in the scene, e.g. ``kitchen_counter_0/drawer3``, ``024_bowl``,
-            ``hab_fetch/gripper_link``.
+            ``<robot>/gripper_link``.
         group: ``stage``, ``static``, ``furniture`` (articulated), ``object`` (loose) or ``robot``.
         shapes: All its collision shapes.
     """
@@ -54,20 +55,20 @@ class CollisionBody:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FrontState:
-    """A door or drawer that the episode is about, at one moment.
+class ArticulationState:
+    """State of a door or drawer of the episode in one step.
 
     Attributes:
         kind: ``fridge`` or ``drawer``.
-        body: Name of the body that moves.
-        handle_m: (3,) its handle in the world.
-        held: Whether the hand holds the handle.
-        joint: Its position [m or rad].
-        limits: Lowest and highest position.
-        slides: Whether it slides along its axis; else it turns about it.
-        axis: (3,) direction of its axis in the world.
-        axis_point_m: (3,) a point of its axis.
-        frame: (3,) x, y [m] and yaw [rad] of the frame that looks out of the furniture.
+        body: Name of the moving body.
+        handle_m: (3,) handle position in the world.
+        held: Whether the robot holds the handle.
+        joint: Joint position [m or rad].
+        limits: Joint limits, lower and upper.
+        slides: Whether the joint is prismatic; otherwise it is revolute.
+        axis: (3,) direction of the joint axis in the world.
+        axis_point_m: (3,) a point on the joint axis.
+        frame: (3,) x, y [m] and yaw [rad] of the frame facing out of the furniture.
     """
 
     kind: str
@@ -82,15 +83,15 @@ class FrontState:
     frame: Array
 
     def moved(self, joint: float) -> Array:
-        """Returns (4, 4) how a point of it moves in the world until its joint is at `joint`."""
-        way, motion = joint - self.joint, np.eye(4)
+        """Returns the (4, 4) world transform of the body when its joint moves to `joint`."""
+        change, motion = joint - self.joint, np.eye(4)
         if self.slides:
-            motion[:3, 3] = way * self.axis
+            motion[:3, 3] = change * self.axis
             return motion
         x, y, z = self.axis
         cross = np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
-        # Rodrigues' formula of a turn about the axis.
-        turn = np.eye(3) + np.sin(way) * cross + (1.0 - np.cos(way)) * cross @ cross
+        # Rodrigues' rotation formula about the axis.
+        turn = np.eye(3) + np.sin(change) * cross + (1.0 - np.cos(change)) * cross @ cross
         motion[:3, :3] = turn
         motion[:3, 3] = self.axis_point_m - turn @ self.axis_point_m
         return motion
@@ -98,22 +99,22 @@ class FrontState:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PrivilegedState:
-    """The true state of one environment row at one moment.
+    """True state of one environment row in one step.
 
     Attributes:
         scene_key: Changes if and only if the set of bodies or their shapes changed.
         bodies: Every body of the scene, robot links included; the same tuple until the key changes.
-        world_from_body: Body name -> (4, 4) pose now. Loose objects that take no part in the
+        world_from_body: Body name -> current (4, 4) pose. Loose objects that are not part of the
             episode are absent.
-        world_from_base: (4, 4) pose of Fetch's base_link.
-        arm_qpos: (7,) [rad] in `hab_tasks.robots.fetch_spec.ARM_JOINTS` order.
-        locked_qpos: Every other joint of the robot: name -> [m or rad].
-        held: Body name of the object in the grasp, None if none.
-        object_com_m: Body name -> (3,) centre of mass in the world, of the loose objects present.
+        world_from_base: (4, 4) pose of the base frame.
+        arm_qpos: (7,) [rad] in `hab_tasks.robots.robot.ROBOT.arm_joints` order.
+        locked_qpos: All other robot joints: name -> [m or rad].
+        held: Body name of the grasped object, or None.
+        object_com_m: Body name -> (3,) centre of mass in the world, for loose objects present.
         targets: Body names of the objects to rearrange, in the episode's order.
-        goals_m: (K, 3) where the centres of mass of these are to be.
-        fronts: The doors and drawers that the episode is about.
-        base_goal: (3,) x, y [m] and yaw [rad] that Navigate leads to; zeros elsewhere.
+        goals_m: (K, 3) goal positions of their centres of mass.
+        articulations: The doors and drawers that the episode is about.
+        base_goal: (3,) x, y [m] and yaw [rad] of the navigation goal; zeros without one.
     """
 
     scene_key: str
@@ -121,10 +122,10 @@ class PrivilegedState:
     world_from_body: dict[str, Array]
     world_from_base: Array
     arm_qpos: Array
-    locked_qpos: dict[str, float]
+    locked_qpos: Mapping[str, float]
     held: str | None
     object_com_m: dict[str, Array]
     targets: tuple[str, ...]
     goals_m: Array
-    fronts: tuple[FrontState, ...] = ()
+    articulations: tuple[ArticulationState, ...] = ()
     base_goal: Array = field(default_factory=lambda: np.zeros(3))

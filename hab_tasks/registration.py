@@ -1,22 +1,29 @@
-"""Registers the environments with Gymnasium, by name: nothing of them is imported here.
+"""Registers the environments with Gymnasium by name, without importing them.
 
-Making one imports its class, in this process or in a worker of `gymnasium.make_vec`.
+Making an environment imports its class, in this process or in a worker of `gymnasium.make_vec`.
 """
 
 from __future__ import annotations
 
+import importlib
+import sys
+from pathlib import Path
+
 import gymnasium as gym
 from gymnasium.envs.registration import WrapperSpec
 
-from hab_tasks.constants import (
-    NAVIGATE_HORIZON_STEPS,
-    PREPARE_GROCERIES_HORIZON_STEPS,
-    SET_TABLE_HORIZON_STEPS,
-    SKILL_HORIZON_STEPS,
-    TIDY_HOUSE_HORIZON_STEPS,
-)
+from hab_tasks.constants import NAVIGATE_HORIZON_STEPS, SKILL_HORIZON_STEPS
+from hab_tasks.errors import HabError, UnknownNameError
+from hab_tasks.task_spec import TaskSpec, TaskSpecError
 
-ENTRY_POINTS: dict[str, tuple[str, int]] = {
+PACKAGE = "hab_tasks"
+VECTOR_ENTRY_POINTS = f"{PACKAGE}.vector.entry_points"
+"""Module with one entry point of `gymnasium.make_vec` for each environment."""
+
+TASK_CLASSES = f"{PACKAGE}.tasks.classes"
+"""Module that creates the classes of tasks on first access."""
+
+SKILLS: dict[str, tuple[str, int]] = {
     "HabPick-v1": ("hab_tasks.skills.pick:HabPickEnv", SKILL_HORIZON_STEPS),
     "HabPlace-v1": ("hab_tasks.skills.place:HabPlaceEnv", SKILL_HORIZON_STEPS),
     "HabOpenFridge-v1": ("hab_tasks.skills.open_fridge:HabOpenFridgeEnv", SKILL_HORIZON_STEPS),
@@ -24,28 +31,130 @@ ENTRY_POINTS: dict[str, tuple[str, int]] = {
     "HabOpenDrawer-v1": ("hab_tasks.skills.open_drawer:HabOpenDrawerEnv", SKILL_HORIZON_STEPS),
     "HabCloseDrawer-v1": ("hab_tasks.skills.close_drawer:HabCloseDrawerEnv", SKILL_HORIZON_STEPS),
     "HabNavigate-v1": ("hab_tasks.skills.navigate:HabNavigateEnv", NAVIGATE_HORIZON_STEPS),
-    "HabTidyHouse-v1": ("hab_tasks.tasks.tidy_house:HabTidyHouseEnv", TIDY_HOUSE_HORIZON_STEPS),
-    "HabPrepareGroceries-v1": (
-        "hab_tasks.tasks.prepare_groceries:HabPrepareGroceriesEnv",
-        PREPARE_GROCERIES_HORIZON_STEPS,
-    ),
-    "HabSetTable-v1": ("hab_tasks.tasks.set_table:HabSetTableEnv", SET_TABLE_HORIZON_STEPS),
 }
-"""Id -> where its class is, and its `horizon_steps`, the longest episode."""
+"""Id -> entry point and `horizon_steps`, the maximum episode length."""
+
+ENTRY_POINTS: dict[str, str] = {}
+"""Environment id -> entry point of its class."""
+
+TASKS: dict[str, TaskSpec] = {}
+"""Task id -> declaration."""
+
+_modules: dict[str, str] = {}
+"""Id -> module that registers it on import."""
 
 
-def register_envs() -> None:
-    """Adds every environment to Gymnasium's registry, with ManiSkill's time limit."""
-    for env_id, (entry_point, horizon_steps) in ENTRY_POINTS.items():
-        limit = WrapperSpec(
-            "MSTimeLimit",
-            entry_point="mani_skill.utils.registration:TimeLimitWrapper",
-            kwargs={"max_episode_steps": horizon_steps},
-        )
-        gym.register(
-            env_id,
-            entry_point=entry_point,
-            max_episode_steps=horizon_steps,
-            disable_env_checker=True,  # ManiSkill's observations are tensors
-            additional_wrappers=(limit,),
-        )
+def register_skills() -> None:
+    """Adds the skills to Gymnasium's registry."""
+    for env_id, (entry_point, horizon_steps) in SKILLS.items():
+        _register(env_id, entry_point, horizon_steps, PACKAGE)
+
+
+def register_skill(env_id: str, entry_point: str, horizon_steps: int) -> None:
+    """Adds a user-defined skill to Gymnasium's registry.
+
+    Call it on import of a module. ``gym.make("that_module:X-v1")`` then works anywhere, including
+    worker processes and every command. Navigate and the tasks only use the benchmark's skills.
+
+    Args:
+        env_id: Environment id, ``X-v1``.
+        entry_point: ``module:Class`` of its `hab_tasks.engine.skill_env.SkillEnv`.
+        horizon_steps: Maximum episode length, equal to the skill's.
+
+    Raises:
+        HabError: The id is taken.
+    """
+    if ENTRY_POINTS.get(env_id, entry_point) != entry_point:
+        raise HabError(f"{env_id}: another environment has this id; choose another one.")
+    caller = sys._getframe(1).f_globals.get("__name__", PACKAGE)
+    _register(env_id, entry_point, horizon_steps, caller)
+
+
+def register_task(spec: TaskSpec) -> None:
+    """Adds a task to Gymnasium's registry, and makes it known to planners and commands.
+
+    Call it on import of a module. ``gym.make("that_module:X-v1")`` then works anywhere, including
+    worker processes and every command.
+
+    Args:
+        spec: The task.
+
+    Raises:
+        TaskSpecError: The id is taken.
+    """
+    if spec.id in ENTRY_POINTS:
+        if TASKS.get(spec.id) == spec:
+            return
+        raise TaskSpecError(f"{spec.id}: another environment has this id; choose another one.")
+    caller = sys._getframe(1).f_globals.get("__name__", PACKAGE)
+    TASKS[spec.id] = spec
+    # The entry point names the module to import, as worker processes only get this string.
+    _register(spec.id, f"{TASK_CLASSES}:{caller}.{spec.id}", spec.horizon_steps, caller)
+
+
+def _register(env_id: str, entry_point: str, horizon_steps: int, module: str) -> None:
+    """Registers with ManiSkill's time limit, without importing the class."""
+    ENTRY_POINTS[env_id], _modules[env_id] = entry_point, module
+    limit = WrapperSpec(
+        "MSTimeLimit",
+        entry_point="mani_skill.utils.registration:TimeLimitWrapper",
+        kwargs={"max_episode_steps": horizon_steps},
+    )
+    gym.register(
+        env_id,
+        entry_point=entry_point,
+        max_episode_steps=horizon_steps,
+        disable_env_checker=True,  # it rejects tensors, which ManiSkill's observations are
+        additional_wrappers=_OfSingleEnvs((limit,)),
+        vector_entry_point=f"{VECTOR_ENTRY_POINTS}:{module}.{env_id}",
+    )
+
+
+class _OfSingleEnvs(tuple[WrapperSpec, ...]):
+    """Wrappers that `gymnasium.make` applies and `gymnasium.make_vec` does not see.
+
+    Gymnasium refuses the vector entry point of an environment with wrappers. This one's only
+    wrapper is the time limit, which the vector environment applies itself.
+    """
+
+    def __len__(self) -> int:
+        return 0
+
+
+def imported_id(reference: str) -> str:
+    """Imports the module in ``module:X-v1``, if any, and returns the id.
+
+    The module may also be in the working directory.
+
+    Raises:
+        HabError: The module cannot be imported.
+        UnknownNameError: Unknown environment id.
+    """
+    module, _, env_id = reference.rpartition(":")
+    if module and env_id not in ENTRY_POINTS:
+        _import(module, reference)
+    if env_id not in ENTRY_POINTS:
+        raise UnknownNameError("environment", reference, ENTRY_POINTS)
+    return env_id
+
+
+def reference_of(env_id: str) -> str:
+    """Returns ``module:X-v1``, which `gym.make` accepts without a prior import."""
+    module = _modules[env_id]
+    return env_id if module == "__main__" else f"{module}:{env_id}"
+
+
+def _import(module: str, reference: str) -> None:
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.append(here)  # last, so that local files do not shadow libraries
+        importlib.invalidate_caches()
+    try:
+        importlib.import_module(module)
+    except HabError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise HabError(
+            f"Environment {reference!r}: module {module!r} cannot be imported "
+            f"({type(error).__name__}: {error})."
+        ) from error

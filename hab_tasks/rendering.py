@@ -1,4 +1,4 @@
-"""Which device draws the images, found out only when images are asked for."""
+"""Selection of the render device; only when images are requested."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from hab_tasks.errors import RenderingUnavailableError, UnknownNameError
 BACKENDS = ("auto", "none", "cpu", "gpu")
 
 DEPTH_SHADER = "hab_depth"
-"""ManiSkill shader pack that draws position and actor, no colour: half the time of ``minimal``."""
+"""ManiSkill shader pack with position and actor, no colour; half the time of ``minimal``."""
 
 ADVICE = (
-    "No Vulkan device can draw images. Install a driver (Debian 12, as root: apt-get install -y -t "
-    "bookworm-backports mesa-vulkan-drivers libvulkan1), or use obs_mode='state' without "
+    "No Vulkan device can render images. Install a driver (Debian 12, as root: apt-get install -y "
+    "-t bookworm-backports mesa-vulkan-drivers libvulkan1), or use obs_mode='state' without "
     "render_mode."
 )
 
 
 def resolve_backend(backend: str, wants_images: bool) -> str:
-    """Returns ManiSkill's render_backend for ours.
+    """Returns ManiSkill's render_backend.
 
     Args:
-        backend: ``auto`` draws only when images are wanted, on an NVIDIA GPU where there is one and
-            on the CPU elsewhere; any other name is taken as it is.
+        backend: ``auto`` renders only if images are requested, on an NVIDIA GPU if available, else
+            on the CPU; other names are passed through.
         wants_images: Whether observations or `render` need images.
 
     Raises:
-        UnknownNameError: No such backend.
-        RenderingUnavailableError: Images are wanted and no Vulkan device was found.
+        UnknownNameError: Unknown backend.
+        RenderingUnavailableError: Images are requested, but there is no Vulkan device.
     """
     if str(backend).split(":")[0] not in (*BACKENDS, "cuda", "sapien_cpu", "sapien_cuda"):
         raise UnknownNameError("render_backend", backend, BACKENDS)
@@ -50,42 +50,45 @@ def resolve_backend(backend: str, wants_images: bool) -> str:
 
 
 def sensor_shader(sensor_configs: dict[str, Any], backend: str, rgb: bool) -> dict[str, Any]:
-    """Returns camera settings that use `DEPTH_SHADER` where no colour is asked of a CPU renderer.
+    """Returns camera settings that use `DEPTH_SHADER` on CPU renderers if colour is not needed.
 
     Args:
-        sensor_configs: The caller's settings; a shader chosen there stays.
+        sensor_configs: The caller's settings; an explicit shader is kept.
         backend: The resolved render backend.
-        rgb: Whether observations hold anything but depth, position and segmentation.
+        rgb: Whether observations contain more than depth, position and segmentation.
     """
     if backend != "cpu" or rgb or "shader_pack" in sensor_configs:
         return sensor_configs
     if DEPTH_SHADER not in PREBUILT_SHADER_CONFIGS:
         minimal = PREBUILT_SHADER_CONFIGS["minimal"]
-        texture = "PositionSegmentation"
+        theirs, ours = "PositionSegmentation", "MillimetresSegmentation"
+        # Formats are global, by texture name. ManiSkill switches the format of its own texture
+        # between shader packs, so that a depth camera after a default one would read garbage.
+        sapien.render.set_picture_format(ours, "r16g16b16a16sint")
         PREBUILT_SHADER_CONFIGS[DEPTH_SHADER] = ShaderConfig(
             shader_pack=str(Path(__file__).parent / "shaders" / "depth"),
-            texture_names={texture: minimal.texture_names[texture]},
-            texture_transforms={texture: minimal.texture_transforms[texture]},
+            texture_names={ours: minimal.texture_names[theirs]},
+            texture_transforms={ours: minimal.texture_transforms[theirs]},
         )
     return {**sensor_configs, "shader_pack": DEPTH_SHADER}
 
 
 def use_default_shaders() -> None:
-    """Cameras made from now on draw floats in colour, whatever the process has drawn before."""
+    """Resets the shaders for new cameras, so that they render colour as floats."""
     set_shader_pack(PREBUILT_SHADER_CONFIGS["default"])
 
 
 def software_vulkan_works() -> bool:
-    """Returns whether SAPIEN can make a renderer on the CPU."""
+    """Returns whether SAPIEN can create a CPU renderer."""
     return _kept_renderer() is not None
 
 
 @lru_cache(maxsize=1)
 def _kept_renderer() -> sapien.render.RenderSystem | None:
-    """Draws nothing, and lives as long as the process.
+    """Keeps a renderer alive for the lifetime of the process; it renders nothing.
 
-    SAPIEN drops its compiled shaders with its last renderer, and compiling them anew takes the CPU
-    four seconds: environments that are made one after another would each wait for that.
+    SAPIEN discards its compiled shaders with its last renderer, and recompiling them takes four
+    seconds on the CPU, which every environment created in sequence would pay.
     """
     try:
         return sapien.render.RenderSystem(sapien.Device("cpu"))

@@ -1,4 +1,4 @@
-"""The collision side of the embedded dataset as convex solids, read from its files alone."""
+"""The collision shapes of the embedded dataset as convex solids, read from its files."""
 
 import json
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Small datasets and scenes that tests make for themselves."""
+"""Small datasets, scenes and measures for tests."""
 
 import json
 import math
@@ -18,15 +18,15 @@ from mani_skill.envs.utils.system.backend import parse_sim_and_render_backend
 from mani_skill.utils.structs import Actor
 from mani_skill.utils.structs.types import SimConfig
 
-from hab_tasks.arrays import Rows, norm
+from hab_tasks.arrays import BatchArray, norm
+from hab_tasks.engine.goals import Goals
+from hab_tasks.engine.measures import MEANINGS, Measures
+from hab_tasks.engine.rewards import total
+from hab_tasks.engine.skill_env import Skill
+from hab_tasks.engine.snapshot import Snapshot, axes_of_base, world_to_base
 from hab_tasks.episodes import Episode
-from hab_tasks.goals import Goals
-from hab_tasks.measures import MEANINGS, Measures
-from hab_tasks.rewards import total
 from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.scenes.collision_groups import MOVING, set_groups
-from hab_tasks.skills.base import Skill
-from hab_tasks.snapshot import Snapshot, axes_of_base, world_to_base
 
 TABLE_SIZE_M = (1.0, 0.8, 0.6)
 """The tiny dataset's table: x, y (up) and z extents; its origin is its middle."""
@@ -155,7 +155,7 @@ def start_fetch(agent: HabFetch) -> None:
 
 
 def snapshot(
-    count: int = 1, *, objects: int = 1, fronts: int = 0, **values: torch.Tensor
+    count: int = 1, *, objects: int = 1, articulations: int = 0, **values: torch.Tensor
 ) -> Snapshot:
     """A snapshot of `count` rows at the origin with nothing held, except for `values`."""
     nothing = torch.full((count,), -1, dtype=torch.long)
@@ -165,8 +165,8 @@ def snapshot(
         "ee_m": torch.zeros(count, 3),
         "ee_axes": torch.eye(3).expand(count, 3, 3),
         "objects_m": torch.zeros(count, objects, 3),
-        "handles_m": torch.zeros(count, fronts, 3),
-        "joints": torch.zeros(count, fronts),
+        "handles_m": torch.zeros(count, articulations, 3),
+        "joints": torch.zeros(count, articulations),
         "held": nothing,
         "held_handle": nothing.clone(),
         "lost": torch.zeros(count, dtype=torch.bool),
@@ -191,7 +191,7 @@ def measures(count: int = 1, **values: torch.Tensor) -> Measures:
     return Measures(**{**raw, **points, **values})
 
 
-class Judged(NamedTuple):
+class Evaluated(NamedTuple):
     """What a skill says of N rows."""
 
     success: torch.Tensor
@@ -201,23 +201,25 @@ class Judged(NamedTuple):
     scores: dict[str, torch.Tensor]
 
 
-def judge(skill: Skill, m: Measures, s: Snapshot | None = None, g: Goals | None = None) -> Judged:
-    """What a skill says of a moment, as an environment asks it; tensors and arrays must agree."""
-    count, fronts = len(m.force_n), len(skill.needs.fronts)
-    s = s or snapshot(count, fronts=fronts)
-    g = g or Goals.empty(count, 1, fronts, "cpu")
-    found = _judged(skill, s, m, g)
-    again = _judged(skill, as_arrays(s), as_arrays(m), as_arrays(g))
+def evaluate_rules(
+    skill: Skill, m: Measures, s: Snapshot | None = None, g: Goals | None = None
+) -> Evaluated:
+    """Evaluates a skill on a snapshot, as an environment does; tensors and arrays must agree."""
+    count, articulations = len(m.force_n), len(skill.requirements.articulations)
+    s = s or snapshot(count, articulations=articulations)
+    g = g or Goals.empty(count, 1, articulations, "cpu")
+    found = _evaluated(skill, s, m, g)
+    again = _evaluated(skill, as_arrays(s), as_arrays(m), as_arrays(g))
     assert same(found._asdict(), again._asdict(), 1e-5)
     return found
 
 
-def _judged(skill: Skill, s: Snapshot, m: Measures, g: Goals) -> Judged:
+def _evaluated(skill: Skill, s: Snapshot, m: Measures, g: Goals) -> Evaluated:
     failures = skill.failures(s, m, g, skill.config)
     reached = skill.success(s, m, g, skill.config)
     success = reached & ~reduce(or_, failures.values(), reached & False)
     terms = skill.reward_terms(s, m, g, skill.config, {"success": success, **failures})
-    return Judged(success, failures, terms, total(terms), skill.scores(m, success))
+    return Evaluated(success, failures, terms, total(terms), skill.scores(m, success))
 
 
 def as_arrays(x: Any) -> Any:
@@ -228,7 +230,7 @@ def as_arrays(x: Any) -> Any:
 class StraightWays:
     """Ways of the base on an empty floor: every row has to go to the origin."""
 
-    def distance_m(self, base_m: Rows) -> Rows:
+    def distance_m(self, base_m: BatchArray) -> BatchArray:
         return norm(base_m)
 
 
@@ -252,7 +254,7 @@ def starts_on(episode: Episode, *words: str) -> bool:
 
 def first_episode(env: object, accept: Callable[[Episode], bool]) -> int:
     """The index of the first of the environment's episodes that `accept` takes."""
-    source = env.unwrapped._world.source
+    source = env.unwrapped._simulation.source
     return next(i for i in range(source.available) if accept(source.get(i)))
 
 
@@ -271,7 +273,7 @@ def reach(env: object, point_m: np.ndarray, gripper: float, *, steps: int, withi
     """
     base, results = env.unwrapped, []
     for _ in range(steps):
-        shot = base._world.snapshot
+        shot = base._simulation.snapshot
         gap = world_to_base(np.asarray(shot.base), np.asarray(point_m, dtype=np.float32)[None])
         gap = (gap - np.asarray(shot.ee_in_base_m))[0]
         if np.linalg.norm(gap) < within_m:
@@ -293,7 +295,7 @@ def go_above_and_grasp(env: object, name: str, *, gripper: float = 1.0) -> list:
     for height in np.arange(0.25, 0.0, -0.01):
         point = np.add(target, (0.0, 0.0, height))
         results += reach(env, point, -1.0, steps=5, within_m=0.015)
-        ee = np.asarray(base._world.snapshot.ee_m)[0]
+        ee = np.asarray(base._simulation.snapshot.ee_m)[0]
         if np.linalg.norm(ee - base.privileged()[0].object_com_m[name]) < 0.13:
             break
     results.append(env.step(ee_action(env, np.zeros(3), gripper)))

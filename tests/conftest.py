@@ -1,4 +1,4 @@
-"""What a machine may lack (real data, Vulkan, an NVIDIA card): fixtures, and skips with reasons."""
+"""Fixtures and skips for optional resources: real data, Vulkan, an NVIDIA GPU."""
 
 import functools
 import gc

@@ -1,4 +1,4 @@
-"""Episodes in Habitat's format, written by hand, in the apartment's first layout."""
+"""Hand-written episodes in Habitat's format, in the apartment's first layout."""
 
 from pathlib import Path
 from typing import Any
@@ -7,9 +7,9 @@ import numpy as np
 from transforms3d.axangles import axangle2mat
 from transforms3d.quaternions import axangle2quat
 
-from hab_tasks.episodes.habitat import read_habitat
+from hab_tasks.episodes.habitat.convert import read_habitat
 from hab_tasks.episodes.schema import EpisodeSet, save_json
-from hab_tasks.scenes.dataset import SceneDataset
+from hab_tasks.scenes.habitat.dataset import SceneDataset
 
 SCENE = "v3_sc0_staging_00"
 DRAWER = "receptacle_aabb_drawer_right_top_frl_apartment_kitchen_counter"

@@ -1,4 +1,4 @@
-"""Processes that are killed at a certain place of the code, and what they leave."""
+"""Processes that are killed at a given line of code, and their remains."""
 
 import signal
 import subprocess

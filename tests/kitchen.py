@@ -1,4 +1,4 @@
-"""A kitchen of the apartment with the robot's hand on one of its handles."""
+"""Fixture: the apartment's kitchen with the robot's hand at one of its handles."""
 
 import numpy as np
 import sapien
@@ -7,8 +7,8 @@ from builders import cpu_scene
 
 from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.robots.grasp import Handle
-from hab_tasks.scenes.dataset import resolve_dataset
-from hab_tasks.scenes.load import load_scene
+from hab_tasks.scenes.habitat.dataset import resolve_dataset
+from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.pool import BodyPool
 
 GRASP = torch.ones(1)

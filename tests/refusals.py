@@ -1,4 +1,4 @@
-"""What a refusal of bad input has to be: one line that names what is wrong, and nothing else."""
+"""Requirements on error messages: one line that names the fault, and no other output."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Random and adversarial steps in one environment, every value of which is looked at."""
+"""Random and adversarial steps in one environment, with checks of every value."""
 
 from __future__ import annotations
 

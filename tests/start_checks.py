@@ -1,4 +1,4 @@
-"""Start states stood up once more, in a workbench that had no part in making them, and measured."""
+"""Checks of start states in a sandbox other than the one that generated them."""
 
 import functools
 import math
@@ -6,9 +6,9 @@ import math
 import numpy as np
 import torch
 
+from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import template_of
 from hab_tasks.episodes.source import EpisodeSource
-from hab_tasks.episodes.workbench import Workbench
 from hab_tasks.geometry import to_matrix
 from hab_tasks.robots.kinematics import ArmKinematics
 from hab_tasks.scenes.markers import HANDLE_MARKERS
@@ -44,27 +44,27 @@ CELL_M = 0.05
 
 
 @functools.lru_cache(maxsize=4)
-def workbench(source: EpisodeSource, scene_id: str) -> Workbench:
-    return Workbench(source.scene(scene_id), source.objects)
+def load_sandbox(source: EpisodeSource, scene_id: str) -> PlacementSandbox:
+    return PlacementSandbox(source.scene(scene_id), source.objects)
 
 
 class Replay:
-    """An episode's start state in a workbench."""
+    """An episode's start state in a new sandbox."""
 
     def __init__(self, source: EpisodeSource, episode):
         self.episode, self.templates = episode, source.objects
-        self.bench = workbench(source, episode.scene_id)
+        self.sandbox = load_sandbox(source, episode.scene_id)
         self.stand()
 
     def stand(self, poses=None):
         """Shows objects (handle -> pose; those of the start if None), loose ones and furniture."""
         poses = self.episode.objects if poses is None else poses
-        self.bench.show(poses)
+        self.sandbox.show(poses)
         for furniture, joints in self.episode.joints.items():
             for joint, value in joints.items():
-                self.bench.set_joint(furniture, joint, value)
+                self.sandbox.set_joint(furniture, joint, value)
         for name, pose in {**self.episode.loose, **poses}.items():
-            self.bench.place(name, pose)
+            self.sandbox.place(name, pose)
 
     def resting(self):
         """What must stay where it is: everything but what is held."""
@@ -78,15 +78,15 @@ class Replay:
     def moved_m(self, poses, watched=None):
         """How far the farthest of `watched` objects (default all) gets in 2 s of physics."""
         self.stand(poses)
-        self.bench.settle(2.0, tuple(poses))
+        self.sandbox.settle(2.0, tuple(poses))
         names = poses if watched is None else watched
-        return max((math.dist(self.bench.pose(n)[:3], poses[n][:3]) for n in names), default=0.0)
+        return max((math.dist(self.sandbox.pose(n)[:3], poses[n][:3]) for n in names), default=0.0)
 
     def joints_moved(self):
         """How far the farthest joint of the episode's furniture gets in 2 s [m or rad]."""
         self.stand(self.resting())
-        self.bench.settle(2.0, tuple(self.resting()))
-        after = self.bench.joints()
+        self.sandbox.settle(2.0, tuple(self.resting()))
+        after = self.sandbox.joints()
         ways = [0.0]
         for furniture, joints in self.episode.joints.items():
             now = after.get(furniture, {})
@@ -96,10 +96,10 @@ class Replay:
     def overlaps(self, poses):
         """Pairs of names -> how deep [m] an object is in something else, more than 2 mm."""
         self.stand(poses)
-        names = {body: name for name, (_, body) in self.bench._components.items()}
+        names = {body: name for name, (_, body) in self.sandbox._components.items()}
         found = {}
-        self.bench._px.step()
-        for contact in self.bench._px.get_contacts():
+        self.sandbox._px.step()
+        for contact in self.sandbox._px.get_contacts():
             pair = tuple(sorted(names.get(body, "robot") for body in contact.bodies))
             depth_m = max((-point.separation for point in contact.points), default=0.0)
             if depth_m > 0.002 and set(pair) & set(poses):
@@ -108,8 +108,8 @@ class Replay:
 
     def box_of(self, ref):
         """The (4, 4) pose of a receptacle's box and the receptacle."""
-        (receptacle,) = [r for r in self.bench.spec.receptacles if (r.name, r.body) == ref]
-        return self.bench.world_from(receptacle.body) @ to_matrix(
+        (receptacle,) = [r for r in self.sandbox.spec.receptacles if (r.name, r.body) == ref]
+        return self.sandbox.world_from(receptacle.body) @ to_matrix(
             receptacle.body_from_box
         ), receptacle
 
@@ -123,8 +123,8 @@ class Replay:
 
     def stands_on(self, name, ref):
         """Whether a shown object lies on a receptacle: over it, and down on its face."""
-        beside, _ = self.over(self.bench.com_m(name), ref)
-        low, _ = self.bench._components[name][1].compute_global_aabb_tight()
+        beside, _ = self.over(self.sandbox.com_m(name), ref)
+        low, _ = self.sandbox._components[name][1].compute_global_aabb_tight()
         world_from_box, receptacle = self.box_of(ref)
         up, half = np.array(receptacle.up), np.array(receptacle.half_size_m)
         face_m = (world_from_box @ np.append(-up * (np.abs(up) @ half), 1.0))[2]
@@ -133,7 +133,7 @@ class Replay:
 
     def count_on(self, name):
         """Receptacles of a name -> how many objects have their middle over its face."""
-        refs = [(r.name, r.body) for r in self.bench.spec.receptacles if r.name == name]
+        refs = [(r.name, r.body) for r in self.sandbox.spec.receptacles if r.name == name]
         return {ref: sum(self.stands_on(o, ref) for o in self.resting()) for ref in refs}
 
     # The robot -----------------------------------------------------------------------------------
@@ -141,28 +141,28 @@ class Replay:
     def touches(self):
         """What the robot touches where it starts, but for what it holds; itself by a millimetre."""
         self.stand(self.resting())
-        agent, bench = self.bench._agent, self.bench
+        agent, sandbox = self.sandbox._agent, self.sandbox
         qpos = agent.rest_qpos()
         qpos[agent.base_index] = torch.tensor(self.episode.robot.base)
         qpos[agent.arm_index] = torch.tensor(self.episode.robot.arm_qpos_rad)
         agent.robot.set_qpos(qpos[None])
         agent.robot.set_qvel(torch.zeros_like(qpos)[None])
-        bench._px.step()
-        names = {body: name for name, (_, body) in bench._components.items()}
+        sandbox._px.step()
+        names = {body: name for name, (_, body) in sandbox._components.items()}
         links = {link._objs[0]: link.name for link in agent.robot.links}
         found = set()
-        for contact in bench._px.get_contacts():
+        for contact in sandbox._px.get_contacts():
             bodies = contact.bodies
             depth_m = max((-point.separation for point in contact.points), default=-1.0)
             limit_m = 0.001 if set(bodies) <= links.keys() else 0.0
             if set(bodies) & links.keys() and depth_m > limit_m:
                 found.add(tuple(links.get(b) or names[b] for b in bodies))
-        bench.send_robot_away()
+        sandbox.send_robot_away()
         return found
 
     def off_floor_m(self, base):
         """Distance from a base position to the nearest place with 0.32 m of clearance."""
-        cells = self.bench.floor().cells_by_distance(np.array(base[:2]), 0.32, 0.0)
+        cells = self.sandbox.floor().cells_by_distance(np.array(base[:2]), 0.32, 0.0)
         return float(np.linalg.norm(cells[0] - base[:2]))
 
     def heading_off_rad(self, base, point_m):
@@ -187,13 +187,13 @@ class Replay:
             for m in HANDLE_MARKERS
             if (m.name, m.template) == (self.episode.handle.marker, template_of(furniture))
         )
-        (scale,) = [a.scale for a in self.bench.spec.articulations if a.name == furniture]
-        world_from_link = self.bench.world_from(f"{furniture}/{marker.link}")
+        (scale,) = [a.scale for a in self.sandbox.spec.articulations if a.name == furniture]
+        world_from_link = self.sandbox.world_from(f"{furniture}/{marker.link}")
         return (world_from_link @ np.append(scale * np.array(marker.offset_m), 1.0))[:3]
 
     def in_frame(self, base, body):
         """A base position (x ahead, y to the left) in the upright frame of a link."""
-        world_from_link = self.bench.world_from(body)
+        world_from_link = self.sandbox.world_from(body)
         ahead = world_from_link[:2, 0] / np.linalg.norm(world_from_link[:2, 0])
         way = np.subtract(base[:2], world_from_link[:2, 3])
         return float(ahead @ way), float(ahead[0] * way[1] - ahead[1] * way[0])

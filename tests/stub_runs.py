@@ -1,4 +1,4 @@
-"""`hab-eval run` on the stub environment of tests/eval, in this process and as a process."""
+"""`hab-eval run` on the stub environment of tests/eval, in this process and in another."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -48,26 +50,28 @@ def journal_ids(folder: Path) -> list[str]:
     return [json.loads(line)["episode"]["id"] for line in lines]
 
 
-def record() -> RunRecord:
-    """Returns a run of two episodes, the second one failed."""
+def make_record(
+    successes: Sequence[bool] = (True, False), *, name: str = "Stub", **changes: Any
+) -> RunRecord:
+    """Returns the record of a run of Pick, with an episode for each of `successes`."""
     episodes = tuple(
         EpisodeResult(
             id=f"e{number}",
             scene="s",
-            success=number == 0,
-            stages={"pick_1": number == 0},
-            steps=10,
-            failure=None if number == 0 else "timeout",
+            success=success,
+            stages={"pick_1": success},
+            steps=10 * (number + 1),
+            failure=None if success else "timeout",
             episode_return=float(number),
             seconds=0.5,
         )
-        for number in range(2)
+        for number, success in enumerate(successes)
     )
-    timings_s = {"e1": {"plan": 0.25}}
-    return RunRecord(
+    timings_s = {"e0": {"plan": 0.25}}
+    record = RunRecord(
         schema=1,
         agent="stub_hab:constant",
-        agent_name="Stub",
+        agent_name=name,
         privileged=False,
         control_mode="ee",
         obs_mode="state_dict",
@@ -77,9 +81,10 @@ def record() -> RunRecord:
         split="val",
         seed=0,
         versions={"hab-tasks": "0.1.0"},
-        git=None,
+        git="0123456789abcdef",
         device="cpu",
         episodes=episodes,
         timings_s=timings_s,
         summary=summarize(episodes, timings_s),
     )
+    return replace(record, **changes)

@@ -1,4 +1,4 @@
-"""What the READMEs say is so: their Python runs; their commands, targets, links and ids exist."""
+"""Documentation: its Python code runs; its commands, targets, links and ids exist."""
 
 import ast
 import contextlib
@@ -94,19 +94,18 @@ def test_readme_lists_every_environment_with_task_and_horizon():
     import gymnasium
 
     from hab_tasks.envs import ENVS
-    from hab_tasks.instructions import task_sentence
 
     registered = {name for name in gymnasium.registry if re.fullmatch(r"Hab\w+-v\d+", name)}
     assert set(ENVS) == registered
     rows = re.findall(r"^\| `(Hab\w+-v\d+)` \| (.+) \| (\d+) steps \|$", README, flags=re.MULTILINE)
     told = {name: (task, int(steps)) for name, task, steps in rows}
-    assert told == {e.id: (task_sentence(e.env), e.horizon_steps) for e in ENVS.values()}
+    assert told == {e.id: (e.env.summary(), e.horizon_steps) for e in ENVS.values()}
 
 
 def test_readme_lists_every_option_with_its_default():
-    from hab_tasks.skills.hab_env import HabEnv
+    from hab_tasks.engine.hab_env import HabEnv
 
-    section = README.partition("\n## Environments")[2].partition("\n## ")[0]
+    section = README.partition("\n## Environments")[2].partition("\n### ")[0]
     rows = re.findall(r"^\| `(\w+)` \| `(.+?)` \|", section, flags=re.MULTILINE)
     options = {
         name: parameter.default
@@ -118,11 +117,30 @@ def test_readme_lists_every_option_with_its_default():
     assert told == options
 
 
+def test_readme_lists_every_option_of_vector_environments():
+    from hab_tasks.vector.vector_env import HabVectorEnv
+
+    section = README.partition("\n### Many environments at once")[2].partition("\n### ")[0]
+    listed = re.findall(r"^\| `(\w+)` \|", section, flags=re.MULTILINE)
+    single = ("max_episode_steps",)  # of `gymnasium.make` as well
+    parameters = inspect.signature(HabVectorEnv.__init__).parameters.values()
+    assert listed == [
+        p.name for p in parameters if p.kind is p.KEYWORD_ONLY and p.name not in single
+    ]
+
+
 def test_readme_lists_every_command():
     from hab_tasks.commands import COMMANDS
 
     listed = re.findall(r"^\| `hab-tasks (\w+)` \|", README, flags=re.MULTILINE)
     assert sorted(listed) == sorted(COMMANDS)
+
+
+def test_the_readmes_task_is_the_one_that_is_tested():
+    source = (ROOT / "tests" / "my_tasks" / "__init__.py").read_text(encoding="utf-8")
+    code = source.split('"""\n\n', 1)[1]
+    assert code in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(code.splitlines()) <= 25
 
 
 def test_the_page_of_environments_is_what_is_generated():
@@ -149,7 +167,7 @@ def test_the_page_says_everything_of_an_environment():
             shape = "x".join(map(str, item.shape))
             assert f"| `{item.name}` | `{item.group}` | {shape} | {item.unit} |" in section
         # Each observation table of a docstring is the class's own list.
-        row = r"^    (\w+) +(agent|extra) +(\d+) "
+        row = r"^ *(\w+) +(agent|extra) +(\d+) "
         table = re.findall(row, entry.env.__doc__, flags=re.MULTILINE)
         assert table == [(e.name, e.group, str(*e.shape)) for e in entry.env.observation]
 
@@ -177,8 +195,8 @@ def test_the_page_names_what_info_holds(env_id):
 
 @pytest.mark.parametrize("name", ["notation.md", "deviations.md"])
 def test_pages_name_files_and_fields_that_exist(name):
-    from hab_tasks.goals import Goals
-    from hab_tasks.measures import MEANINGS
+    from hab_tasks.engine.goals import Goals
+    from hab_tasks.engine.measures import MEANINGS
 
     text = (ROOT / "docs" / name).read_text(encoding="utf-8")
     files = set(re.findall(r"`((?:\w+/)*\w*\.py|(?:\w+/)+)`", text))

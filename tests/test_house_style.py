@@ -1,4 +1,4 @@
-"""House style that ruff does not check: sizes, names, randomness, printing, packaging's lists."""
+"""Style rules that ruff does not check: sizes, names, randomness, printing, packaging lists."""
 
 import ast
 import re

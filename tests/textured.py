@@ -1,4 +1,4 @@
-"""Textured meshes, and a small dataset that holds some."""
+"""Textured meshes, and a small dataset that contains some."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from hab_tasks.pipeline.decimate import Surface
-from hab_tasks.scenes.dataset import SceneDataset
+from hab_tasks.scenes.habitat.dataset import SceneDataset
 
 
 def sphere(subdivisions: int = 4) -> tuple[Surface, np.ndarray]:

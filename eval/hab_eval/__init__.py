@@ -1,6 +1,6 @@
 """Evaluation of agents on the Home Assistant Benchmark.
 
-Importing this package is light: the simulator is loaded only when a run or a bench needs it.
+Importing this package does not load the simulator; runs and benchmarks load it when needed.
 """
 
 from __future__ import annotations
@@ -16,28 +16,28 @@ __version__ = "0.1.0"
 
 
 def random_agent(setup: AgentSetup) -> Agent:
-    """Returns the built-in baseline: uniform random actions from each episode's own seed."""
-    from hab_eval.example_agent import RandomAgent  # the agent's types live in hab_tasks
+    """Returns the built-in baseline: uniform random actions, seeded per episode."""
+    from hab_eval.example_agent import RandomAgent
 
     return RandomAgent(setup)
 
 
 def do_nothing(setup: AgentSetup) -> Agent:
-    """Returns the agent that stands still and keeps what it holds."""
+    """Returns an agent that stands still and keeps holding its object."""
     from hab_eval.standing_agent import StandingAgent
 
     return StandingAgent(setup, hand="keep")
 
 
 def close_hand(setup: AgentSetup) -> Agent:
-    """Returns the agent that stands still and closes the hand."""
+    """Returns an agent that stands still and closes the gripper."""
     from hab_eval.standing_agent import StandingAgent
 
     return StandingAgent(setup, hand="close")
 
 
 def open_hand(setup: AgentSetup) -> Agent:
-    """Returns the agent that stands still and opens the hand."""
+    """Returns an agent that stands still and opens the gripper."""
     from hab_eval.standing_agent import StandingAgent
 
     return StandingAgent(setup, hand="open")

@@ -1,4 +1,4 @@
-"""What an agent gives the evaluator is checked when it is given, and named by agent and field."""
+"""Validation of agents, their actions and their reports; errors name the agent and the field."""
 
 from __future__ import annotations
 
@@ -12,110 +12,111 @@ from typing import Any, get_args, get_type_hints
 
 from torch import Tensor
 
-from hab_eval.errors import AgentError, RunStoppedError
+from hab_eval.errors import AgentError
 from hab_eval.schema import LARGEST_NUMBER, is_text
 from hab_tasks.agent import Agent, AgentReport, AgentSpec
-from hab_tasks.errors import HabError, shown
+from hab_tasks.errors import HabError, RunStoppedError, shown
 
 OBS_MODES = ("state", "state_dict", "sensor_data", "pointcloud", "none")
 OBS_PARTS = ("rgb", "depth", "segmentation", "position", "normal", "albedo")
-"""ManiSkill's observation modes, and the words that can be joined by ``+``, also with a state."""
+"""ManiSkill's observation modes, and the parts that can be joined by ``+``, also with a state."""
 
 
 @contextlib.contextmanager
 def loading(what: str) -> Generator[None, None, None]:
-    """Names `what` in whatever an agent's module or factory raises.
+    """Converts exceptions of an agent's module or factory into errors that name `what`.
 
     Raises:
-        AgentError: Says what was raised, and where.
-        RunStoppedError: It called `sys.exit`.
+        AgentError: The code raised; the message has the exception and its location.
+        RunStoppedError: The code called `sys.exit`.
     """
     try:
         yield
     except HabError:
-        raise  # the factory's own refusal, e.g. of an option
+        raise  # e.g. the factory rejected an option
     except SystemExit as stop:
-        raise RunStoppedError(f"{what} called sys.exit({stop.code!r}){_place(stop)}.") from stop
+        raise RunStoppedError(f"{what} called sys.exit({stop.code!r}){_location(stop)}.") from stop
     except Exception as error:
-        place = "" if isinstance(error, SyntaxError) else _place(error)  # it names its own
-        raise AgentError(f"{what} raised {type(error).__name__}: {error}{place}") from error
+        # The message of a SyntaxError has the location already.
+        location = "" if isinstance(error, SyntaxError) else _location(error)
+        raise AgentError(f"{what} raised {type(error).__name__}: {error}{location}") from error
 
 
 @contextlib.contextmanager
 def without_exit() -> Generator[None, None, None]:
-    """Keeps an agent from ending the process, which would look like the end of the run.
+    """Prevents an agent from ending the process, which would look like the end of the run.
 
     Raises:
-        AgentError: It called `sys.exit`.
+        AgentError: The agent called `sys.exit`.
     """
     try:
         yield
     except SystemExit as stop:
-        raise AgentError(f"The agent called sys.exit({stop.code!r}){_place(stop)}.") from stop
+        raise AgentError(f"The agent called sys.exit({stop.code!r}){_location(stop)}.") from stop
 
 
 def check_agent(agent: object, reference: str) -> Agent:
-    """Returns what a factory made, if it follows the `Agent` protocol.
+    """Returns the agent if it follows the `Agent` protocol.
 
     Raises:
-        AgentError: Names what is missing, or a field of its spec with its valid values.
+        AgentError: A member is missing, or a field of its spec is invalid.
     """
     if not isinstance(agent, Agent) or not all(
         callable(getattr(agent, name)) for name in ("reset", "act", "report")
     ):
         raise AgentError(
-            f"{reference} returned a {type(agent).__name__}, which is no hab_tasks.agent.Agent: "
+            f"{reference} returned a {type(agent).__name__}, which is not a hab_tasks.agent.Agent: "
             "it needs spec, reset, act and report."
         )
     if not isinstance(agent.spec, AgentSpec):
         raise AgentError(
-            f"{reference}: spec is {shown(agent.spec)}; it has to be a hab_tasks.agent.AgentSpec."
+            f"{reference}: spec is {shown(agent.spec)}; it must be a hab_tasks.agent.AgentSpec."
         )
     _check_spec(agent.spec, reference)
     return agent
 
 
 def check_rows(spec: AgentSpec) -> None:
-    """Refuses a number of rows that cannot be played.
+    """Checks the batch size of an agent.
 
     Raises:
-        AgentError: Says what would be right.
+        AgentError: It is not a positive integer, or is not 1 for an agent that looks on demand.
     """
     if isinstance(spec.rows, bool) or not isinstance(spec.rows, int) or spec.rows < 1:
-        raise AgentError(f"rows of the agent must be a whole number from 1, got {spec.rows!r}.")
+        raise AgentError(f"rows of the agent must be an integer >= 1, got {spec.rows!r}.")
     if spec.rows > 1 and spec.looks == "on demand":
         raise AgentError(
-            f"The agent acts on {spec.rows} rows and looks on demand. Images on demand are "
-            "rendered for one row: use rows=1, or looks='always'."
+            f"The agent has rows={spec.rows} and looks='on demand'. On-demand rendering supports "
+            "one row: use rows=1 or looks='always'."
         )
 
 
 def check_actions(actions: object, count: int) -> None:
-    """Refuses what is no (N, A) tensor, in words; the environment checks the numbers.
+    """Checks that actions are a real (N, A) tensor; the environment checks the values.
 
     Raises:
-        AgentError: Names what was found.
+        AgentError: They are not.
     """
     if not isinstance(actions, Tensor) or actions.ndim != 2 or actions.shape[0] != count:
         found = tuple(actions.shape) if isinstance(actions, Tensor) else type(actions).__name__
         raise AgentError(f"act() must return a ({count}, A) tensor for {count} rows, got {found}.")
     if actions.is_complex():
-        raise AgentError(f"act() must return real numbers, got a tensor of {actions.dtype}.")
+        raise AgentError(f"act() must return a real tensor, got {actions.dtype}.")
 
 
 def check_reports(reports: object, count: int, name: str) -> Sequence[AgentReport]:
-    """Returns the reports of all rows, each an `AgentReport`; `doing` is text.
+    """Returns one `AgentReport` per row, after checking types and `doing`.
 
     Args:
-        reports: What `report` returned.
+        reports: Return value of `Agent.report`.
         count: Number of rows.
         name: Name of the agent, for errors.
 
     Raises:
-        AgentError: Names the agent and what was found.
+        AgentError: The value is not a list of `count` valid reports.
     """
     if not isinstance(reports, Sequence) or len(reports) != count:
-        found = f"{len(reports)} of them" if isinstance(reports, Sequence) else shown(reports)
+        found = len(reports) if isinstance(reports, Sequence) else shown(reports)
         raise AgentError(f"{name}: report() must return a list of {count} reports, got {found}.")
     for report in reports:
         if not isinstance(report, AgentReport):
@@ -127,14 +128,14 @@ def check_reports(reports: object, count: int, name: str) -> Sequence[AgentRepor
 
 
 def check_report(report: AgentReport, name: str) -> tuple[str | None, dict[str, float]]:
-    """Returns the failure and the durations [s] of a report, as they are written.
+    """Returns the failure and the durations [s] of a report, ready to be written.
 
     Args:
         report: The report at the end of an episode.
         name: Name of the agent, for errors.
 
     Raises:
-        AgentError: Names the agent, the field and the valid values.
+        AgentError: A field is invalid; the message names it and its valid values.
     """
     failure = report.failure
     if failure is not None and not (isinstance(failure, str) and is_text(failure)):
@@ -147,7 +148,7 @@ def check_report(report: AgentReport, name: str) -> tuple[str | None, dict[str, 
             raise _bad_report(name, "a name in timings_s", key, "text")
         timings_s[key] = _seconds(value)
         if timings_s[key] is None:
-            raise _bad_report(name, f"timings_s[{shown(key)}]", value, "a finite number from 0")
+            raise _bad_report(name, f"timings_s[{shown(key)}]", value, "a finite number >= 0")
     _check_trace(report.trace, name)
     return failure if failure and failure.strip() else None, timings_s
 
@@ -162,12 +163,12 @@ def _check_spec(spec: AgentSpec, reference: str) -> None:
         elif not choices and field.name != "rows" and type(value) is not hint:
             valid = f"of type {hint.__name__}"
         elif isinstance(value, str) and not (value.strip() and is_text(value)):
-            valid = "text that is not blank"
+            valid = "non-blank text"
         elif field.name == "obs_mode" and not _is_obs_mode(value):
             valid = f"one of {', '.join(OBS_MODES)}, or some of {', '.join(OBS_PARTS)} joined by +"
         else:
             continue
-        raise AgentError(f"{reference}: spec.{field.name} is {shown(value)}; it has to be {valid}.")
+        raise AgentError(f"{reference}: spec.{field.name} is {shown(value)}; it must be {valid}.")
     check_rows(spec)
 
 
@@ -182,13 +183,11 @@ def _check_trace(trace: object, name: str) -> None:
     try:
         json.dumps(trace, allow_nan=False, ensure_ascii=False).encode("utf-8")
     except (TypeError, ValueError, RecursionError) as error:
-        raise AgentError(
-            f"{name}: The trace in report() holds what JSON does not know: {error}."
-        ) from error
+        raise AgentError(f"{name}: trace in report() is not JSON-serializable: {error}.") from error
 
 
 def _seconds(value: Any) -> float | None:
-    """Returns a duration as a number, None if it is none; a number of NumPy or torch is one."""
+    """Returns a duration, also of NumPy or torch, as a float; None if it is invalid."""
     if isinstance(value, (str, bytes)):
         return None
     try:
@@ -199,10 +198,10 @@ def _seconds(value: Any) -> float | None:
 
 
 def _bad_report(name: str, field: str, value: object, valid: str) -> AgentError:
-    return AgentError(f"{name}: {field} in report() is {shown(value)}; it has to be {valid}.")
+    return AgentError(f"{name}: {field} in report() is {shown(value)}; it must be {valid}.")
 
 
-def _place(error: BaseException) -> str:
-    """Returns the file and line in which an error was raised."""
+def _location(error: BaseException) -> str:
+    """Returns the file and line at which an error was raised."""
     frames = traceback.extract_tb(error.__traceback__)
     return f" ({frames[-1].filename}, line {frames[-1].lineno})" if frames else ""

@@ -3,150 +3,273 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar
 
 import tyro
 
 from hab_eval.episode_options import EpisodeOptions
-from hab_eval.errors import OptionError, RunStoppedError
-from hab_tasks.errors import HabError
+from hab_tasks.console import Command, run_script
+from hab_tasks.errors import OptionError
 from hab_tasks.files import check_file, written_aside
-from hab_tasks.options import one_line, parse_command
 
 DESCRIPTION = "Evaluation, leaderboard and benchmarks of hab-tasks."
 
-EXIT_BAD_INPUT = 2
-EXIT_STOPPED = 1
-EXIT_INTERRUPTED = 130
+EXIT_OUT_OF_DATE = 1
 
-RUN_HELP = """Evaluates an agent on a fixed list of episodes and writes run.json.
+RUN_HELP = """Evaluates an agent on a fixed set of episodes and writes run.json.
 
 Example:
   hab-eval run --agent hab_eval:random_agent --env HabPick-v1 --episodes 10 --out runs/random
 
-The same command with --resume goes on after an interruption."""
+After an interruption, the same command with --resume continues the run."""
 
-TABLE_HELP = """Writes LEADERBOARD.md and its web page from the submissions.
+TABLE_HELP = """Generates LEADERBOARD.md and its web page from the submissions.
 
 Example:
-  hab-eval table --submissions eval/leaderboard/submissions --out eval/leaderboard/LEADERBOARD.md
+  hab-eval table --pages README.md
 
-With --check nothing is written, and the exit status tells whether the files are up to date."""
+Tables within a page stand between <!-- results: AGENT --> and <!-- end of results -->. With
+--check, nothing is written; the exit status says whether the files are up to date."""
 
-FAILURES_HELP = """Shows why episodes failed, for one or several runs: a table, and a figure.
+FAILURES_HELP = """Breaks down the failures of one or several runs by category (table and figure).
 
 Example:
   hab-eval failures runs/tidy_house runs/set_table/run.json --out failures.png"""
 
-BENCH_HELP = """Measures speed and memory, side by side with ManiSkill's own scene environment.
+BENCH_HELP = """Benchmarks speed and memory against ManiSkill's own scene environment.
 
 Example:
   hab-eval bench --suite sim --scene-dataset ~/data/replica_cad --json bench_sim.json
 
-Needs the real ReplicaCAD: what is compared runs in the same scenes, alternately, in this command.
+Requires the real ReplicaCAD. Both environments run in the same scenes, alternating.
 
 Suites:
-  sim        steps on state observations, beside ManiSkill's own environment
-  depth      steps with two depth cameras, beside the same
-  reset      resets within and between layouts, beside the same
+  sim        steps/s with state observations, compared with ManiSkill
+  depth      steps/s with two depth cameras, compared with ManiSkill
+  reset      reset time within and between layouts, compared with ManiSkill
   objects    time outside the physics engine with 10, 30 and 100 objects in the scene
-  processes  steps of two processes, beside one
-  memory     memory of one process, and what each further one adds
-  plan       arm plans of the baseline SPA, which has to be installed"""
+  processes  steps/s of two processes, compared with one
+  memory     memory of one process and of each additional one
+  plan       arm planning time of the SPA baseline, which must be installed"""
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunCommand(EpisodeOptions):
+class RunCommand(EpisodeOptions, Command):
     """Options of `hab-eval run`."""
 
     help: ClassVar[str] = RUN_HELP
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
-    """Folder for run.json, episodes.jsonl, config.json and videos."""
+    """Output folder for run.json, episodes.jsonl, config.json and videos."""
     episodes: Annotated[int, tyro.conf.arg(metavar="N")] = 50
     """Number of episodes."""
     workers: Annotated[int, tyro.conf.arg(metavar="W")] = 1
-    """Number of processes; changes no result. An agent that acts on several rows runs once, and the
-    processes hold the environments of its rows."""
+    """Number of worker processes; does not change results. A batched agent runs once, in the main
+    process; the workers then only step its environments."""
     step_timeout: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
-    """Longest time for one call of the agent's act, reset or report; the episode of a longer one
-    has failed (`agent timeout`), its process is replaced, and the run goes on. Without it, as long
-    as it takes."""
+    """Time limit for one call of the agent's act, reset or report; no limit if not given. An
+    episode that exceeds it fails (`agent timeout`), its process is replaced, and the run
+    continues."""
     device: Annotated[str, tyro.conf.arg(metavar="NAME")] = "cpu"
-    """Where the agent's networks run, e.g. cuda."""
+    """Device of the agent's networks, e.g. cuda."""
     video: Annotated[int, tyro.conf.arg(metavar="K")] = 0
-    """Film the first K episodes; needs a Vulkan device, software ones included."""
+    """Record videos of the first K episodes; needs a Vulkan device (software is enough)."""
     resume: bool = False
-    """Go on with the run in --out."""
+    """Continue the run in --out."""
     force: bool = False
     """Replace the run in --out."""
     verbose: bool = False
-    """Print a line for each episode, also above a progress bar."""
+    """Print a line for each episode, even with a progress bar, and the traceback of an error in an
+    episode."""
+
+    def run(self) -> int:
+        """Evaluates the agent, then prints the results and its rank on the leaderboard."""
+        from hab_eval.evaluate import RunOptions, evaluate
+        from hab_eval.leaderboard import (
+            build_groups,
+            default_submissions,
+            group_title,
+            read_submissions,
+        )
+        from hab_eval.plain_text import show
+        from hab_eval.progress import make_reporter
+        from hab_eval.report import leaderboard_tables, result_table
+
+        options = RunOptions(
+            out=self.out,
+            workers=self.workers,
+            videos=self.video,
+            resume=self.resume,
+            force=self.force,
+            device=self.device,
+        )
+        reporter = make_reporter(
+            terminal=sys.stderr.isatty(),
+            verbose=self.verbose,
+            write_line=lambda line: print(line, flush=True),
+        )
+        record = evaluate(self.config_of(self.episodes, self.step_timeout), options, reporter)
+        show(result_table(record))
+        print(f"wrote {self.out / 'run.json'}")
+        folder = default_submissions()
+        others = read_submissions(folder) if folder.is_dir() else {}
+        groups = build_groups({**others, "this run": record})
+        for table in leaderboard_tables([g for g in groups if g.title == group_title(record)]):
+            show(table)
+        return 0
+
+    def advice(self) -> str:
+        """Returns how to continue an interrupted run."""
+        return f"Finished episodes are kept in {self.out}; continue with --resume."
 
 
 @dataclass(frozen=True, kw_only=True)
-class TableCommand:
+class TableCommand(Command):
     """Options of `hab-eval table`."""
 
     help: ClassVar[str] = TABLE_HELP
 
     submissions: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Folder of submitted run.json files, instead of the checkout's own."""
+    """Folder of submitted run.json files; this checkout's if not given."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Markdown file, instead of LEADERBOARD.md beside the submissions; the page ends in .html."""
+    """Markdown file, LEADERBOARD.md beside the submissions if not given; the web page has the same
+    name with .html."""
+    pages: Annotated[
+        tuple[Path, ...], tyro.conf.arg(metavar="FILE"), tyro.conf.UseAppendAction
+    ] = ()
+    """A Markdown page whose result tables are regenerated as well; can be repeated."""
+    benchmarks: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Folder of the benchmark reports that these pages show, instead of the checkout's own."""
     check: bool = False
-    """Only compare; exit status 1 if a file is out of date."""
+    """Only compare; the exit status is 1 if a file is out of date."""
+
+    def run(self) -> int:
+        """Writes or checks the leaderboard."""
+        from hab_eval.leaderboard import (
+            build_groups,
+            default_submissions,
+            read_submissions,
+            to_html,
+            to_markdown,
+        )
+        from hab_eval.result_tables import filled
+
+        submissions = self.submissions or default_submissions()
+        benchmarks = self.benchmarks or submissions.parent.parent / "benchmarks"
+        target = self.out or submissions.parent / "LEADERBOARD.md"
+        records = read_submissions(submissions)
+        groups = build_groups(records)
+        if not target.name:
+            raise OptionError(f"--out {target} is a folder; give a file name.")
+        page = target.with_name(f"{target.stem}.html")
+        texts = {target: to_markdown(groups), page: to_html(groups)}
+        texts |= {path: filled(_text_of(path), records.values(), benchmarks) for path in self.pages}
+        if page == target:
+            raise OptionError(
+                f"--out {target} is the name of the web page; give a name that ends in .md."
+            )
+        for path in () if self.check else texts:
+            check_file(path, force=True)  # both or none
+        for path, text in texts.items():
+            if not self.check:
+                with written_aside(path) as scratch:
+                    scratch.write_text(text, encoding="utf-8")
+                print(f"wrote {path}")
+            elif not os.path.isfile(path) or path.read_bytes() != text.encode("utf-8"):
+                print(f"hab-eval: {path} is out of date; run hab-eval table.", file=sys.stderr)
+                return EXIT_OUT_OF_DATE
+        return 0
+
+
+def _text_of(page: Path) -> str:
+    try:
+        return page.read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        raise OptionError(f"--pages {page}: cannot be read ({error}).") from error
 
 
 @dataclass(frozen=True, kw_only=True)
-class FailuresCommand:
+class FailuresCommand(Command):
     """Options of `hab-eval failures`."""
 
     help: ClassVar[str] = FAILURES_HELP
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
-    """Runs to compare: folders of --out, or run.json files."""
+    """Runs to compare: run folders (their --out) or run.json files."""
     out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
-    """Picture, a .png."""
+    """Output figure, a .png file."""
     force: bool = False
-    """Replace FILE."""
+    """Overwrite FILE."""
+
+    def run(self) -> int:
+        """Prints and plots the failure categories."""
+        from hab_eval.failures import check_picture, draw_failures, failure_table, read_runs
+        from hab_eval.plain_text import show
+
+        check_picture(self.out, force=self.force)
+        records = read_runs(self.runs)
+        draw_failures(records, self.out)
+        show(failure_table(records))
+        print(f"wrote {self.out}")
+        return 0
 
 
 @dataclass(frozen=True, kw_only=True)
-class BenchCommand:
+class BenchCommand(Command):
     """Options of `hab-eval bench`."""
 
     help: ClassVar[str] = BENCH_HELP
 
-    suite: Literal["sim", "depth", "reset", "objects", "processes", "memory", "plan"]
-    """What to measure."""
+    suite: Annotated[str, tyro.conf.arg(metavar="NAME")]
+    """Benchmark suite: sim, depth, reset, objects, processes or memory; hab_spa adds plan."""
     json: Annotated[Path, tyro.conf.arg(metavar="FILE")]
-    """File for the rows."""
+    """Output file."""
     scene_dataset: Annotated[Path, tyro.conf.arg(metavar="PATH")]
-    """The real ReplicaCAD folder; it is only read."""
+    """Folder of the real ReplicaCAD dataset; it is not modified."""
     objects: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
-    """A YCB folder, instead of the shipped objects."""
+    """Folder of the YCB dataset; the shipped objects if not given."""
     scene: Annotated[tuple[str, ...], tyro.conf.arg(metavar="ID"), tyro.conf.UseAppendAction] = ()
-    """A scene, instead of the suite's own; may be given again."""
+    """A scene; can be repeated. The scenes of the suite if not given."""
     env: Annotated[tuple[str, ...], tyro.conf.arg(metavar="ID"), tyro.conf.UseAppendAction] = ()
-    """Suite sim: an environment, instead of all in the first scene and HabPick-v1 in the others;
-    may be given again."""
+    """Suite sim: an environment; can be repeated. All environments in the first scene and
+    HabPick-v1 in the others if not given."""
     repeats: Annotated[int, tyro.conf.arg(metavar="N")] = 5
-    """Alternations of ours and the reference; the median of each is reported."""
+    """Number of repeats, alternating with the reference; medians are reported."""
     steps: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """Steps of one repeat, or plans in suite plan, instead of the suite's own."""
+    """Steps per repeat (suite plan: plans per repeat); the suite's number if not given."""
     force: bool = False
-    """Replace FILE."""
+    """Overwrite FILE."""
+
+    def run(self) -> int:
+        """Runs the suite, then prints and writes the results."""
+        from hab_eval.bench.options import BenchOptions
+        from hab_eval.bench.report import make_report, write_report
+        from hab_eval.bench.rows import row_table
+        from hab_eval.bench.suites import find_suite, run_suite
+        from hab_eval.plain_text import show
+
+        options = BenchOptions(
+            suite=find_suite(self.suite),
+            scene_dataset=self.scene_dataset,
+            objects=self.objects,
+            scenes=self.scene,
+            envs=self.env,
+            repeats=self.repeats,
+            steps=self.steps,
+        )
+        check_file(self.json, force=self.force)  # before minutes are spent
+        rows = run_suite(options, lambda line: print(line, flush=True))
+        write_report(self.json, make_report(self.suite, rows), force=self.force)
+        show(row_table(rows))
+        print(f"wrote {self.json}")
+        return 0
 
 
-AnyCommand = RunCommand | TableCommand | FailuresCommand | BenchCommand
-
-COMMANDS: dict[str, Any] = {
+COMMANDS: dict[str, type[Command]] = {
     "run": RunCommand,
     "table": TableCommand,
     "failures": FailuresCommand,
@@ -156,144 +279,4 @@ COMMANDS: dict[str, Any] = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs `hab-eval`; returns its exit status."""
-    arguments = sys.argv[1:] if arguments is None else arguments
-    signal.signal(signal.SIGTERM, _interrupt)  # a cluster's way to say Ctrl-C
-    out: Path | None = None
-    try:
-        command: AnyCommand = parse_command("hab-eval", COMMANDS, arguments, DESCRIPTION)
-        out = command.out if isinstance(command, RunCommand) else None
-        return _dispatch(command)
-    except HabError as error:
-        print(f"hab-eval: {one_line(error)}", file=sys.stderr)
-        return EXIT_STOPPED if isinstance(error, RunStoppedError) else EXIT_BAD_INPUT
-    except OSError as error:  # of stdout, or of a disk
-        print(f"hab-eval: {one_line(error)}", file=sys.stderr)
-        return EXIT_STOPPED
-    except KeyboardInterrupt:
-        print(f"hab-eval: interrupted.{_advice(out)}", file=sys.stderr)
-        return EXIT_INTERRUPTED
-
-
-def _dispatch(command: AnyCommand) -> int:
-    if isinstance(command, RunCommand):
-        return _run(command)
-    if isinstance(command, TableCommand):
-        return _table(command)
-    if isinstance(command, FailuresCommand):
-        return _failures(command)
-    return _bench(command)
-
-
-def _run(command: RunCommand) -> int:
-    """Evaluates, then shows the result and where it stands."""
-    from hab_eval.evaluate import RunOptions, evaluate
-    from hab_eval.leaderboard import (
-        build_groups,
-        default_submissions,
-        group_title,
-        read_submissions,
-    )
-    from hab_eval.plain_text import show
-    from hab_eval.progress import make_reporter
-    from hab_eval.report import leaderboard_tables, result_table
-
-    options = RunOptions(
-        out=command.out,
-        workers=command.workers,
-        videos=command.video,
-        resume=command.resume,
-        force=command.force,
-        device=command.device,
-    )
-    reporter = make_reporter(
-        terminal=sys.stderr.isatty(),
-        verbose=command.verbose,
-        write_line=lambda line: print(line, flush=True),
-    )
-    record = evaluate(command.config_of(command.episodes, command.step_timeout), options, reporter)
-    show(result_table(record))
-    print(f"wrote {command.out / 'run.json'}")
-    folder = default_submissions()
-    others = read_submissions(folder) if folder.is_dir() else {}
-    groups = build_groups({**others, "this run": record})
-    for table in leaderboard_tables([g for g in groups if g.title == group_title(record)]):
-        show(table)
-    return 0
-
-
-def _table(command: TableCommand) -> int:
-    """Writes or checks the leaderboard."""
-    from hab_eval.leaderboard import (
-        build_groups,
-        default_submissions,
-        read_submissions,
-        to_html,
-        to_markdown,
-    )
-
-    submissions = command.submissions or default_submissions()
-    target = command.out or submissions.parent / "LEADERBOARD.md"
-    groups = build_groups(read_submissions(submissions))
-    if not target.name:
-        raise OptionError(f"--out {target} is a folder; give the name of a file.")
-    page = target.with_name(f"{target.stem}.html")
-    texts = {target: to_markdown(groups), page: to_html(groups)}
-    if page == target:
-        raise OptionError(f"--out {target} is the name of the web page; give one that ends in .md.")
-    for path in () if command.check else texts:
-        check_file(path, force=True)  # both or none
-    for path, text in texts.items():
-        if not command.check:
-            with written_aside(path) as scratch:
-                scratch.write_text(text, encoding="utf-8")
-            print(f"wrote {path}")
-        elif not os.path.isfile(path) or path.read_bytes() != text.encode("utf-8"):
-            print(f"hab-eval: {path} is out of date; run hab-eval table.", file=sys.stderr)
-            return EXIT_STOPPED
-    return 0
-
-
-def _failures(command: FailuresCommand) -> int:
-    """Shows and draws why episodes failed."""
-    from hab_eval.failures import check_picture, draw_failures, failure_table, read_runs
-    from hab_eval.plain_text import show
-
-    check_picture(command.out, force=command.force)
-    records = read_runs(command.runs)
-    draw_failures(records, command.out)
-    show(failure_table(records))
-    print(f"wrote {command.out}")
-    return 0
-
-
-def _bench(command: BenchCommand) -> int:
-    """Measures, then shows and writes the rows."""
-    from hab_eval.bench import run_suite
-    from hab_eval.bench_options import BenchOptions
-    from hab_eval.bench_rows import check_target, row_table, write_rows
-    from hab_eval.plain_text import show
-
-    options = BenchOptions(
-        suite=command.suite,
-        scene_dataset=command.scene_dataset,
-        objects=command.objects,
-        scenes=command.scene,
-        envs=command.env,
-        repeats=command.repeats,
-        steps=command.steps,
-    )
-    check_target(command.json, force=command.force)  # before minutes are spent
-    rows = run_suite(options, lambda line: print(line, flush=True))
-    write_rows(command.json, rows, force=command.force)
-    show(row_table(rows))
-    print(f"wrote {command.json}")
-    return 0
-
-
-def _interrupt(signal_number: int, frame: object) -> None:
-    raise KeyboardInterrupt
-
-
-def _advice(out: Path | None) -> str:
-    """Tells how an interrupted run goes on."""
-    return f" Finished episodes are kept in {out}; go on with --resume." if out else ""
+    return run_script("hab-eval", COMMANDS, arguments, DESCRIPTION)

@@ -1,39 +1,42 @@
-"""What is evaluated: the options that decide a run's numbers, and their file `config.json`."""
+"""Evaluation configuration (`config.json`): every option that affects the results."""
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
-from hab_eval.errors import OptionError, ResultError
+from hab_eval.errors import ResultError
 from hab_eval.schema import LARGEST_INT, MAY_BE_ABSENT, is_text, parse_json, read_dataclass
-from hab_tasks.errors import shown
+from hab_tasks.errors import OptionError, shown
 from hab_tasks.files import written_aside
 from hab_tasks.option_values import whole
 
 MOST_EPISODES = 100_000
-"""All episodes of a run are in memory, with 10 to 20 kB each."""
+"""All episodes of a run are kept in memory, 10 to 20 kB each."""
 
 LEAST_TIMEOUT_S, MOST_TIMEOUT_S = 0.01, 86400.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class EvalConfig:
-    """Everything that decides the outcome of a run; how it is run (workers, video) is not here.
+    """Options that affect the results of a run; workers and videos are in `RunOptions`.
 
     Attributes:
         agent: ``module:factory``.
         env: Environment id, e.g. ``HabPick-v1``.
         scene_dataset: ``apartment`` or the path of a ReplicaCAD folder.
-        objects: Path of a YCB folder, None for the objects that are shipped.
+        objects: Path of a YCB folder, None for the shipped objects.
         split: Episode split, None for the dataset's evaluation split.
         episodes: Number of episodes.
         seed: Seed of the episode set and of the agent.
-        novel: ``objects`` or ``receptacles`` kept for evaluating generalisation (S E.1).
-        options: The agent's own options, name -> value; absent in files from before there were any.
-        step_timeout_s: Longest time that the agent may take for a call [s]; None for any.
+        novel: Held-out ``objects`` or ``receptacles``, to evaluate generalization (S E.1).
+        options: Agent options, name -> value; absent in older files.
+        skill_config: Reward weights and thresholds that replace the skills' defaults,
+            name -> number; absent in older files.
+        step_timeout_s: Time limit for one call of the agent [s]; None for no limit.
     """
 
     agent: str
@@ -45,6 +48,7 @@ class EvalConfig:
     seed: int = 0
     novel: str | None = None
     options: dict[str, str] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
+    skill_config: dict[str, float] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
     step_timeout_s: float | None = field(default=None, metadata=MAY_BE_ABSENT)
 
     def __post_init__(self) -> None:
@@ -56,12 +60,12 @@ class EvalConfig:
         options = {f"option {shown(name)}": f"{name}={self.options[name]}" for name in self.options}
         for name, text in {**texts, **options}.items():
             if isinstance(text, str) and not is_text(text):
-                raise OptionError(f"{name} is {shown(text)}, which is no UTF-8 text.")
+                raise OptionError(f"{name} is {shown(text)}, which is not valid UTF-8 text.")
 
 
 @dataclass(frozen=True, kw_only=True)
 class SavedConfig:
-    """Content of `config.json`: the configuration and the software it ran on."""
+    """Content of `config.json`: the configuration and the software versions."""
 
     config: EvalConfig
     versions: dict[str, str]
@@ -70,17 +74,15 @@ class SavedConfig:
 
 def _check_timeout(timeout_s: float) -> None:
     if not LEAST_TIMEOUT_S <= timeout_s <= MOST_TIMEOUT_S:
-        raise OptionError(
-            f"step-timeout must be from {LEAST_TIMEOUT_S} to {MOST_TIMEOUT_S} seconds, "
-            f"got {timeout_s}."
-        )
+        valid = f"from {LEAST_TIMEOUT_S} to {MOST_TIMEOUT_S} seconds"
+        raise OptionError.of_value("step-timeout", timeout_s, valid)
 
 
 def parse_options(pairs: Iterable[str]) -> dict[str, str]:
-    """Returns an agent's options from ``NAME=VALUE`` words, sorted by name.
+    """Parses ``NAME=VALUE`` pairs into agent options, sorted by name.
 
     Raises:
-        OptionError: A word of another form, or a name that is given twice.
+        OptionError: A malformed pair or a duplicate name.
     """
     found: dict[str, str] = {}
     for pair in pairs:
@@ -93,11 +95,32 @@ def parse_options(pairs: Iterable[str]) -> dict[str, str]:
     return dict(sorted(found.items()))
 
 
+def parse_numbers(pairs: Iterable[str]) -> dict[str, float]:
+    """Parses ``NAME=NUMBER`` pairs, sorted by name.
+
+    Raises:
+        OptionError: A malformed pair, a duplicate name, or a number that is not finite.
+    """
+    found: dict[str, float] = {}
+    for pair in pairs:
+        name, equals, text = pair.partition("=")
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not (name and equals and math.isfinite(value)):
+            raise OptionError(f"--skill-config {pair!r} is not of the form NAME=NUMBER.")
+        if name in found:
+            raise OptionError(f"--skill-config {name} is given twice.")
+        found[name] = value
+    return dict(sorted(found.items()))
+
+
 COMMIT_SEPARATOR = " then "
 
 
 def join_commits(before: str | None, now: str | None) -> str | None:
-    """Names every commit that a resumed run was made on, in order."""
+    """Joins the commits on which a resumed run was made, in order."""
     if before is None and now is None:
         return None
     known = (before or "unknown").split(COMMIT_SEPARATOR)
@@ -105,20 +128,20 @@ def join_commits(before: str | None, now: str | None) -> str | None:
 
 
 def write_config(path: Path, saved: SavedConfig) -> None:
-    """Writes `config.json` through a temporary file, so that a resumed run never finds half."""
+    """Writes `config.json` atomically."""
     with written_aside(path) as scratch:
         scratch.write_text(json.dumps(asdict(saved), indent=2) + "\n", encoding="utf-8")
 
 
 def read_config(path: Path) -> SavedConfig:
-    """Reads `config.json`, strictly."""
+    """Reads and validates `config.json`."""
     if not path.is_file():
-        raise ResultError(f"{path}: not found, so there is no run to go on with.")
+        raise ResultError(f"{path}: not found, so there is no run to resume.")
     return read_dataclass(SavedConfig, parse_json(path), where=str(path))
 
 
 def describe_difference(old: SavedConfig, new: SavedConfig) -> str | None:
-    """Returns in words how `new` departs from `old`, None if a resumed run may mix the two."""
+    """Describes the differences that forbid resuming `old` as `new`; None if there are none."""
     found = [
         f"{field.name}: {getattr(old.config, field.name)!r} before, "
         f"{getattr(new.config, field.name)!r} now"

@@ -1,4 +1,4 @@
-"""Options of every command that has an agent play episodes."""
+"""Options shared by the commands that run an agent on episodes."""
 
 from __future__ import annotations
 
@@ -14,41 +14,46 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeOptions:
-    """Which agent plays which episodes; a command's own options follow."""
+    """Agent and episodes; subclasses add the options of a command."""
 
     agent: Annotated[str, tyro.conf.arg(metavar="MODULE:FACTORY")]
-    """The agent, e.g. hab_spa:spa_priv or hab_eval:random_agent."""
+    """Factory of the agent, e.g. hab_spa:spa_priv or hab_eval:random_agent."""
     env: Annotated[str, tyro.conf.arg(metavar="ID")]
-    """Environment id, e.g. HabPick-v1; `hab-tasks list` shows all."""
+    """Environment id, e.g. HabPick-v1; `hab-tasks list` prints all."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
-    """Folder for what the command writes."""
+    """Output folder."""
     scene_dataset: Annotated[str, tyro.conf.arg(metavar="NAME|PATH")] = "apartment"
-    """`apartment`, which is shipped, or a ReplicaCAD folder."""
+    """`apartment` (shipped) or a ReplicaCAD folder."""
     objects: Annotated[str | None, tyro.conf.arg(metavar="PATH")] = None
-    """A YCB folder, instead of the shipped objects."""
+    """Folder of the YCB dataset; the shipped objects if not given."""
     split: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
-    """Episode split, instead of the dataset's evaluation split."""
+    """Episode split; the evaluation split of the dataset if not given."""
     seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
     """Seed of the episodes and of the agent."""
     novel: Annotated[str | None, tyro.conf.arg(metavar="WHAT")] = None
-    """objects or receptacles: those kept for evaluating generalisation."""
+    """Evaluate generalization to held-out `objects` or `receptacles`."""
     option: Annotated[
         tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE"), tyro.conf.UseAppendAction
     ] = ()
-    """An option of the agent's own, e.g. navigation=teleport; may be given again."""
+    """An agent option, e.g. navigation=teleport; can be repeated."""
+
+    skill_config: Annotated[
+        tuple[str, ...], tyro.conf.arg(metavar="NAME=NUMBER"), tyro.conf.UseAppendAction
+    ] = ()
+    """A reward weight or threshold of the skill, e.g. force_limit_n=2500; can be repeated."""
 
     def config_of(self, episodes: int, step_timeout_s: float | None = None) -> EvalConfig:
-        """Returns the configuration of a run of so many episodes.
+        """Returns the evaluation's configuration.
 
         Args:
             episodes: Number of episodes.
-            step_timeout_s: Longest time that the agent may take for a call [s]; None for any.
+            step_timeout_s: Time limit for one call of the agent [s]; None for no limit.
 
         Raises:
-            HabError: An option of the agent is no NAME=VALUE, or a value is out of range.
+            HabError: An agent option is not NAME=VALUE, or a value is out of range.
         """
-        # Loading the simulator takes seconds, which --help and a mistyped option should not.
-        from hab_eval.config import EvalConfig, parse_options
+        # Imported here: loading the simulator takes seconds, and --help does not need it.
+        from hab_eval.config import EvalConfig, parse_numbers, parse_options
 
         return EvalConfig(
             agent=self.agent,
@@ -60,5 +65,6 @@ class EpisodeOptions:
             seed=self.seed,
             novel=self.novel,
             options=parse_options(self.option),
+            skill_config=parse_numbers(self.skill_config),
             step_timeout_s=step_timeout_s,
         )

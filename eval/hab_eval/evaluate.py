@@ -1,4 +1,4 @@
-"""One evaluation from its configuration to `run.json`."""
+"""Runs one evaluation, from its configuration to `run.json`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import torch
 
 from hab_eval import environments, provenance
 from hab_eval.config import MOST_EPISODES, EvalConfig, SavedConfig
-from hab_eval.errors import OptionError, RunFolderError, RunStoppedError
+from hab_eval.errors import RunFolderError
 from hab_eval.load_agent import load_agent
 from hab_eval.results import (
     SCHEMA_VERSION,
@@ -26,7 +26,7 @@ from hab_eval.run_folder import RunFolder, check_free, open_folder
 from hab_eval.run_lock import locked
 from hab_eval.workers import run_agent
 from hab_tasks.agent import Agent, AgentSpec
-from hab_tasks.errors import FileError, HabError
+from hab_tasks.errors import FileError, HabError, OptionError, RunStoppedError
 from hab_tasks.option_values import whole
 from hab_tasks.processes import use_one_thread
 
@@ -34,20 +34,20 @@ if TYPE_CHECKING:
     from hab_tasks.episodes import EpisodeSet
 
 MOST_WORKERS = 256
-"""A process of the simulator needs from 0.5 GB of memory."""
+"""A simulator process needs at least 0.5 GB of memory."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
-    """How an evaluation is run; changes no number in it.
+    """Options that do not affect the results.
 
     Attributes:
-        out: The run's folder.
-        workers: Number of processes.
-        videos: The first so many episodes are filmed.
-        resume: Go on with the run in `out`.
+        out: The run folder.
+        workers: Number of worker processes.
+        videos: Number of episodes to record, from the first.
+        resume: Continue the run in `out`.
         force: Replace the run in `out`.
-        device: Where the agent's networks run, as torch names it.
+        device: Torch device of the agent's networks.
     """
 
     out: Path
@@ -64,26 +64,26 @@ class RunOptions:
 
 
 def check_device(device: str) -> None:
-    """Refuses a device that torch does not know or that is not there.
+    """Checks that a torch device is available.
 
     Raises:
-        OptionError: Names the devices that are there.
+        OptionError: It is not; the message lists the available devices.
     """
     count = torch.cuda.device_count()
     there = ["cpu", *(["cuda"] * (count > 0)), *(f"cuda:{index}" for index in range(count))]
     if device not in there:
-        raise OptionError(f"device {device!r} is not there. Valid: {', '.join(there)}.")
+        raise OptionError(f"device {device!r} is not available. Valid: {', '.join(there)}.")
 
 
 class Reporter(Protocol):
-    """Is told how far a run is."""
+    """Receives the progress of a run."""
 
     def generating(self, done: int, total: int) -> None:
         """Called while episodes are generated."""
         ...
 
     def running(self, done: int, total: int) -> None:
-        """Called once before the first episode; `done` are kept from before."""
+        """Called once before the first episode; `done` were finished before a resume."""
         ...
 
     def finished(self, finished: FinishedEpisode) -> None:
@@ -92,11 +92,11 @@ class Reporter(Protocol):
 
 
 def evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> RunRecord:
-    """Runs every episode that is not finished yet, and writes `run.json`.
+    """Runs all unfinished episodes and writes `run.json`.
 
     Raises:
         HabError: Bad input, or another run in the same folder.
-        RunStoppedError: The run ended before its last episode.
+        RunStoppedError: The run stopped before its last episode.
     """
     environments.check_env_id(config.env)
     check_free(options.out, resume=options.resume, force=options.force)
@@ -105,13 +105,13 @@ def evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> Run
 
 
 def _evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> RunRecord:
-    """Evaluates in a folder that no other process writes to."""
+    """Runs the evaluation; the folder is locked."""
     use_one_thread()
     agent = load_agent(config.agent, environments.setup_of(config, options.device))
     if config.step_timeout_s is not None and agent.spec.rows > 1:
         raise OptionError(
-            f"--step-timeout needs an agent of one row; {agent.spec.name} acts on up to "
-            f"{agent.spec.rows}, and no row could be named as the one that hangs."
+            f"--step-timeout needs an agent of one row; {agent.spec.name} has "
+            f"{agent.spec.rows}, and a timeout could not be attributed to one of them."
         )
     episodes = environments.load_episode_set(config, reporter.generating, options.workers)
     saved = SavedConfig(
@@ -129,7 +129,7 @@ def _evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> Ru
         ) as results:
             for one in results:
                 folder.append(one)
-                finished[one.episode.id] = replace(one, trace=())  # which may be long
+                finished[one.episode.id] = replace(one, trace=())  # traces may be large
                 reporter.finished(one)
         record = make_record(saved, agent.spec, episodes, finished)
         write_record(folder.record_path, record)
@@ -137,7 +137,7 @@ def _evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> Ru
         raise _with_advice(error, folder, len(finished), len(episodes.episodes)) from error
     except HabError:
         if not finished:
-            folder.discard()  # so that the mended command is not refused for a folder in its way
+            folder.discard()  # so that the corrected command finds a free folder
         raise
     return record
 
@@ -148,7 +148,7 @@ def make_record(
     episodes: EpisodeSet,
     finished: Mapping[str, FinishedEpisode],
 ) -> RunRecord:
-    """Puts the finished episodes in the order of their set, with everything needed to rerun."""
+    """Returns the record of a run, with its episodes in the order of the set."""
     config = saved.config
     ordered = [finished[episode.id] for episode in episodes.episodes]
     results = tuple(one.episode for one in ordered)
@@ -168,6 +168,7 @@ def make_record(
         split="+".join(part for part in (episodes.split, config.novel) if part),
         seed=config.seed,
         options=config.options,
+        skill_config=config.skill_config,
         step_timeout_s=config.step_timeout_s,
         versions=saved.versions,
         git=saved.git,
@@ -179,7 +180,7 @@ def make_record(
 
 
 def _kept(folder: RunFolder, episodes: EpisodeSet) -> dict[str, FinishedEpisode]:
-    """Reads the episodes that are finished already; refuses those of another set."""
+    """Reads the finished episodes; raises if they belong to another set."""
     finished = folder.read_journal()
     foreign = finished.keys() - {episode.id for episode in episodes.episodes}
     if foreign:
@@ -197,7 +198,7 @@ def _run_missing(
     episodes: EpisodeSet,
     finished: Mapping[str, FinishedEpisode],
 ) -> Generator[FinishedEpisode, None, None]:
-    """Runs what is missing, here or in worker processes."""
+    """Runs the unfinished episodes, in this process or in workers."""
     numbered = enumerate(episodes.episodes)
     jobs: Sequence[Job] = [job for job in numbered if job[1].id not in finished]
     plan = RolloutPlan(
@@ -213,11 +214,11 @@ def _run_missing(
 def _with_advice(
     error: RunStoppedError | FileError, folder: RunFolder, done: int, total: int
 ) -> RunStoppedError:
-    """Adds what the user needs next: what is kept, how to go on, where the traceback is."""
-    advice = f" {done} of {total} episodes are kept in {folder.root}; go on with --resume."
+    """Adds to a message how to resume and where the traceback is."""
+    advice = f" {done} of {total} episodes are kept in {folder.root}; continue with --resume."
     details = error.details if isinstance(error, RunStoppedError) else ""
     if details:
-        with contextlib.suppress(OSError):  # the disk is full: the message itself is there
+        with contextlib.suppress(OSError):  # e.g. a full disk; the message itself is enough
             folder.error_path.write_text(details, encoding="utf-8", errors="backslashreplace")
             advice += f" Details: {folder.error_path}."
     return RunStoppedError(f"{str(error).rstrip('.')}.{advice}", details=details)

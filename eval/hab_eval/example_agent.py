@@ -13,7 +13,7 @@ from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec, check_options
 
 
 class RandomAgent:
-    """Draws every action uniformly from [-1, 1]; each row has a generator of its own."""
+    """Samples actions uniformly from [-1, 1], with one generator per row."""
 
     def __init__(self, setup: AgentSetup) -> None:
         check_options(setup, {})
@@ -23,17 +23,17 @@ class RandomAgent:
         self._generators: list[torch.Generator] = []
 
     def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
-        """Restarts the generators of the rows in `mask` (N,) bool."""
+        """Seeds the generators of the rows in `mask` (N,) bool."""
         if len(self._generators) != len(mask):
             self._generators = [torch.Generator() for _ in seeds]
         for row in mask.nonzero().flatten().tolist():
             self._generators[row].manual_seed(seeds[row])
 
     def act(self, obs: Mapping[str, Any]) -> Tensor:
-        """Returns uniform actions (N, A) float32, whatever the observation."""
+        """Returns uniform actions (N, A) float32; ignores the observation."""
         rows = [torch.rand(self._size, generator=own) for own in self._generators]
         return 2.0 * torch.stack(rows) - 1.0
 
     def report(self) -> list[AgentReport]:
-        """Returns an empty report for each row."""
+        """Returns empty reports."""
         return [AgentReport() for _ in self._generators]

@@ -1,4 +1,4 @@
-"""Why episodes failed, in one or several runs: a table, and a figure like the paper's Fig. 25."""
+"""Failure analysis of one or several runs: a table, and a figure like the paper's Fig. 25."""
 
 from __future__ import annotations
 
@@ -11,17 +11,18 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from hab_eval.errors import OptionError, ResultError
+from hab_eval.errors import ResultError
 from hab_eval.leaderboard import agent_label, group_title
 from hab_eval.plain_text import add_row, figure_text, plain
 from hab_eval.results import RunRecord, read_record
+from hab_tasks.errors import OptionError
 from hab_tasks.files import check_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 PLANNING = ("target plan", "motion plan", "execution")
-"""Categories of the paper (S App. I.1, Fig. 25); shown first, and together."""
+"""Categories of the paper (S App. I.1, Fig. 25); shown first."""
 
 PANEL_HEIGHT_IN = 2.4
 CATEGORY_WIDTH_IN = 0.5
@@ -31,19 +32,19 @@ BAR_WIDTH_IN = 0.42
 def read_runs(paths: Sequence[Path]) -> list[RunRecord]:
     """Reads finished runs, each given as its folder or its `run.json`."""
     if not paths:
-        raise OptionError("failures needs at least one run: its folder, or its run.json.")
+        raise OptionError("failures needs at least one run: its folder or its run.json.")
     return [_read(path) for path in paths]
 
 
 def check_picture(out: Path, *, force: bool) -> None:
-    """Refuses another format, and to overwrite a picture."""
+    """Checks that the figure is a .png file that may be written."""
     if out.suffix != ".png":
-        raise OptionError(f"--out {out} has to end in .png.")
+        raise OptionError(f"--out {out} must end in .png.")
     check_file(out, force=force)
 
 
 def categories(records: Sequence[RunRecord]) -> tuple[str, ...]:
-    """Returns the categories to show: those of planning if there is any, then the most frequent."""
+    """Returns the categories to show: those of planning, if any occurs, then by frequency."""
     counts = Counter[str]()
     for record in records:
         counts.update(record.summary.failures)
@@ -53,14 +54,14 @@ def categories(records: Sequence[RunRecord]) -> tuple[str, ...]:
 
 
 def percent(record: RunRecord, category: str) -> float:
-    """Returns the share of a run's episodes that failed by this category [%]."""
+    """Returns the percentage of a run's episodes in a failure category."""
     return 100.0 * record.summary.failures.get(category, 0) / record.summary.success.n
 
 
 def failure_table(records: Sequence[RunRecord]) -> Table:
-    """Returns the percentages of every run, one a row."""
+    """Returns the failure percentages, one row per run."""
     shown = categories(records)
-    table = Table(title="Episodes that failed, in percent of all")
+    table = Table(title="Failures [% of episodes]")
     for column in ("run", "on", "n", "success", *shown):
         table.add_column(plain(column), overflow="fold")
     for label, record in zip(_labels(records), records, strict=True):
@@ -72,8 +73,8 @@ def failure_table(records: Sequence[RunRecord]) -> Table:
 
 
 def draw_failures(records: Sequence[RunRecord], out: Path) -> None:
-    """Draws the percentages: a panel for each environment and dataset, a bar for each run."""
-    from hab_tasks.figures.style import new_figure, save  # the simulator comes with it
+    """Plots the failure percentages: one panel per environment and dataset, one bar per run."""
+    from hab_tasks.figures.style import new_figure, save  # loads the simulator
 
     shown, labels = categories(records), _labels(records)
     panels: dict[str, list[int]] = {}
@@ -100,7 +101,7 @@ def _draw_panel(
     width = 0.8 / len(records)
     for number, (record, label) in enumerate(zip(records, labels, strict=True)):
         colour, hatch = next(looks)
-        at = [place + width * (number - (len(records) - 1) / 2) for place in range(len(shown))]
+        at = [index + width * (number - (len(records) - 1) / 2) for index in range(len(shown))]
         values = [percent(record, name) for name in shown]
         drawn = axes.bar(
             at,
@@ -123,16 +124,16 @@ def _draw_panel(
 
 def _read(path: Path) -> RunRecord:
     """Reads one run."""
-    if not os.path.isdir(path):  # a name that no file can have is none
+    if not os.path.isdir(path):  # unlike Path.is_dir, False for an invalid name
         return read_record(path)
     file = path / "run.json"
     if not file.is_file():
-        raise ResultError(f"{file}: not found; a run writes it at its end (go on with --resume).")
+        raise ResultError(f"{file}: not found; finish the run with --resume.")
     return read_record(file)
 
 
 def _labels(records: Sequence[RunRecord]) -> list[str]:
-    """Names runs by what tells them apart: agent and options, then the seed, then a number."""
+    """Returns distinct run names: agent and options, plus seed and number where needed."""
     plain = [agent_label(record) for record in records]
     seeded = [
         name if _alone(record, name, records, plain) else f"{name}, seed {record.seed}"
@@ -147,6 +148,6 @@ def _labels(records: Sequence[RunRecord]) -> list[str]:
 def _alone(
     record: RunRecord, name: str, records: Sequence[RunRecord], names: Sequence[str]
 ) -> bool:
-    """Returns whether no other run on the same environment and dataset has this name."""
+    """Returns whether a run's name is unique on its environment and dataset."""
     named = zip(records, names, strict=True)
     return sum(group_title(r) == group_title(record) and n == name for r, n in named) == 1

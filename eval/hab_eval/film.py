@@ -1,4 +1,4 @@
-"""One frame of a film: pictures side by side, and below them what is going on, in words."""
+"""Video frames: camera images side by side, with the episode's state as text below."""
 
 from __future__ import annotations
 
@@ -8,49 +8,49 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from hab_eval.moment import Moment
+from hab_eval.step_info import StepInfo
 from hab_tasks.captions import Frame, with_words
 from hab_tasks.constants import CONTROL_HZ
 
 LINES = 7
-"""Room for words."""
+"""Number of caption lines."""
 
 
 def compose(views: Sequence[Frame], lines: Sequence[str]) -> Frame:
-    """Returns one frame (H, W, 3) with the `views` in a row, as high as the highest of them.
+    """Returns one frame (H, W, 3) with the `views` side by side, scaled to the tallest.
 
     Args:
-        views: Pictures (h, w, 3) uint8.
-        lines: Words below them; long lines are broken, and what finds no room is left out.
+        views: Images (h, w, 3) uint8.
+        lines: Caption; long lines are wrapped, and lines beyond `LINES` are dropped.
     """
     height = max(view.shape[0] for view in views)
-    row = np.concatenate([_enlarged(view, height) for view in views], axis=1)
+    row = np.concatenate([_scaled(view, height) for view in views], axis=1)
     return with_words(row, lines, LINES)
 
 
-def describe(episode_id: str, instruction: str, moment: Moment) -> list[str]:
-    """Returns the words on one moment: task, outcome, plan step, stages, reward terms, return."""
-    info = moment.info
-    time_s = moment.step / CONTROL_HZ
-    words = [f"{episode_id}   step {moment.step}   {time_s:.1f} s   {_outcome(info)}".rstrip()]
-    words += [instruction] if instruction else []
-    words += [moment.doing] if moment.doing else []
-    words += _stages(info)
-    if moment.step:  # a reset pays nothing
+def describe(episode_id: str, instruction: str, step_info: StepInfo) -> list[str]:
+    """Returns the caption: task, outcome, plan step, stages, reward terms and return."""
+    info = step_info.info
+    time_s = step_info.step / CONTROL_HZ
+    lines = [f"{episode_id}   step {step_info.step}   {time_s:.1f} s   {_outcome(info)}".rstrip()]
+    lines += [instruction] if instruction else []
+    lines += [step_info.doing] if step_info.doing else []
+    lines += _stages(info)
+    if step_info.step:  # there is no reward at a reset
         terms = {name: float(value) for name, value in info.get("reward_terms", {}).items()}
-        paid = ", ".join(f"{name} {value:+.4f}" for name, value in terms.items() if value)
-        words.append(f"reward {moment.reward:+.4f}" + (f" = {paid}" if paid else ""))
-    return [*words, f"return {moment.episode_return:+.3f}"]
+        nonzero = ", ".join(f"{name} {value:+.4f}" for name, value in terms.items() if value)
+        lines.append(f"reward {step_info.reward:+.4f}" + (f" = {nonzero}" if nonzero else ""))
+    return [*lines, f"return {step_info.episode_return:+.3f}"]
 
 
 def _outcome(info: Mapping[str, Any]) -> str:
-    """Names what ended the episode, nothing while it goes on."""
+    """Returns success and failures by name; empty while the episode is running."""
     ends = {"success": info.get("success", False), **info.get("failures", {})}
     return " ".join(name for name, value in ends.items() if bool(value))
 
 
 def _stages(info: Mapping[str, Any]) -> list[str]:
-    """Returns a task's present part and the stages that were reached; nothing for a skill."""
+    """Returns a task's current part and its reached stages; empty for a skill."""
     stages = info.get("stages", {})
     if not stages:
         return []
@@ -59,8 +59,8 @@ def _stages(info: Mapping[str, Any]) -> list[str]:
     return [f"{part}{len(reached)} of {len(stages)} stages: {' '.join(reached)}".rstrip(" :")]
 
 
-def _enlarged(view: Frame, height: int) -> Frame:
-    """Returns a picture (h, w, 3) at another height, as wide as it then has to be."""
+def _scaled(view: Frame, height: int) -> Frame:
+    """Scales an image (h, w, 3) to a height, keeping its aspect ratio."""
     if view.shape[0] == height:
         return view
     width = round(view.shape[1] * height / view.shape[0])

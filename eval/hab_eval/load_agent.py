@@ -1,4 +1,4 @@
-"""Agents by name: ``module:factory`` -> `Agent`. The evaluator knows no baseline by itself."""
+"""Loads agents by ``module:factory``. The evaluator does not depend on any baseline."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ def load_agent(reference: str, setup: AgentSetup) -> Agent:
     """Imports ``module:factory`` and calls the factory.
 
     Raises:
-        UnknownNameError: If there is no such factory in the module.
-        AgentError: If the reference is malformed, the module is not there or cannot be imported,
-            the factory raises, or what it returns is no `Agent`.
-        RunStoppedError: If the module or the factory calls `sys.exit`.
+        UnknownNameError: The module has no such factory.
+        AgentError: The reference is malformed, the module is not found or cannot be imported, the
+            factory raises, or its return value is not an `Agent`.
+        RunStoppedError: The module or the factory calls `sys.exit`.
     """
     module_name, colon, factory_name = reference.partition(":")
     if not (colon and module_name and factory_name):
@@ -43,10 +43,10 @@ def load_agent(reference: str, setup: AgentSetup) -> Agent:
 
 
 def _import(name: str) -> ModuleType:
-    """Imports the module that holds an agent, from the working directory or what is installed."""
+    """Imports an agent's module from the working directory or the installed packages."""
     here = str(Path.cwd())
     if here not in sys.path:
-        sys.path.append(here)  # last: a file beside the user's own must not hide a library
+        sys.path.append(here)  # last, so that local files do not shadow libraries
         importlib.invalidate_caches()
     try:
         return importlib.import_module(name)
@@ -62,15 +62,15 @@ def _import(name: str) -> ModuleType:
 
 
 def _not_found(name: str, missing: str, here: str) -> str:
-    """Says where a module was looked for, and which one has the nearest name."""
+    """Returns a message with the searched paths and the nearest module name."""
     parent, _, last = missing.rpartition(".")
     if parent:
-        folders = getattr(sys.modules.get(parent), "__path__", [])  # none if it is no package
+        folders = getattr(sys.modules.get(parent), "__path__", [])  # [] if it is not a package
         names = {module.name for module in pkgutil.iter_modules(folders)}
         where = f"in the package {parent!r}"
     else:
         names = {module.name for module in pkgutil.iter_modules()}
-        names |= metadata.packages_distributions().keys()  # editable ones are not on the path
+        names |= metadata.packages_distributions().keys()  # iter_modules lacks editable installs
         where = f"in the working directory ({here}) nor among the installed packages"
     near = difflib.get_close_matches(last, names, n=1)
     hint = f" Did you mean {f'{parent}.{near[0]}'.lstrip('.')!r}?" if near else ""
@@ -78,7 +78,7 @@ def _not_found(name: str, missing: str, here: str) -> str:
 
 
 def _factories(module: ModuleType) -> list[str]:
-    """Returns the public names of a module that take an `AgentSetup` and need nothing else."""
+    """Returns a module's public callables whose only required argument is an `AgentSetup`."""
     members = ((name, getattr(module, name)) for name in dir(module) if not name.startswith("_"))
     return [name for name, value in members if callable(value) and _takes_setup(value)]
 
@@ -87,6 +87,6 @@ def _takes_setup(factory: Callable[..., Any]) -> bool:
     try:
         parameters = inspect.signature(factory).parameters.values()
     except (TypeError, ValueError):
-        return False  # built-ins without a signature are no factories
+        return False  # a built-in without a signature
     needed = [p for p in parameters if p.default is p.empty]
     return len(needed) == 1 and "AgentSetup" in str(needed[0].annotation)

@@ -1,9 +1,10 @@
-"""Observers of a rollout: the video recorder is one."""
+"""Rollout observers, such as the video recorder."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -11,8 +12,9 @@ import imageio.v2 as imageio
 import numpy as np
 
 from hab_eval.film import Frame, compose, describe
-from hab_eval.moment import Moment
+from hab_eval.step_info import StepInfo
 from hab_tasks.constants import CONTROL_HZ
+from hab_tasks.files import written_aside
 
 if TYPE_CHECKING:
     import gymnasium as gym
@@ -21,13 +23,13 @@ if TYPE_CHECKING:
 
 
 class Observer(Protocol):
-    """Sees every episode pass by and changes nothing."""
+    """Receives the events of a rollout; must not affect it."""
 
-    def start(self, index: int, episode: Episode, moment: Moment) -> None:
+    def start(self, index: int, episode: Episode, step_info: StepInfo) -> None:
         """Called after the reset of episode number `index` of the set."""
         ...
 
-    def step(self, moment: Moment) -> None:
+    def step(self, step_info: StepInfo) -> None:
         """Called after every step."""
         ...
 
@@ -36,15 +38,19 @@ class Observer(Protocol):
         ...
 
     def abort(self) -> None:
-        """Called instead of `end` if the episode did not come to its end."""
+        """Called instead of `end` if the episode was not finished."""
         ...
 
 
-class VideoRecorder:
-    """Films the first `count` episodes of a set in real time.
+class _AbortedError(Exception):
+    """Discards a temporary file."""
 
-    Frames go straight into the encoder, so that a long episode needs no more memory than a short
-    one; the finished file is renamed, so that an interrupted one is never mistaken for it.
+
+class VideoRecorder:
+    """Records videos of the first `count` episodes of a set, at real-time speed.
+
+    Frames are encoded as they come, so that memory does not grow with the episode, and written to a
+    temporary file, so that an interrupted video is never mistaken for a complete one.
     """
 
     def __init__(
@@ -55,61 +61,54 @@ class VideoRecorder:
         count: int,
         instruct: Callable[[Episode], str] = lambda episode: "",
     ) -> None:
-        """Films the first `count` episodes into `folder`; `instruct` tells what is to be done."""
+        """Records the first `count` episodes into `folder`; `instruct` returns instructions."""
         self._env, self._instruct, self._instruction = env, instruct, ""
         self._folder = folder
         self._count = count
         self._episode_id = ""
-        self._target: Path | None = None
+        self._file = ExitStack()
         self._writer: Any = None
 
-    def start(self, index: int, episode: Episode, moment: Moment) -> None:
+    def start(self, index: int, episode: Episode, step_info: StepInfo) -> None:
         """Opens `video_<index>_<episode id>.mp4` and writes its first frame, also as PNG."""
         if index >= self._count:
             return
         self._episode_id, self._instruction = episode.id, self._instruct(episode)
         safe_id = re.sub(r"[^A-Za-z0-9._-]+", "-", episode.id)
-        self._target = self._folder / f"video_{index:03d}_{safe_id}.mp4"
-        frame = self._frame(moment)
-        imageio.imwrite(self._target.with_suffix(".png"), frame)
-        # Two is the smallest multiple of the frame size that players of yuv420p take.
+        target = self._folder / f"video_{index:03d}_{safe_id}.mp4"
+        frame = self._frame(step_info)
+        with written_aside(target.with_suffix(".png")) as scratch:
+            imageio.imwrite(scratch, frame)
+        # yuv420p needs frame sizes that are multiples of two.
         self._writer = imageio.get_writer(
-            self._scratch(self._target),
+            self._file.enter_context(written_aside(target)),
             format="FFMPEG",  # pyright: ignore[reportArgumentType]  # the stub knows no plugin names
             fps=CONTROL_HZ,
             macro_block_size=2,
         )
+        self._file.callback(self._writer.close)
         self._writer.append_data(frame)
 
-    def step(self, moment: Moment) -> None:
+    def step(self, step_info: StepInfo) -> None:
         """Appends one frame."""
         if self._writer is not None:
-            self._writer.append_data(self._frame(moment))
+            self._writer.append_data(self._frame(step_info))
 
     def end(self) -> None:
         """Finishes the file."""
-        if self._writer is None or self._target is None:
-            return
-        self._writer.close()
-        self._scratch(self._target).replace(self._target)
-        self._writer = self._target = None
+        self._writer = None
+        self._file.close()
 
     def abort(self) -> None:
         """Removes the unfinished file."""
-        if self._writer is None or self._target is None:
-            return
-        self._writer.close()
-        self._scratch(self._target).unlink(missing_ok=True)
-        self._writer = self._target = None
+        self._writer = None
+        with suppress(_AbortedError), self._file:
+            raise _AbortedError
 
-    def _frame(self, moment: Moment) -> Frame:
-        """Returns what the robot's cameras and a person see of the only row, and words below."""
+    def _frame(self, step_info: StepInfo) -> Frame:
+        """Returns a frame with the robot's cameras, the render camera and a caption."""
         base: Any = self._env.unwrapped
         rendered: Any = self._env.render()
         pictures = [*base.render_views().values(), rendered]
         views = [np.asarray(picture[0].cpu(), dtype=np.uint8) for picture in pictures]
-        return compose(views, describe(self._episode_id, self._instruction, moment))
-
-    @staticmethod
-    def _scratch(target: Path) -> Path:
-        return target.with_name(f"partial_{target.name}")
+        return compose(views, describe(self._episode_id, self._instruction, step_info))

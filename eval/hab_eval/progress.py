@@ -1,4 +1,4 @@
-"""How a run reports itself: a bar on a terminal, plain lines in a log."""
+"""Progress reports: a bar on a terminal, plain lines in a log."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WriteLine = Callable[[str], None]
 
 
 class PlainReporter:
-    """Writes one line for each episode; lines survive in a log where a bar does not."""
+    """Writes one line per episode, for logs."""
 
     def __init__(self, write_line: WriteLine) -> None:
         self._write = write_line
@@ -26,7 +26,7 @@ class PlainReporter:
         self._last_line_s = time.monotonic()
 
     def generating(self, done: int, total: int) -> None:
-        """Writes a line now and then, and at the end."""
+        """Writes a line every `GENERATION_LINE_INTERVAL_S`, and at the end."""
         now_s = time.monotonic()
         if done < total and now_s - self._last_line_s < GENERATION_LINE_INTERVAL_S:
             return
@@ -34,40 +34,40 @@ class PlainReporter:
         self._write(f"generated {done} of {total} episodes")
 
     def running(self, done: int, total: int) -> None:
-        """Says how many episodes are ahead."""
+        """Writes the number of episodes."""
         self._done, self._total = done, total
-        kept = f", {done} kept from before" if done else ""
+        kept = f", {done} already finished" if done else ""
         self._write(f"running {total} episodes{kept}")
 
     def finished(self, finished: FinishedEpisode) -> None:
-        """Writes how the episode went."""
+        """Writes the result of the episode."""
         self._done += 1
         self._write(f"[{self._done}/{self._total}] {describe(finished.episode)}")
 
 
 class BarReporter:
-    """Draws a bar for the generation of episodes and one for the run."""
+    """Shows one progress bar for episode generation and one for the run."""
 
     def __init__(self, write_line: WriteLine | None = None) -> None:
-        """Writes a line for each episode above the bar, if given how."""
+        """Also writes a line per episode above the bar, if `write_line` is given."""
         self._write = write_line
         self._bar: tqdm | None = None
         self._successes = 0
         self._finished = 0
 
     def generating(self, done: int, total: int) -> None:
-        """Moves the first bar."""
+        """Updates the first bar."""
         if self._bar is None:
             self._bar = tqdm(total=total, desc="generating episodes", unit="episode")
         self._bar.update(done - self._bar.n)
 
     def running(self, done: int, total: int) -> None:
-        """Replaces the first bar by the second."""
+        """Replaces the first bar with the second."""
         self.close()
         self._bar = tqdm(total=total, initial=done, desc="evaluating", unit="episode")
 
     def finished(self, finished: FinishedEpisode) -> None:
-        """Moves the second bar; shows the success rate of this sitting."""
+        """Updates the second bar and the success count of this session."""
         if self._bar is None:
             return
         self._finished += 1
@@ -78,19 +78,19 @@ class BarReporter:
         self._bar.update()
 
     def close(self) -> None:
-        """Leaves the bar where it is."""
+        """Closes the bar."""
         if self._bar is not None:
             self._bar.close()
             self._bar = None
 
 
 def make_reporter(*, terminal: bool, verbose: bool, write_line: WriteLine) -> Reporter:
-    """Returns the reporter that suits the output.
+    """Returns the reporter for the kind of output.
 
     Args:
-        terminal: Whether a bar can be drawn; without one, each episode gets a line.
-        verbose: Whether each episode gets a line above the bar as well.
-        write_line: How lines are written where there is no bar.
+        terminal: Whether the output is a terminal; if not, each episode gets a line.
+        verbose: Whether to write a line per episode above the bar as well.
+        write_line: Writes a line if there is no bar.
     """
     if not terminal:
         return PlainReporter(write_line)
@@ -98,7 +98,7 @@ def make_reporter(*, terminal: bool, verbose: bool, write_line: WriteLine) -> Re
 
 
 def describe(episode: EpisodeResult) -> str:
-    """Returns one line on how an episode went."""
+    """Returns the result of an episode as one line."""
     outcome = episode.failure or "success"
     return plain(
         f"{episode.id} ({episode.scene}): {outcome}, {episode.steps} steps, "

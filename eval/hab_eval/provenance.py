@@ -1,4 +1,4 @@
-"""On what a run was made: versions, commit, machine."""
+"""Provenance of a run: software versions, commit and machine."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ PACKAGES = ("hab-tasks", "hab-eval", "mani-skill", "sapien", "gymnasium", "torch
 
 
 def package_versions(agent: str) -> dict[str, str]:
-    """Returns the versions of Python, the stack and the distribution that holds the agent."""
+    """Returns the versions of Python, the dependencies and the agent's distribution."""
     top_level = agent.partition(":")[0].partition(".")[0]
     owners = metadata.packages_distributions().get(top_level, [])
-    names = dict.fromkeys([*PACKAGES, *owners])  # keeps the order, drops what appears twice
+    names = dict.fromkeys([*PACKAGES, *owners])  # ordered, without duplicates
     return {"python": platform.python_version(), **{name: _version(name) for name in names}}
 
 
 def git_commit() -> str | None:
-    """Returns the commit of the `hab_tasks` sources, None if they are not in a checkout."""
+    """Returns the commit of the `hab_tasks` sources, None outside a checkout."""
     spec = util.find_spec("hab_tasks")
     locations = list(spec.submodule_search_locations or []) if spec else []
     if not locations:
         return None
     folder = Path(locations[0])
-    # An installed copy may lie in somebody else's checkout (a venv): ask whether git tracks it.
+    # An installed copy may be inside another checkout (e.g. its venv), which does not track it.
     if _git(folder, "ls-files", "--error-unmatch", "constants.py") is None:
         return None
     return _git(folder, "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*")
 
 
 def device() -> str:
-    """Returns the processor and graphics card in words."""
+    """Returns the models of processor and graphics card."""
     parts = [_processor(), f"{os.cpu_count()} cores"]
     if torch.cuda.is_available():
         parts.append(torch.cuda.get_device_name(0))
@@ -50,7 +50,7 @@ def _version(name: str) -> str:
 
 
 def _processor() -> str:
-    """Returns the processor's model; Linux does not tell it through `platform`."""
+    """Returns the processor's model; `platform` lacks it on Linux."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -60,7 +60,7 @@ def _processor() -> str:
 
 
 def _git(folder: Path, *arguments: str) -> str | None:
-    """Returns the output of a git command, None if it fails or there is no git."""
+    """Returns the output of a git command, None if it fails or git is not installed."""
     try:
         done = subprocess.run(
             ["git", "-C", str(folder), *arguments],

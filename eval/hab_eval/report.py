@@ -1,4 +1,4 @@
-"""Results as tables for a terminal."""
+"""Result tables for the terminal."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hab_eval.stats import Estimate
 
 
 def result_table(record: RunRecord) -> Table:
-    """Returns everything a user wants to know of one run."""
+    """Returns the summary of one run."""
     summary = record.summary
     table = Table(title=plain(f"{record.agent_name} on {record.env}, {record.scene_dataset}"))
     table.add_column("measure")
@@ -36,7 +36,7 @@ def result_table(record: RunRecord) -> Table:
 
 
 def leaderboard_tables(groups: Iterable[Group]) -> list[Table]:
-    """Returns one table for each group of the leaderboard."""
+    """Returns one table per group of the leaderboard."""
     return [_group_table(group) for group in groups]
 
 

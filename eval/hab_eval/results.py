@@ -1,7 +1,7 @@
-"""The result file `run.json`: a typed schema, its aggregates, strict reading and safe writing.
+"""The result file `run.json`: schema, aggregates, validation and atomic writing.
 
-Aggregates are always computed from the episodes. A file whose summary does not follow from its
-episodes is refused, so that a leaderboard row can be trusted to be what was measured.
+Aggregates are computed from the episodes. A file whose summary does not match its episodes is
+rejected, so that leaderboard rows can be trusted.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from hab_tasks.files import written_aside
 
 SCHEMA_VERSION = 1
 SUMMARY_TOLERANCE = 1e-6
-"""Relative; a bootstrap percentile may differ in its last digits between NumPy versions."""
+"""Relative tolerance: the last digits of bootstrap percentiles differ between NumPy versions."""
 
 AGENT_TIMEOUT = "agent timeout"
-"""Category of an episode in which a call of the agent took longer than `step_timeout_s`."""
+"""Failure category: a call of the agent took longer than `step_timeout_s`."""
 
 Timings = Mapping[str, float]
 
@@ -46,12 +46,12 @@ class EpisodeResult:
         id: The episode's id in its set.
         scene: Scene id.
         success: Whether the episode ended in success.
-        stages: Stages of a long task that were reached; {} for a skill.
+        stages: Whether each stage of a task was reached; {} for a skill.
         steps: Control steps taken.
         failure: None on success, else the environment's category, else the agent's, else timeout;
-            `AGENT_TIMEOUT` if a call of the agent took too long.
+            `AGENT_TIMEOUT` if a call of the agent exceeded the time limit.
         episode_return: Undiscounted sum of rewards (``return`` in JSON).
-        seconds: Wall time of the agent and the simulator together, reset and video excluded.
+        seconds: Wall time of agent and simulator [s], without resets and video.
     """
 
     id: str = field(metadata=NOT_EMPTY)
@@ -66,12 +66,12 @@ class EpisodeResult:
 
 @dataclass(frozen=True, kw_only=True)
 class FinishedEpisode:
-    """How an episode went and what the agent said of it: a line of `episodes.jsonl`.
+    """Result and agent report of an episode: one line of `episodes.jsonl`.
 
     Attributes:
         episode: The result.
-        timings_s: Durations that the agent reported [s].
-        trace: What the agent believed and did; on its way to `traces.jsonl`, never in the line.
+        timings_s: Durations reported by the agent [s].
+        trace: Log of the agent's beliefs and actions; written to `traces.jsonl` instead.
     """
 
     episode: EpisodeResult
@@ -81,7 +81,7 @@ class FinishedEpisode:
 
 @dataclass(frozen=True, kw_only=True)
 class Duration:
-    """A duration that agents report once an episode: mean and maximum over `n` episodes [s]."""
+    """A duration reported once per episode: mean and maximum over `n` episodes [s]."""
 
     mean: float
     max: float
@@ -103,32 +103,33 @@ class Summary:
 
 @dataclass(frozen=True, kw_only=True)
 class RunRecord:
-    """One evaluation: what ran, on what, and how every episode ended.
+    """One evaluation: configuration, environment, software, and the result of each episode.
 
     Attributes:
         schema: Version of this schema.
         agent: ``module:factory``.
-        agent_name: Name shown in tables.
-        privileged: Whether the agent was given the simulator's true state.
-        control_mode: Control mode that the agent asked for.
-        obs_mode: Observation mode that the agent asked for.
-        target_frame: How the agent was told its target (an option of the environment).
-        handle_position: Whether the agent was told where the handle is.
+        agent_name: Display name.
+        privileged: Whether the agent read the simulator's ground-truth state.
+        control_mode: Control mode of the agent's spec.
+        obs_mode: Observation mode of the agent's spec.
+        target_frame: Frame of the observed target (an option of the environment).
+        handle_position: Whether the agent observed the position of the handle.
         env: Environment id.
         scene_dataset: Name of the scene dataset.
-        objects: Name of the object folder, None for the objects that are shipped.
-        split: Episode split, and ``+objects`` or ``+receptacles`` where these are new.
+        objects: Name of the object folder, None for the shipped objects.
+        split: Episode split, with ``+objects`` or ``+receptacles`` if these are held out.
         seed: Seed of the episode set and of the agent.
-        options: The agent's own options; absent in files from before there were any.
-        step_timeout_s: Longest time that the agent may take for a call [s]; None for any.
+        options: Agent options; absent in older files.
+        skill_config: Reward weights and thresholds that replace the skills' defaults.
+        step_timeout_s: Time limit for one call of the agent [s]; None for no limit.
         versions: Package -> version.
-        git: Commit of the sources, with ``-dirty`` if they were edited; all of them, joined by
-            " then ", if a run was resumed on another; None outside a checkout.
-        device: Processor (and graphics card) in words.
+        git: Commit of the sources, with ``-dirty`` if they were edited; all commits, joined by
+            " then ", if the run was resumed on another; None outside a checkout.
+        device: Processor and graphics card.
         episodes: In the order of the episode set.
-        timings_s: Episode id -> durations the agent reported [s]; kept out of `episodes`,
-            which two runs with the same seed share.
-        summary: Computed from the two above.
+        timings_s: Episode id -> durations reported by the agent [s]; not part of `episodes`,
+            which are identical in two runs with the same seed.
+        summary: Computed from `episodes` and `timings_s`.
     """
 
     schema: int
@@ -145,6 +146,7 @@ class RunRecord:
     split: str
     seed: int = field(metadata=NOT_NEGATIVE)
     options: dict[str, str] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
+    skill_config: dict[str, float] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
     step_timeout_s: float | None = field(default=None, metadata=MAY_BE_ABSENT)
     versions: dict[str, str]
     git: str | None
@@ -157,7 +159,7 @@ class RunRecord:
 def summarize(
     episodes: Sequence[EpisodeResult], timings_s: Mapping[str, Mapping[str, float]]
 ) -> Summary:
-    """Computes the aggregates of at least one episode."""
+    """Computes the aggregates; needs at least one episode."""
     stage_names = sorted({name for episode in episodes for name in episode.stages})
     failures = Counter(episode.failure for episode in episodes if episode.failure is not None)
     steps = sum(episode.steps for episode in episodes)
@@ -176,7 +178,7 @@ def summarize(
 
 
 def write_record(path: Path, record: RunRecord) -> None:
-    """Writes `run.json` through a temporary file, so that it is never half there."""
+    """Writes `run.json` atomically."""
     with written_aside(path) as scratch, scratch.open("w", encoding="utf-8") as file:
         json.dump(to_json(record), file, indent=1, allow_nan=False)
         file.write("\n")
@@ -185,7 +187,7 @@ def write_record(path: Path, record: RunRecord) -> None:
 
 
 def read_record(path: Path) -> RunRecord:
-    """Reads and checks `run.json`."""
+    """Reads and validates `run.json`."""
     data = parse_json(path)
     version = data.get("schema") if isinstance(data, dict) else None
     if version != SCHEMA_VERSION:
@@ -196,20 +198,20 @@ def read_record(path: Path) -> RunRecord:
 
 
 def check_finished(finished: FinishedEpisode, where: str) -> None:
-    """Refuses an episode whose line in the journal could not be read again.
+    """Checks that the journal line of an episode can be read back.
 
     Raises:
-        ResultError: Names the place, the field and the value.
+        ResultError: It cannot; the message names `where`, the field and the value.
     """
     line = to_json(replace(finished, trace=()))
     check_episode(read_dataclass(FinishedEpisode, line, where).episode, where)
 
 
 def check_episode(episode: EpisodeResult, where: str) -> None:
-    """Refuses an episode that contradicts itself.
+    """Checks that an episode has either succeeded or failed.
 
     Raises:
-        ResultError: It both succeeded and failed, or neither.
+        ResultError: Both or neither.
     """
     if episode.success != (episode.failure is None):
         raise ResultError(
@@ -219,7 +221,7 @@ def check_episode(episode: EpisodeResult, where: str) -> None:
 
 
 def _check_stages(episodes: Sequence[EpisodeResult], path: Path) -> None:
-    """Refuses episodes of different tasks; one that never started has no stages."""
+    """Checks that all episodes have the same stages; one that never started has none."""
     staged = [episode for episode in episodes if episode.stages]
     for episode in staged:
         if episode.stages.keys() != staged[0].stages.keys():
@@ -230,7 +232,7 @@ def _check_stages(episodes: Sequence[EpisodeResult], path: Path) -> None:
 
 
 def _durations(timings_s: Mapping[str, Mapping[str, float]]) -> dict[str, Duration]:
-    """Aggregates each named duration over the episodes that report it."""
+    """Aggregates each duration over the episodes that report it."""
     names = sorted({name for one in timings_s.values() for name in one})
     found = {name: [one[name] for one in timings_s.values() if name in one] for name in names}
     return {
@@ -240,7 +242,7 @@ def _durations(timings_s: Mapping[str, Mapping[str, float]]) -> dict[str, Durati
 
 
 def _check(record: RunRecord, path: Path) -> None:
-    """Refuses a record that contradicts itself."""
+    """Checks the consistency of a record."""
     if not record.episodes:
         raise ResultError(f"{path}: episodes is empty.")
     counts = Counter(episode.id for episode in record.episodes)
@@ -249,7 +251,7 @@ def _check(record: RunRecord, path: Path) -> None:
         raise ResultError(f"{path}: episode {twice[0]!r} appears {counts[twice[0]]} times.")
     foreign = record.timings_s.keys() - counts.keys()
     if foreign:
-        raise ResultError(f"{path}: timings_s: there is no episode {shown(min(foreign))}.")
+        raise ResultError(f"{path}: timings_s: unknown episode {shown(min(foreign))}.")
     for episode in record.episodes:
         check_episode(episode, str(path))
     _check_stages(record.episodes, path)
@@ -260,7 +262,7 @@ def _check(record: RunRecord, path: Path) -> None:
 
 
 def _first_difference(expected: object, found: object, where: str) -> str | None:
-    """Returns where two JSON values differ, None if nowhere."""
+    """Returns the path of the first difference between two JSON values, None if equal."""
     if isinstance(expected, dict) and isinstance(found, dict):
         if expected.keys() != found.keys():
             return where

@@ -1,4 +1,4 @@
-"""Environments that play one episode each, in this process; observers watch them."""
+"""Batch rows in this process: each is an environment that runs one episode at a time."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from torch import Tensor
 from hab_eval import environments
 from hab_eval.agent_checks import without_exit
 from hab_eval.config import EvalConfig
-from hab_eval.errors import RunStoppedError
-from hab_eval.moment import Moment
+from hab_eval.observations import LazyObservation, agent_view
 from hab_eval.observers import Observer, VideoRecorder
 from hab_eval.results import EpisodeResult
-from hab_eval.seen import Seen, show
+from hab_eval.step_info import StepInfo
 from hab_tasks.agent import AgentSpec
+from hab_tasks.errors import RunStoppedError
 
 if TYPE_CHECKING:
     import gymnasium as gym
@@ -30,21 +30,21 @@ if TYPE_CHECKING:
     from hab_tasks.episodes import Episode
 
 Job = tuple[int, "Episode"]
-"""An episode with its number in the set."""
+"""An episode with its index in the set."""
 
 UNNAMED_FAILURE = "environment"
 
 
 @dataclass(frozen=True, kw_only=True)
 class RolloutPlan:
-    """What a process that runs episodes needs to know; sent to the workers.
+    """Settings of a process that runs episodes; sent to the workers.
 
     Attributes:
-        config: The evaluation.
-        split: Resolved split.
-        out: The run's folder, for videos.
-        videos: The first so many episodes are recorded.
-        device: Where the agent's networks run.
+        config: The evaluation's configuration.
+        split: Resolved episode split.
+        out: The run folder, for videos.
+        videos: Number of episodes to record, from the first.
+        device: Device of the agent's networks.
     """
 
     config: EvalConfig
@@ -56,7 +56,7 @@ class RolloutPlan:
 
 @dataclass(frozen=True, kw_only=True)
 class Start:
-    """Asks a row to start an episode. `doing` is what the agent says that it is doing."""
+    """Request to start an episode in a row; `doing` is the agent's current activity."""
 
     job: Job
     doing: str
@@ -64,7 +64,7 @@ class Start:
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """Asks a row to carry out an action (1, A)."""
+    """Request to step a row with an action (1, A); `doing` is the agent's current activity."""
 
     action: Tensor
     doing: str
@@ -78,17 +78,17 @@ class Turn:
     """A row's answer to a call.
 
     Attributes:
-        obs: Its observation.
-        result: How the episode went, when it is over. The agent's share is not in it yet: `failure`
-            is the environment's, None if it named none, and `seconds` its own.
+        obs: Observation.
+        result: Result of the episode if it is over, from the environment alone: `failure` is the
+            environment's category or None, and `seconds` does not include the agent.
     """
 
     obs: Any
     result: EpisodeResult | None = None
 
 
-class Rows(Protocol):
-    """Rows of a batch that live in one process."""
+class RowGroup(Protocol):
+    """Batch rows in one process."""
 
     @property
     def count(self) -> int:
@@ -97,29 +97,29 @@ class Rows(Protocol):
 
     @property
     def watched(self) -> bool:
-        """Whether observers want to know what the agent is doing."""
+        """Whether observers need the agent's current activity."""
         ...
 
     def send(self, calls: Mapping[int, Call]) -> None:
-        """Takes a call for some of the rows, by number within this process."""
+        """Sends calls to some of the rows, by their number within this group."""
         ...
 
     def receive(self) -> dict[int, Turn]:
         """Returns the answers to the last calls.
 
         Raises:
-            RunStoppedError: If an environment raised; names the episode.
+            RunStoppedError: An environment raised; the message has the episode.
         """
         ...
 
     def abort(self) -> None:
-        """Gives up the episodes that are not finished."""
+        """Aborts the unfinished episodes."""
         ...
 
 
 @dataclass(kw_only=True)
 class _Row:
-    """An environment and the episode it plays."""
+    """An environment and its current episode."""
 
     env: gym.Env[Any, Any]
     observers: Sequence[Observer]
@@ -127,14 +127,14 @@ class _Row:
     steps: int = 0
     episode_return: float = 0.0
     seconds: float = 0.0
-    seen: Any = None
+    obs: Any = None
     info: Mapping[str, Any] = field(default_factory=dict)
     result: EpisodeResult | None = None
 
 
 @dataclass(kw_only=True)
 class LocalRows:
-    """Rows in this process, played in turn."""
+    """Batch rows in this process, stepped one after another."""
 
     spec: AgentSpec
     rows: list[_Row] = field(default_factory=list)
@@ -155,15 +155,15 @@ class LocalRows:
         return any(row.observers for row in self.rows)
 
     def send(self, calls: Mapping[int, Call]) -> None:
-        """Keeps the calls."""
+        """Stores the calls."""
         self._calls = calls
 
     def receive(self) -> dict[int, Turn]:
-        """Carries out the calls."""
+        """Executes the calls."""
         return {number: self._turn(self.rows[number], c) for number, c in self._calls.items()}
 
-    def so_far(self) -> EpisodeResult | None:
-        """Returns how the episode of the only row has gone until now; None before the first."""
+    def partial_result(self) -> EpisodeResult | None:
+        """Returns the preliminary result of the only row's episode; None before the first."""
         (row,) = self.rows
         return row.result if row.episode is None else _result(row, row.info)
 
@@ -180,62 +180,62 @@ class LocalRows:
         self.abort()
         for row in self.rows:
             row.env.close()
-        gc.unfreeze()  # what is never looked at counts as leaked when Python ends
+        gc.unfreeze()  # frozen objects count as leaked when Python ends
 
     def _turn(self, row: _Row, call: Call) -> Turn:
         if isinstance(call, Start):
             row.episode = call.job[1]
         assert row.episode is not None
         try:
-            with without_exit():  # images on demand may run the agent's own code
+            with without_exit():  # rendering on demand may run the agent's own code
                 return self._start(row, call) if isinstance(call, Start) else self._step(row, call)
         except Exception as error:
-            raise stopped([row.episode], error) from error
+            raise episode_error([row.episode], error) from error
 
     def _start(self, row: _Row, call: Start) -> Turn:
         """Starts an episode.
 
-        The scene is rebuilt for every episode, so that an outcome depends neither on the episodes
-        that ran before in the same process nor on the number of workers.
+        The scene is rebuilt for every episode, so that outcomes depend neither on the earlier
+        episodes of the process nor on the number of workers.
         """
         index, episode = call.job
         row.steps, row.episode_return, row.result = 0, 0.0, None
         options = {"episode": episode, "reconfigure": True}
         obs, row.info = row.env.reset(seed=episode.seed, options=options)
-        moment = _moment(row, row.info, call.doing, 0.0)
+        step_info = _step_info(row, row.info, call.doing, 0.0)
         for observer in row.observers:
-            observer.start(index, episode, moment)
+            observer.start(index, episode, step_info)
         started = time.perf_counter()
-        row.seen = show(row.env, self.spec, obs)
+        row.obs = agent_view(row.env, self.spec, obs)
         row.seconds = time.perf_counter() - started
-        return Turn(obs=row.seen)
+        return Turn(obs=row.obs)
 
     def _step(self, row: _Row, call: Step) -> Turn:
-        """Carries out an action; the environment says whether the episode is over."""
+        """Steps the environment; returns the result if the episode is over."""
         started = time.perf_counter()
-        if isinstance(row.seen, Seen):
-            row.seen.step_away()
+        if isinstance(row.obs, LazyObservation):
+            row.obs.expire()
         obs, reward, terminated, truncated, row.info = row.env.step(call.action)
-        row.seen = show(row.env, self.spec, obs)
+        row.obs = agent_view(row.env, self.spec, obs)
         row.seconds += time.perf_counter() - started
-        paid = float(torch.as_tensor(reward).reshape(-1)[0])
+        value = float(torch.as_tensor(reward).reshape(-1)[0])
         row.steps += 1
-        row.episode_return += paid
+        row.episode_return += value
         for observer in row.observers:
-            observer.step(_moment(row, row.info, call.doing, paid))
+            observer.step(_step_info(row, row.info, call.doing, value))
         over = _first(terminated) or _first(truncated)
         row.result = _result(row, row.info) if over else None
         if over:
             for observer in row.observers:
                 observer.end()
             row.episode = None
-        return Turn(obs=row.seen, result=row.result)
+        return Turn(obs=row.obs, result=row.result)
 
 
 def make_rows(plan: RolloutPlan, spec: AgentSpec, count: int) -> LocalRows:
-    """Makes the environments of `count` rows in this process."""
-    # ManiSkill collects garbage whenever it builds a scene, which is before each episode:
-    # looking through all that was imported would take most of a reset.
+    """Creates the environments of `count` rows in this process."""
+    # ManiSkill collects garbage whenever it builds a scene, i.e. before each episode. Scanning all
+    # imported objects would take most of a reset.
     gc.freeze()
     rows = LocalRows(spec=spec)
     for _ in range(count):
@@ -247,8 +247,8 @@ def make_rows(plan: RolloutPlan, spec: AgentSpec, count: int) -> LocalRows:
     return rows
 
 
-def stopped(episodes: Iterable[Episode], error: Exception) -> RunStoppedError:
-    """Returns the error that names the episodes that an exception ended."""
+def episode_error(episodes: Iterable[Episode], error: Exception) -> RunStoppedError:
+    """Returns the error for episodes that an exception ended."""
     ids = ", ".join(repr(episode.id) for episode in episodes)
     which = "Episodes" if ", " in ids else "Episode"
     return RunStoppedError(
@@ -257,17 +257,17 @@ def stopped(episodes: Iterable[Episode], error: Exception) -> RunStoppedError:
     )
 
 
-def _moment(row: _Row, info: Mapping[str, Any], doing: str, reward: float) -> Moment:
-    """Returns what observers are told."""
-    return Moment(
+def _step_info(row: _Row, info: Mapping[str, Any], doing: str, reward: float) -> StepInfo:
+    """Returns the information for observers."""
+    return StepInfo(
         step=row.steps, info=info, doing=doing, reward=reward, episode_return=row.episode_return
     )
 
 
 def _result(row: _Row, info: Mapping[str, Any]) -> EpisodeResult:
-    """Returns how an episode went, from the environment's point of view."""
+    """Returns the result of an episode, from the environment alone."""
     assert row.episode is not None
-    success = _first(info.get("success", False))  # nothing is known of it before the first step
+    success = _first(info.get("success", False))  # absent before the first step
     return EpisodeResult(
         id=row.episode.id,
         scene=row.episode.scene_id,
@@ -281,7 +281,7 @@ def _result(row: _Row, info: Mapping[str, Any]) -> EpisodeResult:
 
 
 def _failure(info: Mapping[str, Any]) -> str | None:
-    """Names why an episode failed, if the environment knows."""
+    """Returns the environment's failure category, None if there is none."""
     named = [name for name, value in info.get("failures", {}).items() if _first(value)]
     if named:
         return named[0]
@@ -289,5 +289,5 @@ def _failure(info: Mapping[str, Any]) -> str | None:
 
 
 def _first(value: Any) -> bool:
-    """Returns the only row of an (N,) flag; Gymnasium's own wrappers may return plain bools."""
+    """Returns the only row of an (N,) flag; Gymnasium's wrappers may return plain bools."""
     return bool(torch.as_tensor(value).reshape(-1)[0])

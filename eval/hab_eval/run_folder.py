@@ -1,4 +1,4 @@
-"""The folder of a run: `config.json`, journal and traces as it goes, `run.json` at the end."""
+"""The run folder: `config.json`, journal and traces during the run, `run.json` at the end."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from hab_eval.schema import name_episode, parse_json_text, read_dataclass, to_js
 from hab_tasks.errors import FileError, shown
 from hab_tasks.files import ASIDE, check_folder, written_aside
 
-UNFINISHED = (f"{ASIDE}*", "partial_video_*.mp4")
-"""What a run that was killed may leave; the next one removes it."""
+UNFINISHED = f"{ASIDE}*"
+"""Temporary files left by a killed run; the next run removes them."""
 
 OWN_FILES = (
     "config.json",
@@ -34,9 +34,9 @@ OWN_FILES = (
     "error.txt",
     "video_*.mp4",
     "video_*.png",
-    *UNFINISHED,
+    UNFINISHED,
 )
-"""What a run writes; `--force` removes these and nothing else."""
+"""Files of a run; `--force` removes these and nothing else."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,12 +52,12 @@ class RunFolder:
 
     @property
     def journal_path(self) -> Path:
-        """One finished episode a line."""
+        """One finished episode per line."""
         return self.root / "episodes.jsonl"
 
     @property
     def traces_path(self) -> Path:
-        """What the agent believed and did, one episode a line; only if it says so."""
+        """The agent's traces, one episode per line; only if the agent reports traces."""
         return self.root / "traces.jsonl"
 
     @property
@@ -67,15 +67,15 @@ class RunFolder:
 
     @property
     def error_path(self) -> Path:
-        """Traceback of what stopped the run."""
+        """Traceback of the error that stopped the run."""
         return self.root / "error.txt"
 
     def discard(self) -> None:
-        """Takes back a run that never started."""
+        """Removes the configuration of a run that never started."""
         self.config_path.unlink(missing_ok=True)
 
     def append(self, finished: FinishedEpisode) -> None:
-        """Adds one line to the journal, and the trace if there is one; the disk then has both.
+        """Appends an episode to the journal, and its trace if there is one; syncs both to disk.
 
         Raises:
             FileError: The disk is full.
@@ -83,12 +83,12 @@ class RunFolder:
         line = to_json(finished)
         trace = line.pop("trace")
         if trace:
-            # First, so that no episode is kept without its trace.
+            # The trace is first, so that no episode in the journal lacks its trace.
             _add_line(self.traces_path, {"id": finished.episode.id, "trace": trace})
         _add_line(self.journal_path, line)
 
     def read_journal(self) -> dict[str, FinishedEpisode]:
-        """Returns the finished episodes by id, and cuts off a torn last line."""
+        """Returns the finished episodes by id; truncates an incomplete last line."""
         found: dict[str, FinishedEpisode] = {}
         for number, line in enumerate(_whole_lines(self.journal_path), start=1):
             where = f"{self.journal_path}: line {number}"
@@ -99,7 +99,7 @@ class RunFolder:
         return found
 
     def cut_traces(self, finished: Container[str]) -> None:
-        """Keeps the traces of `finished` episodes; the others will run again and write theirs."""
+        """Removes the traces of episodes that are not finished, which will run again."""
         path, lines = self.traces_path, _whole_lines(self.traces_path)
         numbered = enumerate(lines, start=1)
         kept = [one for n, one in numbered if _traced(one, f"{path}: line {n}") in finished]
@@ -109,39 +109,41 @@ class RunFolder:
 
 
 def check_free(root: Path, *, resume: bool, force: bool) -> None:
-    """Refuses a folder that holds something, unless told what to do with it.
+    """Checks that the folder is free, or that `resume` or `force` says what to do with its files.
 
     Raises:
-        RunFolderError: Says which options there are.
-        FileError: It cannot be written to, or is no folder.
+        RunFolderError: It is not; the message lists the options.
+        FileError: The path cannot be written to, or is not a folder.
     """
     if resume and force:
-        raise RunFolderError("--resume keeps the finished episodes, --force drops them: give one.")
-    there = os.path.isdir(root)  # a name that no file can have is none
+        raise RunFolderError(
+            "--resume keeps the finished episodes, --force drops them: give only one."
+        )
+    there = os.path.isdir(root)  # unlike Path.is_dir, False for an invalid name
     if not there:
         check_folder(root, force=force, mark="config.json")
     taken = there and any(path.name != LOCK for path in root.iterdir())
     if taken and not (resume or force):
         raise RunFolderError(
-            f"--out {root} is there already. Give --resume to go on with its run, --force to "
-            "replace it, or another folder."
+            f"--out {root} already exists. Use --resume to continue its run, --force to replace "
+            "it, or another folder."
         )
     if taken and resume and not RunFolder(root=root).config_path.is_file():
-        raise RunFolderError(f"--out {root} holds no config.json, so there is no run to resume.")
+        raise RunFolderError(f"--out {root} has no config.json, so there is no run to resume.")
 
 
 def open_folder(
     root: Path, saved: SavedConfig, *, resume: bool, force: bool
 ) -> tuple[RunFolder, SavedConfig]:
-    """Prepares the folder for a new run, or checks that an old one may go on with `saved`.
+    """Prepares the folder of a new run, or checks that an old run can be resumed as `saved`.
 
     Returns:
-        The folder and what is now saved in it: a resumed run keeps the commits it began on.
+        The folder, and the saved configuration; a resumed run keeps its earlier commits.
     """
     check_free(root, resume=resume, force=force)
     folder = RunFolder(root=root)
     root.mkdir(parents=True, exist_ok=True)
-    for pattern in OWN_FILES if force else UNFINISHED:
+    for pattern in OWN_FILES if force else (UNFINISHED,):
         for path in root.glob(pattern):
             path.unlink()
     if resume and folder.config_path.is_file():
@@ -156,7 +158,7 @@ def open_folder(
 
 
 def _add_line(path: Path, value: dict[str, Any]) -> None:
-    """Adds a line of JSON and waits until the disk has it."""
+    """Appends a line of JSON and syncs it to disk."""
     line = json.dumps(value, allow_nan=False) + "\n"
     try:
         with path.open("a", encoding="utf-8") as file:
@@ -168,11 +170,11 @@ def _add_line(path: Path, value: dict[str, Any]) -> None:
 
 
 def _whole_lines(path: Path) -> list[str]:
-    """Returns a file's lines, none if there is no file, and cuts off a torn last one."""
+    """Returns the lines of a file, [] if it does not exist; truncates an incomplete last line."""
     if not path.exists():
         return []
     if not path.is_file():
-        raise ResultError(f"{path}: is not a regular file.")
+        raise ResultError(f"{path}: not a regular file.")
     whole, newline, torn = path.read_bytes().rpartition(b"\n")
     if torn:
         with path.open("r+b") as file:
@@ -185,7 +187,7 @@ def _decoded(line: bytes, where: str) -> str:
     try:
         return line.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise ResultError(f"{where}: is no UTF-8 text: {error}") from error
+        raise ResultError(f"{where}: not valid UTF-8 text: {error}") from error
 
 
 def _parse(line: str, where: str) -> FinishedEpisode:
@@ -200,7 +202,7 @@ def _parse(line: str, where: str) -> FinishedEpisode:
 
 
 def _traced(line: str, where: str) -> str:
-    """Returns the id of the episode that a line of traces is about."""
+    """Returns the episode id of a line of traces."""
     data = _parse_line(line, where)
     name = data.get("id") if isinstance(data, dict) else None
     if not isinstance(name, str):

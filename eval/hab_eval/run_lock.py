@@ -1,7 +1,7 @@
-"""One run at a time in a result folder.
+"""Lock of a run folder: one run at a time.
 
-The lock is the kernel's (`flock`) on a file that is held open, so it ends with the process however
-that ends. The file itself only says whose lock it is.
+The lock is a `flock` on an open file, which the kernel releases when the process ends for whatever
+reason. The content of the file only names the owner.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from hab_tasks.errors import FileError
 LOCK = ".lock"
 
 NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
-"""Some network file systems know no locks; a run there goes without."""
+"""Some network file systems do not support locks; runs there are not locked."""
 
 
 @contextlib.contextmanager
 def locked(root: Path) -> Generator[None, None, None]:
-    """Holds the folder `root`, which is made if it is not there, and removed if it stays empty.
+    """Locks the folder `root`; creates it if needed, and removes it again if it stays empty.
 
     Raises:
-        RunFolderError: Another process holds it; names its pid and host.
+        RunFolderError: Another process holds the lock; the message has its pid and host.
         FileError: The folder cannot be written to.
     """
     made = [folder for folder in (root, *root.parents) if not folder.exists()]
@@ -42,16 +42,16 @@ def locked(root: Path) -> Generator[None, None, None]:
         try:
             yield
         finally:
-            path.unlink(missing_ok=True)  # before it is let go: a later one has a file of its own
+            path.unlink(missing_ok=True)  # before the release: the next owner makes a new file
             os.close(file)
     finally:
-        with contextlib.suppress(OSError):  # it holds something
+        with contextlib.suppress(OSError):  # the folder is not empty
             for folder in made:
                 folder.rmdir()
 
 
 def _hold(path: Path) -> int:
-    """Returns the open lock file of this process."""
+    """Acquires the lock; returns the open lock file."""
     while True:
         file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
         try:
@@ -65,7 +65,7 @@ def _hold(path: Path) -> int:
             os.ftruncate(file, 0)
             os.pwrite(file, f"process {os.getpid()} on {socket.gethostname()}".encode(), 0)
             return file
-        os.close(file)  # its owner ended, and removed it, between our two calls
+        os.close(file)  # the owner removed the file between our two calls
 
 
 def _is_at(file: int, path: Path) -> bool:
@@ -76,7 +76,4 @@ def _is_at(file: int, path: Path) -> bool:
 
 
 def _busy(root: Path, owner: str) -> str:
-    return (
-        f"--out {root} is in use: {owner} is running in it. Wait for its end, or give another "
-        "folder."
-    )
+    return f"--out {root} is in use by {owner}. Wait until it has finished, or use another folder."

@@ -1,7 +1,7 @@
-"""The one rollout loop: an agent acts in N rows, each of which plays one episode after another.
+"""The rollout loop: an agent acts in N batch rows, each running one episode after another.
 
-N is 1 for most agents. Recording and video are observers of the rows; the rows live in this process
-(`hab_eval.rows`) or in workers (`hab_eval.workers`), which makes no difference here.
+N is 1 for most agents. Videos are recorded by observers of the rows. Rows are in this process
+(`hab_eval.rows`) or in workers (`hab_eval.workers`), behind the same interface.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ import torch
 from torch import Tensor
 
 from hab_eval.agent_checks import check_actions, check_report, check_reports, without_exit
-from hab_eval.errors import RunStoppedError
 from hab_eval.observers import Observer
 from hab_eval.results import FinishedEpisode, check_finished
-from hab_eval.rows import Call, Job, LocalRows, Rows, Start, Step, Turn, stopped
+from hab_eval.rows import Call, Job, LocalRows, RowGroup, Start, Step, Turn, episode_error
 from hab_tasks.agent import Agent
+from hab_tasks.errors import RunStoppedError
 
 if TYPE_CHECKING:
     import gymnasium as gym
@@ -31,8 +31,8 @@ TIMEOUT = "timeout"
 
 
 @dataclass(kw_only=True)
-class _Playing:
-    """What the loop knows of a row; `episode` is None when it is over."""
+class _RowState:
+    """State of a row in the loop; `episode` is None when the row is free."""
 
     episode: Episode | None = None
     seed: int = 0
@@ -47,10 +47,10 @@ def run_episode(
     episode: Episode,
     observers: Sequence[Observer] = (),
 ) -> FinishedEpisode:
-    """Runs one episode to its end in a given environment and returns how it went.
+    """Runs one episode in a given environment and returns its result.
 
     Raises:
-        Exception: What the agent or the environment raised.
+        Exception: Raised by the agent or the environment.
     """
     rows = LocalRows(spec=agent.spec)
     rows.add(env, observers)
@@ -62,16 +62,16 @@ def run_episode(
 
 
 def play(
-    agent: Agent, groups: Sequence[Rows], jobs: Iterator[Job]
+    agent: Agent, groups: Sequence[RowGroup], jobs: Iterator[Job]
 ) -> Generator[FinishedEpisode, None, None]:
-    """Hands out the jobs to rows that are free, each once, and yields results as they come.
+    """Assigns jobs to free rows and yields results as episodes finish.
 
     There must be at least as many jobs as rows.
 
     Raises:
-        RunStoppedError: If the agent or an environment raised; names the episodes.
+        RunStoppedError: The agent or an environment raised; the message has the episodes.
     """
-    rows = [_Playing() for group in groups for _ in range(group.count)]
+    rows = [_RowState() for group in groups for _ in range(group.count)]
     watched = any(group.watched for group in groups)
     try:
         while calls := _next_calls(agent, rows, jobs, watched):
@@ -85,9 +85,9 @@ def play(
 
 
 def _next_calls(
-    agent: Agent, rows: Sequence[_Playing], jobs: Iterator[Job], watched: bool
+    agent: Agent, rows: Sequence[_RowState], jobs: Iterator[Job], watched: bool
 ) -> dict[int, Call]:
-    """Returns an action for every row that plays, and a new episode for every other one."""
+    """Returns an action for every running row and a new episode for every free row."""
     playing = [number for number, row in enumerate(rows) if row.episode is not None]
     calls: dict[int, Call] = dict(_act(agent, rows, playing, watched)) if playing else {}
     started: dict[int, Job] = {}
@@ -98,7 +98,7 @@ def _next_calls(
             row.episode, row.seed, row.act_s = job[1], job[1].seed, 0.0
     if started:
         mask = torch.tensor([number in started for number in range(len(rows))])
-        with _naming(job[1] for job in started.values()):
+        with _naming_episodes(job[1] for job in started.values()):
             agent.reset(mask, [row.seed for row in rows])
             doing = _doing(agent, rows, watched)
         for number, job in started.items():
@@ -107,11 +107,11 @@ def _next_calls(
 
 
 def _act(
-    agent: Agent, rows: Sequence[_Playing], playing: Sequence[int], watched: bool
+    agent: Agent, rows: Sequence[_RowState], playing: Sequence[int], watched: bool
 ) -> dict[int, Step]:
-    """Asks the agent for the actions of all rows; returns those of the rows that play."""
+    """Queries the agent's actions for all rows; returns those of the running rows."""
     started = time.perf_counter()
-    with _naming(_episodes(rows)):
+    with _naming_episodes(_episodes(rows)):
         actions = agent.act(_batched([row.obs for row in rows]))
         check_actions(actions, len(rows))
         actions = actions.cpu()
@@ -122,15 +122,15 @@ def _act(
     return {n: Step(action=actions[n : n + 1], doing=doing[n]) for n in playing}
 
 
-def _doing(agent: Agent, rows: Sequence[_Playing], watched: bool) -> list[str]:
-    """Returns what the agent is doing in each row, where anybody watches."""
+def _doing(agent: Agent, rows: Sequence[_RowState], watched: bool) -> list[str]:
+    """Returns the agent's current activity in each row; empty if no observer needs it."""
     if not watched:
         return [""] * len(rows)
     return [one.doing for one in check_reports(agent.report(), len(rows), agent.spec.name)]
 
 
-def _exchange(groups: Sequence[Rows], calls: Mapping[int, Call]) -> dict[int, Turn]:
-    """Sends each process the calls of its rows, then collects the answers."""
+def _exchange(groups: Sequence[RowGroup], calls: Mapping[int, Call]) -> dict[int, Turn]:
+    """Sends each group the calls of its rows, then collects the answers."""
     first, sent = 0, []
     for group in groups:
         own = {n - first: call for n, call in calls.items() if 0 <= n - first < group.count}
@@ -141,11 +141,11 @@ def _exchange(groups: Sequence[Rows], calls: Mapping[int, Call]) -> dict[int, Tu
     return {start + n: turn for start, group in sent for n, turn in group.receive().items()}
 
 
-def _finish(agent: Agent, rows: Sequence[_Playing], number: int, turn: Turn) -> FinishedEpisode:
-    """Adds what the agent says to the environment's result, and frees the row."""
+def _finish(agent: Agent, rows: Sequence[_RowState], number: int, turn: Turn) -> FinishedEpisode:
+    """Merges the agent's report into the environment's result and frees the row."""
     assert turn.result is not None
     row, name = rows[number], agent.spec.name
-    with _naming(_episodes([row])):
+    with _naming_episodes(_episodes([row])):
         report = check_reports(agent.report(), len(rows), name)[number]
         said, timings_s = check_report(report, name)
         failure = None if turn.result.success else turn.result.failure or said or TIMEOUT
@@ -157,21 +157,21 @@ def _finish(agent: Agent, rows: Sequence[_Playing], number: int, turn: Turn) -> 
 
 
 @contextlib.contextmanager
-def _naming(episodes: Iterable[Episode]) -> Generator[None, None, None]:
-    """Names the episodes in whatever the agent raises."""
+def _naming_episodes(episodes: Iterable[Episode]) -> Generator[None, None, None]:
+    """Converts exceptions of the agent into errors that name the episodes."""
     try:
         with without_exit():
             yield
     except Exception as error:
-        raise stopped(episodes, error) from error
+        raise episode_error(episodes, error) from error
 
 
-def _episodes(rows: Sequence[_Playing]) -> Iterator[Episode]:
+def _episodes(rows: Sequence[_RowState]) -> Iterator[Episode]:
     return (row.episode for row in rows if row.episode is not None)
 
 
 def _batched(values: Sequence[Any]) -> Any:
-    """Returns one observation of N rows from N of one row; tensors (1, ...) become (N, ...)."""
+    """Concatenates N observations of one row; tensors (1, ...) become (N, ...)."""
     first = values[0]
     if len(values) == 1:
         return first
@@ -179,4 +179,4 @@ def _batched(values: Sequence[Any]) -> Any:
         return torch.cat(list(values))
     if isinstance(first, Mapping):
         return {name: _batched([value[name] for value in values]) for name in first}
-    return [item for value in values for item in value]  # true states, a list for each row
+    return [item for value in values for item in value]  # ground-truth states: lists of one entry

@@ -1,8 +1,7 @@
-"""Strict reading of JSON into frozen dataclasses: no key too many, none missing, no wrong type.
+"""Strict JSON to frozen dataclasses: unknown keys, missing keys and wrong types are errors.
 
-Numbers are finite and of a size that can be summed and squared, and strings are text that can be
-written. Fields may ask for more in their metadata. Every error names the file and the field, and
-the episode if there is one.
+Numbers must be finite and small enough for sums of squares, and strings must be valid UTF-8. The
+metadata of a field can add constraints. Errors name the file, the field and the episode, if any.
 """
 
 from __future__ import annotations
@@ -23,26 +22,26 @@ from hab_tasks.errors import SHOWN_CHARACTERS, HabError, shown
 T = TypeVar("T")
 
 MAY_BE_ABSENT = {"may_be_absent": True}
-"""Metadata of a field that older files lack; its default is read then."""
+"""Field metadata: the key is optional, because older files lack it; the default is used."""
 
 NOT_NEGATIVE = {"not_negative": True}
-"""Metadata of a field whose numbers, also those inside of a dict, are from 0."""
+"""Field metadata: numbers, also those inside a dict, must be >= 0."""
 
 NOT_EMPTY = {"not_empty": True}
-"""Metadata of a field whose text is not blank."""
+"""Field metadata: text must not be blank."""
 
 LARGEST_NUMBER = 1e100
-"""Nothing measured is as large, and sums and squares of smaller numbers are finite."""
+"""Larger than any measurement, with finite sums and squares."""
 
 LARGEST_INT = 2**63 - 1
-"""Readers of JSON in other languages have integers of 64 bits."""
+"""JSON readers in other languages use 64-bit integers."""
 
 MOST_KEYS = 5
-"""Unknown keys that an error names."""
+"""Maximum number of unknown keys in an error."""
 
 
 def json_key(field: dataclasses.Field[Any]) -> str:
-    """Returns a field's name in JSON: Python keywords such as `return` need another name here."""
+    """Returns a field's JSON key, which may be a Python keyword such as `return`."""
     return field.metadata.get("key", field.name)
 
 
@@ -54,26 +53,26 @@ def parse_json(path: Path) -> Any:
     """
     try:
         if path.exists() and not path.is_file():
-            raise ResultError(f"{path}: cannot be read as JSON: it is not a regular file.")
+            raise ResultError(f"{path}: cannot be read as JSON: not a regular file.")
         return parse_json_text(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ResultError(f"{path}: cannot be read as JSON: {error}") from error
 
 
 def parse_json_text(text: str) -> Any:
-    """Parses JSON. NaN and infinities pass, so that `read_dataclass` can say where they are.
+    """Parses JSON. NaN and infinities pass, so that `read_dataclass` can name their field.
 
     Raises:
-        ValueError: The text is not JSON, has a key twice in one object, or is nested too deeply.
+        ValueError: The text is not JSON, has a duplicate key, or is nested too deeply.
     """
     try:
         return json.loads(text, object_pairs_hook=_object)
     except RecursionError:
-        raise ValueError("it is nested too deeply") from None
+        raise ValueError("nested too deeply") from None
 
 
 def to_json(value: Any) -> Any:
-    """Turns dataclasses into plain JSON values, under their JSON names."""
+    """Converts dataclasses to plain JSON values, with their JSON keys."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         pairs = [(json_key(f), getattr(value, f.name)) for f in dataclasses.fields(value)]
         return {key: to_json(item) for key, item in pairs}
@@ -90,10 +89,10 @@ def read_dataclass(cls: type[T], data: Any, where: str) -> T:
     Args:
         cls: A dataclass of str, int, float, bool, None, Any, tuples, dicts and dataclasses.
         data: Parsed JSON.
-        where: Place named in errors, e.g. ``run.json: episodes[3]``.
+        where: Location for errors, e.g. ``run.json: episodes[3]``.
 
     Raises:
-        ResultError: Names the place, what was expected and what was found.
+        ResultError: Has the location, the expected and the actual value.
     """
     _expect(isinstance(data, dict), where, "an object", data)
     members = _members(cls)
@@ -118,7 +117,7 @@ def read_dataclass(cls: type[T], data: Any, where: str) -> T:
 
 
 def is_text(value: str) -> bool:
-    """Returns whether UTF-8 can hold a string; half of a surrogate pair it cannot."""
+    """Returns whether a string can be encoded as UTF-8; lone surrogates cannot."""
     try:
         value.encode("utf-8")
     except UnicodeEncodeError:
@@ -127,14 +126,14 @@ def is_text(value: str) -> bool:
 
 
 def name_episode(entry: Any) -> str:
-    """Returns in words which episode an entry of a file is about, "" if it does not say so."""
+    """Returns a sentence with the episode of a file entry, "" if it has no id."""
     name = entry.get("id") if isinstance(entry, dict) else None
     return f" It is episode {shown(name)}." if isinstance(name, str) else ""
 
 
 @functools.cache
 def _members(cls: type) -> dict[str, tuple[dataclasses.Field[Any], Any]]:
-    """Returns JSON key -> field and its type."""
+    """Returns JSON key -> (field, type)."""
     hints = typing.get_type_hints(cls)
     found = dataclasses.fields(typing.cast(Any, cls))
     return {json_key(field): (field, hints[field.name]) for field in found}
@@ -153,7 +152,7 @@ def _read(hint: Any, value: Any, where: str, rules: Mapping[str, Any]) -> Any:
     if origin is dict:
         _expect(isinstance(value, dict), where, "an object", value)
         for key in value:
-            _expect(is_text(key), where, "names that UTF-8 can hold", key)
+            _expect(is_text(key), where, "names that are valid UTF-8", key)
         return {key: _read(args[1], item, f"{where}.{key}", rules) for key, item in value.items()}
     if origin is tuple:
         _expect(isinstance(value, list), where, "a list", value)
@@ -162,13 +161,13 @@ def _read(hint: Any, value: Any, where: str, rules: Mapping[str, Any]) -> Any:
         return _read_number(hint, value, where, rules)
     _expect(type(value) is hint, where, f"a value of type {hint.__name__}", value)
     if hint is str:
-        _expect(is_text(value), where, "text that UTF-8 can hold", value)
+        _expect(is_text(value), where, "text that is valid UTF-8", value)
         _expect(bool(value.strip()) or "not_empty" not in rules, where, "a name", value)
     return value
 
 
 def _read_number(hint: type, value: Any, where: str, rules: Mapping[str, Any]) -> int | float:
-    """Reads a number; a whole one will do where any is expected."""
+    """Reads a number; a float field also accepts an int."""
     if isinstance(value, float) and not math.isfinite(value):
         name = "NaN" if math.isnan(value) else "-Infinity" if value < 0 else "Infinity"
         raise ResultError(f"{where}: {name} is not JSON; a finite number is expected.")
@@ -179,7 +178,7 @@ def _read_number(hint: type, value: Any, where: str, rules: Mapping[str, Any]) -
     largest = LARGEST_INT if hint is int else LARGEST_NUMBER
     if not -largest <= value <= largest:
         raise ResultError(f"{where}: {shown(value)} is too large; at most {largest:g} is expected.")
-    _expect(value >= 0 or "not_negative" not in rules, where, "a number from 0", value)
+    _expect(value >= 0 or "not_negative" not in rules, where, "a number >= 0", value)
     return hint(value)
 
 
@@ -195,7 +194,7 @@ def _read_tuple(
 
 
 def _read_entry(hint: Any, value: Any, where: str, rules: Mapping[str, Any]) -> Any:
-    """Reads an entry of a list; an error names its episode."""
+    """Reads an entry of a list; errors name its episode."""
     try:
         return _read(hint, value, where, rules)
     except ResultError as error:
@@ -208,10 +207,10 @@ def _expect(ok: bool, where: str, wanted: str, value: Any) -> None:
 
 
 def _object(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
-    """Returns an object; refuses a key that is there twice, of which one would win in silence."""
+    """Builds an object; raises on duplicate keys, of which `json` would keep only the last."""
     given = list(pairs)
     found = dict(given)
     if len(found) < len(given):
         keys = [key for key, _ in given]
-        raise ValueError(f"key {shown(next(k for k in keys if keys.count(k) > 1))} is there twice")
+        raise ValueError(f"duplicate key {shown(next(k for k in keys if keys.count(k) > 1))}")
     return found

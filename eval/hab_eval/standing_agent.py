@@ -1,6 +1,6 @@
-"""Agents that earn nothing: they stand still and do at most one thing with the hand.
+"""Trivial agents that stand still and at most open or close the gripper.
 
-No episode may be won by them, so their rows on the leaderboard are all zero.
+They must not solve any episode: their success on the leaderboard is zero.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ NAMES: dict[Hand, str] = {
 
 
 class StandingAgent:
-    """Moves neither arm nor base; keeps what it holds, or closes or opens the hand all the time."""
+    """Moves neither arm nor base; keeps the gripper as it is, or closes or opens it."""
 
     def __init__(self, setup: AgentSetup, hand: Hand) -> None:
         check_options(setup, {})
@@ -35,22 +35,22 @@ class StandingAgent:
         self._entry = environments.gripper_entry(control_mode)
 
     def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
-        """Takes the number of rows; there is nothing to forget."""
+        """Sets the number of rows; the agent has no other state."""
         self._still = self._still[:1].repeat(len(mask), 1)
 
     def act(self, obs: Mapping[str, Any]) -> Tensor:
-        """Returns zeros (N, A) float32 but for the gripper; zero velocity is the stop action."""
+        """Returns zeros (N, A) float32 except for the gripper; zero velocity is the stop action."""
         action = self._still.clone()
         if self._entry is not None:
             action[:, self._entry] = self._gripper(obs)
         return action
 
     def report(self) -> list[AgentReport]:
-        """Returns an empty report for each row."""
+        """Returns empty reports."""
         return [AgentReport() for _ in self._still]
 
     def _gripper(self, obs: Mapping[str, Any]) -> Tensor | float:
-        """Returns the gripper entry (N,): >= 0 grasps when the hand is empty, < 0 releases."""
+        """Returns the gripper entry (N,): >= 0 grasps if the gripper is empty, < 0 releases."""
         if self._hand != "keep":
             return 1.0 if self._hand == "close" else -1.0
         holding = torch.as_tensor(obs["agent"]["is_holding"]).reshape(len(self._still))

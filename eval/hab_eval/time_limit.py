@@ -1,8 +1,8 @@
-"""A limit on the time of an agent's calls: what its worker process tells the parent about them.
+"""Time limit for an agent's calls: the messages of a worker to its parent.
 
-A call that hangs, perhaps inside a library, cannot be ended from within. So the worker announces
-every call before it makes it, with the result of the episode so far, and the parent ends the
-process of a call that takes too long.
+A call that hangs, perhaps inside a library, cannot be interrupted from within its process. The
+worker therefore announces every call, with the preliminary result of the episode, and the parent
+kills the process when the call exceeds the limit.
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked:
-    """The agent is asked for something.
+class CallStarted:
+    """Message: a call of the agent starts.
 
     Attributes:
-        at_s: When, on the clock that all processes of a machine share [s].
-        agent_s: How long the agent has taken in this episode before [s].
-        so_far: How the episode went until now; None before its first step.
+        at_s: Start time on the machine's monotonic clock, shared by all processes [s].
+        agent_s: Time of the agent's earlier calls in this episode [s].
+        partial_result: Preliminary result of the episode; None before its first step.
     """
 
     at_s: float
     agent_s: float = 0.0
-    so_far: EpisodeResult | None = None
+    partial_result: EpisodeResult | None = None
 
-    def late(self, now_s: float, episode: Episode) -> FinishedEpisode:
-        """Returns the episode as it is counted when this call takes too long.
+    def timed_out(self, now_s: float, episode: Episode) -> FinishedEpisode:
+        """Returns the result of the episode if this call exceeds the time limit.
 
         Args:
-            now_s: Time of giving up [s].
-            episode: The episode that is played.
+            now_s: Current time [s].
+            episode: The current episode.
         """
-        known = self.so_far or EpisodeResult(
+        known = self.partial_result or EpisodeResult(
             id=episode.id,
             scene=episode.scene_id,
             success=False,
@@ -60,46 +60,48 @@ class Asked:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Answered:
-    """The agent has answered, at this time [s]."""
+class CallEnded:
+    """Message: the call of the agent has ended, at this time [s]."""
 
     at_s: float
 
 
 class TimedAgent:
-    """An agent of one row that announces each call; otherwise the agent that it holds."""
+    """Wraps an agent of one row and announces each of its calls."""
 
     def __init__(
-        self, agent: Agent, rows: LocalRows, send: Callable[[Asked | Answered], None]
+        self, agent: Agent, rows: LocalRows, send: Callable[[CallStarted | CallEnded], None]
     ) -> None:
-        """Announces the calls of `agent`, which plays in `rows`, with `send`."""
+        """Announces the calls of `agent`, which acts in `rows`, by `send`."""
         self.spec = agent.spec
         self._agent, self._rows, self._send = agent, rows, send
         self._agent_s = 0.0
 
     def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
-        """Starts an episode, in which nothing has happened yet."""
+        """Starts an episode."""
         self._agent_s = 0.0
         with self._announced(None):
             self._agent.reset(mask, seeds)
 
     def act(self, obs: Mapping[str, Any]) -> Tensor:
         """Returns the agent's actions (1, A)."""
-        with self._announced(self._rows.so_far()):
+        with self._announced(self._rows.partial_result()):
             return self._agent.act(obs)
 
     def report(self) -> list[AgentReport]:
         """Returns the agent's report."""
-        with self._announced(self._rows.so_far()):
+        with self._announced(self._rows.partial_result()):
             return self._agent.report()
 
     @contextlib.contextmanager
-    def _announced(self, so_far: EpisodeResult | None) -> Generator[None, None, None]:
-        asked = Asked(at_s=time.monotonic(), agent_s=self._agent_s, so_far=so_far)
-        self._send(asked)
+    def _announced(self, partial_result: EpisodeResult | None) -> Generator[None, None, None]:
+        call = CallStarted(
+            at_s=time.monotonic(), agent_s=self._agent_s, partial_result=partial_result
+        )
+        self._send(call)
         try:
             yield
         finally:
             now_s = time.monotonic()
-            self._agent_s += now_s - asked.at_s
-            self._send(Answered(at_s=now_s))
+            self._agent_s += now_s - call.at_s
+            self._send(CallEnded(at_s=now_s))

@@ -1,10 +1,10 @@
 """Evaluation in worker processes on one machine.
 
-An agent of one row runs in every worker, with an environment of its own (`run_parallel`). An agent
-of several rows runs once, in the parent, and the workers hold the environments (`run_batched`).
+An agent of one row runs in every worker, with its own environment (`run_parallel`). An agent of
+several rows runs once, in the parent, and the workers step the environments (`run_batched`).
 
-The parent hands out the episodes and is the only one that writes results, so each episode runs
-exactly once. An episode's outcome does not depend on its worker (see `rows.LocalRows`).
+Only the parent assigns episodes and writes results, so each episode runs exactly once. The outcome
+of an episode does not depend on its worker (see `rows.LocalRows`).
 """
 
 from __future__ import annotations
@@ -27,27 +27,26 @@ import torch
 from torch import Tensor
 
 from hab_eval.environments import setup_of
-from hab_eval.errors import RunStoppedError
 from hab_eval.load_agent import load_agent
 from hab_eval.results import FinishedEpisode
-from hab_eval.rows import Call, Job, RolloutPlan, Rows, Step, Turn, make_rows
+from hab_eval.rows import Call, Job, RolloutPlan, RowGroup, Step, Turn, make_rows
 from hab_eval.runner import play
-from hab_eval.time_limit import Answered, Asked, TimedAgent
+from hab_eval.time_limit import CallEnded, CallStarted, TimedAgent
 from hab_tasks.agent import Agent, AgentSpec
-from hab_tasks.errors import HabError
-from hab_tasks.processes import use_one_thread
+from hab_tasks.errors import HabError, RunStoppedError
+from hab_tasks.processes import WORKER_CONTEXT, use_one_thread
 
 STOP_TIMEOUT_S = 5.0
 PR_SET_PDEATHSIG = 1
-"""Of Linux's <sys/prctl.h>."""
+"""From Linux's <sys/prctl.h>."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Failure:
-    """Why a worker cannot go on. Exceptions themselves do not all survive pickling.
+    """Error of a worker as text, because not every exception can be pickled.
 
     Attributes:
-        details: Traceback; None if the input is bad and the message says all.
+        details: Traceback; None for bad input, where the message is enough.
     """
 
     message: str
@@ -56,50 +55,50 @@ class _Failure:
 
 @dataclass(kw_only=True)
 class _Worker:
-    """A worker process, the parent's end of its pipe, and the episodes it is busy with."""
+    """A worker process, the parent's end of its pipe, and its current episodes."""
 
     process: SpawnProcess
     connection: Connection
     episode_ids: tuple[str, ...] = ()
     job: Job | None = None
-    asked: Asked | None = None
+    call: CallStarted | None = None
     ended: bool = False
 
     def give(self, job: Job | None) -> None:
-        """Sends the next job, if there is one."""
+        """Sends the next job, if any."""
         self.job = job
         self.episode_ids = () if job is None else (job[1].id,)
         if job is not None:
             self.send(job)
 
     def time_left_s(self, limit_s: float | None) -> float | None:
-        """Returns how long the agent's present call may still take [s]; None for any time."""
-        if limit_s is None or self.asked is None:
+        """Returns the remaining time of the agent's current call [s]; None for no limit."""
+        if limit_s is None or self.call is None:
             return None
-        return max(0.0, self.asked.at_s + limit_s - time.monotonic())
+        return max(0.0, self.call.at_s + limit_s - time.monotonic())
 
     def take(self, limit_s: float | None, *, ready: bool) -> FinishedEpisode | None:
-        """Returns the episode if it is over, None if it goes on; ends a call that takes too long.
+        """Returns the episode if it is over, else None; kills the process on a timeout.
 
         Args:
-            limit_s: Longest time of a call [s]; None for any.
-            ready: Whether there is an answer.
+            limit_s: Time limit of a call [s]; None for no limit.
+            ready: Whether the pipe has a message.
         """
         answer = self.receive() if ready else None
         if isinstance(answer, FinishedEpisode):
             return answer
-        if isinstance(answer, Asked):
-            self.asked = answer
+        if isinstance(answer, CallStarted):
+            self.call = answer
             return None
-        now_s = answer.at_s if isinstance(answer, Answered) else time.monotonic()
-        asked = self.asked
-        if asked is None or limit_s is None or self.job is None or now_s - asked.at_s <= limit_s:
-            self.asked = None if isinstance(answer, Answered) else asked
+        now_s = answer.at_s if isinstance(answer, CallEnded) else time.monotonic()
+        call = self.call
+        if call is None or limit_s is None or self.job is None or now_s - call.at_s <= limit_s:
+            self.call = None if isinstance(answer, CallEnded) else call
             return None
         self.process.kill()
         self.process.join()
         self.ended = True
-        return asked.late(now_s, self.job[1])
+        return call.timed_out(now_s, self.job[1])
 
     def send(self, message: Any) -> None:
         """Sends a message."""
@@ -109,7 +108,7 @@ class _Worker:
             raise self._died() from error
 
     def receive(self) -> Any:
-        """Takes an answer; raises what the worker says that went wrong."""
+        """Receives a message; raises the error that the worker reported."""
         try:
             answer = self.connection.recv()
         except (EOFError, OSError) as error:
@@ -121,7 +120,7 @@ class _Worker:
         return answer
 
     def _died(self) -> RunStoppedError:
-        """Describes the end of a worker that said nothing."""
+        """Returns the error for a worker that ended without a message."""
         self.process.join(STOP_TIMEOUT_S)
         code = self.process.exitcode
         how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
@@ -156,20 +155,20 @@ class _RemoteRows:
         return {n: replace(turn, obs=_unpacked(turn.obs)) for n, turn in answers.items()}
 
     def abort(self) -> None:
-        """Leaves that to the end of the worker."""
+        """Does nothing: the worker aborts its rows when it ends."""
 
 
 def run_agent(
     plan: RolloutPlan, agent: Agent, jobs: Sequence[Job], *, workers: int
 ) -> Generator[FinishedEpisode, None, None]:
-    """Runs the jobs and yields results as they come.
+    """Runs the jobs and yields results as they finish.
 
-    An agent of one row is loaded anew in each of several workers; and in a worker, even a single
-    one, when the time of its calls is limited.
+    An agent of one row is loaded in each worker if there are several workers or a time limit for
+    its calls.
 
     Raises:
-        RunStoppedError: If an episode raised or a worker died.
-        HabError: If the environment or the agent cannot be made as asked.
+        RunStoppedError: An episode raised or a worker died.
+        HabError: The environment or the agent cannot be created.
     """
     if not jobs:
         return
@@ -197,12 +196,12 @@ def run_inline(
 def run_batched(
     plan: RolloutPlan, agent: Agent, jobs: Sequence[Job], *, count: int
 ) -> Generator[FinishedEpisode, None, None]:
-    """Runs the jobs with the agent here and the environments of its rows in `count` processes."""
+    """Runs the jobs with the agent in this process and its environments in `count` workers."""
     rows = min(agent.spec.rows, len(jobs))
     shares = [len(range(first, rows, count)) for first in range(min(count, rows))]
     workers = [_start(_serve_rows, plan, agent.spec, share) for share in shares]
     try:
-        groups: list[Rows] = [
+        groups: list[RowGroup] = [
             _RemoteRows(worker=worker, count=share, watched=plan.videos > 0)
             for worker, share in zip(workers, shares, strict=True)
         ]
@@ -214,9 +213,9 @@ def run_batched(
 def run_parallel(
     plan: RolloutPlan, jobs: Sequence[Job], *, count: int
 ) -> Generator[FinishedEpisode, None, None]:
-    """Runs the jobs in `count` processes, each with an agent of one row.
+    """Runs the jobs in `count` workers, each with its own agent of one row.
 
-    A process whose agent takes longer for a call than allowed is replaced.
+    A worker whose agent exceeds the time limit of a call is replaced.
     """
     limit_s = plan.config.step_timeout_s
     workers = [_start(_serve_episodes, plan) for _ in range(min(count, len(jobs)))]
@@ -232,11 +231,9 @@ def run_parallel(
                 if finished is None:
                     continue
                 job = next(queue, None)
-                if worker.ended:
-                    _remove_unfinished_video(plan, worker)
-                    if job is not None:
-                        worker.connection.close()
-                        workers[number] = _start(_serve_episodes, plan)
+                if worker.ended and job is not None:
+                    worker.connection.close()
+                    workers[number] = _start(_serve_episodes, plan)
                 workers[number].give(job)
                 yield finished
     finally:
@@ -244,32 +241,24 @@ def run_parallel(
 
 
 def _start(serve: Callable[..., None], *arguments: Any) -> _Worker:
-    """Starts a worker. Spawn, not fork: the simulator and Vulkan do not survive a fork."""
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe()
-    process = context.Process(target=_serve, args=(theirs, serve, *arguments), daemon=True)
+    """Starts a worker."""
+    ours, theirs = WORKER_CONTEXT.Pipe()
+    process = WORKER_CONTEXT.Process(target=_serve, args=(theirs, serve, *arguments), daemon=True)
     process.start()
     theirs.close()  # so that the pipe ends when the worker does
     return _Worker(process=process, connection=ours)
 
 
-def _remove_unfinished_video(plan: RolloutPlan, worker: _Worker) -> None:
-    """Removes what a worker that was ended filmed of its episode."""
-    assert worker.job is not None
-    for path in plan.out.glob(f"partial_video_{worker.job[0]:03d}_*"):
-        path.unlink()
-
-
 def _end_with_parent() -> None:
-    """Has the kernel end this process with its parent, even when a library never returns."""
+    """Makes the kernel kill this process when its parent ends, even inside a library call."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     parent = multiprocessing.parent_process()
     if parent is not None and not parent.is_alive():
-        os._exit(1)  # it ended before the kernel knew
+        os._exit(1)  # the parent ended before the prctl call
 
 
 def _stop(workers: Sequence[_Worker]) -> None:
-    """Ends all workers, idle or not."""
+    """Terminates all workers."""
     for worker in workers:
         worker.connection.close()
         worker.process.terminate()
@@ -281,26 +270,27 @@ def _stop(workers: Sequence[_Worker]) -> None:
 
 
 def _serve(connection: Connection, serve: Callable[..., None], *arguments: Any) -> None:
-    """Runs in the worker until the parent ends the process or the pipe."""
+    """Main function of a worker; runs until the parent closes the pipe or ends the process."""
     _end_with_parent()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what Ctrl-C means
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     use_one_thread()
     try:
         serve(connection, *arguments)
-    except (EOFError, BrokenPipeError):
-        return  # the parent is gone
+        return
     except RunStoppedError as error:
-        connection.send(_Failure(message=str(error), details=error.details))
+        failure = _Failure(message=str(error), details=error.details)
     except HabError as error:
-        connection.send(_Failure(message=str(error), details=None))
+        failure = _Failure(message=str(error), details=None)
     except Exception as error:
         message = f"A worker could not start: {type(error).__name__}: {error}"
-        connection.send(_Failure(message=message, details=traceback.format_exc()))
+        failure = _Failure(message=message, details=traceback.format_exc())
+    # The parent has closed the pipe at the end of a run, or was killed.
+    with contextlib.suppress(ConnectionError):
+        connection.send(failure)
 
 
 def _serve_episodes(connection: Connection, plan: RolloutPlan) -> None:
-    """Plays the episodes that the parent sends, with an agent of its own."""
+    """Runs the episodes that the parent sends, with its own agent."""
     agent = load_agent(plan.config.agent, setup_of(plan.config, plan.device))
     rows = make_rows(plan, agent.spec, 1)
     jobs = iter(connection.recv, None)  # ends with an EOFError
@@ -312,7 +302,7 @@ def _serve_episodes(connection: Connection, plan: RolloutPlan) -> None:
 
 
 def _serve_rows(connection: Connection, plan: RolloutPlan, spec: AgentSpec, count: int) -> None:
-    """Carries out the calls that the parent sends."""
+    """Executes the calls that the parent sends."""
     with contextlib.closing(make_rows(plan, spec, count)) as rows:
         while True:
             calls: dict[int, Any] = connection.recv()
@@ -330,14 +320,14 @@ def _unpacked_call(call: Any) -> Call:
 
 
 def _packed(value: Any) -> Any:
-    """Returns nested groups with arrays for tensors, which would travel in shared memory."""
+    """Converts tensors of nested groups to arrays; tensors would be sent by shared memory."""
     if isinstance(value, Mapping):
         return {name: _packed(part) for name, part in value.items()}
     return value.numpy() if isinstance(value, Tensor) else value
 
 
 def _unpacked(value: Any) -> Any:
-    """Returns what `_packed` was given."""
+    """Inverse of `_packed`."""
     if isinstance(value, Mapping):
         return {name: _unpacked(part) for name, part in value.items()}
     return torch.from_numpy(value) if isinstance(value, np.ndarray) else value

@@ -1,7 +1,6 @@
-"""The subcommands of `hab-tasks`: one module each, one dataclass of options that runs itself."""
+"""Subcommands of `hab-tasks`: one module each, with a dataclass of options and a `run` method."""
 
 from hab_tasks.commands.assets import Assets
-from hab_tasks.commands.base import Command
 from hab_tasks.commands.check import Check
 from hab_tasks.commands.convert import Convert
 from hab_tasks.commands.demo import Demo
@@ -10,6 +9,7 @@ from hab_tasks.commands.episodes import Episodes
 from hab_tasks.commands.figures import Figures
 from hab_tasks.commands.list import List
 from hab_tasks.commands.vary import Vary
+from hab_tasks.console import Command
 
 COMMANDS: dict[str, type[Command]] = {
     "list": List,
@@ -22,6 +22,6 @@ COMMANDS: dict[str, type[Command]] = {
     "convert": Convert,
     "docs": Docs,
 }
-"""Subcommand -> its options, in the order in which `--help` shows them."""
+"""Subcommand -> options, in the order of `--help`."""
 
 __all__ = ["COMMANDS", "Command"]

@@ -13,54 +13,54 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import tyro
 from tqdm import tqdm
 
-from hab_tasks.commands.base import Command
+from hab_tasks.console import Command
 from hab_tasks.pipeline.options import AssetOptions
 
 if TYPE_CHECKING:
     from hab_tasks.pipeline.footprint import Footprint
 
 LINES = 10
-"""Without a terminal, progress is told in so many lines."""
+"""Number of progress lines when stdout is not a terminal."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Assets(Command):
     """Options of `hab-tasks assets`."""
 
-    help: ClassVar[str] = """Writes a copy of a dataset that needs less memory and collides faster.
+    help: ClassVar[str] = """Writes an optimised copy of a dataset: less memory, faster collisions.
 
-The sizes printed are counted from the GLB visuals of the dataset, each file once, not --objects:
-vertices (56 bytes), indices (4) and pixels of textures (4, or compressed to 1/2 or 1).
-`python -m hab_tasks.pipeline.measure DATASET DIR` measures a process that draws them.
+The printed sizes are computed from the dataset's GLB visuals, each file once, without --objects:
+56 bytes per vertex, 4 per index, and 4 per texture pixel (1/2 or 1 when compressed).
+`python -m hab_tasks.pipeline.measure DATASET DIR` measures the memory of a rendering process.
 
 Example:
   hab-tasks assets ~/data/replica_cad --objects ~/data/ycb --collision coacd --out ~/data/light"""
 
     dataset: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="DATASET")]
-    """`apartment` or the path of a ReplicaCAD folder; it is not changed."""
+    """`apartment` or the path of a ReplicaCAD folder; left unchanged."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
-    """The copy; use it as --scene-dataset DIR, and DIR/ycb as --objects."""
+    """Output folder; use it as --scene-dataset DIR, and DIR/ycb as --objects."""
     collision: Annotated[str, tyro.conf.arg(metavar="HOW")] = "coacd"
-    """coacd: at most 20 convex parts; hull: a hull of each part; merged-hull: one hull; box."""
+    """coacd: at most 20 convex parts; hull: one hull per part; merged-hull: one hull; or box."""
     recompute: bool = False
-    """Make collision parts from the visual meshes even where the dataset brings convex parts."""
+    """Compute collision parts from the visual meshes even if the dataset has convex parts."""
     decimate: Annotated[float, tyro.conf.arg(metavar="F")] = 0.5
-    """Share of the triangles to keep; more stay where a mesh would change its shape."""
+    """Share of triangles to keep; more are kept where the shape would change."""
     texture_size: Annotated[int, tyro.conf.arg(metavar="PX")] = 1024
-    """Largest width and height of a texture."""
+    """Maximum texture width and height."""
     texture_format: Annotated[str, tyro.conf.arg(metavar="FORMAT")] = "ktx2"
-    """ktx2: compressed for the GPU, for SAPIEN; png: for any program."""
+    """ktx2: GPU-compressed, for SAPIEN; png: readable by any program."""
     objects: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
     """A YCB folder, copied to DIR/ycb."""
     workers: Annotated[int, tyro.conf.arg(metavar="W")] = os.cpu_count() or 1
-    """Number of processes."""
+    """Number of worker processes."""
     force: bool = False
     """Replace the dataset at DIR."""
 
     def run(self) -> int:
-        """Writes the copy, then prints what became smaller."""
+        """Writes the copy, then prints the sizes before and after."""
         from hab_tasks.pipeline.optimise import OBJECTS_FOLDER, optimise
-        from hab_tasks.scenes.dataset import resolve_dataset
+        from hab_tasks.scenes.habitat.dataset import resolve_dataset
 
         dataset = resolve_dataset(self.dataset)
         options = AssetOptions(
@@ -99,7 +99,7 @@ def _sizes(footprint: Footprint) -> str:
 
 @contextmanager
 def _progress() -> Iterator[Callable[[int, int], None]]:
-    """Yields what shows progress: a bar on a terminal, a few lines elsewhere."""
+    """Yields a progress callback: a bar on a terminal, a few lines elsewhere."""
     with tqdm(unit="mesh", disable=not sys.stderr.isatty()) as bar:
 
         def show(done: int, count: int) -> None:

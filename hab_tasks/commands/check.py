@@ -1,4 +1,4 @@
-"""`hab-tasks check`: one page about a dataset, and on request a trial of every layout."""
+"""`hab-tasks check`: report on a dataset, with an optional simulation of every layout."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from hab_tasks.commands.base import Command
+from hab_tasks.console import Command
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,9 +16,9 @@ class Check(Command):
 
     help: ClassVar[
         str
-    ] = """Tells on one page what a dataset holds, what is missing, and what is done about it.
+    ] = """Reports the contents of a dataset, missing files, and their substitutes.
 
-Reads every file, and stops at the first that is damaged.
+Reads every file, and stops at the first damaged one.
 
 Example:
   hab-tasks check ~/data/replica_cad --objects ~/data/ycb
@@ -30,16 +30,16 @@ Example:
     objects: Annotated[str | None, tyro.conf.arg(metavar="ycb|PATH")] = None
     """YCB objects to check as well: `ycb` as ManiSkill downloads them, or a folder."""
     simulate: bool = False
-    """Try every layout: it must settle, open and be within reach. Exit status 1 if one fails."""
+    """Simulate every layout: it must settle, open and be reachable. Exit status 1 on failure."""
     scenes: Annotated[str | None, tyro.conf.arg(metavar="A,B")] = None
-    """Try only these layouts."""
+    """Simulate only these layouts."""
     workers: Annotated[int, tyro.conf.arg(metavar="N")] = 2
-    """Processes that try layouts."""
+    """Number of processes that simulate layouts."""
     download: bool = False
-    """Let ManiSkill's own command download `replica_cad` and `ycb` where they are absent."""
+    """Download `replica_cad` and `ycb` with ManiSkill if absent."""
 
     def run(self) -> int:
-        """Prints the page; a damaged file raises."""
+        """Prints the report; raises on a damaged file."""
         from hab_tasks.commands.dataset_check import check_dataset
 
         return check_dataset(self)

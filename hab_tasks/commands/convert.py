@@ -1,4 +1,4 @@
-"""`hab-tasks convert`: exchanges episode files with Habitat."""
+"""`hab-tasks convert`: conversion of episode files from and to Habitat."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import tyro
 from tqdm import tqdm
 
-from hab_tasks.commands.base import Command, check_ending
-from hab_tasks.errors import UnknownNameError
+from hab_tasks.commands.endings import check_ending
+from hab_tasks.console import Command
 from hab_tasks.files import check_file
-from hab_tasks.registration import ENTRY_POINTS
+from hab_tasks.registration import imported_id
 
 if TYPE_CHECKING:
-    from hab_tasks.scenes.dataset import SceneDataset
+    from hab_tasks.scenes.habitat.dataset import SceneDataset
     from hab_tasks.scenes.spec import ObjectTemplate
 
 
@@ -27,9 +27,10 @@ if TYPE_CHECKING:
 class Convert(Command):
     """Options of `hab-tasks convert`."""
 
-    help: ClassVar[str] = """Turns Habitat's rearrangement episodes into ours, or back.
+    help: ClassVar[str] = """Converts rearrangement episodes from Habitat's format, or to it.
 
-The file tells which way. Prints what the other format has no field for, and where it is kept.
+The direction follows from the file. Prints the fields that the other format lacks, and where they
+are kept.
 
 Example:
   hab-tasks convert tidy_house.json.gz --scene-dataset ~/data/replica_cad --out tidy.json.gz"""
@@ -37,35 +38,35 @@ Example:
     source: tyro.conf.Positional[Path]
     """An episode file, .json or .json.gz."""
     out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
-    """The file to write, .json or .json.gz."""
+    """Output file, .json or .json.gz."""
     scene_dataset: Annotated[str, tyro.conf.arg(metavar="NAME|PATH")] = "apartment"
-    """The episodes' scene dataset: `apartment`, which is shipped, or a ReplicaCAD folder."""
+    """Scene dataset of the episodes: `apartment` (included), or a ReplicaCAD folder."""
     objects: Annotated[str | None, tyro.conf.arg(metavar="PATH")] = None
-    """A YCB folder, instead of the shipped objects."""
+    """A YCB folder, instead of the included objects."""
     env: Annotated[str | None, tyro.conf.arg(metavar="ID")] = None
-    """Environment of Habitat's episodes, instead of the task that their receptacles suggest."""
+    """Environment of Habitat's episodes, instead of the task inferred from their receptacles."""
     force: bool = False
     """Replace FILE."""
 
     def run(self) -> int:
-        """Converts the file, then prints what went where."""
-        from hab_tasks.episodes.habitat import is_habitat
-        from hab_tasks.scenes.dataset import resolve_dataset
+        """Converts the file, then prints a summary."""
+        from hab_tasks.episodes.habitat.convert import is_habitat
+        from hab_tasks.scenes.habitat.dataset import resolve_dataset
         from hab_tasks.scenes.objects import load_objects
 
         check_ending(self.out)
         check_file(self.out, force=self.force)
-        if self.env is not None and self.env not in ENTRY_POINTS:
-            raise UnknownNameError("env", self.env, ENTRY_POINTS)
+        if self.env is not None:
+            imported_id(self.env)
         dataset, objects = resolve_dataset(self.scene_dataset), load_objects(self.objects)
         convert = self._from_habitat if is_habitat(self.source) else self._to_habitat
         convert(dataset, objects)
         return 0
 
     def _from_habitat(self, dataset: SceneDataset, objects: Mapping[str, ObjectTemplate]) -> None:
-        from hab_tasks.episodes.habitat import read_habitat
-        from hab_tasks.episodes.habitat_entry import START
-        from hab_tasks.episodes.habitat_start import draw_starts
+        from hab_tasks.episodes.habitat.convert import read_habitat
+        from hab_tasks.episodes.habitat.entry import START
+        from hab_tasks.episodes.habitat.start import draw_starts
         from hab_tasks.episodes.schema import write_episodes
 
         with _bar("episode") as progress:
@@ -75,13 +76,13 @@ Example:
         write_episodes(made, self.out)
         print(f"wrote {len(made)} episodes ({made.split}) for {made.env} to {self.out}")
         kept = Counter(key for e in made.episodes for key in e.habitat.get("kept", ()))
-        print(f"  kept for the way back: {_listed(kept)}")
+        print(f"  kept for conversion back: {_listed(kept)}")
         drawn = sum(START in e.habitat for e in made.episodes)
-        print(f"  robot starts, which Habitat draws at each reset, drawn once: {drawn}")
+        print(f"  robot starts, which Habitat samples at each reset, sampled once: {drawn}")
         print("  dropped: nothing")
 
     def _to_habitat(self, dataset: SceneDataset, objects: Mapping[str, ObjectTemplate]) -> None:
-        from hab_tasks.episodes.habitat import OWN_KEY, to_habitat
+        from hab_tasks.episodes.habitat.convert import OWN_KEY, to_habitat
         from hab_tasks.episodes.schema import read_episodes, save_json
 
         with _bar("episode") as progress:
@@ -92,7 +93,7 @@ Example:
             (e.get("info") or {}).get(OWN_KEY, {}) for e in raw["episodes"]
         ]
         beside = Counter(key for fields in (*own, raw.get(OWN_KEY, {})) for key in fields)
-        print(f"  under {OWN_KEY!r}, which Habitat does not read: {_listed(beside)}")
+        print(f"  stored under {OWN_KEY!r}, which Habitat ignores: {_listed(beside)}")
         print("  dropped: nothing")
 
 

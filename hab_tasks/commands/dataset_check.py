@@ -1,4 +1,4 @@
-"""What `hab-tasks check` does: it prints the page about a dataset, and tries layouts."""
+"""Implementation of `hab-tasks check`: the report on a dataset, and trials of layouts."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from hab_tasks.commands.download import fetch
 from hab_tasks.episodes.layout_report import check_layouts
 from hab_tasks.errors import HabError
 from hab_tasks.option_values import MOST_WORKERS, whole
-from hab_tasks.scenes.dataset import (
+from hab_tasks.scenes.habitat.dataset import (
     REPLICA_CAD_NAMES,
     SPLIT_MACROS,
     SceneDataset,
     resolve_dataset,
 )
-from hab_tasks.scenes.inventory import (
+from hab_tasks.scenes.habitat.inventory import (
     COMPLETE,
     Inventory,
     absent_objects,
@@ -40,17 +40,17 @@ SHOWN = 5
 PAGE_WIDTH, LABEL_WIDTH = 100, 20
 
 Entry = tuple[str, str]
-"""Label, and what is said about it."""
+"""Label and text of an entry of the report."""
 
 
 def check_dataset(options: Check) -> int:
-    """Prints the page, and tries layouts where asked; returns the exit status.
+    """Prints the report, and simulates layouts on request; returns the exit status.
 
     Raises:
-        HabError: Options that make no sense, or a damaged file.
+        HabError: Conflicting options, or a damaged file.
     """
     if options.scenes is not None and not options.simulate:
-        raise HabError("--scenes chooses what --simulate tries; give both.")
+        raise HabError("--scenes selects layouts for --simulate; give both.")
     whole("--workers", options.workers, 1, MOST_WORKERS)
     if options.download:
         _download(options)
@@ -64,7 +64,7 @@ def check_dataset(options: Check) -> int:
     if options.objects is not None:
         lacking = absent_objects(options.objects)
         if lacking:
-            missing.append(("YCB objects", f"{_names(lacking)} -> the folder is refused"))
+            missing.append(("YCB objects", f"{_names(lacking)} -> the folder is rejected"))
         else:
             objects = load_objects(options.objects)
             check_visuals(objects)
@@ -73,20 +73,20 @@ def check_dataset(options: Check) -> int:
             present.append(("YCB objects", f"{len(masses)}: {words}"))
     print(f"{dataset.name} in {dataset.root}")
     _print_part("Present", present)
-    _print_part("Missing", missing or [("nothing", "all is there")])
+    _print_part("Missing", missing or [("nothing", "complete")])
     return _simulate(options, dataset, scenes) if options.simulate else 0
 
 
 def _download(options: Check) -> None:
     asked = {"ReplicaCAD": options.dataset in REPLICA_CAD_NAMES, "ycb": options.objects == "ycb"}
     if not any(asked.values()):
-        raise HabError("--download fetches replica_cad and --objects ycb; name one of them.")
+        raise HabError("--download needs DATASET replica_cad or --objects ycb.")
     for asset in (name for name, wanted in asked.items() if wanted):
         print(f"{asset} is in {fetch(asset)}")
 
 
 def _simulate(options: Check, dataset: SceneDataset, scenes: list[str]) -> int:
-    """Tries layouts; returns the exit status."""
+    """Simulates layouts; returns the exit status."""
     kinds: Counter[str] = Counter()
     overlaps: Counter[str] = Counter()
     failed = 0
@@ -107,11 +107,11 @@ def _simulate(options: Check, dataset: SceneDataset, scenes: list[str]) -> int:
             trials.write(f"  {scene_id}  {_in_short(by_kind)}")
     if not failed:
         print("  none")
-    passed = f"{len(scenes) - failed} of {len(scenes)} layouts settle and are within reach"
+    passed = f"{len(scenes) - failed} of {len(scenes)} layouts settle and are reachable"
     tried = [("passed", passed), *((kind, f"in {n} layouts") for kind, n in kinds.items())]
     if overlaps:
         often = [f"{pair} ({count})" for pair, count in overlaps.most_common(SHOWN)]
-        words = f"in {kinds[OVERLAP]} layouts, by itself no failure; most often {_names(often)}"
+        words = f"in {kinds[OVERLAP]} layouts, not a failure; most often {_names(often)}"
         tried = [entry for entry in tried if entry[0] != OVERLAP] + [(OVERLAP, words)]
     _print_part("Tried", tried)
     return EXIT_FAULTS if failed else 0
@@ -145,7 +145,7 @@ def _present(dataset: SceneDataset, found: Inventory) -> list[Entry]:
 
 
 def _kinds(dataset: SceneDataset) -> str | None:
-    """Returns what a folder of layouts holds; None for other datasets."""
+    """Returns a description of a folder of layouts; None for other datasets."""
     if dataset.layouts is None:
         return None
     counts = Counter(dataset.layouts.macros.values())
@@ -155,7 +155,7 @@ def _kinds(dataset: SceneDataset) -> str | None:
 
 
 def _missing(dataset: SceneDataset, found: Inventory) -> list[Entry]:
-    """Returns what is absent and, after the arrow, what is done about it."""
+    """Returns the missing parts, each with the substitute after the arrow."""
     entries = []
     if found.absent_layouts:
         count = f"{len(found.absent_layouts)} of {len(COMPLETE)}"
@@ -165,7 +165,7 @@ def _missing(dataset: SceneDataset, found: Inventory) -> list[Entry]:
     empty = [name for name in SPLIT_MACROS if not dataset.scenes_of_split(name)]
     if empty and len(empty) < len(SPLIT_MACROS) and dataset.layouts is None:
         used = dataset.resolve_split(None)
-        words = f"{', '.join(empty)} -> refused by --split; without --split, {used} is used"
+        words = f"{', '.join(empty)} -> rejected by --split; without --split, {used} is used"
         entries.append(("splits", words))
     if found.absent_stages:
         source = "the navmesh" if found.navmeshes else "the usual extent"
@@ -178,7 +178,7 @@ def _missing(dataset: SceneDataset, found: Inventory) -> list[Entry]:
         words = f"{_names(found.absent_parts)} -> their bounding boxes collide"
         entries.append(("convex parts", words))
     if found.licence is None:
-        entries.append(("licence", "no LICENSE file -> ask its source before you publish results"))
+        entries.append(("licence", "no LICENSE file -> check its terms before publishing results"))
     return entries
 
 
@@ -202,7 +202,7 @@ def _names(names: Iterable[str]) -> str:
 
 
 def _runs(scene_ids: Iterable[str]) -> str:
-    """Returns scene ids with runs of neighbours drawn together: ``v3_sc3_staging_00 to 20``."""
+    """Returns scene ids with consecutive runs merged: ``v3_sc3_staging_00 to 20``."""
     runs: list[list[str]] = []
     for scene_id in scene_ids:
         stem, number = scene_id.rsplit("_", 1)
@@ -215,7 +215,7 @@ def _runs(scene_ids: Iterable[str]) -> str:
 
 
 def _by_kind(faults: Iterable[str]) -> dict[str, list[str]]:
-    """Returns the texts of faults (``kind: text``) by kind."""
+    """Groups faults (``kind: text``) by kind."""
     found: dict[str, list[str]] = {}
     for fault in faults:
         kind, _, text = fault.partition(": ")
@@ -224,7 +224,7 @@ def _by_kind(faults: Iterable[str]) -> dict[str, list[str]]:
 
 
 def _in_short(by_kind: dict[str, list[str]]) -> str:
-    """Returns the first fault of each kind and how many more there are."""
+    """Returns the first fault of each kind and the number of others."""
     return "; ".join(
         f"{kind}: {texts[0]}" + (f" and {len(texts) - 1} more" if texts[1:] else "")
         for kind, texts in by_kind.items()

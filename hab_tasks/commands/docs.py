@@ -1,4 +1,4 @@
-"""`hab-tasks docs`: the page of all environments, and a picture of each."""
+"""`hab-tasks docs`: the reference page of all environments, and an image of each."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from hab_tasks.commands.base import Command
+from hab_tasks.console import Command
 from hab_tasks.files import check_file, written_aside
 from hab_tasks.registration import ENTRY_POINTS
 
@@ -19,20 +19,20 @@ class Docs(Command):
 
     help: ClassVar[
         str
-    ] = """Writes environments.md: every environment with its spaces, rewards and ends.
+    ] = """Writes environments.md: spaces, rewards and termination of every environment.
 
 Example:
   hab-tasks docs --out docs --pictures --force"""
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
-    """Folder of the page; made when absent."""
+    """Output folder; created if absent."""
     pictures: bool = False
-    """Draw the frames as well, and env_<id>.png of each: the room beside the head camera's view."""
+    """Also draw the frames, and env_<id>.png of each: the scene beside the head camera's view."""
     force: bool = False
     """Replace files in DIR."""
 
     def run(self) -> int:
-        """Writes the page, then the pictures."""
+        """Writes the page, then the images."""
         from PIL import Image
 
         from hab_tasks.commands.environment_pictures import (

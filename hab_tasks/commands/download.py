@@ -1,4 +1,4 @@
-"""ManiSkill's own download of ReplicaCAD and YCB, when a user asks for it and never otherwise."""
+"""Download of ReplicaCAD and YCB with ManiSkill; only on explicit request."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from pathlib import Path
 from mani_skill import ASSET_DIR
 
 from hab_tasks.errors import HabError
-from hab_tasks.scenes.dataset import MANISKILL_ASSETS, maniskill_folder
+from hab_tasks.scenes.habitat.dataset import MANISKILL_ASSETS, maniskill_folder
 
 
 def fetch(asset: str) -> Path:
     """Returns the folder of a ManiSkill asset (``ReplicaCAD``, ``ycb``), downloaded if absent.
 
     Raises:
-        HabError: The download failed, or something else is in its place.
+        HabError: The download failed, or the folder has other content.
     """
-    place, part = MANISKILL_ASSETS[asset]
-    folder = ASSET_DIR / place
+    subfolder, part = MANISKILL_ASSETS[asset]
+    folder = ASSET_DIR / subfolder
     if (folder / part).is_dir():
         return folder
     if folder.is_dir() and any(folder.iterdir()):
         raise HabError(
-            f"{folder}: holds something, but no {part}/. ManiSkill would delete it before it "
-            f"downloads {asset}: move it away first."
+            f"{folder}: not empty, but has no {part}/. ManiSkill would delete its content before "
+            f"downloading {asset}; move it away first."
         )
-    # Only here: the import needs seconds, and nothing else may be able to download.
+    # Imported here only: the import takes seconds, and no other code may download.
     from mani_skill.utils import download_asset
 
     try:

@@ -1,4 +1,4 @@
-"""The pictures that `hab-tasks docs` draws: the start of an episode of each environment, frames."""
+"""Images of `hab-tasks docs`: the start of an episode of each environment, and the frames."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from hab_tasks.engine.sensors import OBJECT_START
 from hab_tasks.figures.frames import Arrow, Frame, draw_frames, photograph
-from hab_tasks.sensors import OBJECT_START
 
 FRAMES_PICTURE = "frames.png"
 PICTURE_PX = 512
@@ -20,20 +20,20 @@ EPISODES = {
     "HabPrepareGroceries-v1": 3,
     "HabSetTable-v1": 4,
 }
-"""Environment -> the episode of its picture; the first one elsewhere."""
+"""Environment -> episode of its image; the first one by default."""
 
 FRAMES_EPISODE = 18
 FRAMES_VIEW_M = (1.0, 2.3, 1.35), (0.4, 0.0, 0.6)
-"""Where the picture of the frames is taken from, and what it looks at, in the base frame."""
+"""Camera position and look-at point of the frames image, in the base frame."""
 
 
 def picture_name(env_id: str) -> str:
-    """Returns the file name of an environment's picture."""
+    """Returns the file name of an environment's image."""
     return f"env_{env_id}.png"
 
 
 def picture(env_id: str) -> np.ndarray:
-    """Returns the start of an episode, (H, 2 W, 3) uint8: the room, and the head camera's view."""
+    """Returns the start of an episode, (H, 2 W, 3) uint8: the scene, and the head camera's view."""
     env = gym.make(env_id, obs_mode="rgb", render_mode="rgb_array", camera_size_px=PICTURE_PX)
     try:
         obs, _ = env.reset(seed=0, options={"episode": EPISODES.get(env_id, 0)})
@@ -45,12 +45,12 @@ def picture(env_id: str) -> np.ndarray:
 
 
 def draw_frames_picture(file: Path) -> None:
-    """Draws the base frame, the hand's frame and the target at the start of an episode of Pick."""
+    """Draws base frame, end-effector frame and target at the start of an episode of Pick."""
     env = gym.make("HabPick-v1", obs_mode="state", render_mode="rgb_array")
     try:
         env.reset(seed=0, options={"episode": FRAMES_EPISODE})
         base: Any = env.unwrapped
-        now = base._world.snapshot
+        now = base._simulation.snapshot
         world_from_base, world_from_ee = np.eye(4), np.eye(4)
         world_from_base[:3, :3], world_from_base[:2, 3] = now.base_axes[0], now.base[0, :2]
         world_from_ee[:3, :3], world_from_ee[:3, 3] = now.ee_axes[0], now.ee_m[0]

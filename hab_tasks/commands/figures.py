@@ -1,4 +1,4 @@
-"""`hab-tasks figures`: the paper's figures about a dataset and about episode files, as PNG."""
+"""`hab-tasks figures`: the paper's figures of a dataset and of episode files, as PNG."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import tyro
 from tqdm import tqdm
 
-from hab_tasks.commands.base import Command
+from hab_tasks.console import Command
 from hab_tasks.errors import EpisodeError, HabError, RenderingUnavailableError
 from hab_tasks.files import check_file
 
 if TYPE_CHECKING:
-    from hab_tasks.scenes.dataset import SceneDataset
+    from hab_tasks.scenes.habitat.dataset import SceneDataset
 
 Draw = Callable[[Path], None]
 
@@ -36,15 +36,15 @@ Example:
     dataset: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="DATASET")]
     """`apartment`, `replica_cad` as ManiSkill downloads it, or the path of a ReplicaCAD folder."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
-    """Folder of the PNG files; made when absent."""
+    """Output folder of the PNG files; created if absent."""
     episodes: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = ()
-    """Episode files to draw, one for each environment."""
+    """Episode files to draw, one per environment."""
     force: bool = False
     """Replace files in DIR."""
 
     def run(self) -> int:
-        """Draws every figure, then prints the files and what was not drawn."""
-        from hab_tasks.scenes.dataset import resolve_dataset
+        """Draws every figure, then prints the files and the figures left out."""
+        from hab_tasks.scenes.habitat.dataset import resolve_dataset
 
         dataset = resolve_dataset(self.dataset)
         jobs, notes = self._dataset_jobs(dataset)
@@ -58,12 +58,12 @@ Example:
         return 0
 
     def _dataset_jobs(self, dataset: SceneDataset) -> tuple[dict[str, Draw], list[str]]:
-        """Returns file name -> how to draw it, and what has to be said about it."""
+        """Returns file name -> draw function, and notes on figures left out."""
         from hab_tasks.figures.charts import draw_categories, draw_furniture
         from hab_tasks.figures.layouts import draw_macros, draw_micros
         from hab_tasks.figures.wild import draw_wild
         from hab_tasks.rendering import resolve_backend
-        from hab_tasks.scenes.inventory import macro_layouts, micro_variations
+        from hab_tasks.scenes.habitat.inventory import macro_layouts, micro_variations
 
         jobs: dict[str, Draw] = {"fig07_categories.png": partial(draw_categories, dataset)}
         notes = []
@@ -71,7 +71,7 @@ Example:
             jobs["fig06_furniture.png"] = partial(draw_furniture, dataset)
             jobs["fig08_micro_variations.png"] = partial(draw_micros, dataset)
         else:
-            notes.append(f"{dataset.name} has no micro-variations: no fig06, no sheet of them")
+            notes.append(f"{dataset.name} has no micro-variations: fig06 and their sheet left out")
         if dataset.layouts is not None and dataset.layouts.wild:
             jobs["fig_wild_layouts.png"] = partial(draw_wild, dataset)
         if macro_layouts(dataset):
@@ -82,7 +82,7 @@ Example:
                 notes.append(f"fig08 shows floor plans. {error}")
             jobs["fig08_macro_layouts.png"] = partial(draw_macros, dataset, backend=backend)
         else:
-            notes.append(f"{dataset.name} has no macro layouts: no fig08")
+            notes.append(f"{dataset.name} has no macro layouts: fig08 left out")
         return dict(sorted(jobs.items())), notes
 
     def _episode_jobs(self, dataset: SceneDataset) -> dict[str, Draw]:
@@ -98,9 +98,9 @@ Example:
                     f"{file}: made for {episodes.scene_dataset}, not for {dataset.name}."
                 )
             if not len(episodes):
-                raise EpisodeError(f"{file}: holds no episode.")
+                raise EpisodeError(f"{file}: contains no episodes.")
             if name in jobs:
-                raise HabError(f"{file}: a second file of {episodes.env}; give one for each env.")
+                raise HabError(f"{file}: second file for {episodes.env}; give one per environment.")
             for episode in episodes.episodes:
                 dataset.scene_file(episode.scene_id)
             jobs[name] = partial(draw_episodes, dataset, episodes)

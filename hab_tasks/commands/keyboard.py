@@ -1,7 +1,7 @@
-"""Moves the robot by keys of the terminal: one key, one action, and more while a key is held.
+"""Keyboard control from the terminal: one action per key press, repeated while a key is held.
 
-A terminal tells that a key was pressed, and again and again after a delay of half a second while it
-is held, but not that it was let go. `HeldKey` bridges that delay.
+A terminal reports a key press, and repeats it after a delay of half a second while the key is held,
+but does not report the release. `HeldKey` bridges that delay.
 """
 
 from __future__ import annotations
@@ -23,30 +23,30 @@ if TYPE_CHECKING:
     from hab_tasks.robots.control import HabController
 
 WAIT_S = 0.05
-"""While nothing is typed, a window is drawn anew this often."""
+"""Redraw interval of the window while no key is pressed."""
 
 FIRST_REPEAT_S = 0.7
-"""Terminals repeat a key that is held after 0.25 to 0.66 s."""
+"""Timeout until the first repeat of a held key; terminals take 0.25 to 0.66 s."""
 
 NEXT_REPEAT_S = 0.15
-"""... and from then on every 0.03 to 0.1 s."""
+"""Timeout between further repeats; terminals take 0.03 to 0.1 s."""
 
 CAREFUL_SHARE = 0.25
-"""Share of the full speed until a key is known to be held, so that a tap moves little: the hand by
-8 cm, the base by 17 cm."""
+"""Share of full speed until a key counts as held, to keep a tap's motion small: 8 cm of the hand,
+17 cm of the base."""
 
 QUIT, WAIT, GRIP = "q", "space", "g"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Key:
-    """A key that moves something.
+    """A key that moves the robot.
 
     Attributes:
-        name: The key.
+        name: Name of the key.
         part: ``arm`` or ``base``.
-        entry: Which entry of that part's action it sets.
-        value: What to.
+        entry: Index of the entry of that part's action.
+        value: Value of the entry.
         meaning: One line for the table.
     """
 
@@ -83,7 +83,7 @@ _ESCAPED = {"[A": "up", "[B": "down", "[C": "right", "[D": "left"}
 
 
 def key_table(arm: bool = True, base: bool = True) -> str:
-    """Returns a line for each key, of the parts that can be moved."""
+    """Returns a line per key, for the enabled parts."""
     moved = [part for part, there in (("arm", arm), ("base", base)) if there]
     lines = {key.name: key.meaning for key in KEYS.values() if key.part in moved}
     lines |= {name: words for name, words in OTHER_KEYS.items() if arm or name != GRIP}
@@ -91,10 +91,10 @@ def key_table(arm: bool = True, base: bool = True) -> str:
 
 
 class Keyboard:
-    """Turns keys into actions of the control mode that is set."""
+    """Converts keys to actions of the current control mode."""
 
     def __init__(self, controller: HabController, holding: bool) -> None:
-        """Starts with the hand closed if it is `holding` something."""
+        """Starts with the gripper closed if `holding` an object or handle."""
         self._controller = controller
         self._grips = holding
         config = controller.config
@@ -102,15 +102,15 @@ class Keyboard:
 
     @property
     def table(self) -> str:
-        """A line for each key that does something."""
+        """A line per active key."""
         return key_table(arm=self.moves_arm, base=self.moves_base)
 
     def action(self, name: str, share: float = 1.0) -> Any | None:
-        """Returns the action (A,) of a key, or a cell; None where the key does nothing here.
+        """Returns the action (A,) or the discrete cell of a key; None for an inactive key.
 
         Args:
-            name: The key.
-            share: Share of the full speed; cells have one speed.
+            name: Name of the key.
+            share: Share of full speed; ignored for cells.
         """
         key = KEYS.get(name)
         if name == GRIP and self.moves_arm:
@@ -134,31 +134,31 @@ class Keyboard:
 
 
 class HeldKey:
-    """Which key is held, as far as its repetitions tell."""
+    """Infers from key repeats which key is held."""
 
     def __init__(self) -> None:
         self._name, self._until_s, self._repeated = "", 0.0, False
 
     def press(self, name: str, now_s: float) -> None:
-        """Takes a key that was typed at a time."""
+        """Records a key press at a time."""
         self._repeated = name == self._name and now_s < self._until_s
         self._name = name
         self._until_s = now_s + (NEXT_REPEAT_S if self._repeated else FIRST_REPEAT_S)
 
     def held(self, now_s: float) -> tuple[str, float] | None:
-        """Returns the key and the share of the full speed; None when no key moves anything."""
+        """Returns the held key and its share of full speed; None if no key is held."""
         if self._name not in KEYS or now_s >= self._until_s:
             return None
         return self._name, 1.0 if self._repeated else CAREFUL_SHARE
 
 
 def keys_of(stream: TextIO, while_waiting: Callable[[], None]) -> Iterator[tuple[str, float]]:
-    """Yields a key and the share of its full speed for every action.
+    """Yields the key and its share of full speed for every action.
 
     Args:
-        stream: A terminal, where a key that is held is yielded as often as it is asked for, or
-            anything else, each of whose characters is one action at full speed.
-        while_waiting: Called now and then while no key is held.
+        stream: A terminal, on which a held key is yielded on every iteration; or any other stream,
+            of which each character is one action at full speed.
+        while_waiting: Called at intervals while no key is held.
     """
     if stream.isatty():
         return _terminal(stream, while_waiting)
@@ -166,7 +166,7 @@ def keys_of(stream: TextIO, while_waiting: Callable[[], None]) -> Iterator[tuple
 
 
 def _terminal(stream: TextIO, while_waiting: Callable[[], None]) -> Iterator[tuple[str, float]]:
-    """Yields keys as they are typed, without waiting for the end of a line, and held ones."""
+    """Yields pressed and held keys, without waiting for the end of a line."""
     if sys.platform == "win32":
         raise HabError("--agent keyboard reads a POSIX terminal; on Windows, type into a pipe.")
     import select
@@ -203,13 +203,13 @@ def _terminal(stream: TextIO, while_waiting: Callable[[], None]) -> Iterator[tup
 
 
 def _unfinished(typed: str) -> str:
-    """Returns the begun arrow key at the end of what was typed, "" if there is none."""
+    """Returns the incomplete escape sequence at the end of the input, or ""."""
     start = typed.rfind("\x1b")
     return typed[start:] if 0 <= start > len(typed) - 3 else ""
 
 
 def _named(characters: Iterable[str]) -> Iterator[str]:
-    """Yields names of keys; arrows come as three characters, line ends mean nothing."""
+    """Yields names of keys; arrow keys are three characters, line ends are skipped."""
     escaped = ""
     for character in characters:
         if escaped or character == "\x1b":

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from hab_tasks.commands.base import Command
+from hab_tasks.console import Command
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -14,7 +14,7 @@ class List(Command):
 
     help: ClassVar[
         str
-    ] = """Lists the environments: id, longest episode, control modes, task, observation entries.
+    ] = """Lists the environments: id, horizon, control modes, summary, observation entries.
 
 Example:
   hab-tasks list"""
@@ -22,12 +22,11 @@ Example:
     def run(self) -> int:
         """Prints the table."""
         from hab_tasks.envs import ENVS
-        from hab_tasks.instructions import task_sentence
 
         for entry in ENVS.values():
             modes = ", ".join(entry.env.control_modes)
             print(f"{entry.id}: {entry.horizon_steps} steps; control {modes}")
-            print(f"  {task_sentence(entry.env)}")
+            print(f"  {entry.env.summary()}")
             for item in entry.env.observation:
                 shape = "x".join(map(str, item.shape))
                 print(f"  {item.name:<20} {shape:>4}  {item.unit:<7} {item.meaning}")

@@ -1,4 +1,4 @@
-"""What `hab-tasks demo` does: it plays an episode, shows it, films it and tells its measures."""
+"""Implementation of `hab-tasks demo`: runs, displays and records an episode."""
 
 from __future__ import annotations
 
@@ -17,15 +17,14 @@ import numpy as np
 from hab_tasks.captions import with_words
 from hab_tasks.commands.keyboard import QUIT, Keyboard, keys_of
 from hab_tasks.constants import CONTROL_HZ
-from hab_tasks.envs import ENVS
+from hab_tasks.engine.hab_env import HabEnv
+from hab_tasks.engine.marks import LEGEND
 from hab_tasks.episodes.source import UNLIMITED
 from hab_tasks.errors import HabError, RenderingUnavailableError, UnknownNameError
 from hab_tasks.files import check_file, written_aside
-from hab_tasks.instructions import instruction
 from hab_tasks.option_values import LARGEST_RESET_SEED, whole
+from hab_tasks.registration import imported_id
 from hab_tasks.rendering import resolve_backend
-from hab_tasks.skills.hab_env import HabEnv
-from hab_tasks.skills.marks import LEGEND
 
 if TYPE_CHECKING:
     from hab_tasks.commands.demo import Demo
@@ -37,10 +36,10 @@ CAPTION_LINES = 5
 
 
 def play(options: Demo) -> int:
-    """Plays the episode; prints a line for each action, then how it ended.
+    """Runs the episode; prints a line per action, then the result.
 
     Raises:
-        HabError: Options that make no sense.
+        HabError: Invalid options.
     """
     _check(options)
     window = _window_works()
@@ -59,7 +58,7 @@ def play(options: Demo) -> int:
         show = _Show(scene, window, video)
         ends.callback(show.close)
         env.reset(seed=options.seed, options={"episode": options.episode})
-        task = instruction(ENVS[options.env].env, scene.episode[0])
+        task = scene.instruction[0]
         print(f"{options.env}, episode {scene.episode[0].id}\n{task}")
         show.begin(f"{task} ({LEGEND})")
         result = _play(options, env, scene, show)
@@ -70,8 +69,7 @@ def play(options: Demo) -> int:
 
 
 def _check(options: Demo) -> None:
-    if options.env not in ENVS:
-        raise UnknownNameError("env", options.env, ENVS)
+    imported_id(options.env)
     if options.agent not in AGENTS:
         raise UnknownNameError("agent", options.agent, AGENTS)
     if options.steps is not None:
@@ -80,13 +78,13 @@ def _check(options: Demo) -> None:
     whole("--seed", options.seed, 0, LARGEST_RESET_SEED)
     if options.out is not None:
         if options.out.suffix != ".mp4":
-            raise HabError(f"--out {options.out}: a video ends in .mp4.")
+            raise HabError(f"--out {options.out}: a video must end in .mp4.")
         check_file(options.out, force=options.force)
         resolve_backend("auto", wants_images=True)
 
 
 def _play(options: Demo, env: gym.Env[Any, Any], scene: HabEnv, show: _Show) -> _Result:
-    """Acts until the episode ends, the actions are used up, or somebody quits."""
+    """Acts until the episode ends, the actions are used up, or the user quits."""
     result = _Result()
     limit = options.steps or (RANDOM_STEPS if options.agent == "random" else None)
     actions = _random(env, options.seed) if options.agent == "random" else _typed(scene, show)
@@ -113,7 +111,7 @@ def _random(env: gym.Env[Any, Any], seed: int) -> Iterator[Any]:
 
 
 def _typed(scene: HabEnv, show: _Show) -> Iterator[Any]:
-    """Yields the action of each key, again while it is held."""
+    """Yields the action of each key, repeated while it is held."""
     keyboard = Keyboard(scene.agent.controller, bool(scene.measures.holding_target))
     print(keyboard.table, flush=True)
     for name, share in keys_of(sys.stdin, show.refresh):
@@ -121,13 +119,13 @@ def _typed(scene: HabEnv, show: _Show) -> Iterator[Any]:
             return
         action = keyboard.action(name, share)
         if action is None:
-            print(f"  {name!r} does nothing here")
+            print(f"  {name!r} has no function in this control mode")
             continue
         yield action
 
 
 class _Result:
-    """What happened until now."""
+    """Result of the episode so far."""
 
     def __init__(self) -> None:
         self.steps, self.total, self.last = 0, 0.0, 0.0
@@ -135,14 +133,14 @@ class _Result:
         self.end = "stopped"
 
     def add(self, reward: float, info: dict[str, Any]) -> None:
-        """Takes what a step returned."""
+        """Records the result of a step."""
         self.steps += 1
         self.total += reward
         self.last, self.info = reward, info
 
 
 class _Show:
-    """A window, a video, both, or neither."""
+    """Output to a window, a video, both, or neither."""
 
     def __init__(self, scene: HabEnv, window: bool, video: Path | None) -> None:
         self._scene, self._window, self._video = scene, window, video
@@ -153,16 +151,16 @@ class _Show:
 
     @property
     def closed(self) -> bool:
-        """Whether somebody has closed the window."""
+        """Whether the user has closed the window."""
         return self._viewer is not None and self._viewer.closed
 
     def begin(self, task: str) -> None:
-        """Shows the start; `task` is written below every frame."""
+        """Renders the start; `task` is the caption of every frame."""
         self._task = task
         self.draw(_Result())
 
     def draw(self, result: _Result) -> None:
-        """Shows the present moment and films it."""
+        """Renders the current step to window and video."""
         if self._video is not None:
             self._writer = self._writer or _writer(self._video)
             frame = np.asarray(self._scene.render_rgb_array()[0].cpu(), dtype=np.uint8)
@@ -174,20 +172,20 @@ class _Show:
             self._due_s = time.monotonic() + 1.0 / CONTROL_HZ
 
     def refresh(self) -> None:
-        """Draws the window; its camera goes along where the robot drives."""
+        """Renders the window; its camera follows the robot."""
         if not self._window or self.closed:
             return
         self._viewer = self._scene.render_human()
         camera = self._scene.scene.human_render_cameras["render_camera"].camera
-        place = camera.get_global_pose().sp.p
-        if self._seen_from is None or not np.allclose(place, self._seen_from, atol=1e-3):
-            self._scene.render_rgb_array()  # puts the camera where no wall hides the robot
+        position = camera.get_global_pose().sp.p
+        if self._seen_from is None or not np.allclose(position, self._seen_from, atol=1e-3):
+            self._scene.render_rgb_array()  # moves the camera to a clear view of the robot
             pose = camera.get_global_pose().sp
             self._viewer.set_camera_pose(pose)
             self._seen_from = pose.p
 
     def close(self) -> None:
-        """Ends the video."""
+        """Finishes the video."""
         if self._writer is not None:
             self._writer.close()
 
@@ -195,28 +193,28 @@ class _Show:
 def _writer(file: Path) -> Any:
     return imageio.get_writer(
         file,
-        format="FFMPEG",  # pyright: ignore[reportArgumentType]  # the stub knows no plugin names
+        format="FFMPEG",  # pyright: ignore[reportArgumentType]  # the stub lacks plugin names
         fps=CONTROL_HZ,
         macro_block_size=2,
     )
 
 
 def _window_works() -> bool:
-    """Returns whether a window can be opened; says so where not."""
+    """Returns whether a window can be opened; prints the reason if not."""
     named = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     if sys.platform.startswith("linux") and not named:
-        print("no display: no window is opened; --out FILE.mp4 writes a video")
+        print("no display, so no window; use --out FILE.mp4 to write a video")
         return False
     try:
         resolve_backend("auto", wants_images=True)
     except RenderingUnavailableError as error:
-        print(f"no window is opened. {error}")
+        print(f"no window can be opened. {error}")
         return False
     return True
 
 
 def _line(result: _Result) -> str:
-    """Returns a step's reward and measures; of what is true or not, what is true."""
+    """Returns a step's reward and measures; of the flags, only those that are true."""
     said = []
     for name, value in result.info["measures"].items():
         number = value.item()
@@ -228,7 +226,7 @@ def _line(result: _Result) -> str:
 
 
 def _tell(result: _Result) -> None:
-    """Prints how the episode ended."""
+    """Prints the result of the episode."""
     info = result.info
     failures = [name for name, failed in info.get("failures", {}).items() if failed.item()]
     rows = {
@@ -243,8 +241,8 @@ def _tell(result: _Result) -> None:
 
 
 def _stages(info: dict[str, Any]) -> list[str]:
-    """Returns a line on the stages of a task, none for a skill."""
+    """Returns a line on the stages of a task; empty for a skill."""
     stages = info.get("stages", {})
     reached = [name for name, value in stages.items() if value.item()]
-    told = f"stages: {len(reached)} of {len(stages)} {' '.join(reached)}".strip()
-    return [told] if stages else []
+    line = f"stages: {len(reached)} of {len(stages)} {' '.join(reached)}".strip()
+    return [line] if stages else []

@@ -1,4 +1,4 @@
-"""`hab-tasks vary`: makes micro-variations of a macro layout, or wild layouts."""
+"""`hab-tasks vary`: generates micro-variations of a macro layout, or wild layouts."""
 
 from __future__ import annotations
 
@@ -14,35 +14,36 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import tyro
 from tqdm import tqdm
 
-from hab_tasks.commands.base import Command
+from hab_tasks.console import Command
 from hab_tasks.errors import HabError
 from hab_tasks.files import check_folder, folder_written_aside
 from hab_tasks.option_values import LARGEST_SEED, whole
 
 if TYPE_CHECKING:
-    from hab_tasks.scenes.dataset import SceneDataset
-    from hab_tasks.scenes.layout_set import LayoutSet
-    from hab_tasks.scenes.wild import WildLayout
+    from hab_tasks.layouts.wild import WildLayout
+    from hab_tasks.scenes.habitat.dataset import SceneDataset
+    from hab_tasks.scenes.habitat.layout_set import LayoutSet
 
 WILD_SPLIT = "test"
 MOST_LAYOUTS = 100_000
 DOOR_BINS_RAD = (1.6, 1.8, 2.0, 2.29)
-"""The fridge's door, which opens to 2.3 rad, is counted by how far it gets."""
+"""Histogram bins of the maximum opening of the fridge's door, whose limit is 2.3 rad."""
 
 Made = tuple[str, str, dict[str, Any], Counter[str]]
-"""Scene id, macro layout, scene_instance file, reasons of refusal."""
+"""Scene id, macro layout, scene_instance file, rejections by reason."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Vary(Command):
     """Options of `hab-tasks vary`."""
 
-    help: ClassVar[str] = """Makes layouts of a dataset's furniture, each checked, as a dataset.
+    help: ClassVar[str] = """Generates validated layouts of a dataset's furniture, as a dataset.
 
-At least two pieces of furniture change places and some of the others move a little; with --wild,
-furniture and kitchen go anywhere along the walls: fridges whose door meets a wall, narrow aisles.
-The same options always give the same layouts, and number 7 is the same whether 10 or 100 are made.
-DIR can be given wherever a dataset is; it names the dataset whose furniture it uses.
+At least two pieces of furniture swap positions and some others move slightly. With --wild,
+furniture and kitchen are placed anywhere along the walls, with blocked fridge doors and narrow
+aisles.
+Equal options give equal layouts, and layout 7 does not depend on the number of layouts.
+DIR is accepted wherever a dataset is; it refers to the dataset that has the furniture.
 
 Example:
   hab-tasks vary apartment --macro sc1 --count 20 --seed 0 --out my_layouts
@@ -52,11 +53,11 @@ Example:
     dataset: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="DATASET")]
     """`apartment` or a ReplicaCAD folder."""
     macro: Annotated[str | None, tyro.conf.arg(metavar="ID")] = None
-    """The macro layout, v3_sc1_staging_00 or short sc1. With --wild: any of them unless given."""
+    """The macro layout, v3_sc1_staging_00 or sc1 for short. With --wild, default: all of them."""
     wild: bool = False
-    """Move everything, kitchen included, as far as tasks stay possible. All are of split test."""
+    """Move all furniture, kitchen included, keeping tasks feasible. All layouts are split test."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
-    """Folder for the *.scene_instance.json files and layouts.json."""
+    """Output folder of the *.scene_instance.json files and layouts.json."""
     count: Annotated[int, tyro.conf.arg(metavar="N")] = 20
     """Number of layouts."""
     seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
@@ -65,16 +66,16 @@ Example:
     """Replace the layouts in DIR."""
 
     def run(self) -> int:
-        """Makes and writes the layouts, then prints what was refused on the way and why."""
-        from hab_tasks.scenes.dataset import resolve_dataset
-        from hab_tasks.scenes.layout_set import FILE
-        from hab_tasks.scenes.vary import macro_scene_id
+        """Generates and writes the layouts, then prints the rejections by reason."""
+        from hab_tasks.layouts.vary import macro_scene_id
+        from hab_tasks.scenes.habitat.dataset import resolve_dataset
+        from hab_tasks.scenes.habitat.layout_set import FILE
 
         self._check()
         dataset = resolve_dataset(self.dataset)
         if dataset.layouts is not None:
             raise HabError(
-                f"{self.dataset} holds variations already; vary {dataset.layouts.dataset} instead."
+                f"{self.dataset} already consists of variations; vary {dataset.layouts.dataset}."
             )
         macro = None if self.macro is None else macro_scene_id(dataset, self.macro)
         check_folder(self.out, force=self.force, mark=FILE)
@@ -89,7 +90,7 @@ Example:
         for line in _about(wild):
             print(f"  {line}")
         for reason, times in sorted(refused.items()):
-            print(f"  refused {times}: {reason}")
+            print(f"  rejected {times}: {reason}")
         return 0
 
     def _check(self) -> None:
@@ -97,16 +98,16 @@ Example:
         whole("--seed", self.seed, 0, LARGEST_SEED)
         if self.macro is None and not self.wild:
             raise HabError(
-                "Which layout is to be varied? Give --macro, for example --macro sc1, or --wild "
-                "for layouts drawn from all of them."
+                "No layout to vary: give --macro, for example --macro sc1, or --wild to sample "
+                "from all layouts."
             )
 
     def _write(
         self, dataset: SceneDataset, macro: str | None, made: Iterator[Made]
     ) -> Counter[str]:
-        """Writes layouts as they are made; returns why others were refused, and how often."""
-        from hab_tasks.scenes.layout_set import write_layout_set
-        from hab_tasks.scenes.write import write_scene
+        """Writes layouts as they are generated; returns the rejections by reason."""
+        from hab_tasks.scenes.habitat.layout_set import write_layout_set
+        from hab_tasks.scenes.habitat.write import write_scene
 
         macros: dict[str, str] = {}
         refused: Counter[str] = Counter()
@@ -120,7 +121,7 @@ Example:
         return refused
 
     def _ordinary(self, dataset: SceneDataset, macro: str) -> Iterator[Made]:
-        from hab_tasks.scenes.vary import LayoutVarier
+        from hab_tasks.layouts.vary import LayoutVarier
 
         varier = LayoutVarier(dataset, macro)
         stem = macro.removesuffix("_00")
@@ -131,7 +132,7 @@ Example:
     def _wild(
         self, dataset: SceneDataset, macro: str | None, found: list[WildLayout]
     ) -> Iterator[Made]:
-        from hab_tasks.scenes.wild import WildVarier
+        from hab_tasks.layouts.wild import WildVarier
 
         varier = WildVarier(dataset, macro)
         for index in range(1, self.count + 1):
@@ -143,8 +144,8 @@ Example:
     def _layout_set(
         self, dataset: SceneDataset, macro: str | None, macros: dict[str, str]
     ) -> LayoutSet:
-        from hab_tasks.scenes.dataset import embedded_dataset
-        from hab_tasks.scenes.layout_set import LayoutSet
+        from hab_tasks.scenes.habitat.dataset import embedded_dataset
+        from hab_tasks.scenes.habitat.layout_set import LayoutSet
 
         embedded = dataset.root == embedded_dataset().resolve()
         parts = [
@@ -168,15 +169,15 @@ def _short(macro: str) -> str:
 
 
 def _about(layouts: list[WildLayout]) -> Iterator[str]:
-    """Yields what wild layouts are like."""
-    from hab_tasks.scenes.wild import MIRRORED
+    """Yields lines of statistics of wild layouts."""
+    from hab_tasks.layouts.wild import MIRRORED
 
     if not layouts:
         return
     angles = [layout.door_rad for layout in layouts]
     for low, high in pairwise(DOOR_BINS_RAD):
         count = sum(low <= angle < high for angle in angles)
-        yield f"{count}: the fridge's door is stopped at {low:g} to {min(high, 2.3):g} rad"
+        yield f"{count}: fridge door blocked at {low:g} to {min(high, 2.3):g} rad"
     yield f"{sum(a >= DOOR_BINS_RAD[-1] for a in angles)}: it opens all the way"
     mirrored = sum(layout.fridge == MIRRORED for layout in layouts)
     yield f"{mirrored}: its hinges are on the other side"

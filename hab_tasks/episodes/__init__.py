@@ -1,4 +1,4 @@
-"""Episodes: what they are, where they come from, how they are written into the simulator."""
+"""Episodes: data model, files, generation, and writing to the simulator."""
 
 from hab_tasks.episodes.schema import Episode, EpisodeSet, read_episodes, write_episodes
 from hab_tasks.episodes.source import EpisodeRequest, load_episodes, open_source

@@ -1,4 +1,4 @@
-"""Objects put side by side on receptacles, then left to physics; what falls off is refused."""
+"""Placement of objects on receptacles, followed by settling; objects that fall are rejected."""
 
 from __future__ import annotations
 
@@ -9,32 +9,33 @@ from dataclasses import dataclass
 import numpy as np
 from transforms3d import quaternions
 
-from hab_tasks.episodes.receptacles import FRIDGE, MOST_OBJECTS, Spot
+from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import ReceptacleRef, rounded, template_of
-from hab_tasks.episodes.workbench import Workbench
+from hab_tasks.episodes.spots import MOST_OBJECTS, Spot
 from hab_tasks.geometry import Array, Pose7, pose, rotation_between
+from hab_tasks.receptacles import FRIDGE
 
 Disc = tuple[Array, float]
-"""Centre (3,) and radius [m] of a piece of surface."""
+"""Centre (3,) and radius [m] of a disc on a surface."""
 
 AWAY: Pose7 = (0.0, 0.0, -9.0, 1.0, 0.0, 0.0, 0.0)
 
 INTO_M = 0.03
-"""An object put into a bowl starts this far below the brim."""
+"""Start depth below the rim of an object placed into a bowl."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Settling:
-    """How objects are put down, and when they count as stable.
+    """Parameters of placement and stability.
 
     Attributes:
-        seconds: Longest settling time.
-        drop_m: Height from which an object is let go.
-        beside_m: Farthest its centre of mass may lie beside the receptacle's box.
-        below_m: Farthest it may lie below the box's lower face; cushions give way.
-        fridge_inner: Share of the fridge's shelf that is used (Habitat).
-        rounds: How often what fell is put somewhere else, the first time included.
-        restarts: How often everything is started anew from where it lies, to see whether it stays.
+        seconds: Maximum settling time.
+        drop_m: Drop height.
+        beside_m: Maximum horizontal distance of the centre of mass to the receptacle's box.
+        below_m: Maximum distance below the box's lower face; cushions give way.
+        fridge_inner: Usable share of the fridge's shelf (Habitat).
+        rounds: Maximum number of placements of an object that falls.
+        restarts: Number of restarts from the settled poses, to test stability.
     """
 
     seconds: float = 4.0
@@ -48,24 +49,24 @@ class Settling:
 
 @dataclass(frozen=True, kw_only=True)
 class _Wish:
-    """Where an object may be put, and what it must keep off: points (3,) with radii [m]."""
+    """Candidate spots of an object, and discs to avoid: points (3,) with radii [m]."""
 
     spots: tuple[Spot, ...]
     avoid: tuple[Disc, ...] = ()
 
 
 class Placer:
-    """Finds places for objects on spots, one after another.
+    """Places objects on spots, one after another.
 
     Attributes:
-        placed: Handle -> pose where each object was put.
-        on: Handle -> the receptacle it was put on.
+        placed: Handle -> pose of each placed object.
+        on: Handle -> its receptacle.
     """
 
     def __init__(
-        self, bench: Workbench, rng: np.random.Generator, settling: Settling = Settling()
+        self, sandbox: PlacementSandbox, rng: np.random.Generator, settling: Settling = Settling()
     ) -> None:
-        self._bench, self._rng, self._settling = bench, rng, settling
+        self._sandbox, self._rng, self._settling = sandbox, rng, settling
         self._taken: dict[ReceptacleRef, dict[str, Disc]] = {}
         self._lying: dict[ReceptacleRef, list[Disc]] = {}
         self._wishes: dict[str, _Wish] = {}
@@ -74,21 +75,21 @@ class Placer:
         self.placed: dict[str, Pose7] = {}
         self.on: dict[str, ReceptacleRef] = {}
 
-    def put(self, handle: str, spots: Sequence[Spot], avoid: Sequence[Disc] = ()) -> bool:
-        """Stands an object upright on one of the spots, tried in random order, turned at random.
+    def put(self, name: str, spots: Sequence[Spot], avoid: Sequence[Disc] = ()) -> bool:
+        """Places an object upright with random yaw on one of the spots, in random order.
 
-        Returns whether there was room. It keeps off the discs of `avoid`.
+        Returns whether there was room. The object avoids the discs of `avoid`.
         """
-        self._wishes[handle] = _Wish(spots=tuple(spots), avoid=tuple(avoid))
+        self._wishes[name] = _Wish(spots=tuple(spots), avoid=tuple(avoid))
         order = self._rng.permutation(len(spots))
-        return any(self._put_on(handle, spots[int(index)], avoid) for index in order)
+        return any(self._put_on(name, spots[int(index)], avoid) for index in order)
 
-    def _put_on(self, handle: str, spot: Spot, avoid: Sequence[Disc]) -> bool:
-        bench = self._bench
+    def _put_on(self, name: str, spot: Spot, avoid: Sequence[Disc]) -> bool:
+        sandbox = self._sandbox
         taken = self._taken.setdefault(spot.ref, {})
         if len(taken) >= MOST_OBJECTS.get(spot.receptacle.name, len(taken) + 1):
             return False
-        middle, radius_m, depth_m = bench.footprint(handle)
+        middle, radius_m, depth_m = sandbox.footprint(name)
         inner = self._settling.fridge_inner if spot.receptacle.name == FRIDGE else 1.0
         if spot.ref not in self._lying:
             self._lying[spot.ref] = self._lying_on(spot)
@@ -97,19 +98,19 @@ class Placer:
         if point is None:
             return False
         turn = quaternions.axangle2quat([0.0, 0.0, 1.0], self._rng.uniform(-math.pi, math.pi))
-        upright = bench.templates[template_of(handle)].up
+        upright = sandbox.templates[template_of(name)].up
         q = quaternions.qmult(turn, rotation_between(np.array(upright), np.array([0.0, 0.0, 1.0])))
         above = np.array([0.0, 0.0, depth_m + self._settling.drop_m])
-        self._place(handle, pose(point + above - quaternions.rotate_vector(middle, q), q), spot.ref)
-        taken[handle], self._spots[handle] = (point, radius_m), spot
+        self._place(name, pose(point + above - quaternions.rotate_vector(middle, q), q), spot.ref)
+        taken[name], self._spots[name] = (point, radius_m), spot
         return True
 
     def _lying_on(self, spot: Spot) -> list[Disc]:
-        """Returns discs that hold the layout's own loose objects, where they reach into a spot."""
+        """Returns discs around the layout's loose objects that overlap a spot."""
         face_m = float(spot.center_m[2])
         found = []
-        for name in self._bench.handles.loose:
-            low, high = self._bench.box_m(name)
+        for name in self._sandbox.scene_bodies.loose:
+            low, high = self._sandbox.box_m(name)
             if (
                 name != spot.receptacle.body
                 and low[2] < face_m + spot.height_m
@@ -120,76 +121,76 @@ class Placer:
                 found.append(disc)
         return found
 
-    def put_into(self, handle: str, container: str) -> None:
-        """Holds an object just above the middle of another one, so that it falls in."""
-        bench = self._bench
-        middle, _, depth_m = bench.footprint(handle)
-        top_m = bench.top_m(container)
-        upright = bench.templates[template_of(handle)].up
+    def put_into(self, name: str, container: str) -> None:
+        """Places an object just above the centre of a container, so that it falls in."""
+        sandbox = self._sandbox
+        middle, _, depth_m = sandbox.footprint(name)
+        top_m = sandbox.top_m(container)
+        upright = sandbox.templates[template_of(name)].up
         q = np.array(rotation_between(np.array(upright), np.array([0.0, 0.0, 1.0])))
-        centre = bench.com_m(container)
+        centre = sandbox.com_m(container)
         point = np.array([centre[0], centre[1], top_m - INTO_M + depth_m])
         world_from_object = pose(point - quaternions.rotate_vector(middle, q), q)
-        self._inside[handle] = container
-        self._place(handle, world_from_object, self.on[container])
+        self._inside[name] = container
+        self._place(name, world_from_object, self.on[container])
 
-    def _is_in(self, handle: str, container: str) -> bool:
-        """Whether an object lies in another one: within its outline, lower than its brim."""
-        bench = self._bench
-        _, radius_m, _ = bench.footprint(container)
-        way = bench.com_m(handle) - bench.com_m(container)
-        low = bench.pose(handle)[2] - bench.footprint(handle)[2]
-        return float(np.linalg.norm(way[:2])) < radius_m and low < bench.top_m(container)
+    def _is_in(self, name: str, container: str) -> bool:
+        """Whether an object is in a container: within its outline, below its rim."""
+        sandbox = self._sandbox
+        _, radius_m, _ = sandbox.footprint(container)
+        offset = sandbox.com_m(name) - sandbox.com_m(container)
+        low = sandbox.pose(name)[2] - sandbox.footprint(name)[2]
+        return float(np.linalg.norm(offset[:2])) < radius_m and low < sandbox.top_m(container)
 
-    def _place(self, handle: str, world_from_object: Pose7, on: ReceptacleRef) -> None:
-        # The last digits of a product depend on where its numbers lie in memory, and physics would
-        # carry them on: what is put down is rounded first.
-        self.placed[handle], self.on[handle] = rounded(world_from_object), on
-        self._bench.place(handle, self.placed[handle])
+    def _place(self, name: str, world_from_object: Pose7, on: ReceptacleRef) -> None:
+        # The last digits of a product depend on memory alignment, and physics would amplify the
+        # difference, so poses are rounded first.
+        self.placed[name], self.on[name] = rounded(world_from_object), on
+        self._sandbox.place(name, self.placed[name])
 
     def settle(self) -> dict[str, Pose7]:
-        """Runs physics; returns handle -> pose of what rests on its receptacle, sorted.
+        """Runs physics; returns name -> pose, sorted, of objects resting on their receptacles.
 
-        What fell off is put somewhere else, `Settling.rounds` times in all.
+        Objects that fell are placed again, up to `Settling.rounds` placements in total.
         """
         for _ in range(self._settling.rounds - 1):
             stable = self._run()
-            fallen = [handle for handle in sorted(self.placed) if handle not in stable]
+            fallen = [name for name in sorted(self.placed) if name not in stable]
             if not fallen:
                 return stable
-            for handle in fallen:
-                if handle not in self._inside:
-                    self._put_again(handle)
-            for handle, container in self._inside.items():
-                if {handle, container} & set(fallen) and container in self.placed:
-                    self.put_into(handle, container)
+            for name in fallen:
+                if name not in self._inside:
+                    self._put_again(name)
+            for name, container in self._inside.items():
+                if {name, container} & set(fallen) and container in self.placed:
+                    self.put_into(name, container)
         return self._run()
 
-    def _put_again(self, handle: str) -> None:
-        wish = self._wishes[handle]
-        del self._taken[self.on[handle]][handle]
-        if not self.put(handle, wish.spots, wish.avoid):
-            self._bench.place(handle, AWAY)
-            del self.placed[handle]
+    def _put_again(self, name: str) -> None:
+        wish = self._wishes[name]
+        del self._taken[self.on[name]][name]
+        if not self.put(name, wish.spots, wish.avoid):
+            self._sandbox.place(name, AWAY)
+            del self.placed[name]
 
     def _run(self) -> dict[str, Pose7]:
         names = tuple(sorted(self.placed))
-        self._bench.settle(self._settling.seconds, names)
+        self._sandbox.settle(self._settling.seconds, names)
         poses: dict[str, Pose7] = {}
         restless: set[str] = set()
         for _ in range(self._settling.restarts):
-            poses = {name: rounded(self._bench.pose(name)) for name in names}
-            restless = self._bench.restless(poses)
+            poses = {name: rounded(self._sandbox.pose(name)) for name in names}
+            restless = self._sandbox.restless(poses)
             if not restless:
                 break
         return {name: poses[name] for name in names if name not in restless and self._rests(name)}
 
-    def _rests(self, handle: str) -> bool:
-        """Whether an object lies on the receptacle it was put on."""
+    def _rests(self, name: str) -> bool:
+        """Whether an object rests on the receptacle it was placed on."""
         limits = self._settling
-        if handle in self._inside:
-            return self._is_in(handle, self._inside[handle])
-        spot = self._spots[handle]
-        offset = self._bench.com_m(handle) - spot.center_m
+        if name in self._inside:
+            return self._is_in(name, self._inside[name])
+        spot = self._spots[name]
+        offset = self._sandbox.com_m(name) - spot.center_m
         beside = np.abs(offset @ spot.axes) - spot.half_m
         return bool((beside < limits.beside_m).all() and -limits.below_m < offset[2])

@@ -1,4 +1,4 @@
-"""What episodes were made from, so that they are not played in something else."""
+"""Provenance of episodes, to detect that they are run with other data."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hab_tasks.errors import EpisodeError
-from hab_tasks.scenes.dataset import SceneDataset, embedded_dataset
+from hab_tasks.scenes.habitat.dataset import SceneDataset, embedded_dataset
 from hab_tasks.scenes.spec import ObjectTemplate
 
 EMBEDDED, YCB = "embedded", "ycb"
@@ -19,13 +19,13 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class MadeFrom:
-    """What episodes were made from.
+    """Provenance of a set of episodes.
 
     Attributes:
         dataset: The scene dataset's fingerprint, 8 hexadecimal digits.
-        objects: `EMBEDDED` or `YCB`: which movable objects.
-        masses: The same for the objects' names and masses.
-        generator: Version of the generator; None for episodes that come from elsewhere.
+        objects: The movable objects, `EMBEDDED` or `YCB`.
+        masses: Fingerprint of the objects' names and masses.
+        generator: Version of the generator; None for episodes from other sources.
     """
 
     dataset: str
@@ -35,14 +35,14 @@ class MadeFrom:
 
 
 def stable_hash(*names: str) -> int:
-    """Returns a number made from names, the same on every machine and in every run."""
+    """Returns a hash of names that is equal on every machine and in every run."""
     return zlib.crc32("\0".join(names).encode())
 
 
 def made_from(
     dataset: SceneDataset, objects: Mapping[str, ObjectTemplate], generator: int | None = None
 ) -> MadeFrom:
-    """Returns what episodes in `dataset` with `objects` (name -> template) are made from."""
+    """Returns the provenance of episodes in `dataset` with `objects` (name -> template)."""
     files = (template.visual_file for template in objects.values())
     ours = embedded_dataset().resolve()
     embedded = all(file is not None and file.is_relative_to(ours) for file in files)
@@ -56,7 +56,7 @@ def made_from(
 
 
 def read_made_from(raw: Any) -> MadeFrom:
-    """Returns what a file says. Raises TypeError or ValueError when it makes no sense."""
+    """Reads the provenance in a file. Raises TypeError or ValueError if it is malformed."""
     found = MadeFrom(**raw)
     digests = (found.dataset, found.masses)
     if not all(isinstance(digest, str) and len(digest) == 8 for digest in digests):
@@ -71,14 +71,14 @@ def read_made_from(raw: Any) -> MadeFrom:
 def check_made_from(
     where: str, name: str, given: MadeFrom, dataset: SceneDataset, now: MadeFrom
 ) -> None:
-    """Refuses episodes of another dataset or with other objects; warns when these have changed.
+    """Rejects episodes of another dataset or with other objects; warns if these have changed.
 
     Args:
-        where: File and what else leads to the episodes, for messages.
-        name: The scene dataset that they are for.
-        given: What they were made from.
-        dataset: Where they are to be played.
-        now: What episodes made there would be made from.
+        where: File or other source of the episodes, for messages.
+        name: Scene dataset of the episodes.
+        given: Provenance of the episodes.
+        dataset: Scene dataset in use.
+        now: Provenance of episodes generated with it.
 
     Raises:
         EpisodeError: The scene dataset has another name, or the objects are of another kind.

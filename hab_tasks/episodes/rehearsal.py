@@ -1,4 +1,4 @@
-"""What becomes of a held object that the robot lets go, standing still: played, not computed."""
+"""Simulates the release of a held object while the robot stands still."""
 
 from __future__ import annotations
 
@@ -6,31 +6,31 @@ import numpy as np
 import torch
 
 from hab_tasks.constants import CONTROL_HZ, PLACE_RADIUS_M, SIM_HZ, SKILL_HORIZON_STEPS
+from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import RobotStart
-from hab_tasks.episodes.workbench import Workbench
 from hab_tasks.geometry import Array
 from hab_tasks.robots.follow_grasp import make_grasp
 
 GOAL_MARGIN_M = 0.03
-"""A fall never ends twice in the same place, to the centimetre: it has to miss by this much."""
+"""Required margin to the goal, as the end of a fall varies by centimetres."""
 
 PHYSICS_STEPS = SIM_HZ // CONTROL_HZ
 
 
-def falls_to(bench: Workbench, robot: RobotStart, held: str, goal_com_m: Array) -> bool:
-    """Whether a held object that is let go gets to its goal before it comes to rest.
+def falls_to(sandbox: PlacementSandbox, robot: RobotStart, held: str, goal_com_m: Array) -> bool:
+    """Whether a released object reaches its goal before it comes to rest.
 
-    The robot opens its hand in the first action, as in an episode, and stands still. The object is
-    where it starts; it, and what it meets, do not stay there.
+    The robot opens its hand in the first action, as in an episode, and stands still. The object
+    starts at its start pose; the poses of it and of other objects are not restored.
 
     Args:
-        bench: The start state.
-        robot: Where the robot starts.
-        held: The object in its hand.
-        goal_com_m: Where the object's centre of mass is to be (3,).
+        sandbox: The start state.
+        robot: Start pose of the robot.
+        held: The held object.
+        goal_com_m: Goal position (3,) of the object's centre of mass.
     """
-    agent = bench.stand_robot(robot.base, np.array(robot.arm_qpos_rad))
-    names, movable = list(bench.handles.movable), list(bench.handles.movable.values())
+    agent = sandbox.stand_robot(robot.base, np.array(robot.arm_qpos_rad))
+    names, movable = list(sandbox.scene_bodies.movable), list(sandbox.scene_bodies.movable.values())
     grasp = make_grasp(agent.scene, agent.ee_link, movable, [], "objects")
     grasp.attach(0, names.index(held))
     idle = agent.controller.idle_action(torch.tensor([False]))
@@ -42,10 +42,10 @@ def falls_to(bench: Workbench, robot: RobotStart, held: str, goal_com_m: Array) 
             grasp.before_simulation_step()
             agent.scene.px.step()
         grasp.after_control_step()
-        gap_m = float(np.linalg.norm(bench.com_m(held) - goal_com_m))
+        gap_m = float(np.linalg.norm(sandbox.com_m(held) - goal_com_m))
         near = gap_m < PLACE_RADIUS_M + GOAL_MARGIN_M
-        if near or bench.asleep(held):
+        if near or sandbox.asleep(held):
             break
     grasp.reset(torch.zeros(1, dtype=torch.long))
-    bench.send_robot_away()
+    sandbox.send_robot_away()
     return near

@@ -1,9 +1,8 @@
-"""An episode as frozen data: which layout, what lies where, where the robot starts, what to do.
+"""Data model of an episode: layout, object poses, robot start and goals; frozen.
 
 Files are JSON (``.json`` or ``.json.gz``): ``{"schema": 3, "env", "scene_dataset", "made_from",
-"split", "seed", "scenes": {scene_id: {object handle: pose}}, "episodes": [...]}``. Poses are
-position [m] and quaternion wxyz in the z-up world. Replaying an episode gives the same start state,
-always.
+"split", "seed", "scenes": {scene_id: {object name: pose}}, "episodes": [...]}``. Poses are
+position [m] and quaternion wxyz in the z-up world. An episode always gives the same start state.
 """
 
 from __future__ import annotations
@@ -15,29 +14,21 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hab_tasks.episodes.fields import (
-    integer,
-    load_json,
-    mapping,
-    naming,
-    number,
-    read_pose,
-    sequence,
-    text,
-)
+from hab_tasks.episodes.fields import load_json, naming, read_pose
 from hab_tasks.episodes.provenance import MadeFrom, read_made_from
 from hab_tasks.errors import EpisodeError
 from hab_tasks.files import written_aside
 from hab_tasks.geometry import Pose7
+from hab_tasks.typed_values import integer, mapping, number, sequence, text
 
 SCHEMA = 3
 POSE_DIGITS = 6
-"""Poses are rounded to a micrometre, in memory as in files, so that both give the same start."""
+"""Poses are rounded to a micrometre, in memory and in files, so that both give the same start."""
 
 ARM_JOINT_COUNT = 7
 
 ReceptacleRef = tuple[str, str]
-"""Name of a receptacle, and the body (object handle or ``articulation/link``) that carries it."""
+"""Name of a receptacle, and the body (object name or ``articulation/link``) that carries it."""
 
 Base = tuple[float, float, float]
 """x [m], y [m], yaw [rad] of the robot's base in the world."""
@@ -45,7 +36,7 @@ Base = tuple[float, float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class RobotStart:
-    """Where the robot starts: base and arm joints (7,) [rad]."""
+    """Start state of the robot: base and arm joints (7,) [rad]."""
 
     base: Base
     arm_qpos_rad: tuple[float, ...]
@@ -53,12 +44,12 @@ class RobotStart:
 
 @dataclass(frozen=True, kw_only=True)
 class Rearrangement:
-    """An object that the episode is about: where it starts and where it is to go.
+    """A target of the episode, with start and goal.
 
     Attributes:
-        object: Its handle.
-        start: The receptacle it starts on; None when the robot holds it.
-        goal: The receptacle it is to be put on; None when it only has to be picked.
+        object: Its name.
+        start: Start receptacle; None if the robot holds the object.
+        goal: Goal receptacle; None if the object only has to be picked.
         world_from_goal: Its pose at the goal (the object's frame, settled); None without a goal.
     """
 
@@ -70,7 +61,7 @@ class Rearrangement:
 
 @dataclass(frozen=True, kw_only=True)
 class HandleRef:
-    """A door or drawer to open or close: furniture handle, its joint, and the handle's marker."""
+    """A door or drawer to open or close: furniture name, its joint, and the handle's marker."""
 
     furniture: str
     joint: str
@@ -79,7 +70,7 @@ class HandleRef:
 
 @dataclass(frozen=True, kw_only=True)
 class NavigationGoal:
-    """Where Navigate has to end: a start pose of the skill `skill` (an env id)."""
+    """Navigation goal: a start pose of the skill `skill` (an env id)."""
 
     skill: str
     base: Base
@@ -87,22 +78,22 @@ class NavigationGoal:
 
 @dataclass(frozen=True, kw_only=True)
 class Episode:
-    """One start state and what is to be done.
+    """A start state and its goals.
 
     Attributes:
         id: Unique within its set, e.g. ``HabPick-v1/replicaCAD/train/0/00007``.
-        seed: Seeds whatever the agent or environment draws during the episode.
-        objects: Object handle (``003_cracker_box_:0001``) -> start pose of every movable object
-            that takes part.
-        joints: Furniture handle -> joint name -> position [m or rad]; the others start at zero.
-        loose: Handle -> settled pose of the layout's own loose objects; one dict for all episodes
-            of a layout, and stored once in a file.
+        seed: Seed of the agent's and the environment's randomness during the episode.
+        objects: Object name (``003_cracker_box_:0001``) -> start pose of every movable object in
+            the episode.
+        joints: Furniture name -> joint name -> position [m or rad]; other joints start at zero.
+        loose: Handle -> settled pose of the layout's loose objects; one dict for all episodes of a
+            layout, stored once per file.
         targets: The objects to rearrange, in the task's order.
         held: Handle of the object that starts in the grasp.
         handle: The door or drawer that the skill is about.
         navigation: The goal of Navigate.
-        habitat: What the Habitat file that the episode was read from holds beyond all this;
-            `hab_tasks.episodes.habitat` keeps and writes it.
+        habitat: Further data of the Habitat file that the episode was read from; see
+            `hab_tasks.episodes.habitat.convert`.
     """
 
     id: str
@@ -120,18 +111,18 @@ class Episode:
 
     @property
     def target(self) -> str:
-        """Handle of the first object to rearrange, empty when there is none."""
+        """Handle of the first object to rearrange; empty if there is none."""
         return self.targets[0].object if self.targets else ""
 
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeSet:
-    """A list of episodes and what it was made from.
+    """A list of episodes with its provenance.
 
     Attributes:
-        made_from: Scene dataset, objects and generator, so that they are not played elsewhere.
-        rejections: Reason -> how many candidates were refused while generating.
-        habitat: What a Habitat file holds beside its episodes.
+        made_from: Provenance: scene dataset, objects and generator.
+        rejections: Reason -> number of candidates rejected during generation.
+        habitat: Further data of a Habitat file, beside its episodes.
     """
 
     env: str
@@ -147,18 +138,18 @@ class EpisodeSet:
         return len(self.episodes)
 
 
-def template_of(handle: str) -> str:
-    """Returns the template's name in a handle: ``003_cracker_box_:0001`` -> ``003_cracker_box``."""
-    return handle.rsplit("_:", 1)[0]
+def template_of(name: str) -> str:
+    """Returns the template of an object: ``003_cracker_box_:0001`` -> ``003_cracker_box``."""
+    return name.rsplit("_:", 1)[0]
 
 
 def rounded(world_from_object: Pose7) -> Pose7:
-    """Returns a pose as files keep it, to `POSE_DIGITS`."""
+    """Rounds a pose to `POSE_DIGITS`, as in files."""
     return tuple(round(x, POSE_DIGITS) + 0.0 for x in world_from_object)  # type: ignore[return-value]
 
 
 def write_episodes(episodes: EpisodeSet, file: Path) -> None:
-    """Writes an episode file aside and renames it."""
+    """Writes an episode file atomically."""
     raw = {"schema": SCHEMA, **asdict(episodes)}
     raw["scenes"] = {entry["scene_id"]: entry.pop("loose") for entry in raw["episodes"]}
     for entry in (raw, *raw["episodes"]):
@@ -168,7 +159,7 @@ def write_episodes(episodes: EpisodeSet, file: Path) -> None:
 
 
 def save_json(value: Any, file: Path, *, sort_keys: bool) -> None:
-    """Writes a ``.json`` or ``.json.gz`` file aside and renames it."""
+    """Writes a ``.json`` or ``.json.gz`` file atomically."""
     data = (json.dumps(value, sort_keys=sort_keys) + "\n").encode()
     if file.suffix == ".gz":
         data = gzip.compress(data, mtime=0)
@@ -180,19 +171,19 @@ def read_episodes(file: Path) -> EpisodeSet:
     """Reads an episode file.
 
     Raises:
-        EpisodeError: Absent, damaged, of another schema version, or with a missing or odd field.
+        EpisodeError: Absent, damaged, of another schema version, or with an invalid field.
     """
     raw = load_json(file)
     version = raw.get("schema") if isinstance(raw, dict) else None
     if version != SCHEMA:
         raise EpisodeError(
             f"{file}: episode schema {version!r}; this version reads {SCHEMA}. "
-            "Make it anew with `hab-tasks episodes`."
+            "Generate it again with `hab-tasks episodes`."
         )
     where = str(file)
     with naming(where, "scenes"):
         scenes = {
-            scene: {handle: read_pose(pose) for handle, pose in mapping(poses).items()}
+            scene: {name: read_pose(pose) for name, pose in mapping(poses).items()}
             for scene, poses in mapping(raw["scenes"]).items()
         }
     with naming(where, "episodes"):
@@ -275,16 +266,16 @@ def _id(entry: Any, index: int) -> Any:
     return named if isinstance(named, str) else index
 
 
-def _among(handle: Any, objects: dict[str, Pose7]) -> str:
-    if text(handle) not in objects:
-        raise ValueError(f"{handle!r} is not among the objects")
-    return handle
+def _among(name: Any, objects: dict[str, Pose7]) -> str:
+    if text(name) not in objects:
+        raise ValueError(f"{name!r} is not among the objects")
+    return name
 
 
 def _robot(entry: dict[str, Any]) -> RobotStart:
     arm = tuple(number(x) for x in sequence(entry["arm_qpos_rad"]))
     if len(arm) != ARM_JOINT_COUNT:
-        raise ValueError(f"arm_qpos_rad with {len(arm)} joints instead of {ARM_JOINT_COUNT}")
+        raise ValueError(f"arm_qpos_rad with {len(arm)} joints, expected {ARM_JOINT_COUNT}")
     return RobotStart(base=_base(entry["base"]), arm_qpos_rad=arm)
 
 

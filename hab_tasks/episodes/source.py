@@ -1,34 +1,34 @@
-"""Where episodes come from: a file, the files shipped with the package, the cache, or generation.
+"""Sources of episodes: a file, the files included in the package, the cache, or generation.
 
-An episode depends only on (dataset, split, seed, index): asking for 50 or for 500 gives the same
-first 50, and asking again gives the same ones.
+An episode depends only on (dataset, split, seed, index): requests for 50 and for 500 episodes have
+the same first 50, and repeated requests are equal.
 """
 
 from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import astuple, dataclass
 from importlib import import_module
 from pathlib import Path
 
 from hab_tasks.cache import read_cached, write_cached
-from hab_tasks.episodes.generators import (
-    GENERATORS,
-    Generator,
-    Made,
-)
+from hab_tasks.episodes.generators import Generator, Made, generator_of
 from hab_tasks.episodes.generators.base import Objects
 from hab_tasks.episodes.provenance import check_made_from, made_from, stable_hash
-from hab_tasks.episodes.receptacles import UNSEEN_RECEPTACLES
 from hab_tasks.episodes.schema import SCHEMA, Episode, EpisodeSet, read_episodes, write_episodes
 from hab_tasks.errors import EpisodeError, OptionError, UnknownNameError
+from hab_tasks.object_names import TRAIN_OBJECTS, UNSEEN_OBJECTS
 from hab_tasks.option_values import LARGEST_SEED, name, path, whole
 from hab_tasks.processes import worker_pool
-from hab_tasks.scenes.dataset import SceneDataset, embedded_dataset, resolve_dataset
-from hab_tasks.scenes.load import load_scene
-from hab_tasks.scenes.objects import TRAIN_OBJECTS, UNSEEN_OBJECTS, load_objects
+from hab_tasks.receptacles import UNSEEN_RECEPTACLES
+from hab_tasks.registration import TASKS, imported_id
+from hab_tasks.scenes.habitat.dataset import SceneDataset, embedded_dataset, resolve_dataset
+from hab_tasks.scenes.habitat.load import load_scene
+from hab_tasks.scenes.objects import load_objects
 from hab_tasks.scenes.spec import SceneSpec
 
 UNLIMITED = 1_000_000
@@ -38,18 +38,18 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeRequest:
-    """Which episodes are wanted.
+    """A request for episodes.
 
     Attributes:
-        env_id: The environment they are for.
+        env_id: Their environment.
         scene_dataset: ``apartment``, ``replica_cad``, or the path of a ReplicaCAD folder.
         objects: Path of a YCB folder; None for the embedded objects.
-        split: ``train``, ``val`` or ``test``; None for the most unseen one that the dataset has.
-        scene: Only episodes in this layout.
+        split: ``train``, ``val`` or ``test``; None picks the least-seen split available.
+        scene: Restrict episodes to this layout.
         file: An episode file instead of generated episodes.
         seed: Seed of the generated episodes.
-        novel: ``objects`` or ``receptacles``: those kept for evaluation (S E.1); None for the
-            objects seen in training and the skill's own receptacles.
+        novel: ``objects`` or ``receptacles``: use those held out for evaluation (S E.1); None for
+            the training objects and the skill's own receptacles.
     """
 
     env_id: str
@@ -62,14 +62,14 @@ class EpisodeRequest:
     novel: str | None = None
 
     def __post_init__(self) -> None:
-        """Refuses values of a wrong type."""
+        """Rejects values of a wrong type."""
         whole("seed", self.seed, 0, LARGEST_SEED)
         for option in ("split", "scene", "novel"):
             name(option, getattr(self, option))
         for option in ("scene_dataset", "objects", "file"):
             path(option, getattr(self, option))
         if self.scene_dataset is None:
-            raise OptionError("scene_dataset", None, "a path or a name")
+            raise OptionError.of_value("scene_dataset", None, "a path or a name")
 
 
 class EpisodeSource:
@@ -80,16 +80,16 @@ class EpisodeSource:
         objects: Object name -> template of the movable objects.
         file: The episode file; None where episodes are generated.
         split: The resolved split.
-        available: How many episodes there are.
-        made_from: What the episodes are made from.
-        rejections: Reason -> candidates refused by this process's generation.
+        available: Number of episodes.
+        made_from: Provenance of the episodes.
+        rejections: Reason -> number of candidates rejected by this process.
     """
 
     def __init__(self, request: EpisodeRequest, dataset: SceneDataset) -> None:
-        """Reads what the request names and what was generated before."""
+        """Reads the data of the request and previously generated episodes."""
         self._request = request
         self.file = None if request.file is None else Path(request.file)
-        self.env_id = request.env_id.rpartition(":")[2]
+        self.env_id = imported_id(request.env_id)
         self.seed, self.novel = request.seed, request.novel
         self.dataset, self.scene_id = dataset, request.scene
         self.objects = load_objects(request.objects)
@@ -104,50 +104,54 @@ class EpisodeSource:
             return
         scope = "-".join(part for part in (self.split, self.scene_id) if part)
         scope += f"+{self.novel}" if self.novel else ""
-        if self.env_id not in GENERATORS:
-            raise UnknownNameError("env with generated episodes", self.env_id, GENERATORS)
-        self.made_from = made_from(dataset, self.objects, GENERATORS[self.env_id].version)
+        self._make_generator, version = generator_of(self.env_id)
+        self.made_from = made_from(dataset, self.objects, version)
         kind = self.made_from.objects
         self._name = f"{self.env_id}.{dataset.name}.{kind}.{scope}.{self.seed}.json.gz"
         shipped = dataset.root == embedded_dataset().resolve()
         self._embedded = _shipped_folder() / self._name if shipped else None
-        key = stable_hash(*map(str, (SCHEMA, *astuple(self.made_from))))
+        # The fingerprint of a task covers starts and goals of its objects, not its instruction.
+        task = TASKS.get(self.env_id)
+        spec = (
+            () if task is None else (task.targets, task.starts_open, task.clutter, task.clutter_on)
+        )
+        key = stable_hash(*map(str, (SCHEMA, *astuple(self.made_from), *spec)))
         self._cached = f"episodes/{key:08x}/{self._name}"
         kept = read_cached(self._cached, read_episodes)
         if kept is not None:
             self._take(kept)
-        # The cache may hold more episodes than were shipped; the shipped ones stay as they are.
+        # The cache may have more episodes than the package; those of the package take precedence.
         if self._embedded is not None and self._embedded.exists():
             self._take(read_episodes(self._embedded))
 
     @property
     def given(self) -> tuple[Episode, ...]:
-        """The episodes of the file; none where they are generated."""
+        """The episodes of the file; empty if episodes are generated."""
         return () if self.file is None else tuple(self._episodes.values())
 
     def get(self, index: int) -> Episode:
-        """Returns episode number `index`, generating it when it is not known yet.
+        """Returns the episode of an index, generating it if necessary.
 
         Raises:
             EpisodeError: The source is a file with fewer episodes.
-            GenerationError: No acceptable start state was found.
+            GenerationError: No valid start state was found.
         """
         if not 0 <= index < self.available:
-            raise EpisodeError(f"Episode {index}: valid are 0 to {self.available - 1}.")
+            raise EpisodeError(f"Episode {index}: valid indices are 0 to {self.available - 1}.")
         if index not in self._episodes:
             self._keep(index, self.make(index))
         return self._episodes[index]
 
     def prepare(self, count: int, workers: int = 1, progress: Progress | None = None) -> bool:
-        """Generates what is missing of the first `count` episodes.
+        """Generates the missing ones of the first `count` episodes.
 
         Args:
-            count: How many there are to be.
-            workers: Number of processes; changes no episode.
+            count: Number of episodes.
+            workers: Number of processes; does not change the episodes.
             progress: Called with (episodes ready, `count`) after each one.
 
         Returns:
-            Whether any was missing.
+            Whether any were missing.
         """
         missing = [index for index in range(count) if index not in self._episodes]
         if workers > 1 and len(missing) > 1:
@@ -170,13 +174,13 @@ class EpisodeSource:
                     progress(ready, count)
 
     def scene(self, scene_id: str) -> SceneSpec:
-        """Returns a layout, read once."""
+        """Returns a layout; cached."""
         if scene_id not in self._scenes:
             self._scenes[scene_id] = load_scene(self.dataset, scene_id)
         return self._scenes[scene_id]
 
     def scene_ids(self) -> list[str]:
-        """Returns the layouts that episodes may play in."""
+        """Returns the layouts of the episodes."""
         if self.available < UNLIMITED:
             return sorted({episode.scene_id for episode in self._episodes.values()})
         return [self.scene_id] if self.scene_id else self.dataset.scenes_of_split(self.split)
@@ -202,9 +206,9 @@ class EpisodeSource:
         return file
 
     def make(self, index: int) -> Made:
-        """Generates an episode, whether it is known or not."""
+        """Generates an episode, even if it already exists."""
         if self._generator is None:
-            self._generator = self._make_generator()
+            self._generator = self._new_generator()
         scope = "" if self.novel is None else f"+{self.novel}"
         return self._generator.generate(
             f"{self.env_id}/{self.dataset.name}/{self.split}{scope}/{self.seed}/{index:05d}",
@@ -213,7 +217,7 @@ class EpisodeSource:
         )
 
     def _first_layout(self, index: int) -> str | None:
-        """Returns the layout of an episode in a folder of layouts, where each has its turn."""
+        """Returns the layout of an episode in a folder of layouts, which are used in turn."""
         if self.dataset.layouts is None:
             return None
         scenes = self.scene_ids()
@@ -223,13 +227,13 @@ class EpisodeSource:
         self._episodes[index] = made.episode
         self.rejections.update(made.rejections)
 
-    def _make_generator(self) -> Generator:
+    def _new_generator(self) -> Generator:
         drawn = Objects(
             templates=self.objects,
             names=UNSEEN_OBJECTS if self.novel == "objects" else TRAIN_OBJECTS,
             receptacles=UNSEEN_RECEPTACLES if self.novel == "receptacles" else None,
         )
-        return GENERATORS[self.env_id](self.scene_ids(), self.scene, drawn)
+        return self._make_generator(self.scene_ids(), self.scene, drawn)
 
     def _take(self, episodes: EpisodeSet) -> None:
         self._episodes.update(enumerate(episodes.episodes))
@@ -240,7 +244,7 @@ class EpisodeSource:
         if given.env != self.env_id:
             raise EpisodeError(f"{file}: made for {given.env}, not for {self.env_id}.")
         if not given.episodes:
-            raise EpisodeError(f"{file}: holds no episode.")
+            raise EpisodeError(f"{file}: contains no episodes.")
         now = made_from(self.dataset, self.objects)
         check_made_from(str(file), given.scene_dataset, given.made_from, self.dataset, now)
         self.made_from = given.made_from
@@ -250,32 +254,55 @@ class EpisodeSource:
         self.split, self.available = given.split, len(given)
 
 
+_shared: ContextVar[dict[EpisodeRequest, EpisodeSource] | None] = ContextVar(
+    "_shared", default=None
+)
+
+
+@contextmanager
+def shared_sources() -> Iterator[None]:
+    """Lets all environments made in this context with the same request share one source.
+
+    An episode is then read or generated once for all of them.
+    """
+    token = _shared.set({})
+    try:
+        yield
+    finally:
+        _shared.reset(token)
+
+
 def open_source(request: EpisodeRequest) -> EpisodeSource:
-    """Returns the episodes for an env on a dataset.
+    """Returns the source of the requested episodes; see also `shared_sources`.
 
     Raises:
         UnknownNameError: Unknown dataset, split, scene, novelty or objects folder.
         DatasetError: The dataset is damaged.
-        EpisodeError: The episode file is damaged, or made for another env.
+        EpisodeError: The episode file is damaged, or for another env.
     """
     if request.novel not in (None, *NOVELTIES):
         raise UnknownNameError("novelty", request.novel, NOVELTIES)
     dataset = resolve_dataset(request.scene_dataset)
     if request.scene is not None:
         dataset.scene_file(request.scene)
-    return EpisodeSource(request, dataset)
+    shared = _shared.get()
+    if shared is None:
+        return EpisodeSource(request, dataset)
+    if request not in shared:
+        shared[request] = EpisodeSource(request, dataset)
+    return shared[request]
 
 
 def load_episodes(
     request: EpisodeRequest, count: int, progress: Progress | None = None, workers: int = 1
 ) -> EpisodeSet:
-    """Returns the first `count` episodes; newly generated ones are kept in the cache.
+    """Returns the first `count` episodes; newly generated ones are cached.
 
     Args:
-        request: Which episodes.
-        count: How many.
+        request: The request.
+        count: Number of episodes.
         progress: Called with (episodes ready, `count`) after each one.
-        workers: Number of processes; changes no episode.
+        workers: Number of processes; does not change the episodes.
     """
     source = open_source(request)
     if source.prepare(count, workers, progress):
@@ -288,7 +315,7 @@ _worker_source: EpisodeSource
 
 def _start_worker(request: EpisodeRequest) -> None:
     global _worker_source
-    logging.disable(logging.WARNING)  # the parent has said it already
+    logging.disable(logging.WARNING)  # already logged by the parent
     _worker_source = open_source(request)
 
 
@@ -306,6 +333,6 @@ def _split(dataset: SceneDataset, split: str | None, scene_id: str | None) -> st
 
 
 def _shipped_folder() -> Path:
-    # By name: packaging puts the folder assets/ there, where a type checker does not look.
+    # Imported by name: packaging maps the folder assets/ there, which type checkers miss.
     assets = import_module("hab_tasks.assets")
     return Path(next(iter(assets.__path__))) / "episodes"

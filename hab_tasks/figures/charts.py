@@ -7,8 +7,8 @@ from pathlib import Path
 
 from hab_tasks.figures.statistics import category_counts, furniture_counts
 from hab_tasks.figures.style import BAR_HEIGHT_IN, bars, new_figure, save
-from hab_tasks.scenes.dataset import SceneDataset
-from hab_tasks.scenes.inventory import macro_layouts, micro_variations
+from hab_tasks.scenes.habitat.dataset import SceneDataset
+from hab_tasks.scenes.habitat.inventory import macro_layouts, micro_variations
 
 COLUMN_IN = 5.0
 MARGIN_IN = 1.0
@@ -16,14 +16,14 @@ LONGEST_COLUMN = 25
 
 
 def draw_furniture(dataset: SceneDataset, file: Path) -> None:
-    """Draws how often each type of furniture stands in the micro-variations (S Fig. 6)."""
+    """Draws the count of each furniture type in the micro-variations (S Fig. 6)."""
     layouts, macros = len(micro_variations(dataset)), len(macro_layouts(dataset))
     title = f"{dataset.name}: furniture in {layouts} micro-variations of {macros} macro layouts"
     _draw(furniture_counts(dataset), title, "occurrences", file)
 
 
 def draw_categories(dataset: SceneDataset, file: Path) -> None:
-    """Draws how many object templates each semantic category has (S Fig. 7)."""
+    """Draws the number of object templates per semantic category (S Fig. 7)."""
     counts = category_counts(dataset)
     title = f"{dataset.name}: {sum(counts.values())} objects in {len(counts)} semantic categories"
     _draw(counts, title, "object templates", file)

@@ -1,4 +1,4 @@
-"""A picture of the frames that observations and actions are told in."""
+"""Figure of the frames of observations and actions."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Frame:
     Attributes:
         name: Its label.
         world_from_frame: (4, 4) its pose.
-        length_m: How long its axes are drawn.
+        length_m: Drawn length of its axes.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Arrow:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Photo:
-    """A picture, and where things are in it.
+    """An image with its camera parameters.
 
     Attributes:
         image: (H, W, 3) uint8.
@@ -69,13 +69,13 @@ class Photo:
     intrinsics: Array
 
     def pixel(self, point_m: Array) -> Array:
-        """Returns where a world point (3,) is seen, (2,): column and row."""
+        """Projects a world point (3,) to the image, (2,): column and row."""
         x, y, ahead = self.intrinsics @ (self.eye_from_world @ np.append(point_m, 1.0))
         return np.array((x / ahead, y / ahead))
 
 
 def photograph(scene: sapien.Scene, eye_m: Array, at_m: Array) -> Photo:
-    """Takes a picture of a scene from a point (3,) towards another (3,)."""
+    """Renders a scene from a point (3,) towards another (3,)."""
     use_default_shaders()
     camera = sapien.render.RenderCameraComponent(*SIZE_PX)
     camera.set_fovy(FIELD_RAD)
@@ -95,7 +95,7 @@ def photograph(scene: sapien.Scene, eye_m: Array, at_m: Array) -> Photo:
 
 
 def draw_frames(file: Path, photo: Photo, frames: Sequence[Frame], arrows: Sequence[Arrow]) -> None:
-    """Writes a picture with frames and arrows drawn over it."""
+    """Writes an image overlaid with frames and arrows."""
     height, width = photo.image.shape[:2]
     figure = new_figure(INCHES, INCHES * height / width)
     figure.set_layout_engine("none")
@@ -127,5 +127,5 @@ def _arrow(axes: Axes, start: Array, end: Array, color: str, line: str) -> None:
 
 
 def _label(axes: Axes, at: Array, words: str, aside_pt: tuple[int, int]) -> None:
-    place = {"xytext": aside_pt, "textcoords": "offset points", "ha": "center", "va": "center"}
-    axes.annotate(words, (*at,), fontsize=9, bbox=HALO, **place)
+    placement = {"xytext": aside_pt, "textcoords": "offset points", "ha": "center", "va": "center"}
+    axes.annotate(words, (*at,), fontsize=9, bbox=HALO, **placement)

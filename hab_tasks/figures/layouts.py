@@ -1,4 +1,4 @@
-"""Figure 8: the macro layouts from above, and a sheet of their micro-variations."""
+"""Figure 8: top views of the macro layouts, and a sheet of their micro-variations."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from hab_tasks.figures.moved import moved_furniture
 from hab_tasks.figures.plan import aspect, draw_plan, outlines, room_box
 from hab_tasks.figures.showroom import Showroom
 from hab_tasks.figures.style import new_figure, save
-from hab_tasks.scenes.dataset import SceneDataset
-from hab_tasks.scenes.inventory import macro_layouts, macro_of, micro_variations
-from hab_tasks.scenes.load import load_scene
+from hab_tasks.scenes.habitat.dataset import SceneDataset
+from hab_tasks.scenes.habitat.inventory import macro_layouts, macro_of, micro_variations
+from hab_tasks.scenes.habitat.load import load_scene
 
 PIXELS_PER_M = 60.0
 VIEW_IN, SHEET_IN = 2.4, 0.95
@@ -20,20 +20,20 @@ SHEET_COLUMNS = 11
 
 
 def draw_macros(dataset: SceneDataset, file: Path, backend: str) -> None:
-    """Draws the macro layouts from above (S Fig. 8).
+    """Draws top views of the macro layouts (S Fig. 8).
 
     Args:
-        dataset: Whose layouts.
+        dataset: The scene dataset.
         file: The PNG.
-        backend: ManiSkill's name of the device that draws; ``none`` for floor plans.
+        backend: ManiSkill's name of the render device; ``none`` for floor plans.
     """
     showroom = None if backend == "none" else Showroom(backend)
     specs = [load_scene(dataset, scene_id) for scene_id in macro_layouts(dataset)]
     plans = [outlines(spec) for spec in specs]
     height_in = (VIEW_IN - 0.1) * max(map(aspect, plans)) + 0.4
     figure = new_figure(VIEW_IN * len(specs), height_in)
-    places = figure.subplots(1, len(specs), squeeze=False)[0]
-    for axes, spec, plan in zip(places, specs, plans, strict=True):
+    all_axes = figure.subplots(1, len(specs), squeeze=False)[0]
+    for axes, spec, plan in zip(all_axes, specs, plans, strict=True):
         if showroom is None:
             draw_plan(axes, plan)
         else:
@@ -47,7 +47,7 @@ def draw_macros(dataset: SceneDataset, file: Path, backend: str) -> None:
 def draw_micros(dataset: SceneDataset, file: Path) -> None:
     """Draws a sheet: each macro layout, followed by its micro-variations.
 
-    Furniture that stands elsewhere than in the macro layout is marked.
+    Furniture at a different pose than in the macro layout is marked.
     """
     macros = macro_layouts(dataset)
     groups = {m: [m, *micro_variations(dataset, macro_of(m))] for m in macros}
@@ -63,8 +63,8 @@ def draw_micros(dataset: SceneDataset, file: Path) -> None:
     grid = figure.subplots(len(lines), columns, squeeze=False)
     for axes in grid.flat:
         axes.set_axis_off()
-    for (macro, scenes), places in zip(lines, grid, strict=True):
-        for scene_id, axes in zip(scenes, places, strict=False):
+    for (macro, scenes), all_axes in zip(lines, grid, strict=True):
+        for scene_id, axes in zip(scenes, all_axes, strict=False):
             spec = load_scene(dataset, scene_id)
             draw_plan(axes, outlines(spec), moved_furniture(macro, spec))
             axes.set_title(scene_id.removeprefix("v3_").replace("_staging_", " "), fontsize=7.5)

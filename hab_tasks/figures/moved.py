@@ -1,4 +1,4 @@
-"""Which furniture of a micro-variation stands elsewhere than in its macro layout (S A.1)."""
+"""Furniture of a micro-variation with a different pose than in its macro layout (S A.1)."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ TURNED_RAD = math.radians(5.0)
 
 
 def moved_furniture(macro: SceneSpec, variation: SceneSpec) -> set[str]:
-    """Returns the handles of the variation's furniture that was moved, turned or added.
+    """Returns the names of the variation's furniture that was moved, rotated or added.
 
-    Pieces of one template are the same to the eye: each is compared with the nearest one of the
-    macro layout, one to one.
+    Pieces of one template are interchangeable: each is matched one to one with the nearest piece of
+    the macro layout.
     """
     before, after = _by_template(macro), _by_template(variation)
     moved: set[str] = set()

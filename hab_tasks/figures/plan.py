@@ -1,4 +1,4 @@
-"""Floor plans: a layout's collision shapes seen from above."""
+"""Floor plans: top view of a layout's collision shapes."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ FLOOR_TOP_M, FLAT_TOP_M = 0.05, 0.1
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Outline:
-    """One collision shape seen from above.
+    """Outline of one collision shape in a top view.
 
     Attributes:
-        piece: The object's or furniture's handle; ``floor`` and ``wall`` for the stage.
+        piece: The object's or furniture's name; ``floor`` and ``wall`` for the stage.
         corners_m: (K, 2) its convex outline in the world.
-        top_m: How high it reaches.
+        top_m: Height of its highest point.
     """
 
     piece: str
@@ -35,7 +35,7 @@ class Outline:
 
 
 def outlines(spec: SceneSpec) -> list[Outline]:
-    """Returns the outlines of everything in a layout, doors and drawers closed."""
+    """Returns the outlines of all bodies of a layout, doors and drawers closed."""
     found = []
     for body in Layout.of(spec).placed.values():
         shapes = np.split(body.points_m[:2].T, body.shapes.starts[1:])
@@ -68,7 +68,7 @@ def draw_plan(axes: Axes, found: list[Outline], marked: Collection[str] = ()) ->
     for piece, parts in sorted(pieces.items(), key=lambda item: _layer(item[1])):
         color, edge = _colors(piece, parts, piece in marked)
         corners = [part.corners_m for part in parts]
-        # All edges first and the fills over them: what remains is the line around the whole piece.
+        # Edges first, then fills over them, which leaves the outline of the whole piece.
         axes.add_collection(PolyCollection(corners, facecolors="none", edgecolors=edge, lw=1.0))
         axes.add_collection(PolyCollection(corners, facecolors=color, edgecolors=color, lw=0.2))
     low, high = room_box(found)

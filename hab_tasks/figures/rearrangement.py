@@ -1,4 +1,4 @@
-"""Figures 20 to 22: what an episode file asks for, and where it happens."""
+"""Figures 20 to 22: objects, receptacles and positions of an episode file."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from hab_tasks.figures.plan import Outline, aspect, draw_plan, outlines
 from hab_tasks.figures.statistics import EpisodeStatistics, episode_statistics
 from hab_tasks.figures.style import BAR_HEIGHT_IN, BLUE, ORANGE, WALL, bare, bars, new_figure, save
 from hab_tasks.geometry import Array
-from hab_tasks.scenes.dataset import SceneDataset
-from hab_tasks.scenes.load import load_scene
+from hab_tasks.scenes.habitat.dataset import SceneDataset
+from hab_tasks.scenes.habitat.load import load_scene
 
 PAPER_FIGURES = {
     "HabTidyHouse-v1": "fig20_tidy_house.png",
@@ -29,10 +29,10 @@ PAPER_FIGURES = {
 CHART_IN, PLAN_IN = 4.6, 3.0
 HISTOGRAM_ROWS, TITLE_ROWS = 8, 3.5
 THICKER = 1.4
-"""Bars may grow by this where there is room for more."""
+"""Maximum growth factor of bars where there is room."""
 
 MANY = 150
-"""With more points than this in one plan, markers are smaller."""
+"""Number of points in one plan from which markers are smaller."""
 
 BIN_M = 0.5
 MARKERS = {
@@ -59,7 +59,7 @@ def figure_name(env_id: str) -> str:
 def draw_episodes(dataset: SceneDataset, episodes: EpisodeSet, file: Path) -> None:
     """Draws an episode file's objects, receptacles, distances and positions (S Figs. 20-22)."""
     statistics = episode_statistics(episodes)
-    plans = {place: _plan(dataset, scenes) for place, scenes in statistics.scenes.items()}
+    plans = {layout: _plan(dataset, scenes) for layout, scenes in statistics.scenes.items()}
     columns = _columns(_panels(statistics))
     rows = max((sum(panel.rows + TITLE_ROWS for panel in c) for c in columns), default=0)
     height_in = max(BAR_HEIGHT_IN * rows, PLAN_IN * max(map(aspect, plans.values()))) + 0.8
@@ -109,12 +109,14 @@ def _columns(panels: list[_Panel]) -> list[list[_Panel]]:
 
 
 def _draw_column(part: SubFigure, column: list[_Panel], rows: float) -> None:
-    """Draws charts one above the other in a place of so many rows; room to spare stays empty."""
+    """Stacks charts in a column of a number of rows; spare room stays empty."""
     heights = [panel.rows + TITLE_ROWS for panel in column]
     spare = max(rows / THICKER - sum(heights), 1e-3)
-    places = part.subplots(len(column) + 1, 1, squeeze=False, height_ratios=[*heights, spare])[:, 0]
-    places[-1].set_axis_off()
-    for axes, panel in zip(places, column, strict=False):
+    all_axes = part.subplots(len(column) + 1, 1, squeeze=False, height_ratios=[*heights, spare])[
+        :, 0
+    ]
+    all_axes[-1].set_axis_off()
+    for axes, panel in zip(all_axes, column, strict=False):
         panel.draw(axes)
         axes.set_title(panel.title, fontsize=10, loc="left")
 
@@ -135,22 +137,22 @@ def _draw_positions(
 ) -> None:
     found = (statistics.robot_m, statistics.start_m, statistics.goal_m)
     shown: dict[str, Artist] = {}
-    for axes, (place, plan) in zip(
+    for axes, (layout, plan) in zip(
         part.subplots(1, len(plans), squeeze=False)[0], plans.items(), strict=True
     ):
         draw_plan(axes, plan)
         for (name, look), points in zip(MARKERS.items(), found, strict=True):
-            if place in points:
-                size = look["s"] * min(1.0, max(0.35, MANY / len(points[place])))
-                shown[name] = axes.scatter(*points[place].T, zorder=3, **{**look, "s": size})
-        scenes = len(statistics.scenes[place])
-        axes.set_title(place if scenes == 1 else f"{place}, {scenes} layouts", fontsize=10)
+            if layout in points:
+                size = look["s"] * min(1.0, max(0.35, MANY / len(points[layout])))
+                shown[name] = axes.scatter(*points[layout].T, zorder=3, **{**look, "s": size})
+        scenes = len(statistics.scenes[layout])
+        axes.set_title(layout if scenes == 1 else f"{layout}, {scenes} layouts", fontsize=10)
     words = {"ncols": 3, "fontsize": 8, "frameon": False, "handletextpad": 0.2}
     part.legend(shown.values(), shown.keys(), loc="outside lower center", **words)
 
 
 def _plan(dataset: SceneDataset, scenes: list[str]) -> list[Outline]:
-    """Returns outlines of what stands in the same place in all these layouts."""
+    """Returns outlines of bodies with the same pose in all these layouts."""
     first = load_scene(dataset, scenes[0])
     moved: set[str] = set()
     for scene_id in scenes[1:]:

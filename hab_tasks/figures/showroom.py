@@ -1,4 +1,4 @@
-"""Pictures of layouts from above, without a ceiling and without a robot."""
+"""Rendered top views of layouts, without ceiling and robot."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from hab_tasks.scenes.pool import BodyPool
 from hab_tasks.scenes.spec import SceneSpec
 
 EYE_M = 40.0
-"""The camera hangs so high that walls look thin and hide nothing beside them."""
+"""Camera height, large enough that walls do not occlude their surroundings."""
 
 CUT_M, UNCUT_M = 2.45, 3.0
-"""Whatever is above is left out: a ceiling, or nothing where walls are boxes without one."""
+"""Clipping height: below the ceiling, or above walls that are boxes without a ceiling."""
 
 BELOW_M = 1.0
 
 
 class Showroom:
-    """Shows one layout after another to a camera below the sky.
+    """Renders one layout after another from above.
 
     Args:
-        backend: ManiSkill's name of the device that draws.
+        backend: ManiSkill's name of the render device.
     """
 
     def __init__(self, backend: str) -> None:
@@ -38,18 +38,18 @@ class Showroom:
     def picture(
         self, spec: SceneSpec, low_m: Array, high_m: Array, pixels_per_m: float
     ) -> NDArray[np.uint8]:
-        """Returns a picture (H, W, 3) of a layout, doors and drawers closed, y up.
+        """Returns an image (H, W, 3) of a layout, doors and drawers closed, y up.
 
         Args:
             spec: The layout.
-            low_m: Lower corner (2,) of the room, which fills the picture.
+            low_m: Lower corner (2,) of the room, which fills the image.
             high_m: Upper corner (2,).
             pixels_per_m: Scale at the height of the cut.
         """
-        handles = self._pool.show(spec, ())
+        scene_bodies = self._pool.show(spec, ())
         self._lights.show(spec.lights)
-        for furniture in handles.articulations.values():
-            # It also tells the engine where the links of new furniture are.
+        for furniture in scene_bodies.articulations.values():
+            # This also updates the link poses of new furniture in the engine.
             furniture.set_qpos(torch.zeros_like(furniture.get_qpos()))
         width, height = (round(float(pixels_per_m * side)) for side in high_m - low_m)
         use_default_shaders()

@@ -1,4 +1,4 @@
-"""The numbers behind the figures of a dataset (S A.1) and of an episode file (S G.1)."""
+"""Statistics of a dataset (S A.1) and of an episode file (S G.1), for the figures."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ import numpy as np
 
 from hab_tasks.episodes.schema import Episode, EpisodeSet, template_of
 from hab_tasks.geometry import Array
-from hab_tasks.scenes.dataset import SceneDataset
+from hab_tasks.object_names import ALL_OBJECTS
 from hab_tasks.scenes.fields import read_json
-from hab_tasks.scenes.inventory import macro_of, micro_variations
-from hab_tasks.scenes.load import read_category
-from hab_tasks.scenes.objects import ALL_OBJECTS
+from hab_tasks.scenes.habitat.dataset import SceneDataset
+from hab_tasks.scenes.habitat.inventory import macro_of, micro_variations
+from hab_tasks.scenes.habitat.load import read_category
 
 IN_GRASP = "In the grasp"
 
@@ -26,19 +26,19 @@ _PREFIX = re.compile(r"^(frl_)?apartment_")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EpisodeStatistics:
-    """What an episode file asks for. A place is a macro layout, or a scene that belongs to none.
+    """Statistics of an episode file by layout: a macro layout, or a scene without one.
 
     Attributes:
-        objects: Template -> how often it is a target.
-        clutter: Template -> how often it takes part without being a target.
-        starts: Receptacle -> how many targets start on it; `IN_GRASP` for held ones.
-        goals: Receptacle -> how many targets are to be put on it.
-        handles: Door or drawer -> how many episodes are about it.
-        distances_m: (K,) straight line from start to goal of every target that has a goal.
-        scenes: Place -> its scenes, sorted.
-        robot_m: Place -> (K, 2) where the robot starts.
-        start_m: Place -> (K, 2) where targets start.
-        goal_m: Place -> (K, 2) where targets are to go, or the robot in Navigate.
+        objects: Template -> number of targets.
+        clutter: Template -> number of clutter objects.
+        starts: Receptacle -> number of targets that start on it; `IN_GRASP` for held ones.
+        goals: Receptacle -> number of targets with their goal on it.
+        handles: Door or drawer -> number of its episodes.
+        distances_m: (K,) straight-line distance from start to goal of every target with a goal.
+        scenes: Layout -> its scenes, sorted.
+        robot_m: Layout -> (K, 2) robot starts.
+        start_m: Layout -> (K, 2) target starts.
+        goal_m: Layout -> (K, 2) goals of targets, or of the robot in Navigate.
     """
 
     objects: dict[str, int]
@@ -54,9 +54,9 @@ class EpisodeStatistics:
 
 
 def furniture_counts(dataset: SceneDataset) -> dict[str, int]:
-    """Returns how often each type of furniture stands in the micro-variations (S Fig. 6).
+    """Returns the count of each furniture type in the micro-variations (S Fig. 6).
 
-    Counts what the scene files name, so pieces whose meshes are absent count too; loose objects do
+    Counts the entries of the scene files, so pieces without meshes are included; loose objects are
     not. Most frequent first.
     """
     counts: Counter[str] = Counter()
@@ -74,9 +74,9 @@ def furniture_counts(dataset: SceneDataset) -> dict[str, int]:
 
 
 def category_counts(dataset: SceneDataset) -> dict[str, int]:
-    """Returns how many object templates there are of each semantic category (S Fig. 7).
+    """Returns the number of object templates per semantic category (S Fig. 7).
 
-    The objects that tasks move are a data set of their own, so they do not count. Most first.
+    The movable objects of the tasks are a separate data set and not counted. Most frequent first.
     """
     counts: Counter[str] = Counter()
     for name, file in dataset.object_files.items():
@@ -86,15 +86,15 @@ def category_counts(dataset: SceneDataset) -> dict[str, int]:
 
 
 def episode_statistics(episodes: EpisodeSet) -> EpisodeStatistics:
-    """Returns what the episodes' targets are, where they start and where they go."""
+    """Returns the statistics of a set of episodes."""
     targets = [(e, target) for e in episodes.episodes for target in e.targets]
     handles = [e.handle for e in episodes.episodes if e.handle is not None]
     return EpisodeStatistics(
         objects=_counted(template_of(target.object) for _, target in targets),
         clutter=_counted(
-            template_of(handle)
+            template_of(name)
             for e in episodes.episodes
-            for handle in e.objects.keys() - {target.object for target in e.targets}
+            for name in e.objects.keys() - {target.object for target in e.targets}
         ),
         starts=_by_frequency(
             Counter(receptacle_label(t.start[0]) if t.start else IN_GRASP for _, t in targets)
@@ -109,20 +109,20 @@ def episode_statistics(episodes: EpisodeSet) -> EpisodeStatistics:
             ]
         ),
         scenes={
-            place: sorted({e.scene_id for e in episodes.episodes if place_of(e) == place})
-            for place in sorted({place_of(e) for e in episodes.episodes})
+            layout: sorted({e.scene_id for e in episodes.episodes if layout_of(e) == layout})
+            for layout in sorted({layout_of(e) for e in episodes.episodes})
         },
-        robot_m=_by_place((e, e.robot.base[:2]) for e in episodes.episodes),
-        start_m=_by_place((e, e.objects[target.object][:2]) for e, target in targets),
-        goal_m=_by_place(
+        robot_m=_by_layout((e, e.robot.base[:2]) for e in episodes.episodes),
+        start_m=_by_layout((e, e.objects[target.object][:2]) for e, target in targets),
+        goal_m=_by_layout(
             [(e, t.world_from_goal[:2]) for e, t in targets if t.world_from_goal]
             + [(e, e.navigation.base[:2]) for e in episodes.episodes if e.navigation]
         ),
     )
 
 
-def place_of(episode: Episode) -> str:
-    """Returns the macro layout that an episode plays in, or its scene where there is none."""
+def layout_of(episode: Episode) -> str:
+    """Returns the macro layout of an episode, or its scene without one."""
     return macro_of(episode.scene_id) or episode.scene_id
 
 
@@ -164,8 +164,8 @@ def _by_frequency(counts: Counter[str]) -> dict[str, int]:
     return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
 
 
-def _by_place(points: Iterable[tuple[Episode, Sequence[float]]]) -> dict[str, Array]:
+def _by_layout(points: Iterable[tuple[Episode, Sequence[float]]]) -> dict[str, Array]:
     found: dict[str, list[Sequence[float]]] = {}
     for episode, point in points:
-        found.setdefault(place_of(episode), []).append(point)
-    return {place: np.array(found[place]) for place in sorted(found)}
+        found.setdefault(layout_of(episode), []).append(point)
+    return {layout: np.array(found[layout]) for layout in sorted(found)}

@@ -1,7 +1,7 @@
-"""How all figures look, and how they are written: one look, no display, the same bytes each time.
+"""Style and output of all figures: no display needed, reproducible bytes.
 
-Colours are Okabe and Ito's, which people of every kind of colour vision tell apart; what a colour
-says is said by a marker, a hatch or words as well.
+Colours are Okabe and Ito's palette for colour-blind readers; markers, hatches or words repeat the
+information of colours.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def new_figure(width_in: float, height_in: float) -> Figure:
 
 
 def save(figure: Figure, file: Path) -> None:
-    """Writes a PNG aside and renames it; the same figure gives the same bytes."""
+    """Writes a PNG atomically; equal figures give equal bytes."""
     with written_aside(file) as scratch:
         figure.savefig(scratch, metadata={"Software": None})
 
@@ -44,14 +44,14 @@ def bars(
     names: tuple[str, str] = ("", ""),
     rows: int | None = None,
 ) -> None:
-    """Draws counts as level bars, each with its number; the first is on top.
+    """Draws counts as horizontal bars with their numbers; the first is on top.
 
     Args:
-        axes: Where to.
+        axes: The axes.
         counts: Label -> number.
-        extra: Numbers to add at the bars' ends, pale and hatched.
-        names: What the two kinds mean.
-        rows: Leave room for this many bars, so that neighbouring axes have bars of one height.
+        extra: Additional counts, stacked pale and hatched.
+        names: Legend of the two kinds.
+        rows: Number of bars to leave room for, so that neighbouring axes have equal bar heights.
     """
     more = extra or {}
     labels = sorted(counts.keys() | more.keys(), key=lambda x: (-counts.get(x, 0), x))
@@ -62,8 +62,8 @@ def bars(
     if extra:
         pale = {"color": PALE, "edgecolor": EDGE, "linewidth": 0.5, "hatch": "////"}
         axes.barh(at, added, left=main, height=0.72, label=names[1], **pale)
-        place = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.99), "ncols": 2}
-        axes.legend(fontsize=8, frameon=False, borderaxespad=0.1, **place)
+        placement = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.99), "ncols": 2}
+        axes.legend(fontsize=8, frameon=False, borderaxespad=0.1, **placement)
     for row, (a, b, end) in enumerate(zip(main, added, ends, strict=True)):
         words = f"{a} + {b}" if extra else str(a)
         axes.annotate(
@@ -77,7 +77,7 @@ def bars(
 
 
 def bare(axes: Axes) -> None:
-    """Leaves of the frame only what is needed to read the axes."""
+    """Removes the parts of the frame that are not needed to read the axes."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.tick_params(axis="both", length=2.5)
     axes.tick_params(axis="x", labelsize=8)

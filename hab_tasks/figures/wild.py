@@ -1,4 +1,4 @@
-"""Wild layouts from above, the kitchen marked."""
+"""Top views of wild layouts, with the kitchen marked."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ from pathlib import Path
 
 from hab_tasks.figures.plan import aspect, draw_plan, outlines
 from hab_tasks.figures.style import new_figure, save
-from hab_tasks.scenes.dataset import SceneDataset
-from hab_tasks.scenes.furnishing import COUNTER, CUPBOARD
-from hab_tasks.scenes.load import load_scene
+from hab_tasks.layouts.furnishing import COUNTER, CUPBOARD
+from hab_tasks.scenes.habitat.dataset import SceneDataset
+from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.markers import FRIDGES
 
 SHOWN, VIEW_IN = 6, 1.7
 
 
 def draw_wild(dataset: SceneDataset, file: Path, shown: int = SHOWN) -> None:
-    """Draws floor plans of the first layouts of a folder made by `hab-tasks vary --wild`.
+    """Draws floor plans of the first layouts of a folder from `hab-tasks vary --wild`.
 
     Args:
-        dataset: Whose layouts.
+        dataset: The folder of layouts.
         file: The PNG.
-        shown: How many of them.
+        shown: Number of layouts.
     """
     specs = [load_scene(dataset, scene_id) for scene_id in sorted(dataset.scene_files)[:shown]]
     plans = [outlines(spec) for spec in specs]

@@ -1,4 +1,4 @@
-"""Navigation maps of layouts with doors and drawers as episodes have them."""
+"""Navigation maps of layouts with the doors and drawers of episodes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ KEPT_MAPS = 64
 
 
 class LayoutMaps:
-    """Makes the maps that Navigate measures by; the last ones are kept."""
+    """Creates the maps for Navigate's distances; the latest ones are cached."""
 
     def __init__(self, load: Callable[[str], SceneSpec]) -> None:
         """`load` reads a layout."""
@@ -26,7 +26,7 @@ class LayoutMaps:
 
         Args:
             scene_id: The layout.
-            joints: Furniture -> joint -> how far it is open [m or rad].
+            joints: Furniture -> joint -> position [m or rad].
         """
         opened = {
             (furniture, joint): value

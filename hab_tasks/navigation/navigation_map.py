@@ -1,8 +1,8 @@
-"""The navigation map of one layout, and geodesic distances on it (Navigate's measure, S H.2).
+"""Navigation map of one layout, with geodesic distances (Navigate's measure, S H.2).
 
-Space is free where the disc that stands for the base fits between all collision shapes. Distances
-solve the eikonal equation by the fast marching method (eikonalfm) over the free cells, so they are
-those of smooth paths, not of steps on a grid.
+Space is free where the disc that models the base fits between all collision shapes. Distances solve
+the eikonal equation by the fast marching method (eikonalfm) over the free cells, so they are those
+of smooth paths, not of steps on a grid.
 """
 
 from __future__ import annotations
@@ -25,35 +25,35 @@ from hab_tasks.scenes.floor import CELL_M, FreeFloor, floor_between, free_floor
 from hab_tasks.scenes.layout_geometry import STAGE, Layout
 
 SLOW, FAST = 1e-6, 1e6
-"""Speed of the front in taken cells and among goal cells; 1 elsewhere."""
+"""Speed of the wavefront in occupied cells and in goal cells; 1 elsewhere."""
 
 KEPT_FIELDS = 256
-"""Distance fields in memory, the ones used last; one takes 150 kB and a few milliseconds."""
+"""Size of the LRU cache of distance fields; one takes 150 kB and a few milliseconds."""
 
 _NEAR_M = 2 * CELL_M
-"""So near to a goal, distances are straight."""
+"""Distance to a goal up to which distances are straight lines."""
 
 _LEAST_WEIGHT = 1e-3
-"""A goal so near to the middle of a cell needs no second front."""
+"""Bilinear weight below which a cell beside the goal needs no wavefront of its own."""
 
 _CORNERS = np.array([(0, 0), (0, 1), (1, 0), (1, 1)])
 _fields: OrderedDict[str, Array] = OrderedDict()
 
 
 class NavigationMap:
-    """Free cells of one layout for one size of base.
+    """Free cells of one layout for one base radius.
 
     Attributes:
-        floor: Clearances, and the room: the largest connected area that the base can use.
-        free: (X, Y) cells of the room, where the middle of the base may be.
-        walls: (X, Y) cells that hold walls.
+        floor: Clearances, and the room: the largest connected area for the base.
+        free: (X, Y) cells of the room, valid for the centre of the base.
+        walls: (X, Y) cells with walls.
     """
 
     def __init__(self, floor: FreeFloor, walls: NDArray[np.bool_]) -> None:
-        """Takes a finished map.
+        """Wraps a computed map.
 
         Raises:
-            GenerationError: The base fits nowhere.
+            GenerationError: No cell is free.
         """
         if not floor.room.any():
             raise GenerationError("no free floor: the base fits nowhere in this layout.")
@@ -65,11 +65,11 @@ class NavigationMap:
         world_from_body: dict[str, Array],
         radius_m: float = BASE_RADIUS_M,
     ) -> NavigationMap:
-        """Maps a layout from collision bodies as they stand now.
+        """Maps a layout from collision bodies at their current poses.
 
         Args:
-            bodies: Everything that stands in the way.
-            world_from_body: Body name -> its pose (4, 4).
+            bodies: All obstacles.
+            world_from_body: Body name -> pose (4, 4).
             radius_m: Radius of the base.
         """
         bodies = list(bodies)
@@ -88,7 +88,7 @@ class NavigationMap:
         """Maps a layout without a simulator.
 
         Args:
-            layout: The layout; its loose objects are left out.
+            layout: The layout; its loose objects are ignored.
             joints: Open doors and drawers: (furniture, joint) -> position [m or rad].
             radius_m: Radius of the base.
         """
@@ -100,17 +100,17 @@ class NavigationMap:
 
     @cached_property
     def key(self) -> str:
-        """A short hash of the free cells and where they are."""
-        place = np.round(self.floor.origin_m, 6).tobytes()
-        data = place + repr(self.free.shape).encode() + np.packbits(self.free).tobytes()
+        """Short hash of the free cells and the map's origin."""
+        origin = np.round(self.floor.origin_m, 6).tobytes()
+        data = origin + repr(self.free.shape).encode() + np.packbits(self.free).tobytes()
         return hashlib.sha256(data).hexdigest()[:20]
 
     def positions(self, cells: NDArray[np.int64]) -> Array:
-        """Returns the world positions (..., 2) of the middles of cells (..., 2)."""
+        """Returns the world positions (..., 2) of the centres of cells (..., 2)."""
         return self.floor.origin_m + CELL_M * cells
 
     def cells_of(self, points_m: Array) -> NDArray[np.int64]:
-        """Returns the cells (..., 2) that points (..., 2) lie in; outside, the nearest cell."""
+        """Returns the cells (..., 2) of points (..., 2); the nearest cell outside the map."""
         cells = np.round(self._grid(points_m)).astype(np.int64)
         return np.clip(cells, 0, np.array(self.free.shape) - 1)
 
@@ -122,21 +122,21 @@ class NavigationMap:
         return inside & self.free[x, y]
 
     def nearest_free(self, points_m: Array) -> Array:
-        """Returns free positions (..., 2) nearest to points (..., 2): themselves where free."""
+        """Returns the free positions (..., 2) nearest to points (..., 2); free points unchanged."""
         points = np.asarray(points_m, dtype=float)[..., :2]
         x, y = np.moveaxis(self.cells_of(points), -1, 0)
         nearest = self.positions(np.moveaxis(self._nearest[:, x, y], 0, -1))
         return np.where(self.is_free(points)[..., None], points, nearest)
 
     def geodesic_field(self, goals_m: Array | NDArray[np.bool_]) -> Array:
-        """Returns the length [m] of the shortest way from every cell to the nearest goal.
+        """Returns the geodesic distance [m] from every cell to the nearest goal.
 
         Args:
-            goals_m: One point (2,), points (K, 2), or a map (X, Y) of goal cells. Those that are
+            goals_m: One point (2,), points (K, 2), or a map (X, Y) of goal cells. Goals that are
                 not free are replaced by the nearest free position.
 
         Returns:
-            (X, Y), inf where the base cannot be. It is kept; do not write to it.
+            (X, Y), inf in cells that are not free. Cached; do not modify.
         """
         goals: Any = self._free_goals(goals_m)
         if not len(goals):
@@ -154,63 +154,35 @@ class NavigationMap:
         _fields.move_to_end(key)
         return _fields[key]
 
-    def geodesic_distance(self, points_m: Array, field: Array) -> Array:
-        """Looks up distances in a field.
-
-        From a point that is not free, the way first goes straight to the nearest free position.
-
-        Args:
-            points_m: Points (..., 2).
-            field: (X, Y) as `geodesic_field` returns it.
-
-        Returns:
-            (...) [m]: between the middles of four free cells bilinear, beside obstacles the
-            shortest way over a free cell.
-        """
-        points = np.asarray(points_m, dtype=float)[..., :2]
-        start = self.nearest_free(points)
-        last = np.array(field.shape) - 1
-        grid = np.clip(self._grid(start), 0, last)
-        first = np.minimum(np.floor(grid).astype(int), last - 1)
-        cells = first[..., None, :] + _CORNERS
-        values = field[cells[..., 0], cells[..., 1]]
-        share = (grid - first)[..., None, :]
-        weights = np.abs(1 - _CORNERS - share).prod(axis=-1)
-        finite = np.isfinite(values)
-        smooth = (weights * np.where(finite, values, 0.0)).sum(axis=-1)
-        steps = CELL_M * np.linalg.norm(cells - grid[..., None, :], axis=-1)
-        found = np.where(finite.all(axis=-1), smooth, (values + steps).min(axis=-1))
-        return found + np.linalg.norm(points - start, axis=-1)
-
     def everywhere(self, field: Array) -> Array:
-        """Returns a field (X, Y) with distances from taken cells: straight to the nearest free one.
+        """Extends a field (X, Y) to occupied cells, by straight lines to the nearest free cell.
 
-        Where the base is squeezed against something, it may stand in a cell that is not free.
+        A base in contact with an obstacle may be in a cell that is not free.
         """
         x, y = self._nearest
         cells = np.stack(np.meshgrid(*map(np.arange, field.shape), indexing="ij"))
         return field[x, y] + CELL_M * np.linalg.norm(cells - self._nearest, axis=0)
 
     def clear(self, start_m: Array, end_m: Array) -> bool:
-        """Whether the straight way between two points (2,) is free."""
+        """Whether the straight line between two points (2,) is free."""
         count = 1 + int(np.ceil(np.linalg.norm(end_m - start_m) / (CELL_M / 4)))
         share = np.linspace(0.0, 1.0, 1 + count)[:, None]
         return bool(self.is_free(start_m + share * (end_m - start_m)).all())
 
     def _grid(self, points_m: Array) -> Array:
-        """Returns points (..., 2) in cells."""
+        """Returns points (..., 2) in units of cells."""
         return (np.asarray(points_m, dtype=float)[..., :2] - self.floor.origin_m) / CELL_M
 
     @cached_property
     def _nearest(self) -> NDArray[np.int64]:
-        """For every cell the nearest free one, (2, X, Y)."""
+        """Nearest free cell of every cell, (2, X, Y)."""
         found: Any = ndimage.distance_transform_edt(
             ~self.free, return_distances=False, return_indices=True
         )
         return found
 
     def _free_goals(self, goals_m: Any) -> Array | NDArray[np.bool_]:
-        """Returns goals as `geodesic_field` takes them, moved to free places; empty for none."""
+        """Moves goals of `geodesic_field` to free positions; empty without goals."""
         if goals_m.dtype != bool:
             return np.unique(np.round(self.nearest_free(np.atleast_2d(goals_m)), 5), axis=0)
         if not goals_m.any():
@@ -223,8 +195,8 @@ class NavigationMap:
     def _from_point(self, goal_m: Array) -> Array:
         """Returns the distances (X, Y) from a free point (2,).
 
-        A front starts in the middle of a cell, so those of the free cells around the point are
-        weighted as in a bilinear look-up: distance is symmetric.
+        A wavefront starts at the centre of a cell, so the distances from the free cells around the
+        point are interpolated bilinearly, which is valid as distance is symmetric.
         """
         grid = np.clip(self._grid(goal_m), 0, np.array(self.free.shape) - 1)
         first = np.minimum(np.floor(grid).astype(int), np.array(self.free.shape) - 2)
@@ -242,7 +214,7 @@ class NavigationMap:
         return np.where(self.free, field, np.inf)
 
     def _from_cell(self, x: int, y: int) -> Array:
-        """Returns the distances (X, Y) from the middle of a free cell."""
+        """Returns the distances (X, Y) from the centre of a free cell."""
         speed, step = np.where(self.free, 1.0, SLOW), (CELL_M, CELL_M)
         bend = eikonalfm.factored_fast_marching(speed, (x, y), step, 2)
         return bend * eikonalfm.distance(speed.shape, step, (x, y), indexing="ij")
@@ -262,7 +234,7 @@ class NavigationMap:
 
 
 def _corners(layout: Layout) -> Array:
-    """Returns the points (C, 2) that a map of a layout has to hold."""
+    """Returns the points (C, 2) that a map of a layout has to cover."""
     bodies = list(layout.placed.values())
     stage = [body for body in bodies if body.piece == STAGE]
     return np.concatenate([body.points_m[:2].T for body in stage or bodies])
@@ -270,7 +242,7 @@ def _corners(layout: Layout) -> Array:
 
 @lru_cache(maxsize=32)
 def _walls(layout: Layout) -> NDArray[np.bool_]:
-    """Returns the cells (X, Y) that hold walls; they are the same whatever is open."""
+    """Returns the cells (X, Y) with walls, which do not depend on doors and drawers."""
     stage = [body for body in layout.placed.values() if body.piece == STAGE]
     outlines = [outline for body in stage for outline in body.outlines_m]
     return floor_between(outlines, _corners(layout)).clearance_m == 0

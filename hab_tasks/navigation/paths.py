@@ -1,4 +1,4 @@
-"""Shortest ways for the base, as few straight pieces."""
+"""Shortest paths of the base, simplified to few straight segments."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ _LENGTHS = np.linalg.norm(_STEPS, axis=1)
 
 
 def path_between(map_: NavigationMap, start_m: Array, goal_m: Array) -> Array:
-    """Returns the shortest way from a point (2,) to another.
+    """Returns the shortest path from a point (2,) to another.
 
-    It goes down the goal's distance field from cell to cell, and then leaves out what a straight
-    piece can skip.
+    It descends the goal's distance field from cell to cell, and then removes waypoints that a
+    straight segment can skip.
 
     Returns:
         Waypoints (W, 2), `start_m` first. If `start_m` is not free, the second is the nearest free
-        position; the last is the free position nearest to `goal_m`. All pieces between free
+        position; the last is the free position nearest to `goal_m`. All segments between free
         positions are free.
     """
     start, goal = map_.nearest_free(start_m), map_.nearest_free(goal_m)
@@ -37,7 +37,7 @@ def path_between(map_: NavigationMap, start_m: Array, goal_m: Array) -> Array:
 
 
 def _descent(field: Array, start: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Returns the cells (C, 2) passed on the steepest way down, `start` left out."""
+    """Returns the cells (C, 2) of steepest descent, without `start`."""
     ringed = np.pad(field, 1, constant_values=np.inf)
     cell = start + 1
     passed = []

@@ -1,17 +1,17 @@
-"""Places for the base from which the arm can reach something."""
+"""Base poses from which the arm can reach a target."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hab_tasks.layouts.standing import FARTHEST_M, NEAREST_M
 from hab_tasks.navigation.navigation_map import NavigationMap
 from hab_tasks.privileged import Array
 from hab_tasks.scenes.floor import CELL_M
-from hab_tasks.scenes.standing import FARTHEST_M, NEAREST_M
 
 _AT_TARGET_M = 0.1
-"""A wall this near to the target does not hide it: things hang on walls."""
+"""Walls within this distance of the target do not occlude it, as furniture is wall-mounted."""
 
 
 def poses_reaching(
@@ -22,17 +22,17 @@ def poses_reaching(
 ) -> Array:
     """Returns base poses from which a receptacle, an object or a handle can be reached.
 
-    Between base and target there is free floor, and then at most the furniture that holds the
+    The line from base to target crosses free floor and then only the furniture that carries the
     target: no wall, and no gap behind other furniture.
 
     Args:
         map_: The layout.
         target_m: The target (2,) or (3,) in the world.
-        nearest_m: Least distance on the floor from the base to the target.
-        farthest_m: Largest distance.
+        nearest_m: Minimum horizontal distance from the base to the target.
+        farthest_m: Maximum distance.
 
     Returns:
-        (K, 3): x, y and the yaw [rad] that faces the target, the nearest first.
+        (K, 3): x, y and the yaw [rad] that faces the target, nearest first.
     """
     target = np.asarray(target_m, dtype=float)[:2]
     bases = map_.positions(np.argwhere(map_.free))
@@ -48,7 +48,7 @@ def poses_reaching(
 def _in_sight(
     map_: NavigationMap, bases_m: Array, target_m: Array, distance_m: Array
 ) -> NDArray[np.bool_]:
-    """Whether nothing but the target's furniture is on the line from bases (K, 2)."""
+    """Whether only the target's furniture is on the line from bases (K, 2)."""
     count = 1 + int(np.ceil(2 * distance_m.max(initial=0.0) / CELL_M))
     share = np.linspace(0.0, 1.0, 1 + count)
     line = bases_m[:, None] + share[:, None] * (target_m - bases_m)[:, None]

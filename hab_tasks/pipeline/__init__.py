@@ -1,1 +1,1 @@
-"""`hab-tasks assets`: a light copy of a dataset, computed once for each content."""
+"""`hab-tasks assets`: an optimised copy of a dataset, cached by content."""

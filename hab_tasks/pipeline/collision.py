@@ -1,9 +1,9 @@
-"""Convex collision parts of a mesh, in the four ways of S B.1.
+"""Convex collision parts of a mesh, by the four methods of S B.1.
 
-A convex decomposition that the dataset brings is used as far as it goes, because it is better than
-what can be computed in reasonable time: CoACD took 30 to 90 s for each of ReplicaCAD's objects and
-filled more space with more parts. So `coacd` keeps up to `MAX_PARTS` such parts, merges neighbours
-where there are more, and runs CoACD where there are none. (For YCB's bowl of 70 parts, merging is
+A convex decomposition in the dataset is preferred, as it is better than one computed in reasonable
+time: CoACD took 30 to 90 s for each of ReplicaCAD's objects and filled more space with more parts.
+So `coacd` keeps up to `MAX_PARTS` such parts, merges neighbours if there are more, and runs CoACD
+only if there are none. (For YCB's bowl of 70 parts, merging is
 better as well: 20 parts of 171 ml in 1 s; CoACD made 20 of 178 to 222 ml in 27 to 190 s.)
 
 A collision mesh whose pieces are not convex, or that does not lie where the visual mesh lies, is no
@@ -31,16 +31,16 @@ from hab_tasks.scenes.meshes import read_mesh
 MAX_PARTS = 20
 
 CONVEX_SHARE = 0.9
-"""Pieces that fill this share of their hulls together are convex."""
+"""Minimum share of their hulls that convex pieces fill."""
 
 MAX_MISFIT = 0.1
-"""Bounds of collision and visual mesh may differ by this share of the visual's diagonal."""
+"""Maximum difference of the bounds of collision and visual mesh, as a share of the diagonal."""
 
 THINNEST = 1e-3
-"""Flat pieces are made so thick, as a share of their diagonal: they need a volume to collide."""
+"""Minimum thickness of a piece as a share of its diagonal, as collisions need a volume."""
 
 APART = 1e-4
-"""Parts in a file without names shrink by this share: where corners meet, they would be one."""
+"""Shrink share of parts in a file without names; parts that touch would be merged."""
 
 COACD_SETTINGS = {
     "threshold": 0.05,
@@ -84,14 +84,14 @@ def write_parts(own: Path | None, visual: Path, options: AssetOptions, path: Pat
 
 
 def merge_parts(parts: list[Points], most: int = MAX_PARTS) -> list[Points]:
-    """Merges convex parts until there are few enough, each time the two that gain least volume.
+    """Merges convex parts greedily by least added volume.
 
     Args:
         parts: Corners (K, 3) of each part.
-        most: Wanted number of parts.
+        most: Maximum number of parts.
 
     Returns:
-        Corners of each part that is left.
+        Corners of each remaining part.
     """
     left = dict(enumerate(parts))
     volume = {number: _volume(points) for number, points in left.items()}
@@ -149,7 +149,7 @@ def _decompose(source: Path, pieces: list[trimesh.Trimesh], hulls: list[Points])
     if len(pieces) == 1 and _are_convex(pieces, hulls):
         return hulls
     mesh: Any = trimesh.util.concatenate(pieces)
-    # Many threads in each of many processes would only get in each other's way.
+    # Many threads in each of many processes would compete.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     import coacd
 

@@ -1,10 +1,10 @@
-"""Fewer triangles for a mesh with attributes: texture coordinates and normals are never made up.
+"""Decimation of meshes with attributes, without interpolating texture coordinates or normals.
 
-Decimation merges vertices. Every triangle that is left is one of the mesh's own: its corners move
-to where the vertices they were merged with lie, and take everything else (texture coordinate,
-normal, colour) from the nearest of these on the same chart of the texture. Vertices doubled along
-seams, and all materials of one mesh, are welded first, so no crack can open between them. Where a
-surface or its texture would move too far, more triangles are kept.
+Decimation merges vertices. Every remaining triangle is one of the mesh's own: its corners move to
+the position of the vertices they were merged with, and take all other attributes (texture
+coordinate, normal, colour) from the nearest of these on the same chart of the texture. Vertices
+doubled along seams, and all materials of one mesh, are welded first, so no crack can open between
+them. Where a surface or its texture would move too far, more triangles are kept.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 MEAN_SHIFT, MAX_SHIFT = 0.0025, 0.02
-"""A surface may move by these shares of the mesh's diagonal."""
+"""Maximum mean and maximum shift of the surface, as shares of the mesh's diagonal."""
 
 MAX_TURN_RAD = 0.35
 """A corner whose normal leans so much more than before from its triangle's takes the latter."""
 
 FEWEST_TRIANGLES = 500
-"""Meshes are not thinned below this: it would save nothing, and every triangle shows."""
+"""Minimum number of triangles; fewer would save nothing, and be visible."""
 
 _MORE = 1.5
 _SAMPLES = 1000
@@ -70,7 +70,7 @@ class Thinned:
 
 
 def thin(surface: Surface, fraction: float) -> Thinned:
-    """Returns a mesh with a fraction of the triangles, in (0, 1], or with as many as it takes."""
+    """Decimates to a fraction of the triangles, in (0, 1], or to as many as the shape requires."""
     faces = surface.faces
     weld = _number(surface.points)
     chart = _charts(

@@ -1,4 +1,4 @@
-"""How much memory a visual mesh takes in SAPIEN, counted from its file."""
+"""Memory of a visual mesh in SAPIEN, computed from its file."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Footprint:
     texture_bytes: int = 0
 
     def __add__(self, other: Footprint) -> Footprint:
-        """Returns the sizes of both together."""
+        """Returns the summed sizes."""
         return Footprint(
             triangles=self.triangles + other.triangles,
             mesh_bytes=self.mesh_bytes + other.mesh_bytes,

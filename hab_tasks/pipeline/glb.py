@@ -1,6 +1,6 @@
-"""GLB files as they are: the JSON document and its binary views, read and written unchanged.
+"""Lossless reading and writing of GLB files: the JSON document and its binary views.
 
-Nodes, materials and extensions that the pipeline does not know stay as they were.
+Nodes, materials and extensions unknown to the pipeline are preserved.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class Glb:
         return len(self.views) - 1
 
     def write(self, path: Path) -> None:
-        """Writes the file, without what nothing refers to any more."""
+        """Writes the file, without unreferenced views."""
         self._drop_unused()
         body = bytearray()
         for view, content in zip(self.document["bufferViews"], self.views, strict=True):

@@ -1,4 +1,4 @@
-"""Computations kept in the cache by content, done by several processes."""
+"""Parallel computations, cached by content."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hab_tasks.processes import worker_pool
 from hab_tasks.scenes.mesh_checks import check_mesh
 
 Progress = Callable[[int, int], None]
-"""Told the number of computations that are done, and of all."""
+"""Called with the number of finished computations, and of all."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,19 +45,19 @@ class Job:
 
 @dataclass(frozen=True, kw_only=True)
 class Tally:
-    """How many results were computed and how many were in the cache already."""
+    """Numbers of computed and of cached results."""
 
     computed: int
     reused: int
 
 
 def run_jobs(jobs: Iterable[Job], workers: int, progress: Progress) -> Tally:
-    """Makes every result that is not in the cache yet; one of a name is enough.
+    """Computes every result that is not cached; jobs of equal names run once.
 
-    What was made stays when a later job fails or the run is stopped.
+    Results are kept if a later job fails or the run is stopped.
 
     Args:
-        jobs: What is needed.
+        jobs: The required jobs.
         workers: Number of processes; one works in this process.
         progress: Called after every computation.
 
@@ -77,7 +77,7 @@ def _in_parallel(jobs: list[Job], workers: int) -> Iterator[None]:
     if not jobs:
         return
     try:
-        # Where the cache cannot be written to, results go to a folder that this process removes.
+        # If the cache is not writable, results are written to a folder that this process removes.
         with worker_pool(min(workers, len(jobs)), _start_worker, (run_dir(),)) as pool:
             futures: dict[Future[None], Job] = {pool.submit(_run, job): job for job in jobs}
             for future in as_completed(futures):

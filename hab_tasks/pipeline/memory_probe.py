@@ -1,9 +1,9 @@
-"""Loads visual meshes into SAPIEN on the CPU and tells by how much this process grew.
+"""Loads visual meshes into SAPIEN on the CPU and reports the memory growth of this process.
 
-A program of its own, run by path: nothing else of the package is in its memory. Software Vulkan
-keeps what would be GPU memory in the process as well. Standard input: a JSON list of mesh files,
+A stand-alone script, run by path, so that no other module of the package is in its memory.
+With software Vulkan, GPU memory is part of the process. Standard input: a JSON list of mesh files,
 the first of which is loaded before the first measurement, so that code is not counted. Standard
-output: a JSON object with the growth in bytes, as it is and after free memory was returned.
+output: a JSON object with the growth in bytes, before and after returning free memory.
 """
 
 from __future__ import annotations

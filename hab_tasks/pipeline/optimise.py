@@ -20,13 +20,13 @@ from hab_tasks.pipeline.footprint import Footprint, footprint
 from hab_tasks.pipeline.jobs import Progress, Tally, run_jobs
 from hab_tasks.pipeline.options import AssetOptions
 from hab_tasks.pipeline.plan import CopyPlan, plan_dataset, plan_objects
-from hab_tasks.scenes.dataset import SceneDataset
+from hab_tasks.scenes.habitat.dataset import SceneDataset
 
 OBJECTS_FOLDER = "ycb"
-"""Where the copy of a YCB folder lies in the copy of the dataset."""
+"""Folder of the YCB copy in the copy of the dataset."""
 
 NOTE = "hab_tasks_assets.json"
-"""A file in the copy that says what was changed, as licences ask for."""
+"""File in the copy that lists the changes, as licences require."""
 
 CHANGES = (
     "Visual meshes have fewer triangles and smaller, compressed textures; collision meshes are "
@@ -36,11 +36,11 @@ CHANGES = (
 
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """What a run did.
+    """Result of a run.
 
     Attributes:
         out: The copy.
-        tally: How much was computed for it.
+        tally: Numbers of computed and cached results.
         before: Sizes of the dataset's GLB visuals.
         after: Sizes of the copy's.
     """
@@ -64,13 +64,13 @@ def optimise(
     """Writes an optimised copy of a dataset, and of a YCB folder into `OBJECTS_FOLDER` in it.
 
     Args:
-        dataset: What is copied.
-        out: The copy, whole or not there.
+        dataset: The source.
+        out: The copy; written atomically.
         options: How it is optimised.
         objects: A YCB folder to copy as well.
         workers: Number of processes.
         force: Whether a dataset at `out` may be replaced.
-        progress: Told how far the computations are.
+        progress: Called after every computation.
 
     Raises:
         HabError: Bad options, or `out` may not be written to.

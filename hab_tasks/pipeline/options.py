@@ -1,4 +1,4 @@
-"""What the asset pipeline makes of a dataset."""
+"""Options of the asset pipeline."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ TEXTURE_FORMATS = ("ktx2", "png")
 LARGEST_TEXTURE_PX = 16384
 
 _VERSION = 1
-"""Part of every name in the cache: another number makes everything anew."""
+"""Version in every cache name; incrementing it invalidates the cache."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +36,7 @@ class AssetOptions:
     texture_format: str = "ktx2"
 
     def __post_init__(self) -> None:
-        """Raises HabError for a value that makes no sense."""
+        """Raises HabError for invalid values."""
         if self.collision not in COLLISIONS:
             raise UnknownNameError("--collision", self.collision, COLLISIONS)
         if self.texture_format not in TEXTURE_FORMATS:
@@ -48,12 +48,12 @@ class AssetOptions:
 
     @property
     def visual_key(self) -> str:
-        """What a visual mesh in the cache depends on, besides its source."""
+        """Cache key of visual meshes, without their sources."""
         return f"{_VERSION}-{self.decimate:g}-{self.texture_px}-{self.texture_format}"
 
     @property
     def collision_key(self) -> str:
-        """What collision parts in the cache depend on, besides their sources."""
+        """Cache key of collision parts, without their sources."""
         return f"{_VERSION}-{self.collision}{'-recomputed' if self.recompute else ''}"
 
     def to_json(self) -> str:

@@ -1,4 +1,4 @@
-"""What an optimised copy of a dataset consists of: files to copy, to rewrite and to compute."""
+"""Plan of an optimised copy of a dataset: files to copy, to rewrite and to compute."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from hab_tasks.pipeline.collision import write_parts
 from hab_tasks.pipeline.jobs import Job
 from hab_tasks.pipeline.options import AssetOptions
 from hab_tasks.pipeline.visuals import texture_file, write_light_glb, write_light_obj
-from hab_tasks.scenes.dataset import SceneDataset
 from hab_tasks.scenes.fields import read_json
-from hab_tasks.scenes.load import load_template
+from hab_tasks.scenes.habitat.dataset import SceneDataset
+from hab_tasks.scenes.habitat.load import load_template
 from hab_tasks.scenes.meshes import content_key, mesh_bounds, parts_volume
 from hab_tasks.scenes.objects import DEFAULT_DENSITY_KG_M3
 from hab_tasks.scenes.spec import ObjectTemplate
@@ -46,10 +46,10 @@ class CopyPlan:
     Attributes:
         root: The folder.
         options: How it is optimised.
-        jobs: Target -> what makes it: a file, or the files of a folder.
+        jobs: Target -> job that computes it: a file, or the files of a folder.
         visuals: Targets that are light copies of the GLB at the same place.
         texts: Target -> new text of a configuration.
-        left_out: Files that something else stands in for.
+        left_out: Files that are replaced by others.
     """
 
     root: Path

@@ -1,4 +1,4 @@
-"""Textures that need less memory: smaller ones, compressed for the GPU (S B.1).
+"""Smaller, GPU-compressed textures (S B.1).
 
 S B.1 compresses textures with Basis. SAPIEN reads Basis' container, KTX2, from GLB files
 (``KHR_texture_basisu``), but no encoder can be had as a Python package. So the container is filled

@@ -1,4 +1,4 @@
-"""Depth images of a layout from where Fetch's head camera can be, without a robot."""
+"""Depth images of a layout from possible poses of the robot's head camera, without a robot."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def base_poses(spec: SceneSpec, count: int, rng: np.random.Generator) -> list[Po
 
 
 class HeadCamera:
-    """Shows one layout after another to a camera like the one on Fetch's head.
+    """Renders one layout after another with the parameters of the robot's head camera.
 
     Args:
         size_px: Width and height of the images.
@@ -48,15 +48,15 @@ class HeadCamera:
         self._base_from_camera = PLACES["head"].pose()
 
     def show(self, spec: SceneSpec) -> None:
-        """Puts a layout, doors and drawers closed, in place of the one before."""
-        handles = self._pool.show(spec, ())
+        """Activates a layout, doors and drawers closed."""
+        scene_bodies = self._pool.show(spec, ())
         self._lights.show(spec.lights)
-        for furniture in handles.articulations.values():
-            # It also tells the engine where the links of new furniture are.
+        for furniture in scene_bodies.articulations.values():
+            # This also updates the link poses of new furniture in the engine.
             furniture.set_qpos(torch.zeros_like(furniture.get_qpos()))
 
     def depth_m(self, world_from_base: Pose7) -> Array:
-        """Returns the depth (H, W) [m]; the farthest where nothing is hit."""
+        """Returns the depth (H, W) [m]; the maximum without a hit."""
         position = self._picture(world_from_base, "Position")
         depth = -position[..., 2].astype(float)
         return np.where(position[..., 3] < 1.0, depth, CAMERA_DEPTH_MAX_M)

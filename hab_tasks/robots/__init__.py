@@ -1,1 +1,1 @@
-"""The Fetch robot with the paper's control, and the snap grasp."""
+"""Fetch with the paper's control, and the snap grasp."""

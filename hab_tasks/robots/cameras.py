@@ -1,4 +1,4 @@
-"""Sensor cameras on Fetch: on its head, in its hand, and over its shoulder (S 5, F.3)."""
+"""Sensor cameras of Fetch: head, arm and third-person (S 5, F.3)."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from mani_skill.utils.structs import Link
 from hab_tasks import option_values
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, CAMERA_HFOV_RAD, CAMERA_SIZE_PX
 from hab_tasks.errors import OptionError, UnknownNameError
-from hab_tasks.robots.fetch_spec import ARM_LINKS, EE_LINK
+from hab_tasks.robots.robot import ROBOT
 
 Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
 class CameraPlace:
-    """Where a camera sits.
+    """Mount of a camera.
 
     Attributes:
-        link: The link it moves with.
-        position_m: In the link's frame.
-        target_m: What it looks at, in the link's frame; None: along the link's x.
+        link: The link it is mounted on.
+        position_m: Position in the link's frame.
+        target_m: Look-at point in the link's frame; None to look along the link's x axis.
     """
 
     link: str
@@ -42,14 +42,14 @@ class CameraPlace:
 
 PLACES = {
     "head": CameraPlace(link="base_link", position_m=(0.17, 0.0, 1.2), target_m=(0.75, 0.0, 1.0)),
-    "arm": CameraPlace(link=EE_LINK, position_m=(0.0, 0.0, 0.1)),
-    # Habitat's position: 0.5 m behind, 0.5 m to the left. Habitat aims at (1, -0.75, 0), on the
-    # floor to the right, so that what the arm does is at the edge of the picture.
+    "arm": CameraPlace(link=ROBOT.ee_link, position_m=(0.0, 0.0, 0.1)),
+    # Habitat's position: 0.5 m behind, 0.5 m to the left. Habitat looks at (1, -0.75, 0), on the
+    # floor to the right, which leaves the arm at the edge of the image.
     "third_person": CameraPlace(
         link="base_link", position_m=(-0.5, 0.5, 1.7), target_m=(1.0, 0.0, 0.75)
     ),
 }
-"""Every sensor camera by name."""
+"""Sensor cameras by name."""
 
 
 LARGEST_SIZE_PX = 8192
@@ -57,12 +57,12 @@ LARGEST_SIZE_PX = 8192
 
 @dataclass(frozen=True, kw_only=True)
 class CameraRig:
-    """The sensor cameras that a robot carries; square pictures, all alike.
+    """Sensor cameras of a robot; square images with equal settings.
 
     Attributes:
-        names: Which of `PLACES`.
-        size_px: Width and height of a picture.
-        hfov_rad: Angle that a picture spans, sideways and upwards.
+        names: Names of cameras in `PLACES`.
+        size_px: Image width and height.
+        hfov_rad: Field of view, horizontal and vertical.
     """
 
     names: tuple[str, ...] = ("head", "arm")
@@ -71,11 +71,11 @@ class CameraRig:
 
     @classmethod
     def of(cls, names: Iterable[str], size_px: int, hfov_rad: float) -> CameraRig:
-        """Returns the rig that options ask for.
+        """Returns the rig for the given options.
 
         Raises:
-            UnknownNameError: No such camera.
-            OptionError: A size or an angle that no picture has.
+            UnknownNameError: Unknown camera.
+            OptionError: Invalid size or field of view.
         """
         chosen = option_values.names("cameras", names, list(PLACES))
         for name in chosen:
@@ -84,8 +84,8 @@ class CameraRig:
         size_px = option_values.whole("camera_size_px", size_px, 1, LARGEST_SIZE_PX, "pixels")
         valid = "an angle between 0 and pi [rad]"
         if not 0.0 < option_values.number("camera_hfov_rad", hfov_rad, valid) < math.pi:
-            raise OptionError("camera_hfov_rad", hfov_rad, valid)
-        # In the usual order, and each once.
+            raise OptionError.of_value("camera_hfov_rad", hfov_rad, valid)
+        # In the order of PLACES, without duplicates.
         return cls(
             names=tuple(n for n in PLACES if n in chosen), size_px=size_px, hfov_rad=hfov_rad
         )
@@ -94,7 +94,7 @@ class CameraRig:
         """Returns ManiSkill's settings of the cameras.
 
         Args:
-            link: Link of the robot by name.
+            link: Looks up a robot link by name.
         """
         return [
             CameraConfig(
@@ -112,16 +112,16 @@ class CameraRig:
 
 
 class HiddenArm:
-    """The arm as what only the human-render camera sees (S F.3); it is there and collides.
+    """Hides the arm from all but the human-render camera (S F.3); collisions are unaffected.
 
-    ManiSkill hides and shows its `_hidden_objects` with these two methods, before it draws the
-    sensors' pictures and before it draws a person's. On a GPU what was hidden when the renderer
-    was set up stays hidden.
+    ManiSkill calls `hide_visual` of its `_hidden_objects` before it renders sensors, and
+    `show_visual` before it renders for humans. On a GPU, objects that were hidden when the renderer
+    was set up stay hidden.
     """
 
     def __init__(self, link: Callable[[str], Link]) -> None:
-        """Hides shoulder, arm, gripper and fingers; `link` gives links by name."""
-        names = (*ARM_LINKS, EE_LINK, "l_gripper_finger_link", "r_gripper_finger_link")
+        """Hides shoulder, arm, gripper and fingers; `link` looks up a link by name."""
+        names = (*ROBOT.arm_links, ROBOT.ee_link, "l_gripper_finger_link", "r_gripper_finger_link")
         self._visuals = [
             component
             for name in names

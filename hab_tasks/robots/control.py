@@ -1,6 +1,6 @@
 """The paper's control of Fetch in one ManiSkill controller (S E.3, F.6, H.2).
 
-Action layout: arm and gripper (1), where the arm is controlled, then base (2), where it is.
+Action layout: arm and gripper (1) if the arm is controlled, then base (2) if the base is.
 
 ====================  ===============================================================
 arm mode              meaning of the arm's entries
@@ -8,18 +8,19 @@ arm mode              meaning of the arm's entries
 ``ee`` (3)            end-effector displacement in the base frame, [-1, 1] -> 1.5 cm
 ``joint_delta`` (7)   joint displacement, [-1, 1] -> 0.0125 rad
 ``joint_target`` (7)  joint position targets [rad], for planners
-``joint_state`` (7)   joint positions [rad], set at once: the perfect controller (S I.1)
+``joint_state`` (7)   joint positions [rad], set directly: the perfect controller (S I.1)
 ====================  ===============================================================
 
-With ``_base`` added the base moves as well; in ``base`` and ``base_discrete`` only the base moves.
-Gripper >= 0 asks to grasp, < 0 to release. Base: forward and turning velocity, [-1, 1] times the
-largest speeds; both next to zero is the stop action. ``base_discrete`` is one of the paper's 20
-cells of these two (`BASE_CELLS`). With ``_pose`` added to an absolute arm mode, the base's three
-entries are its pose in the world, x, y [m] and yaw [rad], set at once; the present pose is to stay.
+With the suffix ``_base`` the base moves as well; in ``base`` and ``base_discrete`` only the base
+moves. Gripper >= 0 grasps, < 0 releases. Base: forward and turning velocity, [-1, 1] times the
+maximum speeds; both close to zero is the stop action. ``base_discrete`` is one of the paper's 20
+cells of these two (`BASE_CELLS`). With the suffix ``_pose`` on an absolute arm mode, the base has
+three entries, its pose in the world: x, y [m] and yaw [rad], set directly; the current pose keeps
+the base in place.
 
-Entries are clipped to their range, and a yaw is taken within a turn; an action that is not finite
-is refused. What is set is at rest there, and its drives hold it; how far it jumps is not limited,
-and nothing on the way is touched, so planners go in steps of a few centimetres.
+Entries are clipped to their range, and yaw is wrapped; non-finite actions raise an error. Joints
+that are set directly are at rest and held by their drives. The size of a jump is not limited, and
+there are no contacts along it, so planners move in steps of a few centimetres.
 """
 
 from __future__ import annotations
@@ -50,38 +51,30 @@ from hab_tasks.robots.control_modes import (
     action_size,
     within_a_turn,
 )
-from hab_tasks.robots.fetch_spec import (
-    ARM_JOINTS,
-    ARM_LOWER_RAD,
-    ARM_UPPER_RAD,
-    BASE_ANGULAR_SPEED_RAD_S,
-    BASE_JOINTS,
-    BASE_LINEAR_SPEED_M_S,
-    EE_LOWER_M,
-    EE_UPPER_M,
-    LOCKED_QPOS,
-)
 from hab_tasks.robots.joint_setter import JointSetter
 from hab_tasks.robots.kinematics import ArmKinematics
+from hab_tasks.robots.robot import ROBOT
+from hab_tasks.simulator import sapien_object, sapien_objects
 
 Array = NDArray[Any]
 
-_EE_LOWER, _EE_UPPER = np.array(EE_LOWER_M), np.array(EE_UPPER_M)
-_ARM_LOWER, _ARM_UPPER = np.array(ARM_LOWER_RAD), np.array(ARM_UPPER_RAD)
+_CELLS = np.array(BASE_CELLS, dtype=np.float32)
+_EE_LOWER, _EE_UPPER = np.array(ROBOT.ee_lower_m), np.array(ROBOT.ee_upper_m)
+_ARM_LOWER, _ARM_UPPER = np.array(ROBOT.arm_lower_rad), np.array(ROBOT.arm_upper_rad)
 
 
 PUSH_APART_M_S = 1.0
-"""A robot that is set into something is pushed apart from it no faster: without a limit, an arm set
-5 cm deep into a wall was thrown out at 50 rad/s."""
+"""Maximum depenetration velocity of the robot: without a limit, an arm set 5 cm deep into a wall
+was ejected at 50 rad/s."""
 
 
 class HabController(BaseController):
-    """Turns one flat action into drive targets; keeps the commanded arm pose and gripper value.
+    """Converts a flat action to drive targets; keeps the commanded arm pose and gripper value.
 
     Attributes:
         arm_target_rad: (N, 7) commanded arm pose.
-        gripper: (N,) last gripper entry; the environment hands it to the snap grasp.
-        base_target: (N, 3) commanded x, y [m] and yaw [rad], where the action gives a base pose.
+        gripper: (N,) last gripper entry; the environment passes it to the snap grasp.
+        base_target: (N, 3) commanded x, y [m] and yaw [rad], in modes with a base pose.
         stopped: (N,) whether the last action was the stop action; numpy on the CPU.
     """
 
@@ -107,39 +100,45 @@ class HabController(BaseController):
             self.stopped = torch.zeros(count, dtype=torch.bool, device=self.device)
         self._cells = torch.tensor(BASE_CELLS, device=self.device)
         index = {joint.name: i for i, joint in enumerate(self.articulation.active_joints)}
-        self._arm_index = torch.tensor([index[name] for name in ARM_JOINTS], device=self.device)
-        self._base_index = torch.tensor([index[name] for name in BASE_JOINTS], device=self.device)
+        self._arm_index = torch.tensor(
+            [index[name] for name in ROBOT.arm_joints], device=self.device
+        )
+        self._base_index = torch.tensor(
+            [index[name] for name in ROBOT.base_joints], device=self.device
+        )
         active = self.articulation.active_joints
-        self._arm_joints = [active[index[name]] for name in ARM_JOINTS]
-        self._base_joints = [active[index[name]] for name in BASE_JOINTS]
+        self._arm_joints = [active[index[name]] for name in ROBOT.arm_joints]
+        self._base_joints = [active[index[name]] for name in ROBOT.base_joints]
         self._on_cpu = not self.scene.gpu_sim_enabled
-        self._cpu_drives = [joint._objs[0].set_drive_target for joint in self._arm_joints]
-        self._cpu_base_drives = [j._objs[0].set_drive_velocity_target for j in self._base_joints]
+        self._cpu_drives = [sapien_object(joint).set_drive_target for joint in self._arm_joints]
+        self._cpu_base_drives = [
+            sapien_object(j).set_drive_velocity_target for j in self._base_joints
+        ]
         self._arm_setter = JointSetter(self.articulation, self._arm_joints, self._arm_index)
         self._base_setter = JointSetter(self.articulation, self._base_joints, self._base_index)
-        self._cpu_robot, self._cpu_yaw = self.articulation._objs[0], int(self._base_index[2])
+        self._cpu_robot, self._cpu_yaw = sapien_object(self.articulation), int(self._base_index[2])
 
     def set_drive_property(self) -> None:
-        """Sets every joint's drive. A base that the action does not drive is held in place."""
+        """Sets all joint drives. A base that actions do not control is held in place."""
         c = self.config
         if c.sets_joints:
             for link in self.articulation.links:
-                for body in link._objs:
+                for body in sapien_objects(link):
                     body.set_max_depenetration_velocity(PUSH_APART_M_S)
         for joint in self.articulation.active_joints:
-            if joint.name in ARM_JOINTS:
+            if joint.name in ROBOT.arm_joints:
                 joint.set_drive_properties(
                     c.arm_stiffness, c.arm_damping, c.arm_force_n, mode="force"
                 )
                 joint.set_friction(0.1)
-            elif joint.name in BASE_JOINTS:
+            elif joint.name in ROBOT.base_joints:
                 stiffness = c.base_stiffness if c.base in ("still", "pose") else 0.0
                 joint.set_drive_properties(stiffness, c.base_damping, c.base_force_n, mode="force")
             else:
                 joint.set_drive_properties(c.lock_stiffness, c.lock_damping, 1000.0, mode="force")
 
     def reset(self) -> None:
-        """Makes the present pose the commanded one, for the rows that are being reset."""
+        """Sets the commanded pose of the rows being reset to the current pose."""
         qpos = self.articulation.get_qpos()
         rows = self.scene._reset_mask
         self.arm_target_rad = torch.where(
@@ -151,8 +150,8 @@ class HabController(BaseController):
         self.gripper = torch.where(rows, torch.full_like(self.gripper, -1.0), self.gripper)
         targets = qpos.clone()
         for i, joint in enumerate(self.articulation.active_joints):
-            if joint.name in LOCKED_QPOS:
-                targets[:, i] = LOCKED_QPOS[joint.name]
+            if joint.name in ROBOT.locked_qpos:
+                targets[:, i] = ROBOT.locked_qpos[joint.name]
         self.articulation.set_joint_drive_targets(targets, self.articulation.active_joints)
         zeros = torch.zeros_like(qpos)
         self.articulation.set_joint_drive_velocity_targets(zeros, self.articulation.active_joints)
@@ -161,19 +160,19 @@ class HabController(BaseController):
         """Sets drive targets from an action (N, A), or from N cells.
 
         Raises:
-            ActionError: Wrong shape, or an entry that is not finite or no cell.
+            ActionError: Wrong shape, a non-finite entry, or an invalid cell.
         """
         action = self.check(action)
         if self._on_cpu:
-            self._set_row(action[0].numpy())
+            self._set_entries(action[0].numpy())
         else:
             self._set_batch(torch.clamp(action, self._low, self._high))
 
     def check(self, action: Tensor) -> Tensor:
-        """Returns the entries (N, A) of an action, which may be N cells, or refuses it.
+        """Validates an action, which may be N cells; returns its entries (N, A).
 
         Raises:
-            ActionError: Wrong shape, or an entry that is not finite or no cell.
+            ActionError: Wrong shape, a non-finite entry, or an invalid cell.
         """
         if self.config.base == "discrete":
             action = self._velocities(action)
@@ -182,21 +181,21 @@ class HabController(BaseController):
             raise ActionError(f"Action of shape {tuple(action.shape)}; expected {expected}.")
         # The sum is finite only if every entry is, and takes one operation instead of three.
         if not math.isfinite(float(action.sum(dtype=torch.float64))):
-            raise ActionError(f"Action holds a value that is not finite: {action.tolist()}.")
+            raise ActionError(f"Action has a non-finite value: {action.tolist()}.")
         if self.config.base == "pose":
             action = torch.cat((action[:, :-1], within_a_turn(action[:, -1:])), dim=1)
         return action
 
     @property
     def action_size(self) -> int:
-        """How many numbers an action of one row is: its entries, or one cell."""
+        """Number of values of one row's action: its entries, or one cell."""
         return 1 if self.config.base == "discrete" else self.config.size
 
     def idle_action(self, holding: Tensor) -> Tensor:
-        """Returns the action (N, A) that moves nothing and keeps what is held.
+        """Returns the action (N, A) that stands still and keeps the grasp.
 
         Args:
-            holding: (N,) whether the hand holds anything.
+            holding: (N,) whether the hand holds an object or handle.
         """
         count = len(holding)
         if self.config.base == "discrete":
@@ -212,7 +211,7 @@ class HabController(BaseController):
         return action
 
     def _velocities(self, cells: Tensor) -> Tensor:
-        """Returns the base's entries (N, 2) of cells (N,) or (N, 1)."""
+        """Returns the base entries (N, 2) of cells (N,) or (N, 1)."""
         flat = cells.reshape(-1)
         count = self.scene.num_envs
         if len(flat) != count or cells.dim() > 2:
@@ -222,11 +221,19 @@ class HabController(BaseController):
             ((index >= 0) & (index < len(BASE_CELLS))).all()
         ):
             last = len(BASE_CELLS) - 1
-            raise ActionError(f"Action {flat.tolist()}; each is one of the cells 0 to {last}.")
+            raise ActionError(f"Action {flat.tolist()}; valid cells are 0 to {last}.")
         return self._cells[index]
 
-    def _set_row(self, action: Array) -> None:
-        """The one row of the CPU simulation, in plain numbers: a third of the tensors' time."""
+    def set_row(self, action: Array) -> None:
+        """`set_action` for a valid action (A,) or cell (1,) in the CPU simulation."""
+        if self.config.base == "discrete":
+            action = _CELLS[int(action[0])]
+        elif self.config.base == "pose":
+            action = np.concatenate((action[:-1], within_a_turn(action[-1:])))
+        self._set_entries(action)
+
+    def _set_entries(self, action: Array) -> None:
+        """Sets the targets of one row in plain numbers, a third of the time of tensors."""
         action = np.minimum(np.maximum(action, self._cpu_low), self._cpu_high)
         size = ARM_SIZE[self.config.arm]
         if size:
@@ -246,15 +253,15 @@ class HabController(BaseController):
             self._drive_row(*action[-2:].tolist())
 
     def _drive_row(self, linear: float, angular: float) -> None:
-        """Drives the base of the one row."""
+        """Drives the base in the CPU simulation."""
         still = abs(linear) <= STOP_SHARE and abs(angular) <= STOP_SHARE
         self.stopped = np.array([still])
         yaw = float(self._cpu_robot.qpos[self._cpu_yaw])
-        forward = BASE_LINEAR_SPEED_M_S * linear
+        forward = ROBOT.base_linear_speed_m_s * linear
         x, y, turning = self._cpu_base_drives
         x(forward * math.cos(yaw))
         y(forward * math.sin(yaw))
-        turning(BASE_ANGULAR_SPEED_RAD_S * angular)
+        turning(ROBOT.base_angular_speed_rad_s * angular)
 
     def _set_batch(self, action: Tensor) -> None:
         size = ARM_SIZE[self.config.arm]
@@ -273,14 +280,14 @@ class HabController(BaseController):
             self._drive_base(action[:, -2:])
 
     def get_state(self) -> dict[str, Tensor]:
-        """Returns the commanded arm pose (N, 7), gripper (N,) and base pose (N, 3), if there is."""
+        """Returns the commanded arm pose (N, 7), gripper (N,) and, if any, base pose (N, 3)."""
         state = {"arm_target_rad": self.arm_target_rad.clone(), "gripper": self.gripper.clone()}
         if self.config.base == "pose":
             state["base_target"] = self.base_target.clone()
         return state
 
     def set_state(self, state: dict[str, Tensor], rows: Tensor | None = None) -> None:
-        """Restores what `get_state` returned, for `rows` (R,) or for all."""
+        """Restores a state of `get_state` for `rows` (R,) or for all."""
         chosen = slice(None) if rows is None else rows
         self.arm_target_rad, self.gripper = self.arm_target_rad.clone(), self.gripper.clone()
         self.arm_target_rad[chosen] = state["arm_target_rad"]
@@ -294,7 +301,7 @@ class HabController(BaseController):
             )
 
     def _arm_target(self, qpos: Array, arm: Array) -> Array:
-        """Returns the arm pose (7,) [rad] that an action's arm entries ask for."""
+        """Returns the commanded arm pose (7,) [rad] of an action's arm entries."""
         if self.config.arm in ABSOLUTE_ARM:
             return arm
         if self.config.arm == "joint_delta":
@@ -311,15 +318,15 @@ class HabController(BaseController):
             moved = self.arm_target_rad + JOINT_STEP_RAD * arm
             return torch.minimum(torch.maximum(moved, lower), upper)
         position, _ = self._kinematics.batch_position_and_jacobian(self.arm_target_rad)
-        low = torch.tensor(EE_LOWER_M, device=self.device)
-        high = torch.tensor(EE_UPPER_M, device=self.device)
+        low = torch.tensor(ROBOT.ee_lower_m, device=self.device)
+        high = torch.tensor(ROBOT.ee_upper_m, device=self.device)
         goal = torch.minimum(torch.maximum(position + EE_STEP_M * arm, low), high)
         return self._kinematics.batch_displace(self.arm_target_rad, goal)
 
     def _limits(self) -> tuple[Tensor, Tensor]:
         return (
-            torch.tensor(ARM_LOWER_RAD, device=self.device),
-            torch.tensor(ARM_UPPER_RAD, device=self.device),
+            torch.tensor(ROBOT.arm_lower_rad, device=self.device),
+            torch.tensor(ROBOT.arm_upper_rad, device=self.device),
         )
 
     def _drive_arm(self) -> None:
@@ -334,8 +341,8 @@ class HabController(BaseController):
 
     def _drive_base(self, base: Tensor) -> None:
         yaw = self.articulation.get_qpos()[:, self._base_index[2]]
-        forward = BASE_LINEAR_SPEED_M_S * base[:, 0]
-        turning = BASE_ANGULAR_SPEED_RAD_S * base[:, 1]
+        forward = ROBOT.base_linear_speed_m_s * base[:, 0]
+        turning = ROBOT.base_angular_speed_rad_s * base[:, 1]
         speeds = torch.stack((forward * torch.cos(yaw), forward * torch.sin(yaw), turning), dim=1)
         self.articulation.set_joint_drive_velocity_targets(
             speeds, self._base_joints, self._base_index
@@ -344,9 +351,11 @@ class HabController(BaseController):
 
 @dataclass
 class HabControllerConfig(ControllerConfig):
-    """Arm mode, base mode, and the drives' gains (see docs/deviations.md)."""
+    """Arm mode, base mode, and drive gains (see docs/deviations.md)."""
 
-    joint_names: list[str] = field(default_factory=lambda: list(ARM_JOINTS + BASE_JOINTS))
+    joint_names: list[str] = field(
+        default_factory=lambda: list(ROBOT.arm_joints + ROBOT.base_joints)
+    )
     arm: ArmMode = "ee"
     base: BaseMode = "still"
     arm_stiffness: float = 3e3
@@ -366,7 +375,7 @@ class HabControllerConfig(ControllerConfig):
 
     @property
     def sets_joints(self) -> bool:
-        """Whether actions put joints somewhere at once instead of driving them."""
+        """Whether actions set joint states directly instead of driving the joints."""
         return self.arm == "joint_state" or self.base == "pose"
 
 

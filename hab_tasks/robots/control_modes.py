@@ -1,4 +1,4 @@
-"""What an action of each control mode consists of: sizes, cells and bounds of its entries."""
+"""Action layout of the control modes: sizes, cells and bounds of the entries."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from hab_tasks.robots.fetch_spec import ARM_LOWER_RAD, ARM_UPPER_RAD
+from hab_tasks.robots.robot import ROBOT
 
 ArmMode = Literal["ee", "joint_delta", "joint_target", "joint_state", "still"]
 BaseMode = Literal["still", "velocity", "discrete", "pose"]
@@ -29,7 +29,7 @@ ABSOLUTE_ARM = ("joint_target", "joint_state")
 """Arm modes whose entries are joint positions [rad]."""
 
 ARM_MODES = ("ee", "joint_delta", "joint_target", "joint_state")
-"""Control modes of the skills whose base stands still."""
+"""Control modes of skills with a fixed base."""
 
 MOBILE_MODES = (
     "ee_base",
@@ -39,27 +39,27 @@ MOBILE_MODES = (
     "joint_target_pose",
     "joint_state_pose",
 )
-"""Control modes of what moves arm and base."""
+"""Control modes of skills and tasks that move arm and base."""
 
 BASE_CELLS = tuple(
     (linear, angular) for linear in (-0.5, 0.0, 0.5, 1.0) for angular in (-1.0, -0.5, 0.0, 0.5, 1.0)
 )
-"""Forward and turning velocity of the discrete actions, as shares of the largest speeds (S H.2)."""
+"""Forward and turning velocity of the discrete actions, as shares of the maximum (S H.2)."""
 
 STOP_CELL = BASE_CELLS.index((0.0, 0.0))
 
 STOP_SHARE = 0.05
-"""Base entries up to this count as the stop action."""
+"""Maximum absolute base entries of the stop action."""
 
 WORLD_LIMIT_M = 20.0
-"""A base pose lies within this of the world's origin in x and y: Fetch's base joints end there."""
+"""Limit of base poses in x and y, which is the limit of Fetch's base joints."""
 
 
 class Cells(spaces.Discrete):
-    """The discrete actions, drawn as Python's integers, which ManiSkill's recorder can append."""
+    """Discrete action space that samples Python integers, which ManiSkill's recorder requires."""
 
     def sample(self, mask: Any = None, probability: Any = None) -> int:  # type: ignore[override]
-        """Draws an action; see `gymnasium.spaces.Discrete.sample`."""
+        """Samples an action; see `gymnasium.spaces.Discrete.sample`."""
         return int(super().sample(mask, probability))
 
 
@@ -69,11 +69,11 @@ def action_size(arm: ArmMode, base: BaseMode) -> int:
 
 
 def action_bounds(arm: ArmMode, base: BaseMode) -> tuple[Bounds, Bounds]:
-    """Returns the least and the largest value of every entry, (A,) float32 each."""
+    """Returns the lower and upper bound of every entry, (A,) float32 each."""
     size = action_size(arm, base)
     low, high = -np.ones(size, dtype=np.float32), np.ones(size, dtype=np.float32)
     if arm in ABSOLUTE_ARM:
-        low[:7], high[:7] = ARM_LOWER_RAD, ARM_UPPER_RAD
+        low[:7], high[:7] = ROBOT.arm_lower_rad, ROBOT.arm_upper_rad
     if base == "pose":
         high[-3:] = WORLD_LIMIT_M, WORLD_LIMIT_M, math.pi
         low[-3:] = -high[-3:]
@@ -81,5 +81,5 @@ def action_bounds(arm: ArmMode, base: BaseMode) -> tuple[Bounds, Bounds]:
 
 
 def within_a_turn(yaw_rad: Any) -> Any:
-    """Returns angles [rad], numbers or arrays, as the same ones in [-pi, pi)."""
+    """Wraps angles [rad], numbers or arrays, to [-pi, pi)."""
     return (yaw_rad + math.pi) % (2 * math.pi) - math.pi

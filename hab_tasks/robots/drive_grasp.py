@@ -1,4 +1,4 @@
-"""The snap grasp of the CPU simulation: constraints tie what is held to the gripper."""
+"""Snap grasp of the CPU simulation, by constraints between gripper and held body."""
 
 from __future__ import annotations
 
@@ -7,54 +7,69 @@ from typing import Any
 import numpy as np
 import sapien
 
-from hab_tasks.constants import SIM_HZ
-from hab_tasks.robots.carried import inertia_at, pull_along, take_along
-from hab_tasks.robots.fetch_spec import EE_OFFSET_M
-from hab_tasks.robots.grasp import NOTHING, SnapGrasp
+from hab_tasks.constants import GRASP_RADIUS_M, SIM_HZ
+from hab_tasks.robots.grasp import EE_FROM_LINK, NOTHING, SnapGrasp
 from hab_tasks.robots.handle_tie import HANDLE_SPRING
+from hab_tasks.robots.held_object import inertia_at, move_held_object, pull_along
+from hab_tasks.robots.robot import ROBOT
+from hab_tasks.simulator import sapien_object
+
+NEARLY_M = 1e-3
+"""Margin of a quick test of distances, far above rounding errors."""
 
 HOLD_STIFFNESS_NM_RAD = 1e5
 HOLD_DAMPING_NM_S_RAD = 1e3
 
 
 class DriveGrasp(SnapGrasp):
-    """Holds with a constraint: a rigid joint for an object, a spring of limited force for a handle.
+    """Holds with a constraint: a rigid joint for objects, a force-limited spring for handles.
 
     Attributes:
-        pulls_along: Whether the furniture of a held handle goes where the hand is set, instead of
-            being tied to it: an arm that is set at once would be thrown back by its weight.
+        pulls_along: Whether a held handle follows the hand kinematically instead of by a spring,
+            as the furniture's inertia would throw back an arm whose state is set directly.
     """
 
     def __init__(self, *args: Any, pulls_along: bool = False) -> None:
         super().__init__(*args)
         self.pulls_along = pulls_along
         self._ties: dict[int, tuple[sapien.Entity, Any]] = {}
-        self._cpu_hand = self.ee_link._objs[0]
+        self._cpu_hand = sapien_object(self.ee_link)
         self._hand_before = sapien.Pose()
         self._steps_left, self._inertia = 0, 0.0
 
     def carry(self, physics_steps: int) -> None:
-        """Moves a held object with the hand, and lets a held handle follow it."""
+        """Moves a held object or handle with the hand."""
         super().carry(physics_steps)
         held = int(self.held[0])
         if held != NOTHING:
-            take_along(self._cpu_bodies[held][0], self._cpu_hand, self._hand_before)
+            move_held_object(self._cpu_bodies[held][0], self._cpu_hand, self._hand_before)
         self._steps_left = physics_steps if self.pulls_along else 0
 
     def before_simulation_step(self) -> None:
-        """Moves the furniture of a held handle to a hand that was set."""
+        """Moves the furniture of a held handle to a hand whose state was set."""
         if self._steps_left and int(self.held_handle[0]) != NOTHING:
             handle = self.handles[int(self.held_handle[0])]
-            world_from_ee = self._cpu_hand.entity_pose * sapien.Pose([EE_OFFSET_M, 0.0, 0.0])
+            world_from_ee = self._cpu_hand.entity_pose * sapien.Pose([ROBOT.ee_offset_m, 0.0, 0.0])
             place_m = np.asarray((world_from_ee * sapien.Pose(self._handle_in_ee_m[0])).p)
             pull_along(handle, place_m, self._steps_left, self._inertia)
             self._steps_left -= 1
 
     def after_control_step(self) -> None:
-        """Loses what has been pulled out of the hand, and keeps where the hand is."""
+        """Releases what was pulled out of the hand, and stores the hand's pose."""
         super().after_control_step()
         if self._busy:
             self._hand_before = self._cpu_hand.entity_pose
+
+    def _may_change(self) -> bool:
+        """Whether anything is held or within reach; spares most commands the tensors."""
+        if self._busy or self.known_com_m is None:
+            return True
+        x, y, z = (self._cpu_hand.entity_pose * EE_FROM_LINK).p.tolist()
+        points = self.known_com_m.tolist() if self.takes != "handles" else []
+        if self.takes != "objects":
+            points += [(link.entity_pose * offset).p.tolist() for link, offset in self._cpu_handles]
+        near_m2 = (GRASP_RADIUS_M + NEARLY_M) ** 2
+        return any((a - x) ** 2 + (b - y) ** 2 + (c - z) ** 2 < near_m2 for a, b, c in points)
 
     def _tie_object(self, row: int, index: int) -> None:
         self._hand_before = self._cpu_hand.entity_pose
@@ -62,21 +77,21 @@ class DriveGrasp(SnapGrasp):
         drive = self._drive(row, pose, self.objects[index]._objs[row], sapien.Pose())
         for lock in (drive.set_limit_x, drive.set_limit_y, drive.set_limit_z):
             lock(0.0, 0.0)
-        # Angular limits of zero do not hold against an articulation's link (measured: 50 degrees).
+        # Zero angular limits do not hold against an articulation link (measured: 50 degrees).
         drive.set_drive_property_slerp(HOLD_STIFFNESS_NM_RAD, HOLD_DAMPING_NM_S_RAD)
         self.objects[index]._bodies[row].wake_up()
 
     def _tie_handle(self, row: int, index: int) -> None:
         handle = self.handles[index]
-        in_ee = sapien.Pose([EE_OFFSET_M, 0, 0])
+        in_ee = sapien.Pose([ROBOT.ee_offset_m, 0, 0])
         drive = self._drive(
-            row, in_ee, handle.link._objs[row].entity, sapien.Pose(list(handle.offset_m))
+            row, in_ee, sapien_object(handle.link, row).entity, sapien.Pose(list(handle.offset_m))
         )
-        if self.pulls_along:  # tied bodies do not collide, and that is all
+        if self.pulls_along:  # the constraint only disables collisions
             self._inertia = inertia_at(handle)
             return
         spring = HANDLE_SPRING
-        # SAPIEN limits the impulse of a physics step, and calls it a force (measured).
+        # SAPIEN's force limit is an impulse per physics step (measured).
         most_n_s = spring.force_n / SIM_HZ
         for pull in (
             drive.set_drive_property_x,
@@ -92,7 +107,7 @@ class DriveGrasp(SnapGrasp):
     def _drive(
         self, row: int, pose0: sapien.Pose, entity: sapien.Entity, pose1: sapien.Pose
     ) -> Any:
-        gripper = self.ee_link._objs[row].entity
+        gripper = sapien_object(self.ee_link, row).entity
         drive = self.scene.sub_scenes[row].create_drive(gripper, pose0, entity, pose1)
         self._ties[row] = (drive.entity, drive)
         return drive

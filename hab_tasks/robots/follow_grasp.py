@@ -1,4 +1,4 @@
-"""The snap grasp where constraints cannot be made while running: it moves what it holds."""
+"""Snap grasp of the GPU simulation, which cannot create constraints while running."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from torch import Tensor
 from hab_tasks.robots.drive_grasp import DriveGrasp
 from hab_tasks.robots.grasp import NOTHING, Handle, SnapGrasp
 from hab_tasks.robots.handle_tie import HANDLE_SPRING
+from hab_tasks.simulator import pull_from_gpu, push_to_gpu
 
 
 class FollowGrasp(SnapGrasp):
-    """Holds by moving: objects are posed with the gripper, handles pulled by a spring."""
+    """Holds objects by setting their poses, and handles by a spring force."""
 
     def __init__(self, *args: Any) -> None:
         super().__init__(*args)
@@ -32,30 +33,30 @@ class FollowGrasp(SnapGrasp):
         pass
 
     def carry(self, physics_steps: int) -> None:
-        """Tells the GPU where joints were set; what is held is moved before each physics step."""
+        """Writes joint states to the GPU; held objects move before each physics step."""
         if self.scene.gpu_sim_enabled:
-            self.scene._gpu_apply_all()
+            push_to_gpu(self.scene)
             px: Any = self.scene.px
             px.gpu_update_articulation_kinematics()
-            self.scene._gpu_fetch_all()
+            pull_from_gpu(self.scene)
         super().carry(physics_steps)
 
     def before_simulation_step(self) -> None:
-        """Poses held objects in the hand and pulls held handles to it."""
+        """Sets the poses of held objects, and pulls held handles to the hand."""
         if self.scene.gpu_sim_enabled:
-            self.scene._gpu_fetch_all()
+            pull_from_gpu(self.scene)
         for index in torch.unique(self.held[self.held != NOTHING]).tolist():
             self._pose_object(index)
         self._pull_handles()
         if self.scene.gpu_sim_enabled:
-            self.scene._gpu_apply_all()
+            push_to_gpu(self.scene)
 
     def _pose_object(self, index: int) -> None:
         rows = self.held == index
         actor, mask = self.objects[index], self.scene._reset_mask
         self.scene._reset_mask = rows
         actor.set_pose(Pose.create((self.ee_link.pose * self._ee_from_object).raw_pose[rows]))
-        # It moves with the hand during the coming physics step instead of lagging behind it.
+        # The hand's velocity keeps the object from lagging behind during the physics step.
         turning = self.ee_link.get_angular_velocity()
         middle = (self.ee_link.pose * Pose.create_from_pq(self._link_com_m)).p
         arm = self.object_com_m(index) - middle
@@ -65,7 +66,7 @@ class FollowGrasp(SnapGrasp):
         self.scene._reset_mask = mask
 
     def _pull_handles(self) -> None:
-        """Sets the joint efforts of all furniture that is held, and clears what was let go."""
+        """Sets the joint efforts of held furniture, and clears those of released furniture."""
         efforts = {
             name: torch.zeros_like(furniture.get_qpos()) for name, furniture in self._pulled.items()
         }
@@ -88,14 +89,14 @@ class FollowGrasp(SnapGrasp):
         velocity = handle.link.get_linear_velocity() + torch.linalg.cross(
             handle.link.get_angular_velocity(), point - handle.link.pose.p
         )
-        place = torch.as_tensor(self._handle_in_ee_m, device=self.scene.device) + self._offset
-        wanted = (self.ee_link.pose * Pose.create_from_pq(place)).p
+        target = torch.as_tensor(self._handle_in_ee_m, device=self.scene.device) + self._offset
+        wanted = (self.ee_link.pose * Pose.create_from_pq(target)).p
         spring = HANDLE_SPRING
         force = spring.stiffness_n_m * (wanted - point) - spring.damping_n_s_m * velocity
         force = force.clamp(-spring.force_n, spring.force_n)
         joint = handle.link.joint
         frame = joint.get_global_pose()
-        # SAPIEN's joint frames have the joint's axis along x.
+        # In SAPIEN, the joint axis is the x axis of the joint frame.
         axis = frame.to_transformation_matrix()[:, :3, 0]
         if joint.type[0] == "prismatic":
             return (axis * force).sum(dim=1)
@@ -111,7 +112,7 @@ def make_grasp(
     *,
     arm_is_set: bool = False,
 ) -> SnapGrasp:
-    """Returns the implementation for the scene's backend, and for an arm that is set at once."""
+    """Returns the grasp for the scene's backend and the control mode."""
     if scene.gpu_sim_enabled:
         return FollowGrasp(scene, ee_link, objects, handles, takes)
     return DriveGrasp(scene, ee_link, objects, handles, takes, pulls_along=arm_is_set)

@@ -1,12 +1,12 @@
-"""The snap grasp (S E.3): what is near enough to the end-effector is held until released.
+"""Snap grasp (S E.3): objects and handles close to the end-effector are held until released.
 
-`SnapGrasp` decides what is grasped; how it is held is one of two implementations: `DriveGrasp` (in
-`hab_tasks.robots.drive_grasp`) ties the body to the gripper with a constraint (CPU simulation),
-`FollowGrasp` (in `hab_tasks.robots.follow_grasp`) moves it with the gripper and needs only batched
+`SnapGrasp` decides what is grasped. Two implementations hold it: `DriveGrasp` (in
+`hab_tasks.robots.drive_grasp`) attaches the body to the gripper with a constraint (CPU simulation);
+`FollowGrasp` (in `hab_tasks.robots.follow_grasp`) moves it with the gripper, using only batched
 poses.
 
-A held object keeps the pose it had in the gripper when it was grasped. It does not collide with the
-robot until it is let go and has come clear of the hand; it always collides with the world.
+A held object keeps its pose in the gripper from the start of the grasp. It does not collide with
+the robot until it is released and clear of the hand; it always collides with the world.
 """
 
 from __future__ import annotations
@@ -25,23 +25,24 @@ from mani_skill.utils.structs.pose import Pose
 from numpy.typing import NDArray
 from torch import Tensor
 
-from hab_tasks.arrays import Rows
+from hab_tasks.arrays import BatchArray
 from hab_tasks.constants import GRASP_RADIUS_M
-from hab_tasks.robots.fetch_spec import EE_OFFSET_M
 from hab_tasks.robots.handle_tie import HANDLE_SPRING
+from hab_tasks.robots.robot import ROBOT
 from hab_tasks.scenes.collision_groups import HELD, MOVING, Groups, set_groups
+from hab_tasks.simulator import rigid_body, sapien_object
 
 HOLD_TOLERANCE_M = 0.09
-"""A held object that is pulled this far out of place is lost (Habitat's hold threshold)."""
+"""Displacement at which a held object is lost (Habitat's hold threshold)."""
 
 NOTHING = -1
 
 HANDLE_TOLERANCE_M = GRASP_RADIUS_M + HOLD_TOLERANCE_M
-"""A hand that is set farther than this from the handle that it holds has let go."""
+"""Distance to a held handle at which a hand that is set directly releases it."""
 
 FAR_AWAY_M = 1e6
 
-_EE_FROM_LINK = sapien.Pose([EE_OFFSET_M, 0.0, 0.0])
+EE_FROM_LINK = sapien.Pose([ROBOT.ee_offset_m, 0.0, 0.0])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,28 +57,28 @@ class Handle:
 
     @property
     def column(self) -> int:
-        """Index of the handle's joint among the furniture's active joints."""
+        """Index of the handle's joint in the furniture's active joints."""
         joint: Any = self.link.joint
         return int(joint.active_index[0])
 
     @property
     def limits(self) -> tuple[float, float]:
         """Limits of the handle's joint [m or rad]."""
-        lower, upper = self.furniture._objs[0].active_joints[self.column].limits[0].tolist()
+        lower, upper = sapien_object(self.furniture).active_joints[self.column].limits[0].tolist()
         return lower, upper
 
 
 class SnapGrasp:
-    """What each row holds, and the rules of grasping and letting go.
+    """Grasp state of each row, and the rules of grasping and releasing.
 
     Attributes:
-        objects: Everything that can be grasped, in a fixed order.
-        handles: Handle markers, used when no object is near enough.
-        held: (N,) index into `objects`, `NOTHING` where none. Replaced, never written into.
-        held_handle: (N,) index into `handles`, `NOTHING` where none.
-        lost: (N,) whether what was held slipped away since the last command.
-        shut_in: Tells which objects (N, K) are behind a closed door; None where nobody knows.
-        known_com_m: (K, 3) centres of mass that somebody keeps current; None to read each.
+        objects: All graspable objects, in a fixed order.
+        handles: Handle markers, used if no object is within range.
+        held: (N,) index into `objects`, `NOTHING` without one. Replaced, never modified in place.
+        held_handle: (N,) index into `handles`, `NOTHING` without one.
+        lost: (N,) whether the held object or handle slipped away since the last command.
+        is_enclosed: Returns which objects (N, K) are in closed containers; None if unknown.
+        known_com_m: (K, 3) centres of mass kept current by the caller; None to read each.
     """
 
     def __init__(
@@ -88,10 +89,10 @@ class SnapGrasp:
         handles: list[Handle],
         takes: str = "any",
     ) -> None:
-        """Takes ``objects``, ``handles``, or ``any``: an object, or else a handle."""
+        """Grasps ``objects``, ``handles``, or ``any``: an object if in range, else a handle."""
         self.scene, self.ee_link = scene, ee_link
         self.objects, self.handles, self.takes = objects, handles, takes
-        self.shut_in: Callable[[], Tensor | None] | None = None
+        self.is_enclosed: Callable[[], Tensor | None] | None = None
         self.known_com_m: NDArray[np.float32] | None = None
         count, device = scene.num_envs, scene.device
         self.held = torch.full((count,), NOTHING, dtype=torch.long, device=device)
@@ -106,11 +107,13 @@ class SnapGrasp:
         self._busy: set[int] = set()
         self._com_m = [torch.as_tensor(_com(actor), device=device) for actor in objects]
         self._cpu_bodies = [
-            (actor._bodies[0], actor._bodies[0].cmass_local_pose) for actor in objects
+            (rigid_body(actor), rigid_body(actor).cmass_local_pose) for actor in objects
         ]
-        self._cpu_handles = [(h.link._objs[0], sapien.Pose(list(h.offset_m))) for h in handles]
-        self._offset = torch.tensor([EE_OFFSET_M, 0.0, 0.0], device=device)
-        link_com = ee_link._objs[0].cmass_local_pose.p
+        self._cpu_handles = [
+            (sapien_object(h.link), sapien.Pose(list(h.offset_m))) for h in handles
+        ]
+        self._offset = torch.tensor([ROBOT.ee_offset_m, 0.0, 0.0], device=device)
+        link_com = sapien_object(ee_link).cmass_local_pose.p
         self._link_com_m = torch.as_tensor(np.asarray(link_com, dtype=np.float32), device=device)
 
     @property
@@ -119,7 +122,7 @@ class SnapGrasp:
         return (self.held != NOTHING) | (self.held_handle != NOTHING)
 
     def reset(self, rows: Tensor) -> None:
-        """Lets go in `rows` (R,) without physics, and forgets what was leaving the hand."""
+        """Releases in `rows` (R,) without physics, and clears objects leaving the hand."""
         for row in rows.tolist():
             self._release_row(row)
         started = set(rows.tolist())
@@ -128,11 +131,11 @@ class SnapGrasp:
                 self._set_collision(row, index, MOVING)
         self._leaving = [entry for entry in self._leaving if entry[0] not in started]
 
-    def command(self, gripper: Rows) -> None:
-        """Acts on the gripper entry (N,): >= 0 grasps when the hand is empty, < 0 releases."""
+    def command(self, gripper: BatchArray) -> None:
+        """Executes the gripper action (N,): >= 0 grasps if the hand is empty, < 0 releases."""
         if self._any_lost:
             self.lost, self._any_lost = torch.zeros_like(self.lost), False
-        if not self._as_wanted(gripper):
+        if not self._as_wanted(gripper) and self._may_change():
             wants = torch.as_tensor(gripper, device=self.held.device) >= 0
             for row in torch.nonzero(~wants & self.holding).flatten().tolist():
                 self._release_row(row)
@@ -142,23 +145,27 @@ class SnapGrasp:
         if self._leaving:
             self._restore_collisions()
 
-    def _as_wanted(self, gripper: Rows) -> bool:
+    def _as_wanted(self, gripper: BatchArray) -> bool:
         if len(gripper) == 1:  # plain numbers: tensor arithmetic would be a tenth of the step
             return (float(gripper[0]) >= 0) == bool(self._busy)
         return bool(((gripper >= 0) == self.holding).all())
 
+    def _may_change(self) -> bool:
+        """Whether a command may grasp or release anything."""
+        return True
+
     def attach(self, row: int, index: int) -> None:
-        """Holds object `index` in `row`, wherever it is."""
+        """Grasps object `index` in `row` at any distance."""
         ee_from_object = self.ee_link.pose[row].inv() * self.objects[index].pose[row]
         self._hold(row, index, ee_from_object.raw_pose[0])
 
     def carry(self, physics_steps: int) -> None:
-        """Takes along what is held, after an action has set joints of the robot at once.
+        """Moves held objects when joint states are set directly.
 
-        A handle that the hand was set too far away from is let go.
+        A handle that is then too far from the hand is released.
 
         Args:
-            physics_steps: So many are coming in this action.
+            physics_steps: Number of physics steps of this action.
         """
         for row in sorted(self._busy):
             handle = int(self.held_handle[row])
@@ -166,10 +173,10 @@ class SnapGrasp:
                 self._lose(row)
 
     def before_simulation_step(self) -> None:
-        """Runs before every physics step."""
+        """Hook before every physics step."""
 
     def after_control_step(self) -> None:
-        """Loses what has been pulled out of the hand; runs after the physics of an action."""
+        """Hook after the physics of an action; releases what was pulled out of the hand."""
         if self._busy:
             for row in sorted(self._busy):
                 if int(self.held[row]) == NOTHING:
@@ -178,11 +185,11 @@ class SnapGrasp:
                     self._lose(row)
 
     def get_state(self) -> dict[str, Tensor]:
-        """Returns held, held_handle (N,), how they are held, and what leaves the hand.
+        """Returns held, held_handle (N,), how they are held, and objects leaving the hand.
 
-        An object by its pose in the hand (N, 7), a handle by its place in it (N, 3) [m] and the
-        actions (N,) for which it was out of reach. What leaves the hand, (N, K): how far an object
-        has to get to be clear of it [m], 0 if it is.
+        An object is held by its pose in the hand (N, 7), a handle by its position in the hand
+        (N, 3) [m] and the number of actions (N,) for which it was out of reach. Objects leaving the
+        hand (N, K): distance [m] at which each is clear of the hand, 0 if it already is.
         """
         leaving_m = torch.zeros(len(self.held), len(self.objects), device=self.held.device)
         for row, index, side_m in self._leaving:
@@ -197,7 +204,7 @@ class SnapGrasp:
         }
 
     def set_state(self, state: dict[str, Tensor], rows: Tensor) -> None:
-        """Restores what `get_state` returned, after the bodies' poses were restored."""
+        """Restores a state of `get_state`, after the bodies' poses were restored."""
         self.reset(rows)
         for i, row in enumerate(rows.tolist()):
             if int(state["held"][i]) != NOTHING:
@@ -214,7 +221,7 @@ class SnapGrasp:
         """Returns the end-effector point (N, 3) in the world."""
         if self.scene.gpu_sim_enabled:
             return (self.ee_link.pose * Pose.create_from_pq(self._offset)).p
-        point = self.ee_link._objs[0].entity_pose * _EE_FROM_LINK
+        point = sapien_object(self.ee_link).entity_pose * EE_FROM_LINK
         return torch.from_numpy(point.p)[None]
 
     def objects_com_m(self) -> Tensor:
@@ -257,17 +264,17 @@ class SnapGrasp:
             self.attach(int(rows[i]), int(nearest[i]))
 
     def _nearest_object(self, ee: Tensor, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """Returns index and distance (R,) of the nearest object that the hand may take."""
+        """Returns index and distance (R,) of the nearest graspable object."""
         points = self.objects_com_m()[rows]
         if self.takes == "handles":
             points = points[:, :0]
         found = _nearest(ee, points)
-        if self.shut_in is None or not bool((found[1] <= GRASP_RADIUS_M).any()):
+        if self.is_enclosed is None or not bool((found[1] <= GRASP_RADIUS_M).any()):
             return found
-        shut = self.shut_in()
-        if shut is None:
+        enclosed = self.is_enclosed()
+        if enclosed is None:
             return found
-        return _nearest(ee, torch.where(shut[rows][..., None], FAR_AWAY_M, points))
+        return _nearest(ee, torch.where(enclosed[rows][..., None], FAR_AWAY_M, points))
 
     def _hold(self, row: int, index: int, ee_from_object: Tensor) -> None:
         self.held = _with(self.held, row, index)
@@ -280,14 +287,14 @@ class SnapGrasp:
         self._tie_object(row, index)
 
     def _hold_handle(self, row: int, index: int, place_m: NDArray[np.float32]) -> None:
-        """Holds a handle that is to be at a place (3,) in the hand."""
+        """Grasps a handle at a position (3,) in the hand."""
         self.held_handle = _with(self.held_handle, row, index)
         self._busy.add(row)
         self._handle_in_ee_m[row], self._steps_apart[row] = place_m, 0
         self._tie_handle(row, index)
 
     def _draw_in(self, row: int) -> None:
-        """Draws the held handle nearer to the hand; loses one that stays out of reach."""
+        """Draws the held handle towards the hand; releases it if it stays out of reach."""
         far = self._handle_gap_m(row) > HANDLE_SPRING.reach_m
         self._steps_apart[row] = self._steps_apart[row] + 1 if far else 0
         if self._steps_apart[row] >= HANDLE_SPRING.lost_steps:
@@ -297,14 +304,14 @@ class SnapGrasp:
             self._retie_handle(row)
 
     def _handle_gap_m(self, row: int) -> float:
-        """Returns how far the held handle is from the hand."""
+        """Returns the distance of the held handle to the hand."""
         return float(np.linalg.norm(self._place_in_ee_m(row, int(self.held_handle[row]))))
 
     def _place_in_ee_m(self, row: int, index: int) -> NDArray[np.float32]:
-        """Returns a handle's place (3,) in the end-effector's frame."""
+        """Returns a handle's position (3,) in the end-effector's frame."""
         if not self.scene.gpu_sim_enabled:
             link, offset = self._cpu_handles[index]
-            world_from_ee = self.ee_link._objs[0].entity_pose * _EE_FROM_LINK
+            world_from_ee = sapien_object(self.ee_link).entity_pose * EE_FROM_LINK
             return np.asarray((world_from_ee.inv() * (link.entity_pose * offset)).p)
         gap = (self.handle_position_m(index) - self.ee_position_m())[row]
         axes = self.ee_link.pose[row].to_transformation_matrix()[0, :3, :3]
@@ -329,7 +336,7 @@ class SnapGrasp:
     def _drift_m(self, row: int) -> float:
         if not self.scene.gpu_sim_enabled:
             body = self._cpu_bodies[int(self.held[row])][0]
-            held = self.ee_link._objs[0].entity_pose * self._cpu_held
+            held = sapien_object(self.ee_link).entity_pose * self._cpu_held
             gap: Any = np.subtract(held.p, body.entity_pose.p)
             return math.sqrt(float(gap @ gap))
         expected = self.ee_link.pose[row] * self._ee_from_object[row]
@@ -348,7 +355,7 @@ class SnapGrasp:
         self._leaving = still
 
     def _set_collision(self, row: int, index: int, groups: Groups) -> None:
-        # Contact filters can be changed while running on the CPU only.
+        # Contact filters can be changed at runtime on the CPU only.
         if not self.scene.gpu_sim_enabled:
             set_groups(self.objects[index]._bodies[row], groups)
 
@@ -359,21 +366,21 @@ class SnapGrasp:
         raise NotImplementedError
 
     def _retie_handle(self, row: int) -> None:
-        """Runs when the held handle's place in the hand has changed."""
+        """Hook after the held handle's position in the hand has changed."""
 
     def _untie(self, row: int) -> None:
         raise NotImplementedError
 
 
 def _with(values: Tensor, row: int, value: int | bool) -> Tensor:
-    """Returns a changed copy, so that snapshots can keep what they were given."""
+    """Returns a modified copy, as snapshots keep references."""
     changed = values.clone()
     changed[row] = value
     return changed
 
 
 def _nearest(point: Tensor, candidates: Tensor) -> tuple[Tensor, Tensor]:
-    """Index and distance (R,) of the candidate (R, K, 3) nearest to `point` (R, 3)."""
+    """Returns index and distance (R,) of the candidate (R, K, 3) nearest to `point` (R, 3)."""
     if candidates.shape[1] == 0:
         none = torch.full((len(point),), NOTHING, dtype=torch.long, device=point.device)
         return none, torch.full((len(point),), float("inf"), device=point.device)
@@ -382,9 +389,9 @@ def _nearest(point: Tensor, candidates: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _com(actor: Actor) -> np.ndarray:
-    return np.asarray(actor._bodies[0].cmass_local_pose.p, dtype=np.float32)
+    return np.asarray(rigid_body(actor).cmass_local_pose.p, dtype=np.float32)
 
 
 def _largest_side_m(actor: Actor) -> float:
-    low, high = actor._bodies[0].compute_global_aabb_tight()
+    low, high = rigid_body(actor).compute_global_aabb_tight()
     return float(np.max(np.asarray(high) - np.asarray(low)))

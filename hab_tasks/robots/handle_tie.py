@@ -1,4 +1,4 @@
-"""The spring between a hand and the handle that it holds: its numbers, and how it is drawn in."""
+"""Spring between the hand and a held handle."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from numpy.typing import NDArray
 from hab_tasks.constants import CONTROL_HZ, EE_STEP_M, GRASP_RADIUS_M
 
 LOST_STEPS = CONTROL_HZ // 2
-"""A handle that is out of reach for half a second is lost."""
+"""Steps out of reach after which a handle is lost: half a second."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class HandleSpring:
-    """The numbers of the spring.
+    """Parameters of the spring.
 
     Attributes:
-        stiffness_n_m, damping_n_s_m: Of the handle's place in the hand, on each axis.
-        force_n: It pulls no harder on each axis; Fetch's arm can hold about as much at half reach.
-        draw_in_m: A handle that was taken at a distance comes nearer by this much in an action, the
-            hand's own largest step.
-        reach_m: Farther from the hand than this, a handle is on its way to be lost.
-        lost_steps: It is after so many actions.
+        stiffness_n_m, damping_n_s_m: Stiffness and damping per axis.
+        force_n: Maximum force per axis; about the load capacity of Fetch's arm at half reach.
+        draw_in_m: Step per action by which a handle grasped at a distance is drawn in; equal to
+            the hand's maximum step.
+        reach_m: Distance to the hand from which a handle counts as out of reach.
+        lost_steps: Number of actions out of reach after which it is lost.
     """
 
     stiffness_n_m: float = 3000.0
@@ -34,7 +34,7 @@ class HandleSpring:
     lost_steps: int = LOST_STEPS
 
     def drawn_in(self, place_m: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Returns where the handle (3,) is to be in the hand one action later."""
+        """Returns the handle's target position (3,) in the hand one action later."""
         distance_m = float(np.linalg.norm(place_m))
         if distance_m <= self.draw_in_m:
             return np.zeros(3, dtype=np.float32)

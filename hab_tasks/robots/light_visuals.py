@@ -1,8 +1,8 @@
-"""A light visual model of Fetch for rendering without a GPU.
+"""Light visual model of Fetch for rendering without a GPU.
 
-ManiSkill's Fetch draws some 200,000 triangles, most of a software renderer's time. Here each link's
-mesh is split by colour (its texture sampled at every face), each colour decimated, and the result
-kept in the cache. Collision geometry is not touched.
+ManiSkill's Fetch has some 200,000 triangles, which take most of a software renderer's time. Here
+each link's mesh is split by colour (its texture sampled at every face), each colour is decimated,
+and the result is cached. Collision geometry is unchanged.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ _GREY = np.array([0.6, 0.6, 0.6])
 
 
 def lighten(root: ElementTree.Element, folder: Path) -> None:
-    """Points every visual mesh of a URDF tree at a decimated copy, in place.
+    """Replaces every visual mesh in a URDF tree by a decimated copy, in place.
 
     Args:
         root: The URDF; mesh file names are relative to `folder`.
-        folder: Where the URDF's meshes lie.
+        folder: Folder of the URDF's meshes.
     """
     for visual in root.iter("visual"):
         mesh = visual.find("geometry/mesh")
@@ -47,7 +47,7 @@ def lighten(root: ElementTree.Element, folder: Path) -> None:
 
 
 def light_mesh(source: Path, rgba: str) -> Path:
-    """Returns a GLB of at most about `TRIANGLES_PER_LINK` triangles that looks like `source`."""
+    """Returns a decimated GLB of `source` with about `TRIANGLES_PER_LINK` triangles at most."""
 
     def write(path: Path) -> None:
         glb: Any = _reduced(source, rgba).export(file_type="glb")
@@ -97,7 +97,7 @@ def _face_colors(mesh: trimesh.Trimesh, rgba: str) -> NDArray[np.float64]:
 def _split_by_color(
     mesh: trimesh.Trimesh, colors: NDArray[np.float64]
 ) -> list[tuple[NDArray[np.float64], trimesh.Trimesh]]:
-    """Groups faces by coarse colour; rare colours join the most frequent one."""
+    """Groups faces by coarse colour; rare colours are merged with the most frequent one."""
     coarse = np.round(colors * (_PALETTE_STEPS - 1)).astype(int)
     _, labels, counts = np.unique(coarse, axis=0, return_inverse=True, return_counts=True)
     labels = labels.reshape(-1)

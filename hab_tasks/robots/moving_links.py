@@ -1,4 +1,4 @@
-"""Doors and drawers that are on the move, and the room they take."""
+"""Moving doors and drawers, and the space they occupy."""
 
 from __future__ import annotations
 
@@ -6,17 +6,19 @@ import numpy as np
 from mani_skill.utils.structs import Articulation
 from numpy.typing import NDArray
 
+from hab_tasks.simulator import sapien_object
+
 MOVED = 1e-4
-"""A joint that has changed by less [m or rad] since the last look stands still."""
+"""Joint displacement [m or rad] since the last check from which a joint counts as moved."""
 
 
 class MovingLinks:
-    """Watches the joints of all furniture of one simulated scene (row 0)."""
+    """Tracks the joints of all furniture in one scene (row 0)."""
 
     def __init__(self, furniture: list[Articulation]) -> None:
-        self._furniture = [piece._objs[0] for piece in furniture]
+        self._furniture = [sapien_object(piece) for piece in furniture]
         self._links = [
-            link._objs[0]
+            sapien_object(link)
             for piece in furniture
             for link in sorted(
                 (link for link in piece.links if _is_moved(link)),
@@ -26,11 +28,11 @@ class MovingLinks:
         self._seen: NDArray[np.float32] = self._joints()
 
     def look_again(self) -> None:
-        """Takes the joints as they are for the state of rest."""
+        """Takes the current joint positions as the reference."""
         self._seen = self._joints()
 
     def boxes_m(self) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
-        """Returns lower and upper corner (3,) of every link that moved since the last look."""
+        """Returns lower and upper corner (3,) of every link that moved since the last check."""
         joints = self._joints()
         moved = np.abs(joints - self._seen) > MOVED
         if not moved.any():

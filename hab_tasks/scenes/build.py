@@ -1,7 +1,7 @@
-"""Descriptions of bodies -> actors and articulations. The only place that creates them.
+"""Builds actors and articulations from their descriptions; the only module that creates them.
 
-Works with and without a renderer: visuals, materials and lights are touched only when the scene
-can render.
+Works with and without a renderer: visuals, materials and lights are created only if the scene can
+render.
 """
 
 from __future__ import annotations
@@ -35,9 +35,10 @@ from hab_tasks.scenes.spec import (
     Stage,
 )
 from hab_tasks.scenes.urdf import joint_frictions, sapien_urdf
+from hab_tasks.simulator import rigid_bodies, sapien_objects
 
 FLAT_HEIGHT_M = 0.05
-"""Floor, rugs and mats: bodies whose top is below this do not touch the robot's base."""
+"""Maximum height of flat bodies (floor, rugs, mats), which do not collide with the robot's base."""
 
 PARKING_Z_M = -5.0
 PARKING_SPACING_M = 0.5
@@ -47,14 +48,14 @@ FLOOR_COLOR = (0.55, 0.45, 0.36, 1.0)
 
 
 def parking_pose(index: int) -> Pose7:
-    """Returns where object number `index` waits when it takes no part in the episode."""
+    """Returns the parking pose of object number `index` while it is not part of the episode."""
     row, column = divmod(index, 8)
     x, y = column * PARKING_SPACING_M, row * PARKING_SPACING_M
     return (x, y, PARKING_Z_M + 0.2, 1.0, 0.0, 0.0, 0.0)
 
 
 class BodyBuilder:
-    """Builds bodies in all rows of one scene; they are named after what they are."""
+    """Builds named bodies in all rows of one scene."""
 
     def __init__(self, scene: ManiSkillScene) -> None:
         self.scene = scene
@@ -78,7 +79,7 @@ class BodyBuilder:
         return mark_flat(built)
 
     def static(self, name: str, template: ObjectTemplate, pose: Pose7, scale: float) -> Actor:
-        """Builds a piece that never moves by itself."""
+        """Builds a static object."""
         builder = self._new(pose)
         self._collide(builder, template.collision, _material(template.friction), 1000.0, scale)
         self._see(builder, template, scale)
@@ -87,7 +88,7 @@ class BodyBuilder:
         return mark_flat(built)
 
     def dynamic(self, name: str, template: ObjectTemplate, pose: Pose7, scale: float) -> Actor:
-        """Builds a loose object of its stated mass."""
+        """Builds a dynamic object with its stated mass."""
         builder = self._new(pose)
         volume_m3 = scale**3 * sum(_volume(source) for source in template.collision)
         mass_kg = template.mass_kg if template.mass_kg is not None else 500.0 * volume_m3
@@ -96,14 +97,14 @@ class BodyBuilder:
         self._see(builder, template, scale)
         actor = builder.build_dynamic(name)
         _check_shapes(actor, template.collision)
-        for body in actor._bodies:
+        for body in rigid_bodies(actor):
             set_groups(body, MOVING)
-            # Cooked hulls are a little smaller than the mesh: the stated mass wins.
+            # Cooked hulls are slightly smaller than the mesh, so the mass is set explicitly.
             body.mass = mass_kg
         return actor
 
     def articulation(self, furniture: ArticulationInstance, group: int) -> Articulation:
-        """Builds furniture with joints; its links ignore each other by the number `group`."""
+        """Builds articulated furniture; `group` disables collisions between its links."""
         loader = self.scene.create_urdf_loader()
         loader.name = furniture.name
         loader.fix_root_link = True
@@ -117,20 +118,20 @@ class BodyBuilder:
         built = builder.build()
         stated = {link.name: len(link.collision_records) for link in builder.link_builders}
         for link in built.links:
-            if any(len(body.collision_shapes) < stated[link.name] for body in link._objs):
+            if any(len(body.collision_shapes) < stated[link.name] for body in sapien_objects(link)):
                 words = f"link {link.name!r} has collision meshes that the engine cannot read"
                 raise DatasetError(f"{furniture.urdf_file}: {words}.")
         moving = {j.child_link.name for j in built.active_joints if j.child_link is not None}
         for link in built.links:
-            # Slides are level and hinges upright: gravity would only load them.
+            # Slides are horizontal and hinges vertical, so gravity would only load them.
             link.disable_gravity = True
-            for body in link._objs:
+            for body in sapien_objects(link):
                 set_groups(body, FRONT if link.name in moving else PASSIVE)
         brake(built, joint_frictions(furniture.urdf_file))
         return built
 
     def parking(self, count: int) -> Actor:
-        """A slab under the floor on which unused objects sleep."""
+        """Builds a slab under the floor on which parked objects sleep."""
         builder = self._new((0.0, 0.0, PARKING_Z_M, 1.0, 0.0, 0.0, 0.0))
         half = PARKING_SPACING_M * (count + 8)
         builder.add_box_collision(sapien.Pose([0, 0, -0.05]), [half, half, 0.05])
@@ -161,7 +162,7 @@ class BodyBuilder:
                 half = [scale * x for x in source.half_size_m]
                 builder.add_box_collision(_at(source, scale), half, **common)
             elif source.file is None or not source.file.exists():
-                # SAPIEN would log it and build a body that nothing touches.
+                # SAPIEN would only log it and build a body without collisions.
                 raise DatasetError(f"{source.file}: gone since the dataset was read.")
             else:
                 builder.add_multiple_convex_collisions_from_file(
@@ -170,15 +171,15 @@ class BodyBuilder:
 
 
 def _check_shapes(actor: Actor, sources: tuple[CollisionSource, ...]) -> None:
-    """Raises DatasetError for a body that things would fall through; the engine only logs it."""
-    if any(len(body.collision_shapes) < len(sources) for body in actor._bodies):
+    """Raises DatasetError for a body without collision shapes; the engine only logs it."""
+    if any(len(body.collision_shapes) < len(sources) for body in rigid_bodies(actor)):
         files = ", ".join(str(source.file) for source in sources if source.file is not None)
         raise DatasetError(f"{files}: the engine finds no shape in it to collide with.")
 
 
 def mark_flat(actor: Actor) -> Actor:
-    """Gives a static actor its groups for where it stands: what lies flat spares the base."""
-    for body in actor._bodies:
+    """Sets a static actor's collision groups by its height: flat bodies ignore the base."""
+    for body in rigid_bodies(actor):
         for shape in body.collision_shapes:
             flat = _top_m(body, shape) < FLAT_HEIGHT_M
             shape.set_collision_groups([*STATIC, FLOOR_BIT if flat else 0, 0])
@@ -209,7 +210,7 @@ def _material(friction: float) -> PhysxMaterial:
 
 
 def to_sapien(pose: Pose7) -> sapien.Pose:
-    """Returns a pose as SAPIEN takes it."""
+    """Returns a pose as a SAPIEN pose."""
     return sapien.Pose(list(pose[:3]), list(pose[3:]))
 
 

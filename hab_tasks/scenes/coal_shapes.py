@@ -1,4 +1,4 @@
-"""Collision shapes as coal shapes, for penetration depths and for planning."""
+"""Conversion of collision shapes to coal, for penetration depths and planning."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ CoalShape = tuple[coal.CollisionGeometry, Array]
 """A coal geometry and the (4, 4) pose ``shape_from_coal``."""
 
 PLANE_HALF_SIZE_M = 5.0
-"""A plane is a thick slab of this half size: an endless shape would spoil the broad phase."""
+"""Half size of the slab that replaces a plane; an infinite shape degrades the broad phase."""
 
 
 def coal_shape(shape: CollisionShape) -> CoalShape:

@@ -1,4 +1,4 @@
-"""Values of dataset files, checked as they are read: an error names file, element and value."""
+"""Validated reading of dataset files; errors name file, element and value."""
 
 from __future__ import annotations
 
@@ -12,31 +12,35 @@ from pathlib import Path
 from typing import Any
 
 from hab_tasks.errors import DatasetError, UnknownNameError
+from hab_tasks.typed_values import number
 
 LARGEST = 1e6
-"""No size, place, mass or factor is larger; the engine's single precision ends soon after."""
+"""Maximum magnitude of any number, due to the engine's single precision."""
 
 LONGEST_REASON = 200
-"""Characters of what the system says of a path."""
+"""Maximum length of a system message about a path."""
 
 _repr = reprlib.Repr()
 _repr.maxstring = _repr.maxother = 60
 _repr.maxlist = 6
 
 
-def refused(file: Path, place: str, value: object, wanted: str) -> DatasetError:
-    """Returns the error for a value in a file: where it is, what it is, what it has to be."""
-    return DatasetError(f"{file}: {place} is {_repr.repr(value)}; it has to be {wanted}.")
+def refused(file: Path, location: str, value: object, wanted: str) -> DatasetError:
+    """Returns the error for an invalid value in a file, with its location and the valid values."""
+    return DatasetError(f"{file}: {location} is {_repr.repr(value)}; it has to be {wanted}.")
 
 
 def is_number(value: object) -> bool:
-    """Whether a value is a finite number of at most `LARGEST` in size."""
-    return type(value) in (float, int) and abs(value) <= LARGEST  # type: ignore[arg-type]
+    """Whether a value is a finite number with a magnitude of at most `LARGEST`."""
+    try:
+        return abs(number(value)) <= LARGEST
+    except (TypeError, ValueError):
+        return False
 
 
 def check_number(
     file: Path,
-    place: str,
+    location: str,
     value: Any,
     *,
     above: float = -math.inf,
@@ -45,24 +49,24 @@ def check_number(
     """Returns a number that is finite, larger than `above` and at least `least`.
 
     Raises:
-        DatasetError: It is no such number.
+        DatasetError: It is not.
     """
     if is_number(value) and value > above and value >= least:
         return float(value)
     bound = f" above {above:g}" if above > -math.inf else ""
     bound = f" of at least {least:g}" if least > -math.inf else bound
-    raise refused(file, place, value, f"a number{bound} and at most {LARGEST:g} in size")
+    raise refused(file, location, value, f"a number{bound} and at most {LARGEST:g} in size")
 
 
-def check_numbers(file: Path, place: str, values: Any, count: int) -> tuple[float, ...]:
+def check_numbers(file: Path, location: str, values: Any, count: int) -> tuple[float, ...]:
     """Returns `count` finite numbers.
 
     Raises:
-        DatasetError: There are more or fewer, or one is no finite number.
+        DatasetError: The count differs, or one is not a finite number.
     """
     if isinstance(values, list | tuple) and len(values) == count and all(map(is_number, values)):
         return tuple(map(float, values))
-    raise refused(file, place, values, f"{count} numbers, each at most {LARGEST:g} in size")
+    raise refused(file, location, values, f"{count} numbers, each at most {LARGEST:g} in size")
 
 
 @dataclass(frozen=True)
@@ -72,26 +76,26 @@ class Fields:
     Attributes:
         file: The file, for errors.
         values: The object.
-        place: Where in the file it is, empty for the whole file.
+        location: Its path in the file, empty for the whole file.
     """
 
     file: Path
     values: Mapping[str, Any]
-    place: str = ""
+    location: str = ""
 
     def __contains__(self, name: str) -> bool:
         """Whether there is a field of this name."""
         return name in self.values
 
     def text(self, name: str, default: str | None = None) -> str:
-        """Returns a text; without `default` there has to be one, and not an empty one."""
+        """Returns a string; required and non-empty without `default`."""
         value = self._value(name, default)
         if not isinstance(value, str) or (default is None and not value):
             raise self.refused(name, "a text")
         return value
 
     def choice(self, name: str, default: str, valid: Iterable[str]) -> str:
-        """Returns a text that is one of `valid` in upper case."""
+        """Returns a string that is one of `valid` in upper case."""
         value = self.text(name, default).upper()
         if value not in valid:
             raise DatasetError(f"{self.file}: {UnknownNameError(self.at(name), value, valid)}")
@@ -140,21 +144,21 @@ class Fields:
         return vector
 
     def rotation(self, name: str) -> tuple[float, ...]:
-        """Returns a quaternion, wxyz and not yet normalised; the identity where none is given."""
+        """Returns a quaternion (wxyz, not normalised); the identity by default."""
         wxyz = check_numbers(self.file, self.at(name), self._value(name, (1.0, 0.0, 0.0, 0.0)), 4)
         if not math.hypot(*wxyz) > 0:
             raise self.refused(name, "4 numbers that are not all zero")
         return wxyz
 
     def part(self, name: str, *, optional: bool = False) -> Fields:
-        """Returns an object in this one; with `optional`, an empty one where there is none."""
+        """Returns a nested object; with `optional`, an empty one by default."""
         value = self._value(name, {} if optional else None)
         if not isinstance(value, dict):
             raise self.refused(name, "a JSON object")
         return Fields(self.file, value, self.at(name))
 
     def parts(self, name: str, *, optional: bool = False) -> list[Fields]:
-        """Returns the objects in a list; with `optional`, none where there is no list."""
+        """Returns the objects in a list; with `optional`, an empty list by default."""
         values = self._value(name, [] if optional else None)
         if not isinstance(values, list):
             raise self.refused(name, "a list of JSON objects")
@@ -164,11 +168,11 @@ class Fields:
         ]
         wrong = next((f for f in found if not isinstance(f.values, dict)), None)
         if wrong is not None:
-            raise refused(self.file, wrong.place, wrong.values, "a JSON object")
+            raise refused(self.file, wrong.location, wrong.values, "a JSON object")
         return found
 
     def path(self, name: str, default: str | None = None) -> Path:
-        """Returns a file that is named relative to this one's folder; it need not be there."""
+        """Returns a path relative to this file's folder; the file may be absent."""
         value = self.text(name, default)
         try:
             path = (self.file.parent / value).resolve()
@@ -184,12 +188,12 @@ class Fields:
         return refused(self.file, self.at(name), self.values.get(name), wanted)
 
     def at(self, name: str) -> str:
-        """Returns where in the file a field is."""
-        return f"{self.place}.{name}" if self.place else name
+        """Returns the path of a field in the file."""
+        return f"{self.location}.{name}" if self.location else name
 
     def _value(self, name: str, default: Any) -> Any:
         if name not in self.values and default is None:
-            where = f" of {self.place}" if self.place else ""
+            where = f" of {self.location}" if self.location else ""
             raise DatasetError(f"{self.file}: no field {name!r}{where} in it.")
         return self.values.get(name, default)
 
@@ -222,7 +226,7 @@ def read_bytes(file: Path) -> bytes:
     """Reads a whole file.
 
     Raises:
-        DatasetError: It is absent, no regular file, or cannot be read.
+        DatasetError: It is absent, not a regular file, or cannot be read.
     """
     check_file(file)
     try:
@@ -232,10 +236,10 @@ def read_bytes(file: Path) -> bytes:
 
 
 def check_file(file: Path) -> int:
-    """Returns the size [bytes] of a regular file; anything else might never end to be read.
+    """Returns the size [bytes] of a regular file; reading anything else might block.
 
     Raises:
-        DatasetError: It is absent, or a folder, a pipe, a link to itself or the like.
+        DatasetError: It is absent, or a folder, a pipe, a circular link or similar.
     """
     try:
         found = file.stat()
@@ -251,10 +255,10 @@ def check_file(file: Path) -> int:
 
 
 def is_present(file: Path) -> bool:
-    """Whether a file that may be absent is there.
+    """Whether an optional file exists.
 
     Raises:
-        DatasetError: It is there and not a regular file.
+        DatasetError: It exists and is not a regular file.
     """
     try:
         file.stat()

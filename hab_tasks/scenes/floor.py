@@ -1,7 +1,7 @@
-"""Free floor: where Fetch's base can stand, from the collision geometry.
+"""Free floor for the robot's base, from the collision geometry.
 
-Clearances are on the safe side, as in Recast's maps: a cell counts as an obstacle when a shape
-reaches into it, and distances are those from the middle of a cell to the edge of such a cell.
+Clearances are conservative, as in Recast's maps: a cell is an obstacle if a shape reaches into it,
+and distances are from the centre of a cell to the edge of the nearest obstacle cell.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from hab_tasks.privileged import Array, CollisionBody, CollisionShape
 
 CELL_M = 0.05
 LOWEST_M, HIGHEST_M = 0.06, 1.3
-"""Only what lies between these heights stands in the base's way (rugs are lower)."""
+"""Height range of obstacles to the base (rugs are lower)."""
 
 _FINER = 4
-"""Shapes are drawn in parts of a cell, so many along each side."""
+"""Rasterisation subdivides each side of a cell into this many parts."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,9 +45,9 @@ class FreeFloor:
         """Returns usable positions (K, 2), nearest to `point_m` (2,) first.
 
         Args:
-            point_m: Where from, in the world.
-            clearance_m: Free radius that a position must have.
-            nearest_m: Positions nearer than this are left out.
+            point_m: The point in the world.
+            clearance_m: Minimum clearance of a position.
+            nearest_m: Minimum distance of a position to the point.
         """
         cells = np.argwhere(self.room & (self.clearance_m >= clearance_m))
         positions = self.origin_m + CELL_M * cells
@@ -65,14 +65,14 @@ class FreeFloor:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Footprint:
-    """A convex shape from above: its outline (V, 2), its lowest and its highest point [m]."""
+    """Footprint of a convex shape: outline (V, 2), lowest and highest point [m]."""
 
     outline_m: Array
     low_m: float
     high_m: float
 
     def in_the_way(self, heights_m: tuple[float, float] = (LOWEST_M, HIGHEST_M)) -> bool:
-        """Whether some of it lies between two heights."""
+        """Whether it overlaps a height range."""
         return self.high_m > heights_m[0] and self.low_m < heights_m[1]
 
 
@@ -85,10 +85,10 @@ def free_floor(
     """Maps the free floor between `bodies`.
 
     Args:
-        bodies: Stage and furniture.
-        world_from_body: Body name -> its pose (4, 4).
-        radius_m: Radius of what is to stand there.
-        heights_m: Only what lies between these heights is in its way.
+        bodies: Stage mesh and furniture.
+        world_from_body: Body name -> pose (4, 4).
+        radius_m: Radius of the base.
+        heights_m: Height range of obstacles.
     """
     outlines = []
     ground = []
@@ -120,9 +120,9 @@ def floor_between(
     """Maps the free floor between obstacles.
 
     Args:
-        outlines: Convex polygons (V, 2) in the world that stand in the way.
-        corners: (C, 2) points that the map has to hold.
-        radius_m: Radius of what is to stand there.
+        outlines: Convex polygons (V, 2) of the obstacles in the world.
+        corners: (C, 2) points that the map has to cover.
+        radius_m: Radius of the base.
     """
     corner = corners.min(axis=0)
     columns, rows = (int(n) for n in np.ceil((corners.max(axis=0) - corner) / CELL_M))
@@ -148,8 +148,8 @@ def touched(
         outlines: Convex polygons (V, 2).
         corner_m: Lower corner (2,) of cell (0, 0).
         shape: Cells along x and y.
-        depth_m: How far a shape may reach into a cell that it spares; negative: how near it may
-            come to one.
+        depth_m: Tolerated overlap of a shape with an unmarked cell; if negative, the minimum
+            distance to one.
     """
     image = Image.new("L", (_FINER * shape[0], _FINER * shape[1]), 0)
     draw = ImageDraw.Draw(image)
@@ -164,7 +164,7 @@ def touched(
 
 
 def largest_area(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Returns the largest connected area of a map (X, Y); nothing if there is none."""
+    """Returns the largest connected area of a map (X, Y); empty if there is none."""
     labelled: Any = ndimage.label(cells)
     labels, _ = labelled
     sizes = np.bincount(labels.ravel())

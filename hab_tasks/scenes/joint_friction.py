@@ -1,8 +1,8 @@
-"""Friction and damping of doors and drawers: what is let go comes to rest, and stays.
+"""Friction and damping of doors and drawers, so that released ones come to rest and stay.
 
 The friction coefficient of PhysX's joints is a share of the load and not a force (measured: 4 holds
-a drawer against any pull). Friction here is a drive towards standing still whose force is limited,
-which is Coulomb's law; it costs nothing in a step. Damping is the links' own.
+a drawer against any pull). Friction here is a force-limited velocity drive to zero, which is
+Coulomb's law and does not slow down a step. Damping is that of the links.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 from mani_skill.utils.structs import Articulation
 
+from hab_tasks.simulator import sapien_objects
+
 BRAKE = 1e4
 """Damping [N s/m or N m s/rad] of the drive: below its limit, a load moves a joint by less than
 1 mm/s or mrad/s."""
@@ -18,13 +20,13 @@ BRAKE = 1e4
 
 @dataclass(frozen=True, kw_only=True)
 class JointFriction:
-    """How a kind of joint resists.
+    """Friction and damping of a joint type.
 
     Attributes:
-        usual: Friction where the URDF states none [N or N m].
-        least: Less than this in a URDF is a placeholder, as ReplicaCAD's 0.01 is.
-        damping_per_s: Viscous damping: the speed v of a link that is let go decays by
-            dv/dt = -damping_per_s * v, friction left aside.
+        usual: Default friction [N or N m].
+        least: Values in a URDF below this are placeholders, e.g. ReplicaCAD's 0.01.
+        damping_per_s: Viscous damping: the speed v of a released link decays by
+            dv/dt = -damping_per_s * v, without friction.
     """
 
     usual: float
@@ -32,7 +34,7 @@ class JointFriction:
     damping_per_s: float
 
     def of(self, stated: float | None) -> float:
-        """Returns the friction [N or N m] of a joint whose URDF states this."""
+        """Returns the friction [N or N m] of a joint with a stated value in its URDF."""
         return self.usual if stated is None or stated < self.least else stated
 
 
@@ -44,10 +46,10 @@ HINGE = JointFriction(usual=0.8, least=0.3, damping_per_s=2.5)
 
 
 def brake(furniture: Articulation, stated: dict[str, float]) -> None:
-    """Gives every joint of a piece of furniture its friction and damping.
+    """Sets friction and damping of every joint of a piece of furniture.
 
     Args:
-        furniture: As built.
+        furniture: The built furniture.
         stated: Joint name -> friction in its URDF [N or N m].
     """
     for joint in furniture.active_joints:
@@ -57,6 +59,6 @@ def brake(furniture: Articulation, stated: dict[str, float]) -> None:
             0.0, BRAKE, force_limit=kind.of(stated.get(joint.name)), mode="force"
         )
         assert joint.child_link is not None
-        for body in joint.child_link._objs:
+        for body in sapien_objects(joint.child_link):
             body.set_linear_damping(kind.damping_per_s)
             body.set_angular_damping(kind.damping_per_s)

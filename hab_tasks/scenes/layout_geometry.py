@@ -1,7 +1,7 @@
-"""Collision geometry of a layout without a running simulator: convex shapes, posed, and overlaps.
+"""Collision geometry of a layout without a running simulator: posed convex shapes, overlaps.
 
-The shapes are the engine's own, hull for hull. They are read once for each template, so another
-arrangement of the same furniture only poses them anew.
+The shapes are exactly those of the engine. They are read once per template, so other arrangements
+of the same furniture only change their poses.
 """
 
 from __future__ import annotations
@@ -25,9 +25,10 @@ from hab_tasks.scenes.floor import body_points, footprints
 from hab_tasks.scenes.physics import bare_scene
 from hab_tasks.scenes.shapes import matrix, read_body
 from hab_tasks.scenes.spec import ArticulationInstance, ObjectTemplate, SceneSpec, Stage
+from hab_tasks.simulator import rigid_body, sapien_object
 
 STAGE = "stage"
-"""Name of the piece that holds floor and walls; each of its parts is a body of its own."""
+"""Name of the stage mesh's piece (floor and walls); each of its parts is a separate body."""
 
 _REQUEST = coal.CollisionRequest()
 _REQUEST.enable_contact = True
@@ -39,7 +40,7 @@ class RigidShapes:
     """The convex shapes of one body in its own frame.
 
     Attributes:
-        geometries: K shapes as coal takes them.
+        geometries: K coal shapes.
         body_from_shape: (K, 4, 4) their poses.
         points: (4, P) homogeneous corners of all shapes.
         starts: (K,) index of each shape's first corner.
@@ -52,12 +53,12 @@ class RigidShapes:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Placed:
-    """A body somewhere in the world.
+class PosedBody:
+    """A body at a pose in the world.
 
     Attributes:
-        name: As in the simulator: an object's handle, ``furniture/link``; ``stage/3``.
-        piece: Handle of the object or furniture that it belongs to, ``stage`` for the stage.
+        name: As in the simulator: an object's name, ``furniture/link``; ``stage/3``.
+        piece: Name of the object or furniture that it belongs to, ``stage`` for the stage.
         low_m: (K, 3) lower corners of the shapes' boxes in the world.
         high_m: (K, 3) upper corners.
         box_m: (2, 3) corners of the box around all of them; low above high without any shape.
@@ -80,16 +81,16 @@ class Placed:
 
     @cached_property
     def outlines_m(self) -> tuple[Array, ...]:
-        """Outlines (V, 2) on the floor of the shapes that are in the base's way."""
+        """Outlines (V, 2) on the floor of the shapes that block the base."""
         prints = footprints(self.points_m, self.shapes.starts)
         return tuple(f.outline_m for f in prints if f.in_the_way())
 
-    def moved(self, motion: Array) -> Placed:
+    def moved(self, motion: Array) -> PosedBody:
         """Returns the body after a rigid motion (4, 4) of the world."""
-        return place(self.name, self.piece, self.shapes, motion @ self.world_from_body)
+        return pose_body(self.name, self.piece, self.shapes, motion @ self.world_from_body)
 
 
-def place(name: str, piece: str, shapes: RigidShapes, world_from_body: Array) -> Placed:
+def pose_body(name: str, piece: str, shapes: RigidShapes, world_from_body: Array) -> PosedBody:
     """Poses a body's shapes (4, 4)."""
     points = world_from_body[:3] @ shapes.points
     poses = world_from_body @ shapes.body_from_shape
@@ -99,7 +100,7 @@ def place(name: str, piece: str, shapes: RigidShapes, world_from_body: Array) ->
         low = np.minimum.reduceat(points, shapes.starts, axis=1).T
         high = np.maximum.reduceat(points, shapes.starts, axis=1).T
         box = np.array([low.min(axis=0), high.max(axis=0)])
-    return Placed(
+    return PosedBody(
         name=name,
         piece=piece,
         shapes=shapes,
@@ -112,20 +113,20 @@ def place(name: str, piece: str, shapes: RigidShapes, world_from_body: Array) ->
 
 
 class Bodies:
-    """Bodies that can be searched by their boxes.
+    """Bodies with spatial search by bounding box.
 
     Attributes:
         all: The bodies.
         boxes_m: (N, 2, 3) the corners of their boxes.
     """
 
-    def __init__(self, bodies: Iterable[Placed]) -> None:
+    def __init__(self, bodies: Iterable[PosedBody]) -> None:
         """Collects the boxes once."""
         self.all = tuple(bodies)
         self.boxes_m = np.array([body.box_m for body in self.all]).reshape(-1, 2, 3)
 
-    def near(self, box_m: Array) -> list[Placed]:
-        """Returns the bodies whose boxes meet a box (2, 3)."""
+    def near(self, box_m: Array) -> list[PosedBody]:
+        """Returns the bodies whose boxes overlap a box (2, 3)."""
         meet = ((self.boxes_m[:, 0] < box_m[1]) & (box_m[0] < self.boxes_m[:, 1])).all(axis=1)
         return [self.all[index] for index in np.flatnonzero(meet)]
 
@@ -145,7 +146,7 @@ class Joint:
     piece: str
     name: str
     kind: Literal["slide", "hinge"]
-    members: tuple[Placed, ...]
+    members: tuple[PosedBody, ...]
     world_from_joint: Array
     lower: float
     upper: float
@@ -162,11 +163,11 @@ class Joint:
         return self.world_from_joint @ local @ np.linalg.inv(self.world_from_joint)
 
     @cached_property
-    def ways_m(self) -> tuple[Array, ...]:
-        """For each member a box (2, 3) that holds it wherever the joint takes it."""
-        return tuple(self._way_m(body) for body in self.members)
+    def swept_boxes_m(self) -> tuple[Array, ...]:
+        """Swept bounding box (2, 3) of each member over the joint's range."""
+        return tuple(self._swept_box_m(body) for body in self.members)
 
-    def _way_m(self, body: Placed) -> Array:
+    def _swept_box_m(self, body: PosedBody) -> Array:
         if not len(body.low_m):
             return body.box_m
         local = np.linalg.inv(self.world_from_joint)[:3] @ body.world_from_body @ body.shapes.points
@@ -186,13 +187,13 @@ class Layout:
     """A layout's bodies, all doors and drawers closed.
 
     Attributes:
-        spec: As it was loaded.
-        placed: Name of each body -> where it is now.
-        roots: Handle of furniture with joints -> the pose (4, 4) of its root now.
+        spec: The layout as loaded.
+        placed: Body name -> body at its current pose.
+        roots: Name of articulated furniture -> current pose (4, 4) of its root.
     """
 
     spec: SceneSpec
-    placed: dict[str, Placed]
+    placed: dict[str, PosedBody]
     roots: dict[str, Array]
     joints: tuple[Joint, ...]
 
@@ -202,30 +203,30 @@ class Layout:
         return Bodies(self.placed.values())
 
     def of_pieces(self, pieces: Iterable[str]) -> Bodies:
-        """Returns the bodies of some pieces (by handle)."""
+        """Returns the bodies of some pieces (by name)."""
         wanted = set(pieces)
         return Bodies(body for body in self.placed.values() if body.piece in wanted)
 
     @staticmethod
     def of(spec: SceneSpec) -> Layout:
         """Returns the geometry of a layout."""
-        placed: dict[str, Placed] = {}
+        placed: dict[str, PosedBody] = {}
         joints: list[Joint] = []
         roots = {item.name: to_matrix(item.world_from_root) for item in spec.articulations}
         world_from_stage = to_matrix(spec.stage.world_from_stage)
         for index, shapes in enumerate(_stage_shapes(spec.stage)):
             name = f"{STAGE}/{index}"
-            placed[name] = place(name, STAGE, shapes, world_from_stage)
+            placed[name] = pose_body(name, STAGE, shapes, world_from_stage)
         for item in spec.objects:
             shapes = _object_shapes(item.template, item.scale)
             pose = to_matrix(item.world_from_object)
-            placed[item.name] = place(item.name, item.name, shapes, pose)
+            placed[item.name] = pose_body(item.name, item.name, shapes, pose)
         for item in spec.articulations:
             model = _furniture(item.urdf_file, item.scale)
             world_from_root = roots[item.name]
             for link in model.links:
                 name, pose = f"{item.name}/{link.name}", world_from_root @ link.world_from_body
-                placed[name] = place(name, item.name, link.shapes, pose)
+                placed[name] = pose_body(name, item.name, link.shapes, pose)
             for joint in model.joints:
                 members = tuple(placed[f"{item.name}/{link.name}"] for link in joint.members)
                 pose = world_from_root @ joint.world_from_joint
@@ -235,7 +236,7 @@ class Layout:
         return Layout(spec=spec, placed=placed, roots=roots, joints=tuple(joints))
 
     def moved(self, motions: Mapping[str, Array]) -> Layout:
-        """Returns the layout with some pieces (by handle) moved rigidly, (4, 4) each."""
+        """Returns the layout with some pieces (by name) moved rigidly, (4, 4) each."""
         placed = {
             name: body.moved(motions[body.piece]) if body.piece in motions else body
             for name, body in self.placed.items()
@@ -253,7 +254,7 @@ class Layout:
         roots = {n: motions[n] @ root if n in motions else root for n, root in self.roots.items()}
         return replace(self, placed=placed, roots=roots, joints=joints)
 
-    def opened(self, values: Mapping[tuple[str, str], float]) -> dict[str, Placed]:
+    def opened(self, values: Mapping[tuple[str, str], float]) -> dict[str, PosedBody]:
         """Returns all bodies with some joints open: (piece, joint) -> [m or rad]."""
         placed = dict(self.placed)
         for joint in sorted(self.joints, key=lambda j: -j.rank):
@@ -264,8 +265,8 @@ class Layout:
         return placed
 
 
-def depth_m(first: Placed, second: Placed) -> float:
-    """Returns how deep [m] two bodies overlap: the deepest of their pairs of convex shapes."""
+def depth_m(first: PosedBody, second: PosedBody) -> float:
+    """Returns the penetration depth [m] of two bodies: the maximum over pairs of convex shapes."""
     near = (first.low_m[:, None] < second.high_m) & (second.low_m < first.high_m[:, None])
     deepest = 0.0
     for i, j in np.argwhere(near.all(axis=2)):
@@ -282,8 +283,8 @@ def depth_m(first: Placed, second: Placed) -> float:
     return deepest
 
 
-def overlaps(movers: Bodies, others: Bodies) -> Iterator[tuple[Placed, Placed, float]]:
-    """Yields every mover with every body of another piece that it overlaps, and the depth [m]."""
+def overlaps(movers: Bodies, others: Bodies) -> Iterator[tuple[PosedBody, PosedBody, float]]:
+    """Yields pairs of a mover and an overlapping body of another piece, with the depth [m]."""
     for body in movers.all:
         for other in others.near(body.box_m):
             depth = depth_m(body, other) if other.piece != body.piece else 0.0
@@ -295,20 +296,20 @@ def overlaps(movers: Bodies, others: Bodies) -> Iterator[tuple[Placed, Placed, f
 class _Furniture:
     """An articulated template with its root at the origin; links have their bare names."""
 
-    links: tuple[Placed, ...]
+    links: tuple[PosedBody, ...]
     joints: tuple[Joint, ...]
 
 
 @lru_cache(maxsize=1024)
 def _object_shapes(template: ObjectTemplate, scale: float) -> RigidShapes:
     actor = BodyBuilder(bare_scene()).static("object", template, IDENTITY, scale)
-    return _rigid(read_body("object", "static", actor._bodies[0]).shapes)
+    return _rigid(read_body("object", "static", rigid_body(actor)).shapes)
 
 
 @lru_cache(maxsize=64)
 def _stage_shapes(stage: Stage) -> tuple[RigidShapes, ...]:
     actor = BodyBuilder(bare_scene()).stage(stage)
-    return tuple(_rigid([s]) for s in read_body("stage", "stage", actor._bodies[0]).shapes)
+    return tuple(_rigid([s]) for s in read_body("stage", "stage", rigid_body(actor)).shapes)
 
 
 @lru_cache(maxsize=256)
@@ -321,18 +322,18 @@ def _furniture(urdf_file: Path, scale: float) -> _Furniture:
         scale=scale,
     )
     built = BodyBuilder(bare_scene()).articulation(instance, 1)
-    engine: Any = built._objs[0]
-    engine.set_qpos(np.zeros(engine.dof, dtype=np.float32))  # puts the links where they belong
-    links = [(link.name, link._objs[0]) for link in built.links]
-    placed: dict[Any, Placed] = {}
+    engine: Any = sapien_object(built)
+    engine.set_qpos(np.zeros(engine.dof, dtype=np.float32))  # updates the links' poses
+    links = [(link.name, sapien_object(link)) for link in built.links]
+    placed: dict[Any, PosedBody] = {}
     for name, link in links:
         shapes = _rigid(read_body(name, "furniture", link).shapes)
-        placed[link] = place(name, "", shapes, matrix(link.entity_pose))
-    joints = [_joint(j.name, j._objs[0].child_link, placed) for j in built.active_joints]
+        placed[link] = pose_body(name, "", shapes, matrix(link.entity_pose))
+    joints = [_joint(j.name, sapien_object(j).child_link, placed) for j in built.active_joints]
     return _Furniture(links=tuple(placed.values()), joints=tuple(joints))
 
 
-def _joint(name: str, link: Any, placed: Mapping[Any, Placed]) -> Joint:
+def _joint(name: str, link: Any, placed: Mapping[Any, PosedBody]) -> Joint:
     lower, upper = (float(x) for x in link.joint.limits[0])
     return Joint(
         piece="",

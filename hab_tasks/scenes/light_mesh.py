@@ -1,8 +1,8 @@
-"""Fewer triangles for a textured mesh, its texture kept in place.
+"""Decimation of textured meshes that preserves the texture.
 
-Decimation moves vertices across the seams of a texture atlas, which smears it. So every remaining
-triangle is given to the one chart of the atlas that lies nearest to its middle, and each of its
-corners takes the texture coordinate of the nearest vertex of that chart.
+Decimation moves vertices across the seams of a texture atlas, which smears it. Every remaining
+triangle is therefore assigned to the atlas chart nearest to its centre, and each of its corners
+takes the texture coordinate of the nearest vertex of that chart.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def decimate_textured(mesh: Any, triangles: int) -> Any:
 
     Args:
         mesh: A mesh whose `visual` has `uv` and `material`, vertices doubled along seams.
-        triangles: Wanted number of faces; a mesh with fewer is returned as it is.
+        triangles: Target number of faces; a mesh with fewer is returned unchanged.
     """
     if len(mesh.faces) <= triangles:
         return mesh
@@ -67,7 +67,7 @@ def fill_background(image: Image.Image, mesh: Any) -> Image.Image:
     for triangle in (uv * (width, height))[mesh.faces]:
         draw.polygon([tuple(corner) for corner in triangle], fill=1)
     # A chart's outermost pixels are half background already.
-    inside = ndimage.binary_erosion(np.asarray(covered), iterations=2)
+    inside: Any = ndimage.binary_erosion(np.asarray(covered), iterations=2)
     nearest: Any = ndimage.distance_transform_edt(
         ~inside, return_distances=False, return_indices=True
     )

@@ -1,4 +1,4 @@
-"""The lamps of a layout, exchanged when another layout is shown."""
+"""Lamps of a layout, replaced when the active layout changes."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ MAX_LIGHTS = 12
 
 
 class LayoutLights:
-    """Lights the scene: an ambient part, a soft sky, and the layout's own lamps."""
+    """Lighting of the scene: ambient light, a soft sky, and the layout's lamps."""
 
     def __init__(self, scene: ManiSkillScene) -> None:
-        """Adds what all layouts share."""
+        """Adds the lights shared by all layouts."""
         scene.set_ambient_light([0.35, 0.35, 0.35])
         scene.add_directional_light([0.3, 0.5, -1.0], [0.9, 0.9, 0.85])
         self._scene = scene
@@ -22,7 +22,7 @@ class LayoutLights:
         self._shown: tuple[PointLight, ...] = ()
 
     def show(self, lights: tuple[PointLight, ...]) -> None:
-        """Puts these lamps, at most `MAX_LIGHTS`, in place of the ones before."""
+        """Replaces the lamps by these, at most `MAX_LIGHTS`."""
         if lights == self._shown:
             return
         for lamp in self._lamps:

@@ -1,9 +1,9 @@
-"""Handle markers: the points on doors and drawers that a gripper can snap to.
+"""Handle markers: points on doors and drawers that the gripper can snap to.
 
-Templates that tasks do not tell apart, such as the fridges with hinges on either side, have markers
-of the same names; a layout holds one of them. Names and offsets are Habitat's where it has them
-(its four drawers and the fridge); the other drawers follow the same rule. Offsets are in the link's
-frame, before the furniture's scale.
+Templates that tasks do not distinguish, such as the fridges with hinges on either side, have
+markers of the same names; a layout has one of them. Names and offsets are Habitat's where
+available (its four drawers and the fridge); the other drawers follow the same rule. Offsets are in
+the link's frame, before the furniture's scale.
 """
 
 from __future__ import annotations

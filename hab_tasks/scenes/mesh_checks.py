@@ -1,7 +1,7 @@
-"""Whether a mesh file can be read at all: every buffer, accessor, node and corner of a GLB.
+"""Validation of mesh files: every buffer, accessor, node and vertex of a GLB.
 
-The engine logs what it cannot read and goes on, with a body that nothing touches. A GLB is mapped
-into memory, and only its document, corners and indices are looked at: a few milliseconds a file.
+The engine only logs unreadable meshes and continues with a body without collisions. A GLB is mapped
+into memory, and only its document, vertices and indices are checked: a few milliseconds per file.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from hab_tasks.errors import DatasetError
 from hab_tasks.scenes.fields import check_file
 
 COMPONENTS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-"""Component types of glTF as numpy has them."""
+"""glTF component type -> numpy dtype."""
 
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-"""Element types of glTF -> number of components."""
+"""glTF element type -> number of components."""
 
 POSE = {"matrix": 16, "translation": 3, "rotation": 4, "scale": 3}
-"""What a node's pose may consist of -> number of values."""
+"""Pose entry of a node -> number of values."""
 
 LARGEST_M = 1e4
-"""No corner of a mesh lies farther from its origin."""
+"""Maximum distance of a vertex to the mesh's origin."""
 
 _HEADER_BYTES, _CHUNK_BYTES = 12, 8
 _JSON, _BINARY = b"JSON", b"BIN\0"
 _TRIANGLES = 4
 _MALFORMED = (struct.error, ValueError, LookupError, TypeError, AttributeError, OverflowError)
-"""What values of the wrong kind raise when they are used."""
+"""Exceptions raised on using values of the wrong type."""
 
 
 @lru_cache(maxsize=4096)

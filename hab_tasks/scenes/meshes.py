@@ -165,7 +165,7 @@ def _loaded(file: Path, load: Callable[[Path], Any]) -> Any:
     try:
         found = load(file)
         is_empty, bounds = found.is_empty, found.bounds
-    # Its readers raise whatever the damaged bytes lead to.
+    # The readers raise arbitrary errors for damaged files.
     except Exception as error:
         raise DatasetError(f"{file}: cannot be read as a mesh ({error}).") from error
     if is_empty or bounds is None or not (np.abs(bounds) <= LARGEST_M).all():

@@ -1,6 +1,6 @@
-"""The objects that tasks move: 13 YCB objects, embedded or from the user's own YCB folder.
+"""Movable objects of the tasks: 13 YCB objects, embedded or from the user's YCB folder.
 
-Three sources read alike: the embedded look-alikes in a scene dataset's own templates, YCB's
+Three sources are supported: the embedded look-alikes in a scene dataset's own templates, YCB's
 ``NNN_name/google_16k/`` folders (masses from URDFs beside them), and ManiSkill's
 ``mani_skill2_ycb/models`` (densities from its ``info_pick_v0.json``).
 """
@@ -11,36 +11,19 @@ import re
 from pathlib import Path
 
 from hab_tasks.errors import DatasetError
-from hab_tasks.scenes.dataset import (
+from hab_tasks.object_names import ALL_OBJECTS
+from hab_tasks.scenes.fields import Fields, check_number, is_present, read_fields
+from hab_tasks.scenes.habitat.dataset import (
     SceneDataset,
     embedded_dataset,
     resolve_objects,
 )
-from hab_tasks.scenes.fields import Fields, check_number, is_present, read_fields
-from hab_tasks.scenes.load import load_template
+from hab_tasks.scenes.habitat.load import load_template
 from hab_tasks.scenes.mesh_checks import check_mesh
 from hab_tasks.scenes.meshes import parts_file, read_textured
 from hab_tasks.scenes.spec import CollisionSource, ObjectTemplate
 from hab_tasks.scenes.urdf import read_urdf
 from hab_tasks.scenes.urdf_checks import as_number
-
-TRAIN_OBJECTS = (
-    "002_master_chef_can",
-    "003_cracker_box",
-    "004_sugar_box",
-    "005_tomato_soup_can",
-    "007_tuna_fish_can",
-    "008_pudding_box",
-    "009_gelatin_box",
-    "010_potted_meat_can",
-    "024_bowl",
-)
-"""Objects seen in training (S E.1)."""
-
-UNSEEN_OBJECTS = ("013_apple", "017_orange", "025_mug", "026_sponge")
-"""Objects kept for evaluation (S E.1)."""
-
-ALL_OBJECTS = tuple(sorted(TRAIN_OBJECTS + UNSEEN_OBJECTS))
 
 YCB_UP = (0.0, 0.0, 1.0)
 YCB_FRICTION = 0.6

@@ -1,8 +1,8 @@
-"""The settings of PhysX, which belong to the process and not to a scene.
+"""PhysX settings, which are global to the process.
 
-SAPIEN reads them whenever a body is made. ManiSkill sets them when it builds an environment, so a
-scene without an environment has whatever was built last: without this module episodes would depend
-on what else their process has done.
+SAPIEN reads them on creating a body. ManiSkill sets them on building an environment, so a scene
+without an environment has the settings of the last one. Without this module, episodes would depend
+on earlier environments in the process.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from hab_tasks.constants import CONTROL_HZ, SIM_HZ
 
 
 def sim_config() -> SimConfig:
-    """Returns the settings of every environment and of all that prepares episodes for one."""
+    """Returns the settings of environments and placement sandboxes."""
     return SimConfig(sim_freq=SIM_HZ, control_freq=CONTROL_HZ)
 
 
 def use_settings(config: SimConfig) -> None:
-    """Does what ManiSkill does for an environment: bodies and scenes made from now on are alike."""
+    """Applies settings to all bodies and scenes created from now on, as ManiSkill does."""
     settings: Any = SimpleNamespace(sim_config=config)
     BaseEnv._set_scene_config(settings)
 
 
 def bare_scene(renderer: str = "none") -> ManiSkillScene:
-    """Returns an empty scene on the CPU, without an environment around it.
+    """Returns an empty CPU scene without an environment.
 
     Args:
-        renderer: ManiSkill's name of the device that draws, or ``none``.
+        renderer: ManiSkill's name of the render device, or ``none``.
     """
     config = sim_config()
     use_settings(config)

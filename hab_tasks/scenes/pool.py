@@ -1,12 +1,12 @@
-"""Bodies built once and shown wherever a layout needs them (S B.1: load once, then instance).
+"""Pool of bodies that are built once and reused by all layouts (S B.1: load once, then instance).
 
 Layouts of one dataset share most of their furniture. A `BodyPool` builds each piece when a layout
-first needs it, keeps it, and shows a layout by putting its bodies into the scene where they belong
-and taking all others out. On the GPU, bodies cannot leave a running simulation: there a pool shows
-one layout and lives as long as it.
+first needs it, and keeps it. To activate a layout, it adds the layout's bodies to the scene at
+their poses and removes all others. On the GPU, bodies cannot leave a running simulation, so each
+layout has its own pool.
 
-The engine keeps traces of what stood in a scene before (the order of its contacts): where two runs
-have to agree to the last bit, start from a new simulation.
+The engine keeps state of earlier bodies in a scene (the order of contacts). For bitwise
+reproducible runs, start from a new simulation.
 """
 
 from __future__ import annotations
@@ -24,70 +24,73 @@ from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import Pose7
 from hab_tasks.privileged import CollisionBody
 from hab_tasks.scenes.build import BodyBuilder, mark_flat, parking_pose, to_sapien
-from hab_tasks.scenes.handles import SceneHandles
 from hab_tasks.scenes.physics import use_settings
+from hab_tasks.scenes.scene_bodies import SceneBodies
 from hab_tasks.scenes.shapes import components, read_body
 from hab_tasks.scenes.spec import ArticulationInstance, ObjectTemplate, SceneSpec
+from hab_tasks.simulator import sapien_object
 
 Body = Actor | Articulation
 Key = tuple[object, ...]
 
 
 class BodyPool:
-    """Everything built so far in one simulated scene, and what of it is shown.
+    """Bodies built so far in one scene, and the active layout.
 
     Attributes:
-        handles: The layout that is shown.
+        scene_bodies: Bodies of the active layout.
     """
 
-    handles: SceneHandles
+    scene_bodies: SceneBodies
 
     def __init__(self, scene: ManiSkillScene, templates: dict[str, ObjectTemplate]) -> None:
-        """Starts empty; `templates` are the movable objects by name."""
+        """Creates an empty pool; `templates` are the movable objects by name."""
         self._scene, self._templates = scene, templates
         self._builder = BodyBuilder(scene)
         self._built: dict[Key, Body] = {}
-        # A link knows its entity, but only the scene, or this, keeps it alive.
+        # A link has a weak reference to its entity; the scene or this keeps it alive.
         self._entities: dict[Key, list[sapien.Entity]] = {}
         self._pose: dict[Key, Pose7] = {}
         self._shown: dict[Key, Body] = {}
         self._parking: Actor | None = None
         self._read: dict[int, CollisionBody] = {}
 
-    def show(self, spec: SceneSpec, objects: Iterable[str]) -> SceneHandles:
-        """Puts a layout and movable objects into the scene, and everything else out of it.
+    def show(self, spec: SceneSpec, objects: Iterable[str]) -> SceneBodies:
+        """Activates a layout with movable objects; removes all other bodies from the scene.
 
         Args:
             spec: The layout.
-            objects: Handles of the movable objects, ``template_:NNNN``.
+            objects: Names of the movable objects, ``template_:NNNN``.
 
         Raises:
-            EpisodeError: A handle of a template that was not loaded.
+            EpisodeError: An object of a template that was not loaded.
         """
         before, self._shown = self._shown, {}
         self._hide(before)
-        handles = self.handles = SceneHandles(spec=spec)
-        handles.stage = self._stage(spec)
+        scene_bodies = self.scene_bodies = SceneBodies(spec=spec)
+        scene_bodies.stage = self._stage(spec)
         for item in spec.objects:
             shown = self._loose if item.dynamic else self._static
-            group = handles.loose if item.dynamic else handles.static
+            group = scene_bodies.loose if item.dynamic else scene_bodies.static
             group[item.name] = shown(item.name, item.template, item.world_from_object, item.scale)
         for furniture in spec.articulations:
-            handles.articulations[furniture.name] = self._furniture(furniture)
-        for index, handle in enumerate(objects):
-            name = handle.rsplit("_:", 1)[0]
+            scene_bodies.articulations[furniture.name] = self._furniture(furniture)
+        for index, instance in enumerate(objects):
+            name = instance.rsplit("_:", 1)[0]
             if name not in self._templates:
                 raise EpisodeError(f"no object {name!r} was loaded: {sorted(self._templates)}.")
             template = self._templates[name]
-            handles.pickables[handle] = self._loose(handle, template, parking_pose(index), 1.0)
+            scene_bodies.pickables[instance] = self._loose(
+                instance, template, parking_pose(index), 1.0
+            )
         if self._scene.gpu_sim_enabled:
-            handles.parking = self._builder.parking(len(handles.pickables))
-        return handles
+            scene_bodies.parking = self._builder.parking(len(scene_bodies.pickables))
+        return scene_bodies
 
     def bodies(self) -> tuple[CollisionBody, ...]:
-        """Returns the collision shapes of everything shown; each body is read once."""
+        """Returns the collision bodies of the active layout; each body is read once."""
         found = []
-        for name, group, component in components(self.handles):
+        for name, group, component in components(self.scene_bodies):
             key = id(component)
             if key not in self._read:
                 self._read[key] = read_body(name, group, component)
@@ -123,7 +126,7 @@ class BodyPool:
         return built
 
     def _take(self, key: Key, build: Callable[[], Body]) -> Body:
-        """Returns the body of a key; a new one is in the scene already, a kept one is put back."""
+        """Returns the body of a key: builds a new one, or adds a kept one to the scene again."""
         if key in self._built:
             built = self._built[key]
             for entity in self._entities[key]:
@@ -138,16 +141,16 @@ class BodyPool:
         return built
 
     def _put(self, key: Key, built: Body, pose: Pose7) -> Pose7 | None:
-        """Moves a body that last stood elsewhere; returns where that was, None if nowhere else."""
+        """Moves a body to its pose; returns the previous pose, None if unchanged."""
         before, self._pose[key] = self._pose.get(key), pose
         if before is None or self._scene.gpu_sim_enabled:
-            return None  # a new body stands where it was built
+            return None  # a new body is at its pose
         if before == pose and (_is_static(built) or isinstance(built, Articulation)):
             return None
         if isinstance(built, Articulation):
-            built._objs[0].set_root_pose(to_sapien(pose))
+            sapien_object(built).set_root_pose(to_sapien(pose))
         else:
-            built._objs[0].pose = to_sapien(pose)
+            sapien_object(built).pose = to_sapien(pose)
         return before
 
     def _hide(self, shown: dict[Key, Body]) -> None:
@@ -159,21 +162,21 @@ class BodyPool:
             self._scene.remove_from_state_dict_registry(built)
 
     def _listed(self, built: Body) -> dict[str, Any]:
-        """The scene's own list that a body belongs in."""
+        """Returns the scene's dict that a body belongs to."""
         listed: Any = self._scene
         return listed.articulations if isinstance(built, Articulation) else listed.actors
 
 
 def _as_high(before: Pose7, after: Pose7) -> bool:
-    """Whether all points of a body are as high in one pose as in the other."""
+    """Whether all points of a body have the same height in both poses."""
     heights = [(pose[2], *quat2mat(pose[3:])[2]) for pose in (before, after)]
     return np.allclose(*heights, atol=1e-6)
 
 
 def _entities(built: Body) -> list[sapien.Entity]:
     if isinstance(built, Articulation):
-        return [link._objs[0].entity for link in built.links]
-    return [built._objs[0]]
+        return [sapien_object(link).entity for link in built.links]
+    return [sapien_object(built)]
 
 
 def _is_static(built: Body) -> bool:

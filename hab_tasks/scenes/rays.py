@@ -1,4 +1,4 @@
-"""Rays against convex collision shapes: how much room there is in a direction."""
+"""Ray casts against convex collision shapes."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from hab_tasks.scenes.floor import body_points
 
 
 def distance_along(shape: CollisionShape, points_m: Array, direction: Array) -> Array:
-    """Returns how far (K,) [m] each point (K, 3) is from a convex shape along a direction (3,).
+    """Returns the distance (K,) [m] of points (K, 3) to a convex shape along a direction (3,).
 
-    Points and direction are in the body's frame; 0 inside the shape, inf where it is never met.
+    Points and direction are in the body's frame; 0 inside the shape, inf without a hit.
     """
     normals, offsets = _planes(shape)
     if not len(normals):
@@ -31,7 +31,7 @@ def distance_along(shape: CollisionShape, points_m: Array, direction: Array) -> 
 
 @lru_cache(maxsize=1024)
 def bounding_ball(body: CollisionBody) -> tuple[Array, float]:
-    """Returns centre (3,) in the body's frame and radius [m] of a ball around its shapes."""
+    """Returns centre (3,) in the body's frame and radius [m] of a bounding sphere."""
     points = np.concatenate([body_points(shape)[:3] for shape in body.shapes], axis=1)
     centre = (points.min(axis=1) + points.max(axis=1)) / 2
     return centre, float(np.linalg.norm(points - centre[:, None], axis=0).max())

@@ -1,4 +1,4 @@
-"""Collision shapes as the physics engine holds them -> `privileged.CollisionBody`."""
+"""Reads collision shapes from the physics engine to `privileged.CollisionBody`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import sapien
 from sapien import physx
 
 from hab_tasks.privileged import Array, CollisionBody, CollisionShape, ShapeKind
-from hab_tasks.scenes.handles import SceneHandles
+from hab_tasks.scenes.scene_bodies import SceneBodies
+from hab_tasks.simulator import rigid_body, sapien_object
 
 _NONE = np.zeros((0, 3))
 _NO_FACES = np.zeros((0, 3), dtype=np.int64)
@@ -27,17 +28,17 @@ def read_body(name: str, group: Any, component: Any) -> CollisionBody:
     return CollisionBody(name=name, group=group, shapes=shapes)
 
 
-def components(handles: SceneHandles) -> Iterable[tuple[str, str, Any]]:
-    """Yields (body name, group, component) of everything built, for the handles' first row."""
-    if handles.stage is not None:
-        yield "stage", "stage", handles.stage._bodies[0]
-    for name, actor in handles.static.items():
-        yield name, "static", actor._bodies[0]
-    for name, furniture in handles.articulations.items():
+def components(scene_bodies: SceneBodies) -> Iterable[tuple[str, str, Any]]:
+    """Yields (body name, group, component) of all bodies in the first row."""
+    if scene_bodies.stage is not None:
+        yield "stage", "stage", rigid_body(scene_bodies.stage)
+    for name, actor in scene_bodies.static.items():
+        yield name, "static", rigid_body(actor)
+    for name, furniture in scene_bodies.articulations.items():
         for link in furniture.links:
-            yield f"{name}/{link.name}", "furniture", link._objs[0]
-    for name, actor in handles.movable.items():
-        yield name, "object", actor._bodies[0]
+            yield f"{name}/{link.name}", "furniture", sapien_object(link)
+    for name, actor in scene_bodies.movable.items():
+        yield name, "object", rigid_body(actor)
 
 
 def _read_shape(shape: Any) -> CollisionShape:

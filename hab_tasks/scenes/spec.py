@@ -1,6 +1,6 @@
-"""What a scene is, before any simulator sees it: frozen data, z-up, metres, poses as seven numbers.
+"""Data model of a scene, independent of the simulator: frozen, z-up, metres, seven-number poses.
 
-The same classes hold a ReplicaCAD layout and one of the embedded apartment's.
+ReplicaCAD's layouts and those of the embedded apartment use the same classes.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class CollisionSource:
-    """Where a body's collision shapes come from.
+    """Source of a body's collision shapes.
 
     Attributes:
-        kind: ``convex_parts`` (a mesh file, one convex part for each mesh in it) or ``box``.
+        kind: ``convex_parts`` (a mesh file with one convex part per mesh) or ``box``.
         file: The mesh file, None for a box.
         center_m: Centre of the box in the body frame.
         half_size_m: Half extents of the box.
@@ -33,7 +33,7 @@ class CollisionSource:
 
 @dataclass(frozen=True, kw_only=True)
 class Receptacle:
-    """A box in which objects can be placed, standing on a surface.
+    """A box on a surface in which objects can be placed.
 
     Attributes:
         name: As in the dataset, e.g. ``receptacle_aabb_Sofa_frl_apartment_sofa``.
@@ -66,7 +66,7 @@ class ObjectTemplate:
 
 @dataclass(frozen=True, kw_only=True)
 class ObjectInstance:
-    """A template placed in the scene, under Habitat's handle (``template_:0000``)."""
+    """A template placed in the scene, with a name that is Habitat's handle (``template_:0000``)."""
 
     name: str
     template: ObjectTemplate
@@ -77,7 +77,7 @@ class ObjectInstance:
 
 @dataclass(frozen=True, kw_only=True)
 class ArticulationInstance:
-    """Furniture with joints, described by a URDF, with a fixed base."""
+    """Articulated furniture with a fixed base, described by a URDF."""
 
     name: str
     template: str
@@ -88,7 +88,7 @@ class ArticulationInstance:
 
 @dataclass(frozen=True, kw_only=True)
 class Stage:
-    """Floor and walls. Without a mesh (`visual_file` None) it is a shell of boxes."""
+    """Stage mesh: floor and walls. Without a mesh (`visual_file` None), a shell of boxes."""
 
     name: str
     visual_file: Path | None
@@ -107,11 +107,11 @@ class PointLight:
 
 @dataclass(frozen=True, kw_only=True)
 class SceneSpec:
-    """Everything needed to build one layout.
+    """Description of one layout.
 
     Attributes:
         scene_id: e.g. ``v3_sc0_staging_00``.
-        missing: Templates that the scene names but whose files the dataset does not have.
+        missing: Templates named by the scene whose files the dataset lacks.
     """
 
     scene_id: str

@@ -1,12 +1,12 @@
-"""A stand-in for a stage whose mesh, or whose convex parts, are absent: floor and outer walls.
+"""Substitute for a stage mesh without file or convex parts: floor and outer walls.
 
-ReplicaCAD's navmesh files keep the bounding box of the geometry they were made from, which is the
-stage's. `hab_tasks.scenes.walls` finds the inner walls.
+ReplicaCAD's navmesh files contain the bounding box of their source geometry, which is that of the
+stage mesh. `hab_tasks.scenes.walls` computes the inner walls.
 """
 
 from __future__ import annotations
 
-from hab_tasks.scenes.navmesh import NavmeshBounds
+from hab_tasks.scenes.habitat.navmesh import NavmeshBounds
 from hab_tasks.scenes.spec import CollisionSource
 
 WALL_HEIGHT_M = 2.7

@@ -1,8 +1,8 @@
-"""URDFs as SAPIEN can load them: commas mended, meshes by absolute path, visuals on request.
+"""URDF copies that SAPIEN can load: commas removed, absolute mesh paths, optional visuals.
 
-ReplicaCAD's URDFs hold ``scale="1, 1, 1"``, which numpy 2 refuses. Mended copies are files only as
-long as they are loaded; the dataset's own stay as they are. Without a renderer SAPIEN cannot even
-make a material, so the copy for headless use has no visuals at all.
+ReplicaCAD's URDFs contain ``scale="1, 1, 1"``, which numpy 2 rejects. The copies are temporary; the
+dataset is unchanged. Without a renderer SAPIEN cannot create materials, so copies for headless use
+have no visuals.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _READ = {
     "robot": ("link", "joint", "material"),
     "joint": ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic"),
 }
-"""The only parts that SAPIEN gets; it would stumble over faults in others, which nothing uses."""
+"""Elements passed to SAPIEN; faults in other, unused elements would make it fail."""
 
 
 @lru_cache(maxsize=512)
@@ -40,14 +40,14 @@ def check_urdf(file: Path) -> None:
 
 @contextmanager
 def sapien_urdf(file: Path, visuals: bool) -> Iterator[Path]:
-    """Gives a copy of the URDF for SAPIEN to load, with or without visual meshes."""
+    """Yields a temporary copy of the URDF for SAPIEN, with or without visual meshes."""
     with urdf_file(_mended(file, visuals), file.stem) as path:
         yield path
 
 
 @contextmanager
 def urdf_file(text: str, stem: str) -> Iterator[Path]:
-    """Gives a file ``STEM.urdf`` with this text, which is removed in the end."""
+    """Yields a temporary file ``STEM.urdf`` with this text."""
     folder = temporary_folder()
     try:
         path = folder / f"{stem}.urdf"
@@ -67,7 +67,7 @@ def _mended(file: Path, visuals: bool) -> str:
         for element in [e for e in parent if e.tag not in _READ[parent.tag]]:
             parent.remove(element)
     for dynamics in root.iter("dynamics"):
-        dynamics.attrib.setdefault("damping", "0")  # ManiSkill cannot do without
+        dynamics.attrib.setdefault("damping", "0")  # required by ManiSkill
     for mesh in root.iter("mesh"):
         mesh.set("filename", str(mesh_file(file, mesh)))
     if not visuals:
@@ -122,7 +122,7 @@ def link_names(file: Path) -> tuple[str, ...]:
 
 
 def read_urdf(file: Path) -> ElementTree.Element:
-    """Reads a URDF, whatever it holds.
+    """Reads a URDF without validation of its content.
 
     Raises:
         DatasetError: It is absent or no XML.

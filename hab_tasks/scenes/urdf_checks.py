@@ -1,6 +1,6 @@
-"""What a URDF has to be for the engine: one tree of links, numbers that are numbers, solid shapes.
+"""Validation of URDFs: one tree of links, valid numbers, solid shapes.
 
-Most of it the engine would take, and then drop a joint, a shape or a mass without a word.
+The engine accepts most invalid URDFs and silently drops a joint, a shape or a mass.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ from hab_tasks.errors import DatasetError, UnknownNameError
 from hab_tasks.scenes.fields import check_number, check_numbers, is_present, refused
 
 JOINT_TYPES = ("fixed", "prismatic", "revolute", "continuous")
-"""Others (``planar``, ``floating``) no furniture has, and the engine's loader drops them."""
+"""Supported types; the engine's loader drops others (``planar``, ``floating``)."""
 
 LIMITED = ("prismatic", "revolute")
 SHAPES = {"box": (), "sphere": ("radius",), "cylinder": ("radius", "length"), "mesh": ()}
 """Shape -> its sizes that are one number."""
 
 DEEPEST = 32
-"""So deep elements may be nested; a URDF needs six."""
+"""Maximum nesting depth of elements; a URDF needs six."""
 
 _INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 def check_robot(file: Path, root: Element) -> None:
-    """Checks a URDF whose numbers are separated by blanks; meshes need only be there.
+    """Checks a URDF whose numbers are separated by blanks; meshes are only checked to exist.
 
     Raises:
-        DatasetError: The engine could not build it as it is written.
+        DatasetError: The engine could not build it completely.
     """
     if root.tag != "robot":
         raise refused(file, "its root element", root.tag, "'robot'")
@@ -86,37 +86,37 @@ def _check_names(file: Path, kind: str, elements: Iterable[Element]) -> None:
 
 
 def _check_link(file: Path, link: Element) -> None:
-    place = f"link {link.get('name')!r}"
+    location = f"link {link.get('name')!r}"
     for inertial in link.findall("inertial"):
-        _check_inertial(file, f"{place}, inertial", inertial)
+        _check_inertial(file, f"{location}, inertial", inertial)
     for kind in ("visual", "collision"):
         for number, body in enumerate(link.findall(kind)):
-            where = f"{place}, {kind} {number}"
+            where = f"{location}, {kind} {number}"
             _check_origin(file, where, body)
             _check_geometry(file, where, body.find("geometry"))
             for color in body.iterfind("material/color"):
                 _numbers(file, where, color, "rgba", 4)
 
 
-def _check_inertial(file: Path, place: str, inertial: Element) -> None:
-    _check_origin(file, place, inertial)
-    mass = _only(file, place, inertial, "mass")
-    inertia = _only(file, place, inertial, "inertia")
-    mass_kg = _number(file, f"{place}, mass", mass, "value", least=0.0)
-    values = [_number(file, f"{place}, inertia", inertia, name) for name in _INERTIA]
+def _check_inertial(file: Path, location: str, inertial: Element) -> None:
+    _check_origin(file, location, inertial)
+    mass = _only(file, location, inertial, "mass")
+    inertia = _only(file, location, inertial, "inertia")
+    mass_kg = _number(file, f"{location}, mass", mass, "value", least=0.0)
+    values = [_number(file, f"{location}, inertia", inertia, name) for name in _INERTIA]
     xx, xy, xz, yy, yz, zz = values
     moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     if mass_kg > 0 and any(values) and not moments.min() > 0:
-        raise refused(file, f"{place}, inertia", values, "positive definite")
+        raise refused(file, f"{location}, inertia", values, "positive definite")
 
 
-def _check_geometry(file: Path, place: str, geometry: Element | None) -> None:
+def _check_geometry(file: Path, location: str, geometry: Element | None) -> None:
     shapes = [] if geometry is None else list(geometry)
     if len(shapes) != 1 or shapes[0].tag not in SHAPES:
         found = [shape.tag for shape in shapes]
-        raise refused(file, f"{place}, geometry", found, f"one of {', '.join(sorted(SHAPES))}")
+        raise refused(file, f"{location}, geometry", found, f"one of {', '.join(sorted(SHAPES))}")
     shape = shapes[0]
-    where = f"{place}, {shape.tag}"
+    where = f"{location}, {shape.tag}"
     for name in SHAPES[shape.tag]:
         _number(file, where, shape, name, above=0.0)
     if shape.tag == "box" and min(_numbers(file, where, shape, "size", 3)) <= 0:
@@ -128,51 +128,56 @@ def _check_geometry(file: Path, place: str, geometry: Element | None) -> None:
 
 
 def _check_joint(file: Path, joint: Element, links: list[str], joints: list[Element]) -> None:
-    place, kind = f"joint {joint.get('name')!r}", joint.get("type")
+    location, kind = f"joint {joint.get('name')!r}", joint.get("type")
     if kind not in JOINT_TYPES:
-        raise DatasetError(f"{file}: {place}: {UnknownNameError('type', kind, JOINT_TYPES)}")
-    _check_origin(file, place, joint)
+        raise DatasetError(f"{file}: {location}: {UnknownNameError('type', kind, JOINT_TYPES)}")
+    _check_origin(file, location, joint)
     for end in ("parent", "child"):
-        link = _only(file, place, joint, end).get("link")
+        link = _only(file, location, joint, end).get("link")
         if link not in links:
-            raise DatasetError(f"{file}: {place}: {UnknownNameError(f'{end} link', link, links)}")
+            raise DatasetError(
+                f"{file}: {location}: {UnknownNameError(f'{end} link', link, links)}"
+            )
     axis = joint.find("axis")
-    if axis is not None and not math.hypot(*_numbers(file, f"{place}, axis", axis, "xyz", 3)) > 0:
-        raise refused(file, f"{place}, axis", axis.get("xyz"), "3 numbers that are not all zero")
-    _check_limit(file, place, joint, needed=kind in LIMITED)
+    if (
+        axis is not None
+        and not math.hypot(*_numbers(file, f"{location}, axis", axis, "xyz", 3)) > 0
+    ):
+        raise refused(file, f"{location}, axis", axis.get("xyz"), "3 numbers that are not all zero")
+    _check_limit(file, location, joint, needed=kind in LIMITED)
     for dynamics in joint.findall("dynamics"):
         for name in ("damping", "friction"):
-            _number(file, f"{place}, dynamics", dynamics, name, "0", least=0.0)
+            _number(file, f"{location}, dynamics", dynamics, name, "0", least=0.0)
     for mimic in joint.findall("mimic"):
         names = [other.get("name", "") for other in joints]
         if mimic.get("joint") not in names:
             error = UnknownNameError("joint to mimic", mimic.get("joint"), names)
-            raise DatasetError(f"{file}: {place}: {error}")
+            raise DatasetError(f"{file}: {location}: {error}")
         for name in ("multiplier", "offset"):
-            _number(file, f"{place}, mimic", mimic, name, "0")
+            _number(file, f"{location}, mimic", mimic, name, "0")
 
 
-def _check_limit(file: Path, place: str, joint: Element, *, needed: bool) -> None:
+def _check_limit(file: Path, location: str, joint: Element, *, needed: bool) -> None:
     if not needed and joint.find("limit") is None:
         return
-    limit = _only(file, place, joint, "limit")
+    limit = _only(file, location, joint, "limit")
     for name in ("effort", "velocity"):  # any number will do: nothing uses it
         if not isinstance(as_number(limit.get(name, "0")), float):
-            raise refused(file, f"{place}, limit {name}", limit.get(name), "a number")
-    lower, upper = (_number(file, f"{place}, limit", limit, n, "0") for n in ("lower", "upper"))
+            raise refused(file, f"{location}, limit {name}", limit.get(name), "a number")
+    lower, upper = (_number(file, f"{location}, limit", limit, n, "0") for n in ("lower", "upper"))
     if needed and lower > upper:
-        raise refused(file, f"{place}, limit", f"{lower:g} to {upper:g}", "lower before upper")
+        raise refused(file, f"{location}, limit", f"{lower:g} to {upper:g}", "lower before upper")
 
 
-def _check_origin(file: Path, place: str, element: Element) -> None:
+def _check_origin(file: Path, location: str, element: Element) -> None:
     for origin in element.findall("origin"):
         for name in ("xyz", "rpy"):
             if origin.get(name) is not None:
-                _numbers(file, f"{place}, origin", origin, name, 3)
+                _numbers(file, f"{location}, origin", origin, name, 3)
 
 
 def _check_tree(file: Path, links: list[Element], joints: list[Element]) -> None:
-    """Checks that every link but one hangs on exactly one other, and all of them on that one."""
+    """Checks that the links form one tree."""
     children: dict[str, list[str]] = {link.get("name", ""): [] for link in links}
     ends = [[joint.find(end) for end in ("parent", "child")] for joint in joints]
     pairs = [[end.get("link", "") for end in pair if end is not None] for pair in ends]
@@ -193,16 +198,16 @@ def _check_tree(file: Path, links: list[Element], joints: list[Element]) -> None
         raise DatasetError(f"{file}: link {circle[0]!r} hangs on itself through its joints.")
 
 
-def _only(file: Path, place: str, element: Element, tag: str) -> Element:
+def _only(file: Path, location: str, element: Element, tag: str) -> Element:
     found = element.findall(tag)
     if len(found) != 1:
-        raise DatasetError(f"{file}: {place}: {len(found)} elements <{tag}>; it has to be one.")
+        raise DatasetError(f"{file}: {location}: {len(found)} elements <{tag}>; it has to be one.")
     return found[0]
 
 
 def _number(
     file: Path,
-    place: str,
+    location: str,
     element: Element,
     name: str,
     default: str | None = None,
@@ -211,16 +216,18 @@ def _number(
     least: float = -math.inf,
 ) -> float:
     text = element.get(name, default)
-    return check_number(file, f"{place} {name}", as_number(text), above=above, least=least)
+    return check_number(file, f"{location} {name}", as_number(text), above=above, least=least)
 
 
-def _numbers(file: Path, place: str, element: Element, name: str, count: int) -> tuple[float, ...]:
+def _numbers(
+    file: Path, location: str, element: Element, name: str, count: int
+) -> tuple[float, ...]:
     values = [as_number(text) for text in element.get(name, "").split()]
-    return check_numbers(file, f"{place} {name}", values, count)
+    return check_numbers(file, f"{location} {name}", values, count)
 
 
 def as_number(text: str | None) -> float | str | None:
-    """Returns a number, or what is none as it is."""
+    """Returns the number in a text, or the text itself if it is not a number."""
     try:
         return float(text or "")
     except ValueError:

@@ -1,12 +1,12 @@
-"""Inner walls of a stage that comes without convex parts, as boxes.
+"""Inner walls, as boxes, of a stage mesh without convex parts.
 
-Where the stage's mesh is absent, its walls show in the published navmeshes: what is walkable in
-no layout that uses the stage, and is not explained by the furniture of every one of them, is wall.
-A staircase is walkable, but not for a robot on wheels, so it becomes wall as well. Where the mesh
-is there, walls are the columns in which it has surface at the height of the robot.
+If the stage mesh is absent, walls are inferred from the published navmeshes: areas that are
+walkable in no layout of the stage, and not occupied by furniture in all of them. A staircase is
+walkable, but not for a wheeled robot, so it becomes a wall as well. If the mesh is present, walls
+are the columns in which it has surface at the height of the robot.
 
-Walls lie on a grid of x and z in the y-up stage frame. A layout's own furniture is cut out of
-them: published layouts push some furniture into the walls.
+Walls are on a grid of x and z in the y-up stage frame. A layout's furniture is cut out of them, as
+published layouts push some furniture into the walls.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from trimesh.intersections import slice_faces_plane
 
 from hab_tasks.cache import cached
 from hab_tasks.geometry import Array, apply, inverse
-from hab_tasks.scenes.dataset import SceneDataset
 from hab_tasks.scenes.fields import check_numbers, read_fields
 from hab_tasks.scenes.floor import CELL_M, LOWEST_M, Footprint, footprints, touched
+from hab_tasks.scenes.habitat.dataset import SceneDataset
+from hab_tasks.scenes.habitat.navmesh import Navmesh, read_navmesh
 from hab_tasks.scenes.meshes import content_key, read_mesh
-from hab_tasks.scenes.navmesh import Navmesh, read_navmesh
 from hab_tasks.scenes.spec import CollisionSource, SceneSpec
 from hab_tasks.scenes.stage import WALL_HEIGHT_M
 
@@ -39,13 +39,13 @@ NAVMESHES = "navmeshes_default"
 """The published set for the thinnest agent (radius 0.1 m), which shows walls best."""
 
 UNDER_HUNG_M = 1.0
-"""Walls end here below what hangs on them."""
+"""Height of walls below wall-mounted furniture."""
 
 SURFACE_M = (0.1, 1.5)
-"""A mesh's surface between these heights is wall."""
+"""Height range in which surface of a mesh counts as wall."""
 
 MARGIN_M = 2 * CELL_M
-"""Recast's cells and simplified outlines may be off by this much beside furniture."""
+"""Tolerance beside furniture for Recast's cells and simplified outlines."""
 
 SPARE_M = 0.004
 """Walls keep this distance from furniture, along each axis, where it is not turned."""
@@ -62,7 +62,7 @@ Rectangle = tuple[int, int, int, int]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WallMap:
-    """Where a stage has walls.
+    """Walls of a stage mesh.
 
     Attributes:
         corner_m: Lower corner (2,) of cell (0, 0), x and z.
@@ -80,7 +80,7 @@ def inner_walls(
 ) -> tuple[CollisionSource, ...]:
     """Returns the inner walls of a layout as boxes in the y-up stage frame.
 
-    They are kept in the cache, keyed by the layout and the navmeshes or the mesh.
+    They are cached by layout and navmeshes or mesh.
 
     Args:
         dataset: Where the layout is from.
@@ -104,7 +104,7 @@ def inner_walls(
 def walls_without(
     dataset: SceneDataset, spec: SceneSpec, read: Callable[[str], SceneSpec], moved: Collection[str]
 ) -> tuple[CollisionSource, ...]:
-    """Returns `inner_walls` as they are once some pieces (by handle) have left their places."""
+    """Returns `inner_walls` after some pieces (by name) have been removed."""
     mesh = spec.stage.visual_file
     if mesh is None and _navmeshes_key(dataset.source.root / NAVMESHES) is None:
         return ()
@@ -155,7 +155,7 @@ def walls_in_mesh(mesh: trimesh.Trimesh) -> WallMap:
 
 
 def cut(walls: WallMap, furniture: Sequence[Footprint]) -> list[tuple[float, ...]]:
-    """Returns walls that spare furniture.
+    """Cuts furniture out of walls.
 
     Returns:
         Boxes on the floor: lower x and z, upper x and z, height [m].

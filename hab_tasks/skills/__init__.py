@@ -1,1 +1,1 @@
-"""Skills: one file each; `base` runs them."""
+"""Skills: one file each, from start states to the environment; `hab_tasks.engine` runs them."""

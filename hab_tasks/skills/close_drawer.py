@@ -4,16 +4,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from hab_tasks.arrays import Rows
+from hab_tasks.arrays import BatchArray
+from hab_tasks.articulations import DRAWER
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
-from hab_tasks.fronts import DRAWER
-from hab_tasks.goals import Goals
-from hab_tasks.measures import Measures
+from hab_tasks.engine.goals import Goals
+from hab_tasks.engine.measures import Measures
+from hab_tasks.engine.requirements import Requirements
+from hab_tasks.engine.sensors import OBJECT_START, PROPRIOCEPTION
+from hab_tasks.engine.skill_env import Skill, SkillEnv
+from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.robots.control_modes import ARM_MODES
-from hab_tasks.sensors import OBJECT_START, PROPRIOCEPTION
-from hab_tasks.skills.base import Skill, SkillEnv
-from hab_tasks.skills.needs import Needs
-from hab_tasks.snapshot import Snapshot
+from hab_tasks.skills.open_drawer import OpenDrawerStarts
+
+
+class CloseDrawerStarts(OpenDrawerStarts):
+    """The drawer open by 80 to 100 % of its travel."""
+
+    open_share = (0.8, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,28 +40,36 @@ class CloseDrawerConfig:
     rest_radius_m: float = REST_RADIUS_M
 
 
-def success(s: Snapshot, m: Measures, g: Goals, c: CloseDrawerConfig) -> Rows:
+def success(s: Snapshot, m: Measures, g: Goals, c: CloseDrawerConfig) -> BatchArray:
     """Drawer within 5 cm of closed, (N,) bool."""
     return DRAWER.is_closed(m.joint) & (m.ee_to_rest_m < c.rest_radius_m)
 
 
 def reward_terms(
-    s: Snapshot, m: Measures, g: Goals, c: CloseDrawerConfig, ends: dict[str, Rows]
-) -> dict[str, Rows]:
-    """The summands of the reward, each (N,) float32, in the equation's order."""
+    s: Snapshot, m: Measures, g: Goals, c: CloseDrawerConfig, ends: dict[str, BatchArray]
+) -> dict[str, BatchArray]:
+    """Reward terms, each (N,) float32, in the equation's order."""
     w = c.weights
     return {
         "success": w.success * ends["success"],
         "handle": w.handle * m.ee_to_handle_decrease_m,
-        # The goal state is the joint's lower limit, so its distance changes as the joint does.
+        # The goal is the joint's lower limit, so the distance to it changes as the joint does.
         "joint": -w.joint * m.joint_increase,
     }
 
 
+def reward_bound(c: CloseDrawerConfig) -> float:
+    """Maximum reward of a step: success, 0.25 m of hand motion, 0.5 m of drawer motion."""
+    w = c.weights
+    return w.success + 0.25 * w.handle + 0.5 * w.joint
+
+
 CLOSE_DRAWER = Skill(
     name="close_drawer",
+    starts=CloseDrawerStarts,
+    instruction="Close the drawer.",
     config=CloseDrawerConfig(),
-    needs=Needs(fronts=(DRAWER,), takes="handles"),
+    requirements=Requirements(articulations=(DRAWER,), names_articulation=True, takes="handles"),
     horizon_steps=SKILL_HORIZON_STEPS,
     control_modes=ARM_MODES,
     observation=(*PROPRIOCEPTION, OBJECT_START),
@@ -69,17 +84,16 @@ CLOSE_DRAWER = Skill(
     ),
     success=success,
     reward_terms=reward_terms,
-    # One step can at most succeed, move the hand by a quarter of a metre and
-    # the drawer by half a metre.
-    reward_bound=10.0 + 0.25 + 0.5,
+    bound=reward_bound,
 )
 
 
 class HabCloseDrawerEnv(SkillEnv):
-    """Close a drawer of the kitchen counter and bring the hand to rest, base standing still.
+    """Close a kitchen counter drawer and return the end-effector to rest; the base is fixed.
 
-    **Start**: the drawer 80 to 100 % open, a random subset of the others open; the robot in a
-    rectangle of 0.15 m x 0.75 m before it, facing the handle; noise as in every skill (S H.2).
+    **Start**: the drawer 80 to 100 % open, a random subset of the other drawers open; the robot in
+    a spawn region of 0.15 m x 0.75 m in front of it, facing the handle. Noise: 20 deg on the base
+    heading, 0.05 m on the end-effector (S H.2).
 
     **Observation** (``state_dict``: ``agent`` and ``extra``; ``state`` is their concatenation):
 
@@ -88,24 +102,24 @@ class HabCloseDrawerEnv(SkillEnv):
     ====================  ===========  =====  ======  ==============================================
     arm_qpos              agent        7      rad     arm joints, shoulder to wrist
     ee_position           agent        3      m       end-effector in the base frame
-    ee_rotation           agent        6      1       x, then y axis of the hand in the base frame
-    is_holding            agent        1      0 or 1  whether anything is in the hand
-    rest_from_ee          agent        3      m       from the hand to its rest position, base frame
-    object_start_from_ee  extra        3      m       from the hand to the object in the drawer
+    ee_rotation           agent        6      1       x, then y axis of the end-effector, base frame
+    is_holding            agent        1      0 or 1  whether the gripper holds anything
+    rest_from_ee          agent        3      m       end-effector to resting position, base frame
+    object_start_from_ee  extra        3      m       end-effector to the object in the drawer
     head, arm             sensor_data  128²   0..1    depth, 1 at 10 m; uint8 with ``rgb``
     ====================  ===========  =====  ======  ==============================================
 
     **Action**: ``ee`` 3 + 1, ``joint_delta``, ``joint_target``, ``joint_state`` 7 + 1
-    (`hab_tasks.robots.control`). The hand snaps to handles only.
+    (`hab_tasks.robots.control`). Only handles can be grasped.
 
     **Reward** (terms in ``info["reward_terms"]``): 10 success + handle + joint.
 
     **Success**: drawer within 0.05 m of closed, end-effector within 0.15 m of its
-    rest position.
+    resting position.
 
-    **Failure**: none; no limit on forces.
+    **Failure**: none; contact forces are not limited.
 
-    **Horizon**: 200 steps. **Versions**: v1, first.
+    **Horizon**: 200 steps. **Versions**: v1, initial version.
     """
 
     skill = CLOSE_DRAWER

@@ -1,18 +1,71 @@
-"""Navigate: drive to where another skill can start, turn the right way, and stop (S H.2)."""
+"""Navigate: drive to a start pose of another skill, face the goal heading, and stop (S H.2)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
-from hab_tasks.arrays import Rows, where
+import numpy as np
+
+from hab_tasks.arrays import BatchArray, where
 from hab_tasks.constants import NAVIGATE_HORIZON_STEPS
-from hab_tasks.goals import Goals
-from hab_tasks.measures import Measures
-from hab_tasks.rewards import weighted_by_path
-from hab_tasks.sensors import IS_HOLDING, POINT
-from hab_tasks.skills.base import Skill, SkillEnv
-from hab_tasks.skills.needs import Needs
-from hab_tasks.snapshot import Snapshot
+from hab_tasks.engine.goals import Goals
+from hab_tasks.engine.measures import Measures
+from hab_tasks.engine.requirements import Requirements
+from hab_tasks.engine.rewards import weighted_by_path
+from hab_tasks.engine.sensors import IS_HOLDING, POINT
+from hab_tasks.engine.skill_env import Skill, SkillEnv
+from hab_tasks.engine.snapshot import Snapshot
+from hab_tasks.episodes.generators import starts_of
+from hab_tasks.episodes.generators.base import Generator, Objects, pose_scene
+from hab_tasks.episodes.rejection import RejectedSampleError
+from hab_tasks.episodes.sandbox import PlacementSandbox
+from hab_tasks.episodes.schema import Episode, NavigationGoal, template_of
+from hab_tasks.instructions import navigation_instruction
+from hab_tasks.navigation import LayoutMaps
+from hab_tasks.registration import SKILLS
+from hab_tasks.scenes.spec import SceneSpec
+
+NAVIGATE_ID = "HabNavigate-v1"
+
+LEAST_WAY_M = 1.0
+"""Minimum straight-line distance between start and goal."""
+
+
+class NavigateStarts(Generator):
+    """Start states; the goal is a start pose of another skill."""
+
+    version = 9
+
+    def __init__(
+        self, scenes: Sequence[str], load: Callable[[str], SceneSpec], objects: Objects
+    ) -> None:
+        """Samples layouts from `scenes`; `load` reads one."""
+        super().__init__(scenes, load, objects)
+        self._maps = LayoutMaps(load)
+
+    def attempt(self, sandbox: PlacementSandbox, rng: np.random.Generator) -> Episode:
+        """Returns one candidate."""
+        others = [env_id for env_id in SKILLS if env_id != NAVIGATE_ID]
+        skill = others[int(rng.integers(len(others)))]
+        other_starts = starts_of(skill)(self.scenes, self.load, self.objects)
+        other_starts.refused = self.refused
+        episode = other_starts.attempt(sandbox, rng)
+        goal = NavigationGoal(skill=skill, base=episode.robot.base)
+        objects = dict(episode.objects)
+        robot = self.starts(sandbox, rng).anywhere(np.array(goal.base[:2]), LEAST_WAY_M)
+        # The map of the geodesic distance; narrow aisles free in the sandbox may be closed in it.
+        ends_m = np.array((robot.base[:2], goal.base[:2]))
+        if not self._maps.of(sandbox.spec.scene_id, episode.joints).is_free(ends_m).all():
+            raise RejectedSampleError("no way from the start to the goal")
+        if episode.held is not None:
+            held, yaw = episode.held, rng.uniform(-np.pi, np.pi)
+            up = np.array(sandbox.templates[template_of(held)].up)
+            objects[held] = self.in_hand(sandbox.com_in_object_m(held), up, robot, yaw)
+            pose_scene(sandbox, objects, episode.joints)
+            if sandbox.touching(held):
+                raise RejectedSampleError("the held object touches something")
+        return replace(episode, robot=robot, objects=objects, navigation=goal)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,20 +87,20 @@ class NavigateConfig:
     heading_counts_within_m: float = 0.9
 
 
-def arrived(s: Snapshot, m: Measures, g: Goals, c: NavigateConfig) -> Rows:
-    """Base at the goal and turned the right way, (N,) bool."""
+def arrived(s: Snapshot, m: Measures, g: Goals, c: NavigateConfig) -> BatchArray:
+    """Base within the goal radius and heading tolerance, (N,) bool."""
     return (m.base_to_goal_m < c.goal_radius_m) & (m.heading_error_rad < c.goal_heading_rad)
 
 
-def success(s: Snapshot, m: Measures, g: Goals, c: NavigateConfig) -> Rows:
-    """Arrived, and the stop action called at the current step, (N,) bool."""
+def success(s: Snapshot, m: Measures, g: Goals, c: NavigateConfig) -> BatchArray:
+    """Arrived, and the current action is the stop action, (N,) bool."""
     return arrived(s, m, g, c) & m.stopped
 
 
 def reward_terms(
-    s: Snapshot, m: Measures, g: Goals, c: NavigateConfig, ends: dict[str, Rows]
-) -> dict[str, Rows]:
-    """The summands of the reward, each (N,) float32, in the equation's order."""
+    s: Snapshot, m: Measures, g: Goals, c: NavigateConfig, ends: dict[str, BatchArray]
+) -> dict[str, BatchArray]:
+    """Reward terms, each (N,) float32, in the equation's order."""
     w = c.weights
     near = m.base_to_goal_m < c.heading_counts_within_m
     return {
@@ -57,21 +110,29 @@ def reward_terms(
     }
 
 
-def mask_gripper(gripper: Rows, m: Measures) -> Rows:
-    """What is held stays held, and nothing else is grasped, (N,)."""
+def mask_gripper(gripper: BatchArray, m: Measures) -> BatchArray:
+    """Keeps the grasp: held objects stay held, and nothing else is grasped, (N,)."""
     holding = m.holding_target | m.holding_other | m.holding_handle
     return where(holding, 1.0, -1.0)
 
 
-def scores(m: Measures, success: Rows) -> dict[str, Rows]:
+def scores(m: Measures, success: BatchArray) -> dict[str, BatchArray]:
     """Success weighted by path length, (N,)."""
     return {"spl": weighted_by_path(success, m.base_to_goal_start_m, m.path_m)}
 
 
+def reward_bound(c: NavigateConfig) -> float:
+    """Maximum reward of a step: success, 0.25 m of the path and 0.5 rad of heading."""
+    w = c.weights
+    return w.success + 0.25 * w.distance + 0.5 * w.heading
+
+
 NAVIGATE = Skill(
     name="navigate",
+    starts=NavigateStarts,
+    instruction=navigation_instruction,
     config=NavigateConfig(),
-    needs=Needs(leads=True, navigates=True),
+    requirements=Requirements(names_navigation_goal=True, navigates=True),
     horizon_steps=NAVIGATE_HORIZON_STEPS,
     control_modes=("base_discrete", "base"),
     observation=(IS_HOLDING, POINT),
@@ -89,40 +150,39 @@ NAVIGATE = Skill(
     scores=scores,
     # A task has no stop action.
     done_in_task=arrived,
-    # One step can at most succeed, and drive and turn at the largest speeds.
-    reward_bound=10.0 + 20.0 * 0.25 + 0.5,
+    bound=reward_bound,
 )
 
 
 class HabNavigateEnv(SkillEnv):
-    """Drive to a place from which another skill can start, and stop there, facing the right way.
+    """Drive to a base pose from which another skill can start, and stop there.
 
-    **Start**: anywhere on the free floor, turned anyhow; doors, drawers and objects as in a start
-    of one of the other six skills, whose base pose is the goal (S H.2).
+    **Start**: the robot at a random free pose with random heading; doors, drawers and objects as
+    in a start state of one of the other six skills, whose base pose is the goal (S H.2).
 
     **Observation** (``state_dict``: ``agent`` and ``extra``; ``state`` is their concatenation):
 
     ====================  ===========  =====  ======  ==============================================
     entry                 group        shape  unit    meaning
     ====================  ===========  =====  ======  ==============================================
-    is_holding            agent        1      0 or 1  whether anything is in the hand
+    is_holding            agent        1      0 or 1  whether the gripper holds anything
     point_in_base         extra        3      m       start or goal of the object, base frame
     head                  sensor_data  128²   0..1    depth, 1 at 10 m; uint8 with ``rgb``
     ====================  ===========  =====  ======  ==============================================
 
-    The goal of the base itself is not observed.
+    The goal pose of the base is not observed.
 
     **Action**: ``base_discrete``, one of 20 cells of forward and turning velocity, or ``base``,
-    both of them continuous (`hab_tasks.robots.control`). Standing still is the stop action.
+    continuous velocities (`hab_tasks.robots.control`). Zero velocity is the stop action.
 
     **Reward** (terms in ``info["reward_terms"]``): 10 success + 20 distance + heading (within
     0.9 m of the goal).
 
     **Success**: geodesic distance below 0.3 m, heading within 0.5 rad, stop action in this step.
 
-    **Failure**: none; no limit on forces.
+    **Failure**: none; contact forces are not limited.
 
-    **Horizon**: 500 steps. **Versions**: v1, first.
+    **Horizon**: 500 steps. **Versions**: v1, initial version.
     """
 
     skill = NAVIGATE

@@ -4,16 +4,95 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from hab_tasks.arrays import Rows
+import numpy as np
+
+from hab_tasks.arrays import BatchArray
+from hab_tasks.articulations import DRAWER
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
-from hab_tasks.fronts import DRAWER
-from hab_tasks.goals import Goals
-from hab_tasks.measures import Measures
+from hab_tasks.engine.goals import Goals
+from hab_tasks.engine.measures import Measures
+from hab_tasks.engine.requirements import Requirements
+from hab_tasks.engine.sensors import OBJECT_START, PROPRIOCEPTION
+from hab_tasks.engine.skill_env import Skill, SkillEnv
+from hab_tasks.engine.snapshot import Snapshot
+from hab_tasks.episodes.generators.base import (
+    Generator,
+    open_joints,
+    pose_scene,
+    put_all,
+    start_state,
+)
+from hab_tasks.episodes.generators.furniture import (
+    LayoutArticulation,
+    carried,
+    find_articulation,
+    handles_m,
+    level_frame,
+    other_drawers,
+    slides,
+)
+from hab_tasks.episodes.placing import Placer
+from hab_tasks.episodes.rejection import RejectedSampleError
+from hab_tasks.episodes.robot_start import KeepOff
+from hab_tasks.episodes.sandbox import PlacementSandbox
+from hab_tasks.episodes.schema import POSE_DIGITS, Episode, Rearrangement
+from hab_tasks.receptacles import DRAWER as DRAWER_RECEPTACLE
 from hab_tasks.robots.control_modes import ARM_MODES
-from hab_tasks.sensors import OBJECT_START, PROPRIOCEPTION
-from hab_tasks.skills.base import Skill, SkillEnv
-from hab_tasks.skills.needs import Needs
-from hab_tasks.snapshot import Snapshot
+
+OTHERS_OPEN = 0.5
+"""Probability that another drawer is open, by 0 to 100 % of its travel."""
+
+
+class OpenDrawerStarts(Generator):
+    """The drawer closed, the target in it, a random subset of the others open."""
+
+    open_share: tuple[float, float] = (0.0, 0.0)
+
+    def attempt(self, sandbox: PlacementSandbox, rng: np.random.Generator) -> Episode:
+        """Returns one candidate."""
+        (spot,) = self.spots(sandbox, (DRAWER_RECEPTACLE,))[:1]
+        articulation = find_articulation(sandbox, DRAWER.marker)
+        handles = self.draw(rng, 1)
+        sandbox.show(handles)
+        open_joints(sandbox, spot.joints)
+        placer = Placer(sandbox, rng, self.settling)
+        put_all(placer, handles, [spot])
+        objects = placer.settle()
+        if not objects:
+            raise RejectedSampleError("nothing rests on the receptacle")
+        if not slides(sandbox, objects, articulation):
+            raise RejectedSampleError("the drawer cannot be moved with the object")
+        travel_m = sandbox.joint_limits(articulation.ref.furniture, articulation.ref.joint)[1]
+        joints = self._other_joints(sandbox, rng, articulation)
+        position = round(travel_m * float(rng.uniform(*self.open_share)), POSE_DIGITS)
+        objects = carried(sandbox, objects, articulation, position)
+        pose_scene(
+            sandbox,
+            objects,
+            {articulation.ref.furniture: {articulation.ref.joint: position, **joints}},
+        )
+        if any(sandbox.touching(handle) for handle in objects):
+            raise RejectedSampleError("the drawer cannot be closed over the object")
+        link = sandbox.world_from(f"{articulation.ref.furniture}/{articulation.marker.link}")
+        robot = self.starts(sandbox, rng, KeepOff(points_m=handles_m(sandbox))).in_rectangle(
+            level_frame(link[:3, 3], link[:3, 0]),
+            DRAWER.spawn_region,
+            articulation.handle_m(sandbox),
+            reach=True,
+        )
+        rearrangement = Rearrangement(object=handles[0], start=spot.ref)
+        return start_state(sandbox, robot, objects, (rearrangement,), handle=articulation.ref)
+
+    def _other_joints(
+        self, sandbox: PlacementSandbox, rng: np.random.Generator, articulation: LayoutArticulation
+    ) -> dict[str, float]:
+        joints = {}
+        for joint in other_drawers(sandbox, articulation):
+            draw = rng.uniform(size=2)
+            if draw[0] < OTHERS_OPEN:
+                travel_m = sandbox.joint_limits(articulation.ref.furniture, joint)[1]
+                joints[joint] = round(travel_m * float(draw[1]), POSE_DIGITS)
+        return joints
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,29 +113,37 @@ class OpenDrawerConfig:
     rest_radius_m: float = REST_RADIUS_M
 
 
-def success(s: Snapshot, m: Measures, g: Goals, c: OpenDrawerConfig) -> Rows:
+def success(s: Snapshot, m: Measures, g: Goals, c: OpenDrawerConfig) -> BatchArray:
     """Drawer open by 90 % or more of its travel, (N,) bool."""
     return DRAWER.is_open(m.joint, m.joint_share) & (m.ee_to_rest_m < c.rest_radius_m)
 
 
 def reward_terms(
-    s: Snapshot, m: Measures, g: Goals, c: OpenDrawerConfig, ends: dict[str, Rows]
-) -> dict[str, Rows]:
-    """The summands of the reward, each (N,) float32, in the equation's order."""
+    s: Snapshot, m: Measures, g: Goals, c: OpenDrawerConfig, ends: dict[str, BatchArray]
+) -> dict[str, BatchArray]:
+    """Reward terms, each (N,) float32, in the equation's order."""
     w = c.weights
     return {
         "success": w.success * ends["success"],
         "grabbed": w.grabbed * m.grabbed_now,
         "handle": w.handle * m.ee_to_handle_decrease_m,
-        # The goal state is the joint's upper limit, so its distance changes as the joint does.
+        # The goal is the joint's upper limit, so the distance to it changes as the joint does.
         "joint": w.joint * m.joint_increase,
     }
 
 
+def reward_bound(c: OpenDrawerConfig) -> float:
+    """Maximum reward of a step: success, grab, 0.25 m of hand and 0.5 m of drawer motion."""
+    w = c.weights
+    return w.success + w.grabbed + 0.25 * w.handle + 0.5 * w.joint
+
+
 OPEN_DRAWER = Skill(
     name="open_drawer",
+    starts=OpenDrawerStarts,
+    instruction="Open the drawer.",
     config=OpenDrawerConfig(),
-    needs=Needs(fronts=(DRAWER,), takes="handles"),
+    requirements=Requirements(articulations=(DRAWER,), names_articulation=True, takes="handles"),
     horizon_steps=SKILL_HORIZON_STEPS,
     control_modes=ARM_MODES,
     observation=(*PROPRIOCEPTION, OBJECT_START),
@@ -72,17 +159,16 @@ OPEN_DRAWER = Skill(
     ),
     success=success,
     reward_terms=reward_terms,
-    # One step can at most succeed, grab the handle, move the hand by a quarter of a metre and
-    # the drawer by half a metre.
-    reward_bound=10.0 + 5.0 + 0.25 + 0.5,
+    bound=reward_bound,
 )
 
 
 class HabOpenDrawerEnv(SkillEnv):
-    """Open a drawer of the kitchen counter and bring the hand to rest, base standing still.
+    """Open a kitchen counter drawer and return the end-effector to rest; the base is fixed.
 
-    **Start**: the drawer closed, a random subset of the others open; the robot in a rectangle of
-    0.15 m x 0.75 m before it, facing the handle; noise as in every skill (S H.2).
+    **Start**: the drawer closed, a random subset of the other drawers open; the robot in a spawn
+    region of 0.15 m x 0.75 m in front of it, facing the handle. Noise: 20 deg on the base heading,
+    0.05 m on the end-effector (S H.2).
 
     **Observation** (``state_dict``: ``agent`` and ``extra``; ``state`` is their concatenation):
 
@@ -91,24 +177,24 @@ class HabOpenDrawerEnv(SkillEnv):
     ====================  ===========  =====  ======  ==============================================
     arm_qpos              agent        7      rad     arm joints, shoulder to wrist
     ee_position           agent        3      m       end-effector in the base frame
-    ee_rotation           agent        6      1       x, then y axis of the hand in the base frame
-    is_holding            agent        1      0 or 1  whether anything is in the hand
-    rest_from_ee          agent        3      m       from the hand to its rest position, base frame
-    object_start_from_ee  extra        3      m       from the hand to the object in the drawer
+    ee_rotation           agent        6      1       x, then y axis of the end-effector, base frame
+    is_holding            agent        1      0 or 1  whether the gripper holds anything
+    rest_from_ee          agent        3      m       end-effector to resting position, base frame
+    object_start_from_ee  extra        3      m       end-effector to the object in the drawer
     head, arm             sensor_data  128²   0..1    depth, 1 at 10 m; uint8 with ``rgb``
     ====================  ===========  =====  ======  ==============================================
 
     **Action**: ``ee`` 3 + 1, ``joint_delta``, ``joint_target``, ``joint_state`` 7 + 1
-    (`hab_tasks.robots.control`). The hand snaps to handles only.
+    (`hab_tasks.robots.control`). Only handles can be grasped.
 
     **Reward** (terms in ``info["reward_terms"]``): 10 success + 5 grabbed + handle + joint.
 
     **Success**: drawer open by 90 % or more of its travel, end-effector within 0.15 m of its
-    rest position.
+    resting position.
 
-    **Failure**: none; no limit on forces.
+    **Failure**: none; contact forces are not limited.
 
-    **Horizon**: 200 steps. **Versions**: v1, first.
+    **Horizon**: 200 steps. **Versions**: v1, initial version.
     """
 
     skill = OPEN_DRAWER

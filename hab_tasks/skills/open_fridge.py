@@ -4,17 +4,82 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from hab_tasks.arrays import Rows
+import numpy as np
+
+from hab_tasks.arrays import BatchArray
+from hab_tasks.articulations import FRIDGE, Rectangle
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
-from hab_tasks.fronts import FRIDGE
-from hab_tasks.goals import Goals
-from hab_tasks.measures import Measures
+from hab_tasks.engine.goals import Goals
+from hab_tasks.engine.measures import Measures
+from hab_tasks.engine.requirements import Requirements
+from hab_tasks.engine.sensors import OBJECT_START, PROPRIOCEPTION
+from hab_tasks.engine.skill_env import Skill, SkillEnv
+from hab_tasks.engine.snapshot import Snapshot, world_to_base
+from hab_tasks.episodes.generators.base import (
+    Generator,
+    open_joints,
+    pose_scene,
+    put_all,
+    start_state,
+)
+from hab_tasks.episodes.generators.furniture import find_articulation, handles_m, level_frame
+from hab_tasks.episodes.placing import Placer
+from hab_tasks.episodes.rejection import RejectedSampleError
+from hab_tasks.episodes.robot_start import KeepOff
+from hab_tasks.episodes.sandbox import PlacementSandbox
+from hab_tasks.episodes.schema import Episode, Rearrangement
+from hab_tasks.receptacles import FRIDGE as FRIDGE_RECEPTACLE
 from hab_tasks.robots.control_modes import MOBILE_MODES
-from hab_tasks.sensors import OBJECT_START, PROPRIOCEPTION
-from hab_tasks.skills.base import Skill, SkillEnv
-from hab_tasks.skills.needs import Needs
-from hab_tasks.skills.regions import SPAWN_REGION, outside
-from hab_tasks.snapshot import Snapshot
+
+MOST_IN_FRIDGE = 3
+
+
+class OpenFridgeStarts(Generator):
+    """The door closed, the target behind it."""
+
+    open_rad: tuple[float, float] = (0.0, 0.0)
+
+    def attempt(self, sandbox: PlacementSandbox, rng: np.random.Generator) -> Episode:
+        """Returns one candidate."""
+        (spot,) = self.spots(sandbox, (FRIDGE_RECEPTACLE,))[:1]
+        articulation = find_articulation(sandbox, FRIDGE.marker)
+        handles = self.draw(rng, int(rng.integers(1, MOST_IN_FRIDGE + 1)))
+        sandbox.show(handles)
+        open_joints(sandbox, spot.joints)
+        placer = Placer(sandbox, rng, self.settling)
+        put_all(placer, handles, [spot])
+        objects = placer.settle()
+        if not objects:
+            raise RejectedSampleError("nothing rests on the receptacle")
+        target = list(objects)[int(rng.integers(len(objects)))]
+        angle = round(float(rng.uniform(*self.open_rad)), 6)
+        pose_scene(sandbox, objects, {articulation.ref.furniture: {articulation.ref.joint: angle}})
+        if sandbox.touching(f"{articulation.ref.furniture}/{articulation.marker.link}"):
+            raise RejectedSampleError("the door meets something")
+        root = sandbox.world_from(
+            f"{articulation.ref.furniture}/{sandbox.root_of(articulation.ref.furniture)}"
+        )
+        robot = self.starts(sandbox, rng, KeepOff(points_m=handles_m(sandbox))).in_rectangle(
+            level_frame(root[:3, 3], root[:3, 0]),
+            FRIDGE.spawn_region,
+            articulation.handle_m(sandbox),
+            reach=False,
+        )
+        rearrangement = Rearrangement(object=target, start=spot.ref)
+        return start_state(sandbox, robot, objects, (rearrangement,), handle=articulation.ref)
+
+
+def outside(region: Rectangle, frame: BatchArray, base: BatchArray) -> BatchArray:
+    """Whether bases have left a rectangle ahead of the furniture, (N,) bool.
+
+    Args:
+        region: The rectangle in the furniture's frame.
+        frame: (N, 3) x, y, yaw of that frame.
+        base: (N, 3) x, y, yaw of the bases.
+    """
+    local = world_to_base(frame, base)
+    x, y = local[:, 0], local[:, 1]
+    return (x < region.x_m[0]) | (x > region.x_m[1]) | (y < region.y_m[0]) | (y > region.y_m[1])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,35 +101,43 @@ class OpenFridgeConfig:
     rest_radius_m: float = REST_RADIUS_M
 
 
-def success(s: Snapshot, m: Measures, g: Goals, c: OpenFridgeConfig) -> Rows:
+def success(s: Snapshot, m: Measures, g: Goals, c: OpenFridgeConfig) -> BatchArray:
     """Door open by more than 90 degrees, (N,) bool."""
     return FRIDGE.is_open(m.joint, m.joint_share) & (m.ee_to_rest_m < c.rest_radius_m)
 
 
-def failures(s: Snapshot, m: Measures, g: Goals, c: OpenFridgeConfig) -> dict[str, Rows]:
-    """Why an episode ends without success, each (N,) bool."""
-    return {"left_region": outside(SPAWN_REGION, g.front[:, 0], s.base)}
+def failures(s: Snapshot, m: Measures, g: Goals, c: OpenFridgeConfig) -> dict[str, BatchArray]:
+    """Failure conditions, each (N,) bool."""
+    return {"left_region": outside(FRIDGE.spawn_region, g.articulation_frame[:, 0], s.base)}
 
 
 def reward_terms(
-    s: Snapshot, m: Measures, g: Goals, c: OpenFridgeConfig, ends: dict[str, Rows]
-) -> dict[str, Rows]:
-    """The summands of the reward, each (N,) float32, in the equation's order."""
+    s: Snapshot, m: Measures, g: Goals, c: OpenFridgeConfig, ends: dict[str, BatchArray]
+) -> dict[str, BatchArray]:
+    """Reward terms, each (N,) float32, in the equation's order."""
     w = c.weights
     return {
         "success": w.success * ends["success"],
         "grabbed": w.grabbed * m.grabbed_now,
         "handle": w.handle * m.ee_to_handle_decrease_m,
-        # The goal state is the joint's upper limit, so its distance changes as the joint does.
+        # The goal is the joint's upper limit, so the distance to it changes as the joint does.
         "joint": w.joint * m.joint_increase,
         "left_region": -w.left_region * ends["left_region"],
     }
 
 
+def reward_bound(c: OpenFridgeConfig) -> float:
+    """Maximum reward of a step: success, grab, 0.25 m of hand and 0.5 rad of door motion."""
+    w = c.weights
+    return w.success + w.grabbed + 0.25 * w.handle + 0.5 * w.joint
+
+
 OPEN_FRIDGE = Skill(
     name="open_fridge",
+    starts=OpenFridgeStarts,
+    instruction="Open the fridge.",
     config=OpenFridgeConfig(),
-    needs=Needs(fronts=(FRIDGE,), takes="handles"),
+    requirements=Requirements(articulations=(FRIDGE,), names_articulation=True, takes="handles"),
     horizon_steps=SKILL_HORIZON_STEPS,
     control_modes=MOBILE_MODES,
     observation=(*PROPRIOCEPTION, OBJECT_START),
@@ -81,17 +154,15 @@ OPEN_FRIDGE = Skill(
     success=success,
     failures=failures,
     reward_terms=reward_terms,
-    # One step can at most succeed, grab the handle, move the hand by a quarter of a metre and
-    # the door by half a radian.
-    reward_bound=10.0 + 5.0 + 0.25 + 0.5,
+    bound=reward_bound,
 )
 
 
 class HabOpenFridgeEnv(SkillEnv):
-    """Open the fridge's upper door with arm and base, and bring the hand to rest.
+    """Open the fridge's upper door with arm and base, and return the end-effector to rest.
 
-    **Start**: the door closed; the robot in a rectangle of 0.9 m x 1.2 m before the fridge, facing
-    the handle; noise of 20 deg on the heading, 0.05 m on the end-effector (S H.2).
+    **Start**: the door closed; the robot in a spawn region of 0.9 m x 1.2 m in front of the fridge,
+    facing the handle. Noise: 20 deg on the base heading, 0.05 m on the end-effector (S H.2).
 
     **Observation** (``state_dict``: ``agent`` and ``extra``; ``state`` is their concatenation):
 
@@ -100,26 +171,26 @@ class HabOpenFridgeEnv(SkillEnv):
     ====================  ===========  =====  ======  ==============================================
     arm_qpos              agent        7      rad     arm joints, shoulder to wrist
     ee_position           agent        3      m       end-effector in the base frame
-    ee_rotation           agent        6      1       x, then y axis of the hand in the base frame
-    is_holding            agent        1      0 or 1  whether anything is in the hand
-    rest_from_ee          agent        3      m       from the hand to its rest position, base frame
-    object_start_from_ee  extra        3      m       from the hand to the object behind the door
+    ee_rotation           agent        6      1       x, then y axis of the end-effector, base frame
+    is_holding            agent        1      0 or 1  whether the gripper holds anything
+    rest_from_ee          agent        3      m       end-effector to resting position, base frame
+    object_start_from_ee  extra        3      m       end-effector to the object behind the door
     head, arm             sensor_data  128²   0..1    depth, 1 at 10 m; uint8 with ``rgb``
     ====================  ===========  =====  ======  ==============================================
 
     **Action**: ``ee_base`` 3 + 1 + 2; ``joint_delta_base``, ``joint_target_base`` and
     ``joint_state_base`` 7 + 1 + 2; ``joint_target_pose`` and ``joint_state_pose`` 7 + 1 + 3
-    (`hab_tasks.robots.control`). The hand snaps to handles only.
+    (`hab_tasks.robots.control`). Only handles can be grasped.
 
     **Reward** (terms in ``info["reward_terms"]``): 10 success + 5 grabbed + handle + joint - 10
     left region.
 
     **Success**: door open by more than 90 degrees, end-effector within 0.15 m of its
-    rest position.
+    resting position.
 
-    **Failure**: the base leaves the rectangle in which it started; no limit on forces.
+    **Failure**: the base leaves its spawn region; contact forces are not limited.
 
-    **Horizon**: 200 steps. **Versions**: v1, first.
+    **Horizon**: 200 steps. **Versions**: v1, initial version.
     """
 
     skill = OPEN_FRIDGE

@@ -4,16 +4,58 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from hab_tasks.arrays import Rows, where
+import numpy as np
+
+from hab_tasks.arrays import BatchArray, where
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
-from hab_tasks.goals import Goals
-from hab_tasks.measures import Measures
-from hab_tasks.rewards import force_penalty, weighted_by_completion_time
+from hab_tasks.engine.goals import Goals
+from hab_tasks.engine.measures import Measures
+from hab_tasks.engine.requirements import Requirements
+from hab_tasks.engine.rewards import force_penalty, weighted_by_completion_time
+from hab_tasks.engine.sensors import OBJECT_START, PROPRIOCEPTION
+from hab_tasks.engine.skill_env import Skill, SkillEnv
+from hab_tasks.engine.snapshot import Snapshot
+from hab_tasks.episodes.generators.base import (
+    Generator,
+    open_joints,
+    pose_scene,
+    put_all,
+    start_state,
+)
+from hab_tasks.episodes.placing import Placer
+from hab_tasks.episodes.rejection import RejectedSampleError
+from hab_tasks.episodes.robot_start import KeepOff
+from hab_tasks.episodes.sandbox import PlacementSandbox
+from hab_tasks.episodes.schema import Episode, Rearrangement
+from hab_tasks.receptacles import PICK_RECEPTACLES
 from hab_tasks.robots.control_modes import ARM_MODES
-from hab_tasks.sensors import OBJECT_START, PROPRIOCEPTION
-from hab_tasks.skills.base import Skill, SkillEnv
-from hab_tasks.skills.needs import Needs
-from hab_tasks.snapshot import Snapshot
+
+CLUTTER = (2, 5)
+"""Minimum and maximum number of clutter objects."""
+
+
+class PickStarts(Generator):
+    """A target and clutter on one of the six receptacles."""
+
+    def attempt(self, sandbox: PlacementSandbox, rng: np.random.Generator) -> Episode:
+        """Returns one candidate."""
+        spots = self.spots(sandbox, self.objects.receptacles or PICK_RECEPTACLES)
+        spot = spots[int(rng.integers(len(spots)))]
+        handles = self.draw(rng, 1 + int(rng.integers(CLUTTER[0], CLUTTER[1] + 1)))
+        sandbox.show(handles)
+        open_joints(sandbox, spot.joints)
+        placer = Placer(sandbox, rng, self.settling)
+        if not put_all(placer, handles, [spot]):
+            raise RejectedSampleError("no room on the receptacle")
+        objects = placer.settle()
+        if not objects:
+            raise RejectedSampleError("nothing rests on the receptacle")
+        target = list(objects)[int(rng.integers(len(objects)))]
+        pose_scene(sandbox, objects, spot.joints)
+        # Other objects count as well: grasping one first ends the episode.
+        keep_off = KeepOff(points_m=sandbox.graspable_m())
+        robot = self.starts(sandbox, rng, keep_off).facing(sandbox.com_m(target))
+        return start_state(sandbox, robot, objects, (Rearrangement(object=target, start=spot.ref),))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,13 +81,13 @@ class PickConfig:
     force_limit_n: float = 5000.0
 
 
-def success(s: Snapshot, m: Measures, g: Goals, c: PickConfig) -> Rows:
+def success(s: Snapshot, m: Measures, g: Goals, c: PickConfig) -> BatchArray:
     """Target in the hand and hand within the rest radius, (N,) bool."""
     return m.holding_target & (m.ee_to_rest_m < c.rest_radius_m)
 
 
-def failures(s: Snapshot, m: Measures, g: Goals, c: PickConfig) -> dict[str, Rows]:
-    """Why an episode ends without success, each (N,) bool."""
+def failures(s: Snapshot, m: Measures, g: Goals, c: PickConfig) -> dict[str, BatchArray]:
+    """Failure conditions, each (N,) bool."""
     return {
         "force": m.force_total_n > c.force_limit_n,
         "wrong_object": m.holding_other,
@@ -54,15 +96,15 @@ def failures(s: Snapshot, m: Measures, g: Goals, c: PickConfig) -> dict[str, Row
 
 
 def reward_terms(
-    s: Snapshot, m: Measures, g: Goals, c: PickConfig, ends: dict[str, Rows]
-) -> dict[str, Rows]:
-    """The summands of the reward, each (N,) float32, in the equation's order."""
+    s: Snapshot, m: Measures, g: Goals, c: PickConfig, ends: dict[str, BatchArray]
+) -> dict[str, BatchArray]:
+    """Reward terms, each (N,) float32, in the equation's order."""
     w = c.weights
     holding = m.holding_target * 1.0
     return {
         "success": w.success * ends["success"],
         "pickup": w.pickup * m.picked_now,
-        # Appendix C: the approach pays while NOT holding; H.2 lost the "!" (docs/deviations.md).
+        # Appendix C: approach is paid while NOT holding; H.2 omits the "!" (docs/deviations.md).
         "approach": w.distance * m.ee_to_object_decrease_m * (1 - holding),
         "retract": w.distance * m.ee_to_rest_decrease_m * holding,
         "force": force_penalty(m.force_n, w.force, w.force_cap),
@@ -72,20 +114,28 @@ def reward_terms(
     }
 
 
-def mask_gripper(gripper: Rows, m: Measures) -> Rows:
+def mask_gripper(gripper: BatchArray, m: Measures) -> BatchArray:
     """Once the target is held it is not released until the skill ends (S E.2), (N,)."""
     return where(m.holding_target, abs(gripper), gripper)
 
 
-def scores(m: Measures, success: Rows) -> dict[str, Rows]:
+def scores(m: Measures, success: BatchArray) -> dict[str, BatchArray]:
     """Success weighted by completion time (S F.2), (N,)."""
     return {"sct": weighted_by_completion_time(success, m.ee_to_object_start_m, m.steps)}
 
 
+def reward_bound(c: PickConfig) -> float:
+    """Maximum reward of a step: success, pickup and 0.25 m of hand motion."""
+    w = c.weights
+    return w.success + w.pickup + 0.25 * w.distance
+
+
 PICK = Skill(
     name="pick",
+    starts=PickStarts,
+    instruction="Pick up the {object} {start}.",
     config=PickConfig(),
-    needs=Needs(takes="objects"),
+    requirements=Requirements(takes="objects"),
     horizon_steps=SKILL_HORIZON_STEPS,
     control_modes=ARM_MODES,
     observation=(*PROPRIOCEPTION, OBJECT_START),
@@ -104,17 +154,17 @@ PICK = Skill(
     reward_terms=reward_terms,
     mask_gripper=mask_gripper,
     scores=scores,
-    # One step can at most succeed, pick up and move the hand by a quarter of a metre.
-    reward_bound=20.0 + 5.0 + 20.0 * 0.25,
+    bound=reward_bound,
 )
 
 
 class HabPickEnv(SkillEnv):
-    """Pick the target object and bring the hand to rest, base standing still.
+    """Pick up the target object and return the end-effector to rest; the base is fixed.
 
-    **Start**: target and clutter settled on one of six receptacles (sofa, fridge, counter left,
-    counter right, light and dark table); the robot faces the target; noise of 20 deg on the base's
-    heading, 0.1 m on its position, 0.05 m on the end-effector (S H.2). A fridge used is open.
+    **Start**: target and clutter settled on one of six receptacles (sofa, fridge, left counter,
+    right counter, light table, dark table); the robot faces the target. Noise: 20 deg on the base
+    heading, 0.1 m on the base position, 0.05 m on the end-effector (S H.2). If the receptacle is
+    the fridge, its door is open.
 
     **Observation** (``state_dict``: ``agent`` and ``extra``; ``state`` is their concatenation):
 
@@ -123,24 +173,24 @@ class HabPickEnv(SkillEnv):
     ====================  ===========  =====  ======  ==============================================
     arm_qpos              agent        7      rad     arm joints, shoulder to wrist
     ee_position           agent        3      m       end-effector in the base frame
-    ee_rotation           agent        6      1       x, then y axis of the hand in the base frame
-    is_holding            agent        1      0 or 1  whether anything is in the hand
-    rest_from_ee          agent        3      m       from the hand to its rest position, base frame
-    object_start_from_ee  extra        3      m       from the hand to the target's start
+    ee_rotation           agent        6      1       x, then y axis of the end-effector, base frame
+    is_holding            agent        1      0 or 1  whether the gripper holds anything
+    rest_from_ee          agent        3      m       end-effector to resting position, base frame
+    object_start_from_ee  extra        3      m       end-effector to start position, base frame
     head, arm             sensor_data  128²   0..1    depth, 1 at 10 m; uint8 with ``rgb``
     ====================  ===========  =====  ======  ==============================================
 
     **Action**: ``ee`` 3 + 1, ``joint_delta``, ``joint_target``, ``joint_state`` 7 + 1
-    (`hab_tasks.robots.control`). Release is masked while the target is held.
+    (`hab_tasks.robots.control`). The gripper cannot release the target.
 
     **Reward** (terms in ``info["reward_terms"]``): 20 success + 5 pickup + 20 approach (not
     holding) + 20 retract (holding) - min(0.001 C, 1) - 10 force exceeded - 5 wrong - 5 dropped.
 
-    **Success**: target held, end-effector within 0.15 m of its rest position.
+    **Success**: target held, end-effector within 0.15 m of its resting position.
 
-    **Failure**: accumulated force above 5,000 N, another object grasped, target lost.
+    **Failure**: accumulated force above 5,000 N, another object grasped, target dropped.
 
-    **Horizon**: 200 steps. **Versions**: v1, first.
+    **Horizon**: 200 steps. **Versions**: v1, initial version.
     """
 
     skill = PICK

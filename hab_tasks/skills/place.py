@@ -1,19 +1,74 @@
-"""Place: bring the held object to its goal, let go, bring the hand to rest (S H.2)."""
+"""Place: bring the held object to its goal, release it, bring the hand to rest (S H.2)."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
-from hab_tasks.arrays import Rows, where
+import numpy as np
+
+from hab_tasks.arrays import BatchArray, where
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
-from hab_tasks.goals import Goals
-from hab_tasks.measures import Measures
-from hab_tasks.rewards import force_penalty
+from hab_tasks.engine.goals import Goals
+from hab_tasks.engine.measures import Measures
+from hab_tasks.engine.requirements import Requirements
+from hab_tasks.engine.rewards import force_penalty
+from hab_tasks.engine.sensors import OBJECT_GOAL, PROPRIOCEPTION
+from hab_tasks.engine.skill_env import Skill, SkillEnv
+from hab_tasks.engine.snapshot import Snapshot
+from hab_tasks.episodes.generators.base import (
+    Generator,
+    open_joints,
+    pose_scene,
+    put_all,
+    start_state,
+)
+from hab_tasks.episodes.placing import Placer
+from hab_tasks.episodes.rehearsal import falls_to
+from hab_tasks.episodes.rejection import RejectedSampleError
+from hab_tasks.episodes.robot_start import KeepOff
+from hab_tasks.episodes.sandbox import PlacementSandbox
+from hab_tasks.episodes.schema import Episode, Rearrangement, template_of
+from hab_tasks.receptacles import PLACE_RECEPTACLES
 from hab_tasks.robots.control_modes import ARM_MODES
-from hab_tasks.sensors import OBJECT_GOAL, PROPRIOCEPTION
-from hab_tasks.skills.base import Skill, SkillEnv
-from hab_tasks.skills.needs import Needs
-from hab_tasks.snapshot import Snapshot
+from hab_tasks.skills.pick import CLUTTER
+
+
+class PlaceStarts(Generator):
+    """A free goal among clutter on one of the seven receptacles."""
+
+    def attempt(self, sandbox: PlacementSandbox, rng: np.random.Generator) -> Episode:
+        """Returns one candidate."""
+        spots = self.spots(sandbox, self.objects.receptacles or PLACE_RECEPTACLES)
+        spot = spots[int(rng.integers(len(spots)))]
+        handles = self.draw(rng, 1 + int(rng.integers(CLUTTER[0], CLUTTER[1] + 1)))
+        held = handles[0]
+        sandbox.show(handles)
+        open_joints(sandbox, spot.joints)
+        placer = Placer(sandbox, rng, self.settling)
+        if not placer.put(held, [spot]):
+            raise RejectedSampleError("no room on the receptacle")
+        put_all(placer, handles[1:], [spot])
+        objects = placer.settle()
+        if held not in objects:
+            raise RejectedSampleError("the object does not stay at its goal")
+        goal = objects.pop(held)
+        goal_com_m, com_m = sandbox.com_m(held), sandbox.com_in_object_m(held)
+        pose_scene(sandbox, objects, spot.joints)
+        # Released at the start, the object must not fall onto its goal.
+        keep_off = KeepOff(points_m=goal_com_m[None], level=True)
+        robot = self.starts(sandbox, rng, keep_off).facing(goal_com_m)
+        yaw = rng.uniform(-math.pi, math.pi)
+        up = np.array(sandbox.templates[template_of(held)].up)
+        objects[held] = self.in_hand(com_m, up, robot, yaw)
+        pose_scene(sandbox, objects, spot.joints)
+        if sandbox.touching(held):
+            raise RejectedSampleError("the held object touches something")
+        if falls_to(sandbox, robot, held, goal_com_m):
+            raise RejectedSampleError("let go, the object gets to its goal by itself")
+        pose_scene(sandbox, objects, spot.joints)
+        target = Rearrangement(object=held, goal=spot.ref, world_from_goal=goal)
+        return start_state(sandbox, robot, objects, (target,), held=held)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,27 +93,27 @@ class PlaceConfig:
     force_limit_n: float = 7500.0
 
 
-def success(s: Snapshot, m: Measures, g: Goals, c: PlaceConfig) -> Rows:
-    """Object let go at its goal and hand within the rest radius, (N,) bool."""
+def success(s: Snapshot, m: Measures, g: Goals, c: PlaceConfig) -> BatchArray:
+    """Object released at its goal and hand within the rest radius, (N,) bool."""
     return m.placed & (m.ee_to_rest_m < c.rest_radius_m)
 
 
-def failures(s: Snapshot, m: Measures, g: Goals, c: PlaceConfig) -> dict[str, Rows]:
-    """Why an episode ends without success, each (N,) bool."""
+def failures(s: Snapshot, m: Measures, g: Goals, c: PlaceConfig) -> dict[str, BatchArray]:
+    """Failure conditions, each (N,) bool."""
     return {"force": m.force_total_n > c.force_limit_n}
 
 
 def reward_terms(
-    s: Snapshot, m: Measures, g: Goals, c: PlaceConfig, ends: dict[str, Rows]
-) -> dict[str, Rows]:
-    """The summands of the reward, each (N,) float32, in the equation's order."""
+    s: Snapshot, m: Measures, g: Goals, c: PlaceConfig, ends: dict[str, BatchArray]
+) -> dict[str, BatchArray]:
+    """Reward terms, each (N,) float32, in the equation's order."""
     w = c.weights
     holding = m.holding_target * 1.0
     return {
         "success": w.success * ends["success"],
         "place": w.place * (m.placed & ~m.placed_before),
         "approach": w.distance * m.object_to_goal_decrease_m * holding,
-        # H.2 pays the way to rest while holding, which would reward keeping the object
+        # H.2 pays the return to rest while holding, which would reward keeping the object
         # (docs/deviations.md).
         "retract": w.distance * m.ee_to_rest_decrease_m * (1 - holding),
         "force": force_penalty(m.force_n, w.force, w.force_cap),
@@ -67,15 +122,23 @@ def reward_terms(
     }
 
 
-def mask_gripper(gripper: Rows, m: Measures) -> Rows:
+def mask_gripper(gripper: BatchArray, m: Measures) -> BatchArray:
     """Once the object is placed nothing is grasped until the skill ends (S H.2), (N,)."""
     return where(m.placed | m.placed_before, -abs(gripper) - 1.0, gripper)
 
 
+def reward_bound(c: PlaceConfig) -> float:
+    """Maximum reward of a step: success, placement and 0.25 m of object motion."""
+    w = c.weights
+    return w.success + w.place + 0.25 * w.distance
+
+
 PLACE = Skill(
     name="place",
+    starts=PlaceStarts,
+    instruction="Put the {object} {goal}.",
     config=PlaceConfig(),
-    needs=Needs(goals=True, holds=True, takes="objects"),
+    requirements=Requirements(goals=True, holds=True, takes="objects"),
     horizon_steps=SKILL_HORIZON_STEPS,
     control_modes=ARM_MODES,
     observation=(*PROPRIOCEPTION, OBJECT_GOAL),
@@ -93,17 +156,17 @@ PLACE = Skill(
     failures=failures,
     reward_terms=reward_terms,
     mask_gripper=mask_gripper,
-    # One step can at most succeed, place the object and move it by a quarter of a metre.
-    reward_bound=20.0 + 5.0 + 20.0 * 0.25,
+    bound=reward_bound,
 )
 
 
 class HabPlaceEnv(SkillEnv):
-    """Place the held object at its goal and bring the hand to rest, base standing still.
+    """Place the held object at its goal and return the end-effector to rest; the base is fixed.
 
-    **Start**: the object in the grasp; goal and clutter on one of seven receptacles (sofa, fridge,
-    counter left, counter right, light and dark table, sink); the robot faces the goal; noise of
-    20 deg on the base's heading, 0.1 m on its position, 0.05 m on the end-effector (S H.2).
+    **Start**: the object held by the gripper; goal and clutter on one of seven receptacles (sofa,
+    fridge, left counter, right counter, light table, dark table, sink); the robot faces the goal.
+    Noise: 20 deg on the base heading, 0.1 m on the base position, 0.05 m on the end-effector
+    (S H.2).
 
     **Observation** (``state_dict``: ``agent`` and ``extra``; ``state`` is their concatenation):
 
@@ -112,25 +175,25 @@ class HabPlaceEnv(SkillEnv):
     ====================  ===========  =====  ======  ==============================================
     arm_qpos              agent        7      rad     arm joints, shoulder to wrist
     ee_position           agent        3      m       end-effector in the base frame
-    ee_rotation           agent        6      1       x, then y axis of the hand in the base frame
-    is_holding            agent        1      0 or 1  whether anything is in the hand
-    rest_from_ee          agent        3      m       from the hand to its rest position, base frame
-    object_goal_from_ee   extra        3      m       from the hand to the object's goal
+    ee_rotation           agent        6      1       x, then y axis of the end-effector, base frame
+    is_holding            agent        1      0 or 1  whether the gripper holds anything
+    rest_from_ee          agent        3      m       end-effector to resting position, base frame
+    object_goal_from_ee   extra        3      m       end-effector to goal position, base frame
     head, arm             sensor_data  128²   0..1    depth, 1 at 10 m; uint8 with ``rgb``
     ====================  ===========  =====  ======  ==============================================
 
     **Action**: ``ee`` 3 + 1, ``joint_delta``, ``joint_target``, ``joint_state`` 7 + 1
-    (`hab_tasks.robots.control`). Once the object is placed, nothing is grasped any more.
+    (`hab_tasks.robots.control`). Once the object is placed, grasping is disabled.
 
     **Reward** (terms in ``info["reward_terms"]``): 20 success + 5 place + 20 approach (holding)
     + 20 retract (not holding) - min(0.001 C, 1) - 10 force exceeded - 5 wrong.
 
-    **Success**: object within 0.15 m of its goal and let go, end-effector within 0.15 m of its
-    rest position.
+    **Success**: object within 0.15 m of its goal and released, end-effector within 0.15 m of
+    its resting position.
 
     **Failure**: accumulated force above 7,500 N.
 
-    **Horizon**: 200 steps. **Versions**: v1, first.
+    **Horizon**: 200 steps. **Versions**: v1, initial version.
     """
 
     skill = PLACE

@@ -1,25 +1,28 @@
-"""What every task is made of: objects to move, the order of skills, partial goals (S G.2, H.3)."""
+"""Compiled task: objects to move, order of skills, stages (S G.2, H.3)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal
 
-from hab_tasks.arrays import Rows, as_kind_of, concat, norm, stack
+from hab_tasks.arrays import BatchArray, as_kind_of, concat, norm, stack
+from hab_tasks.articulations import ArticulationKind
 from hab_tasks.constants import PLACE_RADIUS_M
-from hab_tasks.fronts import FrontKind
-from hab_tasks.goals import Goals
-from hab_tasks.skills.base import Skill
-from hab_tasks.snapshot import Snapshot
+from hab_tasks.engine.goals import Goals
+from hab_tasks.engine.skill_env import Skill
+from hab_tasks.engine.snapshot import Snapshot
+from hab_tasks.task_spec import TaskSpec
+
+Destination = Literal["start", "goal", "handle"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """What has to hold at one moment: numbers of objects, and of doors and drawers.
+    """Condition on the state of a task, given by indices of objects, doors and drawers.
 
     Attributes:
         held: Objects in the hand.
-        placed: Objects within 0.15 m of their goal and not in the hand.
+        placed: Objects within 0.15 m of their goal and not held.
         opened: Doors and drawers that are open.
         closed: Doors and drawers that are closed.
     """
@@ -32,31 +35,32 @@ class Condition:
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """One skill in the order in which a task is done (S H.3).
+    """One skill in a task's order of skills (S H.3).
 
     Attributes:
         skill: The skill.
-        object: Number of the object it is about.
-        front: Number of the door or drawer it is about.
-        to: Where Navigate leads: the object's ``start`` or ``goal``, or the ``handle``.
+        object: Index of the object it is about.
+        articulation: Number of the door or drawer it is about.
+        to: Navigation goal: the object's ``start`` or ``goal``, or the ``handle``.
     """
 
     skill: Skill
     object: int = 0
-    front: int = 0
-    to: Literal["start", "goal", "handle"] = "start"
+    articulation: int = 0
+    to: Destination = "start"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """A task as data; a new task is one file with one of these.
+    """A task as run by the environment; see `hab_tasks.tasks.compile`.
 
     Attributes:
-        objects: How many objects are to be moved.
-        fronts: The doors and drawers that conditions and parts number.
-        parts: The skills in their order.
-        stages: Name -> condition, in the order of partial evaluation (S G.2).
+        objects: Number of objects to move.
+        articulations: The doors and drawers that conditions and parts number.
+        parts: The skills in order.
+        stages: Stage name -> condition, in the order of partial evaluation (S G.2).
         goal: The condition of success.
+        spec: Its declaration.
     """
 
     name: str
@@ -65,64 +69,67 @@ class Task:
     parts: tuple[Part, ...]
     stages: dict[str, Condition]
     goal: Condition
-    fronts: tuple[FrontKind, ...] = ()
+    spec: TaskSpec
+    articulations: tuple[ArticulationKind, ...] = ()
 
 
 class Facts:
-    """Which objects are held and placed, which fronts are open and closed, as one row of flags.
+    """Flags: which objects are held and placed, which doors and drawers are open and closed.
 
     Skills, tasks and planning predicates share the thresholds.
     """
 
-    def __init__(self, task: Task, like: Rows) -> None:
-        """Takes a task's conditions; `like` (N,) bool tells kind and device."""
+    def __init__(self, task: Task, like: BatchArray) -> None:
+        """Prepares a task's conditions; `like` (N,) bool sets array type and device."""
         self._task = task
         conditions = (*task.stages.values(), task.goal)
         needed = [_flags(condition, task) for condition in conditions]
         self._free = ~as_kind_of(needed, like)
         self.goal = len(needed) - 1
 
-    def read(self, s: Snapshot, g: Goals, targets: Rows) -> Rows:
+    def read(self, s: Snapshot, g: Goals, targets: BatchArray) -> BatchArray:
         """Returns the flags (N, 2 K + 2 J): held, placed, opened, closed.
 
         Args:
-            s: The moment.
-            g: What the episodes ask for.
-            targets: (N, K) the objects' indices in the grasp.
+            s: Current snapshot.
+            g: Goals of the episodes.
+            targets: (N, K) grasp indices of the objects.
         """
         held = s.held[:, None] == targets
         gap_m = norm(s.objects_m - g.goals_m)
         flags = [held, (gap_m < PLACE_RADIUS_M) & ~held]
-        if self._task.fronts:
+        if self._task.articulations:
             share = (s.joints - g.joint_lower) / (g.joint_upper - g.joint_lower)
-            kinds = enumerate(self._task.fronts)
+            kinds = enumerate(self._task.articulations)
             opened = [kind.is_open(s.joints[:, j], share[:, j]) for j, kind in kinds]
-            closed = [kind.is_closed(s.joints[:, j]) for j, kind in enumerate(self._task.fronts)]
+            closed = [
+                kind.is_closed(s.joints[:, j]) for j, kind in enumerate(self._task.articulations)
+            ]
             flags += [stack(opened, 1), stack(closed, 1)]
         return concat(flags, 1)
 
-    def holds(self, flags: Rows, condition: Rows | int | Condition) -> Rows:
+    def holds(self, flags: BatchArray, condition: BatchArray | int | Condition) -> BatchArray:
         """Whether conditions hold, (N,) bool.
 
         Args:
-            flags: (N, 2 K + 2 J) as `read` gives them.
-            condition: Number of a stage, one for all rows or (N,); `goal` is the task's goal. Or
-                any condition on the task's things.
+            flags: (N, 2 K + 2 J) flags of `read`.
+            condition: Index of a stage, one for all rows or (N,); `goal` for the task's goal; or
+                any other condition.
         """
         if isinstance(condition, Condition):
             free = ~as_kind_of(_flags(condition, self._task), flags)
         else:
             free = self._free[condition]
-        met: Rows = flags | free
+        met: BatchArray = flags | free
         return met.all(-1)
 
 
 def _flags(condition: Condition, task: Task) -> list[bool]:
-    """Returns which of the flags a condition needs."""
-    objects, fronts = range(task.objects), range(len(task.fronts))
+    """Returns which flags a condition requires."""
+    objects, articulations = range(task.objects), range(len(task.articulations))
     return [
         *(k in condition.held for k in objects),
         *(k in condition.placed for k in objects),
-        *(j in condition.opened for j in fronts),
-        *(j in condition.closed for j in fronts),
+        *(j in condition.opened for j in articulations),
+        *(j in condition.closed for j in articulations),
     ]

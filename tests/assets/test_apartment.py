@@ -1,4 +1,4 @@
-"""The embedded dataset: made by its script, complete, convex, at rest, and free of clashes."""
+"""The embedded dataset: reproducible by its script, complete, convex, at rest, without overlaps."""
 
 import json
 import subprocess
@@ -83,12 +83,14 @@ OBJECTS = sorted(p.name.split(".")[0] for p in (ROOT / "configs/objects").glob("
 GLBS = sorted(ROOT.rglob("*_cv_decomp.glb"))
 
 
+@pytest.mark.slow
 def test_script_makes_the_same_bytes():
     command = [sys.executable, str(ASSETS / "tools/apartment"), "--out", str(ROOT), "--check"]
     result = subprocess.run(command, capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
 
 
+@pytest.mark.slow
 def test_check_names_a_changed_file(tmp_path):
     (tmp_path / "apartment").mkdir()
     command = [

@@ -1,4 +1,4 @@
-"""The embedded dataset's templates: surfaces carry what lies on them, and no joint jams."""
+"""Templates of the embedded dataset: surfaces support objects, and joints move freely."""
 
 from itertools import combinations
 from xml.etree import ElementTree

@@ -1,4 +1,4 @@
-"""The embedded dataset at rest in SAPIEN: doors stay put, and dropped objects settle."""
+"""The embedded dataset at rest in SAPIEN: doors do not move, and dropped objects settle."""
 
 import json
 import math

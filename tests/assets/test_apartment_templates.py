@@ -1,4 +1,4 @@
-"""The embedded dataset's object templates: classes, collision parts, masses, and how they rest."""
+"""Object templates of the embedded dataset: categories, collision parts, masses, resting poses."""
 
 import json
 import math
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from hab_tasks.scenes.load import load_template
+from hab_tasks.scenes.habitat.load import load_template
 from hab_tasks.scenes.spec import ObjectTemplate
 
 sapien = pytest.importorskip("sapien")

@@ -1,4 +1,4 @@
-"""Fetch and a few boxes in a bare SAPIEN scene, read back as the planners' ground truth."""
+"""Fetch and a few boxes in a bare SAPIEN scene, read as the planners' ground truth."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import sapien
 from hab_spa.motion.robot import GRASP, Command
 
 from hab_tasks.privileged import CollisionBody, CollisionShape, PrivilegedState
-from hab_tasks.robots.fetch_spec import ARM_JOINTS, LOCKED_QPOS, REST_QPOS_RAD, urdf_path
+from hab_tasks.robots.robot import ROBOT
 
 EMPTY_VERTICES = np.zeros((0, 3))
 EMPTY_FACES = np.zeros((0, 3), dtype=np.int64)
@@ -22,15 +22,15 @@ EMPTY_FACES = np.zeros((0, 3), dtype=np.int64)
 
 def fetch_without_visuals(folder: Path) -> Path:
     """Writes Fetch's URDF (and SRDF) without visuals, which need a Vulkan device."""
-    root = ElementTree.parse(urdf_path()).getroot()
+    root = ElementTree.parse(ROBOT.urdf_path()).getroot()
     for link in root.iter("link"):
         for visual in link.findall("visual"):
             link.remove(visual)
     for mesh in root.iter("mesh"):
-        mesh.set("filename", str(urdf_path().parent / mesh.get("filename", "")))
+        mesh.set("filename", str(ROBOT.urdf_path().parent / mesh.get("filename", "")))
     path = folder / "fetch.urdf"
     path.write_text(ElementTree.tostring(root, encoding="unicode"))
-    shutil.copy(urdf_path().with_suffix(".srdf"), folder / "fetch.srdf")
+    shutil.copy(ROBOT.urdf_path().with_suffix(".srdf"), folder / "fetch.srdf")
     return path
 
 
@@ -70,12 +70,12 @@ class FetchScene:
     def set_arm(self, qpos: np.ndarray) -> None:
         """Puts the arm at `qpos` (7,) and every other joint at its locked value."""
         names = [joint.name for joint in self.robot.active_joints]
-        values = dict(LOCKED_QPOS) | dict(zip(ARM_JOINTS, qpos, strict=True))
+        values = dict(ROBOT.locked_qpos) | dict(zip(ROBOT.arm_joints, qpos, strict=True))
         self.robot.set_qpos(np.array([values.get(name, 0.0) for name in names]))
 
     def arm_qpos(self) -> np.ndarray:
         names = [joint.name for joint in self.robot.active_joints]
-        return self.robot.get_qpos()[[names.index(name) for name in ARM_JOINTS]].astype(float)
+        return self.robot.get_qpos()[[names.index(name) for name in ROBOT.arm_joints]].astype(float)
 
     def add_box(self, name: str, group: str, position_m: tuple, size_m: tuple) -> None:
         """Adds a fixed or loose (group ``object``) box by its centre and full size."""
@@ -113,7 +113,7 @@ class FetchScene:
             world_from_body=poses,
             world_from_base=poses["hab_fetch/base_link"],
             arm_qpos=self.arm_qpos(),
-            locked_qpos=dict(LOCKED_QPOS),
+            locked_qpos=dict(ROBOT.locked_qpos),
             held=held,
             object_com_m=com,
             targets=(target,),
@@ -148,7 +148,7 @@ def make_scene(tmp_path: Path) -> Callable[[], FetchScene]:
         path = fetch_without_visuals(tmp_path)
         robot = loader.load(str(path), srdf_file=str(path.with_suffix(".srdf")))
         made = FetchScene(scene, robot, {})
-        made.set_arm(np.array(REST_QPOS_RAD))
+        made.set_arm(np.array(ROBOT.rest_qpos_rad))
         return made
 
     return make
@@ -186,7 +186,7 @@ class PickLoop:
             for shape in link.collision_shapes:
                 shape.set_collision_groups([4, 1, *shape.get_collision_groups()[2:]])
         for joint in scene.robot.active_joints:
-            arm = joint.name in ARM_JOINTS
+            arm = joint.name in ROBOT.arm_joints
             joint.set_drive_properties(
                 1e3 if arm else 1e5, 1e2 if arm else 1e4, 100 if arm else 1e6
             )
@@ -201,7 +201,7 @@ class PickLoop:
 
     def step(self, command: Command) -> PrivilegedState:
         """Applies joint targets and gripper for 1/30 s and reads the scene."""
-        for name, value in zip(ARM_JOINTS, command.arm_rad, strict=True):
+        for name, value in zip(ROBOT.arm_joints, command.arm_rad, strict=True):
             self.scene.robot.active_joints[self._names.index(name)].set_drive_target(float(value))
         state = self.scene.privileged(self.target, self.held, self._goal_m)
         if command.gripper != GRASP and self.held is not None:

@@ -1,4 +1,4 @@
-"""What a handle's spring lets through: contact forces while SPA-Priv opens and closes."""
+"""Contact forces at a handle's spring while SPA-Priv opens and closes."""
 
 import gymnasium
 import numpy as np
@@ -8,7 +8,12 @@ from hab_spa.agents.factories import spa_priv
 
 from hab_tasks.agent_spaces import agent_setup
 
-FRONTS = ("HabOpenFridge-v1", "HabCloseFridge-v1", "HabOpenDrawer-v1", "HabCloseDrawer-v1")
+ARTICULATION_KINDS = (
+    "HabOpenFridge-v1",
+    "HabCloseFridge-v1",
+    "HabOpenDrawer-v1",
+    "HabCloseDrawer-v1",
+)
 EPISODES = 5
 MOST_N, SHARE_PERCENT = 1000.0, 99.0
 """In this share of the steps with a handle in the hand, contacts push no harder."""
@@ -35,7 +40,7 @@ def forces_n(env_id, **options):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("env_id", FRONTS)
+@pytest.mark.parametrize("env_id", ARTICULATION_KINDS)
 def test_contacts_stay_soft_while_a_handle_is_held(env_id):
     found, won = forces_n(env_id)
     assert len(found) >= 10 * EPISODES
@@ -45,7 +50,7 @@ def test_contacts_stay_soft_while_a_handle_is_held(env_id):
 
 @pytest.mark.slow
 @pytest.mark.assets
-@pytest.mark.parametrize("env_id", FRONTS)
+@pytest.mark.parametrize("env_id", ARTICULATION_KINDS)
 def test_contacts_stay_soft_in_replica_cad(env_id, replica_cad, ycb):
     found, won = forces_n(env_id, scene_dataset=replica_cad, objects=ycb)
     assert len(found) >= 10 * EPISODES

@@ -1,4 +1,4 @@
-"""Demonstrations: what is recorded, ManiSkill's own replay of it, and LeRobot's format."""
+"""Demonstrations: recorded content, ManiSkill's replay, and LeRobot's format."""
 
 import dataclasses
 import io
@@ -9,7 +9,6 @@ import sys
 import h5py
 import numpy as np
 import pytest
-from hab_eval.errors import OptionError, RunStoppedError
 from hab_spa.cli import main
 from hab_spa.recording import record as module
 from hab_spa.recording.dataset_stats import merge_stats, nested, stats_of
@@ -17,6 +16,7 @@ from hab_spa.recording.lerobot_format import action_names, write_dataset
 from PIL import Image
 from pyarrow import parquet
 
+from hab_tasks.errors import OptionError, RunStoppedError
 from hab_tasks.robots.control import control_configs
 
 PICK = ("--agent", "hab_spa:spa_priv", "--env", "HabPick-v1")
@@ -50,6 +50,7 @@ def recording(tmp_path_factory):
 # ManiSkill's trajectories ----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_maniskills_own_tool_replays_a_recording_to_success(recording):
     assert "1/1=100.00% demos saved" in replayed(recording)
 
@@ -68,7 +69,7 @@ def test_a_recording_says_what_was_played(recording):
     assert info["env_kwargs"]["split"] == "train"
     assert episode["episode"] == "HabPick-v1/apartment/train/0/00000"
     assert episode["reset_kwargs"]["options"]["episode"] == 0
-    assert episode["task"].startswith("Pick the target object")
+    assert episode["task"] == "Pick up the pudding box from the right counter."
     assert episode["success"] is True
     with h5py.File(recording / "trajectory.h5") as file:
         assert list(file) == ["traj_0"]
@@ -81,6 +82,7 @@ def test_nothing_but_the_recording_is_left(recording):
     assert names == ["lerobot", "trajectory.h5", "trajectory.json"]
 
 
+@pytest.mark.slow
 def test_only_what_was_solved_is_kept(tmp_path, monkeypatch, capsys):
     """The second of three episodes counts as failed: the first and the third are kept."""
     play = module.run_episode
@@ -127,6 +129,22 @@ def test_an_agent_that_raises_is_named_with_its_episode(tmp_path, monkeypatch):
     with pytest.raises(RunStoppedError, match=r"00000' stopped the recording: ValueError: no idea"):
         module.record(plan, print)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("options", [(), ("--verbose",)])
+def test_the_traceback_of_an_agent_that_raises_has_to_be_asked_for(
+    tmp_path, monkeypatch, capsys, options
+):
+    def broken(env, agent, number, episode):
+        raise ValueError("no idea")
+
+    monkeypatch.setattr(module, "run_episode", broken)
+    assert record(tmp_path, "--count", 1, "--split", "val", *options) == 1
+    line, *details = capsys.readouterr().err.splitlines()
+    assert "stopped the recording: ValueError: no idea. Nothing was written; --verbose" in line
+    assert [detail for detail in details if "Traceback" in detail] == [
+        "Traceback (most recent call last):" for _ in options
+    ]
 
 
 @pytest.mark.parametrize("name", ["trajectory.json", "lerobot/meta/info.json"])

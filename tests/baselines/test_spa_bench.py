@@ -1,13 +1,13 @@
-"""Suite plan: its rows, and the planner's model held against the simulator in real episodes."""
+"""Suite plan: its rows, and the planner's model compared with the simulator in real episodes."""
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from hab_eval.bench_options import BenchOptions
-from hab_spa.bench_plan import PlanTiming, plan_rows, run_plan
+from hab_eval.bench.options import BenchOptions
+from hab_spa.bench_plan import SUITE, PlanTiming, plan_rows, run_plan
 from hab_spa.planning.validity import Agreement, SimulatorCheck, StateDictCheck, agreement
 
-from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
+from hab_tasks.robots.robot import ROBOT
 
 
 def test_rows_hold_plans_beside_bounds_and_the_reference():
@@ -92,7 +92,7 @@ def test_checks_leave_the_scene_as_it_was(generated, make):
     said = [check.is_free(pose) for pose in poses]
     assert [check.is_free(pose) for pose in poses] == said
     assert 20 < sum(said) < 280
-    assert check.is_free(np.array(REST_QPOS_RAD))
+    assert check.is_free(np.array(ROBOT.rest_qpos_rad))
     after = env.unwrapped.privileged()[0].world_from_body
     still = [name for name in before if not name.startswith("hab_fetch/")]
     env.close()
@@ -103,7 +103,7 @@ def test_checks_leave_the_scene_as_it_was(generated, make):
 @pytest.mark.slow
 @pytest.mark.assets
 def test_suite_plan_measures_the_apartment_and_each_scene(replica_cad, ycb):
-    options = BenchOptions(suite="plan", scene_dataset=replica_cad, objects=ycb, steps=2)
+    options = BenchOptions(suite=SUITE, scene_dataset=replica_cad, objects=ycb, steps=2)
     told = []
     rows = run_plan(options, told.append)
     assert {row.name.split("/")[1] for row in rows} == {"apartment", "v3_sc0_staging_00"}

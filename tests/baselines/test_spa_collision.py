@@ -1,4 +1,4 @@
-"""The planners' collision model against the contacts that PhysX reports."""
+"""The planners' collision model, compared with contacts in PhysX."""
 
 import numpy as np
 import pytest
@@ -7,10 +7,10 @@ from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
 from hab_spa.shapes import shape_bounds_m
 
 from hab_tasks.privileged import CollisionShape
-from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
+from hab_tasks.robots.robot import ROBOT
 from hab_tasks.scenes.coal_shapes import coal_shape
 
-REST = np.array(REST_QPOS_RAD)
+REST = np.array(ROBOT.rest_qpos_rad)
 
 
 def physx_hits(scene) -> bool:

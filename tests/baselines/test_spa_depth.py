@@ -1,4 +1,4 @@
-"""SPA's perception: depth images, voxels, octrees, fitted boxes, and what the arm feels."""
+"""Perception of SPA: depth images, voxels, octrees, fitted boxes and contact detection."""
 
 import json
 from dataclasses import replace
@@ -18,9 +18,9 @@ from hab_spa.sensing.voxels import VoxelConfig, VoxelMap
 from hab_spa.shapes import invert_pose
 
 from hab_tasks.robots.cameras import PLACES
-from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
+from hab_tasks.robots.robot import ROBOT
 
-REST = np.array(REST_QPOS_RAD)
+REST = np.array(ROBOT.rest_qpos_rad)
 LOOKS_DOWN = np.array(
     # Columns: the image's right, its down and its ahead; x ahead of the robot is up in the image.
     ((0.0, -1.0, 0.0, 0.0), (-1.0, 0.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0), (0.0, 0.0, 0.0, 1.0))

@@ -1,4 +1,4 @@
-"""Drawers: a body that moves in the collision model, lines of a handle, and the skills."""
+"""Drawers: moving bodies in the collision model, lines of a handle, and the skills."""
 
 from dataclasses import replace
 
@@ -11,11 +11,11 @@ from hab_spa.motion.robot import Robot, SpaConfig
 from hab_spa.planning.collision import ArmCollision, CollisionConfig
 from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
 from hab_spa.scenes.true_scene import TrueScene
-from hab_spa.skills.drawer import ALL_WAYS, drawer_places, drawer_ways, open_drawer
+from hab_spa.skills.drawer import MAX_SCORE, drawer_base_poses, drawer_score, open_drawer
 from hab_spa.skills.drawer_lines import HandleLines, LineConfig
 
 from hab_tasks.agent import AgentSetup
-from hab_tasks.privileged import FrontState
+from hab_tasks.privileged import ArticulationState
 
 # The tray's handle is 3 cm before its front, which is 0.62 m ahead of the robot; the drawer
 # opens towards the robot, by up to 0.2 m.
@@ -30,7 +30,7 @@ def tray(make_scene):
     made.add_box("tray", "furniture", TRAY_M, TRAY_SIZE_M)
     made.add_box("content", "object", (0.80, 0.0, 0.88), (0.04, 0.04, 0.04))
     made.add_box("beside", "object", (0.80, 0.4, 0.88), (0.04, 0.04, 0.04))
-    front = FrontState(
+    articulation = ArticulationState(
         kind="drawer",
         body="tray",
         handle_m=np.array(HANDLE_M),
@@ -43,15 +43,15 @@ def tray(make_scene):
         frame=np.array((0.97, 0.0, np.pi)),
     )
     scene = TrueScene()
-    scene.state = replace(made.privileged("content"), fronts=(front,))
+    scene.state = replace(made.privileged("content"), articulations=(articulation,))
     return scene
 
 
-def shifted(state, way_m):
+def shifted(state, offset_m):
     """The tray and what is in it so much farther along x, nothing else."""
     poses = {name: pose.copy() for name, pose in state.world_from_body.items()}
     for name in ("tray", "content"):
-        poses[name][0, 3] += way_m
+        poses[name][0, 3] += offset_m
     return replace(state, world_from_body=poses)
 
 
@@ -75,7 +75,7 @@ def test_a_moved_body_takes_along_what_lies_in_it(tray):
 
 def test_lines_take_the_handle_all_the_way_clear_of_the_drawer(tray):
     robot = Robot(tray, SpaConfig(), seed=0, deadline=200)
-    lines = HandleLines(robot, tray.front(0), 0.18, LineConfig()).find(seed=0)
+    lines = HandleLines(robot, tray.articulation(0), 0.18, LineConfig()).find(seed=0)
     assert lines
     # 0.18 m in steps of at most 0.02 m: nine steps, ten arm poses.
     assert {len(line.poses) for line in lines} == {10}
@@ -95,16 +95,16 @@ def test_lines_take_the_handle_all_the_way_clear_of_the_drawer(tray):
 def test_same_seed_same_lines(tray):
     robot = Robot(tray, SpaConfig(), seed=0, deadline=200)
     first, again = (
-        HandleLines(robot, tray.front(0), 0.18, LineConfig()).find(seed=3) for _ in range(2)
+        HandleLines(robot, tray.articulation(0), 0.18, LineConfig()).find(seed=3) for _ in range(2)
     )
     np.testing.assert_array_equal(first[0].poses, again[0].poses)
 
 
 def test_base_poses_are_judged_by_how_far_the_drawer_goes(tray):
     robot = Robot(tray, SpaConfig(), seed=0, deadline=200)
-    near = drawer_ways(robot, 0, np.zeros(3), out=True)
-    assert ALL_WAYS // 2 < near <= ALL_WAYS
-    assert drawer_ways(robot, 0, np.array((-2.0, 0.0, 0.0)), out=True) == 0
+    near = drawer_score(robot, 0, np.zeros(3), out=True)
+    assert MAX_SCORE // 2 < near <= MAX_SCORE
+    assert drawer_score(robot, 0, np.array((-2.0, 0.0, 0.0)), out=True) == 0
 
 
 def test_base_poses_face_the_handle_from_free_floor(tray):
@@ -115,7 +115,7 @@ def test_base_poses_face_the_handle_from_free_floor(tray):
             return spot[1] <= 0.0
 
     robot = Robot(tray, SpaConfig(), seed=0, deadline=200)
-    poses = drawer_places(robot, 0, Floor())  # type: ignore[arg-type]
+    poses = drawer_base_poses(robot, 0, Floor())  # type: ignore[arg-type]
     assert len(poses)
     assert (poses[:, 1] <= 0.0).all()
     # The drawer opens towards -x, so all of them are on that side, and look back at the handle.
@@ -125,9 +125,9 @@ def test_base_poses_face_the_handle_from_free_floor(tray):
 
 
 def test_what_is_out_of_reach_fails_at_once(tray):
-    front = tray.front(0)
-    far = replace(front, handle_m=front.handle_m + np.array((2.0, 0.0, 0.0)))
-    tray.state = replace(tray.state, fronts=(far,))
+    articulation = tray.articulation(0)
+    far = replace(articulation, handle_m=articulation.handle_m + np.array((2.0, 0.0, 0.0)))
+    tray.state = replace(tray.state, articulations=(far,))
     robot = Robot(tray, SpaConfig(), seed=0, deadline=200)
     with pytest.raises(StopIteration) as end:
         next(open_drawer(robot, 0))

@@ -1,4 +1,4 @@
-"""Timing, following, skills in a closed loop, and the agent."""
+"""Timing, path following, skills in closed loop, and the agent."""
 
 import subprocess
 import sys
@@ -12,15 +12,15 @@ from hab_spa.motion.follow import FollowConfig, Follower
 from hab_spa.motion.robot import RELEASE, Robot, SpaConfig
 from hab_spa.planning.path import TimingConfig, time_path
 from hab_spa.scenes.true_scene import TrueScene
-from hab_spa.skills.pick import pick, pick_ways
-from hab_spa.skills.place import place, place_ways
+from hab_spa.skills.pick import pick, pick_score
+from hab_spa.skills.place import place, place_score
 
 from hab_tasks.agent import Agent, AgentSetup
 from hab_tasks.constants import REST_POSITION_M
 from hab_tasks.errors import UnknownNameError
-from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
+from hab_tasks.robots.robot import ROBOT
 
-REST = np.array(REST_QPOS_RAD)
+REST = np.array(ROBOT.rest_qpos_rad)
 CORNER = np.array([np.zeros(7), np.eye(7)[0], np.eye(7)[0] + np.eye(7)[1] * 0.5])
 STEPS = 200
 
@@ -116,7 +116,7 @@ def test_what_is_placed_stands_upright_at_its_goal(table_scene, pick_loop):
     robot = robot_in(table_scene.privileged("target", goal_m=goal_m))
     assert carry_out(robot, pick(robot, 0), loop.step)[1] is None
     robot.steps = 0
-    assert place_ways(robot, 0, robot.base) > 0
+    assert place_score(robot, 0, robot.base) > 0
     assert carry_out(robot, place(robot, 0), loop.step)[1] is None
     assert loop.held is None
     assert np.linalg.norm(loop.ee_point_m() - REST_POSITION_M) < 0.05
@@ -138,10 +138,10 @@ def test_place_with_an_empty_hand_only_rests(table_scene, pick_loop):
 def test_ways_depend_on_where_the_base_is_thought_to_be(table_scene):
     robot = robot_in(table_scene.privileged("target"))
     near, far = np.zeros(3), np.array((-1.5, 0.0, 0.0))
-    assert pick_ways(robot, 0, near) > 10
-    assert pick_ways(robot, 0, far) == 0
+    assert pick_score(robot, 0, near) > 10
+    assert pick_score(robot, 0, far) == 0
     # Nothing is changed by thinking of another place.
-    assert pick_ways(robot, 0, near) == pick_ways(robot, 0, near)
+    assert pick_score(robot, 0, near) == pick_score(robot, 0, near)
 
 
 def test_same_seed_same_commands(table_scene):

@@ -1,8 +1,9 @@
-"""SPA-Priv at the fridge: the door's geometry, drives before it, places, and whole episodes."""
+"""SPA-Priv at the fridge: door geometry, base maneuvers, base poses and complete episodes."""
 
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import gymnasium
 import numpy as np
@@ -13,22 +14,23 @@ from hab_spa.motion.drive import STEP_M, STEP_RAD
 from hab_spa.motion.robot import Robot, SpaConfig
 from hab_spa.planning.arm_plan import path_rad
 from hab_spa.scenes.true_scene import TrueScene
-from hab_spa.skills.fridge import ALL_WAYS, fridge_places, fridge_ways
-from hab_spa.skills.fridge_config import FridgeConfig, pull_of
-from hab_spa.skills.fridge_door import Door
-from hab_spa.skills.fridge_shunt import shunts
-from hab_spa.skills.fridge_tow import TowConfig, tows, with_base, without_base
+from hab_spa.skills.fridge.config import FridgeConfig, pull_of
+from hab_spa.skills.fridge.door import Door
+from hab_spa.skills.fridge.exit import ExitConfig, wider
+from hab_spa.skills.fridge.maneuver import base_maneuvers
+from hab_spa.skills.fridge.skill import MAX_SCORE, fridge_base_poses, fridge_score
+from hab_spa.skills.fridge.tow import TowConfig, tows, with_base, without_base
 
 from hab_tasks.agent import AgentSetup
 from hab_tasks.constants import GRASP_RADIUS_M
-from hab_tasks.privileged import FrontState
+from hab_tasks.privileged import ArticulationState
 
 
-def door_at(joint: float) -> FrontState:
+def door_at(joint: float) -> ArticulationState:
     """Hinge at the origin, frame along the world's axes, closed along +y; opens clockwise."""
     turn = np.array(((np.cos(joint), np.sin(joint)), (-np.sin(joint), np.cos(joint))))
     handle = turn @ (0.1, 0.6)
-    return FrontState(
+    return ArticulationState(
         kind="fridge",
         body="fridge/door",
         handle_m=np.append(handle, 1.2),
@@ -68,14 +70,14 @@ def test_a_pull_tells_when_the_door_is_far_enough():
     opening = pull_of(door_at(0.0), True, config)
     closing = pull_of(door_at(1.5), False, config)
 
-    assert opening.enough(0.61)
-    assert not opening.enough(0.59)
-    assert opening.all_the_way(1.61)
-    assert not opening.all_the_way(1.59)
-    assert closing.enough(1.04)
-    assert not closing.enough(1.06)
-    assert closing.all_the_way(0.09)
-    assert not closing.all_the_way(0.11)
+    assert opening.is_sufficient(0.61)
+    assert not opening.is_sufficient(0.59)
+    assert opening.is_complete(1.61)
+    assert not opening.is_complete(1.59)
+    assert closing.is_sufficient(1.04)
+    assert not closing.is_sufficient(1.06)
+    assert closing.is_complete(0.09)
+    assert not closing.is_complete(0.11)
     np.testing.assert_allclose(closing.swept, (0.05, 1.5))
 
 
@@ -89,14 +91,14 @@ def test_a_door_that_is_nearly_open_need_not_be_led_beyond_what_is_open():
 
 @pytest.mark.parametrize("joint", [0.0, 0.9, 1.79])
 def test_the_snap_grasp_reaches_the_handle_from_all_round_the_edge(joint):
-    front = door_at(joint)
-    door, pull = Door(front), pull_of(front, joint < 0.5, FridgeConfig())
+    articulation = door_at(joint)
+    door, pull = Door(articulation), pull_of(articulation, joint < 0.5, FridgeConfig())
 
     # The handle is at (0.6, 0.1); the edge at 0.68, the outer face at 0.06.
     places = np.array(pull.grasps_m)
     points = np.array([door.point(joint, *place) for place in places])
 
-    assert (np.linalg.norm(points - front.handle_m, axis=1) < GRASP_RADIUS_M - 0.01).all()
+    assert (np.linalg.norm(points - articulation.handle_m, axis=1) < GRASP_RADIUS_M - 0.01).all()
     assert ((places[:, 0] > door.edge_m) & (places[:, 1] < 0.06)).any()
     assert ((places[:, 0] < door.edge_m) & (places[:, 1] < 0.0)).any()
 
@@ -104,23 +106,23 @@ def test_the_snap_grasp_reaches_the_handle_from_all_round_the_edge(joint):
 def test_shunts_end_at_the_goal_in_every_way():
     base, goal = np.array((1.0, 0.0, 0.0)), np.array((0.0, 0.0, math.pi / 2))
 
-    found = shunts(base, goal)
+    found = base_maneuvers(base, goal)
 
     assert len(found) == 8
-    for shunt in found:
-        end = shunt.poses()[-1]
+    for maneuver in found:
+        end = maneuver.poses()[-1]
         np.testing.assert_allclose(end[:2], goal[:2], atol=1e-9)
         assert math.isclose(math.remainder(end[2] - goal[2], math.tau), 0.0, abs_tol=1e-9)
     # The quickest goes one metre back and turns left by a quarter.
-    assert found[0].way_m == pytest.approx(-1.0)
+    assert found[0].length_m == pytest.approx(-1.0)
     assert found[0].steps == pytest.approx(1.0 / STEP_M + math.pi / 2 / STEP_RAD + 12.0)
 
 
 def test_shunt_in_place_only_turns():
-    found = shunts(np.array((0.0, 0.0, 3.0)), np.array((0.01, 0.0, -3.0)))
+    found = base_maneuvers(np.array((0.0, 0.0, 3.0)), np.array((0.01, 0.0, -3.0)))
 
     # 3 rad to -3 rad is 0.283 rad to the left.
-    assert [shunt.way_m for shunt in found] == [0.0, 0.0]
+    assert [maneuver.length_m for maneuver in found] == [0.0, 0.0]
     assert found[0].yaw_rad - 3.0 == pytest.approx(2 * math.pi - 6.0)
 
 
@@ -211,13 +213,49 @@ def test_places_are_free_and_some_will_do(fridge_env, generated):
     robot = Robot(scene, SpaConfig(), seed=0, deadline=200)
     map_, out = scene.floor_map(), env_id == "HabOpenFridge-v1"
 
-    poses = fridge_places(robot, 0, map_, out)
-    ways_from = fridge_ways(robot, 0, map_, out)
-    ways = [ways_from(pose) for pose in poses[:8]]
+    poses = fridge_base_poses(robot, 0, map_, out)
+    score = fridge_score(robot, 0, map_, out)
+    scores = [score(pose) for pose in poses[:8]]
 
     assert len(poses)
     assert map_.is_free(poses[:, :2]).all()
-    assert max(ways) > ALL_WAYS / 2
+    assert max(scores) > MAX_SCORE / 2
     # Nothing can be done from three metres away.
     far = poses[0] + (3.0, 3.0, 0.0)
-    assert ways_from(far) == 0.0
+    assert score(far) == 0.0
+
+
+class _Enclosing:
+    """A scene whose door encloses a robot at the origin until it is open by `free_from` [rad]."""
+
+    def __init__(self, joint, upper, free_from):
+        self._joint, self._free_from = joint, free_from
+        self._articulation = SimpleNamespace(joint=joint, limits=(0.0, upper))
+
+    def articulation(self, number):
+        return self._articulation
+
+    def floor_map(self, joints=None):
+        joint = self._joint if joints is None else joints[1]
+        away_m = 0.0 if joint >= self._free_from else 0.8
+        return SimpleNamespace(nearest_free=lambda point_m: point_m + np.array((away_m, 0.0)))
+
+
+def _wider(joint, upper, free_from):
+    robot = SimpleNamespace(scene=_Enclosing(joint, upper, free_from), base=np.zeros(3))
+    return wider(robot, 1, FridgeConfig(), ExitConfig())
+
+
+def test_a_door_that_encloses_the_robot_is_opened_as_far_as_it_takes():
+    # From 1.7 in steps of 0.1: 2.0 is the first joint position that frees the robot.
+    config = _wider(1.7, 2.3, 1.95)
+    assert config.opened == config.let_go == pytest.approx(2.05)
+    assert config.open_to == pytest.approx(2.1)
+
+
+def test_a_door_that_encloses_nobody_stays_as_it_is():
+    assert _wider(1.7, 2.3, 1.6) is None
+
+
+def test_a_door_that_no_joint_position_helps_stays_as_it_is():
+    assert _wider(1.7, 1.85, 1.95) is None

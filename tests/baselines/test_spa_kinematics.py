@@ -4,7 +4,7 @@ import pytest
 from hab_spa.planning.collision import shared_arm_model
 from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD, BatchArm, IkConfig
 
-from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
+from hab_tasks.robots.robot import ROBOT
 
 
 @pytest.fixture(scope="module")
@@ -44,12 +44,12 @@ def test_solve_reaches_positions_of_other_poses_within_tolerance(poses):
 
 def test_solve_says_which_targets_are_out_of_reach():
     arm = BatchArm()
-    _, reached = arm.solve(np.array([REST_QPOS_RAD]), np.array([[3.0, 0.0, 1.0]]), IkConfig())
+    _, reached = arm.solve(np.array([ROBOT.rest_qpos_rad]), np.array([[3.0, 0.0, 1.0]]), IkConfig())
     assert not reached.any()
 
 
 def test_track_pose_keeps_the_orientation_along_a_line():
-    arm, qpos = BatchArm(), np.array(REST_QPOS_RAD)
+    arm, qpos = BatchArm(), np.array(ROBOT.rest_qpos_rad)
     goal = arm.ee_pose(qpos).copy()
     goal[:3, 3] += [0.0, 0.0, 0.01]
     moved = arm.track_pose(qpos, goal, steps=5, turn_weight_m=0.2)
@@ -58,7 +58,7 @@ def test_track_pose_keeps_the_orientation_along_a_line():
 
 def test_many_poses_are_tracked_as_one_by_one():
     arm, rng = BatchArm(), np.random.default_rng(3)
-    starts = np.array(REST_QPOS_RAD) + rng.normal(scale=0.2, size=(6, 7))
+    starts = np.array(ROBOT.rest_qpos_rad) + rng.normal(scale=0.2, size=(6, 7))
     goals = np.stack([arm.ee_pose(start + 0.05) for start in starts])
     weights_m = np.array((0.0, 0.05, 0.2, 0.0, 0.05, 0.2))
 

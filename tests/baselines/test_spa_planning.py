@@ -1,4 +1,4 @@
-"""Goals and paths: every edge is replayed; nothing is compared with a stored path."""
+"""Goals and paths: every edge is checked by replay; no stored paths."""
 
 from dataclasses import replace
 
@@ -23,9 +23,9 @@ from hab_spa.results import Failure
 from hab_spa.scenes.true_scene import TrueScene, face_centres_m, standing_at, would_grasp
 
 from hab_tasks.constants import GRASP_RADIUS_M
-from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
+from hab_tasks.robots.robot import ROBOT
 
-REST = np.array(REST_QPOS_RAD)
+REST = np.array(ROBOT.rest_qpos_rad)
 NO_LIMIT = Limit(checks=10**9, deadline_s=float("inf"))
 
 

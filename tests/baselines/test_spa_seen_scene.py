@@ -1,18 +1,18 @@
-"""What SPA believes of the scene: what is in the way, and where things are."""
+"""The scene as estimated by SPA: obstacles and object positions."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from hab_spa.planning.ik import BatchArm
+from hab_spa.scenes.known_positions import KnownPositions
 from hab_spa.scenes.seen_scene import SeenConfig, SeenScene
-from hab_spa.scenes.told_places import ToldPlaces
 
-from hab_tasks.privileged import CollisionBody, CollisionShape, FrontState, PrivilegedState
+from hab_tasks.privileged import ArticulationState, CollisionBody, CollisionShape, PrivilegedState
 from hab_tasks.robots.cameras import PLACES
-from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
+from hab_tasks.robots.robot import ROBOT
 
-REST = np.array(REST_QPOS_RAD)
+REST = np.array(ROBOT.rest_qpos_rad)
 ASIDE = REST + np.array((0.6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 """The shoulder turned, so that the hand is about half a metre to the left."""
 
@@ -63,7 +63,7 @@ def test_what_lies_in_a_drawer_is_believed_to_move_with_it():
     drawer = CollisionBody(name="cabinet/drawer", group="furniture", shapes=(box((0.3, 0.2, 0.1)),))
     pose = np.eye(4)
     pose[:3, 3] = 1.0, 0.0, 0.5
-    closed = front_state(joint=0.0)
+    closed = articulation_state(joint=0.0)
     told = PrivilegedState(
         scene_key="one drawer",
         bodies=(drawer,),
@@ -75,12 +75,12 @@ def test_what_lies_in_a_drawer_is_believed_to_move_with_it():
         object_com_m={},
         targets=(),
         goals_m=np.zeros((0, 3)),
-        fronts=(closed,),
+        articulations=(closed,),
     )
     # The drawer reaches from x = 0.7 to 1.3: the first object is in it, the second on top.
     starts_m = np.array(((1.2, 0.1, 0.45), (1.2, 0.1, 0.65)))
-    places = ToldPlaces(starts_m, starts_m + 1.0, told)
-    opened = replace(told, fronts=(front_state(joint=0.4),))
+    places = KnownPositions(starts_m, starts_m + 1.0, told)
+    opened = replace(told, articulations=(articulation_state(joint=0.4),))
     np.testing.assert_allclose(places.object_m(0, told), starts_m[0])
     np.testing.assert_allclose(places.object_m(0, opened), (0.8, 0.1, 0.45))  # it opens along -x
     np.testing.assert_allclose(places.object_m(1, opened), starts_m[1])
@@ -99,9 +99,9 @@ def box(half_size_m):
     )
 
 
-def front_state(joint):
+def articulation_state(joint):
     """A drawer that opens along -x."""
-    return FrontState(
+    return ArticulationState(
         kind="drawer",
         body="cabinet/drawer",
         handle_m=np.array((0.7 - joint, 0.0, 0.5)),

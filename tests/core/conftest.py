@@ -1,11 +1,11 @@
-"""What the tests of the command line share."""
+"""Shared fixtures of the command-line tests."""
 
 import subprocess
 
 import pytest
 
 from hab_tasks.cli import main
-from hab_tasks.scenes import load
+from hab_tasks.scenes.habitat import load
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""`hab-tasks check`: what its page says, where it looks, and what it finds wrong with layouts."""
+"""`hab-tasks check`: help page, checked files, and faults of layouts."""
 
 import re
 import socket
@@ -10,15 +10,15 @@ from hab_tasks.commands import download
 from hab_tasks.commands.dataset_check import _runs
 from hab_tasks.episodes.layout_report import check_layouts, layout_faults
 from hab_tasks.errors import DatasetError, UnknownNameError
-from hab_tasks.scenes import dataset as dataset_module
-from hab_tasks.scenes.dataset import (
+from hab_tasks.object_names import ALL_OBJECTS
+from hab_tasks.scenes.habitat import dataset as dataset_module
+from hab_tasks.scenes.habitat.dataset import (
     MANISKILL_ASSETS,
     SceneDataset,
     resolve_dataset,
     resolve_objects,
 )
-from hab_tasks.scenes.inventory import COMPLETE, absent_objects, take_inventory
-from hab_tasks.scenes.objects import ALL_OBJECTS
+from hab_tasks.scenes.habitat.inventory import COMPLETE, absent_objects, take_inventory
 
 
 @pytest.fixture
@@ -88,7 +88,7 @@ def test_check_tells_what_is_missing_and_what_is_done_about_it(run, tiny):
     assert found["Missing: stage meshes"] == stages
     assert found["Missing: convex parts"] == "chair -> their bounding boxes collide"
     assert found["Missing: layouts"].startswith("110 of 111: apt_0 to 5, v3_sc0_staging_01 to 20,")
-    splits = "val, test -> refused by --split; without --split, train is used"
+    splits = "val, test -> rejected by --split; without --split, train is used"
     assert found["Missing: splits"] == splits
     assert "no LICENSE" in found["Missing: licence"]
 
@@ -99,7 +99,7 @@ def test_a_complete_dataset_misses_nothing(run, tiny):
     box_glb(tiny / "stages/room.glb")
     (tiny / "LICENSE").write_text("Free")
     done = run("check", tiny)
-    assert page(done)["Missing: nothing"] == "all is there"
+    assert page(done)["Missing: nothing"] == "complete"
     assert "train 63, val 21, test 21; 5 macro, 100 micro-variations, 6 apt" in done.stdout
 
 
@@ -133,7 +133,7 @@ def test_lacking_ycb_objects_are_listed(run, tiny, tmp_path):
         (tmp_path / "ycb" / name).mkdir(parents=True)
     assert absent_objects(tmp_path / "ycb") == list(ALL_OBJECTS[:2])
     found = page(run("check", tiny, "--objects", tmp_path / "ycb"))
-    wanted = f"{ALL_OBJECTS[0]}, {ALL_OBJECTS[1]} -> the folder is refused"
+    wanted = f"{ALL_OBJECTS[0]}, {ALL_OBJECTS[1]} -> the folder is rejected"
     assert found["Missing: YCB objects"] == wanted
 
 

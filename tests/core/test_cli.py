@@ -1,4 +1,4 @@
-"""The console script `hab-tasks` as a user runs it."""
+"""The console script `hab-tasks`."""
 
 import re
 import subprocess
@@ -11,8 +11,8 @@ from builders import tiny_dataset
 from hab_tasks.commands import COMMANDS
 from hab_tasks.envs import ENVS
 from hab_tasks.episodes import read_episodes
-from hab_tasks.episodes.generators import GENERATORS
-from hab_tasks.episodes.refusal import RefusedError
+from hab_tasks.episodes.generators import starts_of
+from hab_tasks.episodes.rejection import RejectedSampleError
 
 SCRIPT = Path(sys.executable).with_name("hab-tasks")
 
@@ -100,21 +100,24 @@ def test_several_processes_make_the_same_episodes(run, tmp_path):
 
 
 def test_refused_candidates_are_told_with_reasons(run, tmp_path, monkeypatch):
-    made, refusals = GENERATORS["HabPick-v1"].attempt, iter(["too hot", "too cold", "too hot"])
+    made, refusals = (
+        starts_of("HabPick-v1").attempt,
+        iter(["too hot", "too cold", "too hot"]),
+    )
 
-    def attempt(self, bench, rng):
+    def attempt(self, sandbox, rng):
         reason = next(refusals, None)
         if reason:
-            raise RefusedError(reason)
-        return made(self, bench, rng)
+            raise RejectedSampleError(reason)
+        return made(self, sandbox, rng)
 
-    monkeypatch.setattr(GENERATORS["HabPick-v1"], "attempt", attempt)
+    monkeypatch.setattr(starts_of("HabPick-v1"), "attempt", attempt)
     command = ("episodes", "--env", "HabPick-v1", "--count", 1, "--seed", 3)
     done = run(*command, "--out", tmp_path / "set.json")
     assert done.returncode == 0, done.stderr
     told = done.stdout.splitlines()
-    assert "  refused 2: too hot" in told
-    assert "  refused 1: too cold" in told
+    assert "  rejected 2: too hot" in told
+    assert "  rejected 1: too cold" in told
 
 
 def test_a_dataset_in_which_nothing_can_be_made_is_one_line(run, tmp_path):

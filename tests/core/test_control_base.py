@@ -1,4 +1,4 @@
-"""The base's actions: cells, velocities, the stop action, and the action that does nothing."""
+"""Actions of the base: cells, velocities, stop and no-op."""
 
 import math
 
@@ -9,19 +9,19 @@ from builders import cpu_scene, start_fetch
 from gymnasium import spaces
 
 from hab_tasks.constants import REST_POSITION_M
+from hab_tasks.engine.snapshot import world_to_base
 from hab_tasks.errors import ActionError
 from hab_tasks.robots.control import control_configs
 from hab_tasks.robots.control_modes import ABSOLUTE_ARM, BASE_CELLS, STOP_CELL, STOP_SHARE
 from hab_tasks.robots.fetch import HabFetch
-from hab_tasks.robots.fetch_spec import ARM_LOWER_RAD, ARM_UPPER_RAD
-from hab_tasks.snapshot import world_to_base
+from hab_tasks.robots.robot import ROBOT
 
 MODES = tuple(control_configs())
 MOBILE = tuple(mode for mode in MODES if "base" in mode)
 HOLDING, EMPTY = torch.ones(1, dtype=torch.bool), torch.zeros(1, dtype=torch.bool)
 
 
-class Bench:
+class RobotSim:
     """The robot at rest on an endless plane without anything on it."""
 
     def __init__(self, mode, yaw=0.0):
@@ -87,11 +87,11 @@ def test_the_cells_are_the_papers():
     ],
 )
 def test_action_spaces(mode, size):
-    space = Bench(mode).agent.controller.single_action_space
+    space = RobotSim(mode).agent.controller.single_action_space
     assert space.shape == (size,)
     arm = size - 1 - 2 * mode.endswith("base") if mode != "base" else 0
     low, high = (
-        (ARM_LOWER_RAD, ARM_UPPER_RAD)
+        (ROBOT.arm_lower_rad, ROBOT.arm_upper_rad)
         if mode.startswith(ABSOLUTE_ARM)
         else ((-1,) * arm, (1,) * arm)
     )
@@ -100,7 +100,7 @@ def test_action_spaces(mode, size):
 
 
 def test_the_cells_action_space():
-    assert Bench("base_discrete").agent.controller.single_action_space == spaces.Discrete(20)
+    assert RobotSim("base_discrete").agent.controller.single_action_space == spaces.Discrete(20)
 
 
 def test_all_modes_are_known():
@@ -122,21 +122,21 @@ def test_all_modes_are_known():
 
 @pytest.mark.parametrize("yaw", [0.0, 2.0])
 def test_forwards_is_where_the_base_looks(yaw):
-    bench = Bench("base", yaw)
-    bench.act([1.0, 0.0], 30)
-    x, y, turned = bench.base()
+    sim = RobotSim("base", yaw)
+    sim.act([1.0, 0.0], 30)
+    x, y, turned = sim.base()
     # One second at 1 m/s, less what it takes to come up to speed.
     assert math.hypot(x, y) == pytest.approx(1.0, abs=0.05)
     assert math.atan2(y, x) == pytest.approx(yaw, abs=0.02)
     assert turned == pytest.approx(yaw, abs=0.02)
-    bench.act([-0.5, 0.0], 30)
-    assert math.hypot(*bench.base()[:2]) == pytest.approx(0.5, abs=0.08)
+    sim.act([-0.5, 0.0], 30)
+    assert math.hypot(*sim.base()[:2]) == pytest.approx(0.5, abs=0.08)
 
 
 def test_turning_in_place():
-    bench = Bench("base")
-    bench.act([0.0, 0.5], 15)
-    x, y, turned = bench.base()
+    sim = RobotSim("base")
+    sim.act([0.0, 0.5], 15)
+    x, y, turned = sim.base()
     # Half a second at 1.57 rad/s.
     assert turned == pytest.approx(0.785, abs=0.08)
     assert math.hypot(x, y) < 0.01
@@ -144,7 +144,7 @@ def test_turning_in_place():
 
 @pytest.mark.parametrize("cell", [0, STOP_CELL, 12, 19])
 def test_a_cell_is_the_same_as_its_velocities(cell):
-    by_cell, by_velocity = Bench("base_discrete", 0.7), Bench("base", 0.7)
+    by_cell, by_velocity = RobotSim("base_discrete", 0.7), RobotSim("base", 0.7)
     by_cell.act([cell], 10)
     by_velocity.act(BASE_CELLS[cell], 10)
     assert np.array_equal(by_cell.base(), by_velocity.base())
@@ -153,14 +153,14 @@ def test_a_cell_is_the_same_as_its_velocities(cell):
 
 
 def test_the_arm_stays_at_rest_while_the_base_drives():
-    bench = Bench("base")
+    sim = RobotSim("base")
     for action in ([1.0, 0.0], [1.0, 0.7], [-1.0, -1.0], [0.0, 0.0]):
-        bench.act(action, 10)
-        assert np.linalg.norm(bench.hand() - REST_POSITION_M) < 0.05
+        sim.act(action, 10)
+        assert np.linalg.norm(sim.hand() - REST_POSITION_M) < 0.05
 
 
 def test_velocities_beyond_the_largest_are_clipped():
-    fast, fastest = Bench("base"), Bench("base")
+    fast, fastest = RobotSim("base"), RobotSim("base")
     fast.act([5.0, -7.0], 10)
     fastest.act([1.0, -1.0], 10)
     assert np.array_equal(fast.base(), fastest.base())
@@ -181,37 +181,37 @@ def test_velocities_beyond_the_largest_are_clipped():
 )
 def test_both_velocities_next_to_zero_is_the_stop_action(linear, angular, stopped):
     assert STOP_SHARE == 0.05
-    bench = Bench("base")
-    bench.act([linear, angular])
-    assert bench.stopped == stopped
+    sim = RobotSim("base")
+    sim.act([linear, angular])
+    assert sim.stopped == stopped
 
 
 def test_only_one_cell_stops():
-    bench = Bench("base_discrete")
+    sim = RobotSim("base_discrete")
     for cell in range(len(BASE_CELLS)):
-        bench.act([cell])
-        assert bench.stopped == (cell == STOP_CELL), cell
+        sim.act([cell])
+        assert sim.stopped == (cell == STOP_CELL), cell
 
 
 def test_a_mode_without_base_never_stops():
-    bench = Bench("ee")
-    bench.act([0.0, 0.0, 0.0, -1.0])
-    assert not bench.stopped
+    sim = RobotSim("ee")
+    sim.act([0.0, 0.0, 0.0, -1.0])
+    assert not sim.stopped
 
 
 @pytest.mark.parametrize("cell", [-1.0, 20.0, 0.5, math.nan, math.inf])
 def test_what_is_no_cell_is_refused(cell):
-    bench = Bench("base_discrete")
-    with pytest.raises(ActionError, match=r"cells 0 to 19"):
-        bench.act([cell])
-    assert not bench.stopped
+    sim = RobotSim("base_discrete")
+    with pytest.raises(ActionError, match=r"cells are 0 to 19"):
+        sim.act([cell])
+    assert not sim.stopped
 
 
 @pytest.mark.parametrize("shape", [(2,), (1, 2), (0,), (1, 1, 1)])
 def test_a_wrong_number_of_cells_is_refused(shape):
-    bench = Bench("base_discrete")
+    sim = RobotSim("base_discrete")
     with pytest.raises(ActionError, match=r"expected \(1,\)"):
-        bench.agent.controller.set_action(torch.full(shape, float(STOP_CELL)))
+        sim.agent.controller.set_action(torch.full(shape, float(STOP_CELL)))
 
 
 # Doing nothing ---------------------------------------------------------------------------------
@@ -219,30 +219,30 @@ def test_a_wrong_number_of_cells_is_refused(shape):
 
 @pytest.mark.parametrize("mode", MODES)
 def test_the_idle_action_moves_nothing(mode):
-    bench = Bench(mode)
-    hand, base = bench.hand(), bench.base()
+    sim = RobotSim(mode)
+    hand, base = sim.hand(), sim.base()
     for holding in (EMPTY, HOLDING):
-        action = bench.idle(holding)
-        bench.act(action, 15)
-        space = bench.agent.controller.single_action_space
+        action = sim.idle(holding)
+        sim.act(action, 15)
+        space = sim.agent.controller.single_action_space
         value = int(action[0]) if isinstance(space, spaces.Discrete) else action
         assert space.contains(value)
-    assert np.linalg.norm(bench.hand() - hand) < 1e-3
-    assert np.abs(bench.base() - base).max() < 1e-4
-    assert bench.stopped == (mode in MOBILE)
+    assert np.linalg.norm(sim.hand() - hand) < 1e-3
+    assert np.abs(sim.base() - base).max() < 1e-4
+    assert sim.stopped == (mode in MOBILE)
 
 
 @pytest.mark.parametrize("mode", [mode for mode in MODES if not mode.startswith("base")])
 def test_the_idle_action_keeps_what_is_held_and_takes_nothing(mode):
-    bench = Bench(mode)
+    sim = RobotSim(mode)
     for holding in (HOLDING, EMPTY):
-        bench.act(bench.idle(holding))
-        assert bool(bench.agent.controller.gripper[0] >= 0) == bool(holding[0])
+        sim.act(sim.idle(holding))
+        assert bool(sim.agent.controller.gripper[0] >= 0) == bool(holding[0])
 
 
 def test_the_idle_action_of_a_batch():
-    bench = Bench("ee_base")
-    action = bench.agent.controller.idle_action(torch.tensor([True, False, True]))
+    sim = RobotSim("ee_base")
+    action = sim.agent.controller.idle_action(torch.tensor([True, False, True]))
     assert action.tolist() == [[0, 0, 0, 1, 0, 0], [0, 0, 0, -1, 0, 0], [0, 0, 0, 1, 0, 0]]
-    cells = Bench("base_discrete").agent.controller.idle_action(torch.tensor([True, False]))
+    cells = RobotSim("base_discrete").agent.controller.idle_action(torch.tensor([True, False]))
     assert cells.tolist() == [[STOP_CELL], [STOP_CELL]]

@@ -1,4 +1,4 @@
-"""Joints that are set at once: the perfect controller, and a base that is put down elsewhere."""
+"""Control modes that set joints and base poses directly."""
 
 import math
 
@@ -11,9 +11,9 @@ from hab_tasks.errors import ActionError
 from hab_tasks.robots.control_modes import within_a_turn
 from hab_tasks.robots.drive_grasp import DriveGrasp
 from hab_tasks.robots.fetch import HabFetch
-from hab_tasks.robots.fetch_spec import ARM_LOWER_RAD, ARM_UPPER_RAD
 from hab_tasks.robots.follow_grasp import FollowGrasp
 from hab_tasks.robots.grasp import NOTHING
+from hab_tasks.robots.robot import ROBOT
 
 SETTING = ("joint_state", "joint_state_base", "joint_target_pose", "joint_state_pose")
 POSES = ("joint_target_pose", "joint_state_pose")
@@ -27,7 +27,7 @@ SMALL = (0.02, 0.02, 0.02)
 every_kind = pytest.mark.parametrize("kind", [DriveGrasp, FollowGrasp])
 
 
-class Bench:
+class RobotSim:
     """The robot at rest with boxes around its hand, stepped as the environments do it."""
 
     def __init__(self, mode, boxes=(), statics=(), kind=DriveGrasp, floating=True):
@@ -77,38 +77,38 @@ class Bench:
 
 @pytest.mark.parametrize("mode", ["joint_state", "joint_state_base", "joint_state_pose"])
 def test_the_arm_is_where_it_was_set(mode):
-    bench, rng = Bench(mode), np.random.default_rng(0)
-    rest = bench.arm().copy()
+    sim, rng = RobotSim(mode), np.random.default_rng(0)
+    rest = sim.arm().copy()
     for _ in range(20):
-        action = bench.idle()
+        action = sim.idle()
         # Jumps of up to 1 rad in each joint, around a pose in which the arm is clear of the body.
         drawn = rest + rng.uniform(-0.5, 0.5, 7)
-        action[:7] = np.clip(drawn, ARM_LOWER_RAD, ARM_UPPER_RAD)
-        bench.act(action)
-        assert np.abs(bench.arm() - action[:7]).max() < 1e-3
-    assert max(bench.speeds) < 1e-3, "it came to rest there"
+        action[:7] = np.clip(drawn, ROBOT.arm_lower_rad, ROBOT.arm_upper_rad)
+        sim.act(action)
+        assert np.abs(sim.arm() - action[:7]).max() < 1e-3
+    assert max(sim.speeds) < 1e-3, "it came to rest there"
 
 
 def test_driven_joints_take_longer():
-    bench = Bench("joint_target")
-    action = bench.idle()
+    sim = RobotSim("joint_target")
+    action = sim.idle()
     action[0] += 0.5
-    bench.act(action)
-    assert np.abs(bench.arm() - action[:7]).max() > 0.1
+    sim.act(action)
+    assert np.abs(sim.arm() - action[:7]).max() > 0.1
 
 
 @pytest.mark.parametrize("mode", POSES)
 def test_the_base_is_where_it_was_put_and_stays(mode):
-    bench = Bench(mode)
-    arm = bench.arm().copy()
+    sim = RobotSim(mode)
+    arm = sim.arm().copy()
     for pose in ((2.0, -1.0, 0.5), (-3.0, 0.25, -3.0), (0.0, 0.0, 3.0)):
-        action = bench.idle()
+        action = sim.idle()
         action[-3:] = pose
         for _ in range(10):
-            bench.act(action)
-            assert np.allclose(bench.base(), pose, atol=1e-4)
-        assert np.allclose(bench.idle()[-3:], pose, atol=1e-6)
-    assert np.allclose(bench.arm(), arm, atol=1e-3)
+            sim.act(action)
+            assert np.allclose(sim.base(), pose, atol=1e-4)
+        assert np.allclose(sim.idle()[-3:], pose, atol=1e-6)
+    assert np.allclose(sim.arm(), arm, atol=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -117,12 +117,12 @@ def test_the_base_is_where_it_was_put_and_stays(mode):
     [((0.0, 0.0, 4.0), (0.0, 0.0, -2.2832)), ((25.0, -20.5, -7.0), (20.0, -20.0, -0.7168))],
 )
 def test_a_pose_is_taken_within_a_turn_and_within_the_world(asked, found):
-    bench = Bench("joint_state_pose")
-    action = bench.idle()
+    sim = RobotSim("joint_state_pose")
+    action = sim.idle()
     action[-3:] = asked
-    bench.act(action)
-    assert np.allclose(bench.base(), found, atol=1e-3)
-    space = bench.controller.single_action_space
+    sim.act(action)
+    assert np.allclose(sim.base(), found, atol=1e-3)
+    space = sim.controller.single_action_space
     assert np.allclose(space.high[-3:], (20.0, 20.0, math.pi))
     assert np.array_equal(space.low[-3:], -space.high[-3:])
 
@@ -136,50 +136,50 @@ def test_angles_within_a_turn():
 @pytest.mark.parametrize("mode", SETTING)
 @pytest.mark.parametrize("entry", [0, -1])
 def test_an_entry_that_is_not_finite_is_refused(mode, entry):
-    bench = Bench(mode)
-    before = bench.agent.robot.get_qpos().clone()
-    action = bench.idle()
+    sim = RobotSim(mode)
+    before = sim.agent.robot.get_qpos().clone()
+    action = sim.idle()
     action[entry] = math.nan
-    with pytest.raises(ActionError, match="not finite"):
-        bench.act(action)
-    assert torch.equal(bench.agent.robot.get_qpos(), before)
+    with pytest.raises(ActionError, match="non-finite"):
+        sim.act(action)
+    assert torch.equal(sim.agent.robot.get_qpos(), before)
 
 
 def test_a_start_beyond_a_turn_is_within_one_for_the_action():
-    bench = Bench("joint_target_pose")
-    qpos = bench.agent.robot.get_qpos()
-    qpos[0, bench.agent.base_index[2]] = 4.0
-    bench.agent.robot.set_qpos(qpos)
-    bench.controller.reset()
-    assert bench.controller.single_action_space.contains(bench.idle())
-    hand = bench.grasp.ee_position_m().clone()
-    bench.act(bench.idle())
-    assert torch.allclose(bench.grasp.ee_position_m(), hand, atol=1e-4)
+    sim = RobotSim("joint_target_pose")
+    qpos = sim.agent.robot.get_qpos()
+    qpos[0, sim.agent.base_index[2]] = 4.0
+    sim.agent.robot.set_qpos(qpos)
+    sim.controller.reset()
+    assert sim.controller.single_action_space.contains(sim.idle())
+    hand = sim.grasp.ee_position_m().clone()
+    sim.act(sim.idle())
+    assert torch.allclose(sim.grasp.ee_position_m(), hand, atol=1e-4)
 
 
 def test_a_base_that_stays_leaves_the_arm_alone():
     """The arm is driven as in the mode without base."""
-    staying, still = Bench("joint_target_pose"), Bench("joint_target")
+    staying, still = RobotSim("joint_target_pose"), RobotSim("joint_target")
     for _ in range(10):
-        for bench in (staying, still):
-            action = bench.idle()
+        for sim in (staying, still):
+            action = sim.idle()
             action[:7] -= 0.02 * np.sign(action[:7])
-            bench.act(action)
+            sim.act(action)
     # The base that only stands still gives way by a hair.
     assert np.allclose(staying.arm(), still.arm(), atol=5e-4)
     assert np.allclose(staying.base(), 0.0, atol=1e-4)
 
 
 def test_a_saved_pose_is_restored():
-    bench = Bench("joint_state_pose")
-    action = bench.idle()
+    sim = RobotSim("joint_state_pose")
+    action = sim.idle()
     action[-3:] = 1.0, 2.0, 0.5
-    bench.act(action)
-    qpos, state = bench.agent.robot.get_qpos().clone(), bench.controller.get_state()
-    other = Bench("joint_state_pose")
+    sim.act(action)
+    qpos, state = sim.agent.robot.get_qpos().clone(), sim.controller.get_state()
+    other = RobotSim("joint_state_pose")
     other.agent.robot.set_qpos(qpos)
     other.controller.set_state(state)
-    assert np.allclose(other.idle(), bench.idle())
+    assert np.allclose(other.idle(), sim.idle())
     for _ in range(20):  # nothing draws it back to where it was
         other.scene.px.step()
     assert np.allclose(other.base(), (1.0, 2.0, 0.5), atol=1e-4)
@@ -191,19 +191,19 @@ def test_a_saved_pose_is_restored():
 @every_kind
 @pytest.mark.parametrize("mode", SETTING)
 def test_a_held_object_keeps_its_pose_in_the_hand(mode, kind):
-    bench = Bench(mode, [((0.03, 0.04, 0.05), (0.03, 0.02, -0.1))], kind=kind, floating=False)
-    bench.act(bench.idle(), GRASP)
-    start = bench.in_hand()
+    sim = RobotSim(mode, [((0.03, 0.04, 0.05), (0.03, 0.02, -0.1))], kind=kind, floating=False)
+    sim.act(sim.idle(), GRASP)
+    start = sim.in_hand()
     for step in range(30):
-        action = bench.idle()
+        action = sim.idle()
         action[:7] += 0.03 * np.cos(step / 5) * np.array([1, 0.2, -1, -1, 1, -1, 1])
         if mode.endswith("_pose"):
             action[-3:] += (0.02, -0.02, 0.05)
         elif mode.endswith("_base"):
             action[-2:] = 0.3, 0.3
-        bench.act(action, GRASP)
-        assert bench.grasp.held.tolist() == [0]
-        now = bench.in_hand()
+        sim.act(action, GRASP)
+        assert sim.grasp.held.tolist() == [0]
+        now = sim.in_hand()
         # Driven joints swing, and a tie gives way to that by some millimetres, as in joint_target.
         assert np.linalg.norm(now[:3] - start[:3]) < (5e-3 if "target" in mode else 1e-3), step
         # |q . q'| = cos(angle / 2); 0.0002 is 2.3 degrees
@@ -213,21 +213,19 @@ def test_a_held_object_keeps_its_pose_in_the_hand(mode, kind):
 @every_kind
 @pytest.mark.parametrize("mode", POSES)
 def test_a_held_object_is_teleported_with_the_robot(mode, kind):
-    bench = Bench(mode, [((0.03, 0.04, 0.05), (0.03, 0.02, -0.1))], kind=kind, floating=False)
-    bench.act(bench.idle(), GRASP)
-    start, before = bench.in_hand(), bench.objects[0].pose.p[0].clone()
-    action = bench.idle()
+    sim = RobotSim(mode, [((0.03, 0.04, 0.05), (0.03, 0.02, -0.1))], kind=kind, floating=False)
+    sim.act(sim.idle(), GRASP)
+    start, before = sim.in_hand(), sim.objects[0].pose.p[0].clone()
+    action = sim.idle()
     action[-3:] = 2.0, 0.0, 1.0
     for _ in range(5):
-        bench.act(action, GRASP)
-        assert np.linalg.norm(bench.in_hand()[:3] - start[:3]) < 1e-3
-        assert (
-            np.linalg.norm(bench.objects[0]._bodies[0].linear_velocity) < 0.1
-        )  # 9.81 / 120 is 0.08
-    assert bench.grasp.held.tolist() == [0]
-    assert float(torch.linalg.norm(bench.objects[0].pose.p[0] - before)) > 1.5
-    bench.act(action, -GRASP)
-    assert bench.grasp.held.tolist() == [NOTHING]
+        sim.act(action, GRASP)
+        assert np.linalg.norm(sim.in_hand()[:3] - start[:3]) < 1e-3
+        assert np.linalg.norm(sim.objects[0]._bodies[0].linear_velocity) < 0.1  # 9.81 / 120 is 0.08
+    assert sim.grasp.held.tolist() == [0]
+    assert float(torch.linalg.norm(sim.objects[0].pose.p[0] - before)) > 1.5
+    sim.act(action, -GRASP)
+    assert sim.grasp.held.tolist() == [NOTHING]
 
 
 # What is in the way -------------------------------------------------------------------------
@@ -236,47 +234,47 @@ def test_a_held_object_is_teleported_with_the_robot(mode, kind):
 def test_a_body_in_the_way_is_pushed():
     # On a table 6 cm below the hand, 12 cm to its left: 1 kg/dm3 makes it 0.2 kg.
     box, table = ((0.03, 0.03, 0.06), (0.0, 0.12, 0.05)), ((0.3, 0.3, 0.02), (0.0, 0.32, -0.03))
-    bench = Bench("joint_state", [box], [table], floating=False)
-    start, fastest = bench.objects[0].pose.p[0].clone(), 0.0
+    sim = RobotSim("joint_state", [box], [table], floating=False)
+    start, fastest = sim.objects[0].pose.p[0].clone(), 0.0
     for _ in range(10):
-        action = bench.idle()
+        action = sim.idle()
         action[0] += 0.02  # 1 cm at the hand
-        bench.act(action)
-        fastest = max(fastest, np.linalg.norm(bench.objects[0]._bodies[0].linear_velocity))
-    assert float(torch.linalg.norm(bench.objects[0].pose.p[0] - start)) > 0.02
+        sim.act(action)
+        fastest = max(fastest, np.linalg.norm(sim.objects[0]._bodies[0].linear_velocity))
+    assert float(torch.linalg.norm(sim.objects[0].pose.p[0] - start)) > 0.02
     assert fastest < 1.0
 
 
 @pytest.mark.parametrize("depth_rad", [0.05, 0.3])
 def test_an_arm_that_is_set_into_a_wall_is_not_thrown_out(depth_rad):
-    bench = Bench("joint_state_pose", statics=[((0.2, 0.2, 0.2), (0.0, 0.3, 0.0))])
+    sim = RobotSim("joint_state_pose", statics=[((0.2, 0.2, 0.2), (0.0, 0.3, 0.0))])
     for _ in range(10):
-        action = bench.idle()
+        action = sim.idle()
         action[0] += depth_rad
-        bench.act(np.clip(action, bench.controller._cpu_low, bench.controller._cpu_high))
-        assert np.allclose(bench.base(), 0.0, atol=2e-3)
+        sim.act(np.clip(action, sim.controller._cpu_low, sim.controller._cpu_high))
+        assert np.allclose(sim.base(), 0.0, atol=2e-3)
     # A light hand turns at some rad/s while it is pushed apart at 1 m/s.
-    assert max(bench.speeds) < 10.0
+    assert max(sim.speeds) < 10.0
 
 
 def test_a_base_that_is_put_into_a_wall_comes_out_again():
-    bench = Bench("joint_target_pose", statics=[((0.2, 0.2, 0.2), (0.3, 0.0, -0.2))])
-    action = bench.idle()
+    sim = RobotSim("joint_target_pose", statics=[((0.2, 0.2, 0.2), (0.3, 0.0, -0.2))])
+    action = sim.idle()
     action[-3] = 0.1
     for _ in range(10):
-        bench.act(action)
-    assert max(bench.speeds) < 10.0
-    assert np.isfinite(bench.base()).all()
+        sim.act(action)
+    assert max(sim.speeds) < 10.0
+    assert np.isfinite(sim.base()).all()
     action[-3] = -1.0
     for _ in range(20):
-        bench.act(action)
-    assert np.abs(bench.arm() - action[:7]).max() < 1e-2
+        sim.act(action)
+    assert np.abs(sim.arm() - action[:7]).max() < 1e-2
 
 
 def test_nothing_on_the_way_of_a_jump_is_touched():
-    bench = Bench("joint_state_pose", [(SMALL, (1.0, 0.0, 0.0))])
-    start = bench.objects[0].pose.p[0].clone()
-    action = bench.idle()
+    sim = RobotSim("joint_state_pose", [(SMALL, (1.0, 0.0, 0.0))])
+    start = sim.objects[0].pose.p[0].clone()
+    action = sim.idle()
     action[-3] = 2.0
-    bench.act(action)
-    assert torch.equal(bench.objects[0].pose.p[0], start)
+    sim.act(action)
+    assert torch.equal(sim.objects[0].pose.p[0], start)

@@ -1,4 +1,4 @@
-"""Delayed actions: what is due when, rows apart from each other, saved and restored."""
+"""Delayed actions: timing, independent rows, save and restore."""
 
 from types import SimpleNamespace
 

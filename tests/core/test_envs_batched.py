@@ -1,4 +1,4 @@
-"""The rules of every environment on random batches: rewards, scores, observations. No simulator."""
+"""Rewards, scores and observations of all environments on random batches, without a simulator."""
 
 import math
 from dataclasses import fields, replace
@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import torch
 from builders import same, snapshot
-from rules_bench import FIRST, RulesBench
+from rules_harness import FIRST, RulesHarness
 
 from hab_tasks.arrays import to_tensor
 from hab_tasks.constants import REST_POSITION_M
+from hab_tasks.engine.skill_env import SkillEnv
 from hab_tasks.envs import ENVS
-from hab_tasks.skills.base import SkillEnv
 from hab_tasks.tasks.task_env import TaskEnv
 
 N, STEPS, SOME = 32, 40, 2
@@ -25,28 +25,28 @@ every_env = pytest.mark.parametrize("env", [e.env for e in ENVS.values()], ids=E
 both_kinds = pytest.mark.parametrize("arrays", [False, True], ids=["tensors", "arrays"])
 
 
-def chaos(needs, seed):
+def chaos(requirements, seed):
     """A snapshot in which anything may be anywhere."""
     rng = torch.Generator().manual_seed(seed)
-    fronts, objects = len(needs.fronts), needs.objects
+    articulations, objects = len(requirements.articulations), requirements.objects
 
     def some(*shape):
         return torch.randn(N, *shape, generator=rng) * 0.3
 
     held = torch.randint(FIRST - 1, FIRST + objects + 1, (N,), generator=rng)
     held[torch.rand(N, generator=rng) < 0.5] = -1
-    joints = 3 * torch.rand(N, fronts, generator=rng)
-    joints[torch.rand(N, fronts, generator=rng) < 0.3] = 0.0
+    joints = 3 * torch.rand(N, articulations, generator=rng)
+    joints[torch.rand(N, articulations, generator=rng) < 0.3] = 0.0
     return snapshot(
         N,
         objects=objects,
-        fronts=fronts,
+        articulations=articulations,
         arm_qpos_rad=some(7),
         base=some(3),
         ee_m=some(3),
         ee_in_base_m=torch.tensor(REST_POSITION_M) + some(3) / 3,
         objects_m=some(objects, 3),
-        handles_m=some(fronts, 3),
+        handles_m=some(articulations, 3),
         joints=joints,
         held=held,
         held_handle=torch.randint(-1, 2, (N,), generator=rng),
@@ -54,13 +54,16 @@ def chaos(needs, seed):
     )
 
 
-def bench_of(env, arrays, count=N):
-    bench = RulesBench(env, count, arrays=arrays)
+def harness_of(env, arrays, count=N):
+    harness = RulesHarness(env, count, arrays=arrays)
     # So that some bases are before the fridge, and some objects at their goals.
-    fronts = torch.tensor([-1.4, 0.0, 0.0]).expand(count, len(env.needs.fronts), 3)
-    values = {"front": fronts, "goals_m": torch.zeros(count, env.needs.objects, 3)}
-    bench.tracker.goals = bench.world.goals.changed(range(count), values)
-    return bench
+    frames = torch.tensor([-1.4, 0.0, 0.0]).expand(count, len(env.requirements.articulations), 3)
+    values = {
+        "articulation_frame": frames,
+        "goals_m": torch.zeros(count, env.requirements.objects, 3),
+    }
+    harness.tracker.goals = harness.world.goals.changed(range(count), values)
+    return harness
 
 
 def assert_told(env, info):
@@ -89,11 +92,11 @@ def assert_told(env, info):
 @every_skill
 @both_kinds
 def test_every_reward_of_a_skill(env, arrays):
-    bench, paid = bench_of(env, arrays), set()
-    bench.begin(chaos(env.needs, 0))
+    harness, paid = harness_of(env, arrays), set()
+    harness.begin(chaos(env.requirements, 0))
     for step in range(1, STEPS):
-        info = bench.step(chaos(env.needs, step), torch.arange(N) % 2 == 0)
-        assert_told(bench.env, info)
+        info = harness.step(chaos(env.requirements, step), torch.arange(N) % 2 == 0)
+        assert_told(harness.env, info)
         paid |= {name for name, term in info["reward_terms"].items() if term.any()}
         for name in {"sct", "spl"} & set(info["measures"]):
             score = info["measures"][name]
@@ -104,13 +107,13 @@ def test_every_reward_of_a_skill(env, arrays):
 @every_task
 @both_kinds
 def test_every_reward_of_a_task(env, arrays):
-    bench, rng, paid = bench_of(env, arrays), np.random.default_rng(0), set()
+    harness, rng, paid = harness_of(env, arrays), np.random.default_rng(0), set()
     for episode in range(3):
         parts = rng.integers(len(env.task.parts), size=N).tolist()
-        bench.begin(chaos(env.needs, 1000 * episode), *parts)
+        harness.begin(chaos(env.requirements, 1000 * episode), *parts)
         for step in range(1, STEPS // 2):
-            info = bench.step(chaos(env.needs, 1000 * episode + step))
-            assert_told(bench.env, info)
+            info = harness.step(chaos(env.requirements, 1000 * episode + step))
+            assert_told(harness.env, info)
             paid |= {name for name, term in info["reward_terms"].items() if term.any()}
             assert list(info["stages"]) == list(env.task.stages)
     assert {name.split("/")[0] for name in paid} == {part.skill.name for part in env.task.parts}
@@ -122,18 +125,18 @@ def test_every_reward_of_a_task(env, arrays):
 @every_env
 def test_a_row_alone_is_told_what_it_is_told_in_a_batch(env):
     """One row of arrays, as the CPU simulation has it, against a row of tensors, as the GPU's."""
-    batch, parts = bench_of(env, arrays=False), []
+    batch, parts = harness_of(env, arrays=False), []
     if issubclass(env, TaskEnv):
         parts = np.random.default_rng(1).integers(len(env.task.parts), size=N).tolist()
-    batch.begin(chaos(env.needs, 0), *parts)
-    singles = [bench_of(env, arrays=True, count=1) for _ in range(SOME)]
+    batch.begin(chaos(env.requirements, 0), *parts)
+    singles = [harness_of(env, arrays=True, count=1) for _ in range(SOME)]
     for row, single in enumerate(singles):
-        single.begin(only(chaos(env.needs, 0), row), *parts[row : row + 1])
+        single.begin(only(chaos(env.requirements, 0), row), *parts[row : row + 1])
     stopped = torch.arange(N) % 2 == 0
     for step in range(1, STEPS):
-        told = batch.step(chaos(env.needs, step), stopped)
+        told = batch.step(chaos(env.requirements, step), stopped)
         for row, single in enumerate(singles):
-            alone = single.step(only(chaos(env.needs, step), row), stopped[row : row + 1])
+            alone = single.step(only(chaos(env.requirements, step), row), stopped[row : row + 1])
             assert same(alone, row_of(told, row), 1e-3), (row, step)
 
 
@@ -150,9 +153,9 @@ def row_of(info, row):
 @every_env
 @both_kinds
 def test_every_observation_of_a_batch(env, arrays):
-    bench = bench_of(env, arrays)
-    bench.begin(chaos(env.needs, 1))
-    world = bench.world
+    harness = harness_of(env, arrays)
+    harness.begin(chaos(env.requirements, 1))
+    world = harness.world
     for item in env.observation:
         value = to_tensor(item.read(world.snapshot, world.tracker.measures, world.goals))
         assert value.shape == (N, *item.shape), item.name

@@ -1,4 +1,4 @@
-"""Episode files, and where episodes come from."""
+"""Episode files and episode sources."""
 
 import gzip
 import json
@@ -107,6 +107,7 @@ def test_round_trip(tmp_path, name, seed):
     assert [p.name for p in file.parent.iterdir()] == [name], "something is left over"
 
 
+@pytest.mark.slow
 @every_suffix
 def test_a_generated_set_survives_to_the_last_bit(tmp_path, generated, name):
     for env_id in (ENV, "HabNavigate-v1", "HabSetTable-v1"):
@@ -287,7 +288,7 @@ def test_a_file_serves_its_episodes_and_no_more(tmp_path, pick):
     assert source.available == len(pick)
     assert source.get(len(pick) - 1) == pick.episodes[-1]
     for index in (len(pick), -1):
-        with pytest.raises(EpisodeError, match=f"valid are 0 to {len(pick) - 1}"):
+        with pytest.raises(EpisodeError, match=f"valid indices are 0 to {len(pick) - 1}"):
             source.get(index)
 
 

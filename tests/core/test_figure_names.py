@@ -1,10 +1,10 @@
-"""Templates, categories and receptacles as figures name them."""
+"""Display names of templates, categories and receptacles in figures."""
 
 import pytest
 
 from hab_tasks.figures.statistics import readable, receptacle_label
-from hab_tasks.scenes.dataset import resolve_dataset
-from hab_tasks.scenes.load import load_scene
+from hab_tasks.scenes.habitat.dataset import resolve_dataset
+from hab_tasks.scenes.habitat.load import load_scene
 
 PREFIX = "receptacle_aabb_"
 

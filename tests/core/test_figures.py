@@ -1,4 +1,4 @@
-"""The figures about datasets and episode files: their numbers, and what is drawn."""
+"""Figures of datasets and episode files: numbers and drawn content."""
 
 import io
 import math
@@ -33,9 +33,9 @@ from hab_tasks.figures.statistics import (
     furniture_counts,
 )
 from hab_tasks.figures.style import BLUE, ORANGE
-from hab_tasks.scenes.dataset import SceneDataset, resolve_dataset
-from hab_tasks.scenes.inventory import macro_layouts, micro_variations
-from hab_tasks.scenes.load import load_scene
+from hab_tasks.scenes.habitat.dataset import SceneDataset, resolve_dataset
+from hab_tasks.scenes.habitat.inventory import macro_layouts, micro_variations
+from hab_tasks.scenes.habitat.load import load_scene
 
 MACRO = "v3_sc0_staging_00"
 PREFIX = "receptacle_aabb_"
@@ -336,7 +336,7 @@ def test_figures_of_the_tasks_have_the_papers_numbers():
 @pytest.fixture
 def no_vulkan(monkeypatch):
     def refuse(*arguments, **options):
-        raise RenderingUnavailableError("No Vulkan device can draw images.")
+        raise RenderingUnavailableError("No Vulkan device can render images.")
 
     monkeypatch.setattr(rendering, "resolve_backend", refuse)
 
@@ -369,13 +369,13 @@ def test_what_a_dataset_lacks_is_not_drawn(run, tiny, tmp_path, no_vulkan):
     done = run("figures", tiny, "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     assert not (tmp_path / "out/fig06_furniture.png").exists()
-    assert "tiny has no micro-variations: no fig06" in done.stdout
+    assert "tiny has no micro-variations: fig06" in done.stdout
 
 
 def test_episode_files_must_fit(run, tiny, tmp_path):
     bad = {
         "other.json": (episode_set(episode(0), scene_dataset="apartment"), "made for apartment"),
-        "empty.json": (episode_set(), "holds no episode"),
+        "empty.json": (episode_set(), "contains no episodes"),
         "scene.json": (episode_set(episode(0, "v3_sc0_staging_09")), "v3_sc0_staging_09"),
     }
     for name, (episodes, words) in bad.items():
@@ -387,7 +387,7 @@ def test_episode_files_must_fit(run, tiny, tmp_path):
     write_episodes(episode_set(episode(0)), good)
     done = run("figures", tiny, "--out", tmp_path / "out", "--episodes", good, good)
     assert done.returncode == 2
-    assert "a second file of HabTidyHouse-v1" in done.stderr
+    assert "second file for HabTidyHouse-v1" in done.stderr
     assert not (tmp_path / "out").exists()
 
 

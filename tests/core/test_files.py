@@ -1,4 +1,4 @@
-"""Files are written aside, and are whole or not there; where nothing may be written is told."""
+"""Atomic writes, and errors for unwritable paths."""
 
 import errno
 import os

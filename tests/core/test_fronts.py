@@ -1,4 +1,4 @@
-"""When doors and drawers count as open and as closed (App. H.2)."""
+"""Thresholds at which doors and drawers count as open and as closed (App. H.2)."""
 
 import math
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from hab_tasks.fronts import DRAWER, FRIDGE
+from hab_tasks.articulations import DRAWER, FRIDGE
 from hab_tasks.scenes.markers import HANDLE_MARKERS
 
 KINDS = (torch.tensor, np.array)

@@ -1,4 +1,4 @@
-"""How episodes are generated: the same for the same request, and given up with reasons."""
+"""Episode generation: deterministic per request, and failures with reasons."""
 
 import json
 import os
@@ -14,13 +14,14 @@ from builders import table_config, tiny_dataset, write_json
 from start_checks import TASKS, Replay
 
 from hab_tasks.episodes import EpisodeRequest, load_episodes, open_source
-from hab_tasks.episodes.generators import GENERATORS
-from hab_tasks.episodes.refusal import RefusedError
+from hab_tasks.episodes.generators import starts_of
+from hab_tasks.episodes.rejection import RejectedSampleError
 from hab_tasks.errors import GenerationError
+from hab_tasks.registration import ENTRY_POINTS
 
 ENV, SEED = "HabPick-v1", 77
 LONG = dict.fromkeys(("HabTidyHouse-v1", "HabPrepareGroceries-v1"), pytest.mark.slow)
-every_env = pytest.mark.parametrize("env_id", GENERATORS)
+every_env = pytest.mark.parametrize("env_id", ENTRY_POINTS)
 
 
 @pytest.fixture(autouse=True)
@@ -29,7 +30,8 @@ def own_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("HAB_CACHE_DIR", str(tmp_path / "cache"))
 
 
-@pytest.mark.parametrize("env_id", [pytest.param(e, marks=LONG.get(e, ())) for e in GENERATORS])
+@pytest.mark.slow
+@pytest.mark.parametrize("env_id", [pytest.param(e, marks=LONG.get(e, ())) for e in ENTRY_POINTS])
 def test_an_episode_does_not_depend_on_those_before(generated, env_id):
     """The last one, made first, by a source that does not know the others."""
     _, episodes = generated(env_id)
@@ -37,6 +39,7 @@ def test_an_episode_does_not_depend_on_those_before(generated, env_id):
     assert open_source(EpisodeRequest(env_id=env_id, seed=SEED)).get(last) == episodes[last]
 
 
+@pytest.mark.slow
 def test_a_new_process_makes_the_same_episodes(generated):
     """Another seed and another env before them, in another order, with other hashes of strings."""
     code = f"""
@@ -128,15 +131,15 @@ def test_a_dataset_without_receptacles_gives_up_soon_and_says_why(tmp_path, env_
 
 
 def test_refusals_are_counted_and_stored(tmp_path, monkeypatch):
-    made, refusals = GENERATORS[ENV].attempt, iter(["too hot", "too cold", "too hot"])
+    made, refusals = starts_of(ENV).attempt, iter(["too hot", "too cold", "too hot"])
 
-    def attempt(self, bench, rng):
+    def attempt(self, sandbox, rng):
         reason = next(refusals, None)
         if reason:
-            raise RefusedError(reason)
-        return made(self, bench, rng)
+            raise RejectedSampleError(reason)
+        return made(self, sandbox, rng)
 
-    monkeypatch.setattr(GENERATORS[ENV], "attempt", attempt)
+    monkeypatch.setattr(starts_of(ENV), "attempt", attempt)
     request = EpisodeRequest(env_id=ENV, seed=1)
     counted = Counter(load_episodes(request, count=1).rejections)
     assert (counted["too hot"], counted["too cold"]) == (2, 1)

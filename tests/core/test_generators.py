@@ -1,20 +1,25 @@
-"""The seven skills' start states (S H.2), checked in a simulation that did not make them."""
+"""Start states of the seven skills (S H.2), checked in an independent simulation."""
 
 import math
 
 import numpy as np
 import pytest
 import start_checks as sc
+from geodesics import geodesic_distance
 from start_checks import SKILLS, TASKS, Replay
 
-from hab_tasks.episodes.generators import GENERATORS, base
+from hab_tasks.episodes.generators import base
 from hab_tasks.errors import GenerationError
 from hab_tasks.navigation import LayoutMaps, NavigationMap
-from hab_tasks.robots.fetch_spec import ARM_LOWER_RAD, ARM_UPPER_RAD
+from hab_tasks.registration import ENTRY_POINTS
 from hab_tasks.robots.kinematics import ArmKinematics
+from hab_tasks.robots.robot import ROBOT
 
 REAL = pytest.param("real", marks=[pytest.mark.assets, pytest.mark.slow])
-every_skill = pytest.mark.parametrize("env_id", SKILLS)
+QUICK = ("HabPick-v1", "HabCloseDrawer-v1")
+every_skill = pytest.mark.parametrize(
+    "env_id", [s if s in QUICK else pytest.param(s, marks=pytest.mark.slow) for s in SKILLS]
+)
 every_dataset = pytest.mark.parametrize("dataset", ["apartment", REAL])
 
 
@@ -26,7 +31,7 @@ def replays(generated, dataset, env_id):
 
 
 def test_every_generator_is_tested_here_or_with_the_tasks():
-    assert set(GENERATORS) == {*SKILLS, *TASKS}
+    assert set(ENTRY_POINTS) == {*SKILLS, *TASKS}
 
 
 # All skills ------------------------------------------------------------------------------------
@@ -56,8 +61,8 @@ def test_the_robot_stands_free(replays):
 def test_the_hand_starts_near_rest(replays):
     for replay in replays:
         arm = np.array(replay.episode.robot.arm_qpos_rad)
-        assert (arm >= ARM_LOWER_RAD).all()
-        assert (arm <= ARM_UPPER_RAD).all()
+        assert (arm >= ROBOT.arm_lower_rad).all()
+        assert (arm <= ROBOT.arm_upper_rad).all()
         off = np.abs(ArmKinematics().position(arm) - (0.5, 0.0, 1.0))
         # 5 cm of noise on each axis; the solver stops within 5 mm.
         assert (off <= 0.05 + 0.005).all(), replay.episode.id
@@ -101,7 +106,7 @@ def check_pick(replay, base, names=sc.SIX):
     assert target.goal is target.world_from_goal is episode.held is episode.handle is None
     assert 1 <= len(episode.objects) <= 6  # the target and at most five others
     check_surface(replay, target.start, episode.objects)
-    check_facing(replay, base, replay.bench.com_m(target.object))
+    check_facing(replay, base, replay.sandbox.com_m(target.object))
 
 
 def check_place(replay, base, names=frozenset((*sc.SIX, sc.SINK))):
@@ -113,10 +118,10 @@ def check_place(replay, base, names=frozenset((*sc.SIX, sc.SINK))):
     check_surface(replay, target.goal, replay.resting())
     # The solver of the arm's noise stops within 5 mm; poses are rounded to a micrometre.
     replay.stand()
-    assert math.dist(replay.bench.com_m(episode.held), replay.ee_m()) < 1e-4
+    assert math.dist(replay.sandbox.com_m(episode.held), replay.ee_m()) < 1e-4
     replay.stand(replay.at_goals())
     assert replay.stands_on(target.object, target.goal)
-    check_facing(replay, base, replay.bench.com_m(target.object))
+    check_facing(replay, base, replay.sandbox.com_m(target.object))
 
 
 @every_dataset
@@ -175,15 +180,15 @@ def check_drawer(replay, base, low_share, high_share):
     assert episode.joints.keys() <= {counter}
     for joint, value in episode.joints.get(counter, {}).items():
         if joint != episode.handle.joint:
-            assert 0.0 <= value <= replay.bench.joint_limits(counter, joint)[1]
-    travel = replay.bench.joint_limits(counter, episode.handle.joint)[1]
+            assert 0.0 <= value <= replay.sandbox.joint_limits(counter, joint)[1]
+    travel = replay.sandbox.joint_limits(counter, episode.handle.joint)[1]
     position = episode.joints.get(counter, {}).get(episode.handle.joint, 0.0)
     assert low_share * travel - 1e-6 <= position <= high_share * travel + 1e-6, episode.id
     drawer = f"{counter}/drawer3"
     assert episode.targets[0].start == (sc.DRAWER, drawer)
     replay.stand()
     assert replay.stands_on(episode.target, episode.targets[0].start)
-    assert replay.over(replay.bench.com_m(episode.target), episode.targets[0].start)[0] < 0.0
+    assert replay.over(replay.sandbox.com_m(episode.target), episode.targets[0].start)[0] < 0.0
     x, y = replay.in_frame(base, drawer)
     # 0.15 m x 0.75 m (S H.2), from 0.8 m on
     assert 0.8 <= x <= 0.95, episode.id
@@ -244,7 +249,7 @@ def test_navigates_ends_are_free_on_the_map_that_measures_the_way(generated, dat
         map_ = maps.of(episode.scene_id, episode.joints)
         start_m, goal_m = np.array(episode.robot.base[:2]), np.array(episode.navigation.base[:2])
         assert map_.is_free(np.array((start_m, goal_m))).all(), episode.id
-        way_m = map_.geodesic_distance(start_m, map_.geodesic_field(goal_m))
+        way_m = geodesic_distance(map_, start_m, map_.geodesic_field(goal_m))
         # Fronts on cells of 5 cm are short by some per cent.
         assert way_m >= 0.95 * math.dist(start_m, goal_m), episode.id
 
@@ -273,13 +278,13 @@ def test_a_furnished_layouts_loose_objects_start_settled(generated, dataset, env
     source, (episode, *_) = generated(env_id, dataset, scene="apt_0")
     replay = Replay(source, episode)
     assert len(episode.loose) >= 90
-    assert episode.loose.keys() == {o.name for o in replay.bench.spec.objects if o.dynamic}
-    settled = replay.bench.settled
+    assert episode.loose.keys() == {o.name for o in replay.sandbox.spec.objects if o.dynamic}
+    settled = replay.sandbox.settled
     assert all(math.dist(settled[n][:3], p[:3]) < 1e-4 for n, p in episode.loose.items())
     everything = {**episode.loose, **episode.objects}
     replay.stand()
-    replay.bench.settle(2.0, tuple(everything))
-    moved = {n: math.dist(replay.bench.pose(n)[:3], p[:3]) for n, p in everything.items()}
+    replay.sandbox.settle(2.0, tuple(everything))
+    moved = {n: math.dist(replay.sandbox.pose(n)[:3], p[:3]) for n, p in everything.items()}
     assert not {name: way for name, way in moved.items() if way > 0.01}
 
 

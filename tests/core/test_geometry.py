@@ -1,4 +1,4 @@
-"""Poses against examples worked out by hand."""
+"""Poses, compared with examples calculated by hand."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The snap grasp in a small scene: what it takes, how it holds, what it lets go. Both kinds."""
+"""The snap grasp in a small scene: grasping, holding and releasing; both implementations."""
 
 from functools import partial
 
@@ -14,8 +14,8 @@ from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.robots.follow_grasp import FollowGrasp
 from hab_tasks.robots.grasp import NOTHING
 from hab_tasks.scenes.collision_groups import HELD, MOVING
-from hab_tasks.scenes.dataset import resolve_dataset
-from hab_tasks.scenes.load import load_scene
+from hab_tasks.scenes.habitat.dataset import resolve_dataset
+from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.markers import HANDLE_MARKERS
 
 KINDS = {DriveGrasp: 0.005, FollowGrasp: 0.001}
@@ -26,7 +26,7 @@ ROWS = torch.zeros(1, dtype=torch.long)
 GRASP, RELEASE = torch.ones(1), -torch.ones(1)
 
 
-class Bench:
+class RobotSim:
     """The robot at rest, boxes around its hand, and one kind of grasp."""
 
     def __init__(self, kind, boxes, statics=()):
@@ -82,74 +82,74 @@ SWING = 0.02 * np.array([1, 1, -1, 1, 1, -1, 1])
 @every_kind
 def test_the_nearest_centre_of_mass_wins_over_a_nearer_surface(kind):
     # Box 0: centre at 0.14, its surface at 0.04. Box 1: centre at 0.12, its surface at 0.11.
-    bench = Bench(kind, [((0.1, 0.02, 0.02), (0.14, 0.0, 0.0)), ((0.01,) * 3, (0.0, 0.12, 0.0))])
-    bench.grasp.command(GRASP)
-    assert bench.grasp.held.tolist() == [1]
+    sim = RobotSim(kind, [((0.1, 0.02, 0.02), (0.14, 0.0, 0.0)), ((0.01,) * 3, (0.0, 0.12, 0.0))])
+    sim.grasp.command(GRASP)
+    assert sim.grasp.held.tolist() == [1]
 
 
 @every_kind
 @pytest.mark.parametrize(("distance", "held"), [(0.149, 0), (0.151, NOTHING)])
 def test_the_grasp_ends_at_15_cm(kind, distance, held):
-    bench = Bench(kind, [(SMALL, (0.0, distance, 0.0))])
-    assert np.allclose(bench.grasp.ee_position_m()[0], bench.ee, atol=1e-4)
-    bench.grasp.command(GRASP)
-    assert bench.grasp.held.tolist() == [held]
-    assert bench.grasp.held_handle.tolist() == [NOTHING]
+    sim = RobotSim(kind, [(SMALL, (0.0, distance, 0.0))])
+    assert np.allclose(sim.grasp.ee_position_m()[0], sim.ee, atol=1e-4)
+    sim.grasp.command(GRASP)
+    assert sim.grasp.held.tolist() == [held]
+    assert sim.grasp.held_handle.tolist() == [NOTHING]
 
 
 @every_kind
 @pytest.mark.parametrize(("gripper", "holds"), [(0.0, True), (1.0, True), (-0.01, False)])
 def test_zero_and_more_grasps(kind, gripper, holds):
-    bench = Bench(kind, [(SMALL, (0.0, 0.0, -0.1))])
-    bench.grasp.command(torch.tensor([gripper]))
-    assert bool(bench.grasp.holding) == holds
+    sim = RobotSim(kind, [(SMALL, (0.0, 0.0, -0.1))])
+    sim.grasp.command(torch.tensor([gripper]))
+    assert bool(sim.grasp.holding) == holds
 
 
 @every_kind
 def test_a_held_object_keeps_its_place_in_the_hand(kind):
-    bench = Bench(kind, [((0.03, 0.04, 0.05), (0.03, 0.02, -0.1))])
-    bench.grasp.command(GRASP)
-    start, before = bench.in_hand(), bench.objects[0].pose.p[0].clone()
+    sim = RobotSim(kind, [((0.03, 0.04, 0.05), (0.03, 0.02, -0.1))])
+    sim.grasp.command(GRASP)
+    start, before = sim.in_hand(), sim.objects[0].pose.p[0].clone()
     for phase in range(8):
-        bench.run(5, GRASP, SWING * np.cos(phase))
-        now = bench.in_hand()
+        sim.run(5, GRASP, SWING * np.cos(phase))
+        now = sim.in_hand()
         assert np.linalg.norm(now[:3] - start[:3]) < KINDS[kind]
         # |q . q'| = cos(angle / 2); 0.0002 is 2.3 degrees
         assert abs(now[3:] @ start[3:]) > 1 - 2e-4
-    assert np.linalg.norm(bench.objects[0].pose.p[0] - before) > 0.05, "the arm hardly moved"
+    assert np.linalg.norm(sim.objects[0].pose.p[0] - before) > 0.05, "the arm hardly moved"
 
 
 @every_kind
 def test_a_held_object_does_not_push_the_robot(kind):
     # The box reaches into the gripper: it would be pushed out if the two met.
-    bench = Bench(kind, [((0.1, 0.1, 0.1), (0.0, 0.0, 0.0))])
-    bench.grasp.command(GRASP)
-    assert bench.groups() == HELD
-    assert bench.run(10, GRASP, SWING) == 0.0
-    assert bench.grasp.held.tolist() == [0]
+    sim = RobotSim(kind, [((0.1, 0.1, 0.1), (0.0, 0.0, 0.0))])
+    sim.grasp.command(GRASP)
+    assert sim.groups() == HELD
+    assert sim.run(10, GRASP, SWING) == 0.0
+    assert sim.grasp.held.tolist() == [0]
 
 
 @every_kind
 def test_an_object_that_is_not_held_pushes_the_robot(kind):
-    bench = Bench(kind, [((0.1, 0.1, 0.1), (0.0, 0.0, 0.0))])
-    assert bench.groups() == MOVING
-    assert bench.run(3, RELEASE) > 0.0
+    sim = RobotSim(kind, [((0.1, 0.1, 0.1), (0.0, 0.0, 0.0))])
+    assert sim.groups() == MOVING
+    assert sim.run(3, RELEASE) > 0.0
 
 
 @every_kind
 def test_a_held_object_meets_the_world(kind):
     # A wall 1 cm beside the box; the shoulder turns the arm towards it.
-    bench = Bench(
+    sim = RobotSim(
         kind,
         [((0.05, 0.05, 0.05), (0.0, 0.0, -0.12))],
         statics=[((0.3, 0.05, 0.3), (0.0, 0.11, -0.3))],
     )
-    bench.grasp.command(GRASP)
+    sim.grasp.command(GRASP)
     touched = False
     for _ in range(10):
-        bench.run(1, GRASP, np.array([0.01, 0, 0, 0, 0, 0, 0]))
-        contacts = bench.scene.px.get_contacts()
-        box = bench.objects[0]._bodies[0]
+        sim.run(1, GRASP, np.array([0.01, 0, 0, 0, 0, 0, 0]))
+        contacts = sim.scene.px.get_contacts()
+        box = sim.objects[0]._bodies[0]
         touched |= any(
             box in c.bodies and any(np.linalg.norm(p.impulse) > 0 for p in c.points)
             for c in contacts
@@ -159,51 +159,51 @@ def test_a_held_object_meets_the_world(kind):
 
 @every_kind
 def test_collisions_come_back_once_the_object_is_clear_of_the_hand(kind):
-    bench = Bench(kind, [(SMALL, (0.0, 0.0, -0.03))])
-    bench.grasp.command(GRASP)
-    bench.run(2, GRASP)
-    bench.run(1, RELEASE)
-    assert bench.grasp.held.tolist() == [NOTHING]
-    assert bench.groups() == HELD, "it still lies in the hand"
-    bench.objects[0].set_pose(sapien.Pose(bench.ee - [0, 0, 0.3]))
-    bench.run(1, RELEASE)
-    assert bench.groups() == MOVING
+    sim = RobotSim(kind, [(SMALL, (0.0, 0.0, -0.03))])
+    sim.grasp.command(GRASP)
+    sim.run(2, GRASP)
+    sim.run(1, RELEASE)
+    assert sim.grasp.held.tolist() == [NOTHING]
+    assert sim.groups() == HELD, "it still lies in the hand"
+    sim.objects[0].set_pose(sapien.Pose(sim.ee - [0, 0, 0.3]))
+    sim.run(1, RELEASE)
+    assert sim.groups() == MOVING
 
 
 @every_kind
 def test_a_released_object_falls(kind):
-    bench = Bench(kind, [(SMALL, (0.0, 0.0, -0.1))])
-    bench.objects[0]._bodies[0].disable_gravity = False
-    bench.run(5, GRASP)
-    height = float(bench.objects[0].pose.p[0, 2])
-    assert height == pytest.approx(bench.ee[2] - 0.1, abs=0.01)
-    bench.run(6, RELEASE)
+    sim = RobotSim(kind, [(SMALL, (0.0, 0.0, -0.1))])
+    sim.objects[0]._bodies[0].disable_gravity = False
+    sim.run(5, GRASP)
+    height = float(sim.objects[0].pose.p[0, 2])
+    assert height == pytest.approx(sim.ee[2] - 0.1, abs=0.01)
+    sim.run(6, RELEASE)
     # 6 actions are 0.2 s: 9.81 / 2 * 0.2^2 = 0.196 m
-    assert float(bench.objects[0].pose.p[0, 2]) == pytest.approx(height - 0.196, abs=0.03)
+    assert float(sim.objects[0].pose.p[0, 2]) == pytest.approx(height - 0.196, abs=0.03)
 
 
 @every_kind
 def test_what_is_pulled_out_of_the_hand_is_lost(kind):
-    bench = Bench(kind, [(SMALL, (0.0, 0.0, -0.1))])
-    bench.grasp.command(GRASP)
+    sim = RobotSim(kind, [(SMALL, (0.0, 0.0, -0.1))])
+    sim.grasp.command(GRASP)
     for distance, lost in ((0.08, False), (0.1, True)):
-        expected = (bench.agent.ee_link.pose * bench.grasp._ee_from_object).p[0].numpy()
-        bench.objects[0].set_pose(sapien.Pose(np.add(expected, (0, distance, 0))))
-        bench.grasp.after_control_step()
-        assert bench.grasp.lost.tolist() == [lost]
-    assert bench.grasp.held.tolist() == [NOTHING]
-    bench.grasp.command(RELEASE)
-    assert bench.grasp.lost.tolist() == [False]
+        expected = (sim.agent.ee_link.pose * sim.grasp._ee_from_object).p[0].numpy()
+        sim.objects[0].set_pose(sapien.Pose(np.add(expected, (0, distance, 0))))
+        sim.grasp.after_control_step()
+        assert sim.grasp.lost.tolist() == [lost]
+    assert sim.grasp.held.tolist() == [NOTHING]
+    sim.grasp.command(RELEASE)
+    assert sim.grasp.lost.tolist() == [False]
 
 
 @every_kind
 def test_reset_lets_go_and_restores_collisions_at_once(kind):
-    bench = Bench(kind, [(SMALL, (0.0, 0.0, -0.05))])
-    bench.grasp.command(GRASP)
-    bench.grasp.reset(ROWS)
-    assert not bench.grasp.holding
-    assert bench.groups() == MOVING
-    assert not bench.grasp.lost
+    sim = RobotSim(kind, [(SMALL, (0.0, 0.0, -0.05))])
+    sim.grasp.command(GRASP)
+    sim.grasp.reset(ROWS)
+    assert not sim.grasp.holding
+    assert sim.groups() == MOVING
+    assert not sim.grasp.lost
 
 
 # Handles ---------------------------------------------------------------------------------------
@@ -267,17 +267,17 @@ def test_a_hand_takes_what_its_skill_is_about(kind, takes, held, handle):
 @every_kind
 def test_what_is_shut_in_is_not_grasped(kind):
     offsets = ((0.0, 0.0, -0.05), (0.0, 0.1, 0.0))
-    bench = Bench(kind, [(SMALL, offset) for offset in offsets])
-    bench.grasp.shut_in = lambda: torch.tensor([[True, False]])
-    bench.grasp.command(GRASP)
-    assert bench.grasp.held.tolist() == [1]
-    bench.grasp.command(RELEASE)
-    bench.grasp.shut_in = lambda: torch.tensor([[True, True]])
-    bench.grasp.command(GRASP)
-    assert not bench.grasp.holding
-    bench.grasp.shut_in = lambda: None
-    bench.grasp.command(GRASP)
-    assert bench.grasp.held.tolist() == [0]
+    sim = RobotSim(kind, [(SMALL, offset) for offset in offsets])
+    sim.grasp.is_enclosed = lambda: torch.tensor([[True, False]])
+    sim.grasp.command(GRASP)
+    assert sim.grasp.held.tolist() == [1]
+    sim.grasp.command(RELEASE)
+    sim.grasp.is_enclosed = lambda: torch.tensor([[True, True]])
+    sim.grasp.command(GRASP)
+    assert not sim.grasp.holding
+    sim.grasp.is_enclosed = lambda: None
+    sim.grasp.command(GRASP)
+    assert sim.grasp.held.tolist() == [0]
 
 
 def test_every_marker_names_furniture_of_the_apartment():

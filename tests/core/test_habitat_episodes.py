@@ -1,4 +1,4 @@
-"""What the fields of Habitat's episode files mean, and how a bad file is refused."""
+"""Fields of Habitat's episode files, and errors for invalid files."""
 
 import copy
 import math
@@ -20,14 +20,14 @@ from habitat_entries import (
     tidy_house,
 )
 
-from hab_tasks.episodes.habitat import OWN_KEY, is_habitat, read_habitat
-from hab_tasks.episodes.habitat_entry import HabitatEntries
-from hab_tasks.episodes.habitat_fields import close
+from hab_tasks.episodes.habitat.convert import OWN_KEY, is_habitat, read_habitat
+from hab_tasks.episodes.habitat.entry import HabitatEntries
+from hab_tasks.episodes.habitat.fields import close
 from hab_tasks.episodes.schema import Episode, Rearrangement, RobotStart, write_episodes
 from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import IDENTITY, to_matrix
-from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
-from hab_tasks.scenes.dataset import resolve_dataset
+from hab_tasks.robots.robot import ROBOT
+from hab_tasks.scenes.habitat.dataset import resolve_dataset
 from hab_tasks.scenes.meshes import mesh_bounds
 from hab_tasks.scenes.objects import load_objects
 
@@ -60,7 +60,7 @@ def test_what_the_fields_mean(tmp_path, apartment, objects):
     assert bowl.start == (DRAWER, "kitchen_counter_:0000/drawer3")
     assert apple.start == (SHELF, "fridge_:0000/body")
     assert bowl.goal == apple.goal == (TABLE, "frl_apartment_table_01_:0000")
-    assert episode.robot == RobotStart(base=(0.0, 0.0, 0.0), arm_qpos_rad=REST_QPOS_RAD)
+    assert episode.robot == RobotStart(base=(0.0, 0.0, 0.0), arm_qpos_rad=ROBOT.rest_qpos_rad)
 
 
 def test_poses_become_z_up(tmp_path, apartment, objects):
@@ -126,7 +126,7 @@ def test_habitat_finds_all_that_it_looks_for(apartment, objects):
         id="a",
         scene_id=SCENE,
         seed=1,
-        robot=RobotStart(base=(1.0, 2.0, 0.0), arm_qpos_rad=REST_QPOS_RAD),
+        robot=RobotStart(base=(1.0, 2.0, 0.0), arm_qpos_rad=ROBOT.rest_qpos_rad),
         objects={"024_bowl_:0004": IDENTITY, "024_bowl_:0002": IDENTITY},
         targets=(
             Rearrangement(object="024_bowl_:0004", start=(DRAWER, "kitchen_counter_:0000/drawer3")),
@@ -178,7 +178,7 @@ BAD = {
     "pair": (put(["024_bowl"], "rigid_objs", 2), ("rigid_objs[2]", "malformed")),
     "shape": (put(matrix(0, 0, 0)[:3], "rigid_objs", 0, 1), ("rigid_objs[0]", "(3, 4)")),
     "nan": (put(math.nan, "rigid_objs", 0, 1, 0, 3), ("rigid_objs[0]", "malformed")),
-    "scaled": (put(2.0, "rigid_objs", 0, 1, 1, 1), ("rigid_objs[0]", "not a turn and a move")),
+    "scaled": (put(2.0, "rigid_objs", 0, 1, 1, 1), ("rigid_objs[0]", "not a rigid transform")),
     "words": (put("x", "targets", "024_bowl_:0001"), ("targets['024_bowl_:0001']", "malformed")),
     "no such object": (
         put(matrix(0, 0, 0), "targets", "024_bowl_:0002"),
@@ -240,7 +240,7 @@ def test_an_episode_with_unknown_names_is_not_written(apartment, objects):
         id="a",
         scene_id=SCENE,
         seed=1,
-        robot=RobotStart(base=(1.0, 2.0, 0.0), arm_qpos_rad=REST_QPOS_RAD),
+        robot=RobotStart(base=(1.0, 2.0, 0.0), arm_qpos_rad=ROBOT.rest_qpos_rad),
         objects={"024_bowl_:0000": IDENTITY},
         targets=(Rearrangement(object="024_bowl_:0000", goal=(TABLE, "shelf_:0000/top")),),
     )

@@ -1,4 +1,4 @@
-"""Link ids as Habitat counts them, receptacles by body and place, and object frames."""
+"""Habitat's link ids, receptacles by body and position, and object frames."""
 
 import math
 
@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from builders import tiny_dataset
 
-from hab_tasks.episodes.habitat_fields import object_frame
-from hab_tasks.episodes.habitat_layout import HABITAT_MARKERS, HabitatLayout, urdf_link_ids
+from hab_tasks.episodes.habitat.fields import object_frame
+from hab_tasks.episodes.habitat.layout import HABITAT_MARKERS, HabitatLayout, urdf_link_ids
 from hab_tasks.errors import DatasetError, UnknownNameError
 from hab_tasks.geometry import IDENTITY, pose
-from hab_tasks.scenes.dataset import resolve_dataset
-from hab_tasks.scenes.load import load_scene
+from hab_tasks.scenes.habitat.dataset import resolve_dataset
+from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.objects import load_objects
 from hab_tasks.scenes.spec import (
     ArticulationInstance,
@@ -200,12 +200,12 @@ def test_unknown_places_are_named_with_the_valid_ones(layout, arguments, words):
 
 
 def test_bodies_and_joints_by_number(layout):
-    assert layout.place("cupboard_:0000/leaf") == ("cupboard_:0000", 1)
-    assert layout.place("stool_:0001") == ("stool_:0001", None)
+    assert layout.instance_and_link("cupboard_:0000/leaf") == ("cupboard_:0000", 1)
+    assert layout.instance_and_link("stool_:0001") == ("stool_:0001", None)
     assert layout.joint("cupboard_:0000", 1) == "door"
     assert layout.link_of_joint("cupboard_:0000", "door") == 1
     for look_up, word in (
-        (lambda: layout.place("cupboard_:0000/lid"), "'lid'"),
+        (lambda: layout.instance_and_link("cupboard_:0000/lid"), "'lid'"),
         (lambda: layout.joint("cupboard_:0000", 0), "Valid: 1"),  # a fixed joint does not move
         (lambda: layout.link_of_joint("cupboard_:0000", "lift"), "Valid: door"),
     ):
@@ -216,7 +216,7 @@ def test_bodies_and_joints_by_number(layout):
 def test_scene_files_give_layouts(tmp_path):
     dataset = resolve_dataset(tiny_dataset(tmp_path / "tiny"))
     tiny = HabitatLayout(load_scene(dataset, "v3_sc0_staging_00"))
-    assert tiny.place("chest_:0000/drawer") == ("chest_:0000", 0)
+    assert tiny.instance_and_link("chest_:0000/drawer") == ("chest_:0000", 0)
     assert tiny.joint("chest_:0000", 0) == "slide"
     assert tiny.markers("cab_push_point_1") == [], "no kitchen, no markers"
 

@@ -1,4 +1,4 @@
-"""Episodes go to Habitat's format and back, and Habitat's come back: nothing is lost."""
+"""Conversion of episodes to and from Habitat's format is lossless."""
 
 import math
 from dataclasses import replace
@@ -15,13 +15,13 @@ from habitat_entries import (
 
 from hab_tasks.cli import main
 from hab_tasks.constants import BASE_RADIUS_M
-from hab_tasks.episodes.generators import GENERATORS
-from hab_tasks.episodes.generators.base import stage
-from hab_tasks.episodes.habitat import OWN_KEY, read_habitat, to_habitat, write_habitat
-from hab_tasks.episodes.habitat_fields import close
-from hab_tasks.episodes.habitat_start import draw_starts
+from hab_tasks.episodes.generators.base import pose_scene
+from hab_tasks.episodes.habitat.convert import OWN_KEY, read_habitat, to_habitat
+from hab_tasks.episodes.habitat.fields import close
+from hab_tasks.episodes.habitat.start import draw_starts
 from hab_tasks.episodes.provenance import made_from
 from hab_tasks.episodes.robot_start import START_CLEARANCE_M
+from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import (
     Episode,
     EpisodeSet,
@@ -32,14 +32,15 @@ from hab_tasks.episodes.schema import (
     load_json,
     read_episodes,
     rounded,
+    save_json,
     write_episodes,
 )
 from hab_tasks.episodes.source import EpisodeRequest, open_source
-from hab_tasks.episodes.workbench import Workbench
 from hab_tasks.geometry import IDENTITY, pose, to_matrix
-from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
-from hab_tasks.scenes.dataset import embedded_dataset, resolve_dataset
-from hab_tasks.scenes.load import load_scene
+from hab_tasks.registration import ENTRY_POINTS
+from hab_tasks.robots.robot import ROBOT
+from hab_tasks.scenes.habitat.dataset import embedded_dataset, resolve_dataset
+from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.objects import load_objects
 from hab_tasks.scenes.urdf import joint_limits
 
@@ -63,7 +64,7 @@ def test_habitats_file_comes_back_equal(tmp_path, apartment, objects, entry, suf
     write_episodes(episodes, tmp_path / f"ours{suffix}")
     again = read_episodes(tmp_path / f"ours{suffix}")
     assert again == episodes
-    write_habitat(again, tmp_path / f"back{suffix}", apartment, objects)
+    save_json(to_habitat(again, apartment, objects), tmp_path / f"back{suffix}", sort_keys=False)
     before, after = (load_json(tmp_path / f"{name}{suffix}") for name in ("habitat", "back"))
     assert close(before, after, 1e-6)
     assert "wrong" not in before
@@ -137,7 +138,7 @@ def random_episode(rng, index, spec, objects):
         id=f"HabPick-v1/{index:05d}",
         scene_id=spec.scene_id,
         seed=int(rng.integers(2**31)),
-        robot=RobotStart(base=base, arm_qpos_rad=maybe(arm) or REST_QPOS_RAD),
+        robot=RobotStart(base=base, arm_qpos_rad=maybe(arm) or ROBOT.rest_qpos_rad),
         objects={handle: random_pose(rng) for handle in handles},
         targets=targets,
         held=maybe(handles[0]),
@@ -170,7 +171,7 @@ def assert_same(a, b):
 
 
 def assert_comes_back(tmp_path, episodes, dataset, objects):
-    write_habitat(episodes, tmp_path / "habitat.json.gz", dataset, objects)
+    save_json(to_habitat(episodes, dataset, objects), tmp_path / "habitat.json.gz", sort_keys=False)
     back = read_habitat(tmp_path / "habitat.json.gz", dataset, objects)
     assert replace(back, episodes=()) == replace(episodes, episodes=())
     for before, after in zip(episodes.episodes, back.episodes, strict=True):
@@ -201,7 +202,7 @@ def test_shipped_episodes_come_back(tmp_path, apartment, objects, file):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("env_id", GENERATORS)
+@pytest.mark.parametrize("env_id", ENTRY_POINTS)
 def test_generated_episodes_come_back(tmp_path, monkeypatch, env_id):
     monkeypatch.setenv("HAB_CACHE_DIR", str(tmp_path / "cache"))
     source = open_source(EpisodeRequest(env_id=env_id, split="train", seed=11))
@@ -223,11 +224,11 @@ def test_starts_are_drawn_where_a_file_has_none(tmp_path, apartment, objects):
     assert drawn.episodes[1] == episodes.episodes[1], "this one has a start"
     episode = drawn.episodes[0]
     assert episode.robot.base != (0.0, 0.0, 0.0)
-    bench = Workbench(load_scene(apartment, SCENE), objects)
-    stage(bench, episode.objects, episode.joints)
+    sandbox = PlacementSandbox(load_scene(apartment, SCENE), objects)
+    pose_scene(sandbox, episode.objects, episode.joints)
     arm = np.array(episode.robot.arm_qpos_rad)
-    assert not bench.robot_touches(episode.robot.base, arm, START_CLEARANCE_M)
-    assert bench.floor().clearance_at(np.array(episode.robot.base[:2])) >= BASE_RADIUS_M
+    assert not sandbox.robot_touches(episode.robot.base, arm, START_CLEARANCE_M)
+    assert sandbox.floor().clearance_at(np.array(episode.robot.base[:2])) >= BASE_RADIUS_M
 
 
 def test_a_drawn_start_is_not_written_unless_it_was_moved(tmp_path, apartment, objects):
@@ -236,7 +237,7 @@ def test_a_drawn_start_is_not_written_unless_it_was_moved(tmp_path, apartment, o
     again = read_episodes(tmp_path / "ours.json")
     (back,) = to_habitat(again, apartment, objects)["episodes"]
     assert close(back, set_table(), 1e-6)
-    robot = RobotStart(base=(1.0, 2.0, 0.0), arm_qpos_rad=REST_QPOS_RAD)
+    robot = RobotStart(base=(1.0, 2.0, 0.0), arm_qpos_rad=ROBOT.rest_qpos_rad)
     moved = replace(again, episodes=(replace(again.episodes[0], robot=robot),))
     (back,) = to_habitat(moved, apartment, objects)["episodes"]
     assert back["start_position"] == [1.0, 0.0, -2.0]
@@ -256,7 +257,7 @@ def test_the_command_goes_both_ways(tmp_path, apartment, objects, capsys):
     there = capsys.readouterr().out
     assert f"wrote 2 episodes (train) for HabSetTable-v1 to {ours}" in there
     assert "rigid_objs (1)" in there
-    assert "drawn once: 1" in there
+    assert "sampled once: 1" in there
     assert "dropped: nothing" in there
     assert convert(ours, "--out", back) == 0
     assert f"wrote 2 episodes in Habitat's format to {back}" in capsys.readouterr().out
@@ -269,7 +270,7 @@ def test_the_command_tells_what_habitat_does_not_read(tmp_path, apartment, objec
     ours = replace(episodes, episodes=(replace(episode, held="024_bowl_:0000", seed=5),), seed=3)
     write_episodes(ours, tmp_path / "ours.json")
     assert convert(tmp_path / "ours.json", "--out", tmp_path / "back.json") == 0
-    assert "does not read: held (1), seed (2)" in capsys.readouterr().out
+    assert "Habitat ignores: held (1), seed (2)" in capsys.readouterr().out
     back = read_habitat(tmp_path / "back.json", apartment, objects)
     assert back.seed == 3
     assert (back.episodes[0].held, back.episodes[0].seed) == ("024_bowl_:0000", 5)

@@ -1,4 +1,4 @@
-"""The spring that holds a handle: its force, its place in the hand, and when it is lost."""
+"""The spring that holds a handle: force, position in the hand, and loss."""
 
 import numpy as np
 import pytest

@@ -1,13 +1,13 @@
-"""Doors and drawers resist as real ones do: they hold against a touch, and stop when let go."""
+"""Joint friction of doors and drawers: they resist a touch, and stop when released."""
 
 import numpy as np
 import pytest
 from builders import cpu_scene
 
 from hab_tasks.scenes.build import BodyBuilder
-from hab_tasks.scenes.dataset import resolve_dataset
+from hab_tasks.scenes.habitat.dataset import resolve_dataset
+from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.joint_friction import HINGE, SLIDE
-from hab_tasks.scenes.load import load_scene
 from hab_tasks.scenes.urdf import joint_frictions
 
 JOINTS = {"kitchen_counter": "middle_slide_top", "fridge": "top_door_hinge"}

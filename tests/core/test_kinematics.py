@@ -1,15 +1,15 @@
-"""The arm's kinematics: derivatives, the batch against single rows, and the IK step."""
+"""The arm's kinematics: derivatives, batch against single rows, and the IK step."""
 
 import numpy as np
 import pytest
 import torch
 
 from hab_tasks.constants import EE_STEP_M, REST_POSITION_M
-from hab_tasks.robots.fetch_spec import ARM_LOWER_RAD, ARM_UPPER_RAD, REST_QPOS_RAD
 from hab_tasks.robots.kinematics import ArmKinematics, arm_model
+from hab_tasks.robots.robot import ROBOT
 
-LOWER, UPPER = np.array(ARM_LOWER_RAD), np.array(ARM_UPPER_RAD)
-REST = np.array(REST_QPOS_RAD)
+LOWER, UPPER = np.array(ROBOT.arm_lower_rad), np.array(ROBOT.arm_upper_rad)
+REST = np.array(ROBOT.rest_qpos_rad)
 POSES = np.random.default_rng(0).uniform(LOWER, UPPER, (20, 7))
 
 
@@ -79,7 +79,7 @@ def test_model_holds_the_arms_joints_with_the_specs_limits():
 def test_a_joint_at_its_limit_does_not_bend_the_step(kinematics):
     """Upwards from rest with the shoulder's lift at its limit: the other joints make the step."""
     qpos = REST.copy()
-    qpos[1] = ARM_LOWER_RAD[1]
+    qpos[1] = ROBOT.arm_lower_rad[1]
     before = kinematics.position(qpos)
     step = np.array([0.0, 0.0, EE_STEP_M])
     after = kinematics.displace(qpos, before + step)

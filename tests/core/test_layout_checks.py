@@ -1,16 +1,16 @@
-"""Overlaps, sweeps, floor and reach of layouts, against hand-made boxes and against the engine."""
+"""Overlaps, sweeps, floor and reach of layouts, compared with hand-made boxes and the engine."""
 
 import numpy as np
 import pytest
 from builders import DRAWER_URDF, box_glb, tiny_dataset, write_json, write_scene
 
-from hab_tasks.episodes.workbench import Workbench
-from hab_tasks.scenes.dataset import SceneDataset, resolve_dataset
+from hab_tasks.episodes.sandbox import PlacementSandbox
+from hab_tasks.layouts.checks import Baseline, check_layout, free_range
+from hab_tasks.layouts.standing import FloorPlan
 from hab_tasks.scenes.floor import CELL_M, free_floor
-from hab_tasks.scenes.layout_checks import Baseline, check_layout, free_range
+from hab_tasks.scenes.habitat.dataset import SceneDataset, resolve_dataset
+from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.layout_geometry import Bodies, Layout, depth_m, overlaps
-from hab_tasks.scenes.load import load_scene
-from hab_tasks.scenes.standing import FloorPlan
 
 SCENE = "v3_sc0_staging_00"
 CHEST = {"template_name": "chestOfDrawers_01", "translation": [-1, 0.3, 0], "uniform_scale": 2.0}
@@ -124,8 +124,8 @@ def test_a_hinge_turns_about_its_axis():
     assert open_door.box_m[:, 2] == pytest.approx(door.box_m[:, 2], abs=1e-5)
     size, turned = np.ptp(door.box_m, axis=0), np.ptp(open_door.box_m, axis=0)
     assert turned[:2] == pytest.approx(size[1::-1], abs=1e-5)
-    assert (open_door.box_m >= hinge.ways_m[0][0] - 1e-9).all()
-    assert (open_door.box_m <= hinge.ways_m[0][1] + 1e-9).all()
+    assert (open_door.box_m >= hinge.swept_boxes_m[0][0] - 1e-9).all()
+    assert (open_door.box_m <= hinge.swept_boxes_m[0][1] + 1e-9).all()
 
 
 # Floor and reach -------------------------------------------------------------------------------
@@ -174,25 +174,25 @@ def test_room_at_handles_is_measured():
 def test_geometry_is_the_engines(name, request):
     folder = request.getfixturevalue("replica_cad") if name == "real" else "apartment"
     spec = load_scene(resolve_dataset(folder), SCENE)
-    layout, bench = Layout.of(spec), Workbench(spec, {})
+    layout, sandbox = Layout.of(spec), PlacementSandbox(spec, {})
     joints = {"fridge_:0000": "top_door_hinge", "kitchen_counter_:0000": "right_slide_top"}
     for furniture, joint in joints.items():
-        bench.set_joint(furniture, joint, 0.4)
+        sandbox.set_joint(furniture, joint, 0.4)
     placed = layout.opened({item: 0.4 for item in joints.items()})
-    for body in bench.bodies.values():
-        pose = bench.world_from(body.name)
+    for body in sandbox.bodies.values():
+        pose = sandbox.world_from(body.name)
         parts = [placed[n] for n in placed if n == body.name or n.startswith(f"{body.name}/")]
         if body.name == "stage":
             assert len(parts) == len(body.shapes)
         else:
             assert np.allclose(parts[0].world_from_body, pose, atol=1e-5), body.name
         ours = np.concatenate([part.points_m for part in parts], axis=1)
-        theirs = [bench_points(shape, pose) for shape in body.shapes]
+        theirs = [sandbox_points(shape, pose) for shape in body.shapes]
         if theirs:
             assert np.allclose(ours, np.concatenate(theirs, axis=1), atol=1e-5), body.name
 
 
-def bench_points(shape, world_from_body):
+def sandbox_points(shape, world_from_body):
     from hab_tasks.scenes.floor import body_points
 
     return (world_from_body @ body_points(shape))[:3]
@@ -200,9 +200,9 @@ def bench_points(shape, world_from_body):
 
 def test_floor_is_the_simulators():
     spec = load_scene(resolve_dataset("apartment"), SCENE)
-    bench = Workbench(spec, {})
-    fixed = [body for body in bench.bodies.values() if body.group != "object"]
-    theirs = free_floor(fixed, {body.name: bench.world_from(body.name) for body in fixed})
+    sandbox = PlacementSandbox(spec, {})
+    fixed = [body for body in sandbox.bodies.values() if body.group != "object"]
+    theirs = free_floor(fixed, {body.name: sandbox.world_from(body.name) for body in fixed})
     layout = Layout.of(spec)
     ours = FloorPlan(layout).floor()
     assert np.allclose(ours.origin_m, theirs.origin_m)

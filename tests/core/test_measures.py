@@ -1,4 +1,4 @@
-"""What a tracker measures on batches of hand-made snapshots, and the change to the base frame."""
+"""Measures of a tracker on batches of hand-made snapshots, and the transform to the base frame."""
 
 import math
 from dataclasses import fields, replace
@@ -8,9 +8,9 @@ import torch
 from builders import StraightWays, snapshot
 
 from hab_tasks.constants import REST_POSITION_M
-from hab_tasks.goals import Goals
-from hab_tasks.measures import MEANINGS, Measures, Tracker
-from hab_tasks.snapshot import world_to_base
+from hab_tasks.engine.goals import Goals
+from hab_tasks.engine.measures import MEANINGS, Measures, Tracker
+from hab_tasks.engine.snapshot import world_to_base
 
 N = 4
 ALL = torch.arange(N)
@@ -18,13 +18,13 @@ GOING, STOPPED = torch.zeros(N, dtype=torch.bool), torch.ones(N, dtype=torch.boo
 REST = torch.tensor(REST_POSITION_M)
 
 
-def goals(fronts=0, **values):
-    return replace(Goals.empty(N, 1, fronts, "cpu"), **values)
+def goals(articulations=0, **values):
+    return replace(Goals.empty(N, 1, articulations, "cpu"), **values)
 
 
-def tracker_at(first, goals=None, ways=None):
+def tracker_at(first, goals=None, geodesic=None):
     """A tracker whose row 0 is about object 0, row 1 about object 1 and so on."""
-    tracker = Tracker(goals or Goals.empty(N, 1, first.joints.shape[1], "cpu"), ways)
+    tracker = Tracker(goals or Goals.empty(N, 1, first.joints.shape[1], "cpu"), geodesic)
     tracker.targets = ALL[:, None].clone()
     tracker.begin(first, ALL)
     return tracker
@@ -54,8 +54,10 @@ def test_distances_of_the_first_moment():
     objects = ee + torch.tensor([[0.0, 0, 0], [0, 0, 0.25], [1, 2, 2], [-0.6, 0.8, 0]])
     goals_m = objects + torch.tensor([[0.0, 0, 2], [0, 0.3, 0.4], [0, 0, 0], [2, -1, 2]])
     handles = ee - torch.tensor([[0.0, 0, 0.5], [4, 0, 3], [0, 0, 0], [2, 3, 6]])
-    first = snapshot(N, fronts=1, ee_m=ee, objects_m=objects[:, None], handles_m=handles[:, None])
-    m = tracker_at(first, goals(fronts=1, goals_m=goals_m[:, None])).measures
+    first = snapshot(
+        N, articulations=1, ee_m=ee, objects_m=objects[:, None], handles_m=handles[:, None]
+    )
+    m = tracker_at(first, goals(articulations=1, goals_m=goals_m[:, None])).measures
     # |(0.3, 0.4, 0)| = 0.5; |(1, 2, 2)| = 3; |(-0.6, 0.8, 0)| = 1
     assert torch.allclose(m.ee_to_rest_m, torch.tensor([0.0, 0.5, 0.0, 0.0]), atol=1e-6)
     assert torch.allclose(m.ee_to_object_m, torch.tensor([0.0, 0.25, 3.0, 1.0]), atol=1e-6)
@@ -126,8 +128,8 @@ def test_placed_means_within_15_cm_and_let_go():
 
 def test_a_door_and_its_handle():
     travel = {"joint_lower": torch.full((N, 1), -0.5), "joint_upper": torch.full((N, 1), 1.5)}
-    first = snapshot(N, joints=torch.tensor([[-0.5], [0.5], [1.0], [1.5]]), fronts=1)
-    tracker = tracker_at(first, goals(fronts=1, **travel))
+    first = snapshot(N, joints=torch.tensor([[-0.5], [0.5], [1.0], [1.5]]), articulations=1)
+    tracker = tracker_at(first, goals(articulations=1, **travel))
     tracker.handles[:] = torch.tensor([[0], [1], [2], [3]])
     # (0.5 + 0.5) / 2 = 0.5; (1 + 0.5) / 2 = 0.75
     assert tracker.measures.joint_share.tolist() == [0.0, 0.5, 0.75, 1.0]

@@ -1,12 +1,12 @@
-"""Sensor noise: its size, what it leaves alone, and that the same moment has the same noise."""
+"""Sensor noise: magnitude, unaffected entries, and reproducibility per step."""
 
 import math
 
 import pytest
 import torch
 
+from hab_tasks.engine.noise import NoiseSource, SensorNoise
 from hab_tasks.errors import OptionError, UnknownNameError
-from hab_tasks.noise import NoiseSource, SensorNoise
 
 SIDE = 200
 """Pixels along a side: 40,000 draws give a standard deviation to within 1.5 % (4 sigma)."""
@@ -129,7 +129,7 @@ def test_no_noise_changes_nothing():
 # The same again --------------------------------------------------------------------------------
 
 
-def moments(noise, steps=3):
+def samples(noise, steps=3):
     """What the joints read in the next steps, (steps, N, 7)."""
     found = []
     for _ in range(steps):
@@ -141,36 +141,36 @@ def moments(noise, steps=3):
 def test_looking_twice_gives_the_same_and_each_step_another():
     noise = source()
     assert torch.equal(noise.joints(torch.zeros(1, 7)), noise.joints(torch.zeros(1, 7)))
-    first, second, third = moments(noise)
+    first, second, third = samples(noise)
     assert not torch.equal(first, second)
     assert not torch.equal(second, third)
 
 
 def test_the_same_episode_has_the_same_noise_and_another_another():
-    assert torch.equal(moments(source(seeds=(7,))), moments(source(seeds=(7,))))
-    assert not torch.equal(moments(source(seeds=(7,))), moments(source(seeds=(8,))))
+    assert torch.equal(samples(source(seeds=(7,))), samples(source(seeds=(7,))))
+    assert not torch.equal(samples(source(seeds=(7,))), samples(source(seeds=(8,))))
 
 
 def test_a_row_does_not_depend_on_the_others():
-    both = moments(source(num_envs=2, seeds=(7, 8)))
-    assert torch.equal(both[:, :1], moments(source(seeds=(7,))))
-    assert torch.equal(both[:, 1:], moments(source(seeds=(8,))))
+    both = samples(source(num_envs=2, seeds=(7, 8)))
+    assert torch.equal(both[:, :1], samples(source(seeds=(7,))))
+    assert torch.equal(both[:, 1:], samples(source(seeds=(8,))))
 
 
 def test_a_row_that_begins_anew_leaves_the_other_where_it_is():
-    noise, whole = source(num_envs=2, seeds=(7, 8)), moments(source(num_envs=2, seeds=(7, 8)), 4)
-    moments(noise, 2)
+    noise, whole = source(num_envs=2, seeds=(7, 8)), samples(source(num_envs=2, seeds=(7, 8)), 4)
+    samples(noise, 2)
     noise.begin(torch.tensor([1]), [0, 9])
-    now = moments(noise, 2)
+    now = samples(noise, 2)
     assert torch.equal(now[:, 0], whole[2:, 0])
-    assert torch.equal(now[:, 1:], moments(source(seeds=(9,)), 2))
+    assert torch.equal(now[:, 1:], samples(source(seeds=(9,)), 2))
 
 
 def test_a_restored_source_goes_on_alike():
     noise, other = source(seeds=(7,)), source(seeds=(1,))
-    moments(noise, 2)
+    samples(noise, 2)
     other.set_state(noise.get_state(), EVERY_ROW)
-    assert torch.equal(moments(noise), moments(other))
+    assert torch.equal(samples(noise), samples(other))
 
 
 def test_cameras_and_channels_have_noise_of_their_own():

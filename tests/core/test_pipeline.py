@@ -1,4 +1,4 @@
-"""Optimised copies of datasets: the same in format and content, whole or not there."""
+"""Optimised copies of datasets: equal in format and content, written atomically."""
 
 import json
 import os
@@ -19,8 +19,8 @@ from hab_tasks.errors import DatasetError, HabError, UnknownNameError
 from hab_tasks.files import ASIDE
 from hab_tasks.pipeline import jobs, optimise
 from hab_tasks.pipeline.options import AssetOptions
-from hab_tasks.scenes.dataset import SceneDataset
-from hab_tasks.scenes.load import load_scene
+from hab_tasks.scenes.habitat.dataset import SceneDataset
+from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.meshes import mesh_bounds, parts_volume
 from hab_tasks.scenes.objects import load_objects
 
@@ -176,7 +176,7 @@ def test_force_replaces_datasets_and_nothing_else(tmp_path):
     assert not (tmp_path / "out/extra").exists()
     (tmp_path / "home").mkdir()
     (tmp_path / "home/thesis.txt").write_text("precious")
-    with pytest.raises(HabError, match=f"holds files and no {optimise.NOTE}"):
+    with pytest.raises(HabError, match=f"contains files but no {optimise.NOTE}"):
         optimise.optimise(source, tmp_path / "home", AssetOptions(), force=True)
 
 

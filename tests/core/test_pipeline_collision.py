@@ -1,4 +1,4 @@
-"""Convex parts of meshes, in the four ways."""
+"""Convex parts of meshes, by each of the four methods."""
 
 from pathlib import Path
 

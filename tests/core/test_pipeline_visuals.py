@@ -1,4 +1,4 @@
-"""Light visual meshes: shape, texture and materials stay; memory shrinks."""
+"""Light visual meshes: shape, texture and materials are kept; memory shrinks."""
 
 import struct
 from pathlib import Path

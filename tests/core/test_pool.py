@@ -1,4 +1,4 @@
-"""Bodies built once: a layout shown again is the layout shown first, and nothing else is left."""
+"""Reuse of bodies: a layout shown again equals the first time, without remains of others."""
 
 import numpy as np
 import pytest
@@ -8,8 +8,8 @@ from builders import box_glb, cpu_scene, tiny_dataset, tiny_scene, write_json, w
 
 from hab_tasks.errors import EpisodeError
 from hab_tasks.scenes.collision_groups import FLOOR_BIT
-from hab_tasks.scenes.dataset import SceneDataset, resolve_dataset
-from hab_tasks.scenes.load import load_scene
+from hab_tasks.scenes.habitat.dataset import SceneDataset, resolve_dataset
+from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.objects import load_objects
 from hab_tasks.scenes.pool import BodyPool
 from hab_tasks.scenes.shapes import components, matrix
@@ -28,18 +28,18 @@ class Room:
     def show(self, *specs, objects=PICKABLES):
         """Shows one layout after another, furniture closed; returns itself."""
         for spec in specs:
-            self.handles = self.pool.show(spec, objects)
-            for furniture in self.handles.articulations.values():
+            self.scene_bodies = self.pool.show(spec, objects)
+            for furniture in self.scene_bodies.articulations.values():
                 furniture.set_qpos(torch.zeros_like(furniture.get_qpos()))
         return self
 
     def poses(self):
-        return {name: matrix(c.entity_pose) for name, _, c in components(self.handles)}
+        return {name: matrix(c.entity_pose) for name, _, c in components(self.scene_bodies)}
 
     def groups(self):
         """Body -> the collision bits of its shapes, and which shapes share an ignore number."""
         numbers, found = {}, {}
-        for name, _, component in components(self.handles):
+        for name, _, component in components(self.scene_bodies):
             bits = [shape.get_collision_groups() for shape in component.collision_shapes]
             shared = [numbers.setdefault(b[3], len(numbers)) for b in bits]
             found[name] = [(*b[:3], number) for b, number in zip(bits, shared, strict=True)]
@@ -61,7 +61,7 @@ class Room:
         }
 
     def masses(self):
-        return {name: actor._bodies[0].mass for name, actor in self.handles.movable.items()}
+        return {name: actor._bodies[0].mass for name, actor in self.scene_bodies.movable.items()}
 
     def entities(self):
         return sorted(entity.name for entity in self.scene.sub_scenes[0].entities)
@@ -177,11 +177,11 @@ def test_layouts_share_what_is_alike(tiny):
     room = Room().show(tiny[0], objects=PICKABLES[:1])
     # stage, table, cube, rug, chest, cracker box
     assert len(room.pool._built) == 6
-    table = room.handles.static["table_:0000"]
+    table = room.scene_bodies.static["table_:0000"]
     room.show(tiny[1], objects=PICKABLES[:1])
     # and the fixed cube, the second loose cube, the smaller chest
     assert len(room.pool._built) == 9
-    assert room.handles.static["table_:0000"] is table
+    assert room.scene_bodies.static["table_:0000"] is table
 
 
 def test_a_rug_spares_the_robots_base_only_on_the_floor(tiny):
@@ -195,9 +195,9 @@ def test_a_rug_spares_the_robots_base_only_on_the_floor(tiny):
 def test_what_is_not_shown_is_not_met(tiny):
     """A cube falls where the other layout's table stood: 2 s are enough to fall from 1.5 m."""
     room = Room().show(*reversed(tiny))
-    cube = room.handles.loose["cube_:0000"]
+    cube = room.scene_bodies.loose["cube_:0000"]
     cube._objs[0].set_pose(sapien.Pose([-1, -1, 1.5]))
-    shown = {component for _, _, component in components(room.handles)}
+    shown = {component for _, _, component in components(room.scene_bodies)}
     for _ in range(240):
         room.scene.px.step()
         assert {b for c in room.scene.px.get_contacts() for b in c.bodies} <= shown
@@ -207,7 +207,7 @@ def test_what_is_not_shown_is_not_met(tiny):
 
 def test_other_pickables_replace_the_ones_before(tiny):
     room = Room().show(tiny[0], objects=PICKABLES).show(tiny[0], objects=PICKABLES[1:2])
-    assert list(room.handles.pickables) == [PICKABLES[1]]
+    assert list(room.scene_bodies.pickables) == [PICKABLES[1]]
     assert PICKABLES[0] not in room.entities()
     assert PICKABLES[0] not in room.state_keys()["actors"]
 

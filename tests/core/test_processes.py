@@ -1,4 +1,4 @@
-"""Workers end with the process that started them."""
+"""Worker processes end with their parent."""
 
 import os
 import signal
@@ -9,7 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from hab_tasks.errors import WorkerError
+from hab_tasks.errors import FileError, UnknownNameError, WorkerError
+from hab_tasks.files import check_file
+from hab_tasks.options import check_options
 from hab_tasks.processes import worker_pool
 
 KILLED = """
@@ -29,6 +31,7 @@ def test_a_pool_calls_its_start_and_works(tmp_path):
         assert pool.submit(os.getpid).result() != os.getpid()
 
 
+@pytest.mark.slow
 def test_workers_do_not_outlive_a_killed_parent(tmp_path):
     script = tmp_path / "parent.py"
     script.write_text(KILLED)
@@ -51,6 +54,18 @@ def test_workers_end_when_something_is_raised():
 def test_a_killed_worker_is_told():
     with pytest.raises(WorkerError, match="worker process was killed"):
         short_of_memory()
+
+
+def test_an_error_of_a_worker_is_told_as_it_was_raised(tmp_path):
+    with worker_pool(1) as pool:
+        (tmp_path / "file").touch()
+        there = pool.submit(check_file, tmp_path / "file", force=False)
+        unknown = pool.submit(check_options, "hab-tasks", {"list": object}, ["lisp"])
+        with pytest.raises(FileError, match=r"/file exists; give --force") as caught:
+            there.result()
+        assert caught.value.path == tmp_path / "file"
+        with pytest.raises(UnknownNameError, match="Did you mean 'list'"):
+            unknown.result()
 
 
 def interrupted(pids):

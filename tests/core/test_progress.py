@@ -1,4 +1,4 @@
-"""How far rows have come in a task: facts, stages, parts. For tensors and for numpy arrays."""
+"""Progress in a task: facts, stages, parts; for tensors and for numpy arrays."""
 
 from dataclasses import replace
 
@@ -6,12 +6,13 @@ import pytest
 import torch
 from builders import as_arrays, measures, row, same, snapshot
 
-from hab_tasks.goals import Goals
+from hab_tasks.engine.goals import Goals
+from hab_tasks.registration import TASKS
 from hab_tasks.tasks.base import Facts
-from hab_tasks.tasks.prepare_groceries import PREPARE_GROCERIES
+from hab_tasks.tasks.compile import compile_task
 from hab_tasks.tasks.progress import Progress
-from hab_tasks.tasks.set_table import SET_TABLE
-from hab_tasks.tasks.tidy_house import TIDY_HOUSE
+
+TIDY_HOUSE, PREPARE_GROCERIES, SET_TABLE = map(compile_task, TASKS.values())
 
 FIRST = 7
 """Index in the grasp of object 0; the others follow."""
@@ -19,19 +20,19 @@ FIRST = 7
 CLOSED, OPEN = (0.0, 0.0), (0.3, 2.0)
 
 
-def moment(task, *rows):
+def make_snapshot(task, *rows):
     """A snapshot of rows (held object or None, placed objects) or with joints as well."""
     count = len(rows)
     points = torch.full((count, task.objects, 3), 5.0)
-    held, joints = torch.full((count,), -1), torch.zeros(count, len(task.fronts))
+    held, joints = torch.full((count,), -1), torch.zeros(count, len(task.articulations))
     for i, (holding, placed, *rest) in enumerate(rows):
         points[i, list(placed)] = 0.05  # |(0.05, 0.05, 0.05)| = 0.087 m from the goal, the origin
         if holding is not None:
             held[i] = FIRST + holding
         if rest:
             joints[i] = torch.tensor(rest[0])
-    fronts = len(task.fronts)
-    return snapshot(count, fronts=fronts, objects_m=points, held=held, joints=joints)
+    articulations = len(task.articulations)
+    return snapshot(count, articulations=articulations, objects_m=points, held=held, joints=joints)
 
 
 def unfinished(count, **values):
@@ -41,19 +42,19 @@ def unfinished(count, **values):
 
 
 @pytest.fixture(params=["tensors", "arrays"])
-def course(request):
-    """Makes a `Course`."""
-    return lambda task, count: Course(task, count, arrays=request.param == "arrays")
+def make_harness(request):
+    """Factory of `ProgressHarness`."""
+    return lambda task, count: ProgressHarness(task, count, arrays=request.param == "arrays")
 
 
-class Course:
-    """The progress of some rows, which are told what they see."""
+class ProgressHarness:
+    """The progress of a batch, advanced with given snapshots."""
 
     def __init__(self, task, count, arrays):
         self.task, self.count = task, count
         self.kind = as_arrays if arrays else lambda x: x
-        goals = Goals.empty(count, task.objects, len(task.fronts), "cpu")
-        if task.fronts:
+        goals = Goals.empty(count, task.objects, len(task.articulations), "cpu")
+        if task.articulations:
             upper = torch.tensor([0.3, 2.6]).expand(count, 2).contiguous()
             goals = replace(goals, joint_upper=upper)
         self.goals = self.kind(goals)
@@ -64,31 +65,31 @@ class Course:
         self.begin(torch.arange(count), *[(None, ())] * count)
 
     def begin(self, rows, *seen):
-        shot = self.kind(moment(self.task, *seen))
+        shot = self.kind(make_snapshot(self.task, *seen))
         self.progress.begin(rows, shot, self.goals, self.targets)
 
     def see(self, *seen, **values):
-        """One control step; returns the stages reached and whether the goal is."""
-        shot = self.kind(moment(self.task, *seen))
+        """Advances one control step; returns the reached stages and the success flags."""
+        shot = self.kind(make_snapshot(self.task, *seen))
         m = self.kind(unfinished(self.count, **values))
         self.progress.advance(shot, m, self.goals, self.targets)
         return self.progress.stages.tolist(), self.progress.success().tolist()
 
     def go_to(self, *parts):
-        """Puts the rows at these parts."""
+        """Sets the current parts of the rows."""
         state = self.progress.get_state() | {"part": torch.tensor(parts)}
         self.restore(state, torch.arange(self.count))
 
     def restore(self, state, rows):
-        shot = self.kind(moment(self.task, *[(None, ())] * self.count))
+        shot = self.kind(make_snapshot(self.task, *[(None, ())] * self.count))
         self.progress.set_state(state, rows, shot, self.goals, self.targets)
 
 
 # Facts -----------------------------------------------------------------------------------------
 
 
-def test_facts_by_hand(course):
-    bench = course(SET_TABLE, 5)
+def test_facts_by_hand(make_harness):
+    harness = make_harness(SET_TABLE, 5)
     seen = (
         (None, (), CLOSED),
         (0, (0,), OPEN),  # held at its goal: not placed
@@ -96,8 +97,10 @@ def test_facts_by_hand(course):
         (None, (0, 1), (0.26, 1.6)),  # 87 %; above 90 degrees
         (None, (1,), (0.049, 0.149)),
     )
-    facts = Facts(SET_TABLE, bench.progress.done)
-    flags = facts.read(bench.kind(moment(SET_TABLE, *seen)), bench.goals, bench.targets)
+    facts = Facts(SET_TABLE, harness.progress.done)
+    flags = facts.read(
+        harness.kind(make_snapshot(SET_TABLE, *seen)), harness.goals, harness.targets
+    )
     # held bowl, apple; placed bowl, apple; open drawer, fridge; closed drawer, fridge
     assert flags.tolist() == [
         [False, False, False, False, False, False, True, True],
@@ -108,12 +111,12 @@ def test_facts_by_hand(course):
     ]
 
 
-def test_placed_means_within_15_cm(course):
-    bench = course(TIDY_HOUSE, 2)
-    shot = moment(TIDY_HOUSE, (None, ()), (None, ()))
+def test_placed_means_within_15_cm(make_harness):
+    harness = make_harness(TIDY_HOUSE, 2)
+    shot = make_snapshot(TIDY_HOUSE, (None, ()), (None, ()))
     shot.objects_m[:, 3] = torch.tensor([[0.0, 0.149, 0.0], [0.0, 0.151, 0.0]])
-    facts = Facts(TIDY_HOUSE, bench.progress.done)
-    flags = facts.read(bench.kind(shot), bench.goals, bench.targets)
+    facts = Facts(TIDY_HOUSE, harness.progress.done)
+    flags = facts.read(harness.kind(shot), harness.goals, harness.targets)
     assert flags[:, 5 + 3].tolist() == [True, False]
     assert int(flags.sum()) == 1
 
@@ -121,14 +124,14 @@ def test_placed_means_within_15_cm(course):
 # Stages ----------------------------------------------------------------------------------------
 
 
-def test_stages_are_reached_in_order_and_for_good(course):
-    bench = course(TIDY_HOUSE, 3)
+def test_stages_are_reached_in_order_and_for_good(make_harness):
+    harness = make_harness(TIDY_HOUSE, 3)
     nothing = (None, ())
-    assert bench.see((0, ()), nothing, nothing)[0] == [1, 0, 0]
-    assert bench.see(nothing, (0, ()), nothing)[0] == [1, 1, 0]  # row 0 has dropped it again
-    assert bench.see((None, (0,)), nothing, nothing)[0] == [2, 1, 0]
-    assert bench.see((1, (0,)), (None, (0,)), nothing)[0] == [3, 2, 0]
-    reached = {name: flag.tolist() for name, flag in bench.progress.reached().items()}
+    assert harness.see((0, ()), nothing, nothing)[0] == [1, 0, 0]
+    assert harness.see(nothing, (0, ()), nothing)[0] == [1, 1, 0]  # row 0 has dropped it again
+    assert harness.see((None, (0,)), nothing, nothing)[0] == [2, 1, 0]
+    assert harness.see((1, (0,)), (None, (0,)), nothing)[0] == [3, 2, 0]
+    reached = {name: flag.tolist() for name, flag in harness.progress.reached().items()}
     assert list(reached) == list(TIDY_HOUSE.stages)
     assert reached["pick_1"] == [True, True, False]
     assert reached["place_1"] == [True, True, False]
@@ -136,130 +139,130 @@ def test_stages_are_reached_in_order_and_for_good(course):
     assert not any(any(reached[f"pick_{n}"]) for n in (3, 4, 5))
 
 
-def test_no_stage_may_be_skipped(course):
-    bench = course(TIDY_HOUSE, 3)
+def test_no_stage_may_be_skipped(make_harness):
+    harness = make_harness(TIDY_HOUSE, 3)
     # Row 0 starts with object 2, row 1 finds object 1 at its goal, row 2 has placed everything.
     seen = ((1, ()), (None, (0,)), (None, (0, 1, 2, 3, 4)))
     for _ in range(12):
-        stages, success = bench.see(*seen)
+        stages, success = harness.see(*seen)
     assert stages == [0, 0, 0]
     # The goal does not ask how it was reached.
     assert success == [False, False, True]
 
 
-def test_later_stages_need_earlier_placements(course):
-    bench = course(PREPARE_GROCERIES, 2)
-    bench.see((0, ()), (0, ()))
-    bench.see((None, (0,)), (None, (0,)))
+def test_later_stages_need_earlier_placements(make_harness):
+    harness = make_harness(PREPARE_GROCERIES, 2)
+    harness.see((0, ()), (0, ()))
+    harness.see((None, (0,)), (None, (0,)))
     # Row 1 has pushed the first object away from its goal.
-    assert bench.see((1, (0,)), (1, ()))[0] == [3, 2]
-    assert bench.see((None, (0, 1)), (None, (1,)))[0] == [4, 2]
-    assert bench.see((None, (0, 1)), (1, (0,)))[0] == [4, 3]
+    assert harness.see((1, (0,)), (1, ()))[0] == [3, 2]
+    assert harness.see((None, (0, 1)), (None, (1,)))[0] == [4, 2]
+    assert harness.see((None, (0, 1)), (1, (0,)))[0] == [4, 3]
 
 
-def test_one_step_reaches_one_stage(course):
-    bench = course(SET_TABLE, 2)
+def test_one_step_reaches_one_stage(make_harness):
+    harness = make_harness(SET_TABLE, 2)
     # The drawer is open and the bowl in the hand in the same step.
     seen = ((0, (), (0.3, 0.0)), (0, (), (0.1, 0.0)))
-    assert bench.see(*seen)[0] == [1, 0]
-    assert bench.see(*seen)[0] == [2, 0]
+    assert harness.see(*seen)[0] == [1, 0]
+    assert harness.see(*seen)[0] == [2, 0]
 
 
-def test_the_goal_is_that_of_the_moment_and_ends_the_stages(course):
-    bench = course(PREPARE_GROCERIES, 2)
+def test_the_goal_is_that_of_the_moment_and_ends_the_stages(make_harness):
+    harness = make_harness(PREPARE_GROCERIES, 2)
     for k in range(3):
         before = tuple(range(k))
-        bench.see((k, before), (k, before))
-        stages, success = bench.see((None, (*before, k)), (k, (*before, k)))
+        harness.see((k, before), (k, before))
+        stages, success = harness.see((None, (*before, k)), (k, (*before, k)))
     assert stages == [6, 5]  # row 1 has not let the last one go
     assert success == [True, False]
-    stages, success = bench.see((None, (0, 1)), (None, (0, 1, 2)))
+    stages, success = harness.see((None, (0, 1)), (None, (0, 1, 2)))
     assert stages == [6, 6]
     assert success == [False, True]
     for _ in range(3):
-        stages, success = bench.see((None, (0, 1, 2)), (None, (0, 1, 2)))
+        stages, success = harness.see((None, (0, 1, 2)), (None, (0, 1, 2)))
     assert stages == [6, 6]
     assert success == [True, True]
 
 
-def test_a_doors_state_counts_for_the_goal(course):
-    bench = course(SET_TABLE, 4)
+def test_a_doors_state_counts_for_the_goal(make_harness):
+    harness = make_harness(SET_TABLE, 4)
     both = (None, (0, 1))
-    success = bench.see((*both, CLOSED), (*both, (0.06, 0.0)), (*both, (0.0, 0.16)), both)[1]
+    success = harness.see((*both, CLOSED), (*both, (0.06, 0.0)), (*both, (0.0, 0.16)), both)[1]
     assert success == [True, False, False, True]
 
 
 # Parts -----------------------------------------------------------------------------------------
 
 
-def test_a_part_ends_when_its_own_skill_is_done(course):
-    bench = course(TIDY_HOUSE, 4)
+def test_a_part_ends_when_its_own_skill_is_done(make_harness):
+    harness = make_harness(TIDY_HOUSE, 4)
     # Rows 0 and 3 navigate, row 1 picks, row 2 places; all have arrived and hold their object at
     # rest, but for row 3.
-    bench.go_to(0, 1, 3, 2)
+    harness.go_to(0, 1, 3, 2)
     values = {
         "base_to_goal_m": row(0.1, 0.1, 0.1, 0.4),
         "holding_target": row(True, True, True, True),
         "ee_to_rest_m": row(0.1, 0.1, 0.1, 0.1),
     }
-    bench.see(*[(None, ())] * 4, **values)
-    assert bench.progress.done.tolist() == [True, True, False, False]
-    assert bench.progress.part.tolist() == [0, 1, 3, 2], "the next part begins with the next step"
-    assert bench.progress.move_on() == [0, 1]
-    assert bench.progress.part.tolist() == [1, 2, 3, 2]
-    assert not bench.progress.done.any()
-    assert bench.progress.move_on() == []
-    bench.see(*[(None, ())] * 4, **values | {"placed": row(False, False, True, True)})
+    harness.see(*[(None, ())] * 4, **values)
+    assert harness.progress.done.tolist() == [True, True, False, False]
+    assert harness.progress.part.tolist() == [0, 1, 3, 2], "the next part begins with the next step"
+    assert harness.progress.move_on() == [0, 1]
+    assert harness.progress.part.tolist() == [1, 2, 3, 2]
+    assert not harness.progress.done.any()
+    assert harness.progress.move_on() == []
+    harness.see(*[(None, ())] * 4, **values | {"placed": row(False, False, True, True)})
     # Row 0 picks now, row 1 has arrived already, row 2 has placed; row 3 has not arrived.
-    assert bench.progress.done.tolist() == [True, True, True, False]
+    assert harness.progress.done.tolist() == [True, True, True, False]
 
 
-def test_the_last_part_stays(course):
+def test_the_last_part_stays(make_harness):
     last = len(PREPARE_GROCERIES.parts) - 1
-    bench = course(PREPARE_GROCERIES, 2)
-    bench.go_to(last, last - 1)
+    harness = make_harness(PREPARE_GROCERIES, 2)
+    harness.go_to(last, last - 1)
     done = {
         "placed": row(True, True),
         "ee_to_rest_m": row(0.0, 0.0),
         "base_to_goal_m": row(0.0, 0.0),
     }
-    bench.see((None, ()), (None, ()), **done)
-    assert bench.progress.move_on() == [1]
-    assert bench.progress.part.tolist() == [last, last]
+    harness.see((None, ()), (None, ()), **done)
+    assert harness.progress.move_on() == [1]
+    assert harness.progress.part.tolist() == [last, last]
 
 
-def test_a_part_succeeds_in_one_step_only(course):
+def test_a_part_succeeds_in_one_step_only(make_harness):
     """Also the last one, in which a row stays for as long as the task's goal is not reached."""
     last = len(TIDY_HOUSE.parts) - 1
-    bench = course(TIDY_HOUSE, 2)
-    bench.go_to(last, 0)
+    harness = make_harness(TIDY_HOUSE, 2)
+    harness.go_to(last, 0)
     placed = {"placed": row(True, True), "ee_to_rest_m": row(0.0, 0.0)}
     succeeded = []
     for _ in range(3):
-        bench.progress.move_on()
-        bench.see((None, (4,)), (None, ()), **placed)
-        succeeded.append(bench.progress.succeeded.tolist())
+        harness.progress.move_on()
+        harness.see((None, (4,)), (None, ()), **placed)
+        succeeded.append(harness.progress.succeeded.tolist())
     assert succeeded == [[True, False], [False, False], [False, False]]
 
 
-def test_rows_do_different_skills(course):
-    bench = course(SET_TABLE, 4)
-    bench.go_to(0, 1, 15, 2)
-    doing = {skill.name: here.tolist() for skill, here in bench.progress.doing()}
+def test_rows_do_different_skills(make_harness):
+    harness = make_harness(SET_TABLE, 4)
+    harness.go_to(0, 1, 15, 2)
+    doing = {skill.name: here.tolist() for skill, here in harness.progress.doing()}
     assert doing == {
         "navigate": [True, False, False, True],
         "open_drawer": [False, True, False, False],
         "close_fridge": [False, False, True, False],
     }
-    assert bench.progress.current()["number"].tolist() == [0, 1, 15, 2]
-    assert bench.progress.focus.object.tolist() == [0, 0, 1, 0]
-    assert bench.progress.focus.front.tolist() == [0, 0, 1, 0]
+    assert harness.progress.current()["number"].tolist() == [0, 1, 15, 2]
+    assert harness.progress.focus.object.tolist() == [0, 0, 1, 0]
+    assert harness.progress.focus.articulation.tolist() == [0, 0, 1, 0]
 
 
-def test_a_single_row_does_one_skill(course):
-    bench = course(SET_TABLE, 1)
-    bench.go_to(9)
-    ((skill, here),) = bench.progress.doing()
+def test_a_single_row_does_one_skill(make_harness):
+    harness = make_harness(SET_TABLE, 1)
+    harness.go_to(9)
+    ((skill, here),) = harness.progress.doing()
     assert skill.name == "open_fridge"
     assert here.tolist() == [True]
 
@@ -267,41 +270,43 @@ def test_a_single_row_does_one_skill(course):
 # Some rows, save and restore -------------------------------------------------------------------
 
 
-def advanced(course, count=4):
-    bench = course(TIDY_HOUSE, count)
-    bench.go_to(*range(1, count + 1))
-    bench.see(*[(0, ())] * count, holding_target=row(*[True] * count), ee_to_rest_m=row(*[0.0] * 4))
-    return bench
+def advanced(make_harness, count=4):
+    harness = make_harness(TIDY_HOUSE, count)
+    harness.go_to(*range(1, count + 1))
+    harness.see(
+        *[(0, ())] * count, holding_target=row(*[True] * count), ee_to_rest_m=row(*[0.0] * 4)
+    )
+    return harness
 
 
-def test_a_begin_of_some_rows_leaves_the_others(course):
-    bench = advanced(course)
-    before = bench.progress.get_state()
-    bench.begin(torch.tensor([1, 2]), *[(None, ())] * 4)
-    now = bench.progress.get_state()
+def test_a_begin_of_some_rows_leaves_the_others(make_harness):
+    harness = advanced(make_harness)
+    before = harness.progress.get_state()
+    harness.begin(torch.tensor([1, 2]), *[(None, ())] * 4)
+    now = harness.progress.get_state()
     for name, value in now.items():
         assert torch.equal(value[[0, 3]], before[name][[0, 3]]), name
         assert not value[[1, 2]].any(), name
     assert now["stages"].tolist() == [1, 0, 0, 1]
 
 
-def test_state_round_trip(course):
-    bench, other = advanced(course), course(TIDY_HOUSE, 4)
-    state = bench.progress.get_state()
+def test_state_round_trip(make_harness):
+    harness, other = advanced(make_harness), make_harness(TIDY_HOUSE, 4)
+    state = harness.progress.get_state()
     kept = {name: value.clone() for name, value in state.items()}
     other.restore(state, torch.arange(4))
-    for b in (bench, other):
+    for b in (harness, other):
         b.progress.move_on()
         b.see(*[(None, (0,))] * 4)
-    assert same(other.progress.get_state(), bench.progress.get_state())
+    assert same(other.progress.get_state(), harness.progress.get_state())
     assert same(state, kept), "a saved state changed with the progress"
-    assert not same(bench.progress.get_state(), state)
+    assert not same(harness.progress.get_state(), state)
 
 
-def test_restoring_some_rows_leaves_the_others(course):
-    bench, other = advanced(course), course(TIDY_HOUSE, 4)
+def test_restoring_some_rows_leaves_the_others(make_harness):
+    harness, other = advanced(make_harness), make_harness(TIDY_HOUSE, 4)
     rows = torch.tensor([3, 1])
-    state = {name: value[rows] for name, value in bench.progress.get_state().items()}
+    state = {name: value[rows] for name, value in harness.progress.get_state().items()}
     untouched = other.progress.get_state()
     other.restore(state, rows)
     for name, value in other.progress.get_state().items():

@@ -1,4 +1,4 @@
-"""The real ReplicaCAD and YCB, read and built as they are, and never written to."""
+"""The real ReplicaCAD and YCB: read and built unchanged, and never modified."""
 
 import json
 import os
@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 from builders import cpu_scene
 
-from hab_tasks.episodes.receptacles import PLACE_RECEPTACLES, UNSEEN_RECEPTACLES
-from hab_tasks.scenes.dataset import SPLIT_MACROS, SceneDataset
-from hab_tasks.scenes.load import load_scene, load_template
+from hab_tasks.object_names import ALL_OBJECTS
+from hab_tasks.receptacles import PLACE_RECEPTACLES, UNSEEN_RECEPTACLES
+from hab_tasks.scenes.habitat.dataset import SPLIT_MACROS, SceneDataset
+from hab_tasks.scenes.habitat.load import load_scene, load_template
 from hab_tasks.scenes.markers import HANDLE_MARKERS
-from hab_tasks.scenes.objects import ALL_OBJECTS, load_objects
+from hab_tasks.scenes.objects import load_objects
 from hab_tasks.scenes.pool import BodyPool
 
 pytestmark = pytest.mark.assets
@@ -109,6 +110,7 @@ def test_the_stage_is_a_shell_around_the_flat(specs):
         assert 5.5 < floor.half_size_m[2] < 7.5
 
 
+@pytest.mark.slow
 def test_building_writes_nothing_beside_the_data(data, tmp_path):
     """With a cache of its own, so that everything that is computed is computed now."""
     before = listing(data)

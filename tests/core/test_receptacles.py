@@ -1,4 +1,4 @@
-"""Which receptacles can be used, points on them, and how objects come to rest there."""
+"""Usable receptacles, sampled points on them, and settling of objects there."""
 
 import math
 
@@ -8,17 +8,11 @@ import start_checks as sc
 from builders import box_glb, table_config, tiny_dataset, tiny_scene, write_json, write_scene
 
 from hab_tasks.episodes.placing import Placer
-from hab_tasks.episodes.receptacles import (
-    find_spots,
-    receptacles_named,
-    spot_of,
-    unusable,
-    widest,
-)
-from hab_tasks.episodes.workbench import Workbench
+from hab_tasks.episodes.sandbox import PlacementSandbox
+from hab_tasks.episodes.spots import find_spots, receptacles_named, spot_of, unusable, widest
 from hab_tasks.geometry import pose, rotation_between
-from hab_tasks.scenes.dataset import SceneDataset, resolve_dataset
-from hab_tasks.scenes.load import load_scene
+from hab_tasks.scenes.habitat.dataset import SceneDataset, resolve_dataset
+from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.objects import load_objects
 
 TEMPLATES = load_objects(None)
@@ -35,20 +29,20 @@ def tiny(tmp_path):
     config = {"user_defined": {INSIDE: entry | {"scale": [0.05, 0.04, 0.04]}}}
     write_json(root / "urdf/chests/chest.ao_config.json", config)
 
-    def bench(change=lambda table, scene: None):
+    def sandbox(change=lambda table, scene: None):
         scene = tiny_scene()
         del scene["object_instances"][1]
         change(scene["object_instances"][0], scene)
         write_scene(root, scene)
-        return Workbench(load_scene(SceneDataset(root), SCENE), TEMPLATES)
+        return PlacementSandbox(load_scene(SceneDataset(root), SCENE), TEMPLATES)
 
-    bench.root = root
-    return bench
+    sandbox.root = root
+    return sandbox
 
 
-def spot(bench, name=sc.TABLE_LIGHT):
-    (receptacle,) = receptacles_named(bench, (name,))
-    return spot_of(bench, receptacle, {})
+def spot(sandbox, name=sc.TABLE_LIGHT):
+    (receptacle,) = receptacles_named(sandbox, (name,))
+    return spot_of(sandbox, receptacle, {})
 
 
 # What stands where -----------------------------------------------------------------------------
@@ -74,22 +68,22 @@ def test_a_spot_turns_with_its_table(tiny):
 
 
 def test_what_is_in_a_drawer_goes_out_with_it(tiny):
-    bench = tiny()
-    closed = spot(bench, INSIDE)
-    (found,) = find_spots(bench, (INSIDE,))
+    sandbox = tiny()
+    closed = spot(sandbox, INSIDE)
+    (found,) = find_spots(sandbox, (INSIDE,))
     # The slide's 0.25 m, at twice the size.
     assert found.joints == {"chest_:0000": {"slide": pytest.approx(0.5)}}
-    assert bench.joints() == {"chest_:0000": {"slide": pytest.approx(0.5)}}, "it stays open"
+    assert sandbox.joints() == {"chest_:0000": {"slide": pytest.approx(0.5)}}, "it stays open"
     # From (-1, 0, 0.2), at twice the size: 0.6 ahead, and 0.18 - 0.08 up is the drawer's top.
     assert np.allclose(closed.center_m, (-0.4, 0.0, 0.3), atol=1e-6)
     assert np.allclose(found.center_m, (0.1, 0.0, 0.3), atol=1e-6)
 
 
 def test_spots_come_in_a_fixed_order(tiny):
-    bench = tiny()
+    sandbox = tiny()
     names = (sc.TABLE_LIGHT, INSIDE)
-    refs = [found.ref for found in find_spots(bench, names)]
-    assert refs == [found.ref for found in find_spots(bench, names[::-1])]
+    refs = [found.ref for found in find_spots(sandbox, names)]
+    assert refs == [found.ref for found in find_spots(sandbox, names[::-1])]
     assert refs == [(sc.TABLE_LIGHT, "table_:0000"), (INSIDE, "chest_:0000/drawer")]
 
 
@@ -136,9 +130,9 @@ def test_only_what_can_be_used_is_used(tiny, change, reason):
         tiny.root / "configs/objects/lid.object_config.json",
         {"render_asset": "../../objects/lid.glb", "use_bounding_box_for_collision": True},
     )
-    bench = tiny(change)
-    assert unusable(bench, spot(bench)) == reason
-    assert bool(find_spots(bench, (sc.TABLE_LIGHT,))) == (reason is None)
+    sandbox = tiny(change)
+    assert unusable(sandbox, spot(sandbox)) == reason
+    assert bool(find_spots(sandbox, (sc.TABLE_LIGHT,))) == (reason is None)
 
 
 def test_a_table_behind_others_is_out_of_reach(tiny):
@@ -154,8 +148,8 @@ def test_a_table_behind_others_is_out_of_reach(tiny):
             entry = {"template_name": "block", "translation": [x, 0.25, z]}
             scene["object_instances"].append(entry)
 
-    bench = tiny(surround)
-    assert unusable(bench, spot(bench)) in (
+    sandbox = tiny(surround)
+    assert unusable(sandbox, spot(sandbox)) in (
         "too far from free floor",
         "no free floor in the layout",
     )
@@ -164,7 +158,7 @@ def test_a_table_behind_others_is_out_of_reach(tiny):
 @pytest.fixture(scope="module")
 def apartment():
     dataset = resolve_dataset("apartment")
-    return Workbench(load_scene(dataset, sorted(dataset.scene_files)[0]), TEMPLATES)
+    return PlacementSandbox(load_scene(dataset, sorted(dataset.scene_files)[0]), TEMPLATES)
 
 
 def test_the_fridge_stays_open_once_it_was_opened(apartment):
@@ -199,8 +193,8 @@ def test_every_receptacle_of_the_protocol_is_usable_in_some_layout_of_the_apartm
     dataset = resolve_dataset("apartment")
     wanted = {*sc.SIX, *sc.EIGHT, sc.DRAWER, *sc.SHELVES}
     for scene_id in sorted(dataset.scene_files):
-        bench = Workbench(load_scene(dataset, scene_id), {})
-        wanted -= {found.ref[0] for found in find_spots(bench, tuple(wanted))}
+        sandbox = PlacementSandbox(load_scene(dataset, scene_id), {})
+        wanted -= {found.ref[0] for found in find_spots(sandbox, tuple(wanted))}
         if len(wanted) < 3:
             break
     # The highest and the lowest shelf may be out of reach everywhere.
@@ -243,17 +237,17 @@ def test_what_is_too_large_finds_no_point(tiny):
 
 
 def test_objects_come_to_rest_where_they_were_put(tiny):
-    bench, handles = tiny(), (BOX, BOWL, APPLE)
-    bench.show(handles)
-    placer = Placer(bench, np.random.default_rng(3))
-    found = spot(bench)
+    sandbox, handles = tiny(), (BOX, BOWL, APPLE)
+    sandbox.show(handles)
+    placer = Placer(sandbox, np.random.default_rng(3))
+    found = spot(sandbox)
     assert all(placer.put(handle, [found]) for handle in handles)
     settled = placer.settle()
     assert settled.keys() == set(handles)
-    assert bench.restless(settled) == set()
+    assert sandbox.restless(settled) == set()
     for handle in handles:
         assert placer.on[handle] == found.ref
-        assert bench.com_m(handle)[2] > 0.8
+        assert sandbox.com_m(handle)[2] > 0.8
 
 
 def test_what_falls_is_put_somewhere_else(tiny):
@@ -267,13 +261,13 @@ def test_what_falls_is_put_somewhere_else(tiny):
     (box,) = config["user_defined"].values()
     box["position"] = [0.0, 0.9, 0.0]
     write_json(tiny.root / "configs/objects/air.object_config.json", config)
-    bench = tiny(two)
-    bench.show((APPLE,))
-    air, table = (spot_of(bench, r, {}) for r in receptacles_named(bench, (sc.TABLE_LIGHT,)))
+    sandbox = tiny(two)
+    sandbox.show((APPLE,))
+    air, table = (spot_of(sandbox, r, {}) for r in receptacles_named(sandbox, (sc.TABLE_LIGHT,)))
     assert (air.receptacle.body, table.receptacle.body) == ("air_:0000", "table_:0000")
     ends = []
     for seed in range(8):
-        placer = Placer(bench, np.random.default_rng(seed))
+        placer = Placer(sandbox, np.random.default_rng(seed))
         assert placer.put(APPLE, [air, table])
         ends.append((placer.on[APPLE][1], placer.settle(), placer.on[APPLE][1]))
     again = [(settled, last) for first, settled, last in ends if first == "air_:0000"]
@@ -285,26 +279,26 @@ def test_what_falls_is_put_somewhere_else(tiny):
 
 
 def test_an_apple_falls_into_the_bowl(tiny):
-    bench = tiny()
-    bench.show((BOWL, APPLE))
-    placer = Placer(bench, np.random.default_rng(3))
-    assert placer.put(BOWL, [spot(bench)])
+    sandbox = tiny()
+    sandbox.show((BOWL, APPLE))
+    placer = Placer(sandbox, np.random.default_rng(3))
+    assert placer.put(BOWL, [spot(sandbox)])
     placer.put_into(APPLE, BOWL)
     settled = placer.settle()
     assert settled.keys() == {BOWL, APPLE}
-    way = bench.com_m(APPLE) - bench.com_m(BOWL)
+    way = sandbox.com_m(APPLE) - sandbox.com_m(BOWL)
     assert np.linalg.norm(way[:2]) < 0.04
     assert 0.0 < way[2] < 0.06
 
 
 def test_what_topples_is_not_at_rest(tiny):
-    bench = tiny()
-    bench.show((BOX, BOWL))
+    sandbox = tiny()
+    sandbox.show((BOX, BOWL))
     poses = {}
     for name, lean in ((BOX, 30.0), (BOWL, 0.0)):
-        _, _, depth = bench.footprint(name)
+        _, _, depth = sandbox.footprint(name)
         sideways = np.array([math.sin(math.radians(lean)), 0.0, math.cos(math.radians(lean))])
         q = rotation_between(np.array(TEMPLATES[name.rsplit("_:", 1)[0]].up), sideways)
         x = 1.2 if name == BOX else 0.8
         poses[name] = pose((x, -2.0, 0.8 + depth + 0.002), q)
-    assert bench.restless(poses) == {BOX}
+    assert sandbox.restless(poses) == {BOX}

@@ -1,8 +1,8 @@
-"""Close drawer's success, failures and reward on hand-made rows (App. H.2)."""
+"""Success, failures and reward of closing a drawer on hand-made rows (App. H.2)."""
 
 import pytest
 import torch
-from builders import judge, measures, row
+from builders import evaluate_rules, measures, row
 
 from hab_tasks.skills.close_drawer import CLOSE_DRAWER
 
@@ -20,7 +20,7 @@ def test_pushing_and_success():
         ee_to_rest_m=row(0.6, 0.6, 0.149, 0.1),
         force_total_n=row(1e6, 0.0, 0.0, 0.0),
     )
-    success, failures, terms, reward, _ = judge(CLOSE_DRAWER, m)
+    success, failures, terms, reward, _ = evaluate_rules(CLOSE_DRAWER, m)
     # Row 0 reaches: 0.01. Row 1 grabs the handle, which closing does not pay: 0.004.
     # Row 2 closes at rest: 10 - 0.01 + 0.03. Row 3 pulls it out: -0.02.
     assert torch.allclose(reward, row(0.01, 0.004, 10.02, -0.02))
@@ -31,11 +31,11 @@ def test_pushing_and_success():
 
 def test_closed_is_within_5_cm_and_at_rest():
     m = measures(4, joint=row(0.049, 0.051, 0.0, 0.0), ee_to_rest_m=row(0.0, 0.0, 0.1499, 0.15))
-    assert judge(CLOSE_DRAWER, m).success.tolist() == [True, False, True, False]
+    assert evaluate_rules(CLOSE_DRAWER, m).success.tolist() == [True, False, True, False]
 
 
 def test_the_terms_stand_in_the_order_of_the_equation():
-    assert list(judge(CLOSE_DRAWER, measures(2)).terms) == TERMS
+    assert list(evaluate_rules(CLOSE_DRAWER, measures(2)).terms) == TERMS
 
 
 def test_the_gripper_is_free():
@@ -47,5 +47,5 @@ def test_the_gripper_is_free():
 def test_no_step_pays_more_than_the_bound():
     m = measures(1, ee_to_handle_decrease_m=row(0.25), joint_increase=row(-0.5))
     # 10 + 0.25 + 0.5 = 10.75
-    assert judge(CLOSE_DRAWER, m).reward.item() == pytest.approx(10.75)
+    assert evaluate_rules(CLOSE_DRAWER, m).reward.item() == pytest.approx(10.75)
     assert CLOSE_DRAWER.reward_bound == 10.75

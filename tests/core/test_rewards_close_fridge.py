@@ -1,19 +1,19 @@
-"""Close fridge's success, failures and reward on hand-made rows (App. H.2)."""
+"""Success, failures and reward of closing the fridge on hand-made rows (App. H.2)."""
 
 import math
 from dataclasses import replace
 
 import pytest
 import torch
-from builders import judge, measures, row, snapshot
+from builders import evaluate_rules, measures, row, snapshot
 
-from hab_tasks.goals import Goals
+from hab_tasks.engine.goals import Goals
 from hab_tasks.skills.close_fridge import CLOSE_FRIDGE as SKILL
 
 TERMS = ["success", "handle", "joint"]
 """The equation's summands in its order."""
 
-FRONT = torch.tensor([[[1.0, 2.0, math.pi / 2]]])
+FRAME = torch.tensor([[[1.0, 2.0, math.pi / 2]]])
 """(1, 1, 3): the fridge at (1, 2) looks along the world's +y, its left is the world's -x."""
 
 
@@ -21,8 +21,10 @@ def before_the_fridge(*places):
     """Snapshot and goals with the bases at these places of the fridge's frame, ahead and left."""
     base = torch.tensor([[1.0 - left, 2.0 + ahead, 0.3] for ahead, left in places])
     goals = Goals.empty(len(places), 1, 1, "cpu")
-    front = FRONT.expand(len(places), 1, 3).contiguous()
-    return snapshot(len(places), fronts=1, base=base), replace(goals, front=front)
+    frame = FRAME.expand(len(places), 1, 3).contiguous()
+    return snapshot(len(places), articulations=1, base=base), replace(
+        goals, articulation_frame=frame
+    )
 
 
 def test_pushing_and_success():
@@ -36,7 +38,7 @@ def test_pushing_and_success():
         ee_to_rest_m=row(0.6, 0.6, 0.149, 0.1),
         force_total_n=row(1e6, 0.0, 0.0, 0.0),
     )
-    success, _, terms, reward, _ = judge(SKILL, m, s, g)
+    success, _, terms, reward, _ = evaluate_rules(SKILL, m, s, g)
     # Row 0 reaches: 0.01. Row 1 grabs the handle, which closing does not pay: 0.004.
     # Row 2 closes at rest: 10 - 0.01 + 0.05. Row 3 opens the door: -0.02.
     assert torch.allclose(reward, row(0.01, 0.004, 10.04, -0.02))
@@ -47,7 +49,7 @@ def test_pushing_and_success():
 def test_leaving_the_region_ends_the_episode_and_costs_nothing():
     s, g = before_the_fridge((1.4, 0.0), (0.9, 0.0))
     m = measures(2, joint=row(0.1, 0.1), ee_to_rest_m=row(0.1, 0.1))
-    success, failures, _, reward, _ = judge(SKILL, m, s, g)
+    success, failures, _, reward, _ = evaluate_rules(SKILL, m, s, g)
     assert list(failures) == ["left_region"]
     assert failures["left_region"].tolist() == [False, True]
     assert success.tolist() == [True, False]
@@ -68,18 +70,18 @@ def test_the_region_is_a_rectangle_of_90_by_120_cm():
         (-1.4, 0.0),
     ]
     s, g = before_the_fridge(*places)
-    left = judge(SKILL, measures(len(places)), s, g).failures["left_region"]
+    left = evaluate_rules(SKILL, measures(len(places)), s, g).failures["left_region"]
     assert left.tolist() == [False, True, False, True, False, True, False, True, True]
 
 
 def test_closed_is_within_015_rad_and_at_rest():
     s, g = before_the_fridge(*[(1.4, 0.0)] * 4)
     m = measures(4, joint=row(0.149, 0.151, 0.0, 0.0), ee_to_rest_m=row(0.0, 0.0, 0.1499, 0.15))
-    assert judge(SKILL, m, s, g).success.tolist() == [True, False, True, False]
+    assert evaluate_rules(SKILL, m, s, g).success.tolist() == [True, False, True, False]
 
 
 def test_the_terms_stand_in_the_order_of_the_equation():
-    assert list(judge(SKILL, measures(2)).terms) == TERMS
+    assert list(evaluate_rules(SKILL, measures(2)).terms) == TERMS
 
 
 def test_the_gripper_is_free():
@@ -92,5 +94,5 @@ def test_no_step_pays_more_than_the_bound():
     s, g = before_the_fridge((1.4, 0.0))
     m = measures(1, ee_to_handle_decrease_m=row(0.25), joint_increase=row(-0.5))
     # 10 + 0.25 + 0.5 = 10.75
-    assert judge(SKILL, m, s, g).reward.item() == pytest.approx(10.75)
+    assert evaluate_rules(SKILL, m, s, g).reward.item() == pytest.approx(10.75)
     assert SKILL.reward_bound == 10.75

@@ -1,12 +1,12 @@
-"""Navigate's success, reward and score on hand-made rows (App. H.2)."""
+"""Success, reward and score of Navigate on hand-made rows (App. H.2)."""
 
 import pytest
 import torch
-from builders import judge, measures, row, snapshot
+from builders import evaluate_rules, measures, row, snapshot
 
 from hab_tasks.constants import CONTROL_HZ
-from hab_tasks.goals import Goals
-from hab_tasks.robots.fetch_spec import BASE_ANGULAR_SPEED_RAD_S, BASE_LINEAR_SPEED_M_S
+from hab_tasks.engine.goals import Goals
+from hab_tasks.robots.robot import ROBOT
 from hab_tasks.skills.navigate import NAVIGATE
 
 TERMS = ["success", "distance", "heading"]
@@ -23,7 +23,7 @@ def test_driving_turning_and_success():
         stopped=row(False, False, True, True),
         force_total_n=row(1e6, 0.0, 0.0, 0.0),
     )
-    success, failures, terms, reward, _ = judge(NAVIGATE, m)
+    success, failures, terms, reward, _ = evaluate_rules(NAVIGATE, m)
     # Row 0 drives: 20 * 0.02 = 0.4; turning is not paid from afar, and no force is too much.
     # Row 1: 20 * -0.01 + 1 * 0.04 = -0.16. Row 2: 10 - 0.03 = 9.97. Row 3: 0.91 m is not near.
     assert torch.allclose(reward, row(0.4, -0.16, 9.97, 0.0))
@@ -39,14 +39,14 @@ def test_success_needs_place_heading_and_stop():
         heading_error_rad=row(0.499, 0.499, 0.5, 0.499, 0.0),
         stopped=row(True, True, True, False, True),
     )
-    assert judge(NAVIGATE, m).success.tolist() == [True, False, False, False, True]
+    assert evaluate_rules(NAVIGATE, m).success.tolist() == [True, False, False, False, True]
     # A task has no stop action: it goes on as soon as the base has arrived.
     done = NAVIGATE.done(snapshot(5), m, Goals.empty(5, 1, 0, "cpu"))
     assert done.tolist() == [True, False, False, True, True]
 
 
 def test_the_terms_stand_in_the_order_of_the_equation():
-    assert list(judge(NAVIGATE, measures(2)).terms) == TERMS
+    assert list(evaluate_rules(NAVIGATE, measures(2)).terms) == TERMS
 
 
 def test_spl_by_hand():
@@ -57,7 +57,7 @@ def test_spl_by_hand():
         stopped=row(True, True, True, False),
     )
     # 3 / 4 = 0.75; a way shorter than the distance (the goal has a radius) is 1; no success is 0
-    assert torch.allclose(judge(NAVIGATE, m).scores["spl"], row(0.75, 1.0, 1.0, 0.0))
+    assert torch.allclose(evaluate_rules(NAVIGATE, m).scores["spl"], row(0.75, 1.0, 1.0, 0.0))
 
 
 @pytest.mark.parametrize("gripper", [-1.0, -0.2, 0.0, 0.7])
@@ -73,7 +73,10 @@ def test_what_is_held_stays_held_and_nothing_is_grasped(gripper):
 
 
 def test_no_step_pays_more_than_the_bound():
-    drive_m, turn_rad = BASE_LINEAR_SPEED_M_S / CONTROL_HZ, BASE_ANGULAR_SPEED_RAD_S / CONTROL_HZ
+    drive_m, turn_rad = (
+        ROBOT.base_linear_speed_m_s / CONTROL_HZ,
+        ROBOT.base_angular_speed_rad_s / CONTROL_HZ,
+    )
     assert drive_m <= 0.25
     assert turn_rad <= 0.5
     m = measures(
@@ -83,5 +86,5 @@ def test_no_step_pays_more_than_the_bound():
         heading_error_decrease_rad=row(0.5),
     )
     # 10 + 20 * 0.25 + 0.5 = 15.5
-    assert judge(NAVIGATE, m).reward.item() == pytest.approx(15.5)
+    assert evaluate_rules(NAVIGATE, m).reward.item() == pytest.approx(15.5)
     assert NAVIGATE.reward_bound == 15.5

@@ -1,8 +1,8 @@
-"""Open drawer's success, failures and reward on hand-made rows (App. H.2)."""
+"""Success, failures and reward of opening a drawer on hand-made rows (App. H.2)."""
 
 import pytest
 import torch
-from builders import judge, measures, row
+from builders import evaluate_rules, measures, row
 
 from hab_tasks.skills.open_drawer import OPEN_DRAWER
 
@@ -22,7 +22,7 @@ def test_reaching_pulling_and_success():
         force_n=row(1e5, 0.0, 0.0, 0.0),
         force_total_n=row(1e6, 0.0, 0.0, 0.0),
     )
-    success, failures, terms, reward, _ = judge(OPEN_DRAWER, m)
+    success, failures, terms, reward, _ = evaluate_rules(OPEN_DRAWER, m)
     # Row 0 reaches: 0.01, and no force is too much. Row 1 grabs: 5 + 0.004.
     # Row 2 opens at rest: 10 - 0.01 + 0.03. Row 3 pushes it back in: -0.02.
     assert torch.allclose(reward, row(0.01, 5.004, 10.02, -0.02))
@@ -35,11 +35,11 @@ def test_open_is_90_percent_and_at_rest():
     m = measures(
         4, joint_share=row(0.8999, 0.9001, 1.0, 1.0), ee_to_rest_m=row(0.0, 0.0, 0.1499, 0.15)
     )
-    assert judge(OPEN_DRAWER, m).success.tolist() == [False, True, True, False]
+    assert evaluate_rules(OPEN_DRAWER, m).success.tolist() == [False, True, True, False]
 
 
 def test_the_terms_stand_in_the_order_of_the_equation():
-    assert list(judge(OPEN_DRAWER, measures(2)).terms) == TERMS
+    assert list(evaluate_rules(OPEN_DRAWER, measures(2)).terms) == TERMS
 
 
 def test_the_gripper_is_free():
@@ -57,5 +57,5 @@ def test_no_step_pays_more_than_the_bound():
         joint_increase=row(0.5),
     )
     # 10 + 5 + 0.25 + 0.5 = 15.75
-    assert judge(OPEN_DRAWER, m).reward.item() == pytest.approx(15.75)
+    assert evaluate_rules(OPEN_DRAWER, m).reward.item() == pytest.approx(15.75)
     assert OPEN_DRAWER.reward_bound == 15.75

@@ -1,13 +1,13 @@
-"""Pick's success, failures, reward and score on hand-made rows (App. C, E.2, F.2, H.2)."""
+"""Success, failures, reward and score of Pick on hand-made rows (App. C, E.2, F.2, H.2)."""
 
 import pytest
 import torch
-from builders import judge, measures, row, snapshot
+from builders import evaluate_rules, measures, row, snapshot
 
 from hab_tasks.constants import REST_RADIUS_M
-from hab_tasks.goals import Goals
-from hab_tasks.measures import Tracker
-from hab_tasks.rewards import force_penalty
+from hab_tasks.engine.goals import Goals
+from hab_tasks.engine.measures import Tracker
+from hab_tasks.engine.rewards import force_penalty
 from hab_tasks.skills.pick import PICK
 
 TERMS = [
@@ -34,7 +34,7 @@ def test_approach_pickup_and_success():
         force_n=row(0.0, 100.0, 250.0),
         force_total_n=row(0.0, 4900.0, 1000.0),
     )
-    success, failures, terms, reward, _ = judge(PICK, m)
+    success, failures, terms, reward, _ = evaluate_rules(PICK, m)
     # Row 0 approaches: 20 * 0.01 = 0.2; being near rest without the object is no success.
     # Row 1 picks up: 5 + 20 * 0.004 - 0.001 * 100 = 5 + 0.08 - 0.1 = 4.98.
     # Row 2 succeeds: 20 + 20 * 0.015 - 0.25 = 20.05.
@@ -60,7 +60,7 @@ def test_wrong_dropped_and_force_exceeded():
         force_n=row(0.0, 999.0, 3000.0),
         force_total_n=row(0.0, 5000.0, 5000.1),
     )
-    success, failures, terms, reward, _ = judge(PICK, m)
+    success, failures, terms, reward, _ = evaluate_rules(PICK, m)
     # Row 0: 0.2 - 5 = -4.8. Row 1: 20 * -0.02 - 0.999 - 5 = -6.399.
     # Row 2: at rest with the target, but above 5,000 N: -1 (capped) - 10 = -11, no success.
     assert torch.allclose(reward, row(-4.8, -6.399, -11.0))
@@ -83,7 +83,7 @@ def test_the_force_penalty_is_capped():
 
 def test_rest_is_within_15_cm():
     m = measures(3, holding_target=row(True, True, True), ee_to_rest_m=row(0.1499, 0.15, 0.1501))
-    assert judge(PICK, m).success.tolist() == [True, False, False]
+    assert evaluate_rules(PICK, m).success.tolist() == [True, False, False]
     assert REST_RADIUS_M == 0.15
 
 
@@ -91,13 +91,13 @@ def test_the_first_moment_pays_no_distance():
     tracker = Tracker(Goals.empty(3, 1, 0, "cpu"))
     points = torch.rand(3, 1, 3, generator=torch.Generator())
     tracker.begin(snapshot(3, objects_m=points), torch.arange(3))
-    terms = judge(PICK, tracker.measures).terms
+    terms = evaluate_rules(PICK, tracker.measures).terms
     for name in ("approach", "retract", "pickup", "dropped_object"):
         assert not terms[name].any(), name
 
 
 def test_the_terms_stand_in_the_order_of_the_equation():
-    assert list(judge(PICK, measures(2)).terms) == TERMS
+    assert list(evaluate_rules(PICK, measures(2)).terms) == TERMS
 
 
 def test_sct_by_hand():
@@ -109,7 +109,7 @@ def test_sct_by_hand():
         holding_target=row(True, True, True, False),
     )
     # 80 / 160 = 0.5; 80 / 80 = 1; faster than the oracle's upper bound is 1; no success is 0
-    assert torch.allclose(judge(PICK, m).scores["sct"], row(0.5, 1.0, 1.0, 0.0))
+    assert torch.allclose(evaluate_rules(PICK, m).scores["sct"], row(0.5, 1.0, 1.0, 0.0))
 
 
 @pytest.mark.parametrize("gripper", [-1.0, -0.2, 0.0, 0.7])
@@ -128,7 +128,7 @@ def test_no_step_pays_more_than_the_bound():
         holding_target=row(True),
         picked_now=row(True),
     )
-    reward = judge(PICK, m).reward
+    reward = evaluate_rules(PICK, m).reward
     # 20 + 5 + 20 * 0.25 = 30
     assert reward.item() == pytest.approx(30.0)
     assert reward.item() / PICK.reward_bound <= 1.0

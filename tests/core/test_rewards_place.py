@@ -1,8 +1,8 @@
-"""Place's success, failures and reward on hand-made rows (App. H.2)."""
+"""Success, failures and reward of Place on hand-made rows (App. H.2)."""
 
 import pytest
 import torch
-from builders import judge, measures, row
+from builders import evaluate_rules, measures, row
 
 from hab_tasks.skills.place import PLACE
 
@@ -22,7 +22,7 @@ def test_bringing_letting_go_and_success():
         force_n=row(0.0, 100.0, 250.0, 0.0),
         force_total_n=row(0.0, 7400.0, 1000.0, 0.0),
     )
-    success, failures, terms, reward, scores = judge(PLACE, m)
+    success, failures, terms, reward, scores = evaluate_rules(PLACE, m)
     # Row 0 brings it: 20 * 0.01 = 0.2; the way back to rest is not paid while holding.
     # Row 1 lets go at the goal: 5 + 20 * 0.004 - 0.1 = 4.98; how far it fell is not paid.
     # Row 2 comes to rest: 20 + 20 * 0.015 - 0.25 = 20.05; placing is paid once only.
@@ -47,7 +47,7 @@ def test_wrong_object_and_force_exceeded():
         force_n=row(3000.0, 0.0, 0.0),
         force_total_n=row(7500.1, 7500.0, 0.0),
     )
-    success, failures, terms, reward, _ = judge(PLACE, m)
+    success, failures, terms, reward, _ = evaluate_rules(PLACE, m)
     # Row 0: at rest and placed, but above 7,500 N: -1 (capped) - 10 = -11. Row 1: -5, and 7,500 N
     # are allowed. Row 2 still holds what it took before: it is paid for once.
     assert torch.allclose(reward, row(-11.0, -5.0, 0.0))
@@ -65,11 +65,11 @@ def test_success_needs_object_and_hand_in_place():
         ee_to_rest_m=row(0.1499, 0.15, 0.0, 0.1),
     )
     # Row 2's object has left the goal again.
-    assert judge(PLACE, m).success.tolist() == [True, False, False, True]
+    assert evaluate_rules(PLACE, m).success.tolist() == [True, False, False, True]
 
 
 def test_the_terms_stand_in_the_order_of_the_equation():
-    assert list(judge(PLACE, measures(2)).terms) == TERMS
+    assert list(evaluate_rules(PLACE, measures(2)).terms) == TERMS
 
 
 @pytest.mark.parametrize("gripper", [-1.0, -0.2, 0.0, 0.7])
@@ -89,5 +89,5 @@ def test_no_step_pays_more_than_the_bound():
     # The way of the object is paid while it is held and placing it afterwards, so the most is
     # success and placing at once, and a quarter of a metre: 20 + 5 + 20 * 0.25 = 30.
     m = measures(1, placed=row(True), ee_to_rest_decrease_m=row(0.25), ee_to_rest_m=row(0.0))
-    assert judge(PLACE, m).reward.item() == pytest.approx(30.0)
+    assert evaluate_rules(PLACE, m).reward.item() == pytest.approx(30.0)
     assert PLACE.reward_bound == 30.0

@@ -1,15 +1,18 @@
-"""The reward of tasks: the skill being done pays its own (App. H.3). Hand-made rows."""
+"""Reward of tasks: that of the current skill (App. H.3), on hand-made rows."""
 
 import math
 
 import pytest
 import torch
 from builders import row
-from rules_bench import FIRST, RulesBench
+from rules_harness import FIRST, RulesHarness
 
 from hab_tasks.constants import REST_POSITION_M
-from hab_tasks.tasks.set_table import HabSetTableEnv
-from hab_tasks.tasks.tidy_house import TIDY_HOUSE, HabTidyHouseEnv
+from hab_tasks.tasks.classes import env_class
+from hab_tasks.tasks.set_table import SET_TABLE
+from hab_tasks.tasks.tidy_house import TIDY_HOUSE
+
+HabSetTableEnv, HabTidyHouseEnv = env_class(SET_TABLE), env_class(TIDY_HOUSE)
 
 NAVIGATE, PICK, GO_ON, PLACE = range(4)
 """The first parts of TidyHouse."""
@@ -33,19 +36,21 @@ def held(*objects):
 
 @both_kinds
 def test_each_row_is_paid_by_the_skill_that_it_does(arrays):
-    bench = RulesBench(HabTidyHouseEnv, 3, arrays=arrays)
+    harness = RulesHarness(HabTidyHouseEnv, 3, arrays=arrays)
     base = bases((9, 0), (1, 0), (1, 0))
     # Hands 0.5 m beside the objects' starts at (1, 0, 1); row 2 carries object 0.
     ee = torch.tensor([[1.0, 0.5, 1.0], [1.0, 0.5, 1.0], [1.0, 3.0, 1.0]])
-    points = bench.moment().objects_m
+    points = harness.snapshot().objects_m
     points[2, 0] = torch.tensor([1.0, 3.0, 1.0])
-    first = bench.moment(base=base, ee_m=ee, objects_m=points, held=held(None, None, 0))
-    bench.begin(first, NAVIGATE, PICK, PLACE)
+    first = harness.snapshot(base=base, ee_m=ee, objects_m=points, held=held(None, None, 0))
+    harness.begin(first, NAVIGATE, PICK, PLACE)
     points = points.clone()
     points[2, 0, 1] = 3.02
     ee = torch.tensor([[1.0, 0.4, 1.0], [1.0, 0.49, 1.0], [1.0, 3.02, 1.0]])
     base = bases((8.98, 0), (1.01, 0), (1, 0))
-    found = bench.step(bench.moment(base=base, ee_m=ee, objects_m=points, held=held(None, None, 0)))
+    found = harness.step(
+        harness.snapshot(base=base, ee_m=ee, objects_m=points, held=held(None, None, 0))
+    )
     # Row 0 drives 2 cm nearer to the origin: 20 * 0.02 = 0.4; row 1 reaches 1 cm nearer:
     # 20 * 0.01 = 0.2; row 2 carries the object 2 cm nearer to its goal at (1, 4, 1): 0.4.
     assert paid(found, 0) == {"navigate/distance": 0.4}
@@ -57,47 +62,47 @@ def test_each_row_is_paid_by_the_skill_that_it_does(arrays):
 
 @both_kinds
 def test_a_skill_that_is_done_pays_its_success_and_makes_way(arrays):
-    bench = RulesBench(HabTidyHouseEnv, 2, arrays=arrays)
-    bench.begin(bench.moment(base=bases((0.35, 0), (9, 0))))
-    assert [entry[0] for entry in bench.led] == [0, 1]
-    shot = bench.moment(base=bases((0.25, 0), (9, 0)))
-    found = bench.step(shot)
+    harness = RulesHarness(HabTidyHouseEnv, 2, arrays=arrays)
+    harness.begin(harness.snapshot(base=bases((0.35, 0), (9, 0))))
+    assert [entry[0] for entry in harness.navigation_goals] == [0, 1]
+    shot = harness.snapshot(base=bases((0.25, 0), (9, 0)))
+    found = harness.step(shot)
     # Within 0.3 m of the origin, without a stop action: 10 + 20 * 0.1.
     assert paid(found, 0) == {"navigate/success": 10.0, "navigate/distance": 2.0}
     assert paid(found, 1) == {}
     assert found["part"]["number"].tolist() == [0, 0]
-    found = bench.step(shot)
+    found = harness.step(shot)
     assert found["part"]["number"].tolist() == [PICK, 0]
     assert paid(found, 0) == {}, "success is paid once"
 
 
 @both_kinds
 def test_no_force_and_no_mistake_ends_a_task(arrays):
-    bench = RulesBench(HabTidyHouseEnv, 3, arrays=arrays)
-    first = bench.moment(held=held(None, 0, None), force_n=row(1e6, 0.0, 0.0))
-    bench.begin(first, PICK, PICK, PICK)
-    shot = bench.moment(held=held(1, None, None), force_n=row(0.0, 0.0, 500.0))
-    found = bench.step(shot)
+    harness = RulesHarness(HabTidyHouseEnv, 3, arrays=arrays)
+    first = harness.snapshot(held=held(None, 0, None), force_n=row(1e6, 0.0, 0.0))
+    harness.begin(first, PICK, PICK, PICK)
+    shot = harness.snapshot(held=held(1, None, None), force_n=row(0.0, 0.0, 500.0))
+    found = harness.step(shot)
     assert found["failures"] == {}
     # Row 0 has taken another object, row 1 has dropped its own, row 2 pushes with 500 N; each is
     # paid for in the step in which it happens.
     assert paid(found, 0) == {"pick/wrong_object": -5.0}
     assert paid(found, 1) == {"pick/dropped_object": -5.0}
     assert paid(found, 2) == {"pick/force": -0.5}
-    found = bench.step(bench.moment(held=held(1, None, None)))
+    found = harness.step(harness.snapshot(held=held(1, None, None)))
     assert not any(paid(found, index) for index in range(3))
     assert "navigate/force" not in found["reward_terms"]
 
 
 @both_kinds
 def test_the_last_skill_is_paid_once_while_the_goal_is_not_reached(arrays):
-    bench = RulesBench(HabTidyHouseEnv, 1, arrays=arrays)
+    harness = RulesHarness(HabTidyHouseEnv, 1, arrays=arrays)
     at_rest = {"base": bases((1, 0)), "ee_m": torch.tensor([[1.0, 0.0, 0.0]]) + rest()}
-    bench.begin(bench.moment(**at_rest), len(TIDY_HOUSE.parts) - 1)
-    points = bench.moment().objects_m
+    harness.begin(harness.snapshot(**at_rest), len(HabTidyHouseEnv.task.parts) - 1)
+    points = harness.snapshot().objects_m
     points[0, 4] = torch.tensor([5.0, 4.0, 1.0])
-    shot = bench.moment(**at_rest, objects_m=points)
-    rewards = [bench.step(shot) for _ in range(3)]
+    shot = harness.snapshot(**at_rest, objects_m=points)
+    rewards = [harness.step(shot) for _ in range(3)]
     # 20 for success and 5 for placing; the other objects still lie at their starts.
     assert [float(found["reward"][0]) for found in rewards] == pytest.approx([25.0, 0.0, 0.0])
     assert not any(found["success"][0] for found in rewards)
@@ -105,37 +110,47 @@ def test_the_last_skill_is_paid_once_while_the_goal_is_not_reached(arrays):
 
 @both_kinds
 def test_success_is_the_tasks_own(arrays):
-    bench = RulesBench(HabTidyHouseEnv, 2, arrays=arrays)
-    bench.begin(bench.moment())
-    goals = bench.moment().objects_m + torch.tensor([0.0, 4.0, 0.0])
+    harness = RulesHarness(HabTidyHouseEnv, 2, arrays=arrays)
+    harness.begin(harness.snapshot())
+    goals = harness.snapshot().objects_m + torch.tensor([0.0, 4.0, 0.0])
     goals[1, 2, 0] += 0.16
-    found = bench.step(bench.moment(objects_m=goals))
+    found = harness.step(harness.snapshot(objects_m=goals))
     assert found["success"].tolist() == [True, False]
     assert not any(flag for flags in found["stages"].values() for flag in flags)
 
 
 @both_kinds
-def test_ways_lead_to_starts_goals_and_handles(arrays):
-    bench = RulesBench(HabSetTableEnv, 4, arrays=arrays)
+def test_navigation_goals_are_starts_goals_and_handles(arrays):
+    harness = RulesHarness(HabSetTableEnv, 4, arrays=arrays)
     grips = torch.tensor([[[-2.0, 0.0, 0.5], [-3.0, 1.0, 1.0]]]).repeat(4, 1, 1)
-    bench.begin(bench.moment(handles_m=grips))
-    assert bench.led == [(n, [-2.0, 0.0, 0.5]) for n in range(4)]  # to the drawer's handle
-    bench.led.clear()
+    harness.begin(harness.snapshot(handles_m=grips))
+    assert harness.navigation_goals == [
+        (n, [-2.0, 0.0, 0.5]) for n in range(4)
+    ]  # to the drawer's handle
+    harness.navigation_goals.clear()
     # To the bowl's start, the bowl's goal, the fridge's handle; row 3 opens the drawer.
-    bench.begin(bench.moment(handles_m=grips), 2, 4, 8, 1)
-    assert bench.led[4:] == [(0, [1.0, 0.0, 1.0]), (1, [1.0, 4.0, 1.0]), (2, [-3.0, 1.0, 1.0])]
+    harness.begin(harness.snapshot(handles_m=grips), 2, 4, 8, 1)
+    assert harness.navigation_goals[4:] == [
+        (0, [1.0, 0.0, 1.0]),
+        (1, [1.0, 4.0, 1.0]),
+        (2, [-3.0, 1.0, 1.0]),
+    ]
 
 
 @both_kinds
 def test_opening_and_closing_pay_the_right_door(arrays):
-    bench = RulesBench(HabSetTableEnv, 2, arrays=arrays)
+    harness = RulesHarness(HabSetTableEnv, 2, arrays=arrays)
     grips = torch.zeros(2, 2, 3)
     # Row 0 opens the drawer, row 1 closes the fridge; both joints of both rows move.
-    bench.begin(bench.moment(handles_m=grips, joints=torch.tensor([[0.1, 1.0], [0.1, 1.0]])), 1, 15)
+    harness.begin(
+        harness.snapshot(handles_m=grips, joints=torch.tensor([[0.1, 1.0], [0.1, 1.0]])), 1, 15
+    )
     moved = torch.tensor([[0.13, 1.2], [0.2, 0.95]])
     nothing = torch.tensor([-1, -1])
-    found = bench.step(
-        bench.moment(handles_m=grips, joints=moved, held_handle=torch.tensor([0, 1]), held=nothing)
+    found = harness.step(
+        harness.snapshot(
+            handles_m=grips, joints=moved, held_handle=torch.tensor([0, 1]), held=nothing
+        )
     )
     # Row 0: 5 for grabbing and 0.13 - 0.1; row 1: 1.0 - 0.95, as closing does not pay grabbing.
     assert paid(found, 0) == {"open_drawer/grabbed": 5.0, "open_drawer/joint": 0.03}

@@ -1,4 +1,4 @@
-"""Reading Habitat's scene dataset format: what it says, its known defects, and bad input."""
+"""Reading Habitat's scene dataset format: content, known defects and invalid input."""
 
 import json
 import logging
@@ -19,9 +19,9 @@ from builders import (
 )
 
 from hab_tasks.errors import DatasetError, UnknownNameError
-from hab_tasks.scenes import load
-from hab_tasks.scenes.dataset import SPLIT_MACROS, SceneDataset, resolve_dataset
-from hab_tasks.scenes.load import load_scene
+from hab_tasks.scenes.habitat import load
+from hab_tasks.scenes.habitat.dataset import SPLIT_MACROS, SceneDataset, resolve_dataset
+from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.objects import load_objects
 from hab_tasks.scenes.pool import BodyPool
 

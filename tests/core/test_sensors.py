@@ -1,4 +1,4 @@
-"""Observation entries: what they say, by hand, of tensors and of arrays; and the options."""
+"""Observation entries, checked by hand for tensors and arrays; options."""
 
 import math
 from dataclasses import fields, replace
@@ -9,10 +9,8 @@ import torch
 from builders import snapshot
 
 from hab_tasks.arrays import to_tensor
-from hab_tasks.envs import ENVS
-from hab_tasks.errors import OptionError, UnknownNameError
-from hab_tasks.goals import Goals
-from hab_tasks.sensors import (
+from hab_tasks.engine.goals import Goals
+from hab_tasks.engine.sensors import (
     EE_ROTATION,
     HANDLE,
     OBJECT_GOAL,
@@ -21,6 +19,8 @@ from hab_tasks.sensors import (
     handles_in_base,
     observed,
 )
+from hab_tasks.envs import ENVS
+from hab_tasks.errors import OptionError, UnknownNameError
 
 QUARTER = math.pi / 2
 
@@ -30,7 +30,7 @@ QUARTER = math.pi / 2
 DOWN = [[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]]
 SHOT = snapshot(
     2,
-    fronts=1,
+    articulations=1,
     base=torch.tensor([[0.0, 0.0, 0.0], [1.0, 2.0, QUARTER]]),
     ee_m=torch.tensor([[0.5, 0.0, 1.0], [1.0, 2.5, 1.0]]),
     ee_axes=torch.stack([torch.eye(3), torch.tensor(DOWN)]),
@@ -123,7 +123,7 @@ def test_each_environment_has_the_options_that_make_sense(env_id):
     else:
         assert told("ee") == [in_ee]
     if handle is None:
-        with pytest.raises(OptionError, match="no door or drawer"):
+        with pytest.raises(OptionError, match="without a door or drawer"):
             told("base", True)
     else:
         assert told("base", True) == [default, handle]

@@ -1,13 +1,13 @@
-"""The three tasks as the paper lists them: stages (App. G.2), skills in order (H.1, H.3), goals."""
+"""The three tasks: stages (App. G.2), order of skills (H.1, H.3) and goals, as in the paper."""
 
 import pytest
 
-from hab_tasks.fronts import DRAWER, FRIDGE
+from hab_tasks.articulations import DRAWER, FRIDGE
+from hab_tasks.registration import TASKS as SPECS
 from hab_tasks.tasks.base import Condition
-from hab_tasks.tasks.prepare_groceries import PREPARE_GROCERIES
-from hab_tasks.tasks.set_table import SET_TABLE
-from hab_tasks.tasks.tidy_house import TIDY_HOUSE
+from hab_tasks.tasks.compile import compile_task
 
+TIDY_HOUSE, PREPARE_GROCERIES, SET_TABLE = map(compile_task, SPECS.values())
 TASKS = {task.name: task for task in (TIDY_HOUSE, PREPARE_GROCERIES, SET_TABLE)}
 BOWL, APPLE = 0, 1
 IN_DRAWER, IN_FRIDGE = 0, 1
@@ -16,9 +16,9 @@ every_task = pytest.mark.parametrize("task", TASKS.values(), ids=TASKS)
 
 
 def parts(task):
-    """(skill, object, front) of each part; for Navigate where to as well."""
+    """(skill, object, articulation) of each part; for Navigate where to as well."""
     return [
-        (p.skill.name, p.object, p.front, *([p.to] if p.skill.name == "navigate" else []))
+        (p.skill.name, p.object, p.articulation, *([p.to] if p.skill.name == "navigate" else []))
         for p in task.parts
     ]
 
@@ -34,7 +34,7 @@ def moving(number):
 
 def test_tidy_house():
     assert TIDY_HOUSE.objects == 5
-    assert TIDY_HOUSE.fronts == ()
+    assert TIDY_HOUSE.articulations == ()
     assert parts(TIDY_HOUSE) == [part for number in range(5) for part in moving(number)]
     # "(1) pick object 1, (2) place object 1, (3) pick object 2, etc."
     assert TIDY_HOUSE.stages == {
@@ -55,7 +55,7 @@ def test_tidy_house():
 
 def test_prepare_groceries():
     assert PREPARE_GROCERIES.objects == 3
-    assert PREPARE_GROCERIES.fronts == ()  # everything starts open
+    assert PREPARE_GROCERIES.articulations == ()  # everything starts open
     assert parts(PREPARE_GROCERIES) == [part for number in range(3) for part in moving(number)]
     # "(1) pick first fridge object, (2) place it on counter, (3) pick second fridge object,
     # (4) place it on table, (5) pick counter object, (6) place it in fridge"
@@ -72,7 +72,7 @@ def test_prepare_groceries():
 
 def test_set_table():
     assert SET_TABLE.objects == 2
-    assert SET_TABLE.fronts == (DRAWER, FRIDGE)
+    assert SET_TABLE.articulations == (DRAWER, FRIDGE)
     assert parts(SET_TABLE) == [
         ("navigate", BOWL, IN_DRAWER, "handle"),
         ("open_drawer", BOWL, IN_DRAWER),
@@ -136,7 +136,7 @@ def test_every_stage_belongs_to_a_part_of_its_own(task):
     done = [part for part in task.parts if part.skill.name != "navigate"]
     assert len(done) == len(task.stages)
     for part, (name, condition) in zip(done, task.stages.items(), strict=True):
-        kind, what = part.skill.name.split("_")[0], (part.object, part.front)
+        kind, what = part.skill.name.split("_")[0], (part.object, part.articulation)
         assert name.startswith(kind), name
         reached = {
             "pick": what[0] in condition.held,
@@ -151,10 +151,10 @@ def test_every_stage_belongs_to_a_part_of_its_own(task):
 def test_every_number_is_one_of_the_tasks_own(task):
     for part in task.parts:
         assert part.object in range(task.objects)
-        assert part.front in range(max(1, len(task.fronts)))
+        assert part.articulation in range(max(1, len(task.articulations)))
     for name, c in (*task.stages.items(), ("goal", task.goal)):
         assert {*c.held, *c.placed} <= set(range(task.objects)), name
-        assert {*c.opened, *c.closed} <= set(range(len(task.fronts))), name
+        assert {*c.opened, *c.closed} <= set(range(len(task.articulations))), name
 
 
 @every_task
@@ -163,4 +163,4 @@ def test_each_skill_but_the_last_is_preceded_by_navigation_to_it(task):
         assert (before.skill.name == "navigate") != (part.skill.name == "navigate")
     for go, part in zip(task.parts[::2], task.parts[1::2], strict=True):
         to = {"pick": "start", "place": "goal"}.get(part.skill.name, "handle")
-        assert (go.to, go.object, go.front) == (to, part.object, part.front)
+        assert (go.to, go.object, go.articulation) == (to, part.object, part.articulation)

@@ -1,4 +1,4 @@
-"""The tracker's memory: latches, a change of focus, partial starts, save and restore."""
+"""State of the tracker: latched flags, change of focus, partial resets, save and restore."""
 
 from dataclasses import replace
 
@@ -6,8 +6,8 @@ import pytest
 import torch
 from builders import StraightWays, same, snapshot
 
-from hab_tasks.goals import Goals
-from hab_tasks.measures import Focus, Tracker
+from hab_tasks.engine.goals import Goals
+from hab_tasks.engine.measures import Focus, Tracker
 
 N, K, J = 4, 5, 2
 ALL, GOING = torch.arange(N), torch.zeros(N, dtype=torch.bool)
@@ -37,12 +37,12 @@ def tracker_at(first):
     return tracker
 
 
-def on(objects, fronts):
-    return Focus(object=torch.tensor(objects), front=torch.tensor(fronts))
+def on(objects, articulations):
+    return Focus(object=torch.tensor(objects), articulation=torch.tensor(articulations))
 
 
 def travelled():
-    """A tracker some steps into its episodes, on different objects and fronts."""
+    """A tracker some steps into its episodes, on different objects and articulations."""
     tracker = tracker_at(random_snapshot(0))
     tracker.refocus(random_snapshot(0), ALL, on([0, 1, 4, 2], [0, 1, 1, 0]))
     for seed in (1, 2):
@@ -53,19 +53,19 @@ def travelled():
 # Focus -----------------------------------------------------------------------------------------
 
 
-def test_each_row_measures_its_own_object_and_front():
+def test_each_row_measures_its_own_object_and_articulation():
     tracker = tracker_at(random_snapshot(0))
-    objects, fronts = [4, 0, 2, 3], [1, 0, 0, 1]
+    objects, articulations = [4, 0, 2, 3], [1, 0, 0, 1]
     shot = random_snapshot(0, held=torch.tensor([14, 14, 12, -1]))
-    tracker.refocus(shot, ALL, on(objects, fronts))
+    tracker.refocus(shot, ALL, on(objects, articulations))
     m, goals = tracker.measures, tracker.goals
     for row in range(N):
-        point, handle = shot.objects_m[row, objects[row]], shot.handles_m[row, fronts[row]]
+        point, handle = shot.objects_m[row, objects[row]], shot.handles_m[row, articulations[row]]
         goal = goals.goals_m[row, objects[row]]
         assert torch.allclose(m.ee_to_object_m[row], (point - shot.ee_m[row]).norm())
         assert torch.allclose(m.object_to_goal_m[row], (point - goal).norm())
         assert torch.allclose(m.ee_to_handle_m[row], (handle - shot.ee_m[row]).norm())
-        assert m.joint[row] == shot.joints[row, fronts[row]]
+        assert m.joint[row] == shot.joints[row, articulations[row]]
     assert m.holding_target.tolist() == [True, False, True, False]
     assert m.holding_other.tolist() == [False, True, False, False]
     assert tracker.target().tolist() == [14, 10, 12, 13]
@@ -90,7 +90,7 @@ def test_a_new_focus_keeps_what_was_counted_since_the_start():
     assert bool((before.path_m > 0).all())
     # Only the chosen rows turned.
     assert tracker.focus.object.tolist() == [0, 3, 4, 3]
-    assert tracker.focus.front.tolist() == [0, 1, 1, 1]
+    assert tracker.focus.articulation.tolist() == [0, 1, 1, 1]
     assert torch.equal(after.ee_to_object_m[OTHERS], before.ee_to_object_m[OTHERS])
     assert torch.equal(
         after.ee_to_object_decrease_m[OTHERS], before.ee_to_object_decrease_m[OTHERS]
@@ -116,9 +116,9 @@ def test_a_new_focus_is_no_change_of_distance():
 
 def test_what_the_new_object_has_not_done_is_forgotten():
     goal = Goals.empty(N, K, J, "cpu").goals_m
-    tracker = tracker_at(snapshot(N, objects=K, fronts=J))
+    tracker = tracker_at(snapshot(N, objects=K, articulations=J))
     tracker.goals = replace(tracker.goals, goals_m=goal)
-    at_goal = snapshot(N, objects=K, fronts=J, held_handle=torch.zeros(N, dtype=torch.long))
+    at_goal = snapshot(N, objects=K, articulations=J, held_handle=torch.zeros(N, dtype=torch.long))
     for _ in range(2):
         tracker.advance(at_goal, GOING)
     assert bool(tracker.measures.placed_before.all())
@@ -160,7 +160,7 @@ def test_a_handle_is_grabbed_for_the_first_time_once():
     holds = [[-1, 0, 2, -1], [0, 0, -1, -1], [-1, 0, 2, -1], [0, -1, 2, -1], [0, 0, -1, -1]]
     seen = []
     for step, held in enumerate(holds):
-        shot = snapshot(N, fronts=1, held_handle=torch.tensor(held))
+        shot = snapshot(N, articulations=1, held_handle=torch.tensor(held))
         tracker.advance(shot, GOING) if step else tracker.begin(shot, ALL)
         seen.append(tracker.measures.grabbed_now.tolist())
     nobody = [False] * N

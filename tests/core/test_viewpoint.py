@@ -1,4 +1,4 @@
-"""The human-render camera stays beside the robot, and moves where something hides the hand."""
+"""The human-render camera stays beside the robot, and moves if the hand is occluded."""
 
 from types import SimpleNamespace
 
@@ -7,10 +7,10 @@ import pytest
 import sapien
 from sapien.physx import PhysxCollisionShapeBox, PhysxCpuSystem, PhysxRigidStaticComponent
 
-from hab_tasks.skills.viewpoint import CANDIDATES_M, Viewpoint, in_world
+from hab_tasks.engine.viewpoint import CANDIDATES_M, Viewpoint, in_world
 
 
-class World:
+class EpisodeSimulation:
     """A robot's base, its hand and boxes around it, with PhysX to cast the rays."""
 
     def __init__(self):
@@ -53,7 +53,7 @@ def place(pose):
 @pytest.fixture
 def world():
     """A floor of 12 m x 12 m and a wall of 10 cm at x = -0.85."""
-    room = World()
+    room = EpisodeSimulation()
     room.add_box("floor", (0, 0, -0.1), (6, 6, 0.1))
     room.add_box("wall", (-0.85, 0, 1.25), (0.05, 6, 1.25))
     return room

@@ -1,4 +1,4 @@
-"""Wild layouts: anything may stand anywhere, and tasks stay possible."""
+"""Wild layouts: varied positions of furniture, and feasible tasks."""
 
 import json
 import math
@@ -11,15 +11,15 @@ from hab_tasks.episodes.layout_report import layout_faults
 from hab_tasks.episodes.source import EpisodeRequest, open_source
 from hab_tasks.errors import DatasetError, HabError, UnknownNameError
 from hab_tasks.geometry import to_matrix
+from hab_tasks.layouts.checks import check_layout, free_range
+from hab_tasks.layouts.wild import WildVarier
 from hab_tasks.pipeline.optimise import optimise
 from hab_tasks.pipeline.options import AssetOptions
-from hab_tasks.scenes.dataset import SceneDataset, resolve_dataset
 from hab_tasks.scenes.fields import read_json
-from hab_tasks.scenes.layout_checks import check_layout, free_range
+from hab_tasks.scenes.habitat.dataset import SceneDataset, resolve_dataset
+from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.layout_geometry import Layout
-from hab_tasks.scenes.load import load_scene
 from hab_tasks.scenes.markers import FRIDGES, HANDLE_MARKERS
-from hab_tasks.scenes.wild import WildVarier
 
 COUNT = 2
 ENVS = (
@@ -170,7 +170,7 @@ def test_bad_commands_are_told(wild, tmp_path, capsys):
     assert main(command("apartment", tmp_path / "a", 1, "--macro", "sc9")) == 2
     assert "Unknown macro layout" in capsys.readouterr().err
     assert main(command(wild.root, tmp_path / "a")) == 2
-    assert "vary apartment instead" in capsys.readouterr().err
+    assert "vary apartment" in capsys.readouterr().err
     with pytest.raises(HabError, match="layouts only"):
         optimise(wild, tmp_path / "b", AssetOptions())
     with pytest.raises(UnknownNameError):

@@ -1,4 +1,4 @@
-"""Episodes that every test of an environment plays, and environments on them."""
+"""Shared episodes and environments of the tests."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -26,17 +26,64 @@ def episode_files(tmp_path_factory):
     return files
 
 
+class EnvPool:
+    """Environments that tests play one after another: making one takes longer than most tests."""
+
+    SIZE = 40
+
+    def __init__(self) -> None:
+        self._idle: dict[str, list[gym.Env]] = {}
+        self._used: list[str] = []
+
+    def take(self, key: str) -> gym.Env | None:
+        """Returns one that nobody plays, None if there is none."""
+        return self._idle[key].pop() if self._idle.get(key) else None
+
+    def give_back(self, key: str, env: gym.Env) -> None:
+        """Takes one that a test has played, unless the test closed it."""
+        if env.unwrapped.scene is None:
+            return
+        self._idle.setdefault(key, []).append(env)
+        self._used.append(key)
+        while sum(map(len, self._idle.values())) > self.SIZE:
+            oldest = self._used.pop(0)
+            if self._idle[oldest]:
+                self._idle[oldest].pop(0).close()
+
+    def close(self) -> None:
+        """Closes all."""
+        for envs in self._idle.values():
+            for env in envs:
+                env.close()
+
+
+@pytest.fixture(scope="session")
+def env_pool():
+    pool = EnvPool()
+    yield pool
+    pool.close()
+
+
 @pytest.fixture
-def make(episode_files):
-    """Makes environments on these episodes, and closes them."""
+def make(episode_files, env_pool, request):
+    """Makes environments on these episodes, or hands out those that tests before have played.
+
+    A test marked `new_env` gets new ones.
+    """
     made = []
+    new = request.node.get_closest_marker("new_env") is not None
 
     def make(env_id: str = "HabPick-v1", **options):
         episodes = episode_files[env_id.removeprefix("hab_tasks:")]
-        env = gym.make(env_id, **{"episodes": episodes, **options})
-        made.append(env)
+        options = {"episodes": episodes, **options}
+        key = repr((env_id, sorted(options.items())))
+        env = (None if new else env_pool.take(key)) or gym.make(env_id, **options)
+        made.append((key, env))
         return env
 
     yield make
-    for env in made:
-        env.close()
+    for key, env in made:
+        if new or " at 0x" in key:
+            env.close()
+        else:
+            env_pool.give_back(key, env)

@@ -1,4 +1,4 @@
-"""What an agent's factory is told of spaces and cameras is what the environment then has."""
+"""The spaces and cameras passed to an agent's factory equal those of the environment."""
 
 import gymnasium as gym
 import numpy as np
@@ -39,7 +39,9 @@ def test_spaces_of_states_and_actions(env_id):
 
 @pytest.mark.render
 @pytest.mark.parametrize("env_id", QUICK)
-@pytest.mark.parametrize("obs_mode", ["depth", "rgb+depth+segmentation+position"])
+@pytest.mark.parametrize(
+    "obs_mode", ["depth", pytest.param("rgb+depth+segmentation+position", marks=pytest.mark.slow)]
+)
 def test_spaces_of_images_and_cameras(env_id, obs_mode):
     mode = ENVS[env_id].env.control_modes[0]
     spec = AgentSpec(name="x", control_mode=mode, obs_mode=obs_mode)

@@ -1,4 +1,4 @@
-"""Every environment in every control mode: spaces, rewards, purity, determinism, bad actions."""
+"""All environments in all control modes: spaces, rewards, purity, determinism, invalid actions."""
 
 import gymnasium as gym
 import numpy as np
@@ -110,6 +110,7 @@ def test_the_other_rewards_tell_the_ends_or_nothing(make, env_id):
             assert torch.equal(reward.float(), ends if mode == "sparse" else torch.zeros(1))
 
 
+@pytest.mark.slow
 @every_mode
 def test_looking_changes_nothing(make, env_id, mode):
     env = make(env_id, control_mode=mode)
@@ -209,17 +210,17 @@ def test_a_seed_chooses_the_later_episodes_too(make):
     assert order(first, 3) == order(second, np.int64(3)) == order(first, 3) != order(first, 4)
 
 
-@every_env
+@each_family
 def test_an_episode_can_be_asked_for_by_index_or_itself(make, env_id):
     env = make(env_id)
-    source = env.unwrapped._world.source
+    source = env.unwrapped._simulation.source
     for wish in (3, source.get(5)):
         env.reset(options={"episode": wish})
         expected = source.get(wish) if isinstance(wish, int) else wish
         assert env.unwrapped.episode == (expected,)
 
 
-@every_env
+@each_family
 def test_the_start_is_the_episodes(make, env_id):
     env = make(env_id)
     env.reset(options={"episode": 2})
@@ -231,7 +232,7 @@ def test_the_start_is_the_episodes(make, env_id):
         assert np.allclose(state.world_from_body[name][:3, 3], pose[:3], atol=1e-5)
 
 
-@every_env
+@each_family
 def test_episodes_end_at_the_horizon(make, env_id):
     """Long ones at a shorter one, which is given as ManiSkill's and Gymnasium's users do."""
     horizon = HORIZONS.get(env_id, 200)
@@ -351,9 +352,9 @@ def test_the_base_turns_and_stands_still_as_the_action_says(make, env_id, mode):
         else:
             action[-1] = share
         for _ in range(steps):
-            before = np.asarray(base._world.snapshot.base)[0].copy()
+            before = np.asarray(base._simulation.snapshot.base)[0].copy()
             env.step(action)
-        return np.asarray(base._world.snapshot.base)[0] - before
+        return np.asarray(base._simulation.snapshot.base)[0] - before
 
     assert turned(1.0)[2] == pytest.approx(0.1047, rel=0.01)
     assert turned(-0.5)[2] == pytest.approx(-0.0523, rel=0.01)

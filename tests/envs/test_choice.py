@@ -1,4 +1,4 @@
-"""Episodes that are asked for by what is no number of the set."""
+"""Invalid episode numbers in `reset` options."""
 
 import pytest
 
@@ -9,7 +9,7 @@ from hab_tasks.errors import EpisodeError
 def test_an_episode_outside_the_set_is_refused(make, wish):
     """The file has eight, of which five are played: 0 to 4."""
     env = make(num_episodes=5)
-    with pytest.raises(EpisodeError, match=rf"Episode {wish}: of 5, valid are 0 to 4") as caught:
+    with pytest.raises(EpisodeError, match=rf"Episode {wish}: valid indices are 0 to 4") as caught:
         env.reset(options={"episode": wish})
     # The file's sixth one can be had.
     assert ("num_episodes=6" in str(caught.value)) == (wish == 5)

@@ -1,7 +1,4 @@
-"""Whoever stands still wins nothing and loses nothing early; random actions hardly win.
-
-The least that can be asked of start states: none is solved already, and none is lost.
-"""
+"""Start states are neither solved nor failed: no-op and random actions rarely succeed."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Environments whose actions set joints at once: what is held comes along, what is met wakes up."""
+"""Control modes that set joints directly: held objects follow, and touched objects wake up."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from playing import held, move_object, put, still
 def in_hand(env):
     """The held object's pose (7,) in the hand."""
     base = env.unwrapped
-    grasp = base._world._grasp
+    grasp = base._simulation._grasp
     pose = base.agent.ee_link.pose.inv() * grasp.objects[int(grasp.held[0])].pose
     return pose.raw_pose[0].numpy()
 
@@ -29,8 +29,8 @@ def carrying(make, request):
 
 def test_a_teleport_takes_along_what_is_held(carrying):
     base, before = carrying.unwrapped, in_hand(carrying)
-    start = np.asarray(base._world.snapshot.base)[0].copy()
-    goal = base._world.goals.base[0].copy()  # where the task would have the robot drive
+    start = np.asarray(base._simulation.snapshot.base)[0].copy()
+    goal = base._simulation.goals.base[0].copy()  # where the task would have the robot drive
     assert np.linalg.norm(goal[:2] - start[:2]) > 0.2
     action = still(carrying)
     action[-3:] = goal
@@ -38,7 +38,7 @@ def test_a_teleport_takes_along_what_is_held(carrying):
         carrying.step(action)
         assert held(carrying) is not None
         assert np.linalg.norm(in_hand(carrying)[:3] - before[:3]) < 1e-3
-    assert np.allclose(np.asarray(base._world.snapshot.base)[0], goal, atol=1e-3)
+    assert np.allclose(np.asarray(base._simulation.snapshot.base)[0], goal, atol=1e-3)
 
 
 def test_what_the_robot_is_put_into_gives_way(make):
@@ -46,7 +46,7 @@ def test_what_the_robot_is_put_into_gives_way(make):
     env = make("HabTidyHouse-v1", control_mode="joint_state_pose")
     env.reset(seed=0)
     base = env.unwrapped
-    world = base._world
+    world = base._simulation
     name = base.episode[0].targets[1].object
     hand_m = np.asarray(world.snapshot.ee_m)[0]
     goal = world.goals.base[0].copy()
@@ -78,12 +78,12 @@ def test_a_delayed_base_pose_waits_where_the_robot_stands(make):
     env = make("HabTidyHouse-v1", control_mode="joint_state_pose", action_delay_steps=2)
     env.reset(seed=0)
     base = env.unwrapped
-    start = np.asarray(base._world.snapshot.base)[0].copy()
+    start = np.asarray(base._simulation.snapshot.base)[0].copy()
     action = still(env)
     action[-3] += 0.5
     found = []
     for _ in range(4):
         env.step(action)
-        found.append(np.asarray(base._world.snapshot.base)[0].copy())
+        found.append(np.asarray(base._simulation.snapshot.base)[0].copy())
     assert np.allclose(found[1], start, atol=1e-4)
     assert np.allclose(found[2] - start, (0.5, 0.0, 0.0), atol=1e-3)

@@ -1,11 +1,11 @@
-"""Arrows mark what an episode is about, in a person's picture and nowhere else."""
+"""Marks of the episode's targets appear in human-render images only."""
 
 import gymnasium as gym
 import numpy as np
 import pytest
 import torch
 
-from hab_tasks.skills.marks import GOAL_COLOR, HANDLE_COLOR, TARGET_COLOR, marked_points
+from hab_tasks.engine.marks import GOAL_COLOR, HANDLE_COLOR, TARGET_COLOR, marked_points
 
 COLORS = {
     "HabPick-v1": [TARGET_COLOR],
@@ -19,9 +19,9 @@ def test_target_goal_and_handle_are_marked_where_they_are(env_id):
     env = gym.make(f"hab_tasks:{env_id}", obs_mode="state")
     env.reset(seed=0)
     base = env.unwrapped
-    points = list(marked_points(base._world))
+    points = list(marked_points(base._simulation))
     assert [color for color, _ in points] == COLORS[env_id]
-    snapshot, goals = base._world.snapshot, base._world.goals
+    snapshot, goals = base._simulation.snapshot, base._simulation.goals
     where = {
         TARGET_COLOR: snapshot.objects_m[0][0],
         GOAL_COLOR: goals.goals_m[0][0],

@@ -1,4 +1,4 @@
-"""Driving along the shortest way, teleport, and another agent at the wheel."""
+"""Navigators: shortest path, teleport, and another agent."""
 
 import math
 
@@ -6,17 +6,24 @@ import numpy as np
 import pytest
 import torch
 from hab_spa import spa_priv
-from hab_spa.motion.drive import DriveConfig, angle, drive_to
+from hab_spa.motion.drive import DriveConfig, drive_to
 from hab_spa.motion.robot import Robot, SpaConfig
+from hab_spa.motion.wheels import angle
 from hab_spa.results import Failure
 from hab_spa.scenes.true_scene import TrueScene
-from hab_spa.tasks.navigate import Errand, PolicyNavigator, navigator_of, observation, teleport
+from hab_spa.tasks.navigate import (
+    NavigationRequest,
+    PolicyNavigator,
+    navigator_of,
+    observation,
+    teleport,
+)
 from hab_spa.tasks.standing import TUCKED_QPOS_RAD, Standing, fold
 
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec
 from hab_tasks.arrays import to_tensor
+from hab_tasks.engine.sensors import POINT
 from hab_tasks.errors import HabError
-from hab_tasks.sensors import POINT
 
 SETUP = AgentSetup(env_id="HabTidyHouse-v1")
 
@@ -89,10 +96,12 @@ def joint_targets(command):
     return np.concatenate((command.arm_rad, [command.gripper], command.base))
 
 
-def errand(robot, pose, point_m=(1.0, 2.0, 0.5)):
+def navigation_request(robot, pose, point_m=(1.0, 2.0, 0.5)):
     """To a base pose, the arm as it is."""
     standing = None if pose is None else Standing(base=pose, arm_rad=robot.scene.arm_qpos)
-    return Errand(point_m=np.array(point_m), map=robot.scene.floor_map(), place=lambda: standing)
+    return NavigationRequest(
+        point_m=np.array(point_m), map=robot.scene.floor_map(), choose_base_pose=lambda: standing
+    )
 
 
 def test_teleport_is_there_at_once(started):
@@ -104,7 +113,7 @@ def test_teleport_is_there_at_once(started):
         pose = robot.base if command.pose is None else command.pose
         return np.concatenate((command.arm_rad, [command.gripper], pose))
 
-    assert run(teleport(robot, errand(robot, goal)), entries) is None
+    assert run(teleport(robot, navigation_request(robot, goal)), entries) is None
     np.testing.assert_allclose(robot.base, goal, atol=0.01)
     assert robot.steps < 10
 
@@ -123,7 +132,9 @@ def test_the_folded_arm_stays_over_the_base_and_a_robot_folds_it_first(started):
 
 def test_nowhere_to_stand_is_a_target_plan_failure(started):
     _, robot, run = started("HabTidyHouse-v1", "joint_target_pose")
-    nowhere = Errand(point_m=np.zeros(3), map=robot.scene.floor_map(), place=lambda: None)
+    nowhere = NavigationRequest(
+        point_m=np.zeros(3), map=robot.scene.floor_map(), choose_base_pose=lambda: None
+    )
     assert run(teleport(robot, nowhere), None) is Failure.TARGET_PLAN
     assert robot.steps == 0
 
@@ -163,7 +174,7 @@ def test_another_agent_drives_until_it_stops(started, monkeypatch):
         turns.append(command.base)
         return joint_targets(command)
 
-    assert run(navigator(robot, errand(robot, None)), entries) is None
+    assert run(navigator(robot, navigation_request(robot, None)), entries) is None
     assert turns == [(0.0, 1.0), (0.0, 1.0), (0.0, 0.0)]
     assert angle(robot.base[2], before[2]) > 0.05
 
@@ -171,13 +182,13 @@ def test_another_agent_drives_until_it_stops(started, monkeypatch):
 @pytest.mark.parametrize("frame", ["base", "ee"])
 def test_its_observation_is_that_of_navigate(started, frame):
     env, robot, _ = started("HabNavigate-v1", "base")
-    goals = env.unwrapped._world.goals
+    goals = env.unwrapped._simulation.goals
     told = observation(robot, np.asarray(goals.goals_m[0, 0], dtype=float), frame)
     if frame == "base":
         extra = robot.obs["extra"]
     else:
         entry = POINT.in_ee
-        extra = {entry.name: to_tensor(entry.read(env.unwrapped._world.snapshot, None, goals))}
+        extra = {entry.name: to_tensor(entry.read(env.unwrapped._simulation.snapshot, None, goals))}
     for group, expected in {"agent": robot.obs["agent"], "extra": extra}.items():
         assert told[group].keys() == expected.keys()
         for name, value in expected.items():

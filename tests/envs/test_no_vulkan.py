@@ -1,4 +1,4 @@
-"""A machine without any Vulkan driver: states work, images are refused with the remedy."""
+"""Without a Vulkan driver, state observations work, and images raise an error with a remedy."""
 
 import os
 import subprocess
@@ -42,6 +42,7 @@ def test_there_is_no_driver_in_this_test(run):
     assert "RuntimeError" in done.stderr
 
 
+@pytest.mark.slow
 def test_states_need_no_driver(run):
     done = run(
         "for env_id in files:",
@@ -56,6 +57,7 @@ def test_states_need_no_driver(run):
     assert shown == [f"{env_id} 1 {size}" for env_id, size in sizes.items()]
 
 
+@pytest.mark.slow
 def test_images_are_refused_with_the_remedy(run):
     done = run(
         "from hab_tasks.errors import RenderingUnavailableError",

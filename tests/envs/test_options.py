@@ -1,4 +1,4 @@
-"""The environments' options: cameras, the invisible arm, blindness, noise and delay."""
+"""Options of the environments: cameras, invisible arm, blindness, noise and delay."""
 
 import json
 import math
@@ -11,10 +11,10 @@ from builders import same
 from mani_skill.utils.wrappers.record import RecordEpisode
 from playing import actions, each_family, flat, play, record, slow, still
 
+from hab_tasks.engine.noise import SensorNoise
 from hab_tasks.envs import ENVS
 from hab_tasks.errors import ActionError, OptionError, UnknownNameError
-from hab_tasks.noise import SensorNoise
-from hab_tasks.robots.fetch_spec import ARM_LINKS
+from hab_tasks.robots.robot import ROBOT
 
 render = pytest.mark.render
 ALL = ("head", "arm", "third_person")
@@ -33,6 +33,7 @@ NOISE = {"depth_at_1_m_m": 0.01, "rgb_levels": 5.0, "joint_rad": 0.02}
         ({"camera_size_px": 64.0}, OptionError, "a whole number of pixels"),
         ({"camera_hfov_rad": 4.0}, OptionError, "between 0 and pi"),
         ({"camera_hfov_rad": math.nan}, OptionError, "between 0 and pi"),
+        ({"camera_hfov_rad": 10**400}, OptionError, "a number of 401 digits.*between 0 and pi"),
         ({"action_delay_steps": -1}, OptionError, "a whole number of steps"),
         ({"sensor_noise": 0.1}, OptionError, "SensorNoise or a dict"),
         ({"sensor_noise": {"deph": 0.1}}, UnknownNameError, "depth_at_1_m_m"),
@@ -114,6 +115,7 @@ MODES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("env_id", "mode"), MODES)
 def test_delayed_actions_do_what_they_do_later_without_delay(make, env_id, mode):
     late = make(env_id, control_mode=mode, obs_mode="state_dict", action_delay_steps=3)
@@ -243,7 +245,10 @@ OBS_MODES = ("depth", "rgb", "rgbd", "rgb+depth", "pointcloud", "sensor_data", "
 
 
 @render
-@pytest.mark.parametrize("obs_mode", OBS_MODES)
+@pytest.mark.parametrize(
+    "obs_mode",
+    [m if m in ("depth", "pointcloud") else pytest.param(m, marks=slow) for m in OBS_MODES],
+)
 @pytest.mark.parametrize(
     "options",
     [EVERYTHING, pytest.param({"cameras": ALL, "camera_size_px": 32}, marks=slow)],
@@ -329,7 +334,7 @@ def test_the_third_person_camera_looks_over_the_shoulder(make):
 def arm_pixels(env, obs):
     """Camera -> how many of its pixels show shoulder, arm or gripper."""
     links = env.unwrapped.agent.robot.links_map
-    names = (*ARM_LINKS, "gripper_link", "l_gripper_finger_link", "r_gripper_finger_link")
+    names = (*ROBOT.arm_links, "gripper_link", "l_gripper_finger_link", "r_gripper_finger_link")
     ids = torch.cat([links[name].per_scene_id for name in names])
     seen = {name: images["segmentation"] for name, images in obs["sensor_data"].items()}
     return {name: int(torch.isin(image, ids).sum()) for name, image in seen.items()}

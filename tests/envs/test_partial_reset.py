@@ -1,15 +1,15 @@
-"""One row of a batch starts anew: what every environment does, on tensors, without a simulator."""
+"""Reset of one row of a batch, for every environment, on tensors without a simulator."""
 
 from dataclasses import fields, replace
 
 import pytest
 import torch
-from builders import StraightWays, judge, snapshot
+from builders import StraightWays, evaluate_rules, snapshot
 
+from hab_tasks.articulations import FRIDGE
+from hab_tasks.engine.goals import Goals
+from hab_tasks.engine.measures import Tracker
 from hab_tasks.envs import ENVS
-from hab_tasks.fronts import FRIDGE
-from hab_tasks.goals import Goals
-from hab_tasks.measures import Tracker
 from hab_tasks.tasks.progress import Progress
 
 N, STEPS = 3, 12
@@ -20,7 +20,7 @@ SKILLS = [e for e in ENVS if hasattr(ENVS[e].env, "skill")]
 TASKS = [e for e in ENVS if hasattr(ENVS[e].env, "task")]
 
 
-def moments(needs, seed=0):
+def snapshots(requirements, seed=0):
     """Random snapshots: things wander about, are held and let go, doors move, the robot bumps."""
     draw = torch.Generator().manual_seed(seed)
 
@@ -33,14 +33,14 @@ def moments(needs, seed=0):
     return [
         snapshot(
             N,
-            objects=needs.objects,
-            fronts=len(needs.fronts),
+            objects=requirements.objects,
+            articulations=len(requirements.articulations),
             ee_m=near(N, 3),
             base=near(N, 3),
-            objects_m=near(N, needs.objects, 3),
-            handles_m=near(N, len(needs.fronts), 3),
-            joints=near(N, len(needs.fronts)).abs() * 6,
-            held=chosen(needs.objects + 1),
+            objects_m=near(N, requirements.objects, 3),
+            handles_m=near(N, len(requirements.articulations), 3),
+            joints=near(N, len(requirements.articulations)).abs() * 6,
+            held=chosen(requirements.objects + 1),
             held_handle=chosen(2),
             force_n=1000 * near(N).clamp(min=0.0),
         )
@@ -48,13 +48,14 @@ def moments(needs, seed=0):
     ]
 
 
-def tracker_of(needs):
-    goals = Goals.empty(N, needs.objects, len(needs.fronts), "cpu")
-    if FRIDGE in needs.fronts:  # before the door, so that the base is inside its region
-        front = torch.tensor([-1.2, 0.0, 0.0]).expand(N, len(needs.fronts), 3)
-        goals = replace(goals, front=front.clone())
-    tracker = Tracker(goals, StraightWays() if needs.navigates else None)
-    for number in range(needs.objects):
+def tracker_of(requirements):
+    goals = Goals.empty(N, requirements.objects, len(requirements.articulations), "cpu")
+    if FRIDGE in requirements.articulations:
+        # Ahead of the door, so that the base is inside its region.
+        frame = torch.tensor([-1.2, 0.0, 0.0]).expand(N, len(requirements.articulations), 3)
+        goals = replace(goals, articulation_frame=frame.clone())
+    tracker = Tracker(goals, StraightWays() if requirements.navigates else None)
+    for number in range(requirements.objects):
         tracker.targets[:, number] = number
     return tracker
 
@@ -68,8 +69,8 @@ def alone(shot, row):
 @pytest.mark.parametrize("env_id", SKILLS)
 def test_a_row_that_starts_anew_neither_pays_nor_fails_for_its_past(env_id):
     skill = ENVS[env_id].env.skill
-    tracker = tracker_of(skill.needs)
-    first, *others, fresh = moments(skill.needs)
+    tracker = tracker_of(skill.requirements)
+    first, *others, fresh = snapshots(skill.requirements)
     tracker.begin(first, ROWS)
     for shot in others:
         tracker.advance(replace(shot, force_n=torch.full((N,), 1e4)), ROWS > 0)
@@ -84,31 +85,31 @@ def test_a_row_that_starts_anew_neither_pays_nor_fails_for_its_past(env_id):
         force_n=torch.zeros(N),
     )
     tracker.begin(fresh, FRESH)
-    judged = judge(skill, tracker.measures, fresh, tracker.goals)
-    assert not any(failed[1] for failed in judged.failures.values())
-    assert not judged.success[1]
-    assert {name: float(t[1]) for name, t in judged.terms.items() if t[1]} == {}
+    evaluated = evaluate_rules(skill, tracker.measures, fresh, tracker.goals)
+    assert not any(failed[1] for failed in evaluated.failures.values())
+    assert not evaluated.success[1]
+    assert {name: float(t[1]) for name, t in evaluated.terms.items() if t[1]} == {}
     after = tracker.get_state()
     assert after["steps"].tolist() == [STEPS - 2.0, 0.0, STEPS - 2.0]
     assert all(torch.equal(after[name][OTHERS], before[name][OTHERS]) for name in before)
     # Its past would have ended it, where anything does.
-    if "force" in judged.failures:
-        assert judged.failures["force"].tolist() == [True, False, True]
+    if "force" in evaluated.failures:
+        assert evaluated.failures["force"].tolist() == [True, False, True]
 
 
 @pytest.mark.parametrize("env_id", SKILLS)
 def test_rows_of_a_skill_do_not_influence_each_other(env_id):
     skill = ENVS[env_id].env.skill
-    shots = moments(skill.needs, seed=1)
+    shots = snapshots(skill.requirements, seed=1)
 
     def play(shots):
-        tracker, found = tracker_of(skill.needs), []
+        tracker, found = tracker_of(skill.requirements), []
         tracker.begin(shots[0], ROWS)
         for step, shot in enumerate(shots[1:]):
             if step == STEPS // 2:
                 tracker.begin(shot, FRESH)
             tracker.advance(shot, ROWS >= 0)
-            found.append(judge(skill, tracker.measures, shot, tracker.goals))
+            found.append(evaluate_rules(skill, tracker.measures, shot, tracker.goals))
         return found
 
     whole = play(shots)
@@ -128,10 +129,10 @@ def test_rows_of_a_skill_do_not_influence_each_other(env_id):
 @pytest.mark.parametrize("env_id", TASKS)
 def test_rows_of_a_task_do_not_influence_each_other(env_id):
     env = ENVS[env_id].env
-    shots = moments(env.needs, seed=2)
+    shots = snapshots(env.requirements, seed=2)
 
     def play(shots):
-        tracker, progress = tracker_of(env.needs), Progress(env.task, ROWS)
+        tracker, progress = tracker_of(env.requirements), Progress(env.task, ROWS)
         tracker.begin(shots[0], ROWS)
         progress.begin(ROWS, shots[0], tracker.goals, tracker.targets)
         for step, shot in enumerate(shots[1:]):

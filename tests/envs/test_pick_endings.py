@@ -1,4 +1,4 @@
-"""Every way in which Pick ends, reached in the simulator, and what holding an object means."""
+"""All endings of Pick in the simulator, and the effects of holding an object."""
 
 import numpy as np
 import pytest
@@ -67,11 +67,12 @@ def test_release_is_masked_while_the_target_is_held(make):
         assert not info["failures"]["dropped_object"]
 
 
+@pytest.mark.new_env
 def test_the_target_torn_out_of_the_hand_is_dropped(make):
     env, episode = start(make)
     put(env, episode.target, (0.0, 0.0, -0.14))
     env.step(grip())
-    world = env.unwrapped._world
+    world = env.unwrapped._simulation
     index = world._names.index(episode.target)
     body = world._grasp.objects[index]._bodies[0]
     pose = body.entity_pose
@@ -130,13 +131,13 @@ def test_privileged_state_is_the_simulators(make):
     (state,) = base.privileged()
     assert state.targets == (state.held,) == (episode.target,)
     assert set(state.object_com_m) == set(episode.objects)
-    actors = base._world.handles.pickables
+    actors = base._simulation.scene_bodies.pickables
     assert set(actors) == set(episode.objects)
     for name in episode.objects:
         matrix = actors[name].pose.to_transformation_matrix()[0].numpy()
         assert np.allclose(state.world_from_body[name], matrix, atol=1e-5)
     loose = {body.name for body in state.bodies if body.group == "object"}
-    assert loose == set(episode.objects) | set(base._world.handles.loose)
+    assert loose == set(episode.objects) | set(base._simulation.scene_bodies.loose)
     qpos = base.agent.robot.get_qpos()[0].numpy()
     assert np.allclose(state.arm_qpos, qpos[base.agent.arm_index.tolist()])
     assert len(state.locked_qpos) == len(qpos) - 7

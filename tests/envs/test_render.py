@@ -1,4 +1,4 @@
-"""Images have something in them; needs a Vulkan device."""
+"""Rendered images are not empty; needs a Vulkan device."""
 
 import numpy as np
 import pytest
@@ -6,6 +6,7 @@ import torch
 from playing import actions, ee_mode, every_env, flat, slow, still
 
 from hab_tasks.envs import ENVS
+from hab_tasks.rendering import use_default_shaders
 
 pytestmark = pytest.mark.render
 few_envs = pytest.mark.parametrize(
@@ -34,6 +35,17 @@ def test_depth_is_scaled_and_not_constant(make, env_id):
         assert depth.std() > 0.003, name
         for group in env.observation_space["sensor_data"][name].values():
             assert group.contains(depth.numpy())
+
+
+@pytest.mark.new_env
+@pytest.mark.parametrize("obs_mode", ["depth", pytest.param("rgb+depth", marks=slow)])
+def test_depth_is_the_same_whatever_was_rendered_before(make, obs_mode):
+    """SAPIEN's picture formats are global: other cameras of the process must not change these."""
+    usual = make(obs_mode=obs_mode).reset(seed=1)[0]["sensor_data"]
+    use_default_shaders()
+    after = make(obs_mode=obs_mode).reset(seed=1)[0]["sensor_data"]
+    for name, images in usual.items():
+        assert torch.equal(images["depth"], after[name]["depth"]), name
 
 
 @few_envs
@@ -66,7 +78,7 @@ def test_both_images_and_points_can_be_observed(make, env_id, obs_mode):
         assert points.shape == (1, 128 * 128 * len(cameras(env_id)), 4)
         there = points[points[..., 3] > 0]
         # The robot stands in the flat, and sees what is at most 10 m away: some of it is near.
-        base = torch.as_tensor(np.asarray(env.unwrapped._world.snapshot.base))[0, :2]
+        base = torch.as_tensor(np.asarray(env.unwrapped._simulation.snapshot.base))[0, :2]
         near = torch.linalg.vector_norm(there[:, :2] - base, dim=1) < 15.0
         assert near.float().mean() > 0.9
         assert (there[:, 2] > -0.1).float().mean() > 0.95

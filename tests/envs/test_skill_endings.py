@@ -1,4 +1,4 @@
-"""Every way in which the other skills end, reached in the simulator (Pick's stand apart)."""
+"""All endings of the skills other than Pick, in the simulator."""
 
 import math
 
@@ -109,7 +109,7 @@ def test_place_fails_by_force(make):
     known = make("HabPlace-v1")
     index = first_episode(known, lambda e: _goal_on(e, "Tbl", "Sofa", "counter"))
     env = start(make, "HabPlace-v1", index)
-    goal = np.asarray(env.unwrapped._world.goals.goals_m)[0, 0]
+    goal = np.asarray(env.unwrapped._simulation.goals.goals_m)[0, 0]
     env.step(ee_grip(env, -1.0))  # forces on what is held do not count
     results = reach(env, goal - [0, 0, 0.6], -1.0, steps=199, within_m=0.0)
     info = results[-1][-1]
@@ -135,7 +135,7 @@ def test_leaving_the_region_before_the_fridge_ends_the_episode(make, env_id):
     """0.933 to 1.833 m before the fridge, 0.6 m to either side."""
     env = start(make, env_id)
     base = env.unwrapped
-    fridge = base._world._grasp.handles[int(base._world.tracker.handles[0, 0])].furniture
+    fridge = base._simulation._grasp.handles[int(base._simulation.tracker.handles[0, 0])].furniture
     world_from_fridge = fridge.pose.to_transformation_matrix()[0].numpy()
     ahead = world_from_fridge[:2, 0] / np.linalg.norm(world_from_fridge[:2, 0])
     left = np.array([-ahead[1], ahead[0]])
@@ -143,7 +143,7 @@ def test_leaving_the_region_before_the_fridge_ends_the_episode(make, env_id):
     back[-2] = -1.0
     for _ in range(60):
         over, terms = ended(step := env.step(back))
-        offset = np.asarray(base._world.snapshot.base)[0, :2] - world_from_fridge[:2, 3]
+        offset = np.asarray(base._simulation.snapshot.base)[0, :2] - world_from_fridge[:2, 3]
         x, y = offset @ ahead, offset @ left
         inside = 0.933 <= x <= 1.833 and -0.6 <= y <= 0.6
         assert over == (not inside), (x, y)
@@ -171,7 +171,7 @@ def test_a_front_is_done_where_the_skill_says(make, env_id, just, not_yet):
         move_joint(state, env, 0, position)
         base.set_state_dict(state)
         step = env.step(still(env))
-        assert float(base._world.snapshot.joints[0, 0]) == pytest.approx(position, abs=2e-3)
+        assert float(base._simulation.snapshot.joints[0, 0]) == pytest.approx(position, abs=2e-3)
         over, terms = ended(step)
         assert bool(step[-1]["success"]) == over == done
         assert terms["success"] == 10.0 * done
@@ -182,7 +182,7 @@ def test_a_drawer_is_open_at_nine_tenths_of_its_travel(make):
     env = start(make, "HabOpenDrawer-v1")
     base = env.unwrapped
     state = base.get_state_dict()
-    goals = base._world.goals
+    goals = base._simulation.goals
     lower, upper = float(goals.joint_lower[0, 0]), float(goals.joint_upper[0, 0])
     for share, done in ((0.89, False), (0.91, True)):
         move_joint(state, env, 0, lower + share * (upper - lower))

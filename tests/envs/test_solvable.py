@@ -1,4 +1,4 @@
-"""Everything can be done as it is stated: a robot that sees everything does it, start to end."""
+"""All skills and tasks are feasible: a privileged robot solves them from start to end."""
 
 import pytest
 import torch

@@ -1,4 +1,4 @@
-"""Saving and restoring the middle of an episode; ManiSkill's recorder and its replay."""
+"""Saving and restoring a state in mid-episode; ManiSkill's recorder and replay."""
 
 import json
 
@@ -51,17 +51,17 @@ def take(env):
     """Takes the target or the handle in the hand, by way of the simulator."""
     base = env.unwrapped
     (episode,) = base.episode
-    if base.needs.takes == "handles":
+    if base.requirements.takes == "handles":
         grab_handle(env)
     elif episode.held is None:
         put(env, episode.targets[0].object, (0.0, 0.0, -0.14))
         env.step(ee_grip(env))
-    assert bool(base._world._grasp.holding)
+    assert bool(base._simulation._grasp.holding)
 
 
 def grab_handle(env):
     """Goes to the handle; back, down and forwards where it is shut, under the counter's edge."""
-    world = env.unwrapped._world
+    world = env.unwrapped._simulation
     here, ahead = np.asarray(world.snapshot.ee_m)[0], np.asarray(world.snapshot.handles_m)[0, 0]
     yaw = float(world.snapshot.base[0, 2])
     back = here - 0.15 * np.array([np.cos(yaw), np.sin(yaw), 0.0])
@@ -91,7 +91,7 @@ def middle(make, env_id, situation, index=0):
     if situation == "holding":
         take(env)
         play(env, actions(env, 5, seed=7, gripper=1.0))
-        assert bool(env.unwrapped._world._grasp.holding)
+        assert bool(env.unwrapped._simulation._grasp.holding)
         return env, 1.0
     play(env, actions(env, 10, gripper=1.0 if env_id == "HabPlace-v1" else -1.0))
     return env, -1.0
@@ -118,6 +118,7 @@ def go_on_and_come_back(env, gripper):
     assert_same_runs(original, record(env, sequence))
 
 
+@pytest.mark.slow
 @in_hand
 def test_another_environment_goes_on_alike(make, env_id):
     """In another process's place: a new environment, in the same episode, that never grasped."""
@@ -149,8 +150,8 @@ def test_what_has_just_been_let_go_falls_alike(make, env_id):
 @in_hand
 def test_a_restored_held_object_still_spares_the_robot(make, env_id):
     env, _ = middle(make, env_id, "holding")
-    grasp = env.unwrapped._world._grasp
-    if env.unwrapped.needs.takes == "handles":
+    grasp = env.unwrapped._simulation._grasp
+    if env.unwrapped.requirements.takes == "handles":
         index = int(grasp.held_handle[0])
         env.unwrapped.set_state_dict(env.unwrapped.get_state_dict())
         assert int(grasp.held_handle[0]) == index
@@ -185,11 +186,11 @@ def test_a_falling_object_goes_on_falling(make, env_id):
     base = env.unwrapped
     (episode,) = base.episode
     # An episode may have one object only, which the hand may hold: what stands about falls as well.
-    names = [n for n in sorted(base._world.handles.movable) if n != held(env)]
+    names = [n for n in sorted(base._simulation.scene_bodies.movable) if n != held(env)]
     name = next(n for n in names if n in episode.objects or n in episode.loose)
     state = base.get_state_dict()
     move_object(state, env, name, [*episode.robot.base[:2], 2.2])
-    actor = base._world.handles.movable[name]
+    actor = base._simulation.scene_bodies.movable[name]
     state["actors"][actor.name][0, 9] = -1.0
     base.set_state_dict(state)
     height = float(actor.pose.p[0, 2])
@@ -206,13 +207,13 @@ def test_an_opened_front_stays_where_it_is(make, env_id):
     env = begin(make, env_id)
     base = env.unwrapped
     state = base.get_state_dict()
-    limits = [float(base._world.goals.joint_upper[0, 0]) * share for share in (0.3, 0.7)]
+    limits = [float(base._simulation.goals.joint_upper[0, 0]) * share for share in (0.3, 0.7)]
     for position in limits:
         move_joint(state, env, 0, position)
         base.set_state_dict(state)
-        assert float(base._world.snapshot.joints[0, 0]) == pytest.approx(position, abs=1e-5)
+        assert float(base._simulation.snapshot.joints[0, 0]) == pytest.approx(position, abs=1e-5)
         env.step(still(env))
-        assert float(base._world.snapshot.joints[0, 0]) == pytest.approx(position, abs=1e-3)
+        assert float(base._simulation.snapshot.joints[0, 0]) == pytest.approx(position, abs=1e-3)
         go_on_and_come_back(env, -1.0)
 
 
@@ -223,8 +224,8 @@ def test_a_tasks_progress_is_restored(make, env_id):
     base = env.unwrapped
     before = base.get_state_dict()
     number, name = first_pick(base)
-    if base.needs.fronts:
-        open_front(env, number)
+    if base.requirements.articulations:
+        open_articulation(env, number)
     put(env, base.episode[0].targets[0].object, (0.0, 0.0, -0.14))
     info = env.step(ee_grip(env))[-1]
     assert bool(info["stages"][name])
@@ -241,15 +242,15 @@ def test_a_tasks_progress_is_restored(make, env_id):
 
 
 def first_pick(base):
-    """Number of the front to be opened first, and the first stage with something in the hand."""
+    """Index of the articulation to open first, and the first stage with an object in the hand."""
     stages = base.task.stages.items()
     return 0, next(name for name, condition in stages if condition.held)
 
 
-def open_front(env, number):
+def open_articulation(env, number):
     base = env.unwrapped
     state = base.get_state_dict()
-    move_joint(state, env, number, float(base._world.goals.joint_upper[0, number]))
+    move_joint(state, env, number, float(base._simulation.goals.joint_upper[0, number]))
     base.set_state_dict(state)
     env.step(ee_grip(env, -1.0))
 
@@ -263,7 +264,7 @@ def test_the_way_is_restored(make, env_id):
     play(env, sequence)
     state, before = base.get_state_dict(), float(base.measures.base_to_goal_m[0])
     (episode,) = base.episode
-    other = begin(make, env_id, (base._world.source.get(1)))
+    other = begin(make, env_id, (base._simulation.source.get(1)))
     other.reset(options={"episode": episode})
     other.unwrapped.set_state_dict(state)
     for restored in (base, other.unwrapped):
@@ -283,7 +284,7 @@ def test_a_state_can_move_the_base(make):
     state = base.get_state_dict()
     move_base(state, env, x, y, yaw)
     base.set_state_dict(state)
-    assert np.allclose(np.asarray(base._world.snapshot.base)[0], (x, y, yaw), atol=1e-5)
+    assert np.allclose(np.asarray(base._simulation.snapshot.base)[0], (x, y, yaw), atol=1e-5)
 
 
 # ManiSkill's recorder --------------------------------------------------------------------------
@@ -323,7 +324,13 @@ FIRST_MODES = {env_id: entry.env.control_modes[0] for env_id, entry in ENVS.item
 JOINTS_SET = ("HabPlace-v1", "joint_state"), ("HabTidyHouse-v1", "joint_target_pose")
 
 
-@pytest.mark.parametrize(("env_id", "mode"), [*FIRST_MODES.items(), *JOINTS_SET])
+@pytest.mark.parametrize(
+    ("env_id", "mode"),
+    [
+        case if case[0] in FAMILIES else pytest.param(*case, marks=pytest.mark.slow)
+        for case in (*FIRST_MODES.items(), *JOINTS_SET)
+    ],
+)
 def test_a_recording_replays(make, env_id, mode, tmp_path):
     options = {"control_mode": mode, "obs_mode": "state_dict"}
     told, data = recording(make(env_id, **options), tmp_path)

@@ -1,4 +1,4 @@
-"""The wrappers that ManiSkill's and Gymnasium's users put around an environment."""
+"""Common wrappers of ManiSkill and Gymnasium."""
 
 import subprocess
 import sys
@@ -45,7 +45,7 @@ def test_the_id_with_the_module_needs_no_import(env_id):
 
 
 @each_family
-@pytest.mark.parametrize("obs_mode", ["state", "state_dict"])
+@pytest.mark.parametrize("obs_mode", ["state_dict", pytest.param("state", marks=slow)])
 def test_gymnasiums_checker_accepts_it(make, env_id, obs_mode):
     """Only that the states are not between -1 and 1, and have no bounds, may be noted.
 

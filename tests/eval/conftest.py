@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import importlib.util
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -64,15 +62,3 @@ def cli(stubbed: None, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.Mo
         return subprocess.CompletedProcess(arguments, code, out, err)
 
     return run
-
-
-@pytest.fixture
-def make_record() -> Callable[..., Any]:
-    """The record builder of test_results."""
-    path = Path(__file__).with_name("test_results.py")
-    spec = importlib.util.spec_from_file_location("record_builder", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.make_record

@@ -1,4 +1,4 @@
-"""Agents that break the protocol, each in one way; named by the fault."""
+"""Agents that violate the protocol, each in one way, named by the fault."""
 
 from __future__ import annotations
 

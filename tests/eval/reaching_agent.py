@@ -1,4 +1,4 @@
-"""An agent of several rows that moves the hand to the target, grasps and comes back."""
+"""A batched agent that moves the hand to the target, grasps it and returns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A side of a benchmark without a simulator; importable in the process that `RemoteSide` starts."""
+"""Stub environments of a benchmark, importable in the process that `RemoteEnv` starts."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 
 import torch
-from hab_eval.bench_memory import Memory
-from hab_eval.bench_motion import Motion
-from hab_eval.bench_process import StepTiming, time_steps
+from hab_eval.bench.memory import Memory
+from hab_eval.bench.motion import Motion
+from hab_eval.bench.process import StepTiming, time_steps
 
 ENGINE_S = 0.002
 OTHER_S = 0.002
 
 
 class Engine:
-    __slots__ = ()  # takes no patches, like SAPIEN's own
+    __slots__ = ()  # cannot be patched, like SAPIEN's engine
 
     timestep = 1 / 120
 
@@ -42,7 +42,7 @@ class Env:
             self.scene.px.step()
 
 
-class Side:
+class StubEnv:
     def run_steps(self, motion: Motion) -> StepTiming:
         return time_steps(Env(), torch.zeros(2), torch.full((motion.count, 2), float(motion.seed)))
 
@@ -58,21 +58,21 @@ class Side:
 
 @dataclass(frozen=True)
 class Factory:
-    def __call__(self) -> Side:
-        return Side()
+    def __call__(self) -> StubEnv:
+        return StubEnv()
 
 
 @dataclass(frozen=True)
 class DyingFactory:
-    def __call__(self) -> Side:
+    def __call__(self) -> StubEnv:
         os._exit(7)
 
 
-class CountedSide:
-    """Plays episodes with 10, 30 and 100 objects in turn; the engine takes 1 ms a step.
+class CountedEnv:
+    """Cycles through episodes with 10, 30 and 100 objects; the engine takes 1 ms per step.
 
-    Outside it, an object takes a microsecond a step, and each round is twice as slow as the one
-    before, as on a machine that others use too.
+    Outside the engine, an object takes 1 us per step, and each cycle is twice as slow as the one
+    before, as on a shared machine.
     """
 
     def __init__(self) -> None:
@@ -102,7 +102,7 @@ class CountedSide:
 
 
 class Vector:
-    """A vector environment of this very process, which it shows as each of its workers.
+    """A vector environment whose workers are all the current process.
 
     Attributes:
         calls: Shared by all vectors of a test: (number of environments, what was called).

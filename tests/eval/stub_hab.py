@@ -1,7 +1,7 @@
-"""An environment of three outcomes, its episodes and agents, all without a simulator.
+"""A stub environment with three outcomes, its episodes and agents, without a simulator.
 
-The seed of an episode decides how it ends: seed % 3 == 0 succeeds at step 3, 1 fails by force at
-step 2, 2 runs into the horizon at step 5.
+The seed determines the outcome of an episode: seed % 3 == 0 succeeds at step 3, 1 fails by force at
+step 2, 2 reaches the horizon at step 5.
 """
 
 from __future__ import annotations
@@ -211,10 +211,16 @@ def load_episode_set(config: EvalConfig, progress, workers) -> SimpleNamespace:
     return SimpleNamespace(split=split, scene_dataset=config.scene_dataset, episodes=episodes)
 
 
+def check_env_id(env_id: str) -> None:
+    if env_id not in (ENV_ID, "HabOther-v1"):
+        raise UnknownNameError("environment", env_id, [ENV_ID, "HabOther-v1"])
+
+
 def install() -> Callable[[], None]:
     """Puts the stub in the place of `hab_tasks`; returns how to undo it."""
     replaced = {
         "env_ids": lambda: [ENV_ID, "HabOther-v1"],
+        "check_env_id": check_env_id,
         "load_episode_set": load_episode_set,
         "make_env": lambda config, spec, *, split, render: StubEnv(render=render),
         "instruction_of": lambda env_id, episode: f"Be like {episode.id}.",

@@ -1,4 +1,4 @@
-"""One agent that acts on several rows: each episode runs once and ends as it does alone."""
+"""Batched agents: each episode runs once and ends as it does alone."""
 
 import json
 from dataclasses import replace
@@ -61,6 +61,7 @@ def test_images_true_states_and_videos_of_several_rows(tmp_path):
     assert len([*(tmp_path / "2").glob("video_*.mp4")]) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_rows_are_handed_out_and_the_last_ones_stay_empty(cli_process, tmp_path, workers):
     options = ("--episodes", 7, "--workers", workers, "--out", tmp_path / "run")
@@ -77,6 +78,7 @@ def test_rows_are_handed_out_and_the_last_ones_stay_empty(cli_process, tmp_path,
         assert traces[episode["id"]] == [told]
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_names_its_rows(cli_process, tmp_path):
     out = tmp_path / "run"
     arguments = (*STUB, "--episodes", 6, "--workers", 2, "--out", out)
@@ -90,10 +92,10 @@ def test_a_worker_that_dies_names_its_rows(cli_process, tmp_path):
 def test_rows_that_cannot_be_played_are_refused(cli, tmp_path):
     spec = AgentSpec(name="x", control_mode="ee", rows=4)
     check_rows(spec)
-    with pytest.raises(AgentError, match="whole number from 1, got 0"):
+    with pytest.raises(AgentError, match="integer >= 1, got 0"):
         check_rows(replace(spec, rows=0))
-    with pytest.raises(AgentError, match="acts on 4 rows and looks on demand"):
+    with pytest.raises(AgentError, match="rows=4 and looks='on demand'"):
         check_rows(replace(spec, looks="on demand"))
     done = cli(*STUB, "--device", "cuda:9", "--out", tmp_path / "run")
     assert done.returncode == 2
-    assert "device 'cuda:9' is not there. Valid: cpu" in done.stderr
+    assert "device 'cuda:9' is not available. Valid: cpu" in done.stderr

@@ -1,19 +1,22 @@
 import json
 import os
+from dataclasses import replace
 
 import pytest
 import stub_bench
 import torch
-from hab_eval.bench import run_suite
-from hab_eval.bench_beside import step_rows
-from hab_eval.bench_layout import LAYOUT, make_layout, scene_ids
-from hab_eval.bench_motion import BASE_SPEEDS, Motion
-from hab_eval.bench_options import DEFAULT_SCENES, PICK, RESET_SCENES, BenchOptions
-from hab_eval.bench_process import QUIET_STEPS, RemoteSide, StepTiming, time_steps
-from hab_eval.bench_rows import BenchRow, bound_row, make_row, write_rows
-from hab_eval.errors import BenchError, OptionError
+from hab_eval.bench.comparison import step_rows
+from hab_eval.bench.layout import LAYOUT, make_layout, scene_ids
+from hab_eval.bench.motion import BASE_SPEEDS, Motion
+from hab_eval.bench.options import BenchOptions
+from hab_eval.bench.process import QUIET_STEPS, RemoteEnv, StepTiming, time_steps
+from hab_eval.bench.report import make_report, read_report, report_table, write_report
+from hab_eval.bench.rows import BenchRow, bound_row, make_row
+from hab_eval.bench.suite import PICK
+from hab_eval.bench.suites import find_suite, run_suite
+from hab_eval.errors import BenchError
 
-from hab_tasks.errors import FileError, UnknownNameError
+from hab_tasks.errors import FileError, OptionError, UnknownNameError
 
 
 @pytest.fixture
@@ -75,16 +78,35 @@ def test_a_bound_is_a_reference_too():
     )
 
 
-def test_rows_file(tmp_path):
-    row = make_row(("a", "b", "c", "d"), [2.0], [1.0], unit="ms")
-    path = tmp_path / "new" / "rows.json"
-    write_rows(path, [row], force=False)
-    keys = {"name", "value", "unit", "reference", "reference_value", "ratio", "n"}
-    assert [set(entry) for entry in json.loads(path.read_text())] == [keys]
+def test_report_file(tmp_path):
+    row = make_row(("sim", "b", "c", "d"), [2.0], [1.0], unit="ms")
+    path = tmp_path / "new" / "sim.json"
+    report = make_report("sim", [row])
+    write_report(path, report, force=False)
+    assert read_report(path) == report
+    assert {"hab-tasks", "sapien", "python"} <= report.versions.keys()
     with pytest.raises(FileError, match="--force"):
-        write_rows(path, [row], force=False)
-    write_rows(path, [], force=True)
-    assert json.loads(path.read_text()) == []
+        write_report(path, report, force=False)
+    write_report(path, make_report("sim", []), force=True)
+    assert read_report(path).rows == ()
+
+
+def test_a_table_of_a_report_by_hand():
+    rows = [
+        make_row(("sim", "apt", "HabPick-v1", "ee"), [1134.6], [250.0], unit="steps/s"),
+        bound_row(("sim", "apt", "HabPick-v1", "share"), [0.4561], 0.5, unit="1"),
+    ]
+    report = replace(
+        make_report("sim", rows), git="0123456789abcdef", date="2026-01-31", device="CPU, 2 cores"
+    )
+    assert report_table(report, "1") == (
+        "Commit 0123456789ab, 2026-01-31, CPU, 2 cores. Reference: bound.\n\n"
+        "|  | here | reference | ratio | unit |\n"
+        "| --- | --- | --- | --- | --- |\n"
+        "| apt/HabPick-v1/share | 0.456 | 0.5 | 0.912 | 1 |\n"
+    )
+    # 1134.6 / 250 = 4.538
+    assert "| apt/HabPick-v1/ee | 1135 | 250 | 4.54 | steps/s |" in report_table(report)
 
 
 def test_both_sides_get_the_same_small_motion():
@@ -126,17 +148,17 @@ def test_engine_that_is_not_seen_is_an_error():
 
 
 def test_side_in_a_process_of_its_own():
-    side = RemoteSide(stub_bench.Factory(), {"STUB_RESET_S": "0.125"})
+    env = RemoteEnv(stub_bench.Factory(), {"STUB_RESET_S": "0.125"})
     try:
         assert "STUB_RESET_S" not in os.environ
-        assert side.soft_reset() == 0.125
-        assert side.run_steps(Motion(count=3, seed=1)).steps == 3
+        assert env.soft_reset() == 0.125
+        assert env.run_steps(Motion(count=3, seed=1)).steps == 3
         with pytest.raises(BenchError, match="ZeroDivisionError: no other scene"):
-            side.other_layout()
+            env.other_layout()
     finally:
-        side.close()
+        env.close()
     with pytest.raises(BenchError, match="exit code 7"):
-        RemoteSide(stub_bench.DyingFactory(), {})
+        RemoteEnv(stub_bench.DyingFactory(), {})
 
 
 def test_layout_for_maniskill(dataset, tmp_path):
@@ -155,16 +177,18 @@ def test_layout_for_maniskill(dataset, tmp_path):
 
 def test_scenes_are_checked_before_anything_starts(dataset):
     assert scene_ids(dataset) == ["one"]
-    options = BenchOptions(suite="sim", scene_dataset=dataset, scenes=("on",))
+    options = BenchOptions(suite=find_suite("sim"), scene_dataset=dataset, scenes=("on",))
     with pytest.raises(UnknownNameError, match="Did you mean 'one'"):
         run_suite(options, lambda line: None)
-    with pytest.raises(BenchError, match="no ReplicaCAD folder"):
-        run_suite(BenchOptions(suite="sim", scene_dataset=dataset / "x"), lambda line: None)
+    with pytest.raises(BenchError, match="not a ReplicaCAD folder"):
+        run_suite(
+            BenchOptions(suite=find_suite("sim"), scene_dataset=dataset / "x"), lambda line: None
+        )
 
 
 def test_environments_are_checked_before_anything_starts(stubbed, dataset):
     options = BenchOptions(
-        suite="sim", scene_dataset=dataset, scenes=("one",), envs=("HabStab-v1",)
+        suite=find_suite("sim"), scene_dataset=dataset, scenes=("one",), envs=("HabStab-v1",)
     )
     with pytest.raises(UnknownNameError, match="Did you mean 'HabStub-v1'"):
         run_suite(options, lambda line: None)
@@ -172,22 +196,24 @@ def test_environments_are_checked_before_anything_starts(stubbed, dataset):
 
 def test_every_environment_in_the_first_scene_and_pick_in_the_others(tmp_path):
     every = (PICK, "HabPlace-v1")
-    default = BenchOptions(suite="sim", scene_dataset=tmp_path)
+    default = BenchOptions(suite=find_suite("sim"), scene_dataset=tmp_path)
     assert default.groups == (("v3_sc0_staging_00",), ("apt_0",))
     assert [default.envs_in(scene, every) for (scene,) in default.groups] == [every, (PICK,)]
     asked = BenchOptions(
-        suite="sim", scene_dataset=tmp_path, scenes=("a", "b"), envs=("HabPlace-v1",)
+        suite=find_suite("sim"), scene_dataset=tmp_path, scenes=("a", "b"), envs=("HabPlace-v1",)
     )
     assert [asked.envs_in(scene, every) for (scene,) in asked.groups] == [("HabPlace-v1",)] * 2
-    with pytest.raises(OptionError, match="leave --env out"):
-        BenchOptions(suite="memory", scene_dataset=tmp_path, envs=(PICK,))
-    assert BenchOptions(suite="memory", scene_dataset=tmp_path).groups == ((DEFAULT_SCENES[0],),)
+    with pytest.raises(OptionError, match="does not support --env"):
+        BenchOptions(suite=find_suite("memory"), scene_dataset=tmp_path, envs=(PICK,))
+    assert BenchOptions(suite=find_suite("memory"), scene_dataset=tmp_path).groups == (
+        ("v3_sc0_staging_00",),
+    )
 
 
 def test_bench_command_names_what_is_wrong(cli, dataset, tmp_path):
     target = tmp_path / "rows.json"
     common = ("--scene-dataset", dataset, "--json", target)
-    assert cli("bench", "--suite", "sims", *common).returncode == 2
+    assert "Did you mean 'sim'?" in cli("bench", "--suite", "sims", *common).stderr
     # Each may be given several times, and none of them is lost.
     for scenes in (("onee", "one"), ("one", "onee")):
         given = [word for scene in scenes for word in ("--scene", scene)]
@@ -199,11 +225,11 @@ def test_bench_command_names_what_is_wrong(cli, dataset, tmp_path):
     assert "Did you mean 'HabStub-v1'?" in env.stderr
     other = cli("bench", "--suite", "objects", *common, "--scene", "one", "--env", "HabStub-v1")
     assert other.returncode == 2
-    assert "leave --env out" in other.stderr
+    assert "does not support --env" in other.stderr
     assert cli("bench", "--suite", "sim", *common, "--repeats", 0).returncode == 2
     alone = cli("bench", "--suite", "reset", *common, "--scene", "one")
     assert alone.returncode == 2
-    assert "--scene twice" in alone.stderr
+    assert "--scene at least twice" in alone.stderr
     target.write_text("[]")
     taken = cli("bench", "--suite", "sim", *common)
     assert taken.returncode == 2
@@ -211,9 +237,9 @@ def test_bench_command_names_what_is_wrong(cli, dataset, tmp_path):
 
 
 def test_default_scenes_are_measured_in_their_order():
-    assert DEFAULT_SCENES == ("v3_sc0_staging_00", "apt_0")
-    assert RESET_SCENES[0][:3] == tuple(f"v3_sc{i}_staging_00" for i in range(3))
-    assert RESET_SCENES[1] == ("apt_0", "apt_1", "apt_2")
+    first, second = find_suite("reset").groups
+    assert first[:3] == tuple(f"v3_sc{i}_staging_00" for i in range(3))
+    assert second == ("apt_0", "apt_1", "apt_2")
     assert BenchRow.__dataclass_fields__.keys() == {
         "name",
         "value",
@@ -229,19 +255,19 @@ def test_default_scenes_are_measured_in_their_order():
 @pytest.mark.assets
 @pytest.mark.render
 def test_maniskill_runs_in_the_real_scene_and_writes_nothing_there(tmp_path, replica_cad):
-    from hab_eval.bench_reference import ReferenceFactory
+    from hab_eval.bench.reference import ReferenceFactory
 
     before = snapshot(replica_cad)
     scenes = ("v3_sc0_staging_00", "apt_0")
     make_layout(replica_cad, scenes, tmp_path)
     factory = ReferenceFactory(scenes=scenes, obs_mode="state")
-    side = RemoteSide(factory, {"MS_ASSET_DIR": str(tmp_path)})
+    env = RemoteEnv(factory, {"MS_ASSET_DIR": str(tmp_path)})
     try:
-        timing = side.run_steps(Motion(count=30, seed=0, base=True))
+        timing = env.run_steps(Motion(count=30, seed=0, base=True))
         assert timing.steps_per_s > 10
         assert 0.01 < timing.physics_share < 0.9
-        assert side.soft_reset() < 1.0
-        assert side.other_layout() > 0.0
+        assert env.soft_reset() < 1.0
+        assert env.other_layout() > 0.0
     finally:
-        side.close()
+        env.close()
     assert snapshot(replica_cad) == before

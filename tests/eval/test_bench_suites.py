@@ -1,26 +1,25 @@
-"""The suites that compare ours with itself: objects, processes and memory."""
+"""The suites without a reference environment: objects, processes and memory."""
 
 import json
 import os
-import sys
-import typing
-from types import SimpleNamespace
 
 import pytest
 import stub_bench
 import torch
-from hab_eval import bench_memory, bench_objects, bench_vector
-from hab_eval.bench import PLAN_MODULE, SUITES
-from hab_eval.bench_layout import SCENE_SUFFIX
-from hab_eval.bench_memory import Memory, Reading, further_mb, memory_rows, parse_rollup
-from hab_eval.bench_motion import Motion
-from hab_eval.bench_objects import object_rows
-from hab_eval.bench_options import DEFAULT_STEPS, BenchOptions
-from hab_eval.bench_ours import control_of, motion_of, our_actions
-from hab_eval.bench_process import StepTiming
-from hab_eval.bench_rows import bound_row
-from hab_eval.bench_vector import process_row
-from hab_eval.cli import BenchCommand
+from hab_eval.bench import memory as bench_memory
+from hab_eval.bench import objects as bench_objects
+from hab_eval.bench import processes as bench_vector
+from hab_eval.bench import vector as native_vector
+from hab_eval.bench.hab_env import actions_of, control_of, motion_of
+from hab_eval.bench.layout import SCENE_SUFFIX
+from hab_eval.bench.memory import Memory, Reading, further_mb, memory_rows, parse_rollup
+from hab_eval.bench.motion import Motion
+from hab_eval.bench.objects import object_rows
+from hab_eval.bench.options import BenchOptions
+from hab_eval.bench.process import StepTiming
+from hab_eval.bench.processes import process_row
+from hab_eval.bench.suite import GROUP
+from hab_eval.bench.suites import find_suite, suite_names
 from hab_eval.errors import BenchError
 
 from hab_tasks.envs import ENVS
@@ -40,7 +39,7 @@ Private_Dirty:    200000 kB
 
 
 def options(suite, tmp_path, **values):
-    return BenchOptions(suite=suite, scene_dataset=tmp_path, **values)
+    return BenchOptions(suite=find_suite(suite), scene_dataset=tmp_path, **values)
 
 
 def episode(held=None):
@@ -48,47 +47,61 @@ def episode(held=None):
     return Episode(id="", scene_id="", seed=0, robot=start, objects={}, held=held)
 
 
-def test_every_suite_has_a_name_on_the_command_line():
-    hints = typing.get_type_hints(BenchCommand)
-    assert typing.get_args(hints["suite"]) == tuple(SUITES) == tuple(DEFAULT_STEPS)
+def test_every_suite_is_found_under_its_own_name():
+    assert {"sim", "depth", "reset", "objects", "processes", "memory", "plan", "vector"} <= set(
+        suite_names()
+    )
+    assert [find_suite(name).name for name in suite_names()] == suite_names()
 
 
-def test_suite_plan_is_the_one_that_the_baseline_brings(cli, tmp_path, monkeypatch):
-    asked = []
+NEW_SUITE = """
+from hab_eval.bench.rows import bound_row
+from hab_eval.bench.suite import Suite
 
-    def run_plan(options, write_line):
-        asked.append(options)
-        write_line("planning")
-        return [bound_row(["plan", "s", "e", "median"], [0.2], 0.3, unit="s")]
+def run(options, write_line):
+    write_line(f"{options.step_count} steps in {options.groups}")
+    return [bound_row(["new", "s", "e", "median"], [0.2], 0.3, unit="s")]
 
-    monkeypatch.setitem(sys.modules, PLAN_MODULE, SimpleNamespace(run_plan=run_plan))
-    done = cli(*plan_command(tmp_path), "--steps", 7)
+SUITE = Suite(name="new", run=run, steps=3)
+"""
+
+
+def install(folder, name, module, text):
+    """Puts a module, and the entry point that its package would have, on the path."""
+    (folder / f"{module}.py").write_text(text, encoding="utf-8")
+    about = folder / f"{module}-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text(f"[{GROUP}]\n{name} = {module}:SUITE\n")
+
+
+def test_a_new_suite_is_a_file_and_an_entry_point(cli, tmp_path, monkeypatch):
+    install(tmp_path, "new", "new_suite", NEW_SUITE)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    done = cli(*command("new", tmp_path), "--steps", 7)
     assert done.returncode == 0, done.stderr
-    assert "planning" in done.stdout
-    assert (asked[0].suite, asked[0].step_count, asked[0].groups) == ("plan", 7, ((SCENE,),))
-    (row,) = json.loads((tmp_path / "rows.json").read_text())
-    assert row["name"] == "plan/s/e/median"
+    assert f"7 steps in (('{SCENE}',),)" in done.stdout
+    (row,) = json.loads((tmp_path / "rows.json").read_text())["rows"]
+    assert row["name"] == "new/s/e/median"
 
 
-@pytest.mark.parametrize("missing", ["hab_spa", PLAN_MODULE])
-def test_suite_plan_without_the_baseline(cli, tmp_path, monkeypatch, missing):
-    monkeypatch.delitem(sys.modules, PLAN_MODULE, raising=False)
-    monkeypatch.setitem(sys.modules, missing, None)  # Python's way to say: not there
-    done = cli(*plan_command(tmp_path))
+def test_a_suite_whose_package_is_broken_is_refused(cli, tmp_path, monkeypatch):
+    install(tmp_path, "broken", "broken_suite", "import no_such_module\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    done = cli(*command("broken", tmp_path))
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
-    assert "there is no 'hab_spa" in done.stderr
-    assert "pip install -e baselines/spa" in done.stderr
+    assert "Suite broken (broken_suite:SUITE) cannot be loaded" in done.stderr
     assert not (tmp_path / "rows.json").exists()
 
 
-def plan_command(folder):
+def command(suite, folder):
     """A command on a dataset of one empty scene."""
     scenes = folder / "data" / "configs" / "scenes"
     scenes.mkdir(parents=True)
     (scenes / f"{SCENE}{SCENE_SUFFIX}").write_text("{}")
     data = ("--scene-dataset", folder / "data")
-    return ("bench", "--suite", "plan", *data, "--json", folder / "rows.json")
+    return ("bench", "--suite", suite, *data, "--json", folder / "rows.json")
 
 
 @pytest.mark.parametrize("env_id", ENVS)
@@ -96,7 +109,7 @@ def test_each_environment_moves_what_its_control_mode_moves(env_id):
     control = control_of(env_id)
     assert control in ENVS[env_id].env.control_modes
     motion = motion_of(control, 4, seed=1)
-    actions = our_actions(control, motion, episode())
+    actions = actions_of(control, motion, episode())
     assert len(actions) == 4
     assert actions.abs().max() <= 1.0
     moved = actions.any(dim=0).tolist()
@@ -107,30 +120,30 @@ def test_each_environment_moves_what_its_control_mode_moves(env_id):
 
 def test_actions_in_their_units():
     motion = Motion(count=3, seed=2, base=True)
-    actions = our_actions("ee_base", motion, episode())
+    actions = actions_of("ee_base", motion, episode())
     # An entry of 1 moves the hand by 1.5 cm; the base drives 1 m/s and turns 3.14 rad/s.
     assert torch.allclose(0.015 * actions[:, :3], motion.arm_steps_m())
     assert torch.allclose(actions[:, 4:] * torch.tensor([1.0, 3.14]), motion.base_speeds())
     assert actions[:, 3].tolist() == [-1.0] * 3
-    assert our_actions("ee", motion, episode(held="bowl_:0000"))[:, 3].tolist() == [1.0] * 3
+    assert actions_of("ee", motion, episode(held="bowl_:0000"))[:, 3].tolist() == [1.0] * 3
 
 
 def test_objects_are_measured_in_turn(tmp_path):
-    side = stub_bench.CountedSide()
+    env = stub_bench.CountedEnv()
     asked = options("objects", tmp_path, repeats=2, steps=7)
     lines = []
-    timings = bench_objects.measure(asked, side, lines.append)
-    assert [count for count, _ in side.asked] == [10, 30, 100] * 3  # the first round warms up
-    seeds = [motion.seed for _, motion in side.asked]
+    timings = bench_objects.measure(asked, env, lines.append)
+    assert [count for count, _ in env.asked] == [10, 30, 100] * 3  # the first round warms up
+    seeds = [motion.seed for _, motion in env.asked]
     assert seeds == [0] * 6 + [1] * 3
-    assert {motion.count for _, motion in side.asked} == {7}
+    assert {motion.count for _, motion in env.asked} == {7}
     assert {count: len(found) for count, found in timings.items()} == {10: 2, 30: 2, 100: 2}
     assert len(lines) == 2
 
 
 def test_growth_is_that_of_each_round(tmp_path):
-    side = stub_bench.CountedSide()
-    timings = bench_objects.measure(options("objects", tmp_path, repeats=3), side, lambda _: None)
+    env = stub_bench.CountedEnv()
+    timings = bench_objects.measure(options("objects", tmp_path, repeats=3), env, lambda _: None)
     rows = {row.name: row for row in object_rows(("objects", "a", "b"), timings)}
     # 1.01 ms outside the engine with 10 objects, 1.1 ms with 100: 8.91 % more, in every round.
     growth = rows["objects/a/b/growth_10_to_100"]
@@ -217,15 +230,15 @@ def test_memory_is_read_of_new_processes_each_time(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.assets
-def test_crowded_episodes_hold_one_another(replica_cad, monkeypatch):
-    from hab_eval import bench_crowd
+def test_episodes_by_object_count_hold_one_another(replica_cad, monkeypatch):
+    from hab_eval.bench import object_counts
 
     from hab_tasks.episodes import EpisodeRequest
 
     request = EpisodeRequest(
         env_id="HabTidyHouse-v1", scene_dataset=replica_cad, scene="v3_sc0_staging_00"
     )
-    few, some, many = bench_crowd.crowded_episodes(request, (10, 30, 100))
+    few, some, many = object_counts.episodes_by_object_count(request, (10, 30, 100))
     assert [len(e.objects) for e in (few, some, many)] == [10, 30, 100]
     assert few.objects.items() <= some.objects.items() <= many.objects.items()
     assert {target.object for target in many.targets} <= set(few.objects)
@@ -236,20 +249,40 @@ def test_crowded_episodes_hold_one_another(replica_cad, monkeypatch):
         # A patch's middle is 1.5 m away or more, its corner 0.21 m nearer.
         assert (pose[0] - x) ** 2 + (pose[1] - y) ** 2 > 1.25**2
         assert -0.05 < pose[2] < 0.2  # on the floor
-    monkeypatch.setattr(bench_crowd, "AWAY_M", 100.0)  # no floor is that far away
-    with pytest.raises(BenchError, match="room for 0 further objects, not for 2"):
-        bench_crowd.crowded_episodes(request, (10, 32))
+    monkeypatch.setattr(object_counts, "AWAY_M", 100.0)  # no floor is that far away
+    with pytest.raises(BenchError, match="room for 0 of 2 additional objects"):
+        object_counts.episodes_by_object_count(request, (10, 32))
 
 
 @pytest.mark.slow
 @pytest.mark.assets
-@pytest.mark.parametrize("way", bench_vector.WAYS)
+@pytest.mark.parametrize("way", bench_vector.VECTORS)
 def test_processes_step_the_real_environment(replica_cad, way):
     asked = options("processes", replica_cad)
-    vector = bench_vector.WAYS[way](asked, "HabPick-v1", "v3_sc0_staging_00", 2)
+    vector = bench_vector.VECTORS[way](asked, "HabPick-v1", "v3_sc0_staging_00", 2)
     try:
         assert vector.run_steps(5, seed=0) > 10
         assert len(set(vector.pids())) == 2
         assert all(bench_memory.read_memory(pid).rss_mb > 100 for pid in vector.pids())
     finally:
         vector.close()
+
+
+@pytest.mark.slow
+@pytest.mark.assets
+def test_vector_environments_are_measured(replica_cad, monkeypatch):
+    monkeypatch.setattr(native_vector, "MANY_ROWS", 4)
+    monkeypatch.setattr(native_vector, "ROWS", 4)
+    asked = options("vector", replica_cad, repeats=1, steps=4, envs=("HabPick-v1",))
+    rows = {row.name.rsplit("/", 1)[-1]: row for row in find_suite("vector").run(asked, str)}
+    assert set(rows) == {
+        "16_rows",
+        "16_rows_physics_share",
+        "16_rows_outside_physics",
+        "16_rows_and_two_processes",
+        "64_rows_pss",
+        "16_rows_and_maniskill",
+    }
+    assert all(row.value > 0 and row.reference_value > 0 for row in rows.values())
+    assert rows["16_rows_physics_share"].value < 1.0
+    assert rows["16_rows_and_maniskill"].ratio > 1.5  # 7 with 16 rows, on an idle machine

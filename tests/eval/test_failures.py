@@ -1,9 +1,9 @@
-"""Why episodes failed: percentages, their table and their figure."""
+"""Failure categories: percentages, table and figure."""
 
 import imageio.v2 as imageio
 import numpy as np
 import pytest
-from hab_eval.errors import OptionError, ResultError
+from hab_eval.errors import ResultError
 from hab_eval.failures import (
     PLANNING,
     categories,
@@ -13,10 +13,13 @@ from hab_eval.failures import (
     read_runs,
 )
 from hab_eval.results import EpisodeResult, summarize, write_record
+from stub_runs import make_record
+
+from hab_tasks.errors import OptionError
 
 
 @pytest.fixture
-def make_run(make_record):
+def make_run():
     """Makes the record of a run from the failures of its episodes, None for success."""
 
     def make(*failures, **changes):
@@ -119,4 +122,4 @@ def test_what_cannot_be_read_or_written_is_named(cli, tmp_path):
     assert "no.json" in done.stderr
     done = cli("failures", tmp_path, "--out", tmp_path / "x.pdf")
     assert done.returncode == 2
-    assert "has to end in .png" in done.stderr
+    assert "must end in .png" in done.stderr

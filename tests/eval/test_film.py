@@ -1,4 +1,4 @@
-"""A film's frame: pictures in a row, words below."""
+"""Video frames: images in a row, text below."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ import torch
 from hab_eval import environments
 from hab_eval.config import EvalConfig
 from hab_eval.film import LINES, compose, describe
-from hab_eval.moment import Moment
+from hab_eval.step_info import StepInfo
 
 from hab_tasks.agent import AgentSpec
 from hab_tasks.captions import LINE_PX
@@ -21,8 +21,8 @@ few_envs = pytest.mark.parametrize(
 )
 
 
-def moment(step=12, doing="3/20 pick(bowl, drawer): reach", **info):
-    return Moment(step=step, info=info, doing=doing, reward=-0.25, episode_return=1.5)
+def frame_state(step=12, doing="3/20 pick(bowl, drawer): reach", **info):
+    return StepInfo(step=step, info=info, doing=doing, reward=-0.25, episode_return=1.5)
 
 
 def flag(value):
@@ -32,7 +32,7 @@ def flag(value):
 def test_words_of_a_task():
     stages = {"pick_1": flag(True), "place_1": flag(False), "pick_2": flag(False)}
     terms = {"pick/distance": flag(-0.3), "pick/force": flag(0.05), "place/distance": flag(0.0)}
-    told = moment(
+    told = frame_state(
         success=flag(False),
         failures={},
         stages=stages,
@@ -51,15 +51,19 @@ def test_words_of_a_task():
 
 def test_words_of_a_skill_at_its_ends():
     failures = {"force": flag(True), "wrong_object": flag(False)}
-    told = moment(doing="", success=flag(False), failures=failures, reward_terms={"x": flag(0.0)})
+    told = frame_state(
+        doing="", success=flag(False), failures=failures, reward_terms={"x": flag(0.0)}
+    )
     assert describe("e/7", "", told) == [
         "e/7   step 12   0.4 s   force",
         "reward -0.2500",
         "return +1.500",
     ]
-    assert describe("e/7", "", moment(success=flag(True)))[0] == "e/7   step 12   0.4 s   success"
+    assert (
+        describe("e/7", "", frame_state(success=flag(True)))[0] == "e/7   step 12   0.4 s   success"
+    )
     # Nothing is paid for a reset, whatever the terms would be.
-    first = moment(step=0, doing="", success=flag(False), reward_terms={"x": flag(1.0)})
+    first = frame_state(step=0, doing="", success=flag(False), reward_terms={"x": flag(1.0)})
     assert describe("e/7", "", first) == ["e/7   step 0   0.0 s", "return +1.500"]
 
 
@@ -93,6 +97,7 @@ def test_words_are_broken_and_never_grow_the_frame():
     assert not few[64:, -150:].any()  # eight letters take less than 250 px
 
 
+@pytest.mark.slow
 @render
 @few_envs
 def test_views_are_in_colour_whatever_the_agent_sees(env_id):

@@ -2,6 +2,8 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+from hab_eval.errors import ResultError
 from hab_eval.leaderboard import (
     build_groups,
     default_submissions,
@@ -9,8 +11,10 @@ from hab_eval.leaderboard import (
     to_html,
     to_markdown,
 )
+from hab_eval.result_tables import filled
 from hab_eval.results import summarize, write_record
 from hab_eval.schema import to_json
+from stub_runs import make_record
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -22,7 +26,52 @@ def test_committed_leaderboard_follows_from_the_submissions():
     assert (folder / "LEADERBOARD.html").read_text(encoding="utf-8") == to_html(groups)
 
 
-def test_rows_are_grouped_and_sorted_whatever_the_order_of_files(make_record):
+@pytest.mark.parametrize(
+    ("name", "results", "benches"), [("README.md", 2, 2), ("eval/README.md", 0, 5)]
+)
+def test_tables_of_pages_follow_from_submissions_and_reports(name, results, benches):
+    page = (ROOT / name).read_text(encoding="utf-8")
+    assert page.count("\n<!-- results: ") >= results
+    assert page.count("\n<!-- bench: ") >= benches
+    records = read_submissions(default_submissions()).values()
+    assert filled(page, records, ROOT / "eval" / "benchmarks") == page, (
+        f"run: hab-eval table --pages {name}"
+    )
+
+
+PAGE = "Before.\n<!-- results: stub:make -->\nold\n<!-- end of results -->\nAfter.\n"
+
+
+def test_a_table_by_hand():
+    records = [
+        replace(make_record((True, False), privileged=True), agent="stub:make"),
+        replace(make_record((True,) * 50, env="HabPlace-v1", privileged=True), agent="stub:make"),
+        replace(make_record((False,), objects="ycb", privileged=True), agent="stub:make"),
+        make_record(),
+    ]
+    assert filled(PAGE, records, ROOT) == (
+        "Before.\n<!-- results: stub:make -->\n"
+        "| Stub † | apartment | apartment, ycb |\n"
+        "| --- | --- | --- |\n"
+        "| HabPick-v1 | 50.0 of 2\\* | 0.0 of 1\\* |\n"
+        "| HabPlace-v1 | 100.0 |  |\n"
+        "<!-- end of results -->\nAfter.\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("page", "wanted"),
+    [
+        (PAGE.replace("end of", "end"), "no end mark"),
+        (PAGE.replace("stub:make", "stub:other"), "No submission of stub:other; .*stub:make"),
+    ],
+)
+def test_a_table_that_cannot_be_made_is_refused(page, wanted):
+    with pytest.raises(ResultError, match=wanted):
+        filled(page, [replace(make_record(), agent="stub:make")], ROOT)
+
+
+def test_rows_are_grouped_and_sorted_whatever_the_order_of_files():
     records = {
         "worse.json": make_record((False, False), name="Worse"),
         "better.json": make_record((True, True), name="Better", privileged=True),
@@ -43,14 +92,14 @@ def test_rows_are_grouped_and_sorted_whatever_the_order_of_files(make_record):
     assert [row[0] for row in groups[0].rows] == ["Better †", "A", "B", "Worse"]
 
 
-def test_a_row_by_hand(make_record):
+def test_a_row_by_hand():
     (group,) = build_groups({"x.json": make_record((True, True, True, True, False))})
     # 4 of 5: 80 %, Wilson 37.6 to 96.4; lengths 10..50, mean 30; 2.5 s in 150 steps.
     assert group.rows[0] == (
         "Stub",
         "80.0 [37.6, 96.4]",
         "80",
-        "5",
+        "5*",
         "30.0",
         "0.0167",
         "val",
@@ -61,11 +110,11 @@ def test_a_row_by_hand(make_record):
     assert edited.rows[0][-1] == "0.1.0 (01234567-dirty)"
     (mixed,) = build_groups({"x.json": make_record(git="0123456789 then abcdef0123-dirty")})
     assert mixed.rows[0][-1] == "0.1.0 (01234567 then abcdef01-dirty)"
-    assert "| Stub | 80.0 [37.6, 96.4] | 80 | 5 |" in to_markdown([group])
+    assert r"| Stub | 80.0 [37.6, 96.4] | 80 | 5\* |" in to_markdown([group])
     assert "<td>80.0 [37.6, 96.4]</td>" in to_html([group])
 
 
-def test_a_task_says_how_often_each_stage_was_reached_and_a_skill_does_not(make_record):
+def test_a_task_says_how_often_each_stage_was_reached_and_a_skill_does_not():
     record = make_record((True, False))
     # Out of alphabetical order: the order is that of the task.
     told = ({"pick_1": True, "a": True}, {"pick_1": True, "a": False})
@@ -85,14 +134,14 @@ def test_a_task_says_how_often_each_stage_was_reached_and_a_skill_does_not(make_
     assert group.note == ""
 
 
-def test_an_agents_options_stand_beside_its_name(make_record):
+def test_an_agents_options_stand_beside_its_name():
     options = {"navigation": "teleport", "policy": "/home/me/policy.pt"}
     (group,) = build_groups({"x.json": make_record(privileged=True, options=options)})
     assert group.rows[0][0] == "Stub † (navigation=teleport, policy=policy.pt)"
     assert "Stub † (navigation=teleport" in to_html([group])
 
 
-def test_what_an_agent_is_told_beside_the_usual_stands_there_too(make_record):
+def test_what_an_agent_is_told_beside_the_usual_stands_there_too():
     def label(**changes):
         (group,) = build_groups({"x.json": make_record(**changes)})
         return group.rows[0][0]
@@ -101,16 +150,16 @@ def test_what_an_agent_is_told_beside_the_usual_stands_there_too(make_record):
     assert (
         label(target_frame="ee", options={"mode": "still"}) == "Stub (target_frame=ee, mode=still)"
     )
-    assert "handle_position is told where the handle is" in to_markdown([])
+    assert "handle_position: the agent observes the position" in to_markdown([])
 
 
-def test_names_cannot_break_the_table(make_record):
+def test_names_cannot_break_the_table():
     groups = build_groups({"x.json": make_record(name="a|b <script>")})
     assert "a\\|b" in to_markdown(groups)
     assert "<script>" not in to_html(groups)
 
 
-def test_table_command_writes_and_checks(cli, make_record, tmp_path):
+def test_table_command_writes_and_checks(cli, tmp_path):
     submissions = tmp_path / "submissions"
     submissions.mkdir()
     write_record(submissions / "a.json", make_record())
@@ -128,7 +177,7 @@ def test_table_command_writes_and_checks(cli, make_record, tmp_path):
     assert "out of date" in stale.stderr
 
 
-def test_bad_submission_is_named(cli, make_record, tmp_path):
+def test_bad_submission_is_named(cli, tmp_path):
     data = to_json(make_record())
     data["summary"]["success"]["mean"] = 1.0
     (tmp_path / "cheat.json").write_text(json.dumps(data))

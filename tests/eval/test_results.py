@@ -1,53 +1,10 @@
 import json
-from dataclasses import replace
 
 import pytest
 from hab_eval.errors import ResultError
-from hab_eval.results import (
-    EpisodeResult,
-    RunRecord,
-    read_record,
-    summarize,
-    write_record,
-)
+from hab_eval.results import read_record, write_record
 from hab_eval.schema import to_json
-
-
-def make_record(successes=(True, False), *, name="Stub", privileged=False, seed=0, **changes):
-    episodes = tuple(
-        EpisodeResult(
-            id=f"e{i}",
-            scene="s",
-            success=success,
-            stages={"pick_1": success},
-            steps=10 * (i + 1),
-            failure=None if success else "timeout",
-            episode_return=float(i),
-            seconds=0.5,
-        )
-        for i, success in enumerate(successes)
-    )
-    timings_s = {"e0": {"plan": 0.25}}
-    record = RunRecord(
-        schema=1,
-        agent="stub_hab:constant",
-        agent_name=name,
-        privileged=privileged,
-        control_mode="ee",
-        obs_mode="state_dict",
-        env="HabPick-v1",
-        scene_dataset="apartment",
-        objects=None,
-        split="val",
-        seed=seed,
-        versions={"hab-tasks": "0.1.0"},
-        git="0123456789abcdef",
-        device="cpu",
-        episodes=episodes,
-        timings_s=timings_s,
-        summary=summarize(episodes, timings_s),
-    )
-    return replace(record, **changes)
+from stub_runs import make_record
 
 
 def write_edited(path, edit):

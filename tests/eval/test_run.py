@@ -34,6 +34,7 @@ def wait_for_lines(process, folder, count):
     pytest.fail(f"no {count} episodes: {process.communicate()}")
 
 
+@pytest.mark.slow
 def test_each_episode_once_with_one_and_with_two_workers(cli_process, tmp_path):
     for workers in (1, 2):
         done = cli_process(
@@ -152,7 +153,7 @@ def test_resumed_run_names_all_its_commits(cli, tmp_path, monkeypatch):
     assert read_record(out / "run.json").git == "aaa then bbb-dirty"
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_environment_that_cannot_be_made_leaves_no_folder(cli_process, tmp_path, workers):
     out = tmp_path / "run"
     options = ("--episodes", 2, "--workers", workers, "--out", out)
@@ -221,6 +222,7 @@ def test_help_shows_a_worked_example(cli, command):
     assert f"  hab-eval {command} " in done.stdout.partition("Example:")[2]
 
 
+@pytest.mark.slow
 def test_two_runs_with_a_seed_agree(cli, tmp_path):
     for name in ("a", "b"):
         arguments = ("--agent", "hab_eval:random_agent", "--env", "HabStub-v1", "--seed", 4)
@@ -232,6 +234,7 @@ def test_two_runs_with_a_seed_agree(cli, tmp_path):
 OPTIONAL = ("run", "--agent", "stub_hab:optional", "--env", "HabStub-v1", "--episodes", 1)
 
 
+@pytest.mark.slow
 def test_options_reach_the_agent_in_every_process_and_the_result(cli_process, tmp_path):
     for workers in (1, 2):
         out = tmp_path / str(workers)
@@ -261,6 +264,7 @@ def test_resume_wants_the_same_options(cli, tmp_path):
     assert "options: {'mode': 'still'} before, {'mode': 'lively'} now" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_run_from_before_there_were_options_goes_on(cli, tmp_path):
     out = tmp_path / "run"
     assert cli(*RUN, "--episodes", 2, "--out", out).returncode == 0
@@ -281,6 +285,7 @@ def traces_of(folder):
     return {line["id"]: line["trace"] for line in map(json.loads, lines)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_traces_are_written_apart(cli_process, tmp_path, workers):
     out = tmp_path / "run"
@@ -298,6 +303,7 @@ def test_no_traces_no_file(cli, tmp_path):
     assert not (tmp_path / "run" / "traces.jsonl").exists()
 
 
+@pytest.mark.slow
 def test_traces_are_cut_to_the_finished_episodes(cli, tmp_path):
     out = tmp_path / "run"
     assert cli(*TELLING, "--episodes", 4, "--out", out).returncode == 0
@@ -318,6 +324,7 @@ def test_traces_are_cut_to_the_finished_episodes(cli, tmp_path):
     assert not (out / "traces.jsonl").exists()
 
 
+@pytest.mark.slow
 def test_the_result_holds_what_the_agent_asked_to_be_told(cli, tmp_path):
     for factory, told in {"handy": (True, "ee"), "constant": (False, "base")}.items():
         command = ("run", "--agent", f"stub_hab:{factory}", "--env", "HabStub-v1", "--episodes", 1)

@@ -59,7 +59,7 @@ def test_agent_is_seeded_by_the_episode():
 def test_a_trace_that_is_no_json_is_named(value):
     agent = stub_hab.StubAgent()
     agent.report = lambda: [AgentReport(trace=({"value": value},))]
-    with pytest.raises(AgentError, match="what JSON does not know"):
+    with pytest.raises(AgentError, match="not JSON-serializable"):
         run(0, agent)
 
 

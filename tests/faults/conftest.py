@@ -1,4 +1,4 @@
-"""What all tests of bad input share."""
+"""Shared fixtures of the tests of invalid input."""
 
 import pytest
 

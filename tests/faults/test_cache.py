@@ -1,4 +1,4 @@
-"""Damaged cache entries are made anew, once; a cache that cannot be written to is done without."""
+"""Damaged cache entries are rebuilt once; an unwritable cache is not used."""
 
 import json
 import logging
@@ -21,7 +21,7 @@ from hab_tasks.errors import DatasetError, EpisodeError
 from hab_tasks.pipeline.optimise import optimise
 from hab_tasks.pipeline.options import AssetOptions
 from hab_tasks.robots.light_visuals import light_mesh
-from hab_tasks.scenes.dataset import SceneDataset
+from hab_tasks.scenes.habitat.dataset import SceneDataset
 from hab_tasks.scenes.mesh_checks import check_mesh
 from hab_tasks.scenes.meshes import (
     check_any_mesh,
@@ -109,7 +109,7 @@ def test_a_damaged_entry_is_made_anew_with_one_warning(tmp_path, caplog, kind, d
     forget()
     with caplog.at_level(logging.WARNING):
         assert make() == first
-    warnings = [r.getMessage() for r in caplog.records if "damaged in the cache" in r.getMessage()]
+    warnings = [r.getMessage() for r in caplog.records if "damaged cache entry" in r.getMessage()]
     # Walls of a layout come from the walls of its stage, which are not looked at before.
     assert 1 <= len(warnings) <= len(made)
     assert all(any(str(entry) in line for entry in made) for line in warnings)

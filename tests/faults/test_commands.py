@@ -1,4 +1,4 @@
-"""Options of `hab-tasks` and `hab-planner` that make no sense: one line, and nothing is written."""
+"""Invalid options of `hab-tasks` and `hab-planner`: one-line error, no output files."""
 
 import os
 import shutil
@@ -224,7 +224,9 @@ def test_a_folder_of_the_users_own_is_never_replaced(elsewhere, command):
     Path("out").mkdir()
     Path("out/thesis.txt").write_text("precious")
     arguments, _ = WRITES[command]
-    refused_by_command(main, [*arguments, "--out", "out", "--force"], "out", "not even --force")
+    refused_by_command(
+        main, [*arguments, "--out", "out", "--force"], "out", "--force does not replace it"
+    )
     assert Path("out/thesis.txt").read_text() == "precious"
 
 

@@ -1,4 +1,4 @@
-"""JSON files of a dataset that are no JSON, or whose values are of the wrong kind or size."""
+"""Invalid JSON files of a dataset, and values of the wrong type or range."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Mesh files that cannot be read: each would be a body that nothing touches, or nobody sees."""
+"""Unreadable mesh files, which would give bodies without collision or visual shapes."""
 
 import math
 import struct
@@ -31,8 +31,8 @@ from faulty_data import (
 from refusals import refused_by_call, refused_by_command
 
 from hab_tasks.cli import main
+from hab_tasks.scenes.habitat.navmesh import read_navmesh, read_navmesh_bounds
 from hab_tasks.scenes.mesh_checks import check_mesh
-from hab_tasks.scenes.navmesh import read_navmesh, read_navmesh_bounds
 from hab_tasks.scenes.pool import BodyPool
 
 

@@ -28,11 +28,12 @@ from PIL import Image
 from refusals import refused_by_call, refused_by_command
 
 from hab_tasks.cli import main
-from hab_tasks.scenes.dataset import SceneDataset, resolve_dataset
-from hab_tasks.scenes.layout_set import LayoutSet, write_layout_set
-from hab_tasks.scenes.load import load_scene
+from hab_tasks.object_names import ALL_OBJECTS
+from hab_tasks.scenes.habitat.dataset import SceneDataset, resolve_dataset
+from hab_tasks.scenes.habitat.layout_set import LayoutSet, write_layout_set
+from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.meshes import textured_glb
-from hab_tasks.scenes.objects import ALL_OBJECTS, load_objects
+from hab_tasks.scenes.objects import load_objects
 
 CAN = ALL_OBJECTS[0]
 MASS_URDF = f"""<robot name="can"><link name="can">

@@ -1,4 +1,4 @@
-"""Layouts that would take for ever, and a few faults in the real ReplicaCAD."""
+"""Oversized layouts, and a few faults in the real ReplicaCAD."""
 
 import time
 
@@ -7,8 +7,8 @@ from builders import tiny_scene, write_scene
 from faulty_data import Damage, put, read_as_env, refused_everywhere, swap, text, whole_dataset
 from refusals import refused_by_call
 
-from hab_tasks.scenes.dataset import SceneDataset
-from hab_tasks.scenes.load import MOST_FURNITURE, load_scene
+from hab_tasks.scenes.habitat.dataset import SceneDataset
+from hab_tasks.scenes.habitat.load import MOST_FURNITURE, load_scene
 
 
 def chests(count: int, step_m: float) -> list[dict]:

@@ -1,4 +1,4 @@
-"""URDFs that the engine could not build, or would build as something else."""
+"""URDF files that the engine cannot build, or would build incorrectly."""
 
 import pytest
 from builders import cpu_scene

@@ -1,4 +1,4 @@
-"""Episode files that are damaged, made for something else, or lack what their environment needs."""
+"""Episode files that are damaged, of another environment, or incomplete for their environment."""
 
 import gzip
 import json
@@ -191,22 +191,22 @@ ENTRY = {
 CASES = {**{f"file-{k}": v for k, v in WHOLE.items()}, **ENTRY}
 
 
-def lacking(needs):
+def lacking(requirements):
     """Yields what an environment asks about, and what takes it away."""
-    if needs.goals:
+    if requirements.goals:
         yield "no_goal", put(None, "targets", 0, "world_from_goal"), "world_from_goal"
-    if needs.holds:
+    if requirements.holds:
         yield "not_held", put(None, "held"), "held"
-    if len(needs.fronts) == 1:
+    if len(requirements.articulations) == 1:
         yield "no_handle", put(None, "handle"), "handle"
-    if needs.leads:
-        yield "leads_nowhere", put(None, "navigation"), "navigation"
+    if requirements.names_navigation_goal:
+        yield "no_navigation_goal", put(None, "navigation"), "navigation"
 
 
 LACKING = [
     pytest.param(env_id, change, word, id=f"{env_id}-{name}")
     for env_id, entry in ENVS.items()
-    for name, change, word in lacking(entry.env.needs)
+    for name, change, word in lacking(entry.env.requirements)
 ]
 
 

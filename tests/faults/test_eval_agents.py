@@ -1,4 +1,4 @@
-"""Agents that break the protocol: one line that names the agent and what is wrong with it."""
+"""Agents that violate the protocol: a one-line error that names the agent and the violation."""
 
 import sys
 
@@ -53,6 +53,7 @@ def test_an_agent_without_a_spec_is_named(tmp_path, case):
     refused_by_command(main, arguments, "faulty_agents:made", "spec is null", "AgentSpec")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", REPORTS)
 def test_a_bad_report_stops_the_run_and_names_the_agent(tmp_path, capfd, case):
     arguments = (*FAULTY, "--option", f"case=report:{case}", "--episodes", 2)
@@ -83,6 +84,7 @@ ERRORS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["reset", "act", "report"])
 @pytest.mark.parametrize("case", ERRORS)
 def test_a_method_that_raises_or_exits_stops_the_run_and_keeps_what_is_done(
@@ -190,5 +192,5 @@ def test_good_agents_still_load():
     setup = AgentSetup(env_id="HabStub-v1", options={"case": "report:none"})
     assert load_agent("faulty_agents:made", setup)
     assert faulty_agents.__name__ in sys.modules
-    with pytest.raises(AgentError, match="no hab_tasks"):
+    with pytest.raises(AgentError, match="not a hab_tasks"):
         load_agent("stub_hab:not_an_agent", setup)

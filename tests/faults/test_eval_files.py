@@ -1,4 +1,4 @@
-"""Result files, journals and configurations that are wrong: file, episode and field are named."""
+"""Invalid result files, journals and configurations: the error names file, episode and field."""
 
 import copy
 import json
@@ -15,7 +15,7 @@ from hab_eval.run_folder import RunFolder
 from hab_eval.schema import parse_json_text, to_json
 from hab_eval.stats import Estimate
 from refusals import refused_by_call, refused_by_command
-from stub_runs import record
+from stub_runs import make_record
 
 NAN, INF, HUGE = math.nan, math.inf, 10**400
 SURROGATE = "half \ud800 of a pair"
@@ -65,8 +65,8 @@ OF_RECORD = {
 OF_CONFIG = {"agent": "str", "env": "str", "episodes": "count", "seed": "count", "options": "texts"}
 
 
-GOOD = to_json(record())
-LINE = to_json(FinishedEpisode(episode=record().episodes[1], timings_s={"plan": 0.25}))
+GOOD = to_json(make_record())
+LINE = to_json(FinishedEpisode(episode=make_record().episodes[1], timings_s={"plan": 0.25}))
 CONFIG = {
     "config": {"agent": "a:b", "env": "HabPick-v1", "scene_dataset": "apartment", "objects": None}
     | {"split": None, "episodes": 2, "seed": 0, "novel": None, "options": {}},
@@ -89,7 +89,7 @@ def written(path, value):
 
 
 def test_the_good_files_are_good(tmp_path):
-    assert read_record(written(tmp_path / "run.json", GOOD)) == record()
+    assert read_record(written(tmp_path / "run.json", GOOD)) == make_record()
     assert read_config(written(tmp_path / "config.json", CONFIG)).config.episodes == 2
     written(tmp_path / "episodes.jsonl", json.dumps(LINE) + "\n")
     assert list(RunFolder(root=tmp_path).read_journal()) == ["e1"]
@@ -144,8 +144,8 @@ CONTRADICTIONS = {
     "episodes_dict": (edit_of(episodes={}), "episodes"),
     "episode_list": (edit_of(episodes=[[]]), "episodes[0]"),
     "twice": (edit_of(episodes=[GOOD["episodes"][0]] * 2), "'e0' appears 2 times"),
-    "foreign_timing": (edit_of(timings_s={"e9": {}}), "timings_s: there is no episode"),
-    "foreign_timings": (edit_of(timings_s={"e9": {"plan": 1.0}}), "no episode"),
+    "foreign_timing": (edit_of(timings_s={"e9": {}}), "timings_s: unknown episode"),
+    "foreign_timings": (edit_of(timings_s={"e9": {"plan": 1.0}}), "unknown episode"),
     "summary_none": (edit_of(summary=None), "summary"),
     "extra_keys": (edit_of(**{f"key{i}": 1 for i in range(5000)}), "unknown keys", "4995 more"),
     "long_key": (edit_of(**{"k" * 100_000: 1}), "unknown keys"),
@@ -164,7 +164,7 @@ CONTRADICTIONS = {
     "deep_objects": ('{"a":' * 200_000 + "1" + "}" * 200_000, "nested too deeply"),
     "deep_field": ('{"schema": 1, "agent": ' + "[" * 200_000 + "]" * 200_000 + "}", "deeply"),
     "digits": ('{"schema": ' + "1" * 5000 + "}", "JSON"),
-    "twice_key": ('{"schema": 1, "schema": 1}', 'key "schema" is there twice'),
+    "twice_key": ('{"schema": 1, "schema": 1}', 'duplicate key "schema"'),
     "trailing": (json.dumps(GOOD) + ",", "JSON"),
     "comment": ("// a run\n" + json.dumps(GOOD), "JSON"),
     "single_quotes": ("{'schema': 1}", "JSON"),
@@ -235,7 +235,7 @@ JOURNALS = {
     "nul": ("\0\0\0\n", "line 2", "JSON"),
     "deep": ("[" * 200_000 + "\n", "line 2", "nested too deeply"),
     "twice": (json.dumps(LINE) + "\n", "line 2", "'e1' appears twice"),
-    "twice_key": ('{"episode": 1, "episode": 2}\n', "line 2", "is there twice"),
+    "twice_key": ('{"episode": 1, "episode": 2}\n', "line 2", "duplicate key"),
     "extra": (json.dumps({**LINE, "more": 1}) + "\n", "line 2", "unknown keys"),
     "contradiction": (
         json.dumps({**LINE, "episode": {**LINE["episode"], "id": "e2", "success": True}}) + "\n",
@@ -292,7 +292,7 @@ def test_a_bad_configuration_stops_a_resume_and_changes_nothing(tmp_path, edit):
 
 def test_large_numbers_that_are_allowed_do_not_overflow_the_statistics():
     episodes = tuple(
-        EpisodeResult(**{**vars(one), "episode_return": 1e100}) for one in record().episodes
+        EpisodeResult(**{**vars(one), "episode_return": 1e100}) for one in make_record().episodes
     )
     found = summarize(episodes, {"e0": {"plan": 1e100}})
     assert isinstance(found.mean_return, Estimate)

@@ -1,4 +1,4 @@
-"""Options of `hab-eval` that cannot be used: one line, and nothing is made."""
+"""Invalid options of `hab-eval`: one-line error, no output files."""
 
 import os
 
@@ -6,13 +6,14 @@ import pytest
 import stub_runs  # first: it finds the stub
 
 import stub_hab  # isort: skip
-from hab_eval.bench_options import BenchOptions
+from hab_eval.bench.options import BenchOptions
+from hab_eval.bench.reset import SUITE
 from hab_eval.cli import COMMANDS, main
 from hab_eval.config import EvalConfig
 from hab_eval.evaluate import RunOptions
 from hab_eval.results import write_record
 from refusals import refused_by_call, refused_by_command
-from stub_runs import RUN, record
+from stub_runs import RUN, make_record
 
 from hab_tasks.cli import main as main_of_tasks
 from hab_tasks.errors import HabError
@@ -86,7 +87,7 @@ WORDS = {
         "agent",
     ),
     "both": ((*RUN, "--out", "x", "--resume", "--force"), "--resume", "--force"),
-    "suite": (("bench", "--suite", "x", "--json", "y", "--scene-dataset", "z"), "'x'", "'memory'"),
+    "suite": (("bench", "--suite", "x", "--json", "y", "--scene-dataset", "z"), "'x'", "memory"),
     "repeats": ((*BENCH_RUN, "--repeats", "x"), "--repeats"),
     "no_runs": (("failures", "--out", "x.png"), "at least one run"),
     "format": (("failures", "run.json", "--out", "x.pdf"), ".png"),
@@ -138,7 +139,7 @@ BENCH += [{"steps": 0}, {"steps": 10**20}, {"steps": True}, {"envs": ("HabPick-v
 @pytest.mark.parametrize("options", BENCH, ids=range(len(BENCH)))
 def test_numbers_of_a_bench_are_bounded(tmp_path, options):
     words = ["--env"] if "envs" in options else list(options)
-    refused_by_call(lambda: BenchOptions(suite="reset", scene_dataset=tmp_path, **options), *words)
+    refused_by_call(lambda: BenchOptions(suite=SUITE, scene_dataset=tmp_path, **options), *words)
 
 
 API = [{"episodes": 2.0}, {"episodes": "2"}, {"episodes": True}, {"episodes": None}, {"seed": None}]
@@ -207,7 +208,7 @@ def test_a_file_that_cannot_be_is_refused(tmp_path, command, case):
     out = place_of(tmp_path, case)
     runs = tmp_path / "runs"
     runs.mkdir()
-    write_record(runs / "run.json", record())
+    write_record(runs / "run.json", make_record())
     if command == "failures":
         out = out if case in ("pipe", "dangling", "loop") else f"{out}.png"
         out = tmp_path / "file" / "x.png" if not str(out).endswith(".png") else out
@@ -224,7 +225,7 @@ def test_a_file_that_cannot_be_is_refused(tmp_path, command, case):
 def test_a_folder_is_no_file_for_a_table(tmp_path, out):
     (tmp_path / "runs").mkdir()
     arguments = ("table", "--submissions", tmp_path / "runs", "--out", out)
-    refused_by_command(main, arguments, "give the name of a file")
+    refused_by_command(main, arguments, "is a folder; give")
 
 
 def test_the_page_cannot_take_the_place_of_the_table(tmp_path):
@@ -237,7 +238,9 @@ FULL = os.path.exists("/dev/full")
 
 
 @pytest.mark.skipif(not FULL, reason="no /dev/full, which stands for a disk without room")
-@pytest.mark.parametrize("name", ["episodes.jsonl", "traces.jsonl"])
+@pytest.mark.parametrize(
+    "name", ["episodes.jsonl", pytest.param("traces.jsonl", marks=pytest.mark.slow)]
+)
 def test_a_disk_that_fills_in_mid_run_keeps_what_is_there(tmp_path, capfd, monkeypatch, name):
     out = tmp_path / "run"
     agent = ("run", "--agent", "stub_hab:telling", "--env", "HabStub-v1", "--episodes", 4)

@@ -1,4 +1,4 @@
-"""Runs that share a folder, hang or are killed: each episode is played once, none is lost."""
+"""Concurrent, stalled and killed runs: each episode is recorded exactly once."""
 
 import fcntl
 import os
@@ -20,6 +20,8 @@ from hab_eval.results import read_record
 from hab_eval.run_lock import LOCK, locked
 from refusals import refused_by_command
 from stub_runs import FAULTY, RUN, journal_ids, results_of
+
+from hab_tasks.files import ASIDE
 
 HOLDER = """
 import sys, time
@@ -168,7 +170,40 @@ def test_an_agent_that_hangs_fails_the_episode_and_the_run_goes_on(
         one for one in expected if one["id"] not in ("stub/001", "stub/003")
     ]
     assert all(1.5 < seconds < 60 for seconds in seconds_of(out, "agent timeout"))
-    assert [path.name for path in out.iterdir() if path.name.startswith((".", "partial"))] == []
+    assert [path.name for path in out.iterdir() if path.name.startswith(".")] == []
+
+
+def unfinished(folder):
+    return [path.name for path in folder.iterdir() if path.name.startswith(ASIDE)]
+
+
+@pytest.mark.slow
+def test_an_agent_that_hangs_leaves_no_half_video(tmp_path):
+    out = tmp_path / "run"
+    options = ("--episodes", 4, "--video", 4, "--step-timeout", 1.5, "--out", out)
+    process = stub_runs.start(*FAULTY, "--option", "case=late:act", *options)
+    _, err = process.communicate(timeout=200)
+    assert process.returncode == 0, err
+    filmed = {path.name for path in out.glob("video_*.mp4")}
+    assert filmed == {"video_000_stub-000.mp4", "video_002_stub-002.mp4"}
+    assert unfinished(out) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_killed_run_leaves_its_half_video_to_the_next(tmp_path, capfd, workers):
+    out = tmp_path / "run"
+    arguments = (*RUN, "--episodes", 2, "--video", 2, "--out", out)
+    process = stub_runs.start(*arguments, "--workers", workers, STUB_STEP_S="0.2")
+    wait_until(lambda: [path for path in out.glob(f"{ASIDE}*.mp4") if path.stat().st_size])
+    process.kill()
+    process.communicate()
+    wait_until(lambda: not processes_of(process.pid), 10.0)
+    assert unfinished(out)
+    assert not list(out.glob("video_*.mp4"))
+    assert main([*map(str, arguments), "--resume"]) == 0
+    assert len(list(out.glob("video_*.mp4"))) == 2
+    assert unfinished(out) == []
 
 
 @pytest.mark.slow
@@ -223,8 +258,10 @@ def test_ten_kills_at_any_moment_lose_nothing(tmp_path, capfd, killed):
     out, clean = tmp_path / "run", tmp_path / "clean"
     rng = random.Random(f"{killed}")
     arguments = (*RUN, "--episodes", 24, "--workers", 2, "--out", out, "--resume")
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
     for _ in range(10):
-        process = stub_runs.start(*arguments, STUB_STEP_S="0.05")
+        process = stub_runs.start(*arguments, STUB_STEP_S="0.05", TMPDIR=str(temporary))
         wait_until(lambda p=process: p.poll() is not None or len(children_of(p.pid)) == 2)
         enough = lines_of(out) + rng.randrange(4) - 1  # or while the workers start
         wait_until(lambda p=process, n=enough: p.poll() is not None or lines_of(out) >= n)
@@ -242,3 +279,4 @@ def test_ten_kills_at_any_moment_lose_nothing(tmp_path, capfd, killed):
     assert results_of(out) == results_of(clean)
     names = {"config.json", "episodes.jsonl", "run.json"}
     assert {path.name for path in out.iterdir()} - {"error.txt"} == names
+    assert list(temporary.iterdir()) == []

@@ -1,4 +1,7 @@
-"""Commands that are killed: nothing keeps running, nothing is half written, again is enough."""
+"""Killed commands: no orphaned processes, no partial files, and a repeated run succeeds.
+
+`make kills` kills each command ten times. `hab-eval run` is killed in test_eval_runs.
+"""
 
 import os
 import random
@@ -17,11 +20,13 @@ from textured import textured_dataset
 from hab_tasks.files import ASIDE
 
 BIN = Path(sys.executable).parent
-KILLS = 10
+KILLS = int(os.environ.get("HAB_KILLS", "3"))
+"""Of each command's process, and as many of its workers."""
+
 GONE_WITHIN_S = 20.0
 LONGEST_S = 240.0
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 
 @dataclass(frozen=True)
@@ -73,9 +78,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def start(folder, work):
-    """Starts a command that finds nothing in the cache."""
-    shutil.rmtree(folder / "cache")
-    (folder / "cache").mkdir()
+    """Starts a command."""
     script, *arguments = work.arguments
     return subprocess.Popen(
         [str(BIN / script), *arguments],
@@ -84,6 +87,8 @@ def start(folder, work):
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        # Tests started in a shell's background ignore Ctrl-C, and so would this process.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
 
 
@@ -108,6 +113,13 @@ def check_nothing_runs(pid):
     assert session_of(pid) == []
 
 
+def start_anew(folder, work):
+    """Starts a command that finds nothing in the cache, so that it has work to do."""
+    shutil.rmtree(folder / "cache")
+    (folder / "cache").mkdir()
+    return start(folder, work)
+
+
 def finish(folder, work):
     """Runs to the end; returns how long that took and what it wrote."""
     started = time.monotonic()
@@ -119,8 +131,9 @@ def finish(folder, work):
 
 
 def written(out):
-    """Returns what a command has written: path -> content."""
+    """Returns what a command has written to the end: path -> content."""
     files = [out] if out.is_file() else sorted(p for p in out.rglob("*") if p.is_file())
+    files = [file for file in files if ASIDE not in str(file)]
     return {str(p.relative_to(out.parent)): content(p) for p in files}
 
 
@@ -138,38 +151,55 @@ def content(file):
     return found
 
 
-def left_over(folder):
-    return [p for p in folder.rglob("*") if p.name.startswith(ASIDE) or p.name.endswith(".old")]
+def names(folder):
+    """Returns the paths of all files and folders: work, cache and temporary ones."""
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
+
+
+def begin(folder, work):
+    """Runs to the end; returns how long that took, what it wrote, and all names that are then."""
+    duration_s, whole = finish(folder, work)
+    assert half_written(folder) == []
+    return duration_s, whole, names(folder)
+
+
+def half_written(folder):
+    return [name for name in names(folder) if ASIDE in name or name.startswith("temporary/")]
+
+
+def check_nothing_left(folder, work, whole, there):
+    """Runs once more, on what the last kill left in the cache: no file is missing or too many."""
+    assert finish(folder, work)[1] == whole
+    assert names(folder) == there
 
 
 @pytest.mark.parametrize("name", WORKS)
 def test_a_killed_command_leaves_what_was_there_and_runs_again(folder, name):
     work = WORKS[name]
-    duration_s, whole = finish(folder, work)
-    moments = random.Random(f"parent of {name}")
+    duration_s, whole, there = begin(folder, work)
+    rng = random.Random(f"parent of {name}")
     for _ in range(KILLS):
-        process = start(folder, work)
-        time.sleep(moments.uniform(0.0, duration_s))
+        process = start_anew(folder, work)
+        time.sleep(rng.uniform(0.0, duration_s))
         process.kill()
         process.communicate()
         check_nothing_runs(process.pid)
         assert written(folder / "work" / work.out) == whole
-    assert finish(folder, work)[1] == whole
-    assert left_over(folder) == []
+    check_nothing_left(folder, work, whole, there)
 
 
 @pytest.mark.parametrize("name", [name for name, work in WORKS.items() if work.workers])
 def test_a_killed_worker_is_told_and_nothing_is_lost(folder, name):
     work = WORKS[name]
-    duration_s, whole = finish(folder, work)
-    moments = random.Random(f"worker of {name}")
+    duration_s, whole, there = begin(folder, work)
+    rng = random.Random(f"worker of {name}")
     told = 0
     for _ in range(KILLS):
-        process = start(folder, work)
-        time.sleep(moments.uniform(0.3, 0.9) * duration_s)
+        process = start_anew(folder, work)
+        time.sleep(rng.uniform(0.3, 0.9) * duration_s)
         workers = [p for p in session_of(process.pid) if p != process.pid and is_worker(p)]
         if workers:
-            os.kill(moments.choice(workers), signal.SIGKILL)
+            os.kill(rng.choice(workers), signal.SIGKILL)
         _, error = process.communicate(timeout=LONGEST_S)
         check_nothing_runs(process.pid)
         if process.returncode:
@@ -181,8 +211,7 @@ def test_a_killed_worker_is_told_and_nothing_is_lost(folder, name):
             told += 1
         assert written(folder / "work" / work.out) == whole
     assert told, "no kill came while the workers worked"
-    assert finish(folder, work)[1] == whole
-    assert left_over(folder) == []
+    check_nothing_left(folder, work, whole, there)
 
 
 def is_worker(pid):
@@ -195,8 +224,8 @@ def is_worker(pid):
 @pytest.mark.parametrize("name", WORKS)
 def test_ctrl_c_ends_a_command_in_one_line(folder, name):
     work = WORKS[name]
-    duration_s, whole = finish(folder, work)
-    process = start(folder, work)
+    duration_s, whole, _ = begin(folder, work)
+    process = start_anew(folder, work)
     time.sleep(0.5 * duration_s)
     os.killpg(process.pid, signal.SIGINT)
     out, error = process.communicate(timeout=60)
@@ -205,4 +234,4 @@ def test_ctrl_c_ends_a_command_in_one_line(folder, name):
     assert "Traceback" not in error
     assert error.splitlines()[-1].startswith(f"{work.arguments[0]}: interrupted")
     assert written(folder / "work" / work.out) == whole
-    assert left_over(folder) == []
+    assert half_written(folder) == []

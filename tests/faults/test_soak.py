@@ -1,4 +1,4 @@
-"""All environments in both datasets stand any action; `make soak` takes a million steps."""
+"""Robustness of all environments to any action, in both datasets; see also `make soak`."""
 
 import logging
 import os

@@ -1,8 +1,8 @@
-"""Author the `apartment` dataset.
+"""Generate the `apartment` dataset.
 
-Run `python assets/tools/apartment --out assets/apartment`; with `--check` it compares instead.
-Micro-variations (`v3_sc*_staging_01` and up) are not made here: writing keeps those that are in the
-folder, and `--check` leaves them out.
+Run `python assets/tools/apartment --out assets/apartment`; with `--check` it only compares.
+Micro-variations (`v3_sc*_staging_01` and up) are generated elsewhere: existing ones are kept, and
+`--check` ignores them.
 """
 
 import argparse
@@ -119,7 +119,7 @@ def main() -> int:
             return 0
         for name in sorted(filter(VARIATION.fullmatch, files_of(args.out))):
             shutil.copyfile(args.out / name, made / name)
-        # The old folder goes only once the new one is complete.
+        # The old folder is removed only after the new one is complete.
         if args.out.exists():
             shutil.rmtree(args.out)
         made.rename(args.out)

@@ -19,7 +19,7 @@ COVERS = (
 
 
 def build() -> list[ObjectModel]:
-    """Return six templates: number, thickness, width, height, mass, cover, print on it."""
+    """Return six templates: number, thickness, width, height, mass, cover, cover print."""
     return [
         _book("01", 0.027, 0.147, 0.205, 0.52, "label_teal", "label_cream"),
         _book("02", 0.052, 0.150, 0.230, 1.15, "label_brown", "brass"),

@@ -1,4 +1,4 @@
-"""Collects the visible and the solid side of one model while it is put together."""
+"""Builder of a model's visual and collision geometry."""
 
 from dataclasses import dataclass, field
 
@@ -12,7 +12,7 @@ POST_M = 0.010
 
 @dataclass
 class Builder:
-    """A half-built model: `box` adds what is seen and what collides in one call."""
+    """A model under construction; `box` adds visual and collision geometry in one call."""
 
     parts: list[Part] = field(default_factory=list)
     boxes: list[Box] = field(default_factory=list)
@@ -65,13 +65,13 @@ class Builder:
             )
 
     def see(self, *parts: Part) -> None:
-        """Add surfaces that do not collide."""
+        """Add visual surfaces without collision geometry."""
         self.parts.extend(parts)
 
     def bar_handle(
         self, center: Vec3, axis: str, length_m: float, reach_m: float, material: str
     ) -> None:
-        """Add a round bar on two posts; the face it stands on is `reach_m` behind, along -x."""
+        """Add a round bar on two posts, mounted on a face `reach_m` behind it along -x."""
         bar = shapes.cylinder(center, BAR_RADIUS_M, length_m, material, axis, 12, 0.0015)
         index = shapes.AXES[axis]
         size = [2 * BAR_RADIUS_M] * 3

@@ -1,4 +1,4 @@
-"""Things with hinged or sliding fronts that are not the kitchen counter.
+"""Articulated furniture other than the kitchen counter.
 
 Wall cupboards, the room door, the low cabinet with sliding doors, and the chest of six drawers.
 """
@@ -96,7 +96,7 @@ def _crockery(make: Builder) -> None:
 
 
 def _cupboard_door(name: str, width: float, *, glass: bool) -> Link:
-    """Return a door from its hinge to `width`, whose sign says to which side it reaches."""
+    """Return a door from its hinge to `width`; the sign of `width` is the side."""
     make, low, high, frame = Builder(), -0.484, 0.484, 0.055
     inner, outer = sorted((0.0015 * (1 if width > 0 else -1), width))
     # The axis is at the outer edge, so that an open door stays clear of its neighbour.
@@ -194,7 +194,7 @@ def sliding_cabinet() -> Articulation:
 
 
 def _sliding_door(name: str) -> Link:
-    """Return a slatted door; only the front one can carry a bar, for it passes the other."""
+    """Return a slatted door; only the front one can have a bar, as it passes the other."""
     make = Builder()
     make.box((0.0, 0.0, 0.0), (0.722, 0.530, 0.016), "oak", 0.002)
     for k in range(12):

@@ -1,4 +1,4 @@
-"""Rugs, plants, pictures, lamps and screens: what makes the flat lived in."""
+"""Decoration: rugs, plants, pictures, lamps and screens."""
 
 import math
 

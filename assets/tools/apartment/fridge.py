@@ -1,8 +1,8 @@
-"""The two-door refrigerator, and one with its hinges on the other side.
+"""The two-door refrigerator, and its mirrored variant with the hinges on the other side.
 
-The body link is turned so that its +x points out of the doors, -z points up and +y points along the
-wall; all heights below are therefore negative z. The root is 1.01 m above the floor. The two differ
-in the sign of the doors' y coordinates and of their axes.
+The frame of the body link has +x out of the doors, -z up and +y along the wall, so heights are
+negative z. The root is 1.01 m above the floor. The variants differ in the sign of the doors' y
+coordinates and of their axes.
 """
 
 import math
@@ -82,7 +82,7 @@ def _body() -> Link:
 
 
 def _liner(make: Builder, back: float, inner: float) -> None:
-    """Line the walls with thin white sheets, and add the lamp under the ceiling."""
+    """Line the walls with thin white sheets, and add the ceiling lamp."""
     for y in (-inner, inner):
         low, high = (back, y - 0.002, CEILING_M), (FRONT_M - 0.004, y + 0.002, FLOOR_M)
         make.span(low, high, "fridge_liner", 0.0, solid=False)
@@ -98,7 +98,7 @@ def _door(
     bar_z: tuple[float, float],
     side: float,
 ) -> Link:
-    """Return a door whose hinge is the z axis; it reaches from there towards -y, times `side`."""
+    """Return a door hinged about the z axis, which extends towards -y times `side`."""
     make = Builder()
 
     def sheet(x: tuple[float, float], y: tuple[float, float], inset_m: float, *looks: Any) -> None:

@@ -19,7 +19,7 @@ BOARD_M = 0.015
 
 @dataclass(frozen=True)
 class Drawer:
-    """One drawer: where its frame is, how far its front reaches, how deep its box is."""
+    """One drawer: position of its frame, extent of its front and depth of its box."""
 
     link: str
     joint: str

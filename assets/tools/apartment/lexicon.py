@@ -1,4 +1,4 @@
-"""Semantic classes: ReplicaCAD's names and ids, so that labels mean the same in both datasets."""
+"""Semantic classes, with ReplicaCAD's names and ids, so that labels agree in both datasets."""
 
 CLASSES = {
     "basket": 3,
@@ -43,7 +43,7 @@ CLASSES = {
     "vase": 91,
     "wall_cabinet": 94,
     "rug": 98,
-    # ReplicaCAD labels its hangers as chopping boards; they get an id after its last one.
+    # ReplicaCAD labels hangers as chopping boards; here they have an id after its last one.
     "clothes_hanger": 102,
 }
 

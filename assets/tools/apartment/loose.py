@@ -1,4 +1,4 @@
-"""Finishes a thing that was built on a floor at y = 0: its origin becomes its centre of mass."""
+"""Finishes a model that was built on a floor at y = 0: moves its origin to its centre of mass."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -21,7 +21,7 @@ def finished(
     friction: float = FRICTION,
     receptacles: Sequence[Receptacle] = (),
 ) -> ObjectModel:
-    """Return the model, everything shifted so that the solids' centroid is the origin."""
+    """Return the model, shifted so that the centroid of its collision shapes is the origin."""
     pieces = make.solids()
     shift = -np.round(solids.centroid(pieces), 4)
     return ObjectModel(

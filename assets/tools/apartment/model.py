@@ -1,6 +1,6 @@
-"""The records every other module of the generator passes around.
+"""Data classes of the generator.
 
-Lengths are metres, masses kilograms, angles radians; frames are y-up, as Habitat's.
+Lengths are in metres, masses in kilograms, angles in radians; frames are y-up, as in Habitat.
 """
 
 from dataclasses import dataclass, field
@@ -52,7 +52,7 @@ class Receptacle:
 
 @dataclass(frozen=True)
 class ObjectModel:
-    """A rigid object: what is seen, what collides, and what Habitat's config says of it."""
+    """A rigid object: visual geometry, collision geometry and entries of Habitat's config."""
 
     name: str
     category: str
@@ -91,7 +91,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Articulation:
-    """A jointed piece of furniture."""
+    """An articulated piece of furniture."""
 
     name: str
     parent_object: str
@@ -111,7 +111,7 @@ class StageModel:
 
 @dataclass(frozen=True)
 class Placement:
-    """One template put into a scene: tilted about its own x axis, then turned about +y."""
+    """A template placed in a scene: rotated about its own x axis, then about +y."""
 
     template: str
     translation: Vec3
@@ -142,7 +142,7 @@ class Light:
 
 @dataclass(frozen=True)
 class Dataset:
-    """Everything that the writer puts on disk."""
+    """Everything that the writer writes to disk."""
 
     stages: list[StageModel]
     objects: list[ObjectModel]

@@ -1,6 +1,6 @@
-"""Fills a furnished flat with loose things: each on a surface it belongs on, none touching another.
+"""Fills a furnished flat with loose objects on suitable surfaces, without contacts.
 
-Overlap is judged by the axis-aligned boxes of collision pieces, so what is placed is truly apart.
+Overlap is tested with the axis-aligned boxes of collision pieces, which is conservative.
 """
 
 import math
@@ -22,7 +22,7 @@ FIXED = ("rug", "mat")
 
 @dataclass(frozen=True)
 class Rectangle:
-    """A level rectangle in the frame of what carries it."""
+    """A level rectangle in the frame of its support."""
 
     name: str
     middle: tuple[float, float, float]
@@ -50,7 +50,7 @@ WIDER = {"rack_01": (0.37, 0.152)}
 
 @dataclass(frozen=True)
 class Surface:
-    """A rectangle in the scene; `front_rad` is the heading of whom it faces."""
+    """A rectangle in the scene; `front_rad` is the heading of its front."""
 
     name: str
     middle: Array  # (3,)
@@ -61,7 +61,7 @@ class Surface:
 
 
 class Packer:
-    """Places things one after another in a flat and remembers the room that they take."""
+    """Places objects one after another in a flat, and records the occupied space."""
 
     def __init__(
         self,
@@ -74,24 +74,24 @@ class Packer:
         self.surfaces: list[Surface] = []
 
     def add(self, placement: Placement, short: str) -> None:
-        """Note a thing that stands, and the surfaces that it offers."""
+        """Record a placed object and its surfaces."""
         model = self.models[placement.template]
         self.taken = np.concatenate([self.taken, self._boxes(placement)])
         rectangles = [*MORE_SURFACES.get(short, ()), *_receptacles(model)]
         self._offer(placement, short, rectangles)
 
     def add_surfaces(self, placement: Placement, articulation: Articulation | None) -> None:
-        """Note the surfaces of a jointed piece of furniture, or of the floor."""
+        """Record the surfaces of articulated furniture or of the floor."""
         rectangles = list(MORE_SURFACES.get(placement.template, ()))
         if articulation is not None and placement.template == "kitchen_counter":
             rectangles += _receptacles(articulation)
         self._offer(placement, placement.template, rectangles)
 
     def put(self, thing: Thing) -> list[Placement]:
-        """Place one thing or stack.
+        """Place one object or stack.
 
         Raises:
-            ValueError: No surface that it belongs on has room.
+            ValueError: No suitable surface has room.
         """
         names = [full_name(name) for name in thing.template.split("+")]
         fits = [s for s in self.surfaces if any(fnmatch(s.name, p) for p in thing.places)]
@@ -105,7 +105,7 @@ class Packer:
         raise ValueError(f"no room for {thing.template}; it may lie on {[s.name for s in fits]}")
 
     def _try(self, thing: Thing, names: list[str], surface: Surface) -> list[Placement]:
-        """Return a stack at a random place of the surface, empty if that is not free."""
+        """Return a stack at a random position on the surface, empty if that is not free."""
         yaw = surface.front_rad - front_rad(thing.template)
         yaw += float(self.rng.uniform(-1.0, 1.0)) * thing.turn_rad
         shape = self._outline(names, yaw - surface.turn_rad)
@@ -133,7 +133,7 @@ class Packer:
         return _turned(points, yaw)[:, [0, 2]]
 
     def _boxes(self, placement: Placement) -> Array:
-        """Return the boxes (S, 2, 3) around the collision pieces of a placed thing."""
+        """Return the bounding boxes (S, 2, 3) of the collision pieces of a placed object."""
         out = []
         for solid in self.models[placement.template].solids:
             points = _turned(solid.vertices, placement.yaw_rad) + placement.translation

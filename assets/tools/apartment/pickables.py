@@ -1,6 +1,6 @@
-"""Things to carry, at the sizes and masses that the YCB object set publishes.
+"""Pickable objects with the published sizes and masses of the YCB object set.
 
-Labels are invented. Objects stand upright along +y with the origin at the centre of mass.
+Labels are fictional. Objects stand upright along +y, with the origin at the centre of mass.
 """
 
 import math

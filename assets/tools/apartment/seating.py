@@ -34,7 +34,7 @@ def _sofa() -> ObjectModel:
         low = (middle, seat - 0.083, -0.18)
         make.soft(low, (0.903, 0.166, 0.70), cloth, 0.05, 0.006, solid=False)
         make.soft((middle, 0.215, 0.205), (0.890, 0.37, 0.15), cloth, 0.07, 0.02)
-    # One box under both seat cushions: an object must not fall into the seam.
+    # One box under both seat cushions, so that objects do not fall into the seam.
     make.boxes.append(Box((0.0, seat - 0.083, -0.18), (1.80, 0.166, 0.70)))
     make.soft((0.0, 0.06, 0.345), (1.75, 0.66, 0.15), cloth, 0.04)
     for x in (-0.98, 0.98):

@@ -1,7 +1,7 @@
 """The empty flat: floors, walls with windows and doorways, skirting boards and frames.
 
-All in the scene's frame, y-up; the floor's surface is y = 0. There is no ceiling, so that a camera
-above the walls sees in.
+Coordinates are in the scene's frame, y-up, with the floor at y = 0. There is no ceiling, so that a
+camera above the walls can see inside.
 """
 
 from dataclasses import dataclass
@@ -45,8 +45,8 @@ class Wall:
 class FloorPlan:
     """A flat without its furniture.
 
-    `floors` are (x span, z span, material) and do not overlap; `panels` are thin boxes that are
-    seen only (low corner, high corner, material, bevel): tiles on a wall, a carpet, a threshold.
+    `floors` are (x span, z span, material) and do not overlap; `panels` are thin visual boxes
+    (low corner, high corner, material, bevel): tiles on a wall, a carpet, a threshold.
     """
 
     name: str
@@ -123,7 +123,7 @@ def _piece(make: Builder, wall: Wall, run: tuple[float, float], y: tuple[float, 
 
 
 def _face(wall: Wall, corners: tuple[Vec3, Vec3], upper: bool) -> tuple[Vec3, Vec3]:
-    """Return the sheet that sticks out of one side of a wall's swollen corners."""
+    """Return the sheet that protrudes from one side of a wall's enlarged corners."""
     (x0, y0, z0), (x1, y1, z1) = corners
     if wall.along_x:
         return ((x0, y0, wall.z[1]), (x1, y1, z1)) if upper else ((x0, y0, z0), (x1, y1, wall.z[0]))
@@ -140,7 +140,7 @@ def _corners(
 
 
 def _opening(make: Builder, wall: Wall, hole: Opening) -> list[Convex]:
-    """Add the joinery of a hole, and return what closes it."""
+    """Add the joinery of an opening, and return its closing parts."""
     rim, out = 0.05 if hole.kind == "window" else 0.07, 0.014
     for run, y in (
         ((hole.start - rim, hole.start + 0.004), (hole.sill, hole.head + rim)),

@@ -71,7 +71,7 @@ def ring(
 
 
 def ball(radii: tuple[float, float, float], rings: int = 5, sides: int = 10) -> Convex:
-    """Return a convex ellipsoid with a flat foot and crown, so that it stands where it is put."""
+    """Return a convex ellipsoid with a flat foot and crown, so that it stands stably."""
     cap_rad = np.radians(68.0)
     polar = np.linspace(-cap_rad, cap_rad, rings)
     angle = np.arange(sides) * 2 * np.pi / sides

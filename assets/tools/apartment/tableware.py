@@ -1,4 +1,4 @@
-"""Bowls, cups, plates and the saucepan: everything turned that holds food."""
+"""Tableware: bowls, cups, plates and the saucepan."""
 
 import outlines
 import shapes

@@ -122,7 +122,7 @@ def leaf(seed: int, dark: Color, light: Color) -> Array:
 
 
 def view() -> Array:
-    """Return what is seen through a window: a pale sky over blurred trees."""
+    """Return the view through a window: a pale sky over blurred trees."""
     rng, size = np.random.default_rng(19), 64
     y = np.arange(size)[:, None] / size
     image = _image(y * 1.4 + 0 * y.T, (0.56, 0.74, 0.93), (0.93, 0.96, 0.98))

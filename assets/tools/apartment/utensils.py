@@ -1,4 +1,4 @@
-"""Things of the kitchen that are not tableware: jars, racks, trays, knives, boards, soap."""
+"""Kitchen utensils: jars, racks, trays, knives, boards, soap."""
 
 import math
 from collections.abc import Sequence

@@ -1,7 +1,7 @@
-"""Puts a dataset on disk in Habitat's scene dataset format.
+"""Writes a dataset in Habitat's scene dataset format.
 
-The bytes depend on the models alone: numbers are rounded well above the noise of floating point,
-keys are sorted, and the exporter's version stamp is dropped.
+The output is reproducible byte for byte: numbers are rounded well above floating-point noise, keys
+are sorted, and the exporter's version stamp is dropped.
 """
 
 import json
@@ -38,7 +38,7 @@ SEMANTICS = "apartment_ssd_map"
 # Their root joint turns the body forward by a right angle; the instance turns it back.
 TURNED_BACK = {"kitchenCupboard_01", "chestOfDrawers_01"}
 FRICTION = {"prismatic": 4.0, "revolute": 0.8}
-"""Of joints, by kind: N on rails, N m at hinges, as real furniture has."""
+"""Joint friction by kind, as of real furniture: N for rails, N m for hinges."""
 Json = dict[str, Any]
 
 

@@ -1,6 +1,6 @@
 """Sense-plan-act baselines of the Home Assistant Benchmark (S App. D).
 
-Importing this package is light: the simulator is loaded only when an agent is asked for.
+Importing this package does not load the simulator; accessing an agent's factory does.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ _FACTORIES = {
     "tp_spa": "task_agents",
     "tp_spa_priv": "task_agents",
 }
-"""Factory of an agent -> its module."""
+"""Agent factory -> module."""
 
 
 def __getattr__(name: str) -> Any:
-    """Loads the module of a factory, and with it the simulator, when somebody asks for it."""
+    """Loads the module of a factory, and with it the simulator, on first access."""
     if name not in _FACTORIES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"hab_spa.agents.{_FACTORIES[name]}"), name)
 
 
 def __dir__() -> list[str]:
-    """Names the factories too, so that `hab-eval` can offer them."""
+    """Lists the factories too, so that `hab-eval` can suggest them."""
     return sorted({*globals(), *__all__})

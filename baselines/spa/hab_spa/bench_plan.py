@@ -1,11 +1,10 @@
-"""Suite plan of ``hab-eval bench``: seconds of an arm plan, and what its collision model saves.
+"""Suite plan of ``hab-eval bench``: planning time of the arm, and speed-up by its collision model.
 
-An arm plan is what Pick does before it moves: collision model, joint goals, path to one of them.
-The reference is the same search with every arm pose tested by setting the simulator's state
-(`hab_spa.planning.validity`), as ManiSkill sets it; a second one sets no more than the arm's
-joints. All agree on the poses, so the searches are the same; what a reference takes is counted
-from the seconds of its checks, on poses of the very sequence that the search asked about, times
-their number, and what the plan takes beside its checks.
+A plan consists of the steps of Pick before it moves: collision model, joint goals and a path. The
+reference is the same search with collision checks in the simulator (`hab_spa.planning.validity`),
+by ManiSkill's `set_state_dict`; a second reference sets only the arm's joints. All three agree on
+the poses, so their searches are identical. The time of a reference is therefore computed: number
+of checks, times its time per check on poses of the same search, plus the plan's remaining time.
 """
 
 from __future__ import annotations
@@ -17,8 +16,9 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from hab_eval.bench_options import PICK, BenchOptions, WriteLine
-from hab_eval.bench_rows import BenchRow, bound_row, make_row
+from hab_eval.bench.options import BenchOptions
+from hab_eval.bench.rows import BenchRow, bound_row, make_row
+from hab_eval.bench.suite import PICK, Suite, WriteLine
 
 from hab_spa.motion.robot import SpaConfig
 from hab_spa.planning.arm_plan import Ends, plan_path
@@ -33,7 +33,7 @@ from hab_tasks.episodes import Episode, EpisodeRequest, load_episodes
 MEDIAN_BOUND_S, MOST_BOUND_S, SPEEDUP_BOUND, AGREEMENT_BOUND_PERCENT = 0.3, 2.0, 20.0, 99.0
 MOST_PERCENTILE = 95
 TIMED_CHECKS = 100
-"""So many poses of each plan are tested by setting the simulator's state."""
+"""Number of poses of each plan for which the references' checks are timed."""
 
 VALIDITY_POSES = 2000
 STATE = "validity by ManiSkill's set_state_dict and a step: checks x measured s per check"
@@ -42,14 +42,14 @@ JOINTS = "validity by setting the arm's joints and a step: checks x measured s p
 
 @dataclass(frozen=True, kw_only=True)
 class PlanTiming:
-    """One arm plan.
+    """Timing of one arm plan.
 
     Attributes:
-        seconds: Of the plan.
-        checks: Arm poses tested in it.
-        check_s: Of one check by the collision model, ...
-        joints_check_s: ... by setting the arm's joints in the simulator, ...
-        state_check_s: ... and by setting the whole state, on the same poses.
+        seconds: Planning time.
+        checks: Number of collision checks.
+        check_s: Time of one check by the collision model.
+        joints_check_s: Time of one check by setting the arm's joints in the simulator.
+        state_check_s: Time of one check by setting the simulator's whole state.
     """
 
     seconds: float
@@ -59,12 +59,12 @@ class PlanTiming:
     state_check_s: float
 
     def with_checks_of(self, check_s: float) -> float:
-        """Returns what the plan takes [s] when each of its checks takes so long."""
+        """Returns the planning time [s] for another time per check [s]."""
         return self.seconds + self.checks * (check_s - self.check_s)
 
 
 class _Recorder(ArmCollision):
-    """Remembers the poses that it is asked about."""
+    """Collision model that records the checked poses."""
 
     def __init__(self, *args: Any, **settings: Any) -> None:
         self.poses: list[Array] = []
@@ -77,7 +77,7 @@ class _Recorder(ArmCollision):
 
 
 def run_plan(options: BenchOptions, write_line: WriteLine) -> list[BenchRow]:
-    """Measures plans for real episodes of HabPick-v1: in the apartment, and in each scene."""
+    """Measures plans for episodes of HabPick-v1, in the apartment and in each scene."""
     rows: list[BenchRow] = []
     for name, request in _requests(options):
         env = _make_env(request)
@@ -96,7 +96,7 @@ def run_plan(options: BenchOptions, write_line: WriteLine) -> list[BenchRow]:
 def plan_rows(
     name: tuple[str, str, str], timings: Sequence[PlanTiming], agreed: Agreement
 ) -> list[BenchRow]:
-    """Turns timings and an agreement into rows."""
+    """Returns the rows of timings and of the agreement with the simulator."""
     seconds = [timing.seconds for timing in timings]
     most_s = float(np.percentile(seconds, MOST_PERCENTILE))
     by_state_s = [timing.with_checks_of(timing.state_check_s) for timing in timings]
@@ -147,12 +147,12 @@ def _reset(env: Any, episode: Episode) -> None:
 
 
 def _time_plan(env: Any, episode: Episode) -> PlanTiming:
-    """Times a plan, then its checks both ways; the simulator's state comes last, as it changes."""
+    """Times a plan, then its checks by each method; the simulator last, as its state changes."""
     _reset(env, episode)
     scene, cache = TrueScene(), ShapeCache()
     scene.state = env.unwrapped.privileged()[0]
     make = lambda kind: kind(scene.state, held=scene.state.held, cache=cache)  # noqa: E731
-    make(ArmCollision)  # shapes are kept from episode to episode in a layout
+    make(ArmCollision)  # fills the shape cache, which persists across the episodes of a layout
     began = time.perf_counter()
     model = make(ArmCollision)
     _plan(scene, model, episode.seed)
@@ -171,7 +171,7 @@ def _time_plan(env: Any, episode: Episode) -> PlanTiming:
 
 
 def _plan(scene: TrueScene, collision: ArmCollision, seed: int) -> None:
-    """Plans the way to the episode's object, as Pick does."""
+    """Plans a path to the episode's object, as Pick does."""
     config, arm = SpaConfig(), BatchArm()
     points_m = scene.grasp_points_m(0)
     goals = sample_reaching_goals(points_m, collision, arm, seed, config.goal).goals
@@ -181,8 +181,11 @@ def _plan(scene: TrueScene, collision: ArmCollision, seed: int) -> None:
 
 
 def _check_s(collision: ArmCollision | SimulatorCheck, poses: Sequence[Array]) -> float:
-    """Returns the seconds of one check; 0 where there is none."""
+    """Returns the mean time of one check [s]; 0 for no poses."""
     began = time.perf_counter()
     for pose in poses:
         collision.is_free(pose)
     return (time.perf_counter() - began) / max(1, len(poses))
+
+
+SUITE = Suite(name="plan", run=run_plan, steps=100)

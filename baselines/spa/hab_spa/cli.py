@@ -2,54 +2,54 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import tyro
 from hab_eval.episode_options import EpisodeOptions
 
-from hab_tasks.errors import HabError
-from hab_tasks.options import one_line, parse_only_command
+from hab_tasks.console import Command, run_script
 
-EXIT_BAD_INPUT = 2
-EXIT_STOPPED = 1
-EXIT_INTERRUPTED = 130
+EXIT_TOO_FEW = 1
 
 MOST_FOR_EACH = 10
-"""Give up, unless told otherwise, after so many episodes for each demonstration wanted."""
+"""Default maximum number of episodes per demonstration."""
 
-RECORD_HELP = """Records episodes that an agent solves, as a ManiSkill trajectory.
+RECORD_HELP = """Records the successful episodes of an agent as a ManiSkill trajectory.
 
 Example:
   hab-spa record --agent hab_spa:spa_priv --env HabPick-v1 --count 10 --out runs/demonstrations
   python -m mani_skill.trajectory.replay_trajectory --traj-path runs/demonstrations/trajectory.h5
 
-Any agent will do, also one of your own. Episodes are played in order until enough are solved."""
+Works with any agent, including your own. Runs episodes in order until enough have succeeded."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecordCommand(EpisodeOptions):
+class RecordCommand(EpisodeOptions, Command):
     """Options of `hab-spa record`."""
 
+    help: ClassVar[str] = RECORD_HELP
+
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
-    """Folder for trajectory.h5 and trajectory.json."""
+    """Output folder for trajectory.h5 and trajectory.json."""
     split: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = "train"
-    """Episode split; the others are for evaluation."""
+    """Episode split; the other splits are for evaluation."""
     count: Annotated[int, tyro.conf.arg(metavar="N")] = 10
     """Number of demonstrations."""
     most: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """Give up after so many episodes, instead of ten for each demonstration."""
+    """Maximum number of episodes; ten per demonstration if not given."""
     lerobot: bool = False
-    """Write LeRobot's dataset format (v3.0) as well, into DIR/lerobot; needs pyarrow."""
+    """Also write a LeRobot dataset (v3.0) to DIR/lerobot; requires pyarrow."""
     force: bool = False
     """Replace the recording in DIR."""
+    verbose: bool = False
+    """Print the traceback of an error in an episode."""
 
     def run(self) -> int:
-        """Records, and shows how each episode went."""
-        # Loading the simulator takes seconds, which --help and a mistyped option should not.
+        """Records demonstrations and prints the result of each episode."""
+        # Imported here: loading the simulator takes seconds, and --help does not need it.
         from hab_eval.results import EpisodeResult
 
         from hab_spa.recording.record import RecordPlan, record
@@ -63,39 +63,26 @@ class RecordCommand(EpisodeOptions):
             force=self.force,
         )
 
-        def tell(result: EpisodeResult) -> None:
+        def print_result(result: EpisodeResult) -> None:
             ended = "solved" if result.success else f"failed: {result.failure}"
             print(f"{result.id}: {ended}, {result.steps} steps", flush=True)
 
-        recorded = record(plan, tell)
+        recorded = record(plan, print_result)
         for failure, number in sorted(recorded.failures.items()):
             print(f"{number} of {recorded.episodes} episodes failed: {failure}")
         for file in recorded.files:
             print(f"wrote {file}")
         print(f"{recorded.demonstrations} of {self.count} demonstrations")
-        return 0 if recorded.demonstrations == self.count else EXIT_STOPPED
+        return 0 if recorded.demonstrations == self.count else EXIT_TOO_FEW
+
+    def advice(self) -> str:
+        """Returns the state of the files after an interruption."""
+        return "Nothing was written."
 
 
-COMMANDS = {"record": RecordCommand}
+COMMANDS: dict[str, type[Command]] = {"record": RecordCommand}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs `hab-spa`; returns its exit status."""
-    arguments = sys.argv[1:] if arguments is None else arguments
-    from hab_eval.errors import RunStoppedError
-
-    try:
-        if not arguments or arguments[0].startswith("-"):  # --help, or nothing
-            print(f"usage: hab-spa record --agent M:F --env ID --out DIR\n\n{RECORD_HELP}")
-            return 0 if arguments else EXIT_BAD_INPUT
-        command = parse_only_command("hab-spa", COMMANDS, arguments, RECORD_HELP)
-        return command.run()
-    except RunStoppedError as error:
-        print(f"{error.details}hab-spa: {error} Nothing was written.", file=sys.stderr)
-        return EXIT_STOPPED
-    except HabError as error:
-        print(f"hab-spa: {one_line(error)}", file=sys.stderr)
-        return EXIT_BAD_INPUT
-    except KeyboardInterrupt:
-        print("hab-spa: interrupted; nothing was written.", file=sys.stderr)
-        return EXIT_INTERRUPTED
+    return run_script("hab-spa", COMMANDS, arguments)

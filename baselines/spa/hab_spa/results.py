@@ -1,4 +1,4 @@
-"""What the planning functions return. Failures are named as in S App. I.1."""
+"""Results of the planning functions, and the failure categories of S App. I.1."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hab_tasks.privileged import Array
 
 
 class Failure(Enum):
-    """Which stage of sense-plan-act failed (S App. I.1)."""
+    """Failed stage of sense-plan-act (S App. I.1)."""
 
     TARGET_PLAN = "target plan"
     MOTION_PLAN = "motion plan"
@@ -18,14 +18,14 @@ class Failure(Enum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GoalResult:
-    """Goals for the arm, best first.
+    """Joint goals of the arm, best first.
 
     Attributes:
-        goals: (G, 7) [rad]; empty (0, 7) if there is none.
-        failure: `Failure.TARGET_PLAN` if there is none.
-        seconds: Time spent [s].
-        samples: Random arm poses from which inverse kinematics started.
-        checks: Arm poses tested for collisions.
+        goals: (G, 7) [rad]; empty (0, 7) if none was found.
+        failure: `Failure.TARGET_PLAN` if none was found.
+        seconds: Computing time [s].
+        samples: Number of initial guesses for inverse kinematics.
+        checks: Number of collision checks.
     """
 
     goals: Array
@@ -40,10 +40,10 @@ class PathResult:
     """A path of the arm.
 
     Attributes:
-        path: (K, 7) [rad], joined by straight lines in joint space; None if none was found.
+        path: (K, 7) [rad], piecewise linear in joint space; None if none was found.
         failure: `Failure.MOTION_PLAN` if none was found.
-        seconds: Time spent [s].
-        checks: Arm poses tested for collisions.
+        seconds: Computing time [s].
+        checks: Number of collision checks.
     """
 
     path: Array | None

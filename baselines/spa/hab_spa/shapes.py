@@ -20,7 +20,7 @@ def invert_pose(a_from_b: Array) -> Array:
 
 
 def standing(base: Array, height_m: float) -> Array:
-    """Returns the pose (4, 4) of a robot's base at x, y [m] and yaw [rad] (3,)."""
+    """Returns the pose (4, 4) of the base frame for a base pose x, y [m], yaw [rad] (3,)."""
     x, y, yaw = base
     cosine, sine = np.cos(yaw), np.sin(yaw)
     world_from_base = np.eye(4)
@@ -30,7 +30,7 @@ def standing(base: Array, height_m: float) -> Array:
 
 
 def shape_bounds_m(shape: CollisionShape) -> tuple[Array, Array]:
-    """Returns the lower and upper corners (3,) [m] of a shape's box in its own frame."""
+    """Returns the corners (3,) [m] of a shape's bounding box in the shape's frame."""
     radius, half_length, _ = shape.half_size_m
     if shape.kind == "convex":
         return shape.vertices_m.min(axis=0), shape.vertices_m.max(axis=0)
@@ -48,7 +48,7 @@ def shape_bounds_m(shape: CollisionShape) -> tuple[Array, Array]:
 
 
 def body_bounds_m(body: CollisionBody) -> tuple[Array, Array]:
-    """Returns the corners (3,) [m] of the box around all shapes of a body, in the body's frame."""
+    """Returns the corners (3,) [m] of a body's bounding box in the body's frame."""
     corners = []
     for shape in body.shapes:
         if shape.kind == "convex":
@@ -62,7 +62,7 @@ def body_bounds_m(body: CollisionBody) -> tuple[Array, Array]:
 
 
 def within_body(body: CollisionBody, world_from_body: Array, points_m: Array) -> NDArray[np.bool_]:
-    """Whether points (K, 3) of the world are in the box around a body, which is at (4, 4)."""
+    """Whether world points (K, 3) are inside the bounding box of a body at a pose (4, 4)."""
     lower, upper = body_bounds_m(body)
     body_from_world = invert_pose(world_from_body)
     local_m = points_m @ body_from_world[:3, :3].T + body_from_world[:3, 3]

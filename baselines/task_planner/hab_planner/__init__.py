@@ -1,10 +1,10 @@
 """The STRIPS task planner of TP+SRL, SPA and SPA-Priv (S H.1).
 
-Only `hab_planner.solve` needs the planner itself: whoever follows a saved plan does not load it.
+Only `hab_planner.solve` loads the planner; the plan implied by a task does not need it.
 """
 
 from hab_planner.errors import NoPlanError, PlannerError
-from hab_planner.plan import Action, Plan, saved_plan
+from hab_planner.plan import Action, Plan, plan_of
 from hab_planner.problem import Atom, TaskProblem, problem_of
 
 __all__ = [
@@ -14,6 +14,6 @@ __all__ = [
     "Plan",
     "PlannerError",
     "TaskProblem",
+    "plan_of",
     "problem_of",
-    "saved_plan",
 ]

@@ -4,8 +4,7 @@
 ; container, and the room is one that is always open: that keeps the domain plain STRIPS, for which the
 ; planner proves that its plans are minimal. "hand-empty" stands for "not holding(Z) for all Z", and
 ; "at-robot(X)" for "at(robot, X)". A door that stands ajar is neither open nor closed: open asks for one
-; that is not open, and close for one that is not closed. Place needs no open container: nothing can be
-; closed while the hand holds.
+; that is not open, and close for one that is not closed.
 (define (domain home-assistant)
   (:requirements :strips :typing :negative-preconditions)
   (:types item goal container pose - thing)
@@ -13,6 +12,7 @@
     (at-robot ?x - thing)
     (at ?x - item ?y - goal)
     (in ?x - item ?z - container)
+    (goal-in ?y - goal ?z - container)
     (inside ?y ?z - goal)
     (free-standing ?y - goal)
     (holding ?x - item)
@@ -33,14 +33,15 @@
     :effect (and (holding ?x) (not (hand-empty))))
 
   (:action place
-    :parameters (?x - item ?y - goal)
-    :precondition (and (at-robot ?y) (holding ?x) (free-standing ?y))
+    :parameters (?x - item ?y - goal ?c - container)
+    :precondition (and (at-robot ?y) (holding ?x) (free-standing ?y) (goal-in ?y ?c) (is-open ?c))
     :effect (and (at ?x ?y) (placed ?x) (hand-empty) (not (holding ?x))))
 
   ; A goal inside another one, as the fruit's in the bowl's, is there once the other is filled.
   (:action place-inside
-    :parameters (?x - item ?y - goal ?other - item ?z - goal)
-    :precondition (and (at-robot ?y) (holding ?x) (inside ?y ?z) (at ?other ?z))
+    :parameters (?x - item ?y - goal ?other - item ?z - goal ?c - container)
+    :precondition (and (at-robot ?y) (holding ?x) (inside ?y ?z) (at ?other ?z)
+      (goal-in ?y ?c) (is-open ?c))
     :effect (and (at ?x ?y) (placed ?x) (hand-empty) (not (holding ?x))))
 
   (:action open

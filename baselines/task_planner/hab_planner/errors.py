@@ -1,4 +1,4 @@
-"""What can go wrong in planning."""
+"""Errors of the task planner."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from hab_tasks.errors import HabError
 
 
 class PlannerError(HabError):
-    """A task that has no problem, or a plan that does not fit its problem."""
+    """Not a task, or a plan that does not fit its problem."""
 
 
 class NoPlanError(PlannerError):
-    """The goal cannot be reached from the start, by proof."""
+    """The goal is provably unreachable from the initial state."""

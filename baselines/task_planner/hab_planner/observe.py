@@ -1,4 +1,4 @@
-"""What of a task's predicates holds in the simulator, by the functions that its success uses."""
+"""Reads a task's predicates from the simulator, by the functions that define its success."""
 
 from __future__ import annotations
 
@@ -8,39 +8,39 @@ from hab_tasks.tasks.task_env import TaskEnv
 
 
 def observed(env: TaskEnv, row: int = 0) -> frozenset[Atom]:
-    """Returns what is held, where it belongs, open and closed at this moment.
+    """Returns the current atoms: held, placed, open and closed.
 
-    A door between open and closed is neither.
+    A partly open door is neither open nor closed.
 
     Args:
         env: A task's environment, unwrapped.
-        row: Which of its rows.
+        row: Batch row.
     """
-    objects, fronts = range(env.task.objects), range(len(env.task.fronts))
+    objects, articulations = range(env.task.objects), range(len(env.task.articulations))
     conditions = (
         *(Condition(held=(k,)) for k in objects),
         *(Condition(placed=(k,)) for k in objects),
-        *(Condition(opened=(j,)) for j in fronts),
-        *(Condition(closed=(j,)) for j in fronts),
+        *(Condition(opened=(j,)) for j in articulations),
+        *(Condition(closed=(j,)) for j in articulations),
     )
-    told = [atoms_of(env.task, c) for c in conditions if bool(env.holds(c)[row])]
-    return frozenset().union(*told)
+    true = [atoms_of(env.task.spec, c) for c in conditions if bool(env.holds(c)[row])]
+    return frozenset().union(*true)
 
 
 def start_from(env: TaskEnv, row: int = 0) -> frozenset[Atom]:
-    """Returns a start to plan anew from: what is observed, and what never changes.
+    """Returns the initial state for replanning: observed and static atoms.
 
     Args:
         env: A task's environment, unwrapped.
-        row: Which of its rows.
+        row: Batch row.
     """
     return start_given(env.default_id(), observed(env, row))
 
 
 def start_given(env_id: str, seen: frozenset[Atom]) -> frozenset[Atom]:
-    """Returns a task's start where these atoms hold of what is held, placed, open and closed.
+    """Returns a task's initial state in which these atoms hold: held, placed, open and closed.
 
-    The robot counts as being nowhere in particular, so that the plan begins by driving.
+    The robot is at no pose, so that the plan starts with navigation.
 
     Raises:
         PlannerError: Not the id of a task.

@@ -1,15 +1,14 @@
-"""Plans, and the saved ones: running an agent needs no planner."""
+"""Plans, and the plan implied by a task's declaration, which needs no planner."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 from hab_planner.errors import PlannerError
-from hab_planner.problem import task_of
-
-PLANS = Path(__file__).parent / "plans"
+from hab_planner.problem import ROOM, SPAWN, spec_of, thing
+from hab_tasks.task_order import Interaction, container_at_goal, container_at_start, interactions
+from hab_tasks.task_spec import TaskSpec
 
 SKILLS = {
     "navigate": "navigate",
@@ -19,7 +18,7 @@ SKILLS = {
     "open": "open",
     "close": "close",
 }
-"""Action -> skill; open and close also say what of: ``open_drawer``, ``close_fridge``."""
+"""Action -> skill; open and close add the articulation: ``open_drawer``, ``close_fridge``."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +26,7 @@ class Action:
     """One step of a plan.
 
     Attributes:
-        name: The action's.
+        name: Name of the action.
         things: Its arguments.
     """
 
@@ -39,18 +38,18 @@ class Action:
 
     @property
     def skill(self) -> str:
-        """Name of the skill that does it."""
+        """Name of the skill that executes the action."""
         skill = SKILLS[self.name]
         return f"{skill}_{self.things[0]}" if skill in ("open", "close") else skill
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """Actions in their order.
+    """A sequence of actions.
 
     Attributes:
         task: Name of the problem.
-        actions: What is done.
+        actions: The actions in order.
     """
 
     task: str
@@ -62,10 +61,10 @@ class Plan:
 
     @staticmethod
     def from_json(text: str) -> Plan:
-        """Reads the text of a plan file.
+        """Parses the text of a plan file.
 
         Raises:
-            PlannerError: No plan, or an action that there is not.
+            PlannerError: Not a plan, or an unknown action.
         """
         try:
             found = json.loads(text)
@@ -75,18 +74,50 @@ class Plan:
             )
             task = str(found["task"])
         except (ValueError, KeyError, TypeError) as error:
-            raise PlannerError(f"This is no plan file ({error!r}).") from error
+            raise PlannerError(f"Not a plan file ({error!r}).") from error
         unknown = sorted({action.name for action in actions} - SKILLS.keys())
         if unknown:
-            raise PlannerError(f"A plan holds {unknown}; actions are {', '.join(SKILLS)}.")
+            raise PlannerError(f"Unknown actions {unknown}. Valid: {', '.join(SKILLS)}.")
         return Plan(task=task, actions=actions)
 
 
-def saved_plan(env_id: str) -> Plan:
-    """Returns the plan that is kept beside the domain (S H.1: solved once per task).
+def plan_of(reference: str) -> Plan:
+    """Returns the plan implied by a task's declaration: navigation before interactions (S H.1).
+
+    It is the plan of minimal length that Fast Downward finds.
+
+    Args:
+        reference: Environment id of the task.
 
     Raises:
         PlannerError: Not the id of a task.
     """
-    file = PLANS / f"{task_of(env_id).name}.json"
-    return Plan.from_json(file.read_text(encoding="utf-8"))
+    spec = spec_of(reference)
+    actions: list[Action] = []
+    here = SPAWN
+    for item in interactions(spec):
+        there, action = _action(spec, item)
+        if there != here:
+            actions.append(Action(name="navigate", things=(here, there)))
+        actions.append(action)
+        here = there
+    return Plan(task=spec.name.replace("_", "-"), actions=tuple(actions))
+
+
+def _action(spec: TaskSpec, item: Interaction) -> tuple[str, Action]:
+    """Returns the pose and the action of an interaction."""
+    target = spec.targets[item.target]
+    name = thing(target.name)
+    goal = f"{name}-goal"
+    if item.kind == "pick":
+        container = container_at_start(spec, target) or ROOM
+        return name, Action(name="pick", things=(name, container))
+    if item.kind == "place":
+        container = container_at_goal(spec, target) or ROOM
+        if target.inside is None:
+            return goal, Action(name="place", things=(name, goal, container))
+        other = thing(target.inside)
+        things = (name, goal, other, f"{other}-goal", container)
+        return goal, Action(name="place-inside", things=things)
+    assert item.articulation is not None
+    return item.articulation, Action(name=item.kind, things=(item.articulation,))

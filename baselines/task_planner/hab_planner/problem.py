@@ -1,4 +1,4 @@
-"""A task as a planning problem: what holds at the start and what has to hold in the end (S H.1)."""
+"""Planning problems of tasks: initial state and goal (S H.1)."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hab_planner.errors import PlannerError
+from hab_tasks.registration import TASKS, imported_id
+from hab_tasks.task_order import container_at_goal, container_at_start
+from hab_tasks.task_spec import TaskSpec
 
 if TYPE_CHECKING:
     from hab_tasks.tasks.base import Condition, Task
@@ -15,20 +18,20 @@ if TYPE_CHECKING:
 DOMAIN = Path(__file__).parent / "domain.pddl"
 
 Atom = tuple[str, ...]
-"""A ground predicate: its name, then the things it is about."""
+"""A ground atom: predicate, then arguments."""
 
 ROOM, SPAWN = "room", "spawn"
 
 
 @dataclass(frozen=True, kw_only=True)
 class TaskProblem:
-    """Things, what holds at the start, and what has to hold in the end.
+    """A STRIPS problem.
 
     Attributes:
-        name: The task's.
-        things: Type -> names.
-        start: What holds; everything else does not.
-        goal: What has to hold.
+        name: Name of the task.
+        things: Type -> names of the objects.
+        start: Initial state; all other atoms are false.
+        goal: Atoms of the goal.
     """
 
     name: str
@@ -51,101 +54,87 @@ class TaskProblem:
         )
 
     def started(self, atoms: frozenset[Atom]) -> TaskProblem:
-        """Returns the same problem from another start, to plan anew after a failure."""
+        """Returns the problem with another initial state, for replanning."""
         return replace(self, start=atoms)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Names:
-    """What a task's things are called in its problem, by their numbers in the task.
-
-    Attributes:
-        items: The objects.
-        within: Object -> the door or drawer that it starts behind.
-        inside: Object -> the object whose goal its own goal is in.
-        open: Whether doors and drawers start open.
-    """
-
-    items: tuple[str, ...]
-    within: dict[int, int]
-    inside: dict[int, int]
-    open: bool = False
+def thing(name: str) -> str:
+    """Returns the PDDL name of a target."""
+    return name.replace("_", "-")
 
 
-NAMES: dict[str, Names] = {
-    "tidy_house": Names(items=tuple(f"object-{n + 1}" for n in range(5)), within={}, inside={}),
-    "prepare_groceries": Names(
-        items=("from-fridge-1", "from-fridge-2", "to-fridge"),
-        within={},
-        inside={},
-        open=True,
-    ),
-    "set_table": Names(items=("bowl", "apple"), within={0: 0, 1: 1}, inside={1: 0}),
-}
-"""Task -> its names, and the containment that S H.1 lists for it."""
+def things(spec: TaskSpec) -> tuple[str, ...]:
+    """Returns the PDDL names of a task's targets, in order."""
+    return tuple(thing(target.name) for target in spec.targets)
 
 
-def tasks() -> dict[str, Task]:
-    """Returns env id -> task, of every environment that is one."""
-    from hab_tasks.envs import ENVS  # loads the simulator, which --help does not need
-    from hab_tasks.tasks.task_env import TaskEnv
+def spec_of(reference: str) -> TaskSpec:
+    """Returns the declaration of a task.
 
-    return {e.id: e.env.task for e in ENVS.values() if issubclass(e.env, TaskEnv)}
-
-
-def task_of(env_id: str) -> Task:
-    """Returns the task of an environment.
+    Args:
+        reference: Environment id, ``X-v1`` or ``module:X-v1``.
 
     Raises:
         PlannerError: Not the id of a task.
+        HabError: The module cannot be imported.
     """
-    known = tasks()
-    if env_id not in known:
-        raise PlannerError(f"{env_id!r} is no task to plan; there are {', '.join(known)}.")
-    return known[env_id]
+    env_id = imported_id(reference) if ":" in reference else reference
+    if env_id not in TASKS:
+        raise PlannerError(f"{reference!r} is not a task. Valid: {', '.join(TASKS)}.")
+    return TASKS[env_id]
+
+
+def task_of(reference: str) -> Task:
+    """Returns a compiled task; raises as `spec_of` does."""
+    spec = spec_of(reference)
+    from hab_tasks.tasks.compile import compile_task  # loads the simulator
+
+    return compile_task(spec)
 
 
 @cache
-def problem_of(env_id: str) -> TaskProblem:
-    """Returns the problem of a task: S H.1's start, and the goal that its success asks for.
+def problem_of(reference: str) -> TaskProblem:
+    """Returns the problem of a task: the initial state of S H.1, and the task's success as goal.
 
     Raises:
         PlannerError: Not the id of a task.
     """
-    task = task_of(env_id)
-    names = NAMES[task.name]
-    fronts = tuple(kind.name for kind in task.fronts)
-    goals = tuple(f"{item}-goal" for item in names.items)
+    spec = spec_of(reference)
+    items = things(spec)
+    goals = {item: f"{item}-goal" for item in items}
     start: set[Atom] = {("at-robot", SPAWN), ("hand-empty",), ("is-open", ROOM)}
-    for number, (item, goal) in enumerate(zip(names.items, goals, strict=True)):
-        behind = names.within.get(number)
-        start.add(("in", item, ROOM if behind is None else fronts[behind]))
-        other = names.inside.get(number)
-        start.add(("free-standing", goal) if other is None else ("inside", goal, goals[other]))
-    for front in fronts:
-        start |= {("articulated", front), ("is-open" if names.open else "is-closed", front)}
+    for item, target in zip(items, spec.targets, strict=True):
+        start.add(("in", item, container_at_start(spec, target) or ROOM))
+        start.add(("goal-in", goals[item], container_at_goal(spec, target) or ROOM))
+        if target.inside is None:
+            start.add(("free-standing", goals[item]))
+        else:
+            start.add(("inside", goals[item], goals[thing(target.inside)]))
+    for name in spec.articulations:
+        opened = name in spec.starts_open
+        start |= {("articulated", name), ("is-open" if opened else "is-closed", name)}
+    done = {("at", item, goal) for item, goal in goals.items()}
     return TaskProblem(
-        name=task.name.replace("_", "-"),
+        name=spec.name.replace("_", "-"),
         things={
-            "item": names.items,
-            "goal": goals,
-            "container": (*fronts, ROOM),
+            "item": items,
+            "goal": tuple(goals.values()),
+            "container": (*spec.articulations, ROOM),
             "pose": (SPAWN,),
         },
         start=frozenset(start),
-        goal=atoms_of(task, task.goal),
+        goal=frozenset(done | {("is-closed", name) for name in spec.ends_closed}),
     )
 
 
-def atoms_of(task: Task, condition: Condition) -> frozenset[Atom]:
-    """Returns what a condition of a task, as a stage or its success, says in predicates."""
-    items = NAMES[task.name].items
-    fronts = [kind.name for kind in task.fronts]
+def atoms_of(spec: TaskSpec, condition: Condition) -> frozenset[Atom]:
+    """Returns the atoms of a condition, e.g. of a stage or of a task's success."""
+    items, names = things(spec), spec.articulations
     return frozenset(
         (
             *(("holding", items[k]) for k in condition.held),
             *(("at", items[k], f"{items[k]}-goal") for k in condition.placed),
-            *(("is-open", fronts[j]) for j in condition.opened),
-            *(("is-closed", fronts[j]) for j in condition.closed),
+            *(("is-open", names[j]) for j in condition.opened),
+            *(("is-closed", names[j]) for j in condition.closed),
         )
     )

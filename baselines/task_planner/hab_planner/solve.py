@@ -1,4 +1,4 @@
-"""Optimal plans by Fast Downward, and plans tried out in the domain, through unified-planning."""
+"""Optimal planning by Fast Downward, and plan validation, through unified-planning."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ def solve(problem: TaskProblem) -> Plan:
     """Returns a plan of minimal length.
 
     Raises:
-        NoPlanError: The goal cannot be reached.
-        PlannerError: The planner gave up.
+        NoPlanError: The goal is unreachable.
+        PlannerError: The planner failed.
     """
     parsed = _parsed(problem)
     parsed.add_quality_metric(MinimizeSequentialPlanLength())
-    get_environment().credits_stream = None  # it would print a banner
+    get_environment().credits_stream = None  # no banner
     with OneshotPlanner(name=PLANNER) as engine:
         planner: Any = engine
         result = planner.solve(parsed)
@@ -49,26 +49,26 @@ def solve(problem: TaskProblem) -> Plan:
 
 
 def replay(problem: TaskProblem, plan: Plan) -> tuple[frozenset[Atom], ...]:
-    """Returns what of `problem.goal` holds at the start and after each action of a plan.
+    """Simulates a plan; returns the true atoms of `problem.goal` initially and after each action.
 
     Raises:
-        PlannerError: An action whose precondition does not hold, or that there is not.
+        PlannerError: An action does not exist, or its precondition does not hold.
     """
     parsed = _parsed(problem)
     simulator = SequentialSimulator(parsed)
     state = simulator.get_initial_state()
-    told = [_holding(parsed, state, problem)]
+    reached = [_holding(parsed, state, problem)]
     for number, action in enumerate(plan.actions):
         try:
             things = [parsed.object(thing) for thing in action.things]
             state = simulator.apply(state, parsed.action(action.name), things)
         except (UPUsageError, UPValueError) as error:
-            said = f"Action {number + 1}, {action}, does not exist: {error}."
-            raise PlannerError(said) from error
+            message = f"Action {number + 1}, {action}, does not exist: {error}."
+            raise PlannerError(message) from error
         if state is None:
             raise PlannerError(f"Action {number + 1}, {action}: its precondition does not hold.")
-        told.append(_holding(parsed, state, problem))
-    return tuple(told)
+        reached.append(_holding(parsed, state, problem))
+    return tuple(reached)
 
 
 def _parsed(problem: TaskProblem) -> Any:

@@ -1,27 +1,29 @@
-"""One generator for each env: its start states, settled, stable and reachable."""
+"""Episode generators: settled, stable and reachable start states."""
 
-from hab_tasks.episodes.generators.base import Generator, Made
-from hab_tasks.episodes.generators.drawer import CloseDrawer, OpenDrawer
-from hab_tasks.episodes.generators.fridge import CloseFridge, OpenFridge
-from hab_tasks.episodes.generators.navigate import Navigate
-from hab_tasks.episodes.generators.pick import Pick
-from hab_tasks.episodes.generators.place import Place
-from hab_tasks.episodes.generators.prepare_groceries import PrepareGroceries
-from hab_tasks.episodes.generators.set_table import SetTable
-from hab_tasks.episodes.generators.tidy_house import TidyHouse
+from collections.abc import Callable, Sequence
+from functools import partial
+from importlib import import_module
 
-GENERATORS: dict[str, type[Generator]] = {
-    "HabPick-v1": Pick,
-    "HabPlace-v1": Place,
-    "HabOpenFridge-v1": OpenFridge,
-    "HabCloseFridge-v1": CloseFridge,
-    "HabOpenDrawer-v1": OpenDrawer,
-    "HabCloseDrawer-v1": CloseDrawer,
-    "HabNavigate-v1": Navigate,
-    "HabTidyHouse-v1": TidyHouse,
-    "HabPrepareGroceries-v1": PrepareGroceries,
-    "HabSetTable-v1": SetTable,
-}
-"""Env id -> what makes its episodes."""
+from hab_tasks.episodes.generators.base import Generator, Made, Objects
+from hab_tasks.episodes.generators.rearrange import Rearrange
+from hab_tasks.registration import ENTRY_POINTS, TASKS
+from hab_tasks.scenes.spec import SceneSpec
 
-__all__ = ["GENERATORS", "Generator", "Made"]
+MakeGenerator = Callable[[Sequence[str], Callable[[str], SceneSpec], Objects], Generator]
+
+
+def starts_of(env_id: str) -> type[Generator]:
+    """Returns the generator class of a skill's start states."""
+    module, _, name = ENTRY_POINTS[env_id].partition(":")
+    return getattr(import_module(module), name).skill.starts
+
+
+def generator_of(env_id: str) -> tuple[MakeGenerator, int]:
+    """Returns the factory of an environment's generator, and the generator's version."""
+    if env_id in TASKS:
+        return partial(Rearrange, TASKS[env_id]), Rearrange.version
+    starts = starts_of(env_id)
+    return starts, starts.version
+
+
+__all__ = ["Generator", "Made", "generator_of", "starts_of"]

@@ -1,6 +1,6 @@
-"""What all generators share: attempts, reasons of refusal, clutter, and one seeded generator.
+"""Base of the episode generators: attempts, rejection reasons, clutter and seeding.
 
-Each episode draws only from its own generator, seeded by (dataset, split, env), seed and index.
+Each episode uses only its own random generator, seeded by (dataset, split, env), seed and index.
 """
 
 from __future__ import annotations
@@ -12,26 +12,39 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
+from transforms3d import quaternions
 
 from hab_tasks.episodes.placing import Placer, Settling
-from hab_tasks.episodes.receptacles import Spot, find_spots
-from hab_tasks.episodes.refusal import RefusedError
-from hab_tasks.episodes.robot_start import NOTHING_NEAR, KeepOff, RobotStarts, StartNoise
-from hab_tasks.episodes.schema import Episode, HandleRef, Rearrangement, RobotStart
-from hab_tasks.episodes.workbench import Workbench
+from hab_tasks.episodes.rejection import RejectedSampleError
+from hab_tasks.episodes.robot_start import (
+    NOTHING_NEAR,
+    KeepOff,
+    RobotStarts,
+    StartNoise,
+    ee_in_world,
+)
+from hab_tasks.episodes.sandbox import PlacementSandbox
+from hab_tasks.episodes.schema import (
+    Episode,
+    HandleRef,
+    Rearrangement,
+    RobotStart,
+    rounded,
+)
+from hab_tasks.episodes.spots import Spot, find_spots
 from hab_tasks.errors import GenerationError
-from hab_tasks.geometry import Pose7
+from hab_tasks.geometry import Array, Pose7, pose, rotation_between
 from hab_tasks.robots.kinematics import ArmKinematics
 from hab_tasks.scenes.spec import ObjectTemplate, SceneSpec
 
 ATTEMPTS = 200
 LAYOUTS = 20
-"""An episode whose layout offers no start state moves to another one, so many times."""
+"""Maximum number of layouts tried per episode."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Made:
-    """A generated episode, and why candidates were refused."""
+    """A generated episode, with its rejections by reason."""
 
     episode: Episode
     rejections: Counter[str]
@@ -39,12 +52,12 @@ class Made:
 
 @dataclass(frozen=True, kw_only=True)
 class Objects:
-    """Which objects a generator draws from, and what else varies between protocols.
+    """Objects that a generator samples from, and other differences between protocols.
 
     Attributes:
-        templates: Name -> template of everything that is loaded.
-        names: The names that are drawn as clutter and targets.
-        receptacles: The receptacles of Pick, Place and Navigate; None for the skill's own.
+        templates: Name -> template of all loaded objects.
+        names: Names to sample clutter and targets from.
+        receptacles: Receptacles of Pick, Place and Navigate; None for the skill's own.
     """
 
     templates: dict[str, ObjectTemplate]
@@ -53,12 +66,12 @@ class Objects:
 
 
 class Generator(ABC):
-    """Makes the episodes of one env in the given layouts.
+    """Generates the episodes of one env in the given layouts.
 
     Attributes:
-        version: Goes up when the same seed gives other episodes; cached files of another version
-            are not used.
-        refused: Reason -> how many candidates of the present episode were refused.
+        version: Incremented when the same seed gives other episodes; cached files of other
+            versions are ignored.
+        refused: Reason -> number of rejected candidates of the current episode.
     """
 
     version: ClassVar[int] = 8
@@ -68,30 +81,30 @@ class Generator(ABC):
     def __init__(
         self, scenes: Sequence[str], load: Callable[[str], SceneSpec], objects: Objects
     ) -> None:
-        """Draws layouts from `scenes`; `load` reads one."""
+        """Samples layouts from `scenes`; `load` reads one."""
         self.scenes, self.load, self.objects = scenes, load, objects
         self.kinematics = ArmKinematics()
         self.refused: Counter[str] = Counter()
         self._spots: dict[tuple[str, ...], list[Spot]] = {}
 
     @abstractmethod
-    def attempt(self, bench: Workbench, rng: np.random.Generator) -> Episode:
-        """Returns one candidate, its id, layout and seed still empty.
+    def attempt(self, sandbox: PlacementSandbox, rng: np.random.Generator) -> Episode:
+        """Returns one candidate, with empty id, layout and seed.
 
         Raises:
-            RefusedError: The candidate does not hold.
+            RejectedSampleError: The candidate is invalid.
         """
 
     def generate(self, episode_id: str, seed: tuple[int, ...], first: str | None = None) -> Made:
-        """Makes one episode.
+        """Generates one episode.
 
         Args:
             episode_id: Its id.
-            seed: It depends on nothing else.
-            first: The layout that is tried before others; None to draw that one as well.
+            seed: The only source of randomness.
+            first: The layout to try first; None to sample it as well.
 
         Raises:
-            GenerationError: Every attempt was refused; the message counts the reasons.
+            GenerationError: Every attempt was rejected; the message has the counts by reason.
         """
         rng = np.random.default_rng(seed)
         refused = self.refused = Counter()
@@ -100,113 +113,129 @@ class Generator(ABC):
             scene_id = self.scenes[int(rng.integers(len(self.scenes)))]
             if number == 0 and first is not None:
                 scene_id = first
-            # A fresh simulation: contact caches of an earlier episode would leave traces.
-            bench = Workbench(self.load(scene_id), self.objects.templates)
+            # A fresh simulation, as contact caches of an earlier episode affect the result.
+            sandbox = PlacementSandbox(self.load(scene_id), self.objects.templates)
             self._spots = {}
             for _ in range(ATTEMPTS // layouts):
                 try:
-                    episode = self.attempt(bench, rng)
-                    refuse_unrest(bench, episode)
-                except RefusedError as reason:
+                    episode = self.attempt(sandbox, rng)
+                    refuse_unrest(sandbox, episode)
+                except RejectedSampleError as reason:
                     refused[str(reason)] += 1
                     continue
                 made = replace(
                     episode,
                     id=episode_id,
                     seed=int(rng.integers(2**31)),
-                    loose=bench.settled,
+                    loose=sandbox.settled,
                 )
                 return Made(episode=made, rejections=refused)
-        raise GenerationError(f"{episode_id}: no start state found; refused: {dict(refused)}.")
+        raise GenerationError(f"{episode_id}: no start state found; rejected: {dict(refused)}.")
 
     # Parts of an attempt ---------------------------------------------------------------------
 
     def starts(
-        self, bench: Workbench, rng: np.random.Generator, keep_off: KeepOff = NOTHING_NEAR
+        self, sandbox: PlacementSandbox, rng: np.random.Generator, keep_off: KeepOff = NOTHING_NEAR
     ) -> RobotStarts:
-        """Returns the finder of robot starts, whose hand starts off `keep_off`."""
-        starts = RobotStarts(bench, rng, self.kinematics, self.noise, keep_off)
+        """Returns the sampler of robot starts, with the hand clear of `keep_off`."""
+        starts = RobotStarts(sandbox, rng, self.kinematics, self.noise, keep_off)
         starts.refused = self.refused
         return starts
 
-    def spots(self, bench: Workbench, names: tuple[str, ...]) -> list[Spot]:
+    def spots(self, sandbox: PlacementSandbox, names: tuple[str, ...]) -> list[Spot]:
         """Returns the usable receptacles of these names, with the joints that open them.
 
         Raises:
-            RefusedError: The layout has none of them.
+            RejectedSampleError: The layout has none of them.
         """
         if names not in self._spots:
-            bench.show(())
-            self._spots[names] = find_spots(bench, names)
+            sandbox.show(())
+            self._spots[names] = find_spots(sandbox, names)
         if not self._spots[names]:
-            raise RefusedError("no usable receptacle in the layout")
+            raise RejectedSampleError("no usable receptacle in the layout")
         return self._spots[names]
 
+    def in_hand(self, com_m: Array, up: Array, robot: RobotStart, yaw_rad: float) -> Pose7:
+        """Returns the upright pose that puts an object's centre of mass at the end-effector.
+
+        Args:
+            com_m: The centre of mass (3,) in the object's frame.
+            up: The object's upright axis (3,).
+            robot: Start pose of the robot.
+            yaw_rad: Yaw of the object.
+        """
+        turn = quaternions.axangle2quat([0.0, 0.0, 1.0], yaw_rad)
+        q = quaternions.qmult(turn, rotation_between(up, np.array([0.0, 0.0, 1.0])))
+        ee_m = ee_in_world(self.kinematics, robot.base, np.array(robot.arm_qpos_rad))
+        return rounded(pose(ee_m - quaternions.rotate_vector(com_m, q), q))
+
     def draw(self, rng: np.random.Generator, count: int) -> list[str]:
-        """Draws objects with repetition; returns the handles of their instances."""
+        """Samples objects with replacement; returns the names of their instances."""
         names = [self.objects.names[i] for i in rng.integers(len(self.objects.names), size=count)]
         return instances(names)
 
 
 def instances(names: Iterable[str]) -> list[str]:
-    """Returns handles for object names that may repeat: ``bowl_:0000``, ``bowl_:0001``."""
+    """Returns instance names for objects that may repeat: ``bowl_:0000``, ``bowl_:0001``."""
     seen: Counter[str] = Counter()
-    handles = []
+    found = []
     for name in names:
-        handles.append(f"{name}_:{seen[name]:04d}")
+        found.append(f"{name}_:{seen[name]:04d}")
         seen[name] += 1
-    return handles
+    return found
 
 
-def put_all(placer: Placer, handles: Iterable[str], spots: Sequence[Spot]) -> list[str]:
-    """Stands objects on the spots, each on a random one; returns those that found room."""
-    return [handle for handle in handles if placer.put(handle, spots)]
+def put_all(placer: Placer, names: Iterable[str], spots: Sequence[Spot]) -> list[str]:
+    """Places each object on a random spot; returns the objects that were placed."""
+    return [name for name in names if placer.put(name, spots)]
 
 
-def stage(bench: Workbench, objects: dict[str, Pose7], joints: dict[str, dict[str, float]]) -> None:
-    """Shows objects where they settled, and the furniture with these joints."""
-    bench.show(objects)
-    open_joints(bench, joints)
-    for handle, pose in objects.items():
-        bench.place(handle, pose)
+def pose_scene(
+    sandbox: PlacementSandbox, objects: dict[str, Pose7], joints: dict[str, dict[str, float]]
+) -> None:
+    """Sets objects to their settled poses, and furniture to these joint positions."""
+    sandbox.show(objects)
+    open_joints(sandbox, joints)
+    for name, at in objects.items():
+        sandbox.place(name, at)
 
 
-def refuse_unrest(bench: Workbench, episode: Episode) -> None:
-    """Refuses a start in which something does not stay where it is, by itself.
+def refuse_unrest(sandbox: PlacementSandbox, episode: Episode) -> None:
+    """Rejects a start state in which an object moves by itself.
 
     Raises:
-        RefusedError: An object moves, or one of the layout's own.
+        RejectedSampleError: An object of the episode or of the layout moves.
     """
-    resting = {handle: pose for handle, pose in episode.objects.items() if handle != episode.held}
-    stage(bench, resting, episode.joints)
-    if bench.restless(resting):
-        raise RefusedError("an object moves by itself")
+    resting = {name: pose for name, pose in episode.objects.items() if name != episode.held}
+    pose_scene(sandbox, resting, episode.joints)
+    if sandbox.restless(resting):
+        raise RejectedSampleError("an object moves by itself")
 
 
-def open_joints(bench: Workbench, joints: dict[str, dict[str, float]]) -> None:
-    """Moves furniture joints; the others stay as they are."""
+def open_joints(sandbox: PlacementSandbox, joints: dict[str, dict[str, float]]) -> None:
+    """Sets furniture joints; other joints are unchanged."""
     for furniture, positions in joints.items():
         for joint, value in positions.items():
-            bench.set_joint(furniture, joint, value)
+            sandbox.set_joint(furniture, joint, value)
 
 
 def start_state(
-    bench: Workbench,
+    sandbox: PlacementSandbox,
     robot: RobotStart,
     objects: dict[str, Pose7],
     targets: tuple[Rearrangement, ...],
     held: str | None = None,
     handle: HandleRef | None = None,
 ) -> Episode:
-    """Returns an episode with the furniture as it stands; `generate` fills in what is empty."""
+    """Returns an episode with the current furniture; `generate` fills in the empty fields."""
     return Episode(
         id="",
-        scene_id=bench.spec.scene_id,
+        scene_id=sandbox.spec.scene_id,
         seed=0,
         robot=robot,
         objects=objects,
         targets=targets,
         held=held,
         handle=handle,
-        joints=bench.joints(),
+        joints=sandbox.joints(),
     )

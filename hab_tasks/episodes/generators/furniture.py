@@ -1,4 +1,4 @@
-"""What the generators of doors and drawers share: handles, and the floor in front of them."""
+"""Shared by the generators of doors and drawers: handles, and the floor ahead of them."""
 
 from __future__ import annotations
 
@@ -6,77 +6,118 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hab_tasks.episodes.refusal import RefusedError
-from hab_tasks.episodes.schema import HandleRef, template_of
-from hab_tasks.episodes.workbench import Workbench
-from hab_tasks.geometry import Array
+from hab_tasks.episodes.rejection import RejectedSampleError
+from hab_tasks.episodes.sandbox import PlacementSandbox
+from hab_tasks.episodes.schema import HandleRef, rounded, template_of
+from hab_tasks.geometry import Array, Pose7, from_matrix, to_matrix
 from hab_tasks.scenes.markers import HANDLE_MARKERS, HandleMarker
+
+HEADROOM_M = 0.002
+"""Clearance above the content of a drawer, which tilts slightly when pushed."""
+
+STATIONS = 11
+"""Number of tested positions along a drawer's travel; no tall part is thinner than a step."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Front:
+class LayoutArticulation:
     """A door or drawer in a layout.
 
     Attributes:
-        ref: Furniture, joint and marker.
-        marker: Where its handle is.
+        ref: Furniture, joint and marker names.
+        marker: The handle marker.
     """
 
     ref: HandleRef
     marker: HandleMarker
 
-    def handle_m(self, bench: Workbench) -> Array:
-        """Returns the handle (3,) in the world, as the furniture stands now."""
-        return marker_m(bench, self.ref.furniture, self.marker)
+    def handle_m(self, sandbox: PlacementSandbox) -> Array:
+        """Returns the current handle position (3,) in the world."""
+        return marker_m(sandbox, self.ref.furniture, self.marker)
 
 
-def marker_m(bench: Workbench, furniture: str, marker: HandleMarker) -> Array:
-    """Returns a handle marker (3,) in the world, as the furniture stands now."""
-    scale = {a.name: a.scale for a in bench.spec.articulations}[furniture]
-    world_from_link = bench.world_from(f"{furniture}/{marker.link}")
+def marker_m(sandbox: PlacementSandbox, furniture: str, marker: HandleMarker) -> Array:
+    """Returns the current position (3,) of a handle marker in the world."""
+    scale = {a.name: a.scale for a in sandbox.spec.articulations}[furniture]
+    world_from_link = sandbox.world_from(f"{furniture}/{marker.link}")
     return world_from_link[:3, :3] @ (scale * np.array(marker.offset_m)) + world_from_link[:3, 3]
 
 
-def handles_m(bench: Workbench) -> Array:
-    """Returns every handle (H, 3) of the layout in the world, as the furniture stands now."""
+def handles_m(sandbox: PlacementSandbox) -> Array:
+    """Returns the current positions (H, 3) of all handles of the layout in the world."""
     points = [
-        marker_m(bench, furniture, marker)
-        for furniture in bench.handles.articulations
+        marker_m(sandbox, furniture, marker)
+        for furniture in sandbox.scene_bodies.articulations
         for marker in HANDLE_MARKERS
         if marker.template == template_of(furniture)
     ]
     return np.array(points).reshape(-1, 3)
 
 
-def find_front(bench: Workbench, marker_name: str) -> Front:
+def find_articulation(sandbox: PlacementSandbox, marker_name: str) -> LayoutArticulation:
     """Returns the door or drawer with a handle marker of this name.
 
     Raises:
-        RefusedError: The layout has none.
+        RejectedSampleError: The layout has no such marker.
     """
     markers = [m for m in HANDLE_MARKERS if m.name == marker_name]
     for marker in markers:
-        furniture = bench.furniture(marker.template)
-        joint = bench.joint_of(furniture, marker.link) if furniture else None
+        furniture = sandbox.furniture(marker.template)
+        joint = sandbox.joint_of(furniture, marker.link) if furniture else None
         if furniture is not None and joint is not None:
             ref = HandleRef(furniture=furniture, joint=joint, marker=marker.name)
-            return Front(ref=ref, marker=marker)
-    raise RefusedError(f"no {markers[0].template} in the layout")
+            return LayoutArticulation(ref=ref, marker=marker)
+    raise RejectedSampleError(f"no {markers[0].template} in the layout")
 
 
-def other_drawers(bench: Workbench, front: Front) -> list[str]:
+def other_drawers(sandbox: PlacementSandbox, articulation: LayoutArticulation) -> list[str]:
     """Returns the joints of the other drawers with handles in the same piece of furniture."""
-    template = template_of(front.ref.furniture)
-    links = [m.link for m in HANDLE_MARKERS if m.template == template and m != front.marker]
-    joints = [bench.joint_of(front.ref.furniture, link) for link in sorted(links)]
+    template = template_of(articulation.ref.furniture)
+    links = [m.link for m in HANDLE_MARKERS if m.template == template and m != articulation.marker]
+    joints = [sandbox.joint_of(articulation.ref.furniture, link) for link in sorted(links)]
     return [joint for joint in joints if joint is not None]
 
 
 def level_frame(origin_m: Array, ahead: Array) -> Array:
-    """Returns the (4, 4) upright frame at a point whose x axis is `ahead` (3,), made level."""
+    """Returns the (4, 4) upright frame at a point; x is the horizontal part of `ahead` (3,)."""
     x = np.array([ahead[0], ahead[1], 0.0])
     x = x / np.linalg.norm(x)
     frame = np.eye(4)
     frame[:3, 0], frame[:3, 1] = x, np.array([-x[1], x[0], 0.0])
     frame[:3, 3] = origin_m
     return frame
+
+
+def slides(
+    sandbox: PlacementSandbox, objects: dict[str, Pose7], articulation: LayoutArticulation
+) -> bool:
+    """Whether a drawer with content slides over its whole travel, with the other furniture as is.
+
+    All of `objects` are in the drawer; objects and drawer are restored.
+    """
+    low_m, high_m = sandbox.joint_limits(articulation.ref.furniture, articulation.ref.joint)
+    before = sandbox.joints().get(articulation.ref.furniture, {}).get(articulation.ref.joint, 0.0)
+    free, poses = True, objects
+    for position in np.linspace(low_m, high_m, STATIONS):
+        poses = carried(sandbox, poses, articulation, float(position))
+        for name, pose in poses.items():
+            sandbox.place(name, (*pose[:2], pose[2] + HEADROOM_M, *pose[3:]))
+        free = free and not any(sandbox.touching(name) for name in objects)
+    sandbox.set_joint(articulation.ref.furniture, articulation.ref.joint, before)
+    for name, pose in objects.items():
+        sandbox.place(name, pose)
+    return free
+
+
+def carried(
+    sandbox: PlacementSandbox,
+    objects: dict[str, Pose7],
+    articulation: LayoutArticulation,
+    position: float,
+) -> dict[str, Pose7]:
+    """Moves a drawer [m]; returns the new poses of `objects`, which are all in it."""
+    link = f"{articulation.ref.furniture}/{articulation.marker.link}"
+    before = sandbox.world_from(link)
+    sandbox.set_joint(articulation.ref.furniture, articulation.ref.joint, position)
+    moved = sandbox.world_from(link) @ np.linalg.inv(before)
+    return {name: rounded(from_matrix(moved @ to_matrix(pose))) for name, pose in objects.items()}

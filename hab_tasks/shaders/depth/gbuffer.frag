@@ -75,9 +75,9 @@ layout(location = 0) in vec3 cameraPosition;
 layout(location = 1) in flat uint actor;
 
 layout(location = 0) out vec4 outColor;
-layout(location = 1) out ivec4 outPositionSegmentation;
+layout(location = 1) out ivec4 outMillimetresSegmentation;
 
 void main() {
   outColor = vec4(1.0);
-  outPositionSegmentation = ivec4(ivec3(cameraPosition * 1000), actor);
+  outMillimetresSegmentation = ivec4(ivec3(cameraPosition * 1000), actor);
 }

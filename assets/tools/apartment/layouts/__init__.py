@@ -1,4 +1,4 @@
-"""Where things stand: every layout of the dataset, as data."""
+"""All layouts of the dataset, as data."""
 
 from layouts import apt, sc0, sc1, sc2, sc3, sc4
 from layouts.places import feet_m

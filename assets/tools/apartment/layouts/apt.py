@@ -1,6 +1,6 @@
-"""The densely furnished flat: two or three arrangements of each room make six different ones.
+"""The densely furnished flats: six combinations of two or three arrangements of each room.
 
-The furniture is loose; what hangs or lies flat on the floor is fixed. `clutter` fills the surfaces.
+Furniture is loose; wall-mounted items and rugs are fixed. `clutter` fills the surfaces.
 """
 
 from dataclasses import replace

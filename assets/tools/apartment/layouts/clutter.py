@@ -1,6 +1,6 @@
-"""Which small things lie on which surfaces of the densely furnished flats.
+"""Clutter of the densely furnished flats: small objects and their surfaces.
 
-Names of places are patterns for "template/surface"; a "+" joins a stack, lowest thing first.
+Surfaces are patterns for "template/surface"; "+" joins the templates of a stack, lowest first.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ FLOOR = ("floor/*",)
 
 @dataclass(frozen=True)
 class Thing:
-    """A thing or a stack, how many of it, and the places it may take."""
+    """An object or a stack, its count, and its allowed surfaces."""
 
     template: str
     places: tuple[str, ...]

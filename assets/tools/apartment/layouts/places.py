@@ -25,9 +25,9 @@ _FRONTS_PLUS_X = ("fridge", "kitchen_counter", "kitchenCupboard", "chestOfDrawer
 
 @dataclass(frozen=True)
 class Item:
-    """A thing put at a place: it stands on `level_m`, or hangs with its origin at `y_m`.
+    """A placed object: it stands on `level_m`, or hangs with its origin at `y_m`.
 
-    `facing` is where its front looks, `turn_rad` what it is turned further about +y.
+    `facing` is the direction of its front, `turn_rad` an additional rotation about +y.
     """
 
     template: str
@@ -60,7 +60,7 @@ class Layout:
 
 
 def feet_m(objects: Iterable[ObjectModel]) -> dict[str, float]:
-    """Return how far each object's collision shape reaches below its origin."""
+    """Return the depth of each object's collision shape below its origin."""
     return {
         item.name: -round(min(float(solid.vertices[:, 1].min()) for solid in item.solids), 6)
         for item in objects
@@ -88,7 +88,7 @@ def front_rad(template: str) -> float:
 
 
 def yaw_rad(template: str, facing: str | None) -> float:
-    """Return the turn about +y that makes a template's front look somewhere."""
+    """Return the rotation about +y that makes a template's front face a direction."""
     if facing is None:
         return 0.0
     turn = math.remainder(_HEADINGS_RAD[facing] - front_rad(template), 2 * math.pi)
@@ -99,10 +99,10 @@ def kitchen(wall: float, along: float, facing: str) -> tuple[Placement, ...]:
     """Return fridge, counter and wall cupboards in a row against a wall.
 
     Args:
-        wall: Where the wall's face is, along x for rows that face east or west, else along z.
-        along: The fridge's middle on the other axis. The row goes on to the right-hand side of
-            who looks out of it, 4 m from the fridge's outer side.
-        facing: Where the doors look.
+        wall: Coordinate of the wall's face: x for rows that face east or west, else z.
+        along: Coordinate of the fridge's center on the other axis. The row extends 4 m from the
+            fridge's outer side, to the right as seen when looking out of it.
+        facing: Direction of the doors.
     """
     yaw = yaw_rad("fridge", facing)
     c, s = math.cos(yaw), math.sin(yaw)
@@ -119,7 +119,7 @@ def kitchen(wall: float, along: float, facing: str) -> tuple[Placement, ...]:
 
 
 def door(x: float, z: float, yaw: float = 0.0) -> Placement:
-    """Return the room door: from its hinge it reaches 0.92 m to +z and swings to -x."""
+    """Return the room door, which extends 0.92 m from its hinge to +z and swings to -x."""
     return Placement("door2", (x, 2.08, z), yaw)
 
 

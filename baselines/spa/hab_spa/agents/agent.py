@@ -1,4 +1,4 @@
-"""The agents: sense-plan-act in one skill, or along the plan of a task (S App. D)."""
+"""The sense-plan-act agent, for single skills and task plans (S App. D)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Behaviour = Callable[[Robot], Motion]
 
 
 class SpaAgent:
-    """Runs one behaviour for each environment row."""
+    """Runs one behaviour per environment row."""
 
     def __init__(
         self,
@@ -29,18 +29,18 @@ class SpaAgent:
         behave: Behaviour,
         config: SpaConfig | None = None,
     ) -> None:
-        """Makes the agent.
+        """Creates the agent.
 
         Args:
-            setup: What is asked for; the environment's horizon is the time there is.
-            spec: What the agent needs.
-            make_scene: Makes what one row knows of the world.
-            behave: Begins what a row's robot does in an episode.
-            config: The numbers; the paper's by default.
+            setup: Environment and options; the environment's horizon is the robot's deadline.
+            spec: Requirements of the agent.
+            make_scene: Creates the scene model of a row.
+            behave: Starts the motion of a row's robot in an episode.
+            config: Parameters; the paper's by default.
         """
         self.spec = spec
         self._config, self._behave = config or SpaConfig(), behave
-        self._horizon_steps = ENVS[setup.env_id.rsplit(":", 1)[-1]].env.horizon_steps
+        self._horizon_steps = ENVS[setup.env_id].env.horizon_steps
         self._make_scene = make_scene
         self._rows: list[_Row] = []
 
@@ -64,7 +64,7 @@ class SpaAgent:
         return torch.from_numpy(np.array(actions, dtype=np.float32))
 
     def _action(self, robot: Robot, command: Command) -> Array:
-        """Returns the action (A,) that a command is in this control mode."""
+        """Converts a command to an action (A,) of the control mode."""
         mode = self.spec.control_mode
         if mode == "base":
             return np.array(command.base)
@@ -90,13 +90,13 @@ class _Row:
         self._motion: Motion | None = None
 
     def begin(self, behave: Behaviour, config: SpaConfig, horizon_steps: int) -> Robot:
-        """Starts what the robot does."""
+        """Starts the robot's motion."""
         self.robot = Robot(self.scene, config, seed=self._seed, deadline=horizon_steps)
         self._motion = behave(self.robot)
         return self.robot
 
     def next_command(self, robot: Robot) -> Command:
-        """Goes on for one step; at the end the robot stays as it is."""
+        """Returns the command of the next step; after the motion the robot holds its pose."""
         command = None
         if self._motion is not None:
             try:
@@ -109,7 +109,7 @@ class _Row:
         return command
 
     def report(self) -> AgentReport:
-        """Returns what failed, if anything did, and how long planning took."""
+        """Returns the failure category, if any, and the planning times."""
         if self.robot is None:
             return AgentReport()
         return AgentReport(

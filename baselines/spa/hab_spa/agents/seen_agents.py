@@ -1,4 +1,4 @@
-"""SPA's skills, and SPA in one of them: it knows the scene from depth images (S App. D)."""
+"""Factory of SPA, and its skills, which perceive the scene from depth images (S App. D)."""
 
 from __future__ import annotations
 
@@ -24,48 +24,51 @@ SPA_CONFIG = SpaConfig(
     plan=PlanConfig(time_limit_s=10.0, improve_checks=1_500, most_checks=12_000),
     follow=FollowConfig(bump_rad=0.008),
 )
-"""The arm stops for what is seen or felt on the way; an object's box is often too wide to rest
-exactly, and the tasks ask for 0.15 m. What failed is tried again here, not by the skills."""
+"""Parameters of SPA. The arm stops for obstacles that are seen or felt during a motion. Resting
+goals are relaxed, as the fitted box of an object is often too wide for the exact pose; the tasks
+allow 0.15 m. Failures are retried by `_with_retries`, not by the skills."""
 
 ATTEMPTS = 12
-"""So often a skill is tried; the arm stops for every little thing."""
+"""Maximum attempts per skill; the arm stops for every new obstacle."""
 
-MOST_DARING = 2
+MOST_RISK_LEVEL = 2
 """See `SeenScene`."""
 
 
 def spa_config(setup: AgentSetup) -> SpaConfig:
-    """Returns the numbers of skills that go by what is seen and felt."""
+    """Returns the parameters of SPA for the option ``controller``."""
     perfect = setup.options.get("controller") == "perfect"
-    # Joint states that are set feel nothing.
+    # There is no contact feedback when joint states are set directly.
     return replace(SPA_CONFIG, follow=FollowConfig()) if perfect else SPA_CONFIG
 
 
 def pick_seen(robot: Robot, number: int) -> Motion:
-    """Takes an object of the episode and rests, having looked for it."""
+    """Looks for an object of the episode, then picks it."""
     scene, config = _scene(robot), LookConfig()
     yield from look_around(robot, scene, config)
     yield from look_closer(robot, scene, number, config)
-    return (yield from _daring(robot, pick, number))
+    return (yield from _with_retries(robot, pick, number))
 
 
 def place_seen(robot: Robot, number: int) -> Motion:
-    """Puts what is held where it is to be and rests, having looked around."""
+    """Looks around, then places the held object at its goal."""
     yield from look_around(robot, _scene(robot), LookConfig())
-    return (yield from _daring(robot, place, number))
+    return (yield from _with_retries(robot, place, number))
 
 
-def _daring(robot: Robot, skill: Callable[[Robot, int], Motion], number: int) -> Motion:
-    """Does a skill, again when execution fails, and with less caution where there is no plan."""
+def _with_retries(robot: Robot, skill: Callable[[Robot, int], Motion], number: int) -> Motion:
+    """Retries a skill when execution fails, and at a higher risk level when planning fails."""
     scene = _scene(robot)
-    scene.daring = 0
+    scene.risk_level = 0
     failure: Failure | None = None
     for _ in range(ATTEMPTS):
         failure = yield from skill(robot, number)
-        if failure is None or (failure is not Failure.EXECUTION and scene.daring == MOST_DARING):
+        if failure is None or (
+            failure is not Failure.EXECUTION and scene.risk_level == MOST_RISK_LEVEL
+        ):
             break
-        scene.daring += failure is not Failure.EXECUTION
-    scene.daring = 0
+        scene.risk_level += failure is not Failure.EXECUTION
+    scene.risk_level = 0
     return failure
 
 
@@ -78,17 +81,16 @@ SKILLS: dict[str, Behaviour] = {
     "HabPick-v1": lambda robot: pick_seen(robot, 0),
     "HabPlace-v1": lambda robot: place_seen(robot, 0),
 }
-"""Environment id -> what the robot does in it."""
+"""Environment id -> behaviour."""
 
 
 def spa(setup: AgentSetup) -> SpaAgent:
-    """Makes SPA: one skill, with what depth images show.
+    """Returns SPA: sense-plan-act in one skill, with perception from depth images.
 
     Option: ``controller`` (``real`` or ``perfect``).
 
     Raises:
-        UnknownNameError: The environment is no skill that this agent can do, or an option is
-            unknown.
+        UnknownNameError: The environment is not a supported skill, or an option is unknown.
     """
     env_id, skill = skill_asked(setup, "SPA", SKILLS)
     spec = AgentSpec(

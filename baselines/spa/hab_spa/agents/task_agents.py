@@ -1,4 +1,4 @@
-"""TP+SPA-Priv and TP+SPA: task plans carried out by sense-plan-act (S 5, H.1)."""
+"""Factories of TP+SPA-Priv and TP+SPA: task plans executed by sense-plan-act (S 5, H.1)."""
 
 from __future__ import annotations
 
@@ -17,18 +17,19 @@ from hab_spa.tasks.interactions import Hands
 from hab_spa.tasks.navigate import navigator_of
 from hab_tasks.agent import AgentSetup, AgentSpec, check_options
 from hab_tasks.errors import OptionError
+from hab_tasks.registration import imported_id
 
 OPTIONS = {"navigation": None, "controller": CONTROLLERS, "policy": None, "replan": None}
 
 
 def tp_spa_priv(setup: AgentSetup) -> SpaAgent:
-    """Makes TP+SPA-Priv: the task's plan, with the true geometry of the scene.
+    """Returns TP+SPA-Priv: executes the task's plan with the ground-truth scene geometry.
 
     Options: ``navigation`` (``oracle``, ``teleport`` or ``module:factory``), ``policy`` (a file,
-    for the latter), ``controller`` (``real`` or ``perfect``), ``replan`` (how often).
+    for the latter), ``controller`` (``real`` or ``perfect``), ``replan`` (maximum number).
 
     Raises:
-        HabError: The environment is no task, or an option is unknown.
+        HabError: The environment is not a task, or an option is unknown.
     """
     env_id, config = _asked(setup)
     navigator = navigator_of(setup)
@@ -45,13 +46,13 @@ def tp_spa_priv(setup: AgentSetup) -> SpaAgent:
 
 
 def tp_spa(setup: AgentSetup) -> SpaAgent:
-    """Makes TP+SPA: the task's plan, with what depth images show.
+    """Returns TP+SPA: executes the task's plan with perception from depth images.
 
-    The true state is for the oracle of navigation, and for where doors and drawers are, on which
-    S App. D is silent. The options are those of `tp_spa_priv`.
+    The ground-truth state is used only for oracle navigation and for the poses of doors and
+    drawers, on which S App. D is silent. The options are those of `tp_spa_priv`.
 
     Raises:
-        HabError: The environment is no task, or an option is unknown.
+        HabError: The environment is not a task, or an option is unknown.
     """
     env_id, config = _asked(setup)
     navigator = navigator_of(setup)
@@ -74,15 +75,15 @@ def tp_spa(setup: AgentSetup) -> SpaAgent:
 
 
 def _asked(setup: AgentSetup) -> tuple[str, TaskConfig]:
-    """Returns the task's id, and how its plan is to be carried out."""
+    """Returns the task's id and the executor's parameters."""
     check_options(setup, OPTIONS)
-    env_id = setup.env_id.rsplit(":", 1)[-1]
+    env_id = imported_id(setup.env_id)
     task_of(env_id)
     text = setup.options.get("replan")
     if text is None:
         return env_id, TaskConfig()
     if not text.isdecimal():
-        raise OptionError("option replan of the agent", text, "a number from 0")
+        raise OptionError.of_value("option replan of the agent", text, "an integer >= 0")
     return env_id, replace(TaskConfig(), replans=int(text))
 
 

@@ -1,1 +1,1 @@
-"""Moving the robot: following paths, holding poses and driving."""
+"""Motion execution: path following and driving."""

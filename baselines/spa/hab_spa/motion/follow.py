@@ -1,4 +1,4 @@
-"""Execution: joint targets one after the other, and whether the arm keeps up (S App. D)."""
+"""Path following by joint targets, with detection of tracking errors and contact (S App. D)."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from hab_spa.shapes import Array
 
 @dataclass(frozen=True, kw_only=True)
 class FollowConfig:
-    """When a target is due, and when the arm counts as not following.
+    """Parameters of path following; errors are of the joint that differs most.
 
     Attributes:
-        lag_rad: The next target waits while some joint is farther than this from the current one.
-        lost_rad: Execution fails when a joint is farther than this from its target, ...
+        lag_rad: Maximum tracking error for advancing to the next target.
+        lost_rad: Execution fails when the tracking error exceeds this ...
         lost_steps: ... for more than this many steps.
-        settled_rad: The end is reached when every joint is this near to it.
-        settle_steps: How long the arm may take to settle there.
-        air_shares: In free air a joint moves by the first share of its way to the target, plus
-            the second of its last step (the drives of `hab_tasks.robots.control_modes`).
-        bump_rad: The arm has met with something when a joint moves otherwise by more than this.
+        settled_rad: Tolerance of the final target.
+        settle_steps: Maximum steps for settling at the final target.
+        air_shares: Model of free motion: share of the distance to the target, plus share of the
+            last displacement (the drives of `hab_tasks.robots.control_modes`).
+        bump_rad: Deviation from free motion that counts as contact.
     """
 
     lag_rad: float = 0.25
@@ -34,10 +34,10 @@ class FollowConfig:
 
 
 class Follower:
-    """Hands out the targets (T, 7) of one path, one a control step.
+    """Yields the targets (T, 7) of one path, one per control step.
 
     Attributes:
-        bumped: Whether the arm's last step was not what it would have been in free air.
+        bumped: Whether the last displacement of the arm indicates contact.
     """
 
     def __init__(self, targets: Array, config: FollowConfig) -> None:
@@ -49,26 +49,26 @@ class Follower:
 
     @property
     def at_end(self) -> bool:
-        """Whether the last target has been handed out."""
+        """Whether the final target has been issued."""
         return self._index >= len(self._targets)
 
     @property
     def target(self) -> Array:
-        """The joint target (7,) [rad] handed out last."""
+        """The latest joint target (7,) [rad]."""
         return self._targets[max(self._index - 1, 0)]
 
     @property
     def rest(self) -> Array:
-        """The joint targets (T, 7) [rad] that are left."""
+        """The remaining joint targets (T, 7) [rad]."""
         return self._targets[self._index :]
 
     @property
     def way_back(self) -> Array:
-        """The joint targets (T, 7) [rad] handed out so far, the last first."""
+        """The past joint targets (T, 7) [rad], latest first."""
         return self._targets[: self._index][::-1]
 
     def advance(self, qpos: Array) -> Array:
-        """Returns the next target (7,), given where the arm (7,) is."""
+        """Returns the next target (7,) for the current joint positions (7,)."""
         self._feel(qpos)
         error = float(np.abs(qpos - self.target).max()) if self._index else 0.0
         self._lost_steps = self._lost_steps + 1 if error > self._config.lost_rad else 0
@@ -89,11 +89,11 @@ class Follower:
         self._last = qpos.copy()
 
     def lost(self) -> bool:
-        """Whether the arm has not kept up for too long."""
+        """Whether the tracking error was too large for too long."""
         return self._lost_steps > self._config.lost_steps
 
     def settled(self, qpos: Array) -> bool:
-        """Whether the arm (7,) stands at the end of the path, or has had the time to."""
+        """Whether the arm (7,) has settled at the end of the path, or its time for that is over."""
         if not self.at_end:
             return False
         near = float(np.abs(qpos - self.target).max()) <= self._config.settled_rad

@@ -1,4 +1,4 @@
-"""What the skills' motions are made of: follow a path, wait, plan and go."""
+"""Building blocks of the skills: wait, follow a path, plan and move."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from hab_spa.results import Failure, GoalResult
 from hab_spa.shapes import Array
 
 RETURN_SHARE, REACH_SHARE = 1.0, 0.5
-"""Share of the time left that a motion may take: half of it on the way there."""
+"""Shares of the remaining time that a motion may take."""
 
 MEETING_STEPS = 4
-"""What the arm meets with is where it would have been within so many steps."""
+"""An obstacle that was felt is within the arm's volume at these next targets."""
 
 BACK_OFF = slice(4, 12)
-"""Which of its last targets the arm goes back through: it is about four behind the latest."""
+"""Past targets through which the arm backs off; it lags about four targets behind."""
 
 
 def wait(robot: Robot, steps: int) -> Generator[Command, None, None]:
-    """Keeps the arm where it was told to be."""
+    """Holds the arm at its latest target."""
     for _ in range(steps):
         yield robot.command()
 
@@ -41,16 +41,16 @@ def follow(
     """Moves the arm along a path (K, 7).
 
     Args:
-        robot: Who moves.
+        robot: The robot.
         path: Arm poses [rad].
-        share: Of the time left that the motion may take, if the limits of speed allow.
-        intact: Whether it makes sense to go on; asked at every step.
-        timing: Other limits of speed than the robot's usual ones.
-        near_rad: The end is reached when every joint is this near to it; None: as usual.
+        share: Share of the remaining time for the motion, within the speed limits.
+        intact: Whether to continue; called at every step.
+        timing: Speed limits; the robot's by default.
+        near_rad: Joint tolerance at the end; the robot's by default.
 
     Returns:
-        `Failure.EXECUTION` when the arm does not keep up, when something was seen or felt in its
-        way, or when it made no sense to go on.
+        `Failure.EXECUTION` if the tracking error is too large, an obstacle was seen or felt, or
+        `intact` returned False.
     """
     config = robot.config
     steps = int((robot.steps_left - config.follow.settle_steps) * share)
@@ -73,7 +73,7 @@ def follow(
 
 
 def sampled(robot: Robot, sample: Callable[[], GoalResult]) -> GoalResult:
-    """Returns goals of the arm, and counts the time that took, the collision model's included."""
+    """Samples joint goals, and adds the time to the robot's timings."""
     began = time.perf_counter()
     goals = sample()
     robot.spend("target", time.perf_counter() - began)
@@ -89,10 +89,10 @@ def go(
     near_rad: float | None = None,
     plan: PlanConfig | None = None,
 ) -> Motion:
-    """Plans from where the arm is to one of the goals (G, 7), the first where possible, and goes.
+    """Plans a path from the current arm pose to a goal (G, 7), best first, and follows it.
 
-    `collision` must be the model of this moment, `plan` are other numbers of the planner than the
-    robot's usual ones; the others are as for `follow`.
+    `collision` must be the current model; `plan` defaults to the robot's planner parameters. See
+    `follow` for the other arguments.
     """
     start = robot.scene.arm_qpos.copy()
     ends = [Ends(open=start, tight=goal) for goal in goals]

@@ -1,4 +1,4 @@
-"""Arm reset: back to the resting pose, with what is in the hand (S App. D, I.1)."""
+"""Arm reset: return to the resting pose, with or without a held object (S App. D, I.1)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from hab_spa.results import PathResult
 from hab_spa.shapes import Array
 
 TUCKED_QPOS_RAD = (-1.60, -1.22, 0.90, -0.61, 1.88, 2.14, 0.39)
-"""Arm pose that keeps arm, hand and a held object over the base, within 0.35 m of its middle."""
+"""Arm pose with arm, hand and held object above the base, within 0.35 m of its center."""
 
 
 def rest(
@@ -29,14 +29,14 @@ def rest(
     timing: TimingConfig | None = None,
     plan: PlanConfig | None = None,
 ) -> Motion:
-    """Brings the arm to rest, first straight out of what it touches.
+    """Moves the arm to rest; first escapes from contact in a straight line.
 
     Args:
-        robot: Whose arm.
-        intact: Whether it makes sense to go on; asked at every step.
+        robot: The robot.
+        intact: Whether to continue; called at every step.
         without: Name of a body that may be touched.
-        timing: Other limits of speed than the robot's usual ones.
-        plan: Other numbers of the motion planner.
+        timing: Speed limits; the robot's by default.
+        plan: Parameters of the motion planner; the robot's by default.
     """
     robot.doing = "rest"
     began = time.perf_counter()
@@ -53,23 +53,23 @@ def rest(
 
 
 def draw_out(robot: Robot, near_rad: float) -> Motion:
-    """Draws the hand straight out of what it touches; does nothing where it cannot.
+    """Retracts the hand from contact in a straight line, if there is a free one.
 
     Args:
-        robot: Whose arm.
-        near_rad: It is out when every joint is this near to the end of the way.
+        robot: The robot.
+        near_rad: Joint tolerance at the end of the line.
     """
     robot.doing = "draw out"
     began, start = time.perf_counter(), robot.scene.arm_qpos.copy()
-    way = escape(robot.scene.collision(), robot.kinematics, start, robot.config.escape)
+    path = escape(robot.scene.collision(), robot.kinematics, start, robot.config.escape)
     robot.spend("motion", time.perf_counter() - began)
-    if len(way) > 1:
-        yield from follow(robot, way, share=0.0, near_rad=near_rad)
+    if len(path) > 1:
+        yield from follow(robot, path, share=0.0, near_rad=near_rad)
     return None
 
 
 def _way_back(robot: Robot, collision: ArmCollision, goals: Array, plan: PlanConfig) -> PathResult:
-    """Escapes from contact, then plans; without an escape the planner starts in contact."""
+    """Escapes from contact, then plans; without an escape, the plan starts in contact."""
     began, start = time.perf_counter(), robot.scene.arm_qpos.copy()
     config = robot.config
     way_out = escape(collision, robot.kinematics, start, config.escape)

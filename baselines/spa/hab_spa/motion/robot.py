@@ -1,7 +1,7 @@
-"""The robot as its skills command it, and what a skill is.
+"""The robot's interface for skills.
 
-A skill is a generator: it yields one `Command` for each control step, and is resumed when the
-scene has been seen again. It returns None when it worked out, else what failed.
+A skill is a generator that yields one `Command` per control step and is resumed after the next
+observation. It returns None on success, else the failure.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ GRASP, RELEASE = 1.0, -1.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Command:
-    """What is done in one control step.
+    """Command of one control step.
 
     Attributes:
         arm_rad: (7,) joint targets.
         gripper: `GRASP` or `RELEASE`.
-        base: Forward and turning velocity, as shares of the largest ones.
-        pose: (3,) where the base is put at once, in modes that can; None: where it stands.
+        base: Forward and turning velocity, relative to their maximum.
+        pose: (3,) base pose to set directly, in modes that support it; None for the current one.
     """
 
     arm_rad: Array
@@ -44,18 +44,18 @@ class Command:
 
 
 Motion: TypeAlias = Generator[Command, None, Failure | None]
-"""A skill being done."""
+"""A running skill."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpaConfig:
-    """The numbers of sense, plan and act.
+    """Parameters of sense-plan-act.
 
     Attributes:
-        retries: How often a skill plans again after an execution failure.
-        grasp_steps: A grasp must hold after this many steps.
-        release_steps: After letting go, the hand stays this many steps.
-        goal, placing, plan, escape, timing, follow: Numbers of the stages.
+        retries: Maximum replans of a skill after an execution failure.
+        grasp_steps: Maximum steps until a grasp holds.
+        release_steps: Steps to wait after a release.
+        goal, placing, plan, escape, timing, follow: Parameters of the stages.
     """
 
     retries: int = 2
@@ -70,27 +70,27 @@ class SpaConfig:
 
 
 class Robot:
-    """One row's robot: what it knows, what it was told last, and the time that is left.
+    """The robot of one row: scene model, latest command and remaining time.
 
     Attributes:
-        scene: What it knows of the world.
-        config: The numbers of its skills.
-        kinematics: Of its arm.
-        gripper: Entry of every command until it is changed.
-        steps: How many commands were carried out in this episode.
-        deadline: The skill being done should be over by this step.
-        doing: What it is doing, in words.
-        held_up: (3,) direction in the end-effector's frame that was up when what is held stood;
-            None when nobody saw it stand.
+        scene: Scene model.
+        config: Parameters of the skills.
+        kinematics: Kinematics of the arm.
+        gripper: Gripper entry of the commands.
+        steps: Number of commands executed in this episode.
+        deadline: Step by which the current skill should end.
+        doing: Current activity, as text.
+        held_up: (3,) direction in the end-effector's frame that was up before the held object was
+            grasped; None if unknown.
         timings_s: Time spent on ``target`` (goal sampling), ``motion`` (motion planning) and
             ``plan`` (their sum) in this episode [s].
-        failure: What failed last, for whoever tries something else then.
+        failure: The latest failure.
         obs: The latest observation of the environment.
-        trace: What it believed and did, action by action of a task's plan.
+        trace: Log of beliefs and actions, one entry per motion of a task's plan.
     """
 
     def __init__(self, scene: Scene, config: SpaConfig, *, seed: int, deadline: int) -> None:
-        """Starts an episode, whose first observation `scene` has seen."""
+        """Starts an episode, after `scene` has processed its first observation."""
         self.scene, self.config, self.kinematics = scene, config, BatchArm()
         self.gripper = GRASP if scene.holding else RELEASE
         self.steps, self.deadline, self.doing = 0, deadline, ""
@@ -104,18 +104,18 @@ class Robot:
 
     @property
     def steps_left(self) -> int:
-        """How many steps the skill being done may still take."""
+        """Remaining steps of the current skill."""
         return self.deadline - self.steps
 
     @property
     def base(self) -> Array:
-        """x, y [m] and yaw [rad] (3,) of the base in the world."""
+        """Base pose x, y [m], yaw [rad] (3,) in the world."""
         pose = self.scene.world_from_base
         return np.array((*pose[:2, 3], np.arctan2(pose[1, 0], pose[0, 0])))
 
     @property
     def world_from_ee(self) -> Array:
-        """(4, 4) pose of the end-effector; the torso stands where it is locked."""
+        """(4, 4) pose of the end-effector; the torso is locked."""
         return self.scene.world_from_base @ self.kinematics.ee_pose(self.scene.arm_qpos)
 
     def command(
@@ -124,17 +124,17 @@ class Robot:
         base: tuple[float, float] = (0.0, 0.0),
         pose: Array | None = None,
     ) -> Command:
-        """Returns a command; the arm's last targets are kept for None."""
+        """Returns a command; the arm keeps its latest targets by default."""
         if arm_rad is not None:
             self._arm_rad = np.array(arm_rad, dtype=float)
         return Command(arm_rad=self._arm_rad, gripper=self.gripper, base=base, pose=pose)
 
     def relax(self) -> None:
-        """Makes the arm's present pose its target."""
+        """Sets the arm's targets to its current pose."""
         self._arm_rad = self.scene.arm_qpos.copy()
 
     def up(self) -> Array:
-        """Returns the direction (3,) in the end-effector's frame that points up now."""
+        """Returns the current upward direction (3,) in the end-effector's frame."""
         return self.kinematics.ee_pose(self.scene.arm_qpos)[2, :3].copy()
 
     def next_seed(self) -> int:
@@ -142,6 +142,6 @@ class Robot:
         return int(self._seeds.integers(2**31 - 1))
 
     def spend(self, stage: str, seconds: float) -> None:
-        """Counts time spent on ``target`` or ``motion``."""
+        """Adds time spent on ``target`` or ``motion``."""
         self.timings_s[stage] += seconds
         self.timings_s["plan"] += seconds

@@ -1,10 +1,10 @@
-"""Motion plans of the arm between an open and a tight end (S App. D).
+"""Motion planning of the arm between an open and a tight end (S App. D).
 
-Each pair of ends is tried in three ways, the cheapest first: a straight line in joint space;
-the gripper drawn straight out of the tight end, then on by a straight line or by RRTConnect;
-RRTConnect from end to end. Runs of RRTConnect are short and start again with new random
-numbers, because their running time has a long tail; ends that the gripper can be drawn out of the
-farthest come first, for the others are hard to get out of.
+Each pair of ends is tried by three methods, the cheapest first: a straight edge in joint space; a
+straight-line retreat of the gripper from the tight end, continued by a straight edge or by
+RRT-Connect; RRT-Connect between the ends. Runs of RRT-Connect are short and restarted with new
+random numbers, because their running time has a long tail. Ends with long retreats come first, as
+the others are hard to leave.
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ from hab_spa.shapes import Array
 
 @dataclass(frozen=True, kw_only=True)
 class PlanConfig:
-    """The motion planner's numbers.
+    """Parameters of the motion planner.
 
     Attributes:
-        time_limit_s: All attempts together take at most this long (S App. D).
-        margins_m: Wanted clearances of the attempts, one after the other.
-        range_rad: Step of the first run of RRTConnect (S App. D) ...
-        restart_range_rad: ... and of those after it, whose steps are tested just as finely. In a
-            fridge, steps of 0.1 rad need 10 to 30 times as many tests.
-        first_checks: The first runs of RRTConnect give up after this many collision checks;
-            the next round of runs after twice as many, and so on.
-        good_rad: A path this short (largest joint, summed over its edges) is not improved on.
-        improve_checks: A longer one is, with so many checks if it is twice as long, and in
-            proportion to what it is too long.
-        most_checks: After so many, no further attempt is made.
-        roomy_ends: From so many ends RRTConnect runs in turn.
-        verify_rad: A path found is tested once more at this resolution, without clearance.
-        rrt: Numbers of one run; its step is replaced by the two above.
-        retreat: Numbers of drawing the gripper out.
+        time_limit_s: Time limit of all attempts (S App. D).
+        margins_m: Clearances, tried in this order.
+        range_rad: Range of the first run of RRT-Connect (S App. D) ...
+        restart_range_rad: ... and of the restarts, with the same resolution of collision checks.
+            In a fridge, a range of 0.1 rad needs 10 to 30 times as many checks.
+        first_checks: Maximum collision checks of the first runs of RRT-Connect; doubled in each
+            further round.
+        good_rad: Maximum length (largest joint, summed over edges) of a path that is not improved.
+        improve_checks: Collision checks for improving a path of twice this length; proportional
+            to the excess length.
+        most_checks: Maximum collision checks in total.
+        roomy_ends: Number of ends per margin and round from which RRT-Connect runs.
+        verify_rad: Resolution of the final check of a path, without clearance.
+        rrt: Parameters of one run; its range is replaced by the two above.
+        retreat: Parameters of retreats.
     """
 
     time_limit_s: float = 30.0
@@ -62,7 +62,7 @@ class PlanConfig:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ends:
-    """Arm poses (7,) [rad] to connect; the tight one is where obstacles are near."""
+    """Arm poses (7,) [rad] to connect; the tight end is near obstacles."""
 
     open: Array
     tight: Array
@@ -70,7 +70,7 @@ class Ends:
 
 @dataclass(frozen=True, eq=False)
 class _Attempt:
-    """One way to connect; a `range_rad` of 0 stands for straight lines only."""
+    """One attempt; a `range_rad` of 0 stands for straight edges only."""
 
     margin_m: float
     pair: int
@@ -87,18 +87,18 @@ def plan_path(
     config: PlanConfig,
     touch_m: float = 0.001,
 ) -> PathResult:
-    """Plans from the open to the tight end of one of `ends`, the first where possible.
+    """Plans a path from the open to the tight end of one of `ends`, preferably the first.
 
-    Pairs of shapes that an end brings closer than the margin may stay that close along the
-    path; all other pairs keep the margin.
+    Pairs of shapes that are closer than the margin at an end may be as close along the path; all
+    other pairs keep the margin.
 
     Args:
-        collision: Tells which arm poses are free; its margins are changed.
+        collision: Collision model; its margins are changed.
         arm: Kinematics.
-        ends: What to connect, best first.
-        seed: Same arguments and seed, same path, unless the time limit strikes.
-        config: The planner's numbers.
-        touch_m: Pairs that are too close at an end may come this much closer still.
+        ends: Pairs of ends, best first.
+        seed: Random seed; the path is reproducible unless the time limit is reached.
+        config: Parameters.
+        touch_m: Tolerance for pairs that are too close at an end.
 
     Raises:
         ValueError: `ends` is empty.
@@ -109,7 +109,7 @@ def plan_path(
 
 
 def path_rad(path: Array) -> float:
-    """Length of a path (K, 7): the largest joint displacement of each edge, summed."""
+    """Returns the length of a path (K, 7): the largest joint displacement, summed over edges."""
     return float(np.abs(np.diff(path, axis=0)).max(axis=1).sum())
 
 
@@ -127,11 +127,11 @@ class _Search:
         self._collision, self._arm, self._ends = collision, arm, ends
         self._config, self._touch_m = config, touch_m
         self._deadline_s = time.perf_counter() + config.time_limit_s
-        self._ways: dict[tuple[float, int], list[Array]] = {}
+        self._retreat_paths: dict[tuple[float, int], list[Array]] = {}
         self._close: dict[int, dict[int, float]] = {}
 
     def run(self, seed: int) -> PathResult:
-        """Makes attempts until one succeeds, and some more when its path is long."""
+        """Runs attempts until one succeeds, and more if its path is long."""
         began, checks_before, before = time.perf_counter(), self._collision.checks, 0
         best, enough = None, self._config.most_checks
         for i, attempt in enumerate(self._attempts()):
@@ -153,7 +153,7 @@ class _Search:
         )
 
     def _attempts(self) -> Iterator[_Attempt]:
-        """Straight ways, one run with the paper's step, then ever longer runs without end."""
+        """Yields straight edges, one run with the paper's range, then ever longer runs."""
         config, margins_m = self._config, self._config.margins_m
         pairs = range(len(self._ends))
         for margin_m, retreats_, pair in product(margins_m, (False, True), pairs):
@@ -162,15 +162,17 @@ class _Search:
         for power in count():
             checks = config.first_checks * 2**power
             for margin_m in margins_m:
-                roomy = sorted(pairs, key=lambda pair, m=margin_m: -self._way_out_steps(m, pair))
+                roomy = sorted(pairs, key=lambda pair, m=margin_m: -self._retreat_steps(m, pair))
                 for pair in roomy[: config.roomy_ends]:
                     yield _Attempt(margin_m, pair, True, config.restart_range_rad, checks)
             pair = power % len(pairs)
             yield _Attempt(margins_m[-1], pair, False, config.restart_range_rad, checks)
 
-    def _way_out_steps(self, margin_m: float, pair: int) -> int:
-        """How far the gripper can be drawn out of an end; all were tried at all margins before."""
-        return max((len(way) for way in self._ways.get((margin_m, pair), [])), default=0)
+    def _retreat_steps(self, margin_m: float, pair: int) -> int:
+        """Returns the length of the longest retreat from an end; all have been computed before."""
+        return max(
+            (len(retreat) for retreat in self._retreat_paths.get((margin_m, pair), [])), default=0
+        )
 
     def _attempt(self, attempt: _Attempt, seed: int) -> Array | None:
         ends, config = self._ends[attempt.pair], self._config.rrt
@@ -184,7 +186,7 @@ class _Search:
         return path if path is not None and self._stands(path, attempt.pair) else None
 
     def _keep(self, margin_m: float, pair: int) -> None:
-        """Asks for a margin, less where an end has shapes closer together."""
+        """Sets the margin, reduced for pairs that are closer at an end."""
         if pair not in self._close:
             self._collision.set_margin(max(self._config.margins_m))
             ends, close = self._ends[pair], {}
@@ -197,56 +199,59 @@ class _Search:
         self._collision.set_margin(margin_m, self._close[pair])
 
     def _stands(self, path: Array, pair: int) -> bool:
-        """Whether nothing touches along the path between the points that were tested."""
+        """Whether a path is free of contacts at a finer resolution."""
         self._keep(0.0, pair)
         return path_is_free(self._collision, path, self._config.verify_rad)
 
     def _straight(self, attempt: _Attempt, ends: Ends) -> Array | None:
-        """A straight line, or one to a retreat's first free pose and then down the retreat."""
+        """Tries a straight edge, or one to the first free pose of a retreat."""
         resolution_rad = self._config.rrt.resolution_rad
         if not attempt.retreats:
             free = edge_is_free(self._collision, ends.open, ends.tight, resolution_rad)
             return np.stack((ends.open, ends.tight)) if free else None
         paths = []
-        for way in self._retreats(attempt):
-            for i in range(1, len(way)):
-                if edge_is_free(self._collision, ends.open, way[i], resolution_rad):
-                    paths.append(np.concatenate((ends.open[None], way[i::-1])))
+        for retreat in self._retreats(attempt):
+            for i in range(1, len(retreat)):
+                if edge_is_free(self._collision, ends.open, retreat[i], resolution_rad):
+                    paths.append(np.concatenate((ends.open[None], retreat[i::-1])))
                     break
         return min(paths, key=path_rad, default=None)
 
     def _connect(self, attempt: _Attempt, ends: Ends, seed: int) -> Array | None:
-        """RRTConnect to the tight end, or to the end of the longest retreat from it."""
+        """Runs RRT-Connect to the tight end, or to the end of its longest retreat."""
         limit = Limit(checks=attempt.checks, deadline_s=self._deadline_s)
         config = replace(self._config.rrt, range_rad=attempt.range_rad)
         if not attempt.retreats:
             return connect(self._collision, ends.open, ends.tight, seed, limit, config)
-        ways = self._retreats(attempt)
-        if not ways:
+        retreat_paths = self._retreats(attempt)
+        if not retreat_paths:
             return None
-        way = max(ways, key=len)
-        path = connect(self._collision, ends.open, way[-1], seed, limit, config)
-        return None if path is None else np.concatenate((path, way[-2::-1]))
+        retreat = max(retreat_paths, key=len)
+        path = connect(self._collision, ends.open, retreat[-1], seed, limit, config)
+        return None if path is None else np.concatenate((path, retreat[-2::-1]))
 
     def _retreats(self, attempt: _Attempt) -> list[Array]:
-        """The ways out of the tight end: at larger margins, as far as they keep them."""
+        """Returns the retreats from the tight end; at larger margins, as far as they keep them."""
         least_m = min(self._config.margins_m)
-        if (least_m, attempt.pair) not in self._ways:
+        if (least_m, attempt.pair) not in self._retreat_paths:
             self._keep(least_m, attempt.pair)
             tight = self._ends[attempt.pair].tight
-            ways = retreats(self._collision, self._arm, tight, self._config.retreat)
-            self._ways[least_m, attempt.pair] = ways
+            retreat_paths = retreats(self._collision, self._arm, tight, self._config.retreat)
+            self._retreat_paths[least_m, attempt.pair] = retreat_paths
             self._keep(attempt.margin_m, attempt.pair)
         key = attempt.margin_m, attempt.pair
-        if key not in self._ways:
-            longest = [self._as_far_as_free(way) for way in self._ways[least_m, attempt.pair]]
-            self._ways[key] = [way for way in longest if len(way) > 1]
-        return self._ways[key]
+        if key not in self._retreat_paths:
+            longest = [
+                self._as_far_as_free(retreat)
+                for retreat in self._retreat_paths[least_m, attempt.pair]
+            ]
+            self._retreat_paths[key] = [retreat for retreat in longest if len(retreat) > 1]
+        return self._retreat_paths[key]
 
-    def _as_far_as_free(self, way: Array) -> Array:
-        for i, (first, second) in enumerate(pairwise(way)):
+    def _as_far_as_free(self, retreat: Array) -> Array:
+        for i, (first, second) in enumerate(pairwise(retreat)):
             if not edge_is_free(
                 self._collision, first, second, self._config.retreat.resolution_rad
             ):
-                return way[: i + 1]
-        return way
+                return retreat[: i + 1]
+        return retreat

@@ -1,8 +1,8 @@
-"""Collision test of Fetch's arm against the true geometry of the scene (S App. D, SPA-Priv).
+"""Collision model of the robot's arm and the scene (S App. D, SPA-Priv).
 
-The shapes come from the physics engine (`hab_tasks.privileged`), robot links included, so the
-model is the simulator's own, hull for hull. Only the arm and what it holds move: everything
-else, the rest of the robot too, is an obstacle that stands still in the base frame.
+The shapes, including those of the robot's links, come from the physics engine
+(`hab_tasks.privileged`), so the model has the simulator's own convex hulls. Only the arm and the
+held object move; everything else, including the rest of the robot, is a static obstacle.
 """
 
 from __future__ import annotations
@@ -20,29 +20,22 @@ from numpy.typing import NDArray
 
 from hab_spa.shapes import Array, invert_pose, shape_bounds_m, standing, within_body
 from hab_tasks.privileged import CollisionBody, PrivilegedState
-from hab_tasks.robots.fetch_spec import (
-    ARM_LINKS,
-    EE_LINK,
-    FINGER_JOINTS,
-    LOCKED_QPOS,
-    REST_QPOS_RAD,
-    urdf_path,
-)
 from hab_tasks.robots.kinematics import arm_model
+from hab_tasks.robots.robot import ROBOT
 from hab_tasks.scenes.coal_shapes import CoalShape, coal_shape
 
-FINGER_LINKS = tuple(name.replace("_joint", "_link") for name in FINGER_JOINTS)
-MOVING_LINKS = (*ARM_LINKS, EE_LINK, *FINGER_LINKS)
+FINGER_LINKS = tuple(name.replace("_joint", "_link") for name in ROBOT.finger_joints)
+MOVING_LINKS = (*ROBOT.arm_links, ROBOT.ee_link, *FINGER_LINKS)
 TORSO_JOINT = "torso_lift_joint"
 
 
 @dataclass(frozen=True, kw_only=True)
 class CollisionConfig:
-    """What counts as a collision.
+    """Parameters of the collision model.
 
     Attributes:
-        reach_m: Shapes farther than this from the shoulder are left out.
-        margin_m: Wanted clearance between the arm (or the held object) and the scene.
+        reach_m: Maximum distance of shapes from the shoulder.
+        margin_m: Clearance between the arm or the held object and the scene.
     """
 
     reach_m: float = 1.4
@@ -50,7 +43,7 @@ class CollisionConfig:
 
 
 def within(reach_m: float | None) -> CollisionConfig:
-    """Returns the usual numbers with another reach; None for the usual one."""
+    """Returns the default parameters with another reach; None for the default reach."""
     return CollisionConfig() if reach_m is None else CollisionConfig(reach_m=reach_m)
 
 
@@ -66,13 +59,13 @@ class Contact:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Obstacle:
-    """A part of the scene that is no body of the simulator's, e.g. what a camera saw.
+    """An obstacle that is not a body of the simulator, e.g. one seen by a camera.
 
     Attributes:
-        name: For reports of contacts.
-        geometry: Coal's, placed in the world's frame.
-        lower_m: Lower corner (3,) of its box in the world ...
-        upper_m: ... and the upper one.
+        name: Name in reports of contacts.
+        geometry: Geometry of Coal, in the world frame.
+        lower_m: Lower corner (3,) of its bounding box in the world.
+        upper_m: Upper corner (3,) of its bounding box in the world.
     """
 
     name: str
@@ -83,7 +76,7 @@ class Obstacle:
 
 @dataclass(eq=False)
 class _SceneItem:
-    """A shape of the scene: whose it is, and where it is in the world, in the state and now."""
+    """A shape of the scene: its body, and its world pose in the initial state and now."""
 
     body: str
     geometry: pin.GeometryObject
@@ -93,26 +86,26 @@ class _SceneItem:
 
 @lru_cache(maxsize=1)
 def shared_arm_model() -> tuple[pin.Model, int]:
-    """The arm's model and the id of its frame ``ee``, built once a process; do not modify it."""
+    """Returns the arm's model and the id of its frame ``ee``; built once, do not modify."""
     return arm_model()
 
 
 @lru_cache(maxsize=1)
 def allowed_link_pairs() -> frozenset[frozenset[str]]:
-    """Pairs of Fetch's links that never count: neighbours in the tree, and those of the SRDF."""
+    """Returns the link pairs that are not checked: adjacent links, and those of the SRDF."""
     pairs = set()
-    for joint in ElementTree.parse(urdf_path()).getroot().iter("joint"):
+    for joint in ElementTree.parse(ROBOT.urdf_path()).getroot().iter("joint"):
         parent, child = joint.find("parent"), joint.find("child")
         if parent is not None and child is not None:
             pairs.add(frozenset((parent.get("link", ""), child.get("link", ""))))
-    srdf = ElementTree.parse(urdf_path().with_suffix(".srdf")).getroot()
+    srdf = ElementTree.parse(ROBOT.urdf_path().with_suffix(".srdf")).getroot()
     for entry in srdf.iter("disable_collisions"):
         pairs.add(frozenset((entry.get("link1", ""), entry.get("link2", ""))))
     return frozenset(pairs)
 
 
 class ShapeCache:
-    """Shapes in the form that coal takes, kept until the scene's geometry changes."""
+    """Cache of Coal's shapes, valid until the scene's geometry changes."""
 
     def __init__(self) -> None:
         self._key: str | None = None
@@ -129,11 +122,11 @@ class ShapeCache:
 
 
 class ArmCollision:
-    """Tells whether an arm pose is free of collisions, for one scene and one held object.
+    """Checks arm poses for collisions, for one scene and one held object.
 
     Attributes:
-        checks: Arm poses tested so far.
-        base_from_arm: (4, 4) pose of the arm model's root (torso as in `LOCKED_QPOS`) in
+        checks: Number of collision checks so far.
+        base_from_arm: (4, 4) pose of the arm model's root (torso as in `ROBOT.locked_qpos`) in
             the base frame; differs from the identity when the torso stands elsewhere.
         arm_from_world: (4, 4) pose of the world in the frame of that root.
     """
@@ -151,9 +144,9 @@ class ArmCollision:
         Args:
             state: The robot and the bodies around it.
             held: Name of the body that moves with the gripper.
-            config: What counts as a collision.
-            cache: Shapes of earlier models.
-            obstacles: More of the scene.
+            config: Parameters.
+            cache: Cache of shapes.
+            obstacles: Additional obstacles.
         """
         self.config = config or CollisionConfig()
         self.checks = 0
@@ -164,7 +157,7 @@ class ArmCollision:
         self._scene: list[_SceneItem] = []
         self._moving: dict[str, list[_SceneItem]] = {}
         self.base_from_arm = np.eye(4)
-        self.base_from_arm[2, 3] = state.locked_qpos[TORSO_JOINT] - LOCKED_QPOS[TORSO_JOINT]
+        self.base_from_arm[2, 3] = state.locked_qpos[TORSO_JOINT] - ROBOT.locked_qpos[TORSO_JOINT]
         self.arm_from_world = invert_pose(state.world_from_base @ self.base_from_arm)
         self._add_bodies(held)
         for obstacle in obstacles:
@@ -177,7 +170,7 @@ class ArmCollision:
         return not pin.computeCollisions(self._model, self._data, self._broad, qpos, True)
 
     def contacts(self, qpos: Array) -> list[Contact]:
-        """Returns all pairs of shapes that are closer than their margin at an arm pose (7,)."""
+        """Returns all pairs of shapes closer than their margin at an arm pose (7,)."""
         pin.computeCollisions(self._model, self._data, self._geometry, self._pairs, qpos, False)
         found = []
         for i, pair in enumerate(self._geometry.collisionPairs):
@@ -195,11 +188,11 @@ class ArmCollision:
         return found
 
     def set_margin(self, margin_m: float, less: Mapping[int, float] | None = None) -> None:
-        """Sets the margin of every pair with the scene; pairs within the robot keep none.
+        """Sets the margin of pairs with the scene; pairs within the robot have none.
 
         Args:
             margin_m: The margin [m].
-            less: Pair -> another margin [m], where it is smaller.
+            less: Pair -> upper bound of its margin [m].
         """
         for i, with_scene in enumerate(self._with_scene):
             self._set_pair_margin(i, margin_m if with_scene else 0.0)
@@ -207,14 +200,14 @@ class ArmCollision:
             self._set_pair_margin(i, min(pair_m, self._margins_m[i]))
 
     def relax(self, qpos: Array, touch_m: float = 0.001) -> list[Contact]:
-        """Lowers the margins of the pairs that an arm pose (7,) violates so that it is free.
+        """Lowers the margins violated at an arm pose (7,), so that the pose is free.
 
         Args:
             qpos: The arm pose [rad].
-            touch_m: These pairs may come this much closer than they are in that pose.
+            touch_m: Tolerance: these pairs may be this much closer than at the pose.
 
         Returns:
-            The contacts that were violated before.
+            The violated contacts.
         """
         contacts = self.contacts(qpos)
         for contact in contacts:
@@ -222,14 +215,14 @@ class ArmCollision:
         return contacts
 
     def move(self, name: str, motion: Array) -> bool:
-        """Moves a body of the scene, with what lies in it, from where it was in the state.
+        """Moves a body of the scene, and the objects in it, relative to the initial state.
 
         Args:
             name: The body.
-            motion: (4, 4) how its points move in the world.
+            motion: (4, 4) motion of its points in the world.
 
         Returns:
-            Whether the model has this body.
+            Whether the model contains the body.
         """
         if name not in self._moving:
             names = {name, *self._lying_in(name)}
@@ -246,9 +239,9 @@ class ArmCollision:
         return invert_pose(world_from_base @ self.base_from_arm)
 
     def stand_at(self, base: Array) -> None:
-        """Puts the robot, with what it holds, at a base pose (3,) in the world.
+        """Sets the robot, with its held object, to a base pose (3,) in the world.
 
-        What is farther than `reach_m` from the shoulder of the state is not met there either.
+        The model still contains only shapes within `reach_m` of the initial shoulder position.
         """
         arm_from_world = self.arm_from_world_at(base)
         if not np.array_equal(arm_from_world, self.arm_from_world):
@@ -256,13 +249,13 @@ class ArmCollision:
             self._place(self._scene)
 
     def _place(self, items: Sequence[_SceneItem]) -> None:
-        """Puts shapes of the scene where they are as the arm's root sees them."""
+        """Updates the placements of shapes in the arm's root frame."""
         arm_from_world = pin.SE3(self.arm_from_world)
         for item in items:
             item.geometry.placement = arm_from_world * item.placed
 
     def _lying_in(self, name: str) -> list[str]:
-        """Returns the loose objects whose centre of mass is in a body's box."""
+        """Returns the loose objects whose centre of mass is in a body's bounding box."""
         body = next((body for body in self._state.bodies if body.name == name), None)
         if body is None or name not in self._state.world_from_body or not self._state.object_com_m:
             return []
@@ -272,7 +265,7 @@ class ArmCollision:
 
     def _set_pair_margin(self, pair: int, margin_m: float) -> None:
         if self._with_octree[pair]:
-            margin_m = max(margin_m, 0.0)  # coal knows no smaller one for octrees
+            margin_m = max(margin_m, 0.0)  # Coal supports no negative margins for octrees
         if self._margins_m[pair] == margin_m:
             return
         self._margins_m[pair] = margin_m
@@ -295,13 +288,13 @@ class ArmCollision:
                 self._add(body, "arm" if link in MOVING_LINKS else "robot", link)
 
     def _add(self, body: CollisionBody, kind: str, link: str) -> None:
-        """Adds a body's shapes at its joint: the arm's own, the wrist's if held, else the root."""
+        """Adds a body's shapes to its joint: an arm joint, the wrist if held, or else the root."""
         joint, joint_from_body = 0, self.arm_from_world @ self._state.world_from_body[body.name]
         if kind == "arm" and link not in FINGER_LINKS:
             frame = self._model.frames[self._model.getFrameId(link)]
             joint, joint_from_body = frame.parentJoint, frame.placement.homogeneous
         elif kind == "held" or link in FINGER_LINKS:
-            gripper = self._model.frames[self._model.getFrameId(EE_LINK)]
+            gripper = self._model.frames[self._model.getFrameId(ROBOT.ee_link)]
             joint = gripper.parentJoint
             joint_from_body = gripper.placement.homogeneous @ self._gripper_from(body.name)
         shapes = self._cache.shapes(self._state, body)
@@ -315,7 +308,7 @@ class ArmCollision:
             self._add_item(item, kind, link, body.name)
 
     def _add_obstacle(self, obstacle: Obstacle) -> None:
-        """Adds an obstacle if it is near, standing still in the world."""
+        """Adds a static obstacle if it is within reach."""
         if not self._near((obstacle.lower_m, obstacle.upper_m), self.arm_from_world):
             return
         placement = pin.SE3(self.arm_from_world)
@@ -330,7 +323,7 @@ class ArmCollision:
 
     def _gripper_from(self, name: str) -> Array:
         poses = self._state.world_from_body
-        gripper = next(key for key in poses if key.rsplit("/", 1)[-1] == EE_LINK)
+        gripper = next(key for key in poses if key.rsplit("/", 1)[-1] == ROBOT.ee_link)
         return invert_pose(poses[gripper]) @ poses[name]
 
     def _near(self, bounds_m: tuple[Array, Array], arm_from_shape: Array) -> bool:
@@ -340,7 +333,7 @@ class ArmCollision:
         return bool(np.linalg.norm(local - nearest) < self.config.reach_m)
 
     def _finish(self) -> None:
-        """Pairs the shapes, less what the rest pose has in contact, and builds the broad phase."""
+        """Defines the collision pairs and builds the broad phase."""
         kinds = np.array(self._kinds)
         moving = np.isin(kinds, ("arm", "held"))
         with_scene = np.logical_and.outer(moving, kinds == "scene")
@@ -364,7 +357,7 @@ class ArmCollision:
         self.set_margin(self.config.margin_m)
 
     def _own_pairs(self) -> NDArray[np.bool_]:
-        """Returns which shapes (S, S) of the robot may meet; what does at rest never counts."""
+        """Returns the self-collision pairs (S, S), without pairs in contact at the rest pose."""
         allowed, kinds, links = allowed_link_pairs(), self._kinds, self._links
         paired = np.zeros((len(kinds), len(kinds)), dtype=bool)
         arm, own = (
@@ -375,7 +368,7 @@ class ArmCollision:
             paired[i, j] = paired[j, i] = meet
         self._geometry.setCollisionPairs(paired)
         data = self._geometry.createData()
-        rest = np.array(REST_QPOS_RAD)
+        rest = np.array(ROBOT.rest_qpos_rad)
         pin.computeCollisions(self._model, self._data, self._geometry, data, rest, False)
         for pair, result in zip(self._geometry.collisionPairs, data.collisionResults, strict=True):
             if result.isCollision():

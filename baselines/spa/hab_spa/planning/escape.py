@@ -1,8 +1,8 @@
-"""Straight ways out: the gripper moves in small steps along a line, without turning.
+"""Straight-line retreats: the gripper moves along a line, with constant orientation.
 
-After a grasp the held object is in contact with what it stands on, and a sampling planner
-needs a start that is free with some clearance. In a tight place a straight way out also saves
-the planner the search for the exit.
+After a grasp, the held object is in contact with its support, but a sampling-based planner needs a
+start state with some clearance. In a confined space, a retreat also saves the planner the search
+for the exit.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from hab_spa.shapes import Array
 
 @dataclass(frozen=True, kw_only=True)
 class EscapeConfig:
-    """The numbers of a straight way.
+    """Parameters of straight-line retreats.
 
     Attributes:
-        directions: Directions in the base frame (x ahead, z up), tried in this order.
-        aside: More of them, for what touches something.
+        directions: Directions in the base frame (x ahead, z up), in order of preference.
+        aside: Additional directions for escaping from contact.
         step_m: Length of a step.
-        length_m: Longest way out of contact.
-        retreat_m: Longest way out of a tight place.
-        retreat_stride: A retreat is made of every so manyth step.
-        margins_m: Wanted clearances after contact; a smaller one only when all directions fail.
-        touch_m: Shapes in contact at the start may come this much closer: the arm turns slightly.
-        drift_m: The end-effector may miss its straight line by this much.
-        turn_weight_m: What a radian of turn is worth beside a metre of position error.
-        resolution_rad: Edges are tested at points at most this far apart (Euclidean).
+        length_m: Maximum length of an escape from contact.
+        retreat_m: Maximum length of a retreat from a confined space.
+        retreat_stride: Steps per waypoint of a retreat.
+        margins_m: Clearances after an escape; a smaller one only if all directions fail.
+        touch_m: Tolerance for pairs in contact at the start, as the orientation varies slightly.
+        drift_m: Maximum deviation of the end-effector from the line.
+        turn_weight_m: Weight of an orientation error [m/rad].
+        resolution_rad: Resolution of collision checks along edges (Euclidean).
     """
 
     directions: tuple[tuple[float, float, float], ...] = (
@@ -62,11 +62,11 @@ class EscapeConfig:
 
 
 def escape(collision: ArmCollision, arm: BatchArm, start: Array, config: EscapeConfig) -> Array:
-    """Moves the arm (7,) away from what it or the held object touches.
+    """Moves the arm (7,) and the held object out of contact.
 
     Returns:
-        The path (K, 7) from the start on; only the start (1, 7) if it is free already; empty
-        (0, 7) if no direction leads out. The margins of `collision` are changed.
+        The path (K, 7) including the start; only the start (1, 7) if it is free already; empty
+        (0, 7) if no direction succeeds. The margins of `collision` are changed.
     """
     for margin_m in config.margins_m:
         collision.set_margin(margin_m)
@@ -82,24 +82,24 @@ def escape(collision: ArmCollision, arm: BatchArm, start: Array, config: EscapeC
 def retreats(
     collision: ArmCollision, arm: BatchArm, start: Array, config: EscapeConfig
 ) -> list[Array]:
-    """Returns the free straight ways (K, 7), K > 1, that lead away from an arm pose (7,).
+    """Returns the collision-free retreats (K, 7), K > 1, from an arm pose (7,).
 
-    They keep the margins that `collision` has.
+    They keep the current margins of `collision`.
     """
-    ways = []
+    paths = []
     for direction in config.directions:
-        way, last = [start], start
+        path, last = [start], start
         steps = round(config.retreat_m / config.step_m)
         for i, qpos in enumerate(_line(arm, start, direction, steps, config), start=1):
             if i % config.retreat_stride:
                 continue
             if not edge_is_free(collision, last, qpos, config.resolution_rad):
                 break
-            way.append(qpos)
+            path.append(qpos)
             last = qpos
-        if len(way) > 1:
-            ways.append(np.array(way))
-    return ways
+        if len(path) > 1:
+            paths.append(np.array(path))
+    return paths
 
 
 def _out_of_contact(
@@ -131,7 +131,7 @@ def _line(
     steps: int,
     config: EscapeConfig,
 ) -> Iterator[Array]:
-    """Yields the arm poses (7,) along a line, until the arm cannot follow it."""
+    """Yields the arm poses (7,) along a line, as far as the arm can follow it."""
     goal, qpos = arm.ee_pose(start).copy(), start
     for _ in range(steps):
         goal[:3, 3] += np.array(direction) * config.step_m

@@ -1,6 +1,6 @@
-"""Inverse kinematics of Fetch's arm for many start poses at once, in numpy.
+"""Batched inverse kinematics of the robot's arm, in numpy.
 
-The forward kinematics repeats Pinocchio's for a whole batch; a test holds the two together.
+The forward kinematics is a batched version of Pinocchio's; a test compares the two.
 """
 
 from __future__ import annotations
@@ -14,21 +14,21 @@ from scipy.spatial.transform import Rotation
 
 from hab_spa.planning.collision import shared_arm_model
 from hab_spa.shapes import Array
-from hab_tasks.robots.fetch_spec import ARM_LOWER_RAD, ARM_UPPER_RAD
+from hab_tasks.robots.robot import ROBOT
 
-LOWER_RAD = np.array(ARM_LOWER_RAD)
-UPPER_RAD = np.array(ARM_UPPER_RAD)
+LOWER_RAD = np.array(ROBOT.arm_lower_rad)
+UPPER_RAD = np.array(ROBOT.arm_upper_rad)
 
 
 @dataclass(frozen=True, kw_only=True)
 class IkConfig:
-    """Damped least squares.
+    """Parameters of damped least squares.
 
     Attributes:
-        steps: Largest number of steps.
-        damping: Damping of the step, in the unit of the Jacobian [m/rad].
-        step_m: The end-effector is asked to move at most this far in a step.
-        tolerance_m: A solution is at most this far from its target.
+        steps: Maximum number of iterations.
+        damping: Damping factor, in the unit of the Jacobian [m/rad].
+        step_m: Maximum position error corrected per iteration.
+        tolerance_m: Maximum position error of a solution.
     """
 
     steps: int = 20
@@ -39,14 +39,14 @@ class IkConfig:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tool:
-    """A point that moves with the end-effector and is to come somewhere, as upright as it can.
+    """A point fixed to the end-effector, with an upright direction.
 
     Attributes:
-        point_m: (3,) where it is in the end-effector's frame.
-        up: (3,) direction in that frame that is to point up.
-        tilt_weight_m: What a radian of tilt is worth beside a metre of position error.
-        tilt_rad: Inverse kinematics stops at a tilt this small.
-        step_rad: It is asked to become less by at most this in a step.
+        point_m: (3,) position in the end-effector's frame.
+        up: (3,) direction in that frame that should point up.
+        tilt_weight_m: Weight of the tilt [m/rad].
+        tilt_rad: Tilt at which inverse kinematics stops.
+        step_rad: Maximum tilt corrected per iteration.
     """
 
     point_m: Array
@@ -73,16 +73,16 @@ class BatchArm:
         return position, jacobian
 
     def points_m(self, qpos: Array, tool: Tool) -> Array:
-        """Returns where a tool is (B, 3) in the arm's root frame, of poses (B, 7)."""
+        """Returns the positions (B, 3) of a tool in the arm's root frame, for poses (B, 7)."""
         return self._chain(qpos, tool.point_m)[0]
 
     def tilts_rad(self, qpos: Array, tool: Tool) -> Array:
-        """Returns how far a tool is from upright (B,), of poses (B, 7)."""
+        """Returns the tilts (B,) of a tool, for poses (B, 7)."""
         up = self._chain(qpos, tool.point_m)[3] @ tool.up
         return np.arccos(np.clip(up[:, 2], -1.0, 1.0))
 
     def _chain(self, qpos: Array, point_m: Array) -> tuple[Array, Array, Array, Array]:
-        """Position of a point of the end-effector, its Jacobian, the joints' axes, the rotation."""
+        """Returns a point's positions and Jacobians, the joints' axes and the rotations."""
         batch = len(qpos)
         rotation = np.broadcast_to(np.eye(3), (batch, 3, 3))
         position = np.zeros((batch, 3))
@@ -92,7 +92,7 @@ class BatchArm:
             rotation = rotation @ placement.rotation
             axes[:, i], origins[:, i] = rotation[:, :, axis], position
             rotation = _turned(rotation, axis, qpos[:, i])
-        # The end-effector's frame is turned as the wrist's.
+        # The end-effector's frame has the wrist's orientation.
         position = position + rotation @ (self._wrist_from_ee_m + point_m)
         arms = position[:, None] - origins
         jacobian = np.cross(axes, arms).astype(np.float64, copy=False)
@@ -116,7 +116,7 @@ class BatchArm:
             position, jacobian, axes, rotation = self._chain(qpos[active], point_m)
             error = targets_m[active] - position
             distance = np.linalg.norm(error, axis=1)
-            # Half of the tolerance is left for rounding and for the last centimetres of control.
+            # Half of the tolerance is reserved for rounding and for control errors.
             done = distance < 0.5 * config.tolerance_m
             reached[active] = done
             error *= np.minimum(1.0, config.step_m / np.maximum(distance, 1e-9))[:, None]
@@ -135,16 +135,16 @@ class BatchArm:
         return qpos, reached
 
     def ee_pose(self, qpos: Array) -> Array:
-        """Returns the (4, 4) pose of the end-effector in the arm's root frame, of one pose (7,)."""
+        """Returns the end-effector's pose (4, 4) in the arm's root frame, for one pose (7,)."""
         pin.forwardKinematics(self._model, self._data, qpos)
         return pin.updateFramePlacement(self._model, self._data, self._frame_id).homogeneous
 
     def track_pose(
         self, qpos: Array, arm_from_ee: Array, steps: int, turn_weight_m: float
     ) -> Array:
-        """Moves one arm pose (7,) to an end-effector pose (4, 4) with `steps` damped steps.
+        """Moves one arm pose (7,) to an end-effector pose (4, 4) by `steps` damped iterations.
 
-        `turn_weight_m` says how many metres of position error a radian of turn is worth.
+        `turn_weight_m` is the weight of an orientation error [m/rad].
         """
         goal = pin.SE3(arm_from_ee)
         weights = np.array([1.0] * 3 + [turn_weight_m] * 3)
@@ -162,7 +162,7 @@ class BatchArm:
     def track_poses(
         self, qpos: Array, arm_from_ee: Array, steps: int, turn_weights_m: Array
     ) -> Array:
-        """Does as `track_pose` for arm poses (B, 7), poses (B, 4, 4) and weights (B,)."""
+        """Batched `track_pose`: arm poses (B, 7), poses (B, 4, 4) and weights (B,)."""
         weights = np.ones((len(qpos), 6))
         weights[:, 3:] = turn_weights_m[:, None]
         for _ in range(steps):
@@ -177,7 +177,7 @@ class BatchArm:
 
 
 def _turned(rotation: Array, axis: int, angle_rad: Array) -> Array:
-    """`rotation` (B, 3, 3) followed by a turn (B,) about its own axis 0, 1 or 2."""
+    """Returns rotations (B, 3, 3) followed by a rotation (B,) about their own axis 0, 1 or 2."""
     cos, sin = np.cos(angle_rad)[:, None], np.sin(angle_rad)[:, None]
     u, v = (axis + 1) % 3, (axis + 2) % 3
     turned = np.empty_like(rotation)
@@ -188,9 +188,9 @@ def _turned(rotation: Array, axis: int, angle_rad: Array) -> Array:
 
 
 def _righting(up: Array) -> Array:
-    """Returns the turns about the horizontal axes (B, 2) [rad] that make directions (B, 3) upright.
+    """Returns the rotations about x and y (B, 2) [rad] that turn directions (B, 3) upright.
 
-    A turn about z does not change the tilt.
+    A rotation about z does not change the tilt.
     """
     across = np.stack((up[:, 1], -up[:, 0]), axis=1)
     length = np.linalg.norm(across, axis=1)

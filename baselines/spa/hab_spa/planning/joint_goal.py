@@ -1,9 +1,9 @@
-"""Joint goal samplers: to reach points, and to rest (S App. D).
+"""Joint goal samplers for reaching and resting (S App. D).
 
-Grasp points are the centres of the faces of the object's bounding box. Inverse kinematics
-starts from up to 1,000 random arm poses a face; of the solutions free of collisions, the one
-nearest to the resting pose in joint space is the goal. In tight places, points all around the
-object are tried from arm poses near rest.
+Grasp points are the face centres of the object's bounding box. Inverse kinematics starts from up
+to 1,000 random arm poses per face; the goal is the collision-free solution nearest to the resting
+pose in joint space. In confined spaces, points all around the object are tried from arm poses
+near rest.
 """
 
 from __future__ import annotations
@@ -19,33 +19,36 @@ from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD, BatchArm, IkConfig, Tool
 from hab_spa.results import Failure, GoalResult
 from hab_spa.shapes import Array, invert_pose
 from hab_tasks.constants import REST_POSITION_M
-from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
+from hab_tasks.robots.robot import ROBOT
 
-REST_RAD = np.array(REST_QPOS_RAD)
+REST_RAD = np.array(ROBOT.rest_qpos_rad)
 WRIST_ROLL = 6
 
 JUDGE_SEED = 0
-"""Base poses are compared with the same random numbers."""
+"""Seed for scoring base poses, the same for all."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GoalConfig:
-    """The samplers' numbers.
+    """Parameters of the samplers. Starts are initial guesses for inverse kinematics.
 
     Attributes:
-        starts_per_point: Random arm poses a grasp point (S App. D).
-        round_starts: Of these, how many are tried before the count of goals is looked at.
+        starts_per_point: Random starts per grasp point (S App. D).
+        round_starts: Starts per grasp point and round.
         enough: Sampling stops when this many goals have the largest clearance.
-        margins_m: Wanted clearances; the next is used only when the one before admits no goal.
-        goals: How many goals are handed to the motion planner at most.
-        same_goal_rad: Two goals differ by at least this much in some joint.
-        rest_radius_m: Alternatives to the resting pose bring the end-effector this near to it.
-        rest_spread_rad: Standard deviation of the starts around the resting pose.
-        tight_starts: Arm poses to start from in tight places, over all points; ...
-        tight_round: ... so many at a time, ...
-        tight_enough: ... until this many goals have the largest clearance, ...
-        tight_spread_rad: ... with this standard deviation around the resting pose.
-        judge_starts: Arm poses to start from where it is only asked whether there are goals.
+        margins_m: Clearances, most preferred first; the next one is used only if there are fewer
+            than `goals` goals.
+        goals: Maximum number of goals.
+        same_goal_rad: Minimum difference between two goals, in the joint that differs most.
+        rest_radius_m: Maximum distance of the end-effector from the resting position, for
+            alternatives to the resting pose.
+        rest_spread_rad: Standard deviation of their starts around the resting pose.
+        tight_starts: Starts in confined spaces, over all grasp points.
+        tight_round: Starts per round in confined spaces.
+        tight_enough: As `enough`, in confined spaces.
+        tight_spread_rad: Standard deviation of these starts around the resting pose.
+        judge_starts: Starts for scoring a base pose.
+        ik: Parameters of inverse kinematics.
     """
 
     starts_per_point: int = 1000
@@ -66,13 +69,13 @@ class GoalConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class GraspConfig:
-    """When a hand at a point counts as able to take an object.
+    """Conditions for a point at which the hand can grasp an object.
 
     Attributes:
-        reach_safety_m: The object is at least this much nearer than the grasp radius.
-        runner_up_m: Any other object is at least this much farther from the end-effector.
-        around_m: In tight places it is taken at these distances from its centre of mass, ...
-        sides: ... from so many sides.
+        reach_safety_m: Safety margin to the grasp radius.
+        runner_up_m: Minimum additional distance of any other object from the end-effector.
+        around_m: Distances from the object's centre of mass, in confined spaces.
+        sides: Number of points at each of these distances.
     """
 
     reach_safety_m: float = 0.01
@@ -86,12 +89,13 @@ class Search:
     """A search for arm poses by inverse kinematics, in rounds.
 
     Attributes:
-        draw: Returns arm poses to start from (B, 7), and their targets (B, 3) in the world.
-        rounds: At most so many.
-        enough: No more when so many poses have the largest margin, ...
-        plenty: ... or this many times as many the least one.
-        margins_m: Wanted clearances, the largest first.
-        tool: What comes to the targets; None for the end-effector, whose resting roll is tried.
+        draw: Samples starts (B, 7) and their targets (B, 3) in the world.
+        rounds: Maximum number of rounds.
+        enough: The search stops when this many poses have the largest margin, ...
+        plenty: ... or `plenty` times as many the smallest one.
+        margins_m: Clearances, largest first.
+        tool: Point that is moved to the targets; None for the end-effector, for which the resting
+            wrist roll is tried as well.
     """
 
     draw: Callable[[], tuple[Array, Array]]
@@ -102,7 +106,7 @@ class Search:
     tool: Tool | None = None
 
     def run(self, collision: ArmCollision, arm: BatchArm, ik: IkConfig) -> tuple[Array, int]:
-        """Returns the poses (B, 7) free at the least margin, and how many starts that took."""
+        """Returns the poses (B, 7) free at the smallest margin, and the number of starts."""
         free, samples, roomy = np.zeros((0, 7)), 0, 0
         for _ in range(self.rounds):
             starts, targets_m = self.draw()
@@ -128,17 +132,17 @@ def sample_reaching_goals(
     config: GoalConfig,
     near: Array | None = None,
 ) -> GoalResult:
-    """Samples arm poses that bring the end-effector to one of some points.
+    """Samples arm poses with the end-effector at one of the points.
 
-    With an arm pose `near` (7,) half of the search starts around it, and poses near it come first.
+    With an arm pose `near` (7,), half of the starts are around it, and goals near it come first.
 
     Args:
         points_m: (P, 3) in the world.
-        collision: Tells which arm poses are free; its margins are changed.
+        collision: Collision model; its margins are changed.
         arm: Kinematics.
-        seed: Seeds the random arm poses.
-        config: The sampler's numbers.
-        near: The arm pose; None: any, and the resting one.
+        seed: Seed of the random arm poses.
+        config: Parameters.
+        near: The arm pose; None for random starts, and goals near the resting pose first.
     """
     rng = np.random.default_rng(seed)
     batch_m = np.repeat(points_m, config.round_starts, axis=0)
@@ -165,15 +169,15 @@ def sample_reaching_goals(
 def sample_tight_goals(
     points_m: Array, collision: ArmCollision, arm: BatchArm, seed: int, config: GoalConfig
 ) -> GoalResult:
-    """Samples as `sample_reaching_goals` does, but as `tight_search` says."""
+    """Samples as `sample_reaching_goals`, by `tight_search`."""
     search = tight_search(points_m, seed, config)
     return found_by(search, collision, arm, config, rest_distance)
 
 
 def tight_search(points_m: Array, seed: int, config: GoalConfig) -> Search:
-    """Returns the search for arm poses with the hand at one of many points, from near rest.
+    """Returns the search for arm poses with the hand at one of many points, started near rest.
 
-    On a shelf or in a fridge the hand has to come straight in, which few random poses do.
+    On a shelf or in a fridge, the hand has to point straight in, as few random poses do.
     """
     rng = np.random.default_rng(seed)
 
@@ -192,10 +196,10 @@ def tight_search(points_m: Array, seed: int, config: GoalConfig) -> Search:
 def sample_rest_goals(
     collision: ArmCollision, arm: BatchArm, seed: int, config: GoalConfig
 ) -> GoalResult:
-    """Samples arm poses that count as resting: the resting pose itself, then others near it.
+    """Samples resting arm poses: the resting pose itself, then alternatives near it.
 
-    With an object in the grasp the exact pose may collide; the episode only asks that the
-    end-effector is near the resting position.
+    With a held object the exact pose may collide; the episode only requires the end-effector to
+    be near the resting position.
     """
     began, checks_before = time.perf_counter(), collision.checks
     for margin_m in config.margins_m:
@@ -224,7 +228,7 @@ def sample_rest_goals(
 
 
 def count_goals(search: Search, collision: ArmCollision, arm: BatchArm, config: GoalConfig) -> int:
-    """Returns how many arm poses one round of a search finds that are free, if with less room."""
+    """Returns the number of arm poses free at the smallest margin, from one round of a search."""
     once = replace(search, rounds=1, margins_m=search.margins_m[-1:])
     return len(once.run(collision, arm, config.ik)[0])
 
@@ -236,16 +240,16 @@ def found_by(
     config: GoalConfig,
     cost: Callable[[Array], Array],
 ) -> GoalResult:
-    """Returns the goals of a search: those with the largest margin, the cheapest first.
+    """Returns the goals of a search: those with the largest margin, lowest cost first.
 
-    Where these are few, some with less room follow.
+    If these are too few, goals with smaller margins follow.
 
     Args:
-        search: Finds arm poses.
-        collision: Tells which are free; its margins are changed.
+        search: The search.
+        collision: Collision model; its margins are changed.
         arm: Kinematics.
-        config: The samplers' numbers.
-        cost: (B, 7) -> (B,).
+        config: Parameters.
+        cost: Costs of arm poses, (B, 7) -> (B,).
     """
     began, checks_before = time.perf_counter(), collision.checks
     poses, samples = search.run(collision, arm, config.ik)
@@ -282,25 +286,25 @@ def in_arm(points_m: Array, collision: ArmCollision) -> Array:
 
 
 def near_rest(rng: np.random.Generator, count: int, spread_rad: float) -> Array:
-    """Draws arm poses (count, 7) around the resting one."""
+    """Samples arm poses (count, 7) around the resting pose."""
     drawn = REST_RAD + rng.normal(scale=spread_rad, size=(count, 7))
     return np.clip(drawn, LOWER_RAD, UPPER_RAD)
 
 
 def rest_distance(poses: Array) -> Array:
-    """Returns how far arm poses (B, 7) are from the resting one in joint space (B,) [rad]."""
+    """Returns the distances (B,) [rad] of arm poses (B, 7) from the resting pose."""
     return np.linalg.norm(poses - REST_RAD, axis=1)
 
 
 def free_poses(poses: Array, collision: ArmCollision, margin_m: float) -> Array:
-    """Returns those of arm poses (B, 7) that keep a margin."""
+    """Returns the arm poses (B, 7) that keep a margin."""
     collision.set_margin(margin_m)
     keep = np.array([collision.is_free(pose) for pose in poses], dtype=bool)
     return poses[keep]
 
 
 def apart(poses: Array, config: GoalConfig) -> Array:
-    """Returns the first few arm poses (G, 7) that differ from one another."""
+    """Returns the first arm poses (G, 7), at most `goals`, that differ from one another."""
     chosen: list[Array] = []
     for pose in poses:
         if all(np.abs(pose - other).max() >= config.same_goal_rad for other in chosen):
@@ -311,9 +315,9 @@ def apart(poses: Array, config: GoalConfig) -> Array:
 
 
 def _with_rest_roll(solutions: Array) -> Array:
-    """Doubles (B, 7) solutions by copies with the resting wrist roll.
+    """Prepends copies of solutions (B, 7) with the resting wrist roll.
 
-    The roll does not move the end-effector point, so the copies are solutions nearer to rest.
+    The roll does not move the end-effector point, so the copies are solutions too, nearer to rest.
     """
     copies = solutions.copy()
     copies[:, WRIST_ROLL] = REST_RAD[WRIST_ROLL]

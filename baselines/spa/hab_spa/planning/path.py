@@ -1,4 +1,4 @@
-"""From a path in joint space to joint targets at the control rate."""
+"""Time parametrization: joint targets at the control rate from a path in joint space."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ class TimingConfig:
     """Limits of the motion, in joint space and per control step (1/30 s).
 
     Attributes:
-        step_rad: No joint moves farther in one step.
-        acceleration_rad: The speed along the path [rad/step] changes by at most this in one step.
-        corner_rad: At a corner no joint's speed [rad/step] jumps by more than this; the joint
-            drives lag by about three steps, and a fast corner would be cut.
+        step_rad: Maximum joint displacement per step.
+        acceleration_rad: Maximum change of the speed along the path [rad/step] per step.
+        corner_rad: Maximum jump of a joint's speed [rad/step] at a corner; the joint drives lag by
+            about three steps and would cut a fast corner.
         grid_rad: Resolution of the speed profile along the path.
-        paces: Multiples of the limits that may be used when time is short.
+        paces: Multiples of the limits, for use when time is short.
     """
 
     step_rad: float = 0.05
@@ -30,9 +30,9 @@ class TimingConfig:
 
 
 def time_path_within(path: Array, steps: int, config: TimingConfig) -> Array:
-    """Returns `time_path` at the lowest of the config's paces that takes at most `steps`.
+    """Returns `time_path` at the slowest pace of the config that takes at most `steps`.
 
-    The fastest pace is used when none does.
+    If there is none, the fastest pace is used.
     """
     targets = path
     for pace in config.paces:
@@ -43,11 +43,10 @@ def time_path_within(path: Array, steps: int, config: TimingConfig) -> Array:
 
 
 def time_path(path: Array, config: TimingConfig, pace: float = 1.0) -> Array:
-    """Returns the joint targets (T, 7), one a control step, that follow a path (K, 7).
+    """Returns the joint targets (T, 7), one per control step, along a path (K, 7).
 
-    `pace` multiplies all three limits of the config.
-
-    The first target is one step away from the start, the last is the path's end.
+    `pace` multiplies the three limits of the config. The first target is one step from the start,
+    the last is the end of the path.
     """
     lengths = np.abs(np.diff(path, axis=0)).max(axis=1)
     config = replace(
@@ -71,7 +70,7 @@ def time_path(path: Array, config: TimingConfig, pace: float = 1.0) -> Array:
 
 
 def _corner_speeds(path: Array, lengths: Array, config: TimingConfig) -> Array:
-    """Highest speed (K,) [rad/step] at each vertex of the path; the ends are corners from rest."""
+    """Returns the maximum speed (K,) [rad/step] at each vertex; the motion starts and ends slow."""
     directions = np.diff(path, axis=0) / lengths[:, None]
     jumps = np.abs(np.diff(directions, axis=0)).max(axis=1)
     inner = config.corner_rad / np.maximum(jumps, 1e-6)
@@ -80,7 +79,7 @@ def _corner_speeds(path: Array, lengths: Array, config: TimingConfig) -> Array:
 
 
 def _speeds(grid: Array, knots: Array, corner_speeds: Array, config: TimingConfig) -> Array:
-    """Speed profile (G,) under the speed limits at the knots and the acceleration limit."""
+    """Returns the speed profile (G,) under the speed limits at the knots and the acceleration."""
     speeds = np.full(len(grid), config.step_rad)
     nearest = np.abs(grid[:, None] - knots[None, :]).argmin(axis=0)
     np.minimum.at(speeds, nearest, corner_speeds)

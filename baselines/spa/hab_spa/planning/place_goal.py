@@ -1,8 +1,7 @@
-"""Joint goal sampler of Place: what is held comes to its goal (S App. D).
+"""Joint goal sampler of Place: moves the held object to its goal (S App. D).
 
-It is brought to where it would be after falling by a few millimetres, as upright as it stood
-before it was taken, so that it stays where it is let go. Where that is not possible it may tilt,
-and be let go higher up.
+The object is released a few millimetres above its goal and as upright as it was before the grasp,
+so that it stays where it is released. If that is impossible, it may be tilted and released higher.
 """
 
 from __future__ import annotations
@@ -27,18 +26,18 @@ from hab_spa.shapes import Array
 
 @dataclass(frozen=True, kw_only=True)
 class PlacingConfig:
-    """The numbers of goals at which an object is let go.
+    """Parameters of placing goals.
 
     Attributes:
-        starts: Arm poses to start from, half of them random and half near rest, ...
-        round_starts: ... so many at a time, ...
-        enough: ... until this many goals have the largest clearance.
-        heights_m: How far above its goal the object may be.
-        aside_m: How far beside it, at most, ...
-        far_aside_m: ... and where nothing is found like that.
-        margins_m: Wanted clearances, also between the object and what it comes to stand on.
-        tilt_cost_m: A radian of tilt is as bad as this much height, ...
-        rest_cost_m: ... and so is a radian away from the resting pose.
+        starts: Starts of inverse kinematics, half of them random and half near rest.
+        round_starts: Starts per round.
+        enough: Sampling stops when this many goals have the largest clearance.
+        heights_m: Candidate heights of the object above its goal.
+        aside_m: Maximum horizontal offset from the goal, ...
+        far_aside_m: ... and after a failed attempt.
+        margins_m: Clearances, also between the object and its support.
+        tilt_cost_m: Cost of a radian of tilt, in metres of height.
+        rest_cost_m: Cost of a radian away from the resting pose, in metres of height.
     """
 
     starts: int = 4000
@@ -52,7 +51,7 @@ class PlacingConfig:
     rest_cost_m: float = 0.01
 
     def looser(self) -> PlacingConfig:
-        """Returns the numbers of another attempt, after a failure."""
+        """Returns the parameters of an attempt after a failure."""
         return replace(self, aside_m=self.far_aside_m)
 
 
@@ -65,16 +64,16 @@ def sample_placing_goals(
     config: GoalConfig,
     placing: PlacingConfig,
 ) -> GoalResult:
-    """Samples arm poses that bring what is held to its goal, the low and upright ones first.
+    """Samples arm poses with the held object at its goal, low and upright ones first.
 
     Args:
         goal_m: (3,) in the world.
-        tool: The point of what is held that counts, and its upright direction.
-        collision: Of the arm with what it holds; its margins are changed.
+        tool: Reference point and upright direction of the held object.
+        collision: Collision model of the arm with the object; its margins are changed.
         arm: Kinematics.
-        seed: Seeds the random arm poses.
-        config: The samplers' numbers.
-        placing: Those of this one.
+        seed: Seed of the random arm poses.
+        config: Parameters of all samplers.
+        placing: Parameters of this sampler.
     """
     above_m = in_arm(goal_m[None], collision)[0, 2]
 
@@ -91,7 +90,7 @@ def sample_placing_goals(
 def lowering(
     goal_m: Array, tool: Tool, seed: int, config: GoalConfig, placing: PlacingConfig
 ) -> Search:
-    """Returns the search for arm poses with what is held at its goal (3,) or little above."""
+    """Returns the search for arm poses with the held object at its goal (3,) or slightly above."""
     rng = np.random.default_rng(seed)
 
     def draw() -> tuple[Array, Array]:

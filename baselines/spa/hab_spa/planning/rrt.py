@@ -1,4 +1,4 @@
-"""RRTConnect and path shortening in the arm's joint space, through OMPL (S App. D)."""
+"""RRT-Connect and path simplification in the arm's joint space, by OMPL (S App. D)."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ DIMENSION = 7
 
 @dataclass(frozen=True, kw_only=True)
 class RrtConfig:
-    """Numbers of one run.
+    """Parameters of one run.
 
     Attributes:
-        range_rad: Step of RRTConnect (S App. D).
-        resolution_rad: Edges are tested at points at most this far apart (Euclidean).
-        shortcuts: Attempts to shorten the path in each pass of the simplifier.
-        passes: The simplifier stops after this many passes ...
-        gain: ... or when a pass shortens the path by less than this fraction.
+        range_rad: Range (step size) of RRT-Connect (S App. D).
+        resolution_rad: Resolution of collision checks along edges (Euclidean).
+        shortcuts: Shortcut attempts per pass of the simplifier.
+        passes: Maximum passes of the simplifier.
+        gain: The simplifier stops when a pass shortens the path by less than this fraction.
     """
 
     range_rad: float = 0.1
@@ -41,11 +41,11 @@ class RrtConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class Limit:
-    """When a run gives up.
+    """Termination condition of a run.
 
     Attributes:
-        checks: Largest number of collision checks; this, not the clock, ends most runs, so that
-            a seed gives the same path on any machine.
+        checks: Maximum number of collision checks. This limit, not the clock, ends most runs, so
+            that results depend only on the seed.
         deadline_s: Value of `time.perf_counter` at which to stop.
     """
 
@@ -56,7 +56,7 @@ class Limit:
 def edge_is_free(
     collision: ArmCollision, first: Array, second: Array, resolution_rad: float
 ) -> bool:
-    """Whether the straight line between two arm poses (7,) is free, ends included."""
+    """Whether the straight edge between two arm poses (7,) is free, including its ends."""
     count = max(1, int(np.ceil(np.linalg.norm(second - first) / resolution_rad)))
     return all(collision.is_free(first + (second - first) * (i / count)) for i in range(count + 1))
 
@@ -71,7 +71,7 @@ def path_is_free(collision: ArmCollision, path: Array, resolution_rad: float) ->
 def connect(
     collision: ArmCollision, start: Array, goal: Array, seed: int, limit: Limit, config: RrtConfig
 ) -> Array | None:
-    """Runs RRTConnect once from `start` (7,) to `goal` (7,); returns a path (K, 7) or None."""
+    """Runs RRT-Connect once from `start` (7,) to `goal` (7,); returns a path (K, 7) or None."""
     last_check = collision.checks + limit.checks
     information = _space_information(collision.is_free, seed, config)
     problem = ob.ProblemDefinition(information)
@@ -94,7 +94,7 @@ def connect(
 def shorten(
     collision: ArmCollision, path: Array, seed: int, deadline_s: float, config: RrtConfig
 ) -> Array:
-    """Shortens a free path (K, 7) with OMPL's simplifier; the ends stay, the result is free."""
+    """Shortens a free path (K, 7) with OMPL's simplifier; ends are kept, the result is free."""
     information = _space_information(collision.is_free, seed, config)
     simplified = og.PathGeometric(information, [_state(information, pose) for pose in path])
     simplifier = og.PathSimplifier(information)
@@ -117,8 +117,8 @@ def _poses(path: Any) -> list[list[float]]:
 def _space_information(
     is_free: Callable[[Array], bool], seed: int, config: RrtConfig
 ) -> ob.SpaceInformation:
-    """A joint space with a collision test, and OMPL's random numbers seeded for what follows."""
-    # OMPL complains that earlier generators keep their seeds; those made from here on do not.
+    """Returns the joint space with a validity checker, and seeds OMPL's random numbers."""
+    # OMPL warns that existing generators keep their seeds; only new ones are used here.
     ou.setLogLevel(ou.LogLevel.LOG_NONE)
     ou.RNG.setSeed(seed % (2**31 - 1) + 1)
     bounds = ob.RealVectorBounds(DIMENSION)
@@ -133,7 +133,7 @@ def _space_information(
     def is_valid(state: Any) -> bool:
         for i in range(DIMENSION):
             pose[i] = state[i]
-        return bool(is_free(pose))  # OMPL refuses numpy's bool
+        return bool(is_free(pose))  # OMPL rejects numpy's bool
 
     information.setStateValidityChecker(is_valid)
     information.setStateValidityCheckingResolution(config.resolution_rad / space.getMaximumExtent())
@@ -142,7 +142,7 @@ def _space_information(
 
 
 def _state(information: ob.SpaceInformation, pose: Array) -> Any:
-    # The stubs name the base class, which has no items; the space's own states have.
+    # The stubs declare the base class, which has no items; states of a vector space do.
     state: Any = information.allocState()
     for i, value in enumerate(np.clip(pose, LOWER_RAD, UPPER_RAD)):
         state[i] = float(value)

@@ -1,9 +1,8 @@
-"""Collision checks by setting the simulator's own state, to hold the planner's model against.
+"""Collision checks in the simulator, as ground truth for the planner's collision model.
 
-SAPIEN tells contacts of the bodies as they were in its last step, so the state is set and one
-step of a microsecond is taken: collision detection is that of any step, and nothing moves by
-more than micrometres. That step is run by the physics system itself, without what an
-environment does around it.
+SAPIEN reports the contacts of its last step, so each check sets the state and simulates one step of
+a microsecond: collision detection is the same as in any step, and bodies move by micrometres at
+most. The step is run by the physics system directly, without the environment's own code.
 """
 
 from __future__ import annotations
@@ -19,26 +18,27 @@ from hab_spa.planning.collision import MOVING_LINKS, ArmCollision, CollisionConf
 from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
 from hab_spa.shapes import Array
 from hab_tasks.privileged import PrivilegedState
-from hab_tasks.robots.fetch_spec import EE_LINK
+from hab_tasks.robots.robot import ROBOT
+from hab_tasks.simulator import sapien_object
 
 STEP_S = 1e-6
 NEAR_M = 0.01
 
 
 class SimulatorCheck:
-    """Asks the simulation of an environment with one row whether an arm pose touches anything.
+    """Collision checks of arm poses in the simulation of an environment with one row.
 
-    The environment has to be reset before it is played on.
+    The environment must be reset before further use.
 
     Attributes:
-        checks: Arm poses tested so far.
+        checks: Number of collision checks so far.
     """
 
     def __init__(self, env: Any) -> None:
         """Takes an environment that has been reset to an episode.
 
         Raises:
-            ValueError: It has several rows, which only the simulation on a GPU has.
+            ValueError: The environment has several rows, i.e. is simulated on a GPU.
         """
         core = env.unwrapped
         if core.num_envs != 1:
@@ -46,10 +46,10 @@ class SimulatorCheck:
         self.checks, state = 0, core.privileged()[0]
         scene = core.scene.sub_scenes[0]
         self._physics: Any = scene.physx_system
-        self._robot: Any = core.agent.robot._objs[0]
+        self._robot: Any = sapien_object(core.agent.robot)
         self._arm, self._qpos = core.agent.arm_index.tolist(), self._robot.get_qpos()
-        links: Any = {link.name: link._objs[0] for link in core.agent.robot.links}
-        self._hand = links[EE_LINK]
+        links: Any = {link.name: sapien_object(link) for link in core.agent.robot.links}
+        self._hand = links[ROBOT.ee_link]
         self._moving = {links[name].entity.per_scene_id for name in MOVING_LINKS}
         self._held, self._hand_from_held = _held(scene, state), sapien.Pose()
         if self._held is not None:
@@ -67,13 +67,13 @@ class SimulatorCheck:
         self._physics.set_timestep(STEP_S)
 
     def is_free(self, qpos: Array) -> bool:
-        """Whether an arm pose (7,) touches nothing, itself included."""
+        """Whether an arm pose (7,) is free of contacts, including self-collisions."""
         self.checks += 1
         self._set(qpos)
         if self._held is not None:
             self._held.set_pose(self._hand.entity_pose * self._hand_from_held)
         self._physics.step()
-        # All of them are looked at, so that everything is put back.
+        # No early exit, so that all bodies are restored.
         return not [c for c in self._physics.get_contacts() if self._touches(c)]
 
     def _set(self, qpos: Array) -> None:
@@ -83,7 +83,7 @@ class SimulatorCheck:
         self._robot.set_qvel(np.zeros_like(self._qpos))
 
     def _touches(self, contact: Any) -> bool:
-        """Whether the arm, or what it holds, is in this contact; what it hit is put back."""
+        """Whether a contact is one of the arm or the held object; restores the bodies it moved."""
         bodies = contact.bodies
         if not any(body.entity.per_scene_id in self._moving for body in bodies):
             return False
@@ -93,7 +93,7 @@ class SimulatorCheck:
         return touches
 
     def _put_back(self, body: Any) -> None:
-        """Undoes the push of the microsecond, which is as far as the arm was in the body."""
+        """Restores a body that the step has pushed out of the arm."""
         if isinstance(body, sapien.physx.PhysxArticulationLinkComponent):
             furniture: Any = body.articulation
             if furniture is not self._robot:
@@ -107,7 +107,7 @@ class SimulatorCheck:
 
 
 class StateDictCheck(SimulatorCheck):
-    """The same by ManiSkill's own way to set a state, which is that of the whole scene."""
+    """Collision checks that set the whole scene's state by ManiSkill's `set_state_dict`."""
 
     def __init__(self, env: Any) -> None:
         """See `SimulatorCheck`."""
@@ -124,18 +124,18 @@ class StateDictCheck(SimulatorCheck):
         self._core.set_state_dict(self._state)
 
     def _put_back(self, body: Any) -> None:
-        """Does nothing: the next state is that of everything."""
+        """Does nothing: the next check sets the whole state."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Agreement:
-    """How often a planner's model and the simulator say the same of random arm poses.
+    """Agreement of the planner's collision model with the simulator on random arm poses.
 
     Attributes:
-        poses: How many were asked about.
-        touching: In how many of them the simulator has a contact.
-        disagreements: How many the two do not agree about.
-        far: Of these, those with no two shapes within a centimetre of touching.
+        poses: Number of poses.
+        touching: Number of poses with a contact in the simulator.
+        disagreements: Number of poses with different results.
+        far: Number of disagreements that are not within a centimetre of the contact boundary.
     """
 
     poses: int
@@ -145,17 +145,17 @@ class Agreement:
 
     @property
     def percent(self) -> float:
-        """Share of the poses on which they agree."""
+        """Percentage of poses with the same result."""
         return 100.0 * (1.0 - self.disagreements / self.poses)
 
 
 def agreement(env: Any, count: int, seed: int) -> Agreement:
-    """Compares the planner's model of a scene with the simulator, on random arm poses.
+    """Compares the planner's collision model with the simulator on random arm poses.
 
     Args:
-        env: Has been reset to an episode; has to be reset again before it is played on.
-        count: How many poses.
-        seed: Of the random numbers.
+        env: Environment, reset to an episode; it must be reset again before further use.
+        count: Number of poses.
+        seed: Seed of the poses.
     """
     state = env.unwrapped.privileged()[0]
     model = ArmCollision(state, held=state.held, config=CollisionConfig(margin_m=0.0))
@@ -171,7 +171,7 @@ def agreement(env: Any, count: int, seed: int) -> Agreement:
 
 
 def _nearly(model: ArmCollision, pose: Array) -> bool:
-    """Whether two shapes are less than a centimetre apart, and none deeper in each other."""
+    """Whether the closest shapes are within a centimetre of the contact boundary."""
     model.set_margin(NEAR_M)
     distances_m = [contact.distance_m for contact in model.contacts(pose)]
     model.set_margin(0.0)
@@ -179,7 +179,7 @@ def _nearly(model: ArmCollision, pose: Array) -> bool:
 
 
 def _held(scene: sapien.Scene, state: PrivilegedState) -> sapien.Entity | None:
-    """Returns what the hand holds; ManiSkill puts the row before its name."""
+    """Returns the held object; ManiSkill prefixes its name with the row."""
     if state.held is None:
         return None
     return next(e for e in scene.entities if e.name.split("_", 1)[-1] == state.held)

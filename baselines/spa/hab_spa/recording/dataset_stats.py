@@ -1,4 +1,4 @@
-"""Least, largest, mean and standard deviation of a data set's features, as LeRobot keeps them."""
+"""Feature statistics of a LeRobot dataset: minimum, maximum, mean and standard deviation."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class Stats:
     """Statistics of one feature.
 
     Attributes:
-        least, largest, mean, deviation: One number for each entry, (n,); of pictures one for each
-            colour, (3, 1, 1), from 0 to 1.
+        least, largest, mean, deviation: Per entry, (n,); of images per channel, (3, 1, 1), in
+            [0, 1].
         count: Number of frames.
     """
 
@@ -30,7 +30,7 @@ class Stats:
 
 
 def stats_of(values: NDArray[Any]) -> Stats:
-    """Returns the statistics of a feature's values in all frames, (T, n) or (T, H, W, 3) uint8."""
+    """Returns the statistics of a feature over frames, (T, n) or (T, H, W, 3) uint8."""
     over, shape = (0,), values.shape[1:]
     if values.ndim == 4:
         over, shape = (0, 1, 2), (3, 1, 1)
@@ -47,12 +47,12 @@ def stats_of(values: NDArray[Any]) -> Stats:
 
 
 def merge_stats(parts: Sequence[Stats]) -> Stats:
-    """Returns the statistics of all frames from those of their episodes."""
+    """Merges the statistics of episodes."""
     counts = np.array([part.count for part in parts], dtype=np.float64)
     share = (counts / counts.sum()).reshape(-1, *[1] * parts[0].mean.ndim)
     means = np.stack([part.mean for part in parts])
     mean = (share * means).sum(axis=0)
-    # Variance of all: what is within the episodes, and what is between their means.
+    # Total variance: within the episodes, plus between their means.
     within = np.stack([part.deviation**2 for part in parts])
     variance = (share * (within + (means - mean) ** 2)).sum(axis=0)
     return Stats(
@@ -65,7 +65,7 @@ def merge_stats(parts: Sequence[Stats]) -> Stats:
 
 
 def nested(stats: Stats) -> dict[str, Any]:
-    """Returns them by LeRobot's names, as nested lists."""
+    """Returns the statistics with LeRobot's names, as nested lists."""
     return {
         "min": stats.least.tolist(),
         "max": stats.largest.tolist(),

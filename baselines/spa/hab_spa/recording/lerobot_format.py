@@ -1,15 +1,15 @@
-"""A recorded trajectory in LeRobot's dataset format, v3.0, for imitation learning.
+"""Writes a recorded trajectory as a LeRobot dataset (v3.0), for imitation learning.
 
-The package `lerobot` itself asks for an older PyTorch than this project; the format is Parquet
-files with JSON beside them, so pyarrow (the extra `lerobot` of this package) is all it takes.
+The package `lerobot` requires an older PyTorch than this project. The format consists of Parquet
+and JSON files, so pyarrow (the extra `lerobot` of this package) is sufficient.
 
     meta/info.json              features with shapes and names, frame rate, paths
-    meta/stats.json             least, largest, mean and standard deviation of every feature
-    meta/tasks.parquet          task in words -> task_index
-    meta/episodes/...parquet    length, task and statistics of every episode
-    data/...parquet             one row for each action: what was seen before it, what it paid
+    meta/stats.json             minimum, maximum, mean and standard deviation of each feature
+    meta/tasks.parquet          instruction -> task_index
+    meta/episodes/...parquet    length, task and statistics of each episode
+    data/...parquet             one row per action: observation before it, reward after it
 
-Pictures are embedded as PNG files; depth as grey ones, where 255 is the cameras' range (10 m).
+Images are embedded as PNG; depth as grayscale, where 255 is the cameras' range (10 m).
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from typing import Any
 
 import h5py
 import numpy as np
-from hab_eval.errors import OptionError
 from numpy.typing import NDArray
 from PIL import Image
 
 from hab_spa.recording.dataset_stats import Stats, merge_stats, nested, stats_of
 from hab_tasks.constants import CONTROL_HZ
+from hab_tasks.errors import OptionError
 from hab_tasks.robots.control import control_configs
-from hab_tasks.robots.fetch_spec import ARM_JOINTS
+from hab_tasks.robots.robot import ROBOT
 
 try:
     import pyarrow as pa
@@ -39,23 +39,22 @@ except ImportError as error:
     raise OptionError("--lerobot needs pyarrow: pip install 'hab-spa[lerobot]'.") from error
 
 VERSION = "v3.0"
-ROBOT = "hab_fetch"
 PATH = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 DATA_PATH, EPISODES_PATH = f"data/{PATH}", f"meta/episodes/{PATH}"
 FILES_OF_A_CHUNK = 1000
 FILE_SIZE_MB = 100
-"""A data file that has grown beyond this is followed by another."""
+"""Size at which a new data file is started."""
 
 IMAGE = pa.struct({"bytes": pa.binary(), "path": pa.string()})
 NUMBERS = {"float32": pa.float32(), "int64": pa.int64(), "bool": pa.bool_()}
 
 Frames = dict[str, NDArray[Any]]
-"""Feature -> its values in every frame of an episode, (T, ...)."""
+"""Feature -> values in all frames of an episode, (T, ...)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Feature:
-    """One column: `shape` of a frame's value, and a name for each of its entries."""
+    """One column: `shape` of a frame's value, and the names of its entries."""
 
     dtype: str
     shape: tuple[int, ...]
@@ -72,14 +71,14 @@ class Feature:
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeEntry:
-    """What is known of a written episode.
+    """Metadata of a written episode.
 
     Attributes:
-        task: What was done, in words.
-        start: Number of its first frame in the data set.
-        length: Number of its frames.
-        file: Number of its data file.
-        stats: Feature -> its statistics.
+        task: Instruction.
+        start: Index of its first frame in the dataset.
+        length: Number of frames.
+        file: Index of its data file.
+        stats: Feature -> statistics.
     """
 
     task: str
@@ -90,18 +89,18 @@ class EpisodeEntry:
 
 
 def write_dataset(trajectory: Path, folder: Path) -> None:
-    """Writes a data set.
+    """Writes a dataset.
 
     Args:
-        trajectory: The .h5 file of a recording, its .json beside it.
-        folder: Where to; made here.
+        trajectory: The .h5 file of a recording, with its .json beside it.
+        folder: Output folder; it is created.
     """
-    told = json.loads(trajectory.with_suffix(".json").read_text(encoding="utf-8"))
+    recording = json.loads(trajectory.with_suffix(".json").read_text(encoding="utf-8"))
     features: dict[str, Feature] = {}
     entries: list[EpisodeEntry] = []
-    tasks = list(dict.fromkeys(entry["task"] for entry in told["episodes"]))
+    tasks = list(dict.fromkeys(entry["task"] for entry in recording["episodes"]))
     with h5py.File(trajectory) as file, _DataFiles(folder) as data:
-        for number, entry in enumerate(told["episodes"]):
+        for number, entry in enumerate(recording["episodes"]):
             group: Any = file[f"traj_{entry['episode_id']}"]
             frames, features = _frames(group, entry["control_mode"])
             start = entries[-1].start + entries[-1].length if entries else 0
@@ -122,17 +121,17 @@ def write_dataset(trajectory: Path, folder: Path) -> None:
 
 
 def action_names(control_mode: str) -> tuple[str, ...]:
-    """Returns a name for each entry of a control mode's action."""
+    """Returns the names of the entries of a control mode's action."""
     config = control_configs()[control_mode]
     if config.base == "discrete":
         return ("cell",)
     arm = {"still": (), "ee": ("ee_x", "ee_y", "ee_z", "gripper")}
     base = {"still": (), "velocity": ("forward", "turn"), "pose": ("base_x", "base_y", "base_yaw")}
-    return (*arm.get(config.arm, (*ARM_JOINTS, "gripper")), *base[config.base])
+    return (*arm.get(config.arm, (*ROBOT.arm_joints, "gripper")), *base[config.base])
 
 
 class _DataFiles:
-    """Writes tables into one file until it is large, then into the next."""
+    """Writes tables to a sequence of files of limited size."""
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._number, self._writer = folder, -1, None
@@ -160,7 +159,7 @@ class _DataFiles:
 
 
 def _frames(group: Any, control_mode: str) -> tuple[Frames, dict[str, Feature]]:
-    """Returns what the frames of an episode's group hold: what was seen, done and paid."""
+    """Returns the frames of an episode's group: observations, actions, rewards and flags."""
     actions = np.asarray(group["actions"], dtype=np.float32)
     count = len(actions)
     obs = group["obs"]
@@ -191,14 +190,14 @@ def _frames(group: Any, control_mode: str) -> tuple[Frames, dict[str, Feature]]:
 
 
 def _numbers_in(obs: Any) -> Iterator[tuple[str, Any]]:
-    """Yields name and values (T + 1, n) of every entry that is no picture."""
+    """Yields name and values (T + 1, n) of every non-image entry."""
     for part in ("agent", "extra"):
         if part in obs:
             yield from obs[part].items()
 
 
 def _pictures_in(obs: Any) -> Iterator[tuple[str, NDArray[np.uint8]]]:
-    """Yields name and pictures (T + 1, H, W, 3) of every camera."""
+    """Yields name and images (T + 1, H, W, 3) of every camera."""
     if not isinstance(obs, h5py.Group) or "sensor_data" not in obs:
         return
     cameras: Any = obs["sensor_data"]
@@ -211,7 +210,7 @@ def _pictures_in(obs: Any) -> Iterator[tuple[str, NDArray[np.uint8]]]:
 
 
 def _indices(count: int, episode: int, start: int, task: int) -> Frames:
-    """Returns time [s] and the numbers by which LeRobot finds a frame, each (T, 1)."""
+    """Returns timestamps [s] and LeRobot's frame indices, each (T, 1)."""
     frame = np.arange(count)[:, None]
     return {
         "timestamp": (frame / CONTROL_HZ).astype(np.float32),
@@ -247,7 +246,7 @@ def _numbered(path: str, file: int) -> str:
     return path.format(chunk_index=chunk, file_index=number)
 
 
-# What describes the frames ---------------------------------------------------------------------
+# Metadata --------------------------------------------------------------------------------------
 
 
 def _write_meta(
@@ -264,7 +263,7 @@ def _write_meta(
     frames = sum(entry.length for entry in entries)
     info = {
         "codebase_version": VERSION,
-        "robot_type": ROBOT,
+        "robot_type": ROBOT.uid,
         "total_episodes": len(entries),
         "total_frames": frames,
         "total_tasks": len(tasks),
@@ -284,7 +283,7 @@ def _write_meta(
 
 
 def _episode_row(number: int, entry: EpisodeEntry) -> dict[str, Any]:
-    """Returns an episode's row: where its frames are, its task and its statistics."""
+    """Returns an episode's row: location of its frames, task and statistics."""
     chunk, file = divmod(entry.file, FILES_OF_A_CHUNK)
     row = {
         "episode_index": number,
@@ -303,7 +302,7 @@ def _episode_row(number: int, entry: EpisodeEntry) -> dict[str, Any]:
 
 
 def _task_table(tasks: list[str]) -> pa.Table:
-    """Returns the tasks as pandas writes a table whose index is the task in words."""
+    """Returns the tasks as pandas writes a table with the instruction as its index."""
     table = pa.table({"task_index": pa.array(range(len(tasks)), pa.int64()), "task": tasks})
     kinds = {"task_index": "int64", "task": "object"}
     pandas = {

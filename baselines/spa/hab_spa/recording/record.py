@@ -1,14 +1,13 @@
-"""Demonstrations: the episodes that an agent solves, recorded as ManiSkill trajectories.
+"""Recording of an agent's successful episodes as ManiSkill trajectories.
 
-`trajectory.h5` and `trajectory.json` are written by ManiSkill's own wrapper, and its replay tool
-plays them: every episode is asked for by its number in the set that the environment's arguments
-name, so that the same start comes back on any machine.
+ManiSkill's own wrapper writes `trajectory.h5` and `trajectory.json`, and its replay tool replays
+them. Resets identify the episode by its index in the set given by the environment's arguments, so
+that the start state is reproducible on any machine.
 """
 
 from __future__ import annotations
 
 import json
-import shutil
 import traceback
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -19,7 +18,6 @@ from typing import Any
 import gymnasium as gym
 from hab_eval import environments
 from hab_eval.config import EvalConfig
-from hab_eval.errors import OptionError, RunStoppedError
 from hab_eval.load_agent import load_agent
 from hab_eval.results import EpisodeResult
 from hab_eval.runner import run_episode
@@ -29,9 +27,10 @@ from hab_tasks.agent import Agent
 from hab_tasks.envs import ENVS
 from hab_tasks.episodes import Episode, EpisodeRequest, open_source
 from hab_tasks.episodes.source import EpisodeSource
-from hab_tasks.files import check_file, check_folder, scratch_folder
-from hab_tasks.instructions import instruction
+from hab_tasks.errors import OptionError, RunStoppedError
+from hab_tasks.files import check_file, check_folder, replace_folder, scratch_folder
 from hab_tasks.processes import use_one_thread
+from hab_tasks.registration import imported_id, reference_of
 
 NAME = "trajectory"
 LEROBOT = "lerobot"
@@ -40,14 +39,15 @@ LEROBOT_MARK = "meta/info.json"
 
 @dataclass(frozen=True, kw_only=True)
 class RecordPlan:
-    """What is recorded.
+    """Options of a recording.
 
     Attributes:
-        config: Agent, environment and episode set; `config.episodes` demonstrations are wanted.
-        out: Folder of the files.
-        most: Give up after so many episodes.
-        lerobot: Write LeRobot's dataset format as well, into the folder `lerobot`.
-        force: Replace what is in `out`.
+        config: Agent, environment and episode set; `config.episodes` is the number of
+            demonstrations.
+        out: Output folder.
+        most: Maximum number of episodes.
+        lerobot: Also write a LeRobot dataset, to the folder `lerobot`.
+        force: Overwrite files in `out`.
     """
 
     config: EvalConfig
@@ -65,13 +65,13 @@ class RecordPlan:
 
 @dataclass(frozen=True, kw_only=True)
 class Recorded:
-    """How a recording went.
+    """Result of a recording.
 
     Attributes:
-        demonstrations: Episodes that were solved, and written.
-        episodes: Episodes that were played.
-        failures: Why the others failed -> how many.
-        files: What was written.
+        demonstrations: Number of successful episodes, all written.
+        episodes: Number of episodes run.
+        failures: Failure category -> number of episodes.
+        files: Files written.
     """
 
     demonstrations: int
@@ -80,34 +80,36 @@ class Recorded:
     files: tuple[Path, ...]
 
 
-Told = Callable[[EpisodeResult], None]
+OnEpisode = Callable[[EpisodeResult], None]
 """Called after each episode."""
 
 
-def record(plan: RecordPlan, told: Told) -> Recorded:
-    """Plays episodes until enough are solved, and writes those.
+def record(plan: RecordPlan, on_episode: OnEpisode) -> Recorded:
+    """Runs episodes until enough have succeeded, and writes their trajectories.
 
-    Nothing in `plan.out` changes before all is written, or if the recording ends early.
+    Files in `plan.out` are replaced only at the end, after a complete recording.
 
     Raises:
-        HabError: A bad name or value, or files in the way.
-        RunStoppedError: The agent or the environment raised; names the episode.
+        HabError: An invalid name or value, or files that exist already.
+        RunStoppedError: The agent or the environment raised; the message has the episode.
     """
     environments.check_env_id(plan.config.env)
     targets = _targets(plan)
-    if plan.lerobot:  # refuses, before minutes are spent, when pyarrow is missing
+    if plan.lerobot:  # raises early if pyarrow is missing
         from hab_spa.recording import lerobot_format
     with scratch_folder(plan.out) as scratch:
-        results = _play(plan, scratch, told)
+        results = _play(plan, scratch, on_episode)
         solved = [result for result in results if result.success]
         if not solved:
             targets = []
         elif plan.lerobot:
             lerobot_format.write_dataset(scratch / f"{NAME}.h5", scratch / LEROBOT)
         for target in targets:
-            if target.is_dir():
-                shutil.rmtree(target)
-            (scratch / target.name).replace(target)
+            written = scratch / target.name
+            if written.is_dir():
+                replace_folder(written, target)
+            else:
+                written.replace(target)
     return Recorded(
         demonstrations=len(solved),
         episodes=len(results),
@@ -117,24 +119,24 @@ def record(plan: RecordPlan, told: Told) -> Recorded:
 
 
 def describe_task(env_id: str, episode: Episode) -> str:
-    """Returns what is to be done in words, with the names of the objects."""
-    return instruction(ENVS[env_id].env, episode)
+    """Returns the instruction of an episode, with the names of its objects."""
+    return ENVS[env_id].env.instruct(episode)
 
 
 class _Numbered(gym.Wrapper[Any, Any, Any, Any]):
-    """Asks for episodes by their number, which a file can hold and a replay can ask for."""
+    """Resets by episode index, which can be stored in a file and replayed."""
 
     number = 0
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Starts episode `number`, whatever object stands for it in the options."""
+        """Starts episode `number`, replacing the episode in the options."""
         return self.env.reset(seed=seed, options={**(options or {}), "episode": self.number})
 
 
 def _targets(plan: RecordPlan) -> list[Path]:
-    """Returns the files to write; refuses to replace any unless that is wished."""
+    """Returns the files to write; raises if one exists and `plan.force` is not set."""
     targets = [plan.out / f"{NAME}.h5", plan.out / f"{NAME}.json"]
     for target in targets:
         check_file(target, force=plan.force)
@@ -144,8 +146,8 @@ def _targets(plan: RecordPlan) -> list[Path]:
     return targets
 
 
-def _play(plan: RecordPlan, scratch: Path, told: Told) -> list[EpisodeResult]:
-    """Plays the episodes; leaves the two files of those that were solved in `scratch`."""
+def _play(plan: RecordPlan, scratch: Path, on_episode: OnEpisode) -> list[EpisodeResult]:
+    """Runs the episodes; writes the two files of the successful ones to `scratch`."""
     use_one_thread()  # as in an evaluation
     config = plan.config
     agent = load_agent(config.agent, environments.setup_of(config))
@@ -171,7 +173,7 @@ def _play(plan: RecordPlan, scratch: Path, told: Told) -> list[EpisodeResult]:
         source_desc=f"{agent.spec.name} ({config.agent}), recorded by hab-spa record",
     )
     try:
-        results = _play_until(plan, _Numbered(recorder), agent, source, told)
+        results = _play_until(plan, _Numbered(recorder), agent, source, on_episode)
     finally:
         recorder.close()
     numbers = [number for number, result in enumerate(results) if result.success]
@@ -180,9 +182,9 @@ def _play(plan: RecordPlan, scratch: Path, told: Told) -> list[EpisodeResult]:
 
 
 def _play_until(
-    plan: RecordPlan, env: _Numbered, agent: Agent, source: EpisodeSource, told: Told
+    plan: RecordPlan, env: _Numbered, agent: Agent, source: EpisodeSource, on_episode: OnEpisode
 ) -> list[EpisodeResult]:
-    """Returns how each episode went, in order; keeps the trajectories of those solved."""
+    """Returns the results of the episodes, in order; keeps the successful trajectories."""
     recorder: Any = env.env
     results: list[EpisodeResult] = []
     solved = 0
@@ -192,12 +194,13 @@ def _play_until(
             result = run_episode(env, agent, number, episode).episode
         except Exception as error:
             raise RunStoppedError(
-                f"Episode {episode.id!r} stopped the recording: {type(error).__name__}: {error}",
+                f"Episode {episode.id!r} stopped the recording: {type(error).__name__}: "
+                f"{str(error).rstrip('.')}. Nothing was written; --verbose shows the traceback.",
                 details=traceback.format_exc(),
             ) from error
         recorder.flush_trajectory(save=result.success)
         results.append(result)
-        told(result)
+        on_episode(result)
         solved += result.success
         if solved == plan.config.episodes:
             break
@@ -205,9 +208,10 @@ def _play_until(
 
 
 def _annotate(file: Path, env_id: str, episodes: list[Episode]) -> None:
-    """Adds to ManiSkill's file where the environment comes from, and what each episode is about."""
-    told = json.loads(file.read_text(encoding="utf-8"))
-    told["env_info"]["env_id"] = f"hab_tasks:{env_id}"  # Gymnasium then imports the module itself
-    for entry, episode in zip(told["episodes"], episodes, strict=True):
+    """Adds the environment's module, and each episode's id and task, to ManiSkill's file."""
+    data = json.loads(file.read_text(encoding="utf-8"))
+    # With the module in the id, Gymnasium imports it itself.
+    data["env_info"]["env_id"] = reference_of(imported_id(env_id))
+    for entry, episode in zip(data["episodes"], episodes, strict=True):
         entry |= {"episode": episode.id, "task": describe_task(env_id, episode)}
-    file.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+    file.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")

@@ -1,1 +1,1 @@
-"""What a skill knows of the scene: the true state, or what the cameras saw."""
+"""Scene models of the skills: ground truth, or a map from the cameras' images."""

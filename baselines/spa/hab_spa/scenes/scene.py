@@ -1,4 +1,4 @@
-"""What a skill may ask about the world; `TrueScene` and the seen one answer (S App. D)."""
+"""Scene interface of the skills; implemented by `TrueScene` and `SeenScene` (S App. D)."""
 
 from __future__ import annotations
 
@@ -8,59 +8,59 @@ from typing import Any, Protocol
 from hab_spa.planning.collision import ArmCollision
 from hab_spa.shapes import Array
 from hab_tasks.navigation import NavigationMap
-from hab_tasks.privileged import FrontState
+from hab_tasks.privileged import ArticulationState
 
 
 class Scene(Protocol):
-    """The world as the robot knows it at this step."""
+    """The robot's model of the world at the current step."""
 
     def forget(self) -> None:
         """Starts a new episode."""
         ...
 
     def see(self, obs: Mapping[str, Any], row: int) -> None:
-        """Takes in the observation of one row of a batch; called at every step."""
+        """Processes the observation of one row of a batch; called at every step."""
         ...
 
     @property
     def arm_qpos(self) -> Array:
-        """The arm (7,) [rad]."""
+        """Joint positions of the arm (7,) [rad]."""
         ...
 
     @property
     def world_from_base(self) -> Array:
-        """(4, 4) pose of Fetch's base_link."""
+        """(4, 4) pose of the base frame."""
         ...
 
     @property
     def holding(self) -> bool:
-        """Whether an object is in the hand."""
+        """Whether the hand holds an object."""
         ...
 
     def holds(self, number: int) -> bool:
-        """Whether the hand holds this object of the episode, as far as the robot knows."""
+        """Whether the hand is believed to hold this object of the episode."""
         ...
 
     def object_m(self, number: int) -> Array:
-        """Returns where the centre of mass (3,) of an object is, as far as the robot knows."""
+        """Returns the believed centre of mass (3,) of an object."""
         ...
 
     def goal_m(self, number: int) -> Array:
-        """Returns where it is to be (3,)."""
+        """Returns the goal (3,) of its centre of mass."""
         ...
 
     def grasp_points_m(self, number: int, *, around: bool = False) -> Array:
-        """Returns points (P, 3) in the world at which the hand would take an object.
+        """Returns world points (P, 3) at which the hand can grasp an object.
 
-        These are a few at its faces, or many `around` it, some as far away as it can be taken.
+        They are a few at its faces or, with `around`, many on spheres up to the grasp radius.
         """
         ...
 
     def ee_from_held(self) -> Array:
-        """Returns the point (3,) in the end-effector's frame that is to come to the goal."""
+        """Returns the held object's reference point (3,) in the end-effector's frame."""
         ...
 
-    def front(self, number: int) -> FrontState:
+    def articulation(self, number: int) -> ArticulationState:
         """Returns a door or drawer of the episode."""
         ...
 
@@ -71,36 +71,40 @@ class Scene(Protocol):
         without: str | None = None,
         reach_m: float | None = None,
     ) -> ArmCollision:
-        """Returns the collision model of the arm and of what it holds.
+        """Returns the collision model of the arm and the held object.
 
         Args:
-            base: A base pose (3,) where the robot is thought to stand; None for where it is.
-            without: Name of a body that is left out.
-            reach_m: Shapes farther than this from the shoulder are left out; None: as usual.
+            base: Hypothetical base pose (3,); None for the current one.
+            without: Name of a body to leave out.
+            reach_m: Maximum distance of shapes from the shoulder; None for the default.
         """
         ...
 
     def in_the_way(self, path: Array) -> bool:
-        """Returns whether something was seen in the way of the arm since it set out on a path.
+        """Returns whether an obstacle seen since the path was planned blocks it.
 
-        Asked at every step.
+        Called at every step.
 
         Args:
-            path: The arm poses (K, 7) that are left of it.
+            path: Remaining arm poses (K, 7).
         """
         ...
 
     def taking(self, number: int, world_from_ee: Array) -> ArmCollision | None:
-        """Returns the collision model as if the hand, at a pose (4, 4), had taken an object.
+        """Returns the collision model with an object grasped at an end-effector pose (4, 4).
 
-        It is None where the robot does not know what it will hold.
+        It is None if the robot cannot predict what it will hold.
         """
         ...
 
     def met(self, path: Array) -> None:
-        """Is told that the arm met with something where it was about to go, (K, 7)."""
+        """Reports contact of the arm with an obstacle on its next poses (K, 7)."""
         ...
 
-    def floor_map(self) -> NavigationMap:
-        """Returns the floor with everything as it stands now, but for robot and held object."""
+    def floor_map(self, joints: Mapping[int, float] | None = None) -> NavigationMap:
+        """Returns the current floor map, without the robot and the held object.
+
+        Args:
+            joints: Hypothetical joint positions [rad or m], by number of the door or drawer.
+        """
         ...

@@ -1,4 +1,4 @@
-"""The scene of SPA-Priv: the simulator's true state (S App. D)."""
+"""Scene of SPA-Priv: the simulator's ground-truth state (S App. D)."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from hab_spa.planning.joint_goal import GraspConfig, sphere_m
 from hab_spa.shapes import Array, body_bounds_m, invert_pose, standing
 from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.navigation import NavigationMap
-from hab_tasks.privileged import FrontState, PrivilegedState
-from hab_tasks.robots.fetch_spec import EE_LINK, EE_OFFSET_M
+from hab_tasks.privileged import ArticulationState, PrivilegedState
+from hab_tasks.robots.robot import ROBOT
 
 
 class TrueScene:
-    """Answers from the observation's privileged group; see `hab_spa.scenes.scene.Scene`.
+    """Scene from the observation's privileged group; see `hab_spa.scenes.scene.Scene`.
 
     Attributes:
         state: The state at this step.
@@ -28,29 +28,29 @@ class TrueScene:
     state: PrivilegedState
 
     def __init__(self, config: GraspConfig | None = None) -> None:
-        """Makes the scene of one row; shapes are kept from episode to episode."""
+        """Creates the scene of one row; shapes are cached across episodes."""
         self._config, self._cache = config or GraspConfig(), ShapeCache()
 
     def forget(self) -> None:
-        """Starts a new episode, of which nothing is remembered but shapes."""
+        """Starts a new episode; there is nothing to reset, as shapes stay cached."""
 
     def see(self, obs: Mapping[str, Any], row: int) -> None:
-        """Takes in the true state of a row."""
+        """Stores the ground-truth state of a row."""
         self.state = obs["privileged"][row]
 
     @property
     def arm_qpos(self) -> Array:
-        """The arm (7,) [rad]."""
+        """Joint positions of the arm (7,) [rad]."""
         return self.state.arm_qpos
 
     @property
     def world_from_base(self) -> Array:
-        """(4, 4) pose of Fetch's base_link."""
+        """(4, 4) pose of the base frame."""
         return self.state.world_from_base
 
     @property
     def holding(self) -> bool:
-        """Whether an object is in the hand."""
+        """Whether the hand holds an object."""
         return self.state.held is not None
 
     def holds(self, number: int) -> bool:
@@ -62,13 +62,13 @@ class TrueScene:
         return self.state.object_com_m[self.state.targets[number]]
 
     def goal_m(self, number: int) -> Array:
-        """Returns where its centre of mass (3,) is to be."""
+        """Returns the goal (3,) of its centre of mass."""
         return self.state.goals_m[number]
 
     def grasp_points_m(self, number: int, *, around: bool = False) -> Array:
-        """Returns the points (P, 3) at which the hand would take an object.
+        """Returns the points (P, 3) at which the hand can grasp an object.
 
-        They are the face centres of its box, or points `around` its centre of mass.
+        They are the face centres of its bounding box, or points `around` its centre of mass.
         """
         name, config = self.state.targets[number], self._config
         if around:
@@ -80,19 +80,19 @@ class TrueScene:
         return points_m[would_grasp(self.state, name, points_m, config)]
 
     def ee_from_held(self) -> Array:
-        """Returns the centre of mass (3,) of what is held, in the end-effector's frame.
+        """Returns the centre of mass (3,) of the held object, in the end-effector's frame.
 
         Raises:
-            ValueError: Nothing is held.
+            ValueError: The hand is empty.
         """
         if self.state.held is None:
-            raise ValueError("ee_from_held: nothing is in the hand.")
+            raise ValueError("ee_from_held: the hand is empty.")
         point = np.append(self.state.object_com_m[self.state.held], 1.0)
         return (invert_pose(self._world_from_ee()) @ point)[:3]
 
-    def front(self, number: int) -> FrontState:
+    def articulation(self, number: int) -> ArticulationState:
         """Returns a door or drawer of the episode."""
-        return self.state.fronts[number]
+        return self.state.articulations[number]
 
     def collision(
         self,
@@ -109,38 +109,43 @@ class TrueScene:
         return ArmCollision(state, held=state.held, config=within(reach_m), cache=self._cache)
 
     def taking(self, number: int, world_from_ee: Array) -> ArmCollision:
-        """Returns the collision model as if the hand, at a pose (4, 4), had taken an object."""
+        """Returns the collision model with an object grasped at an end-effector pose (4, 4)."""
         name, poses = self.state.targets[number], dict(self.state.world_from_body)
-        # What counts is the object's pose in the hand, wherever that is now.
+        # The model needs the object's pose relative to the current hand.
         poses[name] = self._world_from_ee() @ invert_pose(world_from_ee) @ poses[name]
         state = replace(self.state, world_from_body=poses)
         return ArmCollision(state, held=name, cache=self._cache)
 
     def in_the_way(self, path: Array) -> bool:
-        """Returns False: all was known when the path was planned."""
+        """Returns False: all obstacles were known when the path was planned."""
         return False
 
     def met(self, path: Array) -> None:
-        """Learns nothing: all is known."""
+        """Does nothing: all obstacles are known."""
 
-    def floor_map(self) -> NavigationMap:
-        """Returns the floor with everything as it stands now, but for robot and held object."""
-        poses = self.state.world_from_body
+    def floor_map(self, joints: Mapping[int, float] | None = None) -> NavigationMap:
+        """Returns the floor map without robot and held object; see `Scene.floor_map`."""
+        poses = dict(self.state.world_from_body)
+        for number, joint in (joints or {}).items():
+            articulation = self.articulation(number)
+            poses[articulation.body] = articulation.moved(joint) @ poses[articulation.body]
         bodies = [b for b in self.state.bodies if b.group != "robot" and b.name in poses]
         return NavigationMap.of_bodies([b for b in bodies if b.name != self.state.held], poses)
 
     def _world_from_ee(self) -> Array:
         poses = self.state.world_from_body
-        gripper = next(pose for name, pose in poses.items() if name.rsplit("/", 1)[-1] == EE_LINK)
+        gripper = next(
+            pose for name, pose in poses.items() if name.rsplit("/", 1)[-1] == ROBOT.ee_link
+        )
         ee = gripper.copy()
-        ee[:3, 3] += gripper[:3, 0] * EE_OFFSET_M
+        ee[:3, 3] += gripper[:3, 0] * ROBOT.ee_offset_m
         return ee
 
 
 def face_centres_m(state: PrivilegedState, name: str) -> Array:
-    """Returns the six face centres (6, 3) [m] of a body's box, in the world.
+    """Returns the face centres (6, 3) [m] of a body's bounding box, in the world.
 
-    The box is the one around all collision shapes, along the axes of the body's own frame.
+    The box is aligned with the body's frame and contains all its collision shapes.
     """
     body = next(body for body in state.bodies if body.name == name)
     lower, upper = body_bounds_m(body)
@@ -153,9 +158,9 @@ def face_centres_m(state: PrivilegedState, name: str) -> Array:
 def would_grasp(
     state: PrivilegedState, name: str, points_m: Array, config: GraspConfig
 ) -> NDArray[np.bool_]:
-    """Whether the snap grasp at end-effector points (B, 3) in the world takes an object: (B,).
+    """Whether the snap grasp at end-effector positions (B, 3) in the world grasps an object: (B,).
 
-    The grasp takes the object whose centre of mass is nearest, so being near is not enough.
+    It grasps the object whose centre of mass is nearest, so being within its radius is not enough.
     """
     own = np.linalg.norm(points_m - state.object_com_m[name], axis=1)
     allowed = own <= GRASP_RADIUS_M - config.reach_safety_m
@@ -167,7 +172,7 @@ def would_grasp(
 
 
 def standing_at(state: PrivilegedState, base: Array) -> PrivilegedState:
-    """Returns a state with the robot, and what it holds, at another base pose (3,)."""
+    """Returns a state with the robot and its held object at another base pose (3,)."""
     world_from_base = standing(base, float(state.world_from_base[2, 3]))
     motion = world_from_base @ invert_pose(state.world_from_base)
     robot = {body.name for body in state.bodies if body.group == "robot"} | {state.held}

@@ -1,1 +1,1 @@
-"""From depth images to what is seen: points, boxes and octrees."""
+"""Perception from depth images: point clouds, boxes, voxels and octrees."""

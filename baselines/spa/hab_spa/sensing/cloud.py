@@ -1,4 +1,4 @@
-"""Depth images as points in the world (S App. D, SPA)."""
+"""Point clouds from depth images (S App. D, SPA)."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from hab_tasks.robots.cameras import PLACES
 _SAPIEN_FROM_CAMERA = np.array(
     ((0.0, 0.0, 1.0, 0.0), (-1.0, 0.0, 0.0, 0.0), (0.0, -1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 )
-"""SAPIEN's cameras look along x, z up; a depth image's along z, y down."""
+"""SAPIEN's cameras look along x, with z up; depth images along z, with y down."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DepthView:
-    """What one camera measured at one moment.
+    """A depth image and its camera.
 
     Attributes:
-        depth_m: (H, W) distance along the camera's axis; infinite where nothing was in range.
-        focal_px: (2,) focal lengths, sideways and up.
-        centre_px: (2,) where the axis meets the image; the first pixel's corner is (0, 0).
+        depth_m: (H, W) distance along the camera's axis; infinite beyond the range.
+        focal_px: (2,) focal lengths, horizontal and vertical.
+        centre_px: (2,) principal point; the corner of the first pixel is (0, 0).
         world_from_camera: (4, 4); camera x to the right, y down, z ahead.
     """
 
@@ -38,7 +38,7 @@ class DepthView:
 
     @classmethod
     def read(cls, obs: Mapping[str, Any], camera: str, row: int) -> DepthView:
-        """Reads a camera's image and pose of one row from an observation with images."""
+        """Reads a camera's depth image and pose of one row from an observation."""
         depth = np.asarray(obs["sensor_data"][camera]["depth"][row], dtype=float)[..., 0]
         parameters = obs["sensor_param"][camera]
         intrinsics = np.asarray(parameters["intrinsic_cv"][row], dtype=float)
@@ -51,33 +51,33 @@ class DepthView:
 
     @cached_property
     def points_m(self) -> Array:
-        """The point (H, W, 3) in the world that each pixel's centre shows, else NaN."""
+        """World point (H, W, 3) at the centre of each pixel; NaN beyond the range."""
         depth_m = np.where(np.isfinite(self.depth_m), self.depth_m, np.nan)
         return self.to_world_m(self.rays() * depth_m[..., None])
 
     def rays(self) -> Array:
-        """Returns directions (H, W, 3) of the pixels' centres in the camera's frame, z = 1."""
+        """Returns the rays (H, W, 3) of the pixels' centres in the camera's frame, with z = 1."""
         height, width = self.depth_m.shape
         x = (np.arange(width) + 0.5 - self.centre_px[0]) / self.focal_px[0]
         y = (np.arange(height) + 0.5 - self.centre_px[1]) / self.focal_px[1]
         return np.stack((*np.meshgrid(x, y), np.ones((height, width))), axis=-1)
 
     def to_world_m(self, points_m: Array) -> Array:
-        """Maps points (..., 3) from the camera's frame to the world."""
+        """Transforms points (..., 3) from the camera's frame to the world."""
         pose = self.world_from_camera
         return points_m @ pose[:3, :3].T + pose[:3, 3]
 
     def project(self, points_m: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
-        """Projects points (K, 3) of the world.
+        """Projects world points (K, 3) into the image.
 
         Returns:
-            Which of the points are in the image (P,), their pixels (P, 2) row and column, and
+            Indices of the points in the image (P,), their pixels (P, 2) as row and column, and
             their depths (P,).
         """
         camera_from_world = invert_pose(self.world_from_camera)
         x, y, depth_m = camera_from_world[:3, :3] @ points_m.T + camera_from_world[:3, 3:]
         height, width = self.depth_m.shape
-        ahead_m = np.where(depth_m > 1e-3, depth_m, np.nan)  # nothing is in a picture at NaN
+        ahead_m = np.where(depth_m > 1e-3, depth_m, np.nan)  # NaN is outside every image
         columns = x / ahead_m * self.focal_px[0] + self.centre_px[0]
         rows = y / ahead_m * self.focal_px[1] + self.centre_px[1]
         inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
@@ -94,7 +94,7 @@ def world_from_camera(obs: Mapping[str, Any], camera: str, row: int) -> Array:
 
 
 def world_from_base(obs: Mapping[str, Any], row: int) -> Array:
-    """Returns the pose (4, 4) of Fetch's base_link: the head's camera is fixed to it."""
+    """Returns the pose (4, 4) of the base frame, to which the head camera is fixed."""
     base_from_sapien = PLACES["head"].pose().to_transformation_matrix().astype(float)
     base_from_camera = base_from_sapien @ _SAPIEN_FROM_CAMERA
     return world_from_camera(obs, "head", row) @ invert_pose(base_from_camera)
@@ -103,17 +103,17 @@ def world_from_base(obs: Mapping[str, Any], row: int) -> Array:
 def surface_points_m(
     view: DepthView, seen: NDArray[np.bool_], spacing_m: float, slope: float
 ) -> Array:
-    """Returns points (K, 3) in the world on the surfaces between the pixels of a view.
+    """Returns a dense point cloud (K, 3) in the world, interpolated between pixels.
 
-    A plane's inverse depth is linear across an image, so what lies between four neighbouring
-    pixels of one surface is interpolated in it.
+    The inverse depth of a plane is linear in the image, so it is interpolated between four
+    neighbouring pixels of a surface.
 
     Args:
         view: The image.
-        seen: (H, W) which pixels count.
-        spacing_m: Points are at most this far apart along an image's row or column.
-        slope: Neighbours whose depths differ by more than this many times their distance
-            sideways are thought to be of two surfaces.
+        seen: (H, W) mask of the pixels to use.
+        spacing_m: Maximum spacing of the points along an image row or column.
+        slope: Neighbouring pixels are of different surfaces if their depths differ by more than
+            this factor times their lateral distance.
     """
     depth_m, rays = view.depth_m, view.rays()
     corners = [np.s_[:-1, :-1], np.s_[:-1, 1:], np.s_[1:, :-1], np.s_[1:, 1:]]

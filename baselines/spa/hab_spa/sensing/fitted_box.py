@@ -1,4 +1,4 @@
-"""The best-fit box around an object's points (S App. D, SPA: Pick)."""
+"""Best-fit box of an object's points (S App. D, SPA: Pick)."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from hab_spa.shapes import Array, invert_pose
 
 @dataclass(frozen=True, kw_only=True)
 class BoxConfig:
-    """The numbers of the fit.
+    """Parameters of the fit.
 
     Attributes:
-        reach_m: Points farther than this from the object's position are of other things.
-        support_reach_m: The plane that it stands on is looked for this far around, sideways.
-        support_bin_m: Resolution of that plane's height.
-        support_share: The plane holds at least this share of the points around and below.
-        above_m: Points this much above the plane may be the object's.
-        grain_m: Of points nearer to each other than this, one is enough.
-        link_m: Neighbours this near to each other are of one object.
-        yaw_steps: How many directions of the box within a quarter turn are compared.
-        facing: One faces a side when the cosine of the angle to its normal is larger.
-        uneven_m: Seen from the front, one side may be this much wider than the other.
-        trim: This share of the points may stick out of the box on each side.
-        smallest_m: Half the edge of the smallest box.
-        fewest: With fewer points there is nothing, and the object's box is the smallest one.
-        others_reach_m: Other things are looked for this far around.
-        thing_m: What is longer than this is no thing that the hand can take.
+        reach_m: Maximum distance of the object's points from its position.
+        support_reach_m: Horizontal search radius for the supporting plane.
+        support_bin_m: Resolution of the plane's height.
+        support_share: Minimum share of the points below and around that are in the plane.
+        above_m: Minimum height of the object's points above the plane.
+        grain_m: Voxel size for downsampling.
+        link_m: Maximum distance of neighbours in one cluster.
+        yaw_steps: Number of yaw angles compared within a quarter turn.
+        facing: A side is visible if the cosine of the viewing angle to its normal exceeds this.
+        uneven_m: Maximum asymmetry of the width, seen from the camera.
+        trim: Share of the points that may be outside the box on each side.
+        smallest_m: Minimum half size of the box.
+        fewest: Minimum number of points of a cluster; with fewer, the box has the minimum size.
+        others_reach_m: Search radius for other objects.
+        thing_m: Maximum extent of another object that can be grasped.
     """
 
     reach_m: float = 0.15
@@ -55,13 +55,13 @@ class BoxConfig:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FittedBox:
-    """A box that stands upright in the world.
+    """An upright box in the world.
 
     Attributes:
         world_from_box: (4, 4) pose of its centre.
         half_size_m: (3,) half extents.
-        support_m: Height of the plane that it stands on; None if none was seen.
-        seen: Whether points were there to fit it to.
+        support_m: Height of the supporting plane; None if none was found.
+        seen: Whether the box was fitted to points.
     """
 
     world_from_box: Array
@@ -70,34 +70,34 @@ class FittedBox:
     seen: bool = True
 
     def upper_face_centres_m(self) -> Array:
-        """Returns the centres (5, 3) of its top and its four sides, in the world."""
+        """Returns the centres (5, 3) of the top and the four sides, in the world."""
         half = np.diag(self.half_size_m)
         local = np.concatenate((half[2:], half[:2], -half[:2]))
         return local @ self.world_from_box[:3, :3].T + self.world_from_box[:3, 3]
 
     def contains(self, points_m: Array, margin_m: float) -> NDArray[np.bool_]:
-        """Whether points (K, 3) are in it or nearer than `margin_m` to it, edgewise."""
+        """Whether points (K, 3) are inside the box, enlarged by `margin_m`."""
         return in_box(points_m, self.world_from_box, self.half_size_m + margin_m)
 
 
 def in_box(points_m: Array, world_from_box: Array, half_size_m: Array) -> NDArray[np.bool_]:
-    """Whether points (K, 3) are in a box (4, 4), (3,)."""
+    """Whether points (K, 3) are inside a box of pose (4, 4) and half size (3,)."""
     box_from_world = invert_pose(world_from_box)
     local = points_m @ box_from_world[:3, :3].T + box_from_world[:3, 3]
     return np.all(np.abs(local) <= half_size_m, axis=1)
 
 
 def fit_box(points_m: Array, centre_m: Array, eye_m: Array, config: BoxConfig) -> FittedBox:
-    """Fits an upright box around the points of the object at a place.
+    """Fits an upright box to the points of the object at a position.
 
-    One sees only an object's near side. Its far side is taken to be as far from the object's
-    position.
+    Only the near side of an object is visible; the box is assumed to be symmetric about the
+    object's position.
 
     Args:
-        points_m: (K, 3) of everything seen, in the world.
+        points_m: (K, 3) all seen points, in the world.
         centre_m: (3,) the object's position.
-        eye_m: (3,) from where it is seen.
-        config: The numbers.
+        eye_m: (3,) the viewpoint.
+        config: Parameters.
     """
     support_m = support_height_m(points_m, centre_m, config)
     own_m = _object_points(points_m, centre_m, support_m, config)
@@ -133,7 +133,7 @@ def fit_box(points_m: Array, centre_m: Array, eye_m: Array, config: BoxConfig) -
 
 
 def support_height_m(points_m: Array, centre_m: Array, config: BoxConfig) -> float | None:
-    """Returns the height of the plane below a place (3,), None if no plane stands out."""
+    """Returns the height of the supporting plane below a position (3,), None if there is none."""
     sideways_m = np.linalg.norm(points_m[:, :2] - centre_m[:2], axis=1)
     below_m = centre_m[2] - points_m[:, 2]
     around = (sideways_m < config.support_reach_m) & (below_m > 0.0) & (below_m < config.reach_m)
@@ -142,7 +142,7 @@ def support_height_m(points_m: Array, centre_m: Array, config: BoxConfig) -> flo
         return None
     bins = np.floor(heights_m / config.support_bin_m).astype(int)
     counts = np.bincount(bins - bins.min())
-    # A plane may lie across the border of two bins.
+    # A plane may be spread over two bins.
     pairs = counts + np.append(counts[1:], 0)
     best = int(pairs.argmax())
     if pairs[best] < config.support_share * len(heights_m):
@@ -152,13 +152,13 @@ def support_height_m(points_m: Array, centre_m: Array, config: BoxConfig) -> flo
 
 
 def other_things_m(points_m: Array, centre_m: Array, box: FittedBox, config: BoxConfig) -> Array:
-    """Returns about where other small things (T, 3) are around an object.
+    """Returns the approximate positions (T, 3) of other small objects around an object.
 
     Args:
-        points_m: (K, 3) of everything seen, in the world.
+        points_m: (K, 3) all seen points, in the world.
         centre_m: (3,) the object's position.
-        box: The object's.
-        config: The numbers.
+        box: The object's box.
+        config: Parameters.
     """
     near = np.linalg.norm(points_m - centre_m, axis=1) < config.others_reach_m
     if box.support_m is not None:
@@ -176,7 +176,7 @@ def other_things_m(points_m: Array, centre_m: Array, box: FittedBox, config: Box
 def _object_points(
     points_m: Array, centre_m: Array, support_m: float | None, config: BoxConfig
 ) -> Array:
-    """The points above the plane that hang together and are nearest to the place."""
+    """Returns the cluster of points above the plane that is nearest to the position."""
     near = np.linalg.norm(points_m - centre_m, axis=1) < config.reach_m
     if support_m is not None:
         near &= points_m[:, 2] > support_m + config.above_m
@@ -187,20 +187,20 @@ def _object_points(
 
 
 def _half_m(own_m: Array, centre_m: Array, eye_m: Array, sides: Array, config: BoxConfig) -> Array:
-    """Half the widths (Y,) of a thing in some directions (Y, 2), by the side that is seen."""
+    """Returns half widths (Y,) of an object in directions (Y, 2), from the visible side."""
     view = (eye_m - centre_m)[:2] / np.linalg.norm((eye_m - centre_m)[:2])
     facing = sides @ view
     toward = np.where(facing[:, None] >= 0.0, sides, -sides)
     along_m = (own_m[:, :2] - centre_m[:2]) @ toward.T
     near_m = np.quantile(along_m, 1.0 - config.trim, axis=0)
     far_m = -np.quantile(along_m, config.trim, axis=0)
-    # Both sides of what one does not face are seen; something else may touch one of them.
+    # In other directions both sides are visible, but another object may touch one of them.
     half_m = np.where(np.abs(facing) > config.facing, near_m, np.minimum(near_m, far_m))
     return np.maximum(half_m, config.smallest_m)
 
 
 def _evenly_wide(own_m: Array, centre_m: Array, eye_m: Array, config: BoxConfig) -> Array:
-    """Leaves out what sticks out farther to one side than to the other: a neighbour."""
+    """Removes points that extend farther to one side than to the other: a neighbouring object."""
     ahead_m = centre_m[:2] - eye_m[:2]
     sideways = np.array((-ahead_m[1], ahead_m[0])) / np.linalg.norm(ahead_m)
     along_m = (own_m[:, :2] - centre_m[:2]) @ sideways
@@ -209,7 +209,7 @@ def _evenly_wide(own_m: Array, centre_m: Array, eye_m: Array, config: BoxConfig)
 
 
 def _things(points_m: Array, config: BoxConfig) -> list[Array]:
-    """Points (K, 3), thinned out, as those that hang together; specks are left out."""
+    """Returns clusters of downsampled points (K, 3), without small ones."""
     if not len(points_m):
         return []
     _, first = np.unique(voxel_keys(points_m, config.grain_m), return_index=True)

@@ -1,4 +1,4 @@
-"""The box around what the hand holds (S App. D, SPA)."""
+"""Bounding box of the held object (S App. D, SPA)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hab_spa.shapes import Array
 from hab_tasks.privileged import CollisionBody, CollisionShape
 
 HELD = "held"
-"""Name of its body."""
+"""Name of the box's body."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -24,7 +24,7 @@ class HeldBox:
 
     @classmethod
     def around(cls, points_m: Array) -> HeldBox:
-        """Returns the box along the end-effector's axes around points (K, 3) of its frame."""
+        """Returns the bounding box of points (K, 3), aligned with the end-effector's frame."""
         lower_m, upper_m = points_m.min(axis=0), points_m.max(axis=0)
         pose = np.eye(4)
         pose[:3, 3] = (lower_m + upper_m) / 2
@@ -37,19 +37,19 @@ class HeldBox:
         margin_m: float = 0.0,
         largest_m: float = np.inf,
     ) -> NDArray[np.bool_]:
-        """Whether points (K, 3) of the world are in it, when the end-effector is at (4, 4).
+        """Whether world points (K, 3) are inside the box.
 
         Args:
             points_m: The points.
-            world_from_ee: Pose of the end-effector.
-            margin_m: The box is this much larger ...
-            largest_m: ... than it is when its half size is at most this.
+            world_from_ee: Pose (4, 4) of the end-effector.
+            margin_m: Enlargement of the box, ...
+            largest_m: ... after limiting its half size to this.
         """
         half_m = np.minimum(self.half_size_m, largest_m) + margin_m
         return in_box(points_m, world_from_ee @ self.ee_from_box, half_m)
 
     def body(self, largest_m: float) -> CollisionBody:
-        """Returns it as a body of the scene, of at most this half size."""
+        """Returns the box as a collision body, with its half size limited to `largest_m`."""
         box = CollisionShape(
             kind="box",
             body_from_shape=np.eye(4),

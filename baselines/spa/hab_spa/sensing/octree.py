@@ -1,4 +1,4 @@
-"""Occupied voxels as octrees, which coal tests against the arm's hulls (S App. D, SPA)."""
+"""Octrees of occupied voxels, for Coal's collision checks (S App. D, SPA)."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from hab_spa.shapes import Array
 
 
 def octrees(centres_m: Array, size_m: float, cell_m: float) -> list[Obstacle]:
-    """Returns voxels as obstacles, an octree for each cell of a grid.
+    """Returns voxels as obstacles, with one octree per grid cell.
 
-    Margins are relaxed by pairs of shapes. With a single octree an arm that starts near one point
-    would be allowed near all.
+    Margins are relaxed per pair of shapes. With a single octree, an arm that starts near one voxel
+    could approach all of them.
 
     Args:
-        centres_m: (V, 3) centres of voxels in the world.
+        centres_m: (V, 3) centres of the voxels in the world.
         size_m: Edge of a voxel.
-        cell_m: Edge of a cell.
+        cell_m: Edge of a grid cell.
     """
     if not len(centres_m):
         return []

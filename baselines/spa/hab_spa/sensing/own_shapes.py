@@ -1,4 +1,4 @@
-"""The robot's own shapes, from its description: what SPA knows without being told (S App. D)."""
+"""The robot's collision shapes from its URDF, for filtering point clouds (S App. D)."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from scipy.spatial.distance import cdist
 from hab_spa.planning.collision import shared_arm_model
 from hab_spa.shapes import Array
 from hab_tasks.privileged import CollisionBody, CollisionShape
-from hab_tasks.robots.fetch_spec import urdf_path
+from hab_tasks.robots.robot import ROBOT
 
-PREFIX = "hab_fetch/"
-"""Bodies are named as the simulator names them."""
+PREFIX = f"{ROBOT.uid}/"
+"""Prefix of body names, as in the simulator."""
 
 
 @lru_cache(maxsize=1)
 def own_bodies() -> tuple[CollisionBody, ...]:
-    """Returns one body for each link that has collision meshes: their convex hulls."""
+    """Returns one body per link with collision meshes, of their convex hulls."""
     bodies = []
-    for link in ElementTree.parse(urdf_path()).getroot().iter("link"):
+    for link in ElementTree.parse(ROBOT.urdf_path()).getroot().iter("link"):
         shapes = [_hull(collision) for collision in link.findall("collision")]
         if shapes:
             name = PREFIX + link.get("name", "")
@@ -33,11 +33,11 @@ def own_bodies() -> tuple[CollisionBody, ...]:
 
 
 def own_poses(world_from_base: Array, arm_rad: Array) -> dict[str, Array]:
-    """Returns the pose (4, 4) of each of the bodies, torso, head and fingers being locked.
+    """Returns the pose (4, 4) of each body; torso, head and fingers are locked.
 
     Args:
         world_from_base: (4, 4) pose of base_link.
-        arm_rad: (7,) the arm.
+        arm_rad: (7,) joint positions of the arm.
     """
     model, _ = shared_arm_model()
     data = model.createData()
@@ -51,12 +51,12 @@ def own_poses(world_from_base: Array, arm_rad: Array) -> dict[str, Array]:
 
 
 def inside_robot(points_m: Array, poses: dict[str, Array], margin_m: float) -> NDArray[np.bool_]:
-    """Whether points (K, 3) of the world are in the robot or nearer than about `margin_m` to it.
+    """Whether world points (K, 3) are inside the robot or within about `margin_m` of it.
 
     Args:
         points_m: The points.
-        poses: As `own_poses` returns them.
-        margin_m: Hulls are this much wider; what has corners grows more there.
+        poses: Poses of the bodies, from `own_poses`.
+        margin_m: Enlargement of the hulls; larger at corners.
     """
     directions = _directions()
     inside = np.zeros(len(points_m), dtype=bool)
@@ -79,13 +79,13 @@ def inside_robot(points_m: Array, poses: dict[str, Array], margin_m: float) -> N
 
 @lru_cache(maxsize=1)
 def _directions() -> Array:
-    """Directions (D, 3) in which a hull's extent is known; more gain nothing beside the margin."""
+    """Returns directions (D, 3) of the hulls' outlines; more are not worth it given the margin."""
     return np.asarray(trimesh.creation.icosphere(subdivisions=1).vertices, dtype=float)
 
 
 @lru_cache(maxsize=1)
 def _outlines() -> tuple[tuple[str, Array, Array, float], ...]:
-    """Body, extent (D,) of the hull from its centre (3,) in the body's frame, and its radius."""
+    """Returns (body, extents (D,), centre (3,) in the body's frame, radius) of each hull."""
     found = []
     for body in own_bodies():
         for shape in body.shapes:
@@ -100,11 +100,13 @@ def _outlines() -> tuple[tuple[str, Array, Array, float], ...]:
 
 
 def _hull(collision: ElementTree.Element) -> CollisionShape:
-    """The convex hull of a collision mesh; Fetch has no other collision shapes."""
+    """Returns the convex hull of a collision mesh, the only supported kind of shape."""
     mesh = collision.find("geometry/mesh")
     if mesh is None:
-        raise ValueError(f"A collision shape of {urdf_path()} is no mesh; own_shapes.py needs one.")
-    loaded = trimesh.load_mesh(urdf_path().parent / mesh.get("filename", ""))
+        raise ValueError(
+            f"{ROBOT.urdf_path()}: own_shapes.py supports only meshes as collision shapes."
+        )
+    loaded = trimesh.load_mesh(ROBOT.urdf_path().parent / mesh.get("filename", ""))
     hull = loaded.convex_hull
     return CollisionShape(
         kind="convex",

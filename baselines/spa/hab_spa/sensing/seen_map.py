@@ -1,4 +1,4 @@
-"""What the cameras saw so far: occupied voxels, and what hides behind surfaces (S App. D, SPA)."""
+"""Map of the cameras' views: occupied voxels, and hidden ones behind them (S App. D, SPA)."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from hab_spa.shapes import Array
 
 @dataclass(frozen=True, kw_only=True)
 class MapConfig:
-    """The numbers of the map.
+    """Parameters of the map.
 
     Attributes:
-        spacing_m: Between neighbouring pixels of a surface there is a point this often.
+        spacing_m: Spacing of interpolated surface points.
         slope: See `hab_spa.sensing.cloud.surface_points_m`.
-        behind_m: What is this far behind a surface is not free unless another view shows that.
-        views: So many views are remembered one by one.
-        keep_m: What is farther from where the camera is now is forgotten, and the views from there.
-        voxels: Of the surfaces.
-        hidden: Voxels of what is behind them.
+        behind_m: Depth of hidden space behind a surface, unless another view shows it free.
+        views: Number of views that are stored.
+        keep_m: Voxels and views farther than this from the camera are removed.
+        voxels: Parameters of surface voxels.
+        hidden: Parameters of hidden voxels.
     """
 
     spacing_m: float = 0.009
@@ -39,12 +39,12 @@ class MapConfig:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Look:
-    """A view.
+    """A stored view.
 
     Attributes:
         view: The image.
-        world: (H, W) which of them are to be remembered.
-        centres_m: (V, 3) coarse voxels of these.
+        world: (H, W) mask of the mapped pixels.
+        centres_m: (V, 3) centres of their coarse voxels.
     """
 
     view: DepthView
@@ -53,17 +53,17 @@ class _Look:
 
 
 class SeenMap:
-    """Accumulates views."""
+    """A map accumulated over views."""
 
     def __init__(self, config: MapConfig | None = None) -> None:
-        """Starts with nothing seen."""
+        """Creates an empty map."""
         self.config = config or MapConfig()
         self._voxels = VoxelMap(self.config.voxels)
         self._felt = VoxelMap(self.config.voxels)
         self._looks: deque[_Look] = deque(maxlen=self.config.views)
 
     def add(self, view: DepthView, world: NDArray[np.bool_]) -> None:
-        """Takes in a view, of which some pixels (H, W) show what is to be remembered."""
+        """Adds the masked pixels (H, W) of a view; the view also clears voxels."""
         config = self.config
         self._forget_beyond(view.world_from_camera[:3, 3])
         self._voxels.carve(view)
@@ -73,12 +73,12 @@ class SeenMap:
         self._voxels.add(points_m)
         self._looks.append(_Look(view=view, world=world, centres_m=here.centres_m()))
 
-    def feel(self, points_m: Array) -> None:
-        """Takes points (K, 3) as occupied, but for those that some view sees through."""
+    def add_contacts(self, points_m: Array) -> None:
+        """Adds felt obstacle points (K, 3); views that see through them clear them."""
         self._felt.add(points_m)
 
     def remove(self, box: FittedBox, margin_m: float) -> None:
-        """Forgets what was seen in a box and this near to it: it is not there any more."""
+        """Removes everything within `margin_m` of a box, whose object has been moved."""
         self._voxels.clear(box.contains(self._voxels.centres_m(), margin_m))
         for number, look in enumerate(self._looks):
             gone = look.world.copy()
@@ -90,25 +90,25 @@ class SeenMap:
             )
 
     def mark(self) -> None:
-        """Remembers where surfaces were seen until now."""
+        """Marks the current voxels as known, for `new_m`."""
         self._voxels.mark()
 
     def new_m(self, centre_m: Array, reach_m: float) -> Array:
-        """Returns those of `occupied_m` that were not when the map was marked."""
+        """Returns the voxels of `occupied_m` added since `mark`."""
         return _near(self._voxels.new_m(), centre_m, reach_m)
 
     def occupied_m(self, centre_m: Array, reach_m: float) -> Array:
-        """Returns the centres (V, 3) of the voxels near a point (3,) where surfaces were seen."""
+        """Returns the centres (V, 3) of the surface voxels near a point (3,)."""
         return _near(self._voxels.centres_m(), centre_m, reach_m)
 
     def felt_m(self) -> Array:
-        """Returns the centres (V, 3) of the voxels that were felt and that no view shows."""
+        """Returns the centres (V, 3) of the felt voxels that no view shows as free."""
         for look in self._looks if len(self._felt) else ():
             self._felt.carve(look.view)
         return self._felt.centres_m()
 
     def hidden_m(self, centre_m: Array, reach_m: float) -> Array:
-        """Returns the centres (V, 3) of coarse voxels near a point (3,) that no view shows."""
+        """Returns the centres (V, 3) of the hidden voxels near a point (3,)."""
         hidden, size_m = VoxelMap(self.config.hidden), self.config.hidden.size_m
         depths_m = np.arange(1.5 * size_m, self.config.behind_m, size_m)[:, None, None]
         behind_m = [np.zeros((0, 3))]
@@ -123,7 +123,7 @@ class SeenMap:
         return hidden.centres_m()
 
     def points_m(self, centre_m: Array, reach_m: float, spacing_m: float, slope: float) -> Array:
-        """Returns points (K, 3) of the surfaces near a point (3,) that the latest views show."""
+        """Returns surface points (K, 3) near a point (3,) from the stored views."""
         found = [np.zeros((0, 3))]
         for look in self._looks:
             near = look.world & (((look.view.points_m - centre_m) ** 2).sum(axis=-1) < reach_m**2)
@@ -132,7 +132,7 @@ class SeenMap:
         return np.concatenate(found)
 
     def _forget_beyond(self, camera_m: Array) -> None:
-        """Keeps what is near the camera (3,): the arm reaches no farther, and maps stay small."""
+        """Removes voxels and views far from the camera (3,), beyond the arm's reach."""
         keep_m = self.config.keep_m
         for voxels in (self._voxels, self._felt):
             voxels.crop(camera_m, keep_m)

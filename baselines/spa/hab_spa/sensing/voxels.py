@@ -1,4 +1,4 @@
-"""What is occupied, in voxels of the world, accumulated over views (S App. D, SPA)."""
+"""Occupied voxels of the world, accumulated over views (S App. D, SPA)."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from hab_spa.sensing.cloud import DepthView
 from hab_spa.shapes import Array
 
 _BITS = 20
-"""Of each index in a key: with voxels of 1 cm, 10 km."""
+"""Bits per index of a key; 10 km for voxels of 1 cm."""
 _OFFSET = 1 << (_BITS - 1)
 
 
 @dataclass(frozen=True, kw_only=True)
 class VoxelConfig:
-    """The numbers of the map.
+    """Parameters of the voxels.
 
     Attributes:
         size_m: Edge of a voxel.
-        through_m: A voxel is empty when a camera sees this much farther through it.
+        through_m: A voxel is free if a camera sees at least this far behind it.
     """
 
     size_m: float = 0.012
@@ -30,21 +30,21 @@ class VoxelConfig:
 
 
 def voxel_keys(points_m: Array, size_m: float) -> NDArray[np.int64]:
-    """Returns a number (K,) for each of some points (K, 3), the same within a voxel."""
+    """Returns the voxel keys (K,) of points (K, 3)."""
     indices = np.floor(points_m / size_m).astype(np.int64) + _OFFSET
     return (indices[:, 0] << (2 * _BITS)) | (indices[:, 1] << _BITS) | indices[:, 2]
 
 
 class VoxelMap:
-    """Occupied voxels of the world; what a camera sees through is emptied again."""
+    """Set of occupied voxels; voxels that a camera sees through are removed."""
 
     def __init__(self, config: VoxelConfig | None = None) -> None:
-        """Starts empty."""
+        """Creates an empty set."""
         self.config = config or VoxelConfig()
         self._keys = self._marked = np.zeros(0, dtype=np.int64)
 
     def __len__(self) -> int:
-        """Returns how many voxels are occupied."""
+        """Returns the number of occupied voxels."""
         return len(self._keys)
 
     def centres_m(self) -> Array:
@@ -52,34 +52,34 @@ class VoxelMap:
         return self._centres_m(self._keys)
 
     def mark(self) -> None:
-        """Remembers which voxels are occupied now."""
+        """Marks the current voxels as known, for `new_m`."""
         self._marked = self._keys
 
     def new_m(self) -> Array:
-        """Returns the centres (V, 3) of the occupied voxels that were not when it was marked."""
+        """Returns the centres (V, 3) of the voxels added since `mark`."""
         if not len(self._marked):
             return self.centres_m()
         places = np.searchsorted(self._marked, self._keys).clip(max=len(self._marked) - 1)
         return self._centres_m(self._keys[self._marked[places] != self._keys])
 
     def add(self, points_m: Array) -> None:
-        """Marks the voxels of points (K, 3) as occupied."""
+        """Adds the voxels of points (K, 3)."""
         # Much faster than numpy's union1d, which hashes.
         keys = np.sort(np.concatenate((self._keys, voxel_keys(points_m, self.config.size_m))))
         self._keys = keys[np.append(True, keys[1:] != keys[:-1])[: len(keys)]]
 
     def clear(self, emptied: NDArray[np.bool_]) -> None:
-        """Marks the voxels (V,) as empty, in the order of `centres_m`."""
+        """Removes the masked voxels (V,), in the order of `centres_m`."""
         self._keys = self._keys[~emptied]
 
     def crop(self, centre_m: Array, reach_m: float) -> None:
-        """Forgets the voxels that are not within so much of a point (3,)."""
+        """Removes the voxels farther than `reach_m` from a point (3,)."""
         self.clear(((self.centres_m() - centre_m) ** 2).sum(axis=1) >= reach_m**2)
 
     def carve(self, view: DepthView) -> None:
-        """Empties the voxels that a view sees through."""
+        """Removes the voxels that a view sees through."""
         inside, pixels, depth_m = view.project(self.centres_m())
-        # The nearest of the pixels around, because a voxel covers more than one.
+        # Minimum over neighbouring pixels, because a voxel covers more than one.
         behind_m = minimum_filter(view.depth_m, size=3, mode="nearest")
         farther = behind_m[pixels[:, 0], pixels[:, 1]] > depth_m + self.config.through_m
         emptied = np.zeros(len(self), dtype=bool)

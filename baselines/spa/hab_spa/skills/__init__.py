@@ -1,1 +1,1 @@
-"""The skills, one a file, each a generator of actions."""
+"""The skills, one per file; each is a generator of commands."""

@@ -1,8 +1,7 @@
-"""Grasps of a drawer's handle, and the lines along which the arm moves it from there.
+"""Grasps of a drawer's handle, and the arm motions that move it along a straight line.
 
-A held handle is tied to the end-effector, so the line of the handle is that of the hand; how
-the hand turns on the way is free. A grasp is therefore chosen for its line: of the arm poses
-with the hand at the handle, those from which the arm follows it farthest.
+A held handle is attached to the end-effector, so both move along the same line; the orientation
+of the hand is free. Grasps are ranked by the length of the line that the arm can follow.
 """
 
 from __future__ import annotations
@@ -15,28 +14,28 @@ from numpy.typing import NDArray
 from hab_spa.motion.robot import Robot
 from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD, IkConfig
 from hab_spa.shapes import Array
-from hab_tasks.privileged import FrontState
-from hab_tasks.robots.fetch_spec import REST_QPOS_RAD
+from hab_tasks.privileged import ArticulationState
+from hab_tasks.robots.robot import ROBOT
 
-REST_RAD = np.array(REST_QPOS_RAD)
+REST_RAD = np.array(ROBOT.rest_qpos_rad)
 
 
 @dataclass(frozen=True, kw_only=True)
 class LineConfig:
-    """The numbers of grasps and lines.
+    """Parameters of grasps and lines.
 
     Attributes:
-        starts: Random arm poses from which inverse kinematics starts in a round.
-        rounds: Of these, so many are made while no line goes all the way.
-        step_m: Length of a step of the hand along the line.
-        jump_rad: No joint turns more than this in a step.
-        ik: Inverse kinematics of a step.
-        least_m: Least clearance of the grasp and along the line.
-        room_m: Lines with this much clearance at both ends are preferred: next to nothing holds
-            a drawer that is touched.
-        slack_m: What may remain of the way.
-        lines: How many lines are looked for.
-        apart_rad: Two grasps differ by at least this much in some joint.
+        starts: Random initial guesses for inverse kinematics per round.
+        rounds: Maximum rounds, while no line covers the full travel.
+        step_m: Step of the hand along the line.
+        jump_rad: Maximum joint displacement per step.
+        ik: Parameters of inverse kinematics per step.
+        least_m: Minimum clearance of the grasp and along the line.
+        room_m: Lines with this clearance at both ends are preferred: a drawer moves almost
+            without resistance when touched.
+        slack_m: Maximum missing travel of a complete line.
+        lines: Number of lines to find.
+        apart_rad: Minimum difference between two grasps, in the joint that differs most.
     """
 
     starts: int = 1000
@@ -53,11 +52,11 @@ class LineConfig:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Line:
-    """Arm poses along which a held handle moves.
+    """Arm poses that move a held handle along its line.
 
     Attributes:
         poses: (K, 7) [rad]; the first has the hand at the handle.
-        missing_m: What remains of the way at the end.
+        missing_m: Travel that is missing at the end.
     """
 
     poses: Array
@@ -65,42 +64,47 @@ class Line:
 
 
 class HandleLines:
-    """Looks for lines of one drawer.
+    """Finds lines for one drawer.
 
     Attributes:
-        collision: The collision model with the drawer where it is.
+        collision: Collision model with the drawer at its current position.
     """
 
     def __init__(
         self,
         robot: Robot,
-        front: FrontState,
-        way_m: float,
+        articulation: ArticulationState,
+        travel_m: float,
         config: LineConfig,
         base: Array | None = None,
     ) -> None:
-        """Makes the collision models.
+        """Builds the collision models.
 
         Args:
-            robot: Whose arm.
-            front: The drawer.
-            way_m: How far it is to move along its axis.
-            config: The numbers.
-            base: Where the robot is thought to stand (3,); None for where it is.
+            robot: The robot.
+            articulation: The drawer.
+            travel_m: Travel along its axis.
+            config: Parameters.
+            base: Hypothetical base pose (3,); None for the current one.
         """
-        self._robot, self._front, self._way_m, self._config = robot, front, way_m, config
-        self._steps = max(1, int(np.ceil(abs(way_m) / config.step_m)))
+        self._robot, self._articulation, self._travel_m, self._config = (
+            robot,
+            articulation,
+            travel_m,
+            config,
+        )
+        self._steps = max(1, int(np.ceil(abs(travel_m) / config.step_m)))
         self.collision = self._moving = robot.scene.collision(base=base)
         if not self._move(0):
-            self._moving = robot.scene.collision(base=base, without=front.body)
+            self._moving = robot.scene.collision(base=base, without=articulation.body)
 
     def find(self, seed: int) -> list[Line]:
-        """Returns lines that move the handle about as far as any.
+        """Returns the lines that move the handle farthest.
 
-        Those with room come first, then those from and to which the arm has not far to go.
+        Lines with more clearance come first, then those with less arm motion before and after.
         """
         config, rng, found = self._config, np.random.default_rng(seed), list[Line]()
-        # Room is scarce where the handle is near the robot: lines that begin there go on best.
+        # Room is scarce where the handle is near the robot; lines sampled there extend best.
         ends = sorted((0, self._steps), key=lambda at: float(np.linalg.norm(self._handle_m(at))))
         for number in range(config.rounds):
             last = number > 0 and number == config.rounds - 1
@@ -108,26 +112,26 @@ class HandleLines:
             if any(line.missing_m <= config.slack_m for line in found):
                 break
         self._move(0)
-        least_m = min((line.missing_m for line in found), default=abs(self._way_m))
+        least_m = min((line.missing_m for line in found), default=abs(self._travel_m))
         enough_m = max(least_m + 0.5 * config.step_m, config.slack_m)
         return [line for line in found if line.missing_m <= enough_m][: config.lines]
 
     def _round(self, rng: np.random.Generator, at: int) -> list[Line]:
-        """Returns lines from samples of one end, until enough of them go all the way."""
+        """Returns lines from samples of one end, until enough are complete."""
         config, found = self._config, list[Line]()
         for line in self._in_order(self._followed(self._grasps(rng, at), at)):
             if any(np.abs(line[0] - f.poses[0]).max() < config.apart_rad for f in found):
                 continue
             free = self._free(line)
             if free > 1:
-                missing_m = abs(self._way_m) * (1.0 - (free - 1) / self._steps)
+                missing_m = abs(self._travel_m) * (1.0 - (free - 1) / self._steps)
                 found.append(Line(poses=line[:free], missing_m=missing_m))
             if sum(line.missing_m <= config.slack_m for line in found) == config.lines:
                 break
         return found
 
     def _grasps(self, rng: np.random.Generator, at: int) -> Array:
-        """Returns free arm poses (B, 7) with the hand at the handle after so many steps."""
+        """Returns collision-free arm poses (B, 7) with the hand at the handle after `at` steps."""
         config, robot = self._config, self._robot
         starts = rng.uniform(LOWER_RAD, UPPER_RAD, (config.starts, 7))
         targets_m = np.repeat(self._handle_m(at)[None], config.starts, axis=0)
@@ -136,9 +140,9 @@ class HandleLines:
         return poses[self._are_free(poses, at, config.least_m)]
 
     def _followed(self, poses: Array, at: int) -> list[Array]:
-        """Returns the lines (K, 7) through arm poses (B, 7) at one end, obstacles or not.
+        """Returns the lines (K, 7) through arm poses (B, 7) at one end, without collision checks.
 
-        They begin where the handle is now.
+        They start at the current position of the handle.
         """
         config, stations = (
             self._config,
@@ -157,7 +161,7 @@ class HandleLines:
         return [line[::-1] for line in stacked[lengths == len(lines)]]
 
     def _in_order(self, lines: list[Array]) -> list[Array]:
-        """Sorts lines: the most room first, then the shortest way of the arm there and back."""
+        """Sorts lines by clearance, then by the arm motion before and after."""
         if not lines:
             return []
         firsts, lasts = np.array([ln[0] for ln in lines]), np.array([ln[-1] for ln in lines])
@@ -170,26 +174,30 @@ class HandleLines:
         return [lines[i] for i in np.lexsort((far_rad, -roomy))]
 
     def _free(self, line: Array) -> int:
-        """Returns how many poses of a line (K, 7) touch nothing from the first on."""
+        """Returns the number of leading poses of a line (K, 7) that are collision-free."""
         for station, pose in enumerate(line):
             if not self._are_free(pose[None], station, self._config.least_m)[0]:
                 return station
         return len(line)
 
     def _are_free(self, poses: Array, station: int, margin_m: float) -> NDArray[np.bool_]:
-        """Whether arm poses (B, 7) are free with the drawer after so many steps."""
+        """Whether arm poses (B, 7) are collision-free with the drawer after `station` steps."""
         collision = self._moving if station else self.collision
         self._move(station)
         collision.set_margin(margin_m)
         return np.array([collision.is_free(pose) for pose in poses], dtype=bool)
 
     def _handle_m(self, station: int) -> Array:
-        """Returns where the handle (3,) is after so many steps, in the arm's root frame."""
-        front, arm_from_world = self._front, self.collision.arm_from_world
-        handle_m = front.handle_m + front.axis * (self._way_m * station / self._steps)
+        """Returns the handle's position (3,) after `station` steps, in the arm's root frame."""
+        articulation, arm_from_world = self._articulation, self.collision.arm_from_world
+        handle_m = articulation.handle_m + articulation.axis * (
+            self._travel_m * station / self._steps
+        )
         return arm_from_world[:3, :3] @ handle_m + arm_from_world[:3, 3]
 
     def _move(self, station: int) -> bool:
-        """Moves the drawer of the model; whether the model has it."""
-        way_m = self._way_m * station / self._steps
-        return self._moving.move(self._front.body, self._front.moved(self._front.joint + way_m))
+        """Moves the drawer in the model; returns whether the model contains it."""
+        travel_m = self._travel_m * station / self._steps
+        return self._moving.move(
+            self._articulation.body, self._articulation.moved(self._articulation.joint + travel_m)
+        )

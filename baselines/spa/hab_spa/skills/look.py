@@ -1,4 +1,4 @@
-"""Looking around before a skill, and closer where that is not enough (S App. D, SPA)."""
+"""Camera motions before a skill: looking around, and closer at an object (S App. D, SPA)."""
 
 from __future__ import annotations
 
@@ -16,33 +16,33 @@ from hab_spa.planning.joint_goal import apart, in_arm, near_rest
 from hab_spa.scenes.seen_scene import SeenScene
 from hab_spa.shapes import Array
 from hab_tasks.robots.cameras import PLACES
-from hab_tasks.robots.fetch_spec import EE_OFFSET_M
+from hab_tasks.robots.robot import ROBOT
 
 ASIDE_RAD = (
     (-0.93, -1.22, 0.15, 0.75, -0.01, 2.16, -0.01),
     (-1.05, -1.22, -0.06, 0.84, -0.07, 2.16, -0.01),
     (-1.10, -1.22, 0.30, 0.48, 0.19, 2.16, -0.01),
 )
-"""Arm poses next to the resting one that leave the view of the head's camera free."""
+"""Arm poses near the resting pose that do not occlude the head camera."""
 
-EE_FROM_CAMERA_M = np.array(PLACES["arm"].position_m) - np.array((EE_OFFSET_M, 0.0, 0.0))
-"""Where the hand's camera sits; it looks where the hand points, along x."""
+EE_FROM_CAMERA_M = np.array(PLACES["arm"].position_m) - np.array((ROBOT.ee_offset_m, 0.0, 0.0))
+"""Position of the hand camera in the end-effector's frame; it looks along x."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LookConfig:
-    """The numbers of looking around.
+    """Parameters of looking around.
 
     Attributes:
-        every_steps: On its way the hand's camera looks this often.
-        share: Of the time left that one way of the arm may take.
-        poses: Random arm poses from which one is chosen that shows an object from near.
-        spread_rad: Their standard deviation around the resting pose.
-        distance_m: From this near to this far the hand looks at an object ...
-        angle_rad: ... which is at most this far from the middle of the picture ...
-        down_rad: ... while it looks down by at least and at most this much.
-        margin_m: The arm keeps this far from everything there.
-        plan: Of the ways; when one is not easily found, what is seen so far has to do.
+        every_steps: Interval of images of the hand camera during a motion.
+        share: Share of the remaining time for one motion.
+        poses: Random arm poses, candidates for a close view of an object.
+        spread_rad: Standard deviation of these around the resting pose.
+        distance_m: Minimum and maximum distance from the hand camera to the object.
+        angle_rad: Maximum angle between the object and the camera's axis.
+        down_rad: Minimum and maximum downward angle of the line of sight.
+        margin_m: Clearance of these arm poses.
+        plan: Parameters of the motion planner; no motion if a path is not found quickly.
     """
 
     every_steps: int = 5
@@ -59,7 +59,7 @@ class LookConfig:
 def look_around(
     robot: Robot, scene: SeenScene, config: LookConfig
 ) -> Generator[Command, None, None]:
-    """Looks; then, with a free hand, moves the arm out of the picture and looks again."""
+    """Looks; with an empty hand, moves the arm out of the head camera's view and looks again."""
     robot.doing = "look"
     scene.look()
     if not scene.holding:
@@ -69,7 +69,7 @@ def look_around(
 def look_closer(
     robot: Robot, scene: SeenScene, number: int, config: LookConfig
 ) -> Generator[Command, None, None]:
-    """Looks with the hand's camera at an object that the head does not see standing on anything."""
+    """Looks with the hand camera at an object if the head camera does not see its support."""
     if scene.holding or scene.stands(number):
         return
     robot.doing = "look closer"
@@ -89,7 +89,7 @@ def look_closer(
 def _look_from(
     robot: Robot, scene: SeenScene, poses: Array, collision: ArmCollision, config: LookConfig
 ) -> Generator[Command, None, None]:
-    """Moves the arm to one of some poses (P, 7), looking on the way and there."""
+    """Moves the arm to one of the poses (P, 7), looking during the motion and at its end."""
     start = scene.arm_qpos.copy()
     ends = [Ends(open=start, tight=pose) for pose in poses]
     result = plan_path(collision, robot.kinematics, ends, robot.next_seed(), config.plan)
@@ -104,21 +104,21 @@ def _look_from(
 
 
 def _shows(arm: BatchArm, poses: Array, object_m: Array, config: LookConfig) -> list[bool]:
-    """Whether the hand's camera, in each of some arm poses (P, 7), would show an object well.
+    """Whether the hand camera would have a good view of an object, for arm poses (P, 7).
 
     Args:
         arm: Kinematics.
         poses: The arm poses [rad].
-        object_m: (3,) the object in the arm's frame.
-        config: What is well.
+        object_m: (3,) position of the object in the arm's frame.
+        config: Limits of a good view.
     """
     shown = []
     for pose in poses:
         arm_from_ee = arm.ee_pose(pose)
-        way_m = object_m - (arm_from_ee[:3, :3] @ EE_FROM_CAMERA_M + arm_from_ee[:3, 3])
-        distance_m = float(np.linalg.norm(way_m))
-        angle_rad = np.arccos(np.clip(arm_from_ee[:3, 0] @ way_m / distance_m, -1.0, 1.0))
-        down_rad = np.arcsin(-way_m[2] / distance_m)
+        offset_m = object_m - (arm_from_ee[:3, :3] @ EE_FROM_CAMERA_M + arm_from_ee[:3, 3])
+        distance_m = float(np.linalg.norm(offset_m))
+        angle_rad = np.arccos(np.clip(arm_from_ee[:3, 0] @ offset_m / distance_m, -1.0, 1.0))
+        down_rad = np.arcsin(-offset_m[2] / distance_m)
         shown.append(
             bool(
                 config.distance_m[0] <= distance_m <= config.distance_m[1]

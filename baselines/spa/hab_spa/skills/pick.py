@@ -1,4 +1,4 @@
-"""The Pick skill as sense, plan and act (S App. D): grasp, then back to rest with the object."""
+"""The Pick skill by sense-plan-act (S App. D): grasp the object, then rest."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from hab_spa.shapes import Array, invert_pose
 
 
 def pick(robot: Robot, number: int) -> Motion:
-    """Takes an object of the episode and rests; plans anew when motion or execution fails.
+    """Grasps an object of the episode and rests; replans when motion or execution fails.
 
     Args:
-        robot: Who does it.
+        robot: The robot.
         number: Number of the object.
     """
     scene, failure = robot.scene, None
@@ -43,10 +43,10 @@ def pick(robot: Robot, number: int) -> Motion:
     return failure
 
 
-def pick_ways(robot: Robot, number: int, base: Array, effort: int = 1) -> int:
-    """Returns how many ways to take an object a few samples find from a base pose (3,).
+def pick_score(robot: Robot, number: int, base: Array, effort: int = 1) -> int:
+    """Scores a base pose (3,) by the number of grasps of an object found in a few samples.
 
-    `effort` times as many samples are taken.
+    `effort` multiplies the number of samples.
     """
     config = robot.config.goal
     starts = effort * config.judge_starts
@@ -57,9 +57,9 @@ def pick_ways(robot: Robot, number: int, base: Array, effort: int = 1) -> int:
 
 
 def _take(robot: Robot, number: int) -> Motion:
-    """Plans a grasp, goes there and grasps; in tight places with points all around the object."""
+    """Plans a grasp, reaches and grasps; in confined spaces, from all around the object."""
     robot.doing, robot.gripper = "reach", RELEASE
-    if robot.scene.holding:  # the wrong object
+    if robot.scene.holding:  # a wrong object
         yield robot.command()
     failure: Failure | None = Failure.TARGET_PLAN
     for around in (False, True):
@@ -72,7 +72,7 @@ def _take(robot: Robot, number: int) -> Motion:
 
 
 def _reach(robot: Robot, number: int, around: bool) -> Motion:
-    """Plans to where the hand takes an object, and goes there."""
+    """Plans a motion to a grasp pose and executes it."""
     scene, config = robot.scene, robot.config
     collision = scene.collision()
     points_m = scene.grasp_points_m(number, around=around)
@@ -92,9 +92,9 @@ def _reach(robot: Robot, number: int, around: bool) -> Motion:
 
 
 def _with_way_out(robot: Robot, number: int, collision: ArmCollision, goals: Array) -> Array:
-    """Returns those of the goals (G, 7) from which the object comes straight out in the hand.
+    """Returns the goals (G, 7) from which the grasped object can be retracted in a straight line.
 
-    Where it does from the best of them, they are all returned.
+    If the best goal is one of them, all goals are returned.
     """
     kinematics, escaping = robot.kinematics, robot.config.escape
     world_from_arm = invert_pose(collision.arm_from_world)
@@ -111,7 +111,7 @@ def _with_way_out(robot: Robot, number: int, collision: ArmCollision, goals: Arr
 
 
 def _grasp(robot: Robot, number: int) -> Motion:
-    """Closes the hand, and remembers which way was up."""
+    """Closes the gripper, and stores the object's upright direction."""
     scene = robot.scene
     robot.doing, robot.gripper = "grasp", GRASP
     for _ in range(robot.config.grasp_steps):
@@ -119,5 +119,5 @@ def _grasp(robot: Robot, number: int) -> Motion:
             break
         yield robot.command()
     robot.held_up = robot.up()
-    yield robot.command()  # the object stops moving in the hand
+    yield robot.command()  # until the object is at rest in the hand
     return None if scene.holds(number) else Failure.EXECUTION

@@ -1,4 +1,4 @@
-"""The Place skill as sense, plan and act (S App. D): bring, let go, and back to rest."""
+"""The Place skill by sense-plan-act (S App. D): transport, release, rest."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from hab_spa.shapes import Array
 
 
 def place(robot: Robot, number: int) -> Motion:
-    """Brings what is held to its goal, lets go and rests; tries again as long as it is held.
+    """Moves the held object to its goal, releases it and rests; retries while it is held.
 
-    What was let go is not taken again, wherever it came to lie.
+    A released object is not grasped again.
 
     Args:
-        robot: Who does it.
+        robot: The robot.
         number: Number of the object.
     """
     scene = robot.scene
@@ -39,10 +39,10 @@ def place(robot: Robot, number: int) -> Motion:
     return failure or resting
 
 
-def place_ways(robot: Robot, number: int, base: Array, effort: int = 1) -> int:
-    """Returns how many ways to let an object go a few samples find from a base pose (3,).
+def place_score(robot: Robot, number: int, base: Array, effort: int = 1) -> int:
+    """Scores a base pose (3,) by the number of placing poses found in a few samples.
 
-    `effort` times as many samples are taken.
+    `effort` multiplies the number of samples.
     """
     config = robot.config
     few = replace(config.placing, round_starts=effort * config.goal.judge_starts)
@@ -51,13 +51,13 @@ def place_ways(robot: Robot, number: int, base: Array, effort: int = 1) -> int:
 
 
 def _tool(robot: Robot) -> Tool:
-    """Returns the centre of mass of what is held; in the hand it is upright if nobody knows."""
+    """Returns the held object's centre of mass and upright direction, if unknown the current."""
     up = robot.up() if robot.held_up is None else robot.held_up
     return Tool(point_m=robot.scene.ee_from_held(), up=up)
 
 
 def _bring(robot: Robot, number: int, attempt: int) -> Motion:
-    """Plans to where the object is let go, and goes there; farther aside in later attempts."""
+    """Plans a motion to a placing pose and executes it; later attempts allow larger offsets."""
     robot.doing = "bring"
     scene, config = robot.scene, robot.config
     placing = config.placing if not attempt else config.placing.looser()
@@ -82,13 +82,13 @@ def _bring(robot: Robot, number: int, attempt: int) -> Motion:
 
 
 def _let_go(robot: Robot) -> Generator[Command, None, None]:
-    """Opens the hand, and waits until what was in it stands."""
+    """Opens the gripper and waits until the object has settled."""
     robot.doing, robot.gripper, robot.held_up = "let go", RELEASE, None
     yield from wait(robot, robot.config.release_steps)
 
 
 def _rest_again(robot: Robot) -> Motion:
-    """Brings the arm to rest; plans again when execution fails."""
+    """Moves the arm to rest; replans when execution fails."""
     failure = None
     for _ in range(1 + robot.config.retries):
         failure = yield from rest(robot)

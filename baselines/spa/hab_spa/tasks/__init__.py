@@ -1,1 +1,1 @@
-"""The long tasks: a plan, carried out skill by skill."""
+"""Rearrangement tasks: execution of task plans by skills and navigation."""

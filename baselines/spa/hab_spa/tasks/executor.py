@@ -1,4 +1,4 @@
-"""Task plans carried out skill by skill, with navigation before each interaction (S H.1)."""
+"""Execution of task plans by skills, with navigation before each interaction (S H.1)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from hab_planner.errors import NoPlanError
 from hab_planner.observe import start_given
-from hab_planner.plan import Action, Plan, saved_plan
+from hab_planner.plan import Action, Plan, plan_of
 from hab_planner.problem import Atom, atoms_of, problem_of, task_of
 
 from hab_spa.motion.drive import DriveConfig, leave
@@ -16,7 +16,7 @@ from hab_spa.motion.rest import rest
 from hab_spa.motion.robot import Motion, Robot
 from hab_spa.results import Failure
 from hab_spa.tasks.interactions import Hands, Interaction, believed, interaction
-from hab_spa.tasks.navigate import Errand, Navigator
+from hab_spa.tasks.navigate import NavigationRequest, Navigator
 from hab_spa.tasks.standing import Standing, StandingConfig, choose
 from hab_tasks.constants import (
     NAVIGATE_HORIZON_STEPS,
@@ -28,13 +28,13 @@ from hab_tasks.constants import (
 
 @dataclass(frozen=True, kw_only=True)
 class TaskConfig:
-    """How a plan is carried out.
+    """Parameters of plan execution.
 
     Attributes:
-        skill_steps, navigate_steps: Longest time for a skill (S H.2).
-        tries: From how many places a skill is tried.
-        standing: How these places are chosen.
-        replans: How often a new plan is made from what is observed after a failure.
+        skill_steps, navigate_steps: Maximum steps per skill and per navigation (S H.2).
+        tries: Maximum attempts per interaction, each from another base pose.
+        standing: Parameters of base pose selection.
+        replans: Maximum number of replans after a failure.
     """
 
     skill_steps: int = SKILL_HORIZON_STEPS
@@ -45,7 +45,7 @@ class TaskConfig:
 
 
 class Executor:
-    """Carries out the plan of one task, for one robot."""
+    """Executes the plan of one task with one robot."""
 
     def __init__(
         self,
@@ -56,16 +56,16 @@ class Executor:
         hands: Hands,
         guide: Robot | None = None,
     ) -> None:
-        """Takes the saved plan of a task.
+        """Creates the executor.
 
         Args:
-            env_id: The task.
-            robot: Who does it.
-            navigator: How it gets about.
-            config: How the plan is carried out.
-            hands: How it takes and puts down things.
-            guide: By what is known here places are chosen, for navigators that ask for one: the
-                robot itself, or one that knows the truth.
+            env_id: Environment id of the task.
+            robot: The robot.
+            navigator: Moves the base.
+            config: Parameters.
+            hands: Pick and place skills.
+            guide: Robot whose scene is used to choose base poses for navigators that need one: by
+                default `robot`, or one with the ground-truth scene.
         """
         self._hands, self._guide = hands, guide or robot
         self._env_id, self._task = env_id, task_of(env_id)
@@ -74,14 +74,14 @@ class Executor:
         self._end = robot.deadline
 
     def run(self) -> Motion:
-        """Carries out the plan; plans again from what is observed when an action fails."""
-        robot, plan = self._robot, saved_plan(self._env_id)
+        """Executes the plan; replans from the believed state when an action fails."""
+        robot, plan = self._robot, plan_of(self._env_id)
         for _ in range(1 + self._config.replans):
             robot.failure = yield from self._carry_out(plan)
             if robot.steps >= self._end:
                 break
             try:
-                # After the last action too: what was done first may have come undone.
+                # After the last action too: earlier effects may have been undone.
                 plan = self._replanned()
             except NoPlanError:
                 break
@@ -92,8 +92,8 @@ class Executor:
         return robot.failure
 
     def _replanned(self) -> Plan:
-        """Returns a plan from what is believed to hold now."""
-        from hab_planner.solve import solve  # takes a second, and only a failure needs it
+        """Returns a plan from the believed state."""
+        from hab_planner.solve import solve  # a slow import, needed only after a failure
 
         start = start_given(self._env_id, believed(self._task, self._robot.scene))
         return solve(problem_of(self._env_id).started(start))
@@ -108,40 +108,42 @@ class Executor:
         return None
 
     def _at_work(self, item: Interaction) -> Motion:
-        """Drives to where a skill can be done and does it; elsewhere when it does not work out."""
+        """Navigates and runs the skill of an interaction; retries from other base poses."""
         robot = self._robot
         before = believed(self._task, robot.scene)
-        tried = self._tried.setdefault((item.action, before), [])  # by an earlier plan, too
-        failure: Failure | None = Failure.EXECUTION  # no time is left
+        tried = self._tried.setdefault((item.action, before), [])  # shared by successive plans
+        failure: Failure | None = Failure.EXECUTION  # if no time is left
         for _ in range(self._config.tries):
             yield from self._fold()
             if robot.steps >= self._end:
                 break
             map_ = robot.scene.floor_map()
-            errand = Errand(
+            request = NavigationRequest(
                 point_m=item.point_m(robot),
                 map=map_,
-                place=partial(choose, self._guide, item, map_, tried, self._config.standing),
+                choose_base_pose=partial(
+                    choose, self._guide, item, map_, tried, self._config.standing
+                ),
             )
-            going = self._navigator(robot, errand)
+            going = self._navigator(robot, request)
             failure = yield from self._timed("navigate", going, self._config.navigate_steps)
-            if failure is Failure.TARGET_PLAN:  # there is no other place
-                tried.clear()  # the next plan may find another way from one of these
+            if failure is Failure.TARGET_PLAN:  # there is no other base pose
+                tried.clear()  # the next plan may succeed from one of these
                 break
             if failure is None:
                 failure = yield from self._timed(
                     str(item.action), item.skill(robot), self._config.skill_steps
                 )
             now = believed(self._task, robot.scene)
-            if atoms_of(self._task, item.effect) <= now:
+            if atoms_of(self._task.spec, item.effect) <= now:
                 return None
             robot.failure = failure = failure or Failure.EXECUTION
-            if now != before:  # something else has happened, which asks for another plan
+            if now != before:  # the state has changed otherwise, which needs another plan
                 break
         return failure
 
     def _fold(self) -> Motion:
-        """Brings the arm to rest, which driving asks for; drives back where it has no room."""
+        """Moves the arm to rest before driving; backs off first if the arm has no room."""
         robot = self._robot
         if self._rests():
             return None
@@ -156,7 +158,7 @@ class Executor:
         return bool(np.linalg.norm(ee_m - REST_POSITION_M) < REST_RADIUS_M)
 
     def _timed(self, what: str, motion: Motion, steps: int) -> Motion:
-        """Does something within so many steps, and writes down what was believed and done."""
+        """Runs a motion with a step limit, and adds it to the trace."""
         robot = self._robot
         robot.deadline = min(robot.steps + steps, self._end)
         entry = {
@@ -172,7 +174,7 @@ class Executor:
         return failure
 
     def _until(self, motion: Motion, deadline: int) -> Motion:
-        """Lets a skill act until it is over or out of time."""
+        """Runs a motion until it ends or exceeds its deadline."""
         robot = self._robot
         slack = robot.config.follow.settle_steps
         while robot.steps < deadline + slack:

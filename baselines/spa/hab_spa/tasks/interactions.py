@@ -1,4 +1,4 @@
-"""What a plan's actions are to the robot: a skill, the places it can be done from, its effect."""
+"""Plan actions as interactions: skill, candidate base poses and effect."""
 
 from __future__ import annotations
 
@@ -8,90 +8,89 @@ from functools import partial
 
 import numpy as np
 from hab_planner.plan import Action
-from hab_planner.problem import NAMES, Atom, atoms_of
+from hab_planner.problem import Atom, atoms_of, things
 
 from hab_spa.motion.robot import Motion, Robot
 from hab_spa.scenes.scene import Scene
 from hab_spa.shapes import Array
-from hab_spa.skills.drawer import close_drawer, drawer_places, drawer_ways, open_drawer
-from hab_spa.skills.fridge import close_fridge, fridge_places, fridge_ways, open_fridge
-from hab_spa.skills.pick import pick, pick_ways
-from hab_spa.skills.place import place, place_ways
+from hab_spa.skills.drawer import close_drawer, drawer_base_poses, drawer_score, open_drawer
+from hab_spa.skills.fridge.skill import close_fridge, fridge_base_poses, fridge_score, open_fridge
+from hab_spa.skills.pick import pick, pick_score
+from hab_spa.skills.place import place, place_score
 from hab_tasks.constants import PLACE_RADIUS_M
 from hab_tasks.navigation import NavigationMap, poses_reaching
 from hab_tasks.tasks.base import Condition, Task
 
 NEAREST_M, FARTHEST_M = 0.4, 1.35
-"""Distance on the floor from the base to what is taken, or let go, by the stretched arm."""
+"""Horizontal distance from the base at which the arm can pick or place."""
 
 
-Ways = Callable[[Array, int], float]
-"""(base pose (3,), effort) -> how many ways to do something from there are found."""
+Score = Callable[[Array, int], float]
+"""(base pose (3,), effort) -> number of solutions found from there; 0 if the pose is useless."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Interaction:
-    """An action of a plan, other than to navigate.
+    """An action of a plan, other than navigation.
 
     Attributes:
         action: The action.
-        effect: What holds when it worked out.
-        skill: (robot) -> it being done.
-        places: (robot, map) -> base poses (K, 3) from which it may be possible, best first.
-        point_m: (robot) -> what is to be reached (3,).
-        ways: (robot, map) -> what tells for a base pose (3,), and effort, how many ways to do it
-            from there are found.
+        effect: Condition that holds after success.
+        skill: (robot) -> motion of the skill.
+        base_poses: (robot, map) -> candidate base poses (K, 3), best first.
+        point_m: (robot) -> point to reach (3,).
+        score: (robot, map) -> scoring function of base poses.
     """
 
     action: Action
     effect: Condition
     skill: Callable[[Robot], Motion]
-    places: Callable[[Robot, NavigationMap], Array]
+    base_poses: Callable[[Robot, NavigationMap], Array]
     point_m: Callable[[Robot], Array]
-    ways: Callable[[Robot, NavigationMap], Ways]
+    score: Callable[[Robot, NavigationMap], Score]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Hands:
-    """How a robot takes and puts down things: (robot, number of the object) -> it being done."""
+    """Pick and place skills: (robot, number of the object) -> motion."""
 
     pick: Callable[[Robot, int], Motion] = pick
     place: Callable[[Robot, int], Motion] = place
 
 
 def interaction(task: Task, action: Action, hands: Hands) -> Interaction:
-    """Returns what an action of a task's plan is, for a robot with these hands."""
+    """Returns the interaction of a plan's action, for a robot with these skills."""
     thing = action.things[0]
     if action.name in ("open", "close"):
-        fronts = [kind.name for kind in task.fronts]
-        return _front(thing, fronts.index(thing), action)
-    number = NAMES[task.name].items.index(thing)
+        articulations = [kind.name for kind in task.articulations]
+        return _articulation(thing, articulations.index(thing), action)
+    number = things(task.spec).index(thing)
     if action.name == "pick":
         return Interaction(
             action=action,
             effect=Condition(held=(number,)),
             skill=lambda robot: hands.pick(robot, number),
-            places=lambda robot, map_: _around(map_, robot.scene.object_m(number)),
+            base_poses=lambda robot, map_: _around(map_, robot.scene.object_m(number)),
             point_m=lambda robot: robot.scene.object_m(number),
-            ways=lambda robot, _map: partial(pick_ways, robot, number),
+            score=lambda robot, _map: partial(pick_score, robot, number),
         )
     return Interaction(
         action=action,
         effect=Condition(placed=(number,)),
         skill=lambda robot: hands.place(robot, number),
-        places=lambda robot, map_: _around(map_, robot.scene.goal_m(number)),
+        base_poses=lambda robot, map_: _around(map_, robot.scene.goal_m(number)),
         point_m=lambda robot: robot.scene.goal_m(number),
-        ways=lambda robot, _map: partial(place_ways, robot, number),
+        score=lambda robot, _map: partial(place_score, robot, number),
     )
 
 
 def _around(map_: NavigationMap, point_m: Array) -> Array:
-    """Returns base poses (K, 3) from which the stretched arm may come to a point, nearest first."""
+    """Returns base poses (K, 3) from which the arm may reach a point, nearest first."""
     return poses_reaching(map_, point_m, NEAREST_M, FARTHEST_M)
 
 
-def _front(kind: str, number: int, action: Action) -> Interaction:
-    """Returns what it is to open or close a door or drawer."""
+def _articulation(kind: str, number: int, action: Action) -> Interaction:
+    """Returns the interaction that opens or closes a door or drawer."""
     out = action.name == "open"
     skills = {
         ("drawer", True): open_drawer,
@@ -104,37 +103,40 @@ def _front(kind: str, number: int, action: Action) -> Interaction:
         action=action,
         effect=Condition(opened=(number,)) if out else Condition(closed=(number,)),
         skill=partial(skills[kind, out], number=number),
-        places=lambda robot, map_: (
-            drawer_places(robot, number, map_)
+        base_poses=lambda robot, map_: (
+            drawer_base_poses(robot, number, map_)
             if drawer
-            else fridge_places(robot, number, map_, out)
+            else fridge_base_poses(robot, number, map_, out)
         ),
-        point_m=lambda robot: robot.scene.front(number).handle_m,
-        ways=lambda robot, map_: _front_ways(robot, number, drawer, out, map_),
+        point_m=lambda robot: robot.scene.articulation(number).handle_m,
+        score=lambda robot, map_: _front_score(robot, number, drawer, out, map_),
     )
 
 
-def _front_ways(robot: Robot, number: int, drawer: bool, out: bool, map_: NavigationMap) -> Ways:
+def _front_score(robot: Robot, number: int, drawer: bool, out: bool, map_: NavigationMap) -> Score:
     if drawer:
-        return lambda base, _effort: drawer_ways(robot, number, base, out)
-    ways = fridge_ways(robot, number, map_, out)
-    return lambda base, _effort: ways(base)
+        return lambda base, _effort: drawer_score(robot, number, base, out)
+    score = fridge_score(robot, number, map_, out)
+    return lambda base, _effort: score(base)
 
 
 def believed(task: Task, scene: Scene) -> frozenset[Atom]:
-    """Returns what is held, where it belongs, open and closed, as far as the robot knows."""
+    """Returns the atoms that the robot believes to hold: held, placed, open and closed."""
     objects = range(task.objects)
     held = tuple(k for k in objects if scene.holds(k))
     placed = tuple(k for k in objects if k not in held and _at_goal(scene, k))
     opened, closed = [], []
-    for number, kind in enumerate(task.fronts):
-        front = scene.front(number)
-        lower, upper = front.limits
-        joint, share = np.array(front.joint), np.array((front.joint - lower) / (upper - lower))
+    for number, kind in enumerate(task.articulations):
+        articulation = scene.articulation(number)
+        lower, upper = articulation.limits
+        joint, share = (
+            np.array(articulation.joint),
+            np.array((articulation.joint - lower) / (upper - lower)),
+        )
         opened += [number] * bool(kind.is_open(joint, share))
         closed += [number] * bool(kind.is_closed(joint))
     condition = Condition(held=held, placed=placed, opened=tuple(opened), closed=tuple(closed))
-    return atoms_of(task, condition)
+    return atoms_of(task.spec, condition)
 
 
 def _at_goal(scene: Scene, number: int) -> bool:

@@ -1,4 +1,4 @@
-"""The ways to come to where a skill can be done: oracle, teleport, a policy (S H.2, Navigate)."""
+"""Navigators of TP+SPA: oracle, teleport and learned policies (S H.2, Navigate)."""
 
 from __future__ import annotations
 
@@ -26,37 +26,37 @@ NAVIGATE_ID = "HabNavigate-v1"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Errand:
-    """Where to go.
+class NavigationRequest:
+    """A navigation goal.
 
     Attributes:
-        point_m: (3,) what is to be reached from there, in the world.
-        map: The true floor.
-        place: Chooses where to stand to reach it; None if there is nowhere. It knows more than
-            the robot may; a learned policy does without.
+        point_m: (3,) point to reach from the goal, in the world.
+        map: Ground-truth map of the floor.
+        choose_base_pose: Chooses a base pose; None if there is none. It may use more knowledge
+            than the robot has, so learned policies must not call it.
     """
 
     point_m: Array
     map: NavigationMap
-    place: Callable[[], Standing | None]
+    choose_base_pose: Callable[[], Standing | None]
 
 
-Navigator = Callable[[Robot, Errand], Motion]
+Navigator = Callable[[Robot, NavigationRequest], Motion]
 
 
-def oracle(robot: Robot, errand: Errand) -> Motion:
-    """Follows the shortest way on the true floor, with the physics of the real base."""
-    standing = errand.place()
+def oracle(robot: Robot, request: NavigationRequest) -> Motion:
+    """Follows the shortest path on the ground-truth map, with the simulated base drive."""
+    standing = request.choose_base_pose()
     if standing is None:
         return Failure.TARGET_PLAN
     yield from fold(robot, standing)
     robot.doing = "navigate"
-    return (yield from drive_to(robot, errand.map, standing.base, DriveConfig()))
+    return (yield from drive_to(robot, request.map, standing.base, DriveConfig()))
 
 
-def teleport(robot: Robot, errand: Errand) -> Motion:
-    """Is there at once; needs a control mode that can set the base's pose."""
-    standing = errand.place()
+def teleport(robot: Robot, request: NavigationRequest) -> Motion:
+    """Sets the base pose directly; needs a control mode with base poses."""
+    standing = request.choose_base_pose()
     if standing is None:
         return Failure.TARGET_PLAN
     yield from fold(robot, standing)
@@ -67,10 +67,10 @@ def teleport(robot: Robot, errand: Errand) -> Motion:
 
 
 class PolicyNavigator:
-    """Lets an agent of HabNavigate-v1 drive until it calls the stop action.
+    """Drives with an agent of HabNavigate-v1 until its stop action.
 
     Attributes:
-        spec: What that agent needs.
+        spec: Spec of that agent.
     """
 
     def __init__(self, reference: str, setup: AgentSetup) -> None:
@@ -78,22 +78,22 @@ class PolicyNavigator:
 
         Args:
             reference: ``module:factory``.
-            setup: The task's; of its options, ``policy`` is handed on.
+            setup: Setup of the task's agent; only its option ``policy`` is passed on.
 
         Raises:
-            HabError: There is no such agent.
+            HabError: The agent cannot be loaded.
         """
         options = {name: v for name, v in setup.options.items() if name == "policy"}
         self._agent = load_agent(reference, replace(setup, env_id=NAVIGATE_ID, options=options))
         self.spec: AgentSpec = self._agent.spec
 
-    def __call__(self, robot: Robot, errand: Errand) -> Motion:
-        """Drives; it is `Failure.EXECUTION` when the agent has not stopped in time."""
+    def __call__(self, robot: Robot, request: NavigationRequest) -> Motion:
+        """Drives; returns `Failure.EXECUTION` if the agent does not stop in time."""
         robot.doing = "navigate by policy"
         self._agent.reset(torch.ones(1, dtype=torch.bool), [robot.next_seed()])
         while robot.steps_left > 0:
             share = self._share(
-                self._agent.act(observation(robot, errand.point_m, self.spec.target_frame))
+                self._agent.act(observation(robot, request.point_m, self.spec.target_frame))
             )
             yield robot.command(base=share)
             if max(abs(share[0]), abs(share[1])) <= STOP_SHARE:
@@ -101,7 +101,7 @@ class PolicyNavigator:
         return Failure.EXECUTION
 
     def _share(self, action: torch.Tensor) -> tuple[float, float]:
-        """Returns the base's velocities, as shares, of an action of one row."""
+        """Returns the base velocities of an action of one row, relative to their maximum."""
         if self.spec.control_mode == "base_discrete":
             return BASE_CELLS[int(action.reshape(-1)[0])]
         forward, turn = action.reshape(-1).tolist()
@@ -109,12 +109,12 @@ class PolicyNavigator:
 
 
 def observation(robot: Robot, point_m: Array, frame: TargetFrame) -> dict[str, Any]:
-    """Returns Navigate's observation of one row: images as they are, and the point in question.
+    """Returns HabNavigate-v1's observation of one row: images, `is_holding` and the target point.
 
     Args:
-        robot: Whose observation it is.
-        point_m: (3,) in the world.
-        frame: In which frame the agent wants it.
+        robot: The robot.
+        point_m: Target point (3,) in the world.
+        frame: Frame of the point in the observation.
     """
     if frame == "ee":
         name, point = (
@@ -132,14 +132,14 @@ def observation(robot: Robot, point_m: Array, frame: TargetFrame) -> dict[str, A
 
 
 def navigator_of(setup: AgentSetup) -> Navigator:
-    """Returns what the option ``navigation`` asks for: oracle, teleport, or ``module:factory``.
+    """Returns the navigator of the option ``navigation``: oracle, teleport or ``module:factory``.
 
     Raises:
-        HabError: There is no such way to navigate.
+        HabError: The agent ``module:factory`` cannot be loaded.
     """
     name = setup.options.get("navigation", "oracle")
     return NAVIGATORS[name] if name in NAVIGATORS else PolicyNavigator(name, setup)
 
 
 NAVIGATORS: dict[str, Navigator] = {"oracle": oracle, "teleport": teleport}
-"""Option ``navigation`` -> how the robot gets about."""
+"""Option ``navigation`` -> navigator."""

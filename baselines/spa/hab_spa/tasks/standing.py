@@ -1,4 +1,4 @@
-"""Where to stand for a skill, and with which arm: at rest, or folded where that has no room."""
+"""Base pose selection for a skill, with the arm at rest or, where that has no room, tucked."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from hab_spa.motion.moves import go
 from hab_spa.motion.rest import TUCKED_QPOS_RAD
 from hab_spa.motion.robot import Motion, Robot
 from hab_spa.shapes import Array
-from hab_spa.tasks.interactions import Interaction, Ways
+from hab_spa.tasks.interactions import Interaction, Score
 from hab_tasks.navigation import NavigationMap
 
 SAME_ARM_RAD = 0.1
-"""An arm this near to where it should be is not moved."""
+"""Maximum joint error of an arm that is already in the required pose."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Standing:
-    """A base pose (3,) and the arm pose (7,) [rad] in which the robot comes there."""
+    """A base pose (3,) and the arm pose (7,) [rad] in which the robot drives there."""
 
     base: Array
     arm_rad: Array
@@ -29,20 +29,20 @@ class Standing:
 
 @dataclass(frozen=True, kw_only=True)
 class StandingConfig:
-    """How a place is chosen.
+    """Parameters of base pose selection.
 
     Attributes:
-        places: How many base poses of the better half are thought of ...
-        more_places: ... and of all where none of those will do, ...
-        effort: ... and how much harder ways are looked for in the end.
-        enough_ways: A base pose with so many ways to do the skill is taken at once.
-        apart_m: Another place to try from is at least this far from those tried before.
+        base_poses: Number of base poses scored, from the better half of the candidates.
+        more_base_poses: Number scored from all candidates if none of those is feasible.
+        effort: Effort of the final round of scoring.
+        enough_score: A base pose with this score is accepted immediately.
+        apart_m: Minimum distance from base poses tried before.
     """
 
-    places: int = 16
-    more_places: int = 60
+    base_poses: int = 16
+    more_base_poses: int = 60
     effort: int = 6
-    enough_ways: float = 12
+    enough_score: float = 12
     apart_m: float = 0.12
 
 
@@ -53,28 +53,28 @@ def choose(
     tried: list[Standing],
     config: StandingConfig,
 ) -> Standing | None:
-    """Returns the place with most ways to do something, and adds it to those tried.
+    """Returns the best-scored base pose for an interaction, and appends it to `tried`.
 
     Args:
-        robot: Who does it, its arm at rest.
-        item: What is done.
-        map_: The floor as it is now.
-        tried: Places that did not work out.
-        config: How many places are thought of.
+        robot: The robot, its arm at rest.
+        item: The interaction.
+        map_: The current floor map.
+        tried: Base poses that have failed.
+        config: Parameters.
     """
-    poses = item.places(robot, map_)
+    poses = item.base_poses(robot, map_)
     for other in tried:
         poses = poses[np.linalg.norm(poses[:, :2] - other.base[:2], axis=1) >= config.apart_m]
-    few = spread(np.array_split(poses, 2)[0], config.places)
-    more = spread(poses, config.more_places)
+    few = spread(np.array_split(poses, 2)[0], config.base_poses)
+    more = spread(poses, config.more_base_poses)
     arms = (robot.scene.arm_qpos.copy(), np.array(TUCKED_QPOS_RAD))
-    ways_from = item.ways(robot, map_)
+    score = item.score(robot, map_)
     for (some, effort), arm_rad in product(((few, 1), (more, 1), (more, config.effort)), arms):
-        best, most = None, 0.0
-        for pose, ways in _ways(robot, ways_from, some, arm_rad, effort):
-            if ways > most:
-                best, most = pose, ways
-            if most >= config.enough_ways:
+        best, highest = None, 0.0
+        for pose, value in _scored(robot, score, some, arm_rad, effort):
+            if value > highest:
+                best, highest = pose, value
+            if highest >= config.enough_score:
                 break
         if best is not None:
             tried.append(Standing(base=best, arm_rad=arm_rad))
@@ -83,21 +83,21 @@ def choose(
 
 
 def spread(poses: Array, count: int) -> Array:
-    """Returns about so many of some poses (K, 3), evenly spread over them."""
+    """Returns about `count` of the poses (K, 3), at regular intervals."""
     return poses[:: max(1, len(poses) // count)]
 
 
-def _ways(
-    robot: Robot, ways_from: Ways, poses: Array, arm_rad: Array, effort: int
+def _scored(
+    robot: Robot, score: Score, poses: Array, arm_rad: Array, effort: int
 ) -> Iterator[tuple[Array, float]]:
-    """Yields base poses (3,) where the arm is free, and how many ways there are from there."""
+    """Yields the base poses (3,) at which the arm is collision-free, with their scores."""
     for pose in poses:
         if robot.scene.collision(base=pose).is_free(arm_rad):
-            yield pose, ways_from(pose, effort)
+            yield pose, score(pose, effort)
 
 
 def fold(robot: Robot, standing: Standing) -> Motion:
-    """Brings the arm to how it should be on the way to a place."""
+    """Moves the arm to the pose for driving to a base pose."""
     gap_rad = np.abs(robot.scene.arm_qpos - standing.arm_rad).max()
     if gap_rad <= SAME_ARM_RAD:
         return None

@@ -1,0 +1,19 @@
+"""Makes, resets and steps an environment; fails unless all packages come from the folder given."""
+
+import sys
+from pathlib import Path
+
+import gymnasium
+import hab_eval
+import hab_planner
+import hab_spa
+
+import hab_tasks
+
+(folder,) = map(Path, sys.argv[1:])
+for module in (hab_eval, hab_planner, hab_spa, hab_tasks):
+    assert Path(str(module.__file__)).is_relative_to(folder), module.__file__
+env = gymnasium.make("hab_tasks:HabPick-v1")
+env.reset(seed=0)
+env.step(env.action_space.sample())
+sys.stdout.write("The wheels alone make, reset and step HabPick-v1.\n")

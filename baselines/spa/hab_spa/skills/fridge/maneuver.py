@@ -1,0 +1,159 @@
+"""Base maneuvers in front of the fridge: turn, drive straight forward or backward, turn."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from hab_spa.motion.drive import STEP_M, STEP_RAD
+from hab_spa.motion.robot import Command, Robot
+from hab_spa.motion.wheels import Wheels, WheelsConfig, angle
+from hab_spa.shapes import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class ManeuverConfig(WheelsConfig):
+    """Parameters of base maneuvers.
+
+    Attributes:
+        brake_steps: Steps of deceleration before a stop.
+        near_m, near_rad: Tolerances at the end of each segment.
+        turn_gain: Share of the heading error corrected per step on the straight segment.
+    """
+
+    ease: float = 0.34
+    brake_steps: float = 4.0
+    near_m: float = 0.02
+    near_rad: float = 0.03
+    turn_gain: float = 0.4
+    still_rad: float = 0.003
+
+
+@dataclass(frozen=True, kw_only=True)
+class BaseManeuver:
+    """A maneuver: turn to a heading, drive straight (backward if negative), turn to a final yaw.
+
+    The headings are not wrapped: the signs of their differences are the directions of the turns.
+    """
+
+    start: tuple[float, float, float]
+    heading_rad: float
+    length_m: float
+    yaw_rad: float
+
+    @property
+    def steps(self) -> float:
+        """Approximate duration [steps]."""
+        turns = abs(self.heading_rad - self.start[2]) + abs(self.yaw_rad - self.heading_rad)
+        stops = 6.0 * (abs(self.length_m) > 0) + 6.0 * (turns > 0)
+        return turns / STEP_RAD + abs(self.length_m) / STEP_M + stops
+
+    def poses(self, step_m: float = 0.08, step_rad: float = 0.2) -> Array:
+        """Returns base poses (K, 3) along the maneuver, including its end."""
+        x, y, yaw = self.start
+        end = np.array((x, y)) + self.length_m * np.array(
+            (math.cos(self.heading_rad), math.sin(self.heading_rad))
+        )
+        first = _turning((x, y), yaw, self.heading_rad, step_rad)
+        count = 1 + math.ceil(abs(self.length_m) / step_m)
+        line = np.linspace((x, y), end, count)
+        straight = np.column_stack((line, np.full(count, self.heading_rad)))
+        last = _turning((float(end[0]), float(end[1])), self.heading_rad, self.yaw_rad, step_rad)
+        return np.concatenate((first, straight, last))
+
+
+def _turning(point_m: tuple[float, float], start: float, end: float, step_rad: float) -> Array:
+    count = 1 + math.ceil(abs(end - start) / step_rad)
+    return np.column_stack((np.tile(point_m, (count, 1)), np.linspace(start, end, count)))
+
+
+def base_maneuvers(base: Array, goal: Array) -> list[BaseManeuver]:
+    """Returns the maneuvers from one base pose (3,) to another, fastest first.
+
+    Each turn can go in either direction, and the straight segment forward or backward.
+    """
+    x, y, yaw = (float(value) for value in base)
+    gap = goal[:2] - base[:2]
+    length_m = float(np.linalg.norm(gap))
+    if length_m < 0.03:
+        turns = (_either(angle(goal[2], yaw), other) for other in (False, True))
+        found = [
+            BaseManeuver(start=(x, y, yaw), heading_rad=yaw, length_m=0.0, yaw_rad=yaw + turn)
+            for turn in turns
+        ]
+        return sorted(found, key=lambda maneuver: maneuver.steps)
+    found = []
+    for sign, first, last in product((1.0, -1.0), (False, True), (False, True)):
+        to = math.atan2(sign * gap[1], sign * gap[0])
+        heading = yaw + _either(angle(to, yaw), first)
+        end = heading + _either(angle(goal[2], heading), last)
+        found.append(
+            BaseManeuver(
+                start=(x, y, yaw), heading_rad=heading, length_m=sign * length_m, yaw_rad=end
+            )
+        )
+    return sorted(found, key=lambda maneuver: maneuver.steps)
+
+
+def _either(turn_rad: float, other: bool) -> float:
+    """Returns a turn, or its complement in the other direction."""
+    return turn_rad - math.copysign(2 * math.pi, turn_rad) if other else turn_rad
+
+
+def drive(
+    robot: Robot, maneuver: BaseManeuver, config: ManeuverConfig
+) -> Generator[Command, None, bool]:
+    """Executes a maneuver; returns whether the base completed it."""
+    wheels = Wheels(robot, config)
+    through = yield from _turn(
+        wheels, maneuver.heading_rad - maneuver.start[2], maneuver.heading_rad
+    )
+    if through and maneuver.length_m:
+        through = yield from _straight(wheels, maneuver)
+    if through:
+        through = yield from _turn(
+            wheels, maneuver.yaw_rad - maneuver.heading_rad, maneuver.yaw_rad
+        )
+    yield from wheels.stop()
+    return through
+
+
+def _turn(
+    wheels: Wheels[ManeuverConfig], turn_rad: float, yaw_rad: float
+) -> Generator[Command, None, bool]:
+    """Turns by about `turn_rad` to a heading; a turn of more than pi keeps its direction."""
+    config, robot = wheels.config, wheels.robot
+    left, before = turn_rad, robot.base[2]
+    while abs(left) > config.near_rad:
+        if wheels.stuck:
+            return False
+        yield wheels.roll(0.0, left / (config.brake_steps * STEP_RAD))
+        left -= angle(robot.base[2], before)
+        before = robot.base[2]
+        if abs(left) < math.pi / 2:
+            left = angle(yaw_rad, before)
+    yield from wheels.stop()
+    return True
+
+
+def _straight(
+    wheels: Wheels[ManeuverConfig], maneuver: BaseManeuver
+) -> Generator[Command, None, bool]:
+    """Drives the straight segment."""
+    config, robot = wheels.config, wheels.robot
+    ahead = np.array((math.cos(maneuver.heading_rad), math.sin(maneuver.heading_rad)))
+    start = np.array(maneuver.start[:2])
+    while True:
+        left = maneuver.length_m - float((robot.base[:2] - start) @ ahead)
+        if abs(left) < config.near_m or left * maneuver.length_m < 0:
+            break
+        if wheels.stuck:
+            return False
+        turn = angle(maneuver.heading_rad, robot.base[2])
+        yield wheels.roll(left / (config.brake_steps * STEP_M), config.turn_gain * turn / STEP_RAD)
+    yield from wheels.stop()
+    return True

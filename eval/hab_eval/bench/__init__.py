@@ -1,0 +1,1 @@
+"""`hab-eval bench`: one file per suite, found by entry point, and shared code."""

@@ -1,0 +1,260 @@
+"""Benchmarked environments in separate processes, and the timed loop.
+
+Separate processes isolate memory, patches and asset folder of an environment of `hab_tasks` and the
+reference. The parent alternates between them; they never run at the same time.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from typing import Any, Protocol
+
+from torch import Tensor
+
+from hab_eval.bench.motion import Motion
+from hab_eval.errors import BenchError
+from hab_tasks.constants import CONTROL_HZ
+from hab_tasks.processes import WORKER_CONTEXT, use_one_thread
+
+START_TIMEOUT_S = 600.0
+STOP_TIMEOUT_S = 10.0
+
+QUIET_STEPS = 2 * CONTROL_HZ
+"""Steps before the clock starts. Setting a pose wakes an object, and the engine puts it back to
+sleep after half a second or more (measured in apt_0: 3.4 ms per step before, 0.8 ms after)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepTiming:
+    """Duration of a number of steps, and the physics engine's share of it [s]."""
+
+    steps: int
+    total_s: float
+    engine_s: float
+
+    @property
+    def steps_per_s(self) -> float:
+        """Control steps per second."""
+        return self.steps / self.total_s
+
+    @property
+    def engine_ms(self) -> float:
+        """Time in the engine per step [ms]."""
+        return 1e3 * self.engine_s / self.steps
+
+    @property
+    def outside_ms(self) -> float:
+        """Time outside the engine per step [ms]."""
+        return 1e3 * (self.total_s - self.engine_s) / self.steps
+
+    @property
+    def physics_share(self) -> float:
+        """Time in the engine / total time."""
+        return self.engine_s / self.total_s
+
+
+class StepsTimed(Protocol):
+    """Something whose steps are timed."""
+
+    def run_steps(self, motion: Motion) -> StepTiming:
+        """Times steps."""
+        ...
+
+    def close(self) -> None:
+        """Frees the simulator."""
+        ...
+
+
+class BenchEnv(Protocol):
+    """A benchmarked environment."""
+
+    def run_steps(self, motion: Motion) -> StepTiming:
+        """Times small random motions from a fixed start."""
+        ...
+
+    def soft_reset(self) -> float:
+        """Times a reset to another start in the same scene [s]."""
+        ...
+
+    def other_layout(self) -> float:
+        """Times a reset to the next layout [s]; the reference rebuilds its scene for it."""
+        ...
+
+    def layouts(self) -> int:
+        """Returns the number of layouts through which `other_layout` cycles."""
+        ...
+
+    def close(self) -> None:
+        """Frees the simulator."""
+        ...
+
+
+def time_steps(env: Any, idle: Tensor, actions: Tensor) -> StepTiming:
+    """Times steps with `actions` (S, A), and the physics engine within these steps.
+
+    Args:
+        env: The environment, just reset.
+        idle: No-op action (A,), for the steps before the clock starts.
+        actions: Actions (S, A) of the timed steps.
+    """
+    for _ in range(QUIET_STEPS):
+        env.step(idle[None])
+    rows = list(actions[:, None])  # S tensors (1, A), made before the clock starts
+    with engine_clock(env.unwrapped.scene) as durations_s:
+        started = time.perf_counter()
+        for action in rows:
+            env.step(action)
+        total_s = time.perf_counter() - started
+    if not durations_s:
+        raise BenchError("The environment does not step its physics through scene.px.")
+    return StepTiming(steps=len(rows), total_s=total_s, engine_s=sum(durations_s))
+
+
+class _TimedEngine:
+    """Proxy of a scene's physics system that records the duration of each step."""
+
+    def __init__(self, engine: Any) -> None:
+        self._engine = engine
+        self.durations_s: list[float] = []
+
+    def step(self) -> None:
+        """Steps the engine."""
+        started = time.perf_counter()
+        self._engine.step()
+        self.durations_s.append(time.perf_counter() - started)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._engine, name)
+
+
+@contextmanager
+def engine_clock(scene: Any) -> Iterator[list[float]]:
+    """Times every physics step of a `ManiSkillScene`; the engine's class cannot be patched."""
+    engine = scene.px
+    scene.px = timed = _TimedEngine(engine)
+    try:
+        yield timed.durations_s
+    finally:
+        scene.px = engine
+
+
+class RemoteEnv:
+    """A `BenchEnv` in another process."""
+
+    def __init__(
+        self,
+        factory: Callable[[], StepsTimed],
+        variables: Mapping[str, str],
+        *,
+        has_children: bool = False,
+    ) -> None:
+        """Starts the process.
+
+        Args:
+            factory: Creates the environment in the process; picklable.
+            variables: Environment variables of the process, set before its imports.
+            has_children: Whether it starts processes of its own.
+        """
+        self._connection, child = WORKER_CONTEXT.Pipe()
+        self._process = WORKER_CONTEXT.Process(
+            target=_serve, args=(factory, child), daemon=not has_children
+        )
+        with set_variables(variables):
+            self._process.start()
+        child.close()
+        self._receive()
+
+    def run_steps(self, motion: Motion) -> StepTiming:
+        """See `BenchEnv`."""
+        self.start_steps(motion)
+        return self.finish_steps()
+
+    def start_steps(self, motion: Motion) -> None:
+        """Starts `run_steps` without waiting for it."""
+        self._connection.send(("run_steps", (motion,)))
+
+    def finish_steps(self) -> StepTiming:
+        """Waits for the result of `start_steps`."""
+        return self._receive()
+
+    def soft_reset(self) -> float:
+        """See `BenchEnv`."""
+        return self._ask("soft_reset")
+
+    def layouts(self) -> int:
+        """See `BenchEnv`."""
+        return self._ask("layouts")
+
+    def other_layout(self) -> float:
+        """See `BenchEnv`."""
+        return self._ask("other_layout")
+
+    @property
+    def pid(self) -> int:
+        """The process id."""
+        return int(self._process.pid or 0)
+
+    def close(self) -> None:
+        """Ends the process."""
+        self._connection.close()
+        self._process.join(STOP_TIMEOUT_S)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+
+    def _ask(self, method: str) -> Any:
+        self._connection.send((method, ()))
+        return self._receive()
+
+    def _receive(self) -> Any:
+        """Waits for an answer; raises the error of the process."""
+        if not self._connection.poll(START_TIMEOUT_S):
+            raise BenchError(f"No answer from a bench process within {START_TIMEOUT_S:.0f} s.")
+        try:
+            ok, answer = self._connection.recv()
+        except EOFError as error:
+            self._process.join(STOP_TIMEOUT_S)
+            code = self._process.exitcode
+            raise BenchError(f"A bench process ended with exit code {code}.") from error
+        if not ok:
+            raise BenchError(answer)
+        return answer
+
+
+def _serve(factory: Callable[[], StepsTimed], connection: Connection) -> None:
+    """Main function of the process: answers calls until the parent closes the pipe."""
+    use_one_thread()
+    try:
+        with closing(factory()) as env:
+            connection.send((True, None))
+            while True:
+                method, arguments = connection.recv()
+                connection.send((True, getattr(env, method)(*arguments)))
+    except (EOFError, ConnectionError):
+        return  # the parent closed the pipe or was killed
+    except Exception as error:
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        connection.send(
+            (False, f"{type(error).__name__}: {error} ({frame.filename}:{frame.lineno})")
+        )
+
+
+@contextmanager
+def set_variables(variables: Mapping[str, str]) -> Iterator[None]:
+    """Sets environment variables for processes started within the context."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

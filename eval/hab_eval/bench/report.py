@@ -1,0 +1,91 @@
+"""Benchmark reports: the rows of a suite with commit, date and machine."""
+
+from __future__ import annotations
+
+import datetime
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from hab_eval import provenance
+from hab_eval.bench.rows import BenchRow
+from hab_eval.plain_text import markdown
+from hab_eval.schema import parse_json, read_dataclass, to_json
+from hab_tasks.files import check_file, written_aside
+
+COMMIT_DIGITS = 12
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchReport:
+    """What `hab-eval bench --json` writes.
+
+    Attributes:
+        suite: Name of the suite.
+        git: Commit of the sources; None outside of a checkout.
+        date: Day of the measurement, ISO 8601.
+        device: Processor and graphics card.
+        versions: Distribution -> version.
+        rows: The measurements.
+    """
+
+    suite: str
+    git: str | None
+    date: str
+    device: str
+    versions: dict[str, str]
+    rows: tuple[BenchRow, ...]
+
+
+def make_report(suite: str, rows: Sequence[BenchRow]) -> BenchReport:
+    """Returns the report of rows that were measured here, now."""
+    return BenchReport(
+        suite=suite,
+        git=provenance.git_commit(),
+        date=datetime.datetime.now(datetime.timezone.utc).date().isoformat(),
+        device=provenance.device(),
+        versions=provenance.package_versions("hab_eval"),
+        rows=tuple(rows),
+    )
+
+
+def write_report(path: Path, report: BenchReport, *, force: bool) -> None:
+    """Writes a report as JSON."""
+    check_file(path, force=force)
+    with written_aside(path) as scratch:
+        scratch.write_text(json.dumps(to_json(report), indent=1) + "\n", encoding="utf-8")
+
+
+def read_report(path: Path) -> BenchReport:
+    """Reads a report.
+
+    Raises:
+        ResultError: The file is missing or is not a report.
+    """
+    return read_dataclass(BenchReport, parse_json(path), path.name)
+
+
+def report_table(report: BenchReport, unit: str = "") -> str:
+    """Returns the rows as a Markdown table, with commit, date, machine and references above it.
+
+    Args:
+        report: The report.
+        unit: Unit of the rows to show; empty for all.
+    """
+    rows = [row for row in report.rows if unit in ("", row.unit)]
+    references = ", ".join(dict.fromkeys(row.reference for row in rows))
+    commit = (report.git or "unknown")[:COMMIT_DIGITS]
+    caption = f"Commit {commit}, {report.date}, {report.device}. Reference: {references}."
+    lines = [["", "here", "reference", "ratio", "unit"], ["---"] * 5]
+    for row in rows:
+        values = (row.value, row.reference_value, row.ratio)
+        name = row.name.removeprefix(f"{report.suite}/")
+        lines.append([name, *(_rounded(value) for value in values), row.unit])
+    table = "\n".join(f"| {' | '.join(map(markdown, line))} |" for line in lines)
+    return f"{markdown(caption)}\n\n{table}\n"
+
+
+def _rounded(value: float) -> str:
+    """Returns three significant digits, and all digits before the point."""
+    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"

@@ -1,0 +1,80 @@
+"""Open and closed thresholds of doors and drawers (S H.2; design decision for drawers).
+
+Skills, tasks and planning predicates share these functions.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from hab_tasks.arrays import BatchArray
+
+FRIDGE_OPEN_RAD = math.pi / 2
+FRIDGE_CLOSED_RAD = 0.15
+DRAWER_OPEN_SHARE = 0.9
+DRAWER_CLOSED_M = 0.05
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rectangle:
+    """A floor region in a furniture frame: x ahead of the furniture, y to its side [m]."""
+
+    x_m: tuple[float, float]
+    y_m: tuple[float, float]
+
+    def contains(self, x_m: float, y_m: float) -> bool:
+        """Whether a point in the frame is inside."""
+        return self.x_m[0] <= x_m <= self.x_m[1] and self.y_m[0] <= y_m <= self.y_m[1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArticulationKind:
+    """A kind of door or drawer.
+
+    Attributes:
+        name: ``fridge`` or ``drawer``.
+        marker: Handle marker of the instance that tasks use.
+        open_at: Open beyond this joint position [m or rad]; None where `open_share` applies.
+        open_share: Open from this share of its travel.
+        closed_at: Closed up to this joint position [m or rad].
+        spawn_region: Start region of the base in episodes of its skills (S H.2), in the frame of
+            the fridge or of the drawer's link.
+    """
+
+    name: str
+    marker: str
+    open_at: float | None
+    open_share: float
+    closed_at: float
+    spawn_region: Rectangle
+
+    def is_open(self, joint: BatchArray, share: BatchArray) -> BatchArray:
+        """Whether joints (...) [m or rad] at shares (...) of their travel are open."""
+        return share >= self.open_share if self.open_at is None else joint > self.open_at
+
+    def is_closed(self, joint: BatchArray) -> BatchArray:
+        """Whether joints (...) [m or rad] are closed."""
+        return joint <= self.closed_at
+
+
+FRIDGE = ArticulationKind(
+    name="fridge",
+    marker="fridge_push_point",
+    open_at=FRIDGE_OPEN_RAD,
+    open_share=1.0,
+    closed_at=FRIDGE_CLOSED_RAD,
+    # 0.9 m x 1.2 m; the distance from the fridge is M3's.
+    spawn_region=Rectangle(x_m=(0.933, 1.833), y_m=(-0.6, 0.6)),
+)
+DRAWER = ArticulationKind(
+    name="drawer",
+    marker="cab_push_point_5",
+    open_at=None,
+    open_share=DRAWER_OPEN_SHARE,
+    closed_at=DRAWER_CLOSED_M,
+    # 0.15 m x 0.75 m; the distance is Habitat's.
+    spawn_region=Rectangle(x_m=(0.80, 0.95), y_m=(-0.375, 0.375)),
+)
+ARTICULATION_KINDS = {kind.name: kind for kind in (FRIDGE, DRAWER)}
+"""Name -> kind."""

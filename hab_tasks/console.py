@@ -1,0 +1,118 @@
+"""Common entry point of the console scripts: parse, run, report errors in one line on stderr."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import FrameType
+from typing import ClassVar
+
+from hab_tasks.errors import HabError, RunStoppedError
+from hab_tasks.options import one_line, parse_command
+
+EXIT_STOPPED = 1
+EXIT_BAD_INPUT = 2
+EXIT_INTERRUPTED = 130
+
+IMPORT_POLL_S = 0.05
+"""An interrupt during an import is tried again after this time."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Command(ABC):
+    """Options of one subcommand.
+
+    Command modules do not import the simulator at module level, to keep `--help` fast.
+
+    Attributes:
+        help: Text of `--help`, with an example.
+        verbose: Whether to print the traceback of a stopped run; an option of some subcommands.
+    """
+
+    help: ClassVar[str]
+    verbose = False
+
+    @abstractmethod
+    def run(self) -> int:
+        """Runs the command; returns the exit status.
+
+        Raises:
+            HabError: Bad input.
+            RunStoppedError: The run started and could not be finished.
+        """
+
+    def advice(self) -> str:
+        """Returns the message after Ctrl-C: what was kept, and how to resume."""
+        return ""
+
+
+def run_script(
+    program: str,
+    commands: Mapping[str, type[Command]],
+    arguments: Sequence[str] | None,
+    description: str = "",
+) -> int:
+    """Runs a console script; returns its exit status.
+
+    Args:
+        program: Name of the console script.
+        commands: Subcommand -> options.
+        arguments: Arguments after the program's name; None for those of the process.
+        description: Description of a program with several subcommands.
+    """
+    arguments = sys.argv[1:] if arguments is None else arguments
+    command = None
+    with _interruptible():
+        try:
+            command = parse_command(program, commands, arguments, description)
+            return command.run()
+        except RunStoppedError as error:
+            _say(program, error)
+            if command is not None and command.verbose:
+                sys.stderr.write(error.details)
+            return EXIT_STOPPED
+        except HabError as error:
+            _say(program, error)
+            return EXIT_BAD_INPUT
+        except OSError as error:  # from stdout or a disk
+            _say(program, error)
+            return EXIT_STOPPED
+        except KeyboardInterrupt:
+            _say(program, f"interrupted. {'' if command is None else command.advice()}")
+            return EXIT_INTERRUPTED
+
+
+def _say(program: str, message: object) -> None:
+    sys.stderr.write(f"{program}: {one_line(message)}\n")
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Turns Ctrl-C and SIGTERM, which schedulers of clusters send, into KeyboardInterrupt."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {n: signal.signal(n, _interrupt) for n in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+
+
+def _interrupt(signal_number: int, frame: FrameType | None) -> None:
+    """Raises KeyboardInterrupt, after an import: trimesh catches it in those of its own."""
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            again = threading.Timer(IMPORT_POLL_S, os.kill, (os.getpid(), signal_number))
+            again.daemon = True
+            again.start()
+            return
+        frame = frame.f_back
+    raise KeyboardInterrupt

@@ -1,0 +1,1 @@
+"""Engine of all environments: simulation, episodes, measures, observations and rules."""

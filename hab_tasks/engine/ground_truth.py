@@ -1,0 +1,105 @@
+"""Reads the privileged state of the simulation for planners (S App. D)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import sapien
+
+from hab_tasks.articulations import ArticulationKind
+from hab_tasks.engine.goal_setting import frame_of
+from hab_tasks.engine.goals import Goals
+from hab_tasks.episodes.schema import Episode
+from hab_tasks.privileged import ArticulationState, CollisionBody, PrivilegedState
+from hab_tasks.robots.grasp import NOTHING, SnapGrasp
+from hab_tasks.robots.mobile_manipulator import MobileManipulator
+from hab_tasks.robots.robot import ROBOT
+from hab_tasks.scenes.pool import BodyPool
+from hab_tasks.scenes.scene_bodies import SceneBodies
+from hab_tasks.scenes.shapes import components, matrix, read_body
+from hab_tasks.simulator import sapien_object
+
+
+class GroundTruth:
+    """Reads the privileged state of the CPU simulation, which has one row."""
+
+    def __init__(
+        self,
+        key: str,
+        pool: BodyPool,
+        scene_bodies: SceneBodies,
+        agent: MobileManipulator,
+        grasp: SnapGrasp,
+    ) -> None:
+        """Reads the geometry of the active layout; `key` becomes its `scene_key`."""
+        self._key, self._pool, self._scene_bodies = key, pool, scene_bodies
+        self._agent, self._grasp = agent, grasp
+        self._names = list(scene_bodies.movable)
+        self._bodies: tuple[CollisionBody, ...] = ()
+
+    def read(
+        self,
+        episode: Episode,
+        goals: Goals,
+        kinds: Sequence[ArticulationKind],
+        handles: Sequence[int],
+    ) -> PrivilegedState:
+        """Returns the current state.
+
+        Args:
+            episode: The current episode.
+            goals: Its goals.
+            kinds: Its doors and drawers.
+            handles: Indices of their handles in the grasp.
+        """
+        shown, agent = self._scene_bodies, self._agent
+        robot = [(f"{ROBOT.uid}/{link.name}", sapien_object(link)) for link in agent.robot.links]
+        if not self._bodies:
+            links = (read_body(name, "robot", body) for name, body in robot)
+            self._bodies = (*self._pool.bodies(), *links)
+        present = set(episode.objects) | set(shown.loose)
+        poses = {
+            name: matrix(body.entity_pose)
+            for name, group, body in components(shown)
+            if group != "object" or name in present
+        }
+        poses.update({name: matrix(body.entity_pose) for name, body in robot})
+        qpos = sapien_object(agent.robot).get_qpos()
+        held, arm = int(self._grasp.held[0]), agent.arm_index.tolist()
+        points = self._grasp.objects_com_m()[0].numpy().astype(float)
+        return PrivilegedState(
+            scene_key=self._key,
+            bodies=self._bodies,
+            world_from_body=poses,
+            world_from_base=matrix(sapien_object(agent.base_link).entity_pose),
+            arm_qpos=np.asarray(qpos[arm], dtype=float),
+            locked_qpos={n: float(qpos[i]) for n, i in agent.joint_index.items() if i not in arm},
+            held=self._names[held] if held != NOTHING else None,
+            object_com_m={n: points[i] for i, n in enumerate(self._names) if n in present},
+            targets=tuple(target.object for target in episode.targets),
+            goals_m=np.array(goals.goals_m[0].tolist()).reshape(-1, 3),
+            articulations=tuple(
+                self._articulation(kind.name, index)
+                for kind, index in zip(kinds, handles, strict=True)
+            ),
+            base_goal=np.array(goals.base[0].tolist()),
+        )
+
+    def _articulation(self, kind: str, index: int) -> ArticulationState:
+        handle = self._grasp.handles[index]
+        link: Any = sapien_object(handle.link)
+        axis = matrix(link.joint.global_pose)
+        return ArticulationState(
+            kind=kind,
+            body=f"{handle.furniture_name}/{handle.link.name}",
+            handle_m=(link.entity_pose * sapien.Pose(list(handle.offset_m))).p.astype(float),
+            held=int(self._grasp.held_handle[0]) == index,
+            joint=float(sapien_object(handle.furniture).get_qpos()[handle.column]),
+            limits=handle.limits,
+            slides=link.joint.type == "prismatic",
+            axis=axis[:3, 0],
+            axis_point_m=axis[:3, 3],
+            frame=np.array(frame_of(handle)),
+        )

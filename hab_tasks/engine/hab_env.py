@@ -1,0 +1,362 @@
+"""Base environment; defines the order of step and reset."""
+
+from __future__ import annotations
+
+import inspect
+from abc import abstractmethod
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+import torch
+from gymnasium.envs.registration import EnvSpec
+from mani_skill.utils.structs.types import SimConfig
+from numpy.typing import NDArray
+from torch import Tensor
+
+import hab_tasks.robots.fetch  # noqa: F401  # registers the robot
+from hab_tasks.agent import TargetFrame
+from hab_tasks.arrays import BatchArray, to_info, to_tensor
+from hab_tasks.constants import CAMERA_HFOV_RAD, CAMERA_SIZE_PX
+from hab_tasks.engine.episode_rows import EpisodeRows
+from hab_tasks.engine.episode_simulation import EpisodeSimulation
+from hab_tasks.engine.inherited_options import check_inherited
+from hab_tasks.engine.measures import Measures
+from hab_tasks.engine.noise import NoiseSource, SensorNoise
+from hab_tasks.engine.observing_env import ObservingEnv
+from hab_tasks.engine.recorded_state import shaped_like, with_columns
+from hab_tasks.engine.requirements import Requirements
+from hab_tasks.engine.rules import Rules
+from hab_tasks.episodes.schema import Episode
+from hab_tasks.episodes.source import EpisodeRequest, open_source
+from hab_tasks.errors import ActionError, UnknownNameError
+from hab_tasks.option_values import entries, row_numbers, seeds
+from hab_tasks.registration import reference_of
+from hab_tasks.robots.delay import ActionDelay, checked_steps
+from hab_tasks.robots.robot import ROBOT
+from hab_tasks.scenes.physics import sim_config
+
+
+class HabEnv(ObservingEnv):
+    """Runs episodes of a scene dataset; all rows of a batch share one layout.
+
+    Args:
+        scene_dataset: ``apartment`` or the path of a ReplicaCAD folder.
+        objects: Path of a YCB folder; None for the embedded objects.
+        split: ``train``, ``val`` or ``test``; None picks the least-seen split available.
+        scene: Restrict episodes to this layout.
+        episodes: An episode file instead of generated episodes.
+        num_episodes: Number of episodes of the split to sample from.
+        episode_seed: Seed of the generated episodes.
+        novel: ``objects`` or ``receptacles`` held out for evaluation (S E.1).
+        prefetch: Preload all layouts of the split.
+        cameras: Any of ``head``, ``arm`` and ``third_person``; None for the class's `cameras`.
+        camera_size_px: Image width and height; ManiSkill's `sensor_configs` overrides these and
+            other settings per camera.
+        camera_hfov_rad: Horizontal field of view.
+        invisible_arm: Hide the arm from these cameras while it still collides (S F.3). The
+            human-render camera shows it, except in GPU simulation.
+        proprioception: False leaves proprioception out of the observation (S F.1).
+        target_frame: ``base``: a skill's target is the vector from the end-effector to it along
+            the axes of the base, as in ``ee`` actions (Navigate: the point in the base frame);
+            ``ee``: the target in the end-effector's frame, as in Habitat. Tasks support ``base``
+            only.
+        handle_position: True adds the position of the door's or drawer's handle, along the axes
+            of the base; for environments with a door or drawer.
+        skill_config: Overrides of reward weights and thresholds by name, e.g.
+            ``{"weights.force": 0.01, "force_limit_n": 2500.0}``; in a task, names are prefixed
+            with the skill: ``pick.weights.force``.
+        sensor_noise: None, a `SensorNoise`, or a dict of its attributes (JSON-serialisable). The
+            noise is seeded by the episode.
+        action_delay_steps: Delay of actions in steps (S F.5); until the first action is due, the
+            robot stands still and keeps its grasp.
+        render_backend: ``auto``, ``none``, ``cpu`` or ``gpu``; `auto` renders only when needed.
+        num_envs: Batch size; more than one row requires GPU simulation.
+        kwargs: ManiSkill's own arguments (obs_mode, reward_mode, control_mode, ...).
+    """
+
+    SUPPORTED_ROBOTS: ClassVar[list[str]] = [ROBOT.uid]  # type: ignore[assignment]
+    SUPPORTED_REWARD_MODES = ("dense", "normalized_dense", "sparse", "none")
+    name: ClassVar[str]
+    requirements: ClassVar[Requirements]
+    horizon_steps: ClassVar[int]
+    control_modes: ClassVar[tuple[str, ...]]
+    reward_bound: ClassVar[float]
+    _delay: ActionDelay | None
+    _rules: Rules
+    _unpaid: tuple[dict[str, BatchArray], dict[str, Tensor]] = ({}, {})
+    _spec: EnvSpec | None = None
+
+    def __init__(
+        self,
+        *,
+        scene_dataset: str | Path = "apartment",
+        objects: str | Path | None = None,
+        split: str | None = None,
+        scene: str | None = None,
+        episodes: str | Path | None = None,
+        num_episodes: int = 50,
+        episode_seed: int = 0,
+        novel: str | None = None,
+        prefetch: bool = False,
+        cameras: Iterable[str] | None = None,
+        camera_size_px: int = CAMERA_SIZE_PX,
+        camera_hfov_rad: float = CAMERA_HFOV_RAD,
+        invisible_arm: bool = False,
+        proprioception: bool = True,
+        target_frame: TargetFrame = "base",
+        handle_position: bool = False,
+        skill_config: Mapping[str, float] | None = None,
+        sensor_noise: SensorNoise | Mapping[str, float] | None = None,
+        action_delay_steps: int = 0,
+        render_backend: str = "auto",
+        num_envs: int = 1,
+        **kwargs: Any,
+    ) -> None:
+        check_inherited(self.name, inspect.signature(HabEnv.__init__).parameters, kwargs)
+        self.configure(entries("skill_config", skill_config))
+        self._set_entries(proprioception, target_frame, handle_position)
+        self._set_sensors(cameras, camera_size_px, camera_hfov_rad, sensor_noise, invisible_arm)
+        self._delay_steps = checked_steps(action_delay_steps)
+        kwargs["render_backend"] = self._set_backend(render_backend, num_envs, kwargs)
+        kwargs["control_mode"] = self._known_mode(kwargs.get("control_mode"))
+        where: dict[str, Any] = {"scene_dataset": scene_dataset, "objects": objects, "scene": scene}
+        which: dict[str, Any] = {"split": split, "file": episodes, "seed": episode_seed}
+        request = EpisodeRequest(env_id=self.default_id(), novel=novel, **where, **which)
+        self._simulation = EpisodeSimulation(
+            self.requirements, open_source(request), num_episodes, num_envs, prefetch=prefetch
+        )
+        super().__init__(num_envs=num_envs, **{"robot_uids": ROBOT.uid, **kwargs})
+
+    @classmethod
+    def _known_mode(cls, control_mode: str | None) -> str:
+        """Returns a valid control mode; the skill's first one for None."""
+        modes = cls.control_modes
+        if control_mode is not None and control_mode not in modes:
+            raise UnknownNameError(f"control_mode of {cls.name}", control_mode, modes)
+        return control_mode or modes[0]
+
+    # The rules -------------------------------------------------------------------------------
+
+    @abstractmethod
+    def rules_of(self, rows: EpisodeRows) -> Rules:
+        """Returns the rules of this environment, as configured, for the episodes of `rows`."""
+
+    @classmethod
+    @abstractmethod
+    def instruct(cls, episode: Episode) -> str:
+        """Returns the instruction of an episode in words."""
+
+    @classmethod
+    def summary(cls) -> str:
+        """Returns the summary of this environment: the first sentence of its docstring."""
+        return " ".join((inspect.getdoc(cls) or "").partition("\n\n")[0].split())
+
+    @property
+    def instruction(self) -> list[str]:
+        """Instruction of each row's episode in words; also in `info` of a reset."""
+        return [self.instruct(episode) for episode in self.episode]
+
+    @abstractmethod
+    def configure(self, changes: Mapping[str, float]) -> None:
+        """Overrides reward weights and thresholds by name."""
+
+    @classmethod
+    def default_id(cls) -> str:
+        """Returns the registered id of this class."""
+        return f"{cls.__name__.removesuffix('Env')}-v1"
+
+    @property
+    def spec(self) -> EnvSpec | None:  # type: ignore[override]
+        """Gymnasium's spec; its id includes the module, so no import is needed to make it."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        if spec is not None and spec.id == self.default_id():
+            spec = replace(spec, id=reference_of(spec.id))
+        self._spec = spec
+
+    @property
+    def episode(self) -> tuple[Episode, ...]:
+        """The current episode of each row."""
+        return tuple(self._simulation.episodes)
+
+    @property
+    def simulation(self) -> EpisodeSimulation:
+        """The simulation of the episodes."""
+        return self._simulation
+
+    @property
+    def rules(self) -> Rules:
+        """The rules of the episodes; available after the first reset."""
+        return self._rules
+
+    @property
+    def measures(self) -> Measures:
+        """The measures after the latest control step."""
+        return self._simulation.tracker.measures
+
+    def privileged(self) -> list[Any]:
+        """Returns the true state of each row (see `hab_tasks.privileged`)."""
+        return self._simulation.privileged()
+
+    # Building and resetting ------------------------------------------------------------------
+
+    @property
+    def _default_sim_config(self) -> SimConfig:
+        return sim_config()
+
+    def reset(
+        self, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Starts episodes.
+
+        ``info["instruction"]`` holds the instruction of each row in words;
+        ``info["reconfigure"]`` reports whether the entries of the state changed (other objects or
+        another layout). A recorded ``episode_seed`` reproduces the episode, whether or not a seed
+        was given.
+
+        Args:
+            seed: Determines the episodes; the same seed gives the same episodes.
+            options: ManiSkill's options, and ``episode``: an `Episode`, its index in the set, or a
+                list with one per row.
+
+        Raises:
+            OptionError: Invalid seed or option.
+            EpisodeError: Unknown episode, or an episode that does not match its layout.
+        """
+        options = entries("options", options)
+        rows = options.get("env_idx")
+        count = self.num_envs
+        rows = list(range(count)) if rows is None else row_numbers("env_idx", rows, count)
+        seeds("seed", seed, len(rows))
+        rebuild = self._simulation.choose(rows, seed, options.pop("episode", None))
+        if rebuild:
+            options["reconfigure"] = True
+        # Gymnasium's generator is unused, but Gymnasium's checker requires it to be seeded.
+        gym.Env.reset(self, seed=None if seed is None else int(np.ravel(seed)[0]))
+        before = self._simulation.shown
+        obs, info = super().reset(seed=seed, options=options)
+        if seed is None:
+            self._episode_seed[rows] = [self._simulation.seeds[row] for row in rows]
+        # Recorders read from this whether the entries of the state changed.
+        info["reconfigure"] = info["reconfigure"] or self._simulation.shown is not before
+        info["instruction"] = self.instruction
+        return obs, info
+
+    def _load_scene(self, options: dict[str, Any]) -> None:
+        self._simulation.build(self.scene, self.agent, lit=self._is_lit)
+        self._rules = self.rules_of(self._simulation)
+        self._start_observing()
+        steps = self._delay_steps
+        self._delay = ActionDelay(steps, self.agent.controller) if steps else None
+
+    def _clear_sim_state(self) -> None:
+        # On the CPU the episode sets all velocities, and sleeping bodies have none.
+        if self.gpu_sim_enabled:
+            super()._clear_sim_state()
+
+    def _initialize_episode(self, env_idx: Tensor, options: dict[str, Any]) -> None:
+        self._simulation.apply(env_idx)
+        if self._delay is not None:
+            self._delay.begin(env_idx)
+        if self._noise is not None:
+            self._noise.begin(env_idx, [episode.seed for episode in self.episode])
+        self._rules.begin_rows(env_idx)
+        self.__dict__.pop("segmentation_id_map", None)  # cached; the bodies may have changed
+
+    # Stepping --------------------------------------------------------------------------------
+
+    def _step_action(self, action: np.ndarray | Tensor | None) -> Tensor | None:
+        """Executes one action; reads the simulator once; advances the tracker once."""
+        if action is not None:
+            action = self._batched(action)
+            due = action
+            if self._delay is not None:
+                due = self._delay.exchange(action, self._simulation.holding())
+            self.agent.controller.set_action(due)
+            if self.gpu_sim_enabled:
+                px: Any = self.scene.px
+                px.gpu_apply_articulation_target_position()
+                px.gpu_apply_articulation_target_velocity()
+        self._rules.before_action()
+        gripper = self.agent.controller.gripper
+        gripper = self._rules.masked_gripper(gripper if self.gpu_sim_enabled else gripper.numpy())
+        self._simulation.step(gripper, self._sim_steps_per_control)
+        self._rules.after_action()
+        if self._noise is not None:
+            self._noise.advance()
+        return action
+
+    def act_row(self, action: NDArray[Any]) -> None:
+        """Sets the drive targets of a valid action (A,); CPU simulation, without stepping it."""
+        controller = self.agent.controller
+        if self._delay is None:
+            controller.set_row(action)
+        else:
+            due = self._delay.exchange(torch.from_numpy(action)[None], self._simulation.holding())
+            controller.set_action(due)
+
+    def _batched(self, action: np.ndarray | Tensor) -> Tensor:
+        try:
+            tensor = torch.as_tensor(action, dtype=torch.float32, device=self.device)
+        except (TypeError, ValueError, RuntimeError) as error:
+            raise ActionError(f"Action {action!r} is not an array of numbers ({error}).") from error
+        return tensor[None] if tensor.dim() == 1 and self.num_envs == 1 else tensor
+
+    def evaluate(self) -> dict[str, Any]:
+        """Returns success, failures, measures and reward terms; has no side effects."""
+        result = self._rules.evaluate()
+        whole = {"success": result.success, "fail": result.fail, "reward": result.reward}
+        info = to_info({"whole": whole, **result.groups})
+        if self._unpaid[0] is not result.unpaid:
+            self._unpaid = result.unpaid, {n: to_tensor(x) for n, x in result.unpaid.items()}
+        info["reward_terms"] = self._unpaid[1] | info["reward_terms"]
+        return {**info.pop("whole"), **info}
+
+    def compute_dense_reward(self, obs: Any, action: Tensor, info: dict[str, Any]) -> Tensor:
+        """Returns the sum of the reward terms, (N,)."""
+        return info["reward"]
+
+    def compute_normalized_dense_reward(
+        self, obs: Any, action: Tensor, info: dict[str, Any]
+    ) -> Tensor:
+        """Returns the dense reward divided by its bound, at most 1, (N,)."""
+        return (info["reward"] / self.reward_bound).clamp(max=1.0)
+
+    # State -----------------------------------------------------------------------------------
+
+    def get_state_dict(self) -> dict[str, Any]:
+        """Returns the state of simulator and episode, sufficient to resume from."""
+        simulator: Any = super().get_state_dict()
+        options = {name: option.get_state() for name, option in self._stateful.items()}
+        state = {"hab": {**self._simulation.get_state(), **options}, **self._rules.get_state()}
+        return with_columns({**simulator, **state})
+
+    @property
+    def _stateful(self) -> dict[str, ActionDelay | NoiseSource]:
+        """Active options that have state."""
+        options = {"delay": self._delay, "noise": self._noise}
+        return {name: option for name, option in options.items() if option is not None}
+
+    def set_state_dict(self, state: dict[str, Any], env_idx: Tensor | None = None) -> None:
+        """Restores a state of `get_state_dict`.
+
+        Raises:
+            EpisodeError: The state has other furniture or objects than this episode.
+        """
+        rows = torch.arange(self.num_envs, device=self.device) if env_idx is None else env_idx
+        rules = self._rules.get_state()
+        simulator = {key: value for key, value in state.items() if key not in ("hab", *rules)}
+        self._simulation.refuse_other_bodies(simulator)
+        self._simulation.thaw()
+        super().set_state_dict(simulator, env_idx)  # pyright: ignore[reportArgumentType]  # None is its default
+        self._simulation.set_state(state["hab"], rows)
+        for name, option in self._stateful.items():
+            kept = shaped_like(state["hab"][name], option.get_state(), len(rows), self.device)
+            option.set_state(kept, rows)
+        self._rules.set_state(shaped_like(state, rules, len(rows), self.device), rows)

@@ -1,0 +1,157 @@
+"""Noise of depth, colour and joint-angle sensors, reproducible in replays of an episode."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from hab_tasks.errors import OptionError, UnknownNameError
+from hab_tasks.option_values import number
+
+Images = dict[str, dict[str, Tensor]]
+
+_COLOURS = ("rgb", "Color")
+_RANGES = ("depth", "position", "Position", "PositionSegmentation")
+"""Images with colours and with distances; capitalised names are raw shader textures."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorNoise:
+    """Standard deviations of the sensor noise; 0 is noise-free.
+
+    Attributes:
+        depth_at_1_m_m: Depth at 1 m; grows with the square of the distance. (The default gives
+            4 cm at 5 m, as with a structured-light camera.)
+        rgb_levels: Each colour channel, in levels of 256.
+        joint_rad: Each joint angle of the arm.
+    """
+
+    depth_at_1_m_m: float = 0.0016
+    rgb_levels: float = 2.0
+    joint_rad: float = 0.001
+
+    def __post_init__(self) -> None:
+        """Rejects values that are not standard deviations."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            name, valid = f"sensor_noise.{field.name}", "a number from 0"
+            if number(name, value, valid) < 0.0:
+                raise OptionError.of_value(name, value, valid)
+
+    @classmethod
+    def of(cls, noise: SensorNoise | Mapping[str, float] | None) -> SensorNoise | None:
+        """Returns the noise of an option's value.
+
+        Args:
+            noise: A `SensorNoise`; a mapping of its attributes, as in JSON; None for no noise.
+
+        Raises:
+            UnknownNameError: The mapping has an unknown attribute.
+            OptionError: Invalid type, or a value that is not a standard deviation.
+        """
+        if noise is None or isinstance(noise, SensorNoise):
+            return noise
+        names = [field.name for field in fields(cls)]
+        if not isinstance(noise, Mapping):
+            raise OptionError.of_value(
+                "sensor_noise", noise, f"None, SensorNoise or a dict of {names}"
+            )
+        for name in noise:
+            if name not in names:
+                raise UnknownNameError("entry of sensor_noise", name, names)
+        return cls(**noise)
+
+
+class NoiseSource:
+    """Adds noise to the sensors of N rows.
+
+    Every draw has its own generator, seeded by episode, step and sensor. Reading a sensor twice
+    gives the same values, replays are identical on any device, and rows are independent.
+    """
+
+    def __init__(self, noise: SensorNoise, num_envs: int) -> None:
+        """Initialises `num_envs` rows at step 0 of an episode with seed 0."""
+        self.noise = noise
+        self._seeds = torch.zeros(num_envs, dtype=torch.long)
+        self._steps = torch.zeros(num_envs, dtype=torch.long)
+
+    def begin(self, rows: Tensor, seeds: Sequence[int]) -> None:
+        """Restarts the rows (R,); `seeds` (N,) are the episode seeds of all rows."""
+        for row in rows.tolist():
+            self._seeds[row], self._steps[row] = seeds[row], 0
+
+    def advance(self) -> None:
+        """Advances by one step."""
+        self._steps = self._steps + 1
+
+    def joints(self, qpos_rad: Tensor) -> Tensor:
+        """Returns noisy joint angles (N, J) [rad]."""
+        normal = self._normal(0, tuple(qpos_rad.shape[1:]), qpos_rad.device)
+        return qpos_rad + self.noise.joint_rad * normal
+
+    def images(self, data: Images) -> Images:
+        """Returns noisy images of each camera: name -> (N, H, W, C)."""
+        return {
+            camera: {name: self._image(2 * number + 1, name, image) for name, image in each.items()}
+            for number, (camera, each) in enumerate(data.items())
+        }
+
+    def _image(self, stream: int, name: str, image: Tensor) -> Tensor:
+        height, width = image.shape[1:3]
+        if name in _COLOURS:
+            normal = self._normal(stream, (height, width, 3), image.device)
+            return _coloured(image, self.noise.rgb_levels * normal)
+        if name in _RANGES:
+            # All textures derived from a camera's distances share one error.
+            normal = self._normal(stream + 1, (height, width, 1), image.device)
+            return _ranged(image, self.noise.depth_at_1_m_m * normal)
+        return image
+
+    def _normal(self, stream: int, shape: tuple[int, ...], device: torch.device) -> Tensor:
+        """Draws (N, *shape) from the standard normal distribution."""
+        seeds_and_steps = zip(self._seeds.tolist(), self._steps.tolist(), strict=True)
+        drawn = [
+            np.random.default_rng((seed, step, stream)).standard_normal(shape, dtype=np.float32)
+            for seed, step in seeds_and_steps
+        ]
+        return torch.from_numpy(np.stack(drawn)).to(device)
+
+    def get_state(self) -> dict[str, Tensor]:
+        """Returns episode seed and step of each row, (N,)."""
+        return {"seeds": self._seeds.clone(), "steps": self._steps.clone()}
+
+    def set_state(self, state: dict[str, Tensor], rows: Tensor) -> None:
+        """Restores a state of `get_state` for `rows` (R,)."""
+        chosen = rows.cpu()
+        self._seeds, self._steps = self._seeds.clone(), self._steps.clone()
+        self._seeds[chosen], self._steps[chosen] = state["seeds"].cpu(), state["steps"].cpu()
+
+
+def _coloured(image: Tensor, levels: Tensor) -> Tensor:
+    """Adds levels of 256 (N, H, W, 3) to an image (N, H, W, C): uint8, or float in [0, 1]."""
+    if image.is_floating_point():
+        noisy = (image[..., :3] + levels / 255.0).clamp(0.0, 1.0)
+    else:
+        noisy = (image[..., :3] + levels).round().clamp(0, 255).to(image.dtype)
+    return torch.cat((noisy, image[..., 3:]), dim=-1)
+
+
+def _ranged(image: Tensor, per_m: Tensor) -> Tensor:
+    """Moves points along their rays by `per_m` (N, H, W, 1) times the square of their depth.
+
+    Args:
+        image: Depth (N, H, W, 1), or position (N, H, W, 3 or 4; z backwards) with its extra
+            channel. Integers are millimetres, floats metres. Zero (no return) stays zero.
+        per_m: Error [m] at 1 m.
+    """
+    depth = image if image.shape[-1] == 1 else -image[..., 2:3]
+    depth_m = depth if image.is_floating_point() else depth / 1000.0
+    noisy = image[..., :3] * (1.0 + per_m * depth_m).clamp(min=0.0)
+    if not image.is_floating_point():
+        bounds = torch.iinfo(image.dtype)
+        noisy = noisy.round().clamp(bounds.min, bounds.max).to(image.dtype)
+    return torch.cat((noisy, image[..., 3:]), dim=-1)

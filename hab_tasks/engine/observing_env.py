@@ -1,0 +1,271 @@
+"""Observations and rendering of an environment: entries, cameras, noise, lighting."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+from mani_skill.envs.sapien_env import BaseEnv
+from mani_skill.sensors.camera import Camera, CameraConfig
+from torch import Tensor
+
+from hab_tasks.arrays import to_tensor
+from hab_tasks.engine.episode_simulation import EpisodeSimulation
+from hab_tasks.engine.marks import Marks
+from hab_tasks.engine.noise import NoiseSource, SensorNoise
+from hab_tasks.engine.sensors import ARM_QPOS, ObsEntry, observed, scale_depth
+from hab_tasks.engine.simulation import check_rows
+from hab_tasks.engine.viewpoint import FIELD_OF_VIEW_RAD, FIRST_VIEW, Hit, Viewpoint
+from hab_tasks.errors import OptionError
+from hab_tasks.option_values import flag
+from hab_tasks.privileged import Array
+from hab_tasks.rendering import resolve_backend, sensor_shader
+from hab_tasks.robots.cameras import PLACES, CameraRig, HiddenArm
+from hab_tasks.robots.mobile_manipulator import MobileManipulator
+
+RENDER_SIZE_PX = 512
+VIEW_SIZE_PX = 256
+
+VIEWS = ("head", "arm")
+"""Robot cameras rendered by `render_views`, independent of the agent's cameras."""
+
+WITHOUT_IMAGES = ("state", "state_dict", "none")
+"""Observation modes that need no renderer."""
+
+
+class ObservingEnv(BaseEnv):
+    """Observations and human rendering of an `EpisodeSimulation`."""
+
+    observation: ClassVar[tuple[ObsEntry, ...]]
+    handle: ClassVar[ObsEntry | None] = None
+    """Entry added by the option `handle_position`; None without one."""
+
+    cameras: ClassVar[tuple[str, ...]] = ("head", "arm")
+    agent: MobileManipulator  # type: ignore[assignment]
+    _simulation: EpisodeSimulation
+    _noise: NoiseSource | None
+    _viewpoint: Viewpoint
+    _hides_arm: bool
+    _images_on_demand = False
+    _views: dict[str, Camera]
+    _marks: Marks | None
+
+    def _set_sensors(
+        self,
+        cameras: Iterable[str] | None,
+        size_px: int,
+        hfov_rad: float,
+        noise: SensorNoise | Mapping[str, float] | None,
+        invisible_arm: bool,
+    ) -> None:
+        """Validates and stores the camera options."""
+        self._rig = CameraRig.of(self.cameras if cameras is None else cameras, size_px, hfov_rad)
+        self._sensor_noise = SensorNoise.of(noise)
+        self._hides_arm = flag("invisible_arm", invisible_arm)
+
+    def _set_entries(self, proprioception: bool, target_frame: str, handle_position: bool) -> None:
+        """Selects the entries of the state observation."""
+        flag("proprioception", proprioception)
+        flag("handle_position", handle_position)
+        entries = observed(self.observation, self.handle, target_frame, handle_position)
+        self._felt = [e for e in entries if proprioception and e.proprioceptive]
+        self._told = [e for e in entries if not e.proprioceptive]
+
+    def _set_backend(self, backend: str, num_envs: int, options: dict[str, Any]) -> str:
+        """Stores and returns ManiSkill's render_backend.
+
+        Args:
+            backend: The option.
+            num_envs: Batch size; rejected if this machine cannot simulate it.
+            options: ManiSkill's options, for its observation mode and simulation backend.
+        """
+        check_rows(num_envs, options.get("sim_backend"))
+        obs_mode = options.get("obs_mode") or "state"
+        images = obs_mode not in WITHOUT_IMAGES
+        if images and not self._rig.names:
+            valid = f"some of {list(PLACES)} with obs_mode={obs_mode!r}, or obs_mode 'state'"
+            raise OptionError.of_value("cameras", (), valid)
+        drawn = images or options.get("render_mode") is not None
+        self._backend = resolve_backend(backend, drawn)
+        return self._backend
+
+    # Rendering -------------------------------------------------------------------------------
+
+    @property
+    def _default_human_render_camera_configs(self) -> CameraConfig:  # type: ignore[override]
+        return CameraConfig(
+            uid="render_camera",
+            pose=FIRST_VIEW,  # type: ignore[arg-type]  # moved by _aim
+            width=RENDER_SIZE_PX,
+            height=RENDER_SIZE_PX,
+            fov=FIELD_OF_VIEW_RAD,
+            near=0.05,
+            far=50.0,
+            mount=self.agent.base_link,
+        )
+
+    def _start_observing(self) -> None:
+        """Hook after a new simulation was built, before its cameras are set up."""
+        self._viewpoint, self._views, self._marks = Viewpoint(), {}, None
+        noise = self._sensor_noise
+        self._noise = None if noise is None else NoiseSource(noise, self.num_envs)
+        self.agent.rig = self._rig
+        if self._hides_arm and self.scene.can_render():
+            self._hidden_objects.append(HiddenArm(self.agent.link))  # type: ignore[arg-type]
+        if self.render_mode is not None and self.scene.can_render() and not self.gpu_sim_enabled:
+            self._marks = Marks(self.scene)
+            self._hidden_objects.append(self._marks)  # type: ignore[arg-type]
+
+    @property
+    def _is_lit(self) -> bool:
+        # Depth needs no light; lamps take a quarter of a software renderer's time.
+        return self.scene.can_render() and (self.render_mode is not None or self._wants_colour)
+
+    @property
+    def _wants_colour(self) -> bool:
+        visual = self.obs_mode_struct.visual
+        other = self.obs_mode in ("pointcloud", "sensor_data")
+        return other or visual.rgb or visual.normal or visual.albedo
+
+    def _setup_sensors(self, options: dict[str, Any]) -> None:
+        self._custom_sensor_configs = sensor_shader(
+            self._custom_sensor_configs or {}, self._backend, self._wants_colour
+        )
+        super()._setup_sensors(options)
+
+    def _load_lighting(self, options: dict[str, Any]) -> None:
+        """Disables ManiSkill's lamps; the layout has its own."""
+
+    def render_rgb_array(self, camera_name: str | None = None) -> Any:
+        """Renders the human-render camera, with marks, from where the hand is visible."""
+        self._aim()
+        image = super().render_rgb_array(camera_name)  # pyright: ignore[reportArgumentType]  # None is its default
+        self._hide()
+        return image
+
+    def render_all(self) -> Any:
+        """Renders the human-render camera and the sensors."""
+        self._aim()
+        return super().render_all()
+
+    def render_human(self) -> Any:
+        """Renders the viewer window, with marks."""
+        if self._marks is not None:
+            self._marks.place(self._simulation)
+        return super().render_human()
+
+    def render_views(self) -> dict[str, Tensor]:
+        """Renders the robot's head and arm cameras in colour for humans.
+
+        Works in every observation mode, but requires a `render_mode`. CPU simulation only.
+
+        Returns:
+            Name in `VIEWS` -> (N, 256, 256, 3) uint8.
+        """
+        if not self._views:
+            rig = CameraRig(names=VIEWS, size_px=VIEW_SIZE_PX, hfov_rad=self._rig.hfov_rad)
+            configs = rig.configs(self.agent.link)
+            self._views = {config.uid: Camera(config, self.scene) for config in configs}
+        self._hide()
+        self.scene.update_render(update_sensors=False, update_human_render_cameras=False)
+        views = {}
+        for name, camera in self._views.items():
+            camera.capture()
+            views[name] = camera.get_obs(depth=False, position=False, segmentation=False)["rgb"]
+        return views
+
+    def _hide(self) -> None:
+        """Hides human-only visuals from sensors; ManiSkill resets this after every image."""
+        hidden: Any
+        for hidden in self._hidden_objects:
+            hidden.hide_visual()
+
+    def _aim(self) -> None:
+        """Places the marks; moves the human-render camera if the hand is occluded."""
+        if self.gpu_sim_enabled:
+            return
+        if self._marks is not None:
+            self._marks.place(self._simulation)
+        pose = self._viewpoint.follow(self._simulation, self._cast_ray)
+        if pose is not None:
+            for camera in self._human_render_cameras["render_camera"].camera._render_cameras:
+                camera.local_pose = pose
+
+    def _cast_ray(self, origin_m: Array, direction: Array, length_m: float) -> Hit | None:
+        """Returns the first hit of a ray in the CPU simulation."""
+        px: Any = self.scene.px
+        hit = px.raycast(origin_m.astype(np.float32), direction.astype(np.float32), length_m)
+        return None if hit is None else (float(hit.distance), hit.component.entity.name)
+
+    # Observations ----------------------------------------------------------------------------
+
+    @property
+    def entries(self) -> tuple[ObsEntry, ...]:
+        """Entries of the state observation, those of ``agent`` first."""
+        return (*self._felt, *self._told)
+
+    @property
+    def noise(self) -> NoiseSource | None:
+        """Noise of the sensors, if any; of the current simulation."""
+        return self._noise
+
+    def leave_out_images(self) -> None:
+        """Stops rendering images in observations; `look` renders them on demand.
+
+        Raises:
+            OptionError: The observation mode has no images.
+        """
+        if self.obs_mode in WITHOUT_IMAGES or "pointcloud" in self.obs_mode:
+            raise OptionError.of_value(
+                "obs_mode", self.obs_mode, "one with images of cameras, e.g. 'depth'"
+            )
+        self._images_on_demand = True
+
+    def look(self) -> dict[str, Any]:
+        """Renders the current ``sensor_param`` and ``sensor_data``.
+
+        The images are those of an observation in this `obs_mode`.
+        """
+        transforms = self.obs_mode != "sensor_data"
+        return {
+            "sensor_param": self.get_sensor_params(),
+            "sensor_data": self._get_obs_sensor_data(transforms),
+        }
+
+    def _get_obs_with_sensor_data(
+        self, info: dict[str, Any], apply_texture_transforms: bool = True
+    ) -> dict[str, Any]:
+        if self._images_on_demand:
+            return self._get_obs_state_dict(info)
+        return super()._get_obs_with_sensor_data(info, apply_texture_transforms)
+
+    def _flatten_raw_obs(self, obs: Any) -> Any:
+        """Returns the observation without empty groups, which Gymnasium rejects."""
+        flat = super()._flatten_raw_obs(obs)
+        if not isinstance(flat, dict):
+            return flat
+        return {name: group for name, group in flat.items() if len(group)}
+
+    def _get_obs_agent(self) -> dict[str, Tensor]:
+        felt = self._values(self._felt)
+        if self._noise is not None and ARM_QPOS.name in felt:
+            felt[ARM_QPOS.name] = self._noise.joints(felt[ARM_QPOS.name])
+        return felt
+
+    def _get_obs_extra(self, info: dict[str, Any]) -> dict[str, Tensor]:
+        return self._values(self._told)
+
+    def _values(self, entries: list[ObsEntry]) -> dict[str, Tensor]:
+        world = self._simulation
+        now = world.snapshot, world.tracker.measures, world.goals
+        return {entry.name: to_tensor(entry.read(*now)) for entry in entries}
+
+    def _get_obs_sensor_data(self, apply_texture_transforms: bool = True) -> dict[str, Any]:
+        data = super()._get_obs_sensor_data(apply_texture_transforms)
+        if self._noise is not None:
+            data = self._noise.images(data)
+        if self.obs_mode_struct.visual.depth and apply_texture_transforms:
+            for images in data.values():
+                images["depth"] = scale_depth(images["depth"])
+        return data

@@ -1,0 +1,46 @@
+"""Reward terms and scores shared by the skills, as in the paper's equations."""
+
+from __future__ import annotations
+
+from functools import reduce
+from operator import add
+
+from hab_tasks.arrays import BatchArray, maximum, minimum
+from hab_tasks.constants import EE_STEP_M
+
+
+def force_penalty(force_n: BatchArray, weight: float, cap: float) -> BatchArray:
+    """Returns -min(weight * C_t, cap), (N,).
+
+    The paper prints ``- max(0.001 C_t, 1.0)``. That penalty is never below 1 and so rewards
+    collisions; Habitat's code takes the minimum (docs/deviations.md).
+    """
+    return -minimum(weight * force_n, cap)
+
+
+def total(terms: dict[str, BatchArray]) -> BatchArray:
+    """Returns the sum of the terms, (N,)."""
+    return reduce(add, terms.values())
+
+
+def weighted_by_completion_time(
+    success: BatchArray, distance_m: BatchArray, steps: BatchArray
+) -> BatchArray:
+    """Returns Success * oracle's time / agent's time, at most 1, (N,) (S F.2).
+
+    The oracle's time is 2 * distance / maximum end-effector speed. The paper prints the inverted
+    fraction (docs/deviations.md).
+
+    Args:
+        success: (N,) bool.
+        distance_m: (N,) initial distance of the end-effector to its goal.
+        steps: (N,) number of actions so far.
+    """
+    oracle_steps = 2.0 * distance_m / EE_STEP_M
+    return success * minimum(oracle_steps / maximum(steps, 1.0), 1.0)
+
+
+def weighted_by_path(success: BatchArray, shortest_m: BatchArray, path_m: BatchArray) -> BatchArray:
+    """Returns Success * shortest / max(path, shortest), (N,): SPL of point navigation."""
+    longest_m = maximum(maximum(path_m, shortest_m), 1e-6)
+    return success * shortest_m / longest_m

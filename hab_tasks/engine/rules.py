@@ -1,0 +1,111 @@
+"""Rules of a skill or task for N rows: gripper mask, progress, success, failures, reward."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import reduce
+from operator import or_
+from typing import Any
+
+from torch import Tensor
+
+from hab_tasks.arrays import BatchArray
+from hab_tasks.engine.episode_rows import EpisodeRows
+from hab_tasks.engine.rewards import total
+
+Groups = dict[str, dict[str, BatchArray]]
+"""Group -> name -> (N,)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepResult:
+    """Result of the rules for one step.
+
+    Attributes:
+        success: (N,) whether the goal is reached, regardless of failures.
+        failures: Name -> (N,) bool; any of them ends the episode.
+        reward_terms: (ends) -> name -> (N,) float32; `ends` holds ``success`` and every failure.
+        measures: (success) -> name -> (N,), reported in `info`.
+        unpaid: Terms that cannot be paid in this step, zero (N,); reported with the others.
+        extra: Further entries of `info`: name -> name -> (N,).
+    """
+
+    success: BatchArray
+    failures: dict[str, BatchArray]
+    reward_terms: Callable[[dict[str, BatchArray]], dict[str, BatchArray]]
+    measures: Callable[[BatchArray], dict[str, BatchArray]]
+    extra: Groups = field(default_factory=dict)
+    unpaid: dict[str, BatchArray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluation:
+    """Outcome of one step.
+
+    Attributes:
+        success: (N,) whether the goal is reached without a failure.
+        fail: (N,) whether there is a failure.
+        reward: (N,) sum of the reward terms.
+        groups: Entries of `info` by group: ``failures``, ``measures``, ``reward_terms`` (those
+            that can be paid), and the rules' own.
+        unpaid: The other reward terms, zero (N,); the same dict in every step.
+    """
+
+    success: BatchArray
+    fail: BatchArray
+    reward: BatchArray
+    groups: Groups
+    unpaid: dict[str, BatchArray]
+
+
+class Rules:
+    """Rules of one skill or task.
+
+    Attributes:
+        rows: The episodes that they apply to.
+    """
+
+    def __init__(self, rows: EpisodeRows) -> None:
+        """Applies to all episodes of `rows`."""
+        self.rows = rows
+
+    def step_result(self) -> StepResult:
+        """Evaluates the current step; has no side effects."""
+        raise NotImplementedError
+
+    def masked_gripper(self, gripper: BatchArray) -> BatchArray:
+        """Returns the gripper actions (N,) after masking."""
+        raise NotImplementedError
+
+    def begin_rows(self, rows: Tensor) -> None:
+        """Hook after the episodes in `rows` (R,) have started."""
+
+    def before_action(self) -> None:
+        """Hook before an action is executed."""
+
+    def after_action(self) -> None:
+        """Hook after an action, with the new snapshot and measures."""
+
+    def get_state(self) -> dict[str, dict[str, Tensor]]:
+        """Returns the state of the rules, if any: group -> name -> (N,)."""
+        return {}
+
+    def set_state(self, state: dict[str, Any], rows: Tensor) -> None:
+        """Restores `rows` (R,) from a state of R rows, at the current snapshot."""
+
+    def evaluate(self) -> Evaluation:
+        """Evaluates success, failures, reward and measures; has no side effects."""
+        result = self.step_result()
+        fail = reduce(or_, result.failures.values(), result.success & False)
+        success = result.success & ~fail
+        terms = result.reward_terms({"success": success, **result.failures})
+        groups = {
+            "failures": result.failures,
+            "measures": result.measures(success),
+            "reward_terms": terms,
+            **result.extra,
+        }
+        return Evaluation(
+            success=success, fail=fail, reward=total(terms), groups=groups, unpaid=result.unpaid
+        )

@@ -1,0 +1,261 @@
+"""Entries of the state observation: name, shape, unit and reader of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal, get_args
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from hab_tasks.agent import TargetFrame
+from hab_tasks.arrays import BatchArray, cos, is_numpy, maximum, sin, stack
+from hab_tasks.constants import CAMERA_DEPTH_MAX_M, REST_POSITION_M
+from hab_tasks.engine.goals import Goals
+from hab_tasks.engine.measures import Measures
+from hab_tasks.engine.snapshot import Snapshot
+from hab_tasks.errors import OptionError, UnknownNameError
+
+Reader = Callable[[Snapshot, Measures, Goals], BatchArray]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObsEntry:
+    """One entry of the state observation.
+
+    Attributes:
+        name: Its key.
+        shape: Shape of one row.
+        unit: Its unit.
+        meaning: One line for tables.
+        read: (snapshot, measures, goals) -> (N, *shape) float32.
+        proprioceptive: Whether it is proprioception; the others specify the goal.
+        in_ee: Its replacement with ``target_frame="ee"``, in the end-effector's frame; None if the
+            entry has no such variant.
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    unit: str
+    meaning: str
+    read: Reader
+    proprioceptive: bool = False
+    in_ee: ObsEntry | None = None
+
+    @property
+    def group(self) -> Literal["agent", "extra"]:
+        """Group of the observation."""
+        return "agent" if self.proprioceptive else "extra"
+
+
+def observed(
+    entries: Sequence[ObsEntry],
+    handle: ObsEntry | None,
+    target_frame: str = "base",
+    handle_position: bool = False,
+) -> tuple[ObsEntry, ...]:
+    """Returns the entries of an environment under its options.
+
+    Args:
+        entries: The entries under default options.
+        handle: Entry added by `handle_position`; None for environments without door or drawer.
+        target_frame: The option, ``base`` or ``ee``.
+        handle_position: The option.
+
+    Raises:
+        UnknownNameError: Unknown frame.
+        OptionError: The environment does not support the option.
+    """
+    chosen = tuple(entries)
+    if target_frame not in get_args(TargetFrame):
+        raise UnknownNameError("target_frame", target_frame, get_args(TargetFrame))
+    if target_frame == "ee":
+        if all(entry.in_ee is None for entry in chosen):
+            raise OptionError.of_value("target_frame", target_frame, "'base' in a task")
+        chosen = tuple(entry.in_ee or entry for entry in chosen)
+    if not handle_position:
+        return chosen
+    if handle is None:
+        valid = "False in an environment without a door or drawer"
+        raise OptionError.of_value("handle_position", handle_position, valid)
+    return (*chosen, handle)
+
+
+def along_base_axes(s: Snapshot, point_m: BatchArray) -> BatchArray:
+    """Returns the vector from the end-effector to a world point (N, 3) in base axes, (N, 3)."""
+    return _from_ee(s, point_m, s.base_axes)
+
+
+def in_ee_frame(s: Snapshot, point_m: BatchArray) -> BatchArray:
+    """Maps a world point (N, 3) to the end-effector's frame (N, 3)."""
+    return _from_ee(s, point_m, s.ee_axes)
+
+
+def _from_ee(s: Snapshot, point_m: BatchArray, axes: BatchArray) -> BatchArray:
+    """Returns the vector from the end-effector to a point (N, 3) along axes (N, 3, 3), (N, 3)."""
+    return ((point_m - s.ee_m)[:, None] @ axes)[:, 0]
+
+
+def in_base_frame(s: Snapshot, points_m: BatchArray) -> BatchArray:
+    """Maps world points (N, P, 3) to the base frame (N, P, 3); heights are kept."""
+    yaw = s.base[:, 2:]
+    cosine, sine = cos(yaw), sin(yaw)
+    x, y = points_m[:, :, 0] - s.base[:, :1], points_m[:, :, 1] - s.base[:, 1:2]
+    return stack((cosine * x + sine * y, cosine * y - sine * x, points_m[:, :, 2]), axis=2)
+
+
+def _rest_from_ee(s: Snapshot, m: Measures, g: Goals) -> BatchArray:
+    rest = _REST if is_numpy(m.ee_in_base_m) else _rest(m.ee_in_base_m.device)
+    return rest - m.ee_in_base_m
+
+
+_REST = np.array(REST_POSITION_M, dtype=np.float32)
+
+
+@lru_cache(maxsize=4)
+def _rest(device: torch.device) -> Tensor:
+    return torch.tensor(REST_POSITION_M, device=device)
+
+
+def _ee_rotation(s: Snapshot, m: Measures, g: Goals) -> BatchArray:
+    # Row vectors times the base's axes: the axes of the hand in the base frame.
+    return (s.ee_axes.swapaxes(1, 2)[:, :2] @ s.base_axes).reshape(-1, 6)
+
+
+def _is_holding(s: Snapshot, m: Measures, g: Goals) -> BatchArray:
+    holding = maximum(s.held, s.held_handle)[:, None] >= 0
+    return holding.astype(np.float32) if is_numpy(holding) else holding.float()
+
+
+ARM_QPOS = ObsEntry(
+    name="arm_qpos",
+    shape=(7,),
+    unit="rad",
+    meaning="arm joints, shoulder to wrist",
+    read=lambda s, m, g: s.arm_qpos_rad,
+    proprioceptive=True,
+)
+EE_POSITION = ObsEntry(
+    name="ee_position",
+    shape=(3,),
+    unit="m",
+    meaning="end-effector in the base frame",
+    read=lambda s, m, g: m.ee_in_base_m,
+    proprioceptive=True,
+)
+EE_ROTATION = ObsEntry(
+    name="ee_rotation",
+    shape=(6,),
+    unit="1",
+    meaning="x axis of the end-effector's frame, then its y axis, in the base frame",
+    read=_ee_rotation,
+    proprioceptive=True,
+)
+IS_HOLDING = ObsEntry(
+    name="is_holding",
+    shape=(1,),
+    unit="0 or 1",
+    meaning="whether anything is in the hand",
+    read=_is_holding,
+    proprioceptive=True,
+)
+REST_FROM_EE = ObsEntry(
+    name="rest_from_ee",
+    shape=(3,),
+    unit="m",
+    meaning="from the end-effector to its resting position, base frame",
+    read=_rest_from_ee,
+    proprioceptive=True,
+)
+OBJECT_START = ObsEntry(
+    name="object_start_from_ee",
+    shape=(3,),
+    unit="m",
+    meaning="from the end-effector to the target's starting position, base frame",
+    read=lambda s, m, g: along_base_axes(s, g.starts_m[:, 0]),
+    in_ee=ObsEntry(
+        name="object_start_in_ee",
+        shape=(3,),
+        unit="m",
+        meaning="the target's starting position in the end-effector's frame",
+        read=lambda s, m, g: in_ee_frame(s, g.starts_m[:, 0]),
+    ),
+)
+OBJECT_GOAL = ObsEntry(
+    name="object_goal_from_ee",
+    shape=(3,),
+    unit="m",
+    meaning="from the end-effector to the target's goal position, base frame",
+    read=lambda s, m, g: along_base_axes(s, g.goals_m[:, 0]),
+    in_ee=ObsEntry(
+        name="object_goal_in_ee",
+        shape=(3,),
+        unit="m",
+        meaning="the target's goal position in the end-effector's frame",
+        read=lambda s, m, g: in_ee_frame(s, g.goals_m[:, 0]),
+    ),
+)
+# The goal of an object without a goal position is its start. The base rotates about the origin of
+# its own frame, not about the hand.
+POINT = ObsEntry(
+    name="point_in_base",
+    shape=(3,),
+    unit="m",
+    meaning="start or goal of the object in question, in the base frame",
+    read=lambda s, m, g: in_base_frame(s, g.goals_m[:, :1])[:, 0],
+    in_ee=ObsEntry(
+        name="point_in_ee",
+        shape=(3,),
+        unit="m",
+        meaning="start or goal of the object in question, in the end-effector's frame",
+        read=lambda s, m, g: in_ee_frame(s, g.goals_m[:, 0]),
+    ),
+)
+HANDLE = ObsEntry(
+    name="handle_from_ee",
+    shape=(3,),
+    unit="m",
+    meaning="from the end-effector to the handle where it is now, base frame",
+    read=lambda s, m, g: along_base_axes(s, s.handles_m[:, 0]),
+)
+PROPRIOCEPTION = (ARM_QPOS, EE_POSITION, EE_ROTATION, IS_HOLDING, REST_FROM_EE)
+
+
+def targets_in_base(objects: int) -> ObsEntry:
+    """Returns the goal entry of a task: starts and goals of its objects (S H.3)."""
+
+    def read(s: Snapshot, m: Measures, g: Goals) -> BatchArray:
+        count, objects = g.starts_m.shape[:2]
+        pairs = stack((g.starts_m, g.goals_m), axis=2).reshape(count, 2 * objects, 3)
+        return in_base_frame(s, pairs).reshape(count, 6 * objects)
+
+    return ObsEntry(
+        name="targets_in_base",
+        shape=(6 * objects,),
+        unit="m",
+        meaning="start and goal of each object in turn, in the base frame",
+        read=read,
+    )
+
+
+def handles_in_base(articulations: int) -> ObsEntry:
+    """Returns the entry of a task's current handle positions."""
+    return ObsEntry(
+        name="handles_in_base",
+        shape=(3 * articulations,),
+        unit="m",
+        meaning="handle of each door and drawer in turn where it is now, in the base frame",
+        read=lambda s, m, g: in_base_frame(s, s.handles_m).reshape(-1, 3 * articulations),
+    )
+
+
+def scale_depth(depth_mm: Tensor) -> Tensor:
+    """Maps ManiSkill's depth (N, H, W, 1) int16 [mm] to float32 in [0, 1].
+
+    1 is 10 m and beyond, or no return.
+    """
+    depth = depth_mm.to(torch.float32) / (1000.0 * CAMERA_DEPTH_MAX_M)
+    return torch.where(depth <= 0, torch.ones_like(depth), depth.clamp(max=1.0))

@@ -1,0 +1,151 @@
+"""Definition of a skill, and the environment that runs one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, ClassVar
+
+from hab_tasks.arrays import BatchArray
+from hab_tasks.engine.episode_rows import EpisodeRows
+from hab_tasks.engine.goals import Goals
+from hab_tasks.engine.hab_env import HabEnv
+from hab_tasks.engine.measures import Measures
+from hab_tasks.engine.requirements import Requirements
+from hab_tasks.engine.rules import Rules, StepResult
+from hab_tasks.engine.sensors import HANDLE, ObsEntry
+from hab_tasks.engine.skill_config import configured
+from hab_tasks.engine.snapshot import Snapshot
+from hab_tasks.episodes.generators.base import Generator
+from hab_tasks.episodes.schema import Episode
+from hab_tasks.instructions import skill_instruction
+
+
+def free_gripper(gripper: BatchArray, m: Measures) -> BatchArray:
+    """Mask that keeps every gripper action (N,)."""
+    return gripper
+
+
+def no_failures(s: Snapshot, m: Measures, g: Goals, c: Any) -> dict[str, BatchArray]:
+    """No failures: episodes end only with success or at the horizon."""
+    return {}
+
+
+def no_scores(m: Measures, success: BatchArray) -> dict[str, BatchArray]:
+    """No scores in addition to `Measures`."""
+    return {}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Skill:
+    """A skill as data and pure functions; a new skill is one file with one instance.
+
+    Attributes:
+        starts: Generator of its start states.
+        requirements: Requirements on episodes and simulation.
+        observation: Entries of the state observation, in order.
+        measures: Names of the `Measures` reported in `info`.
+        success: (snapshot, measures, goals, config) -> (N,) bool.
+        failures: (snapshot, measures, goals, config) -> name -> (N,) bool.
+        reward_terms: (snapshot, measures, goals, config, ends) -> name -> (N,) float32; `ends`
+            holds ``success`` and every failure.
+        mask_gripper: (gripper, measures) -> the masked gripper action, (N,).
+        scores: (measures, success) -> name -> (N,), reported among the measures.
+        bound: (config) -> maximum reward of a step; divides the normalised reward.
+        instruction: Template for `skill_instruction`, or a function of the episode.
+        done_in_task: Like `success`, the condition on which a task advances to its next skill;
+            None for `success`.
+    """
+
+    name: str
+    config: Any
+    starts: type[Generator]
+    requirements: Requirements
+    horizon_steps: int
+    control_modes: tuple[str, ...]
+    observation: tuple[ObsEntry, ...]
+    measures: tuple[str, ...]
+    success: Callable[[Snapshot, Measures, Goals, Any], BatchArray]
+    reward_terms: Callable[..., dict[str, BatchArray]]
+    bound: Callable[[Any], float]
+    instruction: str | Callable[[Episode], str]
+    failures: Callable[[Snapshot, Measures, Goals, Any], dict[str, BatchArray]] = no_failures
+    mask_gripper: Callable[[BatchArray, Measures], BatchArray] = free_gripper
+    scores: Callable[[Measures, BatchArray], dict[str, BatchArray]] = no_scores
+    done_in_task: Callable[[Snapshot, Measures, Goals, Any], BatchArray] | None = None
+
+    @property
+    def reward_bound(self) -> float:
+        """Maximum reward of a step."""
+        return self.bound(self.config)
+
+    def changed(self, changes: Mapping[str, float]) -> Skill:
+        """Returns the skill with overridden weights and thresholds; see `configured`."""
+        return replace(self, config=configured(self.name, self.config, changes))
+
+    def done(self, s: Snapshot, m: Measures, g: Goals) -> BatchArray:
+        """Whether a task advances to its next skill, (N,) bool."""
+        return (self.done_in_task or self.success)(s, m, g, self.config)
+
+
+class SkillRules(Rules):
+    """Evaluates the functions of a skill."""
+
+    def __init__(self, skill: Skill, rows: EpisodeRows) -> None:
+        """Applies `skill` to all episodes of `rows`."""
+        super().__init__(rows)
+        self._skill = skill
+
+    def step_result(self) -> StepResult:
+        """See `Rules`."""
+        skill, s, m, g = (
+            self._skill,
+            self.rows.snapshot,
+            self.rows.tracker.measures,
+            self.rows.goals,
+        )
+        shown = m.scalars(skill.measures)
+        return StepResult(
+            success=skill.success(s, m, g, skill.config),
+            failures=skill.failures(s, m, g, skill.config),
+            reward_terms=partial(skill.reward_terms, s, m, g, skill.config),
+            measures=lambda success: shown | skill.scores(m, success),
+        )
+
+    def masked_gripper(self, gripper: BatchArray) -> BatchArray:
+        """Applies the skill's mask."""
+        return self._skill.mask_gripper(gripper, self.rows.tracker.measures)
+
+
+class SkillEnv(HabEnv):
+    """Runs one `Skill`; see `HabEnv` for the options."""
+
+    skill: ClassVar[Skill]
+
+    def __init_subclass__(cls) -> None:
+        """Copies the skill's attributes to the class."""
+        skill = cls.skill
+        cls.name, cls.requirements, cls.horizon_steps = (
+            skill.name,
+            skill.requirements,
+            skill.horizon_steps,
+        )
+        cls.control_modes, cls.observation = skill.control_modes, skill.observation
+        cls.reward_bound = skill.reward_bound
+        cls.handle = HANDLE if skill.requirements.articulations else None
+
+    @classmethod
+    def instruct(cls, episode: Episode) -> str:
+        """Returns the instruction of an episode in words."""
+        said = cls.skill.instruction
+        return skill_instruction(said, episode) if isinstance(said, str) else said(episode)
+
+    def configure(self, changes: Mapping[str, float]) -> None:
+        """Overrides weights and thresholds of the skill."""
+        self.skill = self.skill.changed(changes)  # type: ignore[misc]
+        self.reward_bound = self.skill.reward_bound  # type: ignore[misc]
+
+    def rules_of(self, rows: EpisodeRows) -> SkillRules:
+        """Returns the rules of the skill."""
+        return SkillRules(self.skill, rows)

@@ -1,0 +1,284 @@
+"""Snapshot of the simulator, read once per control step, and contact force on the robot."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import sapien
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from hab_tasks.arrays import BatchArray, cos, sin, stack
+from hab_tasks.constants import CONTROL_HZ
+from hab_tasks.robots.grasp import Handle, SnapGrasp
+from hab_tasks.robots.mobile_manipulator import MobileManipulator
+from hab_tasks.robots.robot import ROBOT
+from hab_tasks.simulator import rigid_body, sapien_object
+
+
+@dataclass(frozen=True, kw_only=True)
+class Snapshot:
+    """State of the simulator as used by the skills; batched, N rows.
+
+    Attributes:
+        arm_qpos_rad: (N, 7) arm joints.
+        base: (N, 3) x [m], y [m], yaw [rad] of the base in the world.
+        base_axes: (N, 3, 3) axes of the base frame in the world, as columns.
+        ee_m: (N, 3) end-effector point in the world.
+        ee_in_base_m: (N, 3) the same point in the base frame.
+        ee_axes: (N, 3, 3) axes of the gripper in the world, as columns.
+        objects_m: (N, K, 3) centres of mass of the objects to rearrange, in the world.
+        handles_m: (N, J, 3) handles of the required doors and drawers, in the world.
+        joints: (N, J) their joint positions [m or rad].
+        held: (N,) index of the held object, -1 where none.
+        held_handle: (N,) index of the held handle, -1 where none.
+        lost: (N,) whether the held object was pulled out of the hand in this step.
+        force_n: (N,) contact force on the robot, mean over the control step (see `ContactForce`).
+    """
+
+    arm_qpos_rad: BatchArray
+    base: BatchArray
+    base_axes: BatchArray
+    ee_m: BatchArray
+    ee_in_base_m: BatchArray
+    ee_axes: BatchArray
+    objects_m: BatchArray
+    handles_m: BatchArray
+    joints: BatchArray
+    held: BatchArray
+    held_handle: BatchArray
+    lost: BatchArray
+    force_n: BatchArray
+
+    @staticmethod
+    def width(objects: int, articulations: int) -> int:
+        """Returns the number of columns of `of_table`."""
+        return _FIXED + 3 * objects + 4 * articulations
+
+    @staticmethod
+    def of_table(
+        table: NDArray[np.float32], objects: int, articulations: int, **others: BatchArray
+    ) -> Snapshot:
+        """Returns views of a table, which the CPU simulation reads row by row.
+
+        Args:
+            table: (N, `width`) rows of `SnapshotReader.read_row`.
+            objects: K, the number of objects.
+            articulations: J, the number of doors and drawers.
+            others: held, held_handle, lost and force_n.
+        """
+        count = len(table)
+        ends = _FIXED + 3 * objects, _FIXED + 3 * (objects + articulations)
+        return Snapshot(
+            arm_qpos_rad=table[:, :7],
+            base=table[:, 7:10],
+            base_axes=table[:, 25:34].reshape(count, 3, 3),
+            ee_m=table[:, 10:13],
+            ee_in_base_m=table[:, 22:25],
+            ee_axes=table[:, 13:22].reshape(count, 3, 3),
+            objects_m=table[:, _FIXED : ends[0]].reshape(count, objects, 3),
+            handles_m=table[:, ends[0] : ends[1]].reshape(count, articulations, 3),
+            joints=table[:, ends[1] :],
+            **others,
+        )
+
+
+_FIXED = 34
+"""Columns of a table before the objects: robot, its base frame and the end-effector."""
+
+
+class SnapshotReader:
+    """Reads a `Snapshot` of the robot and of the required objects and handles."""
+
+    def __init__(self, agent: MobileManipulator, grasp: SnapGrasp) -> None:
+        self._agent, self._grasp = agent, grasp
+        self._on_cpu = not agent.scene.gpu_sim_enabled
+        self._robot = sapien_object(agent.robot)
+        self._ee_link = sapien_object(agent.ee_link)
+        self._joints = agent.arm_index.tolist() + agent.base_index.tolist()
+        self._bodies = [(rigid_body(a), rigid_body(a).cmass_local_pose) for a in grasp.objects]
+        self._articulations = [_ArticulationReader(handle) for handle in grasp.handles]
+
+    def read(self, targets: BatchArray, handles: BatchArray, force_n: BatchArray) -> Snapshot:
+        """Reads all rows.
+
+        Args:
+            targets: (N, K) grasp indices of the objects.
+            handles: (N, J) grasp indices of the handles.
+            force_n: (N,) contact force of the step.
+        """
+        grasp = self._grasp
+        if self._on_cpu:
+            objects, articulations = targets.shape[1], handles.shape[1]
+            table = np.empty((1, Snapshot.width(objects, articulations)), dtype=np.float32)
+            self.read_row(targets[0].tolist(), handles[0].tolist(), table[0])
+            return Snapshot.of_table(
+                table,
+                objects,
+                articulations,
+                held=grasp.held.numpy(),
+                held_handle=grasp.held_handle.numpy(),
+                lost=grasp.lost.numpy(),
+                force_n=force_n,
+            )
+        numbers = self._read_batch(targets, handles)
+        arm, base, base_axes, ee, ee_in_base, axes, objects_m, handles_m, joints = numbers
+        return Snapshot(
+            arm_qpos_rad=arm,
+            base=base,
+            base_axes=base_axes,
+            ee_m=ee,
+            ee_in_base_m=ee_in_base,
+            ee_axes=axes,
+            objects_m=objects_m,
+            handles_m=handles_m,
+            joints=joints,
+            held=grasp.held,
+            held_handle=grasp.held_handle,
+            lost=grasp.lost,
+            force_n=force_n,
+        )
+
+    def read_row(self, targets: list[int], handles: list[int], now: NDArray[np.float32]) -> None:
+        """Reads the CPU simulation into one row `now` of a table (see `Snapshot.of_table`).
+
+        Args:
+            targets: (K,) grasp indices of the objects.
+            handles: (J,) grasp indices of the handles.
+            now: (`Snapshot.width`,) the row.
+        """
+        qpos = self._robot.get_qpos()
+        matrix = self._ee_link.entity_pose.to_transformation_matrix()
+        articulations = len(handles)
+        now[:10] = qpos[self._joints]
+        now[10:13] = matrix[:3, 3] + ROBOT.ee_offset_m * matrix[:3, 0]
+        now[13:22] = matrix[:3, :3].reshape(-1)
+        base_x, base_y, yaw = now[7:10].tolist()
+        ee_x, ee_y, ee_z = now[10:13].tolist()
+        x, y, cosine, sine = ee_x - base_x, ee_y - base_y, math.cos(yaw), math.sin(yaw)
+        ee_in_base = cosine * x + sine * y, cosine * y - sine * x, ee_z
+        now[22:34] = *ee_in_base, cosine, -sine, 0.0, sine, cosine, 0.0, 0.0, 0.0, 1.0
+        at = _FIXED
+        for index in targets:
+            body, com = self._bodies[index]
+            now[at : at + 3] = (body.entity_pose * com).p
+            at += 3
+        for number, index in enumerate(handles):
+            now[at : at + 3] = self._articulations[index].handle_m()
+            now[number - articulations] = self._articulations[index].joint()
+            at += 3
+
+    def _read_batch(self, targets: Tensor, handles: Tensor) -> tuple[Tensor, ...]:
+        agent, grasp = self._agent, self._grasp
+        qpos = agent.robot.get_qpos()
+        axes = agent.ee_link.pose.to_transformation_matrix()[:, :3, :3]
+        ee = agent.ee_link.pose.p + ROBOT.ee_offset_m * axes[:, :, 0]
+        rows = torch.arange(len(qpos), device=qpos.device)[:, None]
+        base = qpos[:, agent.base_index]
+        points = grasp.objects_com_m()[rows, targets]
+        grips, joints = base.new_zeros(*handles.shape, 3), base.new_zeros(*handles.shape)
+        for index in torch.unique(handles).tolist():
+            here = handles == index
+            grips = torch.where(here[..., None], grasp.handle_position_m(index)[:, None], grips)
+            joints = torch.where(here, self._articulations[index].batch_joint()[:, None], joints)
+        arm, in_base = qpos[:, agent.arm_index], world_to_base(base, ee)
+        return arm, base, axes_of_base(base), ee, in_base, axes, points, grips, joints
+
+
+class _ArticulationReader:
+    """Reads the handle and the joint of a door or drawer."""
+
+    def __init__(self, handle: Handle) -> None:
+        self._link, self._offset = sapien_object(handle.link), sapien.Pose(list(handle.offset_m))
+        self._furniture = handle.furniture
+        self._robot = sapien_object(handle.furniture)
+        self._column = handle.column
+
+    def handle_m(self) -> Any:
+        """Returns the handle (3,) in the world; CPU simulation."""
+        return (self._link.entity_pose * self._offset).p
+
+    def joint(self) -> float:
+        """Returns the joint's position [m or rad]; CPU simulation."""
+        return float(self._robot.qpos[self._column])
+
+    def batch_joint(self) -> Tensor:
+        """Returns the joint positions (N,) [m or rad]."""
+        return self._furniture.get_qpos()[:, self._column]
+
+
+def world_to_base(base: BatchArray, points_m: BatchArray) -> BatchArray:
+    """Maps world points (N, 3) to the base frames (N, 3: x, y, yaw); heights are kept."""
+    offset = points_m[:, :2] - base[:, :2]
+    cosine, sine = cos(base[:, 2]), sin(base[:, 2])
+    x, y = offset[:, 0], offset[:, 1]
+    return stack((cosine * x + sine * y, cosine * y - sine * x, points_m[:, 2]), axis=1)
+
+
+def axes_of_base(base: BatchArray) -> BatchArray:
+    """Returns the axes of base frames (N, 3: x, y, yaw) in the world as columns, (N, 3, 3)."""
+    cosine, sine = cos(base[:, 2]), sin(base[:, 2])
+    zero = base[:, 2] * 0.0
+    rows = (cosine, -sine, zero, sine, cosine, zero, zero, zero, zero + 1.0)
+    return stack(rows, axis=1).reshape(-1, 3, 3)
+
+
+class ContactForce:
+    """C_t: contact force on the robot's links in a control step, held object excluded.
+
+    Magnitudes of all contact impulses on the robot [N s], summed over links and over the physics
+    steps of one action, divided by the action's duration [s]: a mean force [N]. On the GPU the
+    engine reports the net impulse per link, so opposite contacts on one link cancel.
+    """
+
+    def __init__(self, agent: MobileManipulator, grasp: SnapGrasp) -> None:
+        self._agent, self._grasp = agent, grasp
+        self._px: Any = agent.scene.px
+        self._on_cpu = not agent.scene.gpu_sim_enabled
+        self._links = {sapien_object(link) for link in agent.robot.links}
+        self._impulse_n_s = torch.zeros(agent.scene.num_envs, device=agent.device)
+        self._cpu_impulse_n_s = 0.0
+
+    def clear(self) -> None:
+        """Starts a new control step."""
+        self._cpu_impulse_n_s = 0.0
+        if not self._on_cpu:
+            self._impulse_n_s = torch.zeros_like(self._impulse_n_s)
+
+    def add_physics_step(self) -> None:
+        """Adds the contacts of the physics step that just ended."""
+        if not self._on_cpu:
+            self._add_batch()
+            return
+        contacts = self._px.get_contacts()
+        if contacts:
+            self._add_contacts(contacts)
+
+    def newton(self) -> BatchArray:
+        """Returns the mean force (N,) [N] since `clear`."""
+        if self._on_cpu:
+            return np.array([self.row_newton()], dtype=np.float32)
+        return self._impulse_n_s * CONTROL_HZ
+
+    def row_newton(self) -> float:
+        """Returns the mean force [N] since `clear` in the CPU simulation."""
+        return self._cpu_impulse_n_s * CONTROL_HZ
+
+    def _add_contacts(self, contacts: list[Any]) -> None:
+        links = self._links
+        for contact in contacts:
+            first, second = contact.bodies
+            # The engine filters contacts between held object and robot, so they are not included.
+            if first in links or second in links:
+                for point in contact.points:
+                    x, y, z = point.impulse.tolist()
+                    self._cpu_impulse_n_s += (x * x + y * y + z * z) ** 0.5
+
+    def _add_batch(self) -> None:
+        for link in self._agent.robot.links:
+            impulse = link.get_net_contact_impulses()
+            self._impulse_n_s = self._impulse_n_s + torch.linalg.norm(impulse, dim=-1)

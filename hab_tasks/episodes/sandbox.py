@@ -1,0 +1,333 @@
+"""Placement sandbox: a physics scene without an environment, to generate and check episodes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import sapien
+import torch
+
+from hab_tasks.constants import CONTROL_HZ, SIM_HZ
+from hab_tasks.episodes.schema import POSE_DIGITS, rounded, template_of
+from hab_tasks.geometry import Array, Pose7
+from hab_tasks.privileged import CollisionBody
+from hab_tasks.robots.fetch import HabFetch
+from hab_tasks.robots.mobile_manipulator import MobileManipulator
+from hab_tasks.robots.robot import ROBOT
+from hab_tasks.scenes.floor import FreeFloor, body_points, free_floor
+from hab_tasks.scenes.physics import bare_scene
+from hab_tasks.scenes.pool import BodyPool
+from hab_tasks.scenes.rays import bounding_ball, distance_along
+from hab_tasks.scenes.scene_bodies import SceneBodies
+from hab_tasks.scenes.shapes import components, matrix
+from hab_tasks.scenes.spec import ObjectTemplate, SceneSpec
+from hab_tasks.simulator import sapien_object, set_up
+
+AWAY_M = 50.0
+"""Parking distance of the robot while objects settle."""
+
+TOUCH_DEPTH_M = 0.001
+"""Allowed overlap of robot links, as adjacent links touch."""
+
+LOOSE_SETTLE_S = 5.0
+
+STILL_S, STILL_M, STILL_M_S = 2.0, 0.005, 0.01
+"""A body that moves less and slower than this during this time is at rest."""
+
+BEAT_S, FIRST_S = 0.25, 0.5
+"""Check interval of speeds, and grace period in which started objects may swing."""
+
+
+class PlacementSandbox:
+    """One layout with movable objects and the robot, on the CPU.
+
+    Attributes:
+        settled: Name of each loose object of the layout -> pose after settling.
+        bodies: Body name -> collision shapes (without the robot).
+        scene_bodies: Bodies of the scene.
+    """
+
+    scene_bodies: SceneBodies
+    bodies: dict[str, CollisionBody]
+
+    def __init__(self, spec: SceneSpec, templates: dict[str, ObjectTemplate]) -> None:
+        """Builds the layout without movable objects, and settles its loose objects."""
+        self.templates = templates
+        self._scene = bare_scene()
+        self._px: Any = self._scene.px
+        self._agent = HabFetch(self._scene, CONTROL_HZ, "ee")
+        set_up(self._scene)
+        self._robot = sapien_object(self._agent.robot)
+        self._links = {sapien_object(link) for link in self._agent.robot.links}
+        self._pool = BodyPool(self._scene, templates)
+        self.load(spec)
+
+    def load(self, spec: SceneSpec) -> None:
+        """Loads another layout without movable objects, and settles its loose objects."""
+        self.spec, self.settled = spec, {}
+        self._floors: dict[str, FreeFloor] = {}
+        self.show(())
+        if self.scene_bodies.loose:
+            self.settle(LOOSE_SETTLE_S)
+            self.settled = {name: rounded(self.pose(name)) for name in self.scene_bodies.loose}
+            self._floors = {}
+
+    def show(self, objects: Iterable[str]) -> None:
+        """Resets the scene with these movable objects, furniture closed and the robot parked."""
+        self.scene_bodies = self._pool.show(self.spec, objects)
+        self._components = {
+            name: (group, body) for name, group, body in components(self.scene_bodies)
+        }
+        self.bodies = {body.name: body for body in self._pool.bodies()}
+        for name in self.scene_bodies.movable:
+            self.place(name, self.settled.get(name, self.pose(name)))
+        for furniture in self.scene_bodies.articulations.values():
+            furniture.set_qpos(torch.zeros_like(furniture.get_qpos()))
+            furniture.set_qvel(torch.zeros_like(furniture.get_qpos()))
+        self.send_robot_away()
+
+    def set_joint(self, furniture: str, joint: str, value: float) -> None:
+        """Sets one joint [m or rad]; it keeps its position."""
+        articulation = self.scene_bodies.articulations[furniture]
+        qpos = articulation.get_qpos()
+        index = [j.name for j in articulation.active_joints].index(joint)
+        qpos[0, index] = value
+        articulation.set_qpos(qpos)
+        articulation.set_qvel(torch.zeros_like(qpos))
+
+    def joint_limits(self, furniture: str, joint: str) -> tuple[float, float]:
+        """Returns the (lower, upper) limits of a joint [m or rad]."""
+        articulation = self.scene_bodies.articulations[furniture]
+        index = [j.name for j in articulation.active_joints].index(joint)
+        low, high = articulation.get_qlimits()[0, index].tolist()
+        return low, high
+
+    def place(self, name: str, pose: Pose7) -> None:
+        """Sets the pose of a movable object, at rest."""
+        body = self._components[name][1]
+        body.entity.pose = sapien.Pose(list(pose[:3]), list(pose[3:]))
+        body.linear_velocity = np.zeros(3, dtype=np.float32)
+        body.angular_velocity = np.zeros(3, dtype=np.float32)
+
+    def pose(self, name: str) -> Pose7:
+        """Returns the pose of a movable object."""
+        pose = self._components[name][1].entity_pose
+        return tuple(float(x) for x in (*pose.p, *pose.q))  # type: ignore[return-value]
+
+    def com_m(self, name: str) -> Array:
+        """Returns a movable object's centre of mass (3,) in the world."""
+        body = self._components[name][1]
+        return np.asarray((body.entity_pose * body.cmass_local_pose).p, dtype=float)
+
+    def graspable_m(self) -> Array:
+        """Returns the centres of mass (K, 3) of all graspable objects."""
+        return np.array([self.com_m(name) for name in self.scene_bodies.movable]).reshape(-1, 3)
+
+    def com_in_object_m(self, name: str) -> Array:
+        """Returns a movable object's centre of mass (3,) in its own frame."""
+        return np.asarray(self._components[name][1].cmass_local_pose.p, dtype=float)
+
+    def _speed_m_s(self, name: str) -> float:
+        """Returns the speed of a movable object's centre of mass."""
+        return float(np.linalg.norm(self._components[name][1].linear_velocity))
+
+    def asleep(self, name: str) -> bool:
+        """Whether a movable object sleeps."""
+        return bool(self._components[name][1].is_sleeping)
+
+    def box_m(self, name: str) -> tuple[Array, Array]:
+        """Returns the lower and upper corner (3,) of a body's bounding box in the world."""
+        low, high = self._components[name][1].compute_global_aabb_tight()
+        return np.asarray(low, dtype=float), np.asarray(high, dtype=float)
+
+    def top_m(self, name: str) -> float:
+        """Returns the height of a body's highest point."""
+        return float(self.box_m(name)[1][2])
+
+    def root_of(self, furniture: str) -> str:
+        """Returns the name of a piece of furniture's root link."""
+        return self.scene_bodies.articulations[furniture].links[0].name
+
+    def world_from(self, body: str) -> Array:
+        """Returns the (4, 4) pose of any body."""
+        return matrix(self._components[body][1].entity_pose)
+
+    def settle(self, seconds: float, names: tuple[str, ...] = ()) -> None:
+        """Steps physics until `names` (empty: all loose objects) sleep, `seconds` at most."""
+        bodies = [self._components[n][1] for n in (names or tuple(self.scene_bodies.loose))]
+        for step in range(round(seconds * SIM_HZ)):
+            self._px.step()
+            if step % 30 == 29 and all(body.is_sleeping for body in bodies):
+                break
+
+    def restless(self, poses: dict[str, Pose7]) -> set[str]:
+        """Starts objects from rest at `poses`; returns those that move.
+
+        The layout's loose objects start at their settled poses and are included. The test takes
+        two seconds, as an uneven box may rock for more than one second before it topples.
+        """
+        start = {**self.settled, **poses}
+        for name, pose in start.items():
+            self.place(name, pose)
+        moved: set[str] = set()
+        for beat in range(1, round(STILL_S / BEAT_S) + 1):
+            self.settle(BEAT_S, tuple(start))
+            if beat * BEAT_S > FIRST_S:
+                moved |= {name for name in start if self._speed_m_s(name) > STILL_M_S}
+        return moved | {n for n, p in start.items() if math.dist(self.pose(n)[:3], p[:3]) > STILL_M}
+
+    def footprint(self, name: str) -> tuple[Array, float, float]:
+        """Measures an object standing upright.
+
+        Returns:
+            The centre (3,) of its outline in its own frame, at the height of its origin; the
+            outline's radius [m]; its extent below its origin [m].
+        """
+        up = np.array(self.templates[template_of(name)].up)
+        points = np.concatenate([body_points(s)[:3] for s in self.bodies[name].shapes], axis=1)
+        heights = up @ points
+        flat = points - np.outer(up, heights)
+        middle = (flat.min(axis=1) + flat.max(axis=1)) / 2
+        radius = np.linalg.norm(flat - middle[:, None], axis=0).max()
+        return middle, float(radius), float(-heights.min())
+
+    def joint_of(self, furniture: str, link: str) -> str | None:
+        """Returns the joint that moves a link, None for a fixed link."""
+        for joint in self.scene_bodies.articulations[furniture].active_joints:
+            if joint.child_link is not None and joint.child_link.name == link:
+                return joint.name
+        return None
+
+    def link_of(self, furniture: str, joint: str) -> str:
+        """Returns the link that a joint moves."""
+        joints = {j.name: j for j in self.scene_bodies.articulations[furniture].active_joints}
+        link = joints[joint].child_link
+        assert link is not None
+        return link.name
+
+    def furniture(self, template: str) -> str | None:
+        """Returns the name of the first piece of furniture of a template, None without one."""
+        names = sorted(self.scene_bodies.articulations)
+        return next((name for name in names if template_of(name) == template), None)
+
+    def joints(self) -> dict[str, dict[str, float]]:
+        """Returns furniture -> joint -> position [m or rad] of all joints that are not closed."""
+        found = {}
+        for name, furniture in self.scene_bodies.articulations.items():
+            values = zip(furniture.active_joints, furniture.get_qpos()[0].tolist(), strict=True)
+            moved = {joint.name: round(value, POSE_DIGITS) for joint, value in values}
+            moved = {joint: value for joint, value in moved.items() if value}
+            if moved:
+                found[name] = moved
+        return found
+
+    def floor(self) -> FreeFloor:
+        """Returns the free floor with the furniture in its current state."""
+        key = repr(self.joints())
+        if key not in self._floors:
+            fixed = self._fixed()
+            poses = {body.name: self.world_from(body.name) for body in fixed}
+            self._floors[key] = free_floor(fixed, poses)
+        return self._floors[key]
+
+    def free_height_m(self, points_m: Array) -> float:
+        """Returns the largest free height [m] vertically above any of the points (K, 3)."""
+        free = np.full(len(points_m), np.inf)
+        middle = points_m.mean(axis=0)
+        spread_m = np.linalg.norm(points_m - middle, axis=1).max()
+        for body in self._fixed():
+            world_from_body = self.world_from(body.name)
+            centre, radius_m = bounding_ball(body)
+            aside = world_from_body[:2] @ np.append(centre, 1.0) - middle[:2]
+            if np.linalg.norm(aside) > radius_m + spread_m:
+                continue
+            # Row vectors times a rotation are column vectors times its inverse.
+            local = (points_m - world_from_body[:3, 3]) @ world_from_body[:3, :3]
+            up: Array = world_from_body[2, :3]
+            for shape in body.shapes:
+                free = np.minimum(free, distance_along(shape, local, up))
+        return float(free.max())
+
+    def _fixed(self) -> list[CollisionBody]:
+        """All bodies except the movable objects; loose furniture is included."""
+        pickables = self.scene_bodies.pickables
+        return [b for name, b in self.bodies.items() if b.shapes and name not in pickables]
+
+    def touching(self, name: str, others: frozenset[str] = frozenset()) -> bool:
+        """Whether an object overlaps any body other than `others`."""
+        body = self._components[name][1]
+        spared = {self._components[other][1] for other in others}
+        remembered = self._remember()
+        self._px.step()
+        hit = any(
+            body in contact.bodies
+            and not spared & set(contact.bodies)
+            and any(point.separation < -TOUCH_DEPTH_M for point in contact.points)
+            for contact in self._px.get_contacts()
+        )
+        self._restore(remembered)
+        return hit
+
+    def _remember(self) -> tuple[dict[str, Pose7], dict[str, torch.Tensor]]:
+        furniture = self.scene_bodies.articulations
+        poses = {name: self.pose(name) for name in self.scene_bodies.movable}
+        return poses, {name: piece.get_qpos().clone() for name, piece in furniture.items()}
+
+    def _restore(self, remembered: tuple[dict[str, Pose7], dict[str, torch.Tensor]]) -> None:
+        poses, joints = remembered
+        for name, pose in poses.items():
+            self.place(name, pose)
+        for name, qpos in joints.items():
+            self.scene_bodies.articulations[name].set_qpos(qpos)
+            self.scene_bodies.articulations[name].set_qvel(torch.zeros_like(qpos))
+
+    def robot_touches(
+        self, base: tuple[float, float, float], arm_qpos_rad: Array, clearance_m: float = 0.0
+    ) -> bool:
+        """Whether a robot pose is in self-collision, or closer than `clearance_m` to a body.
+
+        Afterwards the robot is parked again, and the bodies it pushed are restored.
+        """
+        remembered = self._remember()
+        self._stand_robot(base, arm_qpos_rad)
+        self._px.step()
+        touches = self._robot_contact(clearance_m)
+        self.send_robot_away()
+        poses, joints = remembered
+        # Furniture under load gives way slightly in every step.
+        self._restore((poses if touches else {}, joints))
+        return touches
+
+    def _stand_robot(self, base: tuple[float, float, float], arm_qpos_rad: Array) -> None:
+        qpos = self._agent.rest_qpos()
+        qpos[self._agent.base_index] = torch.tensor(base, dtype=torch.float32)
+        for name, value in zip(ROBOT.arm_joints, arm_qpos_rad, strict=True):
+            qpos[self._agent.joint_index[name]] = float(value)
+        self._robot.set_qpos(qpos.numpy())
+        self._robot.set_qvel(np.zeros(len(qpos), dtype=np.float32))
+
+    def stand_robot(
+        self, base: tuple[float, float, float], arm_qpos_rad: Array
+    ) -> MobileManipulator:
+        """Sets the robot to a pose, held until `send_robot_away`; returns the robot."""
+        self._stand_robot(base, arm_qpos_rad)
+        self._agent.controller.reset()
+        return self._agent
+
+    def _robot_contact(self, clearance_m: float) -> bool:
+        for contact in self._px.get_contacts():
+            robots = sum(body in self._links for body in contact.bodies)
+            limit_m = clearance_m if robots == 1 else -TOUCH_DEPTH_M
+            if robots and any(point.separation < limit_m for point in contact.points):
+                return True
+        return False
+
+    def send_robot_away(self) -> None:
+        """Parks the robot outside the layout."""
+        qpos = self._agent.rest_qpos()
+        qpos[self._agent.base_index[0]] = AWAY_M
+        self._robot.set_qpos(qpos.numpy())
+        self._robot.set_qvel(np.zeros(len(qpos), dtype=np.float32))

@@ -1,0 +1,1 @@
+"""Validation and variation of layouts; not used by running environments."""

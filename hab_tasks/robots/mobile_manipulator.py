@@ -1,0 +1,87 @@
+"""ManiSkill agent of the robot: links, joints, rest pose, control and cameras."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import ClassVar
+
+import sapien
+import torch
+from mani_skill.agents.base_agent import BaseAgent
+from mani_skill.sensors.camera import CameraConfig
+from mani_skill.utils.structs import Link
+from torch import Tensor
+
+from hab_tasks.robots.cameras import CameraRig
+from hab_tasks.robots.control import HabController, HabControllerConfig, control_configs
+from hab_tasks.robots.spec import RobotSpec
+from hab_tasks.scenes.collision_groups import FLOOR_BIT, ROBOT, set_groups
+from hab_tasks.scenes.urdf import urdf_file
+from hab_tasks.simulator import sapien_objects
+
+
+class MobileManipulator(BaseAgent):
+    """A robot with the paper's control.
+
+    Attributes:
+        spec: Its links, joints, rest pose and base.
+        rig: The sensor cameras, read when the environment sets up its sensors.
+    """
+
+    spec: ClassVar[RobotSpec]
+    fix_root_link = True
+    controller: HabController  # type: ignore[assignment]
+    rig = CameraRig()
+
+    @abstractmethod
+    def urdf(self, visuals: bool) -> str:
+        """Returns its URDF, with light visuals or without visuals."""
+
+    @abstractmethod
+    def srdf(self) -> str:
+        """Returns its SRDF: link pairs without collision."""
+
+    @property
+    def _controller_configs(self) -> dict[str, HabControllerConfig]:  # type: ignore[override]
+        return control_configs()
+
+    @property
+    def _sensor_configs(self) -> list[CameraConfig]:  # type: ignore[override]
+        return self.rig.configs(self.link)
+
+    def _load_articulation(self, initial_pose: object = None) -> None:
+        start = sapien.Pose([0.0, 0.0, self.spec.base_height_m])
+        with urdf_file(self.urdf(visuals=self.scene.can_render()), self.uid) as path:
+            path.with_suffix(".srdf").write_text(self.srdf(), encoding="utf-8")
+            self.urdf_path = str(path)
+            super()._load_articulation(start if initial_pose is None else initial_pose)  # type: ignore[arg-type]
+
+    def _after_init(self) -> None:
+        self.ee_link = self.link(self.spec.ee_link)
+        self.base_link = self.link(self.spec.base_link)
+        for link in self.robot.links:
+            for body in sapien_objects(link):
+                set_groups(body, ROBOT)
+        for body in sapien_objects(self.base_link):
+            for shape in body.collision_shapes:
+                groups = shape.get_collision_groups()
+                groups[2] |= FLOOR_BIT
+                shape.set_collision_groups(groups)
+        self.joint_index = {joint.name: i for i, joint in enumerate(self.robot.active_joints)}
+        self.arm_index = self._indices(self.spec.arm_joints)
+        self.base_index = self._indices(self.spec.base_joints)
+
+    def _indices(self, joints: tuple[str, ...]) -> Tensor:
+        return torch.tensor([self.joint_index[name] for name in joints], device=self.device)
+
+    def link(self, name: str) -> Link:
+        """Returns a link by name."""
+        return self.robot.links_map[name]
+
+    def rest_qpos(self) -> Tensor:
+        """Returns joint positions (J,): base at the origin, arm at rest, other joints locked."""
+        qpos = torch.zeros(len(self.joint_index), device=self.device)
+        arm = dict(zip(self.spec.arm_joints, self.spec.rest_qpos_rad, strict=True))
+        for name, value in {**self.spec.locked_qpos, **arm}.items():
+            qpos[self.joint_index[name]] = value
+        return qpos

@@ -1,0 +1,60 @@
+"""Robot specification used by the engine: links, joints, hand, rest pose and base."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+Limits = tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotSpec:
+    """Specification of a mobile manipulator. Importing one does not load the simulator.
+
+    Attributes:
+        uid: ManiSkill's robot uid, and prefix of its link names in the privileged state.
+        urdf: The URDF, in ManiSkill's asset folder.
+        arm_joints: The controlled arm joints, from the shoulder on.
+        arm_links: Their child links, in the same order.
+        arm_lower_rad: Lower limits; continuous joints are limited to one turn.
+        arm_upper_rad: Upper limits.
+        rest_qpos_rad: Arm pose with the end-effector at `REST_POSITION_M` (within 0.1 mm).
+        locked_qpos: Joints that the paper does not control -> position [m or rad].
+        base_joints: Joints of x, y and yaw of the base.
+        base_link: The link whose frame is the base frame.
+        base_height_m: Height of that frame above the floor.
+        base_linear_speed_m_s: Maximum linear speed.
+        base_angular_speed_rad_s: Maximum angular speed.
+        finger_joints: The joints of the gripper.
+        ee_link: The link that carries the gripper.
+        ee_offset_m: Offset of the end-effector point from `ee_link` along its x axis.
+        ee_lower_m: Lower corner of the end-effector's workspace box in the base frame.
+        ee_upper_m: Upper corner.
+    """
+
+    uid: str
+    urdf: str
+    arm_joints: tuple[str, ...]
+    arm_links: tuple[str, ...]
+    arm_lower_rad: Limits
+    arm_upper_rad: Limits
+    rest_qpos_rad: tuple[float, ...]
+    locked_qpos: Mapping[str, float]
+    base_joints: tuple[str, str, str]
+    base_link: str
+    base_height_m: float
+    base_linear_speed_m_s: float
+    base_angular_speed_rad_s: float
+    finger_joints: tuple[str, ...]
+    ee_link: str
+    ee_offset_m: float
+    ee_lower_m: tuple[float, float, float]
+    ee_upper_m: tuple[float, float, float]
+
+    def urdf_path(self) -> Path:
+        """Returns the URDF of the installed ManiSkill."""
+        import mani_skill  # takes seconds, which would slow down --help
+
+        return Path(mani_skill.PACKAGE_ASSET_DIR) / self.urdf

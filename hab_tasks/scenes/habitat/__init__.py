@@ -1,0 +1,1 @@
+"""Habitat's scene files: datasets, layouts, navigation meshes."""

@@ -1,0 +1,146 @@
+"""Inventory of a scene dataset, compared with the complete ReplicaCAD."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+from hab_tasks.object_names import ALL_OBJECTS
+from hab_tasks.scenes.fields import is_present, read_fields
+from hab_tasks.scenes.habitat.dataset import (
+    SceneDataset,
+    embedded_dataset,
+    resolve_objects,
+)
+from hab_tasks.scenes.habitat.dataset_files import check_files
+from hab_tasks.scenes.habitat.load import load_scene, load_template, read_category
+
+COMPLETE = (
+    *(f"apt_{number}" for number in range(6)),
+    *(f"v3_sc{macro}_staging_{micro:02d}" for macro in range(5) for micro in range(21)),
+)
+"""The 111 layouts of ReplicaCAD (S A.2): 6 recreations of one flat, 5 macro layouts, 100 micros."""
+
+_STAGING = re.compile(r"^v3_(sc\d)_staging_(\d\d)$")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inventory:
+    """Present and missing parts of a dataset.
+
+    Attributes:
+        layouts: All scene ids, sorted.
+        absent_layouts: Missing layouts of `COMPLETE`.
+        templates: Number of object templates, without `movable`.
+        movable: Number of templates of the objects that tasks move.
+        convex: Number of templates of either kind with convex parts; the others are boxes.
+        absent_meshes: Template without a mesh -> number of layouts that use it.
+        absent_parts: Templates whose convex parts are missing.
+        categories: Names of the semantic categories of `templates`.
+        furniture: Names of the articulated templates.
+        receptacles: Names of all receptacles in the layouts.
+        navmeshes: Number of layouts with a navmesh.
+        stages: Names of the stage meshes of the layouts.
+        absent_stages: Stages without a mesh.
+        licence: The licence's file.
+    """
+
+    layouts: tuple[str, ...]
+    absent_layouts: tuple[str, ...]
+    templates: int
+    movable: int
+    convex: int
+    absent_meshes: dict[str, int]
+    absent_parts: tuple[str, ...]
+    categories: tuple[str, ...]
+    furniture: tuple[str, ...]
+    receptacles: tuple[str, ...]
+    navmeshes: int
+    stages: tuple[str, ...]
+    absent_stages: tuple[str, ...]
+    licence: Path | None
+
+
+def take_inventory(dataset: SceneDataset) -> Inventory:
+    """Reads every layout and template.
+
+    Raises:
+        DatasetError: A file is damaged.
+    """
+    specs = [load_scene(dataset, scene_id) for scene_id in sorted(dataset.scene_files)]
+    check_files(dataset, [spec.stage for spec in specs])
+    templates = {name: load_template(file) for name, file in dataset.object_files.items()}
+    own = [file for name, file in dataset.object_files.items() if name not in ALL_OBJECTS]
+    missing = Counter(name for spec in specs for name in spec.missing)
+    stages = {spec.stage.name: spec.stage.visual_file for spec in specs}
+    return Inventory(
+        layouts=tuple(sorted(dataset.scene_files)),
+        absent_layouts=() if dataset.layouts else _absent_layouts(dataset),
+        templates=len(own),
+        movable=len(templates) - len(own),
+        convex=sum(
+            any(source.kind == "convex_parts" for source in template.collision)
+            for template in templates.values()
+            if template is not None
+        ),
+        absent_meshes={name: missing[name] for name, t in sorted(templates.items()) if t is None},
+        absent_parts=tuple(n for n, file in dataset.object_files.items() if _parts_absent(file)),
+        categories=tuple(sorted(set(map(read_category, own)) - {""})),
+        furniture=tuple(sorted(dataset.urdf_files)),
+        receptacles=tuple(sorted({r.name for spec in specs for r in spec.receptacles})),
+        navmeshes=sum(dataset.navmesh_file(s) is not None for s in dataset.scene_files),
+        stages=tuple(sorted(stages)),
+        absent_stages=tuple(sorted(name for name, visual in stages.items() if visual is None)),
+        licence=_licence(dataset.source.root),
+    )
+
+
+def macro_of(scene_id: str) -> str | None:
+    """Returns the macro layout of a staging scene (``sc0``), None for any other scene."""
+    match = _STAGING.match(scene_id)
+    return match[1] if match else None
+
+
+def macro_layouts(dataset: SceneDataset) -> list[str]:
+    """Returns the scene ids of the macro layouts, sorted."""
+    return [s for s in sorted(dataset.scene_files) if (m := _STAGING.match(s)) and m[2] == "00"]
+
+
+def micro_variations(dataset: SceneDataset, macro: str | None = None) -> list[str]:
+    """Returns the scene ids of the micro-variations, of all macro layouts or of one (``sc0``)."""
+    return [
+        s
+        for s in sorted(dataset.scene_files)
+        if (m := _STAGING.match(s)) and m[2] != "00" and macro in (None, m[1])
+    ]
+
+
+def absent_objects(folder: str | Path) -> list[str]:
+    """Returns which of the 13 movable objects a YCB folder lacks.
+
+    Raises:
+        UnknownNameError: There is no such folder.
+        DatasetError: ManiSkill has not downloaded it.
+    """
+    root = resolve_objects(folder)
+    models = root / "models" if (root / "models").is_dir() else root
+    return [name for name in ALL_OBJECTS if not (models / name).is_dir()]
+
+
+def _absent_layouts(dataset: SceneDataset) -> tuple[str, ...]:
+    return tuple(s for s in COMPLETE if s not in dataset.scene_files)
+
+
+def _licence(root: Path) -> Path | None:
+    # The embedded dataset's is that of all shipped assets.
+    folders = (root, root.parent) if root == embedded_dataset().resolve() else (root,)
+    return next((f for folder in folders for f in sorted(folder.glob("LICEN[CS]E*"))), None)
+
+
+def _parts_absent(file: Path) -> bool:
+    config = read_fields(file)
+    if not config.text("collision_asset", "") or config.flag("use_bounding_box_for_collision"):
+        return False
+    return not is_present(config.path("collision_asset"))

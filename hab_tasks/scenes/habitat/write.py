@@ -1,0 +1,63 @@
+"""Writes the poses of a layout to ``scene_instance.json``, converted from z-up to y-up."""
+
+from __future__ import annotations
+
+import copy
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from hab_tasks.files import written_aside
+from hab_tasks.geometry import WORLD_FROM_HABITAT, Pose7, compose, inverse
+from hab_tasks.scenes.fields import read_json
+from hab_tasks.scenes.habitat.dataset import SceneDataset
+from hab_tasks.scenes.spec import SceneSpec
+
+POSITION_DIGITS, ROTATION_DIGITS = 6, 9
+SCENE_SUFFIX = ".scene_instance.json"
+
+
+def moved_scene(
+    dataset: SceneDataset,
+    spec: SceneSpec,
+    world_from: Mapping[str, Pose7],
+    changed: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Returns the content of a scene file with new poses of some pieces.
+
+    Args:
+        dataset: Dataset of the scene.
+        spec: The scene as loaded.
+        world_from: Handle of an object or of furniture -> new pose in the world.
+        changed: Content that it was loaded from instead of its file.
+    """
+    scene = copy.deepcopy(dict(changed or read_json(dataset.scene_file(spec.scene_id))))
+    entries = [e for e in scene.get("object_instances", []) if _template(e) not in spec.missing]
+    furniture = scene.get("articulated_object_instances", [])
+    for items, own in ((spec.objects, entries), (spec.articulations, furniture)):
+        for item, entry in zip(items, own, strict=True):
+            if item.name in world_from:
+                pose = compose(inverse(WORLD_FROM_HABITAT), world_from[item.name])
+                entry["translation"] = [round(x, POSITION_DIGITS) + 0.0 for x in pose[:3]]
+                entry["rotation"] = _rotation(pose[3:])
+    return scene
+
+
+def _rotation(wxyz: tuple[float, ...]) -> list[float]:
+    """Returns a rotation as one of its two quaternions, without the noise of its computation."""
+    rounded = [round(x, ROTATION_DIGITS) + 0.0 for x in wxyz]
+    first = next(x for x in rounded if x)
+    return rounded if first > 0 else [-x + 0.0 for x in rounded]
+
+
+def write_scene(scene: Mapping[str, Any], folder: Path, scene_id: str) -> Path:
+    """Writes a scene_instance file atomically; returns its path."""
+    path = folder / f"{scene_id}{SCENE_SUFFIX}"
+    with written_aside(path) as scratch:
+        scratch.write_text(json.dumps(scene, indent=2) + "\n", encoding="utf-8")
+    return path
+
+
+def _template(entry: Mapping[str, Any]) -> str:
+    return Path(entry["template_name"]).name.removesuffix(".object_config.json")

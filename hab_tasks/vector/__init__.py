@@ -1,0 +1,1 @@
+"""Native vector environments: many CPU simulations in few processes."""

@@ -1,0 +1,16 @@
+"""Entry points of `gymnasium.make_vec`: one attribute for each environment reference."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+
+def __getattr__(reference: str) -> Any:
+    """Returns the function that makes the vector environment of ``module.X-v1``."""
+    module, _, env_id = reference.rpartition(".")
+    if not module or not env_id.partition("-v")[2].isdigit():
+        raise AttributeError(f"module {__name__!r} has no attribute {reference!r}")
+    from hab_tasks.vector.vector_env import HabVectorEnv
+
+    return partial(HabVectorEnv, env_id if module == "__main__" else f"{module}:{env_id}")

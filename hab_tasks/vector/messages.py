@@ -1,0 +1,110 @@
+"""Messages between a vector environment and its workers.
+
+Steps are two bytes each way; observations, actions and results are in shared memory. Everything
+else (start, resets, calls) is pickled, between processes of one program only.
+"""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import dataclass
+from typing import Any
+
+from gymnasium.vector import AutoresetMode
+
+from hab_tasks.vector.layout import Path
+from hab_tasks.vector.shared_arrays import ArraySpec
+
+STEP, OTHER = b"s", b"o"
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkerSetup:
+    """What a worker builds.
+
+    Attributes:
+        reference: The environment, ``module:X-v1``.
+        options: Options of `gymnasium.make`.
+        group_sizes: Number of its rows in each group.
+        max_steps: Number of steps after which an episode is truncated; None for no limit.
+        autoreset: When rows are reset.
+    """
+
+    reference: str
+    options: dict[str, Any]
+    group_sizes: tuple[int, ...]
+    max_steps: int | None
+    autoreset: AutoresetMode
+
+
+@dataclass(frozen=True, kw_only=True)
+class Connect:
+    """The shared arrays; the descriptor of their file follows.
+
+    Attributes:
+        specs: Arrays of all rows.
+        info: Entries of `info`.
+        starts: First row of each of the worker's groups.
+    """
+
+    specs: dict[str, ArraySpec]
+    info: tuple[Path, ...]
+    starts: tuple[int, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResetRows:
+    """Resets rows of the worker.
+
+    Attributes:
+        seeds: Row -> its seed, None to continue with the row's own.
+        options: Row -> options of the reset.
+    """
+
+    seeds: dict[int, int | None]
+    options: dict[int, dict[str, Any]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CallRows:
+    """Calls a method of every row's environment, or reads an attribute.
+
+    Attributes:
+        name: Its name.
+        arguments: Positional arguments.
+        named: Keyword arguments.
+    """
+
+    name: str
+    arguments: tuple[Any, ...] = ()
+    named: dict[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """Result of a message other than a step.
+
+    Attributes:
+        value: The result.
+        error: The error instead, if it is due to the caller's input.
+        crash: Description of any other error, after which the worker ends.
+    """
+
+    value: Any = None
+    error: Exception | None = None
+    crash: str | None = None
+
+
+def packed(message: Any) -> bytes:
+    """Returns the bytes of a message other than a step."""
+    return OTHER + pickle.dumps(message)
+
+
+def unpacked(data: bytes) -> Any:
+    """Returns the message of these bytes."""
+    return pickle.loads(data[1:])
+
+
+def step_message(group: int) -> bytes:
+    """Returns the request for, or the end of, a step of a group."""
+    return STEP + bytes([group])

@@ -1,0 +1,162 @@
+"""Writes observations, rewards, ends and info of a group of rows into shared arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from hab_tasks.engine.hab_env import HabEnv
+from hab_tasks.engine.rules import Evaluation
+from hab_tasks.engine.sensors import ARM_QPOS, ObsEntry
+from hab_tasks.vector.layout import (
+    FINAL,
+    REWARD,
+    TERMINATED,
+    TRUNCATED,
+    Path,
+    RowLayout,
+    entry,
+    info_arrays,
+    observation_arrays,
+)
+from hab_tasks.vector.row_group import RowGroup
+
+Array = NDArray[Any]
+
+
+class GroupOutputs:
+    """Results of one group of rows.
+
+    Attributes:
+        ended: (K,) whether the episode of each row has ended.
+    """
+
+    def __init__(
+        self,
+        group: RowGroup,
+        layout: RowLayout,
+        arrays: Mapping[str, Array],
+        info: Sequence[Path],
+        max_steps: int | None,
+    ) -> None:
+        """Writes to `arrays`, which hold this group's rows only.
+
+        Args:
+            group: The rows.
+            layout: Their layout.
+            arrays: Name (see `RowLayout.arrays`) -> (K, ...).
+            info: Entries of `info`.
+            max_steps: Number of steps after which an episode is truncated; None for no limit.
+        """
+        self._group, self._max_steps = group, max_steps
+        first = group.envs[0]
+        self._mode, self._bound = first.reward_mode, first.reward_bound
+        self._reward, self._terminated = arrays[REWARD], arrays[TERMINATED]
+        self._truncated = arrays[TRUNCATED]
+        observation = observation_arrays(arrays, layout)
+        self._info = info_arrays(arrays, info)
+        self._entries = _EntryWriter(first.entries, observation, group)
+        self._images = {p: a for p, a in observation.items() if p not in self._entries.paths}
+        self._all, self._final = {}, {}
+        if any(name.startswith(FINAL) for name in arrays):
+            last = observation_arrays(arrays, layout, f"{FINAL}/")
+            last_info = info_arrays(arrays, info, f"{FINAL}/")
+            pairs = [(observation[path], last[path]) for path in observation]
+            self._final = [*pairs, *((self._info[path], last_info[path]) for path in self._info)]
+        self.ended = np.zeros(len(group.envs), dtype=bool)
+
+    def write_images(self, row: int, obs: Any = None) -> None:
+        """Renders and writes the images of a row, or those of its observation `obs`."""
+        if self._images:
+            shown = self._group.envs[row].get_obs({}) if obs is None else obs
+            for path, array in self._images.items():
+                array[row] = entry(shown, path)[0]
+
+    def write_step(self, restarted: Sequence[int]) -> None:
+        """Writes the results of a step, in which the rows `restarted` were reset instead."""
+        result = self._group.evaluate()
+        self._reward[:] = self._rewards(result)
+        self._terminated[:] = result.success | result.fail
+        if self._max_steps is not None:
+            np.greater_equal(self._group.steps, self._max_steps, out=self._truncated)
+        for row in restarted:
+            self._reward[row], self._terminated[row], self._truncated[row] = 0.0, False, False
+        np.logical_or(self._terminated, self._truncated, out=self.ended)
+        self._write_info(result)
+        self._entries.write()
+
+    def write_reset(self) -> None:
+        """Writes observations and info after resets of some rows."""
+        self._write_info(self._group.evaluate())
+        self._entries.write()
+
+    def keep_final(self, rows: Sequence[int]) -> None:
+        """Copies observation and info of `rows`, before these rows are reset."""
+        for source, kept in self._final:
+            kept[rows] = source[rows]
+
+    def _rewards(self, result: Evaluation) -> Array:
+        if self._mode == "none":
+            return np.zeros_like(self._reward)
+        if self._mode == "sparse":
+            return result.success.astype(np.float32) - result.fail.astype(np.float32)
+        reward = result.reward.astype(np.float32)
+        if self._mode == "normalized_dense":
+            return np.minimum(reward / self._bound, np.float32(1.0))
+        return reward
+
+    def _write_info(self, result: Evaluation) -> None:
+        for path, array in self._info.items():
+            if path == ("elapsed_steps",):
+                array[:] = self._group.steps
+            elif len(path) == 1:
+                array[:] = getattr(result, path[0])
+            else:
+                # Terms that cannot be paid in this step are zero.
+                array[:] = result.groups[path[0]].get(path[1], 0.0)
+
+
+class _EntryWriter:
+    """Writes the entries of the state observation.
+
+    Attributes:
+        paths: Paths of the observation that it writes.
+    """
+
+    def __init__(
+        self, entries: Sequence[ObsEntry], observation: Mapping[Path, Array], group: RowGroup
+    ) -> None:
+        self._group = group
+        flat = next((path for path in ((), ("state",)) if path in observation), None)
+        self.paths: list[Path] = [] if flat is None else [flat]
+        self._targets: list[tuple[ObsEntry, Array]] = []
+        start = 0
+        for one in entries:
+            size = int(np.prod(one.shape))
+            if flat is None:
+                self.paths.append((one.group, one.name))
+                self._targets.append((one, observation[one.group, one.name]))
+            else:
+                self._targets.append((one, observation[flat][:, start : start + size]))
+            start += size
+
+    def write(self) -> None:
+        """Writes all rows."""
+        group = self._group
+        now = group.snapshot, group.tracker.measures, group.goals
+        for one, array in self._targets:
+            values = one.read(*now).reshape(array.shape)
+            array[:] = _noisy(values, group.envs) if one is ARM_QPOS else values
+
+
+def _noisy(values: Array, envs: Sequence[HabEnv]) -> Array:
+    """Returns joint angles (K, J) with each row's noise."""
+    if envs[0].noise is None:
+        return values
+    rows = zip(values, envs, strict=True)
+    noisy = [env.noise.joints(torch.tensor(row)[None])[0].numpy() for row, env in rows]  # pyright: ignore[reportOptionalMemberAccess]  # all have it or none
+    return np.stack(noisy)

@@ -1,0 +1,177 @@
+"""A worker process of a vector environment, with the simulations of its rows."""
+
+from __future__ import annotations
+
+import traceback
+from multiprocessing import reduction
+from multiprocessing.connection import Connection
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from hab_tasks.engine.hab_env import HabEnv
+from hab_tasks.episodes.source import shared_sources
+from hab_tasks.errors import HabError
+from hab_tasks.processes import begin_worker
+from hab_tasks.vector.layout import ACTION, RowLayout, info_types
+from hab_tasks.vector.messages import (
+    STEP,
+    Answer,
+    CallRows,
+    Connect,
+    ResetRows,
+    WorkerSetup,
+    packed,
+    step_message,
+    unpacked,
+)
+from hab_tasks.vector.outputs import GroupOutputs
+from hab_tasks.vector.row_group import RowGroup
+from hab_tasks.vector.shared_arrays import SharedArrays
+
+
+def run_worker(connection: Connection, setup: WorkerSetup) -> None:
+    """Builds the rows, and answers messages until the connection is closed."""
+    begin_worker()
+    try:
+        _serve(connection, setup)
+    except (EOFError, OSError):
+        return  # the parent has closed the connection, or ended
+    except HabError as error:
+        connection.send_bytes(packed(Answer(error=error)))
+    except Exception as error:
+        text = f"{type(error).__name__}: {error}\n{traceback.format_exc()}"
+        connection.send_bytes(packed(Answer(crash=text)))
+
+
+def _serve(connection: Connection, setup: WorkerSetup) -> None:
+    envs = make_rows(setup)
+    layout = layout_of(envs[0])
+    connection.send_bytes(packed(Answer(value=layout)))
+    connect: Connect = unpacked(connection.recv_bytes())
+    shared = SharedArrays(connect.specs, reduction.recv_handle(connection))
+    groups, first = [], 0
+    for size, start in zip(setup.group_sizes, connect.starts, strict=True):
+        arrays = {name: array[start : start + size] for name, array in shared.arrays.items()}
+        group = RowGroup(envs[first : first + size])
+        outputs = GroupOutputs(group, layout, arrays, connect.info, setup.max_steps)
+        groups.append(StepGroup(group, outputs, arrays[ACTION], start, setup.autoreset))
+        first += size
+    connection.send_bytes(packed(Answer()))
+    _answer(connection, groups)
+
+
+def make_rows(setup: WorkerSetup) -> list[HabEnv]:
+    """Returns the environments of all rows of a worker."""
+    with shared_sources():
+        envs: list[Any] = [
+            gym.make(setup.reference, **setup.options).unwrapped
+            for _ in range(sum(setup.group_sizes))
+        ]
+    return envs
+
+
+def local_group(setup: WorkerSetup) -> tuple[list[HabEnv], StepGroup, NDArray[Any]]:
+    """Returns a worker's only group in this process, for measurements: rows, group, actions."""
+    envs = make_rows(setup)
+    layout, info = layout_of(envs[0]), (("success",),)
+    specs = layout.arrays(len(envs), info, final=False)
+    arrays = {name: np.zeros(spec.shape, spec.dtype) for name, spec in specs.items()}
+    group = RowGroup(envs)
+    outputs = GroupOutputs(group, layout, arrays, info, setup.max_steps)
+    return envs, StepGroup(group, outputs, arrays[ACTION], 0, setup.autoreset), arrays[ACTION]
+
+
+def layout_of(env: HabEnv) -> RowLayout:
+    """Returns the layout of rows like `env`."""
+    return RowLayout(
+        observation_space=env.single_observation_space,
+        action_space=env.single_action_space,
+        info=info_types(env.get_info()),
+    )
+
+
+def _answer(connection: Connection, groups: list[StepGroup]) -> None:
+    """Answers messages until the connection is closed."""
+    while True:
+        data = connection.recv_bytes()
+        if data[:1] == STEP:
+            groups[data[1]].step()
+            connection.send_bytes(step_message(data[1]))
+            continue
+        message = unpacked(data)
+        try:
+            value = _value_of(message, groups)
+        except HabError as error:
+            connection.send_bytes(packed(Answer(error=error)))
+        else:
+            connection.send_bytes(packed(Answer(value=value)))
+
+
+def _value_of(message: ResetRows | CallRows, groups: list[StepGroup]) -> Any:
+    if isinstance(message, ResetRows):
+        for group in groups:
+            group.reset(message)
+        return None
+    return [value for group in groups for value in group.call(message)]
+
+
+class StepGroup:
+    """One group of the worker's rows: steps, resets and writes the results."""
+
+    def __init__(
+        self,
+        rows: RowGroup,
+        outputs: GroupOutputs,
+        actions: np.ndarray,
+        start: int,
+        autoreset: AutoresetMode,
+    ) -> None:
+        """The group's first row is row `start` of the vector environment."""
+        self._rows, self._outputs, self._actions = rows, outputs, actions
+        self._start, self._autoreset = start, autoreset
+
+    def step(self) -> None:
+        """Steps all rows; those that ended are reset before or after it."""
+        rows, outputs = self._rows, self._outputs
+        before = self._autoreset is AutoresetMode.NEXT_STEP
+        restarted = np.flatnonzero(outputs.ended).tolist() if before else []
+        going = [row for row in range(len(rows.envs)) if row not in restarted]
+        rows.step(self._actions, going)
+        for row in going:
+            outputs.write_images(row)
+        for row in restarted:
+            outputs.write_images(row, rows.reset_row(row, None, None))
+        outputs.write_step(restarted)
+        if self._autoreset is AutoresetMode.SAME_STEP and outputs.ended.any():
+            ended = np.flatnonzero(outputs.ended).tolist()
+            outputs.keep_final(ended)
+            for row in ended:
+                outputs.write_images(row, rows.reset_row(row, None, None))
+            outputs.write_reset()
+
+    def reset(self, message: ResetRows) -> None:
+        """Resets those rows of the message that are in this group."""
+        mine = range(self._start, self._start + len(self._rows.envs))
+        chosen = [row for row in mine if row in message.seeds]
+        for row in chosen:
+            here = row - self._start
+            obs = self._rows.reset_row(here, message.seeds[row], message.options.get(row))
+            self._outputs.write_images(here, obs)
+            self._outputs.ended[here] = False
+        if chosen:
+            self._outputs.write_reset()
+
+    def call(self, message: CallRows) -> list[Any]:
+        """Returns the result of a call for each row."""
+        values = []
+        for here in range(len(self._rows.envs)):
+            env = self._rows.lend(here)
+            value = env.get_wrapper_attr(message.name)
+            if callable(value):
+                value = value(*message.arguments, **message.named)
+            values.append(value)
+        return values

@@ -1,0 +1,119 @@
+"""Exit status of console scripts, and one-line errors on stderr."""
+
+import importlib
+import os
+import signal
+from dataclasses import dataclass
+from typing import ClassVar
+
+import pytest
+from refusals import refused_by_command
+
+from hab_tasks.console import Command, run_script
+from hab_tasks.errors import HabError, RunStoppedError
+
+
+def interrupt():
+    os.kill(os.getpid(), signal.SIGTERM)
+    signal.pause()
+
+
+def fail(error):
+    raise error
+
+
+ENDINGS = {
+    "done": (lambda: 0, 0, ""),
+    "worse": (lambda: 1, 1, ""),
+    "bad": (lambda: fail(HabError("no\nsuch thing")), 2, "prog: no such thing\n"),
+    "stopped": (
+        lambda: fail(RunStoppedError("It stopped.", details="Traceback\n")),
+        1,
+        "prog: It stopped.\n",
+    ),
+    "disk": (lambda: fail(OSError(28, "No space left")), 1, "prog: [Errno 28] No space left\n"),
+    "ctrl-c": (lambda: fail(KeyboardInterrupt()), 130, "prog: interrupted. Half is kept.\n"),
+    "sigterm": (interrupt, 130, "prog: interrupted. Half is kept.\n"),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class End(Command):
+    """Ends as it is told."""
+
+    help: ClassVar[str] = "Ends as it is told."
+
+    how: str
+    """One of `ENDINGS`."""
+    verbose: bool = False
+    """Show the traceback."""
+
+    def run(self):
+        return ENDINGS[self.how][0]()
+
+    def advice(self):
+        return "Half is kept."
+
+
+CATCHES_ALL = """
+import os, signal
+
+try:
+    os.kill(os.getpid(), signal.SIGINT)
+    signal.sigtimedwait([], 0.2)  # longer than it takes to try again
+    caught = False
+except BaseException:
+    caught = True
+"""
+
+
+@pytest.mark.parametrize("how", ENDINGS)
+def test_every_end_has_its_status_and_one_line(how, capsys):
+    _, code, line = ENDINGS[how]
+    assert run_script("prog", {"end": End}, ["end", "--how", how]) == code
+    assert capsys.readouterr().err == line
+
+
+def test_the_traceback_follows_the_line_when_it_is_asked_for(capsys):
+    assert run_script("prog", {"end": End}, ["end", "--how", "stopped", "--verbose"]) == 1
+    assert capsys.readouterr().err == "prog: It stopped.\nTraceback\n"
+
+
+def test_an_import_that_catches_everything_does_not_swallow_ctrl_c(tmp_path, monkeypatch, capsys):
+    (tmp_path / "catches_all.py").write_text(CATCHES_ALL)
+    monkeypatch.syspath_prepend(tmp_path)
+    caught = []
+
+    def import_and_wait():
+        caught.append(importlib.import_module("catches_all").caught)
+        signal.pause()
+
+    monkeypatch.setitem(ENDINGS, "import", (import_and_wait, 130, ""))
+    assert run_script("prog", {"end": End}, ["end", "--how", "import"]) == 130
+    assert capsys.readouterr().err == "prog: interrupted. Half is kept.\n"
+    assert caught == [False]
+
+
+def test_the_handlers_of_before_are_back():
+    before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
+    run_script("prog", {"end": End}, ["end", "--how", "done"])
+    assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
+
+
+def scripts():
+    from hab_eval.cli import main as evaluation
+    from hab_planner.cli import main as planner
+    from hab_spa.cli import main as spa
+
+    from hab_tasks.cli import main as tasks
+
+    return {"tasks": tasks, "eval": evaluation, "spa": spa, "planner": planner}
+
+
+@pytest.mark.parametrize("name", ["tasks", "eval", "spa", "planner"])
+@pytest.mark.parametrize("arguments", [[], ["-x"], ["--verbos"], ["plam"], ["", "--help"]])
+def test_every_script_refuses_in_one_line(name, arguments):
+    pytest.importorskip("hab_spa")
+    refusal = refused_by_command(scripts()[name], arguments)
+    assert refusal.line.startswith(f"hab-{name}: ")
+    assert refusal.out == ""

@@ -1,0 +1,90 @@
+"""Rows of a vector environment equal single environments, in all that is returned."""
+
+import itertools
+
+import gymnasium as gym
+import pytest
+from gymnasium.vector import AutoresetMode
+from playing import slow
+from vectors import EPISODES, MAX_STEPS, assert_equals_single, info_keys, make_vec, roll_out
+
+from hab_tasks.envs import ENVS
+
+STEPS = 60
+SEED = 5
+OPTIONS = {
+    "state_dict": {"obs_mode": "state_dict"},
+    "depth with noise and delay": {
+        "obs_mode": "depth",
+        "sensor_noise": {},
+        "action_delay_steps": 2,
+    },
+    "state and images": {"obs_mode": "rgb+depth+state", "reward_mode": "normalized_dense"},
+    "points": {"obs_mode": "pointcloud", "reward_mode": "sparse"},
+    "end-effector frame": {"target_frame": "ee", "proprioception": False, "reward_mode": "none"},
+    "joint_state": {"control_mode": "joint_state"},
+}
+"""Options that take another path through the code."""
+
+
+def check(env_id, mode, rows=3, steps=STEPS, **options):
+    """Compares every row with an environment of its own."""
+    keys = info_keys(env_id, **options)
+    env = make_vec(env_id, rows, num_workers=2, info_keys=keys, autoreset_mode=mode, **options)
+    try:
+        rolled = roll_out(env, steps, SEED)
+        ends = sum(int((e[2] | e[3]).sum()) for e in rolled.steps if len(e) == 5)
+        assert ends >= rows  # each row was reset at least once
+        for row in range(rows):
+            single = gym.make(
+                f"hab_tasks:{env_id}",
+                max_episode_steps=MAX_STEPS,
+                num_episodes=EPISODES,
+                **options,
+            )
+            assert_equals_single(env, rolled, row, single, SEED + row)
+            single.close()
+    finally:
+        env.close()
+
+
+def test_rows_equal_single_environments():
+    check("HabPick-v1", AutoresetMode.NEXT_STEP, rows=2, steps=30)
+
+
+@slow
+@pytest.mark.parametrize(
+    ("env_id", "mode"), zip(ENVS, itertools.cycle(AutoresetMode), strict=False)
+)
+def test_rows_of_every_env_equal_single_environments(env_id, mode):
+    """Each mode with several environments: all combinations take ten minutes."""
+    check(env_id, mode)
+
+
+@slow
+@pytest.mark.render
+@pytest.mark.parametrize("name", OPTIONS)
+def test_rows_with_options_equal_single_environments(name):
+    check("HabPick-v1", AutoresetMode.SAME_STEP, **OPTIONS[name])
+
+
+@slow
+@pytest.mark.parametrize(
+    ("env_id", "control_mode"),
+    [("HabNavigate-v1", "base_discrete"), ("HabTidyHouse-v1", "joint_target_pose")],
+)
+def test_rows_with_other_actions_equal_single_environments(env_id, control_mode):
+    check(env_id, AutoresetMode.NEXT_STEP, control_mode=control_mode, obs_mode="state")
+
+
+@slow
+@pytest.mark.assets
+@pytest.mark.parametrize("env_id", ["HabPick-v1", "HabSetTable-v1"])
+def test_rows_in_replica_cad_equal_single_environments(env_id, replica_cad, ycb):
+    check(
+        env_id,
+        AutoresetMode.SAME_STEP,
+        scene_dataset=str(replica_cad),
+        objects=str(ycb),
+        obs_mode="state_dict",
+    )

@@ -21,7 +21,8 @@ test: setup ## The quick tests; with SLOW=1 all of them
 	@$(PYTHON) -m pytest -q -n $(WORKERS) --dist loadfile $(if $(SLOW),,-m "not slow")
 
 soak: setup ## A million random and adversarial steps in all environments, as a test of what they stand
-	@HAB_SOAK_STEPS=$(or $(STEPS),1000000) $(PYTHON) -m pytest -q -n $(WORKERS) --log-cli-level=INFO tests/faults/test_soak.py
+	@HAB_SOAK_STEPS=$(or $(STEPS),1000000) HAB_VECTOR_SOAK_STEPS=$(or $(VECTOR_STEPS),100000) \
+	  $(PYTHON) -m pytest -q -n $(WORKERS) --log-cli-level=INFO tests/faults/test_soak.py tests/vector/test_vector_soak.py
 
 kills: setup ## Kill every command that writes and its workers at 70 moments, as a test of what is left
 	@HAB_KILLS=10 $(PYTHON) -m pytest -q -n 0 -k kill tests/faults/test_kills.py tests/faults/test_eval_runs.py

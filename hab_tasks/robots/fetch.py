@@ -10,7 +10,7 @@ from mani_skill.agents.registration import register_agent
 from hab_tasks.robots.fetch_spec import FETCH
 from hab_tasks.robots.light_visuals import lighten
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
-from hab_tasks.scenes.urdf import remove_visuals
+from hab_tasks.scenes.urdf import remove_empty_links, remove_visuals
 
 NEAR_PAIRS = (("head_pan_link", "shoulder_lift_link"), ("head_tilt_link", "shoulder_lift_link"))
 """Link pairs within 2 cm of each other in the resting pose that never touch (minimum distance
@@ -22,9 +22,12 @@ def _fetch_urdf(visuals: bool) -> str:
     """Returns the URDF of Fetch, with light visuals or without visuals.
 
     Wheels have no collision shapes: they are inside the base's outline and touch only the floor.
+    The frames of its camera, five links without mass and shape, are removed: the engine would
+    simulate them in every step.
     """
     source = FETCH.urdf_path()
     root = ElementTree.parse(source).getroot()
+    remove_empty_links(root)
     if visuals:
         lighten(root, source.parent)
     else:

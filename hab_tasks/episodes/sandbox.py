@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -11,13 +12,14 @@ import sapien
 import torch
 
 from hab_tasks.constants import CONTROL_HZ, SIM_HZ
+from hab_tasks.episodes.layout_memory import BodyState, LayoutMemory, body_states
 from hab_tasks.episodes.schema import POSE_DIGITS, rounded, template_of
 from hab_tasks.geometry import Array, Pose7
 from hab_tasks.privileged import CollisionBody
 from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.robots.robot import ROBOT
-from hab_tasks.scenes.floor import FreeFloor, body_points, free_floor
+from hab_tasks.scenes.floor import FreeFloor, body_points
 from hab_tasks.scenes.physics import bare_scene
 from hab_tasks.scenes.pool import BodyPool
 from hab_tasks.scenes.rays import bounding_ball, distance_along
@@ -53,16 +55,28 @@ class PlacementSandbox:
     scene_bodies: SceneBodies
     bodies: dict[str, CollisionBody]
 
-    def __init__(self, spec: SceneSpec, templates: dict[str, ObjectTemplate]) -> None:
-        """Builds the layout without movable objects, and settles its loose objects."""
+    def __init__(
+        self,
+        spec: SceneSpec,
+        templates: dict[str, ObjectTemplate],
+        memory: LayoutMemory | None = None,
+    ) -> None:
+        """Builds the layout without movable objects, and settles its loose objects.
+
+        Args:
+            spec: The layout.
+            templates: The movable objects by name.
+            memory: Memory of earlier sandboxes with the same dataset and objects.
+        """
         self.templates = templates
+        self.memory = LayoutMemory() if memory is None else memory
         self._scene = bare_scene()
         self._px: Any = self._scene.px
         self._agent = HabFetch(self._scene, CONTROL_HZ, "ee")
         set_up(self._scene)
         self._robot = sapien_object(self._agent.robot)
         self._links = {sapien_object(link) for link in self._agent.robot.links}
-        self._pool = BodyPool(self._scene, templates)
+        self._pool = BodyPool(self._scene, templates, self.memory.bodies)
         self.load(spec)
 
     def load(self, spec: SceneSpec) -> None:
@@ -186,13 +200,7 @@ class PlacementSandbox:
             The centre (3,) of its outline in its own frame, at the height of its origin; the
             outline's radius [m]; its extent below its origin [m].
         """
-        up = np.array(self.templates[template_of(name)].up)
-        points = np.concatenate([body_points(s)[:3] for s in self.bodies[name].shapes], axis=1)
-        heights = up @ points
-        flat = points - np.outer(up, heights)
-        middle = (flat.min(axis=1) + flat.max(axis=1)) / 2
-        radius = np.linalg.norm(flat - middle[:, None], axis=0).max()
-        return middle, float(radius), float(-heights.min())
+        return _footprint(self.bodies[name], tuple(self.templates[template_of(name)].up))
 
     def joint_of(self, furniture: str, link: str) -> str | None:
         """Returns the joint that moves a link, None for a fixed link."""
@@ -229,9 +237,18 @@ class PlacementSandbox:
         key = repr(self.joints())
         if key not in self._floors:
             fixed = self._fixed()
-            poses = {body.name: self.world_from(body.name) for body in fixed}
-            self._floors[key] = free_floor(fixed, poses)
+            poses = [self.world_from(body.name) for body in fixed]
+            self._floors[key] = self.memory.floor(fixed, poses)
         return self._floors[key]
+
+    def floor_known(self) -> bool:
+        """Whether the floor was mapped with the furniture in its current state."""
+        return repr(self.joints()) in self._floors
+
+    def state(self) -> tuple[BodyState, ...]:
+        """Returns a key of the furniture's geometry and poses in `memory`."""
+        fixed = self._fixed()
+        return body_states(fixed, [self.world_from(body.name) for body in fixed])
 
     def free_height_m(self, points_m: Array) -> float:
         """Returns the largest free height [m] vertically above any of the points (K, 3)."""
@@ -331,3 +348,14 @@ class PlacementSandbox:
         qpos[self._agent.base_index[0]] = AWAY_M
         self._robot.set_qpos(qpos.numpy())
         self._robot.set_qvel(np.zeros(len(qpos), dtype=np.float32))
+
+
+@lru_cache(maxsize=1024)
+def _footprint(body: CollisionBody, up: tuple[float, ...]) -> tuple[Array, float, float]:
+    axis = np.array(up)
+    points = np.concatenate([body_points(s)[:3] for s in body.shapes], axis=1)
+    heights = axis @ points
+    flat = points - np.outer(axis, heights)
+    middle = (flat.min(axis=1) + flat.max(axis=1)) / 2
+    radius = np.linalg.norm(flat - middle[:, None], axis=0).max()
+    return middle, float(radius), float(-heights.min())

@@ -11,7 +11,7 @@ reproducible runs, start from a new simulation.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Hashable, Iterable
 from typing import Any
 
 import numpy as np
@@ -43,8 +43,19 @@ class BodyPool:
 
     scene_bodies: SceneBodies
 
-    def __init__(self, scene: ManiSkillScene, templates: dict[str, ObjectTemplate]) -> None:
-        """Creates an empty pool; `templates` are the movable objects by name."""
+    def __init__(
+        self,
+        scene: ManiSkillScene,
+        templates: dict[str, ObjectTemplate],
+        read: dict[Hashable, CollisionBody] | None = None,
+    ) -> None:
+        """Creates an empty pool.
+
+        Args:
+            scene: The scene to build in.
+            templates: The movable objects by name.
+            read: Collision bodies read before, in pools of the same dataset and objects.
+        """
         self._scene, self._templates = scene, templates
         self._builder = BodyBuilder(scene)
         self._built: dict[Key, Body] = {}
@@ -53,7 +64,7 @@ class BodyPool:
         self._pose: dict[Key, Pose7] = {}
         self._shown: dict[Key, Body] = {}
         self._parking: Actor | None = None
-        self._read: dict[int, CollisionBody] = {}
+        self._read: dict[Hashable, CollisionBody] = {} if read is None else read
 
     def show(self, spec: SceneSpec, objects: Iterable[str]) -> SceneBodies:
         """Activates a layout with movable objects; removes all other bodies from the scene.
@@ -90,8 +101,10 @@ class BodyPool:
     def bodies(self) -> tuple[CollisionBody, ...]:
         """Returns the collision bodies of the active layout; each body is read once."""
         found = []
+        named = {key[0] if key[0] == "stage" else key[1]: key for key in self._shown}
         for name, group, component in components(self.scene_bodies):
-            key = id(component)
+            owner = name.rpartition("/")[0] if group == "furniture" else name
+            key = (named[owner], name)
             if key not in self._read:
                 self._read[key] = read_body(name, group, component)
             found.append(self._read[key])

@@ -14,6 +14,7 @@ from typing import ClassVar
 import numpy as np
 from transforms3d import quaternions
 
+from hab_tasks.episodes.layout_memory import LayoutMemory
 from hab_tasks.episodes.placing import Placer, Settling
 from hab_tasks.episodes.rejection import RejectedSampleError
 from hab_tasks.episodes.robot_start import (
@@ -85,6 +86,7 @@ class Generator(ABC):
         self.scenes, self.load, self.objects = scenes, load, objects
         self.kinematics = ArmKinematics()
         self.refused: Counter[str] = Counter()
+        self.memory = LayoutMemory()
         self._spots: dict[tuple[str, ...], list[Spot]] = {}
 
     @abstractmethod
@@ -94,6 +96,13 @@ class Generator(ABC):
         Raises:
             RejectedSampleError: The candidate is invalid.
         """
+
+    def attempt_for(
+        self, other: Generator, sandbox: PlacementSandbox, rng: np.random.Generator
+    ) -> Episode:
+        """Returns one candidate as part of an attempt of another generator."""
+        self.refused, self._spots = other.refused, {}
+        return self.attempt(sandbox, rng)
 
     def generate(self, episode_id: str, seed: tuple[int, ...], first: str | None = None) -> Made:
         """Generates one episode.
@@ -114,7 +123,7 @@ class Generator(ABC):
             if number == 0 and first is not None:
                 scene_id = first
             # A fresh simulation, as contact caches of an earlier episode affect the result.
-            sandbox = PlacementSandbox(self.load(scene_id), self.objects.templates)
+            sandbox = PlacementSandbox(self.load(scene_id), self.objects.templates, self.memory)
             self._spots = {}
             for _ in range(ATTEMPTS // layouts):
                 try:

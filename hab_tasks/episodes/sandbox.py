@@ -20,7 +20,7 @@ from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.robots.robot import ROBOT
 from hab_tasks.scenes.floor import FreeFloor, body_points
-from hab_tasks.scenes.physics import bare_scene
+from hab_tasks.scenes.physics import bare_scene, renew_physics
 from hab_tasks.scenes.pool import BodyPool
 from hab_tasks.scenes.rays import bounding_ball, distance_along
 from hab_tasks.scenes.scene_bodies import SceneBodies
@@ -71,12 +71,25 @@ class PlacementSandbox:
         self.templates = templates
         self.memory = LayoutMemory() if memory is None else memory
         self._scene = bare_scene()
+        self._pool = BodyPool(self._scene, templates, self.memory.bodies)
+        self._begin(spec)
+
+    def begin_again(self, spec: SceneSpec) -> None:
+        """Loads another layout in a new simulation, as a new sandbox does; keeps the bodies."""
+        self._pool.leave()
+        for link in self._links:
+            link.entity.remove_from_scene()
+        del self._scene.articulations[self._agent.robot.name]
+        self._scene.remove_from_state_dict_registry(self._agent.robot)
+        renew_physics(self._scene)
+        self._begin(spec)
+
+    def _begin(self, spec: SceneSpec) -> None:
         self._px: Any = self._scene.px
         self._agent = HabFetch(self._scene, CONTROL_HZ, "ee")
         set_up(self._scene)
         self._robot = sapien_object(self._agent.robot)
         self._links = {sapien_object(link) for link in self._agent.robot.links}
-        self._pool = BodyPool(self._scene, templates, self.memory.bodies)
         self.load(spec)
 
     def load(self, spec: SceneSpec) -> None:

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import sapien
+import torch
 from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.utils.structs import Actor, Articulation
 from transforms3d.quaternions import quat2mat
@@ -29,6 +30,9 @@ from hab_tasks.scenes.scene_bodies import SceneBodies
 from hab_tasks.scenes.shapes import components, read_body
 from hab_tasks.scenes.spec import ArticulationInstance, ObjectTemplate, SceneSpec
 from hab_tasks.simulator import sapien_object
+
+MOST_KEPT = 2000
+"""Maximum number of bodies kept for a new simulation."""
 
 Body = Actor | Articulation
 Key = tuple[object, ...]
@@ -76,8 +80,7 @@ class BodyPool:
         Raises:
             EpisodeError: An object of a template that was not loaded.
         """
-        before, self._shown = self._shown, {}
-        self._hide(before)
+        self._clear()
         scene_bodies = self.scene_bodies = SceneBodies(spec=spec)
         scene_bodies.stage = self._stage(spec)
         for item in spec.objects:
@@ -97,6 +100,25 @@ class BodyPool:
         if self._scene.gpu_sim_enabled:
             scene_bodies.parking = self._builder.parking(len(scene_bodies.pickables))
         return scene_bodies
+
+    def leave(self) -> None:
+        """Empties the scene before it gets a new simulation, in which bodies behave as if built anew.
+
+        Bodies that stand still are kept. Objects that move are dropped, and joints are set to zero,
+        as the engine keeps their state outside the simulation.
+        """
+        for built in self._shown.values():
+            if isinstance(built, Articulation):
+                built.set_qpos(torch.zeros_like(built.get_qpos()))
+                built.set_qvel(torch.zeros_like(built.get_qpos()))
+        self._clear()
+        full = len(self._built) > MOST_KEPT
+        for key in [key for key in self._built if full or key[0] == "loose"]:
+            del self._built[key], self._entities[key], self._pose[key]
+
+    def _clear(self) -> None:
+        before, self._shown = self._shown, {}
+        self._hide(before)
 
     def bodies(self) -> tuple[CollisionBody, ...]:
         """Returns the collision bodies of the active layout; each body is read once."""

@@ -87,6 +87,7 @@ class Generator(ABC):
         self.kinematics = ArmKinematics()
         self.refused: Counter[str] = Counter()
         self.memory = LayoutMemory()
+        self._sandbox: PlacementSandbox | None = None
         self._spots: dict[tuple[str, ...], list[Spot]] = {}
 
     @abstractmethod
@@ -123,7 +124,7 @@ class Generator(ABC):
             if number == 0 and first is not None:
                 scene_id = first
             # A fresh simulation, as contact caches of an earlier episode affect the result.
-            sandbox = PlacementSandbox(self.load(scene_id), self.objects.templates, self.memory)
+            sandbox = self._new_sandbox(self.load(scene_id))
             self._spots = {}
             for _ in range(ATTEMPTS // layouts):
                 try:
@@ -140,6 +141,17 @@ class Generator(ABC):
                 )
                 return Made(episode=made, rejections=refused)
         raise GenerationError(f"{episode_id}: no start state found; rejected: {dict(refused)}.")
+
+    def _new_sandbox(self, spec: SceneSpec) -> PlacementSandbox:
+        """Returns a sandbox with a new simulation; bodies of the previous one are used again."""
+        # One that was interrupted while it began again is not used any more.
+        sandbox, self._sandbox = self._sandbox, None
+        if sandbox is None:
+            sandbox = PlacementSandbox(spec, self.objects.templates, self.memory)
+        else:
+            sandbox.begin_again(spec)
+        self._sandbox = sandbox
+        return sandbox
 
     # Parts of an attempt ---------------------------------------------------------------------
 

@@ -233,8 +233,7 @@ class RobotStarts:
         return self._solve(rest, self._kinematics.position(rest) + self.noise.ee_m * draw)
 
     def _solve(self, arm: Array, goal_m: Array) -> Array | None:
-        for _ in range(40):
-            arm = self._kinematics.displace(arm, goal_m, damping=0.05)
+        arm = self._kinematics.approach(arm, goal_m, steps=40, damping=0.05)
         close = np.linalg.norm(self._kinematics.position(arm) - goal_m) < 0.005
         return arm if close else None
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import sapien
-import torch
+from numpy.typing import NDArray
 
 from hab_tasks.constants import CONTROL_HZ, SIM_HZ
 from hab_tasks.episodes.layout_memory import BodyState, LayoutMemory, body_states
@@ -41,6 +41,11 @@ STILL_S, STILL_M, STILL_M_S = 2.0, 0.005, 0.01
 
 BEAT_S, FIRST_S = 0.25, 0.5
 """Check interval of speeds, and grace period in which started objects may swing."""
+
+
+JointPositions = NDArray[np.float32]
+Remembered = tuple[dict[str, Pose7], dict[str, JointPositions]]
+"""Poses of movable objects, and joint positions of furniture."""
 
 
 class PlacementSandbox:
@@ -90,6 +95,7 @@ class PlacementSandbox:
         set_up(self._scene)
         self._robot = sapien_object(self._agent.robot)
         self._links = {sapien_object(link) for link in self._agent.robot.links}
+        self._rest_qpos = self._agent.rest_qpos().numpy()
         self.load(spec)
 
     def load(self, spec: SceneSpec) -> None:
@@ -111,19 +117,21 @@ class PlacementSandbox:
         self.bodies = {body.name: body for body in self._pool.bodies()}
         for name in self.scene_bodies.movable:
             self.place(name, self.settled.get(name, self.pose(name)))
-        for furniture in self.scene_bodies.articulations.values():
-            furniture.set_qpos(torch.zeros_like(furniture.get_qpos()))
-            furniture.set_qvel(torch.zeros_like(furniture.get_qpos()))
+        self._furniture = {
+            name: sapien_object(furniture)
+            for name, furniture in self.scene_bodies.articulations.items()
+        }
+        for furniture in self._furniture.values():
+            _set_joints(furniture, np.zeros_like(furniture.qpos))
         self.send_robot_away()
 
     def set_joint(self, furniture: str, joint: str, value: float) -> None:
         """Sets one joint [m or rad]; it keeps its position."""
         articulation = self.scene_bodies.articulations[furniture]
-        qpos = articulation.get_qpos()
         index = [j.name for j in articulation.active_joints].index(joint)
-        qpos[0, index] = value
-        articulation.set_qpos(qpos)
-        articulation.set_qvel(torch.zeros_like(qpos))
+        qpos = self._furniture[furniture].qpos.copy()
+        qpos[index] = value
+        _set_joints(self._furniture[furniture], qpos)
 
     def joint_limits(self, furniture: str, joint: str) -> tuple[float, float]:
         """Returns the (lower, upper) limits of a joint [m or rad]."""
@@ -238,7 +246,8 @@ class PlacementSandbox:
         """Returns furniture -> joint -> position [m or rad] of all joints that are not closed."""
         found = {}
         for name, furniture in self.scene_bodies.articulations.items():
-            values = zip(furniture.active_joints, furniture.get_qpos()[0].tolist(), strict=True)
+            positions = self._furniture[name].qpos.tolist()
+            values = zip(furniture.active_joints, positions, strict=True)
             moved = {joint.name: round(value, POSE_DIGITS) for joint, value in values}
             moved = {joint: value for joint, value in moved.items() if value}
             if moved:
@@ -301,18 +310,16 @@ class PlacementSandbox:
         self._restore(remembered)
         return hit
 
-    def _remember(self) -> tuple[dict[str, Pose7], dict[str, torch.Tensor]]:
-        furniture = self.scene_bodies.articulations
+    def _remember(self) -> Remembered:
         poses = {name: self.pose(name) for name in self.scene_bodies.movable}
-        return poses, {name: piece.get_qpos().clone() for name, piece in furniture.items()}
+        return poses, {name: piece.qpos.copy() for name, piece in self._furniture.items()}
 
-    def _restore(self, remembered: tuple[dict[str, Pose7], dict[str, torch.Tensor]]) -> None:
+    def _restore(self, remembered: Remembered) -> None:
         poses, joints = remembered
         for name, pose in poses.items():
             self.place(name, pose)
         for name, qpos in joints.items():
-            self.scene_bodies.articulations[name].set_qpos(qpos)
-            self.scene_bodies.articulations[name].set_qvel(torch.zeros_like(qpos))
+            _set_joints(self._furniture[name], qpos)
 
     def robot_touches(
         self, base: tuple[float, float, float], arm_qpos_rad: Array, clearance_m: float = 0.0
@@ -332,12 +339,10 @@ class PlacementSandbox:
         return touches
 
     def _stand_robot(self, base: tuple[float, float, float], arm_qpos_rad: Array) -> None:
-        qpos = self._agent.rest_qpos()
-        qpos[self._agent.base_index] = torch.tensor(base, dtype=torch.float32)
-        for name, value in zip(ROBOT.arm_joints, arm_qpos_rad, strict=True):
-            qpos[self._agent.joint_index[name]] = float(value)
-        self._robot.set_qpos(qpos.numpy())
-        self._robot.set_qvel(np.zeros(len(qpos), dtype=np.float32))
+        qpos = self._rest_qpos.copy()
+        qpos[self._agent.base_index.numpy()] = base
+        qpos[self._agent.arm_index.numpy()] = arm_qpos_rad
+        _set_joints(self._robot, qpos)
 
     def stand_robot(
         self, base: tuple[float, float, float], arm_qpos_rad: Array
@@ -357,10 +362,15 @@ class PlacementSandbox:
 
     def send_robot_away(self) -> None:
         """Parks the robot outside the layout."""
-        qpos = self._agent.rest_qpos()
+        qpos = self._rest_qpos.copy()
         qpos[self._agent.base_index[0]] = AWAY_M
-        self._robot.set_qpos(qpos.numpy())
-        self._robot.set_qvel(np.zeros(len(qpos), dtype=np.float32))
+        _set_joints(self._robot, qpos)
+
+
+def _set_joints(articulation: Any, qpos: JointPositions) -> None:
+    """Sets the joints of a SAPIEN articulation, at rest."""
+    articulation.set_qpos(qpos)
+    articulation.set_qvel(np.zeros_like(qpos))
 
 
 @lru_cache(maxsize=1024)

@@ -52,7 +52,9 @@ class LayoutMemory:
         """Returns what `find` found for this key before, or finds it."""
         return _recalled(self._findings, key, find, MOST_FINDINGS)
 
-    def _outline(self, state: BodyState, body: CollisionBody, world_from_body: Array) -> BodyOutline:
+    def _outline(
+        self, state: BodyState, body: CollisionBody, world_from_body: Array
+    ) -> BodyOutline:
         return _recalled(
             self._outlines, state, lambda: body_outline(body, world_from_body), MOST_OUTLINES
         )

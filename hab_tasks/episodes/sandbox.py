@@ -9,16 +9,19 @@ from typing import Any
 
 import numpy as np
 import sapien
-from numpy.typing import NDArray
 
-from hab_tasks.constants import CONTROL_HZ, SIM_HZ
+from hab_tasks.constants import SIM_HZ
 from hab_tasks.episodes.layout_memory import BodyState, LayoutMemory, body_states
+from hab_tasks.episodes.sandbox_robot import (
+    TOUCH_DEPTH_M,
+    JointPositions,
+    SandboxRobot,
+    set_joints,
+)
 from hab_tasks.episodes.schema import POSE_DIGITS, rounded, template_of
 from hab_tasks.geometry import Array, Pose7
 from hab_tasks.privileged import CollisionBody
-from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
-from hab_tasks.robots.robot import ROBOT
 from hab_tasks.scenes.floor import FreeFloor, body_points
 from hab_tasks.scenes.physics import bare_scene, renew_physics
 from hab_tasks.scenes.pool import BodyPool
@@ -26,13 +29,7 @@ from hab_tasks.scenes.rays import bounding_ball, distance_along
 from hab_tasks.scenes.scene_bodies import SceneBodies
 from hab_tasks.scenes.shapes import components, matrix
 from hab_tasks.scenes.spec import ObjectTemplate, SceneSpec
-from hab_tasks.simulator import sapien_object, set_up
-
-AWAY_M = 50.0
-"""Parking distance of the robot while objects settle."""
-
-TOUCH_DEPTH_M = 0.001
-"""Allowed overlap of robot links, as adjacent links touch."""
+from hab_tasks.simulator import sapien_object
 
 LOOSE_SETTLE_S = 5.0
 
@@ -43,9 +40,10 @@ BEAT_S, FIRST_S = 0.25, 0.5
 """Check interval of speeds, and grace period in which started objects may swing."""
 
 
-JointPositions = NDArray[np.float32]
-Remembered = tuple[dict[str, Pose7], dict[str, JointPositions]]
+Remembered = tuple[list[tuple[Any, sapien.Pose]], list[tuple[Any, JointPositions]]]
 """Poses of movable objects, and joint positions of furniture."""
+
+_AT_REST = np.zeros(3, dtype=np.float32)
 
 
 class PlacementSandbox:
@@ -82,20 +80,14 @@ class PlacementSandbox:
     def begin_again(self, spec: SceneSpec) -> None:
         """Loads another layout in a new simulation, as a new sandbox does; keeps the bodies."""
         self._pool.leave()
-        for link in self._links:
-            link.entity.remove_from_scene()
-        del self._scene.articulations[self._agent.robot.name]
-        self._scene.remove_from_state_dict_registry(self._agent.robot)
+        self._robot.leave()
         renew_physics(self._scene)
         self._begin(spec)
 
     def _begin(self, spec: SceneSpec) -> None:
         self._px: Any = self._scene.px
-        self._agent = HabFetch(self._scene, CONTROL_HZ, "ee")
-        set_up(self._scene)
-        self._robot = sapien_object(self._agent.robot)
-        self._links = {sapien_object(link) for link in self._agent.robot.links}
-        self._rest_qpos = self._agent.rest_qpos().numpy()
+        self._robot = SandboxRobot(self._scene)
+        self._agent = self._robot.agent
         self.load(spec)
 
     def load(self, spec: SceneSpec) -> None:
@@ -122,7 +114,7 @@ class PlacementSandbox:
             for name, furniture in self.scene_bodies.articulations.items()
         }
         for furniture in self._furniture.values():
-            _set_joints(furniture, np.zeros_like(furniture.qpos))
+            set_joints(furniture, np.zeros_like(furniture.qpos))
         self.send_robot_away()
 
     def set_joint(self, furniture: str, joint: str, value: float) -> None:
@@ -131,7 +123,7 @@ class PlacementSandbox:
         index = [j.name for j in articulation.active_joints].index(joint)
         qpos = self._furniture[furniture].qpos.copy()
         qpos[index] = value
-        _set_joints(self._furniture[furniture], qpos)
+        set_joints(self._furniture[furniture], qpos)
 
     def joint_limits(self, furniture: str, joint: str) -> tuple[float, float]:
         """Returns the (lower, upper) limits of a joint [m or rad]."""
@@ -142,15 +134,12 @@ class PlacementSandbox:
 
     def place(self, name: str, pose: Pose7) -> None:
         """Sets the pose of a movable object, at rest."""
-        body = self._components[name][1]
-        body.entity.pose = sapien.Pose(list(pose[:3]), list(pose[3:]))
-        body.linear_velocity = np.zeros(3, dtype=np.float32)
-        body.angular_velocity = np.zeros(3, dtype=np.float32)
+        _set_pose(self._components[name][1], sapien.Pose(list(pose[:3]), list(pose[3:])))
 
     def pose(self, name: str) -> Pose7:
         """Returns the pose of a movable object."""
         pose = self._components[name][1].entity_pose
-        return tuple(float(x) for x in (*pose.p, *pose.q))  # type: ignore[return-value]
+        return (*pose.p.tolist(), *pose.q.tolist())
 
     def com_m(self, name: str) -> Array:
         """Returns a movable object's centre of mass (3,) in the world."""
@@ -198,11 +187,13 @@ class PlacementSandbox:
             if step % 30 == 29 and all(body.is_sleeping for body in bodies):
                 break
 
-    def restless(self, poses: dict[str, Pose7]) -> set[str]:
+    def restless(self, poses: dict[str, Pose7], *, last: bool = False) -> set[str]:
         """Starts objects from rest at `poses`; returns those that move.
 
         The layout's loose objects start at their settled poses and are included. The test takes
-        two seconds, as an uneven box may rock for more than one second before it topples.
+        two seconds, as an uneven box may rock for more than one second before it topples. With
+        `last`, a test that nothing can change any more ends early; the simulation is not used again
+        if it returns nothing.
         """
         start = {**self.settled, **poses}
         for name, pose in start.items():
@@ -212,7 +203,19 @@ class PlacementSandbox:
             self.settle(BEAT_S, tuple(start))
             if beat * BEAT_S > FIRST_S:
                 moved |= {name for name in start if self._speed_m_s(name) > STILL_M_S}
-        return moved | {n for n, p in start.items() if math.dist(self.pose(n)[:3], p[:3]) > STILL_M}
+            if last and self._all_asleep() and not moved | self._shifted(start):
+                break
+        return moved | self._shifted(start)
+
+    def _shifted(self, start: dict[str, Pose7]) -> set[str]:
+        return {n for n, p in start.items() if math.dist(self.pose(n)[:3], p[:3]) > STILL_M}
+
+    def _all_asleep(self) -> bool:
+        """Whether all that can move in the layout sleeps; the parked robot is out of reach."""
+        loose = self.scene_bodies.movable
+        return all(self.asleep(name) for name in loose) and all(
+            link.sleeping for piece in self._furniture.values() for link in piece.links
+        )
 
     def footprint(self, name: str) -> tuple[Array, float, float]:
         """Measures an object standing upright.
@@ -311,15 +314,16 @@ class PlacementSandbox:
         return hit
 
     def _remember(self) -> Remembered:
-        poses = {name: self.pose(name) for name in self.scene_bodies.movable}
-        return poses, {name: piece.qpos.copy() for name, piece in self._furniture.items()}
+        bodies = [self._components[name][1] for name in self.scene_bodies.movable]
+        poses = [(body, body.entity_pose) for body in bodies]
+        return poses, [(piece, piece.qpos.copy()) for piece in self._furniture.values()]
 
     def _restore(self, remembered: Remembered) -> None:
         poses, joints = remembered
-        for name, pose in poses.items():
-            self.place(name, pose)
-        for name, qpos in joints.items():
-            _set_joints(self._furniture[name], qpos)
+        for body, pose in poses:
+            _set_pose(body, pose)
+        for piece, qpos in joints:
+            set_joints(piece, qpos)
 
     def robot_touches(
         self, base: tuple[float, float, float], arm_qpos_rad: Array, clearance_m: float = 0.0
@@ -329,48 +333,33 @@ class PlacementSandbox:
         Afterwards the robot is parked again, and the bodies it pushed are restored.
         """
         remembered = self._remember()
-        self._stand_robot(base, arm_qpos_rad)
+        self._robot.stand(base, arm_qpos_rad)
         self._px.step()
-        touches = self._robot_contact(clearance_m)
+        touches = self._robot.in_contact(self._px.get_contacts(), clearance_m)
         self.send_robot_away()
         poses, joints = remembered
         # Furniture under load gives way slightly in every step.
-        self._restore((poses if touches else {}, joints))
+        self._restore((poses if touches else [], joints))
         return touches
-
-    def _stand_robot(self, base: tuple[float, float, float], arm_qpos_rad: Array) -> None:
-        qpos = self._rest_qpos.copy()
-        qpos[self._agent.base_index.numpy()] = base
-        qpos[self._agent.arm_index.numpy()] = arm_qpos_rad
-        _set_joints(self._robot, qpos)
 
     def stand_robot(
         self, base: tuple[float, float, float], arm_qpos_rad: Array
     ) -> MobileManipulator:
         """Sets the robot to a pose, held until `send_robot_away`; returns the robot."""
-        self._stand_robot(base, arm_qpos_rad)
+        self._robot.stand(base, arm_qpos_rad)
         self._agent.controller.reset()
         return self._agent
 
-    def _robot_contact(self, clearance_m: float) -> bool:
-        for contact in self._px.get_contacts():
-            robots = sum(body in self._links for body in contact.bodies)
-            limit_m = clearance_m if robots == 1 else -TOUCH_DEPTH_M
-            if robots and any(point.separation < limit_m for point in contact.points):
-                return True
-        return False
-
     def send_robot_away(self) -> None:
         """Parks the robot outside the layout."""
-        qpos = self._rest_qpos.copy()
-        qpos[self._agent.base_index[0]] = AWAY_M
-        _set_joints(self._robot, qpos)
+        self._robot.park()
 
 
-def _set_joints(articulation: Any, qpos: JointPositions) -> None:
-    """Sets the joints of a SAPIEN articulation, at rest."""
-    articulation.set_qpos(qpos)
-    articulation.set_qvel(np.zeros_like(qpos))
+def _set_pose(body: Any, pose: sapien.Pose) -> None:
+    """Sets the pose of a SAPIEN body, at rest."""
+    body.entity.pose = pose
+    body.linear_velocity = _AT_REST
+    body.angular_velocity = _AT_REST
 
 
 @lru_cache(maxsize=1024)

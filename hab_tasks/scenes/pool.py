@@ -102,9 +102,9 @@ class BodyPool:
         return scene_bodies
 
     def leave(self) -> None:
-        """Empties the scene before it gets a new simulation, in which bodies behave as if built anew.
+        """Empties the scene before it gets a new simulation.
 
-        Bodies that stand still are kept. Objects that move are dropped, and joints are set to zero,
+        Kept bodies behave in it as if built anew: loose objects are dropped and joints set to zero,
         as the engine keeps their state outside the simulation.
         """
         for built in self._shown.values():

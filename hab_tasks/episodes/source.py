@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import astuple, dataclass
+from dataclasses import asdict, astuple, dataclass
 from importlib import import_module
 from pathlib import Path
 
@@ -34,6 +34,7 @@ from hab_tasks.scenes.spec import SceneSpec
 UNLIMITED = 1_000_000
 NOVELTIES = ("objects", "receptacles")
 Progress = Callable[[int, int], None]
+Record = Callable[[int, Made], None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,6 +117,7 @@ class EpisodeSource:
             () if task is None else (task.targets, task.starts_open, task.clutter, task.clutter_on)
         )
         key = stable_hash(*map(str, (SCHEMA, *astuple(self.made_from), *spec)))
+        self._task = stable_hash(*map(str, spec)) if spec else None
         self._cached = f"episodes/{key:08x}/{self._name}"
         kept = read_cached(self._cached, read_episodes)
         if kept is not None:
@@ -128,6 +130,19 @@ class EpisodeSource:
     def given(self) -> tuple[Episode, ...]:
         """The episodes of the file; empty if episodes are generated."""
         return () if self.file is None else tuple(self._episodes.values())
+
+    def configuration(self) -> dict[str, str | int | None]:
+        """Returns all that generated episodes depend on, besides their index."""
+        return {
+            "env": self.env_id,
+            "scene_dataset": self.dataset.name,
+            "split": self.split,
+            "scene": self.scene_id,
+            "seed": self.seed,
+            "novel": self.novel,
+            **asdict(self.made_from),
+            "task": self._task,
+        }
 
     def get(self, index: int) -> Episode:
         """Returns the episode of an index, generating it if necessary.
@@ -142,36 +157,57 @@ class EpisodeSource:
             self._keep(index, self.make(index))
         return self._episodes[index]
 
-    def prepare(self, count: int, workers: int = 1, progress: Progress | None = None) -> bool:
+    def restore(self, made: Mapping[int, Made], count: int) -> None:
+        """Takes those of the first `count` episodes that an earlier process generated."""
+        for index in sorted(made):
+            if index < count and index not in self._episodes:
+                self._keep(index, made[index])
+
+    def prepare(
+        self,
+        count: int,
+        workers: int = 1,
+        progress: Progress | None = None,
+        record: Record | None = None,
+    ) -> bool:
         """Generates the missing ones of the first `count` episodes.
 
         Args:
             count: Number of episodes.
             workers: Number of processes; does not change the episodes.
             progress: Called with (episodes ready, `count`) after each one.
+            record: Called with the index of each generated episode and what was made.
 
         Returns:
             Whether any were missing.
-        """
-        missing = [index for index in range(count) if index not in self._episodes]
-        if workers > 1 and len(missing) > 1:
-            self._generate_in_parallel(missing, workers, count, progress)
-        for ready in range(count):
-            self.get(ready)
-            if progress is not None and workers <= 1:
-                progress(ready + 1, count)
-        return bool(missing)
 
-    def _generate_in_parallel(
-        self, missing: list[int], workers: int, count: int, progress: Progress | None
-    ) -> None:
+        Raises:
+            EpisodeError: The source is a file with fewer episodes.
+        """
+        if self.available < count:
+            self.get(self.available)
+        missing = [index for index in range(count) if index not in self._episodes]
         ready = count - len(missing)
-        with worker_pool(min(workers, len(missing)), _start_worker, (self._request,)) as pool:
-            for index, made in zip(missing, pool.map(_make_in_worker, missing), strict=True):
+        with self._makers(missing, workers) as makers:
+            for index, made in zip(missing, makers, strict=True):
+                if record is not None:
+                    record(index, made)
                 self._keep(index, made)
                 ready += 1
                 if progress is not None:
                     progress(ready, count)
+        if progress is not None and not missing:
+            progress(count, count)
+        return bool(missing)
+
+    @contextmanager
+    def _makers(self, missing: list[int], workers: int) -> Iterator[Iterable[Made]]:
+        """Yields the missing episodes, generated here or in worker processes."""
+        if workers <= 1 or len(missing) <= 1:
+            yield map(self.make, missing)
+            return
+        with worker_pool(min(workers, len(missing)), _start_worker, (self._request,)) as pool:
+            yield pool.map(_make_in_worker, missing)
 
     def scene(self, scene_id: str) -> SceneSpec:
         """Returns a layout; cached."""

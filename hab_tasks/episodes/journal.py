@@ -7,17 +7,15 @@ and rejections. A layout's loose objects are in the first of its episodes.
 from __future__ import annotations
 
 import json
-from collections import Counter
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from hab_tasks.episodes.fields import naming, read_pose
+from hab_tasks.episodes.fields import naming
 from hab_tasks.episodes.generators.base import Made
-from hab_tasks.episodes.schema import SCHEMA, read_episode
+from hab_tasks.episodes.made_files import Scenes, made_from_json, made_to_json
+from hab_tasks.episodes.schema import SCHEMA
 from hab_tasks.errors import EpisodeError, FileError
 from hab_tasks.files import check_file
-from hab_tasks.geometry import Pose7
 from hab_tasks.typed_values import integer, mapping
 
 Configuration = dict[str, str | int | None]
@@ -38,7 +36,7 @@ class EpisodeJournal:
         self.file = file
         self.entries: dict[int, Made] = {}
         self._configuration = {"journal": VERSION, "schema": SCHEMA, **configuration}
-        self._scenes: dict[str, dict[str, Pose7]] = {}
+        self._scenes: Scenes = {}
 
     def open(self, *, resume: bool, force: bool) -> None:
         """Reads the journal of an interrupted command, or begins a new one.
@@ -67,13 +65,7 @@ class EpisodeJournal:
         Raises:
             FileError: The disk is full.
         """
-        entry = asdict(made.episode)
-        loose, scene = entry.pop("loose"), made.episode.scene_id
-        line = {"index": index, "rejections": dict(made.rejections), "episode": entry}
-        if self._scenes.get(scene) != made.episode.loose:
-            self._scenes[scene] = made.episode.loose
-            line["loose"] = loose
-        self._write(line, "a")
+        self._write({"index": index, **made_to_json(made, self._scenes)}, "a")
 
     def remove(self) -> None:
         """Removes the journal of a finished file."""
@@ -109,15 +101,10 @@ class EpisodeJournal:
             self._read_entry(line, f"{self.file}: line {number}")
 
     def _read_entry(self, line: bytes, where: str) -> None:
-        with naming(where, "index, rejections, loose"):
+        with naming(where, "index"):
             raw = mapping(json.loads(line))
-            index, entry = integer(raw["index"]), mapping(raw["episode"])
-            rejections = {name: integer(n) for name, n in mapping(raw["rejections"]).items()}
-            if "loose" in raw:
-                poses = mapping(raw["loose"]).items()
-                self._scenes[entry["scene_id"]] = {name: read_pose(pose) for name, pose in poses}
-        episode = read_episode(entry, self._scenes, where)
-        self.entries[index] = Made(episode=episode, rejections=Counter(rejections))
+            index = integer(raw["index"])
+        self.entries[index] = made_from_json(raw, self._scenes, where)
 
 
 def journal_of(out: Path) -> Path:

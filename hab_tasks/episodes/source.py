@@ -14,10 +14,12 @@ from contextvars import ContextVar
 from dataclasses import asdict, astuple, dataclass
 from importlib import import_module
 from pathlib import Path
+from typing import NamedTuple
 
 from hab_tasks.cache import read_cached, write_cached
 from hab_tasks.episodes.generators import Generator, Made, generator_of
 from hab_tasks.episodes.generators.base import Objects
+from hab_tasks.episodes.made_files import SharedEpisodes
 from hab_tasks.episodes.provenance import check_made_from, made_from, stable_hash
 from hab_tasks.episodes.schema import SCHEMA, Episode, EpisodeSet, read_episodes, write_episodes
 from hab_tasks.errors import EpisodeError, OptionError, UnknownNameError
@@ -86,8 +88,16 @@ class EpisodeSource:
         rejections: Reason -> number of candidates rejected by this process.
     """
 
-    def __init__(self, request: EpisodeRequest, dataset: SceneDataset) -> None:
-        """Reads the data of the request and previously generated episodes."""
+    def __init__(
+        self, request: EpisodeRequest, dataset: SceneDataset, folder: Path | None = None
+    ) -> None:
+        """Reads the data of the request and previously generated episodes.
+
+        Args:
+            request: The request.
+            dataset: Its scene dataset.
+            folder: Where processes with the same request share the episodes they generate.
+        """
         self._request = request
         self.file = None if request.file is None else Path(request.file)
         self.env_id = imported_id(request.env_id)
@@ -100,6 +110,7 @@ class EpisodeSource:
         self._generator: Generator | None = None
         self._episodes: dict[int, Episode] = {}
         self._scenes: dict[str, SceneSpec] = {}
+        self._others: SharedEpisodes | None = None
         if self.file is not None:
             self._take_file(self.file)
             return
@@ -119,6 +130,8 @@ class EpisodeSource:
         key = stable_hash(*map(str, (SCHEMA, *astuple(self.made_from), *spec)))
         self._task = stable_hash(*map(str, spec)) if spec else None
         self._cached = f"episodes/{key:08x}/{self._name}"
+        if folder is not None:
+            self._others = SharedEpisodes(folder, stable_hash(self._cached))
         kept = read_cached(self._cached, read_episodes)
         if kept is not None:
             self._take(kept)
@@ -154,7 +167,12 @@ class EpisodeSource:
         if not 0 <= index < self.available:
             raise EpisodeError(f"Episode {index}: valid indices are 0 to {self.available - 1}.")
         if index not in self._episodes:
-            self._keep(index, self.make(index))
+            made = None if self._others is None else self._others.find(index)
+            if made is None:
+                made = self.make(index)
+                if self._others is not None:
+                    self._others.publish(index, made)
+            self._keep(index, made)
         return self._episodes[index]
 
     def restore(self, made: Mapping[int, Made], count: int) -> None:
@@ -290,18 +308,22 @@ class EpisodeSource:
         self.split, self.available = given.split, len(given)
 
 
-_shared: ContextVar[dict[EpisodeRequest, EpisodeSource] | None] = ContextVar(
-    "_shared", default=None
-)
+class _SharedSources(NamedTuple):
+    sources: dict[EpisodeRequest, EpisodeSource]
+    folder: Path | None
+
+
+_shared: ContextVar[_SharedSources | None] = ContextVar("_shared", default=None)
 
 
 @contextmanager
-def shared_sources() -> Iterator[None]:
+def shared_sources(folder: Path | None = None) -> Iterator[None]:
     """Lets all environments made in this context with the same request share one source.
 
-    An episode is then read or generated once for all of them.
+    An episode is then read or generated once for all of them, and for those of other processes
+    with the same `folder`.
     """
-    token = _shared.set({})
+    token = _shared.set(_SharedSources({}, folder))
     try:
         yield
     finally:
@@ -324,9 +346,9 @@ def open_source(request: EpisodeRequest) -> EpisodeSource:
     shared = _shared.get()
     if shared is None:
         return EpisodeSource(request, dataset)
-    if request not in shared:
-        shared[request] = EpisodeSource(request, dataset)
-    return shared[request]
+    if request not in shared.sources:
+        shared.sources[request] = EpisodeSource(request, dataset, shared.folder)
+    return shared.sources[request]
 
 
 def load_episodes(

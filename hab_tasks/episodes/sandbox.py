@@ -75,6 +75,8 @@ class PlacementSandbox:
         self.memory = LayoutMemory() if memory is None else memory
         self._scene = bare_scene()
         self._pool = BodyPool(self._scene, templates, self.memory.bodies)
+        self._robot = SandboxRobot(self._scene)
+        self._agent = self._robot.agent
         self._begin(spec)
 
     def begin_again(self, spec: SceneSpec) -> None:
@@ -82,12 +84,11 @@ class PlacementSandbox:
         self._pool.leave()
         self._robot.leave()
         renew_physics(self._scene)
+        self._robot.enter()
         self._begin(spec)
 
     def _begin(self, spec: SceneSpec) -> None:
         self._px: Any = self._scene.px
-        self._robot = SandboxRobot(self._scene)
-        self._agent = self._robot.agent
         self.load(spec)
 
     def load(self, spec: SceneSpec) -> None:
@@ -187,13 +188,11 @@ class PlacementSandbox:
             if step % 30 == 29 and all(body.is_sleeping for body in bodies):
                 break
 
-    def restless(self, poses: dict[str, Pose7], *, last: bool = False) -> set[str]:
+    def restless(self, poses: dict[str, Pose7]) -> set[str]:
         """Starts objects from rest at `poses`; returns those that move.
 
         The layout's loose objects start at their settled poses and are included. The test takes
-        two seconds, as an uneven box may rock for more than one second before it topples. With
-        `last`, a test that nothing can change any more ends early; the simulation is not used again
-        if it returns nothing.
+        two seconds, as an uneven box may rock for more than one second before it topples.
         """
         start = {**self.settled, **poses}
         for name, pose in start.items():
@@ -203,19 +202,7 @@ class PlacementSandbox:
             self.settle(BEAT_S, tuple(start))
             if beat * BEAT_S > FIRST_S:
                 moved |= {name for name in start if self._speed_m_s(name) > STILL_M_S}
-            if last and self._all_asleep() and not moved | self._shifted(start):
-                break
-        return moved | self._shifted(start)
-
-    def _shifted(self, start: dict[str, Pose7]) -> set[str]:
-        return {n for n, p in start.items() if math.dist(self.pose(n)[:3], p[:3]) > STILL_M}
-
-    def _all_asleep(self) -> bool:
-        """Whether all that can move in the layout sleeps; the parked robot is out of reach."""
-        loose = self.scene_bodies.movable
-        return all(self.asleep(name) for name in loose) and all(
-            link.sleeping for piece in self._furniture.values() for link in piece.links
-        )
+        return moved | {n for n, p in start.items() if math.dist(self.pose(n)[:3], p[:3]) > STILL_M}
 
     def footprint(self, name: str) -> tuple[Array, float, float]:
         """Measures an object standing upright.

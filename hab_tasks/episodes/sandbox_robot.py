@@ -35,16 +35,26 @@ class SandboxRobot:
         self.agent = HabFetch(scene, CONTROL_HZ, "ee")
         set_up(scene)
         self._robot = sapien_object(self.agent.robot)
-        self._links = {sapien_object(link) for link in self.agent.robot.links}
+        links = [sapien_object(link) for link in self.agent.robot.links]
+        # A link has a weak reference to its entity.
+        self._links, self._entities = set(links), [link.entity for link in links]
         self._rest_qpos: JointPositions = self.agent.rest_qpos().numpy()
         self._base, self._arm = self.agent.base_index.numpy(), self.agent.arm_index.numpy()
 
     def leave(self) -> None:
-        """Removes the robot from its scene for good."""
-        for link in self._links:
-            link.entity.remove_from_scene()
-        del self._scene.articulations[self.agent.robot.name]
-        self._scene.remove_from_state_dict_registry(self.agent.robot)
+        """Removes the robot from its scene, in the state in which it was built."""
+        set_joints(self._robot, np.zeros_like(self._rest_qpos))
+        for joint in self._robot.active_joints:
+            joint.set_drive_target(0.0)
+            joint.set_drive_velocity_target(0.0)
+        for entity in self._entities:
+            entity.remove_from_scene()
+
+    def enter(self) -> None:
+        """Adds the robot to the new simulation of its scene."""
+        for entity in self._entities:
+            self._scene.sub_scenes[0].add_entity(entity)
+        set_up(self._scene)
 
     def stand(self, base: tuple[float, float, float], arm_qpos_rad: Array) -> None:
         """Sets the robot to a pose, at rest."""

@@ -229,7 +229,7 @@ def refuse_unrest(sandbox: PlacementSandbox, episode: Episode) -> None:
     """
     resting = {name: pose for name, pose in episode.objects.items() if name != episode.held}
     pose_scene(sandbox, resting, episode.joints)
-    if sandbox.restless(resting, last=True):
+    if sandbox.restless(resting):
         raise RejectedSampleError("an object moves by itself")
 
 

@@ -225,7 +225,8 @@ class BenchCommand(Command):
     help: ClassVar[str] = BENCH_HELP
 
     suite: Annotated[str, tyro.conf.arg(metavar="NAME")]
-    """Benchmark suite: sim, depth, reset, objects, processes or memory; hab_spa adds plan."""
+    """Benchmark suite: sim, depth, reset, objects, processes, memory, vector or episodes; hab_spa
+    adds plan."""
     json: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     """Output file."""
     scene_dataset: Annotated[Path, tyro.conf.arg(metavar="PATH")]

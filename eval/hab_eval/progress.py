@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
 from tqdm import tqdm
@@ -10,8 +9,7 @@ from tqdm import tqdm
 from hab_eval.evaluate import Reporter
 from hab_eval.plain_text import plain
 from hab_eval.results import EpisodeResult, FinishedEpisode
-
-GENERATION_LINE_INTERVAL_S = 10.0
+from hab_tasks.episodes.progress import GenerationLines
 
 WriteLine = Callable[[str], None]
 
@@ -23,15 +21,11 @@ class PlainReporter:
         self._write = write_line
         self._done = 0
         self._total = 0
-        self._last_line_s = time.monotonic()
+        self._lines = GenerationLines(write_line)
 
     def generating(self, done: int, total: int) -> None:
-        """Writes a line every `GENERATION_LINE_INTERVAL_S`, and at the end."""
-        now_s = time.monotonic()
-        if done < total and now_s - self._last_line_s < GENERATION_LINE_INTERVAL_S:
-            return
-        self._last_line_s = now_s
-        self._write(f"generated {done} of {total} episodes")
+        """Writes a line at intervals, and at the end."""
+        self._lines.show(done, total)
 
     def running(self, done: int, total: int) -> None:
         """Writes the number of episodes."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -12,6 +14,7 @@ from tqdm import tqdm
 
 from hab_tasks.commands.endings import check_ending
 from hab_tasks.console import Command
+from hab_tasks.errors import HabError
 from hab_tasks.files import check_file
 from hab_tasks.option_values import LARGEST_SEED, MOST_WORKERS, whole
 from hab_tasks.registration import imported_id
@@ -48,18 +51,15 @@ Example:
     """Number of worker processes; does not change the episodes."""
     force: bool = False
     """Replace FILE."""
+    resume: bool = False
+    """Continue an interrupted run with the same options."""
 
     def run(self) -> int:
         """Generates and writes the file, then prints the rejected samples by reason."""
         from hab_tasks.episodes import EpisodeRequest, open_source
-        from hab_tasks.episodes.source import UNLIMITED
+        from hab_tasks.episodes.journal import EpisodeJournal, journal_of
 
-        imported_id(self.env)
-        whole("--count", self.count, 1, UNLIMITED)
-        whole("--seed", self.seed, 0, LARGEST_SEED)
-        whole("--workers", self.workers, 1, MOST_WORKERS)
-        check_ending(self.out)
-        check_file(self.out, force=self.force)
+        self._check()
         source = open_source(
             EpisodeRequest(
                 env_id=self.env,
@@ -71,14 +71,51 @@ Example:
                 novel=self.novel,
             )
         )
-        with tqdm(total=self.count, unit="episode", disable=not sys.stderr.isatty()) as bar:
-
-            def show(ready: int, _: int) -> None:
-                bar.update(ready - bar.n)
-
-            source.prepare(self.count, self.workers, show)
+        journal = EpisodeJournal(journal_of(self.out), source.configuration())
+        journal.open(resume=self.resume, force=self.force)
+        source.restore(journal.entries, self.count)
+        with _progress(self.count) as show:
+            source.prepare(self.count, self.workers, show, journal.append)
         source.save(self.count, self.out)
+        journal.remove()
         print(f"wrote {self.count} episodes ({source.split}) to {self.out}")
         for reason, times in sorted(source.rejections.items()):
             print(f"  rejected {times}: {reason}")
         return 0
+
+    def advice(self) -> str:
+        """Returns how to continue."""
+        from hab_tasks.episodes.journal import journal_of
+
+        kept = journal_of(self.out)
+        return f"Use --resume to continue; episodes are kept in {kept}." if kept.exists() else ""
+
+    def _check(self) -> None:
+        from hab_tasks.episodes.journal import journal_of
+        from hab_tasks.episodes.source import UNLIMITED
+
+        imported_id(self.env)
+        whole("--count", self.count, 1, UNLIMITED)
+        whole("--seed", self.seed, 0, LARGEST_SEED)
+        whole("--workers", self.workers, 1, MOST_WORKERS)
+        if self.resume and self.force:
+            raise HabError("--resume keeps the generated episodes, --force drops them: give one.")
+        check_ending(self.out)
+        unfinished = self.resume and journal_of(self.out).exists()
+        check_file(self.out, force=self.force or unfinished)
+
+
+@contextmanager
+def _progress(count: int) -> Iterator[Callable[[int, int], None]]:
+    """Yields a function that shows (episodes ready, `count`): as a bar on a terminal, or lines."""
+    from hab_tasks.episodes.progress import GenerationLines
+
+    if not sys.stderr.isatty():
+        yield GenerationLines(lambda line: print(line, flush=True)).show
+        return
+    with tqdm(total=count, unit="episode") as bar:
+
+        def show(ready: int, _: int) -> None:
+            bar.update(ready - bar.n)
+
+        yield show

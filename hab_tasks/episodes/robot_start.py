@@ -112,10 +112,9 @@ class RobotStarts:
             RejectedSampleError: There is none.
         """
         noise = self.noise
-        cells = self._sandbox.floor().cells_by_distance(
-            target_m, noise.clearance_m, noise.nearest_m
+        near = self._sandbox.floor().cells_around(
+            target_m, noise.clearance_m, noise.nearest_m, noise.farthest_m
         )
-        near = cells[np.linalg.norm(cells - target_m[:2], axis=1) < noise.farthest_m]
         if not len(near):
             raise RejectedSampleError("no free floor near the target")
         reason = "target out of reach"
@@ -188,10 +187,9 @@ class RobotStarts:
     def stand(self, target_m: Array) -> bool:
         """Whether a point (3,) can be reached from the free floor, without noise."""
         noise = self.noise
-        cells = self._sandbox.floor().cells_by_distance(
-            target_m, noise.clearance_m, noise.nearest_m
+        near = self._sandbox.floor().cells_around(
+            target_m, noise.clearance_m, noise.nearest_m, noise.farthest_m
         )
-        near = cells[np.linalg.norm(cells - target_m[:2], axis=1) < noise.farthest_m]
         rest = np.array(ROBOT.rest_qpos_rad)
         for cell in near[:: max(1, len(near) // noise.candidates)]:
             base = self._noisy_base(cell, target_m, np.zeros(6))
@@ -235,8 +233,7 @@ class RobotStarts:
         return self._solve(rest, self._kinematics.position(rest) + self.noise.ee_m * draw)
 
     def _solve(self, arm: Array, goal_m: Array) -> Array | None:
-        for _ in range(40):
-            arm = self._kinematics.displace(arm, goal_m, damping=0.05)
+        arm = self._kinematics.approach(arm, goal_m, steps=40, damping=0.05)
         close = np.linalg.norm(self._kinematics.position(arm) - goal_m) < 0.005
         return arm if close else None
 

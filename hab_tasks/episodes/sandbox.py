@@ -4,33 +4,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import sapien
-import torch
 
-from hab_tasks.constants import CONTROL_HZ, SIM_HZ
+from hab_tasks.constants import SIM_HZ
+from hab_tasks.episodes.layout_memory import BodyState, LayoutMemory, body_states
+from hab_tasks.episodes.sandbox_robot import (
+    TOUCH_DEPTH_M,
+    JointPositions,
+    SandboxRobot,
+    set_joints,
+)
 from hab_tasks.episodes.schema import POSE_DIGITS, rounded, template_of
 from hab_tasks.geometry import Array, Pose7
 from hab_tasks.privileged import CollisionBody
-from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
-from hab_tasks.robots.robot import ROBOT
-from hab_tasks.scenes.floor import FreeFloor, body_points, free_floor
-from hab_tasks.scenes.physics import bare_scene
+from hab_tasks.scenes.floor import FreeFloor, body_points
+from hab_tasks.scenes.physics import bare_scene, renew_physics
 from hab_tasks.scenes.pool import BodyPool
 from hab_tasks.scenes.rays import bounding_ball, distance_along
 from hab_tasks.scenes.scene_bodies import SceneBodies
 from hab_tasks.scenes.shapes import components, matrix
 from hab_tasks.scenes.spec import ObjectTemplate, SceneSpec
-from hab_tasks.simulator import sapien_object, set_up
-
-AWAY_M = 50.0
-"""Parking distance of the robot while objects settle."""
-
-TOUCH_DEPTH_M = 0.001
-"""Allowed overlap of robot links, as adjacent links touch."""
+from hab_tasks.simulator import sapien_object
 
 LOOSE_SETTLE_S = 5.0
 
@@ -39,6 +38,12 @@ STILL_S, STILL_M, STILL_M_S = 2.0, 0.005, 0.01
 
 BEAT_S, FIRST_S = 0.25, 0.5
 """Check interval of speeds, and grace period in which started objects may swing."""
+
+
+Remembered = tuple[list[tuple[Any, sapien.Pose]], list[tuple[Any, JointPositions]]]
+"""Poses of movable objects, and joint positions of furniture."""
+
+_AT_REST = np.zeros(3, dtype=np.float32)
 
 
 class PlacementSandbox:
@@ -53,16 +58,37 @@ class PlacementSandbox:
     scene_bodies: SceneBodies
     bodies: dict[str, CollisionBody]
 
-    def __init__(self, spec: SceneSpec, templates: dict[str, ObjectTemplate]) -> None:
-        """Builds the layout without movable objects, and settles its loose objects."""
+    def __init__(
+        self,
+        spec: SceneSpec,
+        templates: dict[str, ObjectTemplate],
+        memory: LayoutMemory | None = None,
+    ) -> None:
+        """Builds the layout without movable objects, and settles its loose objects.
+
+        Args:
+            spec: The layout.
+            templates: The movable objects by name.
+            memory: Memory of earlier sandboxes with the same dataset and objects.
+        """
         self.templates = templates
+        self.memory = LayoutMemory() if memory is None else memory
         self._scene = bare_scene()
+        self._pool = BodyPool(self._scene, templates, self.memory.bodies)
+        self._robot = SandboxRobot(self._scene)
+        self._agent = self._robot.agent
+        self._begin(spec)
+
+    def begin_again(self, spec: SceneSpec) -> None:
+        """Loads another layout in a new simulation, as a new sandbox does; keeps the bodies."""
+        self._pool.leave()
+        self._robot.leave()
+        renew_physics(self._scene)
+        self._robot.enter()
+        self._begin(spec)
+
+    def _begin(self, spec: SceneSpec) -> None:
         self._px: Any = self._scene.px
-        self._agent = HabFetch(self._scene, CONTROL_HZ, "ee")
-        set_up(self._scene)
-        self._robot = sapien_object(self._agent.robot)
-        self._links = {sapien_object(link) for link in self._agent.robot.links}
-        self._pool = BodyPool(self._scene, templates)
         self.load(spec)
 
     def load(self, spec: SceneSpec) -> None:
@@ -84,19 +110,21 @@ class PlacementSandbox:
         self.bodies = {body.name: body for body in self._pool.bodies()}
         for name in self.scene_bodies.movable:
             self.place(name, self.settled.get(name, self.pose(name)))
-        for furniture in self.scene_bodies.articulations.values():
-            furniture.set_qpos(torch.zeros_like(furniture.get_qpos()))
-            furniture.set_qvel(torch.zeros_like(furniture.get_qpos()))
+        self._furniture = {
+            name: sapien_object(furniture)
+            for name, furniture in self.scene_bodies.articulations.items()
+        }
+        for furniture in self._furniture.values():
+            set_joints(furniture, np.zeros_like(furniture.qpos))
         self.send_robot_away()
 
     def set_joint(self, furniture: str, joint: str, value: float) -> None:
         """Sets one joint [m or rad]; it keeps its position."""
         articulation = self.scene_bodies.articulations[furniture]
-        qpos = articulation.get_qpos()
         index = [j.name for j in articulation.active_joints].index(joint)
-        qpos[0, index] = value
-        articulation.set_qpos(qpos)
-        articulation.set_qvel(torch.zeros_like(qpos))
+        qpos = self._furniture[furniture].qpos.copy()
+        qpos[index] = value
+        set_joints(self._furniture[furniture], qpos)
 
     def joint_limits(self, furniture: str, joint: str) -> tuple[float, float]:
         """Returns the (lower, upper) limits of a joint [m or rad]."""
@@ -107,15 +135,12 @@ class PlacementSandbox:
 
     def place(self, name: str, pose: Pose7) -> None:
         """Sets the pose of a movable object, at rest."""
-        body = self._components[name][1]
-        body.entity.pose = sapien.Pose(list(pose[:3]), list(pose[3:]))
-        body.linear_velocity = np.zeros(3, dtype=np.float32)
-        body.angular_velocity = np.zeros(3, dtype=np.float32)
+        _set_pose(self._components[name][1], sapien.Pose(list(pose[:3]), list(pose[3:])))
 
     def pose(self, name: str) -> Pose7:
         """Returns the pose of a movable object."""
         pose = self._components[name][1].entity_pose
-        return tuple(float(x) for x in (*pose.p, *pose.q))  # type: ignore[return-value]
+        return (*pose.p.tolist(), *pose.q.tolist())
 
     def com_m(self, name: str) -> Array:
         """Returns a movable object's centre of mass (3,) in the world."""
@@ -186,13 +211,7 @@ class PlacementSandbox:
             The centre (3,) of its outline in its own frame, at the height of its origin; the
             outline's radius [m]; its extent below its origin [m].
         """
-        up = np.array(self.templates[template_of(name)].up)
-        points = np.concatenate([body_points(s)[:3] for s in self.bodies[name].shapes], axis=1)
-        heights = up @ points
-        flat = points - np.outer(up, heights)
-        middle = (flat.min(axis=1) + flat.max(axis=1)) / 2
-        radius = np.linalg.norm(flat - middle[:, None], axis=0).max()
-        return middle, float(radius), float(-heights.min())
+        return _footprint(self.bodies[name], tuple(self.templates[template_of(name)].up))
 
     def joint_of(self, furniture: str, link: str) -> str | None:
         """Returns the joint that moves a link, None for a fixed link."""
@@ -217,7 +236,8 @@ class PlacementSandbox:
         """Returns furniture -> joint -> position [m or rad] of all joints that are not closed."""
         found = {}
         for name, furniture in self.scene_bodies.articulations.items():
-            values = zip(furniture.active_joints, furniture.get_qpos()[0].tolist(), strict=True)
+            positions = self._furniture[name].qpos.tolist()
+            values = zip(furniture.active_joints, positions, strict=True)
             moved = {joint.name: round(value, POSE_DIGITS) for joint, value in values}
             moved = {joint: value for joint, value in moved.items() if value}
             if moved:
@@ -229,9 +249,18 @@ class PlacementSandbox:
         key = repr(self.joints())
         if key not in self._floors:
             fixed = self._fixed()
-            poses = {body.name: self.world_from(body.name) for body in fixed}
-            self._floors[key] = free_floor(fixed, poses)
+            poses = [self.world_from(body.name) for body in fixed]
+            self._floors[key] = self.memory.floor(fixed, poses)
         return self._floors[key]
+
+    def floor_known(self) -> bool:
+        """Whether the floor was mapped with the furniture in its current state."""
+        return repr(self.joints()) in self._floors
+
+    def state(self) -> tuple[BodyState, ...]:
+        """Returns a key of the furniture's geometry and poses in `memory`."""
+        fixed = self._fixed()
+        return body_states(fixed, [self.world_from(body.name) for body in fixed])
 
     def free_height_m(self, points_m: Array) -> float:
         """Returns the largest free height [m] vertically above any of the points (K, 3)."""
@@ -271,18 +300,17 @@ class PlacementSandbox:
         self._restore(remembered)
         return hit
 
-    def _remember(self) -> tuple[dict[str, Pose7], dict[str, torch.Tensor]]:
-        furniture = self.scene_bodies.articulations
-        poses = {name: self.pose(name) for name in self.scene_bodies.movable}
-        return poses, {name: piece.get_qpos().clone() for name, piece in furniture.items()}
+    def _remember(self) -> Remembered:
+        bodies = [self._components[name][1] for name in self.scene_bodies.movable]
+        poses = [(body, body.entity_pose) for body in bodies]
+        return poses, [(piece, piece.qpos.copy()) for piece in self._furniture.values()]
 
-    def _restore(self, remembered: tuple[dict[str, Pose7], dict[str, torch.Tensor]]) -> None:
+    def _restore(self, remembered: Remembered) -> None:
         poses, joints = remembered
-        for name, pose in poses.items():
-            self.place(name, pose)
-        for name, qpos in joints.items():
-            self.scene_bodies.articulations[name].set_qpos(qpos)
-            self.scene_bodies.articulations[name].set_qvel(torch.zeros_like(qpos))
+        for body, pose in poses:
+            _set_pose(body, pose)
+        for piece, qpos in joints:
+            set_joints(piece, qpos)
 
     def robot_touches(
         self, base: tuple[float, float, float], arm_qpos_rad: Array, clearance_m: float = 0.0
@@ -292,42 +320,41 @@ class PlacementSandbox:
         Afterwards the robot is parked again, and the bodies it pushed are restored.
         """
         remembered = self._remember()
-        self._stand_robot(base, arm_qpos_rad)
+        self._robot.stand(base, arm_qpos_rad)
         self._px.step()
-        touches = self._robot_contact(clearance_m)
+        touches = self._robot.in_contact(self._px.get_contacts(), clearance_m)
         self.send_robot_away()
         poses, joints = remembered
         # Furniture under load gives way slightly in every step.
-        self._restore((poses if touches else {}, joints))
+        self._restore((poses if touches else [], joints))
         return touches
-
-    def _stand_robot(self, base: tuple[float, float, float], arm_qpos_rad: Array) -> None:
-        qpos = self._agent.rest_qpos()
-        qpos[self._agent.base_index] = torch.tensor(base, dtype=torch.float32)
-        for name, value in zip(ROBOT.arm_joints, arm_qpos_rad, strict=True):
-            qpos[self._agent.joint_index[name]] = float(value)
-        self._robot.set_qpos(qpos.numpy())
-        self._robot.set_qvel(np.zeros(len(qpos), dtype=np.float32))
 
     def stand_robot(
         self, base: tuple[float, float, float], arm_qpos_rad: Array
     ) -> MobileManipulator:
         """Sets the robot to a pose, held until `send_robot_away`; returns the robot."""
-        self._stand_robot(base, arm_qpos_rad)
+        self._robot.stand(base, arm_qpos_rad)
         self._agent.controller.reset()
         return self._agent
 
-    def _robot_contact(self, clearance_m: float) -> bool:
-        for contact in self._px.get_contacts():
-            robots = sum(body in self._links for body in contact.bodies)
-            limit_m = clearance_m if robots == 1 else -TOUCH_DEPTH_M
-            if robots and any(point.separation < limit_m for point in contact.points):
-                return True
-        return False
-
     def send_robot_away(self) -> None:
         """Parks the robot outside the layout."""
-        qpos = self._agent.rest_qpos()
-        qpos[self._agent.base_index[0]] = AWAY_M
-        self._robot.set_qpos(qpos.numpy())
-        self._robot.set_qvel(np.zeros(len(qpos), dtype=np.float32))
+        self._robot.park()
+
+
+def _set_pose(body: Any, pose: sapien.Pose) -> None:
+    """Sets the pose of a SAPIEN body, at rest."""
+    body.entity.pose = pose
+    body.linear_velocity = _AT_REST
+    body.angular_velocity = _AT_REST
+
+
+@lru_cache(maxsize=1024)
+def _footprint(body: CollisionBody, up: tuple[float, ...]) -> tuple[Array, float, float]:
+    axis = np.array(up)
+    points = np.concatenate([body_points(s)[:3] for s in body.shapes], axis=1)
+    heights = axis @ points
+    flat = points - np.outer(axis, heights)
+    middle = (flat.min(axis=1) + flat.max(axis=1)) / 2
+    radius = np.linalg.norm(flat - middle[:, None], axis=0).max()
+    return middle, float(radius), float(-heights.min())

@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import astuple, dataclass
+from dataclasses import asdict, astuple, dataclass
 from importlib import import_module
 from pathlib import Path
+from typing import NamedTuple
 
 from hab_tasks.cache import read_cached, write_cached
 from hab_tasks.episodes.generators import Generator, Made, generator_of
 from hab_tasks.episodes.generators.base import Objects
+from hab_tasks.episodes.made_files import SharedEpisodes
 from hab_tasks.episodes.provenance import check_made_from, made_from, stable_hash
 from hab_tasks.episodes.schema import SCHEMA, Episode, EpisodeSet, read_episodes, write_episodes
 from hab_tasks.errors import EpisodeError, OptionError, UnknownNameError
@@ -34,6 +36,7 @@ from hab_tasks.scenes.spec import SceneSpec
 UNLIMITED = 1_000_000
 NOVELTIES = ("objects", "receptacles")
 Progress = Callable[[int, int], None]
+Record = Callable[[int, Made], None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,8 +88,16 @@ class EpisodeSource:
         rejections: Reason -> number of candidates rejected by this process.
     """
 
-    def __init__(self, request: EpisodeRequest, dataset: SceneDataset) -> None:
-        """Reads the data of the request and previously generated episodes."""
+    def __init__(
+        self, request: EpisodeRequest, dataset: SceneDataset, folder: Path | None = None
+    ) -> None:
+        """Reads the data of the request and previously generated episodes.
+
+        Args:
+            request: The request.
+            dataset: Its scene dataset.
+            folder: Where processes with the same request share the episodes they generate.
+        """
         self._request = request
         self.file = None if request.file is None else Path(request.file)
         self.env_id = imported_id(request.env_id)
@@ -99,6 +110,7 @@ class EpisodeSource:
         self._generator: Generator | None = None
         self._episodes: dict[int, Episode] = {}
         self._scenes: dict[str, SceneSpec] = {}
+        self._others: SharedEpisodes | None = None
         if self.file is not None:
             self._take_file(self.file)
             return
@@ -116,7 +128,10 @@ class EpisodeSource:
             () if task is None else (task.targets, task.starts_open, task.clutter, task.clutter_on)
         )
         key = stable_hash(*map(str, (SCHEMA, *astuple(self.made_from), *spec)))
+        self._task = stable_hash(*map(str, spec)) if spec else None
         self._cached = f"episodes/{key:08x}/{self._name}"
+        if folder is not None:
+            self._others = SharedEpisodes(folder, stable_hash(self._cached))
         kept = read_cached(self._cached, read_episodes)
         if kept is not None:
             self._take(kept)
@@ -129,6 +144,19 @@ class EpisodeSource:
         """The episodes of the file; empty if episodes are generated."""
         return () if self.file is None else tuple(self._episodes.values())
 
+    def configuration(self) -> dict[str, str | int | None]:
+        """Returns all that generated episodes depend on, besides their index."""
+        return {
+            "env": self.env_id,
+            "scene_dataset": self.dataset.name,
+            "split": self.split,
+            "scene": self.scene_id,
+            "seed": self.seed,
+            "novel": self.novel,
+            **asdict(self.made_from),
+            "task": self._task,
+        }
+
     def get(self, index: int) -> Episode:
         """Returns the episode of an index, generating it if necessary.
 
@@ -139,39 +167,65 @@ class EpisodeSource:
         if not 0 <= index < self.available:
             raise EpisodeError(f"Episode {index}: valid indices are 0 to {self.available - 1}.")
         if index not in self._episodes:
-            self._keep(index, self.make(index))
+            made = None if self._others is None else self._others.find(index)
+            if made is None:
+                made = self.make(index)
+                if self._others is not None:
+                    self._others.publish(index, made)
+            self._keep(index, made)
         return self._episodes[index]
 
-    def prepare(self, count: int, workers: int = 1, progress: Progress | None = None) -> bool:
+    def restore(self, made: Mapping[int, Made], count: int) -> None:
+        """Takes those of the first `count` episodes that an earlier process generated."""
+        for index in sorted(made):
+            if index < count and index not in self._episodes:
+                self._keep(index, made[index])
+
+    def prepare(
+        self,
+        count: int,
+        workers: int = 1,
+        progress: Progress | None = None,
+        record: Record | None = None,
+    ) -> bool:
         """Generates the missing ones of the first `count` episodes.
 
         Args:
             count: Number of episodes.
             workers: Number of processes; does not change the episodes.
             progress: Called with (episodes ready, `count`) after each one.
+            record: Called with the index of each generated episode and what was made.
 
         Returns:
             Whether any were missing.
-        """
-        missing = [index for index in range(count) if index not in self._episodes]
-        if workers > 1 and len(missing) > 1:
-            self._generate_in_parallel(missing, workers, count, progress)
-        for ready in range(count):
-            self.get(ready)
-            if progress is not None and workers <= 1:
-                progress(ready + 1, count)
-        return bool(missing)
 
-    def _generate_in_parallel(
-        self, missing: list[int], workers: int, count: int, progress: Progress | None
-    ) -> None:
+        Raises:
+            EpisodeError: The source is a file with fewer episodes.
+        """
+        if self.available < count:
+            self.get(self.available)
+        missing = [index for index in range(count) if index not in self._episodes]
         ready = count - len(missing)
-        with worker_pool(min(workers, len(missing)), _start_worker, (self._request,)) as pool:
-            for index, made in zip(missing, pool.map(_make_in_worker, missing), strict=True):
+        with self._makers(missing, workers) as makers:
+            for index, made in zip(missing, makers, strict=True):
+                if record is not None:
+                    record(index, made)
                 self._keep(index, made)
                 ready += 1
                 if progress is not None:
                     progress(ready, count)
+        if progress is not None and not missing:
+            progress(count, count)
+        return bool(missing)
+
+    @contextmanager
+    def _makers(self, missing: list[int], workers: int) -> Iterator[Iterable[Made]]:
+        """Yields the missing episodes, generated here or in worker processes."""
+        if workers <= 1 or len(missing) <= 1:
+            yield map(self.make, missing)
+            return
+        with worker_pool(min(workers, len(missing)), _start_worker, (self._request,)) as pool:
+            yield pool.map(_make_in_worker, missing)
 
     def scene(self, scene_id: str) -> SceneSpec:
         """Returns a layout; cached."""
@@ -254,18 +308,22 @@ class EpisodeSource:
         self.split, self.available = given.split, len(given)
 
 
-_shared: ContextVar[dict[EpisodeRequest, EpisodeSource] | None] = ContextVar(
-    "_shared", default=None
-)
+class _SharedSources(NamedTuple):
+    sources: dict[EpisodeRequest, EpisodeSource]
+    folder: Path | None
+
+
+_shared: ContextVar[_SharedSources | None] = ContextVar("_shared", default=None)
 
 
 @contextmanager
-def shared_sources() -> Iterator[None]:
+def shared_sources(folder: Path | None = None) -> Iterator[None]:
     """Lets all environments made in this context with the same request share one source.
 
-    An episode is then read or generated once for all of them.
+    An episode is then read or generated once for all of them, and for those of other processes
+    with the same `folder`.
     """
-    token = _shared.set({})
+    token = _shared.set(_SharedSources({}, folder))
     try:
         yield
     finally:
@@ -288,9 +346,9 @@ def open_source(request: EpisodeRequest) -> EpisodeSource:
     shared = _shared.get()
     if shared is None:
         return EpisodeSource(request, dataset)
-    if request not in shared:
-        shared[request] = EpisodeSource(request, dataset)
-    return shared[request]
+    if request not in shared.sources:
+        shared.sources[request] = EpisodeSource(request, dataset, shared.folder)
+    return shared.sources[request]
 
 
 def load_episodes(

@@ -98,11 +98,32 @@ def find_spots(sandbox: PlacementSandbox, names: tuple[str, ...]) -> list[Spot]:
     """
     receptacles = receptacles_named(sandbox, names)
     opened = [_open(sandbox, receptacle) for receptacle in receptacles]
+    key = (sandbox.spec.scene_id, names, repr(opened), sandbox.state())
+    found = sandbox.memory.recall(key, lambda: _usable(sandbox, receptacles, opened))
+    if found.floor_mapped:
+        sandbox.floor()
+    return list(found.spots)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Found:
+    """Usable receptacles, and whether finding them mapped the floor."""
+
+    spots: tuple[Spot, ...]
+    floor_mapped: bool
+
+
+def _usable(
+    sandbox: PlacementSandbox,
+    receptacles: list[Receptacle],
+    opened: list[dict[str, dict[str, float]]],
+) -> _Found:
     found = [
         spot_of(sandbox, receptacle, joints)
         for receptacle, joints in zip(receptacles, opened, strict=True)
     ]
-    return [spot for spot in found if unusable(sandbox, spot) is None]
+    spots = tuple(spot for spot in found if unusable(sandbox, spot) is None)
+    return _Found(spots=spots, floor_mapped=sandbox.floor_known())
 
 
 def receptacles_named(sandbox: PlacementSandbox, names: tuple[str, ...]) -> list[Receptacle]:
@@ -138,10 +159,10 @@ def unusable(sandbox: PlacementSandbox, spot: Spot) -> str | None:
         return "higher than the arm reaches"
     if sandbox.free_height_m(_corners(spot)) < min(LEAST_ROOM_M, spot.height_m) - ABOVE_BOARD_M:
         return "covered"
-    nearest = sandbox.floor().cells_by_distance(spot.center_m, 0.0, 0.0)
-    if not len(nearest):
+    nearest = sandbox.floor().nearest_cell(spot.center_m)
+    if nearest is None:
         return "no free floor in the layout"
-    offsets = np.abs((nearest[0] - spot.center_m[:2]) @ spot.axes[:2])
+    offsets = np.abs((nearest - spot.center_m[:2]) @ spot.axes[:2])
     if np.linalg.norm(np.maximum(offsets - spot.half_m, 0.0)) > FLOOR_REACH_M:
         return "too far from free floor"
     return None

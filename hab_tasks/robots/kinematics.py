@@ -69,11 +69,14 @@ def arm_model() -> tuple[pin.Model, int]:
     return model, model.addFrame(ee)
 
 
+_shared_arm_model = lru_cache(maxsize=1)(arm_model)
+
+
 class ArmKinematics:
     """End-effector position and Jacobian of the arm, in the base frame."""
 
     def __init__(self) -> None:
-        self._model, self._ee = arm_model()
+        self._model, self._ee = _shared_arm_model()
         self._data = self._model.createData()
         self._chain: Any = None
 
@@ -96,6 +99,19 @@ class ArmKinematics:
         """
         position, jacobian = self.position_and_jacobian(qpos)
         return _damped_step(qpos, jacobian, target_m - position, damping)
+
+    def approach(self, qpos: Array, target_m: Array, steps: int, damping: float) -> Array:
+        """Returns the arm (7,) after a number of steps of `displace` towards a target (3,)."""
+        path: list[Array] = []
+        number: dict[bytes, int] = {}
+        for step in range(steps):
+            # At the target, the last digits repeat with a short period, and so does the rest.
+            first = number.setdefault(qpos.tobytes(), step)
+            if first < step:
+                return path[first + (steps - first) % (step - first)]
+            path.append(qpos)
+            qpos = self.displace(qpos, target_m, damping)
+        return qpos
 
     def move(
         self, qpos: Array, step_m: Array, lower_m: Array, upper_m: Array, damping: float = 0.02
@@ -148,19 +164,24 @@ def _damped_step(qpos: Array, jacobian: Array, error_m: Array, damping: float) -
     """Solves once, and again without the joints that reached a limit, if any."""
     wanted = qpos + _solve(jacobian, error_m, damping)
     moved = np.minimum(np.maximum(wanted, _LOWER), _UPPER)
-    free = moved == wanted
-    if free.all():
+    if moved.tobytes() == wanted.tobytes():
         return moved
+    free = moved == wanted
     left_m = error_m - jacobian @ (moved - qpos)
     again = moved + _solve(jacobian * free, left_m, damping)
     return np.minimum(np.maximum(again, _LOWER), _UPPER)
 
 
 def _solve(jacobian: Array, error_m: Array, damping: float) -> Array:
-    gram = jacobian @ jacobian.T + damping**2 * _EYE
+    gram = jacobian @ jacobian.T + _damping_matrix(damping)
     # Call LAPACK directly: for a 3 x 3 system, numpy's checks take ten times as long as solving.
     _, weights, _ = dposv(gram, error_m)
     return jacobian.T @ weights
+
+
+@lru_cache(maxsize=16)
+def _damping_matrix(damping: float) -> Array:
+    return damping**2 * _EYE
 
 
 def _solve_batch(jacobian: Tensor, error_m: Tensor, damping: float) -> Tensor:

@@ -16,6 +16,7 @@ from hab_tasks.robots.cameras import CameraRig
 from hab_tasks.robots.control import HabController, HabControllerConfig, control_configs
 from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.scenes.collision_groups import FLOOR_BIT, ROBOT, set_groups
+from hab_tasks.scenes.parsed_urdf import articulation_builder
 from hab_tasks.scenes.urdf import urdf_file
 from hab_tasks.simulator import sapien_objects
 
@@ -51,10 +52,22 @@ class MobileManipulator(BaseAgent):
 
     def _load_articulation(self, initial_pose: object = None) -> None:
         start = sapien.Pose([0.0, 0.0, self.spec.base_height_m])
+        if initial_pose is None and not (self.scene.can_render() or self.build_separate):
+            self._load_parsed(start)
+            return
         with urdf_file(self.urdf(visuals=self.scene.can_render()), self.uid) as path:
             path.with_suffix(".srdf").write_text(self.srdf(), encoding="utf-8")
             self.urdf_path = str(path)
             super()._load_articulation(start if initial_pose is None else initial_pose)  # type: ignore[arg-type]
+
+    def _load_parsed(self, start: sapien.Pose) -> None:
+        """Loads the robot as ManiSkill does, but parses its URDF once for all scenes."""
+        name = self.uid if self._agent_idx is None else f"{self.uid}-agent-{self._agent_idx}"
+        text = self.urdf(visuals=False)
+        with articulation_builder(self.scene, text, name, srdf=self.srdf()) as builder:
+            builder.initial_pose = start
+            self.robot = builder.build()
+        self.robot_link_names = [link.name for link in self.robot.get_links()]
 
     def _after_init(self) -> None:
         self.ee_link = self.link(self.spec.ee_link)

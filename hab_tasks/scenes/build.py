@@ -28,6 +28,7 @@ from hab_tasks.scenes.collision_groups import (
 )
 from hab_tasks.scenes.joint_friction import brake
 from hab_tasks.scenes.meshes import parts_volume, textured_glb
+from hab_tasks.scenes.parsed_urdf import articulation_builder
 from hab_tasks.scenes.spec import (
     ArticulationInstance,
     CollisionSource,
@@ -105,18 +106,15 @@ class BodyBuilder:
 
     def articulation(self, furniture: ArticulationInstance, group: int) -> Articulation:
         """Builds articulated furniture; `group` disables collisions between its links."""
-        loader = self.scene.create_urdf_loader()
-        loader.name = furniture.name
-        loader.fix_root_link = True
-        loader.scale = furniture.scale
-        loader.load_multiple_collisions_from_file = True
-        with sapien_urdf(furniture.urdf_file, visuals=self.visuals) as path:
-            builder = loader.parse(str(path))["articulation_builders"][0]
-        builder.initial_pose = to_sapien(furniture.world_from_root)
-        for link in builder.link_builders:
-            link.collision_groups = [*FRONT, FURNITURE_BIT, group]
-        built = builder.build()
-        stated = {link.name: len(link.collision_records) for link in builder.link_builders}
+        text = sapien_urdf(furniture.urdf_file, visuals=self.visuals)
+        with articulation_builder(
+            self.scene, text, furniture.name, scale=furniture.scale, many_parts=True
+        ) as builder:
+            builder.initial_pose = to_sapien(furniture.world_from_root)
+            for link in builder.link_builders:
+                link.collision_groups = [*FRONT, FURNITURE_BIT, group]
+            built = builder.build()
+            stated = {link.name: len(link.collision_records) for link in builder.link_builders}
         for link in built.links:
             if any(len(body.collision_shapes) < stated[link.name] for body in sapien_objects(link)):
                 words = f"link {link.name!r} has collision meshes that the engine cannot read"

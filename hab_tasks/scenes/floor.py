@@ -7,7 +7,8 @@ and distances are from the centre of a cell to the edge of the nearest obstacle 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,7 @@ class FreeFloor:
     origin_m: Array
     clearance_m: Array
     room: NDArray[np.bool_]
+    _kept: dict[float, Array] = field(default_factory=dict, init=False, repr=False)
 
     def cells_by_distance(self, point_m: Array, clearance_m: float, nearest_m: float) -> Array:
         """Returns usable positions (K, 2), nearest to `point_m` (2,) first.
@@ -49,11 +51,33 @@ class FreeFloor:
             clearance_m: Minimum clearance of a position.
             nearest_m: Minimum distance of a position to the point.
         """
-        cells = np.argwhere(self.room & (self.clearance_m >= clearance_m))
-        positions = self.origin_m + CELL_M * cells
+        positions = self._positions(clearance_m)
         distance = np.linalg.norm(positions - point_m[:2], axis=1)
         order = np.argsort(distance, kind="stable")
         return positions[order[distance[order] >= nearest_m]]
+
+    def cells_around(
+        self, point_m: Array, clearance_m: float, nearest_m: float, farthest_m: float
+    ) -> Array:
+        """Returns those of `cells_by_distance` that are nearer to the point than `farthest_m`."""
+        positions = self._positions(clearance_m)
+        distance = np.linalg.norm(positions - point_m[:2], axis=1)
+        within = (distance >= nearest_m) & (distance < farthest_m)
+        return positions[within][np.argsort(distance[within], kind="stable")]
+
+    def nearest_cell(self, point_m: Array) -> Array | None:
+        """Returns the usable position (2,) nearest to a point; None if there is none."""
+        positions = self._positions(0.0)
+        if not len(positions):
+            return None
+        return positions[np.argmin(np.linalg.norm(positions - point_m[:2], axis=1))]
+
+    def _positions(self, clearance_m: float) -> Array:
+        """Returns the usable positions (K, 2) with a minimum clearance."""
+        if clearance_m not in self._kept:
+            cells = np.argwhere(self.room & (self.clearance_m >= clearance_m))
+            self._kept[clearance_m] = self.origin_m + CELL_M * cells
+        return self._kept[clearance_m]
 
     def clearance_at(self, point_m: Array) -> float:
         """Returns the clearance [m] at a position (2,), 0 outside the map."""
@@ -76,6 +100,19 @@ class Footprint:
         return self.high_m > heights_m[0] and self.low_m < heights_m[1]
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BodyOutline:
+    """Contribution of a body to the map.
+
+    Attributes:
+        outlines_m: Convex polygons (V, 2) of its shapes that are in the way.
+        ground_m: Points (P, 2) that the map has to cover, of the stage.
+    """
+
+    outlines_m: tuple[Array, ...]
+    ground_m: tuple[Array, ...]
+
+
 def free_floor(
     bodies: Iterable[CollisionBody],
     world_from_body: dict[str, Array],
@@ -90,14 +127,33 @@ def free_floor(
         radius_m: Radius of the base.
         heights_m: Height range of obstacles.
     """
-    outlines = []
-    ground = []
-    for body in bodies:
-        for shape in body.shapes:
-            points = (world_from_body[body.name] @ body_points(shape))[:3]
-            if body.group == "stage":
-                ground.append(points[:2].T)
-            outlines += [f.outline_m for f in footprints(points) if f.in_the_way(heights_m)]
+    parts = [body_outline(body, world_from_body[body.name], heights_m) for body in bodies]
+    return floor_of(parts, radius_m)
+
+
+def body_outline(
+    body: CollisionBody,
+    world_from_body: Array,
+    heights_m: tuple[float, float] = (LOWEST_M, HIGHEST_M),
+) -> BodyOutline:
+    """Returns what a body at a pose (4, 4) contributes to the map."""
+    outlines: list[Array] = []
+    ground: list[Array] = []
+    for shape in body.shapes:
+        points = (world_from_body @ body_points(shape))[:3]
+        if body.group == "stage":
+            ground.append(points[:2].T)
+        outlines += [f.outline_m for f in footprints(points) if f.in_the_way(heights_m)]
+    return BodyOutline(outlines_m=tuple(outlines), ground_m=tuple(ground))
+
+
+def floor_of(parts: Iterable[BodyOutline], radius_m: float = BASE_RADIUS_M) -> FreeFloor:
+    """Maps the free floor between bodies, from their outlines."""
+    outlines: list[Array] = []
+    ground: list[Array] = []
+    for part in parts:
+        outlines += part.outlines_m
+        ground += part.ground_m
     return floor_between(outlines, np.concatenate(ground or outlines), radius_m)
 
 
@@ -172,6 +228,7 @@ def largest_area(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return cells & (labels == np.argmax(sizes))
 
 
+@lru_cache(maxsize=8192)
 def body_points(shape: CollisionShape) -> Array:
     """Returns the shape's corner points in the body frame as homogeneous columns (4, K)."""
     if shape.kind == "convex":
@@ -184,7 +241,9 @@ def body_points(shape: CollisionShape) -> Array:
             half = np.full(3, half[0])
         signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
         points = signs * half
-    return shape.body_from_shape @ np.vstack((points.T, np.ones(len(points))))
+    corners = shape.body_from_shape @ np.vstack((points.T, np.ones(len(points))))
+    corners.flags.writeable = False
+    return corners
 
 
 def outline(points: Array) -> Array:

@@ -38,12 +38,27 @@ def bare_scene(renderer: str = "none") -> ManiSkillScene:
         renderer: ManiSkill's name of the render device, or ``none``.
     """
     config = sim_config()
-    use_settings(config)
     backend = parse_sim_and_render_backend("physx_cpu", renderer)
-    systems: list[Any] = [physx.PhysxCpuSystem()]
-    systems[0].timestep = 1.0 / SIM_HZ
+    systems: list[Any] = [_new_system(config)]
     if renderer != "none":
         systems.append(sapien.render.RenderSystem(backend.render_device))
     return ManiSkillScene(
         [sapien.Scene(systems)], sim_config=config, device=backend.device, backend=backend
     )
+
+
+def renew_physics(scene: ManiSkillScene) -> None:
+    """Gives a scene of `bare_scene` without a renderer a new simulation; its bodies have left it.
+
+    A new simulation has no contact caches, whatever was in the scene before.
+    """
+    system: Any = _new_system(scene.sim_config)
+    scene.sub_scenes = [sapien.Scene([system])]
+    scene.px = system
+
+
+def _new_system(config: SimConfig) -> physx.PhysxCpuSystem:
+    use_settings(config)
+    system = physx.PhysxCpuSystem()
+    system.timestep = 1.0 / SIM_HZ
+    return system

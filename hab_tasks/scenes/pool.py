@@ -11,11 +11,12 @@ reproducible runs, start from a new simulation.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Hashable, Iterable
 from typing import Any
 
 import numpy as np
 import sapien
+import torch
 from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.utils.structs import Actor, Articulation
 from transforms3d.quaternions import quat2mat
@@ -30,6 +31,9 @@ from hab_tasks.scenes.shapes import components, read_body
 from hab_tasks.scenes.spec import ArticulationInstance, ObjectTemplate, SceneSpec
 from hab_tasks.simulator import sapien_object
 
+MOST_KEPT = 2000
+"""Maximum number of bodies kept for a new simulation."""
+
 Body = Actor | Articulation
 Key = tuple[object, ...]
 
@@ -43,8 +47,19 @@ class BodyPool:
 
     scene_bodies: SceneBodies
 
-    def __init__(self, scene: ManiSkillScene, templates: dict[str, ObjectTemplate]) -> None:
-        """Creates an empty pool; `templates` are the movable objects by name."""
+    def __init__(
+        self,
+        scene: ManiSkillScene,
+        templates: dict[str, ObjectTemplate],
+        read: dict[Hashable, CollisionBody] | None = None,
+    ) -> None:
+        """Creates an empty pool.
+
+        Args:
+            scene: The scene to build in.
+            templates: The movable objects by name.
+            read: Collision bodies read before, in pools of the same dataset and objects.
+        """
         self._scene, self._templates = scene, templates
         self._builder = BodyBuilder(scene)
         self._built: dict[Key, Body] = {}
@@ -53,7 +68,7 @@ class BodyPool:
         self._pose: dict[Key, Pose7] = {}
         self._shown: dict[Key, Body] = {}
         self._parking: Actor | None = None
-        self._read: dict[int, CollisionBody] = {}
+        self._read: dict[Hashable, CollisionBody] = {} if read is None else read
 
     def show(self, spec: SceneSpec, objects: Iterable[str]) -> SceneBodies:
         """Activates a layout with movable objects; removes all other bodies from the scene.
@@ -65,8 +80,7 @@ class BodyPool:
         Raises:
             EpisodeError: An object of a template that was not loaded.
         """
-        before, self._shown = self._shown, {}
-        self._hide(before)
+        self._clear()
         scene_bodies = self.scene_bodies = SceneBodies(spec=spec)
         scene_bodies.stage = self._stage(spec)
         for item in spec.objects:
@@ -87,11 +101,32 @@ class BodyPool:
             scene_bodies.parking = self._builder.parking(len(scene_bodies.pickables))
         return scene_bodies
 
+    def leave(self) -> None:
+        """Empties the scene before it gets a new simulation.
+
+        Kept bodies behave in it as if built anew: loose objects are dropped and joints set to zero,
+        as the engine keeps their state outside the simulation.
+        """
+        for built in self._shown.values():
+            if isinstance(built, Articulation):
+                built.set_qpos(torch.zeros_like(built.get_qpos()))
+                built.set_qvel(torch.zeros_like(built.get_qpos()))
+        self._clear()
+        full = len(self._built) > MOST_KEPT
+        for key in [key for key in self._built if full or key[0] == "loose"]:
+            del self._built[key], self._entities[key], self._pose[key]
+
+    def _clear(self) -> None:
+        before, self._shown = self._shown, {}
+        self._hide(before)
+
     def bodies(self) -> tuple[CollisionBody, ...]:
         """Returns the collision bodies of the active layout; each body is read once."""
         found = []
+        named = {key[0] if key[0] == "stage" else key[1]: key for key in self._shown}
         for name, group, component in components(self.scene_bodies):
-            key = id(component)
+            owner = name.rpartition("/")[0] if group == "furniture" else name
+            key = (named[owner], name)
             if key not in self._read:
                 self._read[key] = read_body(name, group, component)
             found.append(self._read[key])

@@ -29,7 +29,7 @@ def distance_along(shape: CollisionShape, points_m: Array, direction: Array) -> 
     return np.where(missed, np.inf, np.maximum(entry, 0.0))
 
 
-@lru_cache(maxsize=1024)
+@lru_cache(maxsize=8192)
 def bounding_ball(body: CollisionBody) -> tuple[Array, float]:
     """Returns centre (3,) in the body's frame and radius [m] of a bounding sphere."""
     points = np.concatenate([body_points(shape)[:3] for shape in body.shapes], axis=1)

@@ -39,13 +39,6 @@ def check_urdf(file: Path) -> None:
 
 
 @contextmanager
-def sapien_urdf(file: Path, visuals: bool) -> Iterator[Path]:
-    """Yields a temporary copy of the URDF for SAPIEN, with or without visual meshes."""
-    with urdf_file(_mended(file, visuals), file.stem) as path:
-        yield path
-
-
-@contextmanager
 def urdf_file(text: str, stem: str) -> Iterator[Path]:
     """Yields a temporary file ``STEM.urdf`` with this text."""
     folder = temporary_folder()
@@ -58,8 +51,8 @@ def urdf_file(text: str, stem: str) -> Iterator[Path]:
 
 
 @lru_cache(maxsize=512)
-def _mended(file: Path, visuals: bool) -> str:
-    """Returns the text of a URDF as SAPIEN can load it."""
+def sapien_urdf(file: Path, visuals: bool) -> str:
+    """Returns the text of a URDF as SAPIEN can load it, with or without visual meshes."""
     check_urdf(file)
     root = read_urdf(file)
     mend_numbers(root)
@@ -123,6 +116,7 @@ def joint_limits(file: Path) -> dict[str, tuple[float, float]]:
     return limits
 
 
+@lru_cache(maxsize=512)
 def joint_frictions(file: Path) -> dict[str, float]:
     """Returns joint name -> friction [N or N m] of the joints that state one."""
     stated = {}

@@ -43,14 +43,15 @@ class NavigateStarts(Generator):
         """Samples layouts from `scenes`; `load` reads one."""
         super().__init__(scenes, load, objects)
         self._maps = LayoutMaps(load)
+        self._others: dict[str, Generator] = {}
 
     def attempt(self, sandbox: PlacementSandbox, rng: np.random.Generator) -> Episode:
         """Returns one candidate."""
         others = [env_id for env_id in SKILLS if env_id != NAVIGATE_ID]
         skill = others[int(rng.integers(len(others)))]
-        other_starts = starts_of(skill)(self.scenes, self.load, self.objects)
-        other_starts.refused = self.refused
-        episode = other_starts.attempt(sandbox, rng)
+        if skill not in self._others:
+            self._others[skill] = starts_of(skill)(self.scenes, self.load, self.objects)
+        episode = self._others[skill].attempt_for(self, sandbox, rng)
         goal = NavigationGoal(skill=skill, base=episode.robot.base)
         objects = dict(episode.objects)
         robot = self.starts(sandbox, rng).anywhere(np.array(goal.base[:2]), LEAST_WAY_M)

@@ -6,6 +6,7 @@ else (start, resets, calls) is pickled, between processes of one program only.
 
 from __future__ import annotations
 
+import pathlib
 import pickle
 from dataclasses import dataclass
 from typing import Any
@@ -28,6 +29,7 @@ class WorkerSetup:
         group_sizes: Number of its rows in each group.
         max_steps: Number of steps after which an episode is truncated; None for no limit.
         autoreset: When rows are reset.
+        episodes_folder: Where the workers share the episodes they generate.
     """
 
     reference: str
@@ -35,6 +37,7 @@ class WorkerSetup:
     group_sizes: tuple[int, ...]
     max_steps: int | None
     autoreset: AutoresetMode
+    episodes_folder: pathlib.Path | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

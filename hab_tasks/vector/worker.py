@@ -66,7 +66,7 @@ def _serve(connection: Connection, setup: WorkerSetup) -> None:
 
 def make_rows(setup: WorkerSetup) -> list[HabEnv]:
     """Returns the environments of all rows of a worker."""
-    with shared_sources():
+    with shared_sources(setup.episodes_folder):
         envs: list[Any] = [
             gym.make(setup.reference, **setup.options).unwrapped
             for _ in range(sum(setup.group_sizes))

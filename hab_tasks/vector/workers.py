@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import shutil
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from multiprocessing import reduction
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
@@ -12,6 +13,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from hab_tasks.cache import temporary_folder
 from hab_tasks.errors import HabError, RunStoppedError
 from hab_tasks.processes import WORKER_CONTEXT
 from hab_tasks.vector.layout import Path, RowLayout
@@ -105,8 +107,11 @@ class WorkerTeam:
         self.closed = False
         self._workers: list[_Worker] = []
         self._shared: SharedArrays | None = None
+        # Removed by `close`, or after a kill when the next process creates one.
+        self._folder = temporary_folder() if len(setups) > 1 else None
         with self.closed_on_error():
-            for setup, firsts in zip(setups, starts, strict=True):
+            for one, firsts in zip(setups, starts, strict=True):
+                setup = replace(one, episodes_folder=self._folder)
                 ours, theirs = WORKER_CONTEXT.Pipe()
                 process = WORKER_CONTEXT.Process(
                     target=run_worker, args=(theirs, setup), daemon=True, name="hab_tasks rows"
@@ -203,3 +208,5 @@ class WorkerTeam:
             worker.process.close()
         if self._shared is not None:
             self._shared.close()
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)

@@ -10,6 +10,7 @@ from hab_eval.bench import memory as bench_memory
 from hab_eval.bench import objects as bench_objects
 from hab_eval.bench import processes as bench_vector
 from hab_eval.bench import vector as native_vector
+from hab_eval.bench.episodes import Generation, generation_rows
 from hab_eval.bench.hab_env import actions_of, control_of, motion_of
 from hab_eval.bench.layout import SCENE_SUFFIX
 from hab_eval.bench.memory import Memory, Reading, further_mb, memory_rows, parse_rollup
@@ -48,9 +49,8 @@ def episode(held=None):
 
 
 def test_every_suite_is_found_under_its_own_name():
-    assert {"sim", "depth", "reset", "objects", "processes", "memory", "plan", "vector"} <= set(
-        suite_names()
-    )
+    ours = {"sim", "depth", "reset", "objects", "processes", "memory", "vector", "episodes"}
+    assert ours | {"plan"} <= set(suite_names())
     assert [find_suite(name).name for name in suite_names()] == suite_names()
 
 
@@ -286,3 +286,26 @@ def test_vector_environments_are_measured(replica_cad, monkeypatch):
     assert all(row.value > 0 and row.reference_value > 0 for row in rows.values())
     assert rows["16_rows_physics_share"].value < 1.0
     assert rows["16_rows_and_maniskill"].ratio > 1.5  # 7 with 16 rows, on an idle machine
+
+
+def test_generation_is_extrapolated_to_a_whole_set():
+    timings = [Generation(episodes=10, cpu_s=2.0, wall_s=1.1)]
+    cpu, wall, whole = generation_rows(("episodes", "train", "HabPick-v1"), timings, 0.1)
+    assert cpu.name == "episodes/train/HabPick-v1/cpu_per_episode"
+    assert (cpu.value, cpu.reference_value, cpu.unit) == (0.2, 0.2, "s")
+    assert (wall.value, wall.reference_value) == pytest.approx((0.11, 0.1))
+    assert whole.name.endswith("5000_episodes_extrapolated")
+    assert (whole.value, whole.reference_value) == pytest.approx((550.0, 500.0))
+
+
+@pytest.mark.slow
+@pytest.mark.assets
+def test_generation_is_measured(replica_cad):
+    asked = options("episodes", replica_cad, repeats=1, steps=2, envs=("HabOpenDrawer-v1",))
+    rows = find_suite("episodes").run(asked, str)
+    assert [row.name.rsplit("/", 1)[-1] for row in rows] == [
+        "cpu_per_episode",
+        "wall_per_episode",
+        "5000_episodes_extrapolated",
+    ]
+    assert all(0.0 < row.value / row.reference_value < 50.0 for row in rows)

@@ -88,3 +88,15 @@ def test_rows_in_replica_cad_equal_single_environments(env_id, replica_cad, ycb)
         objects=str(ycb),
         obs_mode="state_dict",
     )
+
+
+@slow
+def test_workers_share_the_episodes_they_generate():
+    env = make_vec("HabPick-v1", 2, num_workers=2, num_episodes=1, episode_seed=91)
+    try:
+        env.reset(seed=[3, 3])
+        folder = env._team._folder
+        assert [file.suffix for file in folder.iterdir()] == [".json"]
+    finally:
+        env.close()
+    assert not folder.exists()

@@ -14,6 +14,7 @@ from typing import ClassVar
 import numpy as np
 from transforms3d import quaternions
 
+from hab_tasks.episodes.layout_memory import LayoutMemory
 from hab_tasks.episodes.placing import Placer, Settling
 from hab_tasks.episodes.rejection import RejectedSampleError
 from hab_tasks.episodes.robot_start import (
@@ -85,6 +86,8 @@ class Generator(ABC):
         self.scenes, self.load, self.objects = scenes, load, objects
         self.kinematics = ArmKinematics()
         self.refused: Counter[str] = Counter()
+        self.memory = LayoutMemory()
+        self._sandbox: PlacementSandbox | None = None
         self._spots: dict[tuple[str, ...], list[Spot]] = {}
 
     @abstractmethod
@@ -94,6 +97,13 @@ class Generator(ABC):
         Raises:
             RejectedSampleError: The candidate is invalid.
         """
+
+    def attempt_for(
+        self, other: Generator, sandbox: PlacementSandbox, rng: np.random.Generator
+    ) -> Episode:
+        """Returns one candidate as part of an attempt of another generator."""
+        self.refused, self._spots = other.refused, {}
+        return self.attempt(sandbox, rng)
 
     def generate(self, episode_id: str, seed: tuple[int, ...], first: str | None = None) -> Made:
         """Generates one episode.
@@ -114,7 +124,7 @@ class Generator(ABC):
             if number == 0 and first is not None:
                 scene_id = first
             # A fresh simulation, as contact caches of an earlier episode affect the result.
-            sandbox = PlacementSandbox(self.load(scene_id), self.objects.templates)
+            sandbox = self._new_sandbox(self.load(scene_id))
             self._spots = {}
             for _ in range(ATTEMPTS // layouts):
                 try:
@@ -131,6 +141,17 @@ class Generator(ABC):
                 )
                 return Made(episode=made, rejections=refused)
         raise GenerationError(f"{episode_id}: no start state found; rejected: {dict(refused)}.")
+
+    def _new_sandbox(self, spec: SceneSpec) -> PlacementSandbox:
+        """Returns a sandbox with a new simulation; bodies of the previous one are used again."""
+        # One that was interrupted while it began again is not used any more.
+        sandbox, self._sandbox = self._sandbox, None
+        if sandbox is None:
+            sandbox = PlacementSandbox(spec, self.objects.templates, self.memory)
+        else:
+            sandbox.begin_again(spec)
+        self._sandbox = sandbox
+        return sandbox
 
     # Parts of an attempt ---------------------------------------------------------------------
 

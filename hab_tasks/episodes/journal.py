@@ -1,0 +1,112 @@
+"""Journal of an episode file in the making, so that a killed command can be resumed.
+
+`OUT.journal` has one JSON object a line: first the configuration, then each episode with its index
+and rejections. A layout's loose objects are in the first of its episodes.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from hab_tasks.episodes.fields import naming
+from hab_tasks.episodes.generators.base import Made
+from hab_tasks.episodes.made_files import Scenes, made_from_json, made_to_json
+from hab_tasks.episodes.schema import SCHEMA
+from hab_tasks.errors import EpisodeError, FileError
+from hab_tasks.files import check_file
+from hab_tasks.typed_values import integer, mapping
+
+Configuration = dict[str, str | int | None]
+
+VERSION = 1
+
+
+class EpisodeJournal:
+    """The journal of one episode file.
+
+    Attributes:
+        file: Path of the journal.
+        entries: Episodes in the journal, by index.
+    """
+
+    def __init__(self, file: Path, configuration: Configuration) -> None:
+        """Keeps episodes that are generated with this configuration."""
+        self.file = file
+        self.entries: dict[int, Made] = {}
+        self._configuration = {"journal": VERSION, "schema": SCHEMA, **configuration}
+        self._scenes: Scenes = {}
+
+    def open(self, *, resume: bool, force: bool) -> None:
+        """Reads the journal of an interrupted command, or begins a new one.
+
+        Raises:
+            EpisodeError: There is one, and neither `resume` nor `force` was given; it belongs to
+                another configuration, or is damaged.
+            FileError: It cannot be written.
+        """
+        check_file(self.file, force=True)
+        there = self.file.exists()
+        if there and not (resume or force):
+            raise EpisodeError(
+                f"{self.file} is of an interrupted run. Use --resume to continue it, or --force to "
+                "start again."
+            )
+        lines = self._whole_lines() if there and resume else []
+        if lines:
+            self._read(lines)
+        else:
+            self._write(self._configuration, "w")
+
+    def append(self, index: int, made: Made) -> None:
+        """Appends an episode.
+
+        Raises:
+            FileError: The disk is full.
+        """
+        self._write({"index": index, **made_to_json(made, self._scenes)}, "a")
+
+    def remove(self) -> None:
+        """Removes the journal of a finished file."""
+        self.file.unlink(missing_ok=True)
+
+    def _write(self, line: dict[str, Any], mode: str) -> None:
+        try:
+            with self.file.open(mode, encoding="utf-8") as file:
+                file.write(json.dumps(line) + "\n")
+        except OSError as error:
+            raise FileError(self.file, f"cannot be written: {error.strerror or error}") from error
+
+    def _whole_lines(self) -> list[bytes]:
+        """Returns the lines; truncates an incomplete last one."""
+        whole, newline, torn = self.file.read_bytes().rpartition(b"\n")
+        if torn:
+            with self.file.open("r+b") as file:
+                file.truncate(len(whole) + len(newline))
+        return whole.split(b"\n") if whole else []
+
+    def _read(self, lines: list[bytes]) -> None:
+        with naming(str(self.file), "line 1"):
+            before = mapping(json.loads(lines[0]))
+        now = self._configuration
+        different = [
+            f"{name}: {before.get(name)!r} before, {now.get(name)!r} now"
+            for name in dict.fromkeys([*now, *before])
+            if before.get(name) != now.get(name)
+        ]
+        if different:
+            raise EpisodeError(f"{self.file} belongs to another run: {'; '.join(different)}.")
+        for number, line in enumerate(lines[1:], start=2):
+            self._read_entry(line, f"{self.file}: line {number}")
+
+    def _read_entry(self, line: bytes, where: str) -> None:
+        with naming(where, "index"):
+            raw = mapping(json.loads(line))
+            index = integer(raw["index"])
+        self.entries[index] = made_from_json(raw, self._scenes, where)
+
+
+def journal_of(out: Path) -> Path:
+    """Returns the path of the journal of an episode file."""
+    return out.with_name(f"{out.name}.journal")

@@ -1,0 +1,128 @@
+"""Interrupted episode files: journal, and `hab-tasks episodes --resume`."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from hab_tasks.episodes import read_episodes
+from hab_tasks.episodes.journal import EpisodeJournal, journal_of
+from hab_tasks.episodes.schema import save_json
+from hab_tasks.episodes.source import EpisodeRequest, open_source
+from hab_tasks.errors import EpisodeError
+
+SCRIPT = Path(sys.executable).with_name("hab-tasks")
+COMMAND = ("episodes", "--env", "HabOpenDrawer-v1", "--split", "train", "--seed", "11")
+COUNT = 4
+STARTED_WITHIN_S = 120.0
+
+
+@pytest.fixture(scope="module")
+def source():
+    return open_source(EpisodeRequest(env_id=COMMAND[2], split="train", seed=11))
+
+
+@pytest.fixture(scope="module")
+def whole(source, tmp_path_factory):
+    """The file of an uninterrupted run."""
+    source.prepare(COUNT)
+    return source.save(COUNT, tmp_path_factory.mktemp("whole") / "out.json")
+
+
+def kept_lines(out):
+    journal = journal_of(out)
+    return journal.read_bytes().count(b"\n") if journal.exists() else 0
+
+
+def killed_after(out, lines):
+    """Runs the command until its journal has a number of lines, and kills it."""
+    process = subprocess.Popen(
+        [SCRIPT, *COMMAND, "--count", "60", "--out", out], stdout=subprocess.DEVNULL
+    )
+    deadline = time.monotonic() + STARTED_WITHIN_S
+    while kept_lines(out) < lines and time.monotonic() < deadline:
+        time.sleep(0.02)
+    os.kill(process.pid, signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_killed_run_is_continued_without_loss(run, whole, tmp_path, workers):
+    out = tmp_path / "out.json"
+    killed_after(out, 3)
+    with journal_of(out).open("ab") as file:
+        file.write(b'{"index": 3, "epi')  # killed while it wrote a line
+    command = (*COMMAND, "--count", COUNT, "--workers", workers, "--out", out)
+    refused = run(*command)
+    assert refused.returncode == 2
+    assert "is of an interrupted run. Use --resume to continue it, or --force" in refused.stderr
+    done = run(*command, "--resume")
+    assert done.returncode == 0, done.stderr
+    assert f"generated {COUNT} of {COUNT} episodes" in done.stdout
+    assert out.read_bytes() == whole.read_bytes()
+    assert not journal_of(out).exists()
+
+
+def journal_with(source, tmp_path, count=COUNT):
+    """A journal with the first episodes of the source."""
+    journal = EpisodeJournal(tmp_path / "out.json.journal", source.configuration())
+    journal.open(resume=False, force=False)
+    for index in range(count):
+        journal.append(index, source.make(index))
+    return journal
+
+
+def reopened(source, journal, **changes):
+    again = EpisodeJournal(journal.file, source.configuration() | changes)
+    again.open(resume=True, force=False)
+    return again
+
+
+def test_episodes_in_the_journal_are_not_made_again(source, whole, tmp_path):
+    entries = reopened(source, journal_with(source, tmp_path)).entries
+    other = open_source(EpisodeRequest(env_id=COMMAND[2], split="train", seed=11))
+    other.restore(entries, COUNT)
+    assert other.prepare(COUNT) is False
+    assert other.save(COUNT, tmp_path / "again.json").read_bytes() == whole.read_bytes()
+
+
+def test_loose_objects_of_a_layout_are_written_once(source, tmp_path):
+    lines = journal_with(source, tmp_path).file.read_text().splitlines()[1:]
+    scenes = [json.loads(line)["episode"]["scene_id"] for line in lines]
+    firsts = [scene not in scenes[:number] for number, scene in enumerate(scenes)]
+    assert ["loose" in json.loads(line) for line in lines] == firsts
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("seed", 12), ("env", "HabPick-v1"), ("dataset", "0" * 8), ("generator", 1)]
+)
+def test_the_journal_of_another_configuration_is_refused(source, tmp_path, name, value):
+    journal = journal_with(source, tmp_path, 1)
+    with pytest.raises(EpisodeError, match=f"belongs to another run: {name}: .* now\\.$") as told:
+        reopened(source, journal, **{name: value})
+    assert "\n" not in str(told.value)
+
+
+def test_a_damaged_line_is_named(source, tmp_path):
+    journal = journal_with(source, tmp_path, 1)
+    with journal.file.open("a") as file:
+        file.write('{"index": 1}\n')
+    with pytest.raises(EpisodeError, match="line 3"):
+        reopened(source, journal)
+
+
+def test_a_finished_file_is_not_replaced_by_resuming(run, whole, tmp_path):
+    out = tmp_path / "out.json"
+    save_json({}, out, sort_keys=True)
+    done = run(*COMMAND, "--count", 1, "--out", out, "--resume")
+    assert done.returncode == 2
+    assert "exists; give --force to replace it" in done.stderr
+    done = run(*COMMAND, "--count", 1, "--out", out, "--resume", "--force")
+    assert "--resume keeps the generated episodes, --force drops them" in done.stderr
+    assert len(read_episodes(whole)) == COUNT

@@ -41,7 +41,7 @@ def check_urdf(file: Path) -> None:
 @contextmanager
 def sapien_urdf(file: Path, visuals: bool) -> Iterator[Path]:
     """Yields a temporary copy of the URDF for SAPIEN, with or without visual meshes."""
-    with urdf_file(_mended(file, visuals), file.stem) as path:
+    with urdf_file(mended_urdf(file, visuals), file.stem) as path:
         yield path
 
 
@@ -58,7 +58,7 @@ def urdf_file(text: str, stem: str) -> Iterator[Path]:
 
 
 @lru_cache(maxsize=512)
-def _mended(file: Path, visuals: bool) -> str:
+def mended_urdf(file: Path, visuals: bool) -> str:
     """Returns the text of a URDF as SAPIEN can load it."""
     check_urdf(file)
     root = read_urdf(file)

@@ -51,7 +51,7 @@ def _compile(module: Any) -> None:
     surfaces = module.Surfaces(
         vertices_m=np.zeros((0, 3), dtype=np.float32),
         faces=np.zeros((0, 3), dtype=np.int32),
-        clusters=np.zeros((0, 4), dtype=np.int32),
+        clusters=np.zeros((0, 5), dtype=np.int32),
         spheres_m=nothing,
         ranges=np.zeros((0, 2), dtype=np.int32),
         bounds_m=nothing,

@@ -29,7 +29,8 @@ class Surfaces(NamedTuple):
     Attributes:
         vertices_m: (V, 3) float32 in the body's frame, grouped by cluster.
         faces: (F, 3) int32, grouped by cluster; indices count from the cluster's first vertex.
-        clusters: (C, 4) int32: first vertex, number of vertices, first face, number of faces.
+        clusters: (C, 5) int32: first vertex, number of vertices, first face, number of faces,
+            whether the backs of its faces are visible.
         spheres_m: (C, 4) float32: centre and radius of each cluster's bounding sphere.
         ranges: (S, 2) int32: first cluster of each surface and the one after its last.
         bounds_m: (S, 4) float32: centre and radius of each surface's bounding sphere.
@@ -96,13 +97,13 @@ def cast(
             sphere = surfaces.spheres_m[cluster]
             if not _in_view(sphere, pose, lens):
                 continue
-            first, count, first_face, faces = surfaces.clusters[cluster]
+            first, count, first_face, faces, two_sided = surfaces.clusters[cluster]
             _project(surfaces.vertices_m[first : first + count], pose, lens, corners)
             chosen = surfaces.faces[first_face : first_face + faces]
             if _depth(sphere, pose) - sphere[3] < lens.near_m:
-                _draw_clipped(chosen, corners, lens, inverse_depth, actors, actor)
+                _draw_clipped(chosen, corners, lens, two_sided, inverse_depth, actors, actor)
             else:
-                _draw(chosen, corners, inverse_depth, actors, actor)
+                _draw(chosen, corners, two_sided, inverse_depth, actors, actor)
 
 
 @njit(nogil=True, error_model="numpy")
@@ -141,21 +142,29 @@ def _project(points_m: Any, pose: Any, lens: Any, corners: Any) -> None:
 
 
 @njit(nogil=True, error_model="numpy")
-def _draw(faces: Any, corners: Any, inverse_depth: Any, actors: Any, actor: int) -> None:
-    """Draws the front faces of a cluster."""
+def _draw(
+    faces: Any, corners: Any, two_sided: int, inverse_depth: Any, actors: Any, actor: int
+) -> None:
+    """Draws the visible faces of a cluster."""
     for face in range(len(faces)):
         i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
         a = (corners[0, i], corners[1, i], corners[2, i])
         b = (corners[0, j], corners[1, j], corners[2, j])
         c = (corners[0, k], corners[1, k], corners[2, k])
-        _draw_triangle(a, b, c, inverse_depth, actors, actor)
+        _draw_triangle(a, b, c, two_sided, inverse_depth, actors, actor)
 
 
 @njit(nogil=True, error_model="numpy")
 def _draw_clipped(
-    faces: Any, corners: Any, lens: Any, inverse_depth: Any, actors: Any, actor: int
+    faces: Any,
+    corners: Any,
+    lens: Any,
+    two_sided: int,
+    inverse_depth: Any,
+    actors: Any,
+    actor: int,
 ) -> None:
-    """Draws the front faces of a cluster, cut off at the near plane."""
+    """Draws the visible faces of a cluster, cut off at the near plane."""
     shape = np.empty((4, 3))
     for face in range(len(faces)):
         size = 0
@@ -177,16 +186,17 @@ def _draw_clipped(
         for last in range(2, size):
             b = (shape[last - 1, 0], shape[last - 1, 1], shape[last - 1, 2])
             c = (shape[last, 0], shape[last, 1], shape[last, 2])
-            _draw_triangle(a, b, c, inverse_depth, actors, actor)
+            _draw_triangle(a, b, c, two_sided, inverse_depth, actors, actor)
 
 
 @njit(nogil=True, error_model="numpy")
 def _draw_triangle(
-    a: Any, b: Any, c: Any, inverse_depth: Any, actors: Any, actor: int
+    a: Any, b: Any, c: Any, two_sided: int, inverse_depth: Any, actors: Any, actor: int
 ) -> None:
-    """Draws a triangle with corners (x [px], y [px], inverse depth [1/m]) if it faces the camera."""
+    """Draws a triangle with corners (x [px], y [px], inverse depth [1/m]) if it is visible."""
     area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-    if not area < 0.0:
+    # Anticlockwise seen from outside is a negative area here, where y is down.
+    if area == 0.0 or (area > 0.0 and not two_sided):
         return
     height, width = inverse_depth.shape
     # Pixel centres are at half pixels; most triangles of distant meshes cover none.

@@ -8,28 +8,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
-from hab_tasks.geometry import to_matrix
 from hab_tasks.raycast.compiled import kernel
-from hab_tasks.scenes.meshes import read_mesh
-from hab_tasks.scenes.visuals import Visual, Visuals
+from hab_tasks.raycast.meshes import Mesh, mesh_of
+from hab_tasks.scenes.visuals import Visuals
 
 Floats = NDArray[np.float32]
 Integers = NDArray[np.int32]
 
 _MORTON_BITS = 10
-
-
-class Mesh(NamedTuple):
-    """Triangles: vertices (V, 3) [m] and faces (F, 3)."""
-
-    vertices_m: Floats
-    faces: Integers
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,53 +64,18 @@ def library() -> SurfaceLibrary:
     return SurfaceLibrary()
 
 
-def mesh_of(visuals: Visuals) -> Mesh:
-    """Returns the triangles of all visuals in the body's frame."""
-    meshes = [_placed(visual) for visual in visuals]
-    starts = np.cumsum([0, *(len(mesh.vertices_m) for mesh in meshes)])
-    faces = [mesh.faces + start for mesh, start in zip(meshes, starts[:-1], strict=True)]
-    return Mesh(
-        np.concatenate([np.zeros((0, 3)), *(mesh.vertices_m for mesh in meshes)]).astype("f4"),
-        np.concatenate([np.zeros((0, 3), dtype=int), *faces]).astype("i4"),
-    )
-
-
-def _placed(visual: Visual) -> Mesh:
-    body_from_visual = to_matrix(visual.body_from_visual)
-    meshes: list[Any] = [_primitive(visual)]
-    if visual.file is not None:
-        meshes = read_mesh(visual.file, process=False).dump()
-    whole: Any = trimesh.util.concatenate(meshes)
-    vertices = np.asarray(whole.vertices)
-    if visual.kind == "mesh":
-        vertices = vertices * visual.size
-    vertices = vertices @ body_from_visual[:3, :3].T + body_from_visual[:3, 3]
-    return Mesh(vertices.astype(np.float32), np.asarray(whole.faces, dtype=np.int32))
-
-
-def _primitive(visual: Visual) -> Any:
-    size = visual.size
-    if visual.kind == "box":
-        return trimesh.creation.box(extents=2.0 * np.asarray(size))
-    if visual.kind == "sphere":
-        return trimesh.creation.icosphere(subdivisions=3, radius=size[0])
-    if visual.kind == "cylinder":
-        return trimesh.creation.cylinder(radius=size[0], height=2.0 * size[1])
-    return trimesh.creation.capsule(radius=size[0], height=2.0 * size[1])
-
-
 def in_clusters(mesh: Mesh, faces_each: int) -> Clusters:
-    """Splits a mesh into clusters of at most `faces_each` neighbouring triangles."""
-    faces = mesh.faces
-    if len(faces):
-        faces = faces[np.argsort(_morton(mesh.vertices_m[faces].mean(axis=1)), kind="stable")]
+    """Splits a mesh into clusters of at most `faces_each` neighbouring, equally visible faces."""
+    middles_m = mesh.vertices_m[mesh.faces].mean(axis=1)
+    order = np.lexsort((_morton(middles_m), mesh.two_sided))
+    one_sided = len(order) - int(mesh.two_sided.sum())
     vertices, indices, clusters, spheres = [np.zeros((0, 3))], [np.zeros((0, 3))], [], []
+    starts = [*range(0, one_sided, faces_each), *range(one_sided, len(order), faces_each)]
     first_vertex = 0
-    for first in range(0, len(faces), faces_each):
-        part = faces[first : first + faces_each]
-        used, index = np.unique(part, return_inverse=True)
+    for first, end in zip(starts, [*starts[1:], len(order)], strict=True):
+        used, index = np.unique(mesh.faces[order[first:end]], return_inverse=True)
         points = mesh.vertices_m[used]
-        clusters.append((first_vertex, len(used), first, len(part)))
+        clusters.append((first_vertex, len(used), first, end - first, first >= one_sided))
         spheres.append(_sphere(points))
         vertices.append(points)
         indices.append(index.reshape(-1, 3))
@@ -127,7 +83,7 @@ def in_clusters(mesh: Mesh, faces_each: int) -> Clusters:
     return Clusters(
         np.concatenate(vertices).astype("f4"),
         np.concatenate(indices).astype("i4"),
-        np.array(clusters, dtype=np.int32).reshape(-1, 4),
+        np.array(clusters, dtype=np.int32).reshape(-1, 5),
         np.array(spheres, dtype=np.float32).reshape(-1, 4),
         np.array(_sphere(mesh.vertices_m), dtype=np.float32),
     )
@@ -144,6 +100,8 @@ def _sphere(points_m: Floats) -> tuple[float, ...]:
 
 def _morton(points_m: Floats) -> NDArray[np.int64]:
     """Returns the positions of points (P, 3) along a space-filling curve."""
+    if not len(points_m):
+        return np.zeros(0, dtype=np.int64)
     low = points_m.min(axis=0)
     span_m = max(float((points_m - low).max()), 1e-9)
     cells = ((points_m - low) / span_m * (2**_MORTON_BITS - 1)).astype(np.int64)
@@ -159,7 +117,7 @@ def _joined(surfaces: list[Clusters]) -> Any:
     clusters, ranges = [], []
     vertices = faces = first = 0
     for surface in surfaces:
-        clusters.append(surface.clusters + np.array([vertices, 0, faces, 0], dtype=np.int32))
+        clusters.append(surface.clusters + np.array([vertices, 0, faces, 0, 0], dtype=np.int32))
         ranges.append((first, first + len(surface.clusters)))
         vertices, faces = vertices + len(surface.vertices_m), faces + len(surface.faces)
         first += len(surface.clusters)

@@ -11,12 +11,7 @@ import numpy as np
 import torch
 from mani_skill.envs.utils.observations import CameraObsTextures
 from mani_skill.sensors.base_sensor import BaseSensor
-from mani_skill.sensors.camera import (
-    Camera,
-    CameraConfig,
-    parse_camera_configs,
-    update_camera_configs_from_dict,
-)
+from mani_skill.sensors.camera import Camera, CameraConfig, update_camera_configs_from_dict
 from torch import Tensor
 
 from hab_tasks.engine.episode_simulation import EpisodeSimulation
@@ -93,7 +88,7 @@ class RaySensors:
             changes: ManiSkill's `sensor_configs`.
             hides_arm: Whether the cameras look through the arm.
         """
-        configs = parse_camera_configs(rig.configs(agent.link))
+        configs = {config.uid: config for config in rig.configs(agent.link)}
         update_camera_configs_from_dict(configs, copy.deepcopy(dict(changes)))
         self.cameras = {name: RayCamera(config) for name, config in configs.items()}
         self._simulation, self._agent = simulation, agent
@@ -164,9 +159,7 @@ def _pinhole(config: CameraConfig) -> Pinhole:
     )
 
 
-def _textures(
-    image: RayImage, camera: Pinhole, wanted: CameraObsTextures
-) -> dict[str, np.ndarray]:
+def _textures(image: RayImage, camera: Pinhole, wanted: CameraObsTextures) -> dict[str, np.ndarray]:
     """Returns the requested images of one camera, truncated to millimetres as in the shader."""
     arrays = {}
     depth_mm = image.depth_m * np.float32(1000.0)

@@ -1,1 +1,1 @@
-"""Depth images computed on the CPU along each pixel's ray, without a renderer or graphics driver."""
+"""Depth images on the CPU along each pixel's ray, without a renderer or graphics driver."""

@@ -26,9 +26,9 @@ def kernel() -> Any:
     By default, numba writes compiled functions beside the source, which an installed package may
     forbid. They are written to ``NUMBA_CACHE_DIR`` if it is set, else to the cache folder.
     """
-    import numba
+    from numba.core import config as numba_config
 
-    config: Any = numba.config
+    config: Any = numba_config
     before = config.CACHE_DIR
     folder = Path(before) if before and os.access(before, os.W_OK) else writable_dir(FOLDER)
     config.CACHE_DIR = str(folder)
@@ -49,7 +49,7 @@ def _compile(module: Any) -> None:
     """Casts rays into an empty scene, which compiles the kernel or reads it from the cache."""
     nothing = np.zeros((0, 4), dtype=np.float32)
     surfaces = module.Surfaces(
-        vertices_m=np.zeros((0, 3), dtype=np.float32),
+        vertices_m=np.zeros((3, 0), dtype=np.float32),
         faces=np.zeros((0, 3), dtype=np.int32),
         clusters=np.zeros((0, 5), dtype=np.int32),
         spheres_m=nothing,

@@ -25,7 +25,15 @@ _MORTON_BITS = 10
 
 @dataclass(frozen=True, eq=False)
 class Clusters:
-    """A surface in clusters of neighbouring triangles; see `kernel.Surfaces`."""
+    """A surface in clusters of neighbouring triangles; see `kernel.Surfaces`.
+
+    Attributes:
+        vertices_m: (V, 3) in the body's frame.
+        faces: (F, 3) counted from the cluster's first vertex.
+        clusters: (C, 5) as in the kernel, counted from the surface's first vertex and face.
+        spheres_m: (C, 4) centre and radius of each cluster's bounding sphere.
+        bound_m: (4,) centre and radius of the surface's bounding sphere.
+    """
 
     vertices_m: Floats
     faces: Integers
@@ -69,7 +77,9 @@ def in_clusters(mesh: Mesh, faces_each: int) -> Clusters:
     middles_m = mesh.vertices_m[mesh.faces].mean(axis=1)
     order = np.lexsort((_morton(middles_m), mesh.two_sided))
     one_sided = len(order) - int(mesh.two_sided.sum())
-    vertices, indices, clusters, spheres = [np.zeros((0, 3))], [np.zeros((0, 3))], [], []
+    vertices: list[Any] = [np.zeros((0, 3))]
+    indices: list[Any] = [np.zeros((0, 3))]
+    clusters, spheres = [], []
     starts = [*range(0, one_sided, faces_each), *range(one_sided, len(order), faces_each)]
     first_vertex = 0
     for first, end in zip(starts, [*starts[1:], len(order)], strict=True):
@@ -122,7 +132,7 @@ def _joined(surfaces: list[Clusters]) -> Any:
         vertices, faces = vertices + len(surface.vertices_m), faces + len(surface.faces)
         first += len(surface.clusters)
     return kernel().Surfaces(
-        vertices_m=np.concatenate([surface.vertices_m for surface in surfaces]),
+        vertices_m=np.concatenate([surface.vertices_m.T for surface in surfaces], axis=1),
         faces=np.concatenate([surface.faces for surface in surfaces]),
         clusters=np.concatenate(clusters),
         spheres_m=np.concatenate([surface.spheres_m for surface in surfaces]),

@@ -88,7 +88,8 @@ def _shapes(visual: ElementTree.Element, scale: float) -> Visuals:
     at: Pose7 = IDENTITY
     if origin is not None:
         xyz = [scale * x for x in _numbers(origin, "xyz", (0.0,) * 3)]
-        at = pose(tuple(xyz), euler2quat(*_numbers(origin, "rpy", (0.0,) * 3)))
+        roll, pitch, yaw = _numbers(origin, "rpy", (0.0,) * 3)
+        at = pose(tuple(xyz), euler2quat(roll, pitch, yaw))
     return tuple(_shape(shape, at, scale) for shape in geometry)
 
 

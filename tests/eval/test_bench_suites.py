@@ -48,9 +48,17 @@ def episode(held=None):
 
 
 def test_every_suite_is_found_under_its_own_name():
-    assert {"sim", "depth", "reset", "objects", "processes", "memory", "plan", "vector"} <= set(
-        suite_names()
-    )
+    assert {
+        "sim",
+        "depth",
+        "reset",
+        "objects",
+        "processes",
+        "memory",
+        "plan",
+        "vector",
+        "rays",
+    } <= set(suite_names())
     assert [find_suite(name).name for name in suite_names()] == suite_names()
 
 

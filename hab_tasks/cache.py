@@ -116,14 +116,25 @@ def write_cached(name: str, write: Write) -> Path:
         cause = error if isinstance(error, OSError) else error.__cause__
         if isinstance(error, DatasetError) or not isinstance(cause, OSError):
             raise
-        _say_once(
-            f"{cache_dir()}: the cache is not writable ({cause.strerror or cause}); entries are "
-            "kept for this run only. Set HAB_CACHE_DIR to a writable folder."
-        )
+        _say_unwritable(cause)
     path = run_dir() / name
     with written_aside(path) as scratch:
         write(scratch)
     return path
+
+
+def writable_dir(name: str) -> Path:
+    """Returns a folder of the cache that other libraries write to; of this run if not writable."""
+    folder = cache_dir() / name
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
+    except OSError as error:
+        _say_unwritable(error)
+    folder = run_dir() / name
+    folder.mkdir(exist_ok=True)
+    return folder
 
 
 def cached(name: str, write: Write, read: Callable[[Path], T]) -> T:
@@ -142,6 +153,13 @@ def cached_file(name: str, write: Write, check: Callable[[Path], object] | None 
         return path
 
     return cached(name, write, read)
+
+
+def _say_unwritable(cause: OSError) -> None:
+    _say_once(
+        f"{cache_dir()}: the cache is not writable ({cause.strerror or cause}); entries are "
+        "kept for this run only. Set HAB_CACHE_DIR to a writable folder."
+    )
 
 
 def _say_once(message: str) -> None:

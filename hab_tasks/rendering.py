@@ -12,15 +12,18 @@ from mani_skill.render.shaders import PREBUILT_SHADER_CONFIGS, ShaderConfig, set
 
 from hab_tasks.errors import RenderingUnavailableError, UnknownNameError
 
-BACKENDS = ("auto", "none", "cpu", "gpu")
+RAYS = "rays"
+"""Depth on the CPU along each pixel's ray, without a renderer (`hab_tasks.raycast`)."""
+
+BACKENDS = ("auto", "none", "cpu", "gpu", RAYS)
 
 DEPTH_SHADER = "hab_depth"
 """ManiSkill shader pack with position and actor, no colour; half the time of ``minimal``."""
 
 ADVICE = (
     "No Vulkan device can render images. Install a driver (Debian 12, as root: apt-get install -y "
-    "-t bookworm-backports mesa-vulkan-drivers libvulkan1), or use obs_mode='state' without "
-    "render_mode."
+    "-t bookworm-backports mesa-vulkan-drivers libvulkan1), or use obs_mode='state' or 'depth' "
+    "without render_mode."
 )
 
 

@@ -24,7 +24,7 @@ PROBES = {
     "gpu": "import sapien, torch; torch.zeros(1, device='cuda'); sapien.physx.enable_gpu()",
 }
 REASONS = {
-    "render": "no Vulkan device that SAPIEN can use (see the README, Rendering without a GPU)",
+    "render": "no Vulkan device that SAPIEN can use (see the README, Images without a GPU)",
     "gpu": "no NVIDIA card that torch and PhysX can use",
 }
 

@@ -38,6 +38,7 @@ ORDER = [
         "captions",
     },
     {"scenes"},
+    {"raycast"},
     {"navigation", "robots", "pipeline", "layouts"},
     {"episodes"},
     {"figures", "instructions"},
@@ -109,7 +110,7 @@ SCRIPTS = {
 
 HEAVY = {
     *("torch", "sapien", "mani_skill", "pinocchio", "coal", "ompl", "trimesh", "matplotlib"),
-    *("scipy", "imageio", "unified_planning", "pyarrow"),
+    *("scipy", "imageio", "unified_planning", "pyarrow", "numba"),
 }
 """Modules that together take seconds to load."""
 

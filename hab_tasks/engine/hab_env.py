@@ -73,7 +73,10 @@ class HabEnv(ObservingEnv):
             noise is seeded by the episode.
         action_delay_steps: Delay of actions in steps (S F.5); until the first action is due, the
             robot stands still and keeps its grasp.
-        render_backend: ``auto``, ``none``, ``cpu`` or ``gpu``; `auto` renders only when needed.
+        render_backend: ``auto``, ``none``, ``cpu``, ``gpu`` or ``rays``. `rays` computes depth,
+            position and segmentation on the CPU along each pixel's ray, without a graphics driver;
+            `auto` does so on machines without a GPU unless colour is observed. A `render_mode`
+            needs a renderer in any case.
         num_envs: Batch size; more than one row requires GPU simulation.
         kwargs: ManiSkill's own arguments (obs_mode, reward_mode, control_mode, ...).
     """

@@ -12,15 +12,17 @@ from torch import Tensor
 
 from hab_tasks.arrays import to_tensor
 from hab_tasks.engine.episode_simulation import EpisodeSimulation
+from hab_tasks.engine.image_source import WITHOUT_IMAGES, ImageSource, choose_source
 from hab_tasks.engine.marks import Marks
 from hab_tasks.engine.noise import NoiseSource, SensorNoise
+from hab_tasks.engine.ray_sensors import RaySensors
 from hab_tasks.engine.sensors import ARM_QPOS, ObsEntry, observed, scale_depth
 from hab_tasks.engine.simulation import check_rows
 from hab_tasks.engine.viewpoint import FIELD_OF_VIEW_RAD, FIRST_VIEW, Hit, Viewpoint
 from hab_tasks.errors import OptionError
 from hab_tasks.option_values import flag
 from hab_tasks.privileged import Array
-from hab_tasks.rendering import resolve_backend, sensor_shader
+from hab_tasks.rendering import sensor_shader
 from hab_tasks.robots.cameras import PLACES, CameraRig, HiddenArm
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 
@@ -29,9 +31,6 @@ VIEW_SIZE_PX = 256
 
 VIEWS = ("head", "arm")
 """Robot cameras rendered by `render_views`, independent of the agent's cameras."""
-
-WITHOUT_IMAGES = ("state", "state_dict", "none")
-"""Observation modes that need no renderer."""
 
 
 class ObservingEnv(BaseEnv):
@@ -48,6 +47,8 @@ class ObservingEnv(BaseEnv):
     _viewpoint: Viewpoint
     _hides_arm: bool
     _images_on_demand = False
+    _source: ImageSource
+    _rays: RaySensors | None
     _views: dict[str, Camera]
     _marks: Marks | None
 
@@ -86,9 +87,8 @@ class ObservingEnv(BaseEnv):
         if images and not self._rig.names:
             valid = f"some of {list(PLACES)} with obs_mode={obs_mode!r}, or obs_mode 'state'"
             raise OptionError.of_value("cameras", (), valid)
-        drawn = images or options.get("render_mode") is not None
-        self._backend = resolve_backend(backend, drawn)
-        return self._backend
+        self._source = choose_source(backend, {**options, "num_envs": num_envs})
+        return self._source.renderer
 
     # Rendering -------------------------------------------------------------------------------
 
@@ -110,7 +110,8 @@ class ObservingEnv(BaseEnv):
         self._viewpoint, self._views, self._marks = Viewpoint(), {}, None
         noise = self._sensor_noise
         self._noise = None if noise is None else NoiseSource(noise, self.num_envs)
-        self.agent.rig = self._rig
+        # With rays, the renderer of a `render_mode` has no sensors.
+        self.agent.rig = CameraRig(names=()) if self._source.casts_rays else self._rig
         if self._hides_arm and self.scene.can_render():
             self._hidden_objects.append(HiddenArm(self.agent.link))  # type: ignore[arg-type]
         if self.render_mode is not None and self.scene.can_render() and not self.gpu_sim_enabled:
@@ -129,10 +130,20 @@ class ObservingEnv(BaseEnv):
         return other or visual.rgb or visual.normal or visual.albedo
 
     def _setup_sensors(self, options: dict[str, Any]) -> None:
-        self._custom_sensor_configs = sensor_shader(
-            self._custom_sensor_configs or {}, self._backend, self._wants_colour
-        )
+        if not self._source.casts_rays:
+            self._custom_sensor_configs = sensor_shader(
+                self._custom_sensor_configs or {}, self._source.renderer, self._wants_colour
+            )
         super()._setup_sensors(options)
+
+    def _after_reconfigure(self, options: dict[str, Any]) -> None:
+        self._rays = None
+        if self._source.casts_rays:
+            changes = self._custom_sensor_configs or {}
+            self._rays = RaySensors(
+                self._simulation, self.agent, self._rig, changes, self._hides_arm
+            )
+            self._sensors = self.scene.sensors = dict(self._rays.cameras)
 
     def _load_lighting(self, options: dict[str, Any]) -> None:
         """Disables ManiSkill's lamps; the layout has its own."""
@@ -262,7 +273,10 @@ class ObservingEnv(BaseEnv):
         return {entry.name: to_tensor(entry.read(*now)) for entry in entries}
 
     def _get_obs_sensor_data(self, apply_texture_transforms: bool = True) -> dict[str, Any]:
-        data = super()._get_obs_sensor_data(apply_texture_transforms)
+        if self._rays is not None:
+            data = self._rays.images(self.obs_mode_struct.visual)
+        else:
+            data = super()._get_obs_sensor_data(apply_texture_transforms)
         if self._noise is not None:
             data = self._noise.images(data)
         if self.obs_mode_struct.visual.depth and apply_texture_transforms:

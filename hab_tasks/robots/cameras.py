@@ -111,6 +111,11 @@ class CameraRig:
         ]
 
 
+def hidden_links() -> tuple[str, ...]:
+    """Returns the links that `HiddenArm` hides: shoulder, arm, gripper and fingers."""
+    return (*ROBOT.arm_links, ROBOT.ee_link, "l_gripper_finger_link", "r_gripper_finger_link")
+
+
 class HiddenArm:
     """Hides the arm from all but the human-render camera (S F.3); collisions are unaffected.
 
@@ -121,10 +126,9 @@ class HiddenArm:
 
     def __init__(self, link: Callable[[str], Link]) -> None:
         """Hides shoulder, arm, gripper and fingers; `link` looks up a link by name."""
-        names = (*ROBOT.arm_links, ROBOT.ee_link, "l_gripper_finger_link", "r_gripper_finger_link")
         self._visuals = [
             component
-            for name in names
+            for name in hidden_links()
             for body in link(name)._objs
             for component in body.entity.components
             if isinstance(component, sapien.render.RenderBodyComponent)

@@ -27,7 +27,7 @@ from hab_tasks.scenes.collision_groups import (
     set_groups,
 )
 from hab_tasks.scenes.joint_friction import brake
-from hab_tasks.scenes.meshes import parts_volume, textured_glb
+from hab_tasks.scenes.meshes import parts_volume
 from hab_tasks.scenes.parsed_urdf import articulation_builder
 from hab_tasks.scenes.spec import (
     ArticulationInstance,
@@ -36,6 +36,7 @@ from hab_tasks.scenes.spec import (
     Stage,
 )
 from hab_tasks.scenes.urdf import joint_frictions, sapien_urdf
+from hab_tasks.scenes.visuals import visual_file
 from hab_tasks.simulator import rigid_bodies, sapien_objects
 
 FLAT_HEIGHT_M = 0.05
@@ -141,9 +142,8 @@ class BodyBuilder:
         return builder
 
     def _see(self, builder: Any, template: ObjectTemplate, scale: float) -> None:
-        if self.visuals and template.visual_file is not None:
-            file = template.visual_file
-            file = textured_glb(file) if file.suffix == ".obj" else file
+        file = visual_file(template) if self.visuals else None
+        if file is not None:
             builder.add_visual_from_file(str(file), scale=[scale] * 3)
 
     def _collide(

@@ -1,4 +1,4 @@
-"""Without a Vulkan driver, state observations work, and images raise an error with a remedy."""
+"""Without a Vulkan driver, states and depth work, and colour raises an error with a remedy."""
 
 import os
 import subprocess
@@ -8,7 +8,11 @@ import pytest
 
 from hab_tasks.envs import ENVS
 
-IMAGES = ({"obs_mode": "depth"}, {"obs_mode": "rgb"}, {"render_mode": "rgb_array"})
+IMAGES = (
+    {"obs_mode": "rgb"},
+    {"render_mode": "rgb_array"},
+    {"obs_mode": "depth", "render_mode": "rgb_array"},
+)
 
 
 @pytest.fixture
@@ -55,6 +59,21 @@ def test_states_need_no_driver(run):
     sizes = {e.id: sum(o.shape[0] for o in e.env.observation) for e in ENVS.values()}
     shown = [line for line in done.stdout.splitlines() if line.startswith("Hab")]
     assert shown == [f"{env_id} 1 {size}" for env_id, size in sizes.items()]
+
+
+@pytest.mark.slow
+def test_depth_needs_no_driver(run):
+    done = run(
+        "for env_id in files:",
+        "    env = make(env_id, obs_mode='depth')",
+        "    env.reset(seed=0)",
+        "    for _ in range(3): obs, *_ = env.step(env.action_space.sample())",
+        "    print(env_id, float(obs['sensor_data']['head']['depth'].std()))",
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    shown = [line.split() for line in done.stdout.splitlines() if line.startswith("Hab")]
+    assert [env_id for env_id, _ in shown] == list(ENVS)
+    assert all(float(spread) > 0.003 for _, spread in shown)
 
 
 @pytest.mark.slow

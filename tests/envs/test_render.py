@@ -20,8 +20,9 @@ def cameras(env_id):
 
 
 @few_envs
-def test_depth_is_scaled_and_not_constant(make, env_id):
-    env = make(env_id, obs_mode="depth")
+@pytest.mark.parametrize("backend", ["auto", "cpu"])
+def test_depth_is_scaled_and_not_constant(make, env_id, backend):
+    env = make(env_id, obs_mode="depth", render_backend=backend)
     env.reset(seed=1)
     obs, *_ = env.step(still(env))
     assert set(obs["sensor_data"]) == cameras(env_id)
@@ -41,9 +42,10 @@ def test_depth_is_scaled_and_not_constant(make, env_id):
 @pytest.mark.parametrize("obs_mode", ["depth", pytest.param("rgb+depth", marks=slow)])
 def test_depth_is_the_same_whatever_was_rendered_before(make, obs_mode):
     """SAPIEN's picture formats are global: other cameras of the process must not change these."""
-    usual = make(obs_mode=obs_mode).reset(seed=1)[0]["sensor_data"]
+    options = {"obs_mode": obs_mode, "render_backend": "cpu"}
+    usual = make(**options).reset(seed=1)[0]["sensor_data"]
     use_default_shaders()
-    after = make(obs_mode=obs_mode).reset(seed=1)[0]["sensor_data"]
+    after = make(**options).reset(seed=1)[0]["sensor_data"]
     for name, images in usual.items():
         assert torch.equal(images["depth"], after[name]["depth"]), name
 

@@ -87,8 +87,10 @@ def test_there_is_nothing_to_look_at_in_the_state():
         )
 
 
-@pytest.mark.render
-@pytest.mark.parametrize("obs_mode", ["depth", pytest.param("rgb+depth", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "obs_mode",
+    ["depth", pytest.param("rgb+depth", marks=[pytest.mark.slow, pytest.mark.render])],
+)
 def test_pictures_on_demand_are_those_of_every_step(obs_mode):
     """Two environments with the same motions: one renders each step, the other in two of them."""
     spec = replace(DEPTH, obs_mode=obs_mode)

@@ -41,7 +41,7 @@ class HabEnvFactory:
         objects: A YCB folder, None for the shipped objects.
         scenes: Scene ids; steps and soft resets are measured in the first.
         obs_mode: ManiSkill observation mode.
-        render_backend: ``none``, or ``cpu`` to measure images.
+        render_backend: ``none``, or ``rays`` or ``cpu`` to measure images.
         episodes: Episodes of the first scene; empty for generated episodes.
     """
 

@@ -1,0 +1,180 @@
+"""Depth sensors of an environment without a renderer; see `hab_tasks.raycast`."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from mani_skill.envs.utils.observations import CameraObsTextures
+from mani_skill.sensors.base_sensor import BaseSensor
+from mani_skill.sensors.camera import Camera, CameraConfig, update_camera_configs_from_dict
+from torch import Tensor
+
+from hab_tasks.engine.episode_simulation import EpisodeSimulation
+from hab_tasks.engine.noise import Images
+from hab_tasks.raycast.scene import Pinhole, RayBody, RayImage, RayScene, cv_from_world
+from hab_tasks.robots.cameras import CameraRig, hidden_links
+from hab_tasks.robots.mobile_manipulator import MobileManipulator
+from hab_tasks.scenes.visuals import (
+    furniture_visuals,
+    stage_visuals,
+    template_visuals,
+    urdf_visuals,
+)
+from hab_tasks.simulator import sapien_object
+
+_GL_FROM_CV = np.diag([1.0, -1.0, -1.0, 1.0])
+"""OpenGL's camera frame: x right, y up, z backwards."""
+
+
+class RayCamera(Camera):
+    """A depth camera with the parameters of ManiSkill's, but without a renderer."""
+
+    def __init__(self, config: CameraConfig) -> None:
+        """Reads the settings; `Camera.__init__` would create a render camera."""
+        BaseSensor.__init__(self, config)
+        self.config = config
+        self.entity = config.mount
+        local: Any = config.pose
+        self._mount_from_camera = local.sp
+        self.pinhole = _pinhole(config)
+
+    def cv_from_world(self) -> np.ndarray:
+        """Returns the world's current pose (4, 4) in the camera's frame: x right, y down."""
+        mounted: Any = self.entity
+        if mounted is None:
+            return cv_from_world(self._mount_from_camera)
+        return cv_from_world(sapien_object(mounted).entity.pose * self._mount_from_camera)
+
+    def get_params(self) -> dict[str, Tensor]:
+        """Returns the current matrices: (1, 3, 4), (1, 4, 4) and (1, 3, 3) float32."""
+        extrinsic = self.cv_from_world()
+        intrinsic = np.eye(3)
+        intrinsic[[0, 1], [0, 1]] = self.pinhole.focal_px
+        intrinsic[:2, 2] = self.pinhole.centre_px
+        matrices = {
+            "extrinsic_cv": extrinsic[:3],
+            "cam2world_gl": np.linalg.inv(_GL_FROM_CV @ extrinsic),
+            "intrinsic_cv": intrinsic,
+        }
+        return {name: torch.from_numpy(m.astype("f4"))[None] for name, m in matrices.items()}
+
+
+class RaySensors:
+    """The sensor cameras of an environment.
+
+    Attributes:
+        cameras: Cameras by name.
+    """
+
+    def __init__(
+        self,
+        simulation: EpisodeSimulation,
+        agent: MobileManipulator,
+        rig: CameraRig,
+        changes: Mapping[str, Any],
+        hides_arm: bool,
+    ) -> None:
+        """Mounts the cameras.
+
+        Args:
+            simulation: The CPU simulation.
+            agent: Its robot.
+            rig: The cameras.
+            changes: ManiSkill's `sensor_configs`.
+            hides_arm: Whether the cameras look through the arm.
+        """
+        configs = {config.uid: config for config in rig.configs(agent.link)}
+        update_camera_configs_from_dict(configs, copy.deepcopy(dict(changes)))
+        self.cameras = {name: RayCamera(config) for name, config in configs.items()}
+        self._simulation, self._agent = simulation, agent
+        self._hidden = hidden_links() if hides_arm else ()
+        self._shown: object = None
+
+    def images(self, wanted: CameraObsTextures) -> Images:
+        """Returns the current images in ManiSkill's formats.
+
+        Args:
+            wanted: The requested images; only depth, position and segmentation are delivered.
+
+        Returns:
+            Camera -> ``depth`` (1, H, W, 1) [mm], ``position`` (1, H, W, 3) [mm] with x right, y
+            up, z backwards, ``segmentation`` (1, H, W, 1); all int16, 0 where nothing is seen.
+        """
+        if self._shown is not self._simulation.shown:
+            self._scene = RayScene(list(self._bodies()))
+            self._shown = self._simulation.shown
+        self._scene.update()
+        data = {}
+        for name, camera in self.cameras.items():
+            pinhole = camera.pinhole
+            image = self._scene.image(pinhole, camera.cv_from_world(), wanted.segmentation)
+            arrays = _textures(image, pinhole, wanted)
+            data[name] = {key: torch.from_numpy(array)[None] for key, array in arrays.items()}
+        return data
+
+    def _bodies(self) -> Iterator[RayBody]:
+        """Yields the bodies that a renderer would draw."""
+        active = self._simulation.scene_bodies
+        spec, templates = active.spec, self._simulation.source.objects
+        stage: Any = sapien_object(active.stage)
+        yield RayBody(visuals=stage_visuals(spec.stage), entity=stage, moves=False)
+        for item in spec.objects:
+            actor = (active.loose if item.dynamic else active.static)[item.name]
+            visuals = template_visuals(item.template, item.scale)
+            yield RayBody(visuals=visuals, entity=sapien_object(actor), moves=item.dynamic)
+        for name, actor in active.pickables.items():
+            visuals = template_visuals(templates[name.rsplit("_:", 1)[0]], 1.0)
+            yield RayBody(visuals=visuals, entity=sapien_object(actor))
+        for furniture in spec.articulations:
+            of_link = furniture_visuals(furniture.urdf_file, furniture.scale)
+            for link in active.articulations[furniture.name].links:
+                yield RayBody(visuals=of_link[link.name], entity=sapien_object(link).entity)
+        of_link = urdf_visuals(self._agent.urdf(visuals=True))
+        for link in self._agent.robot.links:
+            if link.name not in self._hidden:
+                yield RayBody(visuals=of_link[link.name], entity=sapien_object(link).entity)
+
+
+def _pinhole(config: CameraConfig) -> Pinhole:
+    """Returns ManiSkill's intrinsic parameters; a field of view is the vertical one."""
+    size = float(config.width), float(config.height)
+    if config.intrinsic is None:
+        focal = size[1] / 2.0 / math.tan(config.fov / 2.0)
+        focals, centre = (focal, focal), (size[0] / 2.0, size[1] / 2.0)
+    else:
+        matrix = np.asarray(config.intrinsic, dtype=float).reshape(3, 3)
+        focals, centre = (matrix[0, 0], matrix[1, 1]), (matrix[0, 2], matrix[1, 2])
+    return Pinhole(
+        width_px=int(config.width),
+        height_px=int(config.height),
+        focal_px=(float(focals[0]), float(focals[1])),
+        centre_px=(float(centre[0]), float(centre[1])),
+        near_m=float(config.near),
+        far_m=float(config.far),
+    )
+
+
+def _textures(image: RayImage, camera: Pinhole, wanted: CameraObsTextures) -> dict[str, np.ndarray]:
+    """Returns the requested images of one camera, truncated to millimetres as in the shader."""
+    arrays = {}
+    depth_mm = image.depth_m * np.float32(1000.0)
+    if wanted.depth:
+        arrays["depth"] = _whole(depth_mm)[:, :, None]
+    if wanted.position:
+        columns = (np.arange(camera.width_px) + 0.5 - camera.centre_px[0]) / camera.focal_px[0]
+        rows = (camera.centre_px[1] - np.arange(camera.height_px) - 0.5) / camera.focal_px[1]
+        x, y = depth_mm * columns[None], depth_mm * rows[:, None]
+        arrays["position"] = _whole(np.stack((x, y, -depth_mm), axis=-1))
+    if wanted.segmentation:
+        arrays["segmentation"] = image.actors[:, :, None]
+    return arrays
+
+
+def _whole(millimetres: np.ndarray) -> np.ndarray:
+    """Returns the values truncated to int16, as far as it reaches (33 m)."""
+    return np.clip(millimetres, -32768.0, 32767.0).astype(np.int16)

@@ -1,0 +1,1 @@
+"""Depth images on the CPU along each pixel's ray, without a renderer or graphics driver."""

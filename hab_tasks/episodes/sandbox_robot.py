@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -82,4 +83,9 @@ class SandboxRobot:
 def set_joints(articulation: Any, qpos: JointPositions) -> None:
     """Sets the joints of a SAPIEN articulation, at rest."""
     articulation.set_qpos(qpos)
-    articulation.set_qvel(np.zeros_like(qpos))
+    articulation.set_qvel(_still(len(qpos)))
+
+
+@lru_cache(maxsize=64)
+def _still(joints: int) -> JointPositions:
+    return np.zeros(joints, dtype=np.float32)

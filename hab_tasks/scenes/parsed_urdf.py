@@ -40,7 +40,7 @@ def articulation_builder(
     # Materials of visuals belong to a renderer.
     parse = _parse if scene.can_render() else _parsed_once
     builder = parse(text, srdf, scale, many_parts)
-    builder.set_scene(scene)
+    builder.scene = scene
     builder.set_name(name)
     builder.set_scene_idxs(None)
     for link in builder.link_builders:
@@ -50,7 +50,7 @@ def articulation_builder(
         yield builder
     finally:
         unset: Any = None
-        builder.set_scene(unset)  # would keep the whole simulation alive
+        builder.scene = unset  # would keep the whole simulation alive
 
 
 def _parse(text: str, srdf: str | None, scale: float, many_parts: bool) -> ArticulationBuilder:

@@ -132,7 +132,7 @@ def _joined(surfaces: list[Clusters]) -> Any:
         vertices, faces = vertices + len(surface.vertices_m), faces + len(surface.faces)
         first += len(surface.clusters)
     return kernel().Surfaces(
-        vertices_m=np.concatenate([surface.vertices_m.T for surface in surfaces], axis=1),
+        vertices_m=np.ascontiguousarray(np.concatenate([s.vertices_m for s in surfaces]).T),
         faces=np.concatenate([surface.faces for surface in surfaces]),
         clusters=np.concatenate(clusters),
         spheres_m=np.concatenate([surface.spheres_m for surface in surfaces]),

@@ -13,6 +13,7 @@ from playing import actions, slow
 
 from hab_tasks.engine import image_source
 from hab_tasks.errors import OptionError
+from hab_tasks.raycast.compiled import kernel
 from hab_tasks.robots.cameras import PLACES
 
 EVERY_CAMERA = tuple(PLACES)
@@ -177,6 +178,13 @@ def test_looking_twice_changes_nothing(make):
     for name, images in obs["sensor_data"].items():
         assert torch.equal(images["depth"], one["sensor_data"][name]["depth"])
         assert torch.equal(images["depth"], two["sensor_data"][name]["depth"])
+
+
+def test_the_kernel_is_compiled_once(make):
+    """For one combination of array types; each takes seconds."""
+    make(obs_mode="depth", render_backend="rays").reset(seed=1)
+    make(obs_mode="depth+segmentation", render_backend="rays").reset(seed=1)
+    assert len(kernel().cast.signatures) == 1
 
 
 def test_noise_is_that_of_the_episode(make):

@@ -91,13 +91,7 @@ class EpisodeSource:
     def __init__(
         self, request: EpisodeRequest, dataset: SceneDataset, folder: Path | None = None
     ) -> None:
-        """Reads the data of the request and previously generated episodes.
-
-        Args:
-            request: The request.
-            dataset: Its scene dataset.
-            folder: Where processes with the same request share the episodes they generate.
-        """
+        """Reads the data and episodes of a request; processes share new ones in `folder`."""
         self._request = request
         self.file = None if request.file is None else Path(request.file)
         self.env_id = imported_id(request.env_id)
@@ -113,7 +107,11 @@ class EpisodeSource:
         self._others: SharedEpisodes | None = None
         if self.file is not None:
             self._take_file(self.file)
-            return
+        else:
+            self._take_generated(folder)
+
+    def _take_generated(self, folder: Path | None) -> None:
+        dataset = self.dataset
         scope = "-".join(part for part in (self.split, self.scene_id) if part)
         scope += f"+{self.novel}" if self.novel else ""
         self._make_generator, version = generator_of(self.env_id)

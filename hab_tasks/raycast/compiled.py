@@ -30,7 +30,7 @@ def kernel() -> Any:
 
     config: Any = numba_config
     before = config.CACHE_DIR
-    folder = Path(before) if before and os.access(before, os.W_OK) else writable_dir(FOLDER)
+    folder = Path(before) if _is_writable(before) else writable_dir(FOLDER)
     config.CACHE_DIR = str(folder)
     try:
         module = import_module("hab_tasks.raycast.kernel")
@@ -43,6 +43,16 @@ def kernel() -> Any:
         shutil.rmtree(module.cast.stats.cache_path, ignore_errors=True)
         _compile(module)
     return module
+
+
+def _is_writable(folder: str) -> bool:
+    """Returns whether a folder is given, and exists or can be made, and can be written to."""
+    try:
+        if folder:
+            Path(folder).mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return bool(folder) and os.access(folder, os.W_OK)
 
 
 def _compile(module: Any) -> None:

@@ -1,14 +1,14 @@
 """Journal of an episode file in the making, so that a killed command can be resumed.
 
 `OUT.journal` has one JSON object a line: first the configuration, then each episode with its index
-and rejections. A layout's loose objects are in the first of its episodes.
+and rejections. A layout's loose objects are in the first of its episodes. Without any episode there
+is no journal.
 """
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 from hab_tasks.episodes.fields import naming
 from hab_tasks.episodes.generators.base import Made
@@ -37,6 +37,7 @@ class EpisodeJournal:
         self.entries: dict[int, Made] = {}
         self._configuration = {"journal": VERSION, "schema": SCHEMA, **configuration}
         self._scenes: Scenes = {}
+        self._begun = False
 
     def open(self, *, resume: bool, force: bool) -> None:
         """Reads the journal of an interrupted command, or begins a new one.
@@ -47,17 +48,17 @@ class EpisodeJournal:
             FileError: It cannot be written.
         """
         check_file(self.file, force=True)
-        there = self.file.exists()
-        if there and not (resume or force):
+        lines = self._whole_lines()
+        if lines and not (resume or force):
             raise EpisodeError(
                 f"{self.file} is of an interrupted run. Use --resume to continue it, or --force to "
                 "start again."
             )
-        lines = self._whole_lines() if there and resume else []
-        if lines:
+        self._begun = bool(lines) and resume
+        if self._begun:
             self._read(lines)
         else:
-            self._write(self._configuration, "w")
+            self.remove()
 
     def append(self, index: int, made: Made) -> None:
         """Appends an episode.
@@ -65,21 +66,24 @@ class EpisodeJournal:
         Raises:
             FileError: The disk is full.
         """
-        self._write({"index": index, **made_to_json(made, self._scenes)}, "a")
+        entry = {"index": index, **made_to_json(made, self._scenes)}
+        lines = [entry] if self._begun else [self._configuration, entry]
+        text = "".join(f"{json.dumps(line)}\n" for line in lines)
+        try:
+            with self.file.open("a", encoding="utf-8") as file:
+                file.write(text)
+        except OSError as error:
+            raise FileError(self.file, f"cannot be written: {error.strerror or error}") from error
+        self._begun = True
 
     def remove(self) -> None:
         """Removes the journal of a finished file."""
         self.file.unlink(missing_ok=True)
 
-    def _write(self, line: dict[str, Any], mode: str) -> None:
-        try:
-            with self.file.open(mode, encoding="utf-8") as file:
-                file.write(json.dumps(line) + "\n")
-        except OSError as error:
-            raise FileError(self.file, f"cannot be written: {error.strerror or error}") from error
-
     def _whole_lines(self) -> list[bytes]:
-        """Returns the lines; truncates an incomplete last one."""
+        """Returns the lines, [] if the file does not exist; truncates an incomplete last one."""
+        if not self.file.exists():
+            return []
         whole, newline, torn = self.file.read_bytes().rpartition(b"\n")
         if torn:
             with self.file.open("r+b") as file:

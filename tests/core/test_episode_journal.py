@@ -109,6 +109,14 @@ def test_the_journal_of_another_configuration_is_refused(source, tmp_path, name,
     assert "\n" not in str(told.value)
 
 
+def test_a_run_without_any_episode_leaves_no_journal(source, tmp_path):
+    journal = journal_with(source, tmp_path, 0)
+    assert not journal.file.exists()
+    journal.file.write_text('{"journal"')  # killed in the first line
+    assert reopened(source, journal).entries == {}
+    assert not journal.file.exists()
+
+
 def test_a_damaged_line_is_named(source, tmp_path):
     journal = journal_with(source, tmp_path, 1)
     with journal.file.open("a") as file:

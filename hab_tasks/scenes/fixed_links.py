@@ -125,9 +125,7 @@ def _read_inertial(link: ElementTree.Element) -> Inertial | None:
         for column, second in enumerate(_AXES):
             name = "i" + "".join(sorted(first + second))
             matrix[row, column] = float(inertia.get(name, 0.0))
-    own = Inertial(
-        mass_kg=float(mass.get("value", 0.0)), com_m=np.zeros(3), inertia_kg_m2=matrix
-    )
+    own = Inertial(mass_kg=float(mass.get("value", 0.0)), com_m=np.zeros(3), inertia_kg_m2=matrix)
     return own.moved(_origin(element))
 
 

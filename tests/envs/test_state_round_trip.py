@@ -73,15 +73,15 @@ def grab_handle(env):
 
 
 def assert_same_runs(first, second, pressing_atol=1e-2):
-    """To a ten thousandth; to a centimetre once the robot presses on something.
+    """To a ten thousandth, objects to half a millimetre; to a centimetre once the robot presses.
 
-    Forces are left out: contacts are found anew after a restore.
+    Forces are left out: contacts are found anew after a restore, and an object lands differently.
     """
     pressing = False
     for step, (a, b) in enumerate(zip(first, second, strict=True)):
         pressing = pressing or bool(a["measures"]["force_n"] > 0)
         for entry in ("obs", "coms", "joints"):
-            atol = pressing_atol if pressing else 1e-4
+            atol = pressing_atol if pressing else {"coms": 5e-4}.get(entry, 1e-4)
             assert same(a[entry], b[entry], atol=atol), f"{entry} of step {step}"
 
 

@@ -20,7 +20,7 @@ STEPS = int(os.environ.get("HAB_VECTOR_SOAK_STEPS", "500"))
 LONG_STEPS = 50_000
 """Growth of memory is looked at in runs of so many steps."""
 
-ROWS = 16
+ROWS = 16 if STEPS >= LONG_STEPS else 4
 EPISODES = 10
 CHUNK_STEPS = 50
 MOST_GROWTH = 0.05

@@ -1,0 +1,1 @@
+"""Recurrent PPO and DD-PPO for hab-tasks."""

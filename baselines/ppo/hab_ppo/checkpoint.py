@@ -156,4 +156,3 @@ def load_learner(learner: PPO, tensors: Tensors, name: object) -> None:
 def position_json(position: Position) -> dict[str, Any]:
     """Returns a position for the description of a checkpoint."""
     return asdict(position)
-

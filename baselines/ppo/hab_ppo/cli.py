@@ -13,7 +13,7 @@ import tyro
 from hab_ppo.launch import is_prepared, is_rank, launch
 from hab_tasks.console import Command, run_script
 from hab_tasks.errors import OptionError
-from hab_tasks.files import check_folder
+from hab_tasks.files import check_file, check_folder
 from hab_tasks.option_values import LARGEST_SEED, whole
 
 if TYPE_CHECKING:
@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 DESCRIPTION = "Recurrent PPO and DD-PPO for the skills of the Home Assistant Benchmark."
 MOST_RANKS = 256
+MOST_ROWS = 4096
+MOST_EPISODES = 1_000_000
+MOST_STEPS = 10**12
 
 TRAIN_HELP = """Trains a policy by its recipe.
 
@@ -125,25 +128,47 @@ class TrainCommand(Command):
         from hab_ppo.recipes import find_recipe
         from hab_tasks.errors import UnknownNameError
 
-        whole("--ranks", self.ranks, 1, MOST_RANKS)
-        whole("--seed", self.seed, 0, LARGEST_SEED)
-        if self.exact and not self.resume:
-            raise OptionError("--exact says from where --resume continues; give both.")
+        self._check_numbers()
         recipe = find_recipe(self.recipe)
+        preset = recipe.preset
         if self.preset is not None:
             if self.preset not in PRESETS:
                 raise UnknownNameError("preset", self.preset, PRESETS)
-            recipe = replace(recipe, preset=PRESETS[self.preset])
-        if self.rows is not None:
-            recipe = replace(recipe, preset=replace(recipe.preset, rows=self.rows))
-        if self.episodes is not None:
-            recipe = replace(recipe, env=replace(recipe.env, num_episodes=self.episodes))
+            preset = PRESETS[self.preset]
+        env = recipe.env
         given = {
+            "preset": preset if self.rows is None else replace(preset, rows=self.rows),
+            "env": env if self.episodes is None else replace(env, num_episodes=self.episodes),
             "total_steps": self.steps,
             "evaluation_steps": self.evaluation_steps,
             "evaluation_episodes": self.evaluation_episodes,
         }
-        return replace(recipe, **{k: v for k, v in given.items() if v is not None})
+        recipe = replace(recipe, **{k: v for k, v in given.items() if v is not None})
+        if recipe.preset.rows < recipe.preset.ppo.minibatches:
+            raise OptionError.of_value(
+                "--rows",
+                recipe.preset.rows,
+                f"at least {recipe.preset.ppo.minibatches}, the "
+                "number of minibatches, each of which takes whole rows",
+            )
+        return recipe
+
+    def _check_numbers(self) -> None:
+        """Rejects numbers out of range."""
+        whole("--ranks", self.ranks, 1, MOST_RANKS)
+        whole("--seed", self.seed, 0, LARGEST_SEED)
+        for name, most in (
+            ("steps", MOST_STEPS),
+            ("rows", MOST_ROWS),
+            ("episodes", MOST_EPISODES),
+            ("evaluation_steps", MOST_STEPS),
+            ("evaluation_episodes", MOST_EPISODES),
+        ):
+            value = getattr(self, name)
+            if value is not None:
+                whole(f"--{name.replace('_', '-')}", value, 1, most)
+        if self.exact and not self.resume:
+            raise OptionError("--exact says from where --resume continues; give both.")
 
     def _check_out(self) -> None:
         """Checks the output folder; with --force, empties it."""
@@ -160,7 +185,123 @@ class TrainCommand(Command):
         return f"The last update is kept: --resume continues {self.out}."
 
 
-COMMANDS: dict[str, type[Command]] = {"train": TrainCommand}
+EVAL_HELP = """Plays episodes with the best weights of a run, greedily.
+
+Example:
+  hab-ppo eval runs/pick_blind --episodes 100
+
+For a run.json with videos, failures and stages, use the weights as an agent:
+  hab-eval run --agent hab_ppo:policy --option weights=runs/pick_blind --env HabPick-v1 --out DIR"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvalCommand(Command):
+    """Options of `hab-ppo eval`."""
+
+    help: ClassVar[str] = EVAL_HELP
+
+    weights: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="PATH")]
+    """A run's folder, or a file of weights."""
+    episodes: Annotated[int, tyro.conf.arg(metavar="N")] = 100
+    """Number of episodes."""
+    split: Annotated[str, tyro.conf.arg(metavar="NAME")] = "val"
+    """Split of the episodes."""
+    seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
+    """Seed of the episodes."""
+    rows: Annotated[int, tyro.conf.arg(metavar="N")] = 16
+    """Simulations side by side."""
+    workers: Annotated[int, tyro.conf.arg(metavar="W")] = 2
+    """Number of processes."""
+    verbose: bool = False
+    """Print the traceback of an error in an environment."""
+
+    def run(self) -> int:
+        """Plays the episodes and prints the success rate."""
+        whole("--episodes", self.episodes, 1, MOST_EPISODES)
+        whole("--rows", self.rows, 1, MOST_ROWS)
+        whole("--workers", self.workers, 1, MOST_RANKS)
+        whole("--seed", self.seed, 0, LARGEST_SEED)
+        from hab_eval.stats import wilson_interval
+
+        from hab_ppo.agent import weights_file
+        from hab_ppo.play import play
+
+        result = play(
+            weights_file(self.weights),
+            split=self.split,
+            episodes=self.episodes,
+            seed=self.seed,
+            rows=self.rows,
+            workers=self.workers,
+        )
+        low, high = wilson_interval(result.successes, result.episodes)
+        print(
+            f"success {result.successes / result.episodes:.1%} ({result.successes} of "
+            f"{result.episodes}, 95 % interval {low:.1%} to {high:.1%})"
+        )
+        print(f"return {result.mean_return:.2f}, {result.mean_steps:.0f} steps (means)")
+        return 0
+
+
+PLOT_HELP = """Draws the learning curves of one or more runs.
+
+Example:
+  hab-ppo plot runs/pick_blind runs/pick_blind_paper --out curves.png"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlotCommand(Command):
+    """Options of `hab-ppo plot`."""
+
+    help: ClassVar[str] = PLOT_HELP
+
+    runs: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="DIR")]
+    """Folders of runs."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Output file; curves.png in the first run's folder if not given."""
+    force: bool = False
+    """Replace FILE."""
+
+    def run(self) -> int:
+        """Draws the picture."""
+        from hab_ppo.curves import draw_curves
+
+        if not self.runs:
+            raise OptionError("Give at least one folder of a run.")
+        out = self.runs[0] / "curves.png" if self.out is None else self.out
+        # The default file is the run's own, and is drawn again as the run goes on.
+        check_file(out, force=self.force or self.out is None)
+        draw_curves(self.runs, out)
+        print(f"wrote {out}")
+        return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ListCommand(Command):
+    """Options of `hab-ppo list`."""
+
+    help: ClassVar[str] = "Lists the recipes.\n\nExample:\n  hab-ppo list"
+
+    def run(self) -> int:
+        """Prints a line for each recipe."""
+        from hab_ppo.recipes import find_recipe, recipe_names
+
+        for name in recipe_names():
+            recipe = find_recipe(name)
+            config = recipe.env
+            print(
+                f"{name:24s} {config.env:22s} {config.control_mode:14s} {config.obs_mode:11s} "
+                f"{recipe.total_steps:>11,} steps  {recipe.about}"
+            )
+        return 0
+
+
+COMMANDS: dict[str, type[Command]] = {
+    "train": TrainCommand,
+    "eval": EvalCommand,
+    "plot": PlotCommand,
+    "list": ListCommand,
+}
 
 
 def _say(text: str) -> None:

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from hab_ppo.distributed import Ranks
-from hab_ppo.network import Policy
+from hab_ppo.network import Acted, Policy
 from hab_ppo.observation import Observation
 from hab_ppo.rollout import Rollout
 
@@ -77,9 +77,8 @@ class Collector:
         sums = np.zeros(len(EPISODE_SUMS))
         step = 0
         while step < self._steps and not self._ranks.preempts(update, step, self._steps):
-            assert self._obs is not None
             with self.clock("inference"):
-                acted = policy.act(self._on_device(), self._memory, self._to(self._starts), generator)
+                acted = self._act(generator)
                 actions = policy.head.to_env(acted.actions)
                 rollout.put(step, self._obs)
                 rollout.starts[step], rollout.valid[step] = self._starts, ~self._ended
@@ -98,28 +97,23 @@ class Collector:
             step += 1
         if step == self._steps:
             self._ranks.finish_rollout(update)
-        last = policy.act(self._on_device(), self._memory, self._to(self._starts), None)
-        rollout.last_values = last.values
+        rollout.last_values = self._act(None).values
         return rollout.first(step).to(self._ranks.device), torch.from_numpy(sums)
+
+    def _act(self, generator: torch.Generator | None) -> Acted:
+        assert self._obs is not None
+        obs = self._obs.to(self._ranks.device)
+        return self._policy.act(obs, self._memory, self._starts.to(obs.state.device), generator)
 
     def _read(self, obs: Any) -> Observation:
         return self._policy.layout.read(obs)
-
-    def _to(self, value: Tensor) -> Tensor:
-        return value.to(self._ranks.device)
-
-    def _on_device(self) -> Observation:
-        assert self._obs is not None
-        images = self._obs.images
-        return Observation(self._to(self._obs.state), None if images is None else self._to(images))
 
     def _count(self, reward: Any, ended: Any, success: Any) -> Any:
         """Returns the sums over the episodes that this step ended."""
         playing = ~self._ended.numpy()
         self._return += reward
         self._length += playing
-        sums = np.array(
-            [ended.sum(), success[ended].sum(), self._return[ended].sum(), self._length[ended].sum()]
-        )
+        totals = success[ended], self._return[ended], self._length[ended]
+        sums = np.array([ended.sum(), *(total.sum() for total in totals)], dtype=float)
         self._return[ended] = self._length[ended] = 0.0
         return sums

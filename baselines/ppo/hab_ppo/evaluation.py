@@ -8,10 +8,8 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from hab_ppo.network import Policy
-from hab_ppo.observation import Observation
 from hab_tasks.episodes import Episode
 
 
@@ -77,7 +75,7 @@ def evaluate(
     obs, _ = env.reset(options={"episode": rows.shown})
     starts, memory = torch.ones(count, dtype=torch.bool), policy.no_memory(count)
     while len(scores) < len(episodes):
-        seen = _on(policy.layout.read(obs), device)
+        seen = policy.layout.read(obs).to(device)
         acted = policy.act(seen, memory, starts.to(device), None)
         memory = acted.memory
         obs, reward, terminated, truncated, info = env.step(policy.head.to_env(acted.actions))
@@ -91,10 +89,3 @@ def evaluate(
         if ended.any() and len(scores) < len(episodes):
             obs, _ = env.reset(options={"reset_mask": ended.copy(), "episode": rows.shown})
     return sorted(scores, key=lambda score: score.episode)
-
-
-def _on(obs: Observation, device: torch.device | str) -> Observation:
-    def move(value: Tensor) -> Tensor:
-        return value.to(device)
-
-    return Observation(move(obs.state), None if obs.images is None else move(obs.images))

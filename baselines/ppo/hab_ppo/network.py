@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import torch
@@ -110,9 +111,7 @@ class Policy(nn.Module):
         log_probs = self.head.log_prob(outputs, actions)
         return Acted(actions, log_probs, self.critic(features)[:, 0], memory)
 
-    def judge(
-        self, obs: Observation, actions: Tensor, starts: Tensor, memory: Tensor
-    ) -> Judged:
+    def judge(self, obs: Observation, actions: Tensor, starts: Tensor, memory: Tensor) -> Judged:
         """Returns what the policy thinks of a rollout of T steps in N rows, with gradients.
 
         Args:
@@ -144,7 +143,7 @@ def new_policy(
 def _layers(widths: Sequence[int]) -> nn.Sequential:
     """Returns hidden layers of these widths."""
     layers: list[nn.Module] = []
-    for before, after in zip(widths, widths[1:], strict=False):
+    for before, after in pairwise(widths):
         layers += [_orthogonal(nn.Linear(before, after), math.sqrt(2)), nn.Tanh()]
     return nn.Sequential(*layers)
 

@@ -30,6 +30,11 @@ class Observation(NamedTuple):
     state: Tensor
     images: Tensor | None
 
+    def to(self, device: torch.device | str) -> Observation:
+        """Returns the observations on a device."""
+        images = None if self.images is None else self.images.to(device)
+        return Observation(self.state.to(device), images)
+
 
 @dataclass(frozen=True, kw_only=True)
 class ObservationLayout:

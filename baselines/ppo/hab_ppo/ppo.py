@@ -65,7 +65,9 @@ class PPO:
         """Starts the discounted returns anew, as all rows start new episodes."""
         self._running_return: Tensor | None = None
 
-    def update(self, rollout: Rollout, generator: torch.Generator, progress: float) -> dict[str, float]:
+    def update(
+        self, rollout: Rollout, generator: torch.Generator, progress: float
+    ) -> dict[str, float]:
         """Improves the policy with a rollout.
 
         Args:
@@ -80,6 +82,7 @@ class PPO:
         rate = config.learning_rate * (1 - min(1.0, progress) if config.decays else 1.0)
         for group in self.optimizer.param_groups:
             group["lr"] = rate
+        parameters = list(self.policy.parameters())
         batch = self._batch(rollout)
         parts = self._minibatches(rollout.valid.shape[1], generator)
         counts = self.ranks.sum(torch.stack([rollout.valid[:, rows].sum() for rows in parts]))
@@ -89,8 +92,8 @@ class PPO:
             loss, part = self._minibatch(batch.of_rows(rows), count)
             self.optimizer.zero_grad()
             loss.backward()
-            self.ranks.sum_gradients(self.policy.parameters())
-            norm += float(nn.utils.clip_grad_norm_(self.policy.parameters(), config.max_gradient_norm))
+            self.ranks.sum_gradients(parameters)
+            norm += float(nn.utils.clip_grad_norm_(parameters, config.max_gradient_norm))
             self.optimizer.step()
             sums += part
         means = self.ranks.sum(sums) / counts.sum()

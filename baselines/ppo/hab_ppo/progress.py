@@ -87,7 +87,8 @@ class Progress:
     def _line(self, entry: Mapping[str, Any]) -> str:
         """Returns the progress line of an update."""
         speed = entry["time/steps_per_s"]
-        left_min = (self._total - entry["steps"]) / max(1e-9, speed) / 60
+        left_steps = max(0, self._total - entry["steps"])
+        left_min = left_steps * entry["seconds"] / max(1, entry["steps"]) / 60
         shares = " ".join(f"{part} {entry[f'time/{part}']:.0%}" for part in PARTS)
         words = [f"{entry['steps']:,} of {self._total:,} steps", f"{speed:,.0f}/s", shares]
         if "train/return" in entry:
@@ -95,17 +96,21 @@ class Progress:
             words.append(f"success {entry['train/success']:.0%}")
         if "eval/success" in entry:
             words.append(f"greedy {entry['eval/success']:.0%} (best {entry['eval/best']:.0%})")
-        return " | ".join([*words, f"{max(0.0, left_min):.0f} min left"])
+        return " | ".join([*words, f"{left_min:.0f} min left"])
 
 
 def read_progress(folder: Path) -> list[dict[str, Any]]:
     """Returns the entries of a run's `progress.jsonl`; a line cut off by a kill is left out."""
-    entries = []
     path = folder / FILE
-    if path.exists():
-        for line in path.read_text(encoding="utf-8").splitlines():
-            try:
-                entries.append(json.loads(line))
-            except ValueError:
-                break
-    return entries
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    if lines and not _is_whole(lines[-1]):
+        lines.pop()
+    return [json.loads(line) for line in lines]
+
+
+def _is_whole(line: str) -> bool:
+    try:
+        json.loads(line)
+    except ValueError:
+        return False
+    return True

@@ -34,7 +34,12 @@ from hab_tasks.episodes import Episode, EpisodeRequest, load_episodes
 from hab_tasks.files import written_aside
 from hab_tasks.processes import use_one_thread
 
-RECIPE, LAST, EXACT, BEST = "recipe.json", "last.safetensors", "exact.safetensors", "best.safetensors"
+RECIPE, LAST, EXACT, BEST = (
+    "recipe.json",
+    "last.safetensors",
+    "exact.safetensors",
+    "best.safetensors",
+)
 """Files of a run: the resolved recipe, two checkpoints, and the best weights."""
 
 VALIDATION = "val"
@@ -262,4 +267,3 @@ class Trainer:
         about = {"seed": self._plan.seed, "ranks": self._ranks.size, **to_json(self._recipe)}
         with written_aside(self._plan.out / RECIPE) as scratch:
             scratch.write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
-

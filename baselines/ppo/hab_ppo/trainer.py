@@ -34,13 +34,11 @@ from hab_tasks.episodes import Episode, EpisodeRequest, load_episodes
 from hab_tasks.files import written_aside
 from hab_tasks.processes import use_one_thread
 
-RECIPE, LAST, EXACT, BEST = (
-    "recipe.json",
-    "last.safetensors",
-    "exact.safetensors",
-    "best.safetensors",
-)
-"""Files of a run: the resolved recipe, two checkpoints, and the best weights."""
+RECIPE = "recipe.json"
+"""The resolved recipe, in the run's folder."""
+
+LAST, EXACT, BEST = (f"{name}.safetensors" for name in ("last", "exact", "best"))
+"""Checkpoints of the last update and of the last evaluation, and the best weights."""
 
 VALIDATION = "val"
 COLLAPSE_SHARE = 0.5
@@ -114,6 +112,7 @@ class Trainer:
         self._collector = Collector(self._env, policy, ranks, preset.rollout_steps)
         self._recent = Recent()
         self._position = self._restored() if plan.resume else Position()
+        self._began_s = time.perf_counter() - self._position.seconds
 
     def run(self) -> Position:
         """Trains to the end; returns where the run ended."""
@@ -160,9 +159,13 @@ class Trainer:
             metrics[f"time/{part}"] = spent / seconds
         metrics["time/steps_per_s"] = steps / seconds
         self._position = replace(
-            at, update=at.update + 1, steps=at.steps + int(steps), seconds=at.seconds + seconds
+            at, update=at.update + 1, steps=at.steps + int(steps), seconds=self._seconds()
         )
         return metrics | self._recent.metrics
+
+    def _seconds(self) -> float:
+        """Returns the time since the run began, over all its starts, without starting up [s]."""
+        return time.perf_counter() - self._began_s
 
     # Evaluation ------------------------------------------------------------------------------
 
@@ -171,10 +174,10 @@ class Trainer:
         at, recipe = self._position, self._recipe
         number = at.steps // recipe.evaluation_steps
         if number > at.evaluated or at.steps >= recipe.total_steps:
-            began = time.perf_counter()
             success, mean_return = self._evaluated()
-            seconds = at.seconds + time.perf_counter() - began
-            self._position = replace(at, evaluated=number, seconds=seconds, success=success)
+            self._position = replace(
+                at, evaluated=number, seconds=self._seconds(), success=success
+            )
             self._keep_best(success, progress)
             if progress is not None:
                 self._save(EXACT)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
@@ -55,12 +55,20 @@ class TrainCommand(Command):
     """Environment steps in all, instead of the recipe's."""
     rows: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """Simulations of each rank, instead of the preset's."""
+    rollout_steps: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """Steps of each row in an update, instead of the preset's."""
     episodes: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """Number of training episodes, instead of the recipe's."""
     evaluation_steps: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """Steps between evaluations, instead of the recipe's."""
     evaluation_episodes: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """Episodes of an evaluation, instead of the recipe's."""
+    evaluation_split: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
+    """Split of the evaluations, where a dataset has no val."""
+    scene_dataset: Annotated[str | None, tyro.conf.arg(metavar="NAME|PATH")] = None
+    """`apartment` (included), or a ReplicaCAD folder, instead of the recipe's."""
+    objects: Annotated[str | None, tyro.conf.arg(metavar="PATH")] = None
+    """A YCB folder, instead of the included objects."""
     resume: bool = False
     """Continue the run in DIR after its last update."""
     exact: bool = False
@@ -124,34 +132,33 @@ class TrainCommand(Command):
 
     def _recipe(self) -> Recipe:
         """Returns the recipe with the options given."""
-        from hab_ppo.recipe import PRESETS
+        from hab_ppo.recipe import PRESETS, changed
         from hab_ppo.recipes import find_recipe
         from hab_tasks.errors import UnknownNameError
 
         self._check_numbers()
         recipe = find_recipe(self.recipe)
-        preset = recipe.preset
-        if self.preset is not None:
-            if self.preset not in PRESETS:
-                raise UnknownNameError("preset", self.preset, PRESETS)
-            preset = PRESETS[self.preset]
-        env = recipe.env
-        given = {
-            "preset": preset if self.rows is None else replace(preset, rows=self.rows),
-            "env": env if self.episodes is None else replace(env, num_episodes=self.episodes),
-            "total_steps": self.steps,
-            "evaluation_steps": self.evaluation_steps,
-            "evaluation_episodes": self.evaluation_episodes,
-        }
-        recipe = replace(recipe, **{k: v for k, v in given.items() if v is not None})
-        if recipe.preset.rows < recipe.preset.ppo.minibatches:
-            raise OptionError.of_value(
-                "--rows",
-                recipe.preset.rows,
-                f"at least {recipe.preset.ppo.minibatches}, the "
-                "number of minibatches, each of which takes whole rows",
-            )
-        return recipe
+        if self.preset is not None and self.preset not in PRESETS:
+            raise UnknownNameError("preset", self.preset, PRESETS)
+        preset = recipe.preset if self.preset is None else PRESETS[self.preset]
+        preset = changed(preset, rows=self.rows, rollout_steps=self.rollout_steps)
+        if preset.rows < preset.ppo.minibatches:
+            minibatches = f"{preset.ppo.minibatches}, the number of minibatches of whole rows"
+            raise OptionError.of_value("--rows", preset.rows, f"at least {minibatches}")
+        return changed(
+            recipe,
+            preset=preset,
+            env=changed(
+                recipe.env,
+                num_episodes=self.episodes,
+                scene_dataset=self.scene_dataset,
+                objects=self.objects,
+            ),
+            total_steps=self.steps,
+            evaluation_steps=self.evaluation_steps,
+            evaluation_episodes=self.evaluation_episodes,
+            evaluation_split=self.evaluation_split,
+        )
 
     def _check_numbers(self) -> None:
         """Rejects numbers out of range."""
@@ -160,6 +167,7 @@ class TrainCommand(Command):
         for name, most in (
             ("steps", MOST_STEPS),
             ("rows", MOST_ROWS),
+            ("rollout_steps", MOST_STEPS),
             ("episodes", MOST_EPISODES),
             ("evaluation_steps", MOST_STEPS),
             ("evaluation_episodes", MOST_EPISODES),

@@ -7,7 +7,7 @@ learner of S App. C, `FAST` one tuned for the wall time on two CPU cores.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, is_dataclass
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from typing import Any, TypeVar, get_type_hints
 
 from hab_tasks.errors import UnknownNameError
@@ -165,7 +165,8 @@ class Recipe:
         total_steps: Environment steps of the run, all ranks together.
         evaluation_steps: Steps between evaluations; after each, all rows start anew and an exact
             checkpoint is kept.
-        evaluation_episodes: Number of episodes of the validation split in an evaluation.
+        evaluation_episodes: Number of episodes in an evaluation.
+        evaluation_split: Their split.
     """
 
     name: str
@@ -175,6 +176,13 @@ class Recipe:
     total_steps: int = 2_000_000
     evaluation_steps: int = 100_000
     evaluation_episodes: int = 50
+    evaluation_split: str = "val"
+
+
+def changed(config: T, **values: Any) -> T:
+    """Returns a config with those of the values that are not None."""
+    given = {name: value for name, value in values.items() if value is not None}
+    return replace(config, **given)  # pyright: ignore[reportArgumentType, reportCallIssue]
 
 
 def to_json(config: Any) -> dict[str, Any]:

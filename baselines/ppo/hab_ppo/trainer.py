@@ -40,7 +40,6 @@ RECIPE = "recipe.json"
 LAST, EXACT, BEST = (f"{name}.safetensors" for name in ("last", "exact", "best"))
 """Checkpoints of the last update and of the last evaluation, and the best weights."""
 
-VALIDATION = "val"
 COLLAPSE_SHARE = 0.5
 """A run whose success falls below this share of its best is reported."""
 
@@ -83,7 +82,7 @@ def prepare_episodes(recipe: Recipe, workers: int, write_line: WriteLine) -> tup
 
     env = recipe.env
     load_episodes(episode_request(recipe, env.split), env.num_episodes, say, workers)
-    request = episode_request(recipe, VALIDATION)
+    request = episode_request(recipe, recipe.evaluation_split)
     return load_episodes(request, recipe.evaluation_episodes, say, workers).episodes
 
 
@@ -175,9 +174,7 @@ class Trainer:
         number = at.steps // recipe.evaluation_steps
         if number > at.evaluated or at.steps >= recipe.total_steps:
             success, mean_return = self._evaluated()
-            self._position = replace(
-                at, evaluated=number, seconds=self._seconds(), success=success
-            )
+            self._position = replace(at, evaluated=number, seconds=self._seconds(), success=success)
             self._keep_best(success, progress)
             if progress is not None:
                 self._save(EXACT)

@@ -54,12 +54,13 @@ class PolicyAgent:
         self._starts = self._starts | mask.cpu()
 
     def act(self, obs: Mapping[str, Any]) -> Tensor:
-        """Returns actions (N, A) float32, or cells (N,) of a discrete space."""
+        """Returns actions (N, A) float32, or cells (N, 1) of a discrete space."""
         seen = self._policy.layout.read(obs).to(self._device)
         acted = self._policy.act(seen, self._memory, self._starts.to(self._device), None)
         self._memory = acted.memory
         self._starts = torch.zeros_like(self._starts)
-        return torch.from_numpy(self._policy.head.to_env(acted.actions))
+        actions = torch.from_numpy(self._policy.head.to_env(acted.actions))
+        return actions.reshape(len(actions), -1)
 
     def report(self) -> list[AgentReport]:
         """Returns empty reports."""

@@ -28,7 +28,7 @@ from hab_eval.bench.rows import BenchRow, make_row
 from hab_eval.bench.suite import PICK, Suite, WriteLine
 
 from hab_ppo.progress import read_progress
-from hab_ppo.recipe import NetworkConfig, Recipe
+from hab_ppo.recipe import NetworkConfig
 from hab_ppo.recipes.pick_blind import RECIPE as PICK_BLIND
 from hab_tasks.errors import RunStoppedError
 
@@ -115,9 +115,9 @@ def trained(recipe: str, steps: int) -> float:
     return statistics.median(entry["time/steps_per_s"] for entry in entries[1:])
 
 
-def env_options(recipe: Recipe = PICK_BLIND) -> dict[str, Any]:
+def env_options() -> dict[str, Any]:
     """Returns the options of the environment on all sides."""
-    return recipe.env.options() | {"num_episodes": EPISODES}
+    return PICK_BLIND.env.options() | {"num_episodes": EPISODES}
 
 
 def vector_env(mode: str, **options: Any) -> Any:
@@ -163,7 +163,7 @@ def make_single() -> gym.Env[Any, Any]:
     from hab_tasks.processes import use_one_thread
 
     use_one_thread()
-    options = env_options() | {"obs_mode": "state"}
+    options: dict[str, Any] = env_options() | {"obs_mode": "state"}
     return CPUGymWrapper(gym.make(PICK_BLIND.env.reference, **options))
 
 
@@ -171,7 +171,7 @@ class Sb3Learner:
     """RecurrentPPO with the network and the update of `RECURRENT`."""
 
     def __init__(self, env: Any, steps: int) -> None:
-        from sb3_contrib import RecurrentPPO
+        from sb3_contrib import RecurrentPPO  # pyright: ignore[reportMissingImports]
         from torch import nn
 
         preset = RECURRENT.preset

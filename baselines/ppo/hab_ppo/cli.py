@@ -18,6 +18,7 @@ from hab_tasks.option_values import LARGEST_SEED, whole
 
 if TYPE_CHECKING:
     from hab_ppo.recipe import Recipe
+    from hab_ppo.trainer import TrainPlan
 
 DESCRIPTION = "Recurrent PPO and DD-PPO for the skills of the Home Assistant Benchmark."
 MOST_RANKS = 256
@@ -86,11 +87,19 @@ class TrainCommand(Command):
         self._check_out()
         if self.ranks == 1:
             return self._train(recipe)
-        from hab_ppo.trainer import prepare_episodes
-
-        prepare_episodes(recipe, self.ranks, _say)  # also checks the environment's options
+        self._check_launch(recipe)
         launch(self.ranks, self._arguments())
         return 0
+
+    def _check_launch(self, recipe: Recipe) -> None:
+        """Rejects bad input here, once, and not in each rank."""
+        from hab_ppo.checkpoint import load
+        from hab_ppo.trainer import check_same, prepare_episodes
+
+        plan = self._plan(recipe)
+        if plan.resume is not None:
+            check_same(plan, load(plan.out / plan.resume)[1])
+        prepare_episodes(recipe, self.ranks, _say)  # also checks the environment's options
 
     def _arguments(self) -> list[str]:
         """Returns the arguments of a rank: those given, but for --force."""
@@ -103,24 +112,23 @@ class TrainCommand(Command):
             words += [option] if value is True else [option, str(value)]
         return words
 
+    def _plan(self, recipe: Recipe) -> TrainPlan:
+        from hab_ppo.trainer import EXACT, LAST, TrainPlan
+
+        resumes = self.resume or (is_prepared() and (self.out / LAST).exists())
+        resume = (EXACT if self.exact else LAST) if resumes else None
+        return TrainPlan(recipe=recipe, out=self.out, seed=self.seed, resume=resume)
+
     def _train(self, recipe: Recipe) -> int:
         # Imported here: loading the simulator takes seconds, and --help does not need it.
         from hab_ppo.distributed import Ranks
-        from hab_ppo.trainer import EXACT, LAST, Trainer, TrainPlan
+        from hab_ppo.trainer import Trainer
 
-        resumes = self.resume or (is_prepared() and (self.out / LAST).exists())
-        checkpoint = EXACT if self.exact else LAST
-        plan = TrainPlan(
-            recipe=recipe,
-            out=self.out,
-            seed=self.seed,
-            resume=checkpoint if resumes else None,
-        )
         ranks = Ranks()
         if is_rank() and not is_prepared() and ranks.is_first:
             self._check_out()
         try:
-            end = Trainer(plan, ranks, _say).run()
+            end = Trainer(self._plan(recipe), ranks, _say).run()
         finally:
             ranks.close()
         if ranks.is_first and end.best_success is not None:

@@ -78,17 +78,18 @@ class Collector:
         step = 0
         while step < self._steps and not self._ranks.preempts(update, step, self._steps):
             with self.clock("inference"):
-                acted = self._act(generator)
+                obs = self._seen
+                acted = self._act(obs, generator)
                 actions = policy.head.to_env(acted.actions)
-                rollout.put(step, self._obs)
+                rollout.put(step, obs)
                 rollout.starts[step], rollout.valid[step] = self._starts, ~self._ended
                 rollout.actions[step], rollout.values[step] = acted.actions, acted.values
                 rollout.log_probs[step], self._memory = acted.log_probs, acted.memory
             with self.clock("env"):
-                obs, reward, terminated, truncated, info = self.env.step(actions)
+                raw, reward, terminated, truncated, info = self.env.step(actions)
             with self.clock("inference"):
                 sums += self._count(reward, terminated | truncated, info["success"])
-                self._obs = self._read(obs)
+                self._obs = self._read(raw)
                 rollout.rewards[step] = torch.from_numpy(np.asarray(reward, np.float32))
                 rollout.terminated[step] = torch.from_numpy(terminated)
                 rollout.truncated[step] = torch.from_numpy(truncated & ~terminated)
@@ -97,13 +98,17 @@ class Collector:
             step += 1
         if step == self._steps:
             self._ranks.finish_rollout(update)
-        rollout.last_values = self._act(None).values
+        rollout.last_values = self._act(self._seen, None).values
         return rollout.first(step).to(self._ranks.device), torch.from_numpy(sums)
 
-    def _act(self, generator: torch.Generator | None) -> Acted:
-        assert self._obs is not None
-        obs = self._obs.to(self._ranks.device)
-        return self._policy.act(obs, self._memory, self._starts.to(obs.state.device), generator)
+    @property
+    def _seen(self) -> Observation:
+        assert self._obs is not None, "call reset first"
+        return self._obs
+
+    def _act(self, obs: Observation, generator: torch.Generator | None) -> Acted:
+        device = self._ranks.device
+        return self._policy.act(obs.to(device), self._memory, self._starts.to(device), generator)
 
     def _read(self, obs: Any) -> Observation:
         return self._policy.layout.read(obs)

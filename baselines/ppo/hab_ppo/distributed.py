@@ -15,6 +15,8 @@ from datetime import timedelta
 import torch
 import torch.distributed as dist
 from torch import Tensor
+from torch.distributed.distributed_c10d import PrefixStore, Store
+from torch.distributed.rendezvous import rendezvous
 
 from hab_ppo.normalizer import Moments
 
@@ -41,17 +43,17 @@ class Ranks:
         """Joins the ranks that torchrun started, if it did."""
         self.rank, self.size = 0, 1
         self.device = torch.device("cpu")
-        self._store: dist.Store | None = None
+        self._store: Store | None = None
         if "WORLD_SIZE" not in os.environ:
             return
         if torch.cuda.is_available():
             self.device = torch.device("cuda", int(os.environ["LOCAL_RANK"]))
             torch.cuda.set_device(self.device)
-        store, self.rank, self.size = next(dist.rendezvous("env://", timeout=TIMEOUT))
-        self._store = dist.PrefixStore("hab_ppo", store)
+        store, self.rank, self.size = next(rendezvous("env://", timeout=TIMEOUT))
+        self._store = PrefixStore("hab_ppo", store)
         dist.init_process_group(
             "nccl" if self.device.type == "cuda" else "gloo",
-            store=dist.PrefixStore("group", store),
+            store=PrefixStore("group", store),
             rank=self.rank,
             world_size=self.size,
             timeout=TIMEOUT,

@@ -30,6 +30,7 @@ def launch(ranks: int, arguments: Sequence[str]) -> None:
     Raises:
         RunStoppedError: A rank failed.
     """
+    from torch.distributed.elastic.multiprocessing.api import SignalException
     from torch.distributed.elastic.multiprocessing.errors import ChildFailedError
     from torch.distributed.launcher.api import LaunchConfig, elastic_launch
 
@@ -47,11 +48,13 @@ def launch(ranks: int, arguments: Sequence[str]) -> None:
     )
     try:
         elastic_launch(config, sys.executable)("-m", "hab_ppo", *arguments)
+    except SignalException as error:  # Ctrl-C and SIGTERM, which the agent catches
+        raise KeyboardInterrupt from error
     except ChildFailedError as error:
         rank, failure = error.get_first_failure()
         raise RunStoppedError(
-            f"Rank {rank} failed ({failure.message or failure.exitcode}); its message is above. "
-            "--resume continues from the last update."
+            f"Rank {rank} ended with status {failure.exitcode}; its message is above. --resume "
+            "continues from the last update."
         ) from error
     finally:
         del os.environ[PREPARED]

@@ -78,7 +78,7 @@ class Policy(nn.Module):
 
     def no_memory(self, rows: int) -> Tensor:
         """Returns the LSTM's state (2, rows, H) at the start of an episode."""
-        return torch.zeros(2, rows, self.config.lstm_size, device=self.actor[-1].weight.device)
+        return torch.zeros(2, rows, self.config.lstm_size, device=self.state_normalizer.mean.device)
 
     def encoded(self, obs: Observation) -> Tensor:
         """Returns the encodings (M, F) of M observations."""

@@ -61,6 +61,26 @@ class TrainPlan:
     resume: str | None = None
 
 
+def check_same(plan: TrainPlan, about: Mapping[str, Any]) -> None:
+    """Rejects a checkpoint of another recipe or seed; only the length of the run may change.
+
+    Raises:
+        RecipeError: The description `about` is of another run.
+    """
+    recipe, found = json.loads(json.dumps(to_json(plan.recipe))), about["recipe"]
+    different = [
+        name
+        for name in sorted(recipe.keys() | found.keys())
+        if name not in ("total_steps", "about") and recipe.get(name) != found.get(name)
+    ]
+    if different:
+        raise RecipeError(
+            f"The run in {plan.out} has another {different[0]}; give the options of that run."
+        )
+    if about["seed"] != plan.seed:
+        raise RecipeError(f"The run in {plan.out} has seed {about['seed']}, not {plan.seed}.")
+
+
 def episode_request(recipe: Recipe, split: str) -> EpisodeRequest:
     """Returns the request of a recipe's episodes of a split."""
     env = recipe.env
@@ -77,7 +97,7 @@ def prepare_episodes(recipe: Recipe, workers: int, write_line: WriteLine) -> tup
     """Generates the missing episodes of a recipe; returns those of the evaluation."""
 
     def say(done: int, count: int) -> None:
-        if done % max(1, count // 10) == 0:
+        if done < count and done % max(1, count // 10) == 0:
             write_line(f"{done} of {count} episodes generated")
 
     env = recipe.env
@@ -249,19 +269,9 @@ class Trainer:
         path = self._plan.out / str(self._plan.resume)
         data = self._ranks.from_first(checkpoint.read(path) if self._ranks.is_first else b"")
         tensors, about = checkpoint.parse(data, path)
-        self._check_same(about, path)
+        check_same(self._plan, about)
         checkpoint.load_learner(self._learner, tensors, path)
         return Position(**about["position"])
-
-    def _check_same(self, about: Mapping[str, Any], path: Path) -> None:
-        """Rejects the checkpoint of another recipe or seed; only the length may change."""
-        recipe = json.loads(json.dumps(to_json(self._recipe)))
-        lengths = ("total_steps", "about")
-        same = {k: v for k, v in recipe.items() if k not in lengths}
-        if same != {k: v for k, v in about["recipe"].items() if k not in lengths}:
-            raise RecipeError(f"{path} is of another recipe; give the options of that run.")
-        if about["seed"] != self._plan.seed:
-            raise RecipeError(f"{path} has seed {about['seed']}, not {self._plan.seed}.")
 
     def _write_recipe(self) -> None:
         about = {"seed": self._plan.seed, "ranks": self._ranks.size, **to_json(self._recipe)}

@@ -82,7 +82,7 @@ def test_a_resumed_run_equals_one_that_was_never_interrupted(toy, tmp_path, name
 
 def test_a_run_continues_only_as_it_was(toy, tmp_path):
     toy(tmp_path)
-    with pytest.raises(RecipeError, match="another recipe"):
+    with pytest.raises(RecipeError, match="another preset"):
         toy(tmp_path, replace(TOY, preset=FAST), resume=LAST)
     with pytest.raises(RecipeError, match="seed 0, not 1"):
         toy(tmp_path, seed=1, resume=LAST)

@@ -54,6 +54,9 @@ Suites:
   objects    time outside the physics engine with 10, 30 and 100 objects in the scene
   processes  steps/s of two processes, compared with one
   memory     memory of one process and of each additional one
+  vector     steps/s of 16 rows of the vector environment, compared with AsyncVectorEnv
+  rays       depth images computed on the CPU, compared with a software renderer
+  episodes   time per generated episode
   plan       arm planning time of the SPA baseline, which must be installed"""
 
 
@@ -225,8 +228,7 @@ class BenchCommand(Command):
     help: ClassVar[str] = BENCH_HELP
 
     suite: Annotated[str, tyro.conf.arg(metavar="NAME")]
-    """Benchmark suite: sim, depth, reset, objects, processes, memory, vector or episodes; hab_spa
-    adds plan."""
+    """Benchmark suite, see above."""
     json: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     """Output file."""
     scene_dataset: Annotated[Path, tyro.conf.arg(metavar="PATH")]

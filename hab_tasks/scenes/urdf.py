@@ -85,24 +85,6 @@ def remove_visuals(root: ElementTree.Element) -> None:
             link.remove(visual)
 
 
-def remove_empty_links(root: ElementTree.Element) -> None:
-    """Deletes every fixed outermost link without mass, visual and collision, in place."""
-    while True:
-        parents = {parent.get("link") for parent in root.iter("parent")}
-        empty = {link.get("name"): link for link in root.findall("link") if len(link) == 0}
-        fixed = {
-            child.get("link"): joint
-            for joint in root.findall("joint")
-            if joint.get("type") == "fixed" and (child := joint.find("child")) is not None
-        }
-        ends = [name for name in empty if name in fixed and name not in parents]
-        if not ends:
-            return
-        for name in ends:
-            root.remove(empty[name])
-            root.remove(fixed[name])
-
-
 def joint_limits(file: Path) -> dict[str, tuple[float, float]]:
     """Returns joint name -> (lower, upper) [m or rad] of the movable joints, before scaling."""
     limits = {}

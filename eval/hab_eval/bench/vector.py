@@ -4,26 +4,32 @@ from __future__ import annotations
 
 import os
 import tempfile
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
-import numpy as np
-from gymnasium.vector import AsyncVectorEnv
-
 from hab_eval.bench.layout import make_layout
 from hab_eval.bench.memory import read_memory
 from hab_eval.bench.motion import Motion
 from hab_eval.bench.options import BenchOptions
-from hab_eval.bench.process import RemoteEnv, StepTiming
+from hab_eval.bench.process import RemoteEnv
 from hab_eval.bench.rows import REFERENCE, BenchRow, bound_row, make_row
 from hab_eval.bench.suite import PICK, TIDY_HOUSE, Suite, WriteLine
+from hab_eval.bench.vector_envs import (
+    ROWS,
+    WORKERS,
+    Case,
+    GroupLoop,
+    ReferenceLoop,
+    SingleLoop,
+    in_async,
+    native,
+    open_case,
+    rate,
+)
 
-ROWS, WORKERS = 16, 2
 MANY_ROWS = 64
 MEMORY_BOUND_MB = 1500.0
 PHYSICS_SHARE_BOUND = 0.6
@@ -32,183 +38,21 @@ NAVIGATE = "HabNavigate-v1"
 TWO_IN_ASYNC = "two environments in an AsyncVectorEnv"
 TWO_PROCESSES = "two processes that step one environment each"
 
-Measure = Callable[[int, int], float]
-"""(count, seed) -> steps/s of `count` steps in all rows, with random actions and autoreset."""
-
-
-def env_options(options: BenchOptions, env_id: str, scene: str) -> dict[str, Any]:
-    """Returns the options of the environments on both sides."""
-    from hab_eval.bench.hab_env import control_of
-
-    return {
-        "scene_dataset": str(options.scene_dataset),
-        "objects": None if options.objects is None else str(options.objects),
-        "scene": scene,
-        "obs_mode": "state",
-        "control_mode": control_of(env_id),
-        "reward_mode": "dense",
-        "render_backend": "none",
-    }
-
-
-def native(options: BenchOptions, env_id: str, scene: str, rows: int = ROWS) -> Any:
-    """Returns a native vector environment."""
-    return gym.make_vec(
-        f"hab_tasks:{env_id}",
-        num_envs=rows,
-        num_workers=WORKERS,
-        **env_options(options, env_id, scene),
-    )
-
-
-def in_async(options: BenchOptions, env_id: str, scene: str) -> AsyncVectorEnv:
-    """Returns two single environments in an AsyncVectorEnv."""
-    maker = partial(make_single, f"hab_tasks:{env_id}", env_options(options, env_id, scene))
-    return AsyncVectorEnv([maker] * WORKERS, context="spawn")
-
-
-def make_single(reference: str, settings: dict[str, Any]) -> gym.Env[Any, Any]:
-    """Creates one environment in its process, with Gymnasium's single-environment interface."""
-    from mani_skill.utils.wrappers.gymnasium import CPUGymWrapper
-
-    from hab_tasks.processes import use_one_thread
-
-    use_one_thread()
-    return CPUGymWrapper(gym.make(reference, **settings))
-
-
-def make_reference(scene: str) -> gym.Env[Any, Any]:
-    """Creates ManiSkill's environment in its process; MS_ASSET_DIR is the copied dataset."""
-    from mani_skill.utils.wrappers.gymnasium import CPUGymWrapper
-
-    from hab_eval.bench.reference import Reference
-    from hab_tasks.processes import use_one_thread
-
-    use_one_thread()
-    return CPUGymWrapper(Reference((scene,), "state").env)
-
-
-def random_actions(space: Any, count: int, seed: int) -> np.ndarray:
-    """Returns uniform actions (count, ...) of a batched action space."""
-    rng = np.random.default_rng(seed)
-    if hasattr(space, "low"):
-        return rng.uniform(space.low, space.high, (count, *space.shape)).astype(space.dtype)
-    return np.stack([space.sample() for _ in range(count)])
-
-
-def rate(env: Any, count: int, seed: int) -> float:
-    """Returns the total steps/s of a vector environment; see `Measure`."""
-    actions = random_actions(env.action_space, count, seed)
-    started = time.perf_counter()
-    for action in actions:
-        env.step(action)
-    return env.num_envs * count / (time.perf_counter() - started)
-
-
-class SingleLoop:
-    """A single environment with random actions that resets itself, in its own process."""
-
-    def __init__(self, env_id: str, settings: dict[str, Any]) -> None:
-        self._env = make_single(f"hab_tasks:{env_id}", settings)
-        self._env.reset(seed=0)
-
-    def run_steps(self, motion: Motion) -> StepTiming:
-        """Times `motion.count` steps."""
-        actions = random_actions(self._env.action_space, motion.count, motion.seed)
-        started = time.perf_counter()
-        for action in actions:
-            _, _, terminated, truncated, _ = self._env.step(action)
-            if terminated or truncated:
-                self._env.reset()
-        total_s = time.perf_counter() - started
-        return StepTiming(steps=motion.count, total_s=total_s, engine_s=0.0)
-
-    def close(self) -> None:
-        """See `StepsTimed`."""
-        self._env.close()
-
-
-class ReferenceLoop:
-    """Two of ManiSkill's environments in an AsyncVectorEnv, with random actions."""
-
-    def __init__(self, scene: str) -> None:
-        maker = partial(make_reference, scene)
-        self._env = AsyncVectorEnv([maker] * WORKERS, context="spawn")
-        self._env.reset(seed=0)
-
-    def run_steps(self, motion: Motion) -> StepTiming:
-        """Times `motion.count` steps of both."""
-        steps = WORKERS * motion.count
-        total_s = steps / rate(self._env, motion.count, motion.seed)
-        return StepTiming(steps=steps, total_s=total_s, engine_s=0.0)
-
-    def close(self) -> None:
-        """Ends its processes."""
-        self._env.close()
-
-
-class GroupLoop:
-    """The rows of one worker in a process of its own, to time the engine within their steps."""
-
-    def __init__(self, env_id: str, settings: dict[str, Any]) -> None:
-        from gymnasium.vector import AutoresetMode
-
-        from hab_tasks.envs import ENVS
-        from hab_tasks.vector.messages import ResetRows, WorkerSetup
-        from hab_tasks.vector.worker import local_group
-
-        self._rows = ROWS // WORKERS
-        setup = WorkerSetup(
-            reference=f"hab_tasks:{env_id}",
-            options=settings,
-            group_sizes=(self._rows,),
-            max_steps=ENVS[env_id].horizon_steps,
-            autoreset=AutoresetMode.NEXT_STEP,
-        )
-        self._envs, self._group, self._actions = local_group(setup)
-        self._group.reset(ResetRows(seeds={row: row for row in range(self._rows)}, options={}))
-
-    def run_steps(self, motion: Motion) -> StepTiming:
-        """Times `motion.count` steps of all rows, and the engine in them."""
-        from contextlib import ExitStack
-
-        from hab_eval.bench.process import engine_clock
-
-        space = self._envs[0].single_action_space
-        with ExitStack() as clocks:
-            durations = [clocks.enter_context(engine_clock(env.scene)) for env in self._envs]
-            total_s = 0.0
-            for step in range(motion.count):
-                drawn = random_actions(space, self._rows, motion.seed * 100_003 + step)
-                self._actions[:] = drawn.reshape(self._actions.shape)
-                started = time.perf_counter()
-                self._group.step()
-                total_s += time.perf_counter() - started
-        engine_s = sum(map(sum, durations))
-        return StepTiming(steps=motion.count * self._rows, total_s=total_s, engine_s=engine_s)
-
-    def close(self) -> None:
-        """See `StepsTimed`."""
-        for env in self._envs:
-            env.close()
-
 
 def run_vector(options: BenchOptions, write_line: WriteLine) -> list[BenchRow]:
     """Measures each environment, then physics share, two processes, memory and ManiSkill."""
     rows: list[BenchRow] = []
     for (scene,) in options.groups:
         for env_id in options.envs or (PICK, TIDY_HOUSE, NAVIGATE):
-            name = ("vector", scene, env_id)
-            with (
-                closing(native(options, env_id, scene)) as ours,
-                closing(in_async(options, env_id, scene)) as other,
-            ):
-                pairs = _alternate(options, ours, other, write_line)
-            rows.append(_steps_row((*name, "16_rows"), pairs, TWO_IN_ASYNC))
-            rows += _group_rows(options, name, write_line)
-        rows.append(_two_processes(options, scene, write_line))
-        rows.append(_memory(options, scene))
-        rows.append(_mani_skill(options, scene, write_line))
+            with open_case(options, env_id, scene) as case:
+                with closing(native(case, ROWS)) as ours, closing(in_async(case)) as other:
+                    pairs = _alternate(options, ours, other, write_line)
+                rows.append(_steps_row((*case.name, "16_rows"), pairs, TWO_IN_ASYNC))
+                rows += _group_rows(options, case, write_line)
+        with open_case(options, PICK, scene) as case:
+            rows.append(_two_processes(options, case, write_line))
+            rows.append(_memory(options, case))
+            rows.append(_mani_skill(options, case, write_line))
     return rows
 
 
@@ -236,33 +80,35 @@ def _steps_row(
     return make_row(name, ours, others, unit="steps/s", reference=reference)
 
 
-def _group_rows(
-    options: BenchOptions, name: tuple[str, str, str], write_line: WriteLine
-) -> list[BenchRow]:
+def _group_rows(options: BenchOptions, case: Case, write_line: WriteLine) -> list[BenchRow]:
     """Returns physics share and time outside the engine of a worker's rows."""
-    settings = env_options(options, name[2], name[1])
-    with closing(RemoteEnv(partial(GroupLoop, name[2], settings), {})) as loop:
+    with closing(RemoteEnv(partial(GroupLoop, case), {})) as loop:
         loop.run_steps(Motion(count=max(1, options.step_count // 4), seed=0, arm=True))
         timings = [
             loop.run_steps(Motion(count=options.step_count, seed=repeat, arm=True))
             for repeat in range(options.repeats)
         ]
-    write_line(f"{name[2]}: {timings[-1].outside_ms:.3f} ms outside the engine per row and step")
+    write_line(
+        f"{case.env_id}: {timings[-1].outside_ms:.3f} ms outside the engine per row and step"
+    )
     shares = [timing.physics_share for timing in timings]
     outside, engine = [t.outside_ms for t in timings], [t.engine_ms for t in timings]
     return [
-        bound_row((*name, "16_rows_physics_share"), shares, PHYSICS_SHARE_BOUND, unit="1"),
+        bound_row((*case.name, "16_rows_physics_share"), shares, PHYSICS_SHARE_BOUND, unit="1"),
         make_row(
-            (*name, "16_rows_outside_physics"), outside, engine, unit="ms/step", reference="engine"
+            (*case.name, "16_rows_outside_physics"),
+            outside,
+            engine,
+            unit="ms/step",
+            reference="engine",
         ),
     ]
 
 
-def _two_processes(options: BenchOptions, scene: str, write_line: WriteLine) -> BenchRow:
+def _two_processes(options: BenchOptions, case: Case, write_line: WriteLine) -> BenchRow:
     """Returns the row that compares with independent processes."""
-    settings, count = env_options(options, PICK, scene), options.step_count
-    loop = partial(SingleLoop, PICK, settings)
-    with closing(native(options, PICK, scene)) as ours:
+    loop, count = partial(SingleLoop, case), options.step_count
+    with closing(native(case, ROWS)) as ours:
         others = [RemoteEnv(loop, {}) for _ in range(WORKERS)]
         try:
             ours.reset(seed=0)
@@ -277,30 +123,30 @@ def _two_processes(options: BenchOptions, scene: str, write_line: WriteLine) -> 
             for other in others:
                 other.close()
     write_line(f"two processes: {pairs[-1][0]:.0f} steps/s, reference {pairs[-1][1]:.0f}")
-    name = ("vector", scene, PICK, "16_rows_and_two_processes")
+    name = (*case.name, "16_rows_and_two_processes")
     return _steps_row(name, pairs[1:], TWO_PROCESSES)  # the first was the warm-up
 
 
-def _memory(options: BenchOptions, scene: str) -> BenchRow:
+def _memory(options: BenchOptions, case: Case) -> BenchRow:
     """Returns the memory of many rows, in all processes together."""
-    with closing(native(options, PICK, scene, MANY_ROWS)) as env:
+    with closing(native(case, MANY_ROWS)) as env:
         env.reset(seed=0)
         rate(env, min(50, options.step_count), 0)
         pids = (os.getpid(), *env.worker_pids)
         total_mb = sum(read_memory(pid).pss_mb for pid in pids)
-    name = ("vector", scene, PICK, "64_rows_pss")
+    name = (*case.name, "64_rows_pss")
     return bound_row(name, [total_mb], MEMORY_BOUND_MB, unit="MB")
 
 
-def _mani_skill(options: BenchOptions, scene: str, write_line: WriteLine) -> BenchRow:
+def _mani_skill(options: BenchOptions, case: Case, write_line: WriteLine) -> BenchRow:
     """Returns the row that compares with ManiSkill's scene environment, in an AsyncVectorEnv."""
     count = options.step_count
     with tempfile.TemporaryDirectory(prefix="hab_bench_") as folder:
-        make_layout(options.scene_dataset, (scene,), Path(folder))
-        loop, variables = partial(ReferenceLoop, scene), {"MS_ASSET_DIR": folder}
+        make_layout(options.scene_dataset, (case.scene,), Path(folder))
+        loop, variables = partial(ReferenceLoop, case.scene), {"MS_ASSET_DIR": folder}
         with (
             closing(RemoteEnv(loop, variables, has_children=True)) as other,
-            closing(native(options, PICK, scene)) as ours,
+            closing(native(case, ROWS)) as ours,
         ):
             ours.reset(seed=0)
             pairs = []
@@ -308,7 +154,7 @@ def _mani_skill(options: BenchOptions, scene: str, write_line: WriteLine) -> Ben
                 theirs = other.run_steps(Motion(count=count, seed=repeat, arm=True))
                 pairs.append((rate(ours, count, repeat), theirs.steps_per_s))
     write_line(f"ManiSkill: {pairs[-1][0]:.0f} steps/s, reference {pairs[-1][1]:.0f}")
-    name = ("vector", scene, PICK, "16_rows_and_maniskill")
+    name = (*case.name, "16_rows_and_maniskill")
     return _steps_row(name, pairs[1:], f"two of {REFERENCE} in an AsyncVectorEnv")
 
 

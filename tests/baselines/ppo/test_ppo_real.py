@@ -16,8 +16,9 @@ from hab_ppo.agent import spec_of
 from hab_ppo.cli import main
 from hab_ppo.distributed import Ranks
 from hab_ppo.network import new_policy
-from hab_ppo.observation import ObservationLayout
+from hab_ppo.observation import Observation, ObservationLayout
 from hab_ppo.progress import read_progress
+from hab_ppo.recipe import PAPER
 from hab_ppo.recipes import find_recipe, recipe_names
 from hab_ppo.trainer import LAST, Trainer, TrainPlan
 
@@ -44,8 +45,13 @@ def test_the_network_of_a_recipe_fits_its_environment(name):
     spaces = agent_spaces(recipe.env.env, spec_of(recipe))
     layout = ObservationLayout.of(spaces.observation)
     assert (layout.image_shape is None) == (recipe.env.obs_mode == "state_dict")
-    policy = new_policy(layout, spaces.action, recipe.preset.network, seed=0)
-    assert policy.head.size == getattr(spaces.action, "n", None) or spaces.action.shape
+    for preset in (recipe.preset, PAPER):
+        policy = new_policy(layout, spaces.action, preset.network, seed=0)
+        images = layout.image_shape and torch.rand(3, *layout.image_shape)
+        obs = Observation(torch.zeros(3, layout.state_size), images)
+        acted = policy.act(obs, policy.no_memory(3), torch.ones(3, dtype=torch.bool), None)
+        assert spaces.action.contains(policy.head.to_env(acted.actions)[0])
+        assert policy.lstm is not None or preset is not PAPER
 
 
 @pytest.mark.parametrize("name", SKILL_RECIPES)

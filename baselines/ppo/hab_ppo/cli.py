@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import tyro
 
 from hab_ppo.launch import is_prepared, is_rank, launch
-from hab_tasks.console import Command, run_script
+from hab_tasks.console import EXIT_INTERRUPTED, Command, run_script
 from hab_tasks.errors import OptionError
 from hab_tasks.files import check_file, check_folder
 from hab_tasks.option_values import LARGEST_SEED, whole
@@ -83,7 +83,10 @@ class TrainCommand(Command):
         """Trains in this process, or starts the ranks that do."""
         recipe = self._recipe()
         if is_rank():
-            return self._train(recipe)
+            try:
+                return self._train(recipe)
+            except KeyboardInterrupt:  # the launcher reports it, once
+                return EXIT_INTERRUPTED
         self._check_out()
         if self.ranks == 1:
             return self._train(recipe)

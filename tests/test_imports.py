@@ -94,7 +94,8 @@ for entry in hab_tasks.ENVS.values():
     module, name = known.entry_point.split(":")
     assert getattr(importlib.import_module(module), name) is entry.env, entry.id
     assert known.max_episode_steps == entry.horizon_steps, entry.id
-assert not {m.split(".")[0] for m in sys.modules} & {"hab_eval", "hab_spa", "hab_planner", "ompl"}
+siblings = {"hab_eval", "hab_spa", "hab_planner", "hab_ppo", "ompl"}
+assert not {m.split(".")[0] for m in sys.modules} & siblings
 """
 
 SCRIPTS = {
@@ -110,7 +111,7 @@ SCRIPTS = {
 
 HEAVY = {
     *("torch", "sapien", "mani_skill", "pinocchio", "coal", "ompl", "trimesh", "matplotlib"),
-    *("scipy", "imageio", "unified_planning", "pyarrow", "numba"),
+    *("scipy", "imageio", "unified_planning", "pyarrow", "numba", "tensorboard"),
 }
 """Modules that together take seconds to load."""
 

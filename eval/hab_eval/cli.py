@@ -57,7 +57,8 @@ Suites:
   vector     steps/s of 16 rows of the vector environment, compared with AsyncVectorEnv
   rays       depth images computed on the CPU, compared with a software renderer
   episodes   time per generated episode
-  plan       arm planning time of the SPA baseline, which must be installed"""
+  plan       arm planning time of the SPA baseline, which must be installed
+  train      training steps of hab-ppo, which must be installed"""
 
 
 @dataclass(frozen=True, kw_only=True)

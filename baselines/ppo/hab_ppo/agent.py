@@ -1,0 +1,120 @@
+"""Trained policies as agents, for ``hab-eval run --agent hab_ppo:pick_blind``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from hab_ppo import checkpoint
+from hab_ppo.errors import PolicyFileError
+from hab_ppo.network import new_policy
+from hab_ppo.observation import ObservationLayout
+from hab_ppo.recipe import Recipe, from_json
+from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec, check_options
+from hab_tasks.processes import use_one_thread
+from hab_tasks.registration import imported_id
+
+WEIGHTS = Path(__file__).parent / "weights"
+ROWS = 16
+"""Episodes played at a time."""
+
+
+class PolicyAgent:
+    """Acts with the most likely actions of a policy."""
+
+    def __init__(self, setup: AgentSetup, path: Path) -> None:
+        """Loads the weights of a file.
+
+        Raises:
+            PolicyFileError: The file cannot be used, or is of another environment.
+        """
+        use_one_thread()
+        tensors, about = checkpoint.load(path)
+        recipe = recipe_of(about, path)
+        if imported_id(recipe.env.reference) != imported_id(setup.env_id):
+            raise PolicyFileError(f"{path} was trained in {recipe.env.env}, not {setup.env_id}.")
+        self.spec = spec_of(recipe)
+        spaces = setup.spaces(self.spec)
+        layout = ObservationLayout.of(spaces.observation)
+        self._policy = new_policy(layout, spaces.action, recipe.preset.network, 0)
+        checkpoint.load_network(self._policy, tensors, path)
+        self._policy.to(setup.device)
+        self._device = setup.device
+        self._memory, self._starts = self._policy.no_memory(0), torch.zeros(0, dtype=torch.bool)
+
+    def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
+        """Forgets the episodes of the rows in `mask` (N,) bool; the policy is deterministic."""
+        if len(self._starts) != len(mask):
+            self._memory = self._policy.no_memory(len(mask))
+            self._starts = torch.ones(len(mask), dtype=torch.bool)
+        self._starts = self._starts | mask.cpu()
+
+    def act(self, obs: Mapping[str, Any]) -> Tensor:
+        """Returns actions (N, A) float32, or cells (N, 1) of a discrete space."""
+        seen = self._policy.layout.read(obs).to(self._device)
+        acted = self._policy.act(seen, self._memory, self._starts.to(self._device), None)
+        self._memory = acted.memory
+        self._starts = torch.zeros_like(self._starts)
+        actions = torch.from_numpy(self._policy.head.to_env(acted.actions))
+        return actions.reshape(len(actions), -1)
+
+    def report(self) -> list[AgentReport]:
+        """Returns empty reports."""
+        return [AgentReport() for _ in self._starts]
+
+
+def recipe_of(about: Mapping[str, Any], path: Path) -> Recipe:
+    """Returns the recipe in the description of a file.
+
+    Raises:
+        PolicyFileError: It is not of this version.
+    """
+    try:
+        return from_json(Recipe, about["recipe"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise PolicyFileError(f"{path} has no recipe of this version: {error}.") from error
+
+
+def spec_of(recipe: Recipe) -> AgentSpec:
+    """Returns the environment options that a recipe's policy needs."""
+    env = recipe.env
+    return AgentSpec(
+        name=f"PPO {recipe.name}",
+        control_mode=env.control_mode,
+        obs_mode=env.obs_mode,
+        target_frame="ee" if env.target_frame == "ee" else "base",
+        handle_position=env.handle_position,
+        rows=ROWS,
+    )
+
+
+def make_agent(name: str, setup: AgentSetup) -> PolicyAgent:
+    """Returns the agent of a recipe.
+
+    Option: ``weights``, the path of a file of weights or of a run's folder; by default, the
+    weights that ship with the package.
+
+    Raises:
+        PolicyFileError: No weights ship for this recipe, or the file cannot be used.
+        UnknownNameError: An option is unknown.
+    """
+    check_options(setup, {"weights": None})
+    if "weights" in setup.options:
+        return PolicyAgent(setup, weights_file(Path(setup.options["weights"])))
+    shipped = WEIGHTS / f"{name}.safetensors"
+    if not shipped.is_file():
+        raise PolicyFileError(
+            f"No weights ship for {name}; train them with `hab-ppo train {name}` and give "
+            "--option weights=DIR."
+        )
+    return PolicyAgent(setup, shipped)
+
+
+def weights_file(path: Path) -> Path:
+    """Returns the file of weights at a path: itself, or the best ones of a run's folder."""
+    path = path.expanduser()
+    return path / "best.safetensors" if path.is_dir() else path

@@ -1,0 +1,124 @@
+"""Collecting rollouts in a vector environment."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from hab_ppo.distributed import Ranks
+from hab_ppo.network import Acted, Policy
+from hab_ppo.observation import Observation
+from hab_ppo.rollout import Rollout
+
+EPISODE_SUMS = ("episodes", "successes", "return", "length")
+
+
+class Clock:
+    """Seconds spent in named parts of the loop.
+
+    Attributes:
+        seconds: Part -> seconds.
+    """
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, part: str) -> Iterator[None]:
+        """Adds the time inside the context to a part."""
+        began = time.perf_counter()
+        try:
+            yield
+        finally:
+            spent = time.perf_counter() - began
+            self.seconds[part] = self.seconds.get(part, 0.0) + spent
+
+
+class Collector:
+    """Plays the rows of this rank; episodes continue from one rollout to the next.
+
+    Attributes:
+        env: The vector environment, in autoreset mode `NEXT_STEP`.
+        clock: Seconds in ``env`` and ``inference``.
+    """
+
+    def __init__(self, env: Any, policy: Policy, ranks: Ranks, steps: int) -> None:
+        self.env, self.clock = env, Clock()
+        self._policy, self._ranks, self._steps = policy, ranks, steps
+        self._obs: Observation | None = None
+
+    def reset(self, seeds: list[int]) -> None:
+        """Starts new episodes in all rows, in simulations built anew."""
+        rows = self.env.num_envs
+        obs, _ = self.env.reset(seed=seeds, options={"reconfigure": True})
+        self._obs = self._read(obs)
+        self._starts = torch.ones(rows, dtype=torch.bool)
+        self._ended = torch.zeros(rows, dtype=torch.bool)
+        self._memory = self._policy.no_memory(rows)
+        self._return, self._length = np.zeros(rows), np.zeros(rows)
+
+    def collect(self, update: int, generator: torch.Generator) -> tuple[Rollout, Tensor]:
+        """Plays a rollout, with actions drawn from `generator`.
+
+        Returns:
+            The rollout, and `EPISODE_SUMS` (4,) over the episodes that ended in it.
+        """
+        policy, rows = self._policy, self.env.num_envs
+        rollout = Rollout.empty(
+            self._steps, rows, policy.layout, policy.head.stored, policy.config.lstm_size
+        )
+        rollout.memory = self._memory
+        sums = np.zeros(len(EPISODE_SUMS))
+        step = 0
+        while step < self._steps and not self._ranks.preempts(update, step, self._steps):
+            with self.clock("inference"):
+                obs = self._seen
+                acted = self._act(obs, generator)
+                actions = policy.head.to_env(acted.actions)
+                rollout.put(step, obs)
+                rollout.starts[step], rollout.valid[step] = self._starts, ~self._ended
+                rollout.actions[step], rollout.values[step] = acted.actions, acted.values
+                rollout.log_probs[step], self._memory = acted.log_probs, acted.memory
+            with self.clock("env"):
+                raw, reward, terminated, truncated, info = self.env.step(actions)
+            with self.clock("inference"):
+                sums += self._count(reward, terminated | truncated, info["success"])
+                self._obs = self._read(raw)
+                rollout.rewards[step] = torch.from_numpy(np.asarray(reward, np.float32))
+                rollout.terminated[step] = torch.from_numpy(terminated)
+                rollout.truncated[step] = torch.from_numpy(truncated & ~terminated)
+                self._starts = self._ended
+                self._ended = rollout.terminated[step] | rollout.truncated[step]
+            step += 1
+        if step == self._steps:
+            self._ranks.finish_rollout(update)
+        rollout.last_values = self._act(self._seen, None).values
+        return rollout.first(step).to(self._ranks.device), torch.from_numpy(sums)
+
+    @property
+    def _seen(self) -> Observation:
+        assert self._obs is not None, "call reset first"
+        return self._obs
+
+    def _act(self, obs: Observation, generator: torch.Generator | None) -> Acted:
+        device = self._ranks.device
+        return self._policy.act(obs.to(device), self._memory, self._starts.to(device), generator)
+
+    def _read(self, obs: Any) -> Observation:
+        return self._policy.layout.read(obs)
+
+    def _count(self, reward: Any, ended: Any, success: Any) -> Any:
+        """Returns the sums over the episodes that this step ended."""
+        playing = ~self._ended.numpy()
+        self._return += reward
+        self._length += playing
+        totals = success[ended], self._return[ended], self._length[ended]
+        sums = np.array([ended.sum(), *(total.sum() for total in totals)], dtype=float)
+        self._return[ended] = self._length[ended] = 0.0
+        return sums

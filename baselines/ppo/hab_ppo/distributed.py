@@ -1,0 +1,139 @@
+"""DD-PPO: ranks that learn together, each with its own environments (S App. C.2).
+
+Every rank has a learner of its own. Gradients and moments are summed over the ranks, so all of
+them stay equal. A rank stops its rollout early once enough of the others have finished theirs
+(preemption); they count in the process group's key-value store.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from datetime import timedelta
+
+import torch
+import torch.distributed as dist
+from torch import Tensor
+from torch.distributed.distributed_c10d import PrefixStore, Store
+from torch.distributed.rendezvous import rendezvous
+
+from hab_ppo.normalizer import Moments
+
+PREEMPTION_SHARE = 0.6
+"""Share of the ranks that have to be done before the others are stopped (S App. C.2)."""
+
+LEAST_SHARE = 0.25
+"""Share of its rollout that a rank always completes, as in Habitat."""
+
+TIMEOUT = timedelta(minutes=30)
+"""The first rollout may wait for episodes to be generated."""
+
+
+class Ranks:
+    """All ranks of a run; without torchrun, only this process.
+
+    Attributes:
+        rank: Number of this rank.
+        size: Number of ranks.
+        device: Torch device of the learner.
+    """
+
+    def __init__(self) -> None:
+        """Joins the ranks that torchrun started, if it did."""
+        self.rank, self.size = 0, 1
+        self.device = torch.device("cpu")
+        self._store: Store | None = None
+        if "WORLD_SIZE" not in os.environ:
+            return
+        if torch.cuda.is_available():
+            self.device = torch.device("cuda", int(os.environ["LOCAL_RANK"]))
+            torch.cuda.set_device(self.device)
+        store, self.rank, self.size = next(rendezvous("env://", timeout=TIMEOUT))
+        self._store = PrefixStore("hab_ppo", store)
+        dist.init_process_group(
+            "nccl" if self.device.type == "cuda" else "gloo",
+            store=PrefixStore("group", store),
+            rank=self.rank,
+            world_size=self.size,
+            timeout=TIMEOUT,
+        )
+
+    @property
+    def is_first(self) -> bool:
+        """Whether this rank writes the files."""
+        return self.rank == 0
+
+    def close(self) -> None:
+        """Leaves the group."""
+        if dist.is_initialized():
+            dist.destroy_process_group()
+
+    def sum(self, values: Tensor) -> Tensor:
+        """Returns the sum of a tensor over all ranks."""
+        if self.size == 1:
+            return values
+        total = values.to(self.device, copy=True)
+        dist.all_reduce(total)
+        return total.to(values.device)
+
+    def merged(self, moments: Moments) -> Moments:
+        """Returns the moments of the samples of all ranks together."""
+        if self.size == 1:
+            return moments
+        own = moments.packed().to(self.device)
+        parts = [torch.empty_like(own) for _ in range(self.size)]
+        dist.all_gather(parts, own)
+        total = Moments.unpacked(parts[0])
+        for part in parts[1:]:
+            total = total.merged(Moments.unpacked(part))
+        return Moments(*(value.to(moments.mean.device) for value in total))
+
+    def from_first(self, data: bytes) -> bytes:
+        """Returns the bytes that the first rank has."""
+        if self.size == 1:
+            return data
+        size = torch.tensor([len(data)], device=self.device)
+        dist.broadcast(size, 0)
+        content = torch.zeros(int(size), dtype=torch.uint8, device=self.device)
+        if self.is_first:
+            content.copy_(torch.frombuffer(bytearray(data), dtype=torch.uint8))
+        dist.broadcast(content, 0)
+        return content.cpu().numpy().tobytes()
+
+    @contextmanager
+    def first_on_machine(self) -> Iterator[int]:
+        """Runs the first rank of each machine through the context before its others.
+
+        Yields:
+            Number of processes that it may use meanwhile.
+        """
+        waits = self.size > 1 and os.environ.get("LOCAL_RANK", "0") != "0"
+        if waits:
+            dist.barrier()
+        yield 1 if waits else int(os.environ.get("LOCAL_WORLD_SIZE", "1"))
+        if self.size > 1 and not waits:
+            dist.barrier()
+
+    def sum_gradients(self, parameters: Iterable[Tensor]) -> None:
+        """Replaces gradients by their sums over all ranks."""
+        if self.size == 1:
+            return
+        gradients = [parameter.grad for parameter in parameters if parameter.grad is not None]
+        flat = torch.cat([gradient.flatten() for gradient in gradients])
+        dist.all_reduce(flat)
+        first = 0
+        for gradient in gradients:
+            gradient.copy_(flat[first : first + gradient.numel()].view_as(gradient))
+            first += gradient.numel()
+
+    def finish_rollout(self, update: int) -> None:
+        """Tells the others that this rank has finished its rollout of an update."""
+        if self._store is not None:
+            self._store.add(f"finished/{update}", 1)
+
+    def preempts(self, update: int, step: int, steps: int) -> bool:
+        """Whether this rank has to stop its rollout before step `step` of `steps`."""
+        if self._store is None or self.size == 1 or step < LEAST_SHARE * steps:
+            return False
+        return self._store.add(f"finished/{update}", 0) >= PREEMPTION_SHARE * self.size

@@ -1,0 +1,91 @@
+"""Greedy evaluation: a vector environment plays each of a list of episodes once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+
+from hab_ppo.network import Policy
+from hab_tasks.episodes import Episode
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """Result of an episode.
+
+    Attributes:
+        episode: Index in the list.
+        success: Whether it succeeded.
+        total_reward: Sum of the rewards.
+        steps: Number of steps.
+    """
+
+    episode: int
+    success: bool
+    total_reward: float
+    steps: int
+
+
+class _Rows:
+    """Which row plays which episode; a row with none left repeats its last one, uncounted."""
+
+    def __init__(self, episodes: Sequence[Episode], rows: int) -> None:
+        self._episodes, self._next = episodes, rows
+        self.playing = [row if row < len(episodes) else None for row in range(rows)]
+        self.shown = [episodes[row % len(episodes)] for row in range(rows)]
+        self.total, self.steps = np.zeros(rows), np.zeros(rows, dtype=int)
+
+    def end(self, row: int, success: bool) -> Score | None:
+        """Starts the next episode in a row; returns the score of the one that ended."""
+        number = self.playing[row]
+        score = None
+        if number is not None:
+            score = Score(
+                episode=number,
+                success=success,
+                total_reward=float(self.total[row]),
+                steps=int(self.steps[row]),
+            )
+        self.total[row], self.steps[row] = 0.0, 0
+        self.playing[row] = None
+        if self._next < len(self._episodes):
+            self.playing[row], self.shown[row] = self._next, self._episodes[self._next]
+            self._next += 1
+        return score
+
+
+def evaluate(
+    env: Any, policy: Policy, episodes: Sequence[Episode], device: torch.device | str = "cpu"
+) -> list[Score]:
+    """Plays each episode once with the most likely actions; returns the scores in order.
+
+    Args:
+        env: A vector environment in autoreset mode `DISABLED` or `NEXT_STEP`; its rows have to be
+            reset afterwards.
+        policy: The policy, on `device`.
+        episodes: The episodes.
+        device: Torch device.
+    """
+    count = env.num_envs
+    rows, scores = _Rows(episodes, count), []
+    obs, _ = env.reset(options={"episode": rows.shown})
+    starts, memory = torch.ones(count, dtype=torch.bool), policy.no_memory(count)
+    while len(scores) < len(episodes):
+        seen = policy.layout.read(obs).to(device)
+        acted = policy.act(seen, memory, starts.to(device), None)
+        memory = acted.memory
+        obs, reward, terminated, truncated, info = env.step(policy.head.to_env(acted.actions))
+        rows.total += reward
+        rows.steps += 1
+        ended = terminated | truncated
+        for row in np.flatnonzero(ended).tolist():
+            score = rows.end(row, bool(info["success"][row]))
+            scores += [] if score is None else [score]
+        starts = torch.from_numpy(ended.copy())
+        if ended.any() and len(scores) < len(episodes):
+            obs, _ = env.reset(options={"reset_mask": ended.copy(), "episode": rows.shown})
+    return sorted(scores, key=lambda score: score.episode)

@@ -1,0 +1,88 @@
+"""Evaluation of a file of weights on episodes of any split."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+
+from hab_ppo import checkpoint
+from hab_ppo.agent import recipe_of
+from hab_ppo.evaluation import evaluate
+from hab_ppo.network import new_policy
+from hab_ppo.observation import ObservationLayout
+from hab_tasks.episodes import EpisodeRequest, load_episodes
+from hab_tasks.processes import use_one_thread
+
+
+@dataclass(frozen=True, kw_only=True)
+class Result:
+    """Result of an evaluation.
+
+    Attributes:
+        successes: Number of solved episodes.
+        episodes: Number of episodes.
+        mean_return: Mean sum of rewards.
+        mean_steps: Mean length.
+        steps_per_s: Steps of counted episodes per second.
+    """
+
+    successes: int
+    episodes: int
+    mean_return: float
+    mean_steps: float
+    steps_per_s: float
+
+
+def play(path: Path, *, split: str, episodes: int, seed: int, rows: int, workers: int) -> Result:
+    """Plays episodes greedily with the weights of a file.
+
+    Args:
+        path: File of weights.
+        split: Split of the episodes.
+        episodes: Their number.
+        seed: Their seed.
+        rows: Number of simulations.
+        workers: Number of processes.
+    """
+    use_one_thread()
+    tensors, about = checkpoint.load(path)
+    recipe = recipe_of(about, path)
+    config = recipe.env
+    request = EpisodeRequest(
+        env_id=config.reference,
+        scene_dataset=config.scene_dataset,
+        objects=config.objects,
+        split=split,
+        seed=seed,
+    )
+    wanted = load_episodes(request, episodes, None, workers).episodes
+    rows = min(rows, episodes)
+    env = gym.make_vec(
+        config.reference,
+        num_envs=rows,
+        num_workers=min(workers, rows),
+        autoreset_mode="Disabled",
+        copy=False,
+        **(config.options() | {"split": split, "episode_seed": seed}),
+    )
+    try:
+        layout = ObservationLayout.of(env.single_observation_space)
+        policy = new_policy(layout, env.single_action_space, recipe.preset.network, 0)
+        checkpoint.load_network(policy, tensors, path)
+        began = time.perf_counter()
+        scores = evaluate(env, policy, wanted)
+        seconds = time.perf_counter() - began
+    finally:
+        env.close()
+    steps = [score.steps for score in scores]
+    return Result(
+        successes=sum(score.success for score in scores),
+        episodes=len(scores),
+        mean_return=float(np.mean([score.total_reward for score in scores])),
+        mean_steps=float(np.mean(steps)),
+        steps_per_s=sum(steps) / seconds,
+    )

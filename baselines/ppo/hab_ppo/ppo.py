@@ -1,0 +1,179 @@
+"""Proximal policy optimisation (arXiv 1707.06347), on all ranks together.
+
+Sums over the steps of all ranks are divided by their number, so the gradients equal those of one
+process with the data of all ranks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from hab_ppo.distributed import Ranks
+from hab_ppo.network import Policy
+from hab_ppo.normalizer import Moments, RunningNormalizer
+from hab_ppo.recipe import PPOConfig
+from hab_ppo.rollout import Rollout, discounted_returns, gae
+
+METRICS = ("policy_loss", "value_loss", "entropy", "clipped", "kl")
+"""Means over the steps of an update, in the order of `minibatch_sums`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Batch:
+    """A rollout with the targets of the losses.
+
+    Attributes:
+        rollout: The rollout.
+        advantages: (T, N), with mean 0 and standard deviation 1 over the valid steps of all ranks.
+        returns: (T, N) targets of the value head.
+    """
+
+    rollout: Rollout
+    advantages: Tensor
+    returns: Tensor
+
+    def of_rows(self, rows: Tensor) -> Batch:
+        """Returns the batch of some rows."""
+        return Batch(
+            rollout=self.rollout.of_rows(rows),
+            advantages=self.advantages[:, rows],
+            returns=self.returns[:, rows],
+        )
+
+
+class PPO:
+    """The learner of a policy.
+
+    Attributes:
+        policy: The policy.
+        optimizer: Adam.
+        return_moments: Running moments of the discounted return, which scale the rewards.
+    """
+
+    def __init__(self, policy: Policy, config: PPOConfig, ranks: Ranks) -> None:
+        self.policy, self.config, self.ranks = policy, config, ranks
+        self.optimizer = torch.optim.Adam(
+            policy.parameters(), lr=config.learning_rate, eps=1e-5, foreach=True
+        )
+        self.return_moments = RunningNormalizer(1).to(ranks.device)
+        self.forget_returns()
+
+    def forget_returns(self) -> None:
+        """Starts the discounted returns anew, as all rows start new episodes."""
+        self._running_return: Tensor | None = None
+
+    def update(
+        self, rollout: Rollout, generator: torch.Generator, progress: float
+    ) -> dict[str, float]:
+        """Improves the policy with a rollout.
+
+        Args:
+            rollout: The steps of this rank.
+            generator: Draws the minibatches of this rank.
+            progress: Share of the run that is over, for the learning rate.
+
+        Returns:
+            Metric -> value, the same on all ranks.
+        """
+        config = self.config
+        rate = config.learning_rate * (1 - min(1.0, progress) if config.decays else 1.0)
+        for group in self.optimizer.param_groups:
+            group["lr"] = rate
+        parameters = list(self.policy.parameters())
+        batch = self._batch(rollout)
+        parts = self._minibatches(rollout.valid.shape[1], generator)
+        counts = self.ranks.sum(torch.stack([rollout.valid[:, rows].sum() for rows in parts]))
+        sums = torch.zeros(len(METRICS), device=rollout.values.device)
+        norm = 0.0
+        for rows, count in zip(parts, counts.tolist(), strict=True):
+            loss, part = self._minibatch(batch.of_rows(rows), count)
+            self.optimizer.zero_grad()
+            loss.backward()
+            self.ranks.sum_gradients(parameters)
+            norm += float(nn.utils.clip_grad_norm_(parameters, config.max_gradient_norm))
+            self.optimizer.step()
+            sums += part
+        means = self.ranks.sum(sums) / counts.sum()
+        metrics = dict(zip(METRICS, means.tolist(), strict=True))
+        metrics |= {"gradient_norm": norm / len(parts), "learning_rate": rate}
+        metrics["explained_variance"] = self._explained(batch)
+        self._learn_normalizers(rollout)
+        return metrics
+
+    def _batch(self, rollout: Rollout) -> Batch:
+        """Returns the rollout with advantages and returns, both in units of the scaled rewards."""
+        config = self.config
+        if config.scales_rewards:
+            rollout.rewards = rollout.rewards * self._reward_scale(rollout)
+        advantages = gae(rollout, config.discount, config.gae)
+        returns = advantages + rollout.values
+        moments = self.ranks.merged(Moments.of(advantages[rollout.valid][:, None]))
+        deviation = (moments.squares / moments.count.clamp(min=1)).sqrt()
+        normal = (advantages - moments.mean.float()) / (deviation.float() + 1e-8)
+        return Batch(rollout=rollout, advantages=normal * rollout.valid, returns=returns)
+
+    def _reward_scale(self, rollout: Rollout) -> Tensor:
+        """Returns 1 / the running standard deviation of the discounted return, () float32."""
+        before = self._running_return
+        if before is None:
+            before = torch.zeros_like(rollout.last_values)
+        returns = discounted_returns(rollout, before, self.config.discount)
+        self._running_return = returns[-1]
+        moments = Moments.of(returns[rollout.valid][:, None])
+        self.return_moments.learn(self.ranks.merged(moments))
+        variance = self.return_moments.squares / self.return_moments.count
+        return (variance[0] + 1e-8).rsqrt().float()
+
+    def _minibatches(self, rows: int, generator: torch.Generator) -> list[Tensor]:
+        """Returns the rows of each gradient step; all steps of a row stay together."""
+        parts: list[Tensor] = []
+        for _ in range(self.config.epochs):
+            order = torch.randperm(rows, generator=generator)
+            parts += order.tensor_split(self.config.minibatches)
+        return parts
+
+    def _minibatch(self, batch: Batch, count: int) -> tuple[Tensor, Tensor]:
+        """Returns the loss of this rank's part of `count` steps, and the sums of `METRICS`."""
+        config, rollout, valid = self.config, batch.rollout, batch.rollout.valid
+        judged = self.policy.judge(
+            rollout.observations(), rollout.actions, rollout.starts, rollout.memory
+        )
+        log_ratio = (judged.log_probs - rollout.log_probs) * valid
+        ratio = log_ratio.exp()
+        clipped = ratio.clamp(1 - config.clip, 1 + config.clip)
+        gains = torch.minimum(ratio * batch.advantages, clipped * batch.advantages)
+        policy_loss = -(gains * valid).sum()
+        value_loss = 0.5 * ((judged.values - batch.returns).square() * valid).sum()
+        entropy = (judged.entropies * valid).sum()
+        total = policy_loss + config.value_weight * value_loss - config.entropy_weight * entropy
+        with torch.no_grad():
+            outside = ((ratio - clipped).abs() > 0).sum()
+            kl = ((ratio - 1 - log_ratio) * valid).sum()
+            sums = torch.stack((policy_loss, value_loss, entropy, outside, kl))
+        return total / max(1, count), sums
+
+    def _explained(self, batch: Batch) -> float:
+        """Returns the share of the variance of the returns that the values explained."""
+        valid = batch.rollout.valid
+        errors = (batch.returns - batch.rollout.values)[valid]
+        both = torch.stack((errors, batch.returns[valid]), dim=1)
+        squares = self.ranks.merged(Moments.of(both)).squares
+        return float(1 - squares[0] / squares[1].clamp(min=1e-8))
+
+    def _learn_normalizers(self, rollout: Rollout) -> None:
+        """Adds the observations; after the update, so that acting and learning saw the same."""
+        policy, obs = self.policy, rollout.observations()
+        policy.state_normalizer.learn(self.ranks.merged(Moments.of(obs.state)))
+        if policy.image_normalizer is not None and obs.images is not None:
+            channels = obs.images.shape[1]
+            parts = [
+                Moments.of(images.permute(0, 2, 3, 1).reshape(-1, channels))
+                for images in obs.images.split(64)
+            ]
+            moments = parts[0]
+            for part in parts[1:]:
+                moments = moments.merged(part)
+            policy.image_normalizer.learn(self.ranks.merged(moments))

@@ -1,0 +1,116 @@
+"""What a run reports: progress lines, TensorBoard scalars and `progress.jsonl`."""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+WriteLine = Callable[[str], None]
+
+LINE_S = 5.0
+"""Least time between two progress lines."""
+
+RECENT_EPISODES = 100
+"""Training success and return are means over the updates with the last episodes, this many."""
+
+PARTS = ("env", "inference", "update")
+FILE = "progress.jsonl"
+
+
+class Recent:
+    """Means over the last episodes.
+
+    Attributes:
+        metrics: ``train/success``, ``train/return`` and ``train/length``.
+    """
+
+    def __init__(self) -> None:
+        self._sums: deque[list[float]] = deque()
+        self.metrics: dict[str, float] = {}
+
+    def add(self, sums: list[float]) -> None:
+        """Adds the sums (episodes, successes, return, length) of an update."""
+        self._sums.append(sums)
+        while sum(one[0] for one in self._sums) - self._sums[0][0] >= RECENT_EPISODES:
+            self._sums.popleft()
+        count, *totals = map(sum, zip(*self._sums, strict=True))
+        if count:
+            names = ("train/success", "train/return", "train/length")
+            self.metrics = {n: total / count for n, total in zip(names, totals, strict=True)}
+
+
+class Progress:
+    """Writes the metrics of a run.
+
+    Every update is a line of `progress.jsonl`, from which `hab-ppo plot` draws the curves.
+    """
+
+    def __init__(self, folder: Path, write_line: WriteLine, total_steps: int, update: int) -> None:
+        """Continues the files of a run after `update` updates; later ones are dropped."""
+        from torch.utils.tensorboard import SummaryWriter  # takes a second
+
+        self._write_line, self._total = write_line, total_steps
+        kept = [entry for entry in read_progress(folder) if entry["update"] <= update]
+        self._file = (folder / FILE).open("w", encoding="utf-8")
+        for entry in kept:
+            self._keep(entry)
+        first = kept[-1]["steps"] + 1 if kept else 0
+        self._board = SummaryWriter(str(folder / "tensorboard"), purge_step=first)
+        self._said_s = float("-inf")
+
+    def add(self, update: int, steps: int, seconds: float, metrics: Mapping[str, float]) -> None:
+        """Records the metrics of an update, after `steps` steps and `seconds` in all."""
+        entry = {"update": update, "steps": steps, "seconds": round(seconds, 2), **metrics}
+        self._keep(entry)
+        for name, value in metrics.items():
+            self._board.add_scalar(name, value, steps)
+        if seconds - self._said_s >= LINE_S:
+            self._said_s = seconds
+            self._write_line(self._line(entry))
+
+    def say(self, text: str) -> None:
+        """Writes a line at once."""
+        self._write_line(text)
+
+    def close(self) -> None:
+        """Closes the files."""
+        self._file.close()
+        self._board.close()
+
+    def _keep(self, entry: Mapping[str, Any]) -> None:
+        self._file.write(json.dumps(entry) + "\n")
+        self._file.flush()
+
+    def _line(self, entry: Mapping[str, Any]) -> str:
+        """Returns the progress line of an update."""
+        speed = entry["time/steps_per_s"]
+        left_steps = max(0, self._total - entry["steps"])
+        left_min = left_steps * entry["seconds"] / max(1, entry["steps"]) / 60
+        shares = " ".join(f"{part} {entry[f'time/{part}']:.0%}" for part in PARTS)
+        words = [f"{entry['steps']:,} of {self._total:,} steps", f"{speed:,.0f}/s", shares]
+        if "train/return" in entry:
+            words.append(f"return {entry['train/return']:.2f}")
+            words.append(f"success {entry['train/success']:.0%}")
+        if "eval/success" in entry:
+            words.append(f"greedy {entry['eval/success']:.0%} (best {entry['eval/best']:.0%})")
+        return " | ".join([*words, f"{left_min:.0f} min left"])
+
+
+def read_progress(folder: Path) -> list[dict[str, Any]]:
+    """Returns the entries of a run's `progress.jsonl`; a line cut off by a kill is left out."""
+    path = folder / FILE
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    if lines and not _is_whole(lines[-1]):
+        lines.pop()
+    return [json.loads(line) for line in lines]
+
+
+def _is_whole(line: str) -> bool:
+    try:
+        json.loads(line)
+    except ValueError:
+        return False
+    return True

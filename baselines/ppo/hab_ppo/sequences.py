@@ -1,0 +1,70 @@
+"""Splits rollouts at episode starts into sequences, and packs them for an LSTM.
+
+The packed order is that of torch's `PackedSequence`: the first steps of all sequences, then the
+second steps, and so on, longest sequence first. Nothing is padded, and the LSTM runs over all
+sequences at once.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn.utils.rnn import PackedSequence
+
+
+class Sequences(NamedTuple):
+    """The Q sequences of a rollout of T steps in N rows.
+
+    Attributes:
+        order: (T N,) index of each packed step in the flattened (T, N) rollout.
+        batch_sizes: (L,) number of sequences that have an l-th step, L the longest's length.
+        row: (Q,) row of each sequence, longest first.
+        continued: (Q,) bool, whether the sequence continues an earlier rollout.
+    """
+
+    order: Tensor
+    batch_sizes: Tensor
+    row: Tensor
+    continued: Tensor
+
+    @classmethod
+    def of(cls, starts: Tensor) -> Sequences:
+        """Returns the sequences of `starts` (T, N) bool, true where an episode starts."""
+        steps, rows = starts.shape
+        begins = starts.clone()
+        begins[0] = True
+        row, first = begins.T.nonzero(as_tuple=True)  # row by row, in time order
+        last_of_row = torch.cat((row[1:] != row[:-1], torch.ones(1, dtype=torch.bool)))
+        following = torch.cat((first[1:], first[:1]))
+        length = torch.where(last_of_row, steps, following) - first
+        length, by_length = length.sort(descending=True, stable=True)
+        row, first = row[by_length], first[by_length]
+        time = torch.arange(int(length[0]))[:, None]  # (L, 1)
+        exists = time < length  # (L, Q)
+        order = ((first + time) * rows + row)[exists]
+        return cls(order, exists.sum(dim=1), row, (first == 0) & ~starts[0, row])
+
+
+def run_lstm(lstm: nn.LSTM, inputs: Tensor, starts: Tensor, memory: Tensor) -> Tensor:
+    """Runs an LSTM over a rollout; its state is zero at the start of each episode.
+
+    Args:
+        lstm: One layer.
+        inputs: (T, N, F).
+        starts: (T, N) bool.
+        memory: (2, N, H) hidden and cell state before the rollout.
+
+    Returns:
+        Outputs (T, N, H).
+    """
+    steps, rows = starts.shape
+    sequences = Sequences.of(starts.cpu())
+    order, row = sequences.order.to(inputs.device), sequences.row.to(inputs.device)
+    initial = memory[:, row] * sequences.continued.to(memory)[:, None]
+    packed = PackedSequence(inputs.flatten(0, 1)[order], sequences.batch_sizes)
+    hidden, cell = initial[:, None].contiguous()
+    outputs = lstm(packed, (hidden, cell))[0].data
+    unpacked = torch.empty_like(outputs).index_copy(0, order, outputs)
+    return unpacked.view(steps, rows, -1)

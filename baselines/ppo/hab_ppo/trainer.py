@@ -1,0 +1,279 @@
+"""A training run: collect, update, evaluate, keep.
+
+After each evaluation all rows start anew in simulations built anew, with seeds drawn from the
+run's seed and the update's number, and an exact checkpoint is kept. A run that continues from it
+therefore equals one that was never interrupted (bit for bit on one rank). The checkpoint of the
+last update is kept too, so that a killed run loses nothing but its current rollout.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+
+from hab_ppo import checkpoint
+from hab_ppo.checkpoint import Position
+from hab_ppo.collect import Collector
+from hab_ppo.distributed import Ranks
+from hab_ppo.errors import RecipeError
+from hab_ppo.evaluation import evaluate
+from hab_ppo.network import new_policy
+from hab_ppo.observation import ObservationLayout
+from hab_ppo.ppo import PPO
+from hab_ppo.progress import PARTS, Progress, Recent, WriteLine
+from hab_ppo.recipe import Recipe, to_json
+from hab_tasks.episodes import Episode, EpisodeRequest, load_episodes
+from hab_tasks.files import written_aside
+from hab_tasks.processes import use_one_thread
+
+RECIPE = "recipe.json"
+"""The resolved recipe, in the run's folder."""
+
+LAST, EXACT, BEST = (f"{name}.safetensors" for name in ("last", "exact", "best"))
+"""Checkpoints of the last update and of the last evaluation, and the best weights."""
+
+COLLAPSE_SHARE = 0.5
+"""A run whose success falls below this share of its best is reported."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainPlan:
+    """A run to be made or continued.
+
+    Attributes:
+        recipe: What is trained.
+        out: The run's folder.
+        seed: Seed of weights, actions, minibatches and episodes.
+        resume: Checkpoint to continue from, `LAST` or `EXACT`; None to start anew.
+    """
+
+    recipe: Recipe
+    out: Path
+    seed: int = 0
+    resume: str | None = None
+
+
+def check_same(plan: TrainPlan, about: Mapping[str, Any]) -> None:
+    """Rejects a checkpoint of another recipe or seed; only the length of the run may change.
+
+    Raises:
+        RecipeError: The description `about` is of another run.
+    """
+    recipe, found = json.loads(json.dumps(to_json(plan.recipe))), about["recipe"]
+    different = [
+        name
+        for name in sorted(recipe.keys() | found.keys())
+        if name not in ("total_steps", "about") and recipe.get(name) != found.get(name)
+    ]
+    if different:
+        raise RecipeError(
+            f"The run in {plan.out} has another {different[0]}; give the options of that run."
+        )
+    if about["seed"] != plan.seed:
+        raise RecipeError(f"The run in {plan.out} has seed {about['seed']}, not {plan.seed}.")
+
+
+def episode_request(recipe: Recipe, split: str) -> EpisodeRequest:
+    """Returns the request of a recipe's episodes of a split."""
+    env = recipe.env
+    return EpisodeRequest(
+        env_id=env.reference,
+        scene_dataset=env.scene_dataset,
+        objects=env.objects,
+        split=split,
+        seed=env.episode_seed,
+    )
+
+
+def prepare_episodes(recipe: Recipe, workers: int, write_line: WriteLine) -> tuple[Episode, ...]:
+    """Generates the missing episodes of a recipe; returns those of the evaluation."""
+
+    def say(done: int, count: int) -> None:
+        if done < count and done % max(1, count // 10) == 0:
+            write_line(f"{done} of {count} episodes generated")
+
+    env = recipe.env
+    load_episodes(episode_request(recipe, env.split), env.num_episodes, say, workers)
+    request = episode_request(recipe, recipe.evaluation_split)
+    return load_episodes(request, recipe.evaluation_episodes, say, workers).episodes
+
+
+class Trainer:
+    """One rank of a run."""
+
+    def __init__(self, plan: TrainPlan, ranks: Ranks, write_line: WriteLine) -> None:
+        use_one_thread()
+        self._plan, self._recipe, self._ranks = plan, plan.recipe, ranks
+        self._write_line = write_line if ranks.is_first else lambda line: None
+        recipe, preset = self._recipe, self._recipe.preset
+        with ranks.first_on_machine() as workers:
+            self._episodes = prepare_episodes(recipe, workers, self._write_line)
+        self._env = gym.make_vec(
+            recipe.env.reference,
+            num_envs=preset.rows,
+            num_workers=1,
+            info_keys=("success",),
+            copy=False,
+            **recipe.env.options(),
+        )
+        layout = ObservationLayout.of(self._env.single_observation_space)
+        space = self._env.single_action_space
+        policy = new_policy(layout, space, preset.network, plan.seed).to(ranks.device)
+        self._learner = PPO(policy, preset.ppo, ranks)
+        self._collector = Collector(self._env, policy, ranks, preset.rollout_steps)
+        self._recent = Recent()
+        self._position = self._restored() if plan.resume else Position()
+        self._began_s = time.perf_counter() - self._position.seconds
+
+    def run(self) -> Position:
+        """Trains to the end; returns where the run ended."""
+        progress = None
+        try:
+            if self._ranks.is_first:
+                self._write_recipe()
+                progress = Progress(
+                    self._plan.out,
+                    self._write_line,
+                    self._recipe.total_steps,
+                    self._position.update,
+                )
+            self._start_rows()
+            while self._position.steps < self._recipe.total_steps:
+                metrics = self._update()
+                metrics |= self._evaluate_if_due(progress)
+                if progress is not None:
+                    self._save(LAST)
+                    at = self._position
+                    progress.add(at.update, at.steps, at.seconds, metrics)
+        finally:
+            if progress is not None:
+                progress.close()
+            self._env.close()
+        return self._position
+
+    def _update(self) -> dict[str, float]:
+        """Collects a rollout and learns from it; returns the metrics."""
+        at, clock = self._position, self._collector.clock
+        before, began = dict(clock.seconds), time.perf_counter()
+        noise = self._generator(1, self._ranks.device)
+        rollout, sums = self._collector.collect(at.update, noise)
+        with clock("update"):
+            share = at.steps / self._recipe.total_steps
+            metrics = self._learner.update(rollout, self._generator(2), share)
+        metrics = {f"update/{name}": value for name, value in metrics.items()}
+        steps = rollout.valid.sum().double().cpu()[None]
+        steps, *episodes = self._ranks.sum(torch.cat((steps, sums))).tolist()
+        self._recent.add(episodes)
+        seconds = time.perf_counter() - began
+        for part in PARTS:
+            spent = clock.seconds.get(part, 0.0) - before.get(part, 0.0)
+            metrics[f"time/{part}"] = spent / seconds
+        metrics["time/steps_per_s"] = steps / seconds
+        self._position = replace(
+            at, update=at.update + 1, steps=at.steps + int(steps), seconds=self._seconds()
+        )
+        return metrics | self._recent.metrics
+
+    def _seconds(self) -> float:
+        """Returns the time since the run began, over all its starts, without starting up [s]."""
+        return time.perf_counter() - self._began_s
+
+    # Evaluation ------------------------------------------------------------------------------
+
+    def _evaluate_if_due(self, progress: Progress | None) -> dict[str, float]:
+        """Evaluates at the end and every `evaluation_steps`, then starts all rows anew."""
+        at, recipe = self._position, self._recipe
+        number = at.steps // recipe.evaluation_steps
+        if number > at.evaluated or at.steps >= recipe.total_steps:
+            success, mean_return = self._evaluated()
+            self._position = replace(at, evaluated=number, seconds=self._seconds(), success=success)
+            self._keep_best(success, progress)
+            if progress is not None:
+                self._save(EXACT)
+            self._start_rows()
+            return {"eval/success": success, "eval/return": mean_return, **self._best()}
+        return {}
+
+    def _best(self) -> dict[str, float]:
+        best = self._position.best_success
+        return {} if best is None else {"eval/best": best}
+
+    def _evaluated(self) -> tuple[float, float]:
+        """Returns success rate and mean return of all ranks' shares of the episodes."""
+        ranks = self._ranks
+        mine = self._episodes[ranks.rank :: ranks.size]
+        policy = self._learner.policy
+        scores = evaluate(self._env, policy, mine, ranks.device) if mine else []
+        sums = [
+            sum(score.success for score in scores),
+            sum(score.total_reward for score in scores),
+            len(scores),
+        ]
+        success, total, count = ranks.sum(torch.tensor(sums, dtype=torch.float64)).tolist()
+        return success / count, total / count
+
+    def _keep_best(self, success: float, progress: Progress | None) -> None:
+        """Keeps the weights if none were better, and reports a collapse."""
+        at = self._position
+        if at.best_success is None or success >= at.best_success:
+            self._position = replace(at, best_success=success, best_steps=at.steps)
+            if progress is not None:
+                tensors = checkpoint.network_tensors(self._learner.policy)
+                checkpoint.save(self._plan.out / BEST, tensors, self._about())
+        elif success < COLLAPSE_SHARE * at.best_success and progress is not None:
+            progress.say(
+                f"Success fell from {at.best_success:.0%} (at {at.best_steps:,} steps) to "
+                f"{success:.0%}; the best weights are kept in {BEST}."
+            )
+
+    # Rows and checkpoints --------------------------------------------------------------------
+
+    def _start_rows(self) -> None:
+        """Starts all rows anew; what follows depends on recipe, seed and update alone."""
+        drawn = self._drawn(0, self._env.num_envs) >> 1
+        self._collector.reset(drawn.tolist())
+        self._learner.forget_returns()
+
+    def _generator(self, purpose: int, device: torch.device | None = None) -> torch.Generator:
+        """Returns a new generator for this rank and update."""
+        generator = torch.Generator(device=device or torch.device("cpu"))
+        return generator.manual_seed(int(self._drawn(purpose, 1)[0]))
+
+    def _drawn(self, purpose: int, count: int) -> np.ndarray:
+        """Returns `count` seeds (count,) uint32 for this rank, update and purpose."""
+        numbers = [self._plan.seed, self._ranks.rank, self._position.update, purpose]
+        return np.random.SeedSequence(numbers).generate_state(count)
+
+    def _about(self) -> dict[str, Any]:
+        return {
+            "recipe": to_json(self._recipe),
+            "seed": self._plan.seed,
+            "ranks": self._ranks.size,
+            "position": checkpoint.position_json(self._position),
+        }
+
+    def _save(self, name: str) -> None:
+        tensors = checkpoint.learner_tensors(self._learner)
+        checkpoint.save(self._plan.out / name, tensors, self._about())
+
+    def _restored(self) -> Position:
+        """Sets the learner to a checkpoint, read by the first rank; returns its position."""
+        path = self._plan.out / str(self._plan.resume)
+        data = self._ranks.from_first(checkpoint.read(path) if self._ranks.is_first else b"")
+        tensors, about = checkpoint.parse(data, path)
+        check_same(self._plan, about)
+        checkpoint.load_learner(self._learner, tensors, path)
+        return Position(**about["position"])
+
+    def _write_recipe(self) -> None:
+        about = {"seed": self._plan.seed, "ranks": self._ranks.size, **to_json(self._recipe)}
+        with written_aside(self._plan.out / RECIPE) as scratch:
+            scratch.write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")

@@ -1,0 +1,172 @@
+"""GAE, normalisers, observations and sequences, against values worked out by hand."""
+
+import numpy as np
+import pytest
+import torch
+from hab_ppo.network import new_policy
+from hab_ppo.normalizer import Moments, RunningNormalizer
+from hab_ppo.observation import ObservationLayout
+from hab_ppo.recipe import NetworkConfig
+from hab_ppo.rollout import Rollout, discounted_returns, gae
+from hab_ppo.sequences import Sequences, run_lstm
+from toy_vector import ToyVector
+
+from hab_tasks.errors import OptionError
+
+LAYOUT = ObservationLayout.of(ToyVector(1).single_observation_space)
+
+
+def rollout_of(rewards, values, last, *, terminated=(), truncated=(), dead=()):
+    """A rollout of one row; the steps named are those of each flag."""
+    rollout = Rollout.empty(len(rewards), 1, LAYOUT, (1,), 0)
+    rollout.rewards[:, 0], rollout.values[:, 0] = torch.tensor(rewards), torch.tensor(values)
+    rollout.last_values[0] = last
+    rollout.valid[:] = True
+    for step in terminated:
+        rollout.terminated[step] = True
+    for step in truncated:
+        rollout.truncated[step] = True
+    for step in dead:
+        rollout.valid[step] = False
+    return rollout
+
+
+# Gamma = lambda = 0.5. Errors r + 0.5 V' - V of a row that never ends:
+#   1 + 0.5 * 2 - 1 = 1;  2 + 0.5 * 3 - 2 = 1.5;  0 + 0.5 * 4 - 3 = -1;  4 + 0.5 * 2 - 4 = 1
+# and each advantage is its error plus a quarter of the next advantage:
+#   1;  -1 + 0.25 = -0.75;  1.5 - 0.1875 = 1.3125;  1 + 0.328125 = 1.328125
+# Truncated in step 1: 3 is the value of the last state, and step 2, in which the row is reset,
+# does not count: 1.5 and 1 + 0.375.
+# Terminated in step 1: its error is 2 - 2 = 0.
+@pytest.mark.parametrize(
+    ("flags", "expected"),
+    [
+        ({}, [1.328125, 1.3125, -0.75, 1.0]),
+        ({"truncated": [1], "dead": [2]}, [1.375, 1.5, 0.0, 1.0]),
+        ({"terminated": [1], "dead": [2]}, [1.0, 0.0, 0.0, 1.0]),
+    ],
+    ids=["goes on", "truncated", "terminated"],
+)
+def test_advantages(flags, expected):
+    rollout = rollout_of([1.0, 2.0, 0.0, 4.0], [1.0, 2.0, 3.0, 4.0], 2.0, **flags)
+    assert gae(rollout, 0.5, 0.5)[:, 0].tolist() == expected
+
+
+def test_discounted_returns_start_anew_with_each_episode():
+    rollout = rollout_of([1.0, 2.0, 0.0, 4.0], [0.0] * 4, 0.0)
+    rollout.starts[3] = True
+    # 0.5 * 8 + 1 = 5;  0.5 * 5 + 2 = 4.5;  2.25;  4
+    assert discounted_returns(rollout, torch.tensor([8.0]), 0.5)[:, 0].tolist() == [5, 4.5, 2.25, 4]
+
+
+def test_moments_merge_to_those_of_all_values():
+    # 1 and 3: mean 2, squares 2. With 5: mean 3, squares 4 + 0 + 4 = 8.
+    merged = Moments.of(torch.tensor([[1.0], [3.0]])).merged(Moments.of(torch.tensor([[5.0]])))
+    assert (merged.count, merged.mean.item(), merged.squares.item()) == (3, 3, 8)
+    values = torch.randn(100, 3, generator=torch.Generator().manual_seed(0)) * 1e3 + 1e6
+    parts = [Moments.of(part) for part in (values[:1], values[1:40], values[:0], values[40:])]
+    total = parts[0]
+    for part in parts[1:]:
+        total = total.merged(Moments.unpacked(part.packed()))
+    whole = Moments.of(values)
+    torch.testing.assert_close(total.mean, whole.mean)
+    torch.testing.assert_close(total.squares, whole.squares)
+
+
+def test_normalizer_divides_each_channel_and_changes_only_when_told():
+    normalizer = RunningNormalizer(2)
+    values = torch.tensor([[1.0, 7.0], [3.0, 7.0]])
+    assert torch.equal(normalizer(values), values)
+    normalizer.learn(Moments.of(values))
+    # Mean 2 and deviation 1; the second channel never changed, so it is only shifted.
+    assert normalizer(values).tolist() == [[-1, 0], [1, 0]]
+    images = torch.stack((torch.full((1, 4, 4), 3.0), torch.full((1, 4, 4), 8.0)), dim=1)
+    assert normalizer(images)[0, :, 0, 0].tolist() == [1, 1]
+    assert normalizer(torch.tensor([[1e6, 7.0]])).tolist() == [[10, 0]]
+    assert normalizer.count == 2
+
+
+def test_observations_are_read_in_the_order_of_the_space():
+    env = ToyVector(2, images=True)
+    layout = ObservationLayout.of(env.single_observation_space)
+    assert layout.state == (("agent", "position"), ("extra", "goal"))
+    assert layout.image_shape == (4, 36, 36)
+    obs = layout.read(env.reset(seed=[1, 2])[0])
+    assert obs.state.shape == (2, 2)
+    assert np.allclose(obs.state[:, 1], env.goal)
+    assert obs.images is not None
+    assert obs.images.shape == (2, 4, 36, 36)
+    # The first camera of the space, the arm, comes first; colours and depth share a stack.
+    first = layout.images.index(("sensor_data", "head", "depth"))
+    channel = 0 if first == 0 else 3
+    assert np.allclose(obs.images[:, channel, 5, 5], env.goal)
+
+
+def test_a_flat_observation_is_rejected():
+    with pytest.raises(OptionError, match="state_dict"):
+        ObservationLayout.of(ToyVector(1).single_observation_space["agent"]["position"])
+
+
+def test_rollouts_are_packed_by_sequence():
+    starts = torch.tensor([[False, False], [False, False], [True, False], [False, False]])
+    # Row 1 is one sequence of 4 steps; row 0 has steps 0, 1 and steps 2, 3. Step t of row n has
+    # number 2 t + n. First steps: 1, 0, 4; second: 3, 2, 6; then row 1 alone: 5, 7.
+    packed = Sequences.of(starts)
+    assert packed.order.tolist() == [1, 0, 4, 3, 2, 6, 5, 7]
+    assert packed.batch_sizes.tolist() == [3, 3, 1, 1]
+    assert packed.row.tolist() == [1, 0, 0]
+    assert packed.continued.tolist() == [True, True, False]
+
+
+def test_lstm_over_sequences_equals_one_step_at_a_time():
+    generator = torch.Generator().manual_seed(3)
+    lstm = torch.nn.LSTM(5, 7)
+    inputs = torch.randn(30, 6, 5, generator=generator)
+    starts = torch.rand(30, 6, generator=generator) < 0.15
+    memory = torch.randn(2, 6, 7, generator=generator)
+
+    def plainly():
+        hidden, cell = memory
+        for step in range(30):
+            going = ~starts[step, :, None]
+            state = (hidden * going)[None], (cell * going)[None]
+            output, (hidden, cell) = lstm(inputs[step][None], state)
+            hidden, cell = hidden[0], cell[0]
+            yield output[0]
+
+    expected = torch.stack(list(plainly()))
+    found = run_lstm(lstm, inputs, starts, memory)
+    torch.testing.assert_close(found, expected, atol=1e-6, rtol=1e-5)
+    weights = tuple(lstm.parameters())
+    wanted = torch.autograd.grad(expected.square().sum(), weights)
+    got = torch.autograd.grad(found.square().sum(), weights)
+    for one, other in zip(got, wanted, strict=True):
+        torch.testing.assert_close(one, other, atol=1e-4, rtol=1e-4)
+
+
+@pytest.mark.parametrize("images", [False, True], ids=["blind", "images"])
+@pytest.mark.parametrize("discrete", [False, True], ids=["box", "discrete"])
+@pytest.mark.parametrize("lstm_size", [0, 8], ids=["plain", "lstm"])
+def test_judging_a_rollout_repeats_what_was_thought_when_acting(lstm_size, discrete, images):
+    from hab_ppo.collect import Collector
+    from hab_ppo.distributed import Ranks
+
+    env = ToyVector(5, discrete=discrete, images=images)
+    layout = ObservationLayout.of(env.single_observation_space)
+    config = NetworkConfig(lstm_size=lstm_size, head_layers=(16,), image_features=8)
+    policy = new_policy(layout, env.single_action_space, config, seed=0)
+    collector = Collector(env, policy, Ranks(), steps=30)
+    collector.reset(list(range(5)))
+    for update in range(2):  # the second continues the episodes of the first
+        rollout, sums = collector.collect(update, torch.Generator().manual_seed(update))
+        assert sums[0] == (rollout.terminated | rollout.truncated).sum() > 0
+        assert sums[1] == rollout.terminated.sum()
+        judged = policy.judge(
+            rollout.observations(), rollout.actions, rollout.starts, rollout.memory
+        )
+        torch.testing.assert_close(judged.log_probs, rollout.log_probs, atol=1e-5, rtol=1e-5)
+        torch.testing.assert_close(judged.values, rollout.values, atol=1e-5, rtol=1e-5)
+        ended = (rollout.terminated | rollout.truncated)[:-1]
+        assert torch.equal(ended, ~rollout.valid[1:])
+        assert torch.equal(rollout.starts[1:], ~rollout.valid[:-1])
+        assert not rollout.rewards[~rollout.valid].any()

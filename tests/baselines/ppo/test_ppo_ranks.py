@@ -1,0 +1,38 @@
+"""Ranks that learn together: gradients of one process, and preemption of a slow rank."""
+
+import pytest
+import torch
+from ppo_rank import STEPS, run_ranks
+
+
+@pytest.fixture(scope="module")
+def one_rank(tmp_path_factory):
+    return run_ranks(1, "gradients", tmp_path_factory.mktemp("one"))[0]
+
+
+@pytest.mark.parametrize("size", [2, pytest.param(4, marks=pytest.mark.slow)])
+def test_gradients_equal_those_of_one_process_on_the_same_data(one_rank, size, tmp_path):
+    ranks = run_ranks(size, "gradients", tmp_path)
+    for rank in ranks:
+        for name, expected in one_rank["gradients"].items():
+            gap = (rank["gradients"][name] - expected).abs().max()
+            assert gap <= 1e-6, (name, gap)
+        assert rank["metrics"] == ranks[0]["metrics"]
+        for name, value in rank["state"].items():
+            assert torch.equal(value, ranks[0]["state"][name]), name
+            if "normalizer" in name:
+                torch.testing.assert_close(value, one_rank["state"][name])
+    for name, value in one_rank["metrics"].items():
+        assert ranks[0]["metrics"][name] == pytest.approx(value, abs=1e-5)
+
+
+@pytest.mark.slow
+def test_a_slow_rank_is_preempted(tmp_path):
+    ranks = run_ranks(4, "preemption", tmp_path)
+    *fast, slow = [rank["lengths"].tolist() for rank in ranks]
+    assert fast == [[STEPS, STEPS]] * 3
+    # Three of four are 75 %: the last one stops, but never before a quarter of its rollout.
+    assert all(STEPS / 4 <= length < STEPS for length in slow)
+    for rank in ranks:
+        for name, value in rank["state"].items():
+            assert torch.equal(value, ranks[0]["state"][name]), name

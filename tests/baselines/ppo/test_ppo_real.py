@@ -1,0 +1,133 @@
+"""The commands on real environments: every recipe, exact resume, and a rank that is killed."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from hab_eval.cli import main as hab_eval
+from hab_ppo import checkpoint
+from hab_ppo.agent import spec_of
+from hab_ppo.cli import main
+from hab_ppo.distributed import Ranks
+from hab_ppo.network import new_policy
+from hab_ppo.observation import Observation, ObservationLayout
+from hab_ppo.progress import read_progress
+from hab_ppo.recipe import PAPER
+from hab_ppo.recipes import find_recipe, recipe_names
+from hab_ppo.trainer import LAST, Trainer, TrainPlan
+
+from hab_tasks.agent_spaces import agent_spaces
+from hab_tasks.registration import SKILLS
+
+pytestmark = pytest.mark.slow
+
+SKILL_RECIPES = [name for name in recipe_names() if find_recipe(name).env.env in SKILLS]
+SHORT = ("--rows", "4", "--rollout-steps", "10", "--episodes", "2", "--evaluation-episodes", "1")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _one_cache(tmp_path_factory):
+    """Generated episodes go to a folder of their own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HAB_CACHE_DIR", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.mark.parametrize("name", recipe_names())
+def test_the_network_of_a_recipe_fits_its_environment(name):
+    recipe = find_recipe(name)
+    spaces = agent_spaces(recipe.env.env, spec_of(recipe))
+    layout = ObservationLayout.of(spaces.observation)
+    assert (layout.image_shape is None) == (recipe.env.obs_mode == "state_dict")
+    for preset in (recipe.preset, PAPER):
+        policy = new_policy(layout, spaces.action, preset.network, seed=0)
+        images = layout.image_shape and torch.rand(3, *layout.image_shape)
+        obs = Observation(torch.zeros(3, layout.state_size), images)
+        acted = policy.act(obs, policy.no_memory(3), torch.ones(3, dtype=torch.bool), None)
+        assert spaces.action.contains(policy.head.to_env(acted.actions)[0])
+        assert policy.lstm is not None or preset is not PAPER
+
+
+@pytest.mark.parametrize("name", SKILL_RECIPES)
+def test_a_recipe_is_trained_and_its_weights_play(name, tmp_path, capsys):
+    out, env = tmp_path / "run", find_recipe(name).env.env
+    assert main(["train", name, "--out", str(out), "--steps", "40", *SHORT]) == 0
+    assert "best.safetensors" in capsys.readouterr().out
+    assert main(["eval", str(out), "--episodes", "2", "--workers", "1"]) == 0
+    assert "95 % interval" in capsys.readouterr().out
+    agent = ["--agent", f"hab_ppo:{name}", "--option", f"weights={out}"]
+    run = ["run", *agent, "--episodes", "2", "--workers", "1"]
+    assert hab_eval([*run, "--env", env, "--out", str(tmp_path / "eval")]) == 0
+    assert (tmp_path / "eval" / "run.json").exists()
+    other = "HabPlace-v1" if env == "HabPick-v1" else "HabPick-v1"
+    assert hab_eval([*run, "--env", other, "--out", str(tmp_path / "other")]) == 2
+    assert f"was trained in {env}, not {other}" in capsys.readouterr().err
+
+
+def test_a_resumed_run_equals_one_that_was_never_interrupted(tmp_path):
+    recipe = find_recipe("pick_blind")
+    recipe = replace(
+        recipe,
+        env=replace(recipe.env, num_episodes=4),
+        preset=replace(recipe.preset, rows=4, rollout_steps=30),
+        total_steps=600,
+        evaluation_steps=200,
+        evaluation_episodes=2,
+    )
+
+    def train(out, **options):
+        plan = TrainPlan(recipe=options.pop("recipe", recipe), out=out, **options)
+        return Trainer(plan, Ranks(), lambda line: None).run()
+
+    train(tmp_path / "whole")
+    train(tmp_path / "parts", recipe=replace(recipe, total_steps=400))
+    train(tmp_path / "parts", resume="exact.safetensors")
+    one, other = (checkpoint.load(tmp_path / run / LAST)[0] for run in ("whole", "parts"))
+    assert all(torch.equal(one[name], other[name]) for name in one)
+    assert read_progress(tmp_path / "whole")[-1]["steps"] >= 600
+
+
+def ranks_of(launcher: int) -> list[int]:
+    """Process ids of the ranks that a launcher started."""
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            stat = (process / "stat").read_text().rpartition(")")[2].split()
+            words = (process / "cmdline").read_bytes()
+        except OSError:
+            continue
+        if int(stat[1]) == launcher and b"hab_ppo" in words:
+            found.append(int(process.name))
+    return found
+
+
+def test_a_run_goes_on_after_a_rank_was_killed(tmp_path):
+    out = tmp_path / "run"
+    command = [sys.executable, "-m", "hab_ppo", "train", "pick_blind", "--ranks", "2"]
+    command += ["--out", str(out), "--steps", "1600", "--evaluation-steps", "100000", *SHORT]
+    with (tmp_path / "log").open("w") as log:
+        run = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT)
+        try:
+            wait_for(lambda: len(read_progress(out)) >= 4, run)
+            os.kill(ranks_of(run.pid)[-1], signal.SIGKILL)
+            status = run.wait(timeout=240)
+        finally:
+            run.kill()
+    assert status == 0, (tmp_path / "log").read_text()
+    numbers = [entry["update"] for entry in read_progress(out)]
+    assert numbers == list(range(1, len(numbers) + 1))
+    assert read_progress(out)[-1]["steps"] >= 1600
+
+
+def wait_for(condition, run):
+    ends = time.monotonic() + 240
+    while not condition():
+        assert run.poll() is None, "the run ended by itself"
+        assert time.monotonic() < ends
+        time.sleep(0.1)

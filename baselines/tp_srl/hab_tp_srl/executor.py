@@ -87,11 +87,12 @@ class Executor:
             yield from self._fold(stage)
             if stages.over:
                 break
-            going = team.go(robot, stages.task, stage, self._view, tried)
-            failure = yield from stages.timed("navigate", going, NAVIGATE_HORIZON_STEPS, **now)
-            if failure is Failure.TARGET_PLAN:  # there is no other base pose
-                tried.clear()
-                break
+            if stage.skill != "place" or robot.scene.holding:
+                going = team.go(robot, stages.task, stage, self._view, tried)
+                failure = yield from stages.timed("navigate", going, NAVIGATE_HORIZON_STEPS, **now)
+                if failure is Failure.TARGET_PLAN:  # there is no other base pose
+                    tried.clear()
+                    break
             skill = team.skill(robot, stages.task, stage, self._view)
             now["by"] = team.executor(stage)
             failure = yield from stages.timed(stage.skill, skill, team.skill_steps(stage), **now)

@@ -67,6 +67,8 @@ class Team:
         """Returns the motion of a stage's skill."""
         policy = self.policies[stage.skill]
         view.begin(stage)
+        if stage.skill == "place" and not robot.scene.holding:
+            return _nothing_held()
         if policy is None:
             return interaction(task, stage.action, Hands()).skill(robot)
         ending = Ending(task, stage, view, robot.scene if self.true_knowledge else None)
@@ -92,9 +94,6 @@ class Team:
         if self.navigate is not None:
             return learned_navigation(robot, stage, self.navigate, view, sets_base=self.sets_base)
         if self.is_planned(stage):
-            # After a failed pick there is nothing for which a place could be planned.
-            if stage.skill == "place" and not robot.scene.holding:
-                return _nowhere()
             return self._go_to_plan(robot, task, stage, tried)
         return self._go_to_start(robot, task, stage, tried)
 
@@ -124,10 +123,10 @@ class Team:
         return (yield from drive_to(robot, map_, base, DriveConfig()))
 
 
-def _nowhere() -> Motion:
-    """Fails at once."""
+def _nothing_held() -> Motion:
+    """Fails at once: there is nothing to place."""
     yield from ()
-    return Failure.TARGET_PLAN
+    return Failure.EXECUTION
 
 
 def _set(robot: Robot, base: Array) -> Motion:

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from hab_planner.errors import NoPlanError
 from hab_planner.plan import Action, Plan, plan_of
-from hab_spa.motion.moves import RETURN_SHARE, follow
-from hab_spa.motion.robot import Motion, Robot
+from hab_spa.motion.moves import RETURN_SHARE, follow, wait
+from hab_spa.motion.robot import RELEASE, Motion, Robot
 from hab_spa.results import Failure
 from hab_spa.tasks.stages import Stages
 from hab_spa.tasks.standing import Standing
@@ -21,6 +21,8 @@ from hab_tp_srl.options import TeamOptions
 from hab_tp_srl.stage import Stage, stage_of
 from hab_tp_srl.team import Team
 from hab_tp_srl.view import TaskView
+
+RELEASE_STEPS = 4
 
 
 class Executor:
@@ -85,6 +87,8 @@ class Executor:
         for attempt in range(1 + self._options.retries):
             now = {**facts, "attempt": attempt}
             yield from self._fold(stage)
+            if self._recovers and self._holds_other(stage, attempt):
+                yield from stages.timed("release", self._release(), RELEASE_STEPS)
             if stages.over:
                 break
             if stage.skill != "place" or robot.scene.holding:
@@ -110,10 +114,29 @@ class Executor:
         knows = self._team.true_knowledge or self._team.is_planned(stage)
         return entry["achieved"] if knows else believed
 
+    @property
+    def _recovers(self) -> bool:
+        return self._options.retries > 0 or self._options.replans > 0
+
+    def _holds_other(self, stage: Stage, attempt: int) -> bool:
+        """Returns whether the hand holds what it should not at the start of a stage."""
+        scene = self._robot.scene
+        if stage.skill == "place" or not scene.holding:
+            return False
+        if stage.skill == "pick" and self._team.true_knowledge:
+            return not scene.holds(stage.object)
+        # After a pick that timed out, it may be the target.
+        return stage.skill != "pick" or attempt == 0
+
+    def _release(self) -> Motion:
+        """Opens the hand."""
+        self._robot.gripper = RELEASE
+        yield from wait(self._robot, RELEASE_STEPS)
+        return None
+
     def _fold(self, stage: Stage) -> Motion:
         """Moves the arm to rest before a planned skill, or to recover from a failure."""
-        recovers = self._options.retries > 0 or self._options.replans > 0
-        if self._stages.rests() or not (recovers or self._team.is_planned(stage)):
+        if self._stages.rests() or not (self._recovers or self._team.is_planned(stage)):
             return None
         if self._team.privileged:
             return (yield from self._stages.fold(SKILL_HORIZON_STEPS))

@@ -16,6 +16,7 @@ from hab_tp_srl.executor import fault
 from hab_tp_srl.factories import skills_of
 from hab_tp_srl.options import SKILLS
 from hab_tp_srl.stage import stage_of
+from hab_tp_srl.view import TaskView
 from untrained import write_weights
 
 from hab_tasks.agent_spaces import agent_setup
@@ -194,3 +195,46 @@ def test_the_spec_says_what_a_team_needs(weights, learned):
     seen = hab_tp_srl.tp_srl(agent_setup("HabTidyHouse-v1", options=given)).spec
     assert (seen.looks, seen.rows, seen.control_mode) == ("on demand", 1, "joint_target_pose")
     assert np.isfinite(checkpoint.load(weights["pick_depth"])[1]["format"])
+
+
+def seen(base, starts, hand_m=(0.5, 0.0, 1.0), holding=False):
+    """An observation without handles of a robot at `base`, and the world's places of one object."""
+    x, y, yaw = base
+    turn = np.array(((np.cos(yaw), -np.sin(yaw)), (np.sin(yaw), np.cos(yaw))))
+    level = (starts[:, :2] - (x, y)) @ turn
+    pairs = np.concatenate((level, starts[:, 2:]), axis=1)
+    agent = {
+        "ee_position": np.array([hand_m], dtype=np.float32),
+        "ee_rotation": np.array([[1, 0, 0, 0, 1, 0]], dtype=np.float32),
+        "is_holding": np.array([[float(holding)]], dtype=np.float32),
+    }
+    return {"agent": agent, "extra": {"targets_in_base": pairs.reshape(1, -1).astype(np.float32)}}
+
+
+def test_without_handles_the_hand_that_pulls_shows_how_far_a_drawer_moved():
+    starts = np.array([[2.0, 1.0, 0.6], [-1.5, 0.4, 0.8]])
+    pull = SimpleNamespace(articulation=0)
+    pick = SimpleNamespace(skill="pick", at="start", object=0, drawer=0, articulation=None)
+    view = TaskView(truth=False)
+    view.see(seen((0.3, -0.2, 0.5), starts), 0)
+    first = view.point(pick)
+    base = (1.0, 0.9, np.pi / 2)
+    view.see(seen(base, starts), 0)
+    view.begin(pull)
+    for step, holding in ((0.0, False), (0.0, True), (0.1, True), (0.4, True), (0.1, False)):
+        view.see(seen(base, starts, (0.8 - step, 0.1, 0.6), holding), 0)
+    moved = view.point(pick)
+    assert np.linalg.norm(moved - first) == pytest.approx(0.4, abs=1e-5)
+    view.begin(pick)
+    # The robot faces +y and pulled the drawer by 0.4 m towards itself: to (2.0, 0.6).
+    for x, y, yaw in (base, (1.6, -0.5, 2.0)):
+        view.see(seen((x, y, yaw), starts, holding=True), 0)
+        entries = view.entries(pick, moved)
+        turn = np.array(((np.cos(yaw), -np.sin(yaw)), (np.sin(yaw), np.cos(yaw))))
+        expected = (np.array((2.0, 0.6)) - (x, y)) @ turn
+        np.testing.assert_allclose(entries["extra", "point_in_base"][:2], expected, atol=1e-5)
+        from_hand = [*(expected - (0.5, 0.0)), 0.6 - 1.0]
+        np.testing.assert_allclose(entries["extra", "object_start_from_ee"], from_hand, atol=1e-5)
+    view.forget()
+    view.see(seen(base, starts), 0)
+    np.testing.assert_allclose(view.point(pick)[2], 0.6, atol=1e-6)

@@ -54,6 +54,12 @@ class Ending:
             return not view.holding
         return not view.holding and (self._held if skill.startswith("open") else self._left)
 
+    @property
+    def failed(self) -> bool:
+        """Whether the robot knows that it picked a wrong object, which ends Pick's environment."""
+        wrong = self._truth is not None and self._truth.holding and not self._has_target
+        return self._stage.skill == "pick" and wrong
+
     def gripper(self, value: float) -> float:
         """Returns `GRASP` or `RELEASE` for a gripper entry, masked as in the skill's environment.
 

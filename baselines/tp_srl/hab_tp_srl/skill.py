@@ -57,7 +57,8 @@ def learned(
         sets_base: Whether the task's control mode takes base poses instead of velocities.
 
     Returns:
-        `Failure.TIMEOUT` if the skill does not end within its horizon.
+        `Failure.TIMEOUT` if the skill does not end within its horizon, `Failure.EXECUTION` if it
+        knows that it picked a wrong object.
     """
     # As at the reset of the skill's environment: the commanded pose is the present one.
     robot.relax()
@@ -75,9 +76,9 @@ def learned(
         ending.update()
         if view.holding and not was_holding:
             robot.held_up = robot.up()  # a planned placing keeps the object upright
-        if ending.over:
+        if ending.over or ending.failed:
             robot.gripper = ending.after()
-            return None
+            return Failure.EXECUTION if ending.failed else None
     robot.gripper = ending.after()
     return Failure.TIMEOUT
 

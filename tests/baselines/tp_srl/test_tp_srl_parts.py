@@ -238,3 +238,15 @@ def test_without_handles_the_hand_that_pulls_shows_how_far_a_drawer_moved():
     view.forget()
     view.see(seen(base, starts), 0)
     np.testing.assert_allclose(view.point(pick)[2], 0.6, atol=1e-6)
+
+
+def test_with_the_truth_a_wrong_object_ends_a_pick():
+    view = SimpleNamespace(holding=True, rests=False)
+    stage = SimpleNamespace(skill="pick", object=1, handles_object=True)
+    for held, failed in ((0, True), (1, False), (None, False)):
+        scene = SimpleNamespace(holding=held is not None, holds=lambda k, held=held: k == held)
+        watched = Ending(None, stage, view, scene)
+        watched.update()
+        assert (watched.failed, watched.over) == (failed, False)
+        assert watched.gripper(-1.0) == (GRASP if held == 1 else RELEASE)
+    assert not Ending(None, stage, view, None).failed

@@ -38,6 +38,7 @@ from torch import Tensor
 
 from hab_tasks.constants import EE_STEP_M, JOINT_STEP_RAD
 from hab_tasks.errors import ActionError
+from hab_tasks.robots.arm_commands import commanded_arm
 from hab_tasks.robots.control_modes import (
     ABSOLUTE_ARM,
     ARM_SIZE,
@@ -59,8 +60,6 @@ from hab_tasks.simulator import sapien_object, sapien_objects
 Array = NDArray[Any]
 
 _CELLS = np.array(BASE_CELLS, dtype=np.float32)
-_EE_LOWER, _EE_UPPER = np.array(ROBOT.ee_lower_m), np.array(ROBOT.ee_upper_m)
-_ARM_LOWER, _ARM_UPPER = np.array(ROBOT.arm_lower_rad), np.array(ROBOT.arm_upper_rad)
 
 
 PUSH_APART_M_S = 1.0
@@ -302,12 +301,7 @@ class HabController(BaseController):
 
     def _arm_target(self, qpos: Array, arm: Array) -> Array:
         """Returns the commanded arm pose (7,) [rad] of an action's arm entries."""
-        if self.config.arm in ABSOLUTE_ARM:
-            return arm
-        if self.config.arm == "joint_delta":
-            moved = qpos + JOINT_STEP_RAD * arm
-            return np.minimum(np.maximum(moved, _ARM_LOWER), _ARM_UPPER)
-        return self._kinematics.move(qpos, EE_STEP_M * arm, _EE_LOWER, _EE_UPPER)
+        return commanded_arm(self.config.arm, qpos, arm, self._kinematics)
 
     def _batch_arm_target(self, arm: Tensor) -> Tensor:
         """`_arm_target` for (N, ...) rows on any device."""

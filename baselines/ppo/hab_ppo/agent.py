@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
 from hab_ppo import checkpoint
 from hab_ppo.errors import PolicyFileError
-from hab_ppo.network import new_policy
+from hab_ppo.network import Policy, new_policy
 from hab_ppo.observation import ObservationLayout
 from hab_ppo.recipe import Recipe, from_json
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec, check_options
@@ -21,6 +21,28 @@ from hab_tasks.registration import imported_id
 WEIGHTS = Path(__file__).parent / "weights"
 ROWS = 16
 """Episodes played at a time."""
+
+
+class LoadedPolicy(NamedTuple):
+    """A trained policy, and the recipe that it was trained by."""
+
+    policy: Policy
+    recipe: Recipe
+
+
+def load_policy(setup: AgentSetup, path: Path) -> LoadedPolicy:
+    """Loads a policy from a file of weights, to the setup's device.
+
+    Raises:
+        PolicyFileError: The file cannot be used.
+    """
+    tensors, about = checkpoint.load(path)
+    recipe = recipe_of(about, path)
+    spaces = setup.spaces_of(imported_id(recipe.env.reference), spec_of(recipe))
+    layout = ObservationLayout.of(spaces.observation)
+    policy = new_policy(layout, spaces.action, recipe.preset.network, 0)
+    checkpoint.load_network(policy, tensors, path)
+    return LoadedPolicy(policy.to(setup.device), recipe)
 
 
 class PolicyAgent:
@@ -33,16 +55,10 @@ class PolicyAgent:
             PolicyFileError: The file cannot be used, or is of another environment.
         """
         use_one_thread()
-        tensors, about = checkpoint.load(path)
-        recipe = recipe_of(about, path)
+        self._policy, recipe = load_policy(setup, path)
         if imported_id(recipe.env.reference) != imported_id(setup.env_id):
             raise PolicyFileError(f"{path} was trained in {recipe.env.env}, not {setup.env_id}.")
         self.spec = spec_of(recipe)
-        spaces = setup.spaces(self.spec)
-        layout = ObservationLayout.of(spaces.observation)
-        self._policy = new_policy(layout, spaces.action, recipe.preset.network, 0)
-        checkpoint.load_network(self._policy, tensors, path)
-        self._policy.to(setup.device)
         self._device = setup.device
         self._memory, self._starts = self._policy.no_memory(0), torch.zeros(0, dtype=torch.bool)
 
@@ -105,13 +121,26 @@ def make_agent(name: str, setup: AgentSetup) -> PolicyAgent:
     check_options(setup, {"weights": None})
     if "weights" in setup.options:
         return PolicyAgent(setup, weights_file(Path(setup.options["weights"])))
+    return PolicyAgent(setup, shipped_weights(name, option="weights"))
+
+
+def shipped_weights(name: str, option: str) -> Path:
+    """Returns the file of the weights that ship for a recipe.
+
+    Args:
+        name: The recipe.
+        option: The agent's option for weights of one's own.
+
+    Raises:
+        PolicyFileError: None ship for it.
+    """
     shipped = WEIGHTS / f"{name}.safetensors"
     if not shipped.is_file():
         raise PolicyFileError(
             f"No weights ship for {name}; train them with `hab-ppo train {name}` and give "
-            "--option weights=DIR."
+            f"--option {option}=DIR."
         )
-    return PolicyAgent(setup, shipped)
+    return shipped
 
 
 def weights_file(path: Path) -> Path:

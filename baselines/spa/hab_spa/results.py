@@ -9,11 +9,12 @@ from hab_tasks.privileged import Array
 
 
 class Failure(Enum):
-    """Failed stage of sense-plan-act (S App. I.1)."""
+    """Failed stage of sense-plan-act (S App. I.1); learned skills only fail by `TIMEOUT`."""
 
     TARGET_PLAN = "target plan"
     MOTION_PLAN = "motion plan"
     EXECUTION = "execution"
+    TIMEOUT = "timeout"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -55,13 +55,25 @@ class SpaAgent:
 
     def act(self, obs: Mapping[str, Any]) -> Tensor:
         """Returns actions (N, A) float32 in the spec's control mode."""
-        actions = []
+        robots, commands = [], []
         for number, row in enumerate(self._rows):
             row.scene.see(obs, number)
             robot = row.robot or row.begin(self._behave, self._config, self._horizon_steps)
             robot.obs = obs
-            actions.append(self._action(robot, row.next_command(robot)))
+            robots.append(robot)
+            commands.append(row.next_command(robot))
+        decided = zip(robots, self.decide(commands, obs), strict=True)
+        actions = [self._action(robot, command) for robot, command in decided]
         return torch.from_numpy(np.array(actions, dtype=np.float32))
+
+    def decide(self, commands: list[Command], obs: Mapping[str, Any]) -> list[Command]:
+        """Returns the final commands of all rows; for agents that decide for several at once.
+
+        Args:
+            commands: The commands of the rows' motions.
+            obs: The observation of all rows.
+        """
+        return commands
 
     def _action(self, robot: Robot, command: Command) -> Array:
         """Converts a command to an action (A,) of the control mode."""

@@ -108,6 +108,11 @@ class Robot:
         return self.deadline - self.steps
 
     @property
+    def arm_target_rad(self) -> Array:
+        """The latest commanded arm pose (7,)."""
+        return self._arm_rad
+
+    @property
     def base(self) -> Array:
         """Base pose x, y [m], yaw [rad] (3,) in the world."""
         pose = self.scene.world_from_base

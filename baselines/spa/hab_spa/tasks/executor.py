@@ -5,25 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import partial
 
-import numpy as np
 from hab_planner.errors import NoPlanError
-from hab_planner.observe import start_given
 from hab_planner.plan import Action, Plan, plan_of
-from hab_planner.problem import Atom, atoms_of, problem_of, task_of
+from hab_planner.problem import Atom, atoms_of
 
-from hab_spa.motion.drive import DriveConfig, leave
-from hab_spa.motion.rest import rest
 from hab_spa.motion.robot import Motion, Robot
 from hab_spa.results import Failure
-from hab_spa.tasks.interactions import Hands, Interaction, believed, interaction
+from hab_spa.tasks.interactions import Hands, Interaction, interaction
 from hab_spa.tasks.navigate import NavigationRequest, Navigator
+from hab_spa.tasks.stages import Stages
 from hab_spa.tasks.standing import Standing, StandingConfig, choose
-from hab_tasks.constants import (
-    NAVIGATE_HORIZON_STEPS,
-    REST_POSITION_M,
-    REST_RADIUS_M,
-    SKILL_HORIZON_STEPS,
-)
+from hab_tasks.constants import NAVIGATE_HORIZON_STEPS, SKILL_HORIZON_STEPS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,21 +60,20 @@ class Executor:
                 default `robot`, or one with the ground-truth scene.
         """
         self._hands, self._guide = hands, guide or robot
-        self._env_id, self._task = env_id, task_of(env_id)
+        self._env_id, self._stages = env_id, Stages(env_id, robot)
         self._robot, self._navigator, self._config = robot, navigator, config
         self._tried: dict[tuple[Action, frozenset[Atom]], list[Standing]] = {}
-        self._end = robot.deadline
 
     def run(self) -> Motion:
         """Executes the plan; replans from the believed state when an action fails."""
         robot, plan = self._robot, plan_of(self._env_id)
         for _ in range(1 + self._config.replans):
             robot.failure = yield from self._carry_out(plan)
-            if robot.steps >= self._end:
+            if self._stages.over:
                 break
             try:
                 # After the last action too: earlier effects may have been undone.
-                plan = self._replanned()
+                plan = self._stages.replanned()
             except NoPlanError:
                 break
             if not plan.actions:
@@ -91,31 +82,24 @@ class Executor:
         robot.doing = "done" if robot.failure is None else f"failed: {robot.failure.value}"
         return robot.failure
 
-    def _replanned(self) -> Plan:
-        """Returns a plan from the believed state."""
-        from hab_planner.solve import solve  # a slow import, needed only after a failure
-
-        start = start_given(self._env_id, believed(self._task, self._robot.scene))
-        return solve(problem_of(self._env_id).started(start))
-
     def _carry_out(self, plan: Plan) -> Motion:
         actions = [action for action in plan.actions if action.name != "navigate"]
         for number, action in enumerate(actions, 1):
-            self._step = f"{number}/{len(actions)} {action}"
-            failure = yield from self._at_work(interaction(self._task, action, self._hands))
+            self._stages.label = f"{number}/{len(actions)} {action}"
+            failure = yield from self._at_work(interaction(self._stages.task, action, self._hands))
             if failure is not None:
                 return failure
         return None
 
     def _at_work(self, item: Interaction) -> Motion:
         """Navigates and runs the skill of an interaction; retries from other base poses."""
-        robot = self._robot
-        before = believed(self._task, robot.scene)
+        robot, stages = self._robot, self._stages
+        before = stages.believed()
         tried = self._tried.setdefault((item.action, before), [])  # shared by successive plans
         failure: Failure | None = Failure.EXECUTION  # if no time is left
         for _ in range(self._config.tries):
-            yield from self._fold()
-            if robot.steps >= self._end:
+            yield from stages.fold(self._config.skill_steps)
+            if self._stages.over:
                 break
             map_ = robot.scene.floor_map()
             request = NavigationRequest(
@@ -126,64 +110,18 @@ class Executor:
                 ),
             )
             going = self._navigator(robot, request)
-            failure = yield from self._timed("navigate", going, self._config.navigate_steps)
+            failure = yield from stages.timed("navigate", going, self._config.navigate_steps)
             if failure is Failure.TARGET_PLAN:  # there is no other base pose
                 tried.clear()  # the next plan may succeed from one of these
                 break
             if failure is None:
-                failure = yield from self._timed(
+                failure = yield from stages.timed(
                     str(item.action), item.skill(robot), self._config.skill_steps
                 )
-            now = believed(self._task, robot.scene)
-            if atoms_of(self._task.spec, item.effect) <= now:
+            now = stages.believed()
+            if atoms_of(stages.task.spec, item.effect) <= now:
                 return None
             robot.failure = failure = failure or Failure.EXECUTION
             if now != before:  # the state has changed otherwise, which needs another plan
                 break
         return failure
-
-    def _fold(self) -> Motion:
-        """Moves the arm to rest before driving; backs off first if the arm has no room."""
-        robot = self._robot
-        if self._rests():
-            return None
-        failure = yield from self._timed("rest", rest(robot), self._config.skill_steps)
-        if failure is None:
-            return None
-        yield from leave(robot, robot.scene.floor_map(), DriveConfig())
-        return (yield from self._timed("rest", rest(robot), self._config.skill_steps))
-
-    def _rests(self) -> bool:
-        ee_m = self._robot.kinematics.ee_pose(self._robot.scene.arm_qpos)[:3, 3]
-        return bool(np.linalg.norm(ee_m - REST_POSITION_M) < REST_RADIUS_M)
-
-    def _timed(self, what: str, motion: Motion, steps: int) -> Motion:
-        """Runs a motion with a step limit, and adds it to the trace."""
-        robot = self._robot
-        robot.deadline = min(robot.steps + steps, self._end)
-        entry = {
-            "step": robot.steps,
-            "action": self._step,
-            "did": what,
-            "believed": [" ".join(atom) for atom in sorted(believed(self._task, robot.scene))],
-        }
-        robot.trace.append(entry)
-        failure = yield from self._until(motion, robot.deadline)
-        entry["steps"] = robot.steps - entry["step"]
-        entry["outcome"] = "done" if failure is None else failure.value
-        return failure
-
-    def _until(self, motion: Motion, deadline: int) -> Motion:
-        """Runs a motion until it ends or exceeds its deadline."""
-        robot = self._robot
-        slack = robot.config.follow.settle_steps
-        while robot.steps < deadline + slack:
-            try:
-                command = next(motion)
-            except StopIteration as end:
-                return end.value
-            robot.doing = f"{self._step}: {robot.doing.rsplit(': ', 1)[-1]}"
-            yield command
-        motion.close()
-        robot.relax()
-        return Failure.EXECUTION

@@ -1,0 +1,109 @@
+"""Factory of TP+SRL, for ``hab-eval run --agent hab_tp_srl:tp_srl`` (S 5, H.1, H.2)."""
+
+from __future__ import annotations
+
+from typing import cast
+
+from hab_planner.plan import plan_of
+from hab_planner.problem import task_of
+from hab_spa.motion.robot import Motion, Robot
+from hab_spa.scenes.scene import Scene
+
+from hab_tasks.agent import AgentSetup, AgentSpec
+from hab_tasks.processes import use_one_thread
+from hab_tasks.registration import imported_id
+from hab_tasks.tasks.base import Task
+from hab_tp_srl.agent import TpSrlAgent
+from hab_tp_srl.executor import Executor
+from hab_tp_srl.options import SKILLS, TeamOptions, read_options
+from hab_tp_srl.policies import SkillPolicy
+from hab_tp_srl.scenes import GuidedScene, ObservedScene
+from hab_tp_srl.team import Team
+from hab_tp_srl.view import TaskView
+
+ROWS = 8
+"""Episodes played at a time by a team without planned skills."""
+
+
+def tp_srl(setup: AgentSetup) -> TpSrlAgent:
+    """Returns TP+SRL: executes the task's plan with trained skills.
+
+    Options: ``skills`` (``blind``, ``depth`` or ``spa_priv``) and, for single skills, ``pick``,
+    ``place``, ``open_drawer``, ... (``spa_priv``, a recipe whose weights ship, or a path);
+    ``navigation`` (``oracle``, ``teleport`` or ``learned``) and ``navigate`` (weights for the
+    latter); ``knowledge`` (``observed`` or ``true``); ``retries`` and ``replan`` (maximum numbers).
+
+    Raises:
+        HabError: The environment is not a task, an option is unknown, or weights cannot be used.
+    """
+    env_id = imported_id(setup.env_id)
+    task = task_of(env_id)
+    use_one_thread()
+    options = read_options(setup, skills_of(env_id, task))
+    team = _team(setup, options)
+
+    def make_scene() -> Scene:
+        view = TaskView(truth=options.true_knowledge)
+        # Learned skills and the arm's reset use no more of a scene than this.
+        return GuidedScene(view) if team.privileged else cast(Scene, ObservedScene(view))
+
+    def behave(robot: Robot) -> Motion:
+        scene = robot.scene
+        assert isinstance(scene, GuidedScene | ObservedScene)
+        return Executor(env_id, robot, team, scene.view, options).run()
+
+    return TpSrlAgent(setup, _spec(team, options), make_scene, behave)
+
+
+def skills_of(env_id: str, task: Task) -> tuple[str, ...]:
+    """Returns the skills that a task's plans can need, other than navigation."""
+    used = {action.skill for action in plan_of(env_id).actions} - {"navigate"}
+    used |= {f"open_{kind.name}" for kind in task.articulations}
+    return tuple(skill for skill in SKILLS if skill in used)
+
+
+def _team(setup: AgentSetup, options: TeamOptions) -> Team:
+    """Loads the policies; a file that several skills use is loaded for each."""
+    policies = {
+        skill: None if path is None else SkillPolicy(setup, skill, path)
+        for skill, path in options.skills.items()
+    }
+    navigate = options.navigate and SkillPolicy(setup, "navigate", options.navigate)
+    return Team(
+        policies=policies,
+        navigation=options.navigation,
+        navigate=navigate or None,
+        privileged=options.privileged,
+        true_knowledge=options.true_knowledge,
+    )
+
+
+def _spec(team: Team, options: TeamOptions) -> AgentSpec:
+    """Returns the environment options that a team needs."""
+    learned = team.learned
+    seeing = [policy for policy in learned if policy.sees_images]
+    textures = {texture for policy in seeing for texture in policy.recipe.env.obs_mode.split("+")}
+    # While planned parts move the robot, no images are needed.
+    on_demand = bool(seeing) and team.navigate is None
+    planned = None in team.policies.values()
+    return AgentSpec(
+        name=_name(team, options),
+        control_mode="joint_target_pose" if team.sets_base else "joint_target_base",
+        obs_mode="+".join(sorted(textures)) or "state_dict",
+        privileged=team.privileged,
+        looks="on demand" if on_demand else "always",
+        handle_position=not team.true_knowledge and any(p.sees_handles for p in learned),
+        rows=1 if planned or on_demand else ROWS,
+    )
+
+
+def _name(team: Team, options: TeamOptions) -> str:
+    """Returns the displayed name; recovery and planned skills are part of it."""
+    parts = [f"{team.navigation} navigation"]
+    planned = [skill for skill, policy in team.policies.items() if policy is None]
+    if planned:
+        everything = len(planned) == len(team.policies)
+        parts.append(f"{'all skills' if everything else ', '.join(planned)} by SPA-Priv")
+    parts += [f"{options.retries} retries"] * (options.retries > 0)
+    parts += [f"{options.replans} replans"] * (options.replans > 0)
+    return f"TP+SRL ({'; '.join(parts)})"

@@ -1,0 +1,118 @@
+"""Options of the agent: who executes each skill, navigation, recovery, knowledge."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from hab_ppo.agent import shipped_weights, weights_file
+from hab_ppo.recipes import recipe_names
+
+from hab_tasks.agent import AgentSetup, check_options
+from hab_tasks.errors import OptionError, UnknownNameError
+
+PLANNED = "spa_priv"
+"""Value of a skill's option: sense-plan-act with ground truth instead of a policy."""
+
+NAVIGATION = ("oracle", "teleport", "learned")
+KNOWLEDGE = ("observed", "true")
+KINDS = ("blind", "depth", PLANNED)
+"""Values of the option ``skills``: policies by the suffix of their recipes, or planning."""
+
+NAVIGATE_DEFAULT = "navigate_depth"
+SKILLS = ("pick", "place", "open_drawer", "close_drawer", "open_fridge", "close_fridge")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TeamOptions:
+    """Options of TP+SRL.
+
+    Attributes:
+        skills: Skill -> file of weights, or None for planning; the skills of the task only.
+        navigation: ``oracle``, ``teleport`` or ``learned``.
+        navigate: File of weights for learned navigation; None otherwise.
+        retries: Maximum further attempts of a stage that was not achieved.
+        replans: Maximum number of plans after the first.
+        true_knowledge: Whether learned skills know the object's true position and their true end.
+    """
+
+    skills: Mapping[str, Path | None]
+    navigation: str
+    navigate: Path | None
+    retries: int
+    replans: int
+    true_knowledge: bool
+
+    @property
+    def privileged(self) -> bool:
+        """Whether the agent needs ground truth."""
+        planned = None in self.skills.values()
+        return self.navigation != "learned" or self.true_knowledge or planned
+
+
+def read_options(setup: AgentSetup, needed: tuple[str, ...]) -> TeamOptions:
+    """Returns the agent's options.
+
+    Args:
+        setup: Setup of the agent.
+        needed: Skills of the task.
+
+    Raises:
+        HabError: An option is unknown or has an invalid value, or no weights ship for a skill.
+    """
+    options = setup.options
+    known = {"navigation": NAVIGATION, "knowledge": KNOWLEDGE, "skills": KINDS}
+    free = (*SKILLS, "navigate", "retries", "replan")
+    check_options(setup, {**known, **dict.fromkeys(free)})
+    navigation = options.get("navigation", "oracle")
+    if "navigate" in options and navigation != "learned":
+        raise OptionError.of_value(
+            "option navigation of the agent", navigation, "learned, with the option navigate"
+        )
+    kind = options.get("skills", "blind")
+    found = TeamOptions(
+        skills={skill: _executed_by(options, skill, kind) for skill in needed},
+        navigation=navigation,
+        navigate=_navigate(options) if navigation == "learned" else None,
+        retries=_count(options, "retries"),
+        replans=_count(options, "replan"),
+        true_knowledge=options.get("knowledge") == "true",
+    )
+    if found.replans and not found.privileged:
+        raise OptionError(
+            "Option replan needs to know where things are: add --option knowledge=true, or "
+            "navigation=oracle."
+        )
+    return found
+
+
+def _executed_by(options: Mapping[str, str], skill: str, kind: str) -> Path | None:
+    """Returns the weights of a skill; None if it is planned."""
+    value = options.get(skill, PLANNED if kind == PLANNED else f"{skill}_{kind}")
+    return None if value == PLANNED else _weights(skill, value)
+
+
+def _navigate(options: Mapping[str, str]) -> Path:
+    return _weights("navigate", options.get("navigate", NAVIGATE_DEFAULT))
+
+
+def _weights(skill: str, value: str) -> Path:
+    """Returns the file of weights: those that ship for a recipe, or those at a path."""
+    path = weights_file(Path(value))
+    if path.exists():
+        return path
+    default = NAVIGATE_DEFAULT if skill == "navigate" else f"{skill}_blind"
+    names = {*recipe_names(), default, default.replace("blind", "depth")}
+    if value in names:
+        return shipped_weights(value, option=skill)
+    own = sorted(name for name in names if name.startswith(skill))
+    planned = [PLANNED] if skill != "navigate" else []
+    raise UnknownNameError(f"value of the agent's option {skill}", value, [*own, *planned])
+
+
+def _count(options: Mapping[str, str], name: str) -> int:
+    text = options.get(name, "0")
+    if not text.isdecimal():
+        raise OptionError.of_value(f"option {name} of the agent", text, "an integer >= 0")
+    return int(text)

@@ -1,0 +1,138 @@
+"""Trained skills, evaluated for several rows at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from hab_ppo.agent import load_policy
+from hab_ppo.errors import PolicyFileError
+from numpy.typing import NDArray
+from torch import Tensor
+
+from hab_tasks.agent import AgentSetup
+from hab_tasks.engine.skill_env import SkillEnv
+from hab_tasks.envs import ENVS
+from hab_tasks.registration import SKILLS, imported_id
+from hab_tasks.robots.control import HabControllerConfig, control_configs
+from hab_tp_srl.view import Entries
+
+ARMS = ("ee", "joint_delta", "joint_target", "still")
+BASES = ("still", "velocity", "discrete")
+"""Arm and base modes of skills; all of them can be carried out by joint targets and velocities."""
+
+TASK_ENTRIES = (
+    *("point_in_base", "point_in_ee", "handle_from_ee"),
+    *("object_start_from_ee", "object_start_in_ee", "object_goal_from_ee", "object_goal_in_ee"),
+)
+"""Entries of ``extra`` that a skill can observe in a task; see `TaskView.entries`."""
+
+
+@dataclass(kw_only=True, eq=False)
+class Turn:
+    """A running skill of one row.
+
+    Attributes:
+        policy: Its policy.
+        entries: The state observation of this step.
+        memory: (2, H) state of the LSTM; None at the start of the skill.
+        action: (A,) the action of this step, after `SkillPolicy.decide`.
+    """
+
+    policy: SkillPolicy
+    entries: Entries = field(default_factory=dict)
+    memory: Tensor | None = None
+    action: NDArray[Any] = field(default_factory=lambda: np.zeros(0, dtype=np.float32))
+
+
+class SkillPolicy:
+    """A trained skill.
+
+    Attributes:
+        name: Name of its recipe.
+        recipe: The recipe.
+        horizon_steps: Maximum number of steps of the skill.
+        control: Its control mode.
+    """
+
+    def __init__(self, setup: AgentSetup, skill: str, path: Path) -> None:
+        """Loads a skill's weights.
+
+        Args:
+            setup: Setup of the task's agent.
+            skill: Name of the skill, e.g. ``pick``.
+            path: File of weights.
+
+        Raises:
+            PolicyFileError: The file cannot be used, or is of another skill.
+        """
+        self._policy, self.recipe = load_policy(setup, path)
+        self._device, self.name = setup.device, self.recipe.name
+        env_id = imported_id(self.recipe.env.reference)
+        env = ENVS[env_id].env
+        self.horizon_steps = env.horizon_steps
+        self.control: HabControllerConfig = control_configs()[self.recipe.env.control_mode]
+        self._check(skill, env_id, path)
+
+    def _check(self, skill: str, env_id: str, path: Path) -> None:
+        """Checks that the policy can act as a skill in a task."""
+        env, control_mode = ENVS[env_id].env, self.recipe.env.control_mode
+        trained = env.skill.name if issubclass(env, SkillEnv) else None
+        if trained is None or (env_id in SKILLS and trained != skill):
+            raise PolicyFileError(f"{path} was trained in {env_id}; option {skill} needs {skill}.")
+        if self.control.arm not in ARMS or self.control.base not in BASES:
+            raise PolicyFileError(
+                f"{path} acts by control_mode {control_mode}, which sets joint states or base "
+                "poses directly; a skill of a task must drive the joints."
+            )
+        absent = [
+            name
+            for group, name in self._policy.layout.state
+            if group == "extra" and name not in TASK_ENTRIES
+        ]
+        if absent:
+            raise PolicyFileError(f"{path} observes {absent[0]}, which a task does not tell.")
+
+    @property
+    def sees_handles(self) -> bool:
+        """Whether it observes the handle of a door or drawer."""
+        return ("extra", "handle_from_ee") in self._policy.layout.state
+
+    @property
+    def sees_images(self) -> bool:
+        """Whether it observes images."""
+        return self._policy.layout.image_shape is not None
+
+    def decide(self, rows: Sequence[int], turns: Sequence[Turn], obs: Mapping[str, Any]) -> None:
+        """Chooses the most likely actions of some rows; stores them and the memories.
+
+        Args:
+            rows: Their numbers.
+            turns: Their running skills.
+            obs: The task's observation of all rows.
+        """
+        seen = self._policy.layout.read(self._observed(rows, turns, obs)).to(self._device)
+        starts = torch.tensor([turn.memory is None for turn in turns], device=self._device)
+        blank = self._policy.no_memory(1)[:, 0]
+        memory = torch.stack([blank if t.memory is None else t.memory for t in turns], dim=1)
+        acted = self._policy.act(seen, memory, starts, None)
+        actions = self._policy.head.to_env(acted.actions).reshape(len(turns), -1)
+        for number, turn in enumerate(turns):
+            turn.action, turn.memory = actions[number], acted.memory[:, number]
+
+    def _observed(
+        self, rows: Sequence[int], turns: Sequence[Turn], obs: Mapping[str, Any]
+    ) -> dict[str, Any]:
+        """Returns the nested observation of some rows, as the skill's environment gives it."""
+        nested: dict[str, Any] = {}
+        for group, name in self._policy.layout.state:
+            values = [turn.entries[group, name] for turn in turns]
+            nested.setdefault(group, {})[name] = np.stack(values)
+        for group, camera, texture in self._policy.layout.images:
+            image = obs[group][camera][texture][list(rows)]
+            nested.setdefault(group, {}).setdefault(camera, {})[texture] = image
+        return nested

@@ -1,0 +1,153 @@
+"""Motions of learned skills."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from hab_spa.motion.robot import GRASP, RELEASE, Command, Motion, Robot
+from hab_spa.results import Failure
+from numpy.typing import NDArray
+
+from hab_tasks.constants import CONTROL_HZ
+from hab_tasks.robots.arm_commands import commanded_arm
+from hab_tasks.robots.control_modes import ARM_SIZE, BASE_CELLS, STOP_SHARE
+from hab_tasks.robots.kinematics import ArmKinematics
+from hab_tasks.robots.robot import ROBOT
+from hab_tp_srl.ending import Ending
+from hab_tp_srl.policies import SkillPolicy, Turn
+from hab_tp_srl.stage import Stage
+from hab_tp_srl.view import TaskView
+
+_KINEMATICS = ArmKinematics()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PolicyCommand(Command):
+    """The command of a policy that has yet to decide; until then, the command to hold still.
+
+    Attributes:
+        turn: The running skill.
+        result: Returns the command after the policy's decision.
+    """
+
+    turn: Turn
+    result: Callable[[], Command]
+
+
+def learned(
+    robot: Robot,
+    stage: Stage,
+    policy: SkillPolicy,
+    view: TaskView,
+    ending: Ending,
+    *,
+    sets_base: bool,
+) -> Motion:
+    """Runs a learned skill to its own end.
+
+    Args:
+        robot: The robot.
+        stage: The stage.
+        policy: The skill's policy.
+        view: What the robot observes.
+        ending: The skill's end.
+        sets_base: Whether the task's control mode takes base poses instead of velocities.
+
+    Returns:
+        `Failure.TIMEOUT` if the skill does not end within its horizon, `Failure.EXECUTION` if it
+        knows that it picked a wrong object.
+    """
+    # As at the reset of the skill's environment: the commanded pose is the present one.
+    robot.relax()
+    turn, point_m = Turn(policy=policy), view.point(stage)
+
+    def result() -> Command:
+        robot.gripper = ending.gripper(_gripper(policy, turn.action, robot.gripper))
+        return command_of(robot, policy, turn.action, sets_base=sets_base)
+
+    for _ in range(policy.horizon_steps):
+        robot.doing = policy.name
+        was_holding = view.holding
+        turn.entries = view.entries(stage, point_m)
+        yield _asking(robot, turn, result)
+        ending.update()
+        if view.holding and not was_holding:
+            robot.held_up = robot.up()  # a planned placing keeps the object upright
+        if ending.over or ending.failed:
+            robot.gripper = ending.after()
+            return Failure.EXECUTION if ending.failed else None
+    robot.gripper = ending.after()
+    return Failure.TIMEOUT
+
+
+def learned_navigation(
+    robot: Robot, stage: Stage, policy: SkillPolicy, view: TaskView, *, sets_base: bool
+) -> Motion:
+    """Drives by a learned policy until its stop action.
+
+    The other arguments and the result are those of `learned`.
+    """
+    turn, point_m = Turn(policy=policy), view.point(stage)
+
+    def result() -> Command:
+        # The mask of Navigate: what is held stays held, and nothing else is grasped.
+        robot.gripper = GRASP if robot.gripper == GRASP and view.holding else RELEASE
+        return command_of(robot, policy, turn.action, sets_base=sets_base)
+
+    for _ in range(policy.horizon_steps):
+        robot.doing = policy.name
+        turn.entries = view.entries(stage, point_m)
+        yield _asking(robot, turn, result)
+        if np.abs(velocities(policy, turn.action)).max() <= STOP_SHARE:
+            return None
+    return Failure.TIMEOUT
+
+
+def command_of(
+    robot: Robot, policy: SkillPolicy, action: NDArray[Any], *, sets_base: bool
+) -> Command:
+    """Returns the command that does what an action does in the skill's environment.
+
+    Args:
+        robot: The robot, with its latest commanded arm pose.
+        policy: The policy.
+        action: (A,) an action of its control mode.
+        sets_base: Whether the task's control mode takes base poses instead of velocities.
+    """
+    arm_rad, arm = None, policy.control.arm
+    if arm != "still":
+        entries = action[: ARM_SIZE[arm]]
+        moved = commanded_arm(arm, robot.arm_target_rad, entries, _KINEMATICS)
+        arm_rad = moved.astype(np.float32).astype(float)  # as the controller keeps it
+    forward, turning = velocities(policy, action)
+    if not sets_base:
+        return robot.command(arm_rad, base=(forward, turning))
+    x, y, yaw = robot.base.tolist()
+    step_m = forward * ROBOT.base_linear_speed_m_s / CONTROL_HZ
+    turned = yaw + turning * ROBOT.base_angular_speed_rad_s / CONTROL_HZ
+    pose = np.array((x + step_m * np.cos(yaw), y + step_m * np.sin(yaw), turned))
+    return robot.command(arm_rad, pose=pose)
+
+
+def velocities(policy: SkillPolicy, action: NDArray[Any]) -> tuple[float, float]:
+    """Returns the base velocities of an action, relative to their maximum."""
+    if policy.control.base == "still":
+        return 0.0, 0.0
+    if policy.control.base == "discrete":
+        return BASE_CELLS[int(action[0])]
+    forward, turning = action[-2:].tolist()
+    return forward, turning
+
+
+def _gripper(policy: SkillPolicy, action: NDArray[Any], now: float) -> float:
+    """Returns the gripper entry of an action; the present one if it has none."""
+    arm = policy.control.arm
+    return now if arm == "still" else float(action[ARM_SIZE[arm]])
+
+
+def _asking(robot: Robot, turn: Turn, result: Callable[[], Command]) -> PolicyCommand:
+    arm_rad, gripper = robot.arm_target_rad, robot.gripper
+    return PolicyCommand(arm_rad=arm_rad, gripper=gripper, turn=turn, result=result)

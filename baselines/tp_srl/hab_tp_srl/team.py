@@ -1,0 +1,137 @@
+"""The team that executes a plan: a learned or planned skill for each stage, and navigation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+
+from hab_spa.motion.drive import DriveConfig, drive_to
+from hab_spa.motion.moves import wait
+from hab_spa.motion.robot import Motion, Robot
+from hab_spa.results import Failure
+from hab_spa.shapes import Array
+from hab_spa.tasks import navigate
+from hab_spa.tasks.interactions import Hands, interaction
+from hab_spa.tasks.standing import Standing, StandingConfig, choose
+
+from hab_tasks.constants import SKILL_HORIZON_STEPS
+from hab_tasks.tasks.base import Task
+from hab_tp_srl.base_poses import start_pose
+from hab_tp_srl.ending import Ending
+from hab_tp_srl.policies import SkillPolicy
+from hab_tp_srl.skill import learned, learned_navigation
+from hab_tp_srl.stage import Stage
+from hab_tp_srl.view import TaskView
+
+
+@dataclass(frozen=True, kw_only=True)
+class Team:
+    """Who executes what.
+
+    Attributes:
+        policies: Skill -> policy, or None for planning.
+        navigation: ``oracle``, ``teleport`` or ``learned``.
+        navigate: Policy of learned navigation.
+        privileged: Whether robots have ground truth.
+        true_knowledge: Whether learned skills know it too.
+    """
+
+    policies: Mapping[str, SkillPolicy | None]
+    navigation: str
+    navigate: SkillPolicy | None
+    privileged: bool
+    true_knowledge: bool
+
+    @property
+    def learned(self) -> list[SkillPolicy]:
+        """Returns all policies."""
+        found = [*self.policies.values(), self.navigate]
+        return [policy for policy in found if policy is not None]
+
+    def is_planned(self, stage: Stage) -> bool:
+        """Returns whether a stage's skill is planned."""
+        return self.policies[stage.skill] is None
+
+    def executor(self, stage: Stage) -> str:
+        """Returns who executes a stage's skill, for the trace."""
+        policy = self.policies[stage.skill]
+        return "spa_priv" if policy is None else policy.name
+
+    def skill_steps(self, stage: Stage) -> int:
+        """Returns the maximum number of steps of a stage's skill."""
+        policy = self.policies[stage.skill]
+        return SKILL_HORIZON_STEPS if policy is None else policy.horizon_steps
+
+    def skill(self, robot: Robot, task: Task, stage: Stage, view: TaskView) -> Motion:
+        """Returns the motion of a stage's skill."""
+        policy = self.policies[stage.skill]
+        view.begin(stage)
+        if stage.skill == "place" and not robot.scene.holding:
+            return _nothing_held()
+        if policy is None:
+            return interaction(task, stage.action, Hands()).skill(robot)
+        ending = Ending(task, stage, view, robot.scene if self.true_knowledge else None)
+        return learned(robot, stage, policy, view, ending, sets_base=self.sets_base)
+
+    def go(
+        self,
+        robot: Robot,
+        task: Task,
+        stage: Stage,
+        view: TaskView,
+        tried: list[Standing],
+    ) -> Motion:
+        """Returns the motion of the navigation before a stage.
+
+        Args:
+            robot: The robot.
+            task: The task.
+            stage: The stage.
+            view: What the robot observes.
+            tried: Base poses tried before; the new one is appended, if there is one.
+        """
+        if self.navigate is not None:
+            return learned_navigation(robot, stage, self.navigate, view, sets_base=self.sets_base)
+        if self.is_planned(stage):
+            return self._go_to_plan(robot, task, stage, tried)
+        return self._go_to_start(robot, task, stage, tried)
+
+    @property
+    def sets_base(self) -> bool:
+        """Whether the task's control mode takes base poses instead of velocities."""
+        return self.navigation == "teleport"
+
+    def _go_to_plan(self, robot: Robot, task: Task, stage: Stage, tried: list[Standing]) -> Motion:
+        """Goes to a base pose from which the skill can be planned, as TP+SPA does."""
+        item, map_ = interaction(task, stage.action, Hands()), robot.scene.floor_map()
+        request = navigate.NavigationRequest(
+            point_m=item.point_m(robot),
+            map=map_,
+            choose_base_pose=partial(choose, robot, item, map_, tried, StandingConfig()),
+        )
+        return (yield from navigate.NAVIGATORS[self.navigation](robot, request))
+
+    def _go_to_start(self, robot: Robot, task: Task, stage: Stage, tried: list[Standing]) -> Motion:
+        """Goes to a base pose from which the skill's training starts."""
+        map_ = robot.scene.floor_map()
+        base = start_pose(robot, task, stage, map_, [other.base for other in tried])
+        tried.append(Standing(base=base, arm_rad=robot.scene.arm_qpos.copy()))
+        if self.sets_base:
+            return (yield from _set(robot, base))
+        robot.doing = "navigate"
+        return (yield from drive_to(robot, map_, base, DriveConfig()))
+
+
+def _nothing_held() -> Motion:
+    """Fails at once: there is nothing to place."""
+    yield from ()
+    return Failure.EXECUTION
+
+
+def _set(robot: Robot, base: Array) -> Motion:
+    """Sets the base pose (3,) directly."""
+    robot.doing = "teleport"
+    yield robot.command(pose=base)
+    yield from wait(robot, navigate.SETTLE_STEPS)
+    return None

@@ -1,0 +1,176 @@
+"""The observation of a skill, computed from that of a task (S H.2).
+
+A skill's environment observes one point: where its object was when the skill began, or the
+object's goal. In a task this point is known from ``targets_in_base``, which has the places of all
+objects at the start of the episode, in the frame of the moving base. An object that starts in a
+drawer is carried with it, as ``handles_in_base`` shows or, without this entry, the hand that pulls.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from hab_spa.shapes import Array
+from numpy.typing import NDArray
+
+from hab_tasks.constants import REST_RADIUS_M
+from hab_tasks.privileged import PrivilegedState
+from hab_tp_srl.stage import Stage
+
+Entries = dict[tuple[str, str], NDArray[Any]]
+"""(group, name) -> entry of a state observation, float32."""
+
+
+class TaskView:
+    """What the robot of one row observes in a task."""
+
+    def __init__(self, *, truth: bool) -> None:
+        """Creates a view.
+
+        Args:
+            truth: Whether objects, handles and the base are known from the ground truth, instead
+                of the task's observation.
+        """
+        self._truth = truth
+        self.forget()
+
+    def forget(self) -> None:
+        """Starts a new episode."""
+        self._starts_m: Array | None = None
+        self._pulled_m: dict[int, Array] = {}
+        self._moving: int | None = None
+        self._hand_m: Array | None = None
+
+    def see(self, obs: Mapping[str, Any], row: int) -> None:
+        """Reads the observation of a row; called at every step."""
+        self._agent = {name: _row(value, row) for name, value in obs["agent"].items()}
+        self._told = {name: _row(value, row) for name, value in obs["extra"].items()}
+        self._state: PrivilegedState | None = obs["privileged"][row] if self._truth else None
+        pairs_m = self._told["targets_in_base"].reshape(-1, 2, 3).astype(float)
+        if self._starts_m is None:
+            self._first_m = pairs_m
+            self._base = self._locate(pairs_m)
+            places_m = self._to_frame(pairs_m)
+            self._starts_m, self._goals_m = places_m[:, 0], places_m[:, 1]
+            self._handles_m = self._handles()
+        self._base = self._locate(pairs_m)
+        self._pull()
+
+    def begin(self, stage: Stage) -> None:
+        """Notes that a skill begins: if it moves a drawer, the hand shows how far."""
+        self._moving, self._hand_m = stage.articulation, None
+
+    @property
+    def holding(self) -> bool:
+        """Whether anything is in the hand."""
+        return bool(self._agent["is_holding"][0] > 0)
+
+    @property
+    def rests(self) -> bool:
+        """Whether the end-effector is at its resting position."""
+        return float(np.linalg.norm(self._agent["rest_from_ee"])) < REST_RADIUS_M
+
+    @property
+    def arm_qpos(self) -> Array:
+        """Joint positions of the arm (7,) [rad]."""
+        return self._agent["arm_qpos"].astype(float)
+
+    def point(self, stage: Stage) -> Array:
+        """Returns the point (3,) that a skill observes if it begins now.
+
+        It is in a frame that does not move: the world with ground truth, else the frame of the
+        base at the start of the episode.
+        """
+        assert self._starts_m is not None
+        if stage.at == "goal":
+            return self._goals_m[stage.object]
+        if self._state is not None and stage.skill == "pick":
+            return self._state.object_com_m[self._state.targets[stage.object]]
+        point_m = self._starts_m[stage.object]
+        return point_m if stage.drawer is None else point_m + self._moved_m(stage.drawer)
+
+    def entries(self, stage: Stage, point_m: Array) -> Entries:
+        """Returns the entries that the skill's environment could observe.
+
+        Args:
+            stage: The stage.
+            point_m: (3,) its `point` when it began.
+        """
+        ee_m, rotation = self._agent["ee_position"], self._agent["ee_rotation"].reshape(2, 3)
+        axes = np.concatenate((rotation, np.cross(rotation[0], rotation[1])[None]))
+        point = self._in_base(point_m)
+        found: Entries = {("agent", name): value for name, value in self._agent.items()}
+        found["extra", "point_in_base"] = point
+        found["extra", "point_in_ee"] = axes @ (point - ee_m)
+        for name in ("object_start", "object_goal"):
+            found["extra", f"{name}_from_ee"] = point - ee_m
+            found["extra", f"{name}_in_ee"] = axes @ (point - ee_m)
+        handles_m = self._handles()
+        if stage.articulation is not None and handles_m is not None:
+            found["extra", "handle_from_ee"] = self._in_base(handles_m[stage.articulation]) - ee_m
+        return {path: value.astype(np.float32) for path, value in found.items()}
+
+    def _moved_m(self, drawer: int) -> Array:
+        """Returns how far a drawer has moved since the start of the episode, (3,)."""
+        now, first = self._handles(), self._handles_m
+        if now is None or first is None:
+            return self._pulled_m.get(drawer, np.zeros(3))
+        return now[drawer] - first[drawer]
+
+    def _pull(self) -> None:
+        """Adds the motion of a hand that holds a handle."""
+        if self._moving is None or not self.holding:
+            self._hand_m = None
+            return
+        hand_m = self._to_frame(self._agent["ee_position"].astype(float))
+        if self._hand_m is not None:
+            so_far_m = self._pulled_m.get(self._moving, np.zeros(3))
+            self._pulled_m[self._moving] = so_far_m + hand_m - self._hand_m
+        self._hand_m = hand_m
+
+    def _handles(self) -> Array | None:
+        """Returns the handles (J, 3) in the resting frame; None if they are not observed."""
+        if self._state is not None:
+            return np.array([found.handle_m for found in self._state.articulations]).reshape(-1, 3)
+        if "handles_in_base" not in self._told:
+            return None
+        return self._to_frame(self._told["handles_in_base"].reshape(-1, 3).astype(float))
+
+    def _locate(self, pairs_m: Array) -> tuple[float, float, float]:
+        """Returns x, y [m] and yaw [rad] of the base in the resting frame.
+
+        Without ground truth, the places of the objects, which do not move, are landmarks.
+        """
+        if self._state is not None:
+            pose = self._state.world_from_base
+            return float(pose[0, 3]), float(pose[1, 3]), math.atan2(pose[1, 0], pose[0, 0])
+        then, now = self._first_m.reshape(-1, 3)[:, :2], pairs_m.reshape(-1, 3)[:, :2]
+        from_mean, to_mean = now - now.mean(axis=0), then - then.mean(axis=0)
+        sine = float((from_mean[:, 0] * to_mean[:, 1] - from_mean[:, 1] * to_mean[:, 0]).sum())
+        yaw = math.atan2(sine, float((from_mean * to_mean).sum()))
+        x, y = then.mean(axis=0) - _turn(yaw) @ now.mean(axis=0)
+        return float(x), float(y), yaw
+
+    def _to_frame(self, points_m: Array) -> Array:
+        """Maps points (..., 3) from the base frame to the resting frame; heights are kept."""
+        x, y, yaw = self._base
+        level = points_m[..., :2] @ _turn(yaw).T + np.array((x, y))
+        return np.concatenate((level, points_m[..., 2:]), axis=-1)
+
+    def _in_base(self, point_m: Array) -> Array:
+        """Maps a point (3,) from the resting frame to the base frame; the height is kept."""
+        x, y, yaw = self._base
+        return np.append((point_m[:2] - np.array((x, y))) @ _turn(yaw), point_m[2])
+
+
+def _row(value: Any, row: int) -> Array:
+    return np.asarray(value[row])
+
+
+def _turn(yaw_rad: float) -> Array:
+    """Returns the rotation matrix (2, 2)."""
+    cosine, sine = math.cos(yaw_rad), math.sin(yaw_rad)
+    return np.array(((cosine, -sine), (sine, cosine)))

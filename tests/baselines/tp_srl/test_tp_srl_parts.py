@@ -1,0 +1,252 @@
+"""Stages, ends of skills, failure categories and options, without a simulation."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import hab_tp_srl
+import numpy as np
+import pytest
+from hab_planner.plan import plan_of
+from hab_planner.problem import task_of
+from hab_ppo import checkpoint
+from hab_ppo.recipes import find_recipe
+from hab_spa.motion.robot import GRASP, RELEASE
+from hab_tp_srl.ending import Ending
+from hab_tp_srl.executor import fault
+from hab_tp_srl.factories import skills_of
+from hab_tp_srl.options import SKILLS
+from hab_tp_srl.stage import stage_of
+from hab_tp_srl.view import TaskView
+from untrained import write_weights
+
+from hab_tasks.agent_spaces import agent_setup
+from hab_tasks.errors import HabError
+from hab_tasks.registration import TASKS
+
+TASK_IDS = ("HabTidyHouse-v1", "HabPrepareGroceries-v1", "HabSetTable-v1", "my_tasks:ClearTable-v1")
+
+
+@pytest.mark.parametrize("task_id", TASK_IDS)
+def test_stages_are_the_parts_that_the_reward_of_a_task_follows(task_id):
+    task = task_of(task_id)
+    stages = [stage_of(task, a) for a in plan_of(task_id).actions if a.name != "navigate"]
+    parts = [part for part in task.parts if part.skill.name != "navigate"]
+    assert [stage.skill for stage in stages] == [part.skill.name for part in parts]
+    assert [stage.object for stage in stages] == [part.object for part in parts]
+    for stage, part in zip(stages, parts, strict=True):
+        if stage.articulation is not None:
+            assert stage.articulation == part.articulation
+    assert {stage.skill for stage in stages} <= set(skills_of(task.spec.id, task)) <= set(SKILLS)
+
+
+def test_a_door_is_opened_for_what_starts_behind_it_or_goes_there():
+    def of(task_id, name):
+        task = task_of(task_id)
+        actions = [a for a in plan_of(task_id).actions if a.skill == name]
+        return stage_of(task, actions[0])
+
+    bowl = of("HabSetTable-v1", "close_drawer")
+    assert (bowl.object, bowl.at, bowl.drawer) == (0, "start", 0)
+    apple = of("HabSetTable-v1", "open_fridge")
+    assert (apple.object, apple.at, apple.drawer) == (1, "start", None)
+    assert of("HabSetTable-v1", "pick").drawer == 0
+    assert of("HabSetTable-v1", "place").drawer is None
+    fruit = of("my_tasks:ClearTable-v1", "open_fridge")
+    assert (fruit.object, fruit.at) == (0, "goal")
+    assert set(TASKS) >= {"ClearTable-v1"}
+
+
+def ending(skill):
+    view = SimpleNamespace(holding=False, rests=True)
+    stage = SimpleNamespace(skill=skill, handles_object=skill in ("pick", "place"))
+    return view, Ending(None, stage, view, None)
+
+
+def ends_after(skill, states):
+    """The number of steps, each (holding, at rest), after which a skill ends; None if never."""
+    view, watched = ending(skill)
+    for number, (view.holding, view.rests) in enumerate(states, 1):
+        watched.update()
+        if watched.over:
+            return number
+    return None
+
+
+REST, AWAY, HELD_AWAY, HELD = (False, True), (False, False), (True, False), (True, True)
+
+
+@pytest.mark.parametrize(
+    ("skill", "states", "steps"),
+    [
+        ("pick", [REST, AWAY, HELD_AWAY, HELD], 4),
+        ("pick", [AWAY, REST], None),
+        ("place", [HELD, HELD_AWAY, AWAY, REST], 4),
+        ("open_drawer", [REST, AWAY, HELD_AWAY, AWAY, REST], 5),
+        ("open_drawer", [REST, AWAY, REST], None),
+        ("open_fridge", [HELD, HELD], None),
+        ("close_fridge", [REST, AWAY, REST], 3),
+        ("close_drawer", [REST, REST], None),
+    ],
+)
+def test_a_skill_ends_by_what_the_robot_feels(skill, states, steps):
+    assert ends_after(skill, states) == steps
+
+
+def test_the_gripper_is_masked_as_in_the_environments_of_the_skills():
+    view, watched = ending("pick")
+    assert watched.gripper(-0.3) == RELEASE
+    assert watched.gripper(0.3) == watched.gripper(0.0) == GRASP
+    view.holding = True
+    assert watched.gripper(-0.3) == GRASP
+    assert watched.after() == GRASP
+    view, watched = ending("place")
+    view.holding = True
+    watched.update()
+    assert (watched.gripper(-1.0), watched.gripper(1.0)) == (RELEASE, GRASP)
+    view.holding = False
+    watched.update()
+    assert watched.gripper(1.0) == RELEASE
+    view, watched = ending("open_drawer")
+    view.holding = True
+    watched.update()
+    assert (watched.gripper(-1.0), watched.after()) == (RELEASE, RELEASE)
+
+
+def entry(stage, did, outcome="done", plan=0, attempt=0, **facts):
+    return {
+        "plan": plan, "stage": stage, "attempt": attempt, "did": did, "outcome": outcome, **facts
+    }  # fmt: skip
+
+
+def test_the_failure_is_the_first_stage_that_was_not_achieved():
+    assert fault([]) is None
+    good = [entry(1, "navigate"), entry(1, "pick", achieved=True)]
+    assert fault(good) is None
+    assert fault([*good, entry(2, "navigate"), entry(2, "place", achieved=False)]) == "place failed"
+    late = [*good, entry(2, "navigate", "timeout"), entry(2, "place", "timeout", achieved=False)]
+    assert fault(late) == "navigate timeout"
+    again = [entry(2, "navigate", attempt=1), entry(2, "place", attempt=1, achieved=True)]
+    assert fault([*late, *again]) is None
+    assert fault([*late, entry(1, "pick", plan=1, achieved=True)]) is None
+    assert fault([{"did": "rest"}, entry(1, "navigate", "target plan")]) == "navigate target plan"
+
+
+BAD = [
+    ({}, "No weights ship for pick_blind; train them with `hab-ppo train pick_blind` and give"),
+    ({"skills": "depth"}, "No weights ship for pick_depth"),
+    ({"skills": "dept"}, "Did you mean 'depth'?"),
+    ({"pick": "pick_blnd"}, "Did you mean 'pick_blind'?"),
+    ({"pik": "spa_priv"}, "Did you mean 'pick'?"),
+    (
+        {"skills": "spa_priv", "pick": "{place_blind}"},
+        "was trained in HabPlace-v1; option pick needs pick",
+    ),
+    ({"pick": "/nowhere/best.safetensors"}, "value of the agent's option pick"),
+    ({"navigation": "walk"}, "Valid: learned, oracle, teleport"),
+    ({"navigate": "{navigate_blind}"}, "learned, with the option navigate"),
+    ({"skills": "spa_priv", "retries": "-1"}, "option retries of the agent"),
+    ({"skills": "spa_priv", "navigation": "learned"}, "No weights ship for navigate_depth"),
+]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"), BAD, ids=[str(number) for number in range(len(BAD))]
+)
+def test_wrong_options_are_told_in_one_line(options, message, weights):
+    options = {name: value.format(**weights) for name, value in options.items()}
+    with pytest.raises(HabError) as caught:
+        hab_tp_srl.tp_srl(agent_setup("HabTidyHouse-v1", options=options))
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_skill_that_a_task_cannot_run_is_told(weights, learned, tmp_path):
+    def fails(recipe, text):
+        write_weights(recipe, tmp_path / "own.safetensors")
+        options = {**learned, "pick": str(tmp_path / "own.safetensors")}
+        with pytest.raises(HabError, match=text):
+            hab_tp_srl.tp_srl(agent_setup("HabTidyHouse-v1", options=options))
+
+    pick = find_recipe("pick_blind")
+    fails(replace(pick, env=replace(pick.env, control_mode="joint_state")), "must drive the joints")
+    fails(replace(pick, env=replace(pick.env, env="HabTidyHouse-v1", control_mode="ee_base")),
+          "was trained in HabTidyHouse-v1")  # fmt: skip
+    with pytest.raises(HabError, match="not a task"):
+        hab_tp_srl.tp_srl(agent_setup("HabPick-v1"))
+    with pytest.raises(HabError, match="needs to know where things are"):
+        hab_tp_srl.tp_srl(agent_setup("HabTidyHouse-v1", options={**learned, "replan": "1"}))
+
+
+def test_the_spec_says_what_a_team_needs(weights, learned):
+    def spec(task="HabSetTable-v1", **options):
+        return hab_tp_srl.tp_srl(agent_setup(task, options={**learned, **options})).spec
+
+    assert not spec().privileged
+    assert spec().handle_position
+    assert spec().rows > 1
+    assert not spec("HabTidyHouse-v1").handle_position
+    assert spec(knowledge="true").privileged
+    mixed = spec(place="spa_priv")
+    assert (mixed.privileged, mixed.rows) == (True, 1)
+    assert mixed.name == "TP+SRL (learned navigation; place by SPA-Priv)"
+    assert spec(pick=str(weights["pick_depth"])).obs_mode == "depth"
+    oracle = {name: value for name, value in learned.items() if name != "navigate"}
+    given = {**oracle, "navigation": "teleport", "pick": str(weights["pick_depth"])}
+    seen = hab_tp_srl.tp_srl(agent_setup("HabTidyHouse-v1", options=given)).spec
+    assert (seen.looks, seen.rows, seen.control_mode) == ("on demand", 1, "joint_target_pose")
+    assert np.isfinite(checkpoint.load(weights["pick_depth"])[1]["format"])
+
+
+def seen(base, starts, hand_m=(0.5, 0.0, 1.0), holding=False):
+    """An observation without handles of a robot at `base`, and the world's places of one object."""
+    x, y, yaw = base
+    turn = np.array(((np.cos(yaw), -np.sin(yaw)), (np.sin(yaw), np.cos(yaw))))
+    level = (starts[:, :2] - (x, y)) @ turn
+    pairs = np.concatenate((level, starts[:, 2:]), axis=1)
+    agent = {
+        "ee_position": np.array([hand_m], dtype=np.float32),
+        "ee_rotation": np.array([[1, 0, 0, 0, 1, 0]], dtype=np.float32),
+        "is_holding": np.array([[float(holding)]], dtype=np.float32),
+    }
+    return {"agent": agent, "extra": {"targets_in_base": pairs.reshape(1, -1).astype(np.float32)}}
+
+
+def test_without_handles_the_hand_that_pulls_shows_how_far_a_drawer_moved():
+    starts = np.array([[2.0, 1.0, 0.6], [-1.5, 0.4, 0.8]])
+    pull = SimpleNamespace(articulation=0)
+    pick = SimpleNamespace(skill="pick", at="start", object=0, drawer=0, articulation=None)
+    view = TaskView(truth=False)
+    view.see(seen((0.3, -0.2, 0.5), starts), 0)
+    first = view.point(pick)
+    base = (1.0, 0.9, np.pi / 2)
+    view.see(seen(base, starts), 0)
+    view.begin(pull)
+    for step, holding in ((0.0, False), (0.0, True), (0.1, True), (0.4, True), (0.1, False)):
+        view.see(seen(base, starts, (0.8 - step, 0.1, 0.6), holding), 0)
+    moved = view.point(pick)
+    assert np.linalg.norm(moved - first) == pytest.approx(0.4, abs=1e-5)
+    view.begin(pick)
+    # The robot faces +y and pulled the drawer by 0.4 m towards itself: to (2.0, 0.6).
+    for x, y, yaw in (base, (1.6, -0.5, 2.0)):
+        view.see(seen((x, y, yaw), starts, holding=True), 0)
+        entries = view.entries(pick, moved)
+        turn = np.array(((np.cos(yaw), -np.sin(yaw)), (np.sin(yaw), np.cos(yaw))))
+        expected = (np.array((2.0, 0.6)) - (x, y)) @ turn
+        np.testing.assert_allclose(entries["extra", "point_in_base"][:2], expected, atol=1e-5)
+        from_hand = [*(expected - (0.5, 0.0)), 0.6 - 1.0]
+        np.testing.assert_allclose(entries["extra", "object_start_from_ee"], from_hand, atol=1e-5)
+    view.forget()
+    view.see(seen(base, starts), 0)
+    np.testing.assert_allclose(view.point(pick)[2], 0.6, atol=1e-6)
+
+
+def test_with_the_truth_a_wrong_object_ends_a_pick():
+    view = SimpleNamespace(holding=True, rests=False)
+    stage = SimpleNamespace(skill="pick", object=1, handles_object=True)
+    for held, failed in ((0, True), (1, False), (None, False)):
+        scene = SimpleNamespace(holding=held is not None, holds=lambda k, held=held: k == held)
+        watched = Ending(None, stage, view, scene)
+        watched.update()
+        assert (watched.failed, watched.over) == (failed, False)
+        assert watched.gripper(-1.0) == (GRASP if held == 1 else RELEASE)
+    assert not Ending(None, stage, view, None).failed

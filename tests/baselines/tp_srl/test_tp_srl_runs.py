@@ -1,0 +1,206 @@
+"""Plans executed by untrained skills: order, hand-over, time limits, rows, and own tasks."""
+
+import json
+
+import gymnasium as gym
+import hab_tp_srl
+import numpy as np
+import pytest
+import torch
+from hab_planner.plan import plan_of
+from hab_spa.motion.robot import Robot, SpaConfig
+from hab_tp_srl import factories
+from hab_tp_srl.policies import SkillPolicy
+from hab_tp_srl.scenes import ObservedScene
+from hab_tp_srl.skill import command_of
+from hab_tp_srl.view import TaskView
+
+from hab_tasks.agent_spaces import agent_setup
+
+TASK = "HabSetTable-v1"
+STEPS = 3
+"""Horizon of the skills in these tests."""
+
+
+class BriefPolicy(SkillPolicy):
+    """A skill that soon times out; notes in which rows it starts anew."""
+
+    notes: list = []  # noqa: RUF012
+
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        self.horizon_steps = STEPS
+
+    def decide(self, rows, turns, obs):
+        self.notes.append((self.name, tuple(rows), tuple(turn.memory is None for turn in turns)))
+        super().decide(rows, turns, obs)
+
+
+@pytest.fixture
+def brief(monkeypatch):
+    """Returns the notes (policy, rows, starts) of all policies."""
+    monkeypatch.setattr(factories, "SkillPolicy", BriefPolicy)
+    monkeypatch.setattr(BriefPolicy, "notes", [])
+    return BriefPolicy.notes
+
+
+def make_env(spec, seed=0, task=f"hab_tasks:{TASK}"):
+    options = {"control_mode": spec.control_mode, "handle_position": spec.handle_position}
+    env = gym.make(
+        task,
+        obs_mode=spec.obs_mode,
+        render_backend="none" if spec.obs_mode == "state_dict" else "rays",
+        num_episodes=2,
+        **options,
+    )
+    obs, _ = env.reset(seed=seed, options={"episode": seed})
+    return env, obs
+
+
+def joined(observations):
+    """The observation of several rows."""
+    return {
+        group: {name: torch.cat([obs[group][name] for obs in observations]) for name in values}
+        for group, values in observations[0].items()
+    }
+
+
+def test_rows_act_together_and_as_they_would_alone(brief, learned):
+    agents = [hab_tp_srl.tp_srl(agent_setup(TASK, options=learned)) for _ in range(3)]
+    both, *alone = agents
+    envs, observations = zip(*(make_env(both.spec, seed) for seed in (0, 1)), strict=True)
+    both.reset(torch.tensor([True, True]), [0, 1])
+    for seed, agent in enumerate(alone):
+        agent.reset(torch.tensor([True]), [seed])
+    stages = [action for action in plan_of(TASK).actions if action.name != "navigate"]
+    motions = 2 * sum(action.skill != "place" for action in stages)
+    for _ in range(motions * STEPS + 2):
+        before = len(brief)
+        actions = both.act(joined(observations))
+        assert all(rows == (0, 1) for _, rows, _ in brief[before:])
+        single = [agent.act(obs) for agent, obs in zip(alone, observations, strict=True)]
+        np.testing.assert_allclose(actions, torch.cat(single), atol=1e-5)
+        observations = [env.step(a)[0] for env, a in zip(envs, single, strict=True)]
+    for env in envs:
+        env.close()
+    check_trace(both.report(), stages)
+    assert both.report() == [agent.report()[0] for agent in alone]
+    starts = [(name, starts) for name, rows, starts in brief if rows == (0, 1)]
+    anew = [(True, True)] + [(False, False)] * (STEPS - 1)
+    assert [both_rows for _, both_rows in starts] == anew * motions
+
+
+def check_trace(reports, stages):
+    """Every stage was tried once, in order, for as long as its policies may act."""
+    for report in reports:
+        did = [(entry["did"], entry["steps"], entry["outcome"]) for entry in report.trace]
+        expected = []
+        for action in stages:
+            if action.skill == "place":  # nothing was picked
+                expected.append(("place", 0, "execution"))
+            else:
+                expected += [(name, STEPS, "timeout") for name in ("navigate", action.skill)]
+        assert did == expected
+        assert report.failure == "navigate timeout"
+        assert report.doing == "ended"
+        json.dumps(report.trace)
+
+
+def test_a_row_that_starts_again_forgets_its_episode(brief, learned):
+    agent = hab_tp_srl.tp_srl(agent_setup(TASK, options=learned))
+    env, obs = make_env(agent.spec)
+    agent.reset(torch.tensor([True, True]), [0, 1])
+    for _ in range(STEPS + 1):
+        agent.act(joined([obs, obs]))
+    agent.reset(torch.tensor([False, True]), [0, 2])
+    agent.act(joined([obs, obs]))
+    names = {name: (rows, starts) for name, rows, starts in brief[-2:]}
+    assert names["navigate_blind"] == ((1,), (True,))
+    assert names["open_drawer_blind"] == ((0,), (False,))
+    assert [len(report.trace) for report in agent.report()] == [2, 1]
+    env.close()
+
+
+@pytest.mark.parametrize("name", ["pick_blind", "open_fridge_blind", "navigate_blind"])
+def test_an_action_does_in_a_task_what_it_does_in_the_skills_env(name, weights):
+    """The same arm targets and base velocities as those of the task's own mode ``ee_base``."""
+    setup = agent_setup(TASK)
+    policy = SkillPolicy(setup, name.removesuffix("_blind"), weights[name])
+    rng, view = np.random.default_rng(0), TaskView(truth=False)
+    envs = [
+        gym.make(f"hab_tasks:{TASK}", control_mode=mode, obs_mode="state_dict",
+                 render_backend="none", num_episodes=1)
+        for mode in ("ee_base", "joint_target_base")
+    ]  # fmt: skip
+    seen = [env.reset(seed=0)[0] for env in envs]
+    scene = ObservedScene(view)
+    scene.see(seen[1], 0)
+    robot = Robot(scene, SpaConfig(), seed=0, deadline=100)  # type: ignore[arg-type]
+    for _ in range(25):
+        scene.see(seen[1], 0)
+        action = own = np.zeros(6, dtype=np.float32)
+        own[3] = -1.0
+        if name == "navigate_blind":
+            action = np.array([rng.integers(20)], dtype=np.float32)
+        else:
+            size = 6 if policy.control.base == "velocity" else 4
+            own[:size] = rng.uniform(-1, 1, size)
+            own[3] = -1.0
+            action = own[:size]
+        command = command_of(robot, policy, action, sets_base=False)
+        own[4:] = command.base
+        given = np.array([*command.arm_rad, -1.0, *command.base], dtype=np.float32)
+        seen = [envs[0].step(own)[0], envs[1].step(given)[0]]
+        for group in ("agent", "extra"):
+            for entry, value in seen[0][group].items():
+                assert torch.equal(value, seen[1][group][entry]), entry
+    for env in envs:
+        env.close()
+
+
+def run_to_the_end(agent, env, obs, steps):
+    """Runs an agent of one row to the end of its plan; returns its report."""
+    agent.reset(torch.tensor([True]), [0])
+    for _ in range(steps):
+        if agent.spec.privileged:
+            obs = {**obs, "privileged": env.unwrapped.privileged()}
+        obs, *_ = env.step(agent.act(obs))
+        (report,) = agent.report()
+        if report.doing in ("done", "ended"):
+            env.close()
+            return report
+    return pytest.fail(f"still {report.doing} after {steps} steps")
+
+
+def tried(report):
+    """The skills of the stages in the trace."""
+    stages = {entry["stage"]: entry["skill"] for entry in report.trace if "stage" in entry}
+    return [stages[number] for number in sorted(stages)]
+
+
+@pytest.mark.slow
+def test_an_own_task_runs_with_learned_and_planned_skills(brief, weights):
+    """The task of the README, up to the end of its plan."""
+    names = ("place_blind", "open_fridge_blind", "close_fridge_blind")
+    options = {name.removesuffix("_blind"): str(weights[name]) for name in names}
+    options |= {"pick": "spa_priv", "knowledge": "true", "retries": "0"}
+    task = "my_tasks:ClearTable-v1"
+    agent = hab_tp_srl.tp_srl(agent_setup(task, options=options))
+    report = run_to_the_end(agent, *make_env(agent.spec, task=task), 2500)
+    plan = [action.skill for action in plan_of(task).actions if action.name != "navigate"]
+    assert tried(report) == plan
+    assert report.failure == "open_fridge timeout"
+    achieved = {e["did"]: e["achieved"] for e in report.trace if "achieved" in e}
+    assert achieved["pick"]
+    assert {name for name, _, _ in brief} == set(names)
+
+
+@pytest.mark.slow
+def test_a_policy_sees_the_images_of_its_rows(brief, weights, learned):
+    options = {**learned, "pick": str(weights["pick_depth"])}
+    agent = hab_tp_srl.tp_srl(agent_setup("HabTidyHouse-v1", options=options))
+    assert (agent.spec.obs_mode, agent.spec.looks) == ("depth", "always")
+    env, obs = make_env(agent.spec, task="hab_tasks:HabTidyHouse-v1")
+    report = run_to_the_end(agent, env, obs, 100)
+    assert tried(report) == ["pick", "place"] * 5
+    assert "pick_depth" in {name for name, _, _ in brief}

@@ -60,6 +60,9 @@ def test_rows_take_no_further_memory(env_id):
 
 
 def _memory_bytes(env):
-    """Proportional memory of all processes of a vector environment."""
-    pids = (os.getpid(), *env.worker_pids)
-    return sum(psutil.Process(pid).memory_full_info().pss for pid in pids)
+    """Resident memory of all processes of a vector environment, without mapped files.
+
+    Proportional memory would grow whenever another process that maps the same libraries ends.
+    """
+    infos = [psutil.Process(pid).memory_info() for pid in (os.getpid(), *env.worker_pids)]
+    return sum(info.rss - info.shared for info in infos)

@@ -23,6 +23,7 @@ from hab_eval.load_agent import load_agent
 from hab_eval.runner import run_episode
 
 from hab_ppo.agent import spec_of
+from hab_ppo.episodes import training_episodes
 from hab_ppo.errors import RecipeError
 from hab_ppo.examples import Examples
 from hab_ppo.observation import ObservationLayout
@@ -32,7 +33,7 @@ from hab_ppo.replay import MODES, Disturbance, replay
 from hab_ppo.retiming import Recorded, stretches, varied
 from hab_tasks.agent import Agent, AgentSetup
 from hab_tasks.agent_spaces import agent_setup
-from hab_tasks.episodes import Episode, EpisodeRequest, load_episodes
+from hab_tasks.episodes import Episode
 from hab_tasks.errors import OptionError, RunStoppedError
 from hab_tasks.processes import use_one_thread, worker_pool
 
@@ -65,17 +66,6 @@ class DemonstrationPlan:
     noise: float = 0.5
     seed: int = 0
     workers: int = 1
-
-    def request(self) -> EpisodeRequest:
-        """Returns the request for the training episodes."""
-        env = self.recipe.env
-        return EpisodeRequest(
-            env_id=env.reference,
-            scene_dataset=env.scene_dataset,
-            objects=env.objects,
-            split=env.split,
-            seed=env.episode_seed,
-        )
 
     def config(self) -> EvalConfig:
         """Returns the agent's environment as an evaluation has it."""
@@ -171,7 +161,7 @@ def demonstrate(plan: DemonstrationPlan, write_line: WriteLine) -> Demonstration
         )
     load_agent(plan.agent, _setup(plan))  # bad names are reported here, and not by a worker
     made, most = Demonstrations(), plan.recipe.env.num_episodes
-    load_episodes(plan.request(), most, None, plan.workers)
+    training_episodes(plan.recipe, plan.workers, write_line)
     with _attempts(plan, most) as attempts:
         for attempt in attempts:
             made.add(attempt)
@@ -218,7 +208,7 @@ class Studio:
         use_one_thread()
         self._plan, recipe = plan, plan.recipe
         most = recipe.env.num_episodes
-        self._episodes = load_episodes(plan.request(), most, None, 1).episodes
+        self._episodes = training_episodes(recipe, 1, lambda line: None)
         self._agent: Agent = load_agent(plan.agent, _setup(plan))
         config, spec = plan.config(), self._agent.spec
         env = environments.make_env(

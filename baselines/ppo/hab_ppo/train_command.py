@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
@@ -69,6 +69,8 @@ class TrainCommand(Command):
     """Demonstrations of `hab-ppo demonstrate` for a recipe that starts from some."""
     teacher: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
     """Run or weights of the teacher, for a recipe that distils one."""
+    scratch: bool = False
+    """Start from random weights, without the recipe's demonstrations or teacher."""
     resume: bool = False
     """Continue the run in DIR after its last update."""
     exact: bool = False
@@ -96,8 +98,8 @@ class TrainCommand(Command):
     def _check_launch(self, recipe: Recipe) -> None:
         """Rejects bad input here, once, and not in each rank."""
         from hab_ppo.checkpoint import load
+        from hab_ppo.episodes import prepare_episodes
         from hab_ppo.plan import check_same
-        from hab_ppo.trainer import prepare_episodes
         from hab_ppo.warm_start import check_start
 
         plan = self._plan(recipe)
@@ -161,6 +163,8 @@ class TrainCommand(Command):
 
         self._check_numbers()
         recipe = find_recipe(self.recipe)
+        if self.scratch:
+            recipe = replace(recipe, warm_start=None, distill=None)
         if self.preset is not None and self.preset not in PRESETS:
             raise UnknownNameError("preset", self.preset, PRESETS)
         preset = recipe.preset if self.preset is None else PRESETS[self.preset]

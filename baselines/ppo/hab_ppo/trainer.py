@@ -20,6 +20,7 @@ from hab_ppo import checkpoint
 from hab_ppo.checkpoint import Position
 from hab_ppo.collect import Collector
 from hab_ppo.distributed import Ranks
+from hab_ppo.episodes import prepare_episodes
 from hab_ppo.evaluation import evaluate
 from hab_ppo.fine_tuning import Stage
 from hab_ppo.network import new_policy
@@ -27,39 +28,13 @@ from hab_ppo.observation import ObservationLayout
 from hab_ppo.plan import BEST, EXACT, LAST, RECIPE, TrainPlan, check_same
 from hab_ppo.ppo import PPO
 from hab_ppo.progress import PARTS, Progress, Recent, WriteLine
-from hab_ppo.recipe import Recipe, to_json
+from hab_ppo.recipe import to_json
 from hab_ppo.warm_start import make_rows, start_policy
-from hab_tasks.episodes import Episode, EpisodeRequest, load_episodes
 from hab_tasks.files import written_aside
 from hab_tasks.processes import use_one_thread
 
 COLLAPSE_SHARE = 0.5
 """A run whose success falls below this share of its best is reported."""
-
-
-def episode_request(recipe: Recipe, split: str) -> EpisodeRequest:
-    """Returns the request of a recipe's episodes of a split."""
-    env = recipe.env
-    return EpisodeRequest(
-        env_id=env.reference,
-        scene_dataset=env.scene_dataset,
-        objects=env.objects,
-        split=split,
-        seed=env.episode_seed,
-    )
-
-
-def prepare_episodes(recipe: Recipe, workers: int, write_line: WriteLine) -> tuple[Episode, ...]:
-    """Generates the missing episodes of a recipe; returns those of the evaluation."""
-
-    def say(done: int, count: int) -> None:
-        if done < count and done % max(1, count // 10) == 0:
-            write_line(f"{done} of {count} episodes generated")
-
-    env = recipe.env
-    load_episodes(episode_request(recipe, env.split), env.num_episodes, say, workers)
-    request = episode_request(recipe, recipe.evaluation_split)
-    return load_episodes(request, recipe.evaluation_episodes, say, workers).episodes
 
 
 class Trainer:

@@ -201,7 +201,7 @@ def attempts(monkeypatch):
         yield iter(given[:most])
 
     monkeypatch.setattr(demonstrations, "load_agent", lambda *_: None)
-    monkeypatch.setattr(demonstrations, "load_episodes", lambda *_: None)
+    monkeypatch.setattr(demonstrations, "training_episodes", lambda *_: ())
     monkeypatch.setattr(demonstrations, "_attempts", fake)
     return given
 

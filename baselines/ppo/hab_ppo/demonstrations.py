@@ -30,7 +30,7 @@ from hab_ppo.observation import ObservationLayout
 from hab_ppo.progress import WriteLine
 from hab_ppo.recipe import Recipe
 from hab_ppo.replay import MODES, Disturbance, replay
-from hab_ppo.retiming import Recorded, stretches, varied
+from hab_ppo.retiming import Recorded, Stretch, straight, stretches, varied
 from hab_tasks.agent import Agent, AgentSetup
 from hab_tasks.agent_spaces import agent_setup
 from hab_tasks.episodes import Episode
@@ -41,7 +41,7 @@ FIRST_EPISODES = 25
 """An agent that has no demonstration after so many episodes is given up."""
 
 MOST_REPLAYS = 4
-"""Replays of a path, the first as it is, the others varied, until one succeeds."""
+"""Replays of a path until one succeeds: straight, as it is, then varied."""
 
 AHEAD = 4
 """Episodes that are played at a time, for each process."""
@@ -242,7 +242,7 @@ class Studio:
         path, failure = stretches(self._stage.recorded()), None
         for replays in range(MOST_REPLAYS):
             drawn = np.random.default_rng([self._plan.seed, number, replays])
-            followed = varied(path, drawn) if replays else path
+            followed = _version(path, replays, drawn)
             disturbance = Disturbance(self._plan.noise, drawn)
             failure, examples = replay(self._env, self._layout, episode, followed, disturbance)
             if failure is None:
@@ -306,6 +306,13 @@ def _start_worker(plan: DemonstrationPlan) -> None:
 
 def _attempt_in_worker(number: int) -> Attempt:
     return _worker_studio.attempt(number)
+
+
+def _version(path: list[Stretch], replays: int, drawn: np.random.Generator) -> list[Stretch]:
+    """Returns the path of a replay, by the number of those before it."""
+    if replays == 0:
+        return straight(path)
+    return path if replays == 1 else varied(path, drawn)
 
 
 def _setup(plan: DemonstrationPlan) -> AgentSetup:

@@ -28,7 +28,7 @@ BLOCK_STEPS = 5
 DISTURBED_SHARE = 0.5
 """Share of these blocks that have a disturbance."""
 
-LATE_SHARE = 0.5
+LATE_SHARE = 0.7
 """Probability that a change of the gripper waits for another step: the clone has to see the
 states in which it is due more than once."""
 

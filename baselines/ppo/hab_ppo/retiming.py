@@ -21,11 +21,15 @@ Array = NDArray[np.float64]
 SPACING_M = 0.01
 """Distance between the points of a stretch."""
 
-PASSED_M = 0.015
-"""A point is passed within this distance."""
+PASSED_M = 0.04
+"""A point is passed within this distance. With less, a small deviation from the path would change
+the direction to its next point by much, and the label could hardly be learnt."""
 
 REACHED_M = 0.01
 """The end of a stretch is reached within this distance."""
+
+GRASPED_M = 0.04
+"""The same before a grasp on a straight path: well within the snap grasp, and easier to learn."""
 
 LAST_GAIN = 0.5
 """Share of the distance to the end of a stretch that an action covers: the hand follows its
@@ -43,7 +47,7 @@ EARLY_M = (0.02, 0.13)
 RAMP_M = 0.1
 """Length over which a shift sets in."""
 
-GRASP_STEPS = 8
+GRASP_STEPS = 12
 """Most steps for the gripper to take hold or let go."""
 
 
@@ -113,6 +117,23 @@ def spaced(points_m: Array) -> Array:
     count = max(1, int(np.ceil(along[-1] / SPACING_M)))
     wanted = np.linspace(0.0, along[-1], count + 1)[1:]
     return np.stack([np.interp(wanted, along, axis) for axis in points_m.T], axis=1)
+
+
+def straight(path: list[Stretch]) -> list[Stretch]:
+    """Returns a path that goes straight where the hand is empty and the base stands.
+
+    Planned paths have detours by chance, which nobody can learn from what the policy observes.
+    """
+    result = []
+    for number, stretch in enumerate(path):
+        grasps = number + 1 < len(path) and path[number + 1].gripper > 0
+        if stretch.gripper > 0 or stretch.drives is not None:
+            result.append(stretch)
+            continue
+        ends_m = stretch.points_m[[0, -1]]
+        reached_m = GRASPED_M if grasps else REACHED_M
+        result.append(replace(stretch, points_m=spaced(ends_m), reached_m=reached_m))
+    return result
 
 
 def varied(path: list[Stretch], drawn: np.random.Generator) -> list[Stretch]:

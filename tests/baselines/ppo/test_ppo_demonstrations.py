@@ -16,7 +16,17 @@ from hab_ppo.examples import Examples, read_examples, write_examples
 from hab_ppo.observation import Observation, ObservationLayout
 from hab_ppo.recipes import find_recipe
 from hab_ppo.replay import Disturbance, replay
-from hab_ppo.retiming import Follower, Recorded, Stretch, motion, spaced, stretches, varied
+from hab_ppo.retiming import (
+    GRASP_STEPS,
+    Follower,
+    Recorded,
+    Stretch,
+    motion,
+    spaced,
+    straight,
+    stretches,
+    varied,
+)
 
 from hab_tasks.errors import RunStoppedError
 
@@ -86,9 +96,21 @@ def test_a_point_that_cannot_be_reached_is_passed():
 def test_a_hand_that_does_not_grasp_goes_on_after_a_while():
     path = [Stretch(points_m=line(0), gripper=-1.0), Stretch(points_m=line(5), gripper=1.0)]
     follower = Follower(path)
-    moved = [follower.act(np.zeros(3), False)[:3].any() for _ in range(12)]
-    assert not any(moved[:8])
+    moved = [follower.act(np.zeros(3), False)[:3].any() for _ in range(GRASP_STEPS + 2)]
+    assert not any(moved[:GRASP_STEPS])
     assert moved[-1]
+
+
+def test_straight_paths_keep_what_holds_and_grasp_sooner():
+    points = line(0, 10, 20, 10, 0)
+    points[1, 1] = points[3, 1] = 0.3  # detours to and from the grasp
+    path = stretches(Recorded(points, np.array([-1, -1, 1, 1]), np.zeros((4, 2))))
+    changed = straight(path)
+    assert path[0].points_m[:, 1].max() > 0.25
+    assert changed[0].points_m[:, 1].max() < 0.02
+    assert changed[0].points_m[-1].tolist() == path[0].points_m[-1].tolist()
+    assert changed[0].reached_m > path[0].reached_m
+    assert changed[1] is path[1]
 
 
 def test_varied_paths_shift_the_way_to_a_grasp_and_nothing_that_holds():

@@ -20,10 +20,16 @@ TASKS = {"HabTidyHouse-v1": 0, "HabPrepareGroceries-v1": 1, "HabSetTable-v1": 0}
 """One of the apartment's evaluation episodes each."""
 
 
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    """A cache that is empty at first, so that nothing made by an older version is played."""
+    return tmp_path_factory.mktemp("cache")
+
+
 @pytest.fixture(params=["apartment", pytest.param("real", marks=pytest.mark.assets)])
-def dataset(request, monkeypatch, tmp_path):
-    """Where to play; with an empty cache, so that nothing made by an older version is played."""
-    monkeypatch.setenv("HAB_CACHE_DIR", str(tmp_path))
+def dataset(request, monkeypatch, cache):
+    """Where to play."""
+    monkeypatch.setenv("HAB_CACHE_DIR", str(cache))
     if request.param == "apartment":
         return {"scene_dataset": "apartment", "split": "val"}
     data = request.getfixturevalue("data")

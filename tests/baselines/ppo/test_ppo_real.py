@@ -142,7 +142,7 @@ def test_demonstrations_of_a_planner_start_a_run(tmp_path, capsys):
     assert main([*demonstrate, "--workers", "1", "--out", str(again)]) == 0
     one, other = checkpoint.load(file)[0], checkpoint.load(again)[0]
     assert all(torch.equal(one[name], other[name]) for name in one)
-    train = ["train", "close_drawer_blind", "--demonstrations", str(file), "--out", str(out)]
+    train = ["train", "close_drawer_cloned", "--demonstrations", str(file), "--out", str(out)]
     assert main([*train, "--steps", "40", *SHORT]) == 0
     assert "PPO starts from a policy with success" in capsys.readouterr().out
     assert checkpoint.load(out / "cloned.safetensors")[1]["made_from"]["counts"]["solved"] >= 2

@@ -293,7 +293,7 @@ class _Recording(gym.Wrapper[Any, Any, Any, Any]):
         return Recorded(np.stack(self._points), actions[:, self._gripper], drives)
 
     def _see(self, obs: Any) -> None:
-        self._points.append(np.array(obs["agent"]["ee_position"][0], dtype=float))
+        self._points.append(np.asarray(obs["agent"]["ee_position"][0]).astype(float))
 
 
 _worker_studio: Studio

@@ -6,11 +6,12 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import resource_tracker
+from multiprocessing import connection, resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any
 
@@ -41,6 +42,23 @@ WORKER_CONTEXT = _WorkerContext()
 """Creates worker processes by spawn: the simulator and Vulkan do not survive a fork."""
 
 
+class _PoolContext(SpawnContext):
+    """Creates the worker processes of one pool.
+
+    Attributes:
+        workers: Those created.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.workers: list[_Worker] = []
+
+    def Process(self, *args: Any, **options: Any) -> _Worker:  # noqa: N802, multiprocessing's name
+        """Returns a new worker process."""
+        self.workers.append(_Worker(*args, **options))
+        return self.workers[-1]
+
+
 @contextmanager
 def worker_pool(
     workers: int, start: Callable[..., None] | None = None, arguments: tuple[Any, ...] = ()
@@ -58,18 +76,42 @@ def worker_pool(
     Raises:
         WorkerError: A worker process was killed.
     """
-    others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(workers, WORKER_CONTEXT, _begin, (start, arguments))
+    context = _PoolContext()
+    pool = ProcessPoolExecutor(workers, context, _begin, (start, arguments))
     try:
         yield pool
     except BaseException as error:
-        for process in set(multiprocessing.active_children()) - others:
+        for process in context.workers:
             process.kill()
         if isinstance(error, BrokenProcessPool):
             raise WorkerError from error
         raise
     finally:
+        ended = threading.Thread(target=_end_together, args=(context.workers,), daemon=True)
+        ended.start()
         pool.shutdown(cancel_futures=True)
+        ended.join()
+
+
+def _end_together(workers: Sequence[SpawnProcess]) -> None:
+    """Waits for workers to exit; if one was killed, kills the others.
+
+    A worker that is killed while it waits for work holds a lock that the others wait for as well.
+    A pool that is already shutting down would wait for them forever.
+    """
+    waiting = {worker.sentinel: worker for worker in workers}
+    while waiting:
+        for sentinel in connection.wait(list(waiting)):
+            if _exit_code(waiting.pop(int(sentinel))) != 0:  # pyright: ignore[reportArgumentType]
+                for worker in waiting.values():
+                    worker.kill()
+
+
+def _exit_code(process: SpawnProcess) -> int:
+    """Returns the exit code of a process that has ended."""
+    while (code := process.exitcode) is None:  # another thread is reading it
+        time.sleep(0.01)
+    return code
 
 
 def use_one_thread() -> None:

@@ -1,9 +1,11 @@
 """Worker processes end with their parent."""
 
+import contextlib
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -54,6 +56,32 @@ def test_workers_end_when_something_is_raised():
 def test_a_killed_worker_is_told():
     with pytest.raises(WorkerError, match="worker process was killed"):
         short_of_memory()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("victim", [0, 1])
+def test_a_worker_killed_at_the_end_does_not_block_the_others(victim):
+    started = time.monotonic()
+    with worker_pool(2) as pool:
+        pids = sorted(set(pool.map(pid_soon, [1.0] * 4)))
+        assert len(pids) == 2
+        # One of the two waits for work and holds the lock for which the other one waits.
+        for pid in pids:
+            os.kill(pid, signal.SIGSTOP)
+        threading.Timer(1.0, os.kill, (pids[victim], signal.SIGKILL)).start()
+        threading.Timer(1.5, continued, (pids[1 - victim],)).start()
+    wait_until_gone(*pids)
+    assert time.monotonic() - started < 60
+
+
+def pid_soon(seconds):
+    time.sleep(seconds)
+    return os.getpid()
+
+
+def continued(pid):
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGCONT)
 
 
 def test_an_error_of_a_worker_is_told_as_it_was_raised(tmp_path):

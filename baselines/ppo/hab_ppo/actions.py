@@ -41,6 +41,22 @@ class ActionHead(Protocol):
         """Returns actions as the environment takes them."""
         ...
 
+    def from_env(self, actions: NDArray[Any]) -> Tensor:
+        """Returns actions (M, *stored) as the environment takes them in the head's units."""
+        ...
+
+    def misfit(self, outputs: Tensor, actions: Tensor) -> Tensor:
+        """Returns how far the outputs are from actions (M, *stored) to be cloned, (M,)."""
+        ...
+
+    def kl(self, outputs: Tensor, reference: ActionHead, reference_outputs: Tensor) -> Tensor:
+        """Returns KL(reference || this) of the distributions, (M,)."""
+        ...
+
+    def explore(self, log_std: float) -> None:
+        """Sets the spread of the actions, where it does not depend on the state."""
+        ...
+
 
 class Gaussian(nn.Module):
     """Independent Gaussians whose standard deviations do not depend on the state.
@@ -83,6 +99,30 @@ class Gaussian(nn.Module):
         share = 0.5 + 0.5 * np.clip(actions.cpu().numpy(), -1, 1)
         return (self._low + share * (self._high - self._low)).astype(self._dtype)
 
+    def from_env(self, actions: NDArray[Any]) -> Tensor:
+        """See `ActionHead`."""
+        share = (np.asarray(actions, np.float32) - self._low) / (self._high - self._low)
+        return torch.from_numpy((2 * share - 1).astype(np.float32))
+
+    def misfit(self, outputs: Tensor, actions: Tensor) -> Tensor:
+        """Squared error of the means, the mean over the entries of the action."""
+        return (outputs - actions).square().mean(dim=-1)
+
+    def kl(self, outputs: Tensor, reference: ActionHead, reference_outputs: Tensor) -> Tensor:
+        """See `ActionHead`.
+
+        Per entry: ln(s / s') + (s'^2 + (m' - m)^2) / (2 s^2) - 1/2, with m', s' of the reference.
+        """
+        assert isinstance(reference, Gaussian)
+        spread = self.log_std - reference.log_std
+        squares = (2 * reference.log_std).exp() + (reference_outputs - outputs).square()
+        return (spread + 0.5 * squares * (-2 * self.log_std).exp() - 0.5).sum(dim=-1)
+
+    def explore(self, log_std: float) -> None:
+        """See `ActionHead`."""
+        with torch.no_grad():
+            self.log_std.fill_(log_std)
+
 
 class Categorical(nn.Module):
     """One of a number of cells."""
@@ -112,6 +152,22 @@ class Categorical(nn.Module):
     def to_env(self, actions: Tensor) -> NDArray[Any]:
         """See `ActionHead`."""
         return actions.cpu().numpy()
+
+    def from_env(self, actions: NDArray[Any]) -> Tensor:
+        """See `ActionHead`."""
+        return torch.from_numpy(np.asarray(actions, np.int64).reshape(len(actions)))
+
+    def misfit(self, outputs: Tensor, actions: Tensor) -> Tensor:
+        """Cross-entropy."""
+        return -self.log_prob(outputs, actions)
+
+    def kl(self, outputs: Tensor, reference: ActionHead, reference_outputs: Tensor) -> Tensor:
+        """See `ActionHead`."""
+        logs = reference_outputs.log_softmax(dim=-1)
+        return (logs.exp() * (logs - outputs.log_softmax(dim=-1))).sum(dim=-1)
+
+    def explore(self, log_std: float) -> None:
+        """A categorical distribution has no spread of its own."""
 
 
 def action_head(space: spaces.Space[Any], log_std: float) -> Gaussian | Categorical:

@@ -26,8 +26,8 @@ PREEMPTION_SHARE = 0.6
 LEAST_SHARE = 0.25
 """Share of its rollout that a rank always completes, as in Habitat."""
 
-TIMEOUT = timedelta(minutes=30)
-"""The first rollout may wait for episodes to be generated."""
+TIMEOUT = timedelta(hours=12)
+"""Ranks may wait for the first one to generate episodes, make demonstrations or distil."""
 
 
 class Ranks:
@@ -63,6 +63,11 @@ class Ranks:
     def is_first(self) -> bool:
         """Whether this rank writes the files."""
         return self.rank == 0
+
+    @property
+    def on_machine(self) -> int:
+        """Number of ranks on this machine."""
+        return int(os.environ.get("LOCAL_WORLD_SIZE", "1")) if self.size > 1 else 1
 
     def close(self) -> None:
         """Leaves the group."""
@@ -111,7 +116,7 @@ class Ranks:
         waits = self.size > 1 and os.environ.get("LOCAL_RANK", "0") != "0"
         if waits:
             dist.barrier()
-        yield 1 if waits else int(os.environ.get("LOCAL_WORLD_SIZE", "1"))
+        yield 1 if waits else self.on_machine
         if self.size > 1 and not waits:
             dist.barrier()
 

@@ -42,11 +42,12 @@ class Acted(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """What the policy now thinks of a rollout; each (T, N)."""
+    """What the policy now thinks of a rollout; each (T, N), `outputs` (T, N, O) of the actor."""
 
     log_probs: Tensor
     entropies: Tensor
     values: Tensor
+    outputs: Tensor
 
 
 class Policy(nn.Module):
@@ -121,14 +122,32 @@ class Policy(nn.Module):
             memory: (2, N, H) state of the LSTM before the rollout.
         """
         shape = starts.shape
-        features = self.encoded(obs)
-        if self.lstm is not None:
-            features = run_lstm(self.lstm, features.view(*shape, -1), starts, memory).flatten(0, 1)
+        features, _ = self.features(obs, starts, memory)
         outputs = self.actor(features)
         log_probs = self.head.log_prob(outputs, actions.flatten(0, 1))
         values = self.critic(features)[:, 0]
         entropies = self.head.entropy(outputs)
-        return Judged(log_probs.view(shape), entropies.view(shape), values.view(shape))
+        return Judged(
+            log_probs.view(shape),
+            entropies.view(shape),
+            values.view(shape),
+            outputs.view(*shape, -1),
+        )
+
+    def features(self, obs: Observation, starts: Tensor, memory: Tensor) -> tuple[Tensor, Tensor]:
+        """Returns the inputs (T N, F) of actor and critic, and the LSTM's state after a rollout.
+
+        Args:
+            obs: Observations, flattened to T N rows.
+            starts: (T, N) bool.
+            memory: (2, N, H) state of the LSTM before the rollout.
+        """
+        features = self.encoded(obs)
+        if self.lstm is None:
+            return features, memory
+        inputs = features.view(*starts.shape, -1)
+        outputs, memory = run_lstm(self.lstm, inputs, starts, memory)
+        return outputs.flatten(0, 1), memory
 
 
 def new_policy(

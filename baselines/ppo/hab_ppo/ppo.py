@@ -12,13 +12,16 @@ import torch
 from torch import Tensor, nn
 
 from hab_ppo.distributed import Ranks
-from hab_ppo.network import Policy
+from hab_ppo.fine_tuning import Guide, Stage
+from hab_ppo.network import Judged, Policy
 from hab_ppo.normalizer import Moments, RunningNormalizer
 from hab_ppo.recipe import PPOConfig
 from hab_ppo.rollout import Rollout, discounted_returns, gae
 
-METRICS = ("policy_loss", "value_loss", "entropy", "clipped", "kl")
+METRICS = ("policy_loss", "value_loss", "entropy", "clipped", "kl", "start_kl")
 """Means over the steps of an update, in the order of `minibatch_sums`."""
+
+EVERYTHING = Stage()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,11 +32,13 @@ class Batch:
         rollout: The rollout.
         advantages: (T, N), with mean 0 and standard deviation 1 over the valid steps of all ranks.
         returns: (T, N) targets of the value head.
+        guide: (T, N, O) outputs of the actor from which fine-tuning started; None without one.
     """
 
     rollout: Rollout
     advantages: Tensor
     returns: Tensor
+    guide: Tensor | None = None
 
     def of_rows(self, rows: Tensor) -> Batch:
         """Returns the batch of some rows."""
@@ -41,6 +46,7 @@ class Batch:
             rollout=self.rollout.of_rows(rows),
             advantages=self.advantages[:, rows],
             returns=self.returns[:, rows],
+            guide=None if self.guide is None else self.guide[:, rows],
         )
 
 
@@ -51,10 +57,13 @@ class PPO:
         policy: The policy.
         optimizer: Adam.
         return_moments: Running moments of the discounted return, which scale the rewards.
+        guide: The policy from which fine-tuning started; None without a warm start.
     """
 
-    def __init__(self, policy: Policy, config: PPOConfig, ranks: Ranks) -> None:
-        self.policy, self.config, self.ranks = policy, config, ranks
+    def __init__(
+        self, policy: Policy, config: PPOConfig, ranks: Ranks, guide: Guide | None = None
+    ) -> None:
+        self.policy, self.config, self.ranks, self.guide = policy, config, ranks, guide
         self.optimizer = torch.optim.Adam(
             policy.parameters(), lr=config.learning_rate, eps=1e-5, foreach=True
         )
@@ -64,9 +73,15 @@ class PPO:
     def forget_returns(self) -> None:
         """Starts the discounted returns anew, as all rows start new episodes."""
         self._running_return: Tensor | None = None
+        if self.guide is not None:
+            self.guide.forget()
 
     def update(
-        self, rollout: Rollout, generator: torch.Generator, progress: float
+        self,
+        rollout: Rollout,
+        generator: torch.Generator,
+        progress: float,
+        stage: Stage = EVERYTHING,
     ) -> dict[str, float]:
         """Improves the policy with a rollout.
 
@@ -74,6 +89,7 @@ class PPO:
             rollout: The steps of this rank.
             generator: Draws the minibatches of this rank.
             progress: Share of the run that is over, for the learning rate.
+            stage: How this update learns.
 
         Returns:
             Metric -> value, the same on all ranks.
@@ -82,16 +98,19 @@ class PPO:
         rate = config.learning_rate * (1 - min(1.0, progress) if config.decays else 1.0)
         for group in self.optimizer.param_groups:
             group["lr"] = rate
-        parameters = list(self.policy.parameters())
+        policy = self.policy
+        parameters = list((policy.critic if stage.critic_only else policy).parameters())
         batch = self._batch(rollout)
         parts = self._minibatches(rollout.valid.shape[1], generator)
         counts = self.ranks.sum(torch.stack([rollout.valid[:, rows].sum() for rows in parts]))
         sums = torch.zeros(len(METRICS), device=rollout.values.device)
         norm = 0.0
         for rows, count in zip(parts, counts.tolist(), strict=True):
-            loss, part = self._minibatch(batch.of_rows(rows), count)
+            loss, part = self._minibatch(batch.of_rows(rows), count, stage)
+            gradients = torch.autograd.grad(loss, parameters, allow_unused=True)
             self.optimizer.zero_grad()
-            loss.backward()
+            for parameter, gradient in zip(parameters, gradients, strict=True):
+                parameter.grad = gradient
             self.ranks.sum_gradients(parameters)
             norm += float(nn.utils.clip_grad_norm_(parameters, config.max_gradient_norm))
             self.optimizer.step()
@@ -100,7 +119,11 @@ class PPO:
         metrics = dict(zip(METRICS, means.tolist(), strict=True))
         metrics |= {"gradient_norm": norm / len(parts), "learning_rate": rate}
         metrics["explained_variance"] = self._explained(batch)
-        self._learn_normalizers(rollout)
+        if self.guide is None:
+            del metrics["start_kl"]
+            self._learn_normalizers(rollout)
+        else:
+            metrics["start_kl_weight"] = stage.kl_weight
         return metrics
 
     def _batch(self, rollout: Rollout) -> Batch:
@@ -113,7 +136,12 @@ class PPO:
         moments = self.ranks.merged(Moments.of(advantages[rollout.valid][:, None]))
         deviation = (moments.squares / moments.count.clamp(min=1)).sqrt()
         normal = (advantages - moments.mean.float()) / (deviation.float() + 1e-8)
-        return Batch(rollout=rollout, advantages=normal * rollout.valid, returns=returns)
+        return Batch(
+            rollout=rollout,
+            advantages=normal * rollout.valid,
+            returns=returns,
+            guide=None if self.guide is None else self.guide.outputs(rollout),
+        )
 
     def _reward_scale(self, rollout: Rollout) -> Tensor:
         """Returns 1 / the running standard deviation of the discounted return, () float32."""
@@ -135,7 +163,9 @@ class PPO:
             parts += order.tensor_split(self.config.minibatches)
         return parts
 
-    def _minibatch(self, batch: Batch, count: int) -> tuple[Tensor, Tensor]:
+    def _minibatch(
+        self, batch: Batch, count: int, stage: Stage = EVERYTHING
+    ) -> tuple[Tensor, Tensor]:
         """Returns the loss of this rank's part of `count` steps, and the sums of `METRICS`."""
         config, rollout, valid = self.config, batch.rollout, batch.rollout.valid
         judged = self.policy.judge(
@@ -148,12 +178,24 @@ class PPO:
         policy_loss = -(gains * valid).sum()
         value_loss = 0.5 * ((judged.values - batch.returns).square() * valid).sum()
         entropy = (judged.entropies * valid).sum()
-        total = policy_loss + config.value_weight * value_loss - config.entropy_weight * entropy
+        start_kl = self._start_kl(judged, batch)
+        total = config.value_weight * value_loss
+        if not stage.critic_only:
+            total = total + policy_loss - config.entropy_weight * entropy
+            total = total + stage.kl_weight * start_kl
         with torch.no_grad():
             outside = ((ratio - clipped).abs() > 0).sum()
             kl = ((ratio - 1 - log_ratio) * valid).sum()
-            sums = torch.stack((policy_loss, value_loss, entropy, outside, kl))
+            sums = torch.stack((policy_loss, value_loss, entropy, outside, kl, start_kl))
         return total / max(1, count), sums
+
+    def _start_kl(self, judged: Judged, batch: Batch) -> Tensor:
+        """Returns the sum () of KL(start || policy) over the valid steps."""
+        if batch.guide is None or self.guide is None:
+            return torch.zeros_like(judged.values[0, 0])
+        head, valid = self.policy.head, batch.rollout.valid
+        outputs, guide = judged.outputs.flatten(0, 1), batch.guide.flatten(0, 1)
+        return (head.kl(outputs, self.guide.head, guide) * valid.flatten()).sum()
 
     def _explained(self, batch: Batch) -> float:
         """Returns the share of the variance of the returns that the values explained."""

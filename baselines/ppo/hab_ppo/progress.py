@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections import deque
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -71,6 +72,13 @@ class Progress:
             self._said_s = seconds
             self._write_line(self._line(entry))
 
+    def begin(self, seconds: float, metrics: Mapping[str, float]) -> None:
+        """Records the evaluation of the policy from which a run starts."""
+        self._keep({"update": 0, "steps": 0, "seconds": round(seconds, 2), **metrics})
+        for name, value in metrics.items():
+            self._board.add_scalar(name, value, 0)
+        self._write_line(f"PPO starts from a policy with success {metrics['eval/success']:.0%}")
+
     def say(self, text: str) -> None:
         """Writes a line at once."""
         self._write_line(text)
@@ -97,6 +105,12 @@ class Progress:
         if "eval/success" in entry:
             words.append(f"greedy {entry['eval/success']:.0%} (best {entry['eval/best']:.0%})")
         return " | ".join([*words, f"{left_min:.0f} min left"])
+
+
+def say(text: str) -> None:
+    """Writes a line to the standard output at once."""
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
 
 
 def read_progress(folder: Path) -> list[dict[str, Any]]:

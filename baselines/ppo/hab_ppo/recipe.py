@@ -7,9 +7,10 @@ learner of S App. C, `FAST` one tuned for the wall time on two CPU cores.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, is_dataclass, replace
-from typing import Any, TypeVar, get_type_hints
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from typing import Any, TypeVar, get_args, get_type_hints
 
+from hab_ppo.errors import RecipeError
 from hab_tasks.errors import UnknownNameError
 
 T = TypeVar("T")
@@ -154,6 +155,87 @@ PRESETS = {"paper": PAPER, "fast": FAST}
 
 
 @dataclass(frozen=True, kw_only=True)
+class Cloning:
+    """How a network is fitted to actions.
+
+    Attributes:
+        epochs: Most passes over the data.
+        learning_rate: Of Adam.
+        batch_steps: Steps in a gradient step; a network with an LSTM takes whole episodes until
+            they have this many.
+        held_out: Share of the episodes that is not fitted but decides when to stop.
+        patience: Epochs without improvement on these after which the fit ends.
+    """
+
+    epochs: int = 60
+    learning_rate: float = 1e-3
+    batch_steps: int = 256
+    held_out: float = 0.1
+    patience: int = 15
+
+
+@dataclass(frozen=True, kw_only=True)
+class FineTuning:
+    """How PPO continues from a policy that can do something, without losing it.
+
+    Attributes:
+        log_std: Logarithm of the standard deviation of continuous actions at the start.
+        critic_updates: Number of updates at the start in which only the value head learns.
+        kl_weight: Weight of KL(start || policy) at the start.
+        kl_steps: Environment steps in which this weight falls linearly to 0.
+    """
+
+    log_std: float = -1.2
+    critic_updates: int = 10
+    kl_weight: float = 0.5
+    kl_steps: int = 500_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class WarmStart:
+    """Cloning of an agent's demonstrations before PPO.
+
+    Attributes:
+        agent: ``module:factory`` of the agent, as in ``hab-eval run``.
+        demonstrations: Number of demonstrations.
+        noise: Standard deviation of the noise on the actions of the demonstrations, as a share of
+            the largest action.
+        cloning: The fit.
+        tuning: PPO afterwards.
+    """
+
+    agent: str = "hab_spa:spa_priv"
+    demonstrations: int = 300
+    noise: float = 0.5
+    cloning: Cloning = field(default_factory=Cloning)
+    tuning: FineTuning = field(default_factory=FineTuning)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Distillation:
+    """DAgger (arXiv 1011.0686) before PPO: a teacher labels the states that the student visits.
+
+    Attributes:
+        teacher: Name of a recipe whose weights ship, or the path of weights or of a run's folder.
+        rounds: Number of rounds; after each, the student is fitted to the data of all rounds.
+        round_steps: Environment steps of a round.
+        beta: Share of the first round's steps in which the teacher acts; in later rounds the
+            student acts alone.
+        most_mb: Most memory of the data [MB]; beyond it, the oldest episodes are dropped.
+        cloning: The fit of each round.
+        tuning: PPO afterwards.
+    """
+
+    teacher: str
+    rounds: int = 5
+    round_steps: int = 10_000
+    beta: float = 1.0
+    most_mb: int = 4000
+    cloning: Cloning = field(default_factory=lambda: Cloning(epochs=10, patience=10))
+    tuning: FineTuning = field(default_factory=FineTuning)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Recipe:
     """A training run.
 
@@ -167,6 +249,8 @@ class Recipe:
             checkpoint is kept.
         evaluation_episodes: Number of episodes in an evaluation.
         evaluation_split: Their split.
+        warm_start: Cloning before PPO; None to start from random weights.
+        distill: Distillation before PPO; likewise.
     """
 
     name: str
@@ -177,6 +261,18 @@ class Recipe:
     evaluation_steps: int = 100_000
     evaluation_episodes: int = 50
     evaluation_split: str = "val"
+    warm_start: WarmStart | None = None
+    distill: Distillation | None = None
+
+    def __post_init__(self) -> None:
+        if self.warm_start is not None and self.distill is not None:
+            raise RecipeError(f"Recipe {self.name} has both warm_start and distill; give one.")
+
+    @property
+    def tuning(self) -> FineTuning | None:
+        """How PPO continues from a clone; None if it starts from random weights."""
+        start = self.warm_start or self.distill
+        return None if start is None else start.tuning
 
 
 def changed(config: T, **values: Any) -> T:
@@ -201,8 +297,9 @@ def from_json(kind: type[T], values: Mapping[str, Any]) -> T:
     for name, value in values.items():
         if name not in hints:
             raise UnknownNameError(f"entry of {kind.__name__}", name, hints)
-        if is_dataclass(hints[name]):
-            arguments[name] = from_json(hints[name], value)  # pyright: ignore[reportArgumentType]
+        kinds = [kind for kind in (hints[name], *get_args(hints[name])) if is_dataclass(kind)]
+        if kinds and value is not None:
+            arguments[name] = from_json(kinds[0], value)  # pyright: ignore[reportArgumentType]
         else:
             arguments[name] = tuple(value) if isinstance(value, list) else value
     return kind(**arguments)

@@ -22,12 +22,14 @@ class Sequences(NamedTuple):
         batch_sizes: (L,) number of sequences that have an l-th step, L the longest's length.
         row: (Q,) row of each sequence, longest first.
         continued: (Q,) bool, whether the sequence continues an earlier rollout.
+        last: (Q,) bool, whether the sequence is the last of its row.
     """
 
     order: Tensor
     batch_sizes: Tensor
     row: Tensor
     continued: Tensor
+    last: Tensor
 
     @classmethod
     def of(cls, starts: Tensor) -> Sequences:
@@ -40,14 +42,17 @@ class Sequences(NamedTuple):
         following = torch.cat((first[1:], first[:1]))
         length = torch.where(last_of_row, steps, following) - first
         length, by_length = length.sort(descending=True, stable=True)
-        row, first = row[by_length], first[by_length]
+        row, first, last_of_row = row[by_length], first[by_length], last_of_row[by_length]
         time = torch.arange(int(length[0]))[:, None]  # (L, 1)
         exists = time < length  # (L, Q)
         order = ((first + time) * rows + row)[exists]
-        return cls(order, exists.sum(dim=1), row, (first == 0) & ~starts[0, row])
+        continued = (first == 0) & ~starts[0, row]
+        return cls(order, exists.sum(dim=1), row, continued, last_of_row)
 
 
-def run_lstm(lstm: nn.LSTM, inputs: Tensor, starts: Tensor, memory: Tensor) -> Tensor:
+def run_lstm(
+    lstm: nn.LSTM, inputs: Tensor, starts: Tensor, memory: Tensor
+) -> tuple[Tensor, Tensor]:
     """Runs an LSTM over a rollout; its state is zero at the start of each episode.
 
     Args:
@@ -57,7 +62,7 @@ def run_lstm(lstm: nn.LSTM, inputs: Tensor, starts: Tensor, memory: Tensor) -> T
         memory: (2, N, H) hidden and cell state before the rollout.
 
     Returns:
-        Outputs (T, N, H).
+        Outputs (T, N, H), and the state (2, N, H) after the rollout.
     """
     steps, rows = starts.shape
     sequences = Sequences.of(starts.cpu())
@@ -65,6 +70,9 @@ def run_lstm(lstm: nn.LSTM, inputs: Tensor, starts: Tensor, memory: Tensor) -> T
     initial = memory[:, row] * sequences.continued.to(memory)[:, None]
     packed = PackedSequence(inputs.flatten(0, 1)[order], sequences.batch_sizes)
     hidden, cell = initial[:, None].contiguous()
-    outputs = lstm(packed, (hidden, cell))[0].data
-    unpacked = torch.empty_like(outputs).index_copy(0, order, outputs)
-    return unpacked.view(steps, rows, -1)
+    outputs, state = lstm(packed, (hidden, cell))
+    unpacked = torch.empty_like(outputs.data).index_copy(0, order, outputs.data)
+    last = sequences.last.to(inputs.device)
+    after = torch.zeros_like(memory)
+    after[:, row[last]] = torch.cat(state)[:, last]
+    return unpacked.view(steps, rows, -1), after

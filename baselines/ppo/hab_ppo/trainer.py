@@ -10,12 +10,9 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import torch
 
@@ -23,87 +20,21 @@ from hab_ppo import checkpoint
 from hab_ppo.checkpoint import Position
 from hab_ppo.collect import Collector
 from hab_ppo.distributed import Ranks
-from hab_ppo.errors import RecipeError
+from hab_ppo.episodes import prepare_episodes
 from hab_ppo.evaluation import evaluate
+from hab_ppo.fine_tuning import Stage
 from hab_ppo.network import new_policy
 from hab_ppo.observation import ObservationLayout
+from hab_ppo.plan import BEST, EXACT, LAST, RECIPE, TrainPlan, check_same
 from hab_ppo.ppo import PPO
 from hab_ppo.progress import PARTS, Progress, Recent, WriteLine
-from hab_ppo.recipe import Recipe, to_json
-from hab_tasks.episodes import Episode, EpisodeRequest, load_episodes
+from hab_ppo.recipe import to_json
+from hab_ppo.warm_start import make_rows, start_policy
 from hab_tasks.files import written_aside
 from hab_tasks.processes import use_one_thread
 
-RECIPE = "recipe.json"
-"""The resolved recipe, in the run's folder."""
-
-LAST, EXACT, BEST = (f"{name}.safetensors" for name in ("last", "exact", "best"))
-"""Checkpoints of the last update and of the last evaluation, and the best weights."""
-
 COLLAPSE_SHARE = 0.5
 """A run whose success falls below this share of its best is reported."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrainPlan:
-    """A run to be made or continued.
-
-    Attributes:
-        recipe: What is trained.
-        out: The run's folder.
-        seed: Seed of weights, actions, minibatches and episodes.
-        resume: Checkpoint to continue from, `LAST` or `EXACT`; None to start anew.
-    """
-
-    recipe: Recipe
-    out: Path
-    seed: int = 0
-    resume: str | None = None
-
-
-def check_same(plan: TrainPlan, about: Mapping[str, Any]) -> None:
-    """Rejects a checkpoint of another recipe or seed; only the length of the run may change.
-
-    Raises:
-        RecipeError: The description `about` is of another run.
-    """
-    recipe, found = json.loads(json.dumps(to_json(plan.recipe))), about["recipe"]
-    different = [
-        name
-        for name in sorted(recipe.keys() | found.keys())
-        if name not in ("total_steps", "about") and recipe.get(name) != found.get(name)
-    ]
-    if different:
-        raise RecipeError(
-            f"The run in {plan.out} has another {different[0]}; give the options of that run."
-        )
-    if about["seed"] != plan.seed:
-        raise RecipeError(f"The run in {plan.out} has seed {about['seed']}, not {plan.seed}.")
-
-
-def episode_request(recipe: Recipe, split: str) -> EpisodeRequest:
-    """Returns the request of a recipe's episodes of a split."""
-    env = recipe.env
-    return EpisodeRequest(
-        env_id=env.reference,
-        scene_dataset=env.scene_dataset,
-        objects=env.objects,
-        split=split,
-        seed=env.episode_seed,
-    )
-
-
-def prepare_episodes(recipe: Recipe, workers: int, write_line: WriteLine) -> tuple[Episode, ...]:
-    """Generates the missing episodes of a recipe; returns those of the evaluation."""
-
-    def say(done: int, count: int) -> None:
-        if done < count and done % max(1, count // 10) == 0:
-            write_line(f"{done} of {count} episodes generated")
-
-    env = recipe.env
-    load_episodes(episode_request(recipe, env.split), env.num_episodes, say, workers)
-    request = episode_request(recipe, recipe.evaluation_split)
-    return load_episodes(request, recipe.evaluation_episodes, say, workers).episodes
 
 
 class Trainer:
@@ -116,18 +47,12 @@ class Trainer:
         recipe, preset = self._recipe, self._recipe.preset
         with ranks.first_on_machine() as workers:
             self._episodes = prepare_episodes(recipe, workers, self._write_line)
-        self._env = gym.make_vec(
-            recipe.env.reference,
-            num_envs=preset.rows,
-            num_workers=1,
-            info_keys=("success",),
-            copy=False,
-            **recipe.env.options(),
-        )
+        self._env = make_rows(recipe, preset.rows, 1)
         layout = ObservationLayout.of(self._env.single_observation_space)
         space = self._env.single_action_space
         policy = new_policy(layout, space, preset.network, plan.seed).to(ranks.device)
-        self._learner = PPO(policy, preset.ppo, ranks)
+        guide = start_policy(plan, ranks, policy, self._write_line)
+        self._learner = PPO(policy, preset.ppo, ranks, guide)
         self._collector = Collector(self._env, policy, ranks, preset.rollout_steps)
         self._recent = Recent()
         self._position = self._restored() if plan.resume else Position()
@@ -145,6 +70,8 @@ class Trainer:
                     self._recipe.total_steps,
                     self._position.update,
                 )
+            if self._learner.guide is not None and self._position.update == 0:
+                self._evaluate_start(progress)
             self._start_rows()
             while self._position.steps < self._recipe.total_steps:
                 metrics = self._update()
@@ -167,7 +94,8 @@ class Trainer:
         rollout, sums = self._collector.collect(at.update, noise)
         with clock("update"):
             share = at.steps / self._recipe.total_steps
-            metrics = self._learner.update(rollout, self._generator(2), share)
+            stage = self._stage()
+            metrics = self._learner.update(rollout, self._generator(2), share, stage)
         metrics = {f"update/{name}": value for name, value in metrics.items()}
         steps = rollout.valid.sum().double().cpu()[None]
         steps, *episodes = self._ranks.sum(torch.cat((steps, sums))).tolist()
@@ -181,6 +109,11 @@ class Trainer:
             at, update=at.update + 1, steps=at.steps + int(steps), seconds=self._seconds()
         )
         return metrics | self._recent.metrics
+
+    def _stage(self) -> Stage:
+        """Returns how the next update learns."""
+        guide, at = self._learner.guide, self._position
+        return Stage() if guide is None else guide.stage(at.update, at.steps)
 
     def _seconds(self) -> float:
         """Returns the time since the run began, over all its starts, without starting up [s]."""
@@ -201,6 +134,15 @@ class Trainer:
             self._start_rows()
             return {"eval/success": success, "eval/return": mean_return, **self._best()}
         return {}
+
+    def _evaluate_start(self, progress: Progress | None) -> None:
+        """Evaluates the policy from which fine-tuning starts."""
+        success, mean_return = self._evaluated()
+        self._position = replace(self._position, seconds=self._seconds(), success=success)
+        self._keep_best(success, progress)
+        if progress is not None:
+            metrics = {"eval/success": success, "eval/return": mean_return, **self._best()}
+            progress.begin(self._position.seconds, metrics)
 
     def _best(self) -> dict[str, float]:
         best = self._position.best_success

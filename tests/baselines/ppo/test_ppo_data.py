@@ -132,11 +132,13 @@ def test_lstm_over_sequences_equals_one_step_at_a_time():
             state = (hidden * going)[None], (cell * going)[None]
             output, (hidden, cell) = lstm(inputs[step][None], state)
             hidden, cell = hidden[0], cell[0]
-            yield output[0]
+            yield output[0], torch.stack((hidden, cell))
 
-    expected = torch.stack(list(plainly()))
-    found = run_lstm(lstm, inputs, starts, memory)
+    outputs, states = zip(*plainly(), strict=True)
+    expected = torch.stack(outputs)
+    found, after = run_lstm(lstm, inputs, starts, memory)
     torch.testing.assert_close(found, expected, atol=1e-6, rtol=1e-5)
+    torch.testing.assert_close(after, states[-1], atol=1e-6, rtol=1e-5)
     weights = tuple(lstm.parameters())
     wanted = torch.autograd.grad(expected.square().sum(), weights)
     got = torch.autograd.grad(found.square().sum(), weights)

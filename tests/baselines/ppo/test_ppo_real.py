@@ -57,7 +57,7 @@ def test_the_network_of_a_recipe_fits_its_environment(name):
 @pytest.mark.parametrize("name", SKILL_RECIPES)
 def test_a_recipe_is_trained_and_its_weights_play(name, tmp_path, capsys):
     out, env = tmp_path / "run", find_recipe(name).env.env
-    assert main(["train", name, "--out", str(out), "--steps", "40", *SHORT]) == 0
+    assert main(["train", name, "--out", str(out), "--steps", "40", "--scratch", *SHORT]) == 0
     assert "best.safetensors" in capsys.readouterr().out
     assert main(["eval", str(out), "--episodes", "2", "--workers", "1"]) == 0
     assert "95 % interval" in capsys.readouterr().out
@@ -131,3 +131,41 @@ def wait_for(condition, run):
         assert run.poll() is None, "the run ended by itself"
         assert time.monotonic() < ends
         time.sleep(0.1)
+
+
+def test_demonstrations_of_a_planner_start_a_run(tmp_path, capsys):
+    file, out = tmp_path / "demonstrations.safetensors", tmp_path / "run"
+    demonstrate = ["demonstrate", "close_drawer_blind", "--count", "2", "--episodes", "4"]
+    assert main([*demonstrate, "--workers", "2", "--out", str(file)]) == 0
+    assert "2 demonstrations: the agent solved" in capsys.readouterr().out
+    again = tmp_path / "again.safetensors"
+    assert main([*demonstrate, "--workers", "1", "--out", str(again)]) == 0
+    one, other = checkpoint.load(file)[0], checkpoint.load(again)[0]
+    assert all(torch.equal(one[name], other[name]) for name in one)
+    train = ["train", "close_drawer_cloned", "--demonstrations", str(file), "--out", str(out)]
+    assert main([*train, "--steps", "40", *SHORT]) == 0
+    assert "PPO starts from a policy with success" in capsys.readouterr().out
+    assert checkpoint.load(out / "cloned.safetensors")[1]["made_from"]["counts"]["solved"] >= 2
+
+
+def test_a_state_policy_teaches_a_depth_policy(tmp_path):
+    teacher, out = tmp_path / "teacher", tmp_path / "student"
+    assert main(["train", "pick_blind", "--out", str(teacher), "--steps", "40", *SHORT]) == 0
+    recipe = find_recipe("pick_depth")
+    distill = replace(recipe.distill, rounds=1, round_steps=20)
+    short = replace(recipe, preset=replace(recipe.preset, rows=2), distill=distill)
+    plan = TrainPlan(
+        recipe=replace(
+            short,
+            env=replace(recipe.env, num_episodes=2),
+            total_steps=20,
+            evaluation_episodes=1,
+        ),
+        out=out,
+        teacher=teacher,
+    )
+    out.mkdir()
+    lines = []
+    Trainer(plan, Ranks(), lines.append).run()
+    assert any("distillation, round 1 of 1" in line for line in lines)
+    assert (out / "cloned.safetensors").exists()

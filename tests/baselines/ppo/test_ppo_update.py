@@ -39,6 +39,7 @@ def test_loss():
         torch.tensor([[math.log(1.5)], [math.log(0.5)], [9.0]]),
         torch.tensor([[0.5], [0.5], [9.0]]),
         torch.tensor([[1.0], [2.0], [9.0]]),
+        torch.zeros(3, 1, 1),
     )
     learner.policy = SimpleNamespace(judge=lambda *args: judged)
     batch = Batch(

@@ -1,6 +1,16 @@
-"""Depth Pick: the two depth cameras beside what blind Pick sees (S Table 2, "Depth")."""
+"""Depth Pick: the two depth cameras beside what blind Pick sees (S Table 2, "Depth").
 
-from hab_ppo.recipe import EnvConfig, NetworkConfig, PPOConfig, Preset, Recipe
+Frames with images are dear, so `pick_blind` teaches it first: ``--teacher runs/pick_blind``.
+"""
+
+from hab_ppo.recipe import (
+    Distillation,
+    EnvConfig,
+    NetworkConfig,
+    PPOConfig,
+    Preset,
+    Recipe,
+)
 
 RECIPE = Recipe(
     name="pick_depth",
@@ -20,4 +30,5 @@ RECIPE = Recipe(
         rollout_steps=100,
     ),
     total_steps=1_000_000,
+    distill=Distillation(teacher="pick_blind"),
 )

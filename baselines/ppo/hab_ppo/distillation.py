@@ -1,0 +1,207 @@
+"""DAgger (arXiv 1011.0686): a student learns what a teacher would do in the states it visits.
+
+The student plays the vector environment of its own recipe, for example with images. The teacher,
+whose observation is a part of the student's, labels every state. The data of all rounds are kept,
+and after each round the student is fitted to all of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from hab_ppo import checkpoint
+from hab_ppo.agent import WEIGHTS, recipe_of, spec_of, weights_file
+from hab_ppo.cloning import Fit, clone
+from hab_ppo.errors import PolicyFileError, RecipeError
+from hab_ppo.examples import Examples, compact
+from hab_ppo.network import Policy, new_policy
+from hab_ppo.observation import Observation, ObservationLayout
+from hab_ppo.progress import WriteLine
+from hab_ppo.recipe import Distillation, EnvConfig
+from hab_tasks.agent_spaces import agent_setup
+from hab_tasks.registration import imported_id
+
+
+@dataclass(kw_only=True)
+class Visits:
+    """What happened in a round.
+
+    Attributes:
+        parts: The visited states with the teacher's actions, an episode each.
+        episodes: Number of episodes that ended.
+        successes: Number of solved ones.
+    """
+
+    parts: list[Examples] = field(default_factory=list)
+    episodes: int = 0
+    successes: int = 0
+
+
+def teacher_file(teacher: str) -> Path:
+    """Returns the weights of a recipe's name or a path.
+
+    Raises:
+        PolicyFileError: There are none.
+    """
+    path = weights_file(Path(teacher))
+    shipped = WEIGHTS / f"{teacher}.safetensors"
+    if path.is_file():
+        return path
+    if shipped.is_file():
+        return shipped
+    raise PolicyFileError(
+        f"There are no weights of the teacher {teacher}: train it and give --teacher DIR."
+    )
+
+
+def load_teacher(path: Path, env: EnvConfig, layout: ObservationLayout | None) -> Policy:
+    """Returns the policy of a file of weights.
+
+    Args:
+        path: The file.
+        env: The student's environment.
+        layout: What the student observes; None to leave it unchecked.
+
+    Raises:
+        PolicyFileError: The file cannot be used.
+        RecipeError: The teacher acts in another environment, or observes what the student does not.
+    """
+    tensors, about = checkpoint.load(path)
+    recipe = recipe_of(about, path)
+    if imported_id(recipe.env.reference) != imported_id(env.reference):
+        raise RecipeError(f"The teacher {path} acts in {recipe.env.env}, not {env.env}.")
+    for name in ("control_mode", "target_frame"):
+        if getattr(recipe.env, name) != getattr(env, name):
+            raise RecipeError(
+                f"The teacher {path} has {name} {getattr(recipe.env, name)!r}, not "
+                f"{getattr(env, name)!r}."
+            )
+    spaces = agent_setup(recipe.env.reference).spaces(spec_of(recipe))
+    own = ObservationLayout.of(spaces.observation)
+    if layout is not None:
+        missing = {*own.state, *own.images} - {*layout.state, *layout.images}
+        if missing:
+            entry = "/".join(min(missing))
+            raise RecipeError(f"The teacher {path} observes {entry}, which the student does not.")
+    policy = new_policy(own, spaces.action, recipe.preset.network, 0)
+    checkpoint.load_network(policy, tensors, path)
+    return policy
+
+
+def distill(
+    student: Policy,
+    teacher: Policy,
+    env: Any,
+    config: Distillation,
+    seed: int,
+    write_line: WriteLine,
+) -> Fit:
+    """Fits a student to a teacher; returns the last fit.
+
+    Args:
+        student: The policy that learns.
+        teacher: The policy that labels, on the CPU.
+        env: The student's vector environment, in autoreset mode `NEXT_STEP`.
+        config: The rounds.
+        seed: Seed of episodes, actions and fits.
+        write_line: Receives progress lines.
+    """
+    student.head.explore(config.tuning.log_std)
+    parts: list[Examples] = []
+    fit = Fit(epochs=0, loss=0.0, held_out_loss=0.0)
+    for number in range(config.rounds):
+        beta = config.beta if number == 0 else 0.0
+        visits = visit(student, teacher, env, config.round_steps, beta, [seed, number])
+        parts = newest(parts + visits.parts, config.most_mb)
+        fit = clone(student, Examples.joined(parts), config.cloning, seed + number, write_line)
+        steps = sum(len(part.state) for part in parts)
+        write_line(
+            f"distillation, round {number + 1} of {config.rounds}: solved {visits.successes} of "
+            f"{visits.episodes} episodes, {steps:,} labelled steps, held out "
+            f"{fit.held_out_loss:.4f}"
+        )
+    return fit
+
+
+def newest(parts: list[Examples], most_mb: int) -> list[Examples]:
+    """Returns the last episodes that fit into so much memory, at least one."""
+    total, first = 0.0, len(parts)
+    while first > 0:
+        total += parts[first - 1].megabytes
+        if total > most_mb and first < len(parts):
+            break
+        first -= 1
+    return parts[first:]
+
+
+def visit(
+    student: Policy, teacher: Policy, env: Any, steps: int, beta: float, seed: list[int]
+) -> Visits:
+    """Plays a round from the start of new episodes; every visited state gets its label.
+
+    Args:
+        student: Acts with noise.
+        teacher: Labels with its most likely actions.
+        env: The vector environment.
+        steps: Number of labelled states.
+        beta: Share of the steps in which the teacher's action is executed.
+        seed: Seed of the round.
+    """
+    drawn, rows = np.random.default_rng(seed), env.num_envs
+    noise = torch.Generator(device=student.state_normalizer.mean.device)
+    noise.manual_seed(int(drawn.integers(2**31)))
+    seeds = [int(one) for one in drawn.integers(2**31, size=rows)]
+    obs, _ = env.reset(seed=seeds, options={"reconfigure": True})
+    recorder, result = _Recorder(rows), Visits()
+    starts, ended = torch.ones(rows, dtype=torch.bool), np.zeros(rows, dtype=bool)
+    memories = student.no_memory(rows), teacher.no_memory(rows)
+    taken = 0
+    while taken < steps:
+        seen = student.layout.read(obs)
+        acted = student.act(seen.to(noise.device), memories[0], starts.to(noise.device), noise)
+        told = teacher.act(teacher.layout.read(obs), memories[1], starts, None)
+        memories = acted.memory, told.memory
+        labels = teacher.head.to_env(told.actions)
+        leads = (drawn.random(rows) < beta).reshape(rows, *[1] * (labels.ndim - 1))
+        actions = np.where(leads, labels, student.head.to_env(acted.actions))
+        recorder.put(seen, labels, ~ended)
+        taken += int((~ended).sum())
+        starts = torch.from_numpy(ended.copy())
+        obs, _, terminated, truncated, info = env.step(actions.astype(labels.dtype))
+        ended = terminated | truncated
+        result.episodes += int(ended.sum())
+        result.successes += int(info["success"][ended].sum())
+        result.parts += recorder.ended(ended)
+    result.parts += recorder.ended(np.ones(rows, dtype=bool))
+    return result
+
+
+class _Recorder:
+    """Keeps the running episode of each row."""
+
+    def __init__(self, rows: int) -> None:
+        self._seen: list[list[Observation]] = [[] for _ in range(rows)]
+        self._labels: list[list[Any]] = [[] for _ in range(rows)]
+
+    def put(self, seen: Observation, labels: Any, valid: Any) -> None:
+        """Adds a step of the rows in `valid`."""
+        images: Tensor | None = None if seen.images is None else compact(seen.images)
+        for row in np.flatnonzero(valid):
+            shown = None if images is None else images[row : row + 1]
+            self._seen[row].append(Observation(seen.state[row : row + 1], shown))
+            self._labels[row].append(labels[row].copy())
+
+    def ended(self, ended: Any) -> list[Examples]:
+        """Returns the episodes of the rows in `ended`, and forgets them."""
+        parts = []
+        for row in np.flatnonzero(ended):
+            if self._seen[row]:
+                parts.append(Examples.of(self._seen[row], np.stack(self._labels[row])))
+            self._seen[row], self._labels[row] = [], []
+        return parts

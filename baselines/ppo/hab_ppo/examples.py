@@ -1,0 +1,144 @@
+"""Examples to be cloned: observations with the actions that are right there, in whole episodes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from hab_ppo import checkpoint
+from hab_ppo.errors import PolicyFileError
+from hab_ppo.observation import Observation
+from hab_ppo.recipe import EnvConfig, to_json
+from hab_tasks.registration import imported_id
+
+KIND = "demonstrations"
+
+SEEN = ("control_mode", "obs_mode", "target_frame", "handle_position")
+"""Entries of `EnvConfig` in which demonstrations and a recipe have to agree, beside the id."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Examples:
+    """M steps in E episodes, one after another.
+
+    Attributes:
+        state: (M, S) float32.
+        images: (M, C, H, W) uint8 or float16; None without.
+        actions: (M, A) float32 actions as the environment takes them, or (M,) int64 cells.
+        lengths: (E,) number of steps of each episode.
+    """
+
+    state: Tensor
+    images: Tensor | None
+    actions: Tensor
+    lengths: Tensor
+
+    @classmethod
+    def of(cls, seen: Sequence[Observation], actions: NDArray[Any]) -> Examples:
+        """Returns an episode of single observations (1, ...) with their actions (M, ...)."""
+        images = None
+        if seen[0].images is not None:
+            images = compact(torch.cat([obs.images for obs in seen if obs.images is not None]))
+        return cls(
+            state=torch.cat([obs.state for obs in seen]),
+            images=images,
+            actions=torch.from_numpy(np.ascontiguousarray(actions)),
+            lengths=torch.tensor([len(seen)]),
+        )
+
+    @classmethod
+    def joined(cls, parts: Sequence[Examples]) -> Examples:
+        """Returns the episodes of several in one."""
+        images = [part.images for part in parts if part.images is not None]
+        return cls(
+            state=torch.cat([part.state for part in parts]),
+            images=torch.cat(images) if images else None,
+            actions=torch.cat([part.actions for part in parts]),
+            lengths=torch.cat([part.lengths for part in parts]),
+        )
+
+    def episodes(self, numbers: Tensor) -> Examples:
+        """Returns some of the episodes, by their numbers (K,), in this order."""
+        ends = self.lengths.cumsum(0)
+        steps = [torch.arange(int(ends[n] - self.lengths[n]), int(ends[n])) for n in numbers]
+        chosen = torch.cat(steps) if steps else torch.zeros(0, dtype=torch.long)
+        return self.steps(chosen, self.lengths[numbers])
+
+    def steps(self, chosen: Tensor, lengths: Tensor) -> Examples:
+        """Returns some of the steps, by their numbers (K,), as episodes of these lengths."""
+        return Examples(
+            state=self.state[chosen],
+            images=None if self.images is None else self.images[chosen],
+            actions=self.actions[chosen],
+            lengths=lengths,
+        )
+
+    def observations(self) -> Observation:
+        """Returns the observations of all steps."""
+        return Observation(self.state, self.images)
+
+    def starts(self) -> Tensor:
+        """Returns whether an episode starts in each step, (M,) bool."""
+        starts = torch.zeros(len(self.state), dtype=torch.bool)
+        starts[self.lengths.cumsum(0) - self.lengths] = True
+        return starts
+
+    @property
+    def megabytes(self) -> float:
+        """Memory of the data [MB]."""
+        tensors = [self.state, self.actions, *([] if self.images is None else [self.images])]
+        return sum(tensor.nbytes for tensor in tensors) / 1e6
+
+
+def compact(images: Tensor) -> Tensor:
+    """Returns images as they are kept: uint8 as they are, else float16."""
+    return images if images.dtype == torch.uint8 else images.half()
+
+
+def write_examples(path: Path, examples: Examples, env: EnvConfig, about: dict[str, Any]) -> None:
+    """Writes demonstrations to a file, atomically.
+
+    Args:
+        path: The file.
+        examples: The demonstrations.
+        env: The environment in which they were made.
+        about: Further entries of the description: agent, seed, counts.
+    """
+    tensors = {"state": examples.state, "actions": examples.actions, "lengths": examples.lengths}
+    if examples.images is not None:
+        tensors["images"] = examples.images
+    checkpoint.save(path, tensors, {"kind": KIND, "env": to_json(env), **about})
+
+
+def read_examples(path: Path, env: EnvConfig) -> tuple[Examples, dict[str, Any]]:
+    """Returns the demonstrations of a file and its description.
+
+    Raises:
+        PolicyFileError: Not such a file, or of another environment than `env`.
+    """
+    tensors, about = checkpoint.load(path)
+    if about.get("kind") != KIND:
+        raise PolicyFileError(f"{path} is not a file of demonstrations.")
+    found = about["env"]
+    if imported_id(found["env"]) != imported_id(env.env):
+        raise PolicyFileError(f"{path} has demonstrations of {found['env']}, not {env.env}.")
+    for name in SEEN:
+        if found[name] != getattr(env, name):
+            raise PolicyFileError(
+                f"{path} has demonstrations with {name} {found[name]!r}, not "
+                f"{getattr(env, name)!r}."
+            )
+    examples = Examples(
+        state=tensors["state"],
+        images=tensors.get("images"),
+        actions=tensors["actions"],
+        lengths=tensors["lengths"],
+    )
+    return examples, about

@@ -1,0 +1,220 @@
+"""The command `hab-ppo train`."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+import tyro
+
+from hab_ppo.launch import is_prepared, is_rank, launch
+from hab_ppo.limits import MOST_EPISODES, MOST_RANKS, MOST_ROWS, MOST_STEPS
+from hab_ppo.progress import say
+from hab_tasks.console import EXIT_INTERRUPTED, Command
+from hab_tasks.errors import OptionError
+from hab_tasks.files import check_folder
+from hab_tasks.option_values import LARGEST_SEED, whole
+
+if TYPE_CHECKING:
+    from hab_ppo.plan import TrainPlan
+    from hab_ppo.recipe import Recipe
+
+TRAIN_HELP = """Trains a policy by its recipe.
+
+Example:
+  hab-ppo train pick_blind --ranks 2 --out runs/pick_blind
+
+Writes checkpoints, the best weights (best.safetensors), progress.jsonl and TensorBoard files to
+the output folder; --resume continues an interrupted run. On several machines:
+  torchrun --nnodes 2 --nproc-per-node 2 ... -m hab_ppo train pick_blind --out runs/pick_blind"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainCommand(Command):
+    """Options of `hab-ppo train`."""
+
+    help: ClassVar[str] = TRAIN_HELP
+
+    recipe: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="NAME")]
+    """A recipe of `hab-ppo list`, or `module:NAME` for your own."""
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
+    """The run's folder."""
+    ranks: Annotated[int, tyro.conf.arg(metavar="R")] = 1
+    """Number of processes that learn together, each with its own environments."""
+    seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
+    """Seed of the run."""
+    preset: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
+    """paper or fast, instead of the recipe's learner."""
+    steps: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """Environment steps in all, instead of the recipe's."""
+    rows: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """Simulations of each rank, instead of the preset's."""
+    rollout_steps: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """Steps of each row in an update, instead of the preset's."""
+    episodes: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """Number of training episodes, instead of the recipe's."""
+    evaluation_steps: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """Steps between evaluations, instead of the recipe's."""
+    evaluation_episodes: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """Episodes of an evaluation, instead of the recipe's."""
+    evaluation_split: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
+    """Split of the evaluations, where a dataset has no val."""
+    scene_dataset: Annotated[str | None, tyro.conf.arg(metavar="NAME|PATH")] = None
+    """`apartment` (included), or a ReplicaCAD folder, instead of the recipe's."""
+    objects: Annotated[str | None, tyro.conf.arg(metavar="PATH")] = None
+    """A YCB folder, instead of the included objects."""
+    demonstrations: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Demonstrations of `hab-ppo demonstrate` for a recipe that starts from some."""
+    teacher: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
+    """Run or weights of the teacher, for a recipe that distils one."""
+    scratch: bool = False
+    """Start from random weights, without the recipe's demonstrations or teacher."""
+    resume: bool = False
+    """Continue the run in DIR after its last update."""
+    exact: bool = False
+    """With --resume: continue after the last evaluation, as if never interrupted."""
+    force: bool = False
+    """Replace the run in DIR."""
+    verbose: bool = False
+    """Print the traceback of an error in an environment."""
+
+    def run(self) -> int:
+        """Trains in this process, or starts the ranks that do."""
+        recipe = self._recipe()
+        if is_rank():
+            try:
+                return self._train(recipe)
+            except KeyboardInterrupt:  # the launcher reports it, once
+                return EXIT_INTERRUPTED
+        self._check_out()
+        if self.ranks == 1:
+            return self._train(recipe)
+        self._check_launch(recipe)
+        launch(self.ranks, self._arguments())
+        return 0
+
+    def _check_launch(self, recipe: Recipe) -> None:
+        """Rejects bad input here, once, and not in each rank."""
+        from hab_ppo.checkpoint import load
+        from hab_ppo.episodes import prepare_episodes
+        from hab_ppo.plan import check_same
+        from hab_ppo.warm_start import check_start
+
+        plan = self._plan(recipe)
+        check_start(plan)
+        if plan.resume is not None:
+            check_same(plan, load(plan.out / plan.resume)[1])
+        prepare_episodes(recipe, self.ranks, say)  # also checks the environment's options
+
+    def _arguments(self) -> list[str]:
+        """Returns the arguments of a rank: those given, but for --force."""
+        words = ["train", self.recipe]
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name in ("recipe", "force") or value in (None, False):
+                continue
+            option = "--" + field.name.replace("_", "-")
+            words += [option] if value is True else [option, str(value)]
+        return words
+
+    def _plan(self, recipe: Recipe) -> TrainPlan:
+        from hab_ppo.plan import EXACT, LAST, TrainPlan
+
+        resumes = self.resume or (is_prepared() and (self.out / LAST).exists())
+        resume = (EXACT if self.exact else LAST) if resumes else None
+        return TrainPlan(
+            recipe=recipe,
+            out=self.out,
+            seed=self.seed,
+            resume=resume,
+            demonstrations=self.demonstrations,
+            teacher=self.teacher,
+        )
+
+    def _train(self, recipe: Recipe) -> int:
+        # Imported here: loading the simulator takes seconds, and --help does not need it.
+        from hab_ppo.distributed import Ranks
+        from hab_ppo.trainer import Trainer
+        from hab_ppo.warm_start import check_start
+
+        if not is_rank():
+            check_start(self._plan(recipe))
+        ranks = Ranks()
+        if is_rank() and not is_prepared() and ranks.is_first:
+            self._check_out()
+        try:
+            end = Trainer(self._plan(recipe), ranks, say).run()
+        finally:
+            ranks.close()
+        if ranks.is_first and end.best_success is not None:
+            say(
+                f"{end.steps:,} steps in {end.seconds / 60:.1f} min; best {end.best_success:.0%} "
+                f"at {end.best_steps:,} steps, in {self.out / 'best.safetensors'}"
+            )
+        return 0
+
+    def _recipe(self) -> Recipe:
+        """Returns the recipe with the options given."""
+        from hab_ppo.recipe import PRESETS, changed
+        from hab_ppo.recipes import find_recipe
+        from hab_tasks.errors import UnknownNameError
+
+        self._check_numbers()
+        recipe = find_recipe(self.recipe)
+        if self.scratch:
+            recipe = replace(recipe, warm_start=None, distill=None)
+        if self.preset is not None and self.preset not in PRESETS:
+            raise UnknownNameError("preset", self.preset, PRESETS)
+        preset = recipe.preset if self.preset is None else PRESETS[self.preset]
+        preset = changed(preset, rows=self.rows, rollout_steps=self.rollout_steps)
+        if preset.rows < preset.ppo.minibatches:
+            minibatches = f"{preset.ppo.minibatches}, the number of minibatches of whole rows"
+            raise OptionError.of_value("--rows", preset.rows, f"at least {minibatches}")
+        return changed(
+            recipe,
+            preset=preset,
+            env=changed(
+                recipe.env,
+                num_episodes=self.episodes,
+                scene_dataset=self.scene_dataset,
+                objects=self.objects,
+            ),
+            total_steps=self.steps,
+            evaluation_steps=self.evaluation_steps,
+            evaluation_episodes=self.evaluation_episodes,
+            evaluation_split=self.evaluation_split,
+        )
+
+    def _check_numbers(self) -> None:
+        """Rejects numbers out of range."""
+        whole("--ranks", self.ranks, 1, MOST_RANKS)
+        whole("--seed", self.seed, 0, LARGEST_SEED)
+        for name, most in (
+            ("steps", MOST_STEPS),
+            ("rows", MOST_ROWS),
+            ("rollout_steps", MOST_STEPS),
+            ("episodes", MOST_EPISODES),
+            ("evaluation_steps", MOST_STEPS),
+            ("evaluation_episodes", MOST_EPISODES),
+        ):
+            value = getattr(self, name)
+            if value is not None:
+                whole(f"--{name.replace('_', '-')}", value, 1, most)
+        if self.exact and not self.resume:
+            raise OptionError("--exact says from where --resume continues; give both.")
+
+    def _check_out(self) -> None:
+        """Checks the output folder; with --force, empties it."""
+        if self.resume:
+            if not (self.out / "recipe.json").is_file():
+                raise OptionError(f"--resume: there is no run in {self.out}.")
+            return
+        check_folder(self.out, force=self.force, mark="recipe.json")
+        if self.force:
+            shutil.rmtree(self.out, ignore_errors=True)
+
+    def advice(self) -> str:
+        """Returns how to continue."""
+        return f"The last update is kept: --resume continues {self.out}."

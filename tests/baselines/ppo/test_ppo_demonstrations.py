@@ -1,0 +1,284 @@
+"""Retiming and replay of paths against hand-worked points, and the commands that use them."""
+
+from contextlib import contextmanager
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+from gymnasium import spaces
+from hab_ppo import demonstrations
+from hab_ppo.cli import main
+from hab_ppo.demonstrations import Attempt, DemonstrationPlan, demonstrate
+from hab_ppo.errors import PolicyFileError
+from hab_ppo.examples import Examples, read_examples, write_examples
+from hab_ppo.observation import Observation, ObservationLayout
+from hab_ppo.recipes import find_recipe
+from hab_ppo.replay import Disturbance, replay
+from hab_ppo.retiming import (
+    GRASP_STEPS,
+    Follower,
+    Recorded,
+    Stretch,
+    motion,
+    spaced,
+    straight,
+    stretches,
+    varied,
+)
+
+from hab_tasks.errors import RunStoppedError
+
+STEP_M = 0.015
+
+
+def line(*xs):
+    """Points on the x axis, in centimetres."""
+    return np.array([[x / 100, 0.0, 0.0] for x in xs])
+
+
+def test_points_are_spaced_along_the_line():
+    # 3.5 cm in pieces of at most 1 cm are four of 0.875 cm; standing still adds nothing.
+    found = spaced(line(0, 2, 2, 2, 3.5))
+    assert found[:, 0] * 100 == pytest.approx([0.875, 1.75, 2.625, 3.5])
+    # A corner: 1 cm along x, then 1 cm along y.
+    corner = spaced(np.array([[0, 0, 0], [0.01, 0, 0], [0.01, 0.01, 0]]))
+    assert corner.round(9).tolist() == [[0.01, 0, 0], [0.01, 0.01, 0]]
+
+
+def test_a_path_is_split_where_the_gripper_changes_or_the_base_drives():
+    grippers = np.array([-1, -1, 1, 1, 1, -0.5])
+    drives = np.zeros((6, 2))
+    drives[3:5, 0] = 0.4
+    path = stretches(Recorded(line(0, 1, 2, 4, 5, 6, 3), grippers, drives))
+    assert [one.gripper for one in path] == [-1, 1, 1, -1]
+    assert [one.points_m[-1, 0] * 100 for one in path] == pytest.approx([2, 4, 6, 3])
+    assert [one.drives is not None for one in path] == [False, False, True, False]
+    # Every step of the drive is kept, with the point that it led to.
+    assert path[2].points_m[:, 0] * 100 == pytest.approx([5, 6])
+    assert path[2].drives[:, 0].tolist() == [0.4, 0.4]
+
+
+def test_motion_is_at_most_a_step_along_each_axis():
+    assert motion(np.array([0.03, -0.015, 0]), last=False) == pytest.approx([1, -0.5, 0])
+    assert motion(np.array([0.003, 0, 0.0015]), last=False) == pytest.approx([1, 0, 0.5])
+    # Before the end of a stretch, half of the distance: 0.75 of 1.5 cm.
+    assert motion(np.array([0.015, 0, 0]), last=True) == pytest.approx([0.5, 0, 0])
+    assert motion(np.array([0.06, 0.03, 0]), last=True) == pytest.approx([1, 0.5, 0])
+
+
+def test_the_follower_reaches_the_point_of_a_grasp_stands_and_goes_on():
+    path = stretches(Recorded(line(0, 3, 6, 3, 0), np.array([-1, -1, 1, 1]), np.zeros((4, 2))))
+    follower, ee_m, holding = Follower(path), np.zeros(3), False
+    steps = []
+    while not follower.finished and len(steps) < 40:
+        action = follower.act(ee_m, holding)
+        steps.append((ee_m[0], action))
+        ee_m = ee_m + STEP_M * action[:3]
+        holding = action[3] > 0
+    still = [number for number, (_, action) in enumerate(steps) if not action[:3].any()]
+    grasps = [number for number, (_, action) in enumerate(steps) if action[3] > 0]
+    assert still[0] == grasps[0]
+    assert abs(steps[grasps[0]][0] - 0.06) < 0.01
+    assert all(action[0] < 0 for _, action in steps[grasps[0] + 1 : -1])
+    assert abs(ee_m[0]) < 0.01
+    assert follower.finished
+
+
+def test_a_point_that_cannot_be_reached_is_passed():
+    follower = Follower([Stretch(points_m=line(1, 2, 3), gripper=-1.0)])
+    for _ in range(60):
+        follower.act(np.array([0.0, 0.1, 0.0]), False)
+    assert follower.finished
+
+
+def test_a_hand_that_does_not_grasp_goes_on_after_a_while():
+    path = [Stretch(points_m=line(0), gripper=-1.0), Stretch(points_m=line(5), gripper=1.0)]
+    follower = Follower(path)
+    moved = [follower.act(np.zeros(3), False)[:3].any() for _ in range(GRASP_STEPS + 2)]
+    assert not any(moved[:GRASP_STEPS])
+    assert moved[-1]
+
+
+def test_straight_paths_keep_what_holds_and_grasp_sooner():
+    points = line(0, 10, 20, 10, 0)
+    points[1, 1] = points[3, 1] = 0.3  # detours to and from the grasp
+    path = stretches(Recorded(points, np.array([-1, -1, 1, 1]), np.zeros((4, 2))))
+    changed = straight(path)
+    assert path[0].points_m[:, 1].max() > 0.25
+    assert changed[0].points_m[:, 1].max() < 0.02
+    assert changed[0].points_m[-1].tolist() == path[0].points_m[-1].tolist()
+    assert changed[0].reached_m > path[0].reached_m
+    assert changed[1] is path[1]
+
+
+def test_varied_paths_shift_the_way_to_a_grasp_and_nothing_that_holds():
+    path = stretches(Recorded(line(0, 30, 60, 30, 0), np.array([-1, -1, 1, 1]), np.zeros((4, 2))))
+    changed = varied(path, np.random.default_rng(0))
+    assert changed[1] is path[1]
+    assert np.array_equal(changed[0].points_m[0], path[0].points_m[0])
+    assert changed[0].points_m[-1, 0] < path[0].points_m[-1, 0]
+    assert np.array_equal(changed[0].goal_m, path[0].points_m[-1])
+    assert changed[0].reached_m > path[0].reached_m
+
+
+class PointEnv:
+    """A hand without inertia that has to hold and be back at the start."""
+
+    action_space = spaces.Box(-1, 1, (4,), np.float32)
+
+    def reset(self, seed, options):
+        self.ee_m, self.holding, self.executed = np.zeros(3), False, []
+        return self._obs(), {}
+
+    def step(self, action):
+        entries = action[0].numpy()
+        self.executed.append(entries)
+        self.ee_m = self.ee_m + STEP_M * entries[:3]
+        self.holding = bool(entries[3] >= 0)
+        success = self.holding and abs(self.ee_m[0]) < 0.02
+        return self._obs(), 0.0, np.array([success]), np.array([False]), {"success": [success]}
+
+    def _obs(self):
+        return {
+            "agent": {
+                "ee_position": torch.tensor(self.ee_m[None], dtype=torch.float32),
+                "is_holding": torch.tensor([[float(self.holding)]]),
+            }
+        }
+
+
+LAYOUT = ObservationLayout(state=(("agent", "ee_position"), ("agent", "is_holding")), state_size=4)
+PATH = stretches(Recorded(line(0, 10, 20, 10, 0), np.array([-1, -1, 1, 1]), np.zeros((4, 2))))
+
+
+def test_labels_are_clean_while_executed_actions_are_disturbed():
+    env, episode = PointEnv(), SimpleNamespace(seed=0)
+    failure, examples = replay(
+        env, LAYOUT, episode, PATH, Disturbance(0.5, np.random.default_rng(3))
+    )
+    assert failure is None
+    executed = np.stack(env.executed)
+    assert 0.2 < (executed != examples.actions.numpy()).any(axis=1).mean() < 0.9
+    assert np.abs(executed).max() <= 1
+    # The labels are those of a follower that saw the same states.
+    follower = Follower(PATH)
+    for state, label in zip(examples.state.numpy(), examples.actions.numpy(), strict=True):
+        assert follower.act(state[:3].astype(float), bool(state[3])) == pytest.approx(
+            [*label, 0, 0], abs=1e-5
+        )
+    assert examples.lengths.tolist() == [len(executed)]
+
+
+def test_without_noise_what_is_executed_is_the_label():
+    env = PointEnv()
+    _, examples = replay(
+        env, LAYOUT, SimpleNamespace(seed=0), PATH, Disturbance(0.0, np.random.default_rng(3))
+    )
+    assert np.array_equal(np.stack(env.executed), examples.actions.numpy())
+
+
+def test_a_replay_that_ends_without_success_says_so():
+    path = [Stretch(points_m=line(1, 2), gripper=-1.0)]
+    failure, _ = replay(
+        PointEnv(), LAYOUT, SimpleNamespace(seed=0), path, Disturbance(0, np.random.default_rng(0))
+    )
+    assert failure == "path ended"
+
+
+# Files and commands -----------------------------------------------------------------------------
+
+
+def example(steps, images=None):
+    shown = None if images is None else torch.full((1, 1, 4, 4), images)
+    seen = [Observation(torch.full((1, 2), float(step)), shown) for step in range(steps)]
+    return Examples.of(seen, np.zeros((steps, 4), np.float32))
+
+
+def test_examples_are_kept_in_a_file(tmp_path):
+    env = find_recipe("close_drawer_blind").env
+    examples = Examples.joined([example(3, images=0.25), example(2, images=0.5)])
+    assert examples.images.dtype == torch.float16
+    file = tmp_path / "demonstrations.safetensors"
+    write_examples(file, examples, env, {"agent": "a:b"})
+    found, about = read_examples(file, env)
+    assert about["agent"] == "a:b"
+    assert found.starts().tolist() == [True, False, False, True, False]
+    assert torch.equal(found.episodes(torch.tensor([1])).state, examples.state[3:])
+    assert torch.equal(found.images, examples.images)
+    with pytest.raises(PolicyFileError, match="demonstrations of HabCloseDrawer-v1, not HabPick"):
+        read_examples(file, find_recipe("pick_blind").env)
+    with pytest.raises(PolicyFileError, match="handle_position True, not False"):
+        read_examples(file, replace(env, handle_position=False))
+
+
+@pytest.fixture
+def attempts(monkeypatch):
+    """Replaces the simulators by a list of attempts."""
+    given = []
+
+    @contextmanager
+    def fake(plan, most):
+        yield iter(given[:most])
+
+    monkeypatch.setattr(demonstrations, "load_agent", lambda *_: None)
+    monkeypatch.setattr(demonstrations, "training_episodes", lambda *_: ())
+    monkeypatch.setattr(demonstrations, "_attempts", fake)
+    return given
+
+
+GOOD = Attempt(None, None, (np.zeros((3, 2), np.float32), None, np.zeros((3, 4), np.float32)))
+
+
+def test_demonstrations_are_counted_by_failure(attempts):
+    attempts += [Attempt("timeout"), GOOD, Attempt(None, "force"), GOOD, GOOD]
+    plan = DemonstrationPlan(recipe=find_recipe("pick_blind"), agent="a:b", count=2)
+    lines = []
+    made = demonstrate(plan, lines.append)
+    assert made.summary() == (
+        "the agent solved 3 of 4 episodes (1 timeout), 2 of 3 replays succeeded (1 force)"
+    )
+    assert made.counts()["demonstrations"] == len(made.parts) == len(lines) == 2
+
+
+def test_an_agent_that_solves_nothing_is_given_up(attempts):
+    attempts += [Attempt("timeout")] * 100
+    plan = DemonstrationPlan(recipe=find_recipe("pick_blind"), agent="a:b", count=2)
+    with pytest.raises(RunStoppedError, match="solved 0 of 25 episodes"):
+        demonstrate(plan, lambda text: None)
+
+
+def test_a_useless_agent_is_reported_in_one_line(attempts, tmp_path, capsys):
+    attempts += [Attempt("timeout")] * 100
+    out = tmp_path / "demonstrations.safetensors"
+    assert main(["demonstrate", "pick_blind", "--out", str(out)]) == 1
+    told = capsys.readouterr().err
+    assert "no demonstrations of hab_spa:spa_priv" in told
+    assert told.count("\n") == 1
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["demonstrate", "pick_blind", "--out", "FILE", "--agent", "hab_eval:no"], "Unknown agent"),
+        (["demonstrate", "pick_blind", "--out", "FILE", "--agent", "no_such:x"], "no_such"),
+        (["demonstrate", "pick_blind", "--out", "FILE", "--noise", "2"], "--noise"),
+        (["demonstrate", "navigate_blind", "--out", "FILE"], "ee and ee_base"),
+        (["demonstrate", "pick_blind", "--out", "DEMO"], "--force"),
+        (["train", "pick_blind", "--out", "DIR", "--demonstrations", "DEMO"], "does not start"),
+        (["train", "pick_blind", "--out", "DIR", "--teacher", "DEMO"], "has no teacher"),
+        (["train", "pick_cloned", "--out", "DIR", "--demonstrations", "DEMO"], "not HabPick-v1"),
+        (["train", "pick_depth", "--out", "DIR"], "no weights of the teacher pick_blind"),
+        (["train", "pick_depth", "--out", "DIR", "--teacher", "DEMO"], "no recipe"),
+    ],
+)
+def test_bad_input_is_reported_in_one_line(arguments, message, tmp_path, capsys):
+    demo = tmp_path / "demo.safetensors"
+    write_examples(demo, example(3), find_recipe("close_drawer_blind").env, {})
+    names = {"DEMO": str(demo), "DIR": str(tmp_path / "run"), "FILE": str(tmp_path / "new")}
+    assert main([names.get(word, word) for word in arguments]) == 2
+    told = capsys.readouterr().err
+    assert message in told
+    assert told.count("\n") == 1

@@ -1,0 +1,340 @@
+"""Cloning, fine-tuning and distillation in the toy environment."""
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+from hab_ppo import checkpoint, trainer, warm_start
+from hab_ppo.actions import action_head
+from hab_ppo.cloning import batches, clone, misfits
+from hab_ppo.collect import Collector
+from hab_ppo.distillation import distill, newest, visit
+from hab_ppo.distributed import Ranks
+from hab_ppo.errors import RecipeError
+from hab_ppo.evaluation import evaluate
+from hab_ppo.examples import Examples, write_examples
+from hab_ppo.fine_tuning import Guide, Stage
+from hab_ppo.network import Acted, new_policy
+from hab_ppo.observation import ObservationLayout
+from hab_ppo.plan import BEST, CLONED, EXACT, LAST, TrainPlan
+from hab_ppo.ppo import PPO
+from hab_ppo.progress import read_progress
+from hab_ppo.recipe import (
+    FAST,
+    Cloning,
+    Distillation,
+    EnvConfig,
+    FineTuning,
+    NetworkConfig,
+    Recipe,
+    WarmStart,
+    from_json,
+    to_json,
+)
+from hab_ppo.trainer import Trainer
+from toy_vector import ToyVector, goals
+
+SPACE = ToyVector(1).single_action_space
+LAYOUT = ObservationLayout.of(ToyVector(1).single_observation_space)
+PLAIN = NetworkConfig(head_layers=(32,), log_std=-1.2)
+LSTM = NetworkConfig(lstm_size=16, head_layers=(), log_std=-1.2)
+QUIET = [].append
+
+
+def random_examples(lengths, act, *, seed=0):
+    """Episodes of random states; `act` maps the states (T, 2) of one to actions (T, 1)."""
+    drawn = torch.Generator().manual_seed(seed)
+    state = torch.rand(sum(lengths), 2, generator=drawn) * 2 - 1
+    actions = torch.cat([act(part) for part in state.split(lengths)])
+    return Examples(state=state, images=None, actions=actions, lengths=torch.tensor(lengths))
+
+
+def linear(state):
+    return 0.6 * state[:, :1] - 0.3 * state[:, 1:]
+
+
+def previous(state):
+    """What the state before was: only a network with memory can tell."""
+    return torch.cat((torch.zeros(1, 1), state[:-1, :1]))
+
+
+def test_cloning_recovers_a_linear_teacher():
+    policy = new_policy(LAYOUT, SPACE, PLAIN, seed=0)
+    critic = {name: value.clone() for name, value in policy.critic.state_dict().items()}
+    fit = clone(policy, random_examples([20] * 50, linear), Cloning(epochs=60), 0, QUIET)
+    assert fit.held_out_loss < 1e-3
+    unseen = random_examples([100], linear, seed=1)
+    assert misfits(policy, unseen).mean() < 1e-3
+    assert policy.state_normalizer.count == 1000
+    for name, value in policy.critic.state_dict().items():
+        assert torch.equal(value, critic[name])
+
+
+def test_an_lstm_is_fitted_to_whole_episodes():
+    examples = random_examples([6, 4, 8, 5] * 20, previous)
+    config = Cloning(epochs=50, learning_rate=1e-2, batch_steps=100)
+    policy = new_policy(LAYOUT, SPACE, LSTM, seed=0)
+    fit = clone(policy, examples, config, 0, QUIET)
+    variance = float(examples.actions.var())
+    assert fit.held_out_loss < 0.1 * variance
+    # Episodes in a batch do not see each other.
+    both = examples.episodes(torch.tensor([0, 1]))
+    alone = examples.episodes(torch.tensor([1]))
+    torch.testing.assert_close(misfits(policy, both)[6:], misfits(policy, alone))
+
+
+def test_batches_hold_every_step_once():
+    examples = random_examples([6, 4, 8, 5], linear)
+    drawn = torch.Generator().manual_seed(0)
+    for whole in (False, True):
+        parts = batches(examples, 7, whole, drawn)
+        assert sorted(torch.cat([part.state[:, 0] for part in parts]).tolist()) == sorted(
+            examples.state[:, 0].tolist()
+        )
+    assert all(len(part.state) >= 7 for part in parts[:-1])
+
+
+def test_cells_are_cloned_by_cross_entropy():
+    space = ToyVector(1, discrete=True).single_action_space
+    policy = new_policy(LAYOUT, space, PLAIN, seed=0)
+    examples = random_examples([20] * 30, lambda state: (state[:, 0] > 0).long() * 2)
+    clone(policy, examples, Cloning(epochs=40), 0, QUIET)
+    features, _ = policy.features(
+        examples.observations(), examples.starts()[:, None], policy.no_memory(1)
+    )
+    right = policy.actor(features).argmax(dim=1) == examples.actions
+    assert right.float().mean() > 0.95
+
+
+def test_kl():
+    walk, reference = action_head(SPACE, 0.0), action_head(SPACE, math.log(0.5))
+    # ln(1 / 0.5) + (0.25 + 1) / 2 - 0.5 = 0.693147 + 0.125
+    kl = walk.kl(torch.zeros(1, 1), reference, torch.ones(1, 1))
+    assert kl.tolist() == pytest.approx([math.log(2) + 0.125])
+    cells = action_head(ToyVector(1, discrete=True).single_action_space, 0.0)
+    own, other = torch.tensor([[0.25, 0.25, 0.5]]).log(), torch.tensor([[0.5, 0.25, 0.25]]).log()
+    # 0.5 ln 2 + 0 + 0.25 ln 0.5 = 0.25 ln 2
+    assert cells.kl(own, cells, other).tolist() == pytest.approx([0.25 * math.log(2)])
+
+
+def test_actions_are_read_as_they_are_written():
+    walk = action_head(SPACE, 0.0)
+    actions = torch.tensor([[-1.0], [0.25]])
+    torch.testing.assert_close(walk.from_env(walk.to_env(actions)), actions)
+
+
+def test_the_stages_of_fine_tuning():
+    config = FineTuning(critic_updates=2, kl_weight=0.8, kl_steps=1000)
+    guide = Guide(new_policy(LAYOUT, SPACE, PLAIN, seed=0), config)
+    assert guide.stage(1, 900) == Stage(critic_only=True)
+    assert guide.stage(2, 250).kl_weight == pytest.approx(0.6)
+    assert guide.stage(9, 2000) == Stage()
+
+
+def learner_of(network, tuning, steps=24):
+    env = ToyVector(8)
+    policy = new_policy(LAYOUT, SPACE, network, seed=1)
+    learner = PPO(policy, FAST.ppo, Ranks(), Guide(policy, tuning))
+    collector = Collector(env, policy, Ranks(), steps)
+    collector.reset(list(range(8)))
+    return learner, collector
+
+
+@pytest.mark.parametrize("network", [PLAIN, LSTM], ids=["plain", "lstm"])
+def test_the_critic_warms_up_alone(network):
+    learner, collector = learner_of(network, FineTuning())
+    before = {name: value.clone() for name, value in learner.policy.state_dict().items()}
+    rollout, _ = collector.collect(0, torch.Generator().manual_seed(0))
+    generator = torch.Generator().manual_seed(0)
+    metrics = learner.update(rollout, generator, 0.0, Stage(critic_only=True))
+    for name, value in learner.policy.state_dict().items():
+        assert torch.equal(value, before[name]) != name.startswith("critic."), name
+    assert metrics["start_kl"] == pytest.approx(0, abs=1e-6)
+
+
+@pytest.mark.parametrize("network", [PLAIN, LSTM], ids=["plain", "lstm"])
+def test_the_kl_term_keeps_the_policy_near_its_start(network):
+    found = {}
+    for weight in (0.0, 100.0):
+        learner, collector = learner_of(network, FineTuning())
+        for update in range(6):
+            generator = torch.Generator().manual_seed(update)
+            rollout, _ = collector.collect(update, generator)
+            metrics = learner.update(rollout, generator, 0.0, Stage(kl_weight=weight))
+        found[weight] = metrics["start_kl"]
+    assert 0 <= found[100.0] < 0.1 * found[0.0]
+
+
+def test_the_guide_remembers_from_one_rollout_to_the_next():
+    _, collector = learner_of(LSTM, FineTuning(), steps=5)
+    parts = [collector.collect(n, torch.Generator().manual_seed(n))[0] for n in range(2)]
+    policy = new_policy(LAYOUT, SPACE, LSTM, seed=7)
+    guide = Guide(policy, FineTuning())
+    found = torch.cat([guide.outputs(part) for part in parts])
+    starts = torch.cat([part.starts for part in parts])
+    state = torch.cat([part.state for part in parts])
+    whole = SimpleNamespace(
+        starts=starts,
+        observations=lambda: parts[0].observations()._replace(state=state.flatten(0, 1)),
+    )
+    guide.forget()
+    torch.testing.assert_close(guide.outputs(whole), found)
+
+
+# Distillation -----------------------------------------------------------------------------------
+
+
+class Walker:
+    """A teacher that walks to the goal as fast as it can."""
+
+    layout = LAYOUT
+    head = action_head(SPACE, 0.0)
+
+    def no_memory(self, rows):
+        return torch.zeros(2, rows, 0)
+
+    def act(self, obs, memory, starts, generator):
+        gap = obs.state[:, 1:] - obs.state[:, :1]
+        nothing = torch.zeros(len(gap))
+        return Acted((gap / 0.2).clamp(-1, 1), nothing, nothing, memory)
+
+
+class Stubborn(Walker):
+    """A student that always walks to the right."""
+
+    state_normalizer = SimpleNamespace(mean=torch.zeros(1))
+
+    def act(self, obs, memory, starts, generator):
+        rows = len(obs.state)
+        return Acted(torch.ones(rows, 1), torch.zeros(rows), torch.zeros(rows), memory)
+
+
+def test_the_states_that_the_student_visits_get_the_labels_of_the_teacher():
+    visits = visit(Stubborn(), Walker(), ToyVector(4), 60, 0.0, [0])
+    assert 60 <= sum(len(part.state) for part in visits.parts) < 64
+    for part in visits.parts:
+        # 0.2 further right in each step, whatever the goal.
+        assert np.allclose(part.state[:, 0], 0.2 * np.arange(len(part.state)), atol=1e-5)
+        gap = part.state[:, 1:] - part.state[:, :1]
+        torch.testing.assert_close(part.actions, (gap / 0.2).clamp(-1, 1))
+    assert visits.episodes > visits.successes
+    led = visit(Stubborn(), Walker(), ToyVector(4), 60, 1.0, [0])
+    assert led.episodes == led.successes > 0
+
+
+def test_the_oldest_episodes_are_dropped_beyond_the_memory():
+    parts = [random_examples([1000], linear, seed=seed) for seed in range(5)]
+    each = parts[0].megabytes
+    assert newest(parts, 1000) == parts
+    kept = newest(parts, 2.5 * each)
+    assert [part is old for part, old in zip(kept, parts[3:], strict=True)] == [True, True]
+    assert newest(parts, 0) == parts[4:]
+
+
+@pytest.mark.parametrize("images", [False, True], ids=["blind", "images"])
+def test_a_student_is_distilled(images):
+    env = ToyVector(8, images=images)
+    layout = ObservationLayout.of(env.single_observation_space)
+    network = replace(PLAIN, image_features=8)
+    student = new_policy(layout, SPACE, network, seed=0)
+    cloning = Cloning(epochs=30 if not images else 4, batch_steps=64)
+    config = Distillation(teacher="", rounds=3, round_steps=300, cloning=cloning)
+    lines = []
+    distill(student, Walker(), env, config, 0, lines.append)
+    assert "round 3 of 3" in lines[-1]
+    env.reset(seed=list(range(8)))
+    scores = evaluate(env, student, goals(20))
+    assert sum(score.success for score in scores) >= 16
+
+
+# Runs -------------------------------------------------------------------------------------------
+
+TOY = Recipe(
+    name="toy",
+    about="A toy.",
+    env=EnvConfig(env="HabPick-v1", control_mode="ee"),
+    preset=replace(FAST, network=NetworkConfig(lstm_size=8, head_layers=(16,)), rollout_steps=20),
+    total_steps=960,
+    evaluation_steps=320,
+    evaluation_episodes=6,
+    warm_start=WarmStart(
+        cloning=Cloning(epochs=3), tuning=FineTuning(critic_updates=3, kl_steps=1000)
+    ),
+)
+
+
+@pytest.fixture
+def train(monkeypatch):
+    """Runs in the toy, with demonstrations of the walker."""
+
+    def demonstrations(path, plan, write_line):
+        assert plan.agent == "hab_spa:spa_priv"
+        parts = visit(Stubborn(), Walker(), ToyVector(4), 200, 1.0, [plan.seed]).parts
+        write_examples(
+            path, Examples.joined(parts), plan.recipe.env, {"agent": "", "seed": 0, "counts": {}}
+        )
+
+    monkeypatch.setattr(warm_start, "write_demonstrations", demonstrations)
+    monkeypatch.setattr(warm_start, "load_teacher", lambda *_: Walker())
+    monkeypatch.setattr(warm_start, "teacher_file", lambda name: name)
+    monkeypatch.setattr(trainer, "prepare_episodes", lambda recipe, *_: goals(6))
+    monkeypatch.setattr(warm_start.gym, "make_vec", lambda _, num_envs, **__: ToyVector(num_envs))
+
+    def run(out, recipe=TOY, **options):
+        out.mkdir(exist_ok=True)
+        return Trainer(TrainPlan(recipe=recipe, out=out, **options), Ranks(), QUIET).run()
+
+    return run
+
+
+def same_tensors(one, other):
+    found, expected = checkpoint.load(one)[0], checkpoint.load(other)[0]
+    return all(torch.equal(found[name], expected[name]) for name in expected)
+
+
+@pytest.mark.parametrize(
+    ("name", "steps"), [(LAST, 320), (EXACT, 640)], ids=["in the warm-up", "afterwards"]
+)
+def test_a_resumed_run_equals_one_that_was_never_interrupted(train, tmp_path, name, steps):
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    train(whole)
+    train(parts, replace(TOY, total_steps=steps))
+    (parts / "demonstrations.safetensors").unlink()
+    train(parts, resume=name)
+    assert same_tensors(whole / CLONED, parts / CLONED)
+    assert same_tensors(whole / LAST, parts / LAST)
+    entries = read_progress(parts)
+    assert [entry["update"] for entry in entries] == list(range(len(entries)))
+    assert "eval/success" in entries[0]
+    weights = [entry["update/start_kl_weight"] for entry in entries[1:]]
+    assert weights[:3] == [0, 0, 0] < weights[3:6]
+
+
+def test_the_start_is_the_best_until_it_is_beaten(train, tmp_path, monkeypatch):
+    told = iter([(0.9, 0.0), (0.2, 0.0), (0.3, 0.0), (0.1, 0.0), (0.1, 0.0)])
+    monkeypatch.setattr(Trainer, "_evaluated", lambda self: next(told))
+    end = train(tmp_path)
+    assert (end.best_success, end.best_steps) == (0.9, 0)
+    assert same_tensors(tmp_path / CLONED, tmp_path / BEST)
+
+
+def test_a_distilled_run(train, tmp_path):
+    cloning = Cloning(epochs=3)
+    recipe = replace(
+        TOY,
+        warm_start=None,
+        distill=Distillation(teacher="x", rounds=2, round_steps=100, cloning=cloning),
+    )
+    train(tmp_path, recipe)
+    assert checkpoint.load(tmp_path / CLONED)[1]["made_from"] == {"teacher": "x"}
+    with pytest.raises(RecipeError, match="another distill"):
+        train(tmp_path, replace(recipe, distill=replace(recipe.distill, beta=0.5)), resume=LAST)
+
+
+def test_recipes_with_a_start_survive_json():
+    assert from_json(Recipe, to_json(TOY)) == TOY
+    with pytest.raises(RecipeError, match="both warm_start and distill"):
+        replace(TOY, distill=Distillation(teacher="x"))

@@ -55,7 +55,7 @@ def test_rows_take_no_further_memory(env_id):
         growth = _memory_bytes(env) / half_bytes - 1.0
     logger.info("%s: %d steps, %d ends, growth %.1f %%", env_id, steps, ended, 100.0 * growth)
     if STEPS >= LONG_STEPS:
-        assert ended > ROWS
+        assert ended >= ROWS
         assert growth <= MOST_GROWTH
 
 

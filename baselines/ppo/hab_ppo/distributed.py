@@ -8,6 +8,8 @@ them stay equal. A rank stops its rollout early once enough of the others have f
 from __future__ import annotations
 
 import os
+import time
+import uuid
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
@@ -25,6 +27,9 @@ PREEMPTION_SHARE = 0.6
 
 LEAST_SHARE = 0.25
 """Share of its rollout that a rank always completes, as in Habitat."""
+
+POLL_S = 0.02
+"""Time between two looks at the store."""
 
 TIMEOUT = timedelta(hours=12)
 """Ranks may wait for the first one to generate episodes, make demonstrations or distil."""
@@ -50,6 +55,7 @@ class Ranks:
             self.device = torch.device("cuda", int(os.environ["LOCAL_RANK"]))
             torch.cuda.set_device(self.device)
         store, self.rank, self.size = next(rendezvous("env://", timeout=TIMEOUT))
+        store = PrefixStore(common_name(store, self.rank, self.size), store)
         self._store = PrefixStore("hab_ppo", store)
         dist.init_process_group(
             "nccl" if self.device.type == "cuda" else "gloo",
@@ -142,3 +148,23 @@ class Ranks:
         if self._store is None or self.size == 1 or step < LEAST_SHARE * steps:
             return False
         return self._store.add(f"finished/{update}", 0) >= PREEMPTION_SHARE * self.size
+
+
+def common_name(store: Store, rank: int, size: int) -> str:
+    """Returns a name on which the ranks agree, and which no ranks before them have had.
+
+    torchrun keeps its store when it restarts the ranks, with the keys of those that were killed:
+    without a new name, ranks would connect to addresses that no longer exist.
+    """
+    own = uuid.uuid4().hex
+    if rank > 0:
+        store.set(f"asks/{rank}", own)
+        name = store.get(f"answer/{own}").decode()
+        store.set(f"knows/{name}/{rank}", "")
+        return name
+    for other in range(1, size):
+        while not store.check([f"knows/{own}/{other}"]):
+            if store.check([f"asks/{other}"]):  # perhaps still that of a rank that was killed
+                store.set(f"answer/{store.get(f'asks/{other}').decode()}", own)
+            time.sleep(POLL_S)
+    return own

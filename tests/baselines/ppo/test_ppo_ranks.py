@@ -1,7 +1,10 @@
 """Ranks that learn together: gradients of one process, and preemption of a slow rank."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import pytest
 import torch
+from hab_ppo.distributed import common_name
 from ppo_rank import STEPS, run_ranks
 
 
@@ -36,3 +39,15 @@ def test_a_slow_rank_is_preempted(tmp_path):
     for rank in ranks:
         for name, value in rank["state"].items():
             assert torch.equal(value, ranks[0]["state"][name]), name
+
+
+def test_ranks_agree_on_a_name_that_killed_ranks_have_not_had():
+    store = torch.distributed.HashStore()
+    store.set("asks/1", "killed")
+    names = []
+    with ThreadPoolExecutor(3) as pool:
+        for _ in range(2):  # a restart finds the keys of the ranks before
+            found = list(pool.map(lambda rank: common_name(store, rank, 3), range(3)))
+            assert len(set(found)) == 1
+            names += found[:1]
+    assert len({*names, "killed"}) == 3

@@ -15,12 +15,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from hab_ppo import checkpoint
-from hab_ppo.agent import WEIGHTS, recipe_of, spec_of, weights_file
+from hab_ppo.agent import WEIGHTS, load_policy, weights_file
 from hab_ppo.cloning import Fit, clone
 from hab_ppo.errors import PolicyFileError, RecipeError
 from hab_ppo.examples import Examples, compact
-from hab_ppo.network import Policy, new_policy
+from hab_ppo.network import Policy
 from hab_ppo.observation import Observation, ObservationLayout
 from hab_ppo.progress import WriteLine
 from hab_ppo.recipe import Distillation, EnvConfig
@@ -72,8 +71,7 @@ def load_teacher(path: Path, env: EnvConfig, layout: ObservationLayout | None) -
         PolicyFileError: The file cannot be used.
         RecipeError: The teacher acts in another environment, or observes what the student does not.
     """
-    tensors, about = checkpoint.load(path)
-    recipe = recipe_of(about, path)
+    policy, recipe = load_policy(agent_setup(env.reference), path)
     if imported_id(recipe.env.reference) != imported_id(env.reference):
         raise RecipeError(f"The teacher {path} acts in {recipe.env.env}, not {env.env}.")
     for name in ("control_mode", "target_frame"):
@@ -82,15 +80,12 @@ def load_teacher(path: Path, env: EnvConfig, layout: ObservationLayout | None) -
                 f"The teacher {path} has {name} {getattr(recipe.env, name)!r}, not "
                 f"{getattr(env, name)!r}."
             )
-    spaces = agent_setup(recipe.env.reference).spaces(spec_of(recipe))
-    own = ObservationLayout.of(spaces.observation)
+    own = policy.layout
     if layout is not None:
         missing = {*own.state, *own.images} - {*layout.state, *layout.images}
         if missing:
             entry = "/".join(min(missing))
             raise RecipeError(f"The teacher {path} observes {entry}, which the student does not.")
-    policy = new_policy(own, spaces.action, recipe.preset.network, 0)
-    checkpoint.load_network(policy, tensors, path)
     return policy
 
 

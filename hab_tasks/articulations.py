@@ -38,8 +38,9 @@ class ArticulationKind:
         open_at: Open beyond this joint position [m or rad]; None where `open_share` applies.
         open_share: Open from this share of its travel.
         closed_at: Closed up to this joint position [m or rad].
-        spawn_region: Start region of the base in episodes of its skills (S H.2), in the frame of
-            the fridge or of the drawer's link.
+        opening_region: Start region of the base in episodes of its open skill (S H.2), in the
+            frame of the fridge, or of the drawer's link at its position at the start.
+        closing_region: The same of its close skill.
     """
 
     name: str
@@ -47,7 +48,8 @@ class ArticulationKind:
     open_at: float | None
     open_share: float
     closed_at: float
-    spawn_region: Rectangle
+    opening_region: Rectangle
+    closing_region: Rectangle
 
     def is_open(self, joint: BatchArray, share: BatchArray) -> BatchArray:
         """Whether joints (...) [m or rad] at shares (...) of their travel are open."""
@@ -58,14 +60,17 @@ class ArticulationKind:
         return joint <= self.closed_at
 
 
+_FRIDGE_REGION = Rectangle(x_m=(0.933, 1.833), y_m=(-0.6, 0.6))
+"""0.9 m x 1.2 m; the distance from the fridge is M3's."""
+
 FRIDGE = ArticulationKind(
     name="fridge",
     marker="fridge_push_point",
     open_at=FRIDGE_OPEN_RAD,
     open_share=1.0,
     closed_at=FRIDGE_CLOSED_RAD,
-    # 0.9 m x 1.2 m; the distance from the fridge is M3's.
-    spawn_region=Rectangle(x_m=(0.933, 1.833), y_m=(-0.6, 0.6)),
+    opening_region=_FRIDGE_REGION,
+    closing_region=_FRIDGE_REGION,
 )
 DRAWER = ArticulationKind(
     name="drawer",
@@ -73,8 +78,10 @@ DRAWER = ArticulationKind(
     open_at=None,
     open_share=DRAWER_OPEN_SHARE,
     closed_at=DRAWER_CLOSED_M,
-    # 0.15 m x 0.75 m; the distance is Habitat's.
-    spawn_region=Rectangle(x_m=(0.80, 0.95), y_m=(-0.375, 0.375)),
+    # 0.15 m x 0.75 m. The handle is 0.3 m ahead of the link: opening starts 0.80 to 0.95 m before
+    # it, Habitat's distance, and closing 0.50 to 0.65 m, from where the closed handle is in reach.
+    opening_region=Rectangle(x_m=(1.10, 1.25), y_m=(-0.375, 0.375)),
+    closing_region=Rectangle(x_m=(0.80, 0.95), y_m=(-0.375, 0.375)),
 )
 ARTICULATION_KINDS = {kind.name: kind for kind in (FRIDGE, DRAWER)}
 """Name -> kind."""

@@ -12,6 +12,7 @@ from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.pool import BodyPool
 
 GRASP = torch.ones(1)
+RELEASE = -GRASP
 
 
 class Kitchen:

@@ -15,19 +15,24 @@ from tqdm import tqdm
 from hab_tasks.commands.endings import check_ending
 from hab_tasks.console import Command
 from hab_tasks.errors import HabError
+from hab_tasks.executors import ExecutorChoice, open_executor
 from hab_tasks.files import check_file
 from hab_tasks.option_values import LARGEST_SEED, MOST_WORKERS, whole
 from hab_tasks.registration import imported_id
 
 
 @dataclass(frozen=True, kw_only=True)
-class Episodes(Command):
+class Episodes(ExecutorChoice, Command):
     """Options of `hab-tasks episodes`."""
 
     help: ClassVar[str] = """Generates an episode file; equal options give equal episodes.
 
 Example:
-  hab-tasks episodes --env HabPick-v1 --split train --count 100 --seed 0 --out pick.json.gz"""
+  hab-tasks episodes --env HabPick-v1 --split train --count 100 --seed 0 --out pick.json.gz
+
+On a Ray cluster, from one of its nodes:
+  hab-tasks episodes --env HabPick-v1 --count 100000 --workers 64 --executor ray --address auto \\
+    --out pick.json.gz"""
 
     env: Annotated[str, tyro.conf.arg(metavar="ID")]
     """Environment id; see `hab-tasks list`."""
@@ -74,8 +79,8 @@ Example:
         journal = EpisodeJournal(journal_of(self.out), source.configuration())
         journal.open(resume=self.resume, force=self.force)
         source.restore(journal.entries, self.count)
-        with _progress(self.count) as show:
-            source.prepare(self.count, self.workers, show, journal.append)
+        with open_executor(self, self.workers) as executor, _progress(self.count) as show:
+            source.prepare(self.count, executor, show, journal.append)
         source.save(self.count, self.out)
         journal.remove()
         print(f"wrote {self.count} episodes ({source.split}) to {self.out}")
@@ -95,6 +100,7 @@ Example:
         from hab_tasks.episodes.source import UNLIMITED
 
         imported_id(self.env)
+        self.check_executor()
         whole("--count", self.count, 1, UNLIMITED)
         whole("--seed", self.seed, 0, LARGEST_SEED)
         whole("--workers", self.workers, 1, MOST_WORKERS)

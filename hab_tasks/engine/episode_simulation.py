@@ -30,7 +30,7 @@ from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import Pose7
 from hab_tasks.navigation import GeodesicDistances, LayoutMaps
 from hab_tasks.option_values import flag, whole
-from hab_tasks.privileged import PrivilegedState
+from hab_tasks.privileged import ArticulationState, PrivilegedState
 from hab_tasks.robots.follow_grasp import make_grasp
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.robots.sleeping import SleepingObjects
@@ -65,14 +65,15 @@ class EpisodeSimulation(EpisodeRows):
         requirements: Requirements of the skill or task.
         source: Source of the episodes.
         scene_bodies: Bodies of the active layout, shared by all rows of a batch.
+        truth: Reads the privileged state of the active layout; CPU simulation only.
     """
 
     scene_bodies: SceneBodies
+    truth: GroundTruth
     _scene: ManiSkillScene
     _agent: MobileManipulator
     _pool: BodyPool
     _setting: GoalSetting
-    _truth: GroundTruth
     _sleeping: SleepingObjects | None
     _touched: bool
     _read_indices: tuple[list[int], list[int]]
@@ -190,7 +191,7 @@ class EpisodeSimulation(EpisodeRows):
                 self.requirements.articulations, self._grasp
             ).is_enclosed
         key = f"{self._shown.layout}#{next(_shows)}"
-        self._truth = GroundTruth(key, self._pool, scene_bodies, agent, self._grasp)
+        self.truth = GroundTruth(key, self._pool, scene_bodies, agent, self._grasp)
 
     # Running ---------------------------------------------------------------------------------
 
@@ -382,5 +383,13 @@ class EpisodeSimulation(EpisodeRows):
         if self._scene.gpu_sim_enabled:
             raise NotImplementedError("privileged observations need the CPU simulation")
         (episode,) = self.episodes
-        handles = [int(index) for index in self.tracker.handles[0]]
-        return [self._truth.read(episode, self.goals, self.requirements.articulations, handles)]
+        kinds = self.requirements.articulations
+        return [self.truth.read(episode, self.goals, kinds, self._handles)]
+
+    def articulations(self) -> tuple[ArticulationState, ...]:
+        """Returns the true state of the episode's doors and drawers; CPU simulation only."""
+        return self.truth.articulations(self.requirements.articulations, self._handles)
+
+    @property
+    def _handles(self) -> list[int]:
+        return [int(index) for index in self.tracker.handles[0]]

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import sapien
 
-from hab_tasks.articulations import ArticulationKind
+from hab_tasks.articulations import FRIDGE, ArticulationKind
 from hab_tasks.engine.goal_setting import frame_of
 from hab_tasks.engine.goals import Goals
-from hab_tasks.episodes.schema import Episode
-from hab_tasks.privileged import ArticulationState, CollisionBody, PrivilegedState
+from hab_tasks.episodes.schema import Episode, ReceptacleRef
+from hab_tasks.privileged import Array, ArticulationState, CollisionBody, PrivilegedState
+from hab_tasks.receptacles import CONTAINERS
 from hab_tasks.robots.grasp import NOTHING, SnapGrasp
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.robots.robot import ROBOT
@@ -20,6 +21,9 @@ from hab_tasks.scenes.pool import BodyPool
 from hab_tasks.scenes.scene_bodies import SceneBodies
 from hab_tasks.scenes.shapes import components, matrix, read_body
 from hab_tasks.simulator import sapien_object
+
+FIXED = ("stage", "static")
+"""Groups of bodies that do not move."""
 
 
 class GroundTruth:
@@ -38,6 +42,8 @@ class GroundTruth:
         self._agent, self._grasp = agent, grasp
         self._names = list(scene_bodies.movable)
         self._bodies: tuple[CollisionBody, ...] = ()
+        self._fixed: dict[str, Array] = {}
+        self._moving: list[tuple[str, str, Any]] = []
 
     def read(
         self,
@@ -57,14 +63,14 @@ class GroundTruth:
         shown, agent = self._scene_bodies, self._agent
         robot = [(f"{ROBOT.uid}/{link.name}", sapien_object(link)) for link in agent.robot.links]
         if not self._bodies:
-            links = (read_body(name, "robot", body) for name, body in robot)
-            self._bodies = (*self._pool.bodies(), *links)
+            self._bodies = self._read_bodies(robot)
         present = set(episode.objects) | set(shown.loose)
-        poses = {
-            name: matrix(body.entity_pose)
-            for name, group, body in components(shown)
+        poses = dict(self._fixed)
+        poses.update(
+            (name, matrix(body.entity_pose))
+            for name, group, body in self._moving
             if group != "object" or name in present
-        }
+        )
         poses.update({name: matrix(body.entity_pose) for name, body in robot})
         qpos = sapien_object(agent.robot).get_qpos()
         held, arm = int(self._grasp.held[0]), agent.arm_index.tolist()
@@ -80,12 +86,41 @@ class GroundTruth:
             object_com_m={n: points[i] for i, n in enumerate(self._names) if n in present},
             targets=tuple(target.object for target in episode.targets),
             goals_m=np.array(goals.goals_m[0].tolist()).reshape(-1, 3),
-            articulations=tuple(
-                self._articulation(kind.name, index)
-                for kind, index in zip(kinds, handles, strict=True)
-            ),
+            articulations=self.articulations(kinds, handles),
             base_goal=np.array(goals.base[0].tolist()),
         )
+
+    def _read_bodies(self, robot: Sequence[tuple[str, Any]]) -> tuple[CollisionBody, ...]:
+        """Returns all bodies; notes the poses of those that stand still, which are most."""
+        for name, group, body in components(self._scene_bodies):
+            if group in FIXED:
+                self._fixed[name] = matrix(body.entity_pose)
+            else:
+                self._moving.append((name, group, body))
+        links = (read_body(name, "robot", body) for name, body in robot)
+        return (*self._pool.bodies(), *links)
+
+    def articulations(
+        self, kinds: Sequence[ArticulationKind], handles: Sequence[int]
+    ) -> tuple[ArticulationState, ...]:
+        """Returns the current state of doors and drawers; arguments as in `read`."""
+        pairs = zip(kinds, handles, strict=True)
+        return tuple(self._articulation(kind.name, index) for kind, index in pairs)
+
+    def nearest_object(self) -> str:
+        """Returns the name of the movable object whose centre of mass is nearest to the hand."""
+        gaps_m = self._grasp.objects_com_m()[0] - self._grasp.ee_position_m()[0]
+        return self._names[int(gaps_m.norm(dim=1).argmin())]
+
+    def front(self, kind: ArticulationKind) -> Array:
+        """Returns x, y [m] and yaw [rad] of the frame facing out of the furniture of a kind."""
+        handle = next(one for one in self._grasp.handles if one.name == kind.marker)
+        return np.array(frame_of(handle))
+
+    def fridge_around(self, receptacle: ReceptacleRef | None) -> Array | None:
+        """Returns the fridge's `front` if a receptacle is inside it, else None."""
+        inside = receptacle is not None and CONTAINERS.get(receptacle[0]) == FRIDGE.name
+        return self.front(FRIDGE) if inside else None
 
     def _articulation(self, kind: str, index: int) -> ArticulationState:
         handle = self._grasp.handles[index]

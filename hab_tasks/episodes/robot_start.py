@@ -131,7 +131,12 @@ class RobotStarts:
         raise RejectedSampleError(reason)
 
     def in_rectangle(
-        self, world_from_frame: Array, region: Rectangle, facing_m: Array, reach: bool
+        self,
+        world_from_frame: Array,
+        region: Rectangle,
+        facing_m: Array,
+        reach: bool,
+        end_m: Array | None = None,
     ) -> RobotStart:
         """Returns a start in a spawn region, facing a point (3,).
 
@@ -140,6 +145,8 @@ class RobotStarts:
             region: The spawn region; it contains the base, noise included.
             facing_m: The point that the robot faces.
             reach: Whether the arm must reach that point.
+            end_m: A point (3,) that must be in the end-effector's workspace, because the hand has
+                to move something there; None for none.
 
         Raises:
             RejectedSampleError: The region has no free pose.
@@ -159,6 +166,8 @@ class RobotStarts:
                 reason = "robot too close to something at its start"
             elif self._hand_too_near(base, arm):
                 reason = "no place has the hand off its target"
+            elif end_m is not None and not in_workspace(base, end_m):
+                reason = "the handle would have to leave the workspace"
             elif not reach or self.reaches(base, facing_m):
                 return _start(base, arm)
             else:
@@ -200,12 +209,10 @@ class RobotStarts:
     def reaches(self, base: Base, target_m: Array) -> bool:
         """Whether a collision-free arm pose brings the hand within grasping range."""
         noise = self.noise
-        local = in_base_frame(base, target_m)
         slack = noise.reach_radius_m
-        if (local < np.array(ROBOT.ee_lower_m) - slack).any() or (
-            local > np.array(ROBOT.ee_upper_m) + slack
-        ).any():
+        if not in_workspace(base, target_m, slack):
             return False
+        local = in_base_frame(base, target_m)
         for _ in range(noise.reach_tries):
             direction = self._rng.normal(size=3)
             goal = local + slack * direction / np.linalg.norm(direction)
@@ -236,6 +243,13 @@ class RobotStarts:
         arm = self._kinematics.approach(arm, goal_m, steps=40, damping=0.05)
         close = np.linalg.norm(self._kinematics.position(arm) - goal_m) < 0.005
         return arm if close else None
+
+
+def in_workspace(base: Base, point_m: Array, slack_m: float = 0.0) -> bool:
+    """Whether a world point (3,) is in the end-effector's workspace box, or near it."""
+    local = in_base_frame(base, point_m)
+    low, high = np.array(ROBOT.ee_lower_m) - slack_m, np.array(ROBOT.ee_upper_m) + slack_m
+    return bool((local >= low).all() and (local <= high).all())
 
 
 def in_base_frame(base: Base, point_m: Array) -> Array:

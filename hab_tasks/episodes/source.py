@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterator, Mapping
+from contextlib import closing, contextmanager
 from contextvars import ContextVar
 from dataclasses import asdict, astuple, dataclass
 from importlib import import_module
@@ -17,15 +17,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hab_tasks.cache import read_cached, write_cached
-from hab_tasks.episodes.generators import Generator, Made, generator_of
+from hab_tasks.episodes import generators
+from hab_tasks.episodes.generators import Made, generator_of
 from hab_tasks.episodes.generators.base import Objects
 from hab_tasks.episodes.made_files import SharedEpisodes
 from hab_tasks.episodes.provenance import check_made_from, made_from, stable_hash
 from hab_tasks.episodes.schema import SCHEMA, Episode, EpisodeSet, read_episodes, write_episodes
 from hab_tasks.errors import EpisodeError, OptionError, UnknownNameError
+from hab_tasks.executors import Executor, Task
+from hab_tasks.executors.local import LocalExecutor
 from hab_tasks.object_names import TRAIN_OBJECTS, UNSEEN_OBJECTS
 from hab_tasks.option_values import LARGEST_SEED, name, path, whole
-from hab_tasks.processes import worker_pool
 from hab_tasks.receptacles import UNSEEN_RECEPTACLES
 from hab_tasks.registration import TASKS, imported_id
 from hab_tasks.scenes.habitat.dataset import SceneDataset, embedded_dataset, resolve_dataset
@@ -101,7 +103,7 @@ class EpisodeSource:
         self.split = _split(dataset, request.split, request.scene)
         self.available = UNLIMITED
         self.rejections: Counter[str] = Counter()
-        self._generator: Generator | None = None
+        self._generator: generators.Generator | None = None
         self._episodes: dict[int, Episode] = {}
         self._scenes: dict[str, SceneSpec] = {}
         self._others: SharedEpisodes | None = None
@@ -182,7 +184,7 @@ class EpisodeSource:
     def prepare(
         self,
         count: int,
-        workers: int = 1,
+        workers: int | Executor = 1,
         progress: Progress | None = None,
         record: Record | None = None,
     ) -> bool:
@@ -190,7 +192,7 @@ class EpisodeSource:
 
         Args:
             count: Number of episodes.
-            workers: Number of processes; does not change the episodes.
+            workers: Number of processes, or an executor; does not change the episodes.
             progress: Called with (episodes ready, `count`) after each one.
             record: Called with the index of each generated episode and what was made.
 
@@ -204,8 +206,9 @@ class EpisodeSource:
             self.get(self.available)
         missing = [index for index in range(count) if index not in self._episodes]
         ready = count - len(missing)
-        with self._makers(missing, workers) as makers:
-            for index, made in zip(missing, makers, strict=True):
+        executor = LocalExecutor(workers) if isinstance(workers, int) else workers
+        with closing(self._made(missing, executor)) as results:
+            for index, made in results:
                 if record is not None:
                     record(index, made)
                 self._keep(index, made)
@@ -216,14 +219,18 @@ class EpisodeSource:
             progress(count, count)
         return bool(missing)
 
-    @contextmanager
-    def _makers(self, missing: list[int], workers: int) -> Iterator[Iterable[Made]]:
-        """Yields the missing episodes, generated here or in worker processes."""
-        if workers <= 1 or len(missing) <= 1:
-            yield map(self.make, missing)
+    def _made(
+        self, missing: list[int], executor: Executor
+    ) -> Generator[tuple[int, Made], None, None]:
+        """Yields the missing episodes with their indices, generated here or in workers."""
+        if executor.in_process(len(missing)):
+            for index in missing:
+                yield index, self.make(index)
             return
-        with worker_pool(min(workers, len(missing)), _start_worker, (self._request,)) as pool:
-            yield pool.map(_make_in_worker, missing)
+        task = Task(start=_start_worker, arguments=(self._request,), name="Episode {}".format)
+        with closing(executor.run(task, missing)) as results:
+            for number, made in results:
+                yield missing[number], made
 
     def scene(self, scene_id: str) -> SceneSpec:
         """Returns a layout; cached."""
@@ -279,7 +286,7 @@ class EpisodeSource:
         self._episodes[index] = made.episode
         self.rejections.update(made.rejections)
 
-    def _new_generator(self) -> Generator:
+    def _new_generator(self) -> generators.Generator:
         drawn = Objects(
             templates=self.objects,
             names=UNSEEN_OBJECTS if self.novel == "objects" else TRAIN_OBJECTS,
@@ -350,7 +357,10 @@ def open_source(request: EpisodeRequest) -> EpisodeSource:
 
 
 def load_episodes(
-    request: EpisodeRequest, count: int, progress: Progress | None = None, workers: int = 1
+    request: EpisodeRequest,
+    count: int,
+    progress: Progress | None = None,
+    workers: int | Executor = 1,
 ) -> EpisodeSet:
     """Returns the first `count` episodes; newly generated ones are cached.
 
@@ -358,7 +368,7 @@ def load_episodes(
         request: The request.
         count: Number of episodes.
         progress: Called with (episodes ready, `count`) after each one.
-        workers: Number of processes; does not change the episodes.
+        workers: Number of processes, or an executor; does not change the episodes.
     """
     source = open_source(request)
     if source.prepare(count, workers, progress):
@@ -366,17 +376,9 @@ def load_episodes(
     return source.to_set(count)
 
 
-_worker_source: EpisodeSource
-
-
-def _start_worker(request: EpisodeRequest) -> None:
-    global _worker_source
+def _start_worker(request: EpisodeRequest) -> Callable[[int], Made]:
     logging.disable(logging.WARNING)  # already logged by the parent
-    _worker_source = open_source(request)
-
-
-def _make_in_worker(index: int) -> Made:
-    return _worker_source.make(index)
+    return open_source(request).make
 
 
 def _split(dataset: SceneDataset, split: str | None, scene_id: str | None) -> str:

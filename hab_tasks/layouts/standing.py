@@ -35,7 +35,7 @@ FRIDGE_WORKING_REGION = Rectangle(x_m=(0.833, 1.25), y_m=(-0.6, 0.6))
 DRAWER_WORKING_REGION = Rectangle(x_m=(1.10, 1.25), y_m=(-0.35, 0.35))
 """Where the base stands to work the door or the closed drawer: Habitat's spawn rectangles.
 
-In the frame of `ArticulationKind.spawn_region`; Habitat measures that of a drawer from the handle.
+In the frame of `ArticulationKind.opening_region`; Habitat measures from a drawer's handle.
 """
 
 PART_M2, WIDEST_M = 0.3, 1.5
@@ -50,8 +50,8 @@ class HandleRoom(NamedTuple):
 
     Attributes:
         working: Free share of the working region.
-        spawn: Free share of the spawn region. A drawer's region moves with it: the smaller share
-            of closed and fully open.
+        spawn: Free share of the spawn regions: for a drawer the smaller one of that to open it,
+            before the closed drawer, and that to close it, before the fully open one.
     """
 
     working: float
@@ -180,16 +180,20 @@ def handle_room(layout: Layout, floor: FreeFloor) -> dict[str, HandleRoom]:
             if marker.template != item.template:
                 continue
             link = f"{item.name}/{marker.link}"
-            poses = [layout.roots[item.name]]
-            working, spawn = FRIDGE_WORKING_REGION, FRIDGE.spawn_region
+            closed = opened = layout.roots[item.name]
+            kind, working = FRIDGE, FRIDGE_WORKING_REGION
             if item.template not in FRIDGES:
-                closed = layout.placed[link].world_from_body
-                moved_by = [j for j in layout.joints if any(m.name == link for m in j.members)]
-                poses = [closed, *(joint.motion(joint.upper) @ closed for joint in moved_by)]
-                working, spawn = DRAWER_WORKING_REGION, DRAWER.spawn_region
+                closed = opened = layout.placed[link].world_from_body
+                for joint in layout.joints:
+                    if any(member.name == link for member in joint.members):
+                        opened = joint.motion(joint.upper) @ closed
+                kind, working = DRAWER, DRAWER_WORKING_REGION
             found[link] = HandleRoom(
-                working=_free_share(poses[0], working, floor),
-                spawn=min(_free_share(pose, spawn, floor) for pose in poses),
+                working=_free_share(closed, working, floor),
+                spawn=min(
+                    _free_share(closed, kind.opening_region, floor),
+                    _free_share(opened, kind.closing_region, floor),
+                ),
             )
     return found
 

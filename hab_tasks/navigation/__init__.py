@@ -1,9 +1,17 @@
 """Navigation: maps of the free floor, geodesic distances, paths, base poses for reaching."""
 
+from hab_tasks.navigation.follower import ShortestPathFollower
 from hab_tasks.navigation.geodesic import GeodesicDistances
 from hab_tasks.navigation.layout_maps import LayoutMaps
 from hab_tasks.navigation.navigation_map import NavigationMap
 from hab_tasks.navigation.paths import path_between
 from hab_tasks.navigation.reaching import poses_reaching
 
-__all__ = ["GeodesicDistances", "LayoutMaps", "NavigationMap", "path_between", "poses_reaching"]
+__all__ = [
+    "GeodesicDistances",
+    "LayoutMaps",
+    "NavigationMap",
+    "ShortestPathFollower",
+    "path_between",
+    "poses_reaching",
+]

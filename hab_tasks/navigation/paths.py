@@ -24,7 +24,7 @@ def path_between(map_: NavigationMap, start_m: Array, goal_m: Array) -> Array:
         positions are free.
     """
     start, goal = map_.nearest_free(start_m), map_.nearest_free(goal_m)
-    cells = _descent(map_.geodesic_field(goal), map_.cells_of(start))
+    cells = descend(map_.geodesic_field(goal), map_.cells_of(start))
     points = np.concatenate((start[None], map_.positions(cells), goal[None]))
     kept = [0]
     for index in range(2, len(points)):
@@ -36,12 +36,18 @@ def path_between(map_: NavigationMap, start_m: Array, goal_m: Array) -> Array:
     return np.concatenate((np.asarray(start_m, dtype=float)[None, :2], waypoints))
 
 
-def _descent(field: Array, start: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Returns the cells (C, 2) of steepest descent, without `start`."""
+def descend(field: Array, start: NDArray[np.int64], most: int | None = None) -> NDArray[np.int64]:
+    """Returns the cells (C, 2) of steepest descent of a distance field, without `start`.
+
+    Args:
+        field: (X, Y) distances, inf where the floor is not free.
+        start: A free cell (2,).
+        most: Maximum number of cells; None to descend to the goal.
+    """
     ringed = np.pad(field, 1, constant_values=np.inf)
     cell = start + 1
     passed = []
-    while True:
+    while most is None or len(passed) < most:
         around = cell + _STEPS
         values = ringed[around[:, 0], around[:, 1]]
         # A diagonal step must not cut the corner of an obstacle.
@@ -49,6 +55,7 @@ def _descent(field: Array, start: NDArray[np.int64]) -> NDArray[np.int64]:
         sides &= np.isfinite(ringed[cell[0], cell[1] + _STEPS[:, 1]])
         slope = np.where(sides, (ringed[tuple(cell)] - values) / _LENGTHS, -np.inf)
         if slope.max() <= 0:
-            return np.array(passed, dtype=np.int64).reshape(-1, 2) - 1
+            break
         cell = around[int(slope.argmax())]
         passed.append(cell)
+    return np.array(passed, dtype=np.int64).reshape(-1, 2) - 1

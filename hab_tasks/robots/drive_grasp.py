@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 import sapien
+import torch
+from torch import Tensor
 
 from hab_tasks.constants import GRASP_RADIUS_M, SIM_HZ
 from hab_tasks.robots.grasp import EE_FROM_LINK, NOTHING, SnapGrasp
+from hab_tasks.robots.handle_passage import HandlePassage
 from hab_tasks.robots.handle_tie import HANDLE_SPRING
 from hab_tasks.robots.held_object import inertia_at, move_held_object, pull_along
 from hab_tasks.robots.robot import ROBOT
@@ -36,6 +40,8 @@ class DriveGrasp(SnapGrasp):
         self._cpu_hand = sapien_object(self.ee_link)
         self._hand_before = sapien.Pose()
         self._steps_left, self._inertia = 0, 0.0
+        links = [link for link, _ in self._cpu_handles]
+        self._passage = HandlePassage(links, partial(self._handle_gap_m, 0))
 
     def carry(self, physics_steps: int) -> None:
         """Moves a held object or handle with the hand."""
@@ -44,6 +50,21 @@ class DriveGrasp(SnapGrasp):
         if held != NOTHING:
             move_held_object(self._cpu_bodies[held][0], self._cpu_hand, self._hand_before)
         self._steps_left = physics_steps if self.pulls_along else 0
+
+    def reset(self, rows: Tensor) -> None:
+        """Releases in `rows` (R,) without physics, and restores all contacts."""
+        super().reset(rows)
+        self._passage.close()
+
+    def get_state(self) -> dict[str, Tensor]:
+        """Adds which doors and drawers the hand passes through, (N, H) bool."""
+        return {**super().get_state(), "passed": self._passage.state()}
+
+    def set_state(self, state: dict[str, Tensor], rows: Tensor) -> None:
+        """Restores a state of `get_state`, after the bodies' poses were restored."""
+        super().set_state(state, rows)
+        for index in torch.nonzero(state["passed"][0]).flatten().tolist():
+            self._passage.open(index)
 
     def before_simulation_step(self) -> None:
         """Moves the furniture of a held handle to a hand whose state was set."""
@@ -57,6 +78,8 @@ class DriveGrasp(SnapGrasp):
     def after_control_step(self) -> None:
         """Releases what was pulled out of the hand, and stores the hand's pose."""
         super().after_control_step()
+        if self._passage.is_open:
+            self._passage.close_behind(int(self.held_handle[0]))
         if self._busy:
             self._hand_before = self._cpu_hand.entity_pose
 
@@ -83,11 +106,12 @@ class DriveGrasp(SnapGrasp):
 
     def _tie_handle(self, row: int, index: int) -> None:
         handle = self.handles[index]
+        self._passage.open(index)
         in_ee = sapien.Pose([ROBOT.ee_offset_m, 0, 0])
         drive = self._drive(
             row, in_ee, sapien_object(handle.link, row).entity, sapien.Pose(list(handle.offset_m))
         )
-        if self.pulls_along:  # the constraint only disables collisions
+        if self.pulls_along:  # `pull_along` moves the furniture; the constraint has no spring
             self._inertia = inertia_at(handle)
             return
         spring = HANDLE_SPRING

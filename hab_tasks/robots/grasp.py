@@ -169,7 +169,7 @@ class SnapGrasp:
         """
         for row in sorted(self._busy):
             handle = int(self.held_handle[row])
-            if handle != NOTHING and self._handle_gap_m(row) > HANDLE_TOLERANCE_M:
+            if handle != NOTHING and self._handle_gap_m(row, handle) > HANDLE_TOLERANCE_M:
                 self._lose(row)
 
     def before_simulation_step(self) -> None:
@@ -295,7 +295,8 @@ class SnapGrasp:
 
     def _draw_in(self, row: int) -> None:
         """Draws the held handle towards the hand; releases it if it stays out of reach."""
-        far = self._handle_gap_m(row) > HANDLE_SPRING.reach_m
+        held = int(self.held_handle[row])
+        far = self._handle_gap_m(row, held) > HANDLE_SPRING.reach_m
         self._steps_apart[row] = self._steps_apart[row] + 1 if far else 0
         if self._steps_apart[row] >= HANDLE_SPRING.lost_steps:
             self._lose(row)
@@ -303,9 +304,9 @@ class SnapGrasp:
             self._handle_in_ee_m[row] = HANDLE_SPRING.drawn_in(self._handle_in_ee_m[row])
             self._retie_handle(row)
 
-    def _handle_gap_m(self, row: int) -> float:
-        """Returns the distance of the held handle to the hand."""
-        return float(np.linalg.norm(self._place_in_ee_m(row, int(self.held_handle[row]))))
+    def _handle_gap_m(self, row: int, index: int) -> float:
+        """Returns the distance of a handle to the hand."""
+        return float(np.linalg.norm(self._place_in_ee_m(row, index)))
 
     def _place_in_ee_m(self, row: int, index: int) -> NDArray[np.float32]:
         """Returns a handle's position (3,) in the end-effector's frame."""

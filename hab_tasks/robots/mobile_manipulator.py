@@ -15,7 +15,7 @@ from torch import Tensor
 from hab_tasks.robots.cameras import CameraRig
 from hab_tasks.robots.control import HabController, HabControllerConfig, control_configs
 from hab_tasks.robots.spec import RobotSpec
-from hab_tasks.scenes.collision_groups import FLOOR_BIT, ROBOT, set_groups
+from hab_tasks.scenes.collision_groups import FLOOR_BIT, HAND, ROBOT, set_groups
 from hab_tasks.scenes.parsed_urdf import articulation_builder
 from hab_tasks.scenes.urdf import urdf_file
 from hab_tasks.simulator import sapien_objects
@@ -72,9 +72,11 @@ class MobileManipulator(BaseAgent):
     def _after_init(self) -> None:
         self.ee_link = self.link(self.spec.ee_link)
         self.base_link = self.link(self.spec.base_link)
+        fingers = [self.robot.joints_map[name].child_link for name in self.spec.finger_joints]
         for link in self.robot.links:
+            is_hand = link is self.ee_link or link in fingers
             for body in sapien_objects(link):
-                set_groups(body, ROBOT)
+                set_groups(body, HAND if is_hand else ROBOT)
         for body in sapien_objects(self.base_link):
             for shape in body.collision_shapes:
                 groups = shape.get_collision_groups()

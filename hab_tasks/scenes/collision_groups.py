@@ -12,6 +12,9 @@ from typing import Any
 Groups = tuple[int, int]
 
 ROBOT: Groups = (0b0001, 0b1101)
+HAND: Groups = (0b10000, 0b1101)
+"""The robot's hand: as the robot, and it passes through a held door or drawer."""
+
 STATIC: Groups = (0b0011, 0b0011)
 MOVING: Groups = (0b0011, 0b1111)
 """Awake objects: collide with everything."""
@@ -21,6 +24,9 @@ HELD: Groups = (0b0010, 0b1110)
 
 FRONT: Groups = (0b0011, 0b0111)
 """Doors and drawers: collide with all but sleeping objects, which they wake on approach."""
+
+HELD_FRONT: Groups = (0b0010, 0b0111)
+"""A door or drawer whose handle is held: as `FRONT`, but it does not collide with the hand."""
 
 PASSIVE: Groups = (0b0100, 0b0000)
 """Furniture bodies: collide with the robot and moving bodies, not with each other."""

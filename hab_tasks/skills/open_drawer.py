@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hab_tasks.arrays import BatchArray
 from hab_tasks.articulations import DRAWER
@@ -26,6 +27,7 @@ from hab_tasks.episodes.generators.furniture import (
     LayoutArticulation,
     carried,
     find_articulation,
+    handle_at,
     handles_m,
     level_frame,
     other_drawers,
@@ -38,6 +40,7 @@ from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import POSE_DIGITS, Episode, Rearrangement
 from hab_tasks.receptacles import DRAWER as DRAWER_RECEPTACLE
 from hab_tasks.robots.control_modes import ARM_MODES
+from hab_tasks.skills.drawer_follower import drawer_action
 
 OTHERS_OPEN = 0.5
 """Probability that another drawer is open, by 0 to 100 % of its travel."""
@@ -47,6 +50,9 @@ class OpenDrawerStarts(Generator):
     """The drawer closed, the target in it, a random subset of the others open."""
 
     open_share: tuple[float, float] = (0.0, 0.0)
+    end_share: float = DRAWER.open_share
+    region = DRAWER.opening_region
+    version = 10
 
     def attempt(self, sandbox: PlacementSandbox, rng: np.random.Generator) -> Episode:
         """Returns one candidate."""
@@ -63,6 +69,7 @@ class OpenDrawerStarts(Generator):
         if not slides(sandbox, objects, articulation):
             raise RejectedSampleError("the drawer cannot be moved with the object")
         travel_m = sandbox.joint_limits(articulation.ref.furniture, articulation.ref.joint)[1]
+        end_m = handle_at(sandbox, articulation, self.end_share * travel_m)
         joints = self._other_joints(sandbox, rng, articulation)
         position = round(travel_m * float(rng.uniform(*self.open_share)), POSE_DIGITS)
         objects = carried(sandbox, objects, articulation, position)
@@ -76,9 +83,10 @@ class OpenDrawerStarts(Generator):
         link = sandbox.world_from(f"{articulation.ref.furniture}/{articulation.marker.link}")
         robot = self.starts(sandbox, rng, KeepOff(points_m=handles_m(sandbox))).in_rectangle(
             level_frame(link[:3, 3], link[:3, 0]),
-            DRAWER.spawn_region,
+            self.region,
             articulation.handle_m(sandbox),
             reach=True,
+            end_m=end_m,
         )
         rearrangement = Rearrangement(object=handles[0], start=spot.ref)
         return start_state(sandbox, robot, objects, (rearrangement,), handle=articulation.ref)
@@ -198,3 +206,12 @@ class HabOpenDrawerEnv(SkillEnv):
     """
 
     skill = OPEN_DRAWER
+
+    def drawer_action(self) -> NDArray[np.float32]:
+        """Returns the ``ee`` action of an expert that knows the drawer's axis, (1, 4).
+
+        It opens the drawer by feedback (`drawer_follower`); CPU simulation only.
+        """
+        (drawer,) = self.simulation.articulations()
+        action = drawer_action(self.simulation.snapshot, drawer, opens=True)
+        return action.astype(np.float32)[None]

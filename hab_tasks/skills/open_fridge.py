@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hab_tasks.arrays import BatchArray
 from hab_tasks.articulations import FRIDGE, Rectangle
@@ -30,6 +31,7 @@ from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import Episode, Rearrangement
 from hab_tasks.receptacles import FRIDGE as FRIDGE_RECEPTACLE
 from hab_tasks.robots.control_modes import MOBILE_MODES
+from hab_tasks.skills.door_follower import door_action
 
 MOST_IN_FRIDGE = 3
 
@@ -38,6 +40,7 @@ class OpenFridgeStarts(Generator):
     """The door closed, the target behind it."""
 
     open_rad: tuple[float, float] = (0.0, 0.0)
+    region = FRIDGE.opening_region
 
     def attempt(self, sandbox: PlacementSandbox, rng: np.random.Generator) -> Episode:
         """Returns one candidate."""
@@ -61,7 +64,7 @@ class OpenFridgeStarts(Generator):
         )
         robot = self.starts(sandbox, rng, KeepOff(points_m=handles_m(sandbox))).in_rectangle(
             level_frame(root[:3, 3], root[:3, 0]),
-            FRIDGE.spawn_region,
+            self.region,
             articulation.handle_m(sandbox),
             reach=False,
         )
@@ -108,7 +111,7 @@ def success(s: Snapshot, m: Measures, g: Goals, c: OpenFridgeConfig) -> BatchArr
 
 def failures(s: Snapshot, m: Measures, g: Goals, c: OpenFridgeConfig) -> dict[str, BatchArray]:
     """Failure conditions, each (N,) bool."""
-    return {"left_region": outside(FRIDGE.spawn_region, g.articulation_frame[:, 0], s.base)}
+    return {"left_region": outside(FRIDGE.opening_region, g.articulation_frame[:, 0], s.base)}
 
 
 def reward_terms(
@@ -194,3 +197,12 @@ class HabOpenFridgeEnv(SkillEnv):
     """
 
     skill = OPEN_FRIDGE
+
+    def door_action(self) -> NDArray[np.float32]:
+        """Returns the ``ee_base`` action of an expert that knows the door's axis, (1, 6).
+
+        It opens the door by feedback (`door_follower`); CPU simulation only.
+        """
+        (door,) = self.simulation.articulations()
+        action = door_action(self.simulation.snapshot, door, opens=True)
+        return action.astype(np.float32)[None]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hab_tasks.arrays import BatchArray, where
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
@@ -29,6 +30,7 @@ from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import Episode, Rearrangement
 from hab_tasks.receptacles import PICK_RECEPTACLES
 from hab_tasks.robots.control_modes import ARM_MODES
+from hab_tasks.skills.pick_follower import pick_action
 
 CLUTTER = (2, 5)
 """Minimum and maximum number of clutter objects."""
@@ -137,7 +139,7 @@ PICK = Skill(
     config=PickConfig(),
     requirements=Requirements(takes="objects"),
     horizon_steps=SKILL_HORIZON_STEPS,
-    control_modes=ARM_MODES,
+    control_modes=(*ARM_MODES, "ee_base"),
     observation=(*PROPRIOCEPTION, OBJECT_START),
     measures=(
         "ee_to_object_m",
@@ -180,8 +182,8 @@ class HabPickEnv(SkillEnv):
     head, arm             sensor_data  128²   0..1    depth, 1 at 10 m; uint8 with ``rgb``
     ====================  ===========  =====  ======  ==============================================
 
-    **Action**: ``ee`` 3 + 1, ``joint_delta``, ``joint_target``, ``joint_state`` 7 + 1
-    (`hab_tasks.robots.control`). The gripper cannot release the target.
+    **Action**: ``ee`` 3 + 1, ``joint_delta``, ``joint_target``, ``joint_state`` 7 + 1,
+    ``ee_base`` 3 + 1 + 2 (`hab_tasks.robots.control`). The gripper cannot release the target.
 
     **Reward** (terms in ``info["reward_terms"]``): 20 success + 5 pickup + 20 approach (not
     holding) + 20 retract (holding) - min(0.001 C, 1) - 10 force exceeded - 5 wrong - 5 dropped.
@@ -194,3 +196,19 @@ class HabPickEnv(SkillEnv):
     """
 
     skill = PICK
+
+    def pick_action(self) -> NDArray[np.float32]:
+        """Returns the ``ee`` action of an expert that knows all objects, (1, 4).
+
+        It picks the target by feedback (`pick_follower`); CPU simulation only.
+        """
+        simulation = self.simulation
+        (episode,) = simulation.episodes
+        target = episode.targets[0]
+        action = pick_action(
+            simulation.snapshot,
+            holds=simulation.held_name() == target.object,
+            nearest=simulation.truth.nearest_object() == target.object,
+            fridge=simulation.truth.fridge_around(target.start),
+        )
+        return action.astype(np.float32)[None]

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hab_tasks.arrays import BatchArray, where
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
@@ -32,6 +33,7 @@ from hab_tasks.episodes.schema import Episode, Rearrangement, template_of
 from hab_tasks.receptacles import PLACE_RECEPTACLES
 from hab_tasks.robots.control_modes import ARM_MODES
 from hab_tasks.skills.pick import CLUTTER
+from hab_tasks.skills.place_follower import place_action
 
 
 class PlaceStarts(Generator):
@@ -140,7 +142,7 @@ PLACE = Skill(
     config=PlaceConfig(),
     requirements=Requirements(goals=True, holds=True, takes="objects"),
     horizon_steps=SKILL_HORIZON_STEPS,
-    control_modes=ARM_MODES,
+    control_modes=(*ARM_MODES, "ee_base"),
     observation=(*PROPRIOCEPTION, OBJECT_GOAL),
     measures=(
         "object_to_goal_m",
@@ -182,8 +184,9 @@ class HabPlaceEnv(SkillEnv):
     head, arm             sensor_data  128²   0..1    depth, 1 at 10 m; uint8 with ``rgb``
     ====================  ===========  =====  ======  ==============================================
 
-    **Action**: ``ee`` 3 + 1, ``joint_delta``, ``joint_target``, ``joint_state`` 7 + 1
-    (`hab_tasks.robots.control`). Once the object is placed, grasping is disabled.
+    **Action**: ``ee`` 3 + 1, ``joint_delta``, ``joint_target``, ``joint_state`` 7 + 1,
+    ``ee_base`` 3 + 1 + 2 (`hab_tasks.robots.control`). Once the object is placed, grasping is
+    disabled.
 
     **Reward** (terms in ``info["reward_terms"]``): 20 success + 5 place + 20 approach (holding)
     + 20 retract (not holding) - min(0.001 C, 1) - 10 force exceeded - 5 wrong.
@@ -197,3 +200,19 @@ class HabPlaceEnv(SkillEnv):
     """
 
     skill = PLACE
+
+    def place_action(self) -> NDArray[np.float32]:
+        """Returns the ``ee`` action of an expert that knows the object's place, (1, 4).
+
+        It places the object by feedback (`place_follower`); CPU simulation only.
+        """
+        simulation = self.simulation
+        (episode,) = simulation.episodes
+        target = episode.targets[0]
+        action = place_action(
+            simulation.snapshot,
+            np.array(simulation.goals.goals_m[0, 0].tolist()),
+            holds=simulation.held_name() == target.object,
+            fridge=simulation.truth.fridge_around(target.goal),
+        )
+        return action.astype(np.float32)[None]

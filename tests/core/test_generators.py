@@ -9,6 +9,7 @@ from geodesics import geodesic_distance
 from start_checks import SKILLS, TASKS, Replay
 
 from hab_tasks.episodes.generators import base
+from hab_tasks.episodes.robot_start import in_base_frame
 from hab_tasks.errors import GenerationError
 from hab_tasks.navigation import LayoutMaps, NavigationMap
 from hab_tasks.registration import ENTRY_POINTS
@@ -190,10 +191,25 @@ def check_drawer(replay, base, low_share, high_share):
     assert replay.stands_on(episode.target, episode.targets[0].start)
     assert replay.over(replay.sandbox.com_m(episode.target), episode.targets[0].start)[0] < 0.0
     x, y = replay.in_frame(base, drawer)
-    # 0.15 m x 0.75 m (S H.2), from 0.8 m on
-    assert 0.8 <= x <= 0.95, episode.id
+    # 0.15 m x 0.75 m (S H.2); the handle is 0.3 m ahead of the drawer. To open it, 0.8 m before the
+    # handle, and so that the handle, opened by 90 %, is in the workspace; to close it, 0.5 m.
+    nearest_m = 0.8 if low_share else 1.1
+    assert nearest_m <= x <= nearest_m + 0.15, episode.id
+    if not low_share:
+        end_m = opened_m(replay, 0.9 * travel)
+        assert (in_base_frame(base, end_m) >= (0.4, -0.7, 0.25)).all(), episode.id
+        assert (in_base_frame(base, end_m) <= (1.2, 0.7, 1.5)).all(), episode.id
     assert -0.375 <= y <= 0.375, episode.id
     assert replay.heading_off_rad(base, replay.marker_m()) <= math.radians(20.0) + 1e-6
+
+
+def opened_m(replay, position):
+    """The handle's place (3,) with the drawer at a position [m]."""
+    handle = replay.episode.handle
+    replay.sandbox.set_joint(handle.furniture, handle.joint, position)
+    place_m = replay.marker_m()
+    replay.sandbox.set_joint(handle.furniture, handle.joint, 0.0)
+    return place_m
 
 
 DOORS = {

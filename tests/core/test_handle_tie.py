@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 import torch
-from kitchen import GRASP, Kitchen, opening_direction
+from kitchen import GRASP, RELEASE, Kitchen, opening_direction
 
 from hab_tasks.robots.drive_grasp import DriveGrasp
 from hab_tasks.robots.follow_grasp import FollowGrasp
 from hab_tasks.robots.grasp import NOTHING
 from hab_tasks.robots.handle_tie import HANDLE_SPRING
+from hab_tasks.scenes.collision_groups import HAND, set_groups
 from hab_tasks.scenes.markers import HANDLE_MARKERS
 
 DRAWER = HANDLE_MARKERS[2]
@@ -99,3 +100,48 @@ def test_the_state_keeps_how_a_handle_is_held(kind):
     moved(kitchen, 0.1 * opening_direction(kitchen))
     kitchen.grasp.after_control_step()  # the fifteenth action out of reach
     assert kitchen.grasp.held_handle.tolist() == [NOTHING]
+
+
+FINGERS = ("gripper_link", "l_gripper_finger_link", "r_gripper_finger_link")
+
+
+def hand_contacts_n(kitchen, way_m):
+    """Sum of the contact forces [N] of the hand, set beside the handle, and the drawer."""
+    robot = kitchen.agent.robot._objs[0]
+    before = robot.get_qpos()
+    moved(kitchen, way_m)
+    kitchen.scene.px.step()
+    total = 0.0
+    for contact in kitchen.scene.sub_scenes[0].get_contacts():
+        names = [body.entity.name for body in contact.bodies]
+        if kitchen.link.name in names and set(names) & set(FINGERS):
+            total += sum(float(np.linalg.norm(point.impulse)) * 120 for point in contact.points)
+    robot.set_qpos(before)
+    robot.set_qvel(np.zeros_like(before))
+    kitchen.furniture.set_qpos(torch.zeros_like(kitchen.furniture.get_qpos()))
+    kitchen.furniture.set_qvel(torch.zeros_like(kitchen.furniture.get_qpos()))
+    return total
+
+
+def test_the_hand_passes_through_the_drawer_whose_handle_it_holds():
+    kitchen, row = Kitchen(DriveGrasp, DRAWER), torch.zeros(1, dtype=torch.long)
+    for name in FINGERS:
+        set_groups(kitchen.agent.robot.links_map[name]._objs[0], HAND)
+    into_m = -0.1 * opening_direction(kitchen)  # the fingers in the front of the drawer
+    free = kitchen.grasp.get_state()
+    assert hand_contacts_n(kitchen, into_m) > 10
+    kitchen.grasp.command(GRASP)
+    held = kitchen.grasp.get_state()
+    assert hand_contacts_n(kitchen, into_m) == 0
+    kitchen.grasp.command(RELEASE)
+    kitchen.grasp.after_control_step()
+    assert hand_contacts_n(kitchen, into_m) == 0  # until the hand has left the handle
+    moved(kitchen, -3 * into_m)
+    kitchen.grasp.after_control_step()
+    moved(kitchen, 3 * into_m)
+    assert hand_contacts_n(kitchen, into_m) > 10
+    kitchen.grasp.set_state(held, row)
+    assert hand_contacts_n(kitchen, into_m) == 0
+    kitchen.grasp.set_state(free, row)
+    assert hand_contacts_n(kitchen, into_m) > 10
+    assert (held["passed"].tolist(), free["passed"].tolist()) == ([[True]], [[False]])

@@ -9,9 +9,15 @@ import pytest
 from geodesics import geodesic_distance
 
 from hab_tasks.errors import GenerationError
-from hab_tasks.navigation import NavigationMap, path_between, poses_reaching
+from hab_tasks.navigation import (
+    NavigationMap,
+    ShortestPathFollower,
+    path_between,
+    poses_reaching,
+)
 from hab_tasks.navigation import navigation_map as module
 from hab_tasks.privileged import CollisionBody, CollisionShape
+from hab_tasks.robots.control_modes import BASE_CELLS
 from hab_tasks.scenes.floor import CELL_M, floor_between
 
 ROOM = (0.0, 0.0, 6.0, 4.0)
@@ -209,6 +215,38 @@ def test_a_straight_way_has_two_points_and_one_from_a_tight_place_leaves_it_firs
     assert np.allclose(path, [(1.0, 1.0), (2.0, 3.0)])
     path = path_between(map_, np.array([2.9, 1.0]), np.array([1.0, 1.0]))
     assert np.allclose(path, [(2.9, 1.0), (2.7, 1.0), (1.0, 1.0)], atol=CELL_M)
+
+
+def test_the_follower_turns_drives_and_stops():
+    follower = ShortestPathFollower(room(), np.array([2.0, 3.5, 0.0]))
+
+    def cell(x, y, yaw):
+        return BASE_CELLS[follower.action(np.array([x, y, yaw]))]
+
+    assert cell(1.0, 3.5, 0.0) == (1.0, 0.0)  # the goal is 1 m ahead
+    assert cell(1.0, 3.5, np.pi) == (0.0, -1.0)  # behind; pi and -pi are the same turn
+    # A step at full speed turns by 3.14 / 30 = 0.105 rad, so 0.06 rad are nearest to half of it.
+    assert cell(1.0, 3.5, -0.06) == (1.0, 0.5)
+    assert cell(1.0, 3.5, -0.3) == (0.5, 1.0)  # so far aside, it drives slowly
+    assert cell(1.75, 3.5, 0.0) == (0.5, 0.0)  # so near, too
+    assert cell(1.9, 3.5, 1.0) == (0.0, -1.0)  # arrived, but not at the heading
+    assert cell(1.9, 3.5, 0.1) == (0.0, 0.0)
+
+
+def test_the_follower_goes_around_a_wall():
+    # The wall ends at y = 2.5; beyond it, the base needs its radius less half a cell.
+    follower = ShortestPathFollower(room(), np.array([4.5, 1.0, 0.0]))
+    base, highest = np.array([1.5, 1.0, 0.0]), 0.0
+    for _ in range(400):
+        forward, turn = BASE_CELLS[follower.action(base)]
+        if forward == turn == 0:
+            break
+        base[2] += turn * 3.14 / 30
+        base[:2] += forward / 30 * np.array([np.cos(base[2]), np.sin(base[2])])
+        highest = max(highest, base[1])
+    assert np.linalg.norm(base[:2] - (4.5, 1.0)) < 0.12
+    assert abs(base[2]) < 0.15
+    assert 2.7 < highest < 3.2
 
 
 def test_poses_reach_the_target_face_it_and_start_near():

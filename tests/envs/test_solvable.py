@@ -1,5 +1,6 @@
 """All skills and tasks are feasible: a privileged robot solves them from start to end."""
 
+import gymnasium as gym
 import pytest
 import torch
 from builders import starts_on
@@ -59,6 +60,33 @@ def test_nine_of_ten_starts_of_a_skill_are_solved(env_id, dataset):
     episodes = [source.get(index) for index in range(COUNT)]
     results = played("hab_spa:spa_priv", env_id, dataset, episodes)
     assert sum(result.success for result in results) >= NEEDED, results
+
+
+@pytest.mark.parametrize(
+    ("env_id", "control_mode", "method", "needed"),
+    [
+        ("HabNavigate-v1", "base_discrete", "shortest_path_action", COUNT),
+        ("HabPick-v1", "ee", "pick_action", NEEDED - 1),
+        ("HabPlace-v1", "ee", "place_action", NEEDED - 1),
+        ("HabOpenDrawer-v1", "ee", "drawer_action", NEEDED - 1),
+        ("HabCloseDrawer-v1", "ee", "drawer_action", NEEDED - 1),
+        ("HabOpenFridge-v1", "ee_base", "door_action", NEEDED - 1),
+        ("HabCloseFridge-v1", "ee_base", "door_action", NEEDED - 1),
+    ],
+)
+def test_an_expert_solves_its_skill(env_id, control_mode, method, needed, dataset):
+    env = gym.make(f"hab_tasks:{env_id}", control_mode=control_mode, **dataset)
+    ended = []
+    for number in range(COUNT):
+        env.reset(options={"episode": number, "reconfigure": True})
+        over = False
+        while not over:
+            action = torch.from_numpy(getattr(env.unwrapped, method)())
+            _, _, terminated, truncated, info = env.step(action)
+            over = bool(terminated) or bool(truncated)
+        ended.append(bool(info["success"]))
+    env.close()
+    assert sum(ended) >= needed
 
 
 def test_objects_in_the_fridge_are_picked(dataset):

@@ -54,6 +54,23 @@ def handles_m(sandbox: PlacementSandbox) -> Array:
     return np.array(points).reshape(-1, 3)
 
 
+def handle_at(
+    sandbox: PlacementSandbox, articulation: LayoutArticulation, position: float
+) -> Array:
+    """Returns the handle position (3,) in the world at a joint position [m or rad]."""
+    before = joint_position(sandbox, articulation)
+    sandbox.set_joint(articulation.ref.furniture, articulation.ref.joint, position)
+    handle_m = articulation.handle_m(sandbox)
+    sandbox.set_joint(articulation.ref.furniture, articulation.ref.joint, before)
+    return handle_m
+
+
+def joint_position(sandbox: PlacementSandbox, articulation: LayoutArticulation) -> float:
+    """Returns the current joint position [m or rad]."""
+    joints = sandbox.joints().get(articulation.ref.furniture, {})
+    return joints.get(articulation.ref.joint, 0.0)
+
+
 def find_articulation(sandbox: PlacementSandbox, marker_name: str) -> LayoutArticulation:
     """Returns the door or drawer with a handle marker of this name.
 
@@ -96,7 +113,7 @@ def slides(
     All of `objects` are in the drawer; objects and drawer are restored.
     """
     low_m, high_m = sandbox.joint_limits(articulation.ref.furniture, articulation.ref.joint)
-    before = sandbox.joints().get(articulation.ref.furniture, {}).get(articulation.ref.joint, 0.0)
+    before = joint_position(sandbox, articulation)
     free, poses = True, objects
     for position in np.linspace(low_m, high_m, STATIONS):
         poses = carried(sandbox, poses, articulation, float(position))

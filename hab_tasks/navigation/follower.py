@@ -1,0 +1,76 @@
+"""Shortest-path follower: an expert for Navigate's discrete actions, as in Habitat."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from hab_tasks.constants import CONTROL_HZ
+from hab_tasks.navigation.navigation_map import NavigationMap
+from hab_tasks.navigation.paths import descend
+from hab_tasks.privileged import Array
+from hab_tasks.robots.control_modes import BASE_CELLS, STOP_CELL
+from hab_tasks.robots.robot import ROBOT
+
+AHEAD_CELLS = 8
+"""The follower aims at the point of its path so many cells (of 5 cm) ahead."""
+
+ARRIVED_M = 0.12
+ARRIVED_RAD = 0.15
+
+TURN_FIRST_RAD = 0.5
+"""The base turns in place while the point ahead is farther to the side."""
+
+SLOW_RAD = 0.2
+SLOW_M = 0.3
+"""The base drives at half speed while the point ahead is so far aside, or the goal so near."""
+
+_STEP_RAD = ROBOT.base_angular_speed_rad_s / CONTROL_HZ
+_TURNS = (-1.0, -0.5, 0.0, 0.5, 1.0)
+
+
+class ShortestPathFollower:
+    """Drives along the shortest path to a goal pose, turns to its heading, and stops.
+
+    Its action depends on the base pose alone, so it can label the states that another policy
+    visits.
+    """
+
+    def __init__(self, map_: NavigationMap, goal: Array) -> None:
+        """Follows paths on a map to a goal (3,): x, y [m] and yaw [rad]."""
+        self._map, self._goal = map_, goal
+        self._end_m = map_.nearest_free(self._goal[:2])
+        self._field = map_.geodesic_field(self._end_m)
+
+    def action(self, base: Array) -> int:
+        """Returns the cell of ``base_discrete`` for a base pose (3,): x, y [m] and yaw [rad]."""
+        here, yaw = base[:2], float(base[2])
+        gap_m = float(np.linalg.norm(self._end_m - here))
+        if gap_m < ARRIVED_M:
+            turn = _angle(self._goal[2] - yaw)
+            return STOP_CELL if abs(turn) < ARRIVED_RAD else _cell(0.0, turn)
+        ahead = self._ahead_m(here) - here
+        turn = _angle(math.atan2(ahead[1], ahead[0]) - yaw)
+        if abs(turn) > TURN_FIRST_RAD:
+            return _cell(0.0, turn)
+        return _cell(0.5 if abs(turn) > SLOW_RAD or gap_m < SLOW_M else 1.0, turn)
+
+    def _ahead_m(self, here: Array) -> Array:
+        """Returns the point (2,) of the path to aim at."""
+        if self._map.clear(here, self._end_m):
+            return self._end_m
+        start = self._map.nearest_free(here)
+        cells = descend(self._field, self._map.cells_of(start), AHEAD_CELLS)
+        return self._map.positions(cells[-1]) if len(cells) else self._end_m
+
+
+def _cell(forward: float, turn_rad: float) -> int:
+    """Returns the cell with a forward share and the turning share that turns by an angle."""
+    share = min(_TURNS, key=lambda share: abs(turn_rad - share * _STEP_RAD))
+    return BASE_CELLS.index((forward, share))
+
+
+def _angle(difference_rad: float) -> float:
+    """Returns an angle in [-pi, pi]."""
+    return math.remainder(difference_rad, 2 * math.pi)

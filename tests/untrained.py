@@ -12,6 +12,6 @@ from hab_tasks.agent_spaces import agent_spaces
 def write_weights(recipe, path):
     """Writes untrained weights of a recipe."""
     spaces = agent_spaces(recipe.env.env, spec_of(recipe))
-    layout = ObservationLayout.of(spaces.observation)
+    layout = ObservationLayout.of(spaces.observation, recipe.preset.network.image_block_px)
     policy = new_policy(layout, spaces.action, recipe.preset.network, seed=3)
     checkpoint.save(path, checkpoint.network_tensors(policy), {"recipe": to_json(recipe)})

@@ -1,8 +1,9 @@
-"""Distributions of actions: Gaussian for `Box` spaces, categorical for `Discrete` ones."""
+"""Distributions of actions: Gaussian for `Box` spaces, with a binary gripper; or categorical."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -10,7 +11,9 @@ import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
 from torch import Tensor, nn
+from torch.nn import functional
 
+from hab_ppo.noise import ActionNoise
 from hab_tasks.errors import OptionError
 
 
@@ -25,8 +28,8 @@ class ActionHead(Protocol):
     size: int
     stored: tuple[int, ...]
 
-    def sample(self, outputs: Tensor, generator: torch.Generator | None) -> Tensor:
-        """Returns actions (M, *stored); the most likely ones without a generator."""
+    def sample(self, outputs: Tensor, noise: ActionNoise | None) -> Tensor:
+        """Returns actions (M, *stored); the most likely ones without noise."""
         ...
 
     def log_prob(self, outputs: Tensor, actions: Tensor) -> Tensor:
@@ -57,15 +60,23 @@ class ActionHead(Protocol):
         """Sets the spread of the actions, where it does not depend on the state."""
         ...
 
+    def fix_spread(self) -> None:
+        """Excludes the spread from learning; only `explore` changes it."""
+        ...
+
 
 class Gaussian(nn.Module):
     """Independent Gaussians whose standard deviations do not depend on the state.
 
     Means and samples are in units in which the space reaches from -1 to 1; the environment gets
-    them clipped.
+    them clipped. Binary entries, such as the gripper, are -1 or 1 instead: their output is the
+    logit of 1. (The mean of a Gaussian gripper tells nothing of when it closes under noise.)
     """
 
-    def __init__(self, space: spaces.Box, log_std: float) -> None:
+    _binary: Tensor
+
+    def __init__(self, space: spaces.Box, log_std: float, binary: Sequence[int] = ()) -> None:
+        """Creates a head; `binary` are the indices of the binary entries."""
         super().__init__()
         low, high = space.low.astype(np.float32), space.high.astype(np.float32)
         if not (np.isfinite(low).all() and np.isfinite(high).all()):
@@ -75,24 +86,34 @@ class Gaussian(nn.Module):
         self.size = int(np.prod(space.shape))
         self.stored = (self.size,)
         self.log_std = nn.Parameter(torch.full((self.size,), log_std))
+        chosen = torch.zeros(self.size, dtype=torch.bool)
+        chosen[list(binary)] = True
+        self.register_buffer("_binary", chosen, persistent=False)
 
-    def sample(self, outputs: Tensor, generator: torch.Generator | None) -> Tensor:
+    def sample(self, outputs: Tensor, noise: ActionNoise | None) -> Tensor:
         """See `ActionHead`."""
-        if generator is None:
-            return outputs
-        noise = torch.randn(outputs.shape, generator=generator, device=outputs.device)
-        return outputs + self.log_std.exp() * noise
+        if noise is None:
+            return torch.where(self._binary, torch.where(outputs >= 0, 1.0, -1.0), outputs)
+        drawn = noise.normal(outputs)
+        shares = torch.special.ndtr(drawn)  # uniform, and correlated as the noise is
+        switched = torch.where(shares < outputs.sigmoid(), 1.0, -1.0)
+        return torch.where(self._binary, switched, outputs + self.log_std.exp() * drawn)
 
     def log_prob(self, outputs: Tensor, actions: Tensor) -> Tensor:
         """See `ActionHead`."""
         deviation = (actions - outputs) * (-self.log_std).exp()
-        constant = 0.5 * self.size * math.log(2 * math.pi)
-        return -0.5 * deviation.square().sum(dim=-1) - self.log_std.sum() - constant
+        density = -0.5 * deviation.square() - self.log_std - 0.5 * math.log(2 * math.pi)
+        switched = functional.logsigmoid(outputs * actions)
+        return torch.where(self._binary, switched, density).sum(dim=-1)
 
     def entropy(self, outputs: Tensor) -> Tensor:
         """See `ActionHead`."""
-        constant = 0.5 * self.size * (1 + math.log(2 * math.pi))
-        return (self.log_std.sum() + constant).expand(len(outputs))
+        spread = self.log_std + 0.5 * (1 + math.log(2 * math.pi))
+        # H = -p ln p - (1 - p) ln(1 - p), and 1 - p = sigmoid(-x).
+        share = outputs.sigmoid()
+        switched = -share * functional.logsigmoid(outputs)
+        switched = switched - (1 - share) * functional.logsigmoid(-outputs)
+        return torch.where(self._binary, switched, spread.expand_as(outputs)).sum(dim=-1)
 
     def to_env(self, actions: Tensor) -> NDArray[Any]:
         """See `ActionHead`."""
@@ -105,23 +126,34 @@ class Gaussian(nn.Module):
         return torch.from_numpy((2 * share - 1).astype(np.float32))
 
     def misfit(self, outputs: Tensor, actions: Tensor) -> Tensor:
-        """Squared error of the means, the mean over the entries of the action."""
-        return (outputs - actions).square().mean(dim=-1)
+        """Mean over the entries of squared errors, or cross-entropies of binary entries."""
+        switched = -functional.logsigmoid(outputs * torch.where(actions >= 0, 1.0, -1.0))
+        squares = (outputs - actions).square()
+        return torch.where(self._binary, switched, squares).mean(dim=-1)
 
     def kl(self, outputs: Tensor, reference: ActionHead, reference_outputs: Tensor) -> Tensor:
         """See `ActionHead`.
 
-        Per entry: ln(s / s') + (s'^2 + (m' - m)^2) / (2 s^2) - 1/2, with m', s' of the reference.
+        Per entry: ln(s / s') + (s'^2 + (m' - m)^2) / (2 s^2) - 1/2, with m', s' of the reference;
+        of a binary one, p' ln(p' / p) + (1 - p') ln((1 - p') / (1 - p)).
         """
         assert isinstance(reference, Gaussian)
         spread = self.log_std - reference.log_std
         squares = (2 * reference.log_std).exp() + (reference_outputs - outputs).square()
-        return (spread + 0.5 * squares * (-2 * self.log_std).exp() - 0.5).sum(dim=-1)
+        continuous = spread + 0.5 * squares * (-2 * self.log_std).exp() - 0.5
+        share, log = reference_outputs.sigmoid(), functional.logsigmoid
+        switched = share * (log(reference_outputs) - log(outputs))
+        switched = switched + (1 - share) * (log(-reference_outputs) - log(-outputs))
+        return torch.where(self._binary, switched, continuous).sum(dim=-1)
 
     def explore(self, log_std: float) -> None:
         """See `ActionHead`."""
         with torch.no_grad():
             self.log_std.fill_(log_std)
+
+    def fix_spread(self) -> None:
+        """See `ActionHead`."""
+        self.log_std.requires_grad_(False)
 
 
 class Categorical(nn.Module):
@@ -132,11 +164,11 @@ class Categorical(nn.Module):
         self.size = int(space.n)
         self.stored = ()
 
-    def sample(self, outputs: Tensor, generator: torch.Generator | None) -> Tensor:
+    def sample(self, outputs: Tensor, noise: ActionNoise | None) -> Tensor:
         """See `ActionHead`."""
-        if generator is None:
+        if noise is None:
             return outputs.argmax(dim=-1)
-        drawn = torch.multinomial(outputs.softmax(dim=-1), 1, generator=generator)
+        drawn = torch.multinomial(outputs.softmax(dim=-1), 1, generator=noise.generator)
         return drawn[:, 0]
 
     def log_prob(self, outputs: Tensor, actions: Tensor) -> Tensor:
@@ -169,9 +201,19 @@ class Categorical(nn.Module):
     def explore(self, log_std: float) -> None:
         """A categorical distribution has no spread of its own."""
 
+    def fix_spread(self) -> None:
+        """Likewise."""
 
-def action_head(space: spaces.Space[Any], log_std: float) -> Gaussian | Categorical:
+
+def action_head(
+    space: spaces.Space[Any], log_std: float, binary: Sequence[int] = ()
+) -> Gaussian | Categorical:
     """Returns the head for an action space.
+
+    Args:
+        space: The space.
+        log_std: Initial logarithm of the standard deviation of continuous actions.
+        binary: Indices of the entries of a `Box` that are only ever -1 or 1.
 
     Raises:
         OptionError: Neither a bounded `Box` nor `Discrete`.
@@ -179,5 +221,5 @@ def action_head(space: spaces.Space[Any], log_std: float) -> Gaussian | Categori
     if isinstance(space, spaces.Discrete):
         return Categorical(space)
     if isinstance(space, spaces.Box):
-        return Gaussian(space, log_std)
+        return Gaussian(space, log_std, binary)
     raise OptionError(f"A policy cannot act in the space {space}.")

@@ -39,8 +39,9 @@ def load_policy(setup: AgentSetup, path: Path) -> LoadedPolicy:
     tensors, about = checkpoint.load(path)
     recipe = recipe_of(about, path)
     spaces = setup.spaces_of(imported_id(recipe.env.reference), spec_of(recipe))
-    layout = ObservationLayout.of(spaces.observation)
-    policy = new_policy(layout, spaces.action, recipe.preset.network, 0)
+    network = recipe.preset.network
+    layout = ObservationLayout.of(spaces.observation, network.image_block_px)
+    policy = new_policy(layout, spaces.action, network, 0, recipe.binary_entries)
     checkpoint.load_network(policy, tensors, path)
     return LoadedPolicy(policy.to(setup.device), recipe)
 
@@ -72,7 +73,7 @@ class PolicyAgent:
     def act(self, obs: Mapping[str, Any]) -> Tensor:
         """Returns actions (N, A) float32, or cells (N, 1) of a discrete space."""
         seen = self._policy.layout.read(obs).to(self._device)
-        acted = self._policy.act(seen, self._memory, self._starts.to(self._device), None)
+        acted = self._policy.choose(seen, self._memory, self._starts.to(self._device))
         self._memory = acted.memory
         self._starts = torch.zeros_like(self._starts)
         actions = torch.from_numpy(self._policy.head.to_env(acted.actions))

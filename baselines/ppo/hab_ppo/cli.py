@@ -9,6 +9,7 @@ from typing import Annotated, ClassVar
 
 import tyro
 
+from hab_ppo.card_commands import CardsCommand, ShipCommand
 from hab_ppo.demonstrate_command import DemonstrateCommand
 from hab_ppo.limits import MOST_EPISODES, MOST_RANKS, MOST_ROWS
 from hab_ppo.train_command import TrainCommand
@@ -136,6 +137,8 @@ COMMANDS: dict[str, type[Command]] = {
     "eval": EvalCommand,
     "plot": PlotCommand,
     "list": ListCommand,
+    "ship": ShipCommand,
+    "cards": CardsCommand,
 }
 
 

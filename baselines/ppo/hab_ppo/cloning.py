@@ -158,6 +158,7 @@ def misfits(policy: Policy, batch: Examples) -> Tensor:
     """Returns the loss of each step (M,), with gradients; episodes follow each other in one row."""
     device = policy.state_normalizer.mean.device
     starts = batch.starts()[:, None]
-    features, _ = policy.features(batch.observations().to(device), starts, policy.no_memory(1))
+    obs = batch.observations().to(device)
+    features, _ = policy.features(obs, starts, policy.no_memory(1))
     actions = policy.head.from_env(batch.actions.numpy()).to(device)
-    return policy.head.misfit(policy.actor(features), actions)
+    return policy.head.misfit(policy.outputs(features, obs), actions)

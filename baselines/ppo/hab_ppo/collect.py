@@ -12,7 +12,8 @@ import torch
 from torch import Tensor
 
 from hab_ppo.distributed import Ranks
-from hab_ppo.network import Acted, Policy
+from hab_ppo.network import Policy
+from hab_ppo.noise import ActionNoise
 from hab_ppo.observation import Observation
 from hab_ppo.rollout import Rollout
 
@@ -48,9 +49,13 @@ class Collector:
         clock: Seconds in ``env`` and ``inference``.
     """
 
-    def __init__(self, env: Any, policy: Policy, ranks: Ranks, steps: int) -> None:
+    def __init__(
+        self, env: Any, policy: Policy, ranks: Ranks, steps: int, correlation: float = 0.0
+    ) -> None:
+        """Creates a collector of rollouts of `steps`, with noise of a `correlation` over steps."""
         self.env, self.clock = env, Clock()
         self._policy, self._ranks, self._steps = policy, ranks, steps
+        self._correlation = correlation
         self._obs: Observation | None = None
 
     def reset(self, seeds: list[int]) -> None:
@@ -70,6 +75,7 @@ class Collector:
             The rollout, and `EPISODE_SUMS` (4,) over the episodes that ended in it.
         """
         policy, rows = self._policy, self.env.num_envs
+        noise = ActionNoise(generator, self._correlation)
         rollout = Rollout.empty(
             self._steps, rows, policy.layout, policy.head.stored, policy.config.lstm_size
         )
@@ -79,7 +85,7 @@ class Collector:
         while step < self._steps and not self._ranks.preempts(update, step, self._steps):
             with self.clock("inference"):
                 obs = self._seen
-                acted = self._act(obs, generator)
+                acted = policy.act(*self._inputs, noise)
                 actions = policy.head.to_env(acted.actions)
                 rollout.put(step, obs)
                 rollout.starts[step], rollout.valid[step] = self._starts, ~self._ended
@@ -98,7 +104,7 @@ class Collector:
             step += 1
         if step == self._steps:
             self._ranks.finish_rollout(update)
-        rollout.last_values = self._act(self._seen, None).values
+        rollout.last_values = policy.values(*self._inputs)
         return rollout.first(step).to(self._ranks.device), torch.from_numpy(sums)
 
     @property
@@ -106,9 +112,11 @@ class Collector:
         assert self._obs is not None, "call reset first"
         return self._obs
 
-    def _act(self, obs: Observation, generator: torch.Generator | None) -> Acted:
+    @property
+    def _inputs(self) -> tuple[Observation, Tensor, Tensor]:
+        """Observations, memory and starts of episodes, on the policy's device."""
         device = self._ranks.device
-        return self._policy.act(obs.to(device), self._memory, self._starts.to(device), generator)
+        return self._seen.to(device), self._memory, self._starts.to(device)
 
     def _read(self, obs: Any) -> Observation:
         return self._policy.layout.read(obs)

@@ -17,8 +17,9 @@ PANELS = (
 )
 """Metrics of each panel, and its label; those of evaluations are drawn with markers."""
 
-SIZE_IN = (12.0, 3.6)
-DPI = 120
+SIZE_IN, DPI = (12.0, 3.6), 120
+CARD_SIZE_IN, CARD_DPI = (6.0, 3.2), 90
+Line = Sequence[tuple[float, float]]
 
 
 def draw_curves(runs: Sequence[Path], out: Path) -> None:
@@ -27,9 +28,7 @@ def draw_curves(runs: Sequence[Path], out: Path) -> None:
     Raises:
         PolicyFileError: A folder holds no run, or one without an update.
     """
-    from matplotlib.figure import Figure  # without pyplot, and so without a display
-
-    figure = Figure(figsize=SIZE_IN, layout="constrained")
+    figure = _figure(SIZE_IN)
     axes = figure.subplots(1, len(PANELS))
     for number, run in enumerate(runs):
         entries = read_progress(run)
@@ -37,22 +36,48 @@ def draw_curves(runs: Sequence[Path], out: Path) -> None:
             raise PolicyFileError(f"{run} has no {FILE} with an update.")
         for axis, (metrics, _) in zip(axes, PANELS, strict=True):
             for metric in metrics:
-                _draw(axis, entries, metric, f"C{number}", run.name)
+                line = [(entry["steps"], entry[metric]) for entry in entries if metric in entry]
+                greedy = metric.startswith("eval/")
+                _draw(axis, line, greedy=greedy, label=f"{run.name}, ", color=f"C{number}")
     for axis, (_, label) in zip(axes, PANELS, strict=True):
-        axis.set_xlabel("environment steps")
-        axis.set_ylabel(label)
-        axis.grid(alpha=0.3)
+        _name(axis, label)
     axes[0].set_ylim(0, 1)
     axes[0].legend(fontsize="small")
-    with written_aside(out) as scratch:
-        figure.savefig(scratch, format="png", dpi=DPI)
+    _save(figure, out, DPI)
 
 
-def _draw(axis: Any, entries: Sequence[dict[str, Any]], metric: str, colour: str, run: str) -> None:
-    points = [(entry["steps"], entry[metric]) for entry in entries if metric in entry]
-    if not points:
+def draw_success(training: Line, greedy: Line, out: Path) -> None:
+    """Draws (steps, success rate) of training and of evaluations, for a model card."""
+    figure = _figure(CARD_SIZE_IN)
+    axis = figure.subplots()
+    _draw(axis, training, greedy=False)
+    _draw(axis, greedy, greedy=True)
+    _name(axis, "success")
+    axis.set_ylim(0, 1)
+    axis.legend(fontsize="small")
+    _save(figure, out, CARD_DPI)
+
+
+def _figure(size_in: tuple[float, float]) -> Any:
+    from matplotlib.figure import Figure  # without pyplot, and so without a display
+
+    return Figure(figsize=size_in, layout="constrained")
+
+
+def _draw(axis: Any, line: Line, *, greedy: bool, label: str = "", **style: Any) -> None:
+    if not line:
         return
-    greedy = metric.startswith("eval/")
-    label = f"{run}, {'greedy, validation' if greedy else 'training'}"
-    style = {"marker": "o"} if greedy else {"alpha": 0.5}
-    axis.plot(*zip(*points, strict=True), color=colour, label=label, **style)
+    style |= {"marker": "o"} if greedy else {"alpha": 0.5}
+    label += "greedy, validation" if greedy else "training"
+    axis.plot(*zip(*line, strict=True), label=label, **style)
+
+
+def _name(axis: Any, label: str) -> None:
+    axis.set(xlabel="environment steps", ylabel=label)
+    axis.grid(alpha=0.3)
+
+
+def _save(figure: Any, out: Path, dpi: int) -> None:
+    """Writes a picture that is the same for the same curves."""
+    with written_aside(out) as scratch:
+        figure.savefig(scratch, format="png", dpi=dpi, metadata={"Software": None})

@@ -18,8 +18,8 @@ from hab_tasks.option_values import LARGEST_SEED, whole
 HELP = """Makes demonstrations for a recipe: an agent's solved episodes, retimed and replayed.
 
 Example:
-  hab-ppo demonstrate close_drawer_cloned --workers 2 --out demonstrations.safetensors
-  hab-ppo train close_drawer_cloned --demonstrations demonstrations.safetensors --out runs/close"""
+  hab-ppo demonstrate close_drawer_blind --workers 2 --out demonstrations.safetensors
+  hab-ppo train close_drawer_blind --demonstrations demonstrations.safetensors --out runs/close"""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,14 +23,15 @@ from hab_eval.load_agent import load_agent
 from hab_eval.runner import run_episode
 
 from hab_ppo.agent import spec_of
+from hab_ppo.demonstration_file import Followed
 from hab_ppo.episodes import training_episodes
 from hab_ppo.errors import RecipeError
 from hab_ppo.examples import Examples
 from hab_ppo.observation import ObservationLayout
 from hab_ppo.progress import WriteLine
 from hab_ppo.recipe import Recipe
-from hab_ppo.replay import MODES, Disturbance, replay
-from hab_ppo.retiming import Recorded, Stretch, straight, stretches, varied
+from hab_ppo.replay import DRIVING_MODE, MODES, Disturbance, replay
+from hab_ppo.retiming import Recorded, Stretch, straight, stretches, varied, within_workspace
 from hab_tasks.agent import Agent, AgentSetup
 from hab_tasks.agent_spaces import agent_setup
 from hab_tasks.episodes import Episode
@@ -87,11 +88,13 @@ class Attempt(NamedTuple):
         agent_failure: The agent's failure; None if it solved the episode.
         replay_failure: The replay's failure; None if it succeeded.
         examples: State, images and labels of a successful replay, as arrays; None without.
+        followed: Its path; None without.
     """
 
     agent_failure: str | None
     replay_failure: str | None = None
     examples: tuple[Any, Any, Any] | None = None
+    followed: Followed | None = None
 
 
 @dataclass(kw_only=True)
@@ -100,12 +103,14 @@ class Demonstrations:
 
     Attributes:
         parts: One demonstration each.
+        followed: Their paths.
         episodes: Number of episodes played.
         agent_failures: Failure -> number of episodes that the agent did not solve.
         replay_failures: Failure -> number of replays that did not succeed.
     """
 
     parts: list[Examples] = field(default_factory=list)
+    followed: list[Followed] = field(default_factory=list)
     episodes: int = 0
     agent_failures: Counter[str] = field(default_factory=Counter)
     replay_failures: Counter[str] = field(default_factory=Counter)
@@ -115,7 +120,7 @@ class Demonstrations:
         self.episodes += 1
         if attempt.agent_failure is not None:
             self.agent_failures[attempt.agent_failure] += 1
-        elif attempt.examples is None:
+        elif attempt.examples is None or attempt.followed is None:
             self.replay_failures[str(attempt.replay_failure)] += 1
         else:
             state, images, actions = attempt.examples
@@ -126,6 +131,7 @@ class Demonstrations:
                 lengths=torch.tensor([len(state)]),
             )
             self.parts.append(part)
+            self.followed.append(attempt.followed)
 
     def counts(self) -> dict[str, Any]:
         """Returns the numbers for the description of a file."""
@@ -216,8 +222,10 @@ class Studio:
         )
         self._stage = _Recording(env, environments.gripper_entry(spec.control_mode))
         self._env: Any = gym.make(recipe.env.reference, num_envs=1, **recipe.env.options())
+        self._drives = recipe.env.control_mode == DRIVING_MODE
         spaces = _setup(plan).spaces(spec_of(recipe))
-        self._layout = ObservationLayout.of(spaces.observation)
+        block_px = recipe.preset.network.image_block_px
+        self._layout = ObservationLayout.of(spaces.observation, block_px)
 
     def attempt(self, number: int) -> Attempt:
         """Plays a training episode with the agent and replays it.
@@ -240,6 +248,8 @@ class Studio:
         if not result.success:
             return Attempt(agent_failure=str(result.failure))
         path, failure = stretches(self._stage.recorded()), None
+        if self._drives:
+            path = within_workspace(path)
         for replays in range(MOST_REPLAYS):
             drawn = np.random.default_rng([self._plan.seed, number, replays])
             followed = _version(path, replays, drawn)
@@ -248,7 +258,8 @@ class Studio:
             if failure is None:
                 images = None if examples.images is None else examples.images.numpy()
                 arrays = examples.state.numpy(), images, examples.actions.numpy()
-                return Attempt(agent_failure=None, examples=arrays)
+                done = Followed(number, followed)
+                return Attempt(agent_failure=None, examples=arrays, followed=done)
         return Attempt(agent_failure=None, replay_failure=failure)
 
     def close(self) -> None:

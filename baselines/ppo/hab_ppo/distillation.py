@@ -1,30 +1,27 @@
 """DAgger (arXiv 1011.0686): a student learns what a teacher would do in the states it visits.
 
-The student plays the vector environment of its own recipe, for example with images. The teacher,
-whose observation is a part of the student's, labels every state. The data of all rounds are kept,
+The student plays the vector environment of its own recipe, for example with images. The teacher
+(`hab_ppo.teachers`) labels every state. The data of all rounds are kept,
 and after each round the student is fitted to all of them.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from hab_ppo.agent import WEIGHTS, load_policy, weights_file
 from hab_ppo.cloning import Fit, clone
-from hab_ppo.errors import PolicyFileError, RecipeError
 from hab_ppo.examples import Examples, compact
 from hab_ppo.network import Policy
-from hab_ppo.observation import Observation, ObservationLayout
+from hab_ppo.noise import ActionNoise
+from hab_ppo.observation import Observation
 from hab_ppo.progress import WriteLine
-from hab_ppo.recipe import Distillation, EnvConfig
-from hab_tasks.agent_spaces import agent_setup
-from hab_tasks.registration import imported_id
+from hab_ppo.recipe import Distillation
+from hab_ppo.teachers import Teacher
 
 
 @dataclass(kw_only=True)
@@ -42,56 +39,9 @@ class Visits:
     successes: int = 0
 
 
-def teacher_file(teacher: str) -> Path:
-    """Returns the weights of a recipe's name or a path.
-
-    Raises:
-        PolicyFileError: There are none.
-    """
-    path = weights_file(Path(teacher))
-    shipped = WEIGHTS / f"{teacher}.safetensors"
-    if path.is_file():
-        return path
-    if shipped.is_file():
-        return shipped
-    raise PolicyFileError(
-        f"There are no weights of the teacher {teacher}: train it and give --teacher DIR."
-    )
-
-
-def load_teacher(path: Path, env: EnvConfig, layout: ObservationLayout | None) -> Policy:
-    """Returns the policy of a file of weights.
-
-    Args:
-        path: The file.
-        env: The student's environment.
-        layout: What the student observes; None to leave it unchecked.
-
-    Raises:
-        PolicyFileError: The file cannot be used.
-        RecipeError: The teacher acts in another environment, or observes what the student does not.
-    """
-    policy, recipe = load_policy(agent_setup(env.reference), path)
-    if imported_id(recipe.env.reference) != imported_id(env.reference):
-        raise RecipeError(f"The teacher {path} acts in {recipe.env.env}, not {env.env}.")
-    for name in ("control_mode", "target_frame"):
-        if getattr(recipe.env, name) != getattr(env, name):
-            raise RecipeError(
-                f"The teacher {path} has {name} {getattr(recipe.env, name)!r}, not "
-                f"{getattr(env, name)!r}."
-            )
-    own = policy.layout
-    if layout is not None:
-        missing = {*own.state, *own.images} - {*layout.state, *layout.images}
-        if missing:
-            entry = "/".join(min(missing))
-            raise RecipeError(f"The teacher {path} observes {entry}, which the student does not.")
-    return policy
-
-
 def distill(
     student: Policy,
-    teacher: Policy,
+    teacher: Teacher,
     env: Any,
     config: Distillation,
     seed: int,
@@ -101,7 +51,7 @@ def distill(
 
     Args:
         student: The policy that learns.
-        teacher: The policy that labels, on the CPU.
+        teacher: Labels the states.
         env: The student's vector environment, in autoreset mode `NEXT_STEP`.
         config: The rounds.
         seed: Seed of episodes, actions and fits.
@@ -136,33 +86,32 @@ def newest(parts: list[Examples], most_mb: int) -> list[Examples]:
 
 
 def visit(
-    student: Policy, teacher: Policy, env: Any, steps: int, beta: float, seed: list[int]
+    student: Policy, teacher: Teacher, env: Any, steps: int, beta: float, seed: list[int]
 ) -> Visits:
     """Plays a round from the start of new episodes; every visited state gets its label.
 
     Args:
         student: Acts with noise.
-        teacher: Labels with its most likely actions.
+        teacher: Labels the states.
         env: The vector environment.
         steps: Number of labelled states.
         beta: Share of the steps in which the teacher's action is executed.
         seed: Seed of the round.
     """
     drawn, rows = np.random.default_rng(seed), env.num_envs
-    noise = torch.Generator(device=student.state_normalizer.mean.device)
-    noise.manual_seed(int(drawn.integers(2**31)))
+    device = student.state_normalizer.mean.device
+    generator = torch.Generator(device=device).manual_seed(int(drawn.integers(2**31)))
+    noise = ActionNoise(generator)
     seeds = [int(one) for one in drawn.integers(2**31, size=rows)]
     obs, _ = env.reset(seed=seeds, options={"reconfigure": True})
-    recorder, result = _Recorder(rows), Visits()
+    recorder, result = Recorder(rows), Visits()
     starts, ended = torch.ones(rows, dtype=torch.bool), np.zeros(rows, dtype=bool)
-    memories = student.no_memory(rows), teacher.no_memory(rows)
+    memory = student.no_memory(rows)
     taken = 0
     while taken < steps:
         seen = student.layout.read(obs)
-        acted = student.act(seen.to(noise.device), memories[0], starts.to(noise.device), noise)
-        told = teacher.act(teacher.layout.read(obs), memories[1], starts, None)
-        memories = acted.memory, told.memory
-        labels = teacher.head.to_env(told.actions)
+        acted = student.choose(seen.to(device), memory, starts.to(device), noise)
+        memory, labels = acted.memory, teacher.labels(obs, starts)
         leads = (drawn.random(rows) < beta).reshape(rows, *[1] * (labels.ndim - 1))
         actions = np.where(leads, labels, student.head.to_env(acted.actions))
         recorder.put(seen, labels, ~ended)
@@ -177,7 +126,7 @@ def visit(
     return result
 
 
-class _Recorder:
+class Recorder:
     """Keeps the running episode of each row."""
 
     def __init__(self, rows: int) -> None:

@@ -1,15 +1,18 @@
-"""Greedy evaluation: a vector environment plays each of a list of episodes once."""
+"""Rollouts: a vector environment plays each of a list of episodes once."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from hab_ppo.network import Policy
+from hab_ppo.noise import ActionNoise
+from hab_ppo.observation import Observation
 from hab_tasks.episodes import Episode
 
 
@@ -30,8 +33,14 @@ class Score:
     steps: int
 
 
-class _Rows:
-    """Which row plays which episode; a row with none left repeats its last one, uncounted."""
+class Rows:
+    """Which row plays which episode; a row with none left repeats its last one, uncounted.
+
+    Attributes:
+        playing: Index of the episode of each row; None without one.
+        shown: The episode of each row, also of those that repeat one.
+        total, steps: (N,) sum of rewards and number of steps of the running episodes.
+    """
 
     def __init__(self, episodes: Sequence[Episode], rows: int) -> None:
         self._episodes, self._next = episodes, rows
@@ -58,30 +67,55 @@ class _Rows:
         return score
 
 
+class Observer(Protocol):
+    """Sees the steps of an evaluation."""
+
+    def before_step(self, playing: Sequence[int | None], obs: Any, seen: Observation) -> None:
+        """Sees an observation.
+
+        Args:
+            playing: Index of the episode of each row; None without one.
+            obs: The environment's observation.
+            seen: What the policy reads of it.
+        """
+
+    def after_step(self, ended: NDArray[np.bool_]) -> None:
+        """Sees which rows' episodes ended, (N,)."""
+
+
 def evaluate(
-    env: Any, policy: Policy, episodes: Sequence[Episode], device: torch.device | str = "cpu"
+    env: Any,
+    policy: Policy,
+    episodes: Sequence[Episode],
+    noise: ActionNoise | None = None,
+    observer: Observer | None = None,
 ) -> list[Score]:
-    """Plays each episode once with the most likely actions; returns the scores in order.
+    """Plays each episode once; returns the scores in order.
 
     Args:
         env: A vector environment in autoreset mode `DISABLED` or `NEXT_STEP`; its rows have to be
             reset afterwards.
-        policy: The policy, on `device`.
+        policy: The policy.
         episodes: The episodes.
-        device: Torch device.
+        noise: Draws the actions, on the policy's device; None for the most likely ones.
+        observer: Sees every step.
     """
-    count = env.num_envs
-    rows, scores = _Rows(episodes, count), []
+    count, device = env.num_envs, policy.state_normalizer.mean.device
+    rows, scores = Rows(episodes, count), []
     obs, _ = env.reset(options={"episode": rows.shown})
     starts, memory = torch.ones(count, dtype=torch.bool), policy.no_memory(count)
     while len(scores) < len(episodes):
-        seen = policy.layout.read(obs).to(device)
-        acted = policy.act(seen, memory, starts.to(device), None)
+        seen = policy.layout.read(obs)
+        if observer is not None:
+            observer.before_step(rows.playing, obs, seen)
+        acted = policy.choose(seen.to(device), memory, starts.to(device), noise)
         memory = acted.memory
         obs, reward, terminated, truncated, info = env.step(policy.head.to_env(acted.actions))
         rows.total += reward
         rows.steps += 1
         ended = terminated | truncated
+        if observer is not None:
+            observer.after_step(ended)
         for row in np.flatnonzero(ended).tolist():
             score = rows.end(row, bool(info["success"][row]))
             scores += [] if score is None else [score]

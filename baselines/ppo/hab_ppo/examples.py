@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,16 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from hab_ppo import checkpoint
-from hab_ppo.errors import PolicyFileError
 from hab_ppo.observation import Observation
-from hab_ppo.recipe import EnvConfig, to_json
-from hab_tasks.registration import imported_id
-
-KIND = "demonstrations"
-
-SEEN = ("control_mode", "obs_mode", "target_frame", "handle_position")
-"""Entries of `EnvConfig` in which demonstrations and a recipe have to agree, beside the id."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,45 +90,3 @@ class Examples:
 def compact(images: Tensor) -> Tensor:
     """Returns images as they are kept: uint8 as they are, else float16."""
     return images if images.dtype == torch.uint8 else images.half()
-
-
-def write_examples(path: Path, examples: Examples, env: EnvConfig, about: dict[str, Any]) -> None:
-    """Writes demonstrations to a file, atomically.
-
-    Args:
-        path: The file.
-        examples: The demonstrations.
-        env: The environment in which they were made.
-        about: Further entries of the description: agent, seed, counts.
-    """
-    tensors = {"state": examples.state, "actions": examples.actions, "lengths": examples.lengths}
-    if examples.images is not None:
-        tensors["images"] = examples.images
-    checkpoint.save(path, tensors, {"kind": KIND, "env": to_json(env), **about})
-
-
-def read_examples(path: Path, env: EnvConfig) -> tuple[Examples, dict[str, Any]]:
-    """Returns the demonstrations of a file and its description.
-
-    Raises:
-        PolicyFileError: Not such a file, or of another environment than `env`.
-    """
-    tensors, about = checkpoint.load(path)
-    if about.get("kind") != KIND:
-        raise PolicyFileError(f"{path} is not a file of demonstrations.")
-    found = about["env"]
-    if imported_id(found["env"]) != imported_id(env.env):
-        raise PolicyFileError(f"{path} has demonstrations of {found['env']}, not {env.env}.")
-    for name in SEEN:
-        if found[name] != getattr(env, name):
-            raise PolicyFileError(
-                f"{path} has demonstrations with {name} {found[name]!r}, not "
-                f"{getattr(env, name)!r}."
-            )
-    examples = Examples(
-        state=tensors["state"],
-        images=tensors.get("images"),
-        actions=tensors["actions"],
-        lengths=tensors["lengths"],
-    )
-    return examples, about

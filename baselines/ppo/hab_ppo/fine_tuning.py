@@ -62,7 +62,6 @@ class Guide:
         """Returns the actor's outputs (T, N, O) in a rollout that follows the last one."""
         rows = rollout.starts.shape[1]
         memory = self._policy.no_memory(rows) if self._memory is None else self._memory
-        features, self._memory = self._policy.features(
-            rollout.observations(), rollout.starts, memory
-        )
-        return self._policy.actor(features).view(*rollout.starts.shape, -1)
+        obs = rollout.observations()
+        features, self._memory = self._policy.features(obs, rollout.starts, memory)
+        return self._policy.outputs(features, obs).view(*rollout.starts.shape, -1)

@@ -32,6 +32,7 @@ class TrainPlan:
         resume: Checkpoint to continue from, `LAST` or `EXACT`; None to start anew.
         demonstrations: File of demonstrations for the recipe's warm start; None to make them.
         teacher: Weights or run of the teacher, instead of those that the recipe names.
+        command: The command of the run, for its description.
     """
 
     recipe: Recipe
@@ -40,6 +41,7 @@ class TrainPlan:
     resume: str | None = None
     demonstrations: Path | None = None
     teacher: Path | None = None
+    command: str = ""
 
 
 def check_same(plan: TrainPlan, about: Mapping[str, Any]) -> None:

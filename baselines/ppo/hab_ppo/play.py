@@ -70,8 +70,9 @@ def play(path: Path, *, split: str, episodes: int, seed: int, rows: int, workers
         **(config.options() | {"split": split, "episode_seed": seed}),
     )
     try:
-        layout = ObservationLayout.of(env.single_observation_space)
-        policy = new_policy(layout, env.single_action_space, recipe.preset.network, 0)
+        network, space = recipe.preset.network, env.single_action_space
+        layout = ObservationLayout.of(env.single_observation_space, network.image_block_px)
+        policy = new_policy(layout, space, network, 0, recipe.binary_entries)
         checkpoint.load_network(policy, tensors, path)
         began = time.perf_counter()
         scores = evaluate(env, policy, wanted)

@@ -64,6 +64,8 @@ class PPO:
         self, policy: Policy, config: PPOConfig, ranks: Ranks, guide: Guide | None = None
     ) -> None:
         self.policy, self.config, self.ranks, self.guide = policy, config, ranks, guide
+        if config.final_log_std is not None:
+            policy.head.fix_spread()
         self.optimizer = torch.optim.Adam(
             policy.parameters(), lr=config.learning_rate, eps=1e-5, foreach=True
         )
@@ -99,7 +101,8 @@ class PPO:
         for group in self.optimizer.param_groups:
             group["lr"] = rate
         policy = self.policy
-        parameters = list((policy.critic if stage.critic_only else policy).parameters())
+        module = policy.critic if stage.critic_only else policy
+        parameters = [value for value in module.parameters() if value.requires_grad]
         batch = self._batch(rollout)
         parts = self._minibatches(rollout.valid.shape[1], generator)
         counts = self.ranks.sum(torch.stack([rollout.valid[:, rows].sum() for rows in parts]))

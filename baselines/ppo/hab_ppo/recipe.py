@@ -64,16 +64,22 @@ class NetworkConfig:
     Attributes:
         state_layers: Widths of the state encoder; empty for none.
         image_features: Width of the visual encoder's output; unused without images.
+        image_block_px: Side of the square blocks of pixels that are averaged before the encoder.
         lstm_size: Width of the LSTM; 0 for none.
         head_layers: Widths of the hidden layers of actor and critic each.
         log_std: Initial logarithm of the standard deviation of continuous actions.
+        gripper_persistence: Logit at the start of training with which the gripper stays closed
+            while it holds something, and open while it does not. Its action is then drawn as open
+            or closed; with None, it is from a Gaussian of which the environment reads the sign.
     """
 
     state_layers: tuple[int, ...] = ()
     image_features: int = 256
+    image_block_px: int = 1
     lstm_size: int = 0
     head_layers: tuple[int, ...] = (256, 256)
     log_std: float = 0.0
+    gripper_persistence: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,6 +99,10 @@ class PPOConfig:
         max_gradient_norm: Gradients are scaled down to this norm.
         scales_rewards: Whether rewards are divided by the running standard deviation of the
             discounted return.
+        final_log_std: Logarithm of the standard deviation of continuous actions at the end of the
+            run, to which it falls linearly from `NetworkConfig.log_std` (after a warm start, from
+            `FineTuning.log_std`); None to learn it.
+        noise_correlation: Correlation of the noise of successive steps (`ActionNoise`).
     """
 
     learning_rate: float = 1e-4
@@ -106,6 +116,8 @@ class PPOConfig:
     minibatches: int = 2
     max_gradient_norm: float = 0.5
     scales_rewards: bool = False
+    final_log_std: float | None = None
+    noise_correlation: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,22 +148,41 @@ PAPER = Preset(
 """The learner of S App. C; what the paper leaves open (widths, rollouts) is Habitat's."""
 
 FAST = Preset(
-    network=NetworkConfig(log_std=-0.5),
+    network=NetworkConfig(log_std=-0.5, gripper_persistence=4.0),
     ppo=PPOConfig(
         learning_rate=3e-4,
-        decays=False,
         value_weight=0.5,
         entropy_weight=1e-3,
         epochs=4,
         minibatches=4,
         scales_rewards=True,
+        final_log_std=-2.0,
+        noise_correlation=0.8,
     ),
     rows=8,
     rollout_steps=200,
 )
 """A learner for few CPU cores: two networks of 2 x 256, many gradient steps on each rollout."""
 
-PRESETS = {"paper": PAPER, "fast": FAST}
+RECURRENT = replace(
+    FAST,
+    network=replace(FAST.network, state_layers=(256,), lstm_size=128, head_layers=()),
+)
+"""`FAST` with an LSTM, for policies whose observation does not tell in which phase they are: a
+drawer that does not move any more is closed."""
+
+VISUAL = Preset(
+    network=replace(
+        FAST.network, state_layers=(256,), image_block_px=2, lstm_size=256, head_layers=()
+    ),
+    ppo=replace(FAST.ppo, epochs=2, minibatches=2),
+    rows=8,
+    rollout_steps=100,
+)
+"""A learner for images on few CPU cores, with one network for actor and critic: two visual encoders
+would take twice the time, and images of 128 x 128 pixels four times that of 64 x 64."""
+
+PRESETS = {"paper": PAPER, "fast": FAST, "recurrent": RECURRENT, "visual": VISUAL}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,9 +198,9 @@ class Cloning:
         patience: Epochs without improvement on these after which the fit ends.
     """
 
-    epochs: int = 60
+    epochs: int = 40
     learning_rate: float = 1e-3
-    batch_steps: int = 256
+    batch_steps: int = 1000
     held_out: float = 0.1
     patience: int = 15
 
@@ -201,13 +232,20 @@ class WarmStart:
         noise: Standard deviation of the noise on the actions of the demonstrations, as a share of
             the largest action.
         cloning: The fit.
+        rounds: Rounds of practice: the clone plays demonstrated episodes, the states that it visits
+            are labelled by their paths, and it is fitted again to all data.
+        lessons: Number of episodes of a round.
+        refitting: The fit of each round.
         tuning: PPO afterwards.
     """
 
     agent: str = "hab_spa:spa_priv"
-    demonstrations: int = 300
+    demonstrations: int = 200
     noise: float = 0.5
     cloning: Cloning = field(default_factory=Cloning)
+    rounds: int = 4
+    lessons: int = 100
+    refitting: Cloning = field(default_factory=lambda: Cloning(epochs=20, patience=5))
     tuning: FineTuning = field(default_factory=FineTuning)
 
 
@@ -216,7 +254,10 @@ class Distillation:
     """DAgger (arXiv 1011.0686) before PPO: a teacher labels the states that the student visits.
 
     Attributes:
-        teacher: Name of a recipe whose weights ship, or the path of weights or of a run's folder.
+        teacher: Name of a recipe whose weights ship, or the path of weights or of a run's folder;
+            None for an expert.
+        expert: Method of the environment that returns an expert's actions, such as
+            ``shortest_path_action`` of Navigate.
         rounds: Number of rounds; after each, the student is fitted to the data of all rounds.
         round_steps: Environment steps of a round.
         beta: Share of the first round's steps in which the teacher acts; in later rounds the
@@ -226,7 +267,8 @@ class Distillation:
         tuning: PPO afterwards.
     """
 
-    teacher: str
+    teacher: str | None = None
+    expert: str | None = None
     rounds: int = 5
     round_steps: int = 10_000
     beta: float = 1.0
@@ -267,6 +309,24 @@ class Recipe:
     def __post_init__(self) -> None:
         if self.warm_start is not None and self.distill is not None:
             raise RecipeError(f"Recipe {self.name} has both warm_start and distill; give one.")
+
+    def log_std(self, progress: float) -> float | None:
+        """Returns the fixed spread of continuous actions at a share of the run; None if learned."""
+        last = self.preset.ppo.final_log_std
+        if last is None:
+            return None
+        first = self.preset.network.log_std if self.tuning is None else self.tuning.log_std
+        return first + min(1.0, progress) * (last - first)
+
+    @property
+    def binary_entries(self) -> tuple[int, ...]:
+        """Indices of the binary entries of the action: the gripper's, or none."""
+        if self.preset.network.gripper_persistence is None:
+            return ()
+        from hab_eval.environments import gripper_entry  # loads torch
+
+        entry = gripper_entry(self.env.control_mode)
+        return () if entry is None else (entry,)
 
     @property
     def tuning(self) -> FineTuning | None:

@@ -19,7 +19,8 @@ from hab_ppo.observation import Observation, ObservationLayout
 from hab_ppo.retiming import Follower, Stretch
 from hab_tasks.episodes import Episode
 
-MODES = ("ee", "ee_base")
+DRIVING_MODE = "ee_base"
+MODES = ("ee", DRIVING_MODE)
 """Control modes into which a path can be retimed."""
 
 BLOCK_STEPS = 5

@@ -14,9 +14,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hab_tasks.constants import EE_STEP_M
+from hab_tasks.constants import CONTROL_HZ, EE_STEP_M
+from hab_tasks.robots.robot import ROBOT
 
 Array = NDArray[np.float64]
+
+AHEAD = np.array((1.0, 0.0, 0.0))
+DRIVE_STEP_M = ROBOT.base_linear_speed_m_s / CONTROL_HZ
 
 SPACING_M = 0.01
 """Distance between the points of a stretch."""
@@ -30,6 +34,13 @@ REACHED_M = 0.01
 
 GRASPED_M = 0.04
 """The same before a grasp on a straight path: well within the snap grasp, and easier to learn."""
+
+NEAREST_M = ROBOT.ee_lower_m[0] + 0.04
+"""Nearest to the base that the hand comes while it holds something and the base can drive; the
+controller keeps the hand beyond `ROBOT.ee_lower_m`."""
+
+PULL_SPACING_M = 0.022
+"""Distance between the points while the base drives back: one is passed in every step."""
 
 LAST_GAIN = 0.5
 """Share of the distance to the end of a stretch that an action covers: the hand follows its
@@ -110,11 +121,39 @@ def stretches(recorded: Recorded) -> list[Stretch]:
     return found
 
 
-def spaced(points_m: Array) -> Array:
-    """Returns points (P, 3), `SPACING_M` apart along a line of points (T, 3), to its end."""
+def within_workspace(path: list[Stretch]) -> list[Stretch]:
+    """Returns a path on which the base drives back where it pulls the hand too near to the base.
+
+    An agent that sets joints can reach points that the ``ee`` controller does not. All points after
+    the base has driven back lie farther ahead by as much, but for the end of the path, where the
+    hand rests.
+    """
+    result, back_m = [], 0.0
+    for number, stretch in enumerate(path):
+        points = stretch.points_m + back_m * AHEAD
+        if number == len(path) - 1 and stretch.gripper < 0:
+            points = points - np.linspace(0, back_m, len(points))[:, None] * AHEAD
+        if stretch.gripper < 0 or stretch.drives is not None or points[:, 0].min() > NEAREST_M:
+            result.append(replace(stretch, points_m=points))
+            continue
+        standing = int(np.argmax(points[:, 0] <= NEAREST_M))
+        if standing:
+            result.append(replace(stretch, points_m=points[:standing]))
+        pulled = spaced(points[max(0, standing - 1) :], PULL_SPACING_M)
+        pulled_back_m = np.maximum.accumulate(np.maximum(0.0, NEAREST_M - pulled[:, 0]))
+        drives = np.zeros((len(pulled), 2))
+        drives[:, 0] = np.clip(-np.diff(pulled_back_m, prepend=0.0) / DRIVE_STEP_M, -1, 1)
+        moved = pulled + pulled_back_m[:, None] * AHEAD
+        result.append(replace(stretch, points_m=moved, drives=drives))
+        back_m += float(pulled_back_m[-1])
+    return result
+
+
+def spaced(points_m: Array, spacing_m: float = SPACING_M) -> Array:
+    """Returns points (P, 3), so far apart along a line of points (T, 3), to its end."""
     lengths = np.linalg.norm(np.diff(points_m, axis=0), axis=1)
     along = np.concatenate(([0.0], np.cumsum(lengths)))
-    count = max(1, int(np.ceil(along[-1] / SPACING_M)))
+    count = max(1, int(np.ceil(along[-1] / spacing_m)))
     wanted = np.linspace(0.0, along[-1], count + 1)[1:]
     return np.stack([np.interp(wanted, along, axis) for axis in points_m.T], axis=1)
 
@@ -178,6 +217,12 @@ class Follower:
         self._waited_steps = 0
         self._expect_nearer()
         self.finished = False
+        self._empty_steps = 0
+
+    @property
+    def has_lost(self) -> bool:
+        """Whether the hand has not held for long what it should hold here."""
+        return self._empty_steps > GRASP_STEPS
 
     def act(self, ee_m: Array, holding: bool) -> Array:
         """Returns the action (6,): motion in units of 1.5 cm, gripper, base.
@@ -189,6 +234,7 @@ class Follower:
         stretch = self._path[self._stretch]
         action = np.zeros(6)
         action[3] = stretch.gripper
+        self._empty_steps = self._empty_steps + 1 if stretch.gripper > 0 and not holding else 0
         if stretch.drives is not None:
             action[:3] = motion(stretch.points_m[self._point] - ee_m, last=True)
             action[4:] = stretch.drives[self._point]

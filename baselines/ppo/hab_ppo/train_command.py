@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -46,7 +47,7 @@ class TrainCommand(Command):
     seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
     """Seed of the run."""
     preset: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
-    """paper or fast, instead of the recipe's learner."""
+    """paper, fast, recurrent or visual, instead of the recipe's learner."""
     steps: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """Environment steps in all, instead of the recipe's."""
     rows: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
@@ -119,6 +120,13 @@ class TrainCommand(Command):
             words += [option] if value is True else [option, str(value)]
         return words
 
+    def _command(self) -> str:
+        """Returns the command of this run, without its folder and how it goes on."""
+        fresh = replace(self, resume=False, exact=False, force=False, verbose=False)
+        words = fresh._arguments()
+        where = words.index("--out")
+        return shlex.join(["hab-ppo", *words[:where], *words[where + 2 :]])
+
     def _plan(self, recipe: Recipe) -> TrainPlan:
         from hab_ppo.plan import EXACT, LAST, TrainPlan
 
@@ -131,6 +139,7 @@ class TrainCommand(Command):
             resume=resume,
             demonstrations=self.demonstrations,
             teacher=self.teacher,
+            command=self._command(),
         )
 
     def _train(self, recipe: Recipe) -> int:

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from hab_eval.provenance import device, git_commit
 
 from hab_ppo import checkpoint
 from hab_ppo.checkpoint import Position
@@ -48,14 +49,19 @@ class Trainer:
         with ranks.first_on_machine() as workers:
             self._episodes = prepare_episodes(recipe, workers, self._write_line)
         self._env = make_rows(recipe, preset.rows, 1)
-        layout = ObservationLayout.of(self._env.single_observation_space)
+        observed = self._env.single_observation_space
+        layout = ObservationLayout.of(observed, preset.network.image_block_px)
         space = self._env.single_action_space
-        policy = new_policy(layout, space, preset.network, plan.seed).to(ranks.device)
+        policy = new_policy(layout, space, preset.network, plan.seed, recipe.binary_entries)
+        policy = policy.to(ranks.device)
         guide = start_policy(plan, ranks, policy, self._write_line)
         self._learner = PPO(policy, preset.ppo, ranks, guide)
-        self._collector = Collector(self._env, policy, ranks, preset.rollout_steps)
+        self._collector = Collector(
+            self._env, policy, ranks, preset.rollout_steps, preset.ppo.noise_correlation
+        )
         self._recent = Recent()
         self._position = self._restored() if plan.resume else Position()
+        self._origin = {"command": plan.command, "device": device(), "git": git_commit()}
         self._began_s = time.perf_counter() - self._position.seconds
 
     def run(self) -> Position:
@@ -91,9 +97,12 @@ class Trainer:
         at, clock = self._position, self._collector.clock
         before, began = dict(clock.seconds), time.perf_counter()
         noise = self._generator(1, self._ranks.device)
+        share = at.steps / self._recipe.total_steps
+        log_std = self._recipe.log_std(share)
+        if log_std is not None:
+            self._learner.policy.head.explore(log_std)
         rollout, sums = self._collector.collect(at.update, noise)
         with clock("update"):
-            share = at.steps / self._recipe.total_steps
             stage = self._stage()
             metrics = self._learner.update(rollout, self._generator(2), share, stage)
         metrics = {f"update/{name}": value for name, value in metrics.items()}
@@ -153,7 +162,7 @@ class Trainer:
         ranks = self._ranks
         mine = self._episodes[ranks.rank :: ranks.size]
         policy = self._learner.policy
-        scores = evaluate(self._env, policy, mine, ranks.device) if mine else []
+        scores = evaluate(self._env, policy, mine) if mine else []
         sums = [
             sum(score.success for score in scores),
             sum(score.total_reward for score in scores),
@@ -200,6 +209,7 @@ class Trainer:
             "seed": self._plan.seed,
             "ranks": self._ranks.size,
             "position": checkpoint.position_json(self._position),
+            "origin": self._origin,
         }
 
     def _save(self, name: str) -> None:

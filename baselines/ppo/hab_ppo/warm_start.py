@@ -7,23 +7,36 @@ that continues finds the files and makes nothing anew.
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
 
 from hab_ppo import checkpoint
-from hab_ppo.cloning import clone
+from hab_ppo.cloning import Fit, clone
+from hab_ppo.demonstration_file import DemonstrationFile, read_examples, write_examples
 from hab_ppo.demonstrations import DemonstrationPlan, demonstrate
-from hab_ppo.distillation import distill, load_teacher, teacher_file
+from hab_ppo.distillation import distill
 from hab_ppo.distributed import Ranks
+from hab_ppo.episodes import training_episodes
 from hab_ppo.errors import RecipeError
-from hab_ppo.examples import Examples, read_examples, write_examples
+from hab_ppo.examples import Examples
 from hab_ppo.fine_tuning import Guide
 from hab_ppo.network import Policy
 from hab_ppo.plan import CLONED, DEMONSTRATIONS, TrainPlan, check_same
+from hab_ppo.practice import Lesson, practise
 from hab_ppo.progress import WriteLine
 from hab_ppo.recipe import Recipe, to_json
+from hab_ppo.teachers import (
+    Expert,
+    PolicyTeacher,
+    check_expert,
+    classroom,
+    load_teacher,
+    teacher_file,
+)
 
 
 def check_start(plan: TrainPlan) -> None:
@@ -36,14 +49,16 @@ def check_start(plan: TrainPlan) -> None:
     recipe = plan.recipe
     if plan.demonstrations is not None and recipe.warm_start is None:
         raise RecipeError(f"--demonstrations: {recipe.name} does not start from demonstrations.")
-    if plan.teacher is not None and recipe.distill is None:
+    if plan.teacher is not None and (recipe.distill is None or recipe.distill.expert):
         raise RecipeError(f"--teacher: {recipe.name} has no teacher.")
     if plan.resume is not None:
         return
     if plan.demonstrations is not None:
         read_examples(plan.demonstrations, recipe.env)
-    if recipe.distill is not None:
-        load_teacher(_teacher(plan), recipe.env, None)
+    if recipe.distill is not None and recipe.distill.expert is not None:
+        check_expert(recipe.distill.expert, recipe.env)
+    elif recipe.distill is not None:
+        classroom(recipe.env, load_teacher(_teacher(plan), recipe.env))
 
 
 def start_policy(
@@ -82,19 +97,11 @@ def _make(plan: TrainPlan, ranks: Ranks, policy: Policy, write_line: WriteLine) 
     """Writes the weights from which PPO starts."""
     began, recipe = time.perf_counter(), plan.recipe
     if recipe.warm_start is not None:
-        config = recipe.warm_start
-        examples, made = _demonstrations(plan, ranks, write_line)
-        fit = clone(policy, examples, config.cloning, plan.seed, write_line)
-        policy.head.explore(config.tuning.log_std)
+        file = _demonstrations(plan, ranks, write_line)
+        made = {name: file.about[name] for name in ("agent", "seed", "counts")}
+        fit = _taught(plan, ranks, policy, file, write_line)
     else:
-        assert recipe.distill is not None
-        made = {"teacher": str(_teacher(plan))}
-        teacher = load_teacher(_teacher(plan), recipe.env, policy.layout)
-        env = make_rows(recipe, recipe.preset.rows * ranks.size, ranks.on_machine)
-        try:
-            fit = distill(policy, teacher, env, recipe.distill, plan.seed, write_line)
-        finally:
-            env.close()
+        made, fit = _distilled(plan, ranks, policy, write_line)
     seconds = time.perf_counter() - began
     write_line(f"cloned in {seconds / 60:.1f} min, held-out loss {fit.held_out_loss:.4f}")
     about = {
@@ -107,10 +114,62 @@ def _make(plan: TrainPlan, ranks: Ranks, policy: Policy, write_line: WriteLine) 
     checkpoint.save(plan.out / CLONED, checkpoint.network_tensors(policy), about)
 
 
-def _demonstrations(
-    plan: TrainPlan, ranks: Ranks, write_line: WriteLine
-) -> tuple[Examples, dict[str, Any]]:
-    """Returns the demonstrations of a run, made if there are none, and their description."""
+def _taught(
+    plan: TrainPlan, ranks: Ranks, policy: Policy, file: DemonstrationFile, write_line: WriteLine
+) -> Fit:
+    """Fits a policy to demonstrations, then to what it visits in rounds of practice."""
+    recipe, config = plan.recipe, plan.recipe.warm_start
+    assert config is not None
+    policy.head.explore(config.tuning.log_std)
+    parts = [file.examples]
+    fit = clone(policy, file.examples, config.cloning, plan.seed, write_line)
+    if not config.rounds:
+        return fit
+    episodes = training_episodes(recipe, ranks.on_machine, write_line)
+    lessons = [Lesson(episodes[one.number], one.path) for one in file.followed]
+    env = make_rows(recipe, recipe.preset.rows * ranks.size, ranks.on_machine)
+    try:
+        for number in range(config.rounds):
+            seed = [plan.seed, number]
+            drawn = np.random.default_rng(seed).permutation(len(lessons))[: config.lessons]
+            visits = practise(policy, [lessons[one] for one in drawn], env, seed)
+            parts += visits.parts
+            data = Examples.joined(parts)
+            fit = clone(policy, data, config.refitting, plan.seed + number, write_line)
+            write_line(
+                f"practice, round {number + 1} of {config.rounds}: solved {visits.successes} of "
+                f"{visits.episodes} episodes, {len(data.state):,} labelled steps, held out "
+                f"{fit.held_out_loss:.4f}"
+            )
+    finally:
+        env.close()
+    return fit
+
+
+def _distilled(
+    plan: TrainPlan, ranks: Ranks, policy: Policy, write_line: WriteLine
+) -> tuple[dict[str, Any], Fit]:
+    """Fits a policy to its teacher; returns what the teacher was, and the fit."""
+    recipe, config = plan.recipe, plan.recipe.distill
+    assert config is not None
+    rows = recipe.preset.rows * ranks.size
+    if config.expert is not None:
+        env = make_rows(recipe, rows, ranks.on_machine)
+        made, teacher = {"expert": config.expert}, Expert(env, config.expert)
+    else:
+        loaded = load_teacher(_teacher(plan), recipe.env)
+        shown = replace(recipe, env=classroom(recipe.env, loaded))
+        env = make_rows(shown, rows, ranks.on_machine)
+        made = {"teacher": loaded.recipe.name}  # a path would mean nothing elsewhere
+        teacher = PolicyTeacher(loaded.policy, rows)
+    try:
+        return made, distill(policy, teacher, env, config, plan.seed, write_line)
+    finally:
+        env.close()
+
+
+def _demonstrations(plan: TrainPlan, ranks: Ranks, write_line: WriteLine) -> DemonstrationFile:
+    """Returns the demonstrations of a run, made if there are none."""
     recipe, config = plan.recipe, plan.recipe.warm_start
     assert config is not None
     path = plan.demonstrations or plan.out / DEMONSTRATIONS
@@ -124,8 +183,7 @@ def _demonstrations(
             workers=ranks.on_machine,
         )
         write_demonstrations(path, wanted, write_line)
-    examples, about = read_examples(path, recipe.env)
-    return examples, {name: about[name] for name in ("agent", "seed", "counts")}
+    return read_examples(path, recipe.env)
 
 
 def write_demonstrations(path: Path, plan: DemonstrationPlan, write_line: WriteLine) -> None:
@@ -138,7 +196,8 @@ def write_demonstrations(path: Path, plan: DemonstrationPlan, write_line: WriteL
         "seed": plan.seed,
         "counts": made.counts(),
     }
-    write_examples(path, Examples.joined(made.parts), plan.recipe.env, about)
+    env = plan.recipe.env
+    write_examples(path, Examples.joined(made.parts), made.followed, env, about)
 
 
 def _teacher(plan: TrainPlan) -> Path:

@@ -1,15 +1,18 @@
 """GAE, normalisers, observations and sequences, against values worked out by hand."""
 
+from collections import OrderedDict
+
 import numpy as np
 import pytest
 import torch
+from gymnasium import spaces
 from hab_ppo.network import new_policy
 from hab_ppo.normalizer import Moments, RunningNormalizer
-from hab_ppo.observation import ObservationLayout
+from hab_ppo.observation import ObservationLayout, averaged
 from hab_ppo.recipe import NetworkConfig
 from hab_ppo.rollout import Rollout, discounted_returns, gae
 from hab_ppo.sequences import Sequences, run_lstm
-from toy_vector import ToyVector
+from toy_vector import ToyVector, box
 
 from hab_tasks.errors import OptionError
 
@@ -86,7 +89,22 @@ def test_normalizer_divides_each_channel_and_changes_only_when_told():
     assert normalizer.count == 2
 
 
-def test_observations_are_read_in_the_order_of_the_space():
+def test_the_order_of_the_space_does_not_matter():
+    ones = {"goal": box(1), "handle": box(3)}
+    agent = spaces.Dict({"ee": box(3)})
+    forth = spaces.Dict(OrderedDict(agent=agent, extra=spaces.Dict(OrderedDict(ones))))
+    back = spaces.Dict(
+        OrderedDict(extra=spaces.Dict(OrderedDict(reversed(ones.items()))), agent=agent)
+    )
+    assert ObservationLayout.of(forth) == ObservationLayout.of(back)
+    assert ObservationLayout.of(back).state == (
+        ("agent", "ee"),
+        ("extra", "goal"),
+        ("extra", "handle"),
+    )
+
+
+def test_observations_are_read_in_the_order_of_their_paths():
     env = ToyVector(2, images=True)
     layout = ObservationLayout.of(env.single_observation_space)
     assert layout.state == (("agent", "position"), ("extra", "goal"))
@@ -100,6 +118,26 @@ def test_observations_are_read_in_the_order_of_the_space():
     first = layout.images.index(("sensor_data", "head", "depth"))
     channel = 0 if first == 0 else 3
     assert np.allclose(obs.images[:, channel, 5, 5], env.goal)
+
+
+def test_blocks_of_pixels_are_averaged():
+    # 2 x 2 blocks of rows (0 1 2 3), (4 5 6 7), ...: (0 + 1 + 4 + 5) / 4 = 2.5, (2 + 3 + 6 + 7) / 4
+    # = 4.5; as whole numbers, torch rounds halves to even: 2 and 4.
+    image = torch.arange(16.0).reshape(1, 1, 4, 4)
+    assert averaged(image, 2).tolist() == [[[[2.5, 4.5], [10.5, 12.5]]]]
+    assert averaged(image.to(torch.uint8), 2).tolist() == [[[[2, 4], [10, 12]]]]
+    assert averaged(image, 1) is image
+
+
+def test_images_are_read_in_blocks():
+    env = ToyVector(2, images=True)
+    layout = ObservationLayout.of(env.single_observation_space, image_block_px=3)
+    assert layout.image_shape == (4, 12, 12)
+    obs = layout.read(env.reset(seed=[1, 2])[0])
+    assert obs.images is not None
+    assert obs.images.shape == (2, 4, 12, 12)
+    with pytest.raises(OptionError, match="image_block_px 5 does not divide images of 36 x 36"):
+        ObservationLayout.of(env.single_observation_space, image_block_px=5)
 
 
 def test_a_flat_observation_is_rejected():

@@ -8,16 +8,18 @@ import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
-from hab_ppo import demonstrations
+from hab_ppo import demonstrations, teachers
 from hab_ppo.cli import main
+from hab_ppo.demonstration_file import Followed, read_examples, write_examples
 from hab_ppo.demonstrations import Attempt, DemonstrationPlan, demonstrate
 from hab_ppo.errors import PolicyFileError
-from hab_ppo.examples import Examples, read_examples, write_examples
+from hab_ppo.examples import Examples
 from hab_ppo.observation import Observation, ObservationLayout
 from hab_ppo.recipes import find_recipe
 from hab_ppo.replay import Disturbance, replay
 from hab_ppo.retiming import (
     GRASP_STEPS,
+    NEAREST_M,
     Follower,
     Recorded,
     Stretch,
@@ -26,6 +28,7 @@ from hab_ppo.retiming import (
     straight,
     stretches,
     varied,
+    within_workspace,
 )
 
 from hab_tasks.errors import RunStoppedError
@@ -58,6 +61,30 @@ def test_a_path_is_split_where_the_gripper_changes_or_the_base_drives():
     # Every step of the drive is kept, with the point that it led to.
     assert path[2].points_m[:, 0] * 100 == pytest.approx([5, 6])
     assert path[2].drives[:, 0].tolist() == [0.4, 0.4]
+
+
+def test_the_base_drives_back_where_the_hand_would_come_too_near():
+    pull = Stretch(points_m=line(49, 48, 47, 46, 45, 40.6), gripper=1.0)
+    rest = Stretch(points_m=line(45, 50), gripper=-1.0)
+    free = Stretch(points_m=line(60, 30), gripper=-1.0)
+    standing, driving, end = within_workspace([free, pull, rest])[1:]
+    assert pytest.approx(0.44) == NEAREST_M
+    assert standing.points_m[:, 0] * 100 == pytest.approx([49, 48, 47, 46, 45])
+    assert standing.drives is None
+    # The 4.4 cm from 45 to 40.6 in pieces of at most 2.2 cm: 42.8 and 40.6. The hand stays at 44,
+    # so the base is 1.2 cm and then 3.4 cm back: 1.2 and 2.2 of the 3.33 cm that it drives in a
+    # step.
+    assert driving.points_m[:, 0] * 100 == pytest.approx([44, 44])
+    assert driving.drives[:, 0] == pytest.approx([-0.36, -0.66])
+    # The hand goes on from where it is, and rests where it did.
+    assert end.points_m[:, 0] * 100 == pytest.approx([45 + 3.4, 50])
+    # A hand that comes no nearer, or is empty, changes nothing.
+    same = within_workspace([free, replace(pull, points_m=line(49, 45)), rest])
+    assert [one.points_m.tolist() for one in same] == [
+        free.points_m.tolist(),
+        line(49, 45).tolist(),
+        rest.points_m.tolist(),
+    ]
 
 
 def test_motion_is_at_most_a_step_along_each_axis():
@@ -149,7 +176,9 @@ class PointEnv:
         }
 
 
-LAYOUT = ObservationLayout(state=(("agent", "ee_position"), ("agent", "is_holding")), state_size=4)
+LAYOUT = ObservationLayout(
+    state=(("agent", "ee_position"), ("agent", "is_holding")), state_sizes=(3, 1)
+)
 PATH = stretches(Recorded(line(0, 10, 20, 10, 0), np.array([-1, -1, 1, 1]), np.zeros((4, 2))))
 
 
@@ -201,8 +230,19 @@ def test_examples_are_kept_in_a_file(tmp_path):
     examples = Examples.joined([example(3, images=0.25), example(2, images=0.5)])
     assert examples.images.dtype == torch.float16
     file = tmp_path / "demonstrations.safetensors"
-    write_examples(file, examples, env, {"agent": "a:b"})
-    found, about = read_examples(file, env)
+    still = Stretch(points_m=np.arange(6.0).reshape(2, 3), gripper=-1.0, end_m=np.ones(3))
+    drives = Stretch(
+        points_m=np.ones((1, 3)), gripper=1.0, drives=np.array([[0.5, 0.0]]), reached_m=0.2
+    )
+    paths = [Followed(7, [still, drives]), Followed(9, [drives])]
+    write_examples(file, examples, paths, env, {"agent": "a:b"})
+    found, followed, about = read_examples(file, env)
+    assert [(one.number, len(one.path)) for one in followed] == [(7, 2), (9, 1)]
+    for one, other in zip(followed[0].path, paths[0].path, strict=True):
+        for name in ("points_m", "gripper", "drives", "end_m", "reached_m"):
+            expected = getattr(other, name)
+            assert (getattr(one, name) is None) == (expected is None)
+            assert expected is None or np.array_equal(getattr(one, name), expected)
     assert about["agent"] == "a:b"
     assert found.starts().tolist() == [True, False, False, True, False]
     assert torch.equal(found.episodes(torch.tensor([1])).state, examples.state[3:])
@@ -211,6 +251,8 @@ def test_examples_are_kept_in_a_file(tmp_path):
         read_examples(file, find_recipe("pick_blind").env)
     with pytest.raises(PolicyFileError, match="handle_position True, not False"):
         read_examples(file, replace(env, handle_position=False))
+    with pytest.raises(PolicyFileError, match="episode_seed 0, not 1"):
+        read_examples(file, replace(env, episode_seed=1))
 
 
 @pytest.fixture
@@ -228,7 +270,8 @@ def attempts(monkeypatch):
     return given
 
 
-GOOD = Attempt(None, None, (np.zeros((3, 2), np.float32), None, np.zeros((3, 4), np.float32)))
+ARRAYS = (np.zeros((3, 2), np.float32), None, np.zeros((3, 4), np.float32))
+GOOD = Attempt(None, None, ARRAYS, Followed(0, []))
 
 
 def test_demonstrations_are_counted_by_failure(attempts):
@@ -270,13 +313,14 @@ def test_a_useless_agent_is_reported_in_one_line(attempts, tmp_path, capsys):
         (["train", "pick_blind", "--out", "DIR", "--demonstrations", "DEMO"], "does not start"),
         (["train", "pick_blind", "--out", "DIR", "--teacher", "DEMO"], "has no teacher"),
         (["train", "pick_cloned", "--out", "DIR", "--demonstrations", "DEMO"], "not HabPick-v1"),
-        (["train", "pick_depth", "--out", "DIR"], "no weights of the teacher pick_blind"),
-        (["train", "pick_depth", "--out", "DIR", "--teacher", "DEMO"], "no recipe"),
+        (["train", "place_depth", "--out", "DIR"], "no weights of the teacher place_blind"),
+        (["train", "place_depth", "--out", "DIR", "--teacher", "DEMO"], "no recipe"),
     ],
 )
-def test_bad_input_is_reported_in_one_line(arguments, message, tmp_path, capsys):
+def test_bad_input_is_reported_in_one_line(arguments, message, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(teachers, "WEIGHTS", tmp_path / "nothing_ships")
     demo = tmp_path / "demo.safetensors"
-    write_examples(demo, example(3), find_recipe("close_drawer_blind").env, {})
+    write_examples(demo, example(3), [], find_recipe("close_drawer_blind").env, {})
     names = {"DEMO": str(demo), "DIR": str(tmp_path / "run"), "FILE": str(tmp_path / "new")}
     assert main([names.get(word, word) for word in arguments]) == 2
     told = capsys.readouterr().err

@@ -8,6 +8,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import gymnasium as gym
 import pytest
 import torch
 from hab_eval.cli import main as hab_eval
@@ -15,19 +16,26 @@ from hab_ppo import checkpoint
 from hab_ppo.agent import spec_of
 from hab_ppo.cli import main
 from hab_ppo.distributed import Ranks
+from hab_ppo.episodes import training_episodes
 from hab_ppo.network import new_policy
 from hab_ppo.observation import Observation, ObservationLayout
 from hab_ppo.progress import read_progress
 from hab_ppo.recipe import PAPER
 from hab_ppo.recipes import find_recipe, recipe_names
 from hab_ppo.trainer import LAST, Trainer, TrainPlan
+from hab_ppo.warm_start import make_rows
 
 from hab_tasks.agent_spaces import agent_spaces
 from hab_tasks.registration import SKILLS
 
 pytestmark = pytest.mark.slow
 
-SKILL_RECIPES = [name for name in recipe_names() if find_recipe(name).env.env in SKILLS]
+SKILL_RECIPES = [
+    name
+    for name in recipe_names()
+    # One recipe with images is enough: they differ in nothing but the environment and the teacher.
+    if find_recipe(name).env.env in SKILLS and ("_depth" not in name or name == "pick_depth")
+]
 SHORT = ("--rows", "4", "--rollout-steps", "10", "--episodes", "2", "--evaluation-episodes", "1")
 
 
@@ -43,15 +51,33 @@ def _one_cache(tmp_path_factory):
 def test_the_network_of_a_recipe_fits_its_environment(name):
     recipe = find_recipe(name)
     spaces = agent_spaces(recipe.env.env, spec_of(recipe))
-    layout = ObservationLayout.of(spaces.observation)
-    assert (layout.image_shape is None) == (recipe.env.obs_mode == "state_dict")
     for preset in (recipe.preset, PAPER):
+        layout = ObservationLayout.of(spaces.observation, preset.network.image_block_px)
+        assert (layout.image_shape is None) == (recipe.env.obs_mode == "state_dict")
         policy = new_policy(layout, spaces.action, preset.network, seed=0)
         images = layout.image_shape and torch.rand(3, *layout.image_shape)
         obs = Observation(torch.zeros(3, layout.state_size), images)
-        acted = policy.act(obs, policy.no_memory(3), torch.ones(3, dtype=torch.bool), None)
+        acted = policy.choose(obs, policy.no_memory(3), torch.ones(3, dtype=torch.bool))
         assert spaces.action.contains(policy.head.to_env(acted.actions)[0])
         assert policy.lstm is not None or preset is not PAPER
+
+
+def test_an_agent_sees_what_the_policy_saw_in_training():
+    recipe = find_recipe("close_drawer_blind")
+    recipe = replace(recipe, env=replace(recipe.env, num_episodes=2))
+    (episode, _) = training_episodes(recipe, 1, lambda line: None)
+    single = gym.make(recipe.env.reference, num_envs=1, **recipe.env.options())
+    rows = make_rows(recipe, 2, 1)
+    try:
+        space = agent_spaces(recipe.env.env, spec_of(recipe)).observation
+        layout = ObservationLayout.of(space)
+        assert ObservationLayout.of(rows.single_observation_space) == layout
+        obs, _ = single.reset(options={"episode": episode})
+        both, _ = rows.reset(options={"episode": [episode, episode]})
+        assert torch.equal(layout.read(obs).state[0], layout.read(both).state[1])
+    finally:
+        single.close()
+        rows.close()
 
 
 @pytest.mark.parametrize("name", SKILL_RECIPES)
@@ -75,7 +101,13 @@ def test_a_resumed_run_equals_one_that_was_never_interrupted(tmp_path):
     recipe = replace(
         recipe,
         env=replace(recipe.env, num_episodes=4),
-        preset=replace(recipe.preset, rows=4, rollout_steps=30),
+        preset=replace(
+            recipe.preset,
+            # The run is cut short below.
+            ppo=replace(recipe.preset.ppo, final_log_std=None, decays=False),
+            rows=4,
+            rollout_steps=30,
+        ),
         total_steps=600,
         evaluation_steps=200,
         evaluation_episodes=2,
@@ -141,8 +173,10 @@ def test_demonstrations_of_a_planner_start_a_run(tmp_path, capsys):
     again = tmp_path / "again.safetensors"
     assert main([*demonstrate, "--workers", "1", "--out", str(again)]) == 0
     one, other = checkpoint.load(file)[0], checkpoint.load(again)[0]
-    assert all(torch.equal(one[name], other[name]) for name in one)
-    train = ["train", "close_drawer_cloned", "--demonstrations", str(file), "--out", str(out)]
+    assert set(one) == set(other)
+    for name, tensor in one.items():  # what a stretch does not have is NaN
+        torch.testing.assert_close(tensor, other[name], rtol=0, atol=0, equal_nan=True, msg=name)
+    train = ["train", "close_drawer_blind", "--demonstrations", str(file), "--out", str(out)]
     assert main([*train, "--steps", "40", *SHORT]) == 0
     assert "PPO starts from a policy with success" in capsys.readouterr().out
     assert checkpoint.load(out / "cloned.safetensors")[1]["made_from"]["counts"]["solved"] >= 2
@@ -150,8 +184,11 @@ def test_demonstrations_of_a_planner_start_a_run(tmp_path, capsys):
 
 def test_a_state_policy_teaches_a_depth_policy(tmp_path):
     teacher, out = tmp_path / "teacher", tmp_path / "student"
-    assert main(["train", "pick_blind", "--out", str(teacher), "--steps", "40", *SHORT]) == 0
-    recipe = find_recipe("pick_depth")
+    assert (
+        main(["train", "place_blind", "--scratch", "--out", str(teacher), "--steps", "40", *SHORT])
+        == 0
+    )
+    recipe = find_recipe("place_depth")
     distill = replace(recipe.distill, rounds=1, round_steps=20)
     short = replace(recipe, preset=replace(recipe.preset, rows=2), distill=distill)
     plan = TrainPlan(

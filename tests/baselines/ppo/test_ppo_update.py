@@ -1,18 +1,31 @@
 """The loss against hand-worked values, and learning in a toy environment."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import torch
+from gymnasium import spaces
 from hab_ppo.actions import action_head
 from hab_ppo.collect import Collector
 from hab_ppo.distributed import Ranks
 from hab_ppo.evaluation import evaluate
-from hab_ppo.network import Judged, new_policy
-from hab_ppo.observation import ObservationLayout
+from hab_ppo.network import HOLDING, Judged, new_policy
+from hab_ppo.noise import ActionNoise
+from hab_ppo.observation import Observation, ObservationLayout
 from hab_ppo.ppo import METRICS, PPO, Batch
-from hab_ppo.recipe import FAST, NetworkConfig, PPOConfig
+from hab_ppo.recipe import (
+    FAST,
+    PAPER,
+    EnvConfig,
+    FineTuning,
+    NetworkConfig,
+    PPOConfig,
+    Recipe,
+    WarmStart,
+)
 from hab_ppo.rollout import Rollout
 from toy_vector import ToyVector, goals
 
@@ -93,19 +106,111 @@ def test_gaussian_and_categorical_heads_agree_with_torch():
     generator = torch.Generator().manual_seed(0)
     outputs = torch.randn(6, 3, generator=generator)
     cells = action_head(ToyVector(1, discrete=True).single_action_space, 0.0)
-    actions = cells.sample(outputs, generator)
+    actions = cells.sample(outputs, ActionNoise(generator))
     reference = torch.distributions.Categorical(logits=outputs)
     torch.testing.assert_close(cells.log_prob(outputs, actions), reference.log_prob(actions))
     torch.testing.assert_close(cells.entropy(outputs), reference.entropy())
     assert torch.equal(cells.sample(outputs, None), outputs.argmax(dim=1))
     walk = action_head(TOY.single_action_space, -0.3)
-    actions = walk.sample(outputs[:, :1], generator)
+    actions = walk.sample(outputs[:, :1], ActionNoise(generator))
     reference = torch.distributions.Normal(outputs[:, :1], math.exp(-0.3))
     torch.testing.assert_close(
         walk.log_prob(outputs[:, :1], actions), reference.log_prob(actions)[:, 0]
     )
     torch.testing.assert_close(walk.entropy(outputs[:, :1]), reference.entropy()[:, 0])
     assert walk.to_env(torch.tensor([[3.0], [-0.5]])).tolist() == [[1.0], [-0.5]]
+
+
+def test_a_fixed_spread_falls_and_is_not_learnt():
+    config = replace(FAST.ppo, final_log_std=-2.0)
+    preset = replace(FAST, network=NetworkConfig(log_std=-0.5), ppo=config)
+    env = EnvConfig(env="HabPick-v1", control_mode="ee")
+    recipe = Recipe(name="toy", about="A toy.", env=env, preset=preset)
+    # -0.5 + 0.5 * (-2 + 0.5) = -1.25; after the end, the last value.
+    assert [recipe.log_std(share) for share in (0.0, 0.5, 1.0, 1.1)] == [-0.5, -1.25, -2.0, -2.0]
+    cloned = replace(recipe, warm_start=WarmStart(tuning=FineTuning(log_std=-1.0)))
+    assert cloned.log_std(0.5) == -1.5
+    assert replace(recipe, preset=PAPER).log_std(0.5) is None
+    learner, collector = toy_learner(config)
+    learner.policy.head.explore(-1.25)
+    rollout, _ = collector.collect(0, torch.Generator().manual_seed(0))
+    learner.update(rollout, torch.Generator().manual_seed(0), 0.0)
+    assert learner.policy.head.log_std.tolist() == [-1.25]
+    learner, collector = toy_learner(replace(config, final_log_std=None))
+    rollout, _ = collector.collect(0, torch.Generator().manual_seed(0))
+    learner.update(rollout, torch.Generator().manual_seed(0), 0.0)
+    assert learner.policy.head.log_std.tolist() != [-0.5]
+
+
+def test_a_binary_entry_beside_a_gaussian():
+    space = spaces.Box(-1.0, 1.0, (2,), np.float32)
+    head = action_head(space, 0.0, binary=(1,))
+    outputs, actions = torch.tensor([[0.3, 2.0]]), torch.tensor([[0.8, 1.0]])
+    assert head.sample(outputs, None).tolist() == [[pytest.approx(0.3), 1.0]]
+    assert head.sample(-outputs, None).tolist() == [[pytest.approx(-0.3), -1.0]]
+    # -0.5^2 / 2 - ln(2 pi) / 2 = -1.0439; ln sigmoid(2) = -0.1269
+    assert head.log_prob(outputs, actions).tolist() == pytest.approx([-1.1709], abs=1e-4)
+    # (1 + ln(2 pi)) / 2 = 1.4189; p = 0.8808: -0.8808 ln 0.8808 - 0.1192 ln 0.1192 = 0.3653
+    assert head.entropy(outputs).tolist() == pytest.approx([1.7842], abs=1e-4)
+    # (0.2^2 + 2.1269) / 2, as -ln sigmoid(-2) = 2.1269
+    misfit = head.misfit(outputs, torch.tensor([[0.5, -1.0]]))
+    assert misfit.tolist() == pytest.approx([1.0835], abs=1e-4)
+    # 0.5 ln(0.5 / 0.8808) + 0.5 ln(0.5 / 0.1192) = 0.4338
+    kl = head.kl(outputs, head, torch.tensor([[0.3, 0.0]]))
+    assert kl.tolist() == pytest.approx([0.4338], abs=1e-4)
+    drawn = head.sample(outputs.expand(20_000, 2), ActionNoise(torch.Generator().manual_seed(0)))
+    assert set(drawn[:, 1].tolist()) == {-1.0, 1.0}
+    assert (drawn[:, 1] > 0).float().mean().item() == pytest.approx(0.8808, abs=0.01)
+    assert drawn[:, 0].std().item() == pytest.approx(1.0, abs=0.02)
+
+
+def test_the_gripper_is_the_binary_entry():
+    def entries(control_mode, preset):
+        env = EnvConfig(env="HabPick-v1", control_mode=control_mode)
+        return Recipe(name="x", about="", env=env, preset=preset).binary_entries
+
+    assert entries("ee", FAST) == entries("ee_base", FAST) == (3,)
+    assert entries("joint_delta", FAST) == (7,)
+    assert entries("base_discrete", FAST) == entries("ee", PAPER) == ()
+
+
+def test_the_gripper_tends_to_stay_as_it_is():
+    layout = ObservationLayout(state=(("agent", "arm_qpos"), HOLDING), state_sizes=(2, 1))
+    space = spaces.Box(-1.0, 1.0, (4,), np.float32)
+    config = NetworkConfig(head_layers=(16,), gripper_persistence=4.0)
+    policy = new_policy(layout, space, config, 0, binary=(3,))
+    obs = Observation(torch.tensor([[0.5, 0.1, 1.0], [0.5, 0.1, 0.0]]), None)
+    features, memory = policy.encoded(obs), policy.no_memory(2)
+    change = policy.outputs(features, obs) - policy.actor(features)
+    assert change.tolist() == [[0, 0, 0, pytest.approx(4)], [0, 0, 0, pytest.approx(-4)]]
+    # Every function that acts or learns sees the same distribution.
+    starts = torch.ones(2, dtype=torch.bool)
+    acted = policy.act(obs, memory, starts, ActionNoise(torch.Generator().manual_seed(0)))
+    judged = policy.judge(obs, acted.actions[None], starts[None], memory)
+    assert torch.allclose(judged.log_probs[0], acted.log_probs, atol=1e-6)
+    assert torch.allclose(judged.outputs[0], policy.outputs(features, obs), atol=1e-6)
+    assert policy.choose(obs, memory, starts).actions[:, 3].tolist() == [1, -1]
+    # Without noise, three quarters of the tendency to stay are left.
+    for own, changes in ((2.9, False), (3.1, True)):
+        with torch.no_grad():
+            policy.actor[-1].weight.zero_()
+            policy.actor[-1].bias[3] = -own
+        assert (policy.choose(obs, memory, starts).actions[0, 3] < 0) == changes
+
+
+def test_correlated_noise():
+    def generator():
+        return torch.Generator().manual_seed(3)
+
+    like = torch.zeros(5000, 2)
+    white, coloured = ActionNoise(generator()), ActionNoise(generator(), correlation=0.6)
+    first, second = white.normal(like), white.normal(like)
+    assert torch.equal(coloured.normal(like), first)
+    # sqrt(1 - 0.6^2) = 0.8
+    torch.testing.assert_close(coloured.normal(like), 0.6 * first + 0.8 * second)
+    last = [coloured.normal(like) for _ in range(20)][-1]
+    assert last.std().item() == pytest.approx(1.0, abs=0.03)
+    assert (last * coloured.normal(like)).mean().item() == pytest.approx(0.6, abs=0.03)
 
 
 @pytest.mark.parametrize("lstm_size", [0, 16], ids=["plain", "lstm"])
@@ -117,9 +222,9 @@ def test_the_toy_is_learnt(discrete, lstm_size):
     for update in range(25):
         generator = torch.Generator().manual_seed(update)
         rollout, _ = collector.collect(update, generator)
-        metrics = learner.update(rollout, generator, update / 40)
+        metrics = learner.update(rollout, generator, update / 100)
     assert all(math.isfinite(value) for value in metrics.values())
-    assert metrics["learning_rate"] == pytest.approx(3e-4)
+    assert metrics["learning_rate"] == pytest.approx(0.76 * 3e-4)  # after 24 of 100 updates
     scores = evaluate(collector.env, learner.policy, episodes)
     assert [score.episode for score in scores] == list(range(20))
     assert sum(score.success for score in scores) >= 18

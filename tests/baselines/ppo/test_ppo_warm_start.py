@@ -9,15 +9,17 @@ import pytest
 import torch
 from hab_ppo import checkpoint, trainer, warm_start
 from hab_ppo.actions import action_head
+from hab_ppo.agent import LoadedPolicy
 from hab_ppo.cloning import batches, clone, misfits
 from hab_ppo.collect import Collector
+from hab_ppo.demonstration_file import write_examples
 from hab_ppo.distillation import distill, newest, visit
 from hab_ppo.distributed import Ranks
 from hab_ppo.errors import RecipeError
 from hab_ppo.evaluation import evaluate
-from hab_ppo.examples import Examples, write_examples
+from hab_ppo.examples import Examples
 from hab_ppo.fine_tuning import Guide, Stage
-from hab_ppo.network import Acted, new_policy
+from hab_ppo.network import Chosen, new_policy
 from hab_ppo.observation import ObservationLayout
 from hab_ppo.plan import BEST, CLONED, EXACT, LAST, TrainPlan
 from hab_ppo.ppo import PPO
@@ -34,6 +36,7 @@ from hab_ppo.recipe import (
     from_json,
     to_json,
 )
+from hab_ppo.teachers import PolicyTeacher, check_expert, classroom
 from hab_ppo.trainer import Trainer
 from toy_vector import ToyVector, goals
 
@@ -64,7 +67,8 @@ def previous(state):
 def test_cloning_recovers_a_linear_teacher():
     policy = new_policy(LAYOUT, SPACE, PLAIN, seed=0)
     critic = {name: value.clone() for name, value in policy.critic.state_dict().items()}
-    fit = clone(policy, random_examples([20] * 50, linear), Cloning(epochs=60), 0, QUIET)
+    config = Cloning(epochs=60, batch_steps=256)
+    fit = clone(policy, random_examples([20] * 50, linear), config, 0, QUIET)
     assert fit.held_out_loss < 1e-3
     unseen = random_examples([100], linear, seed=1)
     assert misfits(policy, unseen).mean() < 1e-3
@@ -101,7 +105,7 @@ def test_cells_are_cloned_by_cross_entropy():
     space = ToyVector(1, discrete=True).single_action_space
     policy = new_policy(LAYOUT, space, PLAIN, seed=0)
     examples = random_examples([20] * 30, lambda state: (state[:, 0] > 0).long() * 2)
-    clone(policy, examples, Cloning(epochs=40), 0, QUIET)
+    clone(policy, examples, Cloning(epochs=40, batch_steps=256), 0, QUIET)
     features, _ = policy.features(
         examples.observations(), examples.starts()[:, None], policy.no_memory(1)
     )
@@ -196,10 +200,9 @@ class Walker:
     def no_memory(self, rows):
         return torch.zeros(2, rows, 0)
 
-    def act(self, obs, memory, starts, generator):
+    def choose(self, obs, memory, starts, noise=None):
         gap = obs.state[:, 1:] - obs.state[:, :1]
-        nothing = torch.zeros(len(gap))
-        return Acted((gap / 0.2).clamp(-1, 1), nothing, nothing, memory)
+        return Chosen((gap / 0.2).clamp(-1, 1), memory)
 
 
 class Stubborn(Walker):
@@ -207,13 +210,12 @@ class Stubborn(Walker):
 
     state_normalizer = SimpleNamespace(mean=torch.zeros(1))
 
-    def act(self, obs, memory, starts, generator):
-        rows = len(obs.state)
-        return Acted(torch.ones(rows, 1), torch.zeros(rows), torch.zeros(rows), memory)
+    def choose(self, obs, memory, starts, noise=None):
+        return Chosen(torch.ones(len(obs.state), 1), memory)
 
 
 def test_the_states_that_the_student_visits_get_the_labels_of_the_teacher():
-    visits = visit(Stubborn(), Walker(), ToyVector(4), 60, 0.0, [0])
+    visits = visit(Stubborn(), PolicyTeacher(Walker(), 4), ToyVector(4), 60, 0.0, [0])
     assert 60 <= sum(len(part.state) for part in visits.parts) < 64
     for part in visits.parts:
         # 0.2 further right in each step, whatever the goal.
@@ -221,7 +223,7 @@ def test_the_states_that_the_student_visits_get_the_labels_of_the_teacher():
         gap = part.state[:, 1:] - part.state[:, :1]
         torch.testing.assert_close(part.actions, (gap / 0.2).clamp(-1, 1))
     assert visits.episodes > visits.successes
-    led = visit(Stubborn(), Walker(), ToyVector(4), 60, 1.0, [0])
+    led = visit(Stubborn(), PolicyTeacher(Walker(), 4), ToyVector(4), 60, 1.0, [0])
     assert led.episodes == led.successes > 0
 
 
@@ -243,11 +245,28 @@ def test_a_student_is_distilled(images):
     cloning = Cloning(epochs=30 if not images else 4, batch_steps=64)
     config = Distillation(teacher="", rounds=3, round_steps=300, cloning=cloning)
     lines = []
-    distill(student, Walker(), env, config, 0, lines.append)
+    distill(student, PolicyTeacher(Walker(), env.num_envs), env, config, 0, lines.append)
     assert "round 3 of 3" in lines[-1]
     env.reset(seed=list(range(8)))
     scores = evaluate(env, student, goals(20))
     assert sum(score.success for score in scores) >= 16
+
+
+def test_an_expert_is_a_method_of_the_environment():
+    check_expert("shortest_path_action", EnvConfig(env="HabNavigate-v1", control_mode="base"))
+    with pytest.raises(RecipeError, match="HabPick-v1 has no expert shortest_path_action"):
+        check_expert("shortest_path_action", EnvConfig(env="HabPick-v1", control_mode="ee"))
+
+
+def test_a_teacher_sees_a_handle_that_the_student_has_to_find():
+    blind = EnvConfig(env="HabOpenDrawer-v1", control_mode="ee", handle_position=True)
+    depth = replace(blind, obs_mode="depth", handle_position=False)
+    teacher = LoadedPolicy(Walker(), replace(TOY, env=blind))
+    assert classroom(depth, teacher) == replace(depth, handle_position=True)
+    plain = LoadedPolicy(Walker(), replace(TOY, env=replace(blind, handle_position=False)))
+    assert classroom(depth, plain) == depth
+    with pytest.raises(RecipeError, match="observes depth, the student state_dict"):
+        classroom(blind, LoadedPolicy(Walker(), replace(TOY, env=depth)))
 
 
 # Runs -------------------------------------------------------------------------------------------
@@ -256,12 +275,17 @@ TOY = Recipe(
     name="toy",
     about="A toy.",
     env=EnvConfig(env="HabPick-v1", control_mode="ee"),
-    preset=replace(FAST, network=NetworkConfig(lstm_size=8, head_layers=(16,)), rollout_steps=20),
+    preset=replace(
+        FAST,
+        network=NetworkConfig(lstm_size=8, head_layers=(16,)),
+        ppo=replace(FAST.ppo, final_log_std=None, decays=False),  # runs are cut short
+        rollout_steps=20,
+    ),
     total_steps=960,
     evaluation_steps=320,
     evaluation_episodes=6,
     warm_start=WarmStart(
-        cloning=Cloning(epochs=3), tuning=FineTuning(critic_updates=3, kl_steps=1000)
+        cloning=Cloning(epochs=3), rounds=0, tuning=FineTuning(critic_updates=3, kl_steps=1000)
     ),
 )
 
@@ -272,13 +296,14 @@ def train(monkeypatch):
 
     def demonstrations(path, plan, write_line):
         assert plan.agent == "hab_spa:spa_priv"
-        parts = visit(Stubborn(), Walker(), ToyVector(4), 200, 1.0, [plan.seed]).parts
-        write_examples(
-            path, Examples.joined(parts), plan.recipe.env, {"agent": "", "seed": 0, "counts": {}}
-        )
+        parts = visit(
+            Stubborn(), PolicyTeacher(Walker(), 4), ToyVector(4), 200, 1.0, [plan.seed]
+        ).parts
+        about = {"agent": "", "seed": 0, "counts": {}}
+        write_examples(path, Examples.joined(parts), [], plan.recipe.env, about)
 
     monkeypatch.setattr(warm_start, "write_demonstrations", demonstrations)
-    monkeypatch.setattr(warm_start, "load_teacher", lambda *_: Walker())
+    monkeypatch.setattr(warm_start, "load_teacher", lambda *_: LoadedPolicy(Walker(), TOY))
     monkeypatch.setattr(warm_start, "teacher_file", lambda name: name)
     monkeypatch.setattr(trainer, "prepare_episodes", lambda recipe, *_: goals(6))
     monkeypatch.setattr(warm_start.gym, "make_vec", lambda _, num_envs, **__: ToyVector(num_envs))
@@ -329,7 +354,7 @@ def test_a_distilled_run(train, tmp_path):
         distill=Distillation(teacher="x", rounds=2, round_steps=100, cloning=cloning),
     )
     train(tmp_path, recipe)
-    assert checkpoint.load(tmp_path / CLONED)[1]["made_from"] == {"teacher": "x"}
+    assert checkpoint.load(tmp_path / CLONED)[1]["made_from"] == {"teacher": TOY.name}
     with pytest.raises(RecipeError, match="another distill"):
         train(tmp_path, replace(recipe, distill=replace(recipe.distill, beta=0.5)), resume=LAST)
 

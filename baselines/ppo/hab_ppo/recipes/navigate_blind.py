@@ -6,15 +6,12 @@ is longer than those of the other skills, hence the larger discount factor.
 
 from dataclasses import replace
 
-from hab_ppo.recipe import FAST, EnvConfig, NetworkConfig, Recipe
+from hab_ppo.recipe import RECURRENT, Distillation, EnvConfig, Recipe
 
 RECIPE = Recipe(
     name="navigate_blind",
     about="Navigate from the point to go to.",
-    env=EnvConfig(env="HabNavigate-v1", control_mode="base_discrete"),
-    preset=replace(
-        FAST,
-        network=NetworkConfig(lstm_size=128),
-        ppo=replace(FAST.ppo, discount=0.995, entropy_weight=1e-2),
-    ),
+    env=EnvConfig(env="HabNavigate-v1", control_mode="base_discrete", num_episodes=5000),
+    preset=replace(RECURRENT, ppo=replace(RECURRENT.ppo, discount=0.995)),
+    distill=Distillation(expert="shortest_path_action"),
 )

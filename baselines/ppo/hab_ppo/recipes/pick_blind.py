@@ -5,5 +5,6 @@ from hab_ppo.recipe import EnvConfig, Recipe
 RECIPE = Recipe(
     name="pick_blind",
     about="Pick from the arm's state and the object's starting position.",
-    env=EnvConfig(env="HabPick-v1", control_mode="ee"),
+    env=EnvConfig(env="HabPick-v1", control_mode="ee", num_episodes=5000),
+    total_steps=1_500_000,
 )

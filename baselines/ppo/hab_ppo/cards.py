@@ -1,0 +1,109 @@
+"""Model cards of the weights that ship: one Markdown file and one learning curve each.
+
+A card is made from the description in the file of weights and from evaluations (`run.json`) of the
+policy under its name, so that it states nothing that is not in a file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from hab_eval.plain_text import markdown
+from hab_eval.results import RunRecord
+
+from hab_ppo import checkpoint
+from hab_ppo.agent import WEIGHTS, recipe_of
+from hab_ppo.curves import draw_success
+from hab_ppo.recipe import Recipe
+
+NOT_EVALUATED = "No evaluation yet."
+RESULTS = ("dataset", "split", "seed", "episodes", "success %", "steps", "failures", "version")
+
+
+def shipped_names() -> list[str]:
+    """Returns the names of the policies whose weights ship."""
+    return sorted(path.stem for path in WEIGHTS.glob("*.safetensors"))
+
+
+def card(name: str, records: Iterable[RunRecord]) -> str:
+    """Returns the text of a policy's card.
+
+    Args:
+        name: The policy.
+        records: Evaluations; those of other agents, or with options, are left out.
+    """
+    path = WEIGHTS / f"{name}.safetensors"
+    _, about = checkpoint.load(path)
+    recipe = recipe_of(about, path)
+    own = [r for r in records if r.agent == f"hab_ppo:{name}" and not r.options]
+    lines = [f"# {name}", "", recipe.about, ""]
+    lines += _table(("policy", ""), _facts(recipe, path))
+    lines += ["", "## Training", "", f"![Learning curve]({name}.png)", ""]
+    lines += _table(("run", ""), _training(about))
+    lines += ["", "## Results", "", "Most likely actions; 95 % Wilson intervals.", ""]
+    lines += _table(RESULTS, [_result(record) for record in own]) if own else [NOT_EVALUATED]
+    return "\n".join(lines) + "\n"
+
+
+def draw_card_curve(name: str, out: Path) -> None:
+    """Draws the learning curve in a file of weights."""
+    points = checkpoint.load(WEIGHTS / f"{name}.safetensors")[1]["training"]["curve"]
+    drawn, greedy = (
+        [(point[0], point[entry]) for point in points if point[entry] is not None]
+        for entry in (1, 2)
+    )
+    draw_success(drawn, greedy, out)
+
+
+def _facts(recipe: Recipe, path: Path) -> list[tuple[str, str]]:
+    env = recipe.env
+    options = [f"`obs_mode={env.obs_mode}`", f"`target_frame={env.target_frame}`"]
+    options += ["`handle_position=True`"] if env.handle_position else []
+    return [
+        ("environment", f"`{env.env}`, control mode `{env.control_mode}`"),
+        ("observes", ", ".join(options)),
+        ("recipe", f"[`{recipe.name}`](../recipes/{recipe.name}.py)"),
+        ("weights", f"`{path.name}`, {path.stat().st_size / 1e6:.1f} MB"),
+        ("play", f"`hab-eval run --agent hab_ppo:{recipe.name} --env {env.env} --out DIR`"),
+    ]
+
+
+def _training(about: dict[str, Any]) -> list[tuple[str, str]]:
+    origin, position, training = about["origin"], about["position"], about["training"]
+    recipe = about["recipe"]
+    rows = [
+        ("command", f"`{origin['command']}`"),
+        ("machine", f"{origin['device']}; {about['ranks']} ranks"),
+        ("commit", str(origin["git"])),
+        ("data", f"{recipe['env']['num_episodes']:,} episodes, {recipe['env']['split']} layouts"),
+        ("steps", f"{training['steps']:,} in {training['seconds'] / 3600:.2f} h"),
+        ("weights of", f"{position['best_steps']:,} steps, the best of all evaluations"),
+    ]
+    start = training["start"]
+    if start is not None:
+        made = ", ".join(f"{key} {value}" for key, value in start["made_from"].items())
+        rows.insert(4, ("start", f"cloned in {start['seconds'] / 60:.1f} min: {markdown(made)}"))
+    return rows
+
+
+def _result(record: RunRecord) -> tuple[str, ...]:
+    summary = record.summary
+    low, high = summary.success.ci95
+    failures = ", ".join(f"{name} {count}" for name, count in summary.failures.items()) or "none"
+    return (
+        record.scene_dataset,
+        record.split,
+        str(record.seed),
+        str(len(record.episodes)),
+        f"{100 * summary.success.mean:.1f} [{100 * low:.1f}, {100 * high:.1f}]",
+        f"{summary.mean_steps:.1f}",
+        markdown(failures),
+        f"{record.versions['hab-tasks']} ({str(record.git)[:8]})",
+    )
+
+
+def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    cells = [columns, ["---"] * len(columns), *rows]
+    return [f"| {' | '.join(row)} |" for row in cells]

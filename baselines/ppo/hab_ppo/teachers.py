@@ -1,0 +1,126 @@
+"""Teachers of distillation: a trained policy, or an expert that the environment offers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from hab_ppo.agent import WEIGHTS, LoadedPolicy, load_policy, weights_file
+from hab_ppo.errors import PolicyFileError, RecipeError
+from hab_ppo.network import Policy
+from hab_ppo.recipe import EnvConfig
+from hab_tasks.agent_spaces import agent_setup
+from hab_tasks.envs import ENVS
+from hab_tasks.registration import imported_id
+
+
+class Teacher(Protocol):
+    """Tells what to do in the states of a vector environment."""
+
+    def labels(self, obs: Any, starts: Tensor) -> NDArray[Any]:
+        """Returns the best actions, as the environment takes them, (N, ...).
+
+        Args:
+            obs: The environment's observation.
+            starts: (N,) bool, true where an episode starts.
+        """
+        ...
+
+
+class PolicyTeacher:
+    """A policy, with its most likely actions."""
+
+    def __init__(self, policy: Policy, rows: int) -> None:
+        """Teaches in an environment of `rows` with a policy on the CPU."""
+        self._policy, self._memory = policy, policy.no_memory(rows)
+
+    def labels(self, obs: Any, starts: Tensor) -> NDArray[Any]:
+        """See `Teacher`."""
+        acted = self._policy.choose(self._policy.layout.read(obs), self._memory, starts)
+        self._memory = acted.memory
+        return self._policy.head.to_env(acted.actions)
+
+
+class Expert:
+    """A method of the environment, which knows more than can be observed."""
+
+    def __init__(self, env: Any, method: str) -> None:
+        """Teaches in a vector environment by the method of its rows."""
+        self._env, self._method = env, method
+
+    def labels(self, obs: Any, starts: Tensor) -> NDArray[Any]:
+        """See `Teacher`."""
+        return np.concatenate(self._env.call(self._method))
+
+
+def check_expert(method: str, env: EnvConfig) -> None:
+    """Rejects an expert that an environment does not have.
+
+    Raises:
+        RecipeError: It has no such method.
+    """
+    if not hasattr(ENVS[imported_id(env.reference)].env, method):
+        raise RecipeError(f"{env.env} has no expert {method}.")
+
+
+def teacher_file(teacher: str) -> Path:
+    """Returns the weights of a recipe's name or a path.
+
+    Raises:
+        PolicyFileError: There are none.
+    """
+    path = weights_file(Path(teacher))
+    shipped = WEIGHTS / f"{teacher}.safetensors"
+    if path.is_file():
+        return path
+    if shipped.is_file():
+        return shipped
+    raise PolicyFileError(
+        f"There are no weights of the teacher {teacher}: train it and give --teacher DIR."
+    )
+
+
+def load_teacher(path: Path, env: EnvConfig) -> LoadedPolicy:
+    """Returns the policy of a file of weights.
+
+    Args:
+        path: The file.
+        env: The student's environment.
+
+    Raises:
+        PolicyFileError: The file cannot be used.
+        RecipeError: The teacher acts in another environment.
+    """
+    teacher = load_policy(agent_setup(env.reference), path)
+    recipe = teacher.recipe
+    if imported_id(recipe.env.reference) != imported_id(env.reference):
+        raise RecipeError(f"The teacher {path} acts in {recipe.env.env}, not {env.env}.")
+    for name in ("control_mode", "target_frame"):
+        if getattr(recipe.env, name) != getattr(env, name):
+            raise RecipeError(
+                f"The teacher {path} has {name} {getattr(recipe.env, name)!r}, not "
+                f"{getattr(env, name)!r}."
+            )
+    return teacher
+
+
+def classroom(env: EnvConfig, teacher: LoadedPolicy) -> EnvConfig:
+    """Returns the student's environment, in which the teacher sees all that it observes.
+
+    The student's own observation stays as it is: a teacher that observes a handle can teach one
+    that has to find it in images.
+
+    Raises:
+        RecipeError: The teacher has images that the student does not have.
+    """
+    own = teacher.recipe.env
+    if not own.obs_mode.startswith("state") and own.obs_mode != env.obs_mode:
+        raise RecipeError(
+            f"The teacher {own.env} observes {own.obs_mode}, the student {env.obs_mode}."
+        )
+    return replace(env, handle_position=env.handle_position or own.handle_position)

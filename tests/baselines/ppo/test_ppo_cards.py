@@ -1,0 +1,116 @@
+"""Weights that ship: their files, size and cards."""
+
+from dataclasses import replace
+
+import pytest
+from hab_ppo import agent, cards, checkpoint, shipping
+from hab_ppo.cards import NOT_EVALUATED, card, shipped_names
+from hab_ppo.checkpoint import Position, position_json
+from hab_ppo.cli import main
+from hab_ppo.errors import PolicyFileError
+from hab_ppo.network import new_policy
+from hab_ppo.observation import ObservationLayout
+from hab_ppo.progress import read_progress
+from hab_ppo.recipe import to_json
+from hab_ppo.recipes import find_recipe, recipe_names
+from hab_ppo.shipping import Point, curve
+from stub_runs import make_record
+from toy_vector import ToyVector
+
+MOST_MB = 40
+"""Of all weights together."""
+
+PROGRESS = (
+    '{"update": 1, "steps": 1600, "seconds": 2.0, "time/env": 0.9}\n'
+    '{"update": 2, "steps": 3200, "seconds": 1800.0, "train/success": 0.51239, '
+    '"eval/success": 0.62}\n'
+)
+
+
+@pytest.fixture
+def weights(monkeypatch, tmp_path):
+    folder = tmp_path / "weights"
+    for module in (agent, cards, shipping):
+        monkeypatch.setattr(module, "WEIGHTS", folder)
+    return folder
+
+
+@pytest.fixture
+def run(tmp_path):
+    """The folder of a run of pick_blind, with the toy's network."""
+    env = ToyVector(1)
+    layout = ObservationLayout.of(env.single_observation_space)
+    recipe = find_recipe("pick_blind")
+    policy = new_policy(layout, env.single_action_space, recipe.preset.network, 0)
+    folder = tmp_path / "run"
+    folder.mkdir()
+    about = {
+        "recipe": to_json(recipe),
+        "seed": 3,
+        "ranks": 2,
+        "position": position_json(Position(steps=3200, best_steps=1600, best_success=0.62)),
+        "origin": {"command": "hab-ppo train pick_blind", "device": "a machine", "git": "abc"},
+    }
+    checkpoint.save(folder / "best.safetensors", checkpoint.network_tensors(policy), about)
+    (folder / "progress.jsonl").write_text(PROGRESS)
+    return folder
+
+
+def test_a_card_states_what_the_files_say(weights, run, tmp_path, capsys):
+    assert main(["ship", str(run)]) == 0
+    assert shipped_names() == ["pick_blind"]
+    text = card("pick_blind", [])
+    assert NOT_EVALUATED in text
+    for fact in (
+        "| command | `hab-ppo train pick_blind` |",
+        "| machine | a machine; 2 ranks |",
+        "| steps | 3,200 in 0.50 h |",
+        "| weights of | 1,600 steps, the best of all evaluations |",
+    ):
+        assert fact in text
+    record = replace(make_record([True, True, True, False]), agent="hab_ppo:pick_blind")
+    other = replace(record, agent="hab_ppo:place_blind")
+    lines = card("pick_blind", [other, record]).splitlines()
+    assert "| 4 | 75.0 [30.1, 95.4] |" in lines[-1]  # Wilson, 3 of 4
+    assert not any("75.0" in line for line in lines[:-1])
+    submissions = tmp_path / "submissions"
+    submissions.mkdir()
+    check = ["cards", "--check", "--submissions", str(submissions)]
+    assert main(check) == 1
+    assert "out of date: pick_blind" in capsys.readouterr().out
+    assert main(["cards", "--submissions", str(submissions)]) == 0
+    assert (weights / "pick_blind.png").read_bytes().startswith(b"\x89PNG")
+    assert main(check) == 0
+
+
+def test_weights_that_do_not_tell_their_origin_do_not_ship(weights, run):
+    tensors, about = checkpoint.load(run / "best.safetensors")
+    del about["origin"], about["format"]
+    checkpoint.save(run / "best.safetensors", tensors, about)
+    with pytest.raises(PolicyFileError, match="does not tell its origin; train it again"):
+        shipping.ship(run)
+    assert not weights.exists()
+
+
+def test_a_curve_keeps_all_evaluations(run):
+    assert curve(read_progress(run)) == [
+        Point(steps=1600, training=None, greedy=None),
+        Point(steps=3200, training=0.5124, greedy=0.62),
+    ]
+    many = [{"steps": n, "train/success": 0.5} for n in range(1000)]
+    many[7]["eval/success"] = 0.25
+    points = curve(many)
+    assert [point.steps for point in points[:3]] == [0, 7, 10]
+    assert points[1].greedy == 0.25
+    assert len(points) == 101
+
+
+def test_what_ships_is_small_and_has_its_card():
+    assert set(shipped_names()) <= set(recipe_names())
+    size = sum(path.stat().st_size for path in agent.WEIGHTS.glob("*.safetensors"))
+    assert size <= MOST_MB * 1e6
+    assert main(["cards", "--check"]) == 0
+    for name in shipped_names():
+        assert (agent.WEIGHTS / f"{name}.png").is_file()
+        _, about = checkpoint.load(agent.WEIGHTS / f"{name}.safetensors")
+        assert about["recipe"]["name"] == name

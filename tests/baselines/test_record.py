@@ -345,3 +345,29 @@ def test_the_most_is_no_less_than_what_is_wanted(tmp_path):
     config = module.EvalConfig(agent=PICK[1], env=PICK[3], episodes=5)
     with pytest.raises(OptionError, match="most"):
         module.RecordPlan(config=config, out=tmp_path, most=4)
+
+
+@pytest.mark.slow
+def test_a_recording_on_ray_has_the_content_of_a_local_one(tmp_path):
+    """Two workers play the episodes; order, states and descriptions are those of one process."""
+    pytest.importorskip("ray", reason="the package ray is not installed")
+    ray = ("--executor", "ray", "--workers", 2)
+    for name, options in {"local": (), "ray": ray}.items():
+        assert record(tmp_path / name, "--count", 2, *options) == 0
+    assert told(tmp_path / "local") == told(tmp_path / "ray")
+
+    def arrays(name):
+        found = {}
+
+        def keep(key, item):
+            if isinstance(item, h5py.Dataset):
+                found[key] = np.array(item)
+
+        with h5py.File(tmp_path / name / "trajectory.h5") as file:
+            file.visititems(keep)
+        return found
+
+    local, distributed = arrays("local"), arrays("ray")
+    assert list(local) == list(distributed)
+    for key, value in local.items():
+        assert np.array_equal(value, distributed[key]), key

@@ -11,6 +11,7 @@ import tyro
 from hab_eval.episode_options import EpisodeOptions
 
 from hab_tasks.console import Command, run_script
+from hab_tasks.executors import ExecutorChoice
 
 EXIT_TOO_FEW = 1
 
@@ -23,11 +24,15 @@ Example:
   hab-spa record --agent hab_spa:spa_priv --env HabPick-v1 --count 10 --out runs/demonstrations
   python -m mani_skill.trajectory.replay_trajectory --traj-path runs/demonstrations/trajectory.h5
 
+On a Ray cluster, from one of its nodes, with the same content:
+  hab-spa record --agent hab_spa:spa_priv --env HabPick-v1 --count 1000 --workers 64 \\
+    --executor ray --address auto --out runs/demonstrations
+
 Works with any agent, including your own. Runs episodes in order until enough have succeeded."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecordCommand(EpisodeOptions, Command):
+class RecordCommand(EpisodeOptions, ExecutorChoice, Command):
     """Options of `hab-spa record`."""
 
     help: ClassVar[str] = RECORD_HELP
@@ -40,6 +45,8 @@ class RecordCommand(EpisodeOptions, Command):
     """Number of demonstrations."""
     most: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """Maximum number of episodes; ten per demonstration if not given."""
+    workers: Annotated[int, tyro.conf.arg(metavar="W")] = 1
+    """Number of workers with --executor ray; does not change the recording."""
     lerobot: bool = False
     """Also write a LeRobot dataset (v3.0) to DIR/lerobot; requires pyarrow."""
     force: bool = False
@@ -61,6 +68,8 @@ class RecordCommand(EpisodeOptions, Command):
             most=most,
             lerobot=self.lerobot,
             force=self.force,
+            workers=self.workers,
+            executor=ExecutorChoice(executor=self.executor, address=self.address),
         )
 
         def print_result(result: EpisodeResult) -> None:

@@ -29,8 +29,8 @@ SKILLS: dict[str, Behaviour] = {
     "HabPick-v1": lambda robot: pick(robot, 0),
     "HabPlace-v1": lambda robot: place(robot, 0),
     "HabNavigate-v1": navigate,
-    "HabOpenFridge-v1": lambda robot: open_fridge(robot, 0, FRIDGE.spawn_region),
-    "HabCloseFridge-v1": lambda robot: close_fridge(robot, 0, FRIDGE.spawn_region),
+    "HabOpenFridge-v1": lambda robot: open_fridge(robot, 0, FRIDGE.opening_region),
+    "HabCloseFridge-v1": lambda robot: close_fridge(robot, 0, FRIDGE.closing_region),
     "HabOpenDrawer-v1": lambda robot: open_drawer(robot, 0),
     "HabCloseDrawer-v1": lambda robot: close_drawer(robot, 0),
 }

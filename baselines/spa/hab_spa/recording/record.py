@@ -10,8 +10,8 @@ from __future__ import annotations
 import json
 import traceback
 from collections import Counter
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +23,12 @@ from hab_eval.results import EpisodeResult
 from hab_eval.runner import run_episode
 from mani_skill.utils.wrappers.record import RecordEpisode
 
-from hab_tasks.agent import Agent
 from hab_tasks.envs import ENVS
 from hab_tasks.episodes import Episode, EpisodeRequest, open_source
-from hab_tasks.episodes.source import EpisodeSource
 from hab_tasks.errors import OptionError, RunStoppedError
+from hab_tasks.executors import ExecutorChoice
 from hab_tasks.files import check_file, check_folder, replace_folder, scratch_folder
+from hab_tasks.option_values import MOST_WORKERS, whole
 from hab_tasks.processes import use_one_thread
 from hab_tasks.registration import imported_id, reference_of
 
@@ -48,6 +48,8 @@ class RecordPlan:
         most: Maximum number of episodes.
         lerobot: Also write a LeRobot dataset, to the folder `lerobot`.
         force: Overwrite files in `out`.
+        workers: Number of workers on Ray.
+        executor: Where the episodes are played.
     """
 
     config: EvalConfig
@@ -55,8 +57,14 @@ class RecordPlan:
     most: int
     lerobot: bool = False
     force: bool = False
+    workers: int = 1
+    executor: ExecutorChoice = field(default_factory=ExecutorChoice)
 
     def __post_init__(self) -> None:
+        self.executor.check_executor()
+        whole("workers", self.workers, 1, MOST_WORKERS)
+        if self.workers > 1 and not self.executor.is_remote:
+            raise OptionError("--workers of a recording needs --executor ray.")
         if self.most < self.config.episodes:
             raise OptionError(
                 f"most must be at least count, {self.config.episodes}, got {self.most}."
@@ -97,8 +105,11 @@ def record(plan: RecordPlan, on_episode: OnEpisode) -> Recorded:
     targets = _targets(plan)
     if plan.lerobot:  # raises early if pyarrow is missing
         from hab_spa.recording import lerobot_format
+    play = _play
+    if plan.executor.is_remote:
+        from hab_spa.recording.distributed import play_distributed as play
     with scratch_folder(plan.out) as scratch:
-        results = _play(plan, scratch, on_episode)
+        results = play(plan, scratch, on_episode)
         solved = [result for result in results if result.success]
         if not solved:
             targets = []
@@ -148,66 +159,87 @@ def _targets(plan: RecordPlan) -> list[Path]:
 
 def _play(plan: RecordPlan, scratch: Path, on_episode: OnEpisode) -> list[EpisodeResult]:
     """Runs the episodes; writes the two files of the successful ones to `scratch`."""
-    use_one_thread()  # as in an evaluation
-    config = plan.config
-    agent = load_agent(config.agent, environments.setup_of(config))
-    source = open_source(
-        EpisodeRequest(
-            env_id=config.env,
-            scene_dataset=config.scene_dataset,
-            objects=config.objects,
-            split=config.split,
-            seed=config.seed,
-            novel=config.novel,
-        )
-    )
-    env: Any = environments.make_env(
-        config, agent.spec, split=source.split, render=False, num_episodes=plan.most
-    )
-    recorder = RecordEpisode(
-        env,
-        str(scratch),
-        trajectory_name=NAME,
-        save_video=False,
-        save_on_reset=False,
-        source_desc=f"{agent.spec.name} ({config.agent}), recorded by hab-spa record",
-    )
+    player = Player(plan, scratch)
     try:
-        results = _play_until(plan, _Numbered(recorder), agent, source, on_episode)
+        numbers = range(min(plan.most, player.source.available))
+        results = play_until(plan, map(player.play, numbers), on_episode)
     finally:
-        recorder.close()
-    numbers = [number for number, result in enumerate(results) if result.success]
-    _annotate(scratch / f"{NAME}.json", config.env, [source.get(number) for number in numbers])
+        player.close()
+    solved = [number for number, result in enumerate(results) if result.success]
+    annotate(scratch / f"{NAME}.json", plan.config.env, [player.source.get(n) for n in solved])
     return results
 
 
-def _play_until(
-    plan: RecordPlan, env: _Numbered, agent: Agent, source: EpisodeSource, on_episode: OnEpisode
-) -> list[EpisodeResult]:
-    """Returns the results of the episodes, in order; keeps the successful trajectories."""
-    recorder: Any = env.env
-    results: list[EpisodeResult] = []
-    solved = 0
-    for number in range(min(plan.most, source.available)):
-        episode, env.number = source.get(number), number
+class Player:
+    """Plays episodes by number; the successful ones are in the two files of `folder`."""
+
+    def __init__(self, plan: RecordPlan, folder: Path) -> None:
+        """Creates agent and environment."""
+        use_one_thread()  # as in an evaluation
+        config = plan.config
+        self._agent = load_agent(config.agent, environments.setup_of(config))
+        self.source = open_source(
+            EpisodeRequest(
+                env_id=config.env,
+                scene_dataset=config.scene_dataset,
+                objects=config.objects,
+                split=config.split,
+                seed=config.seed,
+                novel=config.novel,
+            )
+        )
+        env: Any = environments.make_env(
+            config, self._agent.spec, split=self.source.split, render=False, num_episodes=plan.most
+        )
+        self._recorder = RecordEpisode(
+            env,
+            str(folder),
+            trajectory_name=NAME,
+            save_video=False,
+            save_on_reset=False,
+            source_desc=f"{self._agent.spec.name} ({config.agent}), recorded by hab-spa record",
+        )
+        self._env = _Numbered(self._recorder)
+
+    def play(self, number: int) -> EpisodeResult:
+        """Plays an episode; keeps its trajectory if it succeeds.
+
+        Raises:
+            RunStoppedError: The agent or the environment raised.
+        """
+        episode, self._env.number = self.source.get(number), number
         try:
-            result = run_episode(env, agent, number, episode).episode
+            result = run_episode(self._env, self._agent, number, episode).episode
         except Exception as error:
             raise RunStoppedError(
                 f"Episode {episode.id!r} stopped the recording: {type(error).__name__}: "
                 f"{str(error).rstrip('.')}. Nothing was written; --verbose shows the traceback.",
                 details=traceback.format_exc(),
             ) from error
-        recorder.flush_trajectory(save=result.success)
-        results.append(result)
+        self._recorder.flush_trajectory(save=result.success)
+        return result
+
+    def close(self) -> None:
+        """Completes the files and frees the simulator."""
+        self._recorder.close()
+
+
+def play_until(
+    plan: RecordPlan, results: Iterable[EpisodeResult], on_episode: OnEpisode
+) -> list[EpisodeResult]:
+    """Returns the results, in order, up to the one that completes the demonstrations."""
+    found: list[EpisodeResult] = []
+    solved = 0
+    for result in results:
+        found.append(result)
         on_episode(result)
         solved += result.success
         if solved == plan.config.episodes:
             break
-    return results
+    return found
 
 
-def _annotate(file: Path, env_id: str, episodes: list[Episode]) -> None:
+def annotate(file: Path, env_id: str, episodes: Sequence[Episode]) -> None:
     """Adds the environment's module, and each episode's id and task, to ManiSkill's file."""
     data = json.loads(file.read_text(encoding="utf-8"))
     # With the module in the id, Gymnasium imports it itself.

@@ -21,6 +21,9 @@ CANDIDATES = StartNoise().candidates
 APART_M = 0.12
 """Minimum distance from base poses tried before."""
 
+TURNING_M = 0.65
+"""Clearance in which the base turns without meeting a wall with the hand at rest."""
+
 CELL_M = 0.05
 """Spacing of the candidates in a spawn region."""
 
@@ -60,20 +63,28 @@ def candidates(robot: Robot, stage: Stage, map_: NavigationMap, point_m: Array) 
     """Returns base poses (K, 3) on free floor, best first.
 
     Those for an object are the nearest that face it; those for a door or drawer are in its spawn
-    region, from the middle outwards, and face the handle.
+    region, where the arm can turn and from the middle outwards, and face the handle; those from
+    which a drawer is closed are near it.
     """
     if stage.articulation is None:
         noise = StartNoise()
         return poses_reaching(map_, point_m, noise.nearest_m, noise.farthest_m)
     x, y, yaw = _spawn_frame(robot, stage.articulation)
-    region = ARTICULATION_KINDS[robot.scene.articulation(stage.articulation).kind].spawn_region
+    articulation = robot.scene.articulation(stage.articulation)
+    kind, opens = ARTICULATION_KINDS[articulation.kind], stage.action.name == "open"
+    region = kind.opening_region if opens else kind.closing_region
     ahead, aside = (np.arange(low, high, CELL_M) for low, high in (region.x_m, region.y_m))
     local = np.stack(np.meshgrid(ahead, aside), axis=-1).reshape(-1, 2)
-    middle = np.array((np.mean(region.x_m), np.mean(region.y_m)))
-    local = local[np.argsort(np.linalg.norm(local - middle, axis=1), kind="stable")]
+    # A drawer is pushed away from the robot, to the end of its reach.
+    best_x = region.x_m[0] if articulation.slides and not opens else np.mean(region.x_m)
+    best = np.array((best_x, np.mean(region.y_m)))
+    local = local[np.argsort(np.linalg.norm(local - best, axis=1), kind="stable")]
     cosine, sine = np.cos(yaw), np.sin(yaw)
     places = local @ np.array(((cosine, sine), (-sine, cosine))) + np.array((x, y))
     places = places[map_.is_free(places)]
+    x_cell, y_cell = np.moveaxis(map_.cells_of(places), -1, 0)
+    cramped = map_.floor.clearance_m[x_cell, y_cell] < TURNING_M
+    places = places[np.argsort(cramped, kind="stable")]
     gap = point_m[:2] - places
     return np.column_stack((places, np.arctan2(gap[:, 1], gap[:, 0])))
 

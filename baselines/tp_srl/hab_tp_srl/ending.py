@@ -2,8 +2,9 @@
 
 The robot knows what it holds only by touch. A pick ends when something is held at rest, a place
 when the hand is empty at rest, and a door or drawer is done when its handle has been held or, to
-close it, the hand has been away, and the empty hand is at rest again. With ground truth, a skill
-ends by the success condition of its environment.
+close it, the hand has been away, and the empty hand is at rest again. A robot that observes handles
+also knows whether a door that it had opened is closed: its handle is back where it was. With ground
+truth, a skill ends by the success condition of its environment.
 """
 
 from __future__ import annotations
@@ -16,6 +17,10 @@ from hab_spa.tasks.interactions import believed
 from hab_tasks.tasks.base import Task
 from hab_tp_srl.stage import Stage
 from hab_tp_srl.view import TaskView
+
+OPENED_M, CLOSED_M = 0.15, 0.045
+"""A handle farther from its place at the start of the episode has been opened since; one that is
+as near is closed again (a drawer below 0.05 m, the fridge's door below 0.15 rad or 0.09 m)."""
 
 
 class Ending:
@@ -32,6 +37,7 @@ class Ending:
         """
         self._task, self._stage, self._view, self._truth = task, stage, view, truth
         self._held = self._left = self._released = False
+        self._was_opened = self._handle_moved_m > OPENED_M
 
     def update(self) -> None:
         """Notes the state after a step."""
@@ -52,7 +58,10 @@ class Ending:
             return view.holding
         if skill == "place":
             return not view.holding
-        return not view.holding and (self._held if skill.startswith("open") else self._left)
+        if skill.startswith("open"):
+            return self._held and not view.holding
+        closed = not self._was_opened or self._handle_moved_m < CLOSED_M
+        return self._left and not view.holding and closed
 
     @property
     def failed(self) -> bool:
@@ -77,6 +86,13 @@ class Ending:
     def after(self) -> float:
         """Returns the gripper entry after the skill: objects stay held, handles are released."""
         return GRASP if self._stage.handles_object and self._view.holding else RELEASE
+
+    @property
+    def _handle_moved_m(self) -> float:
+        """Distance of the handle from its place at the start of the episode; 0 if unknown."""
+        if self._stage.articulation is None:
+            return 0.0
+        return self._view.moved_m(self._stage.articulation) or 0.0
 
     @property
     def _has_target(self) -> bool:

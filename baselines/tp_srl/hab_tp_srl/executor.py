@@ -23,6 +23,10 @@ from hab_tp_srl.team import Team
 from hab_tp_srl.view import TaskView
 
 RELEASE_STEPS = 4
+RESET_RAD = 0.05
+"""Largest joint error of an arm that has been reset (Habitat's `ResetArmSkill`)."""
+
+RESET_STEPS = 100
 
 
 class Executor:
@@ -97,6 +101,7 @@ class Executor:
                 if failure is Failure.TARGET_PLAN:  # there is no other base pose
                     tried.clear()
                     break
+                yield from self._reset_there(stage, tried)
             skill = team.skill(robot, stages.task, stage, self._view)
             now["by"] = team.executor(stage)
             failure = yield from stages.timed(stage.skill, skill, team.skill_steps(stage), **now)
@@ -135,17 +140,51 @@ class Executor:
         return None
 
     def _fold(self, stage: Stage) -> Motion:
-        """Moves the arm to rest before a planned skill, or to recover from a failure."""
-        if self._stages.rests() or not (self._recovers or self._team.is_planned(stage)):
-            return None
-        if self._team.privileged:
-            return (yield from self._stages.fold(SKILL_HORIZON_STEPS))
-        back = follow(
-            self._robot,
-            np.stack((self._robot.scene.arm_qpos, np.array(ROBOT.rest_qpos_rad))),
-            RETURN_SHARE,
-        )
-        return (yield from self._stages.timed("rest", back, SKILL_HORIZON_STEPS))
+        """Moves the arm to rest before a stage.
+
+        Before a planned skill and to recover from a failure, it is planned if it can be. Before a
+        learned skill, the arm is reset as by Habitat's ``reset_arm``: a hand that is merely near
+        its resting position can hold an object below the top of a table.
+        """
+        off_rest = not self._stages.rests()
+        if off_rest and (self._recovers or self._team.is_planned(stage)):
+            if self._team.privileged:
+                yield from self._stages.fold(SKILL_HORIZON_STEPS)
+            else:
+                yield from self._stages.timed("rest", self._reset(), SKILL_HORIZON_STEPS)
+        yield from self._reset_arm(stage)
+        return None
+
+    def _reset_there(self, stage: Stage, tried: list[Standing]) -> Motion:
+        """Moves the arm to rest where a learned skill begins.
+
+        A hand that met a wall on the way is reset farther back, where the arm has room.
+        """
+        yield from self._reset_arm(stage)
+        if self._needs_reset(stage) and tried and self._team.navigation == "oracle":
+            steps = NAVIGATE_HORIZON_STEPS
+            back = self._team.back_off(self._robot)
+            yield from self._stages.timed("navigate", back, steps)
+            yield from self._reset_arm(stage)
+            again = self._team.drive(self._robot, tried[-1].base)
+            yield from self._stages.timed("navigate", again, steps)
+        return None
+
+    def _needs_reset(self, stage: Stage) -> bool:
+        gap_rad = np.abs(self._robot.scene.arm_qpos - np.array(ROBOT.rest_qpos_rad)).max()
+        resets = self._options.resets_arm and not self._team.is_planned(stage)
+        return resets and gap_rad > RESET_RAD
+
+    def _reset_arm(self, stage: Stage) -> Motion:
+        """Moves the arm to rest for a learned skill."""
+        if self._needs_reset(stage):
+            yield from self._stages.timed("reset", self._reset(), RESET_STEPS)
+        return None
+
+    def _reset(self) -> Motion:
+        """Moves the arm straight to its resting configuration."""
+        path = np.stack((self._robot.scene.arm_qpos, np.array(ROBOT.rest_qpos_rad)))
+        return (yield from follow(self._robot, path, RETURN_SHARE))
 
 
 def fault(trace: Sequence[dict[str, Any]]) -> str | None:

@@ -31,7 +31,8 @@ def tp_srl(setup: AgentSetup) -> TpSrlAgent:
     Options: ``skills`` (``blind``, ``depth`` or ``spa_priv``) and, for single skills, ``pick``,
     ``place``, ``open_drawer``, ... (``spa_priv``, a recipe whose weights ship, or a path);
     ``navigation`` (``oracle``, ``teleport`` or ``learned``) and ``navigate`` (weights for the
-    latter); ``knowledge`` (``observed`` or ``true``); ``retries`` and ``replan`` (maximum numbers).
+    latter); ``knowledge`` (``observed`` or ``true``); ``aim`` (``hand`` or ``object``);
+    ``reset_arm`` (``on`` or ``off``); ``retries`` and ``replan`` (maximum numbers).
 
     Raises:
         HabError: The environment is not a task, an option is unknown, or weights cannot be used.
@@ -43,7 +44,7 @@ def tp_srl(setup: AgentSetup) -> TpSrlAgent:
     team = _team(setup, options)
 
     def make_scene() -> Scene:
-        view = TaskView(truth=options.true_knowledge)
+        view = TaskView(truth=options.true_knowledge, aims_object=options.aims_object)
         # Learned skills and the arm's reset use no more of a scene than this.
         return GuidedScene(view) if team.privileged else cast(Scene, ObservedScene(view))
 
@@ -104,6 +105,8 @@ def _name(team: Team, options: TeamOptions) -> str:
     if planned:
         everything = len(planned) == len(team.policies)
         parts.append(f"{'all skills' if everything else ', '.join(planned)} by SPA-Priv")
+    parts += ["aims by the object"] * options.aims_object
+    parts += ["arm not reset"] * (not options.resets_arm)
     parts += [f"{options.retries} retries"] * (options.retries > 0)
     parts += [f"{options.replans} replans"] * (options.replans > 0)
     return f"TP+SRL ({'; '.join(parts)})"

@@ -17,6 +17,8 @@ PLANNED = "spa_priv"
 
 NAVIGATION = ("oracle", "teleport", "learned")
 KNOWLEDGE = ("observed", "true")
+AIMS = ("hand", "object")
+RESETS = ("on", "off")
 KINDS = ("blind", "depth", PLANNED)
 """Values of the option ``skills``: policies by the suffix of their recipes, or planning."""
 
@@ -35,6 +37,8 @@ class TeamOptions:
         retries: Maximum further attempts of a stage that was not achieved.
         replans: Maximum number of plans after the first.
         true_knowledge: Whether learned skills know the object's true position and their true end.
+        aims_object: Whether Place brings the held object to the goal, instead of the hand.
+        resets_arm: Whether the arm returns to its resting configuration between skills.
     """
 
     skills: Mapping[str, Path | None]
@@ -43,6 +47,8 @@ class TeamOptions:
     retries: int
     replans: int
     true_knowledge: bool
+    aims_object: bool
+    resets_arm: bool
 
     @property
     def privileged(self) -> bool:
@@ -62,7 +68,13 @@ def read_options(setup: AgentSetup, needed: tuple[str, ...]) -> TeamOptions:
         HabError: An option is unknown or has an invalid value, or no weights ship for a skill.
     """
     options = setup.options
-    known = {"navigation": NAVIGATION, "knowledge": KNOWLEDGE, "skills": KINDS}
+    known = {
+        "navigation": NAVIGATION,
+        "knowledge": KNOWLEDGE,
+        "skills": KINDS,
+        "aim": AIMS,
+        "reset_arm": RESETS,
+    }
     free = (*SKILLS, "navigate", "retries", "replan")
     check_options(setup, {**known, **dict.fromkeys(free)})
     navigation = options.get("navigation", "oracle")
@@ -78,6 +90,8 @@ def read_options(setup: AgentSetup, needed: tuple[str, ...]) -> TeamOptions:
         retries=_count(options, "retries"),
         replans=_count(options, "replan"),
         true_knowledge=options.get("knowledge") == "true",
+        aims_object=options.get("aim") == "object",
+        resets_arm=options.get("reset_arm", "on") == "on",
     )
     if found.replans and not found.privileged:
         raise OptionError(

@@ -119,7 +119,7 @@ class SkillPolicy:
         starts = torch.tensor([turn.memory is None for turn in turns], device=self._device)
         blank = self._policy.no_memory(1)[:, 0]
         memory = torch.stack([blank if t.memory is None else t.memory for t in turns], dim=1)
-        acted = self._policy.act(seen, memory, starts, None)
+        acted = self._policy.choose(seen, memory, starts)
         actions = self._policy.head.to_env(acted.actions).reshape(len(turns), -1)
         for number, turn in enumerate(turns):
             turn.action, turn.memory = actions[number], acted.memory[:, number]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 
-from hab_spa.motion.drive import DriveConfig, drive_to
+from hab_spa.motion.drive import DriveConfig, drive_to, leave
 from hab_spa.motion.moves import wait
 from hab_spa.motion.robot import Motion, Robot
 from hab_spa.results import Failure
@@ -114,13 +114,23 @@ class Team:
 
     def _go_to_start(self, robot: Robot, task: Task, stage: Stage, tried: list[Standing]) -> Motion:
         """Goes to a base pose from which the skill's training starts."""
-        map_ = robot.scene.floor_map()
-        base = start_pose(robot, task, stage, map_, [other.base for other in tried])
+        others = [other.base for other in tried]
+        base = start_pose(robot, task, stage, robot.scene.floor_map(), others)
         tried.append(Standing(base=base, arm_rad=robot.scene.arm_qpos.copy()))
         if self.sets_base:
             return (yield from _set(robot, base))
+        return (yield from self.drive(robot, base))
+
+    def drive(self, robot: Robot, base: Array) -> Motion:
+        """Drives to a base pose (3,), with ground truth."""
         robot.doing = "navigate"
-        return (yield from drive_to(robot, map_, base, DriveConfig()))
+        return (yield from drive_to(robot, robot.scene.floor_map(), base, DriveConfig()))
+
+    def back_off(self, robot: Robot) -> Motion:
+        """Drives straight back, if there is room."""
+        robot.doing = "navigate"
+        yield from leave(robot, robot.scene.floor_map(), DriveConfig())
+        return None
 
 
 def _nothing_held() -> Motion:

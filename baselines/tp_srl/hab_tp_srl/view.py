@@ -27,14 +27,16 @@ Entries = dict[tuple[str, str], NDArray[Any]]
 class TaskView:
     """What the robot of one row observes in a task."""
 
-    def __init__(self, *, truth: bool) -> None:
+    def __init__(self, *, truth: bool, aims_object: bool = False) -> None:
         """Creates a view.
 
         Args:
             truth: Whether objects, handles and the base are known from the ground truth, instead
                 of the task's observation.
+            aims_object: Whether Place observes its goal from the held object, as it was when it was
+                grasped, instead of from the hand.
         """
-        self._truth = truth
+        self._truth, self._aims_object = truth, aims_object
         self.forget()
 
     def forget(self) -> None:
@@ -43,6 +45,8 @@ class TaskView:
         self._pulled_m: dict[int, Array] = {}
         self._moving: int | None = None
         self._hand_m: Array | None = None
+        self._reached_m: Array | None = None
+        self._held_in_ee_m = np.zeros(3)
 
     def see(self, obs: Mapping[str, Any], row: int) -> None:
         """Reads the observation of a row; called at every step."""
@@ -58,10 +62,16 @@ class TaskView:
             self._handles_m = self._handles()
         self._base = self._locate(pairs_m)
         self._pull()
+        self._take()
 
     def begin(self, stage: Stage) -> None:
-        """Notes that a skill begins: if it moves a drawer, the hand shows how far."""
+        """Notes that a skill begins.
+
+        If it moves a drawer, the hand shows how far; if it picks an object, where it was shows
+        where it is in the hand.
+        """
         self._moving, self._hand_m = stage.articulation, None
+        self._reached_m = self.point(stage) if stage.skill == "pick" else None
 
     @property
     def holding(self) -> bool:
@@ -92,6 +102,17 @@ class TaskView:
         point_m = self._starts_m[stage.object]
         return point_m if stage.drawer is None else point_m + self._moved_m(stage.drawer)
 
+    def moved_m(self, articulation: int) -> float | None:
+        """Returns how far a handle is from its place at the start of the episode.
+
+        Returns:
+            None if handles are not observed.
+        """
+        now, first = self._handles(), self._handles_m
+        if now is None or first is None:
+            return None
+        return float(np.linalg.norm(now[articulation] - first[articulation]))
+
     def entries(self, stage: Stage, point_m: Array) -> Entries:
         """Returns the entries that the skill's environment could observe.
 
@@ -99,9 +120,10 @@ class TaskView:
             stage: The stage.
             point_m: (3,) its `point` when it began.
         """
-        ee_m, rotation = self._agent["ee_position"], self._agent["ee_rotation"].reshape(2, 3)
-        axes = np.concatenate((rotation, np.cross(rotation[0], rotation[1])[None]))
+        ee_m, axes = self._agent["ee_position"], self._ee_axes
         point = self._in_base(point_m)
+        if self._aims_object and stage.skill == "place":
+            point = point - axes.T @ self._held_in_ee_m
         found: Entries = {("agent", name): value for name, value in self._agent.items()}
         found["extra", "point_in_base"] = point
         found["extra", "point_in_ee"] = axes @ (point - ee_m)
@@ -112,6 +134,19 @@ class TaskView:
         if stage.articulation is not None and handles_m is not None:
             found["extra", "handle_from_ee"] = self._in_base(handles_m[stage.articulation]) - ee_m
         return {path: value.astype(np.float32) for path, value in found.items()}
+
+    @property
+    def _ee_axes(self) -> Array:
+        """Axes of the end-effector in the base frame, as rows (3, 3)."""
+        rotation = self._agent["ee_rotation"].reshape(2, 3)
+        return np.concatenate((rotation, np.cross(rotation[0], rotation[1])[None]))
+
+    def _take(self) -> None:
+        """Notes where an object is in the hand when a pick grasps it."""
+        if self._reached_m is None or not self.holding:
+            return
+        gap_m = self._in_base(self._reached_m) - self._agent["ee_position"]
+        self._held_in_ee_m, self._reached_m = self._ee_axes @ gap_m, None
 
     def _moved_m(self, drawer: int) -> Array:
         """Returns how far a drawer has moved since the start of the episode, (3,)."""

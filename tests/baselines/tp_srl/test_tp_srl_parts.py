@@ -56,9 +56,11 @@ def test_a_door_is_opened_for_what_starts_behind_it_or_goes_there():
     assert set(TASKS) >= {"ClearTable-v1"}
 
 
-def ending(skill):
-    view = SimpleNamespace(holding=False, rests=True)
-    stage = SimpleNamespace(skill=skill, handles_object=skill in ("pick", "place"))
+def ending(skill, moved_m=None):
+    view = SimpleNamespace(holding=False, rests=True, moved_m=lambda number: moved_m)
+    handles_object = skill in ("pick", "place")
+    articulation = None if handles_object else 0
+    stage = SimpleNamespace(skill=skill, handles_object=handles_object, articulation=articulation)
     return view, Ending(None, stage, view, None)
 
 
@@ -90,6 +92,26 @@ REST, AWAY, HELD_AWAY, HELD = (False, True), (False, False), (True, False), (Tru
 )
 def test_a_skill_ends_by_what_the_robot_feels(skill, states, steps):
     assert ends_after(skill, states) == steps
+
+
+def test_a_door_that_was_opened_is_closed_when_its_handle_is_back():
+    view, watched = ending("close_fridge", moved_m=1.1)
+    for view.rests, moved_m, over in (
+        (True, 1.1, False),
+        (False, 0.3, False),
+        (True, 0.16, False),  # at rest, but the door is still 0.25 rad open
+        (True, 0.04, True),
+    ):
+        view.moved_m = lambda number, moved_m=moved_m: moved_m
+        watched.update()
+        assert watched.over == over
+    # A door that is still where it was at the start of the episode was open then.
+    view, watched = ending("close_fridge", moved_m=0.0)
+    view.rests = False
+    watched.update()
+    view.rests, view.moved_m = True, lambda number: 1.1
+    watched.update()
+    assert watched.over
 
 
 def test_the_gripper_is_masked_as_in_the_environments_of_the_skills():
@@ -213,7 +235,7 @@ def seen(base, starts, hand_m=(0.5, 0.0, 1.0), holding=False):
 
 def test_without_handles_the_hand_that_pulls_shows_how_far_a_drawer_moved():
     starts = np.array([[2.0, 1.0, 0.6], [-1.5, 0.4, 0.8]])
-    pull = SimpleNamespace(articulation=0)
+    pull = SimpleNamespace(skill="open_drawer", articulation=0)
     pick = SimpleNamespace(skill="pick", at="start", object=0, drawer=0, articulation=None)
     view = TaskView(truth=False)
     view.see(seen((0.3, -0.2, 0.5), starts), 0)
@@ -240,9 +262,34 @@ def test_without_handles_the_hand_that_pulls_shows_how_far_a_drawer_moved():
     np.testing.assert_allclose(view.point(pick)[2], 0.6, atol=1e-6)
 
 
+@pytest.mark.parametrize("aims_object", [False, True])
+def test_place_aims_by_the_object_where_the_pick_grasped_it(aims_object):
+    start, goal = np.array([2.0, 1.0, 0.8]), np.array([-1.5, 0.4, 0.9])
+    pick = SimpleNamespace(skill="pick", at="start", object=0, drawer=None, articulation=None)
+    place = SimpleNamespace(skill="place", at="goal", object=0, drawer=None, articulation=None)
+    view = TaskView(truth=False, aims_object=aims_object)
+    places = np.stack((start, goal))
+    base = (1.2, 1.0, 0.0)  # it faces +x, so the object is at (0.8, 0, 0.8) of its frame
+    view.see(seen(base, places), 0)
+    view.begin(pick)
+    view.see(seen(base, places, (0.75, 0.02, 0.88), holding=True), 0)  # (0.05, -0.02, -0.08) away
+    view.see(seen(base, places, (0.5, 0.0, 1.0), holding=True), 0)
+    view.begin(place)
+    entries = view.entries(place, view.point(place))
+    # The goal is at (-2.7, -0.6, 0.9) of the base frame, the hand at (0.5, 0, 1).
+    from_hand = np.array([-3.2, -0.6, -0.1])
+    offset = np.array([0.05, -0.02, -0.08]) * aims_object
+    np.testing.assert_allclose(
+        entries["extra", "object_goal_from_ee"], from_hand - offset, atol=1e-5
+    )
+    view.begin(pick)
+    again = view.entries(pick, view.point(pick))
+    np.testing.assert_allclose(again["extra", "object_start_from_ee"], (0.3, 0, -0.2), atol=1e-5)
+
+
 def test_with_the_truth_a_wrong_object_ends_a_pick():
     view = SimpleNamespace(holding=True, rests=False)
-    stage = SimpleNamespace(skill="pick", object=1, handles_object=True)
+    stage = SimpleNamespace(skill="pick", object=1, handles_object=True, articulation=None)
     for held, failed in ((0, True), (1, False), (None, False)):
         scene = SimpleNamespace(holding=held is not None, holds=lambda k, held=held: k == held)
         watched = Ending(None, stage, view, scene)

@@ -16,10 +16,14 @@ from hab_tp_srl.skill import command_of
 from hab_tp_srl.view import TaskView
 
 from hab_tasks.agent_spaces import agent_setup
+from hab_tasks.robots.robot import ROBOT
 
 TASK = "HabSetTable-v1"
 STEPS = 3
 """Horizon of the skills in these tests."""
+
+
+HANDED_OVER = {"reset_arm": "off"}
 
 
 class BriefPolicy(SkillPolicy):
@@ -66,7 +70,7 @@ def joined(observations):
 
 
 def test_rows_act_together_and_as_they_would_alone(brief, learned):
-    agents = [hab_tp_srl.tp_srl(agent_setup(TASK, options=learned)) for _ in range(3)]
+    agents = [hab_tp_srl.tp_srl(agent_setup(TASK, options=learned | HANDED_OVER)) for _ in range(3)]
     both, *alone = agents
     envs, observations = zip(*(make_env(both.spec, seed) for seed in (0, 1)), strict=True)
     both.reset(torch.tensor([True, True]), [0, 1])
@@ -107,7 +111,7 @@ def check_trace(reports, stages):
 
 
 def test_a_row_that_starts_again_forgets_its_episode(brief, learned):
-    agent = hab_tp_srl.tp_srl(agent_setup(TASK, options=learned))
+    agent = hab_tp_srl.tp_srl(agent_setup(TASK, options=learned | HANDED_OVER))
     env, obs = make_env(agent.spec)
     agent.reset(torch.tensor([True, True]), [0, 1])
     for _ in range(STEPS + 1):
@@ -119,6 +123,23 @@ def test_a_row_that_starts_again_forgets_its_episode(brief, learned):
     assert names["open_drawer_blind"] == ((0,), (False,))
     assert [len(report.trace) for report in agent.report()] == [2, 1]
     env.close()
+
+
+def test_the_arm_is_reset_before_a_skill(brief, learned):
+    rest = torch.tensor(ROBOT.rest_qpos_rad)
+    for options, first in ((learned, "reset"), (learned | HANDED_OVER, "navigate")):
+        agent = hab_tp_srl.tp_srl(agent_setup(TASK, options=options))
+        env, obs = make_env(agent.spec)
+        assert float((obs["agent"]["arm_qpos"][0] - rest).abs().max()) > 0.05  # the start is noisy
+        agent.reset(torch.tensor([True]), [0])
+        while not any(entry["did"] == "navigate" for entry in agent.report()[0].trace):
+            obs = env.step(agent.act(obs))[0]
+        env.close()
+        entry = agent.report()[0].trace[0]
+        assert entry["did"] == first
+        if first == "reset":
+            assert entry["outcome"] == "done"
+            assert float((obs["agent"]["arm_qpos"][0] - rest).abs().max()) < 0.05
 
 
 @pytest.mark.parametrize("name", ["pick_blind", "open_fridge_blind", "navigate_blind"])

@@ -12,11 +12,14 @@ from typing import Annotated, ClassVar
 import tyro
 
 from hab_eval.episode_options import EpisodeOptions
+from hab_eval.site.cli import SiteCommand
+from hab_eval.submissions.cli import FilmCommand, SubmitCommand, VerifyCommand
 from hab_tasks.console import Command, run_script
 from hab_tasks.errors import OptionError
+from hab_tasks.executors import ExecutorChoice
 from hab_tasks.files import check_file, written_aside
 
-DESCRIPTION = "Evaluation, leaderboard and benchmarks of hab-tasks."
+DESCRIPTION = "Evaluation, leaderboard, results site and benchmarks of hab-tasks."
 
 EXIT_OUT_OF_DATE = 1
 
@@ -25,7 +28,13 @@ RUN_HELP = """Evaluates an agent on a fixed set of episodes and writes run.json.
 Example:
   hab-eval run --agent hab_eval:random_agent --env HabPick-v1 --episodes 10 --out runs/random
 
-After an interruption, the same command with --resume continues the run."""
+After an interruption, the same command with --resume continues the run.
+
+On a Ray cluster (pip install 'ray>=2.30'), from one of its nodes:
+  hab-eval run --agent hab_eval:random_agent --env HabPick-v1 --episodes 1000 --workers 64 \\
+    --executor ray --address auto --out runs/random
+
+Episodes of a node that dies are played again on the others."""
 
 TABLE_HELP = """Generates LEADERBOARD.md and its web page from the submissions.
 
@@ -62,7 +71,7 @@ Suites:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunCommand(EpisodeOptions, Command):
+class RunCommand(EpisodeOptions, ExecutorChoice, Command):
     """Options of `hab-eval run`."""
 
     help: ClassVar[str] = RUN_HELP
@@ -106,6 +115,7 @@ class RunCommand(EpisodeOptions, Command):
         options = RunOptions(
             out=self.out,
             workers=self.workers,
+            executor=ExecutorChoice(executor=self.executor, address=self.address),
             videos=self.video,
             resume=self.resume,
             force=self.force,
@@ -153,29 +163,21 @@ class TableCommand(Command):
 
     def run(self) -> int:
         """Writes or checks the leaderboard."""
-        from hab_eval.leaderboard import (
-            build_groups,
-            default_submissions,
-            read_submissions,
-            to_html,
-            to_markdown,
-        )
+        from hab_eval.leaderboard import default_submissions, leaderboard_texts, read_submissions
         from hab_eval.result_tables import filled
 
         submissions = self.submissions or default_submissions()
         benchmarks = self.benchmarks or submissions.parent.parent / "benchmarks"
         target = self.out or submissions.parent / "LEADERBOARD.md"
         records = read_submissions(submissions)
-        groups = build_groups(records)
         if not target.name:
             raise OptionError(f"--out {target} is a folder; give a file name.")
-        page = target.with_name(f"{target.stem}.html")
-        texts = {target: to_markdown(groups), page: to_html(groups)}
-        texts |= {path: filled(_text_of(path), records.values(), benchmarks) for path in self.pages}
-        if page == target:
+        if target.suffix == ".html":
             raise OptionError(
                 f"--out {target} is the name of the web page; give a name that ends in .md."
             )
+        texts = leaderboard_texts(records, target)
+        texts |= {path: filled(_text_of(path), records.values(), benchmarks) for path in self.pages}
         for path in () if self.check else texts:
             check_file(path, force=True)  # both or none
         for path, text in texts.items():
@@ -277,6 +279,10 @@ COMMANDS: dict[str, type[Command]] = {
     "run": RunCommand,
     "table": TableCommand,
     "failures": FailuresCommand,
+    "site": SiteCommand,
+    "submit": SubmitCommand,
+    "verify": VerifyCommand,
+    "film": FilmCommand,
     "bench": BenchCommand,
 }
 

@@ -17,6 +17,9 @@ from hab_tasks.option_values import whole
 MOST_EPISODES = 100_000
 """All episodes of a run are kept in memory, 10 to 20 kB each."""
 
+EMBEDDED_DATASET = "apartment"
+"""Name of the shipped scene dataset."""
+
 LEAST_TIMEOUT_S, MOST_TIMEOUT_S = 0.01, 86400.0
 
 
@@ -41,7 +44,7 @@ class EvalConfig:
 
     agent: str
     env: str
-    scene_dataset: str = "apartment"
+    scene_dataset: str = EMBEDDED_DATASET
     objects: str | None = None
     split: str | None = None
     episodes: int = 50

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Generator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -12,6 +12,7 @@ import torch
 
 from hab_eval import environments, provenance
 from hab_eval.config import MOST_EPISODES, EvalConfig, SavedConfig
+from hab_eval.distributed import check_distributed, run_distributed
 from hab_eval.errors import RunFolderError
 from hab_eval.load_agent import load_agent
 from hab_eval.results import (
@@ -27,6 +28,7 @@ from hab_eval.run_lock import locked
 from hab_eval.workers import run_agent
 from hab_tasks.agent import Agent, AgentSpec
 from hab_tasks.errors import FileError, HabError, OptionError, RunStoppedError
+from hab_tasks.executors import Executor, ExecutorChoice, open_executor
 from hab_tasks.option_values import whole
 from hab_tasks.processes import use_one_thread
 
@@ -44,6 +46,7 @@ class RunOptions:
     Attributes:
         out: The run folder.
         workers: Number of worker processes.
+        executor: Where the workers run.
         videos: Number of episodes to record, from the first.
         resume: Continue the run in `out`.
         force: Replace the run in `out`.
@@ -52,12 +55,14 @@ class RunOptions:
 
     out: Path
     workers: int = 1
+    executor: ExecutorChoice = field(default_factory=ExecutorChoice)
     videos: int = 0
     resume: bool = False
     force: bool = False
     device: str = "cpu"
 
     def __post_init__(self) -> None:
+        self.executor.check_executor()
         check_device(self.device)
         whole("workers", self.workers, 1, MOST_WORKERS)
         whole("video", self.videos, 0, MOST_EPISODES)
@@ -105,15 +110,25 @@ def evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> Run
 
 
 def _evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> RunRecord:
-    """Runs the evaluation; the folder is locked."""
+    """Loads the agent and opens the executor; the folder is locked."""
     use_one_thread()
     agent = load_agent(config.agent, environments.setup_of(config, options.device))
+    if options.executor.is_remote:
+        check_distributed(config, agent.spec, options.videos)
     if config.step_timeout_s is not None and agent.spec.rows > 1:
         raise OptionError(
             f"--step-timeout needs an agent of one row; {agent.spec.name} has "
             f"{agent.spec.rows}, and a timeout could not be attributed to one of them."
         )
-    episodes = environments.load_episode_set(config, reporter.generating, options.workers)
+    with open_executor(options.executor, options.workers, device=options.device) as executor:
+        return _run(config, options, reporter, agent, executor)
+
+
+def _run(
+    config: EvalConfig, options: RunOptions, reporter: Reporter, agent: Agent, executor: Executor
+) -> RunRecord:
+    """Runs the evaluation."""
+    episodes = environments.load_episode_set(config, reporter.generating, executor)
     saved = SavedConfig(
         config=config,
         versions=provenance.package_versions(config.agent),
@@ -125,7 +140,7 @@ def _evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> Ru
     try:
         # Closing ends the workers at once on Ctrl-C, not when the generator is collected.
         with contextlib.closing(
-            _run_missing(config, options, agent, episodes, finished)
+            _run_missing(config, options, agent, executor, episodes, finished)
         ) as results:
             for one in results:
                 folder.append(one)
@@ -195,6 +210,7 @@ def _run_missing(
     config: EvalConfig,
     options: RunOptions,
     agent: Agent,
+    executor: Executor,
     episodes: EpisodeSet,
     finished: Mapping[str, FinishedEpisode],
 ) -> Generator[FinishedEpisode, None, None]:
@@ -208,6 +224,8 @@ def _run_missing(
         videos=min(options.videos, len(episodes.episodes)),
         device=options.device,
     )
+    if options.executor.is_remote:
+        return run_distributed(plan, jobs, executor)
     return run_agent(plan, agent, jobs, workers=options.workers)
 
 

@@ -67,7 +67,7 @@ def default_submissions() -> Path:
 def read_submissions(folder: Path) -> dict[str, RunRecord]:
     """Reads every `*.json` of a folder: file name -> record."""
     if not os.path.isdir(folder):  # unlike Path.is_dir, False for an invalid name
-        raise ResultError(f"{folder}: not a folder of submissions.")
+        raise ResultError(f"{folder}: not a folder of submissions; give one with --submissions.")
     return {path.name: read_record(path) for path in sorted(folder.glob("*.json"))}
 
 
@@ -119,6 +119,12 @@ def to_html(groups: Sequence[Group]) -> str:
     if not groups:
         lines.append(f"<p>{EMPTY}</p>")
     return "\n".join([*lines, "</html>"]) + "\n"
+
+
+def leaderboard_texts(records: Mapping[str, RunRecord], target: Path) -> dict[Path, str]:
+    """Returns the content of the Markdown file `target` and of the web page beside it."""
+    groups = build_groups(records)
+    return {target: to_markdown(groups), target.with_name(f"{target.stem}.html"): to_html(groups)}
 
 
 def group_title(record: RunRecord) -> str:

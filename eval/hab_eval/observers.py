@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 
 from hab_eval.film import Frame, compose, describe
 from hab_eval.step_info import StepInfo
+from hab_eval.video_names import video_name
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.files import written_aside
 
@@ -74,8 +74,7 @@ class VideoRecorder:
         if index >= self._count:
             return
         self._episode_id, self._instruction = episode.id, self._instruct(episode)
-        safe_id = re.sub(r"[^A-Za-z0-9._-]+", "-", episode.id)
-        target = self._folder / f"video_{index:03d}_{safe_id}.mp4"
+        target = self._folder / f"{video_name(index, episode.id)}.mp4"
         frame = self._frame(step_info)
         with written_aside(target.with_suffix(".png")) as scratch:
             imageio.imwrite(scratch, frame)

@@ -31,6 +31,25 @@ def wilson_interval(successes: int, n: int) -> tuple[float, float]:
     return float(interval.low), float(interval.high)
 
 
+def exact_mcnemar(only_a: int, only_b: int) -> float:
+    """Returns the two-sided p-value of McNemar's exact test for paired outcomes.
+
+    Under the hypothesis of equal success rates, an episode that only one of two agents solves is
+    solved by either with probability 1/2.
+
+    Args:
+        only_a: Number of episodes that only the first agent solves.
+        only_b: Number of episodes that only the second agent solves.
+    """
+    from scipy.stats import binomtest  # a slow import
+
+    if only_a < 0 or only_b < 0:
+        raise ValueError(f"{only_a} and {only_b} are not numbers of episodes")
+    if only_a + only_b == 0:
+        return 1.0
+    return float(binomtest(only_a, only_a + only_b, 0.5).pvalue)
+
+
 def rate(outcomes: Sequence[bool]) -> Estimate:
     """Returns the fraction of true outcomes with its Wilson interval."""
     n, successes = len(outcomes), sum(outcomes)

@@ -1,4 +1,5 @@
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,13 +27,31 @@ def test_committed_leaderboard_follows_from_the_submissions():
     assert (folder / "LEADERBOARD.html").read_text(encoding="utf-8") == to_html(groups)
 
 
-@pytest.mark.parametrize(
-    ("name", "results", "benches"), [("README.md", 2, 2), ("eval/README.md", 0, 5)]
-)
-def test_tables_of_pages_follow_from_submissions_and_reports(name, results, benches):
+TABLES = {
+    "README.md": (3, 1),
+    "baselines/ppo/README.md": (0, 1),
+    "docs/results.md": (5, 0),
+    "docs/speed.md": (0, 3),
+    "eval/README.md": (0, 5),
+}
+"""Page -> minimum numbers of tables of results and of benchmarks."""
+
+MARK = re.compile(r"^<!-- (results|bench): ", flags=re.MULTILINE)
+
+
+def test_every_page_with_tables_is_known():
+    pages = [*ROOT.glob("*.md"), *ROOT.glob("*/*.md"), *ROOT.glob("*/*/*.md")]
+    marked = {str(p.relative_to(ROOT)) for p in pages if MARK.search(p.read_text("utf-8"))}
+    assert marked == set(TABLES), "list the page in TABLES"
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_tables_of_pages_follow_from_submissions_and_reports(name):
     page = (ROOT / name).read_text(encoding="utf-8")
-    assert page.count("\n<!-- results: ") >= results
-    assert page.count("\n<!-- bench: ") >= benches
+    kinds = MARK.findall(page)
+    results, benches = TABLES[name]
+    assert kinds.count("results") >= results
+    assert kinds.count("bench") >= benches
     records = read_submissions(default_submissions()).values()
     assert filled(page, records, ROOT / "eval" / "benchmarks") == page, (
         f"run: hab-eval table --pages {name}"
@@ -59,10 +78,35 @@ def test_a_table_by_hand():
     )
 
 
+def test_a_table_of_a_module_has_a_row_for_each_agent_with_default_options():
+    records = [
+        replace(make_record((True,) * 50), agent="stub:place", env="HabPlace-v1"),
+        replace(make_record((True, False)), agent="stub:pick_b"),
+        replace(make_record((False,)), agent="stub:pick_a"),
+        replace(make_record((True,), options={"speed": "2"}), agent="stub:pick_a"),
+        make_record(),  # of another module
+    ]
+    by_pattern = filled(PAGE.replace("stub:make", "stub:p*"), records, ROOT)
+    assert by_pattern == filled(PAGE.replace("stub:make", "stub:*"), records, ROOT).replace(
+        "stub:*", "stub:p*"
+    )
+    assert filled(PAGE.replace("stub:make", "stub:*"), records, ROOT) == (
+        "Before.\n<!-- results: stub:* -->\n"
+        "| environment | agent | apartment |\n"
+        "| --- | --- | --- |\n"
+        "| HabPick-v1 | pick_a | 0.0 of 1\\* |\n"
+        "| HabPick-v1 | pick_b | 50.0 of 2\\* |\n"
+        "| HabPlace-v1 | place | 100.0 |\n"
+        "<!-- end of results -->\nAfter.\n"
+    )
+
+
 @pytest.mark.parametrize(
     ("page", "wanted"),
     [
         (PAGE.replace("end of", "end"), "no end mark"),
+        (PAGE.replace("stub:make", "stub:*_blind"), r"No submission of stub:\*_blind;"),
+        (PAGE.replace("stub:make", "other:*"), r"No submission of other:\*; .*stub:make"),
         (PAGE.replace("stub:make", "stub:other"), "No submission of stub:other; .*stub:make"),
     ],
 )

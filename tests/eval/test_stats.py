@@ -1,5 +1,5 @@
 import pytest
-from hab_eval.stats import bootstrap_mean, mean, rate, wilson_interval
+from hab_eval.stats import bootstrap_mean, exact_mcnemar, mean, rate, wilson_interval
 
 
 def test_wilson_interval_of_4_in_5_by_hand():
@@ -47,3 +47,24 @@ def test_bootstrap_has_its_own_generator_and_covers_the_mean():
     assert first.mean == pytest.approx(7 / 3)
     assert first.ci95[0] < first.mean < first.ci95[1]
     assert bootstrap_mean([3.0, 3.0]).ci95 == (3.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("only_a", "only_b", "p_value"),
+    [
+        (0, 0, 1.0),
+        (1, 0, 1.0),  # 2 * 1/2
+        (5, 0, 0.0625),  # 2 * C(5,0) / 2^5 = 2/32
+        (0, 6, 0.03125),  # 2 / 64
+        (8, 2, 0.109375),  # 2 * (C(10,0) + C(10,1) + C(10,2)) / 2^10 = 2 * 56 / 1024
+        (4, 4, 1.0),  # symmetric: every outcome is at least as extreme
+    ],
+)
+def test_mcnemar_by_hand(only_a, only_b, p_value):
+    assert exact_mcnemar(only_a, only_b) == pytest.approx(p_value)
+    assert exact_mcnemar(only_b, only_a) == pytest.approx(p_value)
+
+
+def test_mcnemar_needs_counts():
+    with pytest.raises(ValueError, match="-1"):
+        exact_mcnemar(-1, 2)

@@ -2,9 +2,11 @@
 
 import html
 import io
+import json
 import random
 import re
 from dataclasses import replace
+from html.parser import HTMLParser
 
 import pytest
 import stub_runs  # first: it finds the stub
@@ -21,6 +23,13 @@ from hab_eval.report import leaderboard_tables, result_table
 from hab_eval.results import read_record, summarize, write_record
 from hab_eval.run_folder import RunFolder
 from hab_eval.runner import run_episode
+from hab_eval.site.agents import agent_pages
+from hab_eval.site.breakdown import Receptacles
+from hab_eval.site.build import plain_values, write_pages
+from hab_eval.site.comparison import comparison_sets
+from hab_eval.site.datasets import dataset_pages
+from hab_eval.site.entries import make_entries
+from hab_eval.site.pages import Site, all_pages
 from markdown_it import MarkdownIt
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -76,6 +85,15 @@ NAMES = {
     "hidden": "_legend",
     "accents": "Ünïcödé 机器人",
     "long": "x" * 500,
+}
+
+
+SITE_TAGS = {
+    *("html", "head", "meta", "title", "link", "script", "body", "header", "nav", "main", "footer"),
+    *("h1", "h2", "p", "a", "b", "small", "code", "abbr", "div", "span", "section", "ul", "li"),
+    *("label", "input", "select", "option", "button", "output", "form", "dialog", "details"),
+    *("summary", "table", "thead", "tbody", "tr", "th", "td", "dl", "dt", "dd"),
+    *("svg", "rect", "path"),
 }
 
 
@@ -163,6 +181,59 @@ def test_a_page_shows_the_text_and_nothing_else(text):
     cells = re.findall(r"<td>(.*?)</td>", page)
     assert html.unescape(cells[0]).startswith(plain(text))
     assert len(cells) == 9
+
+
+class Reader(HTMLParser):
+    """Collects the tags, the attributes that run or load something, and the text of a page."""
+
+    def __init__(self):
+        super().__init__()
+        self.tags, self.links, self.words, self._skipped = set(), [], [], False
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.add(tag)
+        self.links += [v for k, v in attrs if k in ("href", "src", "poster", "action")]
+        assert not [k for k, _ in attrs if k.startswith("on")], attrs
+        self._skipped = tag == "script"
+
+    def handle_endtag(self, tag):
+        self._skipped = False
+
+    def handle_data(self, data):
+        if not self._skipped:
+            self.words.append(data)
+
+
+def test_a_site_shows_the_text_and_nothing_else(text, tmp_path):
+    records = {f"{number}.json": labelled(text) for number in range(2)}
+    entries = make_entries(records)
+    site = Site(
+        entries=entries,
+        sets=comparison_sets(entries),
+        agents=agent_pages(entries, []),
+        datasets=dataset_pages(entries, tmp_path),
+        receptacles=Receptacles(),
+        videos={},
+        docs=tmp_path,
+    )
+    pages = all_pages(site)
+    write_pages(tmp_path, pages)
+    assert len(pages) == 10
+    for page in pages:
+        written = (tmp_path / page.path).read_text()
+        read = Reader()
+        read.feed(written)
+        assert read.tags <= SITE_TAGS, page.path
+        for link in read.links:
+            assert re.fullmatch(r"[\w./&#-]+|data:,|https://arxiv.org/abs/2106.14405", link), link
+        if page.path in ("index.html", "runs/0.html", "compare/index.html"):
+            assert plain(text) in " ".join(read.words)
+        assert "\x1b" not in written
+        assert "\u202e" not in written
+        block = re.search(r'<script type="application/json" id="data">(.*?)</script>', written)
+        assert (block is None) == (page.data is None)
+        if block is not None:
+            assert json.loads(block[1]) == json.loads(json.dumps(plain_values(page.data)))
 
 
 @pytest.mark.slow

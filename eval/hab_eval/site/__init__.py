@@ -1,0 +1,1 @@
+"""The results site: static pages generated from the submissions."""

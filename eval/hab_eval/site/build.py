@@ -1,0 +1,163 @@
+"""Writes the results site."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from hab_eval.errors import ResultError
+from hab_eval.leaderboard import default_submissions, read_submissions
+from hab_eval.plain_text import plain
+from hab_eval.site.agents import Card, agent_pages, read_cards
+from hab_eval.site.breakdown import Receptacles, read_receptacles
+from hab_eval.site.comparison import comparison_sets
+from hab_eval.site.datasets import dataset_pages
+from hab_eval.site.entries import make_entries
+from hab_eval.site.media import Video, copy_video, find_videos, write_picture
+from hab_eval.site.pages import Page, Site, all_pages
+from hab_tasks.errors import OptionError
+from hab_tasks.files import check_folder, folder_written_aside
+
+MARK = "site.json"
+"""File by which `--force` recognises a site."""
+
+STATIC = ("static/site.css", "static/site.js", "static/compare.js")
+LIBRARIES = (
+    "vendor/list.js/list.min.js",
+    "vendor/list.js/LICENSE",
+    "vendor/chartist/chartist.umd.js",
+    "vendor/chartist/chartist.css",
+    "vendor/chartist/LICENSE",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SiteOptions:
+    """Sources of the site, and where it is written.
+
+    Attributes:
+        out: Output folder.
+        submissions: Folder of submissions; None for the checkout's.
+        videos: Folder of videos; None for no videos.
+        checkout: Checkout with figures, model cards and episode files; None for this one.
+        force: Replace an existing site.
+    """
+
+    out: Path
+    submissions: Path | None = None
+    videos: Path | None = None
+    checkout: Path | None = None
+    force: bool = False
+
+
+def build_site(options: SiteOptions) -> int:
+    """Writes the site atomically; returns the number of pages.
+
+    Raises:
+        HabError: A source cannot be read, or the folder may not be replaced.
+    """
+    check_folder(options.out, force=options.force, mark=MARK)
+    site = _read(options)
+    pages = all_pages(site)
+    with folder_written_aside(options.out) as folder:
+        write_pages(folder, pages)
+        _write_static(folder)
+        _write_pictures(folder, site)
+        for entry in site.entries:
+            for video in site.videos.get(entry.name, ()):
+                copy_video(video, folder / "videos" / entry.slug / video.file.name)
+        manifest = {"pages": [page.path for page in pages]}
+        (folder / MARK).write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
+    return len(pages)
+
+
+def write_pages(folder: Path, pages: Sequence[Page]) -> None:
+    """Writes pages to a folder."""
+    environment = make_environment()
+    for page in pages:
+        target = folder / page.path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        root = "../" * page.path.count("/")
+        context = {**page.context, "data": plain_values(page.data), "root": root, "page": page}
+        text = environment.get_template(page.template).render(context)
+        target.write_text(text, encoding="utf-8")
+
+
+def make_environment() -> Environment:
+    """Returns the template environment: all values are escaped and on one line."""
+    environment = Environment(
+        loader=PackageLoader("hab_eval.site"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        finalize=_plain_value,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "sort_keys": False}
+    return environment
+
+
+def plain_values(value: Any) -> Any:
+    """Escapes non-printable characters in the text of JSON values."""
+    if isinstance(value, str):
+        return plain(value)
+    if isinstance(value, dict):
+        return {plain(key): plain_values(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain_values(item) for item in value]
+    return value
+
+
+def _plain_value(value: Any) -> Any:
+    return plain(value) if isinstance(value, str) and not isinstance(value, Markup) else value
+
+
+def _read(options: SiteOptions) -> Site:
+    """Reads all sources."""
+    checkout = options.checkout or Path(__file__).resolve().parents[3]
+    if not os.path.isdir(checkout):  # unlike Path.is_dir, False for an invalid name
+        raise OptionError(f"--checkout {checkout}: not a folder; give a clone of the repository.")
+    submissions = options.submissions or default_submissions()
+    records = read_submissions(submissions)
+    if not records:
+        raise ResultError(f"{submissions}: no submissions; hab-eval submit adds one.")
+    entries = make_entries(records)
+    cards: Sequence[Card] = read_cards(checkout)
+    episodes = checkout / "assets" / "episodes"
+    videos: dict[str, list[Video]] = find_videos(options.videos, entries)
+    return Site(
+        entries=entries,
+        sets=comparison_sets(entries),
+        agents=agent_pages(entries, cards),
+        datasets=dataset_pages(entries, checkout / "docs"),
+        receptacles=read_receptacles(episodes) if episodes.is_dir() else Receptacles(),
+        videos=videos,
+        docs=checkout / "docs",
+    )
+
+
+def _write_static(folder: Path) -> None:
+    """Copies style sheets and scripts."""
+    package = resources.files("hab_eval.site")
+    for name in (*STATIC, *LIBRARIES):
+        target = folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(package.joinpath(name).read_bytes())
+
+
+def _write_pictures(folder: Path, site: Site) -> None:
+    for dataset in site.datasets:
+        for figure in dataset.figures:
+            write_picture(site.docs / figure.file, folder / "datasets" / figure.picture)
+    for agent in site.agents:
+        for name in site.pictures_of(agent):
+            source = agent.card.path.parent / name if agent.card else Path(name)
+            write_picture(source, folder / "agents" / agent.slug / f"{Path(name).stem}.webp")

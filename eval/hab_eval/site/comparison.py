@@ -1,0 +1,136 @@
+"""Paired comparison of runs on the same episodes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+from hab_eval.leaderboard import group_title
+from hab_eval.site.entries import Entry, outcome_of, unique_slugs
+from hab_eval.stats import exact_mcnemar
+
+FEWEST_COMMON = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pair:
+    """Outcomes of two runs on their common episodes.
+
+    Attributes:
+        first: Index of the first run in its set.
+        second: Index of the second run.
+        n: Number of common episodes.
+        both: Number of episodes that both solve.
+        only_first: Number of episodes that only the first run solves.
+        only_second: Number of episodes that only the second run solves.
+        p_value: Of McNemar's exact test, two-sided.
+    """
+
+    first: int
+    second: int
+    n: int
+    both: int
+    only_first: int
+    only_second: int
+    p_value: float
+
+    @property
+    def neither(self) -> int:
+        """Number of episodes that neither run solves."""
+        return self.n - self.both - self.only_first - self.only_second
+
+    @property
+    def difference(self) -> float:
+        """Success rate of the first run minus that of the second."""
+        return (self.only_first - self.only_second) / self.n
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComparisonSet:
+    """Runs on the same environment, datasets and episodes.
+
+    Attributes:
+        title: Environment, datasets, split and seed.
+        slug: The title as a file name.
+        entries: The runs, the best first.
+        pairs: All pairs with common episodes.
+    """
+
+    title: str
+    slug: str
+    entries: tuple[Entry, ...]
+    pairs: tuple[Pair, ...]
+
+    def data(self) -> dict[str, Any]:
+        """Returns what the page's script shows: episodes, outcomes and pairs."""
+        ids = dict.fromkeys(one.id for entry in self.entries for one in entry.record.episodes)
+        scenes = {one.id: one.scene for entry in self.entries for one in entry.record.episodes}
+        return {
+            "episodes": list(ids),
+            "scenes": [scenes[name] for name in ids],
+            "runs": [_run_data(entry, list(ids)) for entry in self.entries],
+            "pairs": [
+                [p.first, p.second, p.n, p.both, p.only_first, p.only_second, p.p_value]
+                for p in self.pairs
+            ],
+        }
+
+
+def compare(first: Entry, second: Entry, indices: tuple[int, int] = (0, 1)) -> Pair | None:
+    """Compares two runs on their common episodes; None if there are too few."""
+    a = {one.id: one.success for one in first.record.episodes}
+    b = {one.id: one.success for one in second.record.episodes}
+    common = a.keys() & b.keys()
+    if len(common) < FEWEST_COMMON:
+        return None
+    only_first = sum(a[name] and not b[name] for name in common)
+    only_second = sum(b[name] and not a[name] for name in common)
+    return Pair(
+        first=indices[0],
+        second=indices[1],
+        n=len(common),
+        both=sum(a[name] and b[name] for name in common),
+        only_first=only_first,
+        only_second=only_second,
+        p_value=exact_mcnemar(only_first, only_second),
+    )
+
+
+def comparison_sets(entries: Sequence[Entry]) -> list[ComparisonSet]:
+    """Groups runs that share episodes; a set has at least one pair."""
+    groups: dict[tuple[str, str], list[Entry]] = {}
+    for entry in entries:
+        prefix = entry.record.episodes[0].id.rpartition("/")[0]
+        groups.setdefault((group_title(entry.record), prefix), []).append(entry)
+    found: list[tuple[str, list[Entry], tuple[Pair, ...]]] = []
+    for group in groups.values():
+        numbered = combinations(enumerate(group), 2)
+        pairs = [compare(a, b, (i, j)) for (i, a), (j, b) in numbered]
+        kept = tuple(pair for pair in pairs if pair is not None)
+        if kept:
+            found.append((_title(group[0]), group, kept))
+    slugs = unique_slugs(title for title, _, _ in found)
+    return [
+        ComparisonSet(title=title, slug=slug, entries=tuple(group), pairs=pairs)
+        for slug, (title, group, pairs) in zip(slugs, found, strict=True)
+    ]
+
+
+def _title(entry: Entry) -> str:
+    record = entry.record
+    return f"{group_title(record)}, {record.split}, seed {record.seed}"
+
+
+def _run_data(entry: Entry, ids: Sequence[str]) -> dict[str, Any]:
+    """Returns a run's outcome, as an index of its `outcomes`, and steps for each episode."""
+    by_id = {one.id: one for one in entry.record.episodes}
+    outcomes = list(dict.fromkeys(["success", *map(outcome_of, entry.record.episodes)]))
+    known = {name: number for number, name in enumerate(outcomes)}
+    return {
+        "slug": entry.slug,
+        "outcomes": outcomes,
+        "outcome": [known[outcome_of(by_id[name])] if name in by_id else None for name in ids],
+        "steps": [by_id[name].steps if name in by_id else None for name in ids],
+    }

@@ -1,0 +1,139 @@
+"""Scene datasets of the submissions: descriptions, figures and runs."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from hab_eval.config import EMBEDDED_DATASET
+from hab_eval.site.entries import Entry, dataset_rank, unique_slugs
+
+WILD = re.compile(r"(?P<base>.+)_wild_(?P<seed>\d+)")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figure:
+    """A figure of a dataset: file in the checkout's docs folder, caption and alternative text."""
+
+    file: str
+    caption: str
+    alt: str
+
+    @property
+    def picture(self) -> str:
+        """File name in the site."""
+        return f"{Path(self.file).stem}.webp"
+
+
+FIGURES = {
+    EMBEDDED_DATASET: (
+        Figure(
+            file="fig06_furniture.png",
+            caption="Furniture (as Fig. 6 of the paper): templates and number of instances.",
+            alt="Bar chart of furniture templates by number of instances",
+        ),
+        Figure(
+            file="fig07_categories.png",
+            caption="Objects (as Fig. 7 of the paper): categories by number of templates.",
+            alt="Bar chart of object categories by number of templates",
+        ),
+        Figure(
+            file="fig08_macro_layouts.png",
+            caption="Macro layouts (as Fig. 8 of the paper), from above.",
+            alt="Top views of the five macro layouts",
+        ),
+        Figure(
+            file="fig08_micro_variations.png",
+            caption="Micro-variations of the macro layouts (as Fig. 8 of the paper), from above.",
+            alt="Top views of micro-variations of the macro layouts",
+        ),
+    ),
+    f"{EMBEDDED_DATASET}_wild": (
+        Figure(
+            file="fig_wild_layouts.png",
+            caption="Six wild layouts: furniture and kitchen (orange) at random positions.",
+            alt="Top views of six wild layouts",
+        ),
+    ),
+}
+
+DESCRIPTIONS = {
+    EMBEDDED_DATASET: "The dataset that ships with the package: 111 layouts, named as in "
+    "ReplicaCAD. Macro layouts 0 to 2 are the training split, 3 is the validation split, 4 the "
+    "test split.",
+    "replicaCAD": "Facebook's ReplicaCAD, with objects of YCB. The copy used for these runs has "
+    "the training layouts only.",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class DatasetPage:
+    """A scene dataset.
+
+    Attributes:
+        name: Its name in the records.
+        slug: The name as a file name.
+        description: A paragraph.
+        command: The command that generates the dataset; "" if it is not generated.
+        figures: Figures that exist in the checkout.
+        entries: Its submissions.
+        layouts: (layout, number of episodes in all submissions), by name.
+    """
+
+    name: str
+    slug: str
+    description: str
+    command: str
+    figures: tuple[Figure, ...]
+    entries: tuple[Entry, ...]
+    layouts: tuple[tuple[str, int], ...]
+
+
+def dataset_pages(entries: Sequence[Entry], docs: Path) -> list[DatasetPage]:
+    """Returns a page for every scene dataset of the submissions."""
+    names = sorted({entry.record.scene_dataset for entry in entries}, key=dataset_rank)
+    pages = []
+    for name, slug in zip(names, unique_slugs(names), strict=True):
+        own = tuple(entry for entry in entries if entry.record.scene_dataset == name)
+        wild = WILD.fullmatch(name)
+        figures = FIGURES.get(f"{wild['base']}_wild" if wild else name, ())
+        pages.append(
+            DatasetPage(
+                name=name,
+                slug=slug,
+                description=_described(name),
+                command=vary_command(name),
+                figures=tuple(one for one in figures if (docs / one.file).is_file()),
+                entries=own,
+                layouts=_layouts(own),
+            )
+        )
+    return pages
+
+
+def vary_command(name: str) -> str:
+    """Returns the command that generates a dataset of wild layouts; "" for other datasets."""
+    wild = WILD.fullmatch(name)
+    if wild is None or wild["base"] not in DESCRIPTIONS:
+        return ""
+    base = wild["base"] if wild["base"] == EMBEDDED_DATASET else f"PATH/{wild['base']}"
+    return f"hab-tasks vary {base} --wild --count 100 --seed {wild['seed']} --out {name}"
+
+
+def _described(name: str) -> str:
+    wild = WILD.fullmatch(name)
+    if wild is None:
+        return DESCRIPTIONS.get(name, "A dataset of a submission.")
+    return (
+        f"Wild layouts, a stress test: layouts of {wild['base']} with furniture and kitchen at "
+        "random positions, doors that a wall stops early, and aisles as narrow as the base. "
+        "Consecutive episodes use different layouts."
+    )
+
+
+def _layouts(entries: Sequence[Entry]) -> tuple[tuple[str, int], ...]:
+    counts = Counter(one.scene for entry in entries for one in entry.record.episodes)
+    return tuple(sorted(counts.items()))

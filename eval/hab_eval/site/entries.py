@@ -1,0 +1,145 @@
+"""Submissions as the site shows them: order, page names, and kinds of agents."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import PurePath
+
+from hab_eval.environments import short_name
+from hab_eval.leaderboard import FEW_EPISODES, HANDLE_POSITION
+from hab_eval.result_tables import scenes_of
+from hab_eval.results import EpisodeResult, RunRecord
+from hab_eval.stats import mean
+from hab_eval.video_names import UNSAFE
+from hab_tasks.registration import ENTRY_POINTS
+
+LONGEST_SLUG = 120
+
+KINDS = {
+    "hab_ppo": "learned",
+    "hab_tp_srl": "learned",
+    "hab_spa": "planned",
+    "hab_eval": "scripted",
+}
+"""Top-level module of an agent -> kind of agent."""
+
+OTHER_KIND = "other"
+REFERENCE = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """A submission.
+
+    Attributes:
+        name: File name without ``.json``.
+        slug: The name as part of file names and links.
+        record: The result.
+        kinds: Kinds of the agent and of agents named in its options: ``learned``, ...
+    """
+
+    name: str
+    slug: str
+    record: RunRecord
+    kinds: tuple[str, ...]
+
+    @property
+    def scenes(self) -> str:
+        """Scene dataset and objects."""
+        return scenes_of(self.record)
+
+    @property
+    def few(self) -> bool:
+        """Whether the run has fewer episodes than a submission should have."""
+        return len(self.record.episodes) < FEW_EPISODES
+
+    @property
+    def variants(self) -> tuple[str, ...]:
+        """Options of the agent and of the skill that differ from the defaults."""
+        record = self.record
+        found = [HANDLE_POSITION] * record.handle_position
+        found += [f"target_frame={record.target_frame}"] * (record.target_frame != "base")
+        found += [f"{name}={short_name(value)}" for name, value in record.options.items()]
+        found += [f"{name}={value:g}" for name, value in record.skill_config.items()]
+        return tuple(found)
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """Names of a task's stages, in order; () for a skill."""
+        # An episode that never started has no stages.
+        return next((tuple(one.stages) for one in self.record.episodes if one.stages), ())
+
+    @property
+    def stage_mean(self) -> float:
+        """Mean rate of the stages; -1 for a skill."""
+        rates = [estimate.mean for estimate in self.record.summary.stages.values()]
+        return mean(rates) if rates else -1.0
+
+
+def outcome_of(episode: EpisodeResult) -> str:
+    """Returns ``success`` or the failure category."""
+    return "success" if episode.failure is None else episode.failure
+
+
+def make_entries(records: Mapping[str, RunRecord]) -> list[Entry]:
+    """Returns the submissions by environment, dataset, success, agent, seed and name."""
+    names = sorted(records)
+    slugs = unique_slugs(PurePath(name).stem for name in names)
+    entries = [
+        Entry(
+            name=PurePath(name).stem,
+            slug=slug,
+            record=records[name],
+            kinds=kinds_of(records[name]),
+        )
+        for name, slug in zip(names, slugs, strict=True)
+    ]
+    return sorted(entries, key=_rank)
+
+
+def unique_slugs(names: Iterable[str]) -> list[str]:
+    """Returns a file name for each name, unique also where upper and lower case are the same."""
+    taken: set[str] = set()
+    slugs = []
+    for name in names:
+        base = UNSAFE.sub("-", name).strip("-.")[:LONGEST_SLUG] or "unnamed"
+        slug, number = base, 1
+        while slug.lower() in taken:
+            number += 1
+            slug = f"{base}-{number}"
+        taken.add(slug.lower())
+        slugs.append(slug)
+    return slugs
+
+
+def kinds_of(record: RunRecord) -> tuple[str, ...]:
+    """Returns the kinds of a run's agent, and of the agents that its options name."""
+    named = [value for value in record.options.values() if REFERENCE.fullmatch(value)]
+    modules = [reference.partition(":")[0].partition(".")[0] for reference in named]
+    own = KINDS.get(record.agent.partition(":")[0].partition(".")[0], OTHER_KIND)
+    return tuple(sorted({own, *(KINDS[name] for name in modules if name in KINDS)}))
+
+
+def env_rank(env: str) -> tuple[int, str]:
+    """Sorts environments in the order of the registry, others last."""
+    order = {env_id: number for number, env_id in enumerate(ENTRY_POINTS)}
+    return order.get(env, len(order)), env
+
+
+def dataset_rank(scenes: str) -> tuple[bool, str]:
+    """Sorts datasets by name, wild layouts last."""
+    return "wild" in scenes, scenes
+
+
+def _rank(entry: Entry) -> tuple[object, ...]:
+    record = entry.record
+    return (
+        env_rank(record.env),
+        dataset_rank(entry.scenes),
+        -record.summary.success.mean,
+        record.agent_name,
+        record.seed,
+        entry.name,
+    )

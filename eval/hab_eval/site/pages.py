@@ -1,0 +1,241 @@
+"""The pages of the site: path, template, and what each template shows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hab_eval.leaderboard import FEW_EPISODES
+from hab_eval.site import paper
+from hab_eval.site.agents import AgentPage, rendered
+from hab_eval.site.breakdown import Receptacles, by_layout, by_receptacle, histogram
+from hab_eval.site.comparison import ComparisonSet
+from hab_eval.site.datasets import DatasetPage
+from hab_eval.site.entries import Entry, dataset_rank, env_rank, outcome_of
+from hab_eval.site.media import Video
+from hab_eval.site.reruns import (
+    DATASET_NOTE,
+    command_lines,
+    facts_of,
+    needs_path,
+    verify_command,
+)
+from hab_eval.video_names import highlights
+
+MOST_PAIRS = 10
+"""Pairs of a set in the list of comparisons; the set's own page has all."""
+
+Partners = Mapping[str, Sequence[tuple[ComparisonSet, Entry, Entry]]]
+"""Name of a submission -> (set, first run, second run) of its comparisons."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Page:
+    """A page of the site.
+
+    Attributes:
+        path: File, relative to the site's folder.
+        template: File name of the template.
+        section: Entry of the navigation that is highlighted.
+        title: Title of the page.
+        context: Values for the template.
+        data: Values for the page's script, as JSON.
+    """
+
+    path: str
+    template: str
+    section: str
+    title: str
+    context: Mapping[str, Any] = field(default_factory=dict)
+    data: Any = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Site:
+    """Everything that the pages show.
+
+    Attributes:
+        entries: The submissions, in the order of the leaderboard.
+        sets: Runs that can be compared on the same episodes.
+        agents: Agents with submissions or a model card.
+        datasets: Scene datasets of the submissions.
+        receptacles: Receptacles of known episodes.
+        videos: Name of a submission -> its videos.
+        docs: Folder of the datasets' figures.
+    """
+
+    entries: Sequence[Entry]
+    sets: Sequence[ComparisonSet]
+    agents: Sequence[AgentPage]
+    datasets: Sequence[DatasetPage]
+    receptacles: Receptacles
+    videos: Mapping[str, Sequence[Video]]
+    docs: Path
+
+    def pictures_of(self, agent: AgentPage) -> list[str]:
+        """Returns the names of the pictures in an agent's model card."""
+        return [] if agent.card is None else list(dict.fromkeys(rendered(agent.card, "")[1]))
+
+
+def all_pages(site: Site) -> list[Page]:
+    """Returns every page."""
+    partners = _partners(site)
+    return [
+        _leaderboard(site),
+        *(_run(site, entry, partners) for entry in site.entries),
+        _comparisons(site),
+        *(_comparison(one) for one in site.sets),
+        _agents(site),
+        *(_agent(one) for one in site.agents),
+        _datasets(site),
+        *(_dataset(one) for one in site.datasets),
+        _paper(site),
+    ]
+
+
+def _leaderboard(site: Site) -> Page:
+    records = [entry.record for entry in site.entries]
+    filters = {
+        "env": sorted({record.env for record in records}, key=env_rank),
+        "scenes": sorted({entry.scenes for entry in site.entries}, key=dataset_rank),
+        "split": sorted({record.split for record in records}),
+        "kind": sorted({kind for entry in site.entries for kind in entry.kinds}),
+    }
+    return Page(
+        path="index.html",
+        template="leaderboard.html",
+        section="leaderboard",
+        title="Leaderboard",
+        context={"entries": site.entries, "filters": filters, "few_episodes": FEW_EPISODES},
+        data={entry.slug: _rerun(entry) for entry in site.entries},
+    )
+
+
+def _rerun(entry: Entry) -> dict[str, Any]:
+    return {
+        "commands": command_lines(entry),
+        "verify": verify_command(entry),
+        "note": DATASET_NOTE if needs_path(entry.record) else "",
+        "facts": facts_of(entry),
+    }
+
+
+def _run(site: Site, entry: Entry, partners: Partners) -> Page:
+    record = entry.record
+    episodes = record.episodes
+    videos = {video.index: video for video in site.videos.get(entry.name, ())}
+    shown = [videos[index] for index in highlights(record) if index in videos]
+    context = {
+        "entry": entry,
+        "record": record,
+        "rerun": _rerun(entry),
+        "layouts": by_layout(record),
+        "receptacles": by_receptacle(record, site.receptacles),
+        "failures": list(record.summary.failures.items()),
+        "videos": videos,
+        "shown_videos": [(video, episodes[video.index]) for video in shown],
+        "outcomes": sorted({outcome_of(one) for one in episodes}),
+        "paper": [one for one in paper.RESULTS if paper.counterparts(one, [entry])],
+        "comparisons": partners.get(entry.name, ()),
+        "agent_slug": next(a.slug for a in site.agents if a.agent == record.agent),
+        "dataset_slug": next(d.slug for d in site.datasets if d.name == record.scene_dataset),
+    }
+    data = {
+        "return": histogram(record, [one.episode_return for one in episodes]),
+        "steps": histogram(record, [float(one.steps) for one in episodes]),
+    }
+    title = f"{record.agent_name} on {record.env}, {entry.scenes}"
+    path = f"runs/{entry.slug}.html"
+    return Page(
+        path=path,
+        template="run.html",
+        section="leaderboard",
+        title=title,
+        context=context,
+        data=data,
+    )
+
+
+def _partners(site: Site) -> Partners:
+    found: dict[str, list[tuple[ComparisonSet, Entry, Entry]]] = {}
+    for one in site.sets:
+        for pair in one.pairs:
+            first, second = one.entries[pair.first], one.entries[pair.second]
+            found.setdefault(first.name, []).append((one, first, second))
+            found.setdefault(second.name, []).append((one, first, second))
+    return found
+
+
+def _comparisons(site: Site) -> Page:
+    return Page(
+        path="compare/index.html",
+        template="comparisons.html",
+        section="compare",
+        title="Paired comparisons",
+        context={"sets": site.sets, "most_pairs": MOST_PAIRS},
+    )
+
+
+def _comparison(one: ComparisonSet) -> Page:
+    return Page(
+        path=f"compare/{one.slug}.html",
+        template="comparison.html",
+        section="compare",
+        title=f"Comparison on {one.title}",
+        context={"set": one},
+        data=one.data(),
+    )
+
+
+def _agents(site: Site) -> Page:
+    return Page(
+        path="agents/index.html",
+        template="agents.html",
+        section="agents",
+        title="Agents",
+        context={"agents": site.agents},
+    )
+
+
+def _agent(agent: AgentPage) -> Page:
+    card = None if agent.card is None else rendered(agent.card, agent.slug)[0]
+    return Page(
+        path=f"agents/{agent.slug}.html",
+        template="agent.html",
+        section="agents",
+        title=agent.name,
+        context={"agent": agent, "card": card},
+    )
+
+
+def _datasets(site: Site) -> Page:
+    return Page(
+        path="datasets/index.html",
+        template="datasets.html",
+        section="datasets",
+        title="Datasets",
+        context={"datasets": site.datasets},
+    )
+
+
+def _dataset(dataset: DatasetPage) -> Page:
+    return Page(
+        path=f"datasets/{dataset.slug}.html",
+        template="dataset.html",
+        section="datasets",
+        title=dataset.name,
+        context={"dataset": dataset},
+    )
+
+
+def _paper(site: Site) -> Page:
+    rows = [(result, paper.counterparts(result, site.entries)) for result in paper.RESULTS]
+    return Page(
+        path="paper.html",
+        template="paper.html",
+        section="paper",
+        title="Comparison with the paper",
+        context={"rows": rows, "not_comparable": paper.NOT_COMPARABLE},
+    )

@@ -1,0 +1,1 @@
+"""Submissions to the leaderboard: checks, repetition of episodes, and videos."""

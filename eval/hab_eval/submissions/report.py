@@ -1,0 +1,61 @@
+"""Report of repeated episodes for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from rich.table import Table
+
+from hab_eval import provenance
+from hab_eval.config import MOST_EPISODES
+from hab_eval.plain_text import add_row, plain
+from hab_eval.results import EpisodeResult, RunRecord
+from hab_eval.submissions.replay import Difference, episode_differences
+from hab_tasks.errors import shown
+from hab_tasks.option_values import LARGEST_SEED, whole
+
+
+def draw(total: int, count: int, seed: int) -> tuple[int, ...]:
+    """Returns the indices of `count` different episodes, in order; all if there are fewer."""
+    whole("episodes", count, 1, MOST_EPISODES)
+    whole("sample-seed", seed, 0, LARGEST_SEED)
+    drawn = np.random.default_rng(seed).choice(total, size=min(count, total), replace=False)
+    return tuple(sorted(int(index) for index in drawn))
+
+
+def comparison_table(
+    name: str, recorded: Sequence[EpisodeResult], repeated: Sequence[EpisodeResult]
+) -> Table:
+    """Returns a table with one row per repeated episode."""
+    table = Table(title=plain(f"{name}: recorded -> repeated"))
+    for column in ("episode", "outcome", "steps", "return", ""):
+        table.add_column(column, overflow="fold")
+    for old, new in zip(recorded, repeated, strict=True):
+        verdict = "different" if episode_differences(old, new) else "same"
+        pairs = [
+            (old.failure or "success", new.failure or "success"),
+            (str(old.steps), str(new.steps)),
+            (f"{old.episode_return:.4f}", f"{new.episode_return:.4f}"),
+        ]
+        cells = [a if a == b else f"{a} -> {b}" for a, b in pairs]
+        add_row(table, old.id, *cells, verdict)
+    return table
+
+
+def closing_lines(record: RunRecord, count: int, differences: Sequence[Difference]) -> list[str]:
+    """Returns the differences, and a summary, with commits and machines if there are any."""
+    lines = []
+    for one in differences:
+        where = f"episode {one.episode}" if one.episode else "agent"
+        values = f"recorded {shown(one.recorded)}, repeated {shown(one.repeated)}"
+        lines.append(plain(f"different: {where}: {one.name}: {values}"))
+    affected = len({one.episode for one in differences if one.episode})
+    summary = f"{count - affected} of {count} episodes repeat the recorded result"
+    if not differences:
+        return [f"{summary}."]
+    changed = {one.episode for one in differences if one.episode and one.name != "return"}
+    summary += f", {count - len(changed)} its outcome and steps"
+    before = f"recorded at commit {record.git or 'unknown'} on {record.device}"
+    now = f"repeated at commit {provenance.git_commit() or 'unknown'} on {provenance.device()}"
+    return [*lines, plain(f"{summary}; {before}, {now}.")]

@@ -1,0 +1,335 @@
+"""The results site: order and names, commands, breakdowns, comparisons, cards and files."""
+
+import gzip
+import json
+import re
+from dataclasses import replace
+
+import pytest
+from hab_eval.errors import ResultError
+from hab_eval.leaderboard import default_submissions
+from hab_eval.site import paper
+from hab_eval.site.agents import Card, agent_pages, read_cards, rendered
+from hab_eval.site.breakdown import (
+    by_layout,
+    by_receptacle,
+    histogram,
+    read_receptacles,
+)
+from hab_eval.site.build import SiteOptions, build_site
+from hab_eval.site.comparison import compare, comparison_sets
+from hab_eval.site.datasets import dataset_pages
+from hab_eval.site.entries import kinds_of, make_entries, unique_slugs
+from hab_eval.site.media import find_videos
+from hab_eval.video_names import highlights, video_name
+from PIL import Image
+from site_records import record_of, write_submissions
+
+from hab_tasks.errors import FileError, OptionError
+
+
+def entry_of(record, name="x.json"):
+    (entry,) = make_entries({name: record})
+    return entry
+
+
+def test_page_names_are_safe_and_unique_in_any_case():
+    names = ["a/b", "a b", "A-B", "../..", "", "x" * 300]
+    slugs = unique_slugs(names)
+    assert slugs[:5] == ["a-b", "a-b-2", "A-B-3", "unnamed", "unnamed-2"]
+    assert len(slugs[5]) == 120
+
+
+def test_kinds_follow_from_the_agent_and_its_options():
+    def kinds(agent, **options):
+        return kinds_of(record_of([None], agent=agent, options=options))
+
+    assert kinds("hab_spa:spa") == ("planned",)
+    assert kinds("hab_spa.agents:spa") == ("planned",)
+    assert kinds("hab_spa:tp_spa", navigation="hab_ppo:navigate") == ("learned", "planned")
+    assert kinds("mine:agent") == ("other",)
+    assert kinds("mine:agent", navigation="teleport") == ("other",)
+
+
+def test_entries_are_in_the_order_of_the_registry_then_by_success():
+    records = {
+        "c.json": record_of([None], env="HabTidyHouse-v1"),
+        "b.json": record_of(["x"], env="HabPick-v1"),
+        "a.json": record_of([None], env="HabPick-v1", scene_dataset="apartment_wild_0"),
+        "d.json": record_of([None], env="HabPick-v1"),
+        "e.json": record_of([None], env="Another-v1"),
+    }
+    assert [entry.name for entry in make_entries(records)] == ["d", "b", "a", "c", "e"]
+
+
+def test_breakdowns_by_hand():
+    # Layouts alternate: layout_0 has episodes 0, 2, 4 (all solved), layout_1 has 1 and 3 (one).
+    record = record_of([None, "force", None, None, None])
+    assert [(one.name, one.successes, one.success.n) for one in by_layout(record)] == [
+        ("layout_1", 1, 2),
+        ("layout_0", 3, 3),
+    ]
+    assert highlights(record) == (0, 1)
+    bins = histogram(record, [0.0, 1.0, 2.0, 3.0, 4.0])
+    assert bins["edges"][0] == 0.0
+    assert bins["edges"][-1] == 4.0
+    assert bins["success"][0] == bins["success"][-1] == 1
+    assert sum(bins["success"]) == 4
+    assert bins["failure"][5] == 1  # 1.0 is the left edge of bin 5 of 20 on [0, 4]
+    constant = histogram(record, [7.0] * 5)
+    assert (sum(constant["success"]), sum(constant["failure"])) == (4, 1)
+
+
+def test_receptacles_come_from_episode_files(tmp_path):
+    record = record_of([None, "x"])
+    first, second = record.episodes
+
+    def episode(one, **changes):
+        target = {"start": ["receptacle_aabb_sink", "link"], "goal": None}
+        plain = {"handle": None, "navigation": None, "targets": [target]}
+        return {"id": one.id, "scene_id": one.scene, **plain, **changes}
+
+    def written(*episodes):
+        with gzip.open(tmp_path / "a.json.gz", "wt") as file:
+            json.dump({"episodes": episodes}, file)
+        return read_receptacles(tmp_path)
+
+    handle = {"furniture": "f", "joint": "top_hinge", "marker": "m"}
+    shares = by_receptacle(record, written(episode(first), episode(second, handle=handle)))
+    assert [(one.name, one.success.mean) for one in shares] == [("top_hinge", 0.0), ("sink", 1.0)]
+    assert by_receptacle(record, written(episode(first))) == []
+    other = written(episode(first), episode(second, scene_id="another"))
+    assert by_receptacle(record, other) == []
+    assert by_receptacle(record, written(episode(first), episode(second, targets=[]))) == []
+    (tmp_path / "a.json.gz").write_bytes(b"no gzip")
+    with pytest.raises(ResultError, match=r"a\.json\.gz: cannot be read as an episode file"):
+        read_receptacles(tmp_path)
+
+
+def test_shipped_episode_files_name_the_receptacles_of_every_skill():
+    found = read_receptacles(default_submissions().parents[2] / "assets" / "episodes").by_episode
+    known = {name.split("/")[0] for name, (_, receptacle) in found.items() if receptacle}
+    skills = {name.split("/")[0] for name in found}
+    tasks = {"HabTidyHouse-v1", "HabPrepareGroceries-v1", "HabSetTable-v1"}
+    assert known == skills - tasks
+
+
+def test_a_pair_by_hand():
+    a = entry_of(record_of([None, None, None, "x", "x"]))
+    b = entry_of(record_of([None, "x", "x", "x", None, None]))
+    pair = compare(a, b)
+    # Five common episodes: one both, two only a, one only b, one neither.
+    # p = min(1, 2 * (C(3,0) + C(3,1)) / 2^3) = 1.
+    assert (pair.n, pair.both, pair.only_first, pair.only_second, pair.neither) == (5, 1, 2, 1, 1)
+    assert pair.p_value == 1.0
+    assert pair.difference == pytest.approx(0.2)
+    assert compare(a, entry_of(record_of([None], seed=3))) is None
+
+
+def test_only_runs_on_the_same_episodes_are_compared():
+    records = {
+        "a.json": record_of([None, None]),
+        "b.json": record_of([None, "x", "x"]),
+        "other_seed.json": record_of([None, None], seed=1),
+        "other_objects.json": record_of([None, None], objects="ycb"),
+    }
+    (one,) = comparison_sets(make_entries(records))
+    assert [entry.name for entry in one.entries] == ["a", "b"]
+    data = one.data()
+    assert data["pairs"] == [[0, 1, 2, 1, 1, 0, 1.0]]
+    assert data["runs"][0]["outcome"] == [0, 0, None]
+    assert data["runs"][1]["outcome"] == [0, 1, 1]
+    assert data["runs"][1]["outcomes"] == ["success", "x"]
+
+
+def test_the_papers_results_have_counterparts_on_the_same_protocol():
+    spa = {"agent": "hab_spa:spa", "env": "HabPick-v1"}
+    real = {"scene_dataset": "replicaCAD", "objects": "ycb"}
+    records = {
+        "unseen.json": record_of([None], **spa),
+        "seen.json": record_of([None], split="train", **real, **spa),
+        "option.json": record_of([None], options={"controller": "perfect"}, **spa),
+        "train.json": record_of([None], split="train", **spa),
+        "place.json": record_of([None], **{**spa, "env": "HabPlace-v1"}),
+        "priv.json": record_of([None], **{**spa, "agent": "hab_spa:spa_priv"}),
+    }
+    entries = make_entries(records)
+    found = [[one.name for one in paper.counterparts(r, entries)] for r in paper.RESULTS]
+    assert found == [["priv"], ["unseen"], ["seen"], [], []]
+
+
+CARD = """# place_blind
+
+<script>alert(1)</script> [code](../x.py) [site](https://example.org) [bad](javascript:alert)
+
+![Curve](place_blind.png) ![remote](https://example.org/x.png) ![up](../up.png)
+
+| a | b |
+| --- | --- |
+| 1 | 2 |
+"""
+
+
+def test_a_model_card_loads_nothing_and_runs_nothing(tmp_path):
+    folder = tmp_path / "baselines" / "ppo" / "hab_ppo" / "weights"
+    folder.mkdir(parents=True)
+    (folder / "place_blind.md").write_text(CARD)
+    Image.new("RGB", (4, 4)).save(folder / "place_blind.png")
+    Image.new("RGB", (4, 4)).save(folder.parent / "up.png")
+    (card,) = read_cards(tmp_path)
+    assert card.agent == "hab_ppo:place_blind"
+    html, pictures = rendered(card, "folder")
+    assert pictures == ["place_blind.png"]
+    assert re.findall(r'src="([^"]*)"', html) == ["folder/place_blind.webp"]
+    assert re.findall(r'href="([^"]*)"', html) == ["https://example.org"]
+    assert "<script" not in html
+    assert "place_blind</h" not in html  # the page has its own title
+    assert "<td>2</td>" in html
+    assert "code" in html
+    entries = make_entries({"a.json": record_of([None], agent="hab_ppo:place_blind", name="P")})
+    (page,) = agent_pages(entries, [card])
+    assert (page.name, page.card, len(page.entries)) == ("P", card, 1)
+    (alone,) = agent_pages([], [card])
+    assert (alone.name, alone.kinds, alone.entries) == ("place_blind", ("learned",), ())
+
+
+def test_a_card_that_is_no_text_is_named(tmp_path):
+    folder = tmp_path / "baselines" / "ppo" / "hab_ppo" / "weights"
+    folder.mkdir(parents=True)
+    (folder / "x.md").write_bytes(b"\xff")
+    with pytest.raises(ResultError, match=r"x\.md: cannot be read"):
+        read_cards(tmp_path)
+    assert Card(agent="a", path=folder, text="").text == ""
+
+
+def test_dataset_pages_have_the_figures_that_exist(tmp_path):
+    entries = make_entries(
+        {
+            "a.json": record_of([None, None, None]),
+            "b.json": record_of([None], scene_dataset="apartment_wild_0"),
+        }
+    )
+    (tmp_path / "fig06_furniture.png").touch()
+    apartment, wild = dataset_pages(entries, tmp_path)
+    assert [one.file for one in apartment.figures] == ["fig06_furniture.png"]
+    assert apartment.layouts == (("layout_0", 2), ("layout_1", 1))
+    assert wild.figures == ()
+    assert wild.command.startswith("hab-tasks vary apartment --wild")
+
+
+def test_videos_are_found_by_submission_and_episode(tmp_path):
+    entry = entry_of(record_of([None, "x"]), "run.json")
+    folder = tmp_path / "run"
+    folder.mkdir()
+    name = video_name(1, entry.record.episodes[1].id)
+    (folder / f"{name}.mp4").touch()
+    (folder / f"{name}.png").touch()
+    (video,) = find_videos(tmp_path, [entry])["run"]
+    assert (video.index, video.poster) == (1, folder / f"{name}.png")
+    (folder / "video_007_x.mp4").touch()
+    with pytest.raises(OptionError, match="such as video_000_HabPick-v1-apartment-val-0-00000"):
+        find_videos(tmp_path, [entry])
+    (folder / "video_007_x.mp4").unlink()
+    (tmp_path / "another").mkdir()
+    (tmp_path / "another" / f"{name}.mp4").touch()
+    with pytest.raises(OptionError, match="no submission is named 'another'"):
+        find_videos(tmp_path, [entry])
+    with pytest.raises(OptionError, match="not a folder; hab-eval film writes one"):
+        find_videos(tmp_path / "no", [entry])
+    assert find_videos(None, [entry]) == {}
+
+
+def files_of(folder):
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def test_a_site_is_complete_reproducible_and_replaced_only_with_force(cli, tmp_path):
+    submissions = write_submissions(tmp_path / "submissions")
+    out = tmp_path / "site"
+    arguments = ("site", "--submissions", submissions, "--checkout", tmp_path, "--out", out)
+    done = cli(*arguments)
+    assert (done.returncode, done.stderr) == (0, "")
+    first = files_of(out)
+    pages = json.loads(first["site.json"])["pages"]
+    assert len(pages) == 1 + 4 + 2 + 1 + 4 + 1 + 2 + 1
+    assert set(pages) == {name for name in first if name.endswith(".html")}
+    again = cli(*arguments)
+    assert again.returncode == 2
+    assert "exists; give --force to replace it" in again.stderr
+    assert cli(*arguments, "--force").returncode == 0
+    assert files_of(out) == first
+    for name, content in first.items():
+        if name.endswith(".html"):
+            for link in re.findall(r'(?:href|src)="([^"#]+)', content.decode()):
+                if not re.match("https?:|data:", link):
+                    assert (out / name).parent.joinpath(link).is_file(), (name, link)
+
+
+def test_the_pages_show_what_the_records_hold(tmp_path):
+    options = SiteOptions(
+        out=tmp_path / "site",
+        submissions=write_submissions(tmp_path / "submissions"),
+        checkout=tmp_path,
+    )
+    build_site(options)
+    board = (options.out / "index.html").read_text()
+    assert board.count('<tr data-rank="') == 4
+    assert "--option &#39;weights=runs/x y&#39;" not in board  # only in the page's data
+    run = (options.out / "runs" / "pick_blind-pick-apartment-seed0.html").read_text()
+    # Four successes of ten: 40 %, Wilson interval 16.8 to 68.7.
+    assert '<span class="value">40.0 %</span>' in run
+    assert "16.8–68.7 %, n = 10" in run
+    assert "--option &#39;weights=runs/x y&#39;" in run
+    assert 'class="tag">learned<' in run
+    task = (options.out / "runs" / "tp_spa-tidy_house-apartment-seed5.html").read_text()
+    assert task.index("pick_1") < task.index("place_1")
+    pairs = (options.out / "compare" / "index.html").read_text()
+    # SPA solves 8 of 10, of which Blind solves 3; Blind alone solves the last one.
+    # 5 to 1: p = 2 * (1 + 6) / 64 = 0.2188.
+    row = re.search(r"<td>SPA</td><td>Blind</td>(.*?)</tr>", pairs)[1]
+    assert re.findall(r'class="num">([^<]*)', row) == ["10", "5", "1", "+40.0", "0.2188"]
+
+
+def test_a_checkout_has_to_exist(cli, tmp_path):
+    submissions = write_submissions(tmp_path / "submissions")
+    options = ("--submissions", submissions, "--out", tmp_path / "site")
+    done = cli("site", *options, "--checkout", tmp_path / "no")
+    assert done.returncode == 2
+    assert "not a folder; give a clone" in done.stderr
+    assert not (tmp_path / "site").exists()
+
+
+@pytest.mark.parametrize("kind", ["none", "foreign", "missing"])
+def test_bad_folders_are_refused_before_anything_is_written(cli, tmp_path, kind):
+    submissions, out = tmp_path / "submissions", tmp_path / "site"
+    if kind != "missing":
+        submissions.mkdir()
+    if kind == "foreign":
+        out.mkdir()
+        (out / "mine.txt").touch()
+    done = cli("site", "--submissions", submissions, "--out", out, "--force")
+    assert done.returncode == 2
+    wanted = {
+        "none": "no submissions; hab-eval submit adds one",
+        "foreign": "contains files but no site.json",
+        "missing": "not a folder of submissions",
+    }
+    assert wanted[kind] in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert out.exists() == (kind == "foreign")
+
+
+def test_an_interrupted_site_leaves_the_old_one(tmp_path, monkeypatch):
+    submissions = write_submissions(tmp_path / "submissions")
+    options = SiteOptions(out=tmp_path / "site", submissions=submissions, checkout=tmp_path)
+    build_site(options)
+    before = files_of(options.out)
+
+    def fail(*_):
+        raise FileError(tmp_path, "is full")
+
+    monkeypatch.setattr("hab_eval.site.build._write_static", fail)
+    with pytest.raises(FileError):
+        build_site(replace(options, force=True))
+    assert files_of(options.out) == before
+    assert [one.name for one in tmp_path.iterdir() if one.name.startswith(".")] == []

@@ -1,0 +1,270 @@
+"""The commands submit, verify and film."""
+
+import json
+import re
+from dataclasses import replace
+
+import pytest
+from hab_eval.leaderboard import default_submissions, read_submissions
+from hab_eval.results import read_record, summarize, write_record
+from hab_eval.submissions.naming import submission_name
+from hab_eval.submissions.replay import Replay, episode_differences
+from hab_eval.submissions.report import draw
+from site_records import record_of
+from stub_hab import frame_mean
+from stub_runs import RUN
+
+from hab_tasks.errors import OptionError
+
+COMMIT = "44d0491468c4c12ddc8bedff3264925895644262"
+GOOD = {"agent": "hab_spa:spa_priv", "git": COMMIT, "seed": 2}
+
+
+@pytest.fixture
+def board(tmp_path):
+    """An empty folder of submissions."""
+    folder = tmp_path / "leaderboard" / "submissions"
+    folder.mkdir(parents=True)
+    return folder
+
+
+@pytest.fixture
+def run_of(tmp_path):
+    """Writes a run folder of a record."""
+
+    def write(record):
+        folder = tmp_path / "run"
+        folder.mkdir(exist_ok=True)
+        write_record(folder / "run.json", record)
+        return folder
+
+    return write
+
+
+def test_names_are_those_of_the_committed_submissions():
+    named = {
+        name: f"{submission_name(record)}.json"
+        for name, record in read_submissions(default_submissions()).items()
+    }
+    # An older spelling, from before this command.
+    wanted = {name: name.replace("replicacad_wild", "replica_cad_wild") for name in named}
+    assert named == wanted
+
+
+def test_held_out_objects_are_part_of_the_name():
+    record = record_of([None], agent="a.b:Make-It", env="my_tasks:HabX-v2", split="val+objects")
+    assert submission_name(record) == "make_it-x-apartment-objects-seed0"
+
+
+def test_submit_copies_a_run_and_writes_the_leaderboard(cli, board, run_of):
+    record = record_of([None] * 50, **GOOD)
+    done = cli("submit", run_of(record), "--submissions", board)
+    assert (done.returncode, done.stderr) == (0, "")
+    target = board / "spa_priv-pick-apartment-seed2.json"
+    assert read_record(target) == record
+    assert "100.0 [92.9, 100.0]" in (board.parent / "LEADERBOARD.md").read_text()
+    assert cli("table", "--submissions", board, "--check").returncode == 0
+    assert str(target) in done.stdout
+
+    better = replace(record, device="other")
+    again = cli("submit", run_of(better), "--submissions", board)
+    assert again.returncode == 2
+    assert "exists; give --force to replace it, or --name" in again.stderr
+    assert read_record(target) == record
+    assert cli("submit", run_of(better), "--submissions", board, "--name", "b").returncode == 0
+    assert read_record(board / "b.json") == better
+    assert cli("submit", run_of(better), "--submissions", board, "--force").returncode == 0
+    assert read_record(target) == better
+
+
+def other_ids(record):
+    episodes = (*record.episodes[:-1], replace(record.episodes[-1], id="HabPick-v1/x/val/2/00049"))
+    return replace(record, episodes=episodes, summary=summarize(episodes, {}))
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        (lambda r: replace(r, git=None), "was not made in a checkout"),
+        (lambda r: replace(r, git=f"{COMMIT}-dirty"), "uncommitted changes"),
+        (lambda r: replace(r, git=f"{COMMIT} then {COMMIT}"), "resumed on another commit"),
+        (lambda r: record_of([None] * 49, **GOOD), "49 episodes; a submission has at least 50"),
+        (lambda r: replace(r, seed=3), 'the protocol .* has "HabPick-v1/apartment/val/3/00000"'),
+        (other_ids, r'episodes\[49\]: id is "HabPick-v1/x/val/2/00049"'),
+    ],
+)
+def test_submit_refuses_what_nobody_can_rerun(cli, board, run_of, edit, message):
+    folder = run_of(edit(record_of([None] * 50, **GOOD)))
+    done = cli("submit", folder, "--submissions", board)
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert re.search(message, done.stderr)
+    assert list(board.parent.rglob("*.*")) == []
+
+
+def test_submit_refuses_bad_files_and_names(cli, board, run_of, tmp_path):
+    folder = run_of(record_of([None] * 50, **GOOD))
+    for name in ("../x", ".x", "", "a b", "x" * 151):
+        done = cli("submit", folder, "--submissions", board, "--name", name)
+        assert done.returncode == 2
+        assert "--name" in done.stderr
+    assert "not found" in cli("submit", tmp_path, "--submissions", board).stderr
+    data = json.loads((folder / "run.json").read_text())
+    data["summary"]["success"]["mean"] = 0.5
+    (folder / "run.json").write_text(json.dumps(data))
+    assert "does not follow" in cli("submit", folder, "--submissions", board).stderr
+    (board / "broken.json").write_text("{")
+    write_record(folder / "run.json", record_of([None] * 50, **GOOD))
+    done = cli("submit", folder, "--submissions", board)
+    assert "broken.json" in done.stderr
+    assert [one.name for one in board.iterdir()] == ["broken.json"]
+
+
+@pytest.fixture
+def stub_run(cli, tmp_path):
+    """A finished run of nine episodes on the stub, seed 1."""
+    folder = tmp_path / "run"
+    done = cli(*RUN, "--seed", 1, "--episodes", 9, "--out", folder)
+    assert done.returncode == 0
+    return folder
+
+
+def test_verify_repeats_a_run(cli, stub_run):
+    done = cli("verify", stub_run, "--episodes", 4)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.count(" same ") == 4
+    assert "4 of 4 episodes repeat the recorded result." in done.stdout
+    one = cli("verify", stub_run / "run.json", "--episode", 2)
+    assert "1 of 1 episodes" in one.stdout
+    assert "stub/002" in one.stdout
+
+
+def edited(folder, **changes):
+    """Writes a run again with other values of its third episode; the summary follows."""
+    record = read_record(folder / "run.json")
+    episodes = list(record.episodes)
+    episodes[2] = replace(episodes[2], **changes)
+    summary = summarize(episodes, record.timings_s)
+    write_record(folder / "run.json", replace(record, episodes=tuple(episodes), summary=summary))
+    return episodes[2]
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({"steps": 3}, "stub/002: steps: recorded 3, repeated"),
+        ({"success": True, "failure": None}, "stub/002: success: recorded true, repeated false"),
+        ({"failure": "force"}, 'stub/002: failure: recorded "force", repeated'),
+        ({"episode_return": 9.0}, "stub/002: return: recorded 9.0, repeated"),
+    ],
+)
+def test_verify_finds_every_kind_of_change(cli, tmp_path, changes, line):
+    folder = tmp_path / "run"
+    # With seed 0, episode 2 times out.
+    cli(*RUN, "--seed", 0, "--episodes", 6, "--out", folder)
+    edited(folder, **changes)
+    done = cli("verify", folder, "--episodes", 6)
+    assert done.returncode == 1
+    assert line in done.stdout
+    kept = 6 if "episode_return" in changes else 5
+    summary = f"5 of 6 episodes repeat the recorded result, {kept} its outcome and steps; recorded"
+    assert summary in done.stdout
+    assert done.stdout.count(" different ") == 1
+
+
+def test_verify_finds_an_agent_that_claims_less_than_it_sees(cli, stub_run):
+    record = read_record(stub_run / "run.json")
+    write_record(stub_run / "run.json", replace(record, privileged=True))
+    done = cli("verify", stub_run, "--episodes", 1)
+    assert done.returncode == 1
+    assert "different: agent: privileged: recorded true, repeated false" in done.stdout
+
+
+def test_small_differences_of_returns_are_rounding():
+    (one,) = record_of([None]).episodes
+    assert episode_differences(one, replace(one, episode_return=1e-7, seconds=9.0)) == []
+    assert len(episode_differences(one, replace(one, episode_return=1e-3))) == 1
+
+
+@pytest.mark.parametrize(
+    ("record", "options", "message"),
+    [
+        (record_of([None], scene_dataset="replicaCAD"), {}, "--scene-dataset"),
+        (record_of([None], objects="ycb"), {}, "give their folder with --objects"),
+        (record_of([None]), {"objects": "x"}, "omit --objects"),
+    ],
+)
+def test_datasets_of_the_run_are_needed(record, options, message):
+    with pytest.raises(OptionError, match=message):
+        Replay(record=record, indices=(0,), **options).config()
+
+
+def test_a_replay_has_the_configuration_of_the_run():
+    record = record_of(
+        [None] * 5,
+        scene_dataset="replicaCAD",
+        split="train+objects",
+        options={"a": "1", "file": "old"},
+        skill_config={"x": 2.0},
+        seed=4,
+    )
+    config = Replay(
+        record=record, indices=(1, 3), scene_dataset="/data/rc", options={"file": "new"}
+    ).config()
+    assert (config.scene_dataset, config.split, config.novel) == ("/data/rc", "train", "objects")
+    assert config.options == {"a": "1", "file": "new"}
+    assert (config.seed, config.episodes, config.skill_config) == (4, 4, {"x": 2.0})
+
+
+def test_verify_refuses_other_episodes_and_values(cli, stub_run):
+    edited(stub_run, scene="elsewhere")
+    done = cli("verify", stub_run, "--episodes", 9)
+    assert done.returncode == 2
+    assert 'episode "stub/002" in "elsewhere"' in done.stderr
+    assert "from 0 to 8" in cli("verify", stub_run, "--episode", 9).stderr
+    assert "--episodes" not in cli("verify", "--help").stderr
+    assert "episodes is 0" in cli("verify", stub_run, "--episodes", 0).stderr
+    unknown = cli("verify", "spa_priv-pick-apartment-seed3")
+    assert unknown.returncode == 2
+    assert "Did you mean 'spa_priv-pick-apartment-seed2'?" in unknown.stderr
+
+
+def test_the_drawn_episodes_are_reproducible():
+    assert draw(100, 10, 0) == draw(100, 10, 0)
+    assert draw(100, 10, 0) != draw(100, 10, 1)
+    assert len(set(draw(100, 10, 0))) == 10
+    assert draw(5, 10, 0) == (0, 1, 2, 3, 4)
+
+
+def test_film_records_the_first_success_and_the_first_failures(cli, stub_run, tmp_path):
+    out = tmp_path / "videos"
+    done = cli("film", stub_run, "--out", out)
+    assert (done.returncode, done.stderr) == (0, "")
+    # Seed 1: seeds 1000, 1001, 1002 fail by force, time out and succeed, in this order.
+    names = sorted(path.name for path in (out / "run").iterdir())
+    stems = [f"video_{index:03d}_stub-{index:03d}" for index in range(3)]
+    assert names == sorted([f"{s}.mp4" for s in stems] + [f"{s}.png" for s in stems])
+    assert frame_mean(out / "run" / f"{stems[0]}.png") == 0  # before the first step
+    assert [path.name for path in out.iterdir()] == ["run"]
+    again = cli("film", stub_run, "--out", out)
+    assert again.returncode == 2
+    assert "give --force to replace it" in again.stderr
+    assert cli("film", stub_run, "--out", out, "--episode", 4).returncode == 0
+    assert (out / "run" / "video_004_stub-004.mp4").is_file()
+    assert cli("film", stub_run, "--out", out, "--force").returncode == 0
+
+
+def test_film_keeps_no_video_of_another_outcome(cli, stub_run, tmp_path):
+    edited(stub_run, steps=4)
+    done = cli("film", stub_run, "--out", tmp_path / "videos")
+    assert done.returncode == 1
+    assert "stub/002: steps: recorded 4, repeated 3" in done.stdout
+    names = sorted(path.name for path in (tmp_path / "videos" / "run").glob("*.mp4"))
+    assert names == ["video_000_stub-000.mp4", "video_001_stub-001.mp4"]
+
+
+@pytest.mark.slow
+def test_film_runs_in_workers(cli_process, stub_run, tmp_path):
+    done = cli_process("film", stub_run, "--workers", 2, "--out", tmp_path / "videos")
+    assert done.returncode == 0, done.stderr
+    assert len(list((tmp_path / "videos" / "run").glob("*.mp4"))) == 3

@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import inspect
 import io
+import os
 import re
 import subprocess
 import sys
@@ -15,7 +16,13 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+OPTIONS = (DOCS / "options.md").read_text(encoding="utf-8")
+VECTOR = (DOCS / "vector.md").read_text(encoding="utf-8")
+RUNNING = ("README.md", "docs/index.md", "docs/vector.md")
+"""Pages whose Python blocks each run alone; tests/test_tutorials.py runs those of other pages."""
+
 PAGES = sorted(
     p
     for p in (
@@ -23,7 +30,7 @@ PAGES = sorted(
         ROOT / "CONTRIBUTING.md",
         *ROOT.glob("*/README.md"),
         *ROOT.glob("*/*/README.md"),
-        *ROOT.glob("docs/*.md"),
+        *DOCS.glob("**/*.md"),
     )
     if p.is_file()
 )
@@ -42,7 +49,8 @@ def commands(text: str) -> list[tuple[str, str, tuple[str, ...]]]:
     found = []
     for line in [*shell, *inline]:
         match = re.search(
-            r"(?:^|[\s/])(hab-(?:tasks|eval|spa|planner))\s+([a-z]+)\b(.*)", line.partition("#")[0]
+            r"(?:^|[\s/])(hab-(?:tasks|eval|spa|planner|ppo))\s+([a-z]+)\b(.*)",
+            line.partition("#")[0],
         )
         if match:
             options = tuple(sorted(set(re.findall(r"--[a-z][a-z-]*", match[3]))))
@@ -102,11 +110,10 @@ def test_readme_lists_every_environment_with_task_and_horizon():
     assert told == {e.id: (e.env.summary(), e.horizon_steps) for e in ENVS.values()}
 
 
-def test_readme_lists_every_option_with_its_default():
+def test_the_page_of_options_lists_each_with_its_default():
     from hab_tasks.engine.hab_env import HabEnv
 
-    section = README.partition("\n## Environments")[2].partition("\n### ")[0]
-    rows = re.findall(r"^\| `(\w+)` \| `(.+?)` \|", section, flags=re.MULTILINE)
+    rows = re.findall(r"^\| `(\w+)` \| `(.+?)` \|", OPTIONS, flags=re.MULTILINE)
     options = {
         name: parameter.default
         for name, parameter in inspect.signature(HabEnv.__init__).parameters.items()
@@ -117,11 +124,10 @@ def test_readme_lists_every_option_with_its_default():
     assert told == options
 
 
-def test_readme_lists_every_option_of_vector_environments():
+def test_the_page_of_vector_environments_lists_every_option():
     from hab_tasks.vector.vector_env import HabVectorEnv
 
-    section = README.partition("\n### Many environments at once")[2].partition("\n### ")[0]
-    listed = re.findall(r"^\| `(\w+)` \|", section, flags=re.MULTILINE)
+    listed = re.findall(r"^\| `(\w+)` \|", VECTOR, flags=re.MULTILINE)
     single = ("max_episode_steps",)  # of `gymnasium.make` as well
     parameters = inspect.signature(HabVectorEnv.__init__).parameters.values()
     assert listed == [
@@ -129,18 +135,22 @@ def test_readme_lists_every_option_of_vector_environments():
     ]
 
 
-def test_readme_lists_every_command():
+def test_the_page_of_commands_lists_every_command():
     from hab_tasks.commands import COMMANDS
 
-    listed = re.findall(r"^\| `hab-tasks (\w+)` \|", README, flags=re.MULTILINE)
+    text = (DOCS / "commands.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| `hab-tasks (\w+)` \|", text, flags=re.MULTILINE)
     assert sorted(listed) == sorted(COMMANDS)
 
 
-def test_the_readmes_task_is_the_one_that_is_tested():
+def test_the_tutorials_task_and_skill_are_those_that_are_tested():
     source = (ROOT / "tests" / "my_tasks" / "__init__.py").read_text(encoding="utf-8")
     code = source.split('"""\n\n', 1)[1]
-    assert code in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert code in (DOCS / "tutorials" / "task.md").read_text(encoding="utf-8")
     assert len(code.splitlines()) <= 25
+    skill = (DOCS / "tutorials" / "skill.md").read_text(encoding="utf-8")
+    for name in ("__init__.py", "reach.py"):
+        assert (ROOT / "tests" / "my_skills" / name).read_text(encoding="utf-8") in skill
 
 
 def test_the_page_of_environments_is_what_is_generated():
@@ -209,11 +219,52 @@ def test_pages_name_files_and_fields_that_exist(name):
             assert line.count(" | ") == 3, line
 
 
+def test_readme_is_short_and_links_to_every_page():
+    assert len(README.splitlines()) <= 160
+    linked = set(re.findall(r"\]\((docs/[\w/]+\.md)", README))
+    pages = {str(p.relative_to(ROOT)) for p in DOCS.glob("**/*.md")}
+    of_the_site = {"docs/index.md", "docs/tutorials/index.md"}  # lists of links themselves
+    assert linked == {p for p in pages if not p.startswith("docs/api/")} - of_the_site
+
+
+def test_figures_of_the_benchmarks_are_those_of_the_reports():
+    from importlib.util import module_from_spec, spec_from_file_location
+
+    spec = spec_from_file_location("draw_figures", DOCS / "draw_figures.py")
+    drawing = module_from_spec(spec)
+    sys.modules[spec.name] = drawing  # its dataclasses look themselves up
+    spec.loader.exec_module(drawing)
+    for name, figure in drawing.figures().items():
+        assert (DOCS / name).read_text(encoding="utf-8") == figure, "run: docs/draw_figures.py"
+
+
+@pytest.mark.slow
+def test_the_site_is_built_and_loads_nothing_from_a_network(tmp_path):
+    command = [sys.executable, "-m", "mkdocs", "build", "-d", str(tmp_path)]  # -q hides warnings
+    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    loads = r"<(?:script|img|iframe|source)\b[^>]*\bsrc=\"?(https?:|//)"
+    sheets = r"<link\b[^>]*\brel=\"?(?:stylesheet|icon|preconnect)[^>]*\bhref=\"?(https?:|//)"
+    pages = list(tmp_path.glob("**/*.html"))
+    assert len(pages) > 30
+    for page in pages:
+        text = page.read_text(encoding="utf-8")
+        assert not re.search(loads, text), page
+        assert not re.search(sheets, text), page
+        assert not re.search(r"github\.com/[\w./-]*\.md\b", text), f"{page}: a page of the site"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "code", [pytest.param(c, id=str(n)) for n, c in enumerate(blocks(README, "python"))]
+    "code",
+    [
+        pytest.param(code, id=f"{name}-{number}")
+        for name in RUNNING
+        for number, code in enumerate(blocks((ROOT / name).read_text(encoding="utf-8"), "python"))
+    ],
 )
-def test_readme_python_runs(code, tmp_path):
+def test_python_blocks_run(code, tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=300
     )

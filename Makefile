@@ -5,7 +5,7 @@ WORKERS ?= 2
 DATASET ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test soak kills lint format typecheck bench build clean
+.PHONY: help setup demo test soak kills lint format typecheck docs bench build clean
 
 help:  ## This list
 	@grep -hE '^[a-z]+: .*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 12
@@ -40,6 +40,10 @@ format: setup ## Put all Python files into the house format
 typecheck: setup ## Check the types
 	@$(PYTHON) -m pyright
 
+docs: setup ## The documentation site, in site-docs/; warnings and broken links are errors
+	@NO_MKDOCS_2_WARNING=1 $(PYTHON) -m mkdocs build
+	@echo "open site-docs/index.html"
+
 bench: setup ## Steps per second, beside ManiSkill's own scene environment: make bench DATASET=PATH/replica_cad
 	@test -n "$(DATASET)" || { echo 'make bench DATASET=PATH/replica_cad: it needs the real ReplicaCAD'; exit 2; }
 	@mkdir -p runs
@@ -52,5 +56,5 @@ build: setup ## Wheels of all packages, in dist/
 	@ls dist
 
 clean: ## Remove .venv and everything made here
-	rm -rf .venv build dist runs *.egg-info */*.egg-info */*/*.egg-info .pytest_cache .ruff_cache
+	rm -rf .venv build dist runs site-docs *.egg-info */*.egg-info */*/*.egg-info .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,6 +1,7 @@
-"""Makes, resets and steps an environment; fails unless all packages come from the folder given."""
+"""Steps an environment and finds the site's files, with all packages from the folder given."""
 
 import sys
+from importlib import resources
 from pathlib import Path
 
 import gymnasium
@@ -18,4 +19,6 @@ for module in (hab_eval, hab_planner, hab_ppo, hab_spa, hab_tasks, hab_tp_srl):
 env = gymnasium.make("hab_tasks:HabPick-v1")
 env.reset(seed=0)
 env.step(env.action_space.sample())
+for name in ("templates/base.html", "static/site.css", "vendor/list.js/list.min.js"):
+    assert resources.files("hab_eval.site").joinpath(name).is_file(), name
 sys.stdout.write("The wheels alone make, reset and step HabPick-v1.\n")

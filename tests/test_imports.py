@@ -37,6 +37,7 @@ ORDER = [
         "processes",
         "captions",
     },
+    {"executors"},
     {"scenes"},
     {"raycast"},
     {"navigation", "robots", "pipeline", "layouts"},

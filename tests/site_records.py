@@ -14,7 +14,11 @@ CLEAN_COMMIT = "0123456789abcdef0123456789abcdef01234567"
 
 
 def record_of(
-    failures: Sequence[str | None], *, stages: Sequence[str] = (), **changes: Any
+    failures: Sequence[str | None],
+    *,
+    stages: Sequence[str] = (),
+    scores: Sequence[str] = (),
+    **changes: Any,
 ) -> RunRecord:
     """Returns a record with the ids of its protocol; a failure of None is a success."""
     record = make_record(**{"git": CLEAN_COMMIT, **changes})
@@ -28,6 +32,7 @@ def record_of(
             steps=10 + index,
             failure=failure,
             episode_return=float(index),
+            scores={name: 0.5 if failure is None else 0.0 for name in scores},
             seconds=0.5,
         )
         for index, failure in enumerate(failures)
@@ -48,6 +53,7 @@ def write_submissions(folder: Path) -> Path:
             name="Blind",
             agent="hab_ppo:pick_blind",
             options={"weights": "runs/x y"},
+            scores=["sct"],
             **pick,
         ),
         "random_agent-pick-replica_cad-seed1": record_of(

@@ -93,7 +93,20 @@ def assert_row(got: Any, row: int, wanted: Any, where: str) -> None:
         assert np.array_equal(found, value), f"{where}: {name} is {found}, not {value}"
 
 
-def assert_equals_single(env: Any, rolled: Rollout, row: int, single: Any, seed: int) -> None:
+def repeated(single: Any, action: Any, times: int) -> tuple[Any, ...]:
+    """Repeats an action until the episode ends, at most some times; the rewards are summed."""
+    total = torch.zeros(1)
+    for _ in range(times):
+        obs, reward, terminated, truncated, info = single.step(action)
+        total = total + reward
+        if bool(terminated) or bool(truncated):
+            break
+    return obs, total, terminated, truncated, info
+
+
+def assert_equals_single(
+    env: Any, rolled: Rollout, row: int, single: Any, seed: int, times: int = 1
+) -> None:
     """Replays a row of a rollout in a single environment; everything is equal."""
     mode = env.autoreset_mode
     obs, info = single.reset(seed=seed)
@@ -114,7 +127,8 @@ def assert_equals_single(env: Any, rolled: Rollout, row: int, single: Any, seed:
             assert (reward[row], terminated[row], truncated[row]) == (0.0, False, False)
             ended = False
         else:
-            obs, single_reward, won_or_lost, over, info = single.step(rolled.actions[step][row])
+            action = rolled.actions[step][row]
+            obs, single_reward, won_or_lost, over, info = repeated(single, action, times)
             assert np.array_equal(reward[row], single_reward.numpy()[0])
             assert (terminated[row], truncated[row]) == (bool(won_or_lost), bool(over))
             ended = bool(won_or_lost) or bool(over)

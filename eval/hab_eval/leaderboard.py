@@ -25,7 +25,8 @@ COLUMNS = ("agent", "success %", "n", "steps", "s / step", "split", "seed", "ver
 STAGES = "stages %"
 TITLE = "Leaderboard"
 LEGEND = (
-    f"success: rate with 95 % Wilson interval; steps: mean episode length. "
+    f"success: rate with 95 % Wilson interval; steps: mean episode length; SCT, SPL: success "
+    f"weighted by completion time, by path length (empty: run of an older version). "
     f"{FEW_MARK}: fewer than {FEW_EPISODES} episodes. "
     f"{PRIVILEGED_MARK}: the agent reads the simulator's ground-truth state; "
     f"{HANDLE_POSITION}: the agent observes the position of the handle."
@@ -41,17 +42,20 @@ class Group:
     Attributes:
         title: Heading of the table.
         stages: Names of a task's stages in order (S G.2); empty for a skill.
+        scores: Names of a skill's scores, e.g. ``sct``.
         rows: Cells of each submission, one per column.
     """
 
     title: str
     stages: tuple[str, ...] = ()
+    scores: tuple[str, ...] = ()
     rows: tuple[tuple[str, ...], ...]
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Column headings; tasks have an additional one for their stages."""
-        return (*COLUMNS[:2], STAGES, *COLUMNS[2:]) if self.stages else COLUMNS
+        """Column headings; tasks have an additional one for their stages, skills for scores."""
+        stages = (STAGES,) if self.stages else ()
+        return *COLUMNS[:2], *stages, *(score_label(one) for one in self.scores), *COLUMNS[2:]
 
     @property
     def note(self) -> str:
@@ -76,14 +80,7 @@ def build_groups(records: Mapping[str, RunRecord]) -> list[Group]:
     by_title: dict[str, list[tuple[str, RunRecord]]] = {}
     for name, record in records.items():
         by_title.setdefault(group_title(record), []).append((name, record))
-    return [
-        Group(
-            title=title,
-            stages=_stages(by_title[title][0][1]),
-            rows=tuple(_row(record) for _, record in sorted(by_title[title], key=_rank)),
-        )
-        for title in sorted(by_title)
-    ]
+    return [_group(title, sorted(by_title[title], key=_rank)) for title in sorted(by_title)]
 
 
 def to_markdown(groups: Sequence[Group]) -> str:
@@ -133,6 +130,22 @@ def group_title(record: RunRecord) -> str:
     return f"{record.env}, {record.scene_dataset}{objects}"
 
 
+def score_label(name: str) -> str:
+    """Returns the heading of a score, in percent: ``sct`` -> ``SCT %``."""
+    return f"{name.upper()} %"
+
+
+def _group(title: str, named: Sequence[tuple[str, RunRecord]]) -> Group:
+    """Returns the table of comparable records."""
+    scores = tuple(sorted({name for _, record in named for name in record.summary.scores}))
+    return Group(
+        title=title,
+        stages=_stages(named[0][1]),
+        scores=scores,
+        rows=tuple(_row(record, scores) for _, record in named),
+    )
+
+
 def _stages(record: RunRecord) -> tuple[str, ...]:
     """Returns the names of a task's stages in order; () for a skill."""
     # An episode that never started has no stages.
@@ -144,15 +157,16 @@ def _rank(named: tuple[str, RunRecord]) -> tuple[float, str, int, str]:
     return (-record.summary.success.mean, record.agent_name, record.seed, name)
 
 
-def _row(record: RunRecord) -> tuple[str, ...]:
+def _row(record: RunRecord, scores: Sequence[str]) -> tuple[str, ...]:
     """Returns the cells of one submission, in the order of `Group.columns`."""
-    success, stages = record.summary.success, record.summary.stages
+    success, stages, scored = record.summary.success, record.summary.stages, record.summary.scores
     low, high = (100.0 * bound for bound in success.ci95)
     commit = f" ({_short(record.git)})" if record.git else ""
     return (
         agent_label(record),
         f"{100.0 * success.mean:.1f} [{low:.1f}, {high:.1f}]",
         *([" ".join(f"{100.0 * stages[n].mean:.0f}" for n in _stages(record))] if stages else []),
+        *(f"{100.0 * scored[name].mean:.1f}" if name in scored else "" for name in scores),
         f"{success.n}{FEW_MARK if success.n < FEW_EPISODES else ''}",
         f"{record.summary.mean_steps:.1f}",
         f"{record.summary.seconds_per_step:.4f}",

@@ -23,6 +23,8 @@ def result_table(record: RunRecord) -> Table:
     add_row(table, "success", _percent(summary.success))
     for name, stage in summary.stages.items():
         add_row(table, f"stage {name}", _percent(stage))
+    for name, score in summary.scores.items():
+        add_row(table, name.upper(), _percent(score))
     for name, count in summary.failures.items():
         add_row(table, f"failure: {name}", f"{count} of {summary.success.n}")
     mean_return = summary.mean_return

@@ -51,6 +51,7 @@ class EpisodeResult:
         failure: None on success, else the environment's category, else the agent's, else timeout;
             `AGENT_TIMEOUT` if a call of the agent exceeded the time limit.
         episode_return: Undiscounted sum of rewards (``return`` in JSON).
+        scores: ``sct`` of Pick, ``spl`` of Navigate (`HabEnv.score_names`); absent in older files.
         seconds: Wall time of agent and simulator [s], without resets and video.
     """
 
@@ -61,6 +62,7 @@ class EpisodeResult:
     steps: int = field(metadata=NOT_NEGATIVE)
     failure: str | None = field(metadata=NOT_EMPTY)
     episode_return: float = field(metadata={"key": "return"})
+    scores: dict[str, float] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
     seconds: float = field(metadata=NOT_NEGATIVE)
 
 
@@ -96,6 +98,7 @@ class Summary:
     stages: dict[str, Estimate]
     failures: dict[str, int]
     mean_return: Estimate = field(metadata={"key": "return"})
+    scores: dict[str, Estimate] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
     mean_steps: float
     seconds_per_step: float
     timings_s: dict[str, Duration]
@@ -161,6 +164,7 @@ def summarize(
 ) -> Summary:
     """Computes the aggregates; needs at least one episode."""
     stage_names = sorted({name for episode in episodes for name in episode.stages})
+    score_names = sorted({name for episode in episodes for name in episode.scores})
     failures = Counter(episode.failure for episode in episodes if episode.failure is not None)
     steps = sum(episode.steps for episode in episodes)
     return Summary(
@@ -171,6 +175,10 @@ def summarize(
         },
         failures=dict(sorted(failures.items(), key=lambda item: (-item[1], item[0]))),
         mean_return=bootstrap_mean([episode.episode_return for episode in episodes]),
+        scores={
+            name: bootstrap_mean([episode.scores.get(name, 0.0) for episode in episodes])
+            for name in score_names
+        },
         mean_steps=steps / len(episodes),
         seconds_per_step=math.fsum(episode.seconds for episode in episodes) / max(steps, 1),
         timings_s=_durations(timings_s),

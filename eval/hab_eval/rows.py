@@ -276,8 +276,16 @@ def _result(row: _Row, info: Mapping[str, Any]) -> EpisodeResult:
         steps=row.steps,
         failure=None if success else _failure(info),
         episode_return=row.episode_return,
+        scores=_scores(row.env, info),
         seconds=row.seconds,
     )
+
+
+def _scores(env: gym.Env[Any, Any], info: Mapping[str, Any]) -> dict[str, float]:
+    """Returns the environment's scores; {} before the first step."""
+    measures = info.get("measures", {})
+    names = getattr(env.unwrapped, "score_names", ())
+    return {name: float(measures[name].reshape(-1)[0]) for name in names if name in measures}
 
 
 def _failure(info: Mapping[str, Any]) -> str | None:

@@ -7,12 +7,10 @@ import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import fields
 
-import torch
-
 from hab_tasks.commands.environment_pictures import FRAMES_PICTURE, picture_name
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, CAMERA_SIZE_PX, EE_STEP_M, JOINT_STEP_RAD
 from hab_tasks.engine.hab_env import HabEnv
-from hab_tasks.engine.measures import MEANINGS, Measures
+from hab_tasks.engine.measures import MEANINGS
 from hab_tasks.engine.sensors import ObsEntry
 from hab_tasks.engine.skill_env import SkillEnv
 from hab_tasks.envs import ENVS, EnvEntry
@@ -129,9 +127,8 @@ def measures_of(env: type[HabEnv]) -> dict[str, tuple[str, str]]:
     if issubclass(env, TaskEnv):
         return {name: MEANINGS[name] for name in SHOWN}
     assert issubclass(env, SkillEnv)
-    zeros = Measures(**dict.fromkeys(MEANINGS, torch.zeros(1)))
-    added = env.skill.scores(zeros, torch.zeros(1, dtype=torch.bool))
-    return {name: MEANINGS[name] for name in env.skill.measures} | {n: SCORES[n] for n in added}
+    scores = {name: SCORES[name] for name in env.score_names}
+    return {name: MEANINGS[name] for name in env.skill.measures} | scores
 
 
 def _weights(env: type[HabEnv]) -> list[str]:

@@ -88,6 +88,7 @@ class HabEnv(ObservingEnv):
     horizon_steps: ClassVar[int]
     control_modes: ClassVar[tuple[str, ...]]
     reward_bound: ClassVar[float]
+    score_names: ClassVar[tuple[str, ...]] = ()
     _delay: ActionDelay | None
     _rules: Rules
     _unpaid: tuple[dict[str, BatchArray], dict[str, Tensor]] = ({}, {})

@@ -7,11 +7,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
 
+import numpy as np
+
 from hab_tasks.arrays import BatchArray
 from hab_tasks.engine.episode_rows import EpisodeRows
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.hab_env import HabEnv
-from hab_tasks.engine.measures import Measures
+from hab_tasks.engine.measures import MEANINGS, Measures
 from hab_tasks.engine.requirements import Requirements
 from hab_tasks.engine.rules import Rules, StepResult
 from hab_tasks.engine.sensors import HANDLE, ObsEntry
@@ -80,6 +82,12 @@ class Skill:
         """Maximum reward of a step."""
         return self.bound(self.config)
 
+    @property
+    def score_names(self) -> tuple[str, ...]:
+        """Names of its `scores`."""
+        zeros = Measures(**dict.fromkeys(MEANINGS, np.zeros(1, np.float32)))
+        return tuple(self.scores(zeros, np.zeros(1, bool)))
+
     def changed(self, changes: Mapping[str, float]) -> Skill:
         """Returns the skill with overridden weights and thresholds; see `configured`."""
         return replace(self, config=configured(self.name, self.config, changes))
@@ -132,7 +140,7 @@ class SkillEnv(HabEnv):
             skill.horizon_steps,
         )
         cls.control_modes, cls.observation = skill.control_modes, skill.observation
-        cls.reward_bound = skill.reward_bound
+        cls.reward_bound, cls.score_names = skill.reward_bound, skill.score_names
         cls.handle = HANDLE if skill.requirements.articulations else None
 
     @classmethod

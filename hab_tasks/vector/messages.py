@@ -29,6 +29,7 @@ class WorkerSetup:
         group_sizes: Number of its rows in each group.
         max_steps: Number of steps after which an episode is truncated; None for no limit.
         autoreset: When rows are reset.
+        action_repeat: Number of steps for which an action is executed.
         episodes_folder: Where the workers share the episodes they generate.
     """
 
@@ -37,6 +38,7 @@ class WorkerSetup:
     group_sizes: tuple[int, ...]
     max_steps: int | None
     autoreset: AutoresetMode
+    action_repeat: int = 1
     episodes_folder: pathlib.Path | None = None
 
 

@@ -76,22 +76,32 @@ class GroupOutputs:
             for path, array in self._images.items():
                 array[row] = entry(shown, path)[0]
 
-    def write_step(self, restarted: Sequence[int]) -> None:
-        """Writes the results of a step, in which the rows `restarted` were reset instead."""
-        result = self._group.evaluate()
-        self._reward[:] = self._rewards(result)
-        self._terminated[:] = result.success | result.fail
+    def begin_step(self) -> None:
+        """Sets rewards and ends of all rows to zero."""
+        for array in (self._reward, self._terminated, self._truncated, self.ended):
+            array[:] = 0
+
+    def add_step(self, rows: Sequence[int]) -> None:
+        """Adds the rewards of one simulation step of `rows`, and writes their ends and info."""
+        result, chosen = self._group.evaluate(), self._index(rows)
+        self._reward[chosen] += self._rewards(result)[chosen]
+        self._terminated[chosen] = (result.success | result.fail)[chosen]
         if self._max_steps is not None:
-            np.greater_equal(self._group.steps, self._max_steps, out=self._truncated)
-        for row in restarted:
-            self._reward[row], self._terminated[row], self._truncated[row] = 0.0, False, False
+            self._truncated[chosen] = self._group.steps[chosen] >= self._max_steps
         np.logical_or(self._terminated, self._truncated, out=self.ended)
-        self._write_info(result)
+        self._write_info(result, chosen)
+
+    def write_info(self, rows: Sequence[int]) -> None:
+        """Writes the info of `rows`."""
+        self._write_info(self._group.evaluate(), self._index(rows))
+
+    def write_entries(self) -> None:
+        """Writes the state observation of all rows."""
         self._entries.write()
 
     def write_reset(self) -> None:
         """Writes observations and info after resets of some rows."""
-        self._write_info(self._group.evaluate())
+        self._write_info(self._group.evaluate(), slice(None))
         self._entries.write()
 
     def keep_final(self, rows: Sequence[int]) -> None:
@@ -109,15 +119,20 @@ class GroupOutputs:
             return np.minimum(reward / self._bound, np.float32(1.0))
         return reward
 
-    def _write_info(self, result: Evaluation) -> None:
+    def _index(self, rows: Sequence[int]) -> slice | list[int]:
+        """Returns an index of `rows` into the arrays; a slice, which is faster, for all rows."""
+        return slice(None) if len(rows) == len(self._group.envs) else list(rows)
+
+    def _write_info(self, result: Evaluation, rows: slice | list[int]) -> None:
         for path, array in self._info.items():
             if path == ("elapsed_steps",):
-                array[:] = self._group.steps
+                values = self._group.steps
             elif len(path) == 1:
-                array[:] = getattr(result, path[0])
+                values = getattr(result, path[0])
             else:
                 # Terms that cannot be paid in this step are zero.
-                array[:] = result.groups[path[0]].get(path[1], 0.0)
+                values = result.groups[path[0]].get(path[1], 0.0)
+            array[rows] = np.broadcast_to(values, array.shape)[rows]
 
 
 class _EntryWriter:

@@ -34,6 +34,7 @@ Array = NDArray[Any]
 Results = tuple[Any, Array, Array, Array, dict[str, Any]]
 
 MOST_ROWS = 4096
+MOST_REPEATS = 1000
 
 
 class HabVectorEnv(VectorEnv[Any, Any, Any]):
@@ -58,6 +59,7 @@ class HabVectorEnv(VectorEnv[Any, Any, Any]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         copy: bool = True,
         max_episode_steps: int | None = None,
+        action_repeat: int = 1,
         **options: Any,
     ) -> None:
         """Starts the workers.
@@ -72,10 +74,12 @@ class HabVectorEnv(VectorEnv[Any, Any, Any]):
             copy: Whether each result is a copy; if not, the next step overwrites it.
             max_episode_steps: Number of steps after which an episode is truncated; None for no
                 limit.
+            action_repeat: Number of steps for which an action is executed, fewer if the episode
+                ends; the reward is their sum, and only the last one is observed and rendered.
             options: Options of the single environment.
 
         Raises:
-            OptionError: Invalid number of rows, workers or groups.
+            OptionError: Invalid number of rows, workers, groups or steps.
             UnknownNameError: Unknown entry of `info_keys`, or unknown option.
             SharedMemoryError: Not enough shared memory.
             VectorWorkerError: A worker process was killed.
@@ -103,6 +107,7 @@ class HabVectorEnv(VectorEnv[Any, Any, Any]):
             group_sizes=(),
             max_steps=max_episode_steps,
             autoreset=self.autoreset_mode,
+            action_repeat=whole("action_repeat", action_repeat, 1, MOST_REPEATS),
         )
         setups = [replace(setup, group_sizes=tuple(map(len, part))) for part in parts]
         self._team = WorkerTeam(setups, [tuple(int(rows[0]) for rows in part) for part in parts])

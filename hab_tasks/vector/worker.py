@@ -58,7 +58,7 @@ def _serve(connection: Connection, setup: WorkerSetup) -> None:
         arrays = {name: array[start : start + size] for name, array in shared.arrays.items()}
         group = RowGroup(envs[first : first + size])
         outputs = GroupOutputs(group, layout, arrays, connect.info, setup.max_steps)
-        groups.append(StepGroup(group, outputs, arrays[ACTION], start, setup.autoreset))
+        groups.append(StepGroup(group, outputs, arrays[ACTION], start, setup))
         first += size
     connection.send_bytes(packed(Answer()))
     _answer(connection, groups)
@@ -82,7 +82,7 @@ def local_group(setup: WorkerSetup) -> tuple[list[HabEnv], StepGroup, NDArray[An
     arrays = {name: np.zeros(spec.shape, spec.dtype) for name, spec in specs.items()}
     group = RowGroup(envs)
     outputs = GroupOutputs(group, layout, arrays, info, setup.max_steps)
-    return envs, StepGroup(group, outputs, arrays[ACTION], 0, setup.autoreset), arrays[ACTION]
+    return envs, StepGroup(group, outputs, arrays[ACTION], 0, setup), arrays[ACTION]
 
 
 def layout_of(env: HabEnv) -> RowLayout:
@@ -128,11 +128,12 @@ class StepGroup:
         outputs: GroupOutputs,
         actions: np.ndarray,
         start: int,
-        autoreset: AutoresetMode,
+        setup: WorkerSetup,
     ) -> None:
         """The group's first row is row `start` of the vector environment."""
         self._rows, self._outputs, self._actions = rows, outputs, actions
-        self._start, self._autoreset = start, autoreset
+        self._start, self._autoreset = start, setup.autoreset
+        self._repeat = setup.action_repeat
 
     def step(self) -> None:
         """Steps all rows; those that ended are reset before or after it."""
@@ -140,18 +141,30 @@ class StepGroup:
         before = self._autoreset is AutoresetMode.NEXT_STEP
         restarted = np.flatnonzero(outputs.ended).tolist() if before else []
         going = [row for row in range(len(rows.envs)) if row not in restarted]
-        rows.step(self._actions, going)
+        self._execute(going)
         for row in going:
             outputs.write_images(row)
-        for row in restarted:
-            outputs.write_images(row, rows.reset_row(row, None, None))
-        outputs.write_step(restarted)
+        if restarted:
+            for row in restarted:
+                outputs.write_images(row, rows.reset_row(row, None, None))
+            outputs.write_info(restarted)
+        outputs.write_entries()
         if self._autoreset is AutoresetMode.SAME_STEP and outputs.ended.any():
             ended = np.flatnonzero(outputs.ended).tolist()
             outputs.keep_final(ended)
             for row in ended:
                 outputs.write_images(row, rows.reset_row(row, None, None))
             outputs.write_reset()
+
+    def _execute(self, going: list[int]) -> None:
+        """Executes the actions of the rows `going`, each until its episode ends."""
+        self._outputs.begin_step()
+        for _ in range(self._repeat):
+            self._rows.step(self._actions, going)
+            self._outputs.add_step(going)
+            going = [row for row in going if not self._outputs.ended[row]]
+            if not going:
+                return
 
     def reset(self, message: ResetRows) -> None:
         """Resets those rows of the message that are in this group."""

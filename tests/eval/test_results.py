@@ -1,8 +1,9 @@
 import json
+from dataclasses import replace
 
 import pytest
 from hab_eval.errors import ResultError
-from hab_eval.results import read_record, write_record
+from hab_eval.results import read_record, summarize, write_record
 from hab_eval.schema import to_json
 from stub_runs import make_record
 
@@ -24,14 +25,35 @@ def test_file_has_the_published_form(tmp_path):
     write_record(tmp_path / "run.json", make_record())
     data = json.loads((tmp_path / "run.json").read_text())
     assert data["schema"] == 1
-    published = {"id", "scene", "success", "stages", "steps", "failure", "return", "seconds"}
-    assert set(data["episodes"][0]) == published
+    published = {"id", "scene", "success", "stages", "steps", "failure", "return", "scores"}
+    assert set(data["episodes"][0]) == {*published, "seconds"}
     assert set(data["summary"]["success"]) == {"mean", "n", "ci95"}
     # 30 steps in 1 s.
     assert data["summary"]["seconds_per_step"] == pytest.approx(1 / 30)
     assert data["summary"]["failures"] == {"timeout": 1}
     assert data["summary"]["stages"]["pick_1"]["mean"] == 0.5
     assert data["summary"]["timings_s"] == {"plan": {"mean": 0.25, "max": 0.25, "n": 1}}
+
+
+def test_scores_are_averaged_over_all_episodes(tmp_path):
+    """One of two episodes has 0.5; the other never started, and counts as 0."""
+    record = make_record()
+    first, second = record.episodes
+    episodes = (replace(first, scores={"sct": 0.5}), second)
+    record = replace(record, episodes=episodes, summary=summarize(episodes, record.timings_s))
+    write_record(tmp_path / "run.json", record)
+    assert read_record(tmp_path / "run.json").summary.scores["sct"].mean == 0.25
+
+
+def test_files_without_scores_can_be_read(tmp_path):
+    """As written by older versions."""
+    path = tmp_path / "run.json"
+    write_record(path, make_record())
+    data = json.loads(path.read_text())
+    for part in (*data["episodes"], data["summary"]):
+        del part["scores"]
+    path.write_text(json.dumps(data))
+    assert read_record(path) == make_record()
 
 
 @pytest.mark.parametrize(

@@ -30,6 +30,7 @@ WRONG = {
     "flags": (None, [], 1, {"a": 1}, {"a": None}, {SURROGATE: True}),
     "texts": (None, [], "x", {"a": 1}, {"a": None}, {"a": SURROGATE}),
     "failure": (5, True, [], {}, "", "  ", SURROGATE),
+    "numbers": (None, [], 1, {"sct": "1"}, {"sct": None}, {"sct": NAN}, {"sct": HUGE}),
     "durations": (None, [], 1, {"plan": -1}, {"plan": "1"}, {"plan": NAN}, {"plan": HUGE}),
 }
 """Kind of a field -> values that it does not take."""
@@ -42,6 +43,7 @@ OF_EPISODE = {
     "steps": "count",
     "failure": "failure",
     "return": "number",
+    "scores": "numbers",
     "seconds": "seconds",
 }
 

@@ -185,6 +185,7 @@ def test_bad_resets_are_refused_and_the_next_works(env, arguments, error, words)
         ({"num_groups": 3}, OptionError, "num_groups is 3.*from 1 to 1"),
         ({"autoreset_mode": "sometimes"}, UnknownNameError, "autoreset_mode 'sometimes'"),
         ({"sim_backend": "physx_cuda"}, OptionError, r"use gymnasium\.make\(\.\.\., num_envs=N\)"),
+        ({"action_repeat": 0}, OptionError, "action_repeat is 0.*from 1 to 1,000"),
         ({"copy": 1}, OptionError, "copy is 1; it has to be True or False"),
         ({"info_keys": 3}, OptionError, "info_keys is 3"),
     ],

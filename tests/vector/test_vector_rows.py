@@ -27,10 +27,10 @@ OPTIONS = {
 """Options that take another path through the code."""
 
 
-def check(env_id, mode, rows=3, steps=STEPS, **options):
+def check(env_id, mode, rows=3, steps=STEPS, repeat=1, **options):
     """Compares every row with an environment of its own."""
-    keys = info_keys(env_id, **options)
-    env = make_vec(env_id, rows, num_workers=2, info_keys=keys, autoreset_mode=mode, **options)
+    shown = {"info_keys": info_keys(env_id, **options), "autoreset_mode": mode}
+    env = make_vec(env_id, rows, num_workers=2, action_repeat=repeat, **shown, **options)
     try:
         rolled = roll_out(env, steps, SEED)
         ends = sum(int((e[2] | e[3]).sum()) for e in rolled.steps if len(e) == 5)
@@ -42,7 +42,7 @@ def check(env_id, mode, rows=3, steps=STEPS, **options):
                 num_episodes=EPISODES,
                 **options,
             )
-            assert_equals_single(env, rolled, row, single, SEED + row)
+            assert_equals_single(env, rolled, row, single, SEED + row, repeat)
             single.close()
     finally:
         env.close()
@@ -52,9 +52,21 @@ def test_rows_equal_single_environments():
     check("HabPick-v1", AutoresetMode.NEXT_STEP, rows=2, steps=30)
 
 
+def test_repeated_actions_equal_those_of_single_environments():
+    """Episodes of 25 steps end within the seventh action of four steps."""
+    check("HabNavigate-v1", AutoresetMode.NEXT_STEP, rows=2, steps=9, repeat=4)
+
+
+@slow
+@pytest.mark.render
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_repeated_actions_with_images_equal_those_of_single_environments(mode):
+    check("HabPlace-v1", mode, steps=12, repeat=4, obs_mode="depth")
+
+
 @slow
 @pytest.mark.parametrize(
-    ("env_id", "mode"), zip(ENVS, itertools.cycle(AutoresetMode), strict=False)
+    ("env_id", "mode"), list(zip(ENVS, itertools.cycle(AutoresetMode), strict=False))
 )
 def test_rows_of_every_env_equal_single_environments(env_id, mode):
     """Each mode with several environments: all combinations take ten minutes."""

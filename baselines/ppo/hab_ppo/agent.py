@@ -60,7 +60,9 @@ class PolicyAgent:
         if imported_id(recipe.env.reference) != imported_id(setup.env_id):
             raise PolicyFileError(f"{path} was trained in {recipe.env.env}, not {setup.env_id}.")
         self.spec = spec_of(recipe)
-        self._device = setup.device
+        self._device, self._repeat = setup.device, recipe.env.action_repeat
+        self._age = torch.zeros(0, dtype=torch.int64)  # steps of each row's episode
+        self._actions = torch.zeros(0, 0)
         self._memory, self._starts = self._policy.no_memory(0), torch.zeros(0, dtype=torch.bool)
 
     def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
@@ -68,16 +70,28 @@ class PolicyAgent:
         if len(self._starts) != len(mask):
             self._memory = self._policy.no_memory(len(mask))
             self._starts = torch.ones(len(mask), dtype=torch.bool)
+            self._age = torch.zeros(len(mask), dtype=torch.int64)
         self._starts = self._starts | mask.cpu()
+        self._age[mask.cpu()] = 0
 
     def act(self, obs: Mapping[str, Any]) -> Tensor:
         """Returns actions (N, A) float32, or cells (N, 1) of a discrete space."""
+        due = self._age % self._repeat == 0
+        if due.any():
+            self._decide(obs, due)
+        self._age += 1
+        return self._actions.clone()
+
+    def _decide(self, obs: Mapping[str, Any], due: Tensor) -> None:
+        """Chooses the actions of the rows `due` (N,) bool; the others repeat theirs."""
         seen = self._policy.layout.read(obs).to(self._device)
         acted = self._policy.choose(seen, self._memory, self._starts.to(self._device))
-        self._memory = acted.memory
-        self._starts = torch.zeros_like(self._starts)
-        actions = torch.from_numpy(self._policy.head.to_env(acted.actions))
-        return actions.reshape(len(actions), -1)
+        actions = torch.from_numpy(self._policy.head.to_env(acted.actions)).reshape(len(due), -1)
+        first = self._actions.shape != actions.shape
+        self._actions = actions if first else torch.where(due[:, None], actions, self._actions)
+        chosen = due.to(self._device)[None, :, None]
+        self._memory = torch.where(chosen, acted.memory, self._memory)
+        self._starts = self._starts & ~due
 
     def report(self) -> list[AgentReport]:
         """Returns empty reports."""

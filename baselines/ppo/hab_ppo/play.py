@@ -67,6 +67,7 @@ def play(path: Path, *, split: str, episodes: int, seed: int, rows: int, workers
         num_workers=min(workers, rows),
         autoreset_mode="Disabled",
         copy=False,
+        action_repeat=config.action_repeat,
         **(config.options() | {"split": split, "episode_seed": seed}),
     )
     try:

@@ -26,6 +26,8 @@ class EnvConfig:
         obs_mode: ``state_dict`` for a blind policy; ``depth``, ``rgb`` or ``rgb+depth``.
         target_frame: Frame of the observed target, ``base`` or ``ee``.
         handle_position: Whether the handle of a door or drawer is observed.
+        action_repeat: Number of environment steps for which each action of the policy is executed;
+            the policy observes the last of them. Steps of a run are actions of the policy.
         scene_dataset: ``apartment``, or the path of a ReplicaCAD folder.
         objects: Path of a YCB folder; None for the embedded objects.
         split: Split of the training episodes.
@@ -38,6 +40,7 @@ class EnvConfig:
     obs_mode: str = "state_dict"
     target_frame: str = "base"
     handle_position: bool = False
+    action_repeat: int = 1
     scene_dataset: str = "apartment"
     objects: str | None = None
     split: str = "train"
@@ -50,9 +53,9 @@ class EnvConfig:
         return self.env if ":" in self.env else f"hab_tasks:{self.env}"
 
     def options(self) -> dict[str, Any]:
-        """Returns the options of `gymnasium.make_vec`."""
+        """Returns the options of the single environment."""
         options = {field.name: getattr(self, field.name) for field in fields(self)}
-        del options["env"]
+        del options["env"], options["action_repeat"]
         options["render_backend"] = "none" if self.obs_mode.startswith("state") else "auto"
         return options
 
@@ -309,6 +312,11 @@ class Recipe:
     def __post_init__(self) -> None:
         if self.warm_start is not None and self.distill is not None:
             raise RecipeError(f"Recipe {self.name} has both warm_start and distill; give one.")
+        if self.warm_start is not None and self.env.action_repeat > 1:
+            raise RecipeError(
+                f"Recipe {self.name} has action_repeat {self.env.action_repeat}; demonstrations of "
+                "warm_start need 1."
+            )
 
     def log_std(self, progress: float) -> float | None:
         """Returns the fixed spread of continuous actions at a share of the run; None if learned."""

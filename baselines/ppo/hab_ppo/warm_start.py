@@ -89,6 +89,7 @@ def make_rows(recipe: Recipe, rows: int, workers: int) -> Any:
         num_workers=workers,
         info_keys=("success",),
         copy=False,
+        action_repeat=recipe.env.action_repeat,
         **recipe.env.options(),
     )
 

@@ -40,12 +40,14 @@ class Turn:
         policy: Its policy.
         entries: The state observation of this step.
         memory: (2, H) state of the LSTM; None at the start of the skill.
+        age: Number of actions so far.
         action: (A,) the action of this step, after `SkillPolicy.decide`.
     """
 
     policy: SkillPolicy
     entries: Entries = field(default_factory=dict)
     memory: Tensor | None = None
+    age: int = 0
     action: NDArray[Any] = field(default_factory=lambda: np.zeros(0, dtype=np.float32))
 
 
@@ -110,11 +112,20 @@ class SkillPolicy:
     def decide(self, rows: Sequence[int], turns: Sequence[Turn], obs: Mapping[str, Any]) -> None:
         """Chooses the most likely actions of some rows; stores them and the memories.
 
+        A policy with `EnvConfig.action_repeat` chooses every so many steps, and repeats its action.
+
         Args:
             rows: Their numbers.
             turns: Their running skills.
             obs: The task's observation of all rows.
         """
+        due = [turn.age % self.recipe.env.action_repeat == 0 for turn in turns]
+        for turn in turns:
+            turn.age += 1
+        rows = [row for row, chooses in zip(rows, due, strict=True) if chooses]
+        turns = [turn for turn, chooses in zip(turns, due, strict=True) if chooses]
+        if not turns:
+            return
         seen = self._policy.layout.read(self._observed(rows, turns, obs)).to(self._device)
         starts = torch.tensor([turn.memory is None for turn in turns], device=self._device)
         blank = self._policy.no_memory(1)[:, 0]

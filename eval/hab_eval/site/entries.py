@@ -72,6 +72,11 @@ class Entry:
         return next((tuple(one.stages) for one in self.record.episodes if one.stages), ())
 
     @property
+    def scores(self) -> list[tuple[str, float]]:
+        """Names and means of a skill's scores, such as SCT; [] without."""
+        return [(name, score.mean) for name, score in self.record.summary.scores.items()]
+
+    @property
     def stage_mean(self) -> float:
         """Mean rate of the stages; -1 for a skill."""
         rates = [estimate.mean for estimate in self.record.summary.stages.values()]

@@ -12,6 +12,7 @@ import gymnasium as gym
 import pytest
 import torch
 from hab_eval.cli import main as hab_eval
+from hab_eval.results import read_record
 from hab_ppo import checkpoint
 from hab_ppo.agent import spec_of
 from hab_ppo.cli import main
@@ -19,11 +20,13 @@ from hab_ppo.distributed import Ranks
 from hab_ppo.episodes import training_episodes
 from hab_ppo.network import new_policy
 from hab_ppo.observation import Observation, ObservationLayout
+from hab_ppo.play import play
 from hab_ppo.progress import read_progress
 from hab_ppo.recipe import PAPER
 from hab_ppo.recipes import find_recipe, recipe_names
 from hab_ppo.trainer import LAST, Trainer, TrainPlan
 from hab_ppo.warm_start import make_rows
+from untrained import write_weights
 
 from hab_tasks.agent_spaces import agent_spaces
 from hab_tasks.registration import SKILLS
@@ -78,6 +81,22 @@ def test_an_agent_sees_what_the_policy_saw_in_training():
     finally:
         single.close()
         rows.close()
+
+
+@pytest.mark.parametrize("repeat", [1, 4])
+def test_an_agent_acts_as_the_policy_does_in_rows(repeat, tmp_path):
+    """Also where actions are repeated: both choose in the same steps of an episode."""
+    recipe = find_recipe("navigate_blind")
+    recipe = replace(recipe, env=replace(recipe.env, action_repeat=repeat))
+    weights, out = tmp_path / "weights.safetensors", tmp_path / "run"
+    write_weights(recipe, weights)
+    rows = play(weights, split="val", episodes=3, seed=0, rows=2, workers=1)
+    agent = ["--agent", "hab_ppo:navigate_blind", "--option", f"weights={weights}"]
+    run = ["run", *agent, "--env", recipe.env.env, "--episodes", "3", "--seed", "0"]
+    assert hab_eval([*run, "--out", str(out)]) == 0
+    summary = read_record(out / "run.json").summary
+    assert summary.mean_steps / repeat == pytest.approx(rows.mean_steps)  # 500 without success
+    assert summary.mean_return.mean == pytest.approx(rows.mean_return, abs=1e-4)
 
 
 @pytest.mark.parametrize("name", SKILL_RECIPES)

@@ -1,7 +1,8 @@
 """Depth Navigate, with the paper's 20 base actions and a learned stop (S App. H.2).
 
 Learned by PPO alone. The expert that drives to the goal pose is hard to imitate: the policy does
-not observe this pose, only the point that another skill starts from it.
+not observe this pose, only the point that another skill starts from it. Each action is executed for
+four steps (0.13 s), which saves images and shortens the way from an action to its reward.
 """
 
 from dataclasses import replace
@@ -12,9 +13,17 @@ RECIPE = Recipe(
     name="navigate_depth",
     about="Navigate with the depth images of the head camera.",
     env=EnvConfig(
-        env="HabNavigate-v1", control_mode="base_discrete", obs_mode="depth", num_episodes=1500
+        env="HabNavigate-v1",
+        control_mode="base_discrete",
+        obs_mode="depth",
+        action_repeat=4,
+        num_episodes=1500,
     ),
-    preset=replace(VISUAL, ppo=replace(VISUAL.ppo, discount=0.995), rows=16),
-    total_steps=2_000_000,
-    evaluation_steps=200_000,
+    preset=replace(
+        VISUAL,
+        ppo=replace(VISUAL.ppo, discount=0.98, epochs=3),
+        rows=16,
+        rollout_steps=50,
+    ),
+    total_steps=1_200_000,
 )

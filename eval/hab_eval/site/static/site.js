@@ -2,7 +2,7 @@
 // Tables (list.js), the rerun dialog, copy buttons and histograms (Chartist). Text of submissions is
 // only written as textContent.
 
-const NUMERIC = ["rank", "success", "stages", "n", "steps", "seconds", "seed", "id", "return"];
+const NUMERIC = ["rank", "success", "stages", "score", "n", "steps", "seconds", "seed", "id", "return"];
 
 function pageData() {
   const block = document.getElementById("data");
@@ -77,7 +77,7 @@ function readAddress(table, sortSelect) {
   const order = wanted.get("sort") || "";
   const columns = [...sortSelect.options].map((option) => option.value.split(":")[0]);
   const [key, direction] = order.split(":");
-  const valid = [...columns, "seed", "env", "scenes", "stages"].includes(key);
+  const valid = [...columns, "seed", "env", "scenes", "stages", "score"].includes(key);
   table.order = valid && ["asc", "desc"].includes(direction) ? order : "rank:asc";
 }
 
@@ -95,10 +95,10 @@ function writeAddress(table) {
 function startLeaderboard(root) {
   const sortSelect = document.getElementById("sort-select");
   const columns = ["rank", "agent", "env", "scenes", "split", "kind", "privileged", "success"];
-  columns.push("stages", "n", "steps", "seconds", "seed");
+  columns.push("stages", "score", "n", "steps", "seconds", "seed");
   const table = new FilteredTable(root, columns, {
     order: "rank:asc",
-    descending: ["success", "n", "stages"],
+    descending: ["success", "n", "stages", "score"],
     onUpdate: (shown) => {
       const count = shown.list.matchingItems.length;
       document.getElementById("count").textContent = `${count} of ${shown.list.size()} runs`;

@@ -99,8 +99,6 @@ class HabVectorEnv(VectorEnv[Any, Any, Any]):
         self.groups = tuple(
             np.concatenate([part[number] for part in parts]) for number in range(num_groups)
         )
-        self._pending: set[int] = set()
-        self._ready = np.zeros(self.num_envs, dtype=bool)
         setup = WorkerSetup(
             reference=reference,
             options=options,
@@ -115,6 +113,8 @@ class HabVectorEnv(VectorEnv[Any, Any, Any]):
 
     def _connect(self, info_keys: Sequence[str]) -> None:
         """Shares the arrays with the workers."""
+        self._pending: set[int] = set()
+        self._ready = np.zeros(self.num_envs, dtype=bool)
         team = self._team
         with team.closed_on_error():
             layout = team.layout()

@@ -178,6 +178,17 @@ def test_a_task_says_how_often_each_stage_was_reached_and_a_skill_does_not():
     assert group.note == ""
 
 
+def test_scores_have_a_column_which_is_empty_for_older_runs():
+    record = make_record((True, False))
+    # 0.9 of a success and nothing of a failure: 45 %.
+    scored = [replace(one, scores={"sct": 0.9 * one.success}) for one in record.episodes]
+    newer = replace(record, episodes=tuple(scored), summary=summarize(scored, {}))
+    (group,) = build_groups({"a.json": record, "b.json": newer})
+    assert group.columns[:5] == ("agent", "success %", "stages %", "SCT %", "n")
+    assert [row[3] for row in group.rows] == ["", "45.0"]
+    assert "| SCT % |" in to_markdown([group])
+
+
 def test_an_agents_options_stand_beside_its_name():
     options = {"navigation": "teleport", "policy": "/home/me/policy.pt"}
     (group,) = build_groups({"x.json": make_record(privileged=True, options=options)})

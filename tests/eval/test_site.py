@@ -8,8 +8,9 @@ from dataclasses import replace
 import pytest
 from hab_eval.errors import ResultError
 from hab_eval.leaderboard import default_submissions
+from hab_eval.results import write_record
 from hab_eval.site import paper
-from hab_eval.site.agents import Card, agent_pages, read_cards, rendered
+from hab_eval.site.agents import agent_pages, read_cards
 from hab_eval.site.breakdown import (
     by_layout,
     by_receptacle,
@@ -20,6 +21,7 @@ from hab_eval.site.build import SiteOptions, build_site
 from hab_eval.site.comparison import compare, comparison_sets
 from hab_eval.site.datasets import dataset_pages
 from hab_eval.site.entries import kinds_of, make_entries, unique_slugs
+from hab_eval.site.markdown_files import rendered
 from hab_eval.site.media import find_videos
 from hab_eval.video_names import highlights, video_name
 from PIL import Image
@@ -178,8 +180,8 @@ def test_a_model_card_loads_nothing_and_runs_nothing(tmp_path):
     Image.new("RGB", (4, 4)).save(folder.parent / "up.png")
     (card,) = read_cards(tmp_path)
     assert card.agent == "hab_ppo:place_blind"
-    html, pictures = rendered(card, "folder")
-    assert pictures == ["place_blind.png"]
+    html, pictures = rendered(card.file, "folder")
+    assert pictures == card.file.pictures == ["place_blind.png"]
     assert re.findall(r'src="([^"]*)"', html) == ["folder/place_blind.webp"]
     assert re.findall(r'href="([^"]*)"', html) == ["https://example.org"]
     assert "<script" not in html
@@ -199,7 +201,26 @@ def test_a_card_that_is_no_text_is_named(tmp_path):
     (folder / "x.md").write_bytes(b"\xff")
     with pytest.raises(ResultError, match=r"x\.md: cannot be read"):
         read_cards(tmp_path)
-    assert Card(agent="a", path=folder, text="").text == ""
+
+
+def test_a_study_shows_its_text_figures_and_runs(tmp_path):
+    folder = tmp_path / "eval" / "studies" / "seeds"
+    folder.mkdir(parents=True)
+    (folder / "README.md").write_text("# Three seeds\n\nThey differ.\n\n![Curves](curves.png)\n")
+    Image.new("RGB", (4, 4)).save(folder / "curves.png")
+    write_record(folder / "seed0.json", record_of([None, "force"], env="HabPick-v1"))
+    options = SiteOptions(
+        out=tmp_path / "site",
+        submissions=write_submissions(tmp_path / "submissions"),
+        checkout=tmp_path,
+    )
+    build_site(options)
+    page = (options.out / "studies.html").read_text()
+    assert '<h2 id="seeds">Three seeds</h2>' in page
+    assert '<th scope="row">seed0</th><td>HabPick-v1</td>' in page
+    assert "<b>50.0</b>" in page
+    assert (options.out / "studies" / "seeds" / "curves.webp").is_file()
+    assert "runs/seed0.html" not in (options.out / "index.html").read_text()
 
 
 def test_dataset_pages_have_the_figures_that_exist(tmp_path):
@@ -251,7 +272,7 @@ def test_a_site_is_complete_reproducible_and_replaced_only_with_force(cli, tmp_p
     assert (done.returncode, done.stderr) == (0, "")
     first = files_of(out)
     pages = json.loads(first["site.json"])["pages"]
-    assert len(pages) == 1 + 4 + 2 + 1 + 4 + 1 + 2 + 1
+    assert len(pages) == 1 + 4 + 2 + 1 + 4 + 1 + 2 + 1 + 1
     assert set(pages) == {name for name in first if name.endswith(".html")}
     again = cli(*arguments)
     assert again.returncode == 2
@@ -279,6 +300,9 @@ def test_the_pages_show_what_the_records_hold(tmp_path):
     # Four successes of ten: 40 %, Wilson interval 16.8 to 68.7.
     assert '<span class="value">40.0 %</span>' in run
     assert "16.8–68.7 %, n = 10" in run
+    # Its successes have an SCT of 0.5 each: 20 %.
+    assert '<span class="label">SCT</span><span class="value">20.0 %</span>' in run
+    assert "20.0 <small>SCT</small>" in board
     assert "--option &#39;weights=runs/x y&#39;" in run
     assert 'class="tag">learned<' in run
     task = (options.out / "runs" / "tp_spa-tidy_house-apartment-seed5.html").read_text()

@@ -158,6 +158,8 @@ def test_columns_sort_in_both_directions(open_page, small):
     head.locator("button").click()
     assert [float(v) for v in column(page, "success")] == [0.0, 0.4, 2 / 3, 0.8]
     assert head.get_attribute("aria-sort") == "ascending"
+    page.locator("th[data-column=score] button").click()
+    assert column(page, "agent")[0] == "Blind"  # the only one with a score
     page.locator("th[data-column=agent] button").click()
     assert column(page, "agent") == ["Blind", "Random", "SPA", "TP+SPA"]
     assert head.get_attribute("aria-sort") is None

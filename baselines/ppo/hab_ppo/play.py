@@ -60,11 +60,10 @@ def play(path: Path, *, split: str, episodes: int, seed: int, rows: int, workers
         seed=seed,
     )
     wanted = load_episodes(request, episodes, None, workers).episodes
-    rows = min(rows, episodes)
     env = gym.make_vec(
         config.reference,
-        num_envs=rows,
-        num_workers=min(workers, rows),
+        num_envs=min(rows, episodes),
+        num_workers=min(workers, rows, episodes),
         autoreset_mode="Disabled",
         copy=False,
         action_repeat=config.action_repeat,

@@ -21,8 +21,10 @@ from hab_eval.site.breakdown import Receptacles, read_receptacles
 from hab_eval.site.comparison import comparison_sets
 from hab_eval.site.datasets import dataset_pages
 from hab_eval.site.entries import make_entries
+from hab_eval.site.markdown_files import MarkdownFile
 from hab_eval.site.media import Video, copy_video, find_videos, write_picture
 from hab_eval.site.pages import Page, Site, all_pages
+from hab_eval.site.studies import read_studies
 from hab_tasks.errors import OptionError
 from hab_tasks.files import check_folder, folder_written_aside
 
@@ -138,6 +140,7 @@ def _read(options: SiteOptions) -> Site:
         sets=comparison_sets(entries),
         agents=agent_pages(entries, cards),
         datasets=dataset_pages(entries, checkout / "docs"),
+        studies=read_studies(checkout),
         receptacles=read_receptacles(episodes) if episodes.is_dir() else Receptacles(),
         videos=videos,
         docs=checkout / "docs",
@@ -158,6 +161,12 @@ def _write_pictures(folder: Path, site: Site) -> None:
         for figure in dataset.figures:
             write_picture(site.docs / figure.file, folder / "datasets" / figure.picture)
     for agent in site.agents:
-        for name in site.pictures_of(agent):
-            source = agent.card.path.parent / name if agent.card else Path(name)
-            write_picture(source, folder / "agents" / agent.slug / f"{Path(name).stem}.webp")
+        if agent.card is not None:
+            _write_pictures_of(agent.card.file, folder / "agents" / agent.slug)
+    for study in site.studies:
+        _write_pictures_of(study.file, folder / "studies" / study.slug)
+
+
+def _write_pictures_of(file: MarkdownFile, folder: Path) -> None:
+    for name in file.pictures:
+        write_picture(file.path.parent / name, folder / f"{Path(name).stem}.webp")

@@ -9,11 +9,12 @@ from typing import Any
 
 from hab_eval.leaderboard import FEW_EPISODES
 from hab_eval.site import paper
-from hab_eval.site.agents import AgentPage, rendered
+from hab_eval.site.agents import AgentPage
 from hab_eval.site.breakdown import Receptacles, by_layout, by_receptacle, histogram
 from hab_eval.site.comparison import ComparisonSet
 from hab_eval.site.datasets import DatasetPage
 from hab_eval.site.entries import Entry, dataset_rank, env_rank, outcome_of
+from hab_eval.site.markdown_files import rendered
 from hab_eval.site.media import Video
 from hab_eval.site.reruns import (
     DATASET_NOTE,
@@ -22,6 +23,7 @@ from hab_eval.site.reruns import (
     needs_path,
     verify_command,
 )
+from hab_eval.site.studies import Study
 from hab_eval.video_names import highlights
 
 MOST_PAIRS = 10
@@ -61,6 +63,7 @@ class Site:
         sets: Runs that can be compared on the same episodes.
         agents: Agents with submissions or a model card.
         datasets: Scene datasets of the submissions.
+        studies: Studies of the checkout.
         receptacles: Receptacles of known episodes.
         videos: Name of a submission -> its videos.
         docs: Folder of the datasets' figures.
@@ -70,13 +73,10 @@ class Site:
     sets: Sequence[ComparisonSet]
     agents: Sequence[AgentPage]
     datasets: Sequence[DatasetPage]
+    studies: Sequence[Study]
     receptacles: Receptacles
     videos: Mapping[str, Sequence[Video]]
     docs: Path
-
-    def pictures_of(self, agent: AgentPage) -> list[str]:
-        """Returns the names of the pictures in an agent's model card."""
-        return [] if agent.card is None else list(dict.fromkeys(rendered(agent.card, "")[1]))
 
 
 def all_pages(site: Site) -> list[Page]:
@@ -91,6 +91,7 @@ def all_pages(site: Site) -> list[Page]:
         *(_agent(one) for one in site.agents),
         _datasets(site),
         *(_dataset(one) for one in site.datasets),
+        _studies(site),
         _paper(site),
     ]
 
@@ -200,7 +201,7 @@ def _agents(site: Site) -> Page:
 
 
 def _agent(agent: AgentPage) -> Page:
-    card = None if agent.card is None else rendered(agent.card, agent.slug)[0]
+    card = None if agent.card is None else rendered(agent.card.file, agent.slug)[0]
     return Page(
         path=f"agents/{agent.slug}.html",
         template="agent.html",
@@ -227,6 +228,17 @@ def _dataset(dataset: DatasetPage) -> Page:
         section="datasets",
         title=dataset.name,
         context={"dataset": dataset},
+    )
+
+
+def _studies(site: Site) -> Page:
+    texts = [(one, rendered(one.file, f"studies/{one.slug}")[0]) for one in site.studies]
+    return Page(
+        path="studies.html",
+        template="studies.html",
+        section="studies",
+        title="Studies",
+        context={"studies": texts},
     )
 
 

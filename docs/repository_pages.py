@@ -43,6 +43,7 @@ HOME = {"README.md": "index.md"}
 """The README has a home page of its own on the site."""
 
 LINK = re.compile(r"(?<=\]\()(?P<path>[^)#\s]+)(?P<rest>#[^)\s]*)?(?=\))")
+VIDEO = re.compile(r'<p><a href="(?P<file>[^"]+\.mp4)">(?P<text>[^<]*)</a></p>')
 CODE = re.compile(r"(^```.*?^```|`[^`\n]+`)", re.MULTILINE | re.DOTALL)
 
 
@@ -64,6 +65,16 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     parts = CODE.split(markdown)  # text and code alternate
     parts[::2] = [_relinked(part, own, source, config) for part in parts[::2]]
     return "".join(parts)
+
+
+def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Shows the video of a paragraph that is only a link to one."""
+    return VIDEO.sub(
+        r'<figure><video controls muted preload="none" src="\g<file>" aria-label="\g<text>" '
+        r'style="width: 100%; aspect-ratio: 1536 / 680"></video>'
+        r"<figcaption>\g<text></figcaption></figure>",
+        html,
+    )
 
 
 def _relinked(text: str, own: str, source: str, config: MkDocsConfig) -> str:

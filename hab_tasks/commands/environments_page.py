@@ -101,10 +101,12 @@ def _section(entry: EnvEntry) -> str:
     observed = [*map(_observed, env.observation), _cameras(env)]
     modes = [(f"`{m}`", *_action(control_configs()[m])) for m in env.control_modes]
     measured = [(f"`{name}`", *meaning) for name, meaning in measures_of(env).items()]
+    speed = ", eight times as fast" if issubclass(env, TaskEnv) else ""
     lines = [
         f"\n## {entry.id}\n",
         f"{parts['Task']}\n",
         f"![{entry.id}: initial state and head camera image]({picture_name(entry.id)})\n",
+        f"[Video of an episode{speed}: head camera, arm camera, room]({video_name(entry.id)})\n",
         _paragraph("Start", parts["Start"]),
         _paragraph("Observation", parts["Observation"]),
         _table(("entry", "group", "shape", "unit", "meaning"), observed),
@@ -120,6 +122,11 @@ def _section(entry: EnvEntry) -> str:
         _paragraph("Versions", parts["Versions"]),
     ]
     return "\n".join(lines)
+
+
+def video_name(env_id: str) -> str:
+    """Returns the path of an environment's video, from the page."""
+    return f"videos/{env_id}.mp4"
 
 
 def measures_of(env: type[HabEnv]) -> dict[str, tuple[str, str]]:

@@ -82,12 +82,18 @@ class NavigateWeights:
 
 @dataclass(frozen=True, kw_only=True)
 class NavigateConfig:
-    """Thresholds of Navigate (S H.2)."""
+    """Thresholds of Navigate (S H.2).
+
+    Attributes:
+        learned_stop: 1: success requires the stop action; 0: arriving is enough, as if an oracle
+            stopped (S Fig. 27).
+    """
 
     weights: NavigateWeights = field(default_factory=NavigateWeights)
     goal_radius_m: float = 0.3
     goal_heading_rad: float = 0.5
     heading_counts_within_m: float = 0.9
+    learned_stop: float = 1.0
 
 
 def arrived(s: Snapshot, m: Measures, g: Goals, c: NavigateConfig) -> BatchArray:
@@ -96,8 +102,9 @@ def arrived(s: Snapshot, m: Measures, g: Goals, c: NavigateConfig) -> BatchArray
 
 
 def success(s: Snapshot, m: Measures, g: Goals, c: NavigateConfig) -> BatchArray:
-    """Arrived, and the current action is the stop action, (N,) bool."""
-    return arrived(s, m, g, c) & m.stopped
+    """Arrived, and the current action is the stop action if it is learned, (N,) bool."""
+    there = arrived(s, m, g, c)
+    return there & m.stopped if c.learned_stop else there
 
 
 def reward_terms(
@@ -181,7 +188,8 @@ class HabNavigateEnv(SkillEnv):
     **Reward** (terms in ``info["reward_terms"]``): 10 success + 20 distance + heading (within
     0.9 m of the goal).
 
-    **Success**: geodesic distance below 0.3 m, heading within 0.5 rad, stop action in this step.
+    **Success**: geodesic distance below 0.3 m, heading within 0.5 rad, stop action in this step
+    (not with ``skill_config={"learned_stop": 0}``: S Fig. 27).
 
     **Failure**: none; contact forces are not limited.
 

@@ -43,6 +43,9 @@ def test_success_needs_place_heading_and_stop():
     # A task has no stop action: it goes on as soon as the base has arrived.
     done = NAVIGATE.done(snapshot(5), m, Goals.empty(5, 1, 0, "cpu"))
     assert done.tolist() == [True, False, False, True, True]
+    # Without a learned stop, arriving is enough.
+    fixed = evaluate_rules(NAVIGATE.changed({"learned_stop": 0}), m)
+    assert fixed.success.tolist() == [True, False, False, True, True]
 
 
 def test_the_terms_stand_in_the_order_of_the_equation():

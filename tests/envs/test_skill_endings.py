@@ -221,9 +221,9 @@ def test_only_handles_are_taken(make, env_id):
 # Navigate --------------------------------------------------------------------------------------
 
 
-def navigate_at(make, offset_m, turn_rad):
+def navigate_at(make, offset_m, turn_rad, **options):
     """A start of Navigate with the robot beside its goal."""
-    env = start(make, "HabNavigate-v1")
+    env = start(make, "HabNavigate-v1", **options)
     base = env.unwrapped
     x, y, yaw = base.episode[0].navigation.base
     state = base.get_state_dict()
@@ -257,6 +257,13 @@ def test_arriving_without_the_stop_action_ends_nothing(make):
         assert not ended(step)[0]
         assert float(step[-1]["measures"]["base_to_goal_m"]) < 0.3
     assert ended(env.step(STOP_CELL))[0]
+
+
+def test_arriving_is_enough_where_the_stop_is_not_learned(make):
+    env = navigate_at(make, 0.0, 0.0, skill_config={"learned_stop": 0})
+    over, terms = ended(env.step(BASE_CELLS.index((0.0, 0.5))))
+    assert over
+    assert terms["success"] == 10.0
 
 
 def test_navigate_holds_what_it_starts_with(make):

@@ -1,0 +1,58 @@
+"""Films an episode of each environment for the page of environments, from submissions."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import imageio_ffmpeg
+from hab_eval.leaderboard import default_submissions
+from hab_eval.results import read_record
+
+from hab_tasks.commands.environments_page import video_name
+
+OUT = Path(__file__).parent
+WIDTH_PX, QUALITY = 960, 32
+
+SUBMISSIONS = {
+    "HabPick-v1": "pick_blind-pick-apartment-seed42",
+    "HabPlace-v1": "place_blind-place-apartment-seed40",
+    "HabOpenFridge-v1": "open_fridge_blind-open_fridge-apartment-seed41",
+    "HabCloseFridge-v1": "close_fridge_blind-close_fridge-apartment-seed41",
+    "HabOpenDrawer-v1": "open_drawer_blind-open_drawer-apartment-seed40",
+    "HabCloseDrawer-v1": "close_drawer_blind-close_drawer-apartment-seed40",
+    "HabNavigate-v1": "spa_priv-navigate-apartment-seed16",
+    "HabTidyHouse-v1": "tp_srl_retries-tidy_house-apartment-seed52",
+    "HabPrepareGroceries-v1": "tp_srl_retries-prepare_groceries-apartment-seed51",
+    "HabSetTable-v1": "tp_srl_retries-set_table-apartment-seed52",
+}
+"""Environment -> submission whose first success is filmed."""
+
+LONG_STEPS, FASTER = 500, 8
+"""Longer episodes are shown eight times as fast."""
+
+
+def film(env_id: str, submission: str) -> Path:
+    """Repeats the first success of a submission; returns its video, made small."""
+    record = read_record(default_submissions() / f"{submission}.json")
+    index = next(i for i, episode in enumerate(record.episodes) if episode.success)
+    speed = FASTER if record.episodes[index].steps > LONG_STEPS else 1
+    target = OUT / video_name(env_id)
+    target.parent.mkdir(exist_ok=True)
+    with tempfile.TemporaryDirectory() as scratch:
+        command = ["film", submission, "--episode", str(index), "--out", scratch]
+        subprocess.run([sys.executable, "-m", "hab_eval", *command], check=True)
+        (source,) = Path(scratch).glob("*/*.mp4")
+        filters = f"setpts=PTS/{speed},fps=15,scale={WIDTH_PX}:-2"
+        options = ["-vf", filters, "-crf", str(QUALITY), "-preset", "veryslow", "-an"]
+        options += ["-pix_fmt", "yuv420p", "-movflags", "+faststart", "-y"]
+        ffmpeg = imageio_ffmpeg.get_ffmpeg_exe()
+        subprocess.run([ffmpeg, "-v", "error", "-i", source, *options, target], check=True)
+    return target
+
+
+if __name__ == "__main__":
+    for chosen in sys.argv[1:] or SUBMISSIONS:
+        print(f"wrote {film(chosen, SUBMISSIONS[chosen])}")

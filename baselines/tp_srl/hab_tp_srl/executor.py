@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -103,7 +103,7 @@ class Executor:
                     break
                 yield from self._reset_there(stage, tried)
             skill = team.skill(robot, stages.task, stage, self._view)
-            now["by"] = team.executor(stage)
+            now |= {"by": team.executor(stage), "start": team.start(stage, self._view)}
             failure = yield from stages.timed(stage.skill, skill, team.skill_steps(stage), **now)
             if self._judged(stage, failure):
                 return None
@@ -195,7 +195,8 @@ def fault(trace: Sequence[dict[str, Any]]) -> str | None:
 
     Returns:
         E.g. ``pick timeout``, ``pick failed`` for a skill that ended without its effect, or
-        ``navigate timeout``; None if every stage was achieved.
+        ``navigate timeout``; with ``, new start`` if the skill began in a state that its training
+        does not know. None if every stage was achieved.
     """
     tries = [entry for entry in trace if "stage" in entry]
     last = [entry for entry in tries if entry["plan"] == tries[-1]["plan"]]
@@ -207,9 +208,13 @@ def fault(trace: Sequence[dict[str, Any]]) -> str | None:
         for entry in here:
             outcome = entry.get("outcome", "timeout")
             if outcome != "done":
-                return f"{entry['did']} {outcome}"
-        return f"{here[-1]['did']} failed"
+                return f"{entry['did']} {outcome}{_start_of(entry)}"
+        return f"{here[-1]['did']} failed{_start_of(here[-1])}"
     return None
+
+
+def _start_of(entry: Mapping[str, Any]) -> str:
+    return ", new start" if entry.get("start") == "new" else ""
 
 
 def _interactions(plan: Plan) -> list[Action]:

@@ -19,6 +19,8 @@ from hab_tasks.engine.skill_env import SkillEnv
 from hab_tasks.envs import ENVS
 from hab_tasks.registration import SKILLS, imported_id
 from hab_tasks.robots.control import HabControllerConfig, control_configs
+from hab_tasks.skills.navigate import NAVIGATE_ID
+from hab_tp_srl.training_starts import start_ranges
 from hab_tp_srl.view import Entries
 
 ARMS = ("ee", "joint_delta", "joint_target", "still")
@@ -59,6 +61,7 @@ class SkillPolicy:
         recipe: The recipe.
         horizon_steps: Maximum number of steps of the skill.
         control: Its control mode.
+        starts: Ranges of the starts that its training knows; None if they are unknown.
     """
 
     def __init__(self, setup: AgentSetup, skill: str, path: Path) -> None:
@@ -79,6 +82,7 @@ class SkillPolicy:
         self.horizon_steps = env.horizon_steps
         self.control: HabControllerConfig = control_configs()[self.recipe.env.control_mode]
         self._check(skill, env_id, path)
+        self.starts = start_ranges(env_id) if env_id != NAVIGATE_ID else None
 
     def _check(self, skill: str, env_id: str, path: Path) -> None:
         """Checks that the policy can act as a skill in a task."""

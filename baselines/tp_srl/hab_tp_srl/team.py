@@ -22,6 +22,7 @@ from hab_tp_srl.ending import Ending
 from hab_tp_srl.policies import SkillPolicy
 from hab_tp_srl.skill import learned, learned_navigation
 from hab_tp_srl.stage import Stage
+from hab_tp_srl.training_starts import features
 from hab_tp_srl.view import TaskView
 
 
@@ -57,6 +58,20 @@ class Team:
         """Returns who executes a stage's skill, for the trace."""
         policy = self.policies[stage.skill]
         return "spa_priv" if policy is None else policy.name
+
+    def start(self, stage: Stage, view: TaskView) -> str | None:
+        """Returns whether training knows a start like this one, for the trace.
+
+        Returns:
+            ``known`` or ``new``; None for a planned skill, and where training starts are unknown.
+        """
+        policy = self.policies[stage.skill]
+        if policy is None or policy.starts is None:
+            return None
+        entries = view.entries(stage, view.point(stage))
+        point_m = entries["extra", "point_in_base"].astype(float)
+        found = features(point_m, entries["agent", "ee_position"].astype(float))
+        return "known" if policy.starts.include(found) else "new"
 
     def skill_steps(self, stage: Stage) -> int:
         """Returns the maximum number of steps of a stage's skill."""

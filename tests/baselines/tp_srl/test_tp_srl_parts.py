@@ -16,10 +16,13 @@ from hab_tp_srl.executor import fault
 from hab_tp_srl.factories import skills_of
 from hab_tp_srl.options import SKILLS
 from hab_tp_srl.stage import stage_of
+from hab_tp_srl.training_starts import features, start_ranges
 from hab_tp_srl.view import TaskView
 from untrained import write_weights
 
 from hab_tasks.agent_spaces import agent_setup
+from hab_tasks.constants import REST_POSITION_M
+from hab_tasks.episodes import EpisodeRequest, load_episodes
 from hab_tasks.errors import HabError
 from hab_tasks.registration import TASKS
 
@@ -151,6 +154,32 @@ def test_the_failure_is_the_first_stage_that_was_not_achieved():
     assert fault([*late, *again]) is None
     assert fault([*late, entry(1, "pick", plan=1, achieved=True)]) is None
     assert fault([{"did": "rest"}, entry(1, "navigate", "target plan")]) == "navigate target plan"
+    begun = {"start": "new", "achieved": False}
+    assert fault([entry(1, "pick", "timeout", **begun)]) == "pick timeout, new start"
+    assert fault([entry(1, "pick", **begun)]) == "pick failed, new start"
+    assert fault([entry(1, "pick", **(begun | {"start": "known"}))]) == "pick failed"
+
+
+def test_training_knows_the_starts_of_its_own_episodes_and_no_others():
+    ranges = start_ranges("HabPick-v1")
+    (episode,) = load_episodes(EpisodeRequest(env_id="HabPick-v1", split="val"), 1).episodes
+    x, y, yaw = episode.robot.base
+    far, side, height = (np.array(episode.objects[episode.target][:3]) - (x, y, 0.0)).tolist()
+    point_m = np.array(
+        (
+            far * np.cos(yaw) + side * np.sin(yaw),
+            side * np.cos(yaw) - far * np.sin(yaw),
+            height,
+        )
+    )
+    rest_m = np.array(REST_POSITION_M)
+    assert ranges.include(features(point_m, rest_m))
+    assert not ranges.include(features(point_m * (1.7, 1.7, 1.0), rest_m))  # 1.3 m away
+    assert not ranges.include(features(point_m * (-1.0, 1.0, 1.0), rest_m))  # behind the robot
+    assert not ranges.include(
+        features(point_m, rest_m + np.array((0.0, 0.2, 0.0)))
+    )  # the hand is off rest
+    assert start_ranges("HabTidyHouse-v1") is None
 
 
 BAD = [

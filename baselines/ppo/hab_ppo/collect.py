@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -16,8 +16,10 @@ from hab_ppo.network import Policy
 from hab_ppo.noise import ActionNoise
 from hab_ppo.observation import Observation
 from hab_ppo.rollout import Rollout
+from hab_ppo.stages import reached
 
 EPISODE_SUMS = ("episodes", "successes", "return", "length")
+"""Sums over finished episodes; how many of them reached each stage of a task follows."""
 
 
 class Clock:
@@ -50,10 +52,25 @@ class Collector:
     """
 
     def __init__(
-        self, env: Any, policy: Policy, ranks: Ranks, steps: int, correlation: float = 0.0
+        self,
+        env: Any,
+        policy: Policy,
+        ranks: Ranks,
+        steps: int,
+        correlation: float = 0.0,
+        stages: Sequence[str] = (),
     ) -> None:
-        """Creates a collector of rollouts of `steps`, with noise of a `correlation` over steps."""
-        self.env, self.clock = env, Clock()
+        """Creates a collector.
+
+        Args:
+            env: The vector environment.
+            policy: The policy.
+            ranks: The ranks of the run.
+            steps: Steps of a rollout in each row.
+            correlation: Correlation of the noise of successive steps.
+            stages: Names of the task's stages.
+        """
+        self.env, self.clock, self._stages = env, Clock(), stages
         self._policy, self._ranks, self._steps = policy, ranks, steps
         self._correlation = correlation
         self._obs: Observation | None = None
@@ -72,7 +89,7 @@ class Collector:
         """Plays a rollout, with actions drawn from `generator`.
 
         Returns:
-            The rollout, and `EPISODE_SUMS` (4,) over the episodes that ended in it.
+            The rollout, and `EPISODE_SUMS` (4 + S,) over the episodes that ended in it.
         """
         policy, rows = self._policy, self.env.num_envs
         noise = ActionNoise(generator, self._correlation)
@@ -80,7 +97,7 @@ class Collector:
             self._steps, rows, policy.layout, policy.head.stored, policy.config.lstm_size
         )
         rollout.memory = self._memory
-        sums = np.zeros(len(EPISODE_SUMS))
+        sums = np.zeros(len(EPISODE_SUMS) + len(self._stages))
         step = 0
         while step < self._steps and not self._ranks.preempts(update, step, self._steps):
             with self.clock("inference"):
@@ -94,7 +111,7 @@ class Collector:
             with self.clock("env"):
                 raw, reward, terminated, truncated, info = self.env.step(actions)
             with self.clock("inference"):
-                sums += self._count(reward, terminated | truncated, info["success"])
+                sums += self._count(reward, terminated | truncated, info)
                 self._obs = self._read(raw)
                 rollout.rewards[step] = torch.from_numpy(np.asarray(reward, np.float32))
                 rollout.terminated[step] = torch.from_numpy(terminated)
@@ -121,12 +138,13 @@ class Collector:
     def _read(self, obs: Any) -> Observation:
         return self._policy.layout.read(obs)
 
-    def _count(self, reward: Any, ended: Any, success: Any) -> Any:
+    def _count(self, reward: Any, ended: Any, info: Any) -> Any:
         """Returns the sums over the episodes that this step ended."""
         playing = ~self._ended.numpy()
         self._return += reward
         self._length += playing
-        totals = success[ended], self._return[ended], self._length[ended]
-        sums = np.array([ended.sum(), *(total.sum() for total in totals)], dtype=float)
+        totals = info["success"][ended], self._return[ended], self._length[ended]
+        stages = reached(info, self._stages)[ended].sum(axis=0)
+        sums = np.array([ended.sum(), *(total.sum() for total in totals), *stages], dtype=float)
         self._return[ended] = self._length[ended] = 0.0
         return sums

@@ -17,33 +17,54 @@ PANELS = (
 )
 """Metrics of each panel, and its label; those of evaluations are drawn with markers."""
 
-SIZE_IN, DPI = (12.0, 3.6), 120
+STAGE = "train/stage/"
+"""Prefix of the shares of episodes that reached a stage of a task; of the first run."""
+
+PANEL_IN, DPI = (4.0, 3.6), 120
 CARD_SIZE_IN, CARD_DPI = (6.0, 3.2), 90
 Line = Sequence[tuple[float, float]]
 
 
 def draw_curves(runs: Sequence[Path], out: Path) -> None:
-    """Draws the curves of runs over their steps, one colour each.
+    """Draws the curves of runs over their steps, one colour each; of a task, also its stages.
 
     Raises:
         PolicyFileError: A folder holds no run, or one without an update.
     """
-    figure = _figure(SIZE_IN)
-    axes = figure.subplots(1, len(PANELS))
-    for number, run in enumerate(runs):
-        entries = read_progress(run)
-        if not entries:
-            raise PolicyFileError(f"{run} has no {FILE} with an update.")
-        for axis, (metrics, _) in zip(axes, PANELS, strict=True):
+    read = [_entries(run) for run in runs]
+    stages = [name for name in read[0][-1] if name.startswith(STAGE)]
+    count = len(PANELS) + bool(stages)
+    figure = _figure((count * PANEL_IN[0], PANEL_IN[1]))
+    axes = figure.subplots(1, count)
+    for number, (run, entries) in enumerate(zip(runs, read, strict=True)):
+        for axis, (metrics, _) in zip(axes, PANELS, strict=False):
             for metric in metrics:
                 line = [(entry["steps"], entry[metric]) for entry in entries if metric in entry]
                 greedy = metric.startswith("eval/")
                 _draw(axis, line, greedy=greedy, label=f"{run.name}, ", color=f"C{number}")
-    for axis, (_, label) in zip(axes, PANELS, strict=True):
+    for axis, (_, label) in zip(axes, PANELS, strict=False):
         _name(axis, label)
     axes[0].set_ylim(0, 1)
     axes[0].legend(fontsize="small")
+    if stages:
+        _draw_stages(axes[-1], read[0], stages)
     _save(figure, out, DPI)
+
+
+def _entries(run: Path) -> list[dict[str, Any]]:
+    entries = read_progress(run)
+    if not entries:
+        raise PolicyFileError(f"{run} has no {FILE} with an update.")
+    return entries
+
+
+def _draw_stages(axis: Any, entries: Sequence[dict[str, Any]], stages: Sequence[str]) -> None:
+    for name in stages:
+        line = [(entry["steps"], entry[name]) for entry in entries if name in entry]
+        axis.plot(*zip(*line, strict=True), label=name.removeprefix(STAGE))
+    _name(axis, "episodes that reached the stage")
+    axis.set_ylim(0, 1)
+    axis.legend(fontsize="small", ncols=2)
 
 
 def draw_success(training: Line, greedy: Line, out: Path) -> None:

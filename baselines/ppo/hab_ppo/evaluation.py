@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from hab_ppo.network import Policy
 from hab_ppo.noise import ActionNoise
 from hab_ppo.observation import Observation
+from hab_ppo.stages import reached
 from hab_tasks.episodes import Episode
 
 
@@ -25,12 +26,14 @@ class Score:
         success: Whether it succeeded.
         total_reward: Sum of the rewards.
         steps: Number of steps.
+        stages: Which stages of a task it reached, in order.
     """
 
     episode: int
     success: bool
     total_reward: float
     steps: int
+    stages: tuple[bool, ...] = ()
 
 
 class Rows:
@@ -48,7 +51,7 @@ class Rows:
         self.shown = [episodes[row % len(episodes)] for row in range(rows)]
         self.total, self.steps = np.zeros(rows), np.zeros(rows, dtype=int)
 
-    def end(self, row: int, success: bool) -> Score | None:
+    def end(self, row: int, success: bool, stages: tuple[bool, ...]) -> Score | None:
         """Starts the next episode in a row; returns the score of the one that ended."""
         number = self.playing[row]
         score = None
@@ -58,6 +61,7 @@ class Rows:
                 success=success,
                 total_reward=float(self.total[row]),
                 steps=int(self.steps[row]),
+                stages=stages,
             )
         self.total[row], self.steps[row] = 0.0, 0
         self.playing[row] = None
@@ -89,6 +93,7 @@ def evaluate(
     episodes: Sequence[Episode],
     noise: ActionNoise | None = None,
     observer: Observer | None = None,
+    stages: Sequence[str] = (),
 ) -> list[Score]:
     """Plays each episode once; returns the scores in order.
 
@@ -99,6 +104,7 @@ def evaluate(
         episodes: The episodes.
         noise: Draws the actions, on the policy's device; None for the most likely ones.
         observer: Sees every step.
+        stages: Names of the task's stages.
     """
     count, device = env.num_envs, policy.state_normalizer.mean.device
     rows, scores = Rows(episodes, count), []
@@ -116,8 +122,9 @@ def evaluate(
         ended = terminated | truncated
         if observer is not None:
             observer.after_step(ended)
+        there = reached(info, stages)
         for row in np.flatnonzero(ended).tolist():
-            score = rows.end(row, bool(info["success"][row]))
+            score = rows.end(row, bool(info["success"][row]), tuple(there[row].tolist()))
             scores += [] if score is None else [score]
         starts = torch.from_numpy(ended.copy())
         if ended.any() and len(scores) < len(episodes):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,22 +25,25 @@ class Recent:
     """Means over the last episodes.
 
     Attributes:
-        metrics: ``train/success``, ``train/return`` and ``train/length``.
+        metrics: ``train/success``, ``train/return``, ``train/length`` and, for each stage of a
+            task, the share of the episodes that reached it: ``train/stage/pick_1``.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, stages: Sequence[str] = ()) -> None:
+        self._names = [f"train/{name}" for name in ("success", "return", "length")]
+        self._names += [f"train/stage/{name}" for name in stages]
         self._sums: deque[list[float]] = deque()
         self.metrics: dict[str, float] = {}
 
     def add(self, sums: list[float]) -> None:
-        """Adds the sums (episodes, successes, return, length) of an update."""
+        """Adds the sums (episodes, successes, return, length, stages) of an update."""
         self._sums.append(sums)
         while sum(one[0] for one in self._sums) - self._sums[0][0] >= RECENT_EPISODES:
             self._sums.popleft()
         count, *totals = map(sum, zip(*self._sums, strict=True))
         if count:
-            names = ("train/success", "train/return", "train/length")
-            self.metrics = {n: total / count for n, total in zip(names, totals, strict=True)}
+            pairs = zip(self._names, totals, strict=True)
+            self.metrics = {name: total / count for name, total in pairs}
 
 
 class Progress:

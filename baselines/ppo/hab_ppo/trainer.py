@@ -30,6 +30,7 @@ from hab_ppo.plan import BEST, EXACT, LAST, RECIPE, TrainPlan, check_same
 from hab_ppo.ppo import PPO
 from hab_ppo.progress import PARTS, Progress, Recent, WriteLine
 from hab_ppo.recipe import to_json
+from hab_ppo.stages import stage_names
 from hab_ppo.warm_start import make_rows, start_policy
 from hab_tasks.files import written_aside
 from hab_tasks.processes import use_one_thread
@@ -56,10 +57,16 @@ class Trainer:
         policy = policy.to(ranks.device)
         guide = start_policy(plan, ranks, policy, self._write_line)
         self._learner = PPO(policy, preset.ppo, ranks, guide)
+        self._stages = stage_names(recipe.env)
         self._collector = Collector(
-            self._env, policy, ranks, preset.rollout_steps, preset.ppo.noise_correlation
+            self._env,
+            policy,
+            ranks,
+            preset.rollout_steps,
+            preset.ppo.noise_correlation,
+            self._stages,
         )
-        self._recent = Recent()
+        self._recent = Recent(self._stages)
         self._position = self._restored() if plan.resume else Position()
         self._origin = {"command": plan.command, "device": device(), "git": git_commit()}
         self._began_s = time.perf_counter() - self._position.seconds
@@ -135,41 +142,42 @@ class Trainer:
         at, recipe = self._position, self._recipe
         number = at.steps // recipe.evaluation_steps
         if number > at.evaluated or at.steps >= recipe.total_steps:
-            success, mean_return = self._evaluated()
+            metrics = self._evaluated()
+            success = metrics["eval/success"]
             self._position = replace(at, evaluated=number, seconds=self._seconds(), success=success)
             self._keep_best(success, progress)
             if progress is not None:
                 self._save(EXACT)
             self._start_rows()
-            return {"eval/success": success, "eval/return": mean_return, **self._best()}
+            return metrics | self._best()
         return {}
 
     def _evaluate_start(self, progress: Progress | None) -> None:
         """Evaluates the policy from which fine-tuning starts."""
-        success, mean_return = self._evaluated()
+        metrics = self._evaluated()
+        success = metrics["eval/success"]
         self._position = replace(self._position, seconds=self._seconds(), success=success)
         self._keep_best(success, progress)
         if progress is not None:
-            metrics = {"eval/success": success, "eval/return": mean_return, **self._best()}
-            progress.begin(self._position.seconds, metrics)
+            progress.begin(self._position.seconds, metrics | self._best())
 
     def _best(self) -> dict[str, float]:
         best = self._position.best_success
         return {} if best is None else {"eval/best": best}
 
-    def _evaluated(self) -> tuple[float, float]:
-        """Returns success rate and mean return of all ranks' shares of the episodes."""
-        ranks = self._ranks
+    def _evaluated(self) -> dict[str, float]:
+        """Returns the rates of success and stages and the mean return over all ranks' episodes."""
+        ranks, names = self._ranks, ["eval/success", "eval/return"]
+        names += [f"eval/stage/{name}" for name in self._stages]
         mine = self._episodes[ranks.rank :: ranks.size]
         policy = self._learner.policy
-        scores = evaluate(self._env, policy, mine) if mine else []
-        sums = [
-            sum(score.success for score in scores),
-            sum(score.total_reward for score in scores),
-            len(scores),
-        ]
-        success, total, count = ranks.sum(torch.tensor(sums, dtype=torch.float64)).tolist()
-        return success / count, total / count
+        scores = evaluate(self._env, policy, mine, stages=self._stages) if mine else []
+        rows = [(1.0, one.success, one.total_reward, *one.stages) for one in scores]
+        sums = torch.zeros(1 + len(names), dtype=torch.float64)
+        for row in rows:
+            sums += torch.tensor(row, dtype=torch.float64)
+        count, *totals = ranks.sum(sums).tolist()
+        return {name: total / count for name, total in zip(names, totals, strict=True)}
 
     def _keep_best(self, success: float, progress: Progress | None) -> None:
         """Keeps the weights if none were better, and reports a collapse."""

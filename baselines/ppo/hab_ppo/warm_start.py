@@ -29,6 +29,7 @@ from hab_ppo.plan import CLONED, DEMONSTRATIONS, TrainPlan, check_same
 from hab_ppo.practice import Lesson, practise
 from hab_ppo.progress import WriteLine
 from hab_ppo.recipe import Recipe, to_json
+from hab_ppo.stages import info_keys
 from hab_ppo.teachers import (
     Expert,
     PolicyTeacher,
@@ -87,7 +88,7 @@ def make_rows(recipe: Recipe, rows: int, workers: int) -> Any:
         recipe.env.reference,
         num_envs=rows,
         num_workers=workers,
-        info_keys=("success",),
+        info_keys=info_keys(recipe.env),
         copy=False,
         action_repeat=recipe.env.action_repeat,
         **recipe.env.options(),

@@ -22,13 +22,15 @@ from hab_ppo.network import new_policy
 from hab_ppo.observation import Observation, ObservationLayout
 from hab_ppo.play import play
 from hab_ppo.progress import read_progress
-from hab_ppo.recipe import PAPER
+from hab_ppo.recipe import FAST, PAPER
 from hab_ppo.recipes import find_recipe, recipe_names
 from hab_ppo.trainer import LAST, Trainer, TrainPlan
 from hab_ppo.warm_start import make_rows
+from PIL import Image
 from untrained import write_weights
 
 from hab_tasks.agent_spaces import agent_spaces
+from hab_tasks.envs import ENVS
 from hab_tasks.registration import SKILLS
 
 pytestmark = pytest.mark.slow
@@ -113,6 +115,26 @@ def test_a_recipe_is_trained_and_its_weights_play(name, tmp_path, capsys):
     other = "HabPlace-v1" if env == "HabPick-v1" else "HabPick-v1"
     assert hab_eval([*run, "--env", other, "--out", str(tmp_path / "other")]) == 2
     assert f"was trained in {env}, not {other}" in capsys.readouterr().err
+
+
+def test_a_run_in_a_task_reports_its_stages(tmp_path):
+    recipe = find_recipe("monolithic_set_table")
+    recipe = replace(
+        recipe,
+        env=replace(recipe.env, obs_mode="state_dict", num_episodes=2),
+        preset=replace(FAST, rows=2, rollout_steps=4600, ppo=PAPER.ppo),
+        total_steps=9_000,
+        evaluation_episodes=1,
+    )
+    Trainer(TrainPlan(recipe=recipe, out=tmp_path), Ranks(), lambda line: None).run()
+    (entry,) = read_progress(tmp_path)
+    names = [name.rpartition("/")[2] for name in entry if name.startswith("train/stage/")]
+    assert names == list(ENVS[recipe.env.env].env.task.stages)
+    for kind in ("train", "eval"):
+        assert all(0.0 <= entry[f"{kind}/stage/{name}"] <= 1.0 for name in names)
+    assert main(["plot", str(tmp_path)]) == 0
+    with Image.open(tmp_path / "curves.png") as picture:
+        assert picture.width == 4 * 480  # a panel more than for a skill
 
 
 def test_a_resumed_run_equals_one_that_was_never_interrupted(tmp_path):

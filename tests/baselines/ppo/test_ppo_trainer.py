@@ -94,7 +94,7 @@ def test_a_run_continues_only_as_it_was(toy, tmp_path):
 
 
 def test_a_collapse_is_reported_and_the_best_weights_are_kept(toy, tmp_path, monkeypatch):
-    told = iter([(0.2, 0.0), (0.8, 0.0), (0.3, 0.0)])
+    told = iter([{"eval/success": rate, "eval/return": 0.0} for rate in (0.2, 0.8, 0.3)])
     monkeypatch.setattr(Trainer, "_evaluated", lambda self: next(told))
     end = toy(tmp_path)
     assert (end.best_success, end.success) == (0.8, 0.3)
@@ -109,6 +109,10 @@ def test_recent_episodes_span_the_updates_that_hold_a_hundred():
     # The last two updates hold 120 episodes, 90 of them solved.
     assert recent.metrics["train/success"] == pytest.approx(0.75)
     assert recent.metrics["train/length"] == pytest.approx(10)
+    stages = Recent(["pick_1", "place_1"])
+    stages.add([4, 1, 0.0, 40, 3, 2])
+    assert stages.metrics["train/stage/pick_1"] == 0.75
+    assert stages.metrics["train/stage/place_1"] == 0.5
 
 
 @pytest.mark.parametrize("name", recipe_names())

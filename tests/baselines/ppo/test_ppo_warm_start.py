@@ -339,7 +339,8 @@ def test_a_resumed_run_equals_one_that_was_never_interrupted(train, tmp_path, na
 
 
 def test_the_start_is_the_best_until_it_is_beaten(train, tmp_path, monkeypatch):
-    told = iter([(0.9, 0.0), (0.2, 0.0), (0.3, 0.0), (0.1, 0.0), (0.1, 0.0)])
+    rates = (0.9, 0.2, 0.3, 0.1, 0.1)
+    told = iter([{"eval/success": rate, "eval/return": 0.0} for rate in rates])
     monkeypatch.setattr(Trainer, "_evaluated", lambda self: next(told))
     end = train(tmp_path)
     assert (end.best_success, end.best_steps) == (0.9, 0)

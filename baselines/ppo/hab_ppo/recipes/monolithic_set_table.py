@@ -1,0 +1,12 @@
+"""MonolithicRL in SetTable: as in TidyHouse (S App. H.3)."""
+
+from dataclasses import replace
+
+from hab_ppo.recipes.monolithic_tidy_house import RECIPE as TIDY_HOUSE
+
+RECIPE = replace(
+    TIDY_HOUSE,
+    name="monolithic_set_table",
+    about="SetTable with one policy, from depth images.",
+    env=replace(TIDY_HOUSE.env, env="HabSetTable-v1"),
+)

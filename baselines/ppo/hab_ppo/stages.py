@@ -1,0 +1,31 @@
+"""Stages of a task, which the runs of MonolithicRL report (S App. I.2, Fig. 26)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hab_ppo.recipe import EnvConfig
+from hab_tasks.envs import ENVS
+from hab_tasks.registration import imported_id
+from hab_tasks.tasks.task_env import TaskEnv
+
+
+def stage_names(env: EnvConfig) -> tuple[str, ...]:
+    """Returns the names of a task's stages, in order; () for a skill."""
+    found = ENVS[imported_id(env.reference)].env
+    return tuple(found.task.stages) if issubclass(found, TaskEnv) else ()
+
+
+def info_keys(env: EnvConfig) -> tuple[str, ...]:
+    """Returns the entries of `info` that a run needs."""
+    return ("success", "stages") if stage_names(env) else ("success",)
+
+
+def reached(info: Mapping[str, Any], names: Sequence[str]) -> NDArray[np.bool_]:
+    """Returns which stages the episodes of N rows have reached, (N, S)."""
+    columns = [np.asarray(info["stages"][name]) for name in names]
+    return np.stack(columns, axis=1) if columns else np.zeros((len(info["success"]), 0), bool)

@@ -119,7 +119,7 @@ class PrivilegedState:
 
     scene_key: str
     bodies: tuple[CollisionBody, ...]
-    world_from_body: dict[str, Array]
+    world_from_body: Mapping[str, Array]
     world_from_base: Array
     arm_qpos: Array
     locked_qpos: Mapping[str, float]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,32 @@ FIXED = ("stage", "static")
 """Groups of bodies that do not move."""
 
 
+class Poses(Mapping[str, Array]):
+    """Poses (4, 4) of bodies by name, converted to matrices when they are read."""
+
+    def __init__(self, fixed: Mapping[str, Array], moving: Mapping[str, sapien.Pose]) -> None:
+        """Takes the poses of one step: those of bodies that never move, and of the others."""
+        self._fixed, self._moving = fixed, moving
+        self._read: dict[str, Array] = {}
+
+    def __getitem__(self, name: str) -> Array:
+        found = self._fixed.get(name)
+        found = self._read.get(name) if found is None else found
+        if found is None:
+            found = self._read[name] = matrix(self._moving[name])
+        return found
+
+    def __iter__(self) -> Iterator[str]:
+        yield from self._fixed
+        yield from self._moving
+
+    def __len__(self) -> int:
+        return len(self._fixed) + len(self._moving)
+
+    def __reduce__(self) -> tuple[type[dict[str, Array]], tuple[dict[str, Array]]]:
+        return dict, (dict(self),)
+
+
 class GroundTruth:
     """Reads the privileged state of the CPU simulation, which has one row."""
 
@@ -44,6 +70,7 @@ class GroundTruth:
         self._bodies: tuple[CollisionBody, ...] = ()
         self._fixed: dict[str, Array] = {}
         self._moving: list[tuple[str, str, Any]] = []
+        self._links: list[tuple[str, Any]] = []
 
     def read(
         self,
@@ -61,24 +88,22 @@ class GroundTruth:
             handles: Indices of their handles in the grasp.
         """
         shown, agent = self._scene_bodies, self._agent
-        robot = [(f"{ROBOT.uid}/{link.name}", sapien_object(link)) for link in agent.robot.links]
         if not self._bodies:
-            self._bodies = self._read_bodies(robot)
+            self._bodies = self._read_bodies()
         present = set(episode.objects) | set(shown.loose)
-        poses = dict(self._fixed)
-        poses.update(
-            (name, matrix(body.entity_pose))
+        moving = {
+            name: body.entity_pose
             for name, group, body in self._moving
             if group != "object" or name in present
-        )
-        poses.update({name: matrix(body.entity_pose) for name, body in robot})
+        }
+        moving.update({name: body.entity_pose for name, body in self._links})
         qpos = sapien_object(agent.robot).get_qpos()
         held, arm = int(self._grasp.held[0]), agent.arm_index.tolist()
         points = self._grasp.objects_com_m()[0].numpy().astype(float)
         return PrivilegedState(
             scene_key=self._key,
             bodies=self._bodies,
-            world_from_body=poses,
+            world_from_body=Poses(self._fixed, moving),
             world_from_base=matrix(sapien_object(agent.base_link).entity_pose),
             arm_qpos=np.asarray(qpos[arm], dtype=float),
             locked_qpos={n: float(qpos[i]) for n, i in agent.joint_index.items() if i not in arm},
@@ -90,14 +115,16 @@ class GroundTruth:
             base_goal=np.array(goals.base[0].tolist()),
         )
 
-    def _read_bodies(self, robot: Sequence[tuple[str, Any]]) -> tuple[CollisionBody, ...]:
+    def _read_bodies(self) -> tuple[CollisionBody, ...]:
         """Returns all bodies; notes the poses of those that stand still, which are most."""
+        robot = self._agent.robot
+        self._links = [(f"{ROBOT.uid}/{link.name}", sapien_object(link)) for link in robot.links]
         for name, group, body in components(self._scene_bodies):
             if group in FIXED:
                 self._fixed[name] = matrix(body.entity_pose)
             else:
                 self._moving.append((name, group, body))
-        links = (read_body(name, "robot", body) for name, body in robot)
+        links = (read_body(name, "robot", body) for name, body in self._links)
         return (*self._pool.bodies(), *links)
 
     def articulations(

@@ -136,7 +136,13 @@ def body_outline(
     world_from_body: Array,
     heights_m: tuple[float, float] = (LOWEST_M, HIGHEST_M),
 ) -> BodyOutline:
-    """Returns what a body at a pose (4, 4) contributes to the map."""
+    """Returns what a body at a pose (4, 4) contributes to the map; kept, as most bodies rest."""
+    return _kept_outline(body, world_from_body.astype(np.float64).tobytes(), heights_m)
+
+
+@lru_cache(maxsize=4096)
+def _kept_outline(body: CollisionBody, pose: bytes, heights_m: tuple[float, float]) -> BodyOutline:
+    world_from_body = np.frombuffer(pose).reshape(4, 4)
     outlines: list[Array] = []
     ground: list[Array] = []
     for shape in body.shapes:

@@ -70,7 +70,7 @@ def view(env):
     return {
         "state": env.unwrapped.get_state_dict(),
         "measures": dict(vars(env.unwrapped.measures)),
-        "poses": state.world_from_body,
+        "poses": dict(state.world_from_body),
         "coms": state.object_com_m,
         "shapes": {
             b.name: {str(i): s.vertices_m for i, s in enumerate(b.shapes)} for b in state.bodies

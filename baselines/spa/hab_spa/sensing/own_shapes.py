@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import lru_cache
 from xml.etree import ElementTree
 
@@ -50,7 +51,7 @@ def own_poses(world_from_base: Array, arm_rad: Array) -> dict[str, Array]:
     }
 
 
-def inside_robot(points_m: Array, poses: dict[str, Array], margin_m: float) -> NDArray[np.bool_]:
+def inside_robot(points_m: Array, poses: Mapping[str, Array], margin_m: float) -> NDArray[np.bool_]:
     """Whether world points (K, 3) are inside the robot or within about `margin_m` of it.
 
     Args:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from hab_ppo.noise import ActionNoise
+from hab_ppo.noise import Noise
 from hab_tasks.errors import OptionError
 
 
@@ -28,7 +28,7 @@ class ActionHead(Protocol):
     size: int
     stored: tuple[int, ...]
 
-    def sample(self, outputs: Tensor, noise: ActionNoise | None) -> Tensor:
+    def sample(self, outputs: Tensor, noise: Noise | None) -> Tensor:
         """Returns actions (M, *stored); the most likely ones without noise."""
         ...
 
@@ -90,7 +90,7 @@ class Gaussian(nn.Module):
         chosen[list(binary)] = True
         self.register_buffer("_binary", chosen, persistent=False)
 
-    def sample(self, outputs: Tensor, noise: ActionNoise | None) -> Tensor:
+    def sample(self, outputs: Tensor, noise: Noise | None) -> Tensor:
         """See `ActionHead`."""
         if noise is None:
             return torch.where(self._binary, torch.where(outputs >= 0, 1.0, -1.0), outputs)
@@ -164,12 +164,11 @@ class Categorical(nn.Module):
         self.size = int(space.n)
         self.stored = ()
 
-    def sample(self, outputs: Tensor, noise: ActionNoise | None) -> Tensor:
+    def sample(self, outputs: Tensor, noise: Noise | None) -> Tensor:
         """See `ActionHead`."""
         if noise is None:
             return outputs.argmax(dim=-1)
-        drawn = torch.multinomial(outputs.softmax(dim=-1), 1, generator=noise.generator)
-        return drawn[:, 0]
+        return noise.pick(outputs.softmax(dim=-1))
 
     def log_prob(self, outputs: Tensor, actions: Tensor) -> Tensor:
         """See `ActionHead`."""

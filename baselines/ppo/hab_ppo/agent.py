@@ -6,12 +6,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from hab_ppo import checkpoint
 from hab_ppo.errors import PolicyFileError
 from hab_ppo.network import Policy, new_policy
+from hab_ppo.noise import RowNoise
 from hab_ppo.observation import ObservationLayout
 from hab_ppo.recipe import Recipe, from_json
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec, check_options
@@ -47,7 +49,7 @@ def load_policy(setup: AgentSetup, path: Path) -> LoadedPolicy:
 
 
 class PolicyAgent:
-    """Acts with the most likely actions of a policy."""
+    """Acts with the most likely actions of a policy, or with drawn ones if its recipe says so."""
 
     def __init__(self, setup: AgentSetup, path: Path) -> None:
         """Loads the weights of a file.
@@ -62,17 +64,22 @@ class PolicyAgent:
         self.spec = spec_of(recipe)
         self._device, self._repeat = setup.device, recipe.env.action_repeat
         self._age = torch.zeros(0, dtype=torch.int64)  # steps of each row's episode
+        self._draws = recipe.draws_actions
+        self._random: list[np.random.Generator] = []
         self._actions = torch.zeros(0, 0)
         self._memory, self._starts = self._policy.no_memory(0), torch.zeros(0, dtype=torch.bool)
 
     def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
-        """Forgets the episodes of the rows in `mask` (N,) bool; the policy is deterministic."""
+        """Starts episodes in the rows of `mask` (N,) bool, seeded with `seeds` (N,)."""
         if len(self._starts) != len(mask):
             self._memory = self._policy.no_memory(len(mask))
             self._starts = torch.ones(len(mask), dtype=torch.bool)
             self._age = torch.zeros(len(mask), dtype=torch.int64)
+            self._random = [np.random.default_rng(seed) for seed in seeds]
         self._starts = self._starts | mask.cpu()
         self._age[mask.cpu()] = 0
+        for row in mask.nonzero()[:, 0].tolist():
+            self._random[row] = np.random.default_rng(seeds[row])
 
     def act(self, obs: Mapping[str, Any]) -> Tensor:
         """Returns actions (N, A) float32, or cells (N, 1) of a discrete space."""
@@ -85,7 +92,9 @@ class PolicyAgent:
     def _decide(self, obs: Mapping[str, Any], due: Tensor) -> None:
         """Chooses the actions of the rows `due` (N,) bool; the others repeat theirs."""
         seen = self._policy.layout.read(obs).to(self._device)
-        acted = self._policy.choose(seen, self._memory, self._starts.to(self._device))
+        rows = [one if now else None for one, now in zip(self._random, due, strict=True)]
+        noise = RowNoise(rows) if self._draws else None
+        acted = self._policy.choose(seen, self._memory, self._starts.to(self._device), noise)
         actions = torch.from_numpy(self._policy.head.to_env(acted.actions)).reshape(len(due), -1)
         first = self._actions.shape != actions.shape
         self._actions = actions if first else torch.where(due[:, None], actions, self._actions)

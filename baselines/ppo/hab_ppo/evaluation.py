@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from hab_ppo.network import Policy
-from hab_ppo.noise import ActionNoise
+from hab_ppo.noise import Noise
 from hab_ppo.observation import Observation
 from hab_ppo.stages import reached
 from hab_tasks.episodes import Episode
@@ -91,7 +91,7 @@ def evaluate(
     env: Any,
     policy: Policy,
     episodes: Sequence[Episode],
-    noise: ActionNoise | None = None,
+    noise: Noise | None = None,
     observer: Observer | None = None,
     stages: Sequence[str] = (),
 ) -> list[Score]:

@@ -16,7 +16,7 @@ from gymnasium import spaces
 from torch import Tensor, nn
 
 from hab_ppo.actions import action_head
-from hab_ppo.noise import ActionNoise
+from hab_ppo.noise import Noise
 from hab_ppo.normalizer import RunningNormalizer
 from hab_ppo.observation import Observation, ObservationLayout
 from hab_ppo.recipe import NetworkConfig
@@ -135,7 +135,7 @@ class Policy(nn.Module):
 
     @torch.no_grad()
     def choose(
-        self, obs: Observation, memory: Tensor, starts: Tensor, noise: ActionNoise | None = None
+        self, obs: Observation, memory: Tensor, starts: Tensor, noise: Noise | None = None
     ) -> Chosen:
         """Acts in N rows.
 
@@ -156,7 +156,7 @@ class Policy(nn.Module):
         return Chosen(self.head.sample(outputs, noise), memory)
 
     @torch.no_grad()
-    def act(self, obs: Observation, memory: Tensor, starts: Tensor, noise: ActionNoise) -> Acted:
+    def act(self, obs: Observation, memory: Tensor, starts: Tensor, noise: Noise) -> Acted:
         """Acts like `choose` with noise, and tells the log-probabilities and the values."""
         features, memory = self._step(obs, memory, starts)
         outputs = self.outputs(features, obs)

@@ -8,11 +8,13 @@ from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
+import torch
 
 from hab_ppo import checkpoint
 from hab_ppo.agent import recipe_of
 from hab_ppo.evaluation import evaluate
 from hab_ppo.network import new_policy
+from hab_ppo.noise import ActionNoise
 from hab_ppo.observation import ObservationLayout
 from hab_tasks.episodes import EpisodeRequest, load_episodes
 from hab_tasks.processes import use_one_thread
@@ -38,7 +40,7 @@ class Result:
 
 
 def play(path: Path, *, split: str, episodes: int, seed: int, rows: int, workers: int) -> Result:
-    """Plays episodes greedily with the weights of a file.
+    """Plays episodes with the weights of a file.
 
     Args:
         path: File of weights.
@@ -75,7 +77,8 @@ def play(path: Path, *, split: str, episodes: int, seed: int, rows: int, workers
         policy = new_policy(layout, space, network, 0, recipe.binary_entries)
         checkpoint.load_network(policy, tensors, path)
         began = time.perf_counter()
-        scores = evaluate(env, policy, wanted)
+        noise = ActionNoise(torch.Generator().manual_seed(seed)) if recipe.draws_actions else None
+        scores = evaluate(env, policy, wanted, noise)
         seconds = time.perf_counter() - began
     finally:
         env.close()

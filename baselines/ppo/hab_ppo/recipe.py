@@ -294,6 +294,9 @@ class Recipe:
             checkpoint is kept.
         evaluation_episodes: Number of episodes in an evaluation.
         evaluation_split: Their split.
+        draws_actions: Whether a policy's actions are drawn also where it is evaluated and used, as
+            in Habitat; else they are the most likely ones, of which a policy with discrete actions
+            may repeat the same forever.
         warm_start: Cloning before PPO; None to start from random weights.
         distill: Distillation before PPO; likewise.
     """
@@ -306,6 +309,7 @@ class Recipe:
     evaluation_steps: int = 100_000
     evaluation_episodes: int = 50
     evaluation_split: str = "val"
+    draws_actions: bool = False
     warm_start: WarmStart | None = None
     distill: Distillation | None = None
 

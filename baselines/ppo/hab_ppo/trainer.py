@@ -25,6 +25,7 @@ from hab_ppo.episodes import prepare_episodes
 from hab_ppo.evaluation import evaluate
 from hab_ppo.fine_tuning import Stage
 from hab_ppo.network import new_policy
+from hab_ppo.noise import ActionNoise
 from hab_ppo.observation import ObservationLayout
 from hab_ppo.plan import BEST, EXACT, LAST, RECIPE, TrainPlan, check_same
 from hab_ppo.ppo import PPO
@@ -171,7 +172,10 @@ class Trainer:
         names += [f"eval/stage/{name}" for name in self._stages]
         mine = self._episodes[ranks.rank :: ranks.size]
         policy = self._learner.policy
-        scores = evaluate(self._env, policy, mine, stages=self._stages) if mine else []
+        noise = None
+        if self._recipe.draws_actions:
+            noise = ActionNoise(self._generator(3, ranks.device))
+        scores = evaluate(self._env, policy, mine, noise, stages=self._stages) if mine else []
         rows = [(1.0, one.success, one.total_reward, *one.stages) for one in scores]
         sums = torch.zeros(1 + len(names), dtype=torch.float64)
         for row in rows:

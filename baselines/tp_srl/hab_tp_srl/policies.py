@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from hab_ppo.agent import load_policy
 from hab_ppo.errors import PolicyFileError
+from hab_ppo.noise import RowNoise
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -42,6 +43,7 @@ class Turn:
         policy: Its policy.
         entries: The state observation of this step.
         memory: (2, H) state of the LSTM; None at the start of the skill.
+        random: Draws its actions; None for the most likely ones.
         age: Number of actions so far.
         action: (A,) the action of this step, after `SkillPolicy.decide`.
     """
@@ -49,6 +51,7 @@ class Turn:
     policy: SkillPolicy
     entries: Entries = field(default_factory=dict)
     memory: Tensor | None = None
+    random: np.random.Generator | None = None
     age: int = 0
     action: NDArray[Any] = field(default_factory=lambda: np.zeros(0, dtype=np.float32))
 
@@ -114,7 +117,7 @@ class SkillPolicy:
         return self._policy.layout.image_shape is not None
 
     def decide(self, rows: Sequence[int], turns: Sequence[Turn], obs: Mapping[str, Any]) -> None:
-        """Chooses the most likely actions of some rows; stores them and the memories.
+        """Chooses the actions of some rows; stores them and the memories.
 
         A policy with `EnvConfig.action_repeat` chooses every so many steps, and repeats its action.
 
@@ -134,7 +137,8 @@ class SkillPolicy:
         starts = torch.tensor([turn.memory is None for turn in turns], device=self._device)
         blank = self._policy.no_memory(1)[:, 0]
         memory = torch.stack([blank if t.memory is None else t.memory for t in turns], dim=1)
-        acted = self._policy.choose(seen, memory, starts)
+        noise = RowNoise([turn.random for turn in turns]) if self.recipe.draws_actions else None
+        acted = self._policy.choose(seen, memory, starts, noise)
         actions = self._policy.head.to_env(acted.actions).reshape(len(turns), -1)
         for number, turn in enumerate(turns):
             turn.action, turn.memory = actions[number], acted.memory[:, number]

@@ -62,7 +62,7 @@ def learned(
     """
     # As at the reset of the skill's environment: the commanded pose is the present one.
     robot.relax()
-    turn, point_m = Turn(policy=policy), view.point(stage)
+    turn, point_m = _turn(robot, policy), view.point(stage)
 
     def result() -> Command:
         robot.gripper = ending.gripper(_gripper(policy, turn.action, robot.gripper))
@@ -90,7 +90,7 @@ def learned_navigation(
 
     The other arguments and the result are those of `learned`.
     """
-    turn, point_m = Turn(policy=policy), view.point(stage)
+    turn, point_m = _turn(robot, policy), view.point(stage)
 
     def result() -> Command:
         # The mask of Navigate: what is held stays held, and nothing else is grasped.
@@ -146,6 +146,11 @@ def _gripper(policy: SkillPolicy, action: NDArray[Any], now: float) -> float:
     """Returns the gripper entry of an action; the present one if it has none."""
     arm = policy.control.arm
     return now if arm == "still" else float(action[ARM_SIZE[arm]])
+
+
+def _turn(robot: Robot, policy: SkillPolicy) -> Turn:
+    draws = policy.recipe.draws_actions
+    return Turn(policy=policy, random=np.random.default_rng(robot.next_seed()) if draws else None)
 
 
 def _asking(robot: Robot, turn: Turn, result: Callable[[], Command]) -> PolicyCommand:

@@ -13,7 +13,7 @@ from hab_ppo.collect import Collector
 from hab_ppo.distributed import Ranks
 from hab_ppo.evaluation import evaluate
 from hab_ppo.network import HOLDING, Judged, new_policy
-from hab_ppo.noise import ActionNoise
+from hab_ppo.noise import ActionNoise, RowNoise
 from hab_ppo.observation import Observation, ObservationLayout
 from hab_ppo.ppo import METRICS, PPO, Batch
 from hab_ppo.recipe import (
@@ -228,3 +228,34 @@ def test_the_toy_is_learnt(discrete, lstm_size):
     scores = evaluate(collector.env, learner.policy, episodes)
     assert [score.episode for score in scores] == list(range(20))
     assert sum(score.success for score in scores) >= 18
+
+
+class Fixed:
+    """A generator that gives one number."""
+
+    def __init__(self, number):
+        self.number = number
+
+    def random(self):
+        return self.number
+
+
+def test_rows_pick_cells_by_their_own_numbers():
+    """Cumulated: 0.2, 0.7, 1.0. A row without a generator gets the first cell."""
+    shares = torch.tensor([[0.2, 0.5, 0.3]]).repeat(5, 1)
+    noise = RowNoise([Fixed(0.19), Fixed(0.21), Fixed(0.71), Fixed(0.9999999), None])
+    assert noise.pick(shares).tolist() == [0, 1, 2, 2, 0]
+
+
+def test_a_row_draws_the_same_whatever_the_others_do():
+    shares = torch.full((2, 4), 0.25)
+    alone, together = np.random.default_rng(3), np.random.default_rng(3)
+    other = np.random.default_rng(5)
+    first = [int(RowNoise([alone]).pick(shares[:1])[0]) for _ in range(20)]
+    second = [int(RowNoise([other, together]).pick(shares)[1]) for _ in range(20)]
+    assert first == second
+    assert len(set(first)) == 4
+    like = torch.zeros(2, 3)
+    numbers = RowNoise([np.random.default_rng(7), None]).normal(like)
+    assert numbers[0].tolist() == pytest.approx(np.random.default_rng(7).standard_normal(3))
+    assert numbers[1].tolist() == [0, 0, 0]

@@ -2,7 +2,8 @@
 
 Learned by PPO alone. The expert that drives to the goal pose is hard to imitate: the policy does
 not observe this pose, only the point that another skill starts from it. Each action is executed for
-four steps (0.13 s), which saves images and shortens the way from an action to its reward.
+four steps (0.13 s), which saves images and shortens the way from an action to its reward. Actions
+are drawn, as the most likely ones can turn to and fro forever.
 """
 
 from dataclasses import replace
@@ -25,5 +26,6 @@ RECIPE = Recipe(
         rows=16,
         rollout_steps=50,
     ),
-    total_steps=1_200_000,
+    total_steps=1_400_000,
+    draws_actions=True,
 )

@@ -55,7 +55,7 @@ class RowNoise:
     """Noise of rows with generators of their own: a row's numbers depend on its own seed alone."""
 
     def __init__(self, rows: Sequence[np.random.Generator | None]) -> None:
-        """Draws from the generators of N rows; a row without one, whose action is unused, gets 0."""
+        """Draws from the generators of N rows; a row without one, of unused action, gets 0."""
         self._rows = rows
 
     def normal(self, like: Tensor) -> Tensor:

@@ -42,7 +42,8 @@ def card(name: str, records: Iterable[RunRecord]) -> str:
     lines += _table(("policy", ""), _facts(recipe, path))
     lines += ["", "## Training", "", f"![Learning curve]({name}.png)", ""]
     lines += _table(("run", ""), _training(about))
-    lines += ["", "## Results", "", "Most likely actions; 95 % Wilson intervals.", ""]
+    actions = "Drawn" if recipe.draws_actions else "Most likely"
+    lines += ["", "## Results", "", f"{actions} actions; 95 % Wilson intervals.", ""]
     lines += _table(RESULTS, [_result(record) for record in own]) if own else [NOT_EVALUATED]
     return "\n".join(lines) + "\n"
 
@@ -50,11 +51,11 @@ def card(name: str, records: Iterable[RunRecord]) -> str:
 def draw_card_curve(name: str, out: Path) -> None:
     """Draws the learning curve in a file of weights."""
     points = checkpoint.load(WEIGHTS / f"{name}.safetensors")[1]["training"]["curve"]
-    drawn, greedy = (
+    training, evaluated = (
         [(point[0], point[entry]) for point in points if point[entry] is not None]
         for entry in (1, 2)
     )
-    draw_success(drawn, greedy, out)
+    draw_success(training, evaluated, out)
 
 
 def _facts(recipe: Recipe, path: Path) -> list[tuple[str, str]]:

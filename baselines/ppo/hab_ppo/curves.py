@@ -40,8 +40,8 @@ def draw_curves(runs: Sequence[Path], out: Path) -> None:
         for axis, (metrics, _) in zip(axes, PANELS, strict=False):
             for metric in metrics:
                 line = [(entry["steps"], entry[metric]) for entry in entries if metric in entry]
-                greedy = metric.startswith("eval/")
-                _draw(axis, line, greedy=greedy, label=f"{run.name}, ", color=f"C{number}")
+                evaluated = metric.startswith("eval/")
+                _draw(axis, line, evaluated=evaluated, label=f"{run.name}, ", color=f"C{number}")
     for axis, (_, label) in zip(axes, PANELS, strict=False):
         _name(axis, label)
     axes[0].set_ylim(0, 1)
@@ -67,12 +67,12 @@ def _draw_stages(axis: Any, entries: Sequence[dict[str, Any]], stages: Sequence[
     axis.legend(fontsize="small", ncols=2)
 
 
-def draw_success(training: Line, greedy: Line, out: Path) -> None:
+def draw_success(training: Line, evaluated: Line, out: Path) -> None:
     """Draws (steps, success rate) of training and of evaluations, for a model card."""
     figure = _figure(CARD_SIZE_IN)
     axis = figure.subplots()
-    _draw(axis, training, greedy=False)
-    _draw(axis, greedy, greedy=True)
+    _draw(axis, training, evaluated=False)
+    _draw(axis, evaluated, evaluated=True)
     _name(axis, "success")
     axis.set_ylim(0, 1)
     axis.legend(fontsize="small")
@@ -85,11 +85,11 @@ def _figure(size_in: tuple[float, float]) -> Any:
     return Figure(figsize=size_in, layout="constrained")
 
 
-def _draw(axis: Any, line: Line, *, greedy: bool, label: str = "", **style: Any) -> None:
+def _draw(axis: Any, line: Line, *, evaluated: bool, label: str = "", **style: Any) -> None:
     if not line:
         return
-    style |= {"marker": "o"} if greedy else {"alpha": 0.5}
-    label += "greedy, validation" if greedy else "training"
+    style |= {"marker": "o"} if evaluated else {"alpha": 0.5}
+    label += "validation" if evaluated else "training"
     axis.plot(*zip(*line, strict=True), label=label, **style)
 
 

@@ -106,7 +106,7 @@ class Progress:
             words.append(f"return {entry['train/return']:.2f}")
             words.append(f"success {entry['train/success']:.0%}")
         if "eval/success" in entry:
-            words.append(f"greedy {entry['eval/success']:.0%} (best {entry['eval/best']:.0%})")
+            words.append(f"evaluated {entry['eval/success']:.0%} (best {entry['eval/best']:.0%})")
         return " | ".join([*words, f"{left_min:.0f} min left"])
 
 

@@ -30,12 +30,12 @@ class Point:
     Attributes:
         steps: Environment steps.
         training: Success rate of the last training episodes; None if none had ended.
-        greedy: Success rate of an evaluation; None without one.
+        evaluated: Success rate of an evaluation; None without one.
     """
 
     steps: int
     training: float | None
-    greedy: float | None
+    evaluated: float | None
 
 
 def ship(run: Path) -> Path:
@@ -59,7 +59,7 @@ def ship(run: Path) -> Path:
         "steps": entries[-1]["steps"],
         "seconds": entries[-1]["seconds"],
         "start": None if start is None else {k: start[k] for k in ("seconds", "made_from")},
-        "curve": [[p.steps, p.training, p.greedy] for p in curve(entries)],
+        "curve": [[p.steps, p.training, p.evaluated] for p in curve(entries)],
     }
     out = WEIGHTS / f"{about['recipe']['name']}.safetensors"
     out.parent.mkdir(exist_ok=True)
@@ -73,10 +73,12 @@ def curve(entries: list[dict[str, Any]]) -> list[Point]:
     stride = max(1, -(-len(entries) // CURVE_POINTS))
     points = []
     for number, entry in enumerate(entries):
-        greedy = entry.get("eval/success")
-        if greedy is not None or number % stride == 0:
+        evaluated = entry.get("eval/success")
+        if evaluated is not None or number % stride == 0:
             training = _rounded(entry.get("train/success"))
-            points.append(Point(steps=entry["steps"], training=training, greedy=_rounded(greedy)))
+            points.append(
+                Point(steps=entry["steps"], training=training, evaluated=_rounded(evaluated))
+            )
     return points
 
 

@@ -94,14 +94,14 @@ def test_weights_that_do_not_tell_their_origin_do_not_ship(weights, run):
 
 def test_a_curve_keeps_all_evaluations(run):
     assert curve(read_progress(run)) == [
-        Point(steps=1600, training=None, greedy=None),
-        Point(steps=3200, training=0.5124, greedy=0.62),
+        Point(steps=1600, training=None, evaluated=None),
+        Point(steps=3200, training=0.5124, evaluated=0.62),
     ]
     many = [{"steps": n, "train/success": 0.5} for n in range(1000)]
     many[7]["eval/success"] = 0.25
     points = curve(many)
     assert [point.steps for point in points[:3]] == [0, 7, 10]
-    assert points[1].greedy == 0.25
+    assert points[1].evaluated == 0.25
     assert len(points) == 101
 
 

@@ -60,13 +60,15 @@ Example:
         stale = []
         for name in shipped_names():
             path, text = WEIGHTS / f"{name}.md", card(name, records.values())
-            if path.is_file() and path.read_text(encoding="utf-8") == text:
+            picture = path.with_suffix(".png")
+            there = path.is_file() and picture.is_file()
+            if there and path.read_text(encoding="utf-8") == text:
                 continue
             stale.append(name)
             if not self.check:
                 with written_aside(path) as scratch:
                     scratch.write_text(text, encoding="utf-8")
-                draw_card_curve(name, path.with_suffix(".png"))
+                draw_card_curve(name, picture)
         state = "out of date" if self.check else "written"
         say(f"{state}: {', '.join(stale)}" if stale else "all cards are up to date")
         return int(self.check and bool(stale))

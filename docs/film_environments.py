@@ -24,8 +24,8 @@ SUBMISSIONS = {
     "HabOpenDrawer-v1": "open_drawer_blind-open_drawer-apartment-seed40",
     "HabCloseDrawer-v1": "close_drawer_blind-close_drawer-apartment-seed40",
     "HabNavigate-v1": "spa_priv-navigate-apartment-seed16",
-    "HabTidyHouse-v1": "tp_srl_retries-tidy_house-apartment-seed52",
-    "HabPrepareGroceries-v1": "tp_srl_retries-prepare_groceries-apartment-seed51",
+    "HabTidyHouse-v1": "tp_spa_priv-tidy_house-apartment-seed5",
+    "HabPrepareGroceries-v1": "tp_spa_priv-prepare_groceries-apartment-seed5",
     "HabSetTable-v1": "tp_srl_retries-set_table-apartment-seed52",
 }
 """Environment -> submission whose first success is filmed."""

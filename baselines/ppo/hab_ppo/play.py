@@ -16,6 +16,7 @@ from hab_ppo.evaluation import evaluate
 from hab_ppo.network import new_policy
 from hab_ppo.noise import ActionNoise
 from hab_ppo.observation import ObservationLayout
+from hab_ppo.recipe import Recipe
 from hab_tasks.episodes import EpisodeRequest, load_episodes
 from hab_tasks.processes import use_one_thread
 
@@ -77,8 +78,7 @@ def play(path: Path, *, split: str, episodes: int, seed: int, rows: int, workers
         policy = new_policy(layout, space, network, 0, recipe.binary_entries)
         checkpoint.load_network(policy, tensors, path)
         began = time.perf_counter()
-        noise = ActionNoise(torch.Generator().manual_seed(seed)) if recipe.draws_actions else None
-        scores = evaluate(env, policy, wanted, noise)
+        scores = evaluate(env, policy, wanted, _noise(recipe, seed))
         seconds = time.perf_counter() - began
     finally:
         env.close()
@@ -90,3 +90,8 @@ def play(path: Path, *, split: str, episodes: int, seed: int, rows: int, workers
         mean_steps=float(np.mean(steps)),
         steps_per_s=sum(steps) / seconds,
     )
+
+
+def _noise(recipe: Recipe, seed: int) -> ActionNoise | None:
+    draws = recipe.draws_actions
+    return ActionNoise(torch.Generator().manual_seed(seed)) if draws else None

@@ -28,6 +28,12 @@ from hab_tasks.tasks.task_rules import SHOWN
 
 PAGE = "environments.md"
 
+FILMED = (
+    *("HabPick-v1", "HabPlace-v1", "HabOpenFridge-v1", "HabCloseFridge-v1", "HabOpenDrawer-v1"),
+    *("HabCloseDrawer-v1", "HabNavigate-v1", "HabSetTable-v1"),
+)
+"""Environments with a video beside the page; docs/film_environments.py makes them."""
+
 SCORES = {
     "sct": ("1", "success weighted by completion time, at most 1"),
     "spl": ("1", "success weighted by path length, at most 1"),
@@ -102,11 +108,12 @@ def _section(entry: EnvEntry) -> str:
     modes = [(f"`{m}`", *_action(control_configs()[m])) for m in env.control_modes]
     measured = [(f"`{name}`", *meaning) for name, meaning in measures_of(env).items()]
     speed = ", eight times as fast" if issubclass(env, TaskEnv) else ""
+    video = f"[Video of an episode{speed}: head camera, arm camera, room]({video_name(entry.id)})\n"
     lines = [
         f"\n## {entry.id}\n",
         f"{parts['Task']}\n",
         f"![{entry.id}: initial state and head camera image]({picture_name(entry.id)})\n",
-        f"[Video of an episode{speed}: head camera, arm camera, room]({video_name(entry.id)})\n",
+        *([video] if entry.id in FILMED else []),
         _paragraph("Start", parts["Start"]),
         _paragraph("Observation", parts["Observation"]),
         _table(("entry", "group", "shape", "unit", "meaning"), observed),

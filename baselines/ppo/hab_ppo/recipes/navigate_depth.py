@@ -3,7 +3,7 @@
 Learned by PPO alone. The expert that drives to the goal pose is hard to imitate: the policy does
 not observe this pose, only the point that another skill starts from it. Each action is executed for
 four steps (0.13 s), which saves images and shortens the way from an action to its reward. Actions
-are drawn, as the most likely ones can turn to and fro forever.
+are drawn, as the most likely ones can turn back and forth forever.
 """
 
 from dataclasses import replace

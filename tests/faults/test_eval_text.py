@@ -213,12 +213,13 @@ def test_a_site_shows_the_text_and_nothing_else(text, tmp_path):
         agents=agent_pages(entries, []),
         datasets=dataset_pages(entries, tmp_path),
         receptacles=Receptacles(),
+        studies=[],
         videos={},
         docs=tmp_path,
     )
     pages = all_pages(site)
     write_pages(tmp_path, pages)
-    assert len(pages) == 10
+    assert len(pages) == 11
     for page in pages:
         written = (tmp_path / page.path).read_text()
         read = Reader()

@@ -43,11 +43,13 @@ At least two pieces of furniture swap positions and some others move slightly. W
 furniture and kitchen are placed anywhere along the walls, with blocked fridge doors and narrow
 aisles.
 Equal options give equal layouts, and layout 7 does not depend on the number of layouts.
+With --extend train, DIR is DATASET with more training layouts.
 DIR is accepted wherever a dataset is; it refers to the dataset that has the furniture.
 
 Example:
   hab-tasks vary apartment --macro sc1 --count 20 --seed 0 --out my_layouts
   hab-tasks vary apartment --wild --count 100 --out wild
+  hab-tasks vary apartment --wild --extend train --count 100 --out larger
   hab-eval run --agent hab_spa:spa_priv --env HabPick-v1 --scene-dataset wild --out runs/wild"""
 
     dataset: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="DATASET")]
@@ -55,7 +57,10 @@ Example:
     macro: Annotated[str | None, tyro.conf.arg(metavar="ID")] = None
     """The macro layout, v3_sc1_staging_00 or sc1 for short. With --wild, default: all of them."""
     wild: bool = False
-    """Move all furniture, kitchen included, keeping tasks feasible. All layouts are split test."""
+    """Move all furniture, kitchen included, keeping tasks feasible. The layouts are split test."""
+    extend: Annotated[str | None, tyro.conf.arg(metavar="SPLIT")] = None
+    """With --wild: sample from the macro layouts of train, val or test, and add the layouts to this
+    split of DATASET, whose own layouts DIR then has too."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Output folder of the *.scene_instance.json files and layouts.json."""
     count: Annotated[int, tyro.conf.arg(metavar="N")] = 20
@@ -69,6 +74,7 @@ Example:
         """Generates and writes the layouts, then prints the rejections by reason."""
         from hab_tasks.layouts.vary import macro_scene_id
         from hab_tasks.scenes.habitat.dataset import resolve_dataset
+        from hab_tasks.scenes.habitat.inventory import macros_of_split
         from hab_tasks.scenes.habitat.layout_set import FILE
 
         self._check()
@@ -78,10 +84,13 @@ Example:
                 f"{self.dataset} already consists of variations; vary {dataset.layouts.dataset}."
             )
         macro = None if self.macro is None else macro_scene_id(dataset, self.macro)
+        macros = None if macro is None else [macro]
+        if self.extend is not None:
+            macros = macros_of_split(dataset, self.extend)
         check_folder(self.out, force=self.force, mark=FILE)
         wild: list[WildLayout] = []
         if macro is None or self.wild:
-            made = self._wild(dataset, macro, wild)
+            made = self._wild(dataset, macros, wild)
         else:
             made = self._ordinary(dataset, macro)
         refused = self._write(dataset, macro, made)
@@ -101,6 +110,8 @@ Example:
                 "No layout to vary: give --macro, for example --macro sc1, or --wild to sample "
                 "from all layouts."
             )
+        if self.extend is not None and (self.macro is not None or not self.wild):
+            raise HabError("--extend samples wild layouts of a split: give --wild and no --macro.")
 
     def _write(
         self, dataset: SceneDataset, macro: str | None, made: Iterator[Made]
@@ -130,11 +141,11 @@ Example:
             yield f"{stem}_{index:02d}", macro, variation.scene, variation.rejections
 
     def _wild(
-        self, dataset: SceneDataset, macro: str | None, found: list[WildLayout]
+        self, dataset: SceneDataset, macros: list[str] | None, found: list[WildLayout]
     ) -> Iterator[Made]:
         from hab_tasks.layouts.wild import WildVarier
 
-        varier = WildVarier(dataset, macro)
+        varier = WildVarier(dataset, macros)
         for index in range(1, self.count + 1):
             layout = varier.make(self.seed, index)
             found.append(layout)
@@ -152,14 +163,17 @@ Example:
             dataset.name,
             *(["wild"] if self.wild else []),
             *([_short(macro)] if macro else []),
+            *([self.extend] if self.extend else []),
         ]
+        split = WILD_SPLIT if self.wild else dataset.split_of(next(iter(macros.values())))
         return LayoutSet(
             name="_".join([*parts, str(self.seed)]),
             dataset="apartment" if embedded else str(dataset.root),
             templates=dataset.templates,
-            split=WILD_SPLIT if self.wild else dataset.split_of(next(iter(macros.values()))),
+            split=self.extend or split,
             wild=self.wild,
             macros=macros,
+            extends=self.extend is not None,
         )
 
 

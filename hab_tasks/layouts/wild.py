@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import islice
@@ -104,16 +104,19 @@ class WildVarier:
     """Generates wild layouts of a dataset."""
 
     def __init__(
-        self, dataset: SceneDataset, macro: str | None = None, config: WildConfig | None = None
+        self,
+        dataset: SceneDataset,
+        macros: Sequence[str] | None = None,
+        config: WildConfig | None = None,
     ) -> None:
-        """Prepares to sample from one macro layout (its scene id), or from all.
+        """Prepares to sample from macro layouts (their scene ids), or from all.
 
         Raises:
             GenerationError: The dataset has no macro layouts.
         """
         self.dataset = dataset
         self.config = config or WildConfig()
-        self.macros = macro_layouts(dataset) if macro is None else [macro]
+        self.macros = macro_layouts(dataset) if macros is None else list(macros)
         if not self.macros:
             raise GenerationError(f"{dataset.root}: no macro layouts to draw from.")
         mirrored = MIRRORED in dataset.urdf_files

@@ -206,3 +206,36 @@ def test_every_layout_gives_episodes(which, env, request):
     for scene_id in sorted(dataset.scene_files)[:COUNT]:
         asked = EpisodeRequest(env_id=env, scene_dataset=str(dataset.root), scene=scene_id)
         assert open_source(asked).make(0).episode.scene_id == scene_id
+
+
+def test_layouts_extend_a_split_of_their_dataset(tmp_path):
+    out = tmp_path / "larger"
+    assert main(command("apartment", out, 2, "--extend", "train")) == 0
+    apartment, larger = resolve_dataset("apartment"), SceneDataset(out)
+    added = set(larger.layouts.macros)
+    assert len(added) == 2
+    assert set(larger.layouts.macros.values()) <= {f"v3_sc{n}_staging_00" for n in range(3)}
+    assert set(larger.scenes_of_split("train")) == added | set(apartment.scenes_of_split("train"))
+    for split in ("val", "test"):
+        assert larger.scenes_of_split(split) == apartment.scenes_of_split(split)
+    assert larger.split_of(min(added)) == "train"
+    own, other = min(added), "v3_sc3_staging_00"
+    macro = load_scene(apartment, larger.layouts.macros[own])
+    assert len(load_scene(larger, own).objects) == len(macro.objects)
+    assert load_scene(larger, other).objects == load_scene(apartment, other).objects
+    assert larger.navmesh_file(other) == apartment.navmesh_file(other)
+    source = open_source(EpisodeRequest("HabNavigate-v1", str(out), split="train"))
+    assert {source.get(index).scene_id for index in range(2)} == added
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--extend", "trian"], "trian"),
+        (["--extend", "train", "--macro", "sc0"], "--extend samples wild layouts of a split"),
+    ],
+)
+def test_a_split_that_cannot_be_extended_is_told(tmp_path, capsys, options, message):
+    assert main(command("apartment", tmp_path / "larger", 1, *options)) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "larger").exists()

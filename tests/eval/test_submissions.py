@@ -48,7 +48,9 @@ def test_names_are_those_of_the_committed_submissions():
     }
     # An older spelling, from before this command, and runs with options, named by --name.
     wanted = {
-        name: name.replace("replicacad_wild", "replica_cad_wild").replace("tp_srl_retries", "tp_srl")
+        name: name.replace("replicacad_wild", "replica_cad_wild").replace(
+            "tp_srl_retries", "tp_srl"
+        )
         for name in named
     }
     assert named == wanted

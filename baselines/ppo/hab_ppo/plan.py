@@ -32,6 +32,7 @@ class TrainPlan:
         resume: Checkpoint to continue from, `LAST` or `EXACT`; None to start anew.
         demonstrations: File of demonstrations for the recipe's warm start; None to make them.
         teacher: Weights or run of the teacher, instead of those that the recipe names.
+        weights: Name, run or file of weights to start from, instead of random ones.
         command: The command of the run, for its description.
     """
 
@@ -41,6 +42,7 @@ class TrainPlan:
     resume: str | None = None
     demonstrations: Path | None = None
     teacher: Path | None = None
+    weights: Path | None = None
     command: str = ""
 
 

@@ -68,20 +68,24 @@ def check_expert(method: str, env: EnvConfig) -> None:
         raise RecipeError(f"{env.env} has no expert {method}.")
 
 
-def teacher_file(teacher: str) -> Path:
-    """Returns the weights of a recipe's name or a path.
+def known_weights(name: str, option: str) -> Path:
+    """Returns the file of weights of a policy that ships, of a run, or itself.
+
+    Args:
+        name: The policy's name or a path.
+        option: The option of ``hab-ppo train`` for them.
 
     Raises:
         PolicyFileError: There are none.
     """
-    path = weights_file(Path(teacher))
-    shipped = WEIGHTS / f"{teacher}.safetensors"
+    path = weights_file(Path(name))
+    shipped = WEIGHTS / f"{name}.safetensors"
     if path.is_file():
         return path
     if shipped.is_file():
         return shipped
     raise PolicyFileError(
-        f"There are no weights of the teacher {teacher}: train it and give --teacher DIR."
+        f"There are no weights {name}: train them, and give the run's folder as {option} DIR."
     )
 
 

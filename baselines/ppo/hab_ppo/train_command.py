@@ -70,6 +70,8 @@ class TrainCommand(Command):
     """Demonstrations of `hab-ppo demonstrate` for a recipe that starts from some."""
     teacher: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
     """Run or weights of the teacher, for a recipe that distils one."""
+    weights: Annotated[Path | None, tyro.conf.arg(metavar="NAME|PATH")] = None
+    """Policy that ships, run or file to start from, without demonstrations or teacher."""
     scratch: bool = False
     """Start from random weights, without the recipe's demonstrations or teacher."""
     resume: bool = False
@@ -139,6 +141,7 @@ class TrainCommand(Command):
             resume=resume,
             demonstrations=self.demonstrations,
             teacher=self.teacher,
+            weights=self.weights,
             command=self._command(),
         )
 
@@ -172,7 +175,7 @@ class TrainCommand(Command):
 
         self._check_numbers()
         recipe = find_recipe(self.recipe)
-        if self.scratch:
+        if self.scratch or self.weights is not None:
             recipe = replace(recipe, warm_start=None, distill=None)
         if self.preset is not None and self.preset not in PRESETS:
             raise UnknownNameError("preset", self.preset, PRESETS)
@@ -211,6 +214,8 @@ class TrainCommand(Command):
             value = getattr(self, name)
             if value is not None:
                 whole(f"--{name.replace('_', '-')}", value, 1, most)
+        if self.scratch and self.weights is not None:
+            raise OptionError("--scratch starts from random weights, --weights from given ones.")
         if self.exact and not self.resume:
             raise OptionError("--exact says from where --resume continues; give both.")
 

@@ -84,7 +84,8 @@ class Trainer:
                     self._recipe.total_steps,
                     self._position.update,
                 )
-            if self._learner.guide is not None and self._position.update == 0:
+            started = self._learner.guide is not None or self._plan.weights is not None
+            if started and self._position.update == 0:
                 self._evaluate_start(progress)
             self._start_rows()
             while self._position.steps < self._recipe.total_steps:
@@ -154,7 +155,7 @@ class Trainer:
         return {}
 
     def _evaluate_start(self, progress: Progress | None) -> None:
-        """Evaluates the policy from which fine-tuning starts."""
+        """Evaluates the policy from which PPO starts."""
         metrics = self._evaluated()
         success = metrics["eval/success"]
         self._position = replace(self._position, seconds=self._seconds(), success=success)

@@ -1,4 +1,4 @@
-"""What a run does before PPO: demonstrations and cloning, or distillation.
+"""What a run does before PPO: demonstrations and cloning, distillation, or reading given weights.
 
 The first rank makes what is missing in the run's folder, and the others take its weights. A run
 that continues finds the files and makes nothing anew.
@@ -35,8 +35,8 @@ from hab_ppo.teachers import (
     PolicyTeacher,
     check_expert,
     classroom,
+    known_weights,
     load_teacher,
-    teacher_file,
 )
 
 
@@ -54,6 +54,8 @@ def check_start(plan: TrainPlan) -> None:
         raise RecipeError(f"--teacher: {recipe.name} has no teacher.")
     if plan.resume is not None:
         return
+    if plan.weights is not None:
+        checkpoint.load(known_weights(str(plan.weights), "--weights"))
     if plan.demonstrations is not None:
         read_examples(plan.demonstrations, recipe.env)
     if recipe.distill is not None and recipe.distill.expert is not None:
@@ -68,17 +70,16 @@ def start_policy(
     """Sets a policy to the weights from which PPO starts; returns them as a guide.
 
     Returns:
-        None if the recipe starts from random weights.
+        None if the recipe starts from random or given weights.
     """
     tuning, path = plan.recipe.tuning, plan.out / CLONED
+    if plan.weights is not None and plan.resume is None:
+        _load(policy, known_weights(str(plan.weights), "--weights"), ranks)
     if tuning is None:
         return None
     if ranks.is_first and not path.exists():
         _make(plan, ranks, policy, write_line)
-    data = ranks.from_first(checkpoint.read(path) if ranks.is_first else b"")
-    tensors, about = checkpoint.parse(data, path)
-    check_same(plan, about)
-    checkpoint.load_network(policy, tensors, path)
+    check_same(plan, _load(policy, path, ranks))
     return Guide(policy, tuning)
 
 
@@ -93,6 +94,14 @@ def make_rows(recipe: Recipe, rows: int, workers: int) -> Any:
         action_repeat=recipe.env.action_repeat,
         **recipe.env.options(),
     )
+
+
+def _load(policy: Policy, path: Path, ranks: Ranks) -> dict[str, Any]:
+    """Sets a policy to the weights of a file, read by the first rank; returns its description."""
+    data = ranks.from_first(checkpoint.read(path) if ranks.is_first else b"")
+    tensors, about = checkpoint.parse(data, path)
+    checkpoint.load_network(policy, tensors, path)
+    return about
 
 
 def _make(plan: TrainPlan, ranks: Ranks, policy: Policy, write_line: WriteLine) -> None:
@@ -205,4 +214,4 @@ def write_demonstrations(path: Path, plan: DemonstrationPlan, write_line: WriteL
 def _teacher(plan: TrainPlan) -> Path:
     """Returns the file of the teacher's weights."""
     assert plan.recipe.distill is not None
-    return teacher_file(str(plan.teacher or plan.recipe.distill.teacher))
+    return known_weights(str(plan.teacher or plan.recipe.distill.teacher), "--teacher")

@@ -169,7 +169,8 @@ class SceneDataset:
     def scene_files(self) -> dict[str, Path]:
         """Scene id -> scene_instance file."""
         if self.layouts is not None:
-            return {s: self.root / f"{s}.scene_instance.json" for s in sorted(self.layouts.macros)}
+            own = {s: self.root / f"{s}.scene_instance.json" for s in sorted(self.layouts.macros)}
+            return own | (self.source.scene_files if self.layouts.extends else {})
         return self._index("configs/scenes", ".scene_instance.json")
 
     @cached_property
@@ -217,7 +218,7 @@ class SceneDataset:
         Layouts of another dataset have that of their macro layout: stage and bounds are the same.
         """
         if self.layouts is not None:
-            return self.source.navmesh_file(self.layouts.macros[scene_id])
+            return self.source.navmesh_file(self.layouts.macros.get(scene_id, scene_id))
         for folder in ("navmeshes", "navmeshes_default"):
             file = self.root / folder / f"{scene_id}.navmesh"
             if file.exists():
@@ -233,7 +234,8 @@ class SceneDataset:
         if split not in SPLIT_MACROS:
             raise UnknownNameError("split", split, SPLIT_MACROS)
         if self.layouts is not None:
-            return sorted(self.scene_files) if split == self.layouts.split else []
+            own = sorted(self.layouts.macros) if split == self.layouts.split else []
+            return own + (self.source.scenes_of_split(split) if self.layouts.extends else [])
         wanted = SPLIT_MACROS[split]
         return [s for s in sorted(self.scene_files) if (m := _MACRO.match(s)) and m[1] in wanted]
 

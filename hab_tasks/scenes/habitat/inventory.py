@@ -7,9 +7,11 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
+from hab_tasks.errors import UnknownNameError
 from hab_tasks.object_names import ALL_OBJECTS
 from hab_tasks.scenes.fields import is_present, read_fields
 from hab_tasks.scenes.habitat.dataset import (
+    SPLIT_MACROS,
     SceneDataset,
     embedded_dataset,
     resolve_objects,
@@ -106,6 +108,20 @@ def macro_of(scene_id: str) -> str | None:
 def macro_layouts(dataset: SceneDataset) -> list[str]:
     """Returns the scene ids of the macro layouts, sorted."""
     return [s for s in sorted(dataset.scene_files) if (m := _STAGING.match(s)) and m[2] == "00"]
+
+
+def macros_of_split(dataset: SceneDataset, split: str) -> list[str]:
+    """Returns the macro layouts of a split, sorted.
+
+    Raises:
+        UnknownNameError: There is no such split, or none of its macro layouts are in the dataset.
+    """
+    macros = set(macro_layouts(dataset))
+    of_split = {name: sorted(macros & set(dataset.scenes_of_split(name))) for name in SPLIT_MACROS}
+    present = {name: scenes for name, scenes in of_split.items() if scenes}
+    if split not in present:
+        raise UnknownNameError("split with macro layouts", split, present)
+    return present[split]
 
 
 def micro_variations(dataset: SceneDataset, macro: str | None = None) -> list[str]:

@@ -29,6 +29,7 @@ class LayoutSet:
         split: Split of all its layouts.
         wild: Whether they were generated with ``--wild``, which requires less clearance.
         macros: Scene id of each layout -> its macro layout.
+        extends: Whether the other layouts of `dataset` also belong to the set, in their splits.
     """
 
     name: str
@@ -37,6 +38,7 @@ class LayoutSet:
     split: str
     wild: bool
     macros: Mapping[str, str]
+    extends: bool = False
 
 
 def read_layout_set(file: Path) -> LayoutSet:
@@ -51,7 +53,7 @@ def read_layout_set(file: Path) -> LayoutSet:
         if version != FORMAT:
             raise DatasetError(f"{file}: format {version}, and {FORMAT} is what can be read.")
         found = LayoutSet(**data)
-        kinds = (str, str, int, str, bool, dict)
+        kinds = (str, str, int, str, bool, dict, bool)
         fields = vars(found).items()
         wrong = [n for (n, v), kind in zip(fields, kinds, strict=True) if not isinstance(v, kind)]
         if wrong:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -304,7 +305,7 @@ def train(monkeypatch):
 
     monkeypatch.setattr(warm_start, "write_demonstrations", demonstrations)
     monkeypatch.setattr(warm_start, "load_teacher", lambda *_: LoadedPolicy(Walker(), TOY))
-    monkeypatch.setattr(warm_start, "teacher_file", lambda name: name)
+    monkeypatch.setattr(warm_start, "known_weights", lambda name, option: Path(name))
     monkeypatch.setattr(trainer, "prepare_episodes", lambda recipe, *_: goals(6))
     monkeypatch.setattr(warm_start.gym, "make_vec", lambda _, num_envs, **__: ToyVector(num_envs))
 
@@ -318,6 +319,21 @@ def train(monkeypatch):
 def same_tensors(one, other):
     found, expected = checkpoint.load(one)[0], checkpoint.load(other)[0]
     return all(torch.equal(found[name], expected[name]) for name in expected)
+
+
+def test_a_run_starts_from_given_weights(train, tmp_path):
+    first, second = tmp_path / "first", tmp_path / "second"
+    best = train(first).best_success
+    plain = replace(TOY, warm_start=None, total_steps=320)
+    train(second, plain, weights=first / BEST)
+    start, *updates = read_progress(second)
+    assert start["eval/success"] == best
+    assert not any("update/start_kl" in entry for entry in updates)
+    assert not (second / CLONED).exists()
+    assert not same_tensors(second / LAST, first / BEST)
+    count = "network/state_normalizer.count"
+    seen = [checkpoint.load(file)[0][count] for file in (first / BEST, second / LAST)]
+    assert seen[1] >= seen[0] + 320
 
 
 @pytest.mark.parametrize(

@@ -224,7 +224,9 @@ def test_layouts_extend_a_split_of_their_dataset(tmp_path):
     assert len(load_scene(larger, own).objects) == len(macro.objects)
     assert load_scene(larger, other).objects == load_scene(apartment, other).objects
     assert larger.navmesh_file(other) == apartment.navmesh_file(other)
-    source = open_source(EpisodeRequest("HabNavigate-v1", str(out), split="train"))
+    source = open_source(
+        EpisodeRequest(env_id="HabNavigate-v1", scene_dataset=str(out), split="train")
+    )
     assert {source.get(index).scene_id for index in range(2)} == added
 
 

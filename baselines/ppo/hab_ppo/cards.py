@@ -73,12 +73,11 @@ def _facts(recipe: Recipe, path: Path) -> list[tuple[str, str]]:
 
 def _training(about: dict[str, Any]) -> list[tuple[str, str]]:
     origin, position, training = about["origin"], about["position"], about["training"]
-    recipe = about["recipe"]
     rows = [
         ("command", f"`{origin['command']}`"),
         ("machine", f"{origin['device']}; {about['ranks']} ranks"),
         ("commit", str(origin["git"])),
-        ("data", f"{recipe['env']['num_episodes']:,} episodes, {recipe['env']['split']} layouts"),
+        ("data", _data(about["recipe"]["env"])),
         ("steps", f"{training['steps']:,} in {training['seconds'] / 3600:.2f} h"),
         ("weights of", f"{position['best_steps']:,} steps, the best of all evaluations"),
     ]
@@ -87,6 +86,11 @@ def _training(about: dict[str, Any]) -> list[tuple[str, str]]:
         made = ", ".join(f"{key} {value}" for key, value in start["made_from"].items())
         rows.insert(4, ("start", f"cloned in {start['seconds'] / 60:.1f} min: {markdown(made)}"))
     return rows
+
+
+def _data(env: dict[str, Any]) -> str:
+    episodes = f"{env['num_episodes']:,} episodes"
+    return f"{episodes}, {env['split']} layouts of {markdown(env['scene_dataset'])}"
 
 
 def _result(record: RunRecord) -> tuple[str, ...]:

@@ -94,6 +94,8 @@ class PlotCommand(Command):
     """Folders of runs."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Output file; curves.png in the first run's folder if not given."""
+    minutes: bool = False
+    """Draw over wall time, with that of demonstrations or distillation, instead of steps."""
     force: bool = False
     """Replace FILE."""
 
@@ -106,7 +108,7 @@ class PlotCommand(Command):
         out = self.runs[0] / "curves.png" if self.out is None else self.out
         # The default file is the run's own, and is drawn again as the run goes on.
         check_file(out, force=self.force or self.out is None)
-        draw_curves(self.runs, out)
+        draw_curves(self.runs, out, minutes=self.minutes)
         print(f"wrote {out}")
         return 0
 

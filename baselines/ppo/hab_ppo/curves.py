@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from hab_ppo import checkpoint
 from hab_ppo.errors import PolicyFileError
+from hab_ppo.plan import CLONED
 from hab_ppo.progress import FILE, read_progress
 from hab_tasks.files import written_aside
 
@@ -25,13 +27,19 @@ CARD_SIZE_IN, CARD_DPI = (6.0, 3.2), 90
 Line = Sequence[tuple[float, float]]
 
 
-def draw_curves(runs: Sequence[Path], out: Path) -> None:
+def draw_curves(runs: Sequence[Path], out: Path, *, minutes: bool = False) -> None:
     """Draws the curves of runs over their steps, one colour each; of a task, also its stages.
+
+    Args:
+        runs: Folders of runs.
+        out: The picture.
+        minutes: Whether to draw over wall time, which includes that of a warm start.
 
     Raises:
         PolicyFileError: A folder holds no run, or one without an update.
     """
-    read = [_entries(run) for run in runs]
+    read = [over_minutes(run) if minutes else _entries(run) for run in runs]
+    over = "minutes" if minutes else "environment steps"
     stages = [name for name in read[0][-1] if name.startswith(STAGE)]
     count = len(PANELS) + bool(stages)
     figure = _figure((count * PANEL_IN[0], PANEL_IN[1]))
@@ -43,11 +51,11 @@ def draw_curves(runs: Sequence[Path], out: Path) -> None:
                 evaluated = metric.startswith("eval/")
                 _draw(axis, line, evaluated=evaluated, label=f"{run.name}, ", color=f"C{number}")
     for axis, (_, label) in zip(axes, PANELS, strict=False):
-        _name(axis, label)
+        _name(axis, label, over)
     axes[0].set_ylim(0, 1)
     axes[0].legend(fontsize="small")
     if stages:
-        _draw_stages(axes[-1], read[0], stages)
+        _draw_stages(axes[-1], read[0], stages, over)
     _save(figure, out, DPI)
 
 
@@ -58,11 +66,20 @@ def _entries(run: Path) -> list[dict[str, Any]]:
     return entries
 
 
-def _draw_stages(axis: Any, entries: Sequence[dict[str, Any]], stages: Sequence[str]) -> None:
+def over_minutes(run: Path) -> list[dict[str, Any]]:
+    """Returns the entries of a run with minutes in place of its steps."""
+    cloned = run / CLONED
+    began_s = checkpoint.load(cloned)[1]["seconds"] if cloned.is_file() else 0.0
+    return [one | {"steps": (began_s + one["seconds"]) / 60} for one in _entries(run)]
+
+
+def _draw_stages(
+    axis: Any, entries: Sequence[dict[str, Any]], stages: Sequence[str], over: str
+) -> None:
     for name in stages:
         line = [(entry["steps"], entry[name]) for entry in entries if name in entry]
         axis.plot(*zip(*line, strict=True), label=name.removeprefix(STAGE))
-    _name(axis, "episodes that reached the stage")
+    _name(axis, "episodes that reached the stage", over)
     axis.set_ylim(0, 1)
     axis.legend(fontsize="small", ncols=2)
 
@@ -93,8 +110,8 @@ def _draw(axis: Any, line: Line, *, evaluated: bool, label: str = "", **style: A
     axis.plot(*zip(*line, strict=True), label=label, **style)
 
 
-def _name(axis: Any, label: str) -> None:
-    axis.set(xlabel="environment steps", ylabel=label)
+def _name(axis: Any, label: str, over: str = "environment steps") -> None:
+    axis.set(xlabel=over, ylabel=label)
     axis.grid(alpha=0.3)
 
 

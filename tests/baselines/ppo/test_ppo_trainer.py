@@ -5,11 +5,12 @@ from dataclasses import replace
 
 import pytest
 import torch
-from hab_ppo import checkpoint, trainer, warm_start
+from hab_ppo import checkpoint, curves, trainer, warm_start
 from hab_ppo.checkpoint import Position
 from hab_ppo.cli import main
 from hab_ppo.distributed import Ranks
 from hab_ppo.errors import PolicyFileError, RecipeError
+from hab_ppo.plan import CLONED
 from hab_ppo.progress import Recent, read_progress
 from hab_ppo.recipe import FAST, PAPER, EnvConfig, NetworkConfig, Recipe, from_json, to_json
 from hab_ppo.recipes import find_recipe, recipe_names
@@ -193,7 +194,14 @@ def test_plot_draws_the_curves_of_runs(toy, tmp_path, capsys):
     assert out.read_bytes().startswith(b"\x89PNG")
     assert main(["plot", str(tmp_path / "one"), "--out", str(out)]) == 2
     assert "--force" in capsys.readouterr().err
-    assert main(["plot", str(tmp_path / "one")]) == 0
+    assert main(["plot", str(tmp_path / "one"), "--minutes"]) == 0
+
+
+def test_wall_time_includes_a_warm_start(tmp_path):
+    (tmp_path / "progress.jsonl").write_text('{"steps": 100, "seconds": 30.0, "eval/success": 1}\n')
+    assert curves.over_minutes(tmp_path) == [{"steps": 0.5, "seconds": 30.0, "eval/success": 1}]
+    checkpoint.save(tmp_path / CLONED, {}, {"seconds": 90.0})
+    assert curves.over_minutes(tmp_path)[0]["steps"] == 2.0
 
 
 def test_position_survives_json():

@@ -84,7 +84,8 @@ def _training(about: dict[str, Any]) -> list[tuple[str, str]]:
     start = training["start"]
     if start is not None:
         made = ", ".join(f"{key} {value}" for key, value in start["made_from"].items())
-        rows.insert(4, ("start", f"cloned in {start['seconds'] / 60:.1f} min: {markdown(made)}"))
+        cloned = f"cloned in {start['seconds'] / 60:.1f} min: " if start["seconds"] else ""
+        rows.insert(4, ("start", f"{cloned}{markdown(made)}"))
     return rows
 
 

@@ -175,7 +175,7 @@ class TrainCommand(Command):
 
         self._check_numbers()
         recipe = find_recipe(self.recipe)
-        if self.scratch or self.weights is not None:
+        if self.scratch:
             recipe = replace(recipe, warm_start=None, distill=None)
         if self.preset is not None and self.preset not in PRESETS:
             raise UnknownNameError("preset", self.preset, PRESETS)
@@ -214,8 +214,10 @@ class TrainCommand(Command):
             value = getattr(self, name)
             if value is not None:
                 whole(f"--{name.replace('_', '-')}", value, 1, most)
-        if self.scratch and self.weights is not None:
-            raise OptionError("--scratch starts from random weights, --weights from given ones.")
+        others = ("scratch", "demonstrations", "teacher")
+        if self.weights is not None and any(getattr(self, name) for name in others):
+            words = ", ".join(f"--{name}" for name in others)
+            raise OptionError(f"--weights says from what a run starts; leave out {words}.")
         if self.exact and not self.resume:
             raise OptionError("--exact says from where --resume continues; give both.")
 

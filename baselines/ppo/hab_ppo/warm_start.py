@@ -56,6 +56,7 @@ def check_start(plan: TrainPlan) -> None:
         return
     if plan.weights is not None:
         checkpoint.load(known_weights(str(plan.weights), "--weights"))
+        return
     if plan.demonstrations is not None:
         read_examples(plan.demonstrations, recipe.env)
     if recipe.distill is not None and recipe.distill.expert is not None:
@@ -73,12 +74,17 @@ def start_policy(
         None if the recipe starts from random or given weights.
     """
     tuning, path = plan.recipe.tuning, plan.out / CLONED
-    if plan.weights is not None and plan.resume is None:
-        _load(policy, known_weights(str(plan.weights), "--weights"), ranks)
+    given = plan.weights if plan.resume is None else None
+    if given is not None:
+        _load(policy, known_weights(str(given), "--weights"), ranks)
     if tuning is None:
         return None
     if ranks.is_first and not path.exists():
-        _make(plan, ranks, policy, write_line)
+        if given is None:
+            _make(plan, ranks, policy, write_line)
+        else:
+            about = {"made_from": {"weights": given.name}, "seconds": 0.0}
+            _save_start(plan, policy, about)
     check_same(plan, _load(policy, path, ranks))
     return Guide(policy, tuning)
 
@@ -105,7 +111,7 @@ def _load(policy: Policy, path: Path, ranks: Ranks) -> dict[str, Any]:
 
 
 def _make(plan: TrainPlan, ranks: Ranks, policy: Policy, write_line: WriteLine) -> None:
-    """Writes the weights from which PPO starts."""
+    """Trains the weights from which PPO starts, and writes them."""
     began, recipe = time.perf_counter(), plan.recipe
     if recipe.warm_start is not None:
         file = _demonstrations(plan, ranks, write_line)
@@ -116,12 +122,16 @@ def _make(plan: TrainPlan, ranks: Ranks, policy: Policy, write_line: WriteLine) 
     seconds = time.perf_counter() - began
     write_line(f"cloned in {seconds / 60:.1f} min, held-out loss {fit.held_out_loss:.4f}")
     about = {
-        "recipe": to_json(recipe),
-        "seed": plan.seed,
         "seconds": seconds,
         "fit": {"epochs": fit.epochs, "loss": fit.loss, "held_out_loss": fit.held_out_loss},
         "made_from": made,
     }
+    _save_start(plan, policy, about)
+
+
+def _save_start(plan: TrainPlan, policy: Policy, about: dict[str, Any]) -> None:
+    """Writes the weights from which PPO starts."""
+    about = {"recipe": to_json(plan.recipe), "seed": plan.seed, **about}
     checkpoint.save(plan.out / CLONED, checkpoint.network_tensors(policy), about)
 
 

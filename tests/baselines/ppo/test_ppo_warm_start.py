@@ -336,6 +336,17 @@ def test_a_run_starts_from_given_weights(train, tmp_path):
     assert seen[1] >= seen[0] + 320
 
 
+def test_given_weights_take_the_place_of_a_clone(train, tmp_path):
+    first, second = tmp_path / "first", tmp_path / "second"
+    train(first)
+    train(second, weights=first / BEST)
+    about = checkpoint.load(second / CLONED)[1]
+    assert about["made_from"] == {"weights": BEST}
+    given, start = checkpoint.load(first / BEST)[0], checkpoint.load(second / CLONED)[0]
+    assert all(torch.equal(start[name], given[name]) for name in start)
+    assert "update/start_kl" in read_progress(second)[1]
+
+
 @pytest.mark.parametrize(
     ("name", "steps"), [(LAST, 320), (EXACT, 640)], ids=["in the warm-up", "afterwards"]
 )

@@ -37,9 +37,15 @@ class ShortestPathFollower:
     visits.
     """
 
-    def __init__(self, map_: NavigationMap, goal: Array) -> None:
-        """Follows paths on a map to a goal (3,): x, y [m] and yaw [rad]."""
-        self._map, self._goal = map_, goal
+    def __init__(self, map_: NavigationMap, goal: Array, repeat: int = 1) -> None:
+        """Follows paths on a map.
+
+        Args:
+            map_: The map.
+            goal: (3,) x, y [m] and yaw [rad].
+            repeat: Number of steps for which each action is executed.
+        """
+        self._map, self._goal, self._turn_rad = map_, goal, repeat * _STEP_RAD
         self._end_m = map_.nearest_free(self._goal[:2])
         self._field = map_.geodesic_field(self._end_m)
 
@@ -49,12 +55,17 @@ class ShortestPathFollower:
         gap_m = float(np.linalg.norm(self._end_m - here))
         if gap_m < ARRIVED_M:
             turn = _angle(self._goal[2] - yaw)
-            return STOP_CELL if abs(turn) < ARRIVED_RAD else _cell(0.0, turn)
+            return STOP_CELL if abs(turn) < ARRIVED_RAD else self._cell(0.0, turn)
         ahead = self._ahead_m(here) - here
         turn = _angle(math.atan2(ahead[1], ahead[0]) - yaw)
         if abs(turn) > TURN_FIRST_RAD:
-            return _cell(0.0, turn)
-        return _cell(0.5 if abs(turn) > SLOW_RAD or gap_m < SLOW_M else 1.0, turn)
+            return self._cell(0.0, turn)
+        return self._cell(0.5 if abs(turn) > SLOW_RAD or gap_m < SLOW_M else 1.0, turn)
+
+    def _cell(self, forward: float, turn_rad: float) -> int:
+        """Returns the cell with a forward share and the turning share that turns by an angle."""
+        share = min(_TURNS, key=lambda share: abs(turn_rad - share * self._turn_rad))
+        return BASE_CELLS.index((forward, share))
 
     def _ahead_m(self, here: Array) -> Array:
         """Returns the point (2,) of the path to aim at."""
@@ -63,12 +74,6 @@ class ShortestPathFollower:
         start = self._map.nearest_free(here)
         cells = descend(self._field, self._map.cells_of(start), AHEAD_CELLS)
         return self._map.positions(cells[-1]) if len(cells) else self._end_m
-
-
-def _cell(forward: float, turn_rad: float) -> int:
-    """Returns the cell with a forward share and the turning share that turns by an angle."""
-    share = min(_TURNS, key=lambda share: abs(turn_rad - share * _STEP_RAD))
-    return BASE_CELLS.index((forward, share))
 
 
 def _angle(difference_rad: float) -> float:

@@ -203,23 +203,27 @@ class HabNavigateEnv(SkillEnv):
         super().__init__(*args, **kwargs)
         self._followers: dict[int, tuple[Episode, ShortestPathFollower]] = {}
 
-    def shortest_path_action(self) -> NDArray[np.int64]:
+    def shortest_path_action(self, repeat: int = 1) -> NDArray[np.int64]:
         """Returns the ``base_discrete`` action of an expert that knows the map and the goal, (N,).
 
         It follows the shortest path from the current base pose (`ShortestPathFollower`), as
         Habitat's follower does for imitation learning.
+
+        Args:
+            repeat: Number of steps for which each action is executed; the same in an episode.
         """
         bases = to_tensor(self.simulation.snapshot.base).cpu().numpy().astype(float)
-        actions = [self._follower(row).action(base) for row, base in enumerate(bases)]
+        actions = [self._follower(row, repeat).action(base) for row, base in enumerate(bases)]
         return np.array(actions, dtype=np.int64)
 
-    def _follower(self, row: int) -> ShortestPathFollower:
+    def _follower(self, row: int, repeat: int) -> ShortestPathFollower:
         """Returns the follower of a row's episode."""
         episode = self.episode[row]
         kept = self._followers.get(row)
         if kept is None or kept[0] is not episode:
             assert episode.navigation is not None
             map_ = self.simulation.maps.of(episode.scene_id, episode.joints)
-            kept = episode, ShortestPathFollower(map_, np.array(episode.navigation.base))
+            goal = np.array(episode.navigation.base)
+            kept = episode, ShortestPathFollower(map_, goal, repeat)
             self._followers[row] = kept
         return kept[1]

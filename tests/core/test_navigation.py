@@ -233,17 +233,20 @@ def test_the_follower_turns_drives_and_stops():
     assert cell(1.9, 3.5, 0.1) == (0.0, 0.0)
 
 
-def test_the_follower_goes_around_a_wall():
+@pytest.mark.parametrize("repeat", [1, 4])
+def test_the_follower_goes_around_a_wall(repeat):
     # The wall ends at y = 2.5; beyond it, the base needs its radius less half a cell.
-    follower = ShortestPathFollower(room(), np.array([4.5, 1.0, 0.0]))
+    follower = ShortestPathFollower(room(), np.array([4.5, 1.0, 0.0]), repeat)
     base, highest = np.array([1.5, 1.0, 0.0]), 0.0
-    for _ in range(400):
+    for _ in range(400 // repeat):
         forward, turn = BASE_CELLS[follower.action(base)]
         if forward == turn == 0:
             break
-        base[2] += turn * 3.14 / 30
-        base[:2] += forward / 30 * np.array([np.cos(base[2]), np.sin(base[2])])
+        for _ in range(repeat):
+            base[2] += turn * 3.14 / 30
+            base[:2] += forward / 30 * np.array([np.cos(base[2]), np.sin(base[2])])
         highest = max(highest, base[1])
+    assert (forward, turn) == (0, 0)
     assert np.linalg.norm(base[:2] - (4.5, 1.0)) < 0.12
     assert abs(base[2]) < 0.15
     assert 2.7 < highest < 3.2

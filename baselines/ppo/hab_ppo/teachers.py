@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from inspect import signature
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -49,23 +50,27 @@ class PolicyTeacher:
 class Expert:
     """A method of the environment, which knows more than can be observed."""
 
-    def __init__(self, env: Any, method: str) -> None:
-        """Teaches in a vector environment by the method of its rows."""
+    def __init__(self, env: Any, method: str, repeat: int = 1) -> None:
+        """Teaches in a vector environment, which repeats actions, by the method of its rows."""
         self._env, self._method = env, method
+        self._named = {} if repeat == 1 else {"repeat": repeat}
 
     def labels(self, obs: Any, starts: Tensor) -> NDArray[Any]:
         """See `Teacher`."""
-        return np.concatenate(self._env.call(self._method))
+        return np.concatenate(self._env.call(self._method, **self._named))
 
 
 def check_expert(method: str, env: EnvConfig) -> None:
     """Rejects an expert that an environment does not have.
 
     Raises:
-        RecipeError: It has no such method.
+        RecipeError: It has no such method, or one that does not know of repeated actions.
     """
-    if not hasattr(ENVS[imported_id(env.reference)].env, method):
+    expert = getattr(ENVS[imported_id(env.reference)].env, method, None)
+    if expert is None:
         raise RecipeError(f"{env.env} has no expert {method}.")
+    if env.action_repeat > 1 and "repeat" not in signature(expert).parameters:
+        raise RecipeError(f"The expert {method} needs action_repeat 1, not {env.action_repeat}.")
 
 
 def known_weights(name: str, option: str) -> Path:

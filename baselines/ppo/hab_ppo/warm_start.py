@@ -176,7 +176,8 @@ def _distilled(
     rows = recipe.preset.rows * ranks.size
     if config.expert is not None:
         env = make_rows(recipe, rows, ranks.on_machine)
-        made, teacher = {"expert": config.expert}, Expert(env, config.expert)
+        teacher = Expert(env, config.expert, recipe.env.action_repeat)
+        made = {"expert": config.expert}
     else:
         loaded = load_teacher(_teacher(plan), recipe.env)
         shown = replace(recipe, env=classroom(recipe.env, loaded))

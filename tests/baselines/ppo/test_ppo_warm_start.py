@@ -257,6 +257,10 @@ def test_an_expert_is_a_method_of_the_environment():
     check_expert("shortest_path_action", EnvConfig(env="HabNavigate-v1", control_mode="base"))
     with pytest.raises(RecipeError, match="HabPick-v1 has no expert shortest_path_action"):
         check_expert("shortest_path_action", EnvConfig(env="HabPick-v1", control_mode="ee"))
+    repeated = EnvConfig(env="HabNavigate-v1", control_mode="base_discrete", action_repeat=4)
+    check_expert("shortest_path_action", repeated)
+    with pytest.raises(RecipeError, match="needs action_repeat 1, not 4"):
+        check_expert("pick_action", replace(repeated, env="HabPick-v1", control_mode="ee"))
 
 
 def test_a_teacher_sees_a_handle_that_the_student_has_to_find():

@@ -22,7 +22,7 @@ SUBMISSIONS = {
     "HabOpenFridge-v1": "open_fridge_blind-open_fridge-apartment-seed41",
     "HabCloseFridge-v1": "close_fridge_blind-close_fridge-apartment-seed41",
     "HabOpenDrawer-v1": "open_drawer_blind-open_drawer-apartment-seed40",
-    "HabCloseDrawer-v1": "close_drawer_blind-close_drawer-apartment-seed40",
+    "HabCloseDrawer-v1": "close_drawer_blind-close_drawer-apartment-seed54",
     "HabNavigate-v1": "spa_priv-navigate-apartment-seed16",
     "HabTidyHouse-v1": "tp_spa_priv-tidy_house-apartment-seed5",
     "HabPrepareGroceries-v1": "tp_spa_priv-prepare_groceries-apartment-seed5",

@@ -30,7 +30,8 @@ PAGE = "environments.md"
 
 FILMED = (
     *("HabPick-v1", "HabPlace-v1", "HabOpenFridge-v1", "HabCloseFridge-v1", "HabOpenDrawer-v1"),
-    *("HabCloseDrawer-v1", "HabNavigate-v1", "HabSetTable-v1"),
+    *("HabCloseDrawer-v1", "HabNavigate-v1"),
+    *("HabTidyHouse-v1", "HabPrepareGroceries-v1", "HabSetTable-v1"),
 )
 """Environments with a video beside the page; docs/film_environments.py makes them."""
 

@@ -13,5 +13,5 @@ RECIPE = Recipe(
     env=EnvConfig(env="HabCloseFridge-v1", control_mode="ee_base", handle_position=True),
     preset=RECURRENT,
     total_steps=200_000,
-    distill=Distillation(expert="door_action", rounds=8),
+    distill=Distillation(expert="door_action"),
 )

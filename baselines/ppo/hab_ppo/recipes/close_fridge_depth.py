@@ -12,5 +12,5 @@ RECIPE = Recipe(
     env=EnvConfig(env="HabCloseFridge-v1", control_mode="ee_base", obs_mode="depth"),
     preset=VISUAL,
     total_steps=100_000,
-    distill=Distillation(expert="door_action", rounds=8),
+    distill=Distillation(expert="door_action"),
 )

@@ -14,5 +14,5 @@ RECIPE = Recipe(
     env=EnvConfig(env="HabOpenFridge-v1", control_mode="ee_base", handle_position=True),
     preset=RECURRENT,
     total_steps=200_000,
-    distill=Distillation(expert="door_action", rounds=8),
+    distill=Distillation(expert="door_action"),
 )

@@ -17,7 +17,7 @@ OUT = Path(__file__).parent
 WIDTH_PX, QUALITY = 960, 32
 
 SUBMISSIONS = {
-    "HabPick-v1": "pick_blind-pick-apartment-seed42",
+    "HabPick-v1": "pick_blind-pick-apartment-seed55",
     "HabPlace-v1": "place_blind-place-apartment-seed40",
     "HabOpenFridge-v1": "open_fridge_blind-open_fridge-apartment-seed41",
     "HabCloseFridge-v1": "close_fridge_blind-close_fridge-apartment-seed41",

@@ -226,7 +226,9 @@ class SceneDataset:
         return None
 
     def scenes_of_split(self, split: str) -> list[str]:
-        """Returns the scene ids of a split, sorted; empty when the dataset has none of them.
+        """Returns the scene ids of a split; empty when the dataset has none of them.
+
+        They are sorted; layouts that extend another dataset come before those of that dataset.
 
         Raises:
             UnknownNameError: There is no such split.

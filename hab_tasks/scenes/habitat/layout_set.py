@@ -26,7 +26,7 @@ class LayoutSet:
         name: Name of the set, used as a dataset name.
         dataset: Name or absolute path of the dataset of its furniture, stages and navmeshes.
         templates: `SceneDataset.templates` of that dataset when the layouts were generated.
-        split: Split of all its layouts.
+        split: Split of the layouts in `macros`.
         wild: Whether they were generated with ``--wild``, which requires less clearance.
         macros: Scene id of each layout -> its macro layout.
         extends: Whether the other layouts of `dataset` also belong to the set, in their splits.

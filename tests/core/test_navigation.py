@@ -229,7 +229,12 @@ def test_the_follower_turns_drives_and_stops():
     assert cell(1.0, 3.5, -0.06) == (1.0, 0.5)
     assert cell(1.0, 3.5, -0.3) == (0.5, 1.0)  # so far aside, it drives slowly
     assert cell(1.75, 3.5, 0.0) == (0.5, 0.0)  # so near, too
-    assert cell(1.9, 3.5, 1.0) == (0.0, -1.0)  # arrived, but not at the heading
+    assert cell(2.5, 3.5, 0.0) == (-0.5, 0.0)  # the goal is near behind: backwards
+    assert cell(2.5, 3.5, 0.3) == (-0.5, -1.0)
+    assert cell(2.5, 3.5, 1.0) == (0.0, -1.0)  # so far aside, it turns first
+    assert cell(2.7, 3.5, -0.1) == (0.0, -1.0)  # behind, but not near
+    assert cell(1.85, 3.5, 1.0) == (0.0, -1.0)  # arrived, but not at the heading
+    assert cell(1.85, 3.5, 0.3) == (0.0, 0.0)
     assert cell(1.9, 3.5, 0.1) == (0.0, 0.0)
 
 
@@ -247,8 +252,8 @@ def test_the_follower_goes_around_a_wall(repeat):
             base[:2] += forward / 30 * np.array([np.cos(base[2]), np.sin(base[2])])
         highest = max(highest, base[1])
     assert (forward, turn) == (0, 0)
-    assert np.linalg.norm(base[:2] - (4.5, 1.0)) < 0.12
-    assert abs(base[2]) < 0.15
+    assert np.linalg.norm(base[:2] - (4.5, 1.0)) < 0.2
+    assert abs(base[2]) < 0.35
     assert 2.7 < highest < 3.2
 
 

@@ -106,7 +106,9 @@ def _epoch(
     """Makes a pass over the data; returns the mean loss."""
     total = 0.0
     for batch in batches(examples, config.batch_steps, policy.lstm is not None, generator):
-        loss = misfits(policy, batch).mean()
+        device = policy.state_normalizer.mean.device.type
+        with torch.autocast(device, torch.bfloat16, enabled=config.bfloat16):
+            loss = misfits(policy, batch).mean()
         optimizer.zero_grad()
         loss.backward()
         nn.utils.clip_grad_norm_(policy.parameters(), 1.0)

@@ -6,13 +6,13 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-import gymnasium as gym
 import numpy as np
 import torch
 
 from hab_ppo import checkpoint
 from hab_ppo.agent import recipe_of
 from hab_ppo.evaluation import evaluate
+from hab_ppo.mapped_rows import policy_rows
 from hab_ppo.network import new_policy
 from hab_ppo.noise import ActionNoise
 from hab_ppo.observation import ObservationLayout
@@ -63,13 +63,11 @@ def play(path: Path, *, split: str, episodes: int, seed: int, rows: int, workers
         seed=seed,
     )
     wanted = load_episodes(request, episodes, None, workers).episodes
-    env = gym.make_vec(
-        config.reference,
+    env = policy_rows(
+        config,
         num_envs=min(rows, episodes),
         num_workers=min(workers, rows, episodes),
         autoreset_mode="Disabled",
-        copy=False,
-        action_repeat=config.action_repeat,
         **(config.options() | {"split": split, "episode_seed": seed}),
     )
     try:

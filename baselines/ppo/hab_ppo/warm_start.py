@@ -11,7 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 
 from hab_ppo import checkpoint
@@ -24,6 +23,7 @@ from hab_ppo.episodes import training_episodes
 from hab_ppo.errors import RecipeError
 from hab_ppo.examples import Examples
 from hab_ppo.fine_tuning import Guide
+from hab_ppo.mapped_rows import policy_rows
 from hab_ppo.network import Policy
 from hab_ppo.plan import CLONED, DEMONSTRATIONS, TrainPlan, check_same
 from hab_ppo.practice import Lesson, practise
@@ -91,15 +91,8 @@ def start_policy(
 
 def make_rows(recipe: Recipe, rows: int, workers: int) -> Any:
     """Returns a vector environment of a recipe."""
-    return gym.make_vec(
-        recipe.env.reference,
-        num_envs=rows,
-        num_workers=workers,
-        info_keys=info_keys(recipe.env),
-        copy=False,
-        action_repeat=recipe.env.action_repeat,
-        **recipe.env.options(),
-    )
+    options = {"info_keys": info_keys(recipe.env), "num_envs": rows, "num_workers": workers}
+    return policy_rows(recipe.env, **(recipe.env.options() | options))
 
 
 def _load(policy: Policy, path: Path, ranks: Ranks) -> dict[str, Any]:

@@ -1,0 +1,121 @@
+"""Vector environments whose observations have the robot's map in place of the images."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import VectorWrapper
+from numpy.typing import NDArray
+
+from hab_ppo.map_memory import CHANNELS, SIDE_PX, MapMemory
+from hab_ppo.recipe import EnvConfig
+
+IMAGES = "sensor_data"
+MAP = "map"
+
+
+def policy_rows(config: EnvConfig, **options: Any) -> Any:
+    """Returns a vector environment with the observations and the actions of a policy.
+
+    Args:
+        config: The policy's environment.
+        options: Options of `gymnasium.make_vec`.
+    """
+    repeat = config.action_repeat
+    rows = gym.make_vec(config.reference, copy=False, action_repeat=repeat, **options)
+    return MappedRows(rows, repeat) if config.map_memory else rows
+
+
+class MappedRows(VectorWrapper[Any, Any, Any]):
+    """A vector environment with `MapMemory`; otherwise as `HabVectorEnv`."""
+
+    def __init__(self, env: Any, repeat: int) -> None:
+        """Wraps an environment that executes each action `repeat` times."""
+        super().__init__(env)
+        self._maps = MapMemory(env.num_envs, repeat)
+        self._ended = np.zeros(env.num_envs, dtype=bool)
+        self._single_observation_space = mapped_space(env.single_observation_space)
+
+    def reset(
+        self, *, seed: Any = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """See `HabVectorEnv.reset`."""
+        obs, info = self.env.reset(seed=seed, options=options)
+        chosen = (options or {}).get("reset_mask")
+        rows = np.ones_like(self._ended) if chosen is None else np.asarray(chosen)
+        self._maps.forget(rows)
+        self._ended[rows] = False
+        return with_map(obs, self._maps.look(*seen_by_head(obs))), info
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """See `HabVectorEnv.step`."""
+        obs, reward, terminated, truncated, info = self.env.step(actions)
+        self._maps.turn(np.asarray(actions))
+        self._maps.forget(self._ended)  # these rows have started anew
+        self._ended = terminated | truncated
+        return (
+            with_map(obs, self._maps.look(*seen_by_head(obs))),
+            reward,
+            terminated,
+            truncated,
+            info,
+        )
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """See `HabVectorEnv.call`."""
+        rows: Any = self.env
+        return rows.call(name, *args, **kwargs)
+
+
+class RowMaps:
+    """Maps of rows that do not decide at the same time."""
+
+    def __init__(self, repeat: int) -> None:
+        """Creates maps for actions that are executed `repeat` times."""
+        self._repeat = repeat
+        self._maps: list[MapMemory] = []
+
+    def forget(self, rows: Sequence[bool]) -> None:
+        """Empties the maps of the rows in a mask (N,)."""
+        if len(self._maps) != len(rows):
+            self._maps = [MapMemory(1, self._repeat) for _ in rows]
+        for maps, fresh in zip(self._maps, rows, strict=True):
+            maps.forget(np.array([fresh]))
+
+    def shown(self, obs: Mapping[str, Any], due: Sequence[bool]) -> dict[str, Any]:
+        """Returns an observation of all rows with maps, which are empty but for the rows `due`."""
+        depth, points_m = seen_by_head(obs)
+        images = np.zeros((len(due), SIDE_PX, SIDE_PX, CHANNELS), dtype=np.uint8)
+        for row in np.flatnonzero(due):
+            images[row] = self._maps[row].look(depth[[row]], points_m[[row]])[0]
+        return with_map(obs, images)
+
+    def turn(self, actions: Any, due: Sequence[bool]) -> None:
+        """Takes the actions (N, 1) of the rows `due` into account."""
+        for row in np.flatnonzero(due):
+            self._maps[row].turn(np.asarray(actions[row]))
+
+
+def policy_space(config: EnvConfig, space: Any) -> Any:
+    """Returns what a policy observes in an environment with this nested space of one row."""
+    return mapped_space(space) if config.map_memory else space
+
+
+def mapped_space(space: Any) -> spaces.Dict:
+    """Returns a nested observation space of one row with a map in place of the images."""
+    image = spaces.Box(0, 255, (SIDE_PX, SIDE_PX, CHANNELS), np.uint8)
+    return spaces.Dict({**space.spaces, IMAGES: spaces.Dict({MAP: spaces.Dict({MAP: image})})})
+
+
+def seen_by_head(obs: Mapping[str, Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Returns the depth images (N, H, W, 1) and the points (N, 3) of an observation of Navigate."""
+    return np.asarray(obs[IMAGES]["head"]["depth"]), np.asarray(obs["extra"]["point_in_base"])
+
+
+def with_map(obs: Mapping[str, Any], images: NDArray[np.uint8]) -> dict[str, Any]:
+    """Returns an observation with maps (N, H, W, C) in place of the images."""
+    return {**obs, IMAGES: {MAP: {MAP: images}}}

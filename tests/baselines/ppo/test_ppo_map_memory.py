@@ -1,0 +1,151 @@
+"""Maps of navigating robots, against values worked out by hand and the true map."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hab_ppo.errors import RecipeError
+from hab_ppo.map_memory import CHANNELS, SEEN, SIDE_PX, VISITED, MapMemory
+from hab_ppo.mapped_rows import RowMaps
+from hab_ppo.recipes import find_recipe
+from hab_ppo.warm_start import make_rows
+
+from hab_tasks.robots.control_modes import BASE_CELLS, STOP_CELL
+
+RECIPE = find_recipe("navigate_mapped")
+NOTHING = np.zeros((1, 128, 128, 1), dtype=np.float32)
+MIDDLE = SIDE_PX // 2
+TURN_RAD = 4 * 3.14 / 30
+"""Turn of four steps at full speed."""
+
+
+def point(x, y):
+    return np.array([[x, y, 0.8]], dtype=np.float32)
+
+
+def turned(x, y, yaw):
+    """A point of the first frame in that of a base at the origin which has turned."""
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    return point(cosine * x + sine * y, cosine * y - sine * x)
+
+
+def wall_ahead(distance_m):
+    """The depth image of a wall; the camera is at x = 0.17 and looks down by 0.2 in 0.58."""
+    slopes = 2 * (np.arange(128) + 0.5) / 128 - 1
+    down_rad = np.arctan2(0.2, 0.58)
+    # A ray goes 1 forwards and s down in the camera; tilted, cos - s sin forwards in the base.
+    forward = np.cos(down_rad) - slopes * np.sin(down_rad)
+    depth_m = (distance_m - 0.17) / forward
+    image = np.repeat(depth_m[:, None], 128, axis=1) / 10.0
+    return image[None, :, :, None].astype(np.float32)
+
+
+def test_the_pose_follows_from_the_turns_and_the_point():
+    maps = MapMemory(1, 4)
+    maps.look(NOTHING, point(2.0, 1.0))
+    assert maps.pose.tolist() == [[0.0, 0.0, 0.0]]
+    maps.turn(np.array([BASE_CELLS.index((0.0, 1.0))]))
+    maps.look(NOTHING, turned(2.0, 1.0, TURN_RAD))
+    assert maps.pose[0] == pytest.approx([0.0, 0.0, TURN_RAD], abs=1e-6)
+    maps.turn(np.array([BASE_CELLS.index((1.0, 0.0))]))
+    ahead = 0.13 * np.array([np.cos(TURN_RAD), np.sin(TURN_RAD)])
+    maps.look(NOTHING, turned(2.0 - ahead[0], 1.0 - ahead[1], TURN_RAD))
+    assert maps.pose[0] == pytest.approx([*ahead, TURN_RAD], abs=1e-6)
+
+
+def test_a_blocked_base_does_not_turn():
+    maps = MapMemory(2, 4)
+    points = np.concatenate((point(2.0, 0.0), point(2.0, 0.0)))
+    depth = np.concatenate((NOTHING, NOTHING))
+    maps.look(depth, points)
+    maps.turn(np.array([BASE_CELLS.index((1.0, 1.0)), STOP_CELL]))
+    maps.look(depth, points)
+    assert maps.pose == pytest.approx(np.zeros((2, 3)), abs=1e-6)
+
+
+def test_a_wall_is_drawn_where_it_is():
+    maps = MapMemory(1, 4)
+    (image,) = maps.look(wall_ahead(1.25), point(1.25, 0.5))
+    assert image.shape == (SIDE_PX, SIDE_PX, CHANNELS)
+    heights, seen, mark = image[..., 0], image[..., 1], image[..., 2]
+    # The base is between the pixels 31 and 32. A cell is 0.1 m: 1.25 m ahead is the thirteenth up.
+    assert set(np.flatnonzero(heights.any(axis=1))) == {MIDDLE - 13}
+    # At the floor, 1.2 m down and 1.08 m ahead of the camera, depth is 1.08 m / 0.764 = 1.41 m, and
+    # the image is as wide to both sides: 14 cells.
+    assert 26 <= np.count_nonzero(heights[MIDDLE - 13]) <= 28
+    # The image reaches above 1.8 m, where drawing ends.
+    assert heights.max() >= 255 * 1.7 / 1.8
+    assert (seen[heights > 0] == SEEN).all()
+    assert seen[MIDDLE - 1, MIDDLE - 1] == VISITED
+    # 0.5 m to the left: columns 26 and 27 left of the middle, in the same row as the wall.
+    assert np.unravel_index(mark.argmax(), mark.shape) == (MIDDLE - 13, MIDDLE - 6)
+    coarse = image[..., 3]
+    assert set(np.flatnonzero(coarse.any(axis=1))) == {MIDDLE - 6}  # of cells of 0.25 m
+
+
+def test_the_map_turns_with_the_base_and_remembers():
+    maps = MapMemory(1, 4)
+    maps.look(wall_ahead(1.25), point(2.0, 0.0))
+    for quarter in range(1, 5):  # a quarter turn left in four parts, with nothing in view
+        maps.turn(np.array([BASE_CELLS.index((0.0, 1.0))]))
+        (image,) = maps.look(NOTHING, turned(2.0, 0.0, quarter * TURN_RAD))
+    columns = np.flatnonzero(image[..., 0].any(axis=0))
+    # Four turns make 96 degrees: the wall is to the right, tilted by 6.
+    assert columns.min() >= MIDDLE + 10
+    assert columns.max() <= MIDDLE + 14
+    maps.forget(np.array([True]))
+    (image,) = maps.look(NOTHING, point(1.0, 0.0))
+    assert not image[..., 0].any()
+    assert maps.pose.tolist() == [[0.0, 0.0, 0.0]]
+
+
+def test_rows_that_decide_at_different_times_keep_their_maps():
+    maps, both = RowMaps(4), np.concatenate((wall_ahead(1.25), wall_ahead(1.25)))
+    obs = {
+        "sensor_data": {"head": {"depth": both}},
+        "extra": {"point_in_base": np.concatenate((point(2, 0), point(2, 0)))},
+    }
+    maps.forget([True, True])
+    first = maps.shown(obs, [True, False])["sensor_data"]["map"]["map"]
+    assert first[0].any()
+    assert not first[1].any()
+    maps.turn(np.array([[STOP_CELL], [STOP_CELL]]), [True, False])
+    second = maps.shown(obs, [False, True])["sensor_data"]["map"]["map"]
+    assert np.array_equal(first[0], second[1])
+
+
+@pytest.mark.parametrize("changes", [{"control_mode": "base"}, {"obs_mode": "rgb"}])
+def test_a_recipe_whose_env_has_no_map_is_rejected(changes):
+    with pytest.raises(RecipeError, match="navigate_mapped has map_memory, which needs"):
+        replace(RECIPE, env=replace(RECIPE.env, **changes))
+
+
+def base_of(obs):
+    """The base's x, y [m] and yaw in the world; the camera is 0.17 m ahead of it."""
+    camera = obs["sensor_param"]["head"]["cam2world_gl"][0]
+    yaw = np.arctan2(-camera[1, 2], -camera[0, 2])
+    return np.array([camera[0, 3] - 0.17 * np.cos(yaw), camera[1, 3] - 0.17 * np.sin(yaw), yaw])
+
+
+@pytest.mark.slow
+def test_the_pose_in_an_episode_is_the_true_one(tmp_path, monkeypatch):
+    monkeypatch.setenv("HAB_CACHE_DIR", str(tmp_path))
+    rows = make_rows(replace(RECIPE, env=replace(RECIPE.env, num_episodes=2)), 1, 1)
+    try:
+        obs, _ = rows.reset(seed=3, options={"reconfigure": True})
+        x, y, yaw = base_of(obs)
+        for _ in range(20):
+            (action,) = rows.call("shortest_path_action", repeat=4)
+            obs, *_ = rows.step(action)
+    finally:
+        rows.close()
+    expected = base_of(obs) - (x, y, yaw)
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    assert rows._maps.pose[0, 0] == pytest.approx(
+        cosine * expected[0] + sine * expected[1], abs=0.05
+    )
+    assert rows._maps.pose[0, 1] == pytest.approx(
+        cosine * expected[1] - sine * expected[0], abs=0.05
+    )
+    assert np.cos(rows._maps.pose[0, 2] - expected[2]) > np.cos(0.05)
+    assert np.linalg.norm(expected[:2]) > 0.5

@@ -38,7 +38,7 @@ MARK_M = 0.3
 RAYS_PX = 64
 """Rows and columns of the depth image that are drawn."""
 
-ARM_M = np.array(((0.0, 1.0), (-0.35, 0.35), (0.5, 1.5)))
+ARM_M = ((0.0, 1.0), (-0.35, 0.35), (0.5, 1.5))
 """Box in the base frame around the resting arm and what it holds, which are not drawn."""
 
 TURN_SHARES = np.linspace(1.0, 0.0, 9, dtype=np.float32)
@@ -134,7 +134,10 @@ class MapMemory:
         # 0 where nothing is seen within the range.
         kept = (distances_m > 0.0) & (distances_m < 0.99 * CAMERA_DEPTH_MAX_M)
         kept &= in_base_m[..., 2] < HIGHEST_M
-        kept &= ~((in_base_m > ARM_M[:, 0]) & (in_base_m < ARM_M[:, 1])).all(axis=-1)
+        arm = kept.copy()
+        for axis, (low_m, high_m) in enumerate(ARM_M):
+            arm &= (in_base_m[..., axis] > low_m) & (in_base_m[..., axis] < high_m)
+        kept &= ~arm
         rows = np.nonzero(kept)[0]
         points_m = in_base_m[kept].astype(np.float32)
         turned = _turned(points_m[:, :2], self.pose[rows, 2])
@@ -149,8 +152,9 @@ class MapMemory:
             where_m = _turned(around_m[None], self.pose[:, None, 2]) + self.pose[:, None, :2]
             cells = _cells(level, where_m)
             shown = grid[np.arange(rows)[:, None], cells[..., 0], cells[..., 1]]
-            gap_m = around_m[None] - point_in_base_m[:, None, :2]
-            mark = np.exp(-0.5 * np.square(gap_m).sum(axis=-1) / (MARK_M + level.cell_m) ** 2)
+            gaps_m = [np.subtract.outer(-point_in_base_m[:, k], -around_m[:, k]) for k in (0, 1)]
+            squared_m2 = np.square(gaps_m[0]) + np.square(gaps_m[1])
+            mark = np.exp(squared_m2 * np.float32(-0.5 / (MARK_M + level.cell_m) ** 2))
             channels += [shown[..., 0], shown[..., 1], np.uint8(255.0 * mark)]
         return np.stack(channels, axis=-1).reshape(rows, SIDE_PX, SIDE_PX, CHANNELS)
 

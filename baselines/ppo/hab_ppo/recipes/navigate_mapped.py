@@ -27,6 +27,6 @@ RECIPE = replace(
         rounds=24,
         round_steps=10_000,
         cloning=Cloning(epochs=2, learning_rate=5e-4, batch_steps=250, bfloat16=True),
-        tuning=FineTuning(kl_weight=0.2, kl_steps=300_000),
+        tuning=FineTuning(kl_weight=0.1, kl_steps=200_000),
     ),
 )

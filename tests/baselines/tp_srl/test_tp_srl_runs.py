@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 import torch
 from hab_planner.plan import plan_of
+from hab_ppo.map_memory import MapMemory
 from hab_spa.motion.robot import Robot, SpaConfig
 from hab_tp_srl import factories
-from hab_tp_srl.policies import SkillPolicy
+from hab_tp_srl.policies import SkillPolicy, Turn
 from hab_tp_srl.scenes import ObservedScene
 from hab_tp_srl.skill import command_of
+from hab_tp_srl.stage import stage_of
 from hab_tp_srl.view import TaskView
 
 from hab_tasks.agent_spaces import agent_setup
@@ -177,6 +179,33 @@ def test_an_action_does_in_a_task_what_it_does_in_the_skills_env(name, weights):
                 assert torch.equal(value, seen[1][group][entry]), entry
     for env in envs:
         env.close()
+
+
+def test_a_policy_with_a_map_draws_it_when_it_decides(weights, monkeypatch):
+    policy = SkillPolicy(agent_setup(TASK), "navigate", weights["navigate_mapped"])
+    env = gym.make(f"hab_tasks:{TASK}", control_mode="joint_target_base", obs_mode="depth",
+                   render_backend="rays", num_episodes=1)  # fmt: skip
+    obs, _ = env.reset(seed=0)
+    view = TaskView(truth=False)
+    ObservedScene(view).see(obs, 0)
+    action = next(action for action in plan_of(TASK).actions if action.name != "navigate")
+    stage, drawn, look = stage_of(env.unwrapped.task, action), [], MapMemory.look
+
+    def noted(*arguments):
+        drawn.append(look(*arguments))
+        return drawn[-1]
+
+    monkeypatch.setattr(MapMemory, "look", noted)
+    turn = Turn(policy=policy, random=np.random.default_rng(0))
+    turn.entries = view.entries(stage, view.point(stage))
+    for step in range(5):
+        policy.decide([0], [turn], obs)
+        assert len(drawn) == 1 + step // 4  # each action is executed for four steps
+    env.close()
+    depth = obs["sensor_data"]["head"]["depth"].numpy()
+    point_m = turn.entries["extra", "point_in_base"][None]
+    assert np.array_equal(drawn[0], look(MapMemory(1, 4), depth, point_m))
+    assert drawn[0][..., 1].any()
 
 
 def run_to_the_end(agent, env, obs, steps):

@@ -24,7 +24,7 @@ RECIPE = replace(
     ),
     distill=Distillation(
         expert="shortest_path_action",
-        rounds=24,
+        rounds=17,
         round_steps=10_000,
         cloning=Cloning(epochs=2, learning_rate=5e-4, batch_steps=250, bfloat16=True),
         tuning=FineTuning(kl_weight=0.1, kl_steps=200_000),

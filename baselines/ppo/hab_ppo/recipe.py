@@ -205,6 +205,8 @@ class Cloning:
         patience: Epochs without improvement on these after which the fit ends.
         bfloat16: Whether layers are computed in bfloat16 where PyTorch thinks that it is enough,
             for images 2.5 times as fast on a CPU that has it.
+        stop_weight: Weight in the loss of steps in which the stop action of ``base_discrete`` is
+            right. They are rare, and Navigate forgives a wrong stop, but not a missing one.
     """
 
     epochs: int = 40
@@ -213,6 +215,7 @@ class Cloning:
     held_out: float = 0.1
     patience: int = 15
     bfloat16: bool = False
+    stop_weight: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 
 from hab_ppo import checkpoint
 from hab_ppo.cloning import Fit, clone
@@ -177,9 +178,12 @@ def _distilled(
         env = make_rows(shown, rows, ranks.on_machine)
         made = {"teacher": loaded.recipe.name}  # a path would mean nothing elsewhere
         teacher = PolicyTeacher(loaded.policy, rows)
+    threads = torch.get_num_threads()
+    torch.set_num_threads(ranks.on_machine)  # the other ranks wait
     try:
         return made, distill(policy, teacher, env, config, plan.seed, write_line)
     finally:
+        torch.set_num_threads(threads)
         env.close()
 
 

@@ -28,8 +28,13 @@ SLOW_RAD = 0.2
 SLOW_M = 0.3
 """The base drives at half speed while the point ahead is so far aside, or the goal so near."""
 
-REVERSE_M = 0.6
-"""The base drives backwards to a goal behind it that is so near."""
+NEAR_M, BESIDE_M = 0.9, 0.6
+"""A goal so near, and no farther to the side of its heading, is approached facing its heading."""
+
+ASIDE_RAD, FACED_ASIDE_RAD = 0.8, 1.2
+"""There, the base drives backwards until the goal is so nearly ahead of its heading; if the base
+points to the goal, the second is enough. It then turns little at the goal, and a policy that
+imitates it keeps looking at what it will have to do with."""
 
 _STEP_RAD = ROBOT.base_angular_speed_rad_s / CONTROL_HZ
 _TURNS = (-1.0, -0.5, 0.0, 0.5, 1.0)
@@ -63,12 +68,24 @@ class ShortestPathFollower:
             return STOP_CELL if abs(turn) < ARRIVED_RAD else self._cell(0.0, turn)
         ahead = self._ahead_m(here) - here
         turn = _angle(math.atan2(ahead[1], ahead[0]) - yaw)
-        if gap_m < REVERSE_M and abs(turn) > math.pi / 2:
-            turn = _angle(turn + math.pi)
+        limit_rad = ASIDE_RAD if abs(turn) > TURN_FIRST_RAD else FACED_ASIDE_RAD
+        if gap_m < NEAR_M and self._backs(here, limit_rad):
+            turn = _angle(self._goal[2] - yaw)
             return self._cell(-0.5 if abs(turn) < TURN_FIRST_RAD else 0.0, turn)
-        if abs(turn) > TURN_FIRST_RAD:
+        if abs(turn) > (SLOW_RAD if gap_m < NEAR_M else TURN_FIRST_RAD):
             return self._cell(0.0, turn)
         return self._cell(0.5 if abs(turn) > SLOW_RAD or gap_m < SLOW_M else 1.0, turn)
+
+    def _backs(self, here: Array, limit_rad: float) -> bool:
+        """Returns whether to drive backwards: the goal is farther aside of its heading."""
+        heading = np.array((math.cos(self._goal[2]), math.sin(self._goal[2])))
+        gap = self._end_m - here
+        ahead, aside = float(heading @ gap), float(heading[0] * gap[1] - heading[1] * gap[0])
+        if abs(aside) > BESIDE_M or abs(math.atan2(aside, ahead)) < limit_rad:
+            return False
+        back_m = abs(aside) / math.tan(ASIDE_RAD) - ahead
+        clear = self._map.clear
+        return clear(here, self._end_m) and clear(here, here - back_m * heading)
 
     def _cell(self, forward: float, turn_rad: float) -> int:
         """Returns the cell with a forward share and the turning share that turns by an angle."""

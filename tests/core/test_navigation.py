@@ -232,7 +232,9 @@ def test_the_follower_turns_drives_and_stops():
     assert cell(2.5, 3.5, 0.0) == (-0.5, 0.0)  # the goal is near behind: backwards
     assert cell(2.5, 3.5, 0.3) == (-0.5, -1.0)
     assert cell(2.5, 3.5, 1.0) == (0.0, -1.0)  # so far aside, it turns first
-    assert cell(2.7, 3.5, -0.1) == (0.0, -1.0)  # behind, but not near
+    assert cell(2.0, 3.0, 0.0) == (-0.5, 0.0)  # near beside: backwards, to come from behind
+    assert cell(1.4, 3.0, 0.0) == (0.0, 1.0)  # atan(0.5 / 0.6) = 0.69 rad: nearly ahead
+    assert cell(2.0, 2.8, 0.0) == (0.0, 1.0)  # farther beside: straight to it
     assert cell(1.85, 3.5, 1.0) == (0.0, -1.0)  # arrived, but not at the heading
     assert cell(1.85, 3.5, 0.3) == (0.0, 0.0)
     assert cell(1.9, 3.5, 0.1) == (0.0, 0.0)

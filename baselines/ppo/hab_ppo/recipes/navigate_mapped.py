@@ -24,11 +24,11 @@ RECIPE = replace(
     ),
     distill=Distillation(
         expert="shortest_path_action",
-        rounds=45,
+        rounds=30,
         round_steps=10_000,
-        most_mb=1200,
+        most_mb=2500,
         cloning=Cloning(
-            epochs=1, learning_rate=4e-4, batch_steps=250, bfloat16=True, stop_weight=6.0
+            epochs=2, learning_rate=5e-4, batch_steps=250, bfloat16=True, stop_weight=6.0
         ),
         tuning=FineTuning(kl_weight=0.1, kl_steps=200_000),
     ),

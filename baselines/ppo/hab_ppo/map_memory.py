@@ -1,9 +1,10 @@
 """Maps that a navigating robot draws of what it has seen: the memory of a policy without LSTM.
 
-A planner in the image of such a map is far easier to learn than one in the states of an LSTM
-(arXiv 1702.03920). Only what the policy observes and does enters: depth images, the point to go to,
-and its own actions. These give the robot's turns; its position follows from the point, which does
-not move. Maps are forgotten where an episode starts.
+As in cognitive mapping and planning (arXiv 1702.03920), but nothing is learned in drawing. Only
+what the policy observes and does enters: depth images, the point to go to, and its own actions.
+These give the robot's turns; its position follows from the point, which does not move. A blocked
+base turns by less than it wants to: by as much as lets it move along its heading. Maps are
+forgotten where an episode starts.
 """
 
 from __future__ import annotations

@@ -66,10 +66,11 @@ class ShortestPathFollower:
         if gap_m < ARRIVED_M:
             turn = _angle(self._goal[2] - yaw)
             return STOP_CELL if abs(turn) < ARRIVED_RAD else self._cell(0.0, turn)
-        ahead = self._ahead_m(here) - here
+        direct = self._map.clear(here, self._end_m)
+        ahead = (self._end_m if direct else self._ahead_m(here)) - here
         turn = _angle(math.atan2(ahead[1], ahead[0]) - yaw)
         limit_rad = ASIDE_RAD if abs(turn) > TURN_FIRST_RAD else FACED_ASIDE_RAD
-        if gap_m < NEAR_M and self._backs(here, limit_rad):
+        if direct and gap_m < NEAR_M and self._backs(here, limit_rad):
             turn = _angle(self._goal[2] - yaw)
             return self._cell(-0.5 if abs(turn) < TURN_FIRST_RAD else 0.0, turn)
         if abs(turn) > (SLOW_RAD if gap_m < NEAR_M else TURN_FIRST_RAD):
@@ -84,8 +85,7 @@ class ShortestPathFollower:
         if abs(aside) > BESIDE_M or abs(math.atan2(aside, ahead)) < limit_rad:
             return False
         back_m = abs(aside) / math.tan(ASIDE_RAD) - ahead
-        clear = self._map.clear
-        return clear(here, self._end_m) and clear(here, here - back_m * heading)
+        return self._map.clear(here, here - back_m * heading)
 
     def _cell(self, forward: float, turn_rad: float) -> int:
         """Returns the cell with a forward share and the turning share that turns by an angle."""
@@ -93,9 +93,7 @@ class ShortestPathFollower:
         return BASE_CELLS.index((forward, share))
 
     def _ahead_m(self, here: Array) -> Array:
-        """Returns the point (2,) of the path to aim at."""
-        if self._map.clear(here, self._end_m):
-            return self._end_m
+        """Returns the point (2,) of the path to aim at where the goal is not in a straight line."""
         start = self._map.nearest_free(here)
         cells = descend(self._field, self._map.cells_of(start), AHEAD_CELLS)
         return self._map.positions(cells[-1]) if len(cells) else self._end_m

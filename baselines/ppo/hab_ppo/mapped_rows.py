@@ -12,9 +12,9 @@ from gymnasium.vector import VectorWrapper
 from numpy.typing import NDArray
 
 from hab_ppo.map_memory import CHANNELS, SIDE_PX, MapMemory
+from hab_ppo.observation import IMAGES
 from hab_ppo.recipe import EnvConfig
 
-IMAGES = "sensor_data"
 MAP = "map"
 
 
@@ -57,13 +57,8 @@ class MappedRows(VectorWrapper[Any, Any, Any]):
         self._maps.turn(np.asarray(actions))
         self._maps.forget(self._ended)  # these rows have started anew
         self._ended = terminated | truncated
-        return (
-            with_map(obs, self._maps.look(*seen_by_head(obs))),
-            reward,
-            terminated,
-            truncated,
-            info,
-        )
+        obs = with_map(obs, self._maps.look(*seen_by_head(obs)))
+        return obs, reward, terminated, truncated, info
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         """See `HabVectorEnv.call`."""

@@ -41,8 +41,7 @@ class PickStarts(Generator):
 
     def attempt(self, sandbox: PlacementSandbox, rng: np.random.Generator) -> Episode:
         """Returns one candidate."""
-        spots = self.spots(sandbox, self.objects.receptacles or PICK_RECEPTACLES)
-        spot = spots[int(rng.integers(len(spots)))]
+        spot = self.draw_spot(sandbox, rng, self.objects.receptacles or PICK_RECEPTACLES)
         handles = self.draw(rng, 1 + int(rng.integers(CLUTTER[0], CLUTTER[1] + 1)))
         sandbox.show(handles)
         open_joints(sandbox, spot.joints)

@@ -11,7 +11,7 @@ def episode_request(recipe: Recipe, split: str) -> EpisodeRequest:
     """Returns the request of a recipe's episodes of a split."""
     env = recipe.env
     return EpisodeRequest(
-        env_id=env.reference,
+        env_id=env.training_reference,
         scene_dataset=env.scene_dataset,
         objects=env.objects,
         split=split,

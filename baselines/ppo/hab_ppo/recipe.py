@@ -22,6 +22,8 @@ class EnvConfig:
 
     Attributes:
         env: Environment id, ``HabPick-v1``, or ``module:X-v1`` for one of your own.
+        trained_in: Environment of the training and its evaluations, if it is another one: the same
+            skill from other start states, such as those of `hab_ppo.fridge_starts`.
         control_mode: Control mode of the robot.
         obs_mode: ``state_dict`` for a blind policy; ``depth``, ``rgb`` or ``rgb+depth``.
         target_frame: Frame of the observed target, ``base`` or ``ee``.
@@ -39,6 +41,7 @@ class EnvConfig:
 
     env: str
     control_mode: str
+    trained_in: str | None = None
     obs_mode: str = "state_dict"
     target_frame: str = "base"
     handle_position: bool = False
@@ -55,10 +58,15 @@ class EnvConfig:
         """The environment as `gymnasium.make_vec` takes it, ``module:X-v1``."""
         return self.env if ":" in self.env else f"hab_tasks:{self.env}"
 
+    @property
+    def training_reference(self) -> str:
+        """The environment of the training, likewise."""
+        return self.trained_in or self.reference
+
     def options(self) -> dict[str, Any]:
         """Returns the options of the single environment."""
         options = {field.name: getattr(self, field.name) for field in fields(self)}
-        for name in ("env", "action_repeat", "map_memory"):
+        for name in ("env", "trained_in", "action_repeat", "map_memory"):
             del options[name]
         options["render_backend"] = "none" if self.obs_mode.startswith("state") else "auto"
         return options

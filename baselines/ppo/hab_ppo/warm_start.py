@@ -93,7 +93,8 @@ def start_policy(
 def make_rows(recipe: Recipe, rows: int, workers: int) -> Any:
     """Returns a vector environment of a recipe."""
     options = {"info_keys": info_keys(recipe.env), "num_envs": rows, "num_workers": workers}
-    return policy_rows(recipe.env, **(recipe.env.options() | options))
+    config = replace(recipe.env, env=recipe.env.training_reference)
+    return policy_rows(config, **(config.options() | options))
 
 
 def _load(policy: Policy, path: Path, ranks: Ranks) -> dict[str, Any]:

@@ -176,6 +176,17 @@ class Generator(ABC):
             raise RejectedSampleError("no usable receptacle in the layout")
         return self._spots[names]
 
+    def draw_spot(
+        self, sandbox: PlacementSandbox, rng: np.random.Generator, names: tuple[str, ...]
+    ) -> Spot:
+        """Samples one of the usable receptacles of these names.
+
+        Raises:
+            RejectedSampleError: The layout has none of them.
+        """
+        spots = self.spots(sandbox, names)
+        return spots[int(rng.integers(len(spots)))]
+
     def in_hand(self, com_m: Array, up: Array, robot: RobotStart, yaw_rad: float) -> Pose7:
         """Returns the upright pose that puts an object's centre of mass at the end-effector.
 

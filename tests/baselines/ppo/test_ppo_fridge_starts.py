@@ -1,0 +1,37 @@
+"""Environments for training with many start states at the fridge."""
+
+import pytest
+from hab_ppo.episodes import episode_request
+from hab_ppo.recipes import find_recipe
+from hab_ppo.warm_start import make_rows
+
+from hab_tasks.episodes import load_episodes
+from hab_tasks.receptacles import FRIDGE
+
+COUNT = 40
+RECIPES = ("pick_fridge", "place_fridge")
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_half_of_the_start_states_are_at_the_fridge(name):
+    request = episode_request(find_recipe(name), "train")
+    targets = [episode.targets[0] for episode in load_episodes(request, COUNT).episodes]
+    receptacles = [one.start or one.goal for one in targets]
+    # 1/2 and 1/6 or 1/7 of the others are expected: 23 of 40, with a standard deviation of 3.1.
+    at_fridge = sum(ref is not None and ref[0] == FRIDGE for ref in receptacles)
+    assert 12 <= at_fridge <= 34
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_policies_of_these_environments_are_policies_of_the_skill(name):
+    recipe = find_recipe(name)
+    assert recipe.env.trained_in is not None
+    rows = make_rows(recipe, 2, 1)
+    skill = make_rows(find_recipe(name.replace("fridge", "distilled")), 2, 1)
+    try:
+        assert rows.spec.id == recipe.env.trained_in.rpartition(":")[2]
+        assert rows.single_observation_space == skill.single_observation_space
+        assert rows.single_action_space == skill.single_action_space
+    finally:
+        rows.close()
+        skill.close()

@@ -47,14 +47,25 @@ class ShortestPathFollower:
     visits.
     """
 
-    def __init__(self, map_: NavigationMap, goal: Array, repeat: int = 1) -> None:
+    def __init__(
+        self,
+        map_: NavigationMap,
+        goal: Array,
+        repeat: int = 1,
+        *,
+        arrived_m: float = ARRIVED_M,
+        arrived_rad: float = ARRIVED_RAD,
+    ) -> None:
         """Follows paths on a map.
 
         Args:
             map_: The map.
             goal: (3,) x, y [m] and yaw [rad].
             repeat: Number of steps for which each action is executed.
+            arrived_m: It stops so near to the goal.
+            arrived_rad: It stops with the heading so near to the goal's.
         """
+        self._arrived_m, self._arrived_rad = arrived_m, arrived_rad
         self._map, self._goal, self._turn_rad = map_, goal, repeat * _STEP_RAD
         self._end_m = map_.nearest_free(self._goal[:2])
         self._field = map_.geodesic_field(self._end_m)
@@ -63,15 +74,15 @@ class ShortestPathFollower:
         """Returns the cell of ``base_discrete`` for a base pose (3,): x, y [m] and yaw [rad]."""
         here, yaw = base[:2], float(base[2])
         gap_m = float(np.linalg.norm(self._end_m - here))
-        if gap_m < ARRIVED_M:
-            turn = _angle(self._goal[2] - yaw)
-            return STOP_CELL if abs(turn) < ARRIVED_RAD else self._cell(0.0, turn)
+        if gap_m < self._arrived_m:
+            turn = angle_between(self._goal[2], yaw)
+            return STOP_CELL if abs(turn) < self._arrived_rad else self._cell(0.0, turn)
         direct = self._map.clear(here, self._end_m)
         ahead = (self._end_m if direct else self._ahead_m(here)) - here
-        turn = _angle(math.atan2(ahead[1], ahead[0]) - yaw)
+        turn = angle_between(math.atan2(ahead[1], ahead[0]), yaw)
         limit_rad = ASIDE_RAD if abs(turn) > TURN_FIRST_RAD else FACED_ASIDE_RAD
         if direct and gap_m < NEAR_M and self._backs(here, limit_rad):
-            turn = _angle(self._goal[2] - yaw)
+            turn = angle_between(self._goal[2], yaw)
             return self._cell(-0.5 if abs(turn) < TURN_FIRST_RAD else 0.0, turn)
         if abs(turn) > (SLOW_RAD if gap_m < NEAR_M else TURN_FIRST_RAD):
             return self._cell(0.0, turn)
@@ -99,6 +110,6 @@ class ShortestPathFollower:
         return self._map.positions(cells[-1]) if len(cells) else self._end_m
 
 
-def _angle(difference_rad: float) -> float:
-    """Returns an angle in [-pi, pi]."""
-    return math.remainder(difference_rad, 2 * math.pi)
+def angle_between(to_rad: float, from_rad: float) -> float:
+    """Returns the turn in [-pi, pi] from one heading to another."""
+    return math.remainder(to_rad - from_rad, 2 * math.pi)

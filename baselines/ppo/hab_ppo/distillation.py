@@ -7,6 +7,7 @@ and after each round the student is fitted to all of them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -46,6 +47,9 @@ def distill(
     config: Distillation,
     seed: int,
     write_line: WriteLine,
+    *,
+    done: int = 0,
+    keep: Callable[[int], None] = lambda done: None,
 ) -> Fit:
     """Fits a student to a teacher; returns the last fit.
 
@@ -56,11 +60,13 @@ def distill(
         config: The rounds.
         seed: Seed of episodes, actions and fits.
         write_line: Receives progress lines.
+        done: Number of rounds that the student has had. Their data are not there any more.
+        keep: Called after each round with the number of rounds so far.
     """
     student.head.explore(config.tuning.log_std)
     parts: list[Examples] = []
     fit = Fit(epochs=0, loss=0.0, held_out_loss=0.0)
-    for number in range(config.rounds):
+    for number in range(done, config.rounds):
         beta = config.beta if number == 0 else 0.0
         visits = visit(student, teacher, env, config.round_steps, beta, [seed, number])
         parts = newest(parts + visits.parts, config.most_mb)
@@ -71,6 +77,7 @@ def distill(
             f"{visits.episodes} episodes, {steps:,} labelled steps, held out "
             f"{fit.held_out_loss:.4f}"
         )
+        keep(number + 1)
     return fit
 
 

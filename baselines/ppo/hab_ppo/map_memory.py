@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, CAMERA_HFOV_RAD, CONTROL_HZ
 from hab_tasks.robots.cameras import PLACES
-from hab_tasks.robots.control_modes import BASE_CELLS
+from hab_tasks.robots.control_modes import BASE_CELLS, STOP_CELL
 from hab_tasks.robots.robot import ROBOT
 
 Array = NDArray[np.float32]
@@ -30,8 +30,15 @@ HIGHEST_M = 1.8
 FLOOR_M = 0.05
 """Up to this height a surface counts as floor."""
 
-SEEN, VISITED = 100, 255
-"""Values of the second channel, 0 where nothing has been seen yet."""
+SEEN, VISITED, STOPPED = 100, 180, 255
+"""Values of the second channel: what has been seen, where the base was, and where it took the stop
+action; 0 where nothing has been seen yet."""
+
+STOP_MARK_M = 0.15
+"""Stops are marked so far around, on maps with smaller cells."""
+
+STOP_CELLS = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))
+"""The cells of a mark, from its middle."""
 
 MARK_M = 0.3
 """Standard deviation of the mark at the point."""
@@ -80,6 +87,7 @@ class MapMemory:
             np.zeros((rows, level.cells, level.cells, 2), dtype=np.uint8) for level in LEVELS
         ]
         self._fresh = np.ones(rows, dtype=bool)
+        self._stopped = np.zeros(rows, dtype=bool)
 
     def forget(self, rows: NDArray[np.bool_]) -> None:
         """Empties the maps of the rows in a mask (N,)."""
@@ -88,6 +96,7 @@ class MapMemory:
     def turn(self, actions: NDArray[np.integer[Any]]) -> None:
         """Takes the actions (N,) into account, cells of ``base_discrete``."""
         self._wanted_rad = self._turn_rad * _CELL_SHARES[actions, 1]
+        self._stopped = np.asarray(actions) == STOP_CELL
 
     def look(self, depth: NDArray[Any], point_in_base_m: Array) -> NDArray[np.uint8]:
         """Draws what all rows see; returns the maps around the bases (N, H, W, C).
@@ -102,15 +111,15 @@ class MapMemory:
         fresh, self._fresh = self._fresh, np.zeros_like(self._fresh)
         for grid in self._grids:
             grid[fresh] = 0
-        self.pose[fresh], self._wanted_rad[fresh] = 0.0, 0.0
+        self.pose[fresh], self._wanted_rad[fresh], self._stopped[fresh] = 0.0, 0.0, False
         self._point_m[fresh] = point_in_base_m[fresh, :2]
         self._move(point_in_base_m[:, :2])
         self._wanted_rad = np.zeros_like(self._wanted_rad)
         rows, points_m = self._surfaces(depth)
         for level, grid in zip(LEVELS, self._grids, strict=True):
             _draw(level, grid, rows, points_m)
-            here = _cells(level, self.pose[:, :2])
-            grid[np.arange(len(grid)), here[:, 0], here[:, 1], 1] = VISITED
+            self._mark(level, grid)
+        self._stopped = np.zeros_like(self._stopped)
         return self._images(point_in_base_m)
 
     def _move(self, point_in_base_m: Array) -> None:
@@ -125,6 +134,16 @@ class MapMemory:
         best, rows = cost.argmin(axis=0), np.arange(len(self.pose))
         self.pose[:, 2] = yaws_rad[best, rows]
         self.pose[:, :2] = places_m[best, rows]
+
+    def _mark(self, level: Level, grid: NDArray[np.uint8]) -> None:
+        """Marks where the bases are; where they have stopped, over a few cells."""
+        here, rows = _cells(level, self.pose[:, :2]), np.arange(len(grid))
+        marked = grid[..., 1]
+        marks = np.where(self._stopped, STOPPED, VISITED).astype(np.uint8)
+        for x, y in STOP_CELLS[: None if level.cell_m < STOP_MARK_M else 1]:
+            rows_here = rows if (x, y) == (0, 0) else rows[self._stopped]
+            cells = rows_here, here[rows_here, 0] + x, here[rows_here, 1] + y
+            marked[cells] = np.maximum(marked[cells], marks[rows_here])
 
     def _surfaces(self, depth: NDArray[Any]) -> tuple[NDArray[np.intp], Array]:
         """Returns the surfaces in the images: the row and the point (3,) of each."""

@@ -20,6 +20,9 @@ LAST, EXACT, BEST = (f"{name}.safetensors" for name in ("last", "exact", "best")
 CLONED, DEMONSTRATIONS = "cloned.safetensors", "demonstrations.safetensors"
 """The weights from which PPO starts after a warm start, and what they were cloned from."""
 
+DISTILLED_SO_FAR = "distilled_so_far.safetensors"
+"""The weights after the last round of a distillation that has not ended."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class TrainPlan:

@@ -132,8 +132,10 @@ class TrainCommand(Command):
     def _plan(self, recipe: Recipe) -> TrainPlan:
         from hab_ppo.plan import EXACT, LAST, TrainPlan
 
-        resumes = self.resume or (is_prepared() and (self.out / LAST).exists())
-        resume = (EXACT if self.exact else LAST) if resumes else None
+        # A run that was interrupted before its first update has neither; it begins where it was.
+        checkpoint = EXACT if self.exact else LAST
+        resumes = (self.resume or is_prepared()) and (self.out / checkpoint).exists()
+        resume = checkpoint if resumes else None
         return TrainPlan(
             recipe=recipe,
             out=self.out,
@@ -223,11 +225,15 @@ class TrainCommand(Command):
 
     def _check_out(self) -> None:
         """Checks the output folder; with --force, empties it."""
+        from hab_ppo.plan import DISTILLED_SO_FAR, EXACT, RECIPE
+
         if self.resume:
-            if not (self.out / "recipe.json").is_file():
+            if not any((self.out / name).is_file() for name in (RECIPE, DISTILLED_SO_FAR)):
                 raise OptionError(f"--resume: there is no run in {self.out}.")
+            if self.exact and not (self.out / EXACT).is_file():
+                raise OptionError(f"--exact: the run in {self.out} had no evaluation yet.")
             return
-        check_folder(self.out, force=self.force, mark="recipe.json")
+        check_folder(self.out, force=self.force, mark=RECIPE)
         if self.force:
             shutil.rmtree(self.out, ignore_errors=True)
 

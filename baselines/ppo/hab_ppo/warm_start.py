@@ -26,7 +26,7 @@ from hab_ppo.examples import Examples
 from hab_ppo.fine_tuning import Guide
 from hab_ppo.mapped_rows import policy_rows
 from hab_ppo.network import Policy
-from hab_ppo.plan import CLONED, DEMONSTRATIONS, TrainPlan, check_same
+from hab_ppo.plan import CLONED, DEMONSTRATIONS, DISTILLED_SO_FAR, TrainPlan, check_same
 from hab_ppo.practice import Lesson, practise
 from hab_ppo.progress import WriteLine
 from hab_ppo.recipe import Recipe, to_json
@@ -179,13 +179,34 @@ def _distilled(
         env = make_rows(shown, rows, ranks.on_machine)
         made = {"teacher": loaded.recipe.name}  # a path would mean nothing elsewhere
         teacher = PolicyTeacher(loaded.policy, rows)
+    done = _rounds_done(plan, policy)
+    if done:
+        write_line(f"distillation continues after round {done} of {config.rounds}")
+
+    def keep(done: int) -> None:
+        about = {"recipe": to_json(recipe), "seed": plan.seed, "rounds": done}
+        tensors = checkpoint.network_tensors(policy)
+        checkpoint.save(plan.out / DISTILLED_SO_FAR, tensors, about)
+
     threads = torch.get_num_threads()
     torch.set_num_threads(ranks.on_machine)  # the other ranks wait
     try:
-        return made, distill(policy, teacher, env, config, plan.seed, write_line)
+        fit = distill(policy, teacher, env, config, plan.seed, write_line, done=done, keep=keep)
+        return made, fit
     finally:
         torch.set_num_threads(threads)
         env.close()
+
+
+def _rounds_done(plan: TrainPlan, policy: Policy) -> int:
+    """Sets a policy to what an interrupted distillation has kept; returns its number of rounds."""
+    path = plan.out / DISTILLED_SO_FAR
+    if not path.exists():
+        return 0
+    tensors, about = checkpoint.load(path)
+    check_same(plan, about)
+    checkpoint.load_network(policy, tensors, path)
+    return int(about["rounds"])
 
 
 def _demonstrations(plan: TrainPlan, ranks: Ranks, write_line: WriteLine) -> DemonstrationFile:

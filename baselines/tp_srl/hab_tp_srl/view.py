@@ -37,6 +37,9 @@ class TaskView:
                 grasped, instead of from the hand.
         """
         self._truth, self._aims_object = truth, aims_object
+        self._obs: Mapping[str, Any] = {}
+        self._row = 0
+        self._located: tuple[float, float, float] | None = None
         self.forget()
 
     def forget(self) -> None:
@@ -49,18 +52,16 @@ class TaskView:
         self._held_in_ee_m = np.zeros(3)
 
     def see(self, obs: Mapping[str, Any], row: int) -> None:
-        """Reads the observation of a row; called at every step."""
-        self._agent = {name: _row(value, row) for name, value in obs["agent"].items()}
-        self._told = {name: _row(value, row) for name, value in obs["extra"].items()}
-        self._state: PrivilegedState | None = obs["privileged"][row] if self._truth else None
-        pairs_m = self._told["targets_in_base"].reshape(-1, 2, 3).astype(float)
+        """Takes the observation of a row; called at every step.
+
+        It is read when it is needed: while another motion runs, hardly ever.
+        """
+        self._obs, self._row, self._located = obs, row, None
         if self._starts_m is None:
-            self._first_m = pairs_m
-            self._base = self._locate(pairs_m)
-            places_m = self._to_frame(pairs_m)
+            self._first_m = self._pairs_m
+            places_m = self._to_frame(self._first_m)
             self._starts_m, self._goals_m = places_m[:, 0], places_m[:, 1]
             self._handles_m = self._handles()
-        self._base = self._locate(pairs_m)
         self._pull()
         self._take()
 
@@ -76,17 +77,17 @@ class TaskView:
     @property
     def holding(self) -> bool:
         """Whether anything is in the hand."""
-        return bool(self._agent["is_holding"][0] > 0)
+        return bool(self._felt("is_holding")[0] > 0)
 
     @property
     def rests(self) -> bool:
         """Whether the end-effector is at its resting position."""
-        return float(np.linalg.norm(self._agent["rest_from_ee"])) < REST_RADIUS_M
+        return float(np.linalg.norm(self._felt("rest_from_ee"))) < REST_RADIUS_M
 
     @property
     def arm_qpos(self) -> Array:
         """Joint positions of the arm (7,) [rad]."""
-        return self._agent["arm_qpos"].astype(float)
+        return self._felt("arm_qpos").astype(float)
 
     def point(self, stage: Stage) -> Array:
         """Returns the point (3,) that a skill observes if it begins now.
@@ -120,11 +121,14 @@ class TaskView:
             stage: The stage.
             point_m: (3,) its `point` when it began.
         """
-        ee_m, axes = self._agent["ee_position"], self._ee_axes
+        ee_m, axes = self._felt("ee_position"), self._ee_axes
         point = self._in_base(point_m)
         if self._aims_object and stage.skill == "place":
             point = point - axes.T @ self._held_in_ee_m
-        found: Entries = {("agent", name): value for name, value in self._agent.items()}
+        agent = self._obs["agent"]
+        found: Entries = {
+            ("agent", name): _row(values, self._row) for name, values in agent.items()
+        }
         found["extra", "point_in_base"] = point
         found["extra", "point_in_ee"] = axes @ (point - ee_m)
         for name in ("object_start", "object_goal"):
@@ -136,16 +140,41 @@ class TaskView:
         return {path: value.astype(np.float32) for path, value in found.items()}
 
     @property
+    def _state(self) -> PrivilegedState | None:
+        """The true state; None without ground truth."""
+        return self._obs["privileged"][self._row] if self._truth else None
+
+    @property
+    def _pairs_m(self) -> Array:
+        """Starts and goals of the objects (K, 2, 3) in the base frame."""
+        return self._told("targets_in_base").reshape(-1, 2, 3).astype(float)
+
+    @property
+    def _base(self) -> tuple[float, float, float]:
+        """x, y [m] and yaw [rad] of the base in the resting frame."""
+        if self._located is None:
+            self._located = self._locate(self._pairs_m)
+        return self._located
+
+    def _felt(self, name: str) -> Array:
+        """Returns an entry of the robot's own state."""
+        return _row(self._obs["agent"][name], self._row)
+
+    def _told(self, name: str) -> Array:
+        """Returns an entry of what the task tells."""
+        return _row(self._obs["extra"][name], self._row)
+
+    @property
     def _ee_axes(self) -> Array:
         """Axes of the end-effector in the base frame, as rows (3, 3)."""
-        rotation = self._agent["ee_rotation"].reshape(2, 3)
+        rotation = self._felt("ee_rotation").reshape(2, 3)
         return np.concatenate((rotation, np.cross(rotation[0], rotation[1])[None]))
 
     def _take(self) -> None:
         """Notes where an object is in the hand when a pick grasps it."""
         if self._reached_m is None or not self.holding:
             return
-        gap_m = self._in_base(self._reached_m) - self._agent["ee_position"]
+        gap_m = self._in_base(self._reached_m) - self._felt("ee_position")
         self._held_in_ee_m, self._reached_m = self._ee_axes @ gap_m, None
 
     def _moved_m(self, drawer: int) -> Array:
@@ -160,7 +189,7 @@ class TaskView:
         if self._moving is None or not self.holding:
             self._hand_m = None
             return
-        hand_m = self._to_frame(self._agent["ee_position"].astype(float))
+        hand_m = self._to_frame(self._felt("ee_position").astype(float))
         if self._hand_m is not None:
             so_far_m = self._pulled_m.get(self._moving, np.zeros(3))
             self._pulled_m[self._moving] = so_far_m + hand_m - self._hand_m
@@ -170,9 +199,9 @@ class TaskView:
         """Returns the handles (J, 3) in the resting frame; None if they are not observed."""
         if self._state is not None:
             return np.array([found.handle_m for found in self._state.articulations]).reshape(-1, 3)
-        if "handles_in_base" not in self._told:
+        if "handles_in_base" not in self._obs["extra"]:
             return None
-        return self._to_frame(self._told["handles_in_base"].reshape(-1, 3).astype(float))
+        return self._to_frame(self._told("handles_in_base").reshape(-1, 3).astype(float))
 
     def _locate(self, pairs_m: Array) -> tuple[float, float, float]:
         """Returns x, y [m] and yaw [rad] of the base in the resting frame.

@@ -1,8 +1,8 @@
 """Navigate with a map that the policy draws of its depth images (`hab_ppo.map_memory`).
 
-DAgger from an expert that knows the map and the goal pose, then PPO. The policy observes neither,
-but in its own map both are easy to guess, other than in the states of an LSTM. Each action is
-executed for four steps, as in `navigate_depth`, and actions are drawn.
+DAgger from an expert that knows the map, then PPO. It does not know the goal pose, but stops at
+likely ones, one after another, as the policy can, whose map shows where it has stopped before. Each
+action is executed for four steps, as in `navigate_depth`, and actions are drawn.
 """
 
 from dataclasses import replace
@@ -23,12 +23,12 @@ RECIPE = replace(
         rollout_steps=100,
     ),
     distill=Distillation(
-        expert="shortest_path_action",
+        expert="search_action",
         rounds=30,
         round_steps=10_000,
         most_mb=2500,
         cloning=Cloning(
-            epochs=2, learning_rate=5e-4, batch_steps=250, bfloat16=True, stop_weight=6.0
+            epochs=2, learning_rate=5e-4, batch_steps=250, bfloat16=True, stop_weight=2.0
         ),
         tuning=FineTuning(kl_weight=0.1, kl_steps=200_000),
     ),

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hab_ppo.errors import RecipeError
-from hab_ppo.map_memory import CHANNELS, SEEN, SIDE_PX, VISITED, MapMemory
+from hab_ppo.map_memory import CHANNELS, SEEN, SIDE_PX, STOPPED, VISITED, MapMemory
 from hab_ppo.mapped_rows import RowMaps
 from hab_ppo.recipes import find_recipe
 from hab_ppo.warm_start import make_rows
@@ -125,6 +125,27 @@ def base_of(obs):
     camera = obs["sensor_param"]["head"]["cam2world_gl"][0]
     yaw = np.arctan2(-camera[1, 2], -camera[0, 2])
     return np.array([camera[0, 3] - 0.17 * np.cos(yaw), camera[1, 3] - 0.17 * np.sin(yaw), yaw])
+
+
+def test_stops_are_marked_until_the_map_is_forgotten():
+    maps = MapMemory(2, 4)
+    points, depth = np.repeat(point(2.0, 0.0), 2, axis=0), np.repeat(NOTHING, 2, axis=0)
+    stop, ahead = STOP_CELL, BASE_CELLS.index((1.0, 0.0))
+    maps.look(depth, points)
+    maps.turn(np.array([stop, ahead]))
+    shown = maps.look(depth, points)[..., 1]
+    # The cell of the base and its four neighbours; the second base did not stop.
+    assert (shown[0] == STOPPED).sum() == 5
+    assert (shown[1] == STOPPED).sum() == 0
+    assert (shown[1] == VISITED).sum() == 1
+    maps.turn(np.array([ahead, ahead]))
+    moved = np.repeat(point(1.5, 0.0), 2, axis=0)
+    shown = maps.look(depth, moved)[..., 1]
+    # The mark stays, and is now 0.5 m behind, where no visit replaces it.
+    assert (shown[0] == STOPPED).sum() == 5
+    assert (shown[0] == VISITED).sum() == 1
+    maps.forget(np.array([True, False]))
+    assert (maps.look(depth, points)[0, ..., 1] == STOPPED).sum() == 0
 
 
 @pytest.mark.slow

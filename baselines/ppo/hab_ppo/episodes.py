@@ -7,11 +7,15 @@ from hab_ppo.recipe import Recipe
 from hab_tasks.episodes import Episode, EpisodeRequest, load_episodes
 
 
-def episode_request(recipe: Recipe, split: str) -> EpisodeRequest:
-    """Returns the request of a recipe's episodes of a split."""
+def training_request(recipe: Recipe) -> EpisodeRequest:
+    """Returns the request of a recipe's training episodes."""
+    return _request(recipe, recipe.env.training_reference, recipe.env.split)
+
+
+def _request(recipe: Recipe, env_id: str, split: str) -> EpisodeRequest:
     env = recipe.env
     return EpisodeRequest(
-        env_id=env.training_reference,
+        env_id=env_id,
         scene_dataset=env.scene_dataset,
         objects=env.objects,
         split=split,
@@ -21,14 +25,13 @@ def episode_request(recipe: Recipe, split: str) -> EpisodeRequest:
 
 def training_episodes(recipe: Recipe, workers: int, write_line: WriteLine) -> tuple[Episode, ...]:
     """Returns the training episodes of a recipe; the missing ones are generated."""
-    env = recipe.env
-    return _loaded(episode_request(recipe, env.split), env.num_episodes, workers, write_line)
+    return _loaded(training_request(recipe), recipe.env.num_episodes, workers, write_line)
 
 
 def prepare_episodes(recipe: Recipe, workers: int, write_line: WriteLine) -> tuple[Episode, ...]:
     """Generates the missing episodes of a recipe; returns those of the evaluation."""
     training_episodes(recipe, workers, write_line)
-    request = episode_request(recipe, recipe.evaluation_split)
+    request = _request(recipe, recipe.env.reference, recipe.evaluation_split)
     return _loaded(request, recipe.evaluation_episodes, workers, write_line)
 
 

@@ -22,8 +22,8 @@ class EnvConfig:
 
     Attributes:
         env: Environment id, ``HabPick-v1``, or ``module:X-v1`` for one of your own.
-        trained_in: Environment of the training and its evaluations, if it is another one: the same
-            skill from other start states, such as those of `hab_ppo.fridge_starts`.
+        trained_in: Environment of the training, if it is another one: the same skill from other
+            start states, such as those of `hab_ppo.fridge_starts`. Evaluations are in `env`.
         control_mode: Control mode of the robot.
         obs_mode: ``state_dict`` for a blind policy; ``depth``, ``rgb`` or ``rgb+depth``.
         target_frame: Frame of the observed target, ``base`` or ``ee``.

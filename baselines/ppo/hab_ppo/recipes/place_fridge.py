@@ -16,6 +16,6 @@ RECIPE = replace(
     about="Blind Place, trained with half of the goals in the fridge.",
     env=replace(DISTILLED.env, trained_in="hab_ppo.fridge_starts:PlaceOftenInFridge-v1"),
     preset=replace(FAST, network=replace(FAST.network, log_std=-1.2)),
-    total_steps=600_000,
+    total_steps=500_000,
     distill=None,
 )

@@ -12,7 +12,8 @@ from torch import Tensor
 
 from hab_ppo import checkpoint
 from hab_ppo.errors import PolicyFileError
-from hab_ppo.mapped_rows import RowMaps, policy_space
+from hab_ppo.map_memory import CHANNELS, SIDE_PX
+from hab_ppo.mapped_rows import RowMaps, policy_space, with_map
 from hab_ppo.network import Policy, new_policy
 from hab_ppo.noise import RowNoise
 from hab_ppo.observation import ObservationLayout
@@ -82,7 +83,7 @@ class PolicyAgent:
         self._starts = self._starts | mask.cpu()
         self._age[mask.cpu()] = 0
         if self._maps is not None:
-            self._maps.forget(mask.tolist())
+            self._maps.forget(mask.nonzero()[:, 0].tolist())
         for row in mask.nonzero()[:, 0].tolist():
             self._random[row] = np.random.default_rng(seeds[row])
 
@@ -96,8 +97,12 @@ class PolicyAgent:
 
     def _decide(self, obs: Mapping[str, Any], due: Tensor) -> None:
         """Chooses the actions of the rows `due` (N,) bool; the others repeat theirs."""
+        deciding = due.nonzero()[:, 0].tolist()
         if self._maps is not None:
-            obs = self._maps.shown(obs, due.tolist())
+            images = np.zeros((len(due), SIDE_PX, SIDE_PX, CHANNELS), dtype=np.uint8)
+            points_m = np.asarray(obs["extra"]["point_in_base"])[deciding]
+            images[deciding] = self._maps.look(deciding, obs, points_m)
+            obs = with_map(obs, images)
         seen = self._policy.layout.read(obs).to(self._device)
         rows = [one if now else None for one, now in zip(self._random, due, strict=True)]
         noise = RowNoise(rows) if self._draws else None
@@ -106,7 +111,7 @@ class PolicyAgent:
         first = self._actions.shape != actions.shape
         self._actions = actions if first else torch.where(due[:, None], actions, self._actions)
         if self._maps is not None:
-            self._maps.turn(actions, due.tolist())
+            self._maps.turn(deciding, actions[deciding].numpy())
         chosen = due.to(self._device)[None, :, None]
         self._memory = torch.where(chosen, acted.memory, self._memory)
         self._starts = self._starts & ~due

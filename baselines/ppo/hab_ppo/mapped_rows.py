@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -72,27 +72,34 @@ class RowMaps:
     def __init__(self, repeat: int) -> None:
         """Creates maps for actions that are executed `repeat` times."""
         self._repeat = repeat
-        self._maps: list[MapMemory] = []
+        self._maps: dict[int, MapMemory] = {}
 
-    def forget(self, rows: Sequence[bool]) -> None:
-        """Empties the maps of the rows in a mask (N,)."""
-        if len(self._maps) != len(rows):
-            self._maps = [MapMemory(1, self._repeat) for _ in rows]
-        for maps, fresh in zip(self._maps, rows, strict=True):
-            maps.forget(np.array([fresh]))
+    def forget(self, rows: Iterable[int]) -> None:
+        """Empties the maps of some rows."""
+        for row in rows:
+            self._maps.pop(row, None)
 
-    def shown(self, obs: Mapping[str, Any], due: Sequence[bool]) -> dict[str, Any]:
-        """Returns an observation of all rows with maps, which are empty but for the rows `due`."""
-        depth, points_m = seen_by_head(obs)
-        images = np.zeros((len(due), SIDE_PX, SIDE_PX, CHANNELS), dtype=np.uint8)
-        for row in np.flatnonzero(due):
-            images[row] = self._maps[row].look(depth[[row]], points_m[[row]])[0]
-        return with_map(obs, images)
+    def look(
+        self, rows: Sequence[int], obs: Mapping[str, Any], points_m: NDArray[Any]
+    ) -> NDArray[np.uint8]:
+        """Returns the maps (K, H, W, C) of some rows, with what they see now.
 
-    def turn(self, actions: Any, due: Sequence[bool]) -> None:
-        """Takes the actions (N, 1) of the rows `due` into account."""
-        for row in np.flatnonzero(due):
-            self._maps[row].turn(np.asarray(actions[row]))
+        Args:
+            rows: Their numbers.
+            obs: The observation of all rows.
+            points_m: (K, 3) the points to go to, in the base frames.
+        """
+        images = np.zeros((len(rows), SIDE_PX, SIDE_PX, CHANNELS), dtype=np.uint8)
+        depth = np.asarray(obs[IMAGES]["head"]["depth"])
+        for number, row in enumerate(rows):
+            maps = self._maps.setdefault(row, MapMemory(1, self._repeat))
+            images[number] = maps.look(depth[[row]], points_m[[number]])[0]
+        return images
+
+    def turn(self, rows: Sequence[int], actions: NDArray[Any]) -> None:
+        """Takes the actions (K, 1) of some rows into account."""
+        for row, action in zip(rows, actions, strict=True):
+            self._maps[row].turn(action)
 
 
 def policy_space(config: EnvConfig, space: Any) -> Any:

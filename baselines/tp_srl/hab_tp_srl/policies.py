@@ -11,8 +11,7 @@ import numpy as np
 import torch
 from hab_ppo.agent import load_policy
 from hab_ppo.errors import PolicyFileError
-from hab_ppo.map_memory import MapMemory
-from hab_ppo.mapped_rows import with_map
+from hab_ppo.mapped_rows import RowMaps, with_map
 from hab_ppo.noise import RowNoise
 from numpy.typing import NDArray
 from torch import Tensor
@@ -45,7 +44,6 @@ class Turn:
         policy: Its policy.
         entries: The state observation of this step.
         memory: (2, H) state of the LSTM; None at the start of the skill.
-        map: Its map, of a policy with `EnvConfig.map_memory`; None at the start of the skill.
         random: Draws its actions; None for the most likely ones.
         age: Number of actions so far.
         action: (A,) the action of this step, after `SkillPolicy.decide`.
@@ -54,7 +52,6 @@ class Turn:
     policy: SkillPolicy
     entries: Entries = field(default_factory=dict)
     memory: Tensor | None = None
-    map: MapMemory | None = None
     random: np.random.Generator | None = None
     age: int = 0
     action: NDArray[Any] = field(default_factory=lambda: np.zeros(0, dtype=np.float32))
@@ -87,6 +84,8 @@ class SkillPolicy:
         env_id = imported_id(self.recipe.env.reference)
         env = ENVS[env_id].env
         self.horizon_steps = env.horizon_steps
+        maps = self.recipe.env.map_memory
+        self._maps = RowMaps(self.recipe.env.action_repeat) if maps else None
         self.control: HabControllerConfig = control_configs()[self.recipe.env.control_mode]
         self._check(skill, env_id, path)
         self.starts = start_ranges(env_id) if env_id != NAVIGATE_ID else None
@@ -146,8 +145,8 @@ class SkillPolicy:
         actions = self._policy.head.to_env(acted.actions).reshape(len(turns), -1)
         for number, turn in enumerate(turns):
             turn.action, turn.memory = actions[number], acted.memory[:, number]
-            if turn.map is not None:
-                turn.map.turn(turn.action)
+        if self._maps is not None:
+            self._maps.turn(rows, actions)
 
     def _observed(
         self, rows: Sequence[int], turns: Sequence[Turn], obs: Mapping[str, Any]
@@ -157,21 +156,11 @@ class SkillPolicy:
         for group, name in self._policy.layout.state:
             values = [turn.entries[group, name] for turn in turns]
             nested.setdefault(group, {})[name] = np.stack(values)
-        if self.recipe.env.map_memory:
-            return with_map(nested, self._maps(rows, turns, obs))
+        if self._maps is not None:
+            self._maps.forget(row for row, t in zip(rows, turns, strict=True) if t.memory is None)
+            points_m = np.stack([turn.entries["extra", "point_in_base"] for turn in turns])
+            return with_map(nested, self._maps.look(rows, obs, points_m))
         for group, camera, texture in self._policy.layout.images:
             image = obs[group][camera][texture][list(rows)]
             nested.setdefault(group, {}).setdefault(camera, {})[texture] = image
         return nested
-
-    def _maps(
-        self, rows: Sequence[int], turns: Sequence[Turn], obs: Mapping[str, Any]
-    ) -> NDArray[np.uint8]:
-        """Returns the maps (N, H, W, C) of some rows, with what they see now."""
-        drawn = []
-        for row, turn in zip(rows, turns, strict=True):
-            if turn.map is None:
-                turn.map = MapMemory(1, self.recipe.env.action_repeat)
-            depth = np.asarray(obs["sensor_data"]["head"]["depth"][[row]])
-            drawn.append(turn.map.look(depth, turn.entries["extra", "point_in_base"][None]))
-        return np.concatenate(drawn)

@@ -101,17 +101,15 @@ def test_the_map_turns_with_the_base_and_remembers():
 
 def test_rows_that_decide_at_different_times_keep_their_maps():
     maps, both = RowMaps(4), np.concatenate((wall_ahead(1.25), wall_ahead(1.25)))
-    obs = {
-        "sensor_data": {"head": {"depth": both}},
-        "extra": {"point_in_base": np.concatenate((point(2, 0), point(2, 0)))},
-    }
-    maps.forget([True, True])
-    first = maps.shown(obs, [True, False])["sensor_data"]["map"]["map"]
-    assert first[0].any()
-    assert not first[1].any()
-    maps.turn(np.array([[STOP_CELL], [STOP_CELL]]), [True, False])
-    second = maps.shown(obs, [False, True])["sensor_data"]["map"]["map"]
-    assert np.array_equal(first[0], second[1])
+    obs = {"sensor_data": {"head": {"depth": both}}}
+    first = maps.look([0], obs, point(2, 0))
+    assert first.any()
+    maps.turn([0], np.array([[STOP_CELL]]))
+    assert np.array_equal(maps.look([1], obs, point(2, 0)), first)
+    # The first row remembers its stop, until it is told to forget.
+    assert not np.array_equal(maps.look([0], obs, point(2, 0)), first)
+    maps.forget([0])
+    assert np.array_equal(maps.look([0], obs, point(2, 0)), first)
 
 
 @pytest.mark.parametrize("changes", [{"control_mode": "base"}, {"obs_mode": "rgb"}])

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from hab_ppo.examples import Examples
+from hab_ppo.mirror import mirrored
 from hab_ppo.network import Policy
 from hab_ppo.normalizer import Moments, RunningNormalizer
 from hab_ppo.progress import WriteLine
@@ -108,6 +109,8 @@ def _epoch(
     total = 0.0
     for batch in batches(examples, config.batch_steps, policy.lstm is not None, generator):
         device = policy.state_normalizer.mean.device.type
+        if config.mirrors:
+            batch = mirrored(batch, torch.rand(len(batch.state), generator=generator) < 0.5)
         with torch.autocast(device, torch.bfloat16, enabled=config.bfloat16):
             each = misfits(policy, batch)
             loss = (weights(batch, config).to(each.device) * each).mean()

@@ -215,6 +215,8 @@ class Cloning:
             for images 2.5 times as fast on a CPU that has it.
         stop_weight: Weight in the loss of steps in which the stop action of ``base_discrete`` is
             right. They are rare, and Navigate forgives a wrong stop, but not a missing one.
+        mirrors: Whether half of the steps, drawn anew in each pass, are mirrored left to right; for
+            policies with `EnvConfig.map_memory`.
     """
 
     epochs: int = 40
@@ -224,6 +226,7 @@ class Cloning:
     patience: int = 15
     bfloat16: bool = False
     stop_weight: float = 1.0
+    mirrors: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -339,6 +342,8 @@ class Recipe:
                 f"Recipe {self.name} has action_repeat {self.env.action_repeat}; demonstrations of "
                 "warm_start need 1."
             )
+        if self.distill is not None and self.distill.cloning.mirrors and not self.env.map_memory:
+            raise RecipeError(f"Recipe {self.name} mirrors examples, which needs map_memory.")
         modes = self.env.control_mode, self.env.obs_mode
         if self.env.map_memory and modes != ("base_discrete", "depth"):
             raise RecipeError(

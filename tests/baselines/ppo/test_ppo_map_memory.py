@@ -4,9 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from hab_ppo.errors import RecipeError
+from hab_ppo.examples import Examples
 from hab_ppo.map_memory import CHANNELS, SEEN, SIDE_PX, STOPPED, VISITED, MapMemory
 from hab_ppo.mapped_rows import RowMaps
+from hab_ppo.mirror import mirrored
+from hab_ppo.observation import Observation
 from hab_ppo.recipes import find_recipe
 from hab_ppo.warm_start import make_rows
 
@@ -110,6 +114,24 @@ def test_rows_that_decide_at_different_times_keep_their_maps():
     assert not np.array_equal(maps.look([0], obs, point(2, 0)), first)
     maps.forget([0])
     assert np.array_equal(maps.look([0], obs, point(2, 0)), first)
+
+
+def test_mirrored_examples_are_those_of_a_mirrored_room():
+    left, right = wall_ahead(1.25), wall_ahead(1.25)
+    left[..., :40, :], right[..., -40:, :] = 0.9, 0.9  # nearer than this on one side only
+    seen = []
+    for depth, y in ((left, 1.0), (right, -1.0)):
+        image = MapMemory(1, 4).look(depth, point(2.0, y))
+        state = torch.tensor([[0.0, 2.0, y, 0.8]])
+        seen.append(Observation(state, torch.from_numpy(image).permute(0, 3, 1, 2)))
+    ahead_left, ahead_right = BASE_CELLS.index((1.0, 0.5)), BASE_CELLS.index((1.0, -0.5))
+    examples = Examples.of(seen, np.array([ahead_left, ahead_right]))
+    found = mirrored(examples, torch.tensor([True, False]))
+    assert torch.equal(found.state[0], examples.state[1])
+    # Pixels are between rays, and points on the borders of cells: a few cells differ.
+    differs = (found.images[0] != examples.images[1]).float().mean()
+    assert differs < 0.02 < (examples.images[0] != examples.images[1]).float().mean()
+    assert found.actions.tolist() == [ahead_right, ahead_right]
 
 
 @pytest.mark.parametrize("changes", [{"control_mode": "base"}, {"obs_mode": "rgb"}])

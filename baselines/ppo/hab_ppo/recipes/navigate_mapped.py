@@ -28,7 +28,12 @@ RECIPE = replace(
         round_steps=10_000,
         most_mb=2500,
         cloning=Cloning(
-            epochs=2, learning_rate=5e-4, batch_steps=250, bfloat16=True, stop_weight=2.0
+            epochs=2,
+            learning_rate=5e-4,
+            batch_steps=250,
+            bfloat16=True,
+            stop_weight=2.0,
+            mirrors=True,
         ),
         tuning=FineTuning(kl_weight=0.1, kl_steps=200_000),
     ),

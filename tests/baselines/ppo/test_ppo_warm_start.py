@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
-from hab_ppo import checkpoint, mapped_rows, trainer, warm_start
+from hab_ppo import checkpoint, distillation, mapped_rows, trainer, warm_start
 from hab_ppo.actions import action_head
 from hab_ppo.agent import LoadedPolicy
 from hab_ppo.cloning import batches, clone, misfits
@@ -376,6 +376,29 @@ def test_the_start_is_the_best_until_it_is_beaten(train, tmp_path, monkeypatch):
     end = train(tmp_path)
     assert (end.best_success, end.best_steps) == (0.9, 0)
     assert same_tensors(tmp_path / CLONED, tmp_path / BEST)
+
+
+def test_an_interrupted_distillation_continues_after_its_last_round(train, tmp_path, monkeypatch):
+    config = Distillation(teacher="x", rounds=3, round_steps=60, cloning=Cloning(epochs=2))
+    recipe = replace(TOY, warm_start=None, distill=config, total_steps=160)
+    rounds, visits = [], distillation.visit
+
+    def noted(*arguments):
+        rounds.append(arguments[-1][-1])
+        if len(rounds) == 3:
+            raise KeyboardInterrupt
+        return visits(*arguments)
+
+    monkeypatch.setattr(distillation, "visit", noted)
+    with pytest.raises(KeyboardInterrupt):
+        train(tmp_path, recipe)
+    assert rounds == [0, 1, 2]
+    assert not (tmp_path / CLONED).exists()
+    with pytest.raises(RecipeError, match="has seed 0, not 1"):
+        train(tmp_path, recipe, seed=1)
+    train(tmp_path, recipe)
+    assert rounds == [0, 1, 2, 2]
+    assert (tmp_path / CLONED).exists()
 
 
 def test_a_distilled_run(train, tmp_path):

@@ -1,7 +1,8 @@
 """Place as `place_distilled` does, with half of the goals in the fridge.
 
 Two of the three tasks place into the fridge, where a policy that is trained in the benchmark's
-start states fails most: `place_distilled` solves 37 of 62 test episodes there, 423 of 438 elsewhere.
+start states fails most: `place_distilled` solves 37 of 62 test episodes there, and 423 of 438
+elsewhere.
 """
 
 from dataclasses import replace

@@ -11,7 +11,7 @@ from hab_tasks.episodes import load_episodes
 from hab_tasks.receptacles import FRIDGE
 
 COUNT = 40
-RECIPES = ("pick_blind", "place_fridge")
+RECIPES = ("pick_fridge", "place_fridge")
 
 
 @pytest.mark.parametrize("name", RECIPES)
@@ -25,7 +25,7 @@ def test_half_of_the_start_states_are_at_the_fridge(name):
 
 
 def test_evaluations_are_in_the_environment_of_the_skill():
-    recipe = find_recipe("pick_blind")
+    recipe = find_recipe("pick_fridge")
     few = replace(recipe, env=replace(recipe.env, num_episodes=2), evaluation_episodes=2)
     episodes = prepare_episodes(few, 1, lambda line: None)
     assert {episode.id.split("/")[0] for episode in episodes} == {"HabPick-v1"}

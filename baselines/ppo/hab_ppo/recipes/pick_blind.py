@@ -1,8 +1,8 @@
 """Blind Pick: the arm and the displacement to the object, no images (S Table 2, "Blind").
 
-PPO alone. Half of the training starts are at the fridge, where the straight way to an object meets
-the shelf: with the one in six of the benchmark's start states, one of three seeds never found the
-way around it.
+PPO alone, from the benchmark's start states. With half of them at the fridge
+(`hab_ppo.fridge_starts`), three seeds were at 74, 55 and 51 % of 100 validation episodes after
+600,000 steps; the policy that ships was at 84 % of 50.
 """
 
 from hab_ppo.recipe import EnvConfig, Recipe
@@ -10,11 +10,6 @@ from hab_ppo.recipe import EnvConfig, Recipe
 RECIPE = Recipe(
     name="pick_blind",
     about="Pick from the arm's state and the object's starting position.",
-    env=EnvConfig(
-        env="HabPick-v1",
-        control_mode="ee",
-        trained_in="hab_ppo.fridge_starts:PickOftenFromFridge-v1",
-        num_episodes=5000,
-    ),
-    total_steps=1_300_000,
+    env=EnvConfig(env="HabPick-v1", control_mode="ee", num_episodes=5000),
+    total_steps=1_500_000,
 )

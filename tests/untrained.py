@@ -2,10 +2,10 @@
 
 from hab_ppo import checkpoint
 from hab_ppo.agent import spec_of
+from hab_ppo.config_json import to_json
 from hab_ppo.mapped_rows import policy_space
 from hab_ppo.network import new_policy
 from hab_ppo.observation import ObservationLayout
-from hab_ppo.recipe import to_json
 
 from hab_tasks.agent_spaces import agent_spaces
 

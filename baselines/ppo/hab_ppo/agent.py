@@ -11,13 +11,14 @@ import torch
 from torch import Tensor
 
 from hab_ppo import checkpoint
+from hab_ppo.config_json import from_json
 from hab_ppo.errors import PolicyFileError
 from hab_ppo.map_memory import CHANNELS, SIDE_PX
 from hab_ppo.mapped_rows import RowMaps, policy_space, with_map
 from hab_ppo.network import Policy, new_policy
 from hab_ppo.noise import RowNoise
 from hab_ppo.observation import ObservationLayout
-from hab_ppo.recipe import Recipe, from_json
+from hab_ppo.recipe import Recipe
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec, check_options
 from hab_tasks.processes import use_one_thread
 from hab_tasks.registration import imported_id

@@ -58,7 +58,7 @@ class DemonstrateCommand(Command):
             whole("--episodes", self.episodes, 1, MOST_EPISODES)
         if not 0 <= self.noise <= 1:
             raise OptionError.of_value("--noise", self.noise, "from 0 to 1")
-        from hab_ppo.recipe import changed
+        from hab_ppo.config_json import changed
         from hab_ppo.recipes import find_recipe
 
         recipe = find_recipe(self.recipe)

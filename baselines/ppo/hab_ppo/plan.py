@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hab_ppo.config_json import to_json
 from hab_ppo.errors import RecipeError
-from hab_ppo.recipe import Recipe, to_json
+from hab_ppo.recipe import Recipe
 
 RECIPE = "recipe.json"
 """The resolved recipe, in the run's folder."""

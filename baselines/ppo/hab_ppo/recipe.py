@@ -6,14 +6,10 @@ learner of S App. C, `FAST` one tuned for the wall time on two CPU cores.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
-from typing import Any, TypeVar, get_args, get_type_hints
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 from hab_ppo.errors import RecipeError
-from hab_tasks.errors import UnknownNameError
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -374,33 +370,3 @@ class Recipe:
         """How PPO continues from a clone; None if it starts from random weights."""
         start = self.warm_start or self.distill
         return None if start is None else start.tuning
-
-
-def changed(config: T, **values: Any) -> T:
-    """Returns a config with those of the values that are not None."""
-    given = {name: value for name, value in values.items() if value is not None}
-    return replace(config, **given)  # pyright: ignore[reportArgumentType, reportCallIssue]
-
-
-def to_json(config: Any) -> dict[str, Any]:
-    """Returns a config of this module as JSON-serialisable values."""
-    return asdict(config)
-
-
-def from_json(kind: type[T], values: Mapping[str, Any]) -> T:
-    """Returns the config of a class from the values of `to_json`.
-
-    Raises:
-        UnknownNameError: An entry that the class does not have.
-    """
-    hints = get_type_hints(kind)
-    arguments: dict[str, Any] = {}
-    for name, value in values.items():
-        if name not in hints:
-            raise UnknownNameError(f"entry of {kind.__name__}", name, hints)
-        kinds = [kind for kind in (hints[name], *get_args(hints[name])) if is_dataclass(kind)]
-        if kinds and value is not None:
-            arguments[name] = from_json(kinds[0], value)  # pyright: ignore[reportArgumentType]
-        else:
-            arguments[name] = tuple(value) if isinstance(value, list) else value
-    return kind(**arguments)

@@ -171,7 +171,8 @@ class TrainCommand(Command):
 
     def _recipe(self) -> Recipe:
         """Returns the recipe with the options given."""
-        from hab_ppo.recipe import PRESETS, changed
+        from hab_ppo.config_json import changed
+        from hab_ppo.recipe import PRESETS
         from hab_ppo.recipes import find_recipe
         from hab_tasks.errors import UnknownNameError
 

@@ -20,6 +20,7 @@ from hab_eval.provenance import device, git_commit
 from hab_ppo import checkpoint
 from hab_ppo.checkpoint import Position
 from hab_ppo.collect import Collector
+from hab_ppo.config_json import to_json
 from hab_ppo.distributed import Ranks
 from hab_ppo.episodes import prepare_episodes
 from hab_ppo.evaluation import evaluate
@@ -30,7 +31,6 @@ from hab_ppo.observation import ObservationLayout
 from hab_ppo.plan import BEST, EXACT, LAST, RECIPE, TrainPlan, check_same
 from hab_ppo.ppo import PPO
 from hab_ppo.progress import PARTS, Progress, Recent, WriteLine
-from hab_ppo.recipe import to_json
 from hab_ppo.stages import stage_names
 from hab_ppo.warm_start import make_rows, start_policy
 from hab_tasks.files import written_aside

@@ -16,6 +16,7 @@ import torch
 
 from hab_ppo import checkpoint
 from hab_ppo.cloning import Fit, clone
+from hab_ppo.config_json import to_json
 from hab_ppo.demonstration_file import DemonstrationFile, read_examples, write_examples
 from hab_ppo.demonstrations import DemonstrationPlan, demonstrate
 from hab_ppo.distillation import distill
@@ -29,7 +30,7 @@ from hab_ppo.network import Policy
 from hab_ppo.plan import CLONED, DEMONSTRATIONS, DISTILLED_SO_FAR, TrainPlan, check_same
 from hab_ppo.practice import Lesson, practise
 from hab_ppo.progress import WriteLine
-from hab_ppo.recipe import Recipe, to_json
+from hab_ppo.recipe import Recipe
 from hab_ppo.stages import info_keys
 from hab_ppo.teachers import (
     Expert,

@@ -7,11 +7,11 @@ from hab_ppo import agent, cards, checkpoint, shipping
 from hab_ppo.cards import NOT_EVALUATED, card, shipped_names
 from hab_ppo.checkpoint import Position, position_json
 from hab_ppo.cli import main
+from hab_ppo.config_json import to_json
 from hab_ppo.errors import PolicyFileError
 from hab_ppo.network import new_policy
 from hab_ppo.observation import ObservationLayout
 from hab_ppo.progress import read_progress
-from hab_ppo.recipe import to_json
 from hab_ppo.recipes import find_recipe, recipe_names
 from hab_ppo.shipping import Point, curve
 from stub_runs import make_record

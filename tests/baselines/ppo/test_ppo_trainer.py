@@ -8,11 +8,12 @@ import torch
 from hab_ppo import checkpoint, curves, mapped_rows, trainer
 from hab_ppo.checkpoint import Position
 from hab_ppo.cli import main
+from hab_ppo.config_json import from_json, to_json
 from hab_ppo.distributed import Ranks
 from hab_ppo.errors import PolicyFileError, RecipeError
 from hab_ppo.plan import CLONED
 from hab_ppo.progress import Recent, read_progress
-from hab_ppo.recipe import FAST, PAPER, EnvConfig, NetworkConfig, Recipe, from_json, to_json
+from hab_ppo.recipe import FAST, PAPER, EnvConfig, NetworkConfig, Recipe
 from hab_ppo.recipes import find_recipe, recipe_names
 from hab_ppo.trainer import BEST, EXACT, LAST, Trainer, TrainPlan
 from toy_vector import ToyVector, goals

@@ -1,4 +1,4 @@
-"""Cloning, fine-tuning and distillation in the toy environment."""
+"""Fine-tuning and distillation in the toy environment."""
 
 import math
 from dataclasses import replace
@@ -11,8 +11,8 @@ import torch
 from hab_ppo import checkpoint, distillation, mapped_rows, trainer, warm_start
 from hab_ppo.actions import action_head
 from hab_ppo.agent import LoadedPolicy
-from hab_ppo.cloning import batches, clone, misfits
 from hab_ppo.collect import Collector
+from hab_ppo.config_json import from_json, to_json
 from hab_ppo.demonstration_file import write_examples
 from hab_ppo.distillation import distill, newest, visit
 from hab_ppo.distributed import Ranks
@@ -34,11 +34,10 @@ from hab_ppo.recipe import (
     NetworkConfig,
     Recipe,
     WarmStart,
-    from_json,
-    to_json,
 )
 from hab_ppo.teachers import PolicyTeacher, check_expert, classroom
 from hab_ppo.trainer import Trainer
+from toy_examples import linear, random_examples
 from toy_vector import ToyVector, goals
 
 SPACE = ToyVector(1).single_action_space
@@ -46,72 +45,6 @@ LAYOUT = ObservationLayout.of(ToyVector(1).single_observation_space)
 PLAIN = NetworkConfig(head_layers=(32,), log_std=-1.2)
 LSTM = NetworkConfig(lstm_size=16, head_layers=(), log_std=-1.2)
 QUIET = [].append
-
-
-def random_examples(lengths, act, *, seed=0):
-    """Episodes of random states; `act` maps the states (T, 2) of one to actions (T, 1)."""
-    drawn = torch.Generator().manual_seed(seed)
-    state = torch.rand(sum(lengths), 2, generator=drawn) * 2 - 1
-    actions = torch.cat([act(part) for part in state.split(lengths)])
-    return Examples(state=state, images=None, actions=actions, lengths=torch.tensor(lengths))
-
-
-def linear(state):
-    return 0.6 * state[:, :1] - 0.3 * state[:, 1:]
-
-
-def previous(state):
-    """What the state before was: only a network with memory can tell."""
-    return torch.cat((torch.zeros(1, 1), state[:-1, :1]))
-
-
-def test_cloning_recovers_a_linear_teacher():
-    policy = new_policy(LAYOUT, SPACE, PLAIN, seed=0)
-    critic = {name: value.clone() for name, value in policy.critic.state_dict().items()}
-    config = Cloning(epochs=60, batch_steps=256)
-    fit = clone(policy, random_examples([20] * 50, linear), config, 0, QUIET)
-    assert fit.held_out_loss < 1e-3
-    unseen = random_examples([100], linear, seed=1)
-    assert misfits(policy, unseen).mean() < 1e-3
-    assert policy.state_normalizer.count == 1000
-    for name, value in policy.critic.state_dict().items():
-        assert torch.equal(value, critic[name])
-
-
-def test_an_lstm_is_fitted_to_whole_episodes():
-    examples = random_examples([6, 4, 8, 5] * 20, previous)
-    config = Cloning(epochs=50, learning_rate=1e-2, batch_steps=100)
-    policy = new_policy(LAYOUT, SPACE, LSTM, seed=0)
-    fit = clone(policy, examples, config, 0, QUIET)
-    variance = float(examples.actions.var())
-    assert fit.held_out_loss < 0.1 * variance
-    # Episodes in a batch do not see each other.
-    both = examples.episodes(torch.tensor([0, 1]))
-    alone = examples.episodes(torch.tensor([1]))
-    torch.testing.assert_close(misfits(policy, both)[6:], misfits(policy, alone))
-
-
-def test_batches_hold_every_step_once():
-    examples = random_examples([6, 4, 8, 5], linear)
-    drawn = torch.Generator().manual_seed(0)
-    for whole in (False, True):
-        parts = batches(examples, 7, whole, drawn)
-        assert sorted(torch.cat([part.state[:, 0] for part in parts]).tolist()) == sorted(
-            examples.state[:, 0].tolist()
-        )
-    assert all(len(part.state) >= 7 for part in parts[:-1])
-
-
-def test_cells_are_cloned_by_cross_entropy():
-    space = ToyVector(1, discrete=True).single_action_space
-    policy = new_policy(LAYOUT, space, PLAIN, seed=0)
-    examples = random_examples([20] * 30, lambda state: (state[:, 0] > 0).long() * 2)
-    clone(policy, examples, Cloning(epochs=40, batch_steps=256), 0, QUIET)
-    features, _ = policy.features(
-        examples.observations(), examples.starts()[:, None], policy.no_memory(1)
-    )
-    right = policy.actor(features).argmax(dim=1) == examples.actions
-    assert right.float().mean() > 0.95
 
 
 def test_kl():

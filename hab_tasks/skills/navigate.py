@@ -228,7 +228,8 @@ class HabNavigateEnv(SkillEnv):
             repeat: Number of steps for which each action is executed; the same in an episode.
         """
         simulation, (episode,) = self.simulation, self.episode
-        if self._search is None or self._search[0] is not episode:
+        begins = int(simulation.tracker.measures.steps[0]) == 0
+        if self._search is None or begins or self._search[0] is not episode:
             map_ = simulation.maps.of(episode.scene_id, episode.joints)
             point_m = np.array(simulation.goals.goals_m[0, 0].tolist())
             guesses = goal_guesses(episode, simulation.truth, map_, point_m)

@@ -31,6 +31,23 @@ REASONS = {
 }
 
 
+@pytest.fixture(autouse=True, scope="module")
+def _environments_of_a_module_end_with_it():
+    """Tests that go through all environments must not meet those that other tests registered."""
+    import gymnasium
+
+    from hab_tasks import registration
+
+    before = set(registration.ENTRY_POINTS)
+    yield
+    for env_id in set(registration.ENTRY_POINTS) - before:
+        module = registration._modules.pop(env_id)
+        registration.ENTRY_POINTS.pop(env_id)
+        registration.TASKS.pop(env_id, None)
+        gymnasium.registry.pop(env_id)
+        sys.modules.pop(module, None)  # the next import registers them again
+
+
 @pytest.fixture(scope="session")
 def data() -> Path:
     """The folder with the real ReplicaCAD and YCB."""

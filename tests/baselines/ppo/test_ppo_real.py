@@ -91,12 +91,15 @@ def test_an_agent_sees_what_the_policy_saw_in_training():
     ("name", "repeat"), [("navigate_blind", 1), ("navigate_blind", 4), ("navigate_mapped", 4)]
 )
 def test_an_agent_acts_as_the_policy_does_in_rows(name, repeat, tmp_path):
-    """Also where actions are repeated, and with maps, which both draw in the same steps."""
+    """Also where actions are repeated, and with maps, which both draw in the same steps.
+
+    All episodes begin in new simulations. Else rounding moves a pixel of a map, and then all of it.
+    """
     recipe = find_recipe(name)
     recipe = replace(recipe, draws_actions=False, env=replace(recipe.env, action_repeat=repeat))
     weights, out = tmp_path / "weights.safetensors", tmp_path / "run"
     write_weights(recipe, weights)
-    rows = play(weights, split="val", episodes=3, seed=0, rows=2, workers=1)
+    rows = play(weights, split="val", episodes=3, seed=0, rows=3, workers=1)
     agent = ["--agent", f"hab_ppo:{name}", "--option", f"weights={weights}"]
     run = ["run", *agent, "--env", recipe.env.env, "--episodes", "3", "--seed", "0"]
     assert hab_eval([*run, "--out", str(out)]) == 0

@@ -124,6 +124,17 @@ def use_one_thread() -> None:
     threadpool_limits(limits=1)
 
 
+@contextmanager
+def compute_threads(count: int) -> Iterator[None]:
+    """Lets PyTorch compute in so many threads for a while."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
 def begin_worker() -> None:
     """Limits this worker process to one compute thread, and ends it when its parent ends."""
     use_one_thread()

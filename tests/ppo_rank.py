@@ -1,5 +1,6 @@
 """One rank of a toy run, as a script: `python ppo_rank.py MODE FILE` with torchrun's variables."""
 
+import copy
 import os
 import socket
 import subprocess
@@ -8,13 +9,15 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from hab_ppo.collect import Collector
+from hab_ppo.distillation import Visits, distill, visit
 from hab_ppo.distributed import Ranks
 from hab_ppo.network import new_policy
 from hab_ppo.observation import ObservationLayout
 from hab_ppo.ppo import PPO
-from hab_ppo.recipe import FAST, NetworkConfig, PPOConfig
+from hab_ppo.recipe import FAST, Cloning, Distillation, NetworkConfig, PPOConfig
 from toy_vector import ToyVector
 
 ROWS, STEPS, SLOW_S = 8, 40, 0.1
@@ -30,6 +33,7 @@ def run_ranks(size: int, mode: str, folder: Path) -> list[dict[str, Any]]:
         "MASTER_ADDR": "127.0.0.1",
         "MASTER_PORT": str(port),
         "WORLD_SIZE": str(size),
+        "LOCAL_WORLD_SIZE": str(size),
         "PYTHONPATH": os.pathsep.join(filter(None, paths)),
         "OMP_NUM_THREADS": "1",
     }
@@ -99,6 +103,40 @@ def preemption() -> dict[str, Any]:
     return {"lengths": torch.tensor(lengths), "state": learner.policy.state_dict()}
 
 
+class Walker:
+    """A teacher that walks to the goal as fast as it can."""
+
+    def labels(self, obs: Any, starts: torch.Tensor) -> Any:
+        """See `hab_ppo.teachers.Teacher`."""
+        gap = np.asarray(obs["extra"]["goal"]) - np.asarray(obs["agent"]["position"])
+        return np.clip(gap / 0.2, -1, 1).astype(np.float32)
+
+
+def distillation() -> dict[str, Any]:
+    """Two rounds; only the first rank's student is the one that learns."""
+    ranks, env, lines = Ranks(), ToyVector(ROWS), []
+    layout = ObservationLayout.of(env.single_observation_space)
+    network = NetworkConfig(head_layers=(16,))
+    student = new_policy(layout, env.single_action_space, network, seed=ranks.rank)
+    config = Distillation(teacher="", rounds=2, round_steps=300, cloning=Cloning(epochs=1))
+    kept = [copy.deepcopy(student.state_dict())]
+
+    def keep(done: int) -> None:
+        kept.append(copy.deepcopy(student.state_dict()))
+
+    distill(student, Walker(), env, config, 0, ranks, lines.append, keep=keep)
+    own = visit(student, Walker(), env, 10 * ranks.rank + 10, 0.0, [0])
+    steps = [
+        sum(len(part.state) for part in Visits.read(data).parts)
+        for data in ranks.to_first(own.written())
+    ]
+    ranks.close()
+    rounds = [int(line.split("episodes, ")[1].split(" ")[0]) for line in lines if "round" in line]
+    return {"rounds": rounds, "steps": steps, "kept": kept, "state": student.state_dict()}
+
+
+MODES = {"gradients": gradients, "preemption": preemption, "distillation": distillation}
+
 if __name__ == "__main__":
     torch.set_num_threads(1)
-    torch.save({"gradients": gradients, "preemption": preemption}[sys.argv[1]](), sys.argv[2])
+    torch.save(MODES[sys.argv[1]](), sys.argv[2])

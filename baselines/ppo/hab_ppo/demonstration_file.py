@@ -61,10 +61,7 @@ def write_examples(
     about: dict[str, Any],
 ) -> None:
     """Writes demonstrations made in an environment to a file, atomically; `about` is added."""
-    tensors = {"state": examples.state, "actions": examples.actions, "lengths": examples.lengths}
-    if examples.images is not None:
-        tensors["images"] = examples.images
-    tensors |= _packed(followed)
+    tensors = examples.tensors() | _packed(followed)
     checkpoint.save(path, tensors, {"kind": KIND, "env": to_json(env), **about})
 
 
@@ -86,13 +83,7 @@ def read_examples(path: Path, env: EnvConfig) -> DemonstrationFile:
                 f"{path} has demonstrations with {name} {found[name]!r}, not "
                 f"{getattr(env, name)!r}."
             )
-    examples = Examples(
-        state=tensors["state"],
-        images=tensors.get("images"),
-        actions=tensors["actions"],
-        lengths=tensors["lengths"],
-    )
-    return DemonstrationFile(examples, _unpacked(tensors), about)
+    return DemonstrationFile(Examples.of_tensors(tensors), _unpacked(tensors), about)
 
 
 def _packed(followed: Sequence[Followed]) -> dict[str, Tensor]:

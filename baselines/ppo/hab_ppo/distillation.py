@@ -1,21 +1,23 @@
 """DAgger (arXiv 1011.0686): a student learns what a teacher would do in the states it visits.
 
 The student plays the vector environment of its own recipe, for example with images. The teacher
-(`hab_ppo.teachers`) labels every state. The data of all rounds are kept,
-and after each round the student is fitted to all of them.
+(`hab_ppo.teachers`) labels every state. All ranks of a run play. The first one keeps the data of
+all rounds, and after each round it fits the student to all of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import torch
+from safetensors.torch import load, save
 from torch import Tensor
 
 from hab_ppo.cloning import Fit, clone
+from hab_ppo.distributed import Ranks
 from hab_ppo.examples import Examples, compact
 from hab_ppo.network import Policy
 from hab_ppo.noise import ActionNoise
@@ -23,6 +25,9 @@ from hab_ppo.observation import Observation
 from hab_ppo.progress import WriteLine
 from hab_ppo.recipe import Distillation
 from hab_ppo.teachers import Teacher
+from hab_tasks.processes import compute_threads
+
+COUNTS = "counts"
 
 
 @dataclass(kw_only=True)
@@ -39,6 +44,27 @@ class Visits:
     episodes: int = 0
     successes: int = 0
 
+    @classmethod
+    def joined(cls, several: Sequence[Visits]) -> Visits:
+        """Returns what happened in several parts of a round."""
+        return cls(
+            parts=[part for visits in several for part in visits.parts],
+            episodes=sum(visits.episodes for visits in several),
+            successes=sum(visits.successes for visits in several),
+        )
+
+    def written(self) -> bytes:
+        """Returns this as bytes in the safetensors format."""
+        tensors = Examples.joined(self.parts).tensors()
+        return save(tensors | {COUNTS: torch.tensor([self.episodes, self.successes])})
+
+    @classmethod
+    def read(cls, data: bytes) -> Visits:
+        """Returns what bytes of `written` tell."""
+        tensors = load(data)
+        parts, counts = Examples.of_tensors(tensors).split(), tensors[COUNTS].tolist()
+        return cls(parts=parts, episodes=counts[0], successes=counts[1])
+
 
 def distill(
     student: Policy,
@@ -46,31 +72,39 @@ def distill(
     env: Any,
     config: Distillation,
     seed: int,
+    ranks: Ranks,
     write_line: WriteLine,
     *,
     done: int = 0,
     keep: Callable[[int], None] = lambda done: None,
 ) -> Fit:
-    """Fits a student to a teacher; returns the last fit.
+    """Fits a student to a teacher; returns the last fit, which only the first rank makes.
 
     Args:
         student: The policy that learns.
         teacher: Labels the states.
-        env: The student's vector environment, in autoreset mode `NEXT_STEP`.
+        env: This rank's vector environment, in autoreset mode `NEXT_STEP`.
         config: The rounds.
         seed: Seed of episodes, actions and fits.
+        ranks: The ranks of the run.
         write_line: Receives progress lines.
         done: Number of rounds that the student has had. Their data are not there any more.
-        keep: Called after each round with the number of rounds so far.
+        keep: Called by the first rank after each round with the number of rounds so far.
     """
     student.head.explore(config.tuning.log_std)
     parts: list[Examples] = []
     fit = Fit(epochs=0, loss=0.0, held_out_loss=0.0)
     for number in range(done, config.rounds):
+        _share(student, ranks)
         beta = config.beta if number == 0 else 0.0
-        visits = visit(student, teacher, env, config.round_steps, beta, [seed, number])
+        steps = -(-config.round_steps // ranks.size)
+        own = visit(student, teacher, env, steps, beta, [seed, number, ranks.rank])
+        visits = Visits.joined([Visits.read(data) for data in ranks.to_first(own.written())])
+        if not ranks.is_first:
+            continue
         parts = newest(parts + visits.parts, config.most_mb)
-        fit = clone(student, Examples.joined(parts), config.cloning, seed + number, write_line)
+        with compute_threads(ranks.on_machine):  # the others wait
+            fit = clone(student, Examples.joined(parts), config.cloning, seed + number, write_line)
         steps = sum(len(part.state) for part in parts)
         write_line(
             f"distillation, round {number + 1} of {config.rounds}: solved {visits.successes} of "
@@ -79,6 +113,13 @@ def distill(
         )
         keep(number + 1)
     return fit
+
+
+def _share(student: Policy, ranks: Ranks) -> None:
+    """Gives all ranks the first one's student."""
+    if ranks.size > 1:
+        tensors = {name: value.contiguous() for name, value in student.state_dict().items()}
+        student.load_state_dict(load(ranks.from_first(save(tensors))))
 
 
 def newest(parts: list[Examples], most_mb: int) -> list[Examples]:

@@ -47,18 +47,21 @@ class Ranks:
     def __init__(self) -> None:
         """Joins the ranks that torchrun started, if it did."""
         self.rank, self.size = 0, 1
-        self.device = torch.device("cpu")
+        self.device = self._wire = torch.device("cpu")
         self._store: Store | None = None
         if "WORLD_SIZE" not in os.environ:
             return
         if torch.cuda.is_available():
-            self.device = torch.device("cuda", int(os.environ["LOCAL_RANK"]))
+            cards = torch.cuda.device_count()
+            self.device = torch.device("cuda", int(os.environ["LOCAL_RANK"]) % cards)
             torch.cuda.set_device(self.device)
+            if int(os.environ["LOCAL_WORLD_SIZE"]) <= cards:  # NCCL wants a card for each rank
+                self._wire = self.device
         store, self.rank, self.size = next(rendezvous("env://", timeout=TIMEOUT))
         store = PrefixStore(common_name(store, self.rank, self.size), store)
         self._store = PrefixStore("hab_ppo", store)
         dist.init_process_group(
-            "nccl" if self.device.type == "cuda" else "gloo",
+            "nccl" if self._wire.type == "cuda" else "gloo",
             store=PrefixStore("group", store),
             rank=self.rank,
             world_size=self.size,
@@ -84,7 +87,7 @@ class Ranks:
         """Returns the sum of a tensor over all ranks."""
         if self.size == 1:
             return values
-        total = values.to(self.device, copy=True)
+        total = values.to(self._wire, copy=True)
         dist.all_reduce(total)
         return total.to(values.device)
 
@@ -92,7 +95,7 @@ class Ranks:
         """Returns the moments of the samples of all ranks together."""
         if self.size == 1:
             return moments
-        own = moments.packed().to(self.device)
+        own = moments.packed().to(self._wire)
         parts = [torch.empty_like(own) for _ in range(self.size)]
         dist.all_gather(parts, own)
         total = Moments.unpacked(parts[0])
@@ -104,13 +107,30 @@ class Ranks:
         """Returns the bytes that the first rank has."""
         if self.size == 1:
             return data
-        size = torch.tensor([len(data)], device=self.device)
+        size = torch.tensor([len(data)], device=self._wire)
         dist.broadcast(size, 0)
-        content = torch.zeros(int(size), dtype=torch.uint8, device=self.device)
+        content = torch.zeros(int(size), dtype=torch.uint8, device=self._wire)
         if self.is_first:
             content.copy_(torch.frombuffer(bytearray(data), dtype=torch.uint8))
         dist.broadcast(content, 0)
         return content.cpu().numpy().tobytes()
+
+    def to_first(self, data: bytes) -> list[bytes]:
+        """Returns the bytes of all ranks, in their order, at the first one; nothing elsewhere."""
+        if self.size == 1:
+            return [data]
+        if not self.is_first:
+            dist.send(torch.tensor([len(data)], device=self._wire), 0)
+            dist.send(torch.frombuffer(bytearray(data), dtype=torch.uint8).to(self._wire), 0)
+            return []
+        found = [data]
+        for other in range(1, self.size):
+            size = torch.zeros(1, dtype=torch.int64, device=self._wire)
+            dist.recv(size, other)
+            content = torch.zeros(int(size), dtype=torch.uint8, device=self._wire)
+            dist.recv(content, other)
+            found.append(content.cpu().numpy().tobytes())
+        return found
 
     @contextmanager
     def first_on_machine(self) -> Iterator[int]:
@@ -131,7 +151,7 @@ class Ranks:
         if self.size == 1:
             return
         gradients = [parameter.grad for parameter in parameters if parameter.grad is not None]
-        flat = torch.cat([gradient.flatten() for gradient in gradients])
+        flat = torch.cat([gradient.flatten() for gradient in gradients]).to(self._wire)
         dist.all_reduce(flat)
         first = 0
         for gradient in gradients:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,6 +53,32 @@ class Examples:
             actions=torch.cat([part.actions for part in parts]),
             lengths=torch.cat([part.lengths for part in parts]),
         )
+
+    @classmethod
+    def of_tensors(cls, tensors: Mapping[str, Tensor]) -> Examples:
+        """Returns the examples in what `tensors` returned, which may hold more."""
+        return cls(
+            state=tensors["state"],
+            images=tensors.get("images"),
+            actions=tensors["actions"],
+            lengths=tensors["lengths"],
+        )
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Returns the attributes by name, without images if there are none."""
+        found = {"state": self.state, "actions": self.actions, "lengths": self.lengths}
+        return found if self.images is None else {**found, "images": self.images}
+
+    def split(self) -> list[Examples]:
+        """Returns each episode on its own."""
+        lengths = self.lengths.tolist()
+        states, actions = self.state.split(lengths), self.actions.split(lengths)
+        none = [None] * len(lengths)
+        images = none if self.images is None else self.images.split(lengths)
+        return [
+            Examples(state=state, images=image, actions=action, lengths=torch.tensor([length]))
+            for state, image, action, length in zip(states, images, actions, lengths, strict=True)
+        ]
 
     def episodes(self, numbers: Tensor) -> Examples:
         """Returns some of the episodes, by their numbers (K,), in this order."""

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from hab_ppo import checkpoint
 from hab_ppo.cloning import Fit, clone
@@ -81,12 +80,11 @@ def start_policy(
         _load(policy, known_weights(str(given), "--weights"), ranks)
     if tuning is None:
         return None
-    if ranks.is_first and not path.exists():
-        if given is None:
-            _make(plan, ranks, policy, write_line)
-        else:
-            about = {"made_from": {"weights": given.name}, "seconds": 0.0}
-            _save_start(plan, policy, about)
+    is_made = ranks.from_first(str(path.exists()).encode()) == b"True"
+    if not is_made and given is None:
+        _make(plan, ranks, policy, write_line)
+    elif not is_made and given is not None and ranks.is_first:
+        _save_start(plan, policy, {"made_from": {"weights": given.name}, "seconds": 0.0})
     check_same(plan, _load(policy, path, ranks))
     return Guide(policy, tuning)
 
@@ -107,14 +105,18 @@ def _load(policy: Policy, path: Path, ranks: Ranks) -> dict[str, Any]:
 
 
 def _make(plan: TrainPlan, ranks: Ranks, policy: Policy, write_line: WriteLine) -> None:
-    """Trains the weights from which PPO starts, and writes them."""
+    """Trains the weights from which PPO starts; the first rank writes them."""
     began, recipe = time.perf_counter(), plan.recipe
-    if recipe.warm_start is not None:
+    if recipe.distill is not None:
+        made, fit = _distilled(plan, ranks, policy, write_line)
+    elif not ranks.is_first:
+        return
+    else:
         file = _demonstrations(plan, ranks, write_line)
         made = {name: file.about[name] for name in ("agent", "seed", "counts")}
         fit = _taught(plan, ranks, policy, file, write_line)
-    else:
-        made, fit = _distilled(plan, ranks, policy, write_line)
+    if not ranks.is_first:
+        return
     seconds = time.perf_counter() - began
     write_line(f"cloned in {seconds / 60:.1f} min, held-out loss {fit.held_out_loss:.4f}")
     about = {
@@ -167,20 +169,19 @@ def _distilled(
     plan: TrainPlan, ranks: Ranks, policy: Policy, write_line: WriteLine
 ) -> tuple[dict[str, Any], Fit]:
     """Fits a policy to its teacher; returns what the teacher was, and the fit."""
-    recipe, config = plan.recipe, plan.recipe.distill
+    recipe, config, rows = plan.recipe, plan.recipe.distill, plan.recipe.preset.rows
     assert config is not None
-    rows = recipe.preset.rows * ranks.size
     if config.expert is not None:
-        env = make_rows(recipe, rows, ranks.on_machine)
+        env = make_rows(recipe, rows, 1)
         teacher = Expert(env, config.expert, recipe.env.action_repeat)
         made = {"expert": config.expert}
     else:
         loaded = load_teacher(_teacher(plan), recipe.env)
-        shown = replace(recipe, env=classroom(recipe.env, loaded))
-        env = make_rows(shown, rows, ranks.on_machine)
+        env = make_rows(replace(recipe, env=classroom(recipe.env, loaded)), rows, 1)
         made = {"teacher": loaded.recipe.name}  # a path would mean nothing elsewhere
         teacher = PolicyTeacher(loaded.policy, rows)
-    done = _rounds_done(plan, policy)
+    done = _rounds_done(plan, policy) if ranks.is_first else 0
+    done = int(ranks.from_first(str(done).encode()))
     if done:
         write_line(f"distillation continues after round {done} of {config.rounds}")
 
@@ -189,13 +190,12 @@ def _distilled(
         tensors = checkpoint.network_tensors(policy)
         checkpoint.save(plan.out / DISTILLED_SO_FAR, tensors, about)
 
-    threads = torch.get_num_threads()
-    torch.set_num_threads(ranks.on_machine)  # the other ranks wait
     try:
-        fit = distill(policy, teacher, env, config, plan.seed, write_line, done=done, keep=keep)
+        fit = distill(
+            policy, teacher, env, config, plan.seed, ranks, write_line, done=done, keep=keep
+        )
         return made, fit
     finally:
-        torch.set_num_threads(threads)
         env.close()
 
 

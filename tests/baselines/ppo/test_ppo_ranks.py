@@ -29,6 +29,21 @@ def test_gradients_equal_those_of_one_process_on_the_same_data(one_rank, size, t
         assert ranks[0]["metrics"][name] == pytest.approx(value, abs=1e-5)
 
 
+def test_the_first_rank_learns_from_what_all_visit(tmp_path):
+    first, second = run_ranks(2, "distillation", tmp_path)
+    # 150 steps a round in each rank; the last step of 8 rows may bring 7 more than it takes.
+    once, twice = first["rounds"]
+    assert 300 <= once <= 314
+    assert 600 <= twice <= 628
+    assert (second["rounds"], second["steps"]) == ([], [])
+    assert 10 <= first["steps"][0] <= 17
+    assert 20 <= first["steps"][1] <= 27
+    (start,), (_, *rounds) = second["kept"], first["kept"]
+    for name, value in second["state"].items():
+        assert torch.equal(value, rounds[0][name]), name  # the weights of the last round's visits
+    assert not torch.equal(start["actor.0.weight"], rounds[0]["actor.0.weight"])
+
+
 @pytest.mark.slow
 def test_a_slow_rank_is_preempted(tmp_path):
     ranks = run_ranks(4, "preemption", tmp_path)

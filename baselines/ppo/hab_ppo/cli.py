@@ -12,6 +12,7 @@ import tyro
 from hab_ppo.card_commands import CardsCommand, ShipCommand
 from hab_ppo.demonstrate_command import DemonstrateCommand
 from hab_ppo.limits import MOST_EPISODES, MOST_RANKS, MOST_ROWS
+from hab_ppo.navigator_command import NavigatorCommand
 from hab_ppo.train_command import TrainCommand
 from hab_tasks.console import Command, run_script
 from hab_tasks.errors import OptionError
@@ -135,6 +136,7 @@ class ListCommand(Command):
 
 COMMANDS: dict[str, type[Command]] = {
     "train": TrainCommand,
+    "navigator": NavigatorCommand,
     "demonstrate": DemonstrateCommand,
     "eval": EvalCommand,
     "plot": PlotCommand,

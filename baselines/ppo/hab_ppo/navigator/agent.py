@@ -1,0 +1,99 @@
+"""The navigator as an agent, ``hab-eval run --agent hab_ppo:navigate_mapped``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from hab_ppo.navigator.navigator import REPEAT, Navigator
+from hab_ppo.navigator.weights import load
+from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec, check_options
+from hab_tasks.errors import OptionError
+from hab_tasks.processes import use_one_thread
+from hab_tasks.registration import imported_id
+from hab_tasks.skills.navigate import NAVIGATE_ID
+
+NAME = "navigate_mapped"
+SHIPPED = Path(__file__).parent / "weights.safetensors"
+ROWS = 8
+"""Episodes played at a time."""
+
+
+class NavigatorAgent:
+    """Navigates in several rows."""
+
+    spec = AgentSpec(
+        name=f"Navigator {NAME}",
+        control_mode="base_discrete",
+        obs_mode="depth",
+        target_frame="base",
+        rows=ROWS,
+    )
+
+    def __init__(self, setup: AgentSetup, path: Path) -> None:
+        """Loads the weights of a file.
+
+        Raises:
+            PolicyFileError: The file cannot be used.
+            OptionError: The environment is another one.
+        """
+        use_one_thread()
+        if imported_id(setup.env_id) != NAVIGATE_ID:
+            raise OptionError(f"{NAME} acts in {NAVIGATE_ID}, not {setup.env_id}.")
+        self._network, self._device = load(path)[0].to(setup.device), setup.device
+        self._rows: list[Navigator] = []
+        self._ages: list[int] = []
+        self._actions: list[int] = []
+
+    def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
+        """Starts episodes in the rows of `mask` (N,) bool; nothing is drawn at random."""
+        if len(self._rows) != len(mask):
+            self._rows = [self._new() for _ in mask]
+            self._ages, self._actions = [0] * len(mask), [0] * len(mask)
+        for row in mask.nonzero()[:, 0].tolist():
+            self._rows[row], self._ages[row] = self._new(), 0
+
+    def act(self, obs: Mapping[str, Any]) -> Tensor:
+        """Returns cells of ``base_discrete`` (N, 1)."""
+        depth = np.asarray(obs["sensor_data"]["head"]["depth"])
+        points_m = np.asarray(obs["extra"]["point_in_base"], dtype=float)
+        holding = np.asarray(obs["agent"]["is_holding"]).reshape(len(points_m)) > 0
+        for row, navigator in enumerate(self._rows):
+            if self._ages[row] % REPEAT == 0:
+                facts = depth[row], points_m[row], bool(holding[row])
+                self._actions[row] = navigator.action(*facts)
+            self._ages[row] += 1
+        return torch.tensor(self._actions)[:, None]
+
+    def report(self) -> list[AgentReport]:
+        """Returns empty reports."""
+        return [AgentReport() for _ in self._rows]
+
+    def _new(self) -> Navigator:
+        return Navigator(self._network, self._device)
+
+
+def make_agent(setup: AgentSetup) -> NavigatorAgent:
+    """Returns the agent.
+
+    Option: ``weights``, a file or the folder of a run; by default, the weights that ship.
+
+    Raises:
+        PolicyFileError: The file cannot be used.
+        UnknownNameError: An option is unknown.
+    """
+    check_options(setup, {"weights": None})
+    return NavigatorAgent(setup, weights_file(setup.options.get("weights")))
+
+
+def weights_file(given: str | None) -> Path:
+    """Returns the file of weights at a path, a run's folder or file; the shipped one for None."""
+    if given is None:
+        return SHIPPED
+    path = Path(given).expanduser()
+    return path / "navigator.safetensors" if path.is_dir() else path

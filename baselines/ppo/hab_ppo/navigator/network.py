@@ -1,0 +1,84 @@
+"""The goal network: where the goal pose may be, given the map around the point to go to.
+
+Navigate's goal is a start pose of another skill; which one is not observed, but how such poses lie
+to furniture, open doors and drawers can be learned. The network has the form of a U-Net (arXiv
+1505.04597) and gives a logit and a heading for each cell of the map.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import interpolate
+
+from hab_ppo.navigator.robot_map import CELL_M
+from hab_ppo.navigator.views import CHANNELS, SIDE
+
+WIDTHS = (16, 32, 48, 64)
+"""Channels at full resolution, and at each half of it."""
+
+FARTHEST_M = 2.6
+"""Goals are no farther from the point."""
+
+MOST_ASIDE_RAD = 1.2
+"""Largest angle between the heading at a goal and the direction to the point."""
+
+
+class Guess(NamedTuple):
+    """What is known of goal poses in N views.
+
+    Attributes:
+        logits: (N, SIDE, SIDE) of a categorical distribution of the goal's cell.
+        aside_rad: (N, SIDE, SIDE) headings there, from the direction to the point.
+    """
+
+    logits: Tensor
+    aside_rad: Tensor
+
+
+class GoalNetwork(nn.Module):
+    """A U-Net."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        widths = (CHANNELS, *WIDTHS)
+        self.down = nn.ModuleList(
+            _block(widths[k], widths[k + 1], stride=2 if k else 1) for k in range(len(WIDTHS))
+        )
+        self.up = nn.ModuleList(
+            _block(WIDTHS[k] + WIDTHS[k + 1], WIDTHS[k]) for k in range(len(WIDTHS) - 1)
+        )
+        self.last = nn.Conv2d(WIDTHS[0], 2, 1)
+        steps = (torch.arange(SIDE) - (SIDE - 1) / 2) * CELL_M
+        far = steps[:, None].square() + steps[None].square() > FARTHEST_M**2
+        self.register_buffer("_far", far, persistent=False)
+
+    def forward(self, seen: Tensor) -> Guess:
+        """Returns guesses for inputs (N, CHANNELS, SIDE, SIDE)."""
+        passed: list[Tensor] = []
+        x = seen
+        for block in self.down:
+            x = block(x)
+            passed.append(x)
+        for level in range(len(WIDTHS) - 2, -1, -1):
+            wide = interpolate(x, scale_factor=2.0, mode="nearest")
+            x = self.up[level](torch.cat((passed[level], wide), dim=1))
+        logits, aside = self.last(x).unbind(dim=1)
+        far: Tensor = self._far
+        return Guess(
+            logits.float().masked_fill(far, -math.inf), MOST_ASIDE_RAD * aside.float().tanh()
+        )
+
+
+def _block(before: int, after: int, stride: int = 1) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Conv2d(before, after, 3, stride, 1),
+        nn.GroupNorm(4, after),
+        nn.ReLU(inplace=True),
+        nn.Conv2d(after, after, 3, 1, 1),
+        nn.GroupNorm(4, after),
+        nn.ReLU(inplace=True),
+    )

@@ -1,0 +1,33 @@
+"""Files of weights of the navigator."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from hab_ppo import checkpoint
+from hab_ppo.errors import PolicyFileError
+from hab_ppo.navigator.network import GoalNetwork
+
+KIND = "navigator"
+"""Entry ``kind`` of the description of such a file."""
+
+
+def save(path: Path, network: GoalNetwork, about: dict[str, Any]) -> None:
+    """Writes a file of weights."""
+    checkpoint.save(path, dict(network.state_dict()), about)
+
+
+def load(path: Path) -> tuple[GoalNetwork, dict[str, Any]]:
+    """Returns the network of a file, and the file's description.
+
+    Raises:
+        PolicyFileError: Not such a file.
+    """
+    tensors, about = checkpoint.load(path)
+    network = GoalNetwork()
+    shapes = {name: value.shape for name, value in network.state_dict().items()}
+    if about.get("kind") != KIND or {n: v.shape for n, v in tensors.items()} != shapes:
+        raise PolicyFileError(f"{path} is not a file of weights of this version's navigator.")
+    network.load_state_dict(tensors)
+    return network.eval(), about

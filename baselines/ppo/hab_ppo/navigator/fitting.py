@@ -13,7 +13,7 @@ from hab_ppo.navigator.lessons import Lessons, goal_cells, turned_goals
 from hab_ppo.navigator.network import MOST_ASIDE_RAD, GoalNetwork, Guess
 from hab_ppo.navigator.views import inputs
 
-BATCH = 64
+BATCH = 128
 LEARNING_RATE = 2e-3
 WEIGHT_DECAY = 1e-4
 HEADING_WEIGHT = 1.0

@@ -85,8 +85,8 @@ def train(plan: TrainingPlan, write_line: WriteLine) -> None:
         save(plan.out / WEIGHTS, network, about)
         write_line(
             f"round {number + 1} of {plan.rounds}: solved {entry['solved']} of "
-            f"{entry['episodes']} episodes, {entry['lessons']:,} lessons, cross-entropy of new ones "
-            f"{before.place:.3f}, of all after the fit {last.place:.3f}; "
+            f"{entry['episodes']} episodes, {entry['lessons']:,} lessons, cross-entropy of new "
+            f"ones {before.place:.3f}, of all after the fit {last.place:.3f}; "
             f"{about['seconds'] / 60:.1f} min"
         )
 

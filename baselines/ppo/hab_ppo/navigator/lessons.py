@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from hab_ppo.navigator.navigator import Navigator
+from hab_ppo.navigator.network import ASIDE_RAD, HEADINGS
 from hab_ppo.navigator.robot_map import CELL_M, RobotMap
 from hab_ppo.navigator.views import SIDE, View, middle_m
 from hab_tasks.privileged import Array
@@ -67,10 +68,11 @@ def from_middle(map_: RobotMap, goal: Array) -> Tensor:
     return torch.tensor((x, y, aside), dtype=torch.float32)
 
 
-def goal_cells(goals: Tensor) -> Tensor:
-    """Returns the cells (N,) of a flat view in which goals (N, 3) are."""
+def goal_bins(goals: Tensor) -> Tensor:
+    """Returns the bins (N,) of a flat distribution (HEADINGS, SIDE, SIDE) for goals (N, 3)."""
     cells = ((goals[:, :2] / CELL_M).floor().long() + SIDE // 2).clamp(0, SIDE - 1)
-    return cells[:, 0] * SIDE + cells[:, 1]
+    headings = ((goals[:, 2] / ASIDE_RAD).round().long() + HEADINGS // 2).clamp(0, HEADINGS - 1)
+    return (headings * SIDE + cells[:, 0]) * SIDE + cells[:, 1]
 
 
 def turned_goals(goals: Tensor, angles_rad: Tensor, flips: Tensor) -> Tensor:

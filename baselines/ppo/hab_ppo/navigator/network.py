@@ -2,13 +2,12 @@
 
 Navigate's goal is a start pose of another skill; which one is not observed, but how such poses lie
 to furniture, open doors and drawers can be learned. The network has the form of a U-Net (arXiv
-1505.04597) and gives a logit and a heading for each cell of the map.
+1505.04597) and gives a logit for each cell of the map and each heading there.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -23,20 +22,10 @@ WIDTHS = (16, 32, 48, 64)
 FARTHEST_M = 2.6
 """Goals are no farther from the point."""
 
-MOST_ASIDE_RAD = 1.2
-"""Largest angle between the heading at a goal and the direction to the point."""
-
-
-class Guess(NamedTuple):
-    """What is known of goal poses in N views.
-
-    Attributes:
-        logits: (N, SIDE, SIDE) of a categorical distribution of the goal's cell.
-        aside_rad: (N, SIDE, SIDE) headings there, from the direction to the point.
-    """
-
-    logits: Tensor
-    aside_rad: Tensor
+ASIDE_RAD = 0.4
+HEADINGS = 7
+"""Width [rad] and number of the bins of the heading at a goal, measured from the direction to the
+point. The outer ones hold all that is farther aside."""
 
 
 class GoalNetwork(nn.Module):
@@ -51,13 +40,16 @@ class GoalNetwork(nn.Module):
         self.up = nn.ModuleList(
             _block(WIDTHS[k] + WIDTHS[k + 1], WIDTHS[k]) for k in range(len(WIDTHS) - 1)
         )
-        self.last = nn.Conv2d(WIDTHS[0], 2, 1)
+        self.last = nn.Conv2d(WIDTHS[0], HEADINGS, 1)
         steps = (torch.arange(SIDE) - (SIDE - 1) / 2) * CELL_M
         far = steps[:, None].square() + steps[None].square() > FARTHEST_M**2
         self.register_buffer("_far", far, persistent=False)
 
-    def forward(self, seen: Tensor) -> Guess:
-        """Returns guesses for inputs (N, CHANNELS, SIDE, SIDE)."""
+    def forward(self, seen: Tensor) -> Tensor:
+        """Returns logits (N, HEADINGS, SIDE, SIDE) for inputs (N, CHANNELS, SIDE, SIDE).
+
+        They are those of a categorical distribution of the goal pose.
+        """
         passed: list[Tensor] = []
         x = seen
         for block in self.down:
@@ -66,11 +58,8 @@ class GoalNetwork(nn.Module):
         for level in range(len(WIDTHS) - 2, -1, -1):
             wide = interpolate(x, scale_factor=2.0, mode="nearest")
             x = self.up[level](torch.cat((passed[level], wide), dim=1))
-        logits, aside = self.last(x).unbind(dim=1)
         far: Tensor = self._far
-        return Guess(
-            logits.float().masked_fill(far, -math.inf), MOST_ASIDE_RAD * aside.float().tanh()
-        )
+        return self.last(x).float().masked_fill(far, -math.inf)
 
 
 def _block(before: int, after: int, stride: int = 1) -> nn.Sequential:

@@ -26,8 +26,9 @@ CELLS = 256
 HIGHEST_M = 1.8
 """Anything above, such as a ceiling, is left out."""
 
-FLOOR_M = 0.05
-"""Up to this height a surface counts as floor."""
+FLOOR_M, FLOOR_RISE = 0.05, 0.015
+"""Up to this height a surface counts as floor, and up to so much more for each metre of distance
+from the camera: far surfaces are seen less exactly."""
 
 SEEN, VISITED = 1, 2
 """What has been seen, and where the base was; 0 where nothing has been seen yet."""
@@ -78,10 +79,11 @@ class RobotMap:
             self._is_empty, self.point_m = False, np.array(point_in_base_m[:2], dtype=float)
         self._move(np.asarray(point_in_base_m[:2], dtype=float))
         self._wanted_rad = 0.0
-        points_m = _surfaces(np.asarray(depth))
+        points_m, distances_m = _surfaces(np.asarray(depth))
+        is_floor = points_m[:, 2] < FLOOR_M + FLOOR_RISE * distances_m
         points_m[:, :2] = turned(points_m[:, :2], self.pose[2]) + self.pose[:2]
         cells = cells_of(points_m[:, :2])
-        heights = np.where(points_m[:, 2] < FLOOR_M, 0.0, 255.0 * points_m[:, 2] / HIGHEST_M)
+        heights = np.where(is_floor, 0.0, 255.0 * points_m[:, 2] / HIGHEST_M)
         flat = cells[:, 0] * CELLS + cells[:, 1]
         np.maximum.at(self.tops.reshape(-1), flat, heights.astype(np.uint8))
         seen = self.seen.reshape(-1)
@@ -118,8 +120,8 @@ def positions(cells: NDArray[np.intp]) -> NDArray[np.float64]:
     return CELL_M * (np.asarray(cells) - CELLS // 2 + 0.5)
 
 
-def _surfaces(depth: Array) -> Array:
-    """Returns the surfaces in an image (P, 3) in the base frame."""
+def _surfaces(depth: Array) -> tuple[Array, Array]:
+    """Returns the surfaces in an image (P, 3) in the base frame, and their depths (P,) [m]."""
     stride = depth.shape[0] // RAYS_PX
     first = stride // 2
     distances_m = CAMERA_DEPTH_MAX_M * depth[first::stride, first::stride, 0]
@@ -130,7 +132,8 @@ def _surfaces(depth: Array) -> Array:
     arm = np.ones_like(kept)
     for axis, (low_m, high_m) in enumerate(ARM_M):
         arm &= (in_base_m[..., axis] > low_m) & (in_base_m[..., axis] < high_m)
-    return in_base_m[kept & ~arm]
+    kept &= ~arm
+    return in_base_m[kept], distances_m[kept]
 
 
 def _rays() -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import eikonalfm
 import numpy as np
@@ -18,7 +19,6 @@ from hab_ppo.navigator.robot_map import (
     RobotMap,
     cells_of,
 )
-from hab_tasks.constants import BASE_RADIUS_M
 from hab_tasks.privileged import Array
 
 MARGIN_CELLS = 12
@@ -35,6 +35,9 @@ UNSEEN_SHARE = 0.7
 
 BLOCKED_SPEED = 1e-6
 
+LEAST_ROOM_CELLS = 40
+"""Areas that are smaller are gaps in furniture."""
+
 
 class SeenFloor:
     """Where the base can go, as far as the map tells; what has not been seen is free.
@@ -46,8 +49,13 @@ class SeenFloor:
         blocked: (X, Y) cells with obstacles.
     """
 
-    def __init__(self, map_: RobotMap) -> None:
-        """Finds the floor around everything seen, the base and the point."""
+    def __init__(self, map_: RobotMap, radius_m: float) -> None:
+        """Finds the floor around everything seen, the base and the point.
+
+        Args:
+            map_: The map.
+            radius_m: Radius of the base.
+        """
         here, point = cells_of(map_.pose[:2]), cells_of(map_.point_m)
         found = np.vstack((np.argwhere(map_.seen), here, point))
         self._first = np.maximum(found.min(axis=0) - MARGIN_CELLS, 0)
@@ -57,14 +65,8 @@ class SeenFloor:
         self.blocked = (map_.tops[part] > 255 * FLOOR_M / HIGHEST_M) & (seen < VISITED)
         self._seen = seen > 0
         self._clearance_m: Array = CELL_M * ndimage.distance_transform_edt(~self.blocked)
-        free = self._clearance_m >= BASE_RADIUS_M - CELL_M / 4
-        here = here - self._first
-        x, y = np.ogrid[: free.shape[0], : free.shape[1]]
-        # The base is where it is, and gets away from there.
-        free |= ((x - here[0]) ** 2 + (y - here[1]) ** 2 <= 4) & ~self.blocked
-        free[tuple(here)] = True
-        areas = ndimage.label(free)[0]
-        self.room = areas == areas[tuple(here)]
+        free = self._clearance_m >= radius_m - CELL_M / 4
+        self.room = _room(free, here - self._first)
 
     def cells_of(self, points_m: Array) -> NDArray[np.intp]:
         """Returns the cells (..., 2) of points (..., 2)."""
@@ -114,3 +116,18 @@ class SeenFloor:
         return ndimage.distance_transform_edt(
             ~self.room, return_distances=False, return_indices=True
         )
+
+
+def _room(free: NDArray[np.bool_], here: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Returns the free area (X, Y) in which a cell (2,) is, or the one next to it.
+
+    A base that touches something is not in a free cell.
+    """
+    areas: Any = ndimage.label(free)[0]
+    sizes = np.bincount(areas.ravel())
+    sizes[0] = 0
+    large = sizes[areas] >= min(LEAST_ROOM_CELLS, sizes.max())
+    x, y = ndimage.distance_transform_edt(~large, return_distances=False, return_indices=True)[
+        :, here[0], here[1]
+    ]
+    return areas == areas[x, y]

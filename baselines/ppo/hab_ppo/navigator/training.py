@@ -77,7 +77,7 @@ def train(plan: TrainingPlan, write_line: WriteLine) -> None:
         lessons = new if lessons is None else Lessons.joined([lessons, new])
         with compute_threads(plan.workers):
             last = fit(network, lessons, plan.epochs, plan.seed + number)
-        entry = _entry(played, len(lessons.goals), before.place, last.place)
+        entry = _entry(played, len(lessons.goals), before, last)
         about["rounds"].append(entry)
         about["seconds"] += time.perf_counter() - began
         began = time.perf_counter()
@@ -86,7 +86,7 @@ def train(plan: TrainingPlan, write_line: WriteLine) -> None:
         write_line(
             f"round {number + 1} of {plan.rounds}: solved {entry['solved']} of "
             f"{entry['episodes']} episodes, {entry['lessons']:,} lessons, cross-entropy of new "
-            f"ones {before.place:.3f}, of all after the fit {last.place:.3f}; "
+            f"ones {before:.3f}, of all after the fit {last:.3f}; "
             f"{about['seconds'] / 60:.1f} min"
         )
 

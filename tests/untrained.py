@@ -3,7 +3,6 @@
 from hab_ppo import checkpoint
 from hab_ppo.agent import spec_of
 from hab_ppo.config_json import to_json
-from hab_ppo.mapped_rows import policy_space
 from hab_ppo.network import new_policy
 from hab_ppo.observation import ObservationLayout
 
@@ -13,7 +12,6 @@ from hab_tasks.agent_spaces import agent_spaces
 def write_weights(recipe, path):
     """Writes untrained weights of a recipe."""
     spaces = agent_spaces(recipe.env.env, spec_of(recipe))
-    observed = policy_space(recipe.env, spaces.observation)
-    layout = ObservationLayout.of(observed, recipe.preset.network.image_block_px)
+    layout = ObservationLayout.of(spaces.observation, recipe.preset.network.image_block_px)
     policy = new_policy(layout, spaces.action, recipe.preset.network, seed=3)
     checkpoint.save(path, checkpoint.network_tensors(policy), {"recipe": to_json(recipe)})

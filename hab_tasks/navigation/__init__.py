@@ -6,16 +6,12 @@ from hab_tasks.navigation.layout_maps import LayoutMaps
 from hab_tasks.navigation.navigation_map import NavigationMap
 from hab_tasks.navigation.paths import path_between
 from hab_tasks.navigation.reaching import poses_reaching
-from hab_tasks.navigation.search import PoseSearch, apart, covering
 
 __all__ = [
     "GeodesicDistances",
     "LayoutMaps",
     "NavigationMap",
-    "PoseSearch",
     "ShortestPathFollower",
-    "apart",
-    "covering",
     "path_between",
     "poses_reaching",
 ]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hab_tasks.constants import CONTROL_HZ
-from hab_tasks.navigation.navigation_map import NavigationMap
 from hab_tasks.navigation.paths import descend
 from hab_tasks.privileged import Array
 from hab_tasks.robots.control_modes import BASE_CELLS, STOP_CELL
@@ -40,6 +41,30 @@ _STEP_RAD = ROBOT.base_angular_speed_rad_s / CONTROL_HZ
 _TURNS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 
 
+class FloorMap(Protocol):
+    """What a follower needs of a map, such as `NavigationMap`."""
+
+    def cells_of(self, points_m: Array) -> NDArray[Any]:
+        """Returns the cells (..., 2) of points (..., 2)."""
+        ...
+
+    def positions(self, cells: NDArray[Any]) -> Array:
+        """Returns the positions (..., 2) of cells (..., 2)."""
+        ...
+
+    def nearest_free(self, points_m: Array) -> Array:
+        """Returns the free position (2,) nearest to a point (2,)."""
+        ...
+
+    def clear(self, start_m: Array, end_m: Array) -> bool:
+        """Whether the straight line between two points (2,) is free."""
+        ...
+
+    def geodesic_field(self, goals_m: Array) -> Array:
+        """Returns the way [m] from every cell (X, Y) to a free position (2,)."""
+        ...
+
+
 class ShortestPathFollower:
     """Drives along the shortest path to a goal pose, turns to its heading, and stops.
 
@@ -49,7 +74,7 @@ class ShortestPathFollower:
 
     def __init__(
         self,
-        map_: NavigationMap,
+        map_: FloorMap,
         goal: Array,
         repeat: int = 1,
         *,

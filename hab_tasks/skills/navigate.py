@@ -24,10 +24,9 @@ from hab_tasks.episodes.rejection import RejectedSampleError
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import Episode, NavigationGoal, template_of
 from hab_tasks.instructions import navigation_instruction
-from hab_tasks.navigation import LayoutMaps, PoseSearch, ShortestPathFollower
+from hab_tasks.navigation import LayoutMaps, ShortestPathFollower
 from hab_tasks.registration import SKILLS
 from hab_tasks.scenes.spec import SceneSpec
-from hab_tasks.skills.navigate_guesses import goal_guesses
 
 NAVIGATE_ID = "HabNavigate-v1"
 
@@ -203,7 +202,6 @@ class HabNavigateEnv(SkillEnv):
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self._followers: dict[int, tuple[Episode, ShortestPathFollower]] = {}
-        self._search: tuple[Episode, PoseSearch] | None = None
 
     def shortest_path_action(self, repeat: int = 1) -> NDArray[np.int64]:
         """Returns the ``base_discrete`` action of an expert that knows the map and the goal, (N,).
@@ -217,26 +215,6 @@ class HabNavigateEnv(SkillEnv):
         bases = to_tensor(self.simulation.snapshot.base).cpu().numpy().astype(float)
         actions = [self._follower(row, repeat).action(base) for row, base in enumerate(bases)]
         return np.array(actions, dtype=np.int64)
-
-    def search_action(self, repeat: int = 1) -> NDArray[np.int64]:
-        """Returns the ``base_discrete`` action of an expert that knows the map but no goal, (1,).
-
-        It stops at likely goal poses (`goal_guesses`), one after another, until one is right. What
-        it uses can be observed or remembered, so it can be imitated. CPU simulation only.
-
-        Args:
-            repeat: Number of steps for which each action is executed; the same in an episode.
-        """
-        simulation, (episode,) = self.simulation, self.episode
-        begins = int(simulation.tracker.measures.steps[0]) == 0
-        if self._search is None or begins or self._search[0] is not episode:
-            map_ = simulation.maps.of(episode.scene_id, episode.joints)
-            point_m = np.array(simulation.goals.goals_m[0, 0].tolist())
-            guesses = goal_guesses(episode, simulation.truth, map_, point_m)
-            self._search = episode, PoseSearch(map_, guesses, repeat)
-        base = np.array(simulation.snapshot.base[0].tolist())
-        stopped = bool(simulation.tracker.measures.stopped[0])
-        return np.array([self._search[1].action(base, stopped)], dtype=np.int64)
 
     def _follower(self, row: int, repeat: int) -> ShortestPathFollower:
         """Returns the follower of a row's episode."""

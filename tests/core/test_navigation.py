@@ -11,10 +11,7 @@ from geodesics import geodesic_distance
 from hab_tasks.errors import GenerationError
 from hab_tasks.navigation import (
     NavigationMap,
-    PoseSearch,
     ShortestPathFollower,
-    apart,
-    covering,
     path_between,
     poses_reaching,
 )
@@ -338,50 +335,3 @@ def test_one_field_of_a_real_layout_takes_milliseconds(layout):
     figure = f"geodesic field on {map_.free.sum()} cells: median {1e3 * np.median(seconds):.1f} ms"
     logging.getLogger(__name__).info(figure)
     assert np.median(seconds) < 0.1
-
-
-def test_guesses_are_apart_and_the_likely_ones_come_first():
-    # 0.3 m from the first is too near, 0.45 m is not.
-    poses = np.array([(0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (0.5, 0.0, 0.0), (0.0, 0.45, 0.0)])
-    assert apart(poses)[:, :2].tolist() == [[0.0, 0.0], [0.5, 0.0], [0.0, 0.45]]
-    assert len(apart(poses, 2)) == 2
-
-
-def test_guesses_cover_the_most_poses_of_a_heading():
-    # The middle of three in a row of 0.2 m covers all three; the fourth looks elsewhere.
-    poses = np.array([(0.0, 0.0, 0.0), (0.2, 0.0, 0.0), (0.4, 0.0, 0.0), (0.2, 0.0, 1.0)])
-    assert covering(poses).tolist() == [[0.2, 0.0, 0.0], [0.2, 0.0, 1.0]]
-
-
-@pytest.mark.parametrize("repeat", [1, 4])
-def test_a_search_stops_at_one_guess_after_another(repeat):
-    guesses = np.array([(1.0, 1.0, 0.0), (1.0, 3.0, 0.0), (1.0, 1.5, 0.0)])
-    search, stops, stopped = PoseSearch(room(), guesses, repeat), [], False
-    base = np.array([1.0, 2.0, -np.pi / 2])
-    for _ in range(600 // repeat):
-        forward, turn = BASE_CELLS[search.action(base, stopped)]
-        stopped = forward == turn == 0
-        if stopped:
-            stops.append(base.copy())
-        for _ in range(repeat):
-            base[2] += turn * 3.14 / 30
-            base[:2] += forward / 30 * np.array([np.cos(base[2]), np.sin(base[2])])
-    # First the first; then the third, which is nearer to it than the second; then from the start.
-    expected = guesses[[0, 2, 1]]
-    assert len(stops) > 3
-    for stop, guess in zip(stops, expected, strict=False):
-        assert np.linalg.norm(stop[:2] - guess[:2]) < 0.12
-        assert abs(stop[2] - guess[2]) < 0.15
-
-
-def test_a_guess_that_cannot_be_reached_is_left_out():
-    guesses = np.array([(1.0, 1.0, 0.0), (1.0, 1.6, 0.0), (1.0, 3.0, 0.0)])
-    search = PoseSearch(room(), guesses, repeat=4)
-    stuck = np.array([1.0, 1.0, 0.0])
-    assert search.action(stuck, False) == BASE_CELLS.index((0.0, 0.0))
-    turning = [search.action(stuck, stopped) for stopped in (True, *[False] * 40)]
-    # The second guess is 0.6 m along y, and so is the third, 2 m: the turn is the same.
-    assert {BASE_CELLS[cell] for cell in turning} == {(0.0, 1.0)}
-    # 120 steps are 30 actions; the search then aims at the third guess and stops only there.
-    assert search.action(np.array([1.0, 1.6, 0.0]), False) != BASE_CELLS.index((0.0, 0.0))
-    assert search.action(np.array([1.0, 3.0, 0.0]), False) == BASE_CELLS.index((0.0, 0.0))

@@ -1,7 +1,7 @@
 """Recurrent PPO and DD-PPO for hab-tasks: trainer, recipes and trained policies (S App. C).
 
-Every recipe is also an agent, ``hab_ppo:pick_blind``. Importing this package does not load the
-simulator; creating an agent does.
+Every recipe is also an agent, ``hab_ppo:pick_blind``, and so is ``hab_ppo:navigator``. Importing
+this package does not load the simulator; creating an agent does.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from hab_ppo.recipes import recipe_names
 
 if TYPE_CHECKING:
     from hab_ppo.agent import PolicyAgent
+    from hab_ppo.navigator.agent import NavigatorAgent
     from hab_tasks.agent import AgentSetup
 
 __all__ = [
@@ -26,12 +27,18 @@ __all__ = [
     "Recipe",
 ]
 
+NAVIGATORS = {"navigator": True, "navigator_once": False}
+"""The agents of `hab_ppo.navigator`, and whether they stop on the way: in a task, navigation ends
+with the first stop."""
+
 POLICY = "policy"
 """The agent of weights of your own: ``hab_ppo:policy`` with the option ``weights``."""
 
 
 def __getattr__(name: str) -> Any:
-    """Returns the factory of a recipe's agent."""
+    """Returns the factory of a recipe's agent, or of the navigator."""
+    if name in NAVIGATORS:
+        return partial(_make_navigator, NAVIGATORS[name])
     if name != POLICY and name not in recipe_names():
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return partial(_make, name)
@@ -43,6 +50,12 @@ def _make(name: str, setup: AgentSetup) -> PolicyAgent:
     return make_agent(name, setup)
 
 
+def _make_navigator(stops_on_way: bool, setup: AgentSetup) -> NavigatorAgent:
+    from hab_ppo.navigator.agent import make_agent  # loads the simulator
+
+    return make_agent(setup, stops_on_way=stops_on_way)
+
+
 def __dir__() -> list[str]:
     """Lists the agents too, so that `hab-eval` can suggest them."""
-    return sorted({*globals(), *__all__, *recipe_names(), POLICY})
+    return sorted({*globals(), *__all__, *recipe_names(), *NAVIGATORS, POLICY})

@@ -13,8 +13,6 @@ from torch import Tensor
 from hab_ppo import checkpoint
 from hab_ppo.config_json import from_json
 from hab_ppo.errors import PolicyFileError
-from hab_ppo.map_memory import CHANNELS, SIDE_PX
-from hab_ppo.mapped_rows import RowMaps, policy_space, with_map
 from hab_ppo.network import Policy, new_policy
 from hab_ppo.noise import RowNoise
 from hab_ppo.observation import ObservationLayout
@@ -45,8 +43,7 @@ def load_policy(setup: AgentSetup, path: Path) -> LoadedPolicy:
     recipe = recipe_of(about, path)
     spaces = setup.spaces_of(imported_id(recipe.env.reference), spec_of(recipe))
     network = recipe.preset.network
-    observed = policy_space(recipe.env, spaces.observation)
-    layout = ObservationLayout.of(observed, network.image_block_px)
+    layout = ObservationLayout.of(spaces.observation, network.image_block_px)
     policy = new_policy(layout, spaces.action, network, 0, recipe.binary_entries)
     checkpoint.load_network(policy, tensors, path)
     return LoadedPolicy(policy.to(setup.device), recipe)
@@ -71,7 +68,6 @@ class PolicyAgent:
         self._draws = recipe.draws_actions
         self._random: list[np.random.Generator] = []
         self._actions = torch.zeros(0, 0)
-        self._maps: RowMaps | None = RowMaps(self._repeat) if recipe.env.map_memory else None
         self._memory, self._starts = self._policy.no_memory(0), torch.zeros(0, dtype=torch.bool)
 
     def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
@@ -83,8 +79,6 @@ class PolicyAgent:
             self._random = [np.random.default_rng(seed) for seed in seeds]
         self._starts = self._starts | mask.cpu()
         self._age[mask.cpu()] = 0
-        if self._maps is not None:
-            self._maps.forget(mask.nonzero()[:, 0].tolist())
         for row in mask.nonzero()[:, 0].tolist():
             self._random[row] = np.random.default_rng(seeds[row])
 
@@ -98,12 +92,6 @@ class PolicyAgent:
 
     def _decide(self, obs: Mapping[str, Any], due: Tensor) -> None:
         """Chooses the actions of the rows `due` (N,) bool; the others repeat theirs."""
-        deciding = due.nonzero()[:, 0].tolist()
-        if self._maps is not None:
-            images = np.zeros((len(due), SIDE_PX, SIDE_PX, CHANNELS), dtype=np.uint8)
-            points_m = np.asarray(obs["extra"]["point_in_base"])[deciding]
-            images[deciding] = self._maps.look(deciding, obs, points_m)
-            obs = with_map(obs, images)
         seen = self._policy.layout.read(obs).to(self._device)
         rows = [one if now else None for one, now in zip(self._random, due, strict=True)]
         noise = RowNoise(rows) if self._draws else None
@@ -111,8 +99,6 @@ class PolicyAgent:
         actions = torch.from_numpy(self._policy.head.to_env(acted.actions)).reshape(len(due), -1)
         first = self._actions.shape != actions.shape
         self._actions = actions if first else torch.where(due[:, None], actions, self._actions)
-        if self._maps is not None:
-            self._maps.turn(deciding, actions[deciding].numpy())
         chosen = due.to(self._device)[None, :, None]
         self._memory = torch.where(chosen, acted.memory, self._memory)
         self._starts = self._starts & ~due

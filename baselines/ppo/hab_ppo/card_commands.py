@@ -28,9 +28,10 @@ Example:
 
     def run(self) -> int:
         """Writes the file of weights."""
+        from hab_ppo.navigator.weights import is_run, ship_navigator
         from hab_ppo.shipping import ship
 
-        out = ship(self.run_folder)
+        out = (ship_navigator if is_run(self.run_folder) else ship)(self.run_folder)
         say(f"wrote {out}, {out.stat().st_size / 1e6:.1f} MB; hab-ppo cards writes its card")
         return 0
 
@@ -55,20 +56,25 @@ Example:
 
         from hab_ppo.agent import WEIGHTS
         from hab_ppo.cards import card, draw_card_curve, shipped_names
+        from hab_ppo.navigator.card import card as navigator_card
+        from hab_ppo.navigator.weights import shipped_navigator
 
-        records = read_submissions(self.submissions or default_submissions())
+        records = read_submissions(self.submissions or default_submissions()).values()
+        texts = {WEIGHTS / f"{name}.md": card(name, records) for name in shipped_names()}
+        navigator = shipped_navigator().with_suffix(".md")
+        texts[navigator] = navigator_card(records)
         stale = []
-        for name in shipped_names():
-            path, text = WEIGHTS / f"{name}.md", card(name, records.values())
+        for path, text in texts.items():
             picture = path.with_suffix(".png")
-            there = path.is_file() and picture.is_file()
+            there = path.is_file() and (path == navigator or picture.is_file())
             if there and path.read_text(encoding="utf-8") == text:
                 continue
-            stale.append(name)
+            stale.append(path.stem)
             if not self.check:
                 with written_aside(path) as scratch:
                     scratch.write_text(text, encoding="utf-8")
-                draw_card_curve(name, picture)
+                if path != navigator:
+                    draw_card_curve(path.stem, picture)
         state = "out of date" if self.check else "written"
         say(f"{state}: {', '.join(stale)}" if stale else "all cards are up to date")
         return int(self.check and bool(stale))

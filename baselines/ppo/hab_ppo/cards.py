@@ -39,12 +39,12 @@ def card(name: str, records: Iterable[RunRecord]) -> str:
     recipe = recipe_of(about, path)
     own = [r for r in records if r.agent == f"hab_ppo:{name}" and not r.options]
     lines = [f"# {name}", "", recipe.about, ""]
-    lines += _table(("policy", ""), _facts(recipe, path))
+    lines += table(("policy", ""), _facts(recipe, path))
     lines += ["", "## Training", "", f"![Learning curve]({name}.png)", ""]
-    lines += _table(("run", ""), _training(about))
+    lines += table(("run", ""), _training(about))
     actions = "Drawn" if recipe.draws_actions else "Most likely"
     lines += ["", "## Results", "", f"{actions} actions; 95 % Wilson intervals.", ""]
-    lines += _table(RESULTS, [_result(record) for record in own]) if own else [NOT_EVALUATED]
+    lines += table(RESULTS, [result(record) for record in own]) if own else [NOT_EVALUATED]
     return "\n".join(lines) + "\n"
 
 
@@ -94,7 +94,8 @@ def _data(env: dict[str, Any]) -> str:
     return f"{episodes}, {env['split']} layouts of {markdown(env['scene_dataset'])}"
 
 
-def _result(record: RunRecord) -> tuple[str, ...]:
+def result(record: RunRecord) -> tuple[str, ...]:
+    """Returns the row of an evaluation, with the columns `RESULTS`."""
     summary = record.summary
     low, high = summary.success.ci95
     failures = ", ".join(f"{name} {count}" for name, count in summary.failures.items()) or "none"
@@ -110,6 +111,7 @@ def _result(record: RunRecord) -> tuple[str, ...]:
     )
 
 
-def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+def table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Returns the lines of a Markdown table."""
     cells = [columns, ["---"] * len(columns), *rows]
     return [f"| {' | '.join(row)} |" for row in cells]

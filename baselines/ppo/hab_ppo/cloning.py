@@ -14,12 +14,10 @@ import torch
 from torch import Tensor, nn
 
 from hab_ppo.examples import Examples
-from hab_ppo.mirror import mirrored
 from hab_ppo.network import Policy
 from hab_ppo.normalizer import Moments, RunningNormalizer
 from hab_ppo.progress import WriteLine
 from hab_ppo.recipe import Cloning
-from hab_tasks.robots.control_modes import STOP_CELL
 
 LINES = 5
 """Progress lines of a fit."""
@@ -109,11 +107,8 @@ def _epoch(
     total = 0.0
     for batch in batches(examples, config.batch_steps, policy.lstm is not None, generator):
         device = policy.state_normalizer.mean.device.type
-        if config.mirrors:
-            batch = mirrored(batch, torch.rand(len(batch.state), generator=generator) < 0.5)
         with torch.autocast(device, torch.bfloat16, enabled=config.bfloat16):
-            each = misfits(policy, batch)
-            loss = (weights(batch, config).to(each.device) * each).mean()
+            loss = misfits(policy, batch).mean()
         optimizer.zero_grad()
         loss.backward()
         nn.utils.clip_grad_norm_(policy.parameters(), 1.0)
@@ -159,13 +154,6 @@ def batches(
             found.append(examples.episodes(torch.stack(part)))
             part, length = [], 0
     return found + ([examples.episodes(torch.stack(part))] if part else [])
-
-
-def weights(batch: Examples, config: Cloning) -> Tensor:
-    """Returns the weight of each step (M,) in the loss."""
-    if batch.actions.dim() > 1:  # continuous ones
-        return torch.ones(len(batch.actions))
-    return torch.where(batch.actions == STOP_CELL, config.stop_weight, 1.0)
 
 
 def misfits(policy: Policy, batch: Examples) -> Tensor:

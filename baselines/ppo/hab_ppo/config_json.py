@@ -10,6 +10,9 @@ from hab_tasks.errors import UnknownNameError
 
 T = TypeVar("T")
 
+REMOVED = {"map_memory": False, "mirrors": False, "stop_weight": 1.0}
+"""Entries that earlier versions had, with the values in weights that ship."""
+
 
 def changed(config: T, **values: Any) -> T:
     """Returns a config with those of the values that are not None."""
@@ -31,6 +34,8 @@ def from_json(kind: type[T], values: Mapping[str, Any]) -> T:
     hints = get_type_hints(kind)
     arguments: dict[str, Any] = {}
     for name, value in values.items():
+        if name in REMOVED and value == REMOVED[name]:
+            continue
         if name not in hints:
             raise UnknownNameError(f"entry of {kind.__name__}", name, hints)
         kinds = [kind for kind in (hints[name], *get_args(hints[name])) if is_dataclass(kind)]

@@ -26,7 +26,7 @@ Example:
   hab-ppo navigator --workers 2 --out runs/navigator
 
 The same command continues an interrupted run after its last round. To play with the weights:
-  hab-eval run --agent hab_ppo:navigate_mapped --option weights=runs/navigator \\
+  hab-eval run --agent hab_ppo:navigator --option weights=runs/navigator \\
     --env HabNavigate-v1 --out DIR"""
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
@@ -61,7 +61,8 @@ The same command continues an interrupted run after its last round. To play with
         whole("--rows", self.rows, 1, MOST_ROWS)
         whole("--workers", self.workers, 1, MOST_RANKS)
         whole("--seed", self.seed, 0, LARGEST_SEED)
-        from hab_ppo.navigator.training import LESSONS, WEIGHTS, TrainingPlan, train
+        from hab_ppo.navigator.training import LESSONS, TrainingPlan, train
+        from hab_ppo.navigator.weights import WEIGHTS
         from hab_ppo.progress import say
 
         if self.force or not (self.out / WEIGHTS).is_file():

@@ -12,11 +12,11 @@ import torch
 from hab_ppo import checkpoint
 from hab_ppo.agent import recipe_of
 from hab_ppo.evaluation import evaluate
-from hab_ppo.mapped_rows import policy_rows
 from hab_ppo.network import new_policy
 from hab_ppo.noise import ActionNoise
 from hab_ppo.observation import ObservationLayout
 from hab_ppo.recipe import Recipe
+from hab_ppo.rows import policy_rows
 from hab_tasks.episodes import EpisodeRequest, load_episodes
 from hab_tasks.processes import use_one_thread
 

@@ -26,8 +26,6 @@ class EnvConfig:
         handle_position: Whether the handle of a door or drawer is observed.
         action_repeat: Number of environment steps for which each action of the policy is executed;
             the policy observes the last of them. Steps of a run are actions of the policy.
-        map_memory: Whether the policy observes a map drawn from its depth images and actions
-            (`hab_ppo.map_memory`) in place of the images; with ``base_discrete`` and ``depth``.
         scene_dataset: ``apartment``, or the path of a ReplicaCAD folder.
         objects: Path of a YCB folder; None for the embedded objects.
         split: Split of the training episodes.
@@ -42,7 +40,6 @@ class EnvConfig:
     target_frame: str = "base"
     handle_position: bool = False
     action_repeat: int = 1
-    map_memory: bool = False
     scene_dataset: str = "apartment"
     objects: str | None = None
     split: str = "train"
@@ -62,7 +59,7 @@ class EnvConfig:
     def options(self) -> dict[str, Any]:
         """Returns the options of the single environment."""
         options = {field.name: getattr(self, field.name) for field in fields(self)}
-        for name in ("env", "trained_in", "action_repeat", "map_memory"):
+        for name in ("env", "trained_in", "action_repeat"):
             del options[name]
         options["render_backend"] = "none" if self.obs_mode.startswith("state") else "auto"
         return options
@@ -209,10 +206,6 @@ class Cloning:
         patience: Epochs without improvement on these after which the fit ends.
         bfloat16: Whether layers are computed in bfloat16 where PyTorch thinks that it is enough,
             for images 2.5 times as fast on a CPU that has it.
-        stop_weight: Weight in the loss of steps in which the stop action of ``base_discrete`` is
-            right. They are rare, and Navigate forgives a wrong stop, but not a missing one.
-        mirrors: Whether half of the steps, drawn anew in each pass, are mirrored left to right; for
-            policies with `EnvConfig.map_memory`.
     """
 
     epochs: int = 40
@@ -221,8 +214,6 @@ class Cloning:
     held_out: float = 0.1
     patience: int = 15
     bfloat16: bool = False
-    stop_weight: float = 1.0
-    mirrors: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -337,14 +328,6 @@ class Recipe:
             raise RecipeError(
                 f"Recipe {self.name} has action_repeat {self.env.action_repeat}; demonstrations of "
                 "warm_start need 1."
-            )
-        if self.distill is not None and self.distill.cloning.mirrors and not self.env.map_memory:
-            raise RecipeError(f"Recipe {self.name} mirrors examples, which needs map_memory.")
-        modes = self.env.control_mode, self.env.obs_mode
-        if self.env.map_memory and modes != ("base_discrete", "depth"):
-            raise RecipeError(
-                f"Recipe {self.name} has map_memory, which needs control_mode base_discrete and "
-                f"obs_mode depth, not {modes[0]} and {modes[1]}."
             )
 
     def log_std(self, progress: float) -> float | None:

@@ -24,12 +24,12 @@ from hab_ppo.episodes import training_episodes
 from hab_ppo.errors import RecipeError
 from hab_ppo.examples import Examples
 from hab_ppo.fine_tuning import Guide
-from hab_ppo.mapped_rows import policy_rows
 from hab_ppo.network import Policy
 from hab_ppo.plan import CLONED, DEMONSTRATIONS, DISTILLED_SO_FAR, TrainPlan, check_same
 from hab_ppo.practice import Lesson, practise
 from hab_ppo.progress import WriteLine
 from hab_ppo.recipe import Recipe
+from hab_ppo.rows import policy_rows
 from hab_ppo.stages import info_keys
 from hab_ppo.teachers import (
     Expert,

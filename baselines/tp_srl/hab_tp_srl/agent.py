@@ -11,7 +11,7 @@ from hab_spa.motion.robot import Command
 
 from hab_tasks.agent import AgentReport
 from hab_tp_srl.executor import fault
-from hab_tp_srl.policies import SkillPolicy
+from hab_tp_srl.policies import Decider
 from hab_tp_srl.skill import PolicyCommand
 
 
@@ -20,7 +20,7 @@ class TpSrlAgent(SpaAgent):
 
     def decide(self, commands: list[Command], obs: Mapping[str, Any]) -> list[Command]:
         """Evaluates the policies of all running skills, each once."""
-        asking: dict[SkillPolicy, list[int]] = {}
+        asking: dict[Decider, list[int]] = {}
         for row, command in enumerate(commands):
             if isinstance(command, PolicyCommand):
                 asking.setdefault(command.turn.policy, []).append(row)

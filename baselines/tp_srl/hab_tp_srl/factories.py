@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import cast
 
 from hab_planner.plan import plan_of
 from hab_planner.problem import task_of
+from hab_ppo.navigator.weights import is_navigator
 from hab_spa.motion.robot import Motion, Robot
 from hab_spa.scenes.scene import Scene
 
@@ -15,6 +17,7 @@ from hab_tasks.registration import imported_id
 from hab_tasks.tasks.base import Task
 from hab_tp_srl.agent import TpSrlAgent
 from hab_tp_srl.executor import Executor
+from hab_tp_srl.navigation import NavigatorPolicy
 from hab_tp_srl.options import SKILLS, TeamOptions, read_options
 from hab_tp_srl.policies import SkillPolicy
 from hab_tp_srl.scenes import GuidedScene, ObservedScene
@@ -69,21 +72,28 @@ def _team(setup: AgentSetup, options: TeamOptions) -> Team:
         skill: None if path is None else SkillPolicy(setup, skill, path)
         for skill, path in options.skills.items()
     }
-    navigate = options.navigate and SkillPolicy(setup, "navigate", options.navigate)
+    navigate = None if options.navigate is None else _navigation(setup, options.navigate)
     return Team(
         policies=policies,
         navigation=options.navigation,
-        navigate=navigate or None,
+        navigate=navigate,
         privileged=options.privileged,
         true_knowledge=options.true_knowledge,
     )
+
+
+def _navigation(setup: AgentSetup, path: Path) -> SkillPolicy | NavigatorPolicy:
+    """Loads the policy of learned navigation."""
+    if is_navigator(path):
+        return NavigatorPolicy(setup, path)
+    return SkillPolicy(setup, "navigate", path)
 
 
 def _spec(team: Team, options: TeamOptions) -> AgentSpec:
     """Returns the environment options that a team needs."""
     learned = team.learned
     seeing = [policy for policy in learned if policy.sees_images]
-    textures = {texture for policy in seeing for texture in policy.recipe.env.obs_mode.split("+")}
+    textures = {texture for policy in seeing for texture in policy.obs_mode.split("+")}
     # While planned parts move the robot, no images are needed.
     on_demand = bool(seeing) and team.navigate is None
     planned = None in team.policies.values()

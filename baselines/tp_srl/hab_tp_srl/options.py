@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hab_ppo.agent import shipped_weights, weights_file
+from hab_ppo.navigator.weights import NAVIGATOR, shipped_navigator
+from hab_ppo.navigator.weights import WEIGHTS as NAVIGATOR_FILE
 from hab_ppo.recipes import recipe_names
 
 from hab_tasks.agent import AgentSetup, check_options
@@ -22,7 +24,7 @@ RESETS = ("on", "off")
 KINDS = ("blind", "depth", PLANNED)
 """Values of the option ``skills``: policies by the suffix of their recipes, or planning."""
 
-NAVIGATE_DEFAULT = "navigate_depth"
+NAVIGATE_DEFAULT = NAVIGATOR
 SKILLS = ("pick", "place", "open_drawer", "close_drawer", "open_fridge", "close_fridge")
 
 
@@ -113,15 +115,17 @@ def _navigate(options: Mapping[str, str]) -> Path:
 
 def _weights(skill: str, value: str) -> Path:
     """Returns the file of weights: those that ship for a recipe, or those at a path."""
-    path = weights_file(Path(value))
-    if path.exists():
-        return path
+    for path in (weights_file(Path(value)), Path(value) / NAVIGATOR_FILE):
+        if path.exists():
+            return path
+    if (skill, value) == ("navigate", NAVIGATOR):
+        return shipped_navigator()
     default = NAVIGATE_DEFAULT if skill == "navigate" else f"{skill}_blind"
-    names = {*recipe_names(), default, default.replace("blind", "depth")}
+    names = {*recipe_names(), default, default.replace("blind", "depth")} - {NAVIGATOR}
     if value in names:
         return shipped_weights(value, option=skill)
     own = sorted(name for name in names if name.startswith(skill))
-    planned = [PLANNED] if skill != "navigate" else []
+    planned = [NAVIGATOR if skill == "navigate" else PLANNED]
     raise UnknownNameError(f"value of the agent's option {skill}", value, [*own, *planned])
 
 

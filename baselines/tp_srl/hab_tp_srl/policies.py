@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import torch
 from hab_ppo.agent import load_policy
 from hab_ppo.errors import PolicyFileError
-from hab_ppo.mapped_rows import RowMaps, with_map
 from hab_ppo.noise import RowNoise
 from numpy.typing import NDArray
-from torch import Tensor
 
 from hab_tasks.agent import AgentSetup
 from hab_tasks.engine.skill_env import SkillEnv
@@ -36,6 +34,23 @@ TASK_ENTRIES = (
 """Entries of ``extra`` that a skill can observe in a task; see `TaskView.entries`."""
 
 
+class Decider(Protocol):
+    """What a learned skill has to offer."""
+
+    name: str
+    horizon_steps: int
+    control: HabControllerConfig
+
+    @property
+    def draws_actions(self) -> bool:
+        """Whether its actions are drawn."""
+        ...
+
+    def decide(self, rows: Sequence[int], turns: Sequence[Turn], obs: Mapping[str, Any]) -> None:
+        """See `SkillPolicy.decide`."""
+        ...
+
+
 @dataclass(kw_only=True, eq=False)
 class Turn:
     """A running skill of one row.
@@ -43,15 +58,16 @@ class Turn:
     Attributes:
         policy: Its policy.
         entries: The state observation of this step.
-        memory: (2, H) state of the LSTM; None at the start of the skill.
+        memory: (2, H) state of the LSTM, or what else the policy keeps; None at the start of the
+            skill.
         random: Draws its actions; None for the most likely ones.
         age: Number of actions so far.
         action: (A,) the action of this step, after `SkillPolicy.decide`.
     """
 
-    policy: SkillPolicy
+    policy: Decider
     entries: Entries = field(default_factory=dict)
-    memory: Tensor | None = None
+    memory: Any = None
     random: np.random.Generator | None = None
     age: int = 0
     action: NDArray[Any] = field(default_factory=lambda: np.zeros(0, dtype=np.float32))
@@ -84,8 +100,6 @@ class SkillPolicy:
         env_id = imported_id(self.recipe.env.reference)
         env = ENVS[env_id].env
         self.horizon_steps = env.horizon_steps
-        maps = self.recipe.env.map_memory
-        self._maps = RowMaps(self.recipe.env.action_repeat) if maps else None
         self.control: HabControllerConfig = control_configs()[self.recipe.env.control_mode]
         self._check(skill, env_id, path)
         self.starts = start_ranges(env_id) if env_id != NAVIGATE_ID else None
@@ -115,6 +129,16 @@ class SkillPolicy:
         return ("extra", "handle_from_ee") in self._policy.layout.state
 
     @property
+    def obs_mode(self) -> str:
+        """The observation that it needs."""
+        return self.recipe.env.obs_mode
+
+    @property
+    def draws_actions(self) -> bool:
+        """Whether its actions are drawn."""
+        return self.recipe.draws_actions
+
+    @property
     def sees_images(self) -> bool:
         """Whether it observes images."""
         return self._policy.layout.image_shape is not None
@@ -140,13 +164,11 @@ class SkillPolicy:
         starts = torch.tensor([turn.memory is None for turn in turns], device=self._device)
         blank = self._policy.no_memory(1)[:, 0]
         memory = torch.stack([blank if t.memory is None else t.memory for t in turns], dim=1)
-        noise = RowNoise([turn.random for turn in turns]) if self.recipe.draws_actions else None
+        noise = RowNoise([turn.random for turn in turns]) if self.draws_actions else None
         acted = self._policy.choose(seen, memory, starts, noise)
         actions = self._policy.head.to_env(acted.actions).reshape(len(turns), -1)
         for number, turn in enumerate(turns):
             turn.action, turn.memory = actions[number], acted.memory[:, number]
-        if self._maps is not None:
-            self._maps.turn(rows, actions)
 
     def _observed(
         self, rows: Sequence[int], turns: Sequence[Turn], obs: Mapping[str, Any]
@@ -156,10 +178,6 @@ class SkillPolicy:
         for group, name in self._policy.layout.state:
             values = [turn.entries[group, name] for turn in turns]
             nested.setdefault(group, {})[name] = np.stack(values)
-        if self._maps is not None:
-            self._maps.forget(row for row, t in zip(rows, turns, strict=True) if t.memory is None)
-            points_m = np.stack([turn.entries["extra", "point_in_base"] for turn in turns])
-            return with_map(nested, self._maps.look(rows, obs, points_m))
         for group, camera, texture in self._policy.layout.images:
             image = obs[group][camera][texture][list(rows)]
             nested.setdefault(group, {}).setdefault(camera, {})[texture] = image

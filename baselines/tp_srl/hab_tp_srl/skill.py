@@ -17,7 +17,7 @@ from hab_tasks.robots.control_modes import ARM_SIZE, BASE_CELLS, STOP_SHARE
 from hab_tasks.robots.kinematics import ArmKinematics
 from hab_tasks.robots.robot import ROBOT
 from hab_tp_srl.ending import Ending
-from hab_tp_srl.policies import SkillPolicy, Turn
+from hab_tp_srl.policies import Decider, SkillPolicy, Turn
 from hab_tp_srl.stage import Stage
 from hab_tp_srl.view import TaskView
 
@@ -84,7 +84,7 @@ def learned(
 
 
 def learned_navigation(
-    robot: Robot, stage: Stage, policy: SkillPolicy, view: TaskView, *, sets_base: bool
+    robot: Robot, stage: Stage, policy: Decider, view: TaskView, *, sets_base: bool
 ) -> Motion:
     """Drives by a learned policy until its stop action.
 
@@ -106,9 +106,7 @@ def learned_navigation(
     return Failure.TIMEOUT
 
 
-def command_of(
-    robot: Robot, policy: SkillPolicy, action: NDArray[Any], *, sets_base: bool
-) -> Command:
+def command_of(robot: Robot, policy: Decider, action: NDArray[Any], *, sets_base: bool) -> Command:
     """Returns the command that does what an action does in the skill's environment.
 
     Args:
@@ -132,7 +130,7 @@ def command_of(
     return robot.command(arm_rad, pose=pose)
 
 
-def velocities(policy: SkillPolicy, action: NDArray[Any]) -> tuple[float, float]:
+def velocities(policy: Decider, action: NDArray[Any]) -> tuple[float, float]:
     """Returns the base velocities of an action, relative to their maximum."""
     if policy.control.base == "still":
         return 0.0, 0.0
@@ -142,15 +140,15 @@ def velocities(policy: SkillPolicy, action: NDArray[Any]) -> tuple[float, float]
     return forward, turning
 
 
-def _gripper(policy: SkillPolicy, action: NDArray[Any], now: float) -> float:
+def _gripper(policy: Decider, action: NDArray[Any], now: float) -> float:
     """Returns the gripper entry of an action; the present one if it has none."""
     arm = policy.control.arm
     return now if arm == "still" else float(action[ARM_SIZE[arm]])
 
 
-def _turn(robot: Robot, policy: SkillPolicy) -> Turn:
-    draws = policy.recipe.draws_actions
-    return Turn(policy=policy, random=np.random.default_rng(robot.next_seed()) if draws else None)
+def _turn(robot: Robot, policy: Decider) -> Turn:
+    random = np.random.default_rng(robot.next_seed()) if policy.draws_actions else None
+    return Turn(policy=policy, random=random)
 
 
 def _asking(robot: Robot, turn: Turn, result: Callable[[], Command]) -> PolicyCommand:

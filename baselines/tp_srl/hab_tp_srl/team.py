@@ -19,6 +19,7 @@ from hab_tasks.constants import SKILL_HORIZON_STEPS
 from hab_tasks.tasks.base import Task
 from hab_tp_srl.base_poses import start_pose
 from hab_tp_srl.ending import Ending
+from hab_tp_srl.navigation import NavigatorPolicy
 from hab_tp_srl.policies import SkillPolicy
 from hab_tp_srl.skill import learned, learned_navigation
 from hab_tp_srl.stage import Stage
@@ -40,12 +41,12 @@ class Team:
 
     policies: Mapping[str, SkillPolicy | None]
     navigation: str
-    navigate: SkillPolicy | None
+    navigate: SkillPolicy | NavigatorPolicy | None
     privileged: bool
     true_knowledge: bool
 
     @property
-    def learned(self) -> list[SkillPolicy]:
+    def learned(self) -> list[SkillPolicy | NavigatorPolicy]:
         """Returns all policies."""
         found = [*self.policies.values(), self.navigate]
         return [policy for policy in found if policy is not None]

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from hab_ppo import checkpoint, curves, mapped_rows, trainer
+from hab_ppo import checkpoint, curves, rows, trainer
 from hab_ppo.checkpoint import Position
 from hab_ppo.cli import main
 from hab_ppo.config_json import from_json, to_json
@@ -40,7 +40,7 @@ TOY = Recipe(
 def toy(monkeypatch):
     """Replaces the simulator by the toy; returns the lines of each run."""
     monkeypatch.setattr(trainer, "prepare_episodes", lambda recipe, *_: goals(6))
-    monkeypatch.setattr(mapped_rows.gym, "make_vec", lambda _, num_envs, **__: ToyVector(num_envs))
+    monkeypatch.setattr(rows.gym, "make_vec", lambda _, num_envs, **__: ToyVector(num_envs))
     lines = []
 
     def train(out, recipe=TOY, **options):

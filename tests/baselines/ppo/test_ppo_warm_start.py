@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
-from hab_ppo import checkpoint, distillation, mapped_rows, trainer, warm_start
+from hab_ppo import checkpoint, distillation, rows, trainer, warm_start
 from hab_ppo.actions import action_head
 from hab_ppo.agent import LoadedPolicy
 from hab_ppo.collect import Collector
@@ -245,7 +245,7 @@ def train(monkeypatch):
     monkeypatch.setattr(warm_start, "load_teacher", lambda *_: LoadedPolicy(Walker(), TOY))
     monkeypatch.setattr(warm_start, "known_weights", lambda name, option: Path(name))
     monkeypatch.setattr(trainer, "prepare_episodes", lambda recipe, *_: goals(6))
-    monkeypatch.setattr(mapped_rows.gym, "make_vec", lambda _, num_envs, **__: ToyVector(num_envs))
+    monkeypatch.setattr(rows.gym, "make_vec", lambda _, num_envs, **__: ToyVector(num_envs))
 
     def run(out, recipe=TOY, **options):
         out.mkdir(exist_ok=True)

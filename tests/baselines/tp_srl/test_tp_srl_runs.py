@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 import torch
 from hab_planner.plan import plan_of
-from hab_ppo.map_memory import MapMemory
+from hab_ppo.navigator.network import GoalNetwork
+from hab_ppo.navigator.robot_map import RobotMap
+from hab_ppo.navigator.weights import save
 from hab_spa.motion.robot import Robot, SpaConfig
 from hab_tp_srl import factories
+from hab_tp_srl.navigation import NavigatorPolicy
 from hab_tp_srl.policies import SkillPolicy, Turn
 from hab_tp_srl.scenes import ObservedScene
 from hab_tp_srl.skill import command_of
@@ -18,6 +21,7 @@ from hab_tp_srl.stage import stage_of
 from hab_tp_srl.view import TaskView
 
 from hab_tasks.agent_spaces import agent_setup
+from hab_tasks.robots.control_modes import BASE_CELLS
 from hab_tasks.robots.robot import ROBOT
 
 TASK = "HabSetTable-v1"
@@ -181,31 +185,38 @@ def test_an_action_does_in_a_task_what_it_does_in_the_skills_env(name, weights):
         env.close()
 
 
-def test_a_policy_with_a_map_draws_it_when_it_decides(weights, monkeypatch):
-    policy = SkillPolicy(agent_setup(TASK), "navigate", weights["navigate_mapped"])
+def test_the_navigator_decides_every_four_steps_on_a_map_of_its_own(tmp_path, monkeypatch):
+    path = tmp_path / "navigator.safetensors"
+    save(path, GoalNetwork(), {"kind": "navigator"})
+    policy = NavigatorPolicy(agent_setup(TASK), path)
     env = gym.make(f"hab_tasks:{TASK}", control_mode="joint_target_base", obs_mode="depth",
                    render_backend="rays", num_episodes=1)  # fmt: skip
     obs, _ = env.reset(seed=0)
     view = TaskView(truth=False)
     ObservedScene(view).see(obs, 0)
     action = next(action for action in plan_of(TASK).actions if action.name != "navigate")
-    stage, drawn, look = stage_of(env.unwrapped.task, action), [], MapMemory.look
+    stage, looks, look = stage_of(env.unwrapped.task, action), [], RobotMap.look
 
     def noted(*arguments):
-        drawn.append(look(*arguments))
-        return drawn[-1]
+        looks.append(arguments)
+        return look(*arguments)
 
-    monkeypatch.setattr(MapMemory, "look", noted)
-    turn = Turn(policy=policy, random=np.random.default_rng(0))
+    monkeypatch.setattr(RobotMap, "look", noted)
+    turn = Turn(policy=policy)
     turn.entries = view.entries(stage, view.point(stage))
     for step in range(5):
         policy.decide([0], [turn], obs)
-        assert len(drawn) == 1 + step // 4  # each action is executed for four steps
+        assert len(looks) == 1 + step // 4
+        assert 0 <= int(turn.action[0]) < len(BASE_CELLS)
     env.close()
-    depth = obs["sensor_data"]["head"]["depth"].numpy()
-    point_m = turn.entries["extra", "point_in_base"][None]
-    assert np.array_equal(drawn[0], look(MapMemory(1, 4), depth, point_m))
-    assert drawn[0][..., 1].any()
+    map_, depth, point_m = looks[0]
+    assert np.array_equal(depth, obs["sensor_data"]["head"]["depth"][0])
+    assert point_m == pytest.approx(turn.entries["extra", "point_in_base"])
+    assert (map_.seen > 0).sum() > 100
+    again = Turn(policy=policy)
+    again.entries = turn.entries
+    policy.decide([0], [again], obs)
+    assert looks[-1][0] is not map_
 
 
 def run_to_the_end(agent, env, obs, steps):

@@ -1,4 +1,4 @@
-"""The navigator as an agent, ``hab-eval run --agent hab_ppo:navigate_mapped``."""
+"""The navigator as an agent, ``hab-eval run --agent hab_ppo:navigator``."""
 
 from __future__ import annotations
 
@@ -11,15 +11,13 @@ import torch
 from torch import Tensor
 
 from hab_ppo.navigator.navigator import REPEAT, Navigator
-from hab_ppo.navigator.weights import load
+from hab_ppo.navigator.weights import NAVIGATOR, WEIGHTS, load, shipped_navigator
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec, check_options
 from hab_tasks.errors import OptionError
 from hab_tasks.processes import use_one_thread
 from hab_tasks.registration import imported_id
 from hab_tasks.skills.navigate import NAVIGATE_ID
 
-NAME = "navigate_mapped"
-SHIPPED = Path(__file__).parent / "weights.safetensors"
 ROWS = 8
 """Episodes played at a time."""
 
@@ -28,15 +26,20 @@ class NavigatorAgent:
     """Navigates in several rows."""
 
     spec = AgentSpec(
-        name=f"Navigator {NAME}",
+        name="Navigator",
         control_mode="base_discrete",
         obs_mode="depth",
         target_frame="base",
         rows=ROWS,
     )
 
-    def __init__(self, setup: AgentSetup, path: Path) -> None:
+    def __init__(self, setup: AgentSetup, path: Path, *, stops_on_way: bool = True) -> None:
         """Loads the weights of a file.
+
+        Args:
+            setup: Setup of the agent.
+            path: The file.
+            stops_on_way: See `Navigator`.
 
         Raises:
             PolicyFileError: The file cannot be used.
@@ -44,8 +47,9 @@ class NavigatorAgent:
         """
         use_one_thread()
         if imported_id(setup.env_id) != NAVIGATE_ID:
-            raise OptionError(f"{NAME} acts in {NAVIGATE_ID}, not {setup.env_id}.")
+            raise OptionError(f"{NAVIGATOR} acts in {NAVIGATE_ID}, not {setup.env_id}.")
         self._network, self._device = load(path)[0].to(setup.device), setup.device
+        self._stops_on_way = stops_on_way
         self._rows: list[Navigator] = []
         self._ages: list[int] = []
         self._actions: list[int] = []
@@ -75,11 +79,14 @@ class NavigatorAgent:
         return [AgentReport() for _ in self._rows]
 
     def _new(self) -> Navigator:
-        return Navigator(self._network, self._device)
+        return Navigator(self._network, self._device, stops_on_way=self._stops_on_way)
 
 
-def make_agent(setup: AgentSetup) -> NavigatorAgent:
+def make_agent(setup: AgentSetup, *, stops_on_way: bool = True) -> NavigatorAgent:
     """Returns the agent.
+
+    With ``stops_on_way=False`` it stops once, where the goal is likeliest for the way, as
+    navigation of a task ends with the first stop.
 
     Option: ``weights``, a file or the folder of a run; by default, the weights that ship.
 
@@ -88,12 +95,13 @@ def make_agent(setup: AgentSetup) -> NavigatorAgent:
         UnknownNameError: An option is unknown.
     """
     check_options(setup, {"weights": None})
-    return NavigatorAgent(setup, weights_file(setup.options.get("weights")))
+    path = weights_file(setup.options.get("weights"))
+    return NavigatorAgent(setup, path, stops_on_way=stops_on_way)
 
 
 def weights_file(given: str | None) -> Path:
     """Returns the file of weights at a path, a run's folder or file; the shipped one for None."""
     if given is None:
-        return SHIPPED
+        return shipped_navigator()
     path = Path(given).expanduser()
-    return path / "navigator.safetensors" if path.is_dir() else path
+    return path / WEIGHTS if path.is_dir() else path

@@ -24,11 +24,15 @@ from hab_tasks.robots.control_modes import STOP_CELL
 REPEAT = 4
 """Steps for which each action is executed."""
 
-COVERED_M = 0.25
-"""A stop finds goals within this distance: less than Navigate's 0.3 m, as it is not exact."""
+FOUND_M = (0.15, 0.35)
+"""A stop at a place finds all goals within the first distance, and none beyond the second:
+Navigate's 0.3 m, but for where exactly the robot comes to stop."""
+
+EXCLUDED_M = (0.28, 0.33)
+"""Likewise a stop in vain, whose pose is known, excludes goals."""
 
 COVERED_RAD = 0.5
-"""And with the heading so near to its own."""
+"""Both with the heading so near to its own."""
 
 SAME_M = 0.22
 """Places so near to each other count as the same."""
@@ -41,6 +45,9 @@ STOP_M = 0.2
 
 LEAST_SHARE = 0.01
 """Stops on the way that find less of the goals than this are left out."""
+
+MORE_AHEAD = 1.1
+"""Nor does it stop where the last action has brought it closer to goals by this factor."""
 
 ARRIVED_M, ARRIVED_RAD = 0.12, 0.15
 """The robot has arrived within these distances of a place."""
@@ -90,6 +97,7 @@ class Navigator:
         self._tried: list[Array] = []  # poses (3,)
         self._known = np.zeros((HEADINGS, SIDE, SIDE))  # the distribution of the goal pose
         self._found, self._worth = self._known, 0.0
+        self._here = 0.0  # the share of goals that a stop at the pose would find
         self._age, self._stopped = 0, False
 
     def action(self, depth: Any, point_in_base_m: Array, holding: bool) -> int:
@@ -146,14 +154,14 @@ class Navigator:
 
     def _best(self, floor: SeenFloor) -> Array:
         """Returns the pose (3,) that promises most for its cost."""
-        places_m = middle_m(self.map) + _OFFSETS_M  # (SIDE, SIDE, 2)
+        places_m: Array = middle_m(self.map) + _OFFSETS_M  # (SIDE, SIDE, 2)
         gaps_m = self.map.point_m - places_m
         facing_rad = np.arctan2(gaps_m[..., 1], gaps_m[..., 0])
         yaws_rad = facing_rad + ASIDE_RAD * _BINS[:, None, None]  # (HEADINGS, SIDE, SIDE)
         free = floor.is_free(places_m)
         shares = np.where(free, self._known, 0.0)
         for tried in self._tried:
-            near = np.linalg.norm(places_m - tried[:2], axis=-1) < COVERED_M
+            near = _share(np.linalg.norm(places_m - tried[:2], axis=-1), EXCLUDED_M)
             turns_rad = np.angle(np.exp(1j * (yaws_rad - tried[2])))
             shares *= 1.0 - near * _covered_share(turns_rad)
         self._found = ndimage.convolve(shares, _COVERED, mode="constant")
@@ -186,8 +194,9 @@ class Navigator:
         heading = round(aside_rad / ASIDE_RAD) + HEADINGS // 2
         if not 0 <= heading < HEADINGS:
             return False
-        found = float(self._found[heading, cell[0], cell[1]])
-        return found > max(LEAST_SHARE, STOP_M * self._worth)
+        found, before = float(self._found[heading, cell[0], cell[1]]), self._here
+        self._here = found
+        return MORE_AHEAD * before > found > max(LEAST_SHARE, STOP_M * self._worth)
 
     def _cost_m(self, floor: SeenFloor, places_m: Array) -> Array:
         """Returns the cost of going to places (SIDE, SIDE, 2) and of turning there."""
@@ -208,16 +217,20 @@ class Navigator:
         return (int(x), int(y)) if 0 <= x < SIDE and 0 <= y < SIDE else None
 
 
+def _share(gaps_m: Array, bounds_m: tuple[float, float]) -> Array:
+    """Returns 1 up to the first distance, 0 from the second on, and a line between them."""
+    return np.clip((bounds_m[1] - gaps_m) / (bounds_m[1] - bounds_m[0]), 0.0, 1.0)
+
+
 def _covered_share(turns_rad: Array) -> Array:
     """Returns which share of the headings of bins, so far from a stop's heading, it finds."""
     return np.clip((COVERED_RAD + ASIDE_RAD / 2 - np.abs(turns_rad)) / ASIDE_RAD, 0.0, 1.0)
 
 
-def goal_in_map(map_: RobotMap, start: Array, goal: Array) -> Array:
-    """Returns a goal pose (3,) in a map's frame.
+def goal_in_map(start: Array, goal: Array) -> Array:
+    """Returns a goal pose (3,) in the frame of a map.
 
     Args:
-        map_: The map.
         start: (3,) the first base pose, x, y [m] and yaw [rad].
         goal: (3,) the goal, likewise.
     """
@@ -226,9 +239,8 @@ def goal_in_map(map_: RobotMap, start: Array, goal: Array) -> Array:
 
 
 _STEPS_M = (np.arange(SIDE) - (SIDE - 1) / 2) * CELL_M
-_OFFSETS_M = np.stack(np.meshgrid(_STEPS_M, _STEPS_M, indexing="ij"), axis=-1)
-_RADIUS = int(COVERED_M / CELL_M)
-_STEPS = np.arange(-_RADIUS, _RADIUS + 1)
-_DISC = (_STEPS[:, None] ** 2 + _STEPS[None] ** 2) * CELL_M**2 <= COVERED_M**2
+_OFFSETS_M: Any = np.stack(np.meshgrid(_STEPS_M, _STEPS_M, indexing="ij"), axis=-1)
+_STEPS = np.arange(-3, 4)
+_DISC = _share(CELL_M * np.hypot(_STEPS[:, None], _STEPS[None]), FOUND_M)
 _COVERED = _covered_share(ASIDE_RAD * np.array((-1, 0, 1)))[:, None, None] * _DISC
 _BINS = np.arange(HEADINGS) - HEADINGS // 2

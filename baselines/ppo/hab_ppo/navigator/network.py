@@ -31,6 +31,8 @@ point. The outer ones hold all that is farther aside."""
 class GoalNetwork(nn.Module):
     """A U-Net."""
 
+    _far: Tensor
+
     def __init__(self) -> None:
         super().__init__()
         widths = (CHANNELS, *WIDTHS)
@@ -58,8 +60,7 @@ class GoalNetwork(nn.Module):
         for level in range(len(WIDTHS) - 2, -1, -1):
             wide = interpolate(x, scale_factor=2.0, mode="nearest")
             x = self.up[level](torch.cat((passed[level], wide), dim=1))
-        far: Tensor = self._far
-        return self.last(x).float().masked_fill(far, -math.inf)
+        return self.last(x).float().masked_fill(self._far, -math.inf)
 
 
 def _block(before: int, after: int, stride: int = 1) -> nn.Sequential:

@@ -71,15 +71,13 @@ class _Row:
     def __init__(self, network: GoalNetwork, episode: Any) -> None:
         self.navigator, self.episode = Navigator(network), episode
         self.actions = 0
-        self.goal = goal_in_map(
-            self.navigator.map, np.array(episode.robot.base), np.array(episode.navigation.base)
-        )
+        start, goal = np.array(episode.robot.base), np.array(episode.navigation.base)
+        self.goal = goal_in_map(start, goal)
 
 
 def practise(plan: PracticePlan) -> Played:
     """Plays in a process of its own."""
     network = GoalNetwork().eval() if plan.weights is None else load(plan.weights)[0]
-    options = {} if plan.objects is None else {"objects": plan.objects}
     env: Any = gym.make_vec(
         f"hab_tasks:{NAVIGATE_ID}",
         num_envs=plan.rows,
@@ -90,8 +88,8 @@ def practise(plan: PracticePlan) -> Played:
         control_mode="base_discrete",
         split="train",
         scene_dataset=plan.scene_dataset,
+        objects=plan.objects,
         num_episodes=plan.num_episodes,
-        **options,
     )
     try:
         return _play(env, network, plan)

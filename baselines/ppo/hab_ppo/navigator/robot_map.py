@@ -8,15 +8,17 @@ heading.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, CAMERA_HFOV_RAD, CONTROL_HZ
+from hab_tasks.privileged import Array
 from hab_tasks.robots.cameras import PLACES
 from hab_tasks.robots.control_modes import BASE_CELLS
 from hab_tasks.robots.robot import ROBOT
 
-Array = NDArray[np.float32]
 Bytes = NDArray[np.uint8]
 
 CELL_M = 0.1
@@ -90,7 +92,7 @@ class RobotMap:
         seen[flat] = np.maximum(seen[flat], SEEN)
         self.seen[tuple(cells_of(self.pose[:2]))] = VISITED
 
-    def _move(self, point_in_base_m: NDArray[np.float64]) -> None:
+    def _move(self, point_in_base_m: NDArray[Any]) -> None:
         """Updates the pose by the point (2,), in the frame of a base that has moved."""
         turns_rad = TURN_SHARES * self._wanted_rad  # (S,)
         yaws_rad = self.pose[2] + turns_rad
@@ -102,22 +104,17 @@ class RobotMap:
         self.pose = np.array((*places_m[best], yaws_rad[best]))
 
 
-def turned(points_m: NDArray, yaw_rad: NDArray | float) -> NDArray:
+def turned(points_m: NDArray[Any], yaw_rad: NDArray[Any] | float) -> NDArray[Any]:
     """Returns points (..., 2) turned by angles (...)."""
     cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
     x, y = points_m[..., 0], points_m[..., 1]
     return np.stack((cosine * x - sine * y, sine * x + cosine * y), axis=-1)
 
 
-def cells_of(points_m: NDArray) -> NDArray[np.intp]:
+def cells_of(points_m: NDArray[Any]) -> NDArray[np.intp]:
     """Returns the cells (..., 2) of points (..., 2); beyond the map, those at its edge."""
     cells = np.floor(np.asarray(points_m) / CELL_M).astype(np.intp) + CELLS // 2
     return np.clip(cells, 0, CELLS - 1)
-
-
-def positions(cells: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Returns the middles (..., 2) of cells (..., 2) [m]."""
-    return CELL_M * (np.asarray(cells) - CELLS // 2 + 0.5)
 
 
 def _surfaces(depth: Array) -> tuple[Array, Array]:
@@ -142,7 +139,7 @@ def _rays() -> Array:
     right, down = np.meshgrid(slopes, slopes)
     in_camera = np.stack((np.ones_like(right), -right, -down), axis=-1)  # SAPIEN's axes
     rotation = PLACES["head"].pose().to_transformation_matrix()[:3, :3]
-    return (in_camera @ rotation.T).astype(np.float32)
+    return (in_camera @ rotation.T).astype(float)
 
 
 _DIRECTIONS = _rays()

@@ -64,7 +64,8 @@ class SeenFloor:
         seen = map_.seen[part]
         self.blocked = (map_.tops[part] > 255 * FLOOR_M / HIGHEST_M) & (seen < VISITED)
         self._seen = seen > 0
-        self._clearance_m: Array = CELL_M * ndimage.distance_transform_edt(~self.blocked)
+        gaps: Any = ndimage.distance_transform_edt(~self.blocked)
+        self._clearance_m: Array = CELL_M * gaps
         free = self._clearance_m >= radius_m - CELL_M / 4
         self.room = _room(free, here - self._first)
 
@@ -82,11 +83,11 @@ class SeenFloor:
         x, y = np.moveaxis(self.cells_of(np.asarray(points_m)), -1, 0)
         return self.room[x, y]
 
-    def nearest_free(self, point_m: Array) -> Array:
+    def nearest_free(self, points_m: Array) -> Array:
         """Returns the free position (2,) nearest to a point (2,); a free point unchanged."""
-        if self.is_free(point_m):
-            return np.asarray(point_m, dtype=float)
-        x, y = self.cells_of(point_m)
+        if self.is_free(points_m):
+            return np.asarray(points_m, dtype=float)
+        x, y = self.cells_of(points_m)
         return self.positions(self._nearest[:, x, y])
 
     def clear(self, start_m: Array, end_m: Array) -> bool:
@@ -95,12 +96,12 @@ class SeenFloor:
         share = np.linspace(0.0, 1.0, 1 + count)[:, None]
         return bool(self.is_free(start_m + share * (end_m - start_m)).all())
 
-    def geodesic_field(self, goal_m: Array) -> Array:
+    def geodesic_field(self, goals_m: Array) -> Array:
         """Returns the way [m] from every cell to a free position (2,), (X, Y).
 
         Tight and unseen places count as longer; inf where the base cannot be.
         """
-        x, y = self.cells_of(goal_m)
+        x, y = self.cells_of(goals_m)
         field = eikonalfm.fast_marching(self._speed, (int(x), int(y)), (CELL_M, CELL_M), 1)
         return np.where(self.room, field, np.inf)
 
@@ -113,9 +114,7 @@ class SeenFloor:
     @cached_property
     def _nearest(self) -> NDArray[np.intp]:
         """Nearest free cell of every cell, (2, X, Y)."""
-        return ndimage.distance_transform_edt(
-            ~self.room, return_distances=False, return_indices=True
-        )
+        return _nearest(self.room)
 
 
 def _room(free: NDArray[np.bool_], here: NDArray[np.intp]) -> NDArray[np.bool_]:
@@ -123,11 +122,16 @@ def _room(free: NDArray[np.bool_], here: NDArray[np.intp]) -> NDArray[np.bool_]:
 
     A base that touches something is not in a free cell.
     """
-    areas: Any = ndimage.label(free)[0]
+    found: Any = ndimage.label(free)
+    areas = found[0]
     sizes = np.bincount(areas.ravel())
     sizes[0] = 0
     large = sizes[areas] >= min(LEAST_ROOM_CELLS, sizes.max())
-    x, y = ndimage.distance_transform_edt(~large, return_distances=False, return_indices=True)[
-        :, here[0], here[1]
-    ]
+    x, y = _nearest(large)[:, here[0], here[1]]
     return areas == areas[x, y]
+
+
+def _nearest(cells: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Returns which of some cells (X, Y) is nearest to every cell, (2, X, Y)."""
+    found: Any = ndimage.distance_transform_edt(~cells, return_distances=False, return_indices=True)
+    return found

@@ -16,13 +16,15 @@ from hab_ppo.navigator.fitting import fit, misfit
 from hab_ppo.navigator.lessons import Lessons
 from hab_ppo.navigator.network import GoalNetwork
 from hab_ppo.navigator.practice import Played, PracticePlan, practise
-from hab_ppo.navigator.weights import KIND, load, save
+from hab_ppo.navigator.weights import KIND, WEIGHTS, load, save
 from hab_ppo.progress import WriteLine
 from hab_tasks.episodes import EpisodeRequest, load_episodes
 from hab_tasks.processes import compute_threads, worker_pool
 from hab_tasks.skills.navigate import NAVIGATE_ID
 
-WEIGHTS, LESSONS = "navigator.safetensors", "lessons.safetensors"
+LESSONS = "lessons.safetensors"
+"""File of lessons in a run's folder, beside the weights."""
+
 FIRST_SHARE = 0.25
 """Share of a round's episodes in the first one, in which the network knows nothing."""
 
@@ -64,8 +66,8 @@ def train(plan: TrainingPlan, write_line: WriteLine) -> None:
     request = EpisodeRequest(
         env_id=NAVIGATE_ID,
         scene_dataset=plan.scene_dataset,
+        objects=plan.objects,
         split="train",
-        **({} if plan.objects is None else {"objects": plan.objects}),
     )
     load_episodes(request, plan.num_episodes, None, plan.workers)
     network, about, lessons = _started(plan)

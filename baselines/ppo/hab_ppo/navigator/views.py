@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -51,7 +51,7 @@ def around_point(map_: RobotMap, values: Bytes) -> Bytes:
     return padded[x : x + WHOLE, y : y + WHOLE]
 
 
-def middle_m(map_: RobotMap) -> NDArray[np.float64]:
+def middle_m(map_: RobotMap) -> NDArray[Any]:
     """Returns the position (2,) of the middle of a view: the low corner of the point's cell."""
     return CELL_M * (cells_of(map_.point_m) - CELLS // 2)
 

@@ -9,6 +9,14 @@ from hab_ppo import checkpoint
 from hab_ppo.errors import PolicyFileError
 from hab_ppo.navigator.network import GoalNetwork
 
+NAVIGATOR = "navigator"
+"""Name of the agent."""
+
+WEIGHTS = "navigator.safetensors"
+"""File of weights in a run's folder, and in the package."""
+
+SHIPPED = Path(__file__).parent
+
 KIND = "navigator"
 """Entry ``kind`` of the description of such a file."""
 
@@ -31,3 +39,33 @@ def load(path: Path) -> tuple[GoalNetwork, dict[str, Any]]:
         raise PolicyFileError(f"{path} is not a file of weights of this version's navigator.")
     network.load_state_dict(tensors)
     return network.eval(), about
+
+
+def shipped_navigator() -> Path:
+    """Returns the weights that ship."""
+    return SHIPPED / WEIGHTS
+
+
+def is_navigator(path: Path) -> bool:
+    """Whether a file holds weights of a navigator.
+
+    Raises:
+        PolicyFileError: It is not a file of weights.
+    """
+    return checkpoint.load(path)[1].get("kind") == KIND
+
+
+def is_run(folder: Path) -> bool:
+    """Whether a folder is that of a navigator's run."""
+    return (folder / WEIGHTS).is_file()
+
+
+def ship_navigator(run: Path) -> Path:
+    """Copies the weights of a run to the package; returns the file.
+
+    Raises:
+        PolicyFileError: The file cannot be used.
+    """
+    network, about = load(run / WEIGHTS)
+    save(shipped_navigator(), network, about)
+    return shipped_navigator()

@@ -1,0 +1,64 @@
+"""The model card of the navigator that ships, made from its file and its evaluations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from hab_eval.results import RunRecord
+
+from hab_ppo.cards import NOT_EVALUATED, RESULTS, result, table
+from hab_ppo.navigator.weights import NAVIGATOR, load, shipped_navigator
+from hab_tasks.skills.navigate import NAVIGATE_ID
+
+ABOUT = "Navigate with a map, a learned distribution of the goal pose, and planned ways."
+ROUNDS = ("round", "episodes", "solved %", "lessons", "cross-entropy of new ones", "after the fit")
+
+
+def card(records: Iterable[RunRecord]) -> str:
+    """Returns the text of the card.
+
+    Args:
+        records: Evaluations; those of other agents, or with options, are left out.
+    """
+    path = shipped_navigator()
+    _, about = load(path)
+    own = [r for r in records if r.agent == f"hab_ppo:{NAVIGATOR}" and not r.options]
+    play = f"`hab-eval run --agent hab_ppo:{NAVIGATOR} --env {NAVIGATE_ID} --out DIR`"
+    size = f"`{path.name}`, {path.stat().st_size / 1e6:.1f} MB"
+    lines = [
+        f"# {NAVIGATOR}",
+        "",
+        "Navigate with a map, a learned distribution of goals, and plans.",
+    ]
+    lines += ["", *table(("navigator", ""), [("weights", size), ("play", play)])]
+    lines += ["", "## Training", "", *table(("run", ""), _training(about))]
+    lines += ["", *table(ROUNDS, _rounds(about)), "", "## Results", ""]
+    lines += table(RESULTS, [result(r) for r in own]) if own else [NOT_EVALUATED]
+    return "\n".join(lines) + "\n"
+
+
+def _training(about: dict[str, Any]) -> list[tuple[str, str]]:
+    origin, plan = about["origin"], about["plan"]
+    data = f"{plan['num_episodes']:,} episodes, train layouts of {plan['scene_dataset']}"
+    return [
+        ("command", f"`{origin['command']}`"),
+        ("machine", origin["device"]),
+        ("commit", str(origin["git"])),
+        ("data", data),
+        ("time", f"{about['seconds'] / 60:.0f} min"),
+    ]
+
+
+def _rounds(about: dict[str, Any]) -> list[tuple[str, ...]]:
+    return [
+        (
+            str(number),
+            str(found["episodes"]),
+            f"{100 * found['solved'] / found['episodes']:.1f}",
+            f"{found['lessons']:,}",
+            f"{found['misfit_of_new']:.2f}",
+            f"{found['misfit_after']:.2f}",
+        )
+        for number, found in enumerate(about["rounds"], 1)
+    ]

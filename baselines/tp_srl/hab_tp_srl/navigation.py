@@ -1,0 +1,53 @@
+"""Learned navigation with a map (`hab_ppo.navigator`), for several rows at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from hab_ppo.navigator.navigator import REPEAT, Navigator
+from hab_ppo.navigator.weights import load
+
+from hab_tasks.agent import AgentSetup
+from hab_tasks.constants import NAVIGATE_HORIZON_STEPS
+from hab_tasks.robots.control import HabControllerConfig, control_configs
+from hab_tp_srl.policies import Turn
+
+
+class NavigatorPolicy:
+    """Navigates as a skill of a task: each time with a new map, to the first stop.
+
+    The attributes are those of `SkillPolicy`.
+    """
+
+    name = "navigator"
+    horizon_steps = NAVIGATE_HORIZON_STEPS
+    obs_mode, draws_actions = "depth", False
+    sees_handles, sees_images = False, True
+    starts = None
+
+    def __init__(self, setup: AgentSetup, path: Path) -> None:
+        """Loads the weights of a file.
+
+        Raises:
+            PolicyFileError: The file cannot be used.
+        """
+        self._network, self._device = load(path)[0].to(setup.device), setup.device
+        self.control: HabControllerConfig = control_configs()["base_discrete"]
+
+    def decide(self, rows: Sequence[int], turns: Sequence[Turn], obs: Mapping[str, Any]) -> None:
+        """See `SkillPolicy.decide`."""
+        for row, turn in zip(rows, turns, strict=True):
+            if turn.age == 0:
+                # A stop ends the skill, so that it must be at the goal.
+                turn.memory = Navigator(self._network, self._device, stops_on_way=False)
+            if turn.age % REPEAT == 0:
+                action = turn.memory.action(
+                    np.asarray(obs["sensor_data"]["head"]["depth"][row]),
+                    turn.entries["extra", "point_in_base"].astype(float),
+                    bool(turn.entries["agent", "is_holding"].item() > 0),
+                )
+                turn.action = np.array([action])
+            turn.age += 1

@@ -1,0 +1,283 @@
+"""The navigator: its map, floor, views and lessons against values worked out by hand."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from hab_ppo.errors import PolicyFileError
+from hab_ppo.navigator import fitting
+from hab_ppo.navigator.fitting import fit, misfit
+from hab_ppo.navigator.lessons import Lessons, from_middle, goal_bins, turned_goals
+from hab_ppo.navigator.navigator import REPEAT, Navigator, goal_in_map
+from hab_ppo.navigator.network import HEADINGS, GoalNetwork
+from hab_ppo.navigator.robot_map import CELLS, SEEN, VISITED, RobotMap, cells_of
+from hab_ppo.navigator.seen_floor import SeenFloor
+from hab_ppo.navigator.views import SIDE, TOPS_SCALE, WHOLE, View, inputs
+from hab_ppo.navigator.weights import is_navigator, load, save
+
+from hab_tasks.robots.control_modes import BASE_CELLS, STOP_CELL
+
+NOTHING = np.zeros((128, 128, 1), dtype=np.float32)
+MIDDLE = CELLS // 2
+TURN_RAD = REPEAT * 3.14 / 30
+"""Turn of four steps at full speed."""
+
+
+def point(x, y):
+    return np.array([x, y, 0.8], dtype=np.float32)
+
+
+def from_base(x, y, yaw):
+    """A point of the first frame in that of a base at the origin which has turned."""
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    return point(cosine * x + sine * y, cosine * y - sine * x)
+
+
+def wall_ahead(distance_m):
+    """The depth image of a wall; the camera is at x = 0.17 and looks down by 0.2 in 0.58."""
+    slopes = 2 * (np.arange(128) + 0.5) / 128 - 1
+    down_rad = np.arctan2(0.2, 0.58)
+    # A ray goes 1 forwards and s down in the camera; tilted, cos - s sin forwards in the base.
+    forward = np.cos(down_rad) - slopes * np.sin(down_rad)
+    depth_m = (distance_m - 0.17) / forward
+    return (np.repeat(depth_m[:, None], 128, axis=1) / 10.0)[..., None].astype(np.float32)
+
+
+# The map ----------------------------------------------------------------------------------------
+
+
+def test_the_pose_follows_from_the_turns_and_the_point():
+    map_ = RobotMap(REPEAT)
+    map_.look(NOTHING, point(2.0, 1.0))
+    assert map_.pose.tolist() == [0.0, 0.0, 0.0]
+    map_.turn(BASE_CELLS.index((0.0, 1.0)))
+    map_.look(NOTHING, from_base(2.0, 1.0, TURN_RAD))
+    assert map_.pose == pytest.approx([0.0, 0.0, TURN_RAD], abs=1e-6)
+    map_.turn(BASE_CELLS.index((1.0, 0.0)))
+    ahead = 0.13 * np.array([np.cos(TURN_RAD), np.sin(TURN_RAD)])
+    map_.look(NOTHING, from_base(2.0 - ahead[0], 1.0 - ahead[1], TURN_RAD))
+    assert map_.pose == pytest.approx([*ahead, TURN_RAD], abs=1e-6)
+
+
+def test_a_blocked_base_does_not_turn():
+    map_ = RobotMap(REPEAT)
+    map_.look(NOTHING, point(2.0, 0.0))
+    map_.turn(BASE_CELLS.index((1.0, 1.0)))
+    map_.look(NOTHING, point(2.0, 0.0))
+    assert map_.pose == pytest.approx(np.zeros(3), abs=1e-6)
+
+
+def test_a_wall_is_drawn_where_it_is():
+    map_ = RobotMap(REPEAT)
+    map_.look(wall_ahead(1.25), point(1.25, 0.5))
+    # A cell is 0.1 m, and the first pose is at the corner of four: 1.25 m ahead is the thirteenth.
+    assert set(np.flatnonzero(map_.tops.any(axis=1))) == {MIDDLE + 12}
+    # At the floor, 1.2 m down and 1.08 m ahead of the camera, depth is 1.08 m / 0.764 = 1.41 m, and
+    # the image is as wide to both sides: 14 cells.
+    assert 26 <= np.count_nonzero(map_.tops[MIDDLE + 12]) <= 28
+    # The image reaches above 1.8 m, where drawing ends.
+    assert map_.tops.max() >= 255 * 1.7 / 1.8
+    assert (map_.seen[map_.tops > 0] == SEEN).all()
+    assert map_.seen[MIDDLE, MIDDLE] == VISITED
+    assert map_.point_m == pytest.approx([1.25, 0.5])
+
+
+def test_far_floor_that_seems_to_rise_is_floor():
+    """0.06 m at 1.4 m are an obstacle: above 0.05 + 0.015 * 1.4 is not; 0.06 m at 1 m neither."""
+    map_, image = RobotMap(REPEAT), NOTHING.copy()
+    # The ray in the middle of the image goes (0.58, -0.2) forwards and down from 1.2 m or so.
+    map_.look(image, point(3.0, 0.0))
+    assert not map_.tops.any()
+    floor = _floor_image(height_m=0.06)
+    map_.look(floor, point(3.0, 0.0))
+    assert not map_.tops.any()
+    map_.look(_floor_image(height_m=0.3), point(3.0, 0.0))
+    assert map_.tops.max() == int(255 * 0.3 / 1.8)
+
+
+def _floor_image(height_m):
+    """The depth image of a level surface at a height, 10 m at the horizon."""
+    from hab_ppo.navigator.robot_map import _CAMERA_M, _DIRECTIONS
+
+    down = np.minimum(_DIRECTIONS[..., 2], -1e-3)
+    depth_m = np.minimum((height_m - _CAMERA_M[2]) / down, 10.0)
+    return np.repeat(np.repeat(depth_m, 2, axis=0), 2, axis=1)[..., None].astype(np.float32) / 10.0
+
+
+def test_a_goal_is_placed_in_the_frame_of_the_first_pose():
+    # Seen from (1, 2) with a quarter turn, (1, 4) is 2 m ahead.
+    goal = goal_in_map(np.array([1.0, 2.0, np.pi / 2]), np.array([1.0, 4.0, np.pi]))
+    assert goal == pytest.approx([2.0, 0.0, np.pi / 2])
+
+
+# The floor --------------------------------------------------------------------------------------
+
+
+def seen_room():
+    """A map with a wall at x = 1 m, in which a gap of 0.9 m opens at y = 0."""
+    map_ = RobotMap(REPEAT)
+    map_.look(NOTHING, point(2.0, 0.0))
+    map_.seen[MIDDLE - 20 : MIDDLE + 30, MIDDLE - 20 : MIDDLE + 20] = SEEN
+    wall = map_.tops[MIDDLE + 10]
+    wall[:] = 200
+    wall[MIDDLE - 4 : MIDDLE + 5] = 0
+    return map_
+
+
+def test_a_base_passes_a_gap_that_is_as_wide():
+    through, closed = SeenFloor(seen_room(), 0.3), SeenFloor(seen_room(), 0.6)
+    ends = np.array([[0.0, 0.0], [2.0, 0.0]])
+    assert through.is_free(ends).all()
+    assert through.clear(*ends)
+    assert closed.is_free(ends).tolist() == [True, False]
+    assert not through.clear(np.array([0.0, 1.5]), np.array([2.0, 1.5]))
+    ways_m = through.geodesic_field(ends[1])
+    x, y = through.cells_of(ends[0])
+    assert 2.0 <= ways_m[x, y] < 6.0
+    assert not np.isfinite(ways_m[~through.room]).any()
+
+
+def test_a_base_that_touches_something_is_in_the_nearest_room():
+    map_ = seen_room()
+    map_.pose = np.array([0.9, 1.2, 0.0])
+    floor = SeenFloor(map_, 0.3)
+    assert not floor.is_free(map_.pose[:2])
+    assert floor.is_free(np.array([0.0, 0.0]))
+    nearest = floor.nearest_free(map_.pose[:2])
+    assert np.linalg.norm(nearest - map_.pose[:2]) < 0.4
+    assert nearest[0] < 0.9
+
+
+# Views and lessons ------------------------------------------------------------------------------
+
+
+def marked(goals):
+    """Views with a mark at each goal (N, 3), around a point in the middle."""
+    maps = torch.zeros(len(goals), 2, WHOLE, WHOLE, dtype=torch.uint8)
+    cells = (goals[:, :2] / 0.1).floor().long() + WHOLE // 2
+    for number, (x, y) in enumerate(cells.tolist()):
+        maps[number, 0, x - 1 : x + 2, y - 1 : y + 2] = int(TOPS_SCALE)
+        maps[number, 0, x, y] = 2 * int(TOPS_SCALE)
+    return View(maps, torch.zeros(len(goals), 2))
+
+
+@pytest.mark.parametrize("turns", [False, True])
+def test_goals_turn_with_their_views(turns):
+    generator = torch.Generator().manual_seed(0)
+    goals = torch.zeros(100, 3)
+    goals[:, :2] = 4.4 * (torch.rand(100, 2, generator=generator) - 0.5)
+    view = marked(goals)
+    angles = flips = None
+    if turns:
+        angles = 6.28 * torch.rand(100, generator=generator)
+        flips = torch.rand(100, generator=generator) < 0.5
+        goals = turned_goals(goals, angles, flips)
+    tops = inputs(view, angles, flips)[:, 0]
+    highest, cells = tops.flatten(1).argmax(1), goal_bins(goals) % SIDE**2
+    gaps = torch.stack((highest // SIDE - cells // SIDE, highest % SIDE - cells % SIDE)).abs()
+    # The nearest cell of a turned map may be one aside, and its mark is three wide.
+    assert gaps.max() <= (2 if turns else 0)
+    assert gaps.float().mean() < 0.5
+
+
+def test_a_lesson_tells_where_the_goal_is_from_the_point():
+    map_ = RobotMap(REPEAT)
+    map_.look(NOTHING, point(2.0, 1.0))
+    x, y, aside_rad = from_middle(map_, np.array([1.0, 1.0, 0.3])).tolist()
+    assert (x, y, aside_rad) == pytest.approx((-1.0, 0.0, 0.3))
+    # Bins of 0.4 rad around 0: 0.3 is in the first to the left, the cell 10 before the middle.
+    found = int(goal_bins(torch.tensor([[x, y, aside_rad]])))
+    heading, cell = divmod(found, SIDE**2)
+    assert heading == HEADINGS // 2 + 1
+    assert divmod(cell, SIDE) in [(SIDE // 2 - 10, SIDE // 2), (SIDE // 2 - 11, SIDE // 2)]
+
+
+def test_a_network_learns_where_goals_are(monkeypatch):
+    monkeypatch.setattr(fitting, "BATCH", 12)
+    goals = torch.zeros(24, 3)
+    goals[:, :2] = 3 * (torch.rand(24, 2, generator=torch.Generator().manual_seed(1)) - 0.5)
+    lessons = Lessons(marked(goals), goals)
+    torch.manual_seed(0)
+    network = GoalNetwork()
+    before = misfit(network.eval(), lessons)
+    fit(network, lessons, 16, seed=0)
+    # Of 2,100 cells within 2.6 m and 7 headings: ln 14,800 = 9.6.
+    assert before > 8.0
+    assert misfit(network, lessons) < before - 2.0
+
+
+# The navigator ----------------------------------------------------------------------------------
+
+
+class Believing(torch.nn.Module):
+    """A network that believes in given goals (x, y, heading from the direction to the point)."""
+
+    def __init__(self, goals, shares):
+        super().__init__()
+        logits = torch.full((HEADINGS * SIDE**2,), -20.0)
+        logits[goal_bins(torch.tensor(goals))] = torch.tensor(shares).log()
+        self.logits = logits.reshape(1, HEADINGS, SIDE, SIDE)
+
+    def forward(self, seen):
+        return self.logits.expand(len(seen), -1, -1, -1)
+
+
+def drive(navigator, to, actions):
+    """Drives on an empty floor; returns the poses of the stops."""
+    base, stops = np.zeros(3), []
+    for _ in range(actions):
+        gap = np.array(to) - base[:2]
+        cell = navigator.action(NOTHING, from_base(*gap, base[2]), False)
+        forward, turn = BASE_CELLS[cell]
+        if cell == STOP_CELL:
+            stops.append(base.copy())
+        for _ in range(REPEAT):
+            base[2] += turn * 3.14 / 30
+            base[:2] += forward / 30 * np.array([np.cos(base[2]), np.sin(base[2])])
+    return stops
+
+
+@pytest.mark.parametrize("stops_on_way", [False, True])
+def test_it_stops_at_the_likeliest_place_first_and_then_at_the_next(stops_on_way):
+    goals = [[-1.05, 0.05, 0.0], [0.05, -1.05, 0.0]]
+    navigator = Navigator(Believing(goals, [0.8, 0.2]), stops_on_way=stops_on_way)
+    stops = drive(navigator, (3.0, 0.0), 100)
+    first, others = stops[0], stops[1:]
+    assert np.linalg.norm(first[:2] - np.array([2.0, 0.0])) < 0.3
+    assert abs(first[2]) < 0.5
+    # The second one is 1 m to the right of the point, which it faces.
+    gaps_m = [np.linalg.norm(stop[:2] - np.array([3.0, -1.0])) for stop in others]
+    headings_rad = [abs(math.remainder(stop[2] - np.pi / 2, 2 * np.pi)) for stop in others]
+    found = zip(gaps_m, headings_rad, strict=True)
+    assert any(gap_m < 0.25 and heading_rad < 0.5 for gap_m, heading_rad in found)
+
+
+def test_a_stop_excludes_only_headings_like_its_own():
+    # Both at the same place, one looking aside by three bins: 1.2 rad.
+    goals = [[-1.05, 0.05, 0.0], [-1.05, 0.05, 1.2]]
+    stops = drive(Navigator(Believing(goals, [0.7, 0.3])), (3.0, 0.0), 60)
+    assert all(np.linalg.norm(stop[:2] - np.array([2.0, 0.0])) < 0.3 for stop in stops[:2])
+    assert abs(stops[0][2]) < 0.5
+    assert any(0.7 < stop[2] < 1.7 for stop in stops)
+
+
+def test_weights_are_read_back_and_others_refused(tmp_path):
+    network, path = GoalNetwork(), tmp_path / "navigator.safetensors"
+    save(path, network, {"kind": "navigator"})
+    found, about = load(path)
+    assert about["kind"] == "navigator"
+    for name, value in network.state_dict().items():
+        assert torch.equal(found.state_dict()[name], value)
+    assert is_navigator(path)
+    save(path, network, {"kind": "policy"})
+    assert not is_navigator(path)
+    with pytest.raises(PolicyFileError, match="not a file of weights of this version's navigator"):
+        load(path)
+
+
+def test_cells_beyond_the_map_are_those_at_its_edge():
+    assert cells_of(np.array([[0.0, 0.0], [-0.01, 50.0]])).tolist() == [
+        [MIDDLE, MIDDLE],
+        [MIDDLE - 1, CELLS - 1],
+    ]

@@ -48,7 +48,7 @@ class Played:
     """What came of it.
 
     Attributes:
-        lessons: Single lessons.
+        lessons: Lessons, of which each may hold many.
         solved: By the skill whose start the goal is: whether each episode was solved.
     """
 
@@ -92,9 +92,12 @@ def practise(plan: PracticePlan) -> Played:
         num_episodes=plan.num_episodes,
     )
     try:
-        return _play(env, network, plan)
+        played = _play(env, network, plan)
     finally:
         env.close()
+    # Each tensor that another process gets is an open file there.
+    played.lessons = [Lessons.joined(played.lessons)] if played.lessons else []
+    return played
 
 
 def _play(env: Any, network: GoalNetwork, plan: PracticePlan) -> Played:

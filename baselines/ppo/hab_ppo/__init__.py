@@ -15,6 +15,7 @@ from hab_ppo.recipes import recipe_names
 if TYPE_CHECKING:
     from hab_ppo.agent import PolicyAgent
     from hab_ppo.navigator.agent import NavigatorAgent
+    from hab_ppo.navigator.navigator import Stops
     from hab_tasks.agent import AgentSetup
 
 __all__ = [
@@ -27,9 +28,13 @@ __all__ = [
     "Recipe",
 ]
 
-NAVIGATORS = {"navigator": True, "navigator_once": False}
-"""The agents of `hab_ppo.navigator`, and whether they stop on the way: in a task, navigation ends
-with the first stop."""
+NAVIGATORS: dict[str, Stops] = {
+    "navigator": "often",
+    "navigator_once": "once",
+    "navigator_without_stop": "never",
+}
+"""The agents of `hab_ppo.navigator`, and when they stop: in a task, navigation ends with the first
+stop; with a fixed stop (S Fig. 27), arriving is enough."""
 
 POLICY = "policy"
 """The agent of weights of your own: ``hab_ppo:policy`` with the option ``weights``."""
@@ -50,10 +55,10 @@ def _make(name: str, setup: AgentSetup) -> PolicyAgent:
     return make_agent(name, setup)
 
 
-def _make_navigator(stops_on_way: bool, setup: AgentSetup) -> NavigatorAgent:
+def _make_navigator(stops: Stops, setup: AgentSetup) -> NavigatorAgent:
     from hab_ppo.navigator.agent import make_agent  # loads the simulator
 
-    return make_agent(setup, stops_on_way=stops_on_way)
+    return make_agent(setup, stops)
 
 
 def __dir__() -> list[str]:

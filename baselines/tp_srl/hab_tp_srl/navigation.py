@@ -42,7 +42,7 @@ class NavigatorPolicy:
         for row, turn in zip(rows, turns, strict=True):
             if turn.age == 0:
                 # A stop ends the skill, so that it must be at the goal.
-                turn.memory = Navigator(self._network, self._device, stops_on_way=False)
+                turn.memory = Navigator(self._network, self._device, "once")
             if turn.age % REPEAT == 0:
                 action = turn.memory.action(
                     np.asarray(obs["sensor_data"]["head"]["depth"][row]),

@@ -223,10 +223,12 @@ class Believing(torch.nn.Module):
         return self.logits.expand(len(seen), -1, -1, -1)
 
 
-def drive(navigator, to, actions):
-    """Drives on an empty floor; returns the poses of the stops."""
+def drive(navigator, to, actions, passed=None):
+    """Drives on an empty floor; returns the poses of the stops, and adds all to `passed`."""
     base, stops = np.zeros(3), []
     for _ in range(actions):
+        if passed is not None:
+            passed.append(base.copy())
         gap = np.array(to) - base[:2]
         cell = navigator.action(NOTHING, from_base(*gap, base[2]), False)
         forward, turn = BASE_CELLS[cell]
@@ -238,10 +240,10 @@ def drive(navigator, to, actions):
     return stops
 
 
-@pytest.mark.parametrize("stops_on_way", [False, True])
-def test_it_stops_at_the_likeliest_place_first_and_then_at_the_next(stops_on_way):
+@pytest.mark.parametrize("stops", ["often", "once"])
+def test_it_stops_at_the_likeliest_place_first_and_then_at_the_next(stops):
     goals = [[-1.05, 0.05, 0.0], [0.05, -1.05, 0.0]]
-    navigator = Navigator(Believing(goals, [0.8, 0.2]), stops_on_way=stops_on_way)
+    navigator = Navigator(Believing(goals, [0.8, 0.2]), stops=stops)
     stops = drive(navigator, (3.0, 0.0), 100)
     first, others = stops[0], stops[1:]
     assert np.linalg.norm(first[:2] - np.array([2.0, 0.0])) < 0.3
@@ -251,6 +253,15 @@ def test_it_stops_at_the_likeliest_place_first_and_then_at_the_next(stops_on_way
     headings_rad = [abs(math.remainder(stop[2] - np.pi / 2, 2 * np.pi)) for stop in others]
     found = zip(gaps_m, headings_rad, strict=True)
     assert any(gap_m < 0.25 and heading_rad < 0.5 for gap_m, heading_rad in found)
+
+
+def test_without_a_stop_it_passes_one_place_after_another():
+    goals = [[-1.05, 0.05, 0.0], [0.05, -1.05, 0.0]]
+    navigator = Navigator(Believing(goals, [0.8, 0.2]), stops="never")
+    passed: list = []
+    drive(navigator, (3.0, 0.0), 100, passed)
+    for place in ((2.0, 0.0), (3.0, -1.0)):
+        assert any(np.linalg.norm(base[:2] - np.array(place)) < 0.25 for base in passed)
 
 
 def test_a_stop_excludes_only_headings_like_its_own():

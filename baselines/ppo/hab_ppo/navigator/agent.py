@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from hab_ppo.navigator.navigator import REPEAT, Navigator
+from hab_ppo.navigator.navigator import REPEAT, Navigator, Stops
 from hab_ppo.navigator.weights import NAVIGATOR, WEIGHTS, load, shipped_navigator
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec, check_options
 from hab_tasks.errors import OptionError
@@ -18,6 +18,11 @@ from hab_tasks.processes import use_one_thread
 from hab_tasks.registration import imported_id
 from hab_tasks.skills.navigate import NAVIGATE_ID
 
+NAMES: dict[Stops, str] = {
+    "often": "Navigator",
+    "once": "Navigator (one stop)",
+    "never": "Navigator (without stop)",
+}
 ROWS = 8
 """Episodes played at a time."""
 
@@ -25,21 +30,13 @@ ROWS = 8
 class NavigatorAgent:
     """Navigates in several rows."""
 
-    spec = AgentSpec(
-        name="Navigator",
-        control_mode="base_discrete",
-        obs_mode="depth",
-        target_frame="base",
-        rows=ROWS,
-    )
-
-    def __init__(self, setup: AgentSetup, path: Path, *, stops_on_way: bool = True) -> None:
+    def __init__(self, setup: AgentSetup, path: Path, stops: Stops = "often") -> None:
         """Loads the weights of a file.
 
         Args:
             setup: Setup of the agent.
             path: The file.
-            stops_on_way: See `Navigator`.
+            stops: When it stops.
 
         Raises:
             PolicyFileError: The file cannot be used.
@@ -49,7 +46,14 @@ class NavigatorAgent:
         if imported_id(setup.env_id) != NAVIGATE_ID:
             raise OptionError(f"{NAVIGATOR} acts in {NAVIGATE_ID}, not {setup.env_id}.")
         self._network, self._device = load(path)[0].to(setup.device), setup.device
-        self._stops_on_way = stops_on_way
+        self._stops: Stops = stops
+        self.spec = AgentSpec(
+            name=NAMES[stops],
+            control_mode="base_discrete",
+            obs_mode="depth",
+            target_frame="base",
+            rows=ROWS,
+        )
         self._rows: list[Navigator] = []
         self._ages: list[int] = []
         self._actions: list[int] = []
@@ -79,14 +83,11 @@ class NavigatorAgent:
         return [AgentReport() for _ in self._rows]
 
     def _new(self) -> Navigator:
-        return Navigator(self._network, self._device, stops_on_way=self._stops_on_way)
+        return Navigator(self._network, self._device, self._stops)
 
 
-def make_agent(setup: AgentSetup, *, stops_on_way: bool = True) -> NavigatorAgent:
+def make_agent(setup: AgentSetup, stops: Stops = "often") -> NavigatorAgent:
     """Returns the agent.
-
-    With ``stops_on_way=False`` it stops once, where the goal is likeliest for the way, as
-    navigation of a task ends with the first stop.
 
     Option: ``weights``, a file or the folder of a run; by default, the weights that ship.
 
@@ -96,7 +97,7 @@ def make_agent(setup: AgentSetup, *, stops_on_way: bool = True) -> NavigatorAgen
     """
     check_options(setup, {"weights": None})
     path = weights_file(setup.options.get("weights"))
-    return NavigatorAgent(setup, path, stops_on_way=stops_on_way)
+    return NavigatorAgent(setup, path, stops)
 
 
 def weights_file(given: str | None) -> Path:

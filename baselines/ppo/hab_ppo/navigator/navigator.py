@@ -27,8 +27,8 @@ REPEAT = 4
 SAME_M = 0.22
 """Places so near to each other count as the same."""
 
-AT_PLACE_M = 1.0
-"""Time that turning at a place takes, as a way."""
+AT_PLACE_M = {"often": 1.0, "once": 20.0, "never": 1.0}
+"""Time that turning at a place takes, as a way. With one stop, a likelier place is worth any way."""
 
 STOP_M = 0.2
 """Time that a stop takes, as a way."""
@@ -171,7 +171,7 @@ class Navigator:
         """Returns the cost of going to places (SIDE, SIDE, 2) and of turning there."""
         ways_m = floor.geodesic_field(floor.nearest_free(self.map.pose[:2]))
         cells = floor.cells_of(places_m)
-        return AT_PLACE_M + ways_m[cells[..., 0], cells[..., 1]]
+        return AT_PLACE_M[self._stops] + ways_m[cells[..., 0], cells[..., 1]]
 
 
 def goal_in_map(start: Array, goal: Array) -> Array:

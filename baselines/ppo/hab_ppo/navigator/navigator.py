@@ -28,7 +28,7 @@ SAME_M = 0.22
 """Places so near to each other count as the same."""
 
 AT_PLACE_M = {"often": 1.0, "once": 20.0, "never": 1.0}
-"""Time that turning at a place takes, as a way. With one stop, likelier places are worth any way."""
+"""Time that turning at a place takes, as a way. With one stop, a likelier place is worth it."""
 
 STOP_M = 0.2
 """Time that a stop takes, as a way."""

@@ -61,13 +61,14 @@ The same command continues an interrupted run after its last round. To play with
         whole("--rows", self.rows, 1, MOST_ROWS)
         whole("--workers", self.workers, 1, MOST_RANKS)
         whole("--seed", self.seed, 0, LARGEST_SEED)
-        from hab_ppo.navigator.training import LESSONS, TrainingPlan, train
+        from hab_ppo.navigator.training import LESSONS, PLAYED, TrainingPlan, train
         from hab_ppo.navigator.weights import WEIGHTS
         from hab_ppo.progress import say
 
-        if self.force or not (self.out / WEIGHTS).is_file():
+        files = (WEIGHTS, PLAYED)
+        if self.force or not any((self.out / name).is_file() for name in files):
             check_folder(self.out, force=self.force, mark=WEIGHTS)
-            for name in (WEIGHTS, LESSONS):
+            for name in (WEIGHTS, LESSONS, PLAYED):
                 (self.out / name).unlink(missing_ok=True)
         plan = TrainingPlan(
             scene_dataset=self.scene_dataset,

@@ -23,7 +23,13 @@ from hab_tasks.processes import compute_threads, worker_pool
 from hab_tasks.skills.navigate import NAVIGATE_ID
 
 LESSONS = "lessons.safetensors"
-"""File of lessons in a run's folder, beside the weights."""
+"""File of all fitted lessons in a run's folder, beside the weights."""
+
+PLAYED = "played.safetensors"
+"""File of the lessons of a round that have not been fitted yet."""
+
+Solved = dict[str, list[int]]
+"""By the skill whose start the goal is: solved episodes, and all."""
 
 FIRST_SHARE = 0.25
 """Share of a round's episodes in the first one, in which the network knows nothing."""
@@ -63,28 +69,21 @@ class TrainingPlan:
 def train(plan: TrainingPlan, write_line: WriteLine) -> None:
     """Trains a navigator; a run that was interrupted continues after its last round."""
     began = time.perf_counter()
-    request = EpisodeRequest(
-        env_id=NAVIGATE_ID,
-        scene_dataset=plan.scene_dataset,
-        objects=plan.objects,
-        split="train",
-    )
-    load_episodes(request, plan.num_episodes, None, plan.workers)
     network, about, lessons = _started(plan)
     network.to("cuda" if torch.cuda.is_available() else "cpu")
     for number in range(len(about["rounds"]), plan.rounds):
-        played = _practised(plan, number)
-        new = Lessons.joined(played.lessons)
+        solved, new = _played(plan, number)
         before = misfit(network, new)
         lessons = new if lessons is None else Lessons.joined([lessons, new])
         with compute_threads(plan.workers):
             last = fit(network, lessons, plan.epochs, plan.seed + number)
-        entry = _entry(played, len(lessons.goals), before, last)
+        entry = _entry(solved, len(lessons.goals), before, last)
         about["rounds"].append(entry)
         about["seconds"] += time.perf_counter() - began
         began = time.perf_counter()
         checkpoint.save(plan.out / LESSONS, lessons.tensors(), {"kind": KIND})
         save(plan.out / WEIGHTS, network, about)
+        (plan.out / PLAYED).unlink()
         write_line(
             f"round {number + 1} of {plan.rounds}: solved {entry['solved']} of "
             f"{entry['episodes']} episodes, {entry['lessons']:,} lessons, cross-entropy of new "
@@ -109,11 +108,38 @@ def _started(plan: TrainingPlan) -> tuple[GoalNetwork, dict[str, Any], Lessons |
             f"{path} is of a run with another {changed[0]}; give the same, or use --force."
         )
     lessons = Lessons.of_tensors(checkpoint.load(plan.out / LESSONS)[0])
-    return network, about, lessons
+    # A run that was killed between two files has more lessons than its weights know of.
+    return network, about, lessons.chosen(torch.arange(about["rounds"][-1]["lessons"]))
+
+
+def _played(plan: TrainingPlan, number: int) -> tuple[Solved, Lessons]:
+    """Returns what a round has brought; it is played if that has not been done."""
+    path = plan.out / PLAYED
+    if path.exists():
+        tensors, about = checkpoint.load(path)
+        if about["round"] == number:
+            return about["solved"], Lessons.of_tensors(tensors)
+    played = _practised(plan, number)
+    lessons = Lessons.joined(played.lessons)
+    solved = {skill: [sum(found), len(found)] for skill, found in sorted(played.solved.items())}
+    checkpoint.save(path, lessons.tensors(), {"kind": KIND, "round": number, "solved": solved})
+    return solved, lessons
+
+
+def _prepare_episodes(plan: TrainingPlan) -> None:
+    """Generates the missing episodes."""
+    request = EpisodeRequest(
+        env_id=NAVIGATE_ID,
+        scene_dataset=plan.scene_dataset,
+        objects=plan.objects,
+        split="train",
+    )
+    load_episodes(request, plan.num_episodes, None, plan.workers)
 
 
 def _practised(plan: TrainingPlan, number: int) -> Played:
     """Plays the episodes of a round in several processes."""
+    _prepare_episodes(plan)
     share = FIRST_SHARE if number == 0 else 1.0
     each = max(1, round(share * plan.episodes / (plan.rows * plan.workers)))
     plans = [
@@ -132,9 +158,8 @@ def _practised(plan: TrainingPlan, number: int) -> Played:
         return Played.joined(list(pool.map(practise, plans)))
 
 
-def _entry(played: Played, lessons: int, before: float, after: float) -> dict[str, Any]:
+def _entry(solved: Solved, lessons: int, before: float, after: float) -> dict[str, Any]:
     """Returns what the description says of a round."""
-    solved = {skill: [sum(found), len(found)] for skill, found in sorted(played.solved.items())}
     return {
         "episodes": sum(count for _, count in solved.values()),
         "solved": sum(count for count, _ in solved.values()),

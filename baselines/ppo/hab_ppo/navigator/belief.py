@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from hab_ppo.navigator.network import ASIDE_RAD, HEADINGS
@@ -39,7 +40,7 @@ class GoalBelief:
         self.places_m: Array = self._middle_m + _OFFSETS_M
         gaps_m = map_.point_m - self.places_m
         facing_rad = np.arctan2(gaps_m[..., 1], gaps_m[..., 0])
-        self.yaws_rad: Array = facing_rad + ASIDE_RAD * _BINS[:, None, None]
+        self.yaws_rad: NDArray[Any] = facing_rad + ASIDE_RAD * _BINS[:, None, None]
         self._shares = np.zeros((HEADINGS, SIDE, SIDE))
         self._left = np.ones_like(self._shares)
         self.found = self._shares
@@ -58,7 +59,7 @@ class GoalBelief:
         """Takes all exclusions back."""
         self._left[:] = 1.0
 
-    def update(self, free: Array) -> None:
+    def update(self, free: NDArray[np.bool_]) -> None:
         """Computes `found` for cells (SIDE, SIDE) that are free or not; no goal is in others."""
         self.found = ndimage.convolve(self._shares * self._left * free, _COVERED, mode="constant")
 

@@ -62,7 +62,8 @@ Example:
         records = read_submissions(self.submissions or default_submissions()).values()
         texts = {WEIGHTS / f"{name}.md": card(name, records) for name in shipped_names()}
         navigator = shipped_navigator().with_suffix(".md")
-        texts[navigator] = navigator_card(records)
+        if shipped_navigator().is_file():
+            texts[navigator] = navigator_card(records)
         stale = []
         for path, text in texts.items():
             picture = path.with_suffix(".png")

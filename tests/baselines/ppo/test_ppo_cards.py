@@ -9,6 +9,9 @@ from hab_ppo.checkpoint import Position, position_json
 from hab_ppo.cli import main
 from hab_ppo.config_json import to_json
 from hab_ppo.errors import PolicyFileError
+from hab_ppo.navigator import weights as navigator_weights
+from hab_ppo.navigator.card import card as navigator_card
+from hab_ppo.navigator.network import GoalNetwork
 from hab_ppo.network import new_policy
 from hab_ppo.observation import ObservationLayout
 from hab_ppo.progress import read_progress
@@ -32,6 +35,7 @@ def weights(monkeypatch, tmp_path):
     folder = tmp_path / "weights"
     for module in (agent, cards, shipping):
         monkeypatch.setattr(module, "WEIGHTS", folder)
+    monkeypatch.setattr(navigator_weights, "SHIPPED", tmp_path / "navigator")
     return folder
 
 
@@ -83,6 +87,27 @@ def test_a_card_states_what_the_files_say(weights, run, tmp_path, capsys):
     assert main(check) == 0
 
 
+def test_a_navigator_ships_with_a_card_of_its_rounds(weights, tmp_path, capsys):
+    plan = {"num_episodes": 3000, "scene_dataset": "apartment"}
+    entry = {"episodes": 8, "solved": 2, "lessons": 70, "misfit_of_new": 9.0, "misfit_after": 7.25}
+    origin = {"command": "hab-ppo navigator", "device": "a machine", "git": "abc"}
+    about = {"kind": "navigator", "plan": plan, "origin": origin, "rounds": [entry]}
+    run = tmp_path / "run"
+    navigator_weights.save(run / "navigator.safetensors", GoalNetwork(), about | {"seconds": 90.0})
+    assert main(["ship", str(run)]) == 0
+    check = ["cards", "--check", "--submissions", str(tmp_path)]
+    assert main(check) == 1
+    assert "out of date: navigator" in capsys.readouterr().out
+    assert main([word for word in check if word != "--check"]) == 0
+    assert main(check) == 0
+    text = (tmp_path / "navigator" / "navigator.md").read_text(encoding="utf-8")
+    assert "| 1 | 8 | 25.0 | 70 | 9.00 | 7.25 |" in text
+    assert "| data | 3,000 episodes, train layouts of apartment |" in text
+    assert NOT_EVALUATED in text
+    record = replace(make_record([True, False]), agent="hab_ppo:navigator")
+    assert "| 2 | 50.0 [9.5, 90.5] |" in navigator_card([record]).splitlines()[-1]  # Wilson, 1 of 2
+
+
 def test_weights_that_do_not_tell_their_origin_do_not_ship(weights, run):
     tensors, about = checkpoint.load(run / "best.safetensors")
     del about["origin"], about["format"]
@@ -107,7 +132,8 @@ def test_a_curve_keeps_all_evaluations(run):
 
 def test_what_ships_is_small_and_has_its_card():
     assert set(shipped_names()) <= set(recipe_names())
-    size = sum(path.stat().st_size for path in agent.WEIGHTS.glob("*.safetensors"))
+    files = [*agent.WEIGHTS.glob("*.safetensors"), navigator_weights.shipped_navigator()]
+    size = sum(path.stat().st_size for path in files)
     assert size <= MOST_MB * 1e6
     assert main(["cards", "--check"]) == 0
     for name in shipped_names():

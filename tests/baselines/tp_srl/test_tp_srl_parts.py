@@ -196,7 +196,14 @@ BAD = [
     ({"navigation": "walk"}, "Valid: learned, oracle, teleport"),
     ({"navigate": "{navigate_blind}"}, "learned, with the option navigate"),
     ({"skills": "spa_priv", "retries": "-1"}, "option retries of the agent"),
-    ({"skills": "spa_priv", "navigation": "learned"}, "No weights ship for navigate_depth"),
+    (
+        {"skills": "spa_priv", "navigation": "learned", "navigate": "navigate_depth"},
+        "No weights ship for navigate_depth",
+    ),
+    (
+        {"skills": "spa_priv", "navigation": "learned", "navigate": "navigatr"},
+        "Did you mean 'navigator'?",
+    ),
 ]
 
 

@@ -26,11 +26,7 @@ def card(records: Iterable[RunRecord]) -> str:
     own = [r for r in records if r.agent == f"hab_ppo:{NAVIGATOR}" and not r.options]
     play = f"`hab-eval run --agent hab_ppo:{NAVIGATOR} --env {NAVIGATE_ID} --out DIR`"
     size = f"`{path.name}`, {path.stat().st_size / 1e6:.1f} MB"
-    lines = [
-        f"# {NAVIGATOR}",
-        "",
-        "Navigate with a map, a learned distribution of goals, and plans.",
-    ]
+    lines = [f"# {NAVIGATOR}", "", ABOUT]
     lines += ["", *table(("navigator", ""), [("weights", size), ("play", play)])]
     lines += ["", "## Training", "", *table(("run", ""), _training(about))]
     lines += ["", *table(ROUNDS, _rounds(about)), "", "## Results", ""]

@@ -14,8 +14,8 @@ from hab_ppo.recipes import recipe_names
 
 if TYPE_CHECKING:
     from hab_ppo.agent import PolicyAgent
-    from hab_ppo.navigator.agent import NavigatorAgent
-    from hab_ppo.navigator.navigator import Stops
+    from hab_ppo.navigation.agent import NavigatorAgent
+    from hab_ppo.navigation.navigator import Stops
     from hab_tasks.agent import AgentSetup
 
 __all__ = [
@@ -33,7 +33,7 @@ NAVIGATORS: dict[str, Stops] = {
     "navigator_once": "once",
     "navigator_without_stop": "never",
 }
-"""The agents of `hab_ppo.navigator`, and when they stop: in a task, navigation ends with the first
+"""The agents of `hab_ppo.navigation`, and when they stop: in a task, navigation ends with the first
 stop; with a fixed stop (S Fig. 27), arriving is enough."""
 
 POLICY = "policy"
@@ -56,7 +56,7 @@ def _make(name: str, setup: AgentSetup) -> PolicyAgent:
 
 
 def _make_navigator(stops: Stops, setup: AgentSetup) -> NavigatorAgent:
-    from hab_ppo.navigator.agent import make_agent  # loads the simulator
+    from hab_ppo.navigation.agent import make_agent  # loads the simulator
 
     return make_agent(setup, stops)
 

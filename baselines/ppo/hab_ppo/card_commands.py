@@ -28,7 +28,7 @@ Example:
 
     def run(self) -> int:
         """Writes the file of weights."""
-        from hab_ppo.navigator.weights import is_run, ship_navigator
+        from hab_ppo.navigation.weights import is_run, ship_navigator
         from hab_ppo.shipping import ship
 
         out = (ship_navigator if is_run(self.run_folder) else ship)(self.run_folder)
@@ -56,8 +56,8 @@ Example:
 
         from hab_ppo.agent import WEIGHTS
         from hab_ppo.cards import card, draw_card_curve, shipped_names
-        from hab_ppo.navigator.card import card as navigator_card
-        from hab_ppo.navigator.weights import shipped_navigator
+        from hab_ppo.navigation.card import card as navigator_card
+        from hab_ppo.navigation.weights import shipped_navigator
 
         records = read_submissions(self.submissions or default_submissions()).values()
         texts = {WEIGHTS / f"{name}.md": card(name, records) for name in shipped_names()}

@@ -61,8 +61,8 @@ The same command continues an interrupted run after its last round. To play with
         whole("--rows", self.rows, 1, MOST_ROWS)
         whole("--workers", self.workers, 1, MOST_RANKS)
         whole("--seed", self.seed, 0, LARGEST_SEED)
-        from hab_ppo.navigator.training import LESSONS, PLAYED, TrainingPlan, train
-        from hab_ppo.navigator.weights import WEIGHTS
+        from hab_ppo.navigation.training import LESSONS, PLAYED, TrainingPlan, train
+        from hab_ppo.navigation.weights import WEIGHTS
         from hab_ppo.progress import say
 
         files = (WEIGHTS, PLAYED)

@@ -1,4 +1,4 @@
-"""Learned navigation with a map (`hab_ppo.navigator`), for several rows at a time."""
+"""Learned navigation with a map (`hab_ppo.navigation`), for several rows at a time."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from hab_ppo.navigator.navigator import REPEAT, Navigator
-from hab_ppo.navigator.weights import load
+from hab_ppo.navigation.navigator import REPEAT, Navigator
+from hab_ppo.navigation.weights import load
 
 from hab_tasks.agent import AgentSetup
 from hab_tasks.constants import NAVIGATE_HORIZON_STEPS

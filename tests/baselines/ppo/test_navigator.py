@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import torch
 from hab_ppo.errors import PolicyFileError
-from hab_ppo.navigator import fitting
-from hab_ppo.navigator.fitting import fit, misfit
-from hab_ppo.navigator.lessons import Lessons, from_middle, goal_bins, turned_goals
-from hab_ppo.navigator.navigator import REPEAT, Navigator, goal_in_map
-from hab_ppo.navigator.network import HEADINGS, GoalNetwork
-from hab_ppo.navigator.robot_map import CELLS, SEEN, VISITED, RobotMap, cells_of
-from hab_ppo.navigator.seen_floor import SeenFloor
-from hab_ppo.navigator.views import SIDE, TOPS_SCALE, WHOLE, View, inputs
-from hab_ppo.navigator.weights import is_navigator, load, save
+from hab_ppo.navigation import fitting
+from hab_ppo.navigation.fitting import fit, misfit
+from hab_ppo.navigation.lessons import Lessons, from_middle, goal_bins, turned_goals
+from hab_ppo.navigation.navigator import REPEAT, Navigator, goal_in_map
+from hab_ppo.navigation.network import HEADINGS, GoalNetwork
+from hab_ppo.navigation.robot_map import CELLS, SEEN, VISITED, RobotMap, cells_of
+from hab_ppo.navigation.seen_floor import SeenFloor
+from hab_ppo.navigation.views import SIDE, TOPS_SCALE, WHOLE, View, inputs
+from hab_ppo.navigation.weights import is_navigator, load, save
 
 from hab_tasks.robots.control_modes import BASE_CELLS, STOP_CELL
 
@@ -98,7 +98,7 @@ def test_far_floor_that_seems_to_rise_is_floor():
 
 def _floor_image(height_m):
     """The depth image of a level surface at a height, 10 m at the horizon."""
-    from hab_ppo.navigator.robot_map import _CAMERA_M, _DIRECTIONS
+    from hab_ppo.navigation.robot_map import _CAMERA_M, _DIRECTIONS
 
     down = np.minimum(_DIRECTIONS[..., 2], -1e-3)
     depth_m = np.minimum((height_m - _CAMERA_M[2]) / down, 10.0)

@@ -5,7 +5,7 @@ from hab_eval.cli import main as hab_eval
 from hab_eval.results import read_record
 from hab_ppo import NAVIGATORS
 from hab_ppo.cli import main
-from hab_ppo.navigator.weights import load, shipped_navigator
+from hab_ppo.navigation.weights import load, shipped_navigator
 
 pytestmark = pytest.mark.slow
 

@@ -9,9 +9,9 @@ from hab_ppo.checkpoint import Position, position_json
 from hab_ppo.cli import main
 from hab_ppo.config_json import to_json
 from hab_ppo.errors import PolicyFileError
-from hab_ppo.navigator import weights as navigator_weights
-from hab_ppo.navigator.card import card as navigator_card
-from hab_ppo.navigator.network import GoalNetwork
+from hab_ppo.navigation import weights as navigator_weights
+from hab_ppo.navigation.card import card as navigator_card
+from hab_ppo.navigation.network import GoalNetwork
 from hab_ppo.network import new_policy
 from hab_ppo.observation import ObservationLayout
 from hab_ppo.progress import read_progress

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import torch
 from hab_planner.plan import plan_of
-from hab_ppo.navigator.network import GoalNetwork
-from hab_ppo.navigator.robot_map import RobotMap
-from hab_ppo.navigator.weights import save
+from hab_ppo.navigation.network import GoalNetwork
+from hab_ppo.navigation.robot_map import RobotMap
+from hab_ppo.navigation.weights import save
 from hab_spa.motion.robot import Robot, SpaConfig
 from hab_tp_srl import factories
 from hab_tp_srl.navigation import NavigatorPolicy

@@ -7,7 +7,7 @@ from typing import Any
 
 from hab_ppo import checkpoint
 from hab_ppo.errors import PolicyFileError
-from hab_ppo.navigator.network import GoalNetwork
+from hab_ppo.navigation.network import GoalNetwork
 
 NAVIGATOR = "navigator"
 """Name of the agent."""

@@ -8,9 +8,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy
 
-from hab_ppo.navigator.lessons import Lessons, goal_bins, turned_goals
-from hab_ppo.navigator.network import GoalNetwork
-from hab_ppo.navigator.views import inputs
+from hab_ppo.navigation.lessons import Lessons, goal_bins, turned_goals
+from hab_ppo.navigation.network import GoalNetwork
+from hab_ppo.navigation.views import inputs
 
 BATCH = 128
 LEARNING_RATE = 2e-3

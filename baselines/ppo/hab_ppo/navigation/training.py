@@ -12,11 +12,11 @@ from hab_eval.provenance import device, git_commit
 
 from hab_ppo import checkpoint
 from hab_ppo.errors import PolicyFileError
-from hab_ppo.navigator.fitting import fit, misfit
-from hab_ppo.navigator.lessons import Lessons
-from hab_ppo.navigator.network import GoalNetwork
-from hab_ppo.navigator.practice import Played, PracticePlan, practise
-from hab_ppo.navigator.weights import KIND, WEIGHTS, load, save
+from hab_ppo.navigation.fitting import fit, misfit
+from hab_ppo.navigation.lessons import Lessons
+from hab_ppo.navigation.network import GoalNetwork
+from hab_ppo.navigation.practice import Played, PracticePlan, practise
+from hab_ppo.navigation.weights import KIND, WEIGHTS, load, save
 from hab_ppo.progress import WriteLine
 from hab_tasks.episodes import EpisodeRequest, load_episodes
 from hab_tasks.processes import compute_threads, worker_pool

@@ -10,8 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from hab_ppo.navigator.navigator import REPEAT, Navigator, Stops
-from hab_ppo.navigator.weights import NAVIGATOR, WEIGHTS, load, shipped_navigator
+from hab_ppo.navigation.navigator import REPEAT, Navigator, Stops
+from hab_ppo.navigation.weights import NAVIGATOR, WEIGHTS, load, shipped_navigator
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec, check_options
 from hab_tasks.errors import OptionError
 from hab_tasks.processes import use_one_thread

@@ -8,7 +8,7 @@ from typing import Any
 from hab_eval.results import RunRecord
 
 from hab_ppo.cards import NOT_EVALUATED, RESULTS, result, table
-from hab_ppo.navigator.weights import NAVIGATOR, load, shipped_navigator
+from hab_ppo.navigation.weights import NAVIGATOR, load, shipped_navigator
 from hab_tasks.skills.navigate import NAVIGATE_ID
 
 ABOUT = "Navigate with a map, a learned distribution of the goal pose, and planned ways."

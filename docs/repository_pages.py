@@ -18,7 +18,8 @@ from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = "docs"
-WEIGHTS = ROOT / "baselines/ppo/hab_ppo/weights"
+CARDS = ("baselines/ppo/hab_ppo/weights", "baselines/ppo/hab_ppo/navigation")
+"""Folders with model cards and their pictures."""
 
 PAGES = {
     "eval/README.md": "packages/eval.md",
@@ -33,7 +34,8 @@ PAGES = {
     "CHANGELOG.md": "packages/changelog.md",
 } | {
     file.relative_to(ROOT).as_posix(): f"packages/policies/{file.name}"
-    for file in sorted(WEIGHTS.iterdir())
+    for folder in CARDS
+    for file in sorted((ROOT / folder).iterdir())
     if file.suffix in (".md", ".png")
 }
 """File of the repository -> page of the site, or its picture; the last ones are model cards."""

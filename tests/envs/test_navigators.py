@@ -2,6 +2,7 @@
 
 import math
 
+import hab_spa
 import numpy as np
 import pytest
 import torch
@@ -203,3 +204,13 @@ def test_an_unknown_way_to_navigate_is_refused():
 def test_the_agent_takes_a_prefixed_id():
     agent = spa_priv(AgentSetup(env_id="hab_tasks:HabNavigate-v1"))
     assert agent.spec.control_mode == "base"
+
+
+@pytest.mark.parametrize(
+    ("navigation", "expected"),
+    [("oracle", ("state_dict", "always")), ("hab_ppo:navigator_once", ("depth", "on demand"))],
+)
+def test_a_planner_has_the_images_that_its_navigator_needs(navigation, expected):
+    setup = AgentSetup(env_id="HabTidyHouse-v1", options={"navigation": navigation})
+    spec = hab_spa.tp_spa_priv(setup).spec
+    assert (spec.obs_mode, spec.looks) == expected

@@ -14,7 +14,7 @@ from hab_spa.scenes.seen_scene import SeenScene
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.tasks.executor import Executor, TaskConfig
 from hab_spa.tasks.interactions import Hands
-from hab_spa.tasks.navigate import navigator_of
+from hab_spa.tasks.navigate import PolicyNavigator, navigator_of
 from hab_tasks.agent import AgentSetup, AgentSpec, check_options
 from hab_tasks.errors import OptionError
 from hab_tasks.registration import imported_id
@@ -37,9 +37,13 @@ def tp_spa_priv(setup: AgentSetup) -> SpaAgent:
     def behave(robot: Robot) -> Motion:
         return Executor(env_id, robot, navigator, config, Hands()).run()
 
+    # Only a learned navigator looks, and planned parts of the episode need no images.
+    looks = isinstance(navigator, PolicyNavigator) and navigator.spec.obs_mode != "state_dict"
     spec = AgentSpec(
         name=_name("TP+SPA-Priv", setup),
         control_mode=control_mode(env_id, setup.options),
+        obs_mode=navigator.spec.obs_mode if looks else "state_dict",
+        looks="on demand" if looks else "always",
         privileged=True,
     )
     return SpaAgent(setup, spec, TrueScene, behave)

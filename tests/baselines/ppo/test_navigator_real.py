@@ -47,7 +47,7 @@ def test_the_agents_solve_most_episodes(name, tmp_path):
     run = ["run", "--agent", f"hab_ppo:{name}", "--env", "HabNavigate-v1", "--episodes", "10"]
     assert hab_eval([*run, *arrives, "--seed", "3", "--out", str(tmp_path / "run")]) == 0
     summary = read_record(tmp_path / "run" / "run.json").summary
-    # One stop finds fewer goals; from a binomial with 0.5, three of ten or fewer come in 17 %.
+    # One stop finds fewer goals than several. The episodes and the agents are deterministic.
     assert summary.success.mean >= (0.3 if NAVIGATORS[name] == "once" else 0.6)
 
 

@@ -11,6 +11,7 @@ import errno
 import fcntl
 import os
 import socket
+import time
 from collections.abc import Generator
 from pathlib import Path
 
@@ -21,6 +22,9 @@ LOCK = ".lock"
 
 NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
 """Some network file systems do not support locks; runs there are not locked."""
+
+NAMED_WITHIN_S = 2.0
+"""An owner names itself after it has the lock; it may be asked for in between."""
 
 
 @contextlib.contextmanager
@@ -58,7 +62,7 @@ def _hold(path: Path) -> int:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             if error.errno not in NO_LOCKS:
-                owner = os.pread(file, 1000, 0).decode("utf-8", "replace") or "another process"
+                owner = _owner(file)
                 os.close(file)
                 raise RunFolderError(_busy(path.parent, owner)) from error
         if _is_at(file, path):
@@ -66,6 +70,14 @@ def _hold(path: Path) -> int:
             os.pwrite(file, f"process {os.getpid()} on {socket.gethostname()}".encode(), 0)
             return file
         os.close(file)  # the owner removed the file between our two calls
+
+
+def _owner(file: int) -> str:
+    """Returns what the owner of a lock calls itself."""
+    end = time.monotonic() + NAMED_WITHIN_S
+    while not (name := os.pread(file, 1000, 0)) and time.monotonic() < end:
+        time.sleep(0.01)
+    return name.decode("utf-8", "replace") or "another process"
 
 
 def _is_at(file: int, path: Path) -> bool:

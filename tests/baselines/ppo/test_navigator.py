@@ -51,10 +51,10 @@ def test_the_pose_follows_from_the_turns_and_the_point():
     map_ = RobotMap(REPEAT)
     map_.look(NOTHING, point(2.0, 1.0))
     assert map_.pose.tolist() == [0.0, 0.0, 0.0]
-    map_.turn(BASE_CELLS.index((0.0, 1.0)))
+    map_.take(BASE_CELLS.index((0.0, 1.0)))
     map_.look(NOTHING, from_base(2.0, 1.0, TURN_RAD))
     assert map_.pose == pytest.approx([0.0, 0.0, TURN_RAD], abs=1e-6)
-    map_.turn(BASE_CELLS.index((1.0, 0.0)))
+    map_.take(BASE_CELLS.index((1.0, 0.0)))
     ahead = 0.13 * np.array([np.cos(TURN_RAD), np.sin(TURN_RAD)])
     map_.look(NOTHING, from_base(2.0 - ahead[0], 1.0 - ahead[1], TURN_RAD))
     assert map_.pose == pytest.approx([*ahead, TURN_RAD], abs=1e-6)
@@ -63,7 +63,7 @@ def test_the_pose_follows_from_the_turns_and_the_point():
 def test_a_blocked_base_does_not_turn():
     map_ = RobotMap(REPEAT)
     map_.look(NOTHING, point(2.0, 0.0))
-    map_.turn(BASE_CELLS.index((1.0, 1.0)))
+    map_.take(BASE_CELLS.index((1.0, 1.0)))
     map_.look(NOTHING, point(2.0, 0.0))
     assert map_.pose == pytest.approx(np.zeros(3), abs=1e-6)
 

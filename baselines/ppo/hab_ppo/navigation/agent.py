@@ -16,6 +16,7 @@ from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec, check_options
 from hab_tasks.errors import OptionError
 from hab_tasks.processes import use_one_thread
 from hab_tasks.registration import imported_id
+from hab_tasks.robots.control_modes import STOP_CELL
 from hab_tasks.skills.navigate import NAVIGATE_ID
 
 NAMES: dict[Stops, str] = {
@@ -55,16 +56,16 @@ class NavigatorAgent:
             rows=ROWS,
         )
         self._rows: list[Navigator] = []
-        self._ages: list[int] = []
+        self._left: list[int] = []  # steps that an action is still executed for
         self._actions: list[int] = []
 
     def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
         """Starts episodes in the rows of `mask` (N,) bool; nothing is drawn at random."""
         if len(self._rows) != len(mask):
             self._rows = [self._new() for _ in mask]
-            self._ages, self._actions = [0] * len(mask), [0] * len(mask)
+            self._left, self._actions = [0] * len(mask), [0] * len(mask)
         for row in mask.nonzero()[:, 0].tolist():
-            self._rows[row], self._ages[row] = self._new(), 0
+            self._rows[row], self._left[row] = self._new(), 0
 
     def act(self, obs: Mapping[str, Any]) -> Tensor:
         """Returns cells of ``base_discrete`` (N, 1)."""
@@ -72,10 +73,12 @@ class NavigatorAgent:
         points_m = np.asarray(obs["extra"]["point_in_base"], dtype=float)
         holding = np.asarray(obs["agent"]["is_holding"]).reshape(len(points_m)) > 0
         for row, navigator in enumerate(self._rows):
-            if self._ages[row] % REPEAT == 0:
+            if self._left[row] == 0:
                 facts = depth[row], points_m[row], bool(holding[row])
-                self._actions[row] = navigator.action(*facts)
-            self._ages[row] += 1
+                action = navigator.action(*facts)
+                self._actions[row] = action
+                self._left[row] = 1 if action == STOP_CELL else REPEAT
+            self._left[row] -= 1
         return torch.tensor(self._actions)[:, None]
 
     def report(self) -> list[AgentReport]:

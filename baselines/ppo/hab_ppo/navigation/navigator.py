@@ -103,7 +103,7 @@ class Navigator:
             )
             action = follower.action(self.map.pose)
         self._stopped = action == STOP_CELL
-        self.map.turn(action)
+        self.map.take(action)
         return action
 
     def view(self, height_m: float, holding: bool) -> View:

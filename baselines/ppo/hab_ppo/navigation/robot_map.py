@@ -2,8 +2,8 @@
 
 Nothing is learned here. Only what a policy observes and does enters: depth images, the point to go
 to, and its own actions. These give the robot's turns; its position follows from the point, which
-does not move. A blocked base turns by less than it wants to: by as much as lets it move along its
-heading.
+does not move. A base that touches something turns by less or more than it wants to; how far, the
+image tells (`scan_matching`).
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hab_ppo.navigation.scan_matching import NEAR_M, OBSTACLE_M, match_shares
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, CAMERA_HFOV_RAD, CONTROL_HZ
 from hab_tasks.privileged import Array
 from hab_tasks.robots.cameras import PLACES
@@ -41,11 +42,15 @@ RAYS_PX = 64
 ARM_M = ((0.0, 1.0), (-0.35, 0.35), (0.5, 1.5))
 """Box in the base frame around the resting arm and what it holds, which are not drawn."""
 
-TURN_SHARES = np.linspace(1.0, 0.0, 9)
-"""Shares of a commanded turn that a blocked base may have made."""
+AS_WANTED_M = (0.01, 0.03)
+"""A base that has moved as its action wants is so near to there, to the side and ahead."""
 
-SLIP_M = 0.05
-"""The share is 0 instead of 1 if that explains so much sideways motion."""
+SPAN_RAD, STEP_RAD = 0.08, 0.01
+"""A base that has not may have turned so much less or more; the yaws tried lie so far apart."""
+
+SIDEWAYS_COST_PER_M, BEYOND_COST_PER_M = 0.3, 0.6
+"""What a pose has to match better for the base to have been pushed sideways, or along its heading
+by more than the action wants."""
 
 
 class RobotMap:
@@ -61,14 +66,15 @@ class RobotMap:
     def __init__(self, repeat: int) -> None:
         """Creates an empty map for actions that are executed `repeat` times."""
         self._turn_rad = ROBOT.base_angular_speed_rad_s * repeat / CONTROL_HZ
-        self._wanted_rad, self._is_empty = 0.0, True
+        self._ahead_m = ROBOT.base_linear_speed_m_s * repeat / CONTROL_HZ
+        self._wanted, self._is_empty = np.zeros(2), True  # m ahead and rad
         self.pose, self.point_m = np.zeros(3), np.zeros(2)
         self.tops: Bytes = np.zeros((CELLS, CELLS), dtype=np.uint8)
         self.seen: Bytes = np.zeros((CELLS, CELLS), dtype=np.uint8)
 
-    def turn(self, action: int) -> None:
+    def take(self, action: int) -> None:
         """Takes an action into account, a cell of ``base_discrete``."""
-        self._wanted_rad = self._turn_rad * BASE_CELLS[action][1]
+        self._wanted = np.array((self._ahead_m, self._turn_rad)) * BASE_CELLS[action]
 
     def look(self, depth: Array, point_in_base_m: Array) -> None:
         """Draws what is seen.
@@ -79,9 +85,10 @@ class RobotMap:
         """
         if self._is_empty:
             self._is_empty, self.point_m = False, np.array(point_in_base_m[:2], dtype=float)
-        self._move(np.asarray(point_in_base_m[:2], dtype=float))
-        self._wanted_rad = 0.0
         points_m, distances_m = _surfaces(np.asarray(depth))
+        matched = (points_m[:, 2] > OBSTACLE_M) & (distances_m < NEAR_M)
+        self._move(np.asarray(point_in_base_m[:2], dtype=float), points_m[matched, :2])
+        self._wanted = np.zeros(2)
         is_floor = points_m[:, 2] < FLOOR_M + FLOOR_RISE * distances_m
         points_m[:, :2] = turned(points_m[:, :2], self.pose[2]) + self.pose[:2]
         cells = cells_of(points_m[:, :2])
@@ -92,16 +99,36 @@ class RobotMap:
         seen[flat] = np.maximum(seen[flat], SEEN)
         self.seen[tuple(cells_of(self.pose[:2]))] = VISITED
 
-    def _move(self, point_in_base_m: NDArray[Any]) -> None:
-        """Updates the pose by the point (2,), in the frame of a base that has moved."""
-        turns_rad = TURN_SHARES * self._wanted_rad  # (S,)
+    def _move(self, point_in_base_m: NDArray[Any], obstacles_m: NDArray[Any]) -> None:
+        """Updates the pose by the point (2,) and obstacles (P, 2) in the frame of the base."""
+        ahead_m, turn_rad = self._wanted
+        wanted = self._poses(point_in_base_m, np.array([turn_rad]))
+        moved_m, sideways_m = _moved(self.pose, wanted)
+        if abs(sideways_m[0]) < AS_WANTED_M[0] and abs(moved_m[0] - ahead_m) < AS_WANTED_M[1]:
+            self.pose = wanted[0]
+            return
+        low_rad, high_rad = min(0.0, turn_rad) - SPAN_RAD, max(0.0, turn_rad) + SPAN_RAD
+        poses = self._poses(point_in_base_m, np.arange(low_rad, high_rad, STEP_RAD))
+        moved_m, sideways_m = _moved(self.pose, poses)
+        beyond_m = np.abs(moved_m - np.clip(moved_m, min(0.0, ahead_m), max(0.0, ahead_m)))
+        walls = self.tops > 255 * OBSTACLE_M / HIGHEST_M
+        here = cells_of(self.pose[:2])
+        score = match_shares(walls, obstacles_m, poses, here, CELL_M)
+        score -= SIDEWAYS_COST_PER_M * np.abs(sideways_m) + BEYOND_COST_PER_M * beyond_m
+        self.pose = poses[int(score.argmax())]
+
+    def _poses(self, point_in_base_m: NDArray[Any], turns_rad: NDArray[Any]) -> NDArray[Any]:
+        """Returns the poses (K, 3) after turns (K,) in which the point (2,) is where it is seen."""
         yaws_rad = self.pose[2] + turns_rad
-        places_m = self.point_m - turned(np.broadcast_to(point_in_base_m, (9, 2)), yaws_rad)
-        moved_m = places_m - self.pose[:2]
-        heading_rad = self.pose[2] + turns_rad / 2
-        slip_m = np.cos(heading_rad) * moved_m[:, 1] - np.sin(heading_rad) * moved_m[:, 0]
-        best = int((np.abs(slip_m) + SLIP_M * (1.0 - TURN_SHARES)).argmin())
-        self.pose = np.array((*places_m[best], yaws_rad[best]))
+        seen_m = np.broadcast_to(point_in_base_m, (len(yaws_rad), 2))
+        return np.column_stack((self.point_m - turned(seen_m, yaws_rad), yaws_rad))
+
+
+def _moved(before: NDArray[Any], poses: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Returns how far a base (3,) has moved to be at poses (K, 3), ahead and to the side (K,)."""
+    heading_rad = (before[2] + poses[:, 2]) / 2
+    moved_m = turned(poses[:, :2] - before[:2], -heading_rad)
+    return moved_m[:, 0], moved_m[:, 1]
 
 
 def turned(points_m: NDArray[Any], yaw_rad: NDArray[Any] | float) -> NDArray[Any]:

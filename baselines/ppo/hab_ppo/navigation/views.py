@@ -19,8 +19,9 @@ WHOLE = 92
 """Width and height of the part of a map from which a view is cut at any angle: 64 times the square
 root of 2, and more."""
 
-CHANNELS = 6
-"""Heights, seen, visited, distance from the middle, and the two facts."""
+CHANNELS = 7
+"""Heights, seen, visited, distance from the middle, the two facts, and whether the map is mirrored:
+furniture has its handles on the same side everywhere."""
 
 TOPS_SCALE = 64.0
 
@@ -75,7 +76,10 @@ def inputs(view: View, angles_rad: Tensor | None = None, flips: Tensor | None = 
     tops, seen = cut[:, 0], cut[:, 1]
     facts = view.facts[:, :, None, None].expand(-1, -1, SIDE, SIDE)
     radius = _radius(cut.device).expand_as(tops)
-    layers = (tops / TOPS_SCALE, (seen > 0).float(), (seen > 1).float(), radius)
+    mirrored = torch.zeros_like(tops)
+    if flips is not None:
+        mirrored += flips[:, None, None]
+    layers = (tops / TOPS_SCALE, (seen > 0).float(), (seen > 1).float(), radius, mirrored)
     return torch.cat((torch.stack(layers, dim=1), facts), dim=1)
 
 

@@ -12,6 +12,7 @@ from hab_ppo.navigation.lessons import Lessons, from_middle, goal_bins, turned_g
 from hab_ppo.navigation.navigator import REPEAT, Navigator, goal_in_map
 from hab_ppo.navigation.network import HEADINGS, GoalNetwork
 from hab_ppo.navigation.robot_map import CELLS, SEEN, VISITED, RobotMap, cells_of
+from hab_ppo.navigation.scan_matching import match_shares
 from hab_ppo.navigation.seen_floor import SeenFloor
 from hab_ppo.navigation.views import SIDE, TOPS_SCALE, WHOLE, View, inputs
 from hab_ppo.navigation.weights import is_navigator, load, save
@@ -66,6 +67,45 @@ def test_a_blocked_base_does_not_turn():
     map_.take(BASE_CELLS.index((1.0, 1.0)))
     map_.look(NOTHING, point(2.0, 0.0))
     assert map_.pose == pytest.approx(np.zeros(3), abs=1e-6)
+
+
+@pytest.mark.parametrize("turned_rad", [0.0, 0.5 * TURN_RAD, -0.05, TURN_RAD + 0.05])
+def test_a_base_that_touches_something_finds_its_yaw_by_what_it_sees(turned_rad):
+    """It wants to turn in place; something turns it by another angle and moves it aside by 5 cm."""
+    map_ = RobotMap(REPEAT)
+    map_.look(_corner(0.0, 0.0), point(1.0, 2.0))
+    map_.take(BASE_CELLS.index((0.0, 1.0)))
+    map_.look(_corner(turned_rad, 0.05), from_base(1.0, 1.95, turned_rad))
+    # Yaws 0.01 rad apart are tried; cells of 0.1 m hide a difference of about as much again.
+    assert map_.pose[2] == pytest.approx(turned_rad, abs=0.025)
+    assert map_.pose[:2] == pytest.approx([0.0, 0.05], abs=0.06)
+
+
+def _corner(yaw_rad, y_m):
+    """The depth image of walls 2 m ahead and 1.5 m to the left of a base that was then moved."""
+    from hab_ppo.navigation.robot_map import _CAMERA_M, _DIRECTIONS
+
+    rotation = np.array([[np.cos(yaw_rad), -np.sin(yaw_rad)], [np.sin(yaw_rad), np.cos(yaw_rad)]])
+    rays, start = _DIRECTIONS[..., :2] @ rotation.T, rotation @ _CAMERA_M[:2] + [0.0, y_m]
+    ahead_m = (2.0 - start[0]) / np.maximum(rays[..., 0], 1e-3)
+    left_m = (1.5 - start[1]) / np.maximum(rays[..., 1], 1e-3)
+    depth_m = np.minimum(np.minimum(ahead_m, left_m), 10.0)
+    return np.repeat(np.repeat(depth_m, 2, axis=0), 2, axis=1)[..., None].astype(np.float32) / 10.0
+
+
+def test_points_match_where_they_fall_on_obstacles():
+    """A wall of cells 0.1 m wide at x = 1 m; 60 points on it, as the base sees them."""
+    walls = np.zeros((CELLS, CELLS), dtype=bool)
+    walls[MIDDLE + 10, MIDDLE - 15 : MIDDLE + 15] = True
+    seen_m = np.column_stack((np.full(60, 1.05), np.linspace(-1.0, 1.0, 60)))
+    poses = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.2], [0.5, 0.0, 0.0]])
+    here = np.array([MIDDLE, MIDDLE])
+    there, turned, beyond = match_shares(walls, seen_m, poses, here, 0.1)
+    # In the middle of a line, a blur of one cell leaves 0.40: 1 over the root of 2 pi.
+    assert there == pytest.approx(0.40, abs=0.01)
+    assert 0.1 < turned < 0.9 * there
+    assert beyond < 0.01
+    assert match_shares(walls, seen_m[:10], poses, here, 0.1).tolist() == [0.0, 0.0, 0.0]
 
 
 def test_a_wall_is_drawn_where_it_is():

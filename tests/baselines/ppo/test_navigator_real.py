@@ -22,10 +22,11 @@ def _one_cache(tmp_path_factory):
 
 def test_a_run_continues_after_its_last_round(tmp_path, capsys):
     out = tmp_path / "run"
-    command = ["navigator", *SHORT, "--training-episodes", "2", "--out", str(out)]
-    assert main([*command, "--rounds", "1"]) == 0
+    command = ["navigator", *SHORT, "--out", str(out)]
+    assert main([*command, "--rounds", "1", "--training-episodes", "2"]) == 0
     assert "round 1 of 1" in capsys.readouterr().out
     first = load(out / "navigator.safetensors")[1]["rounds"]
+    command += ["--training-episodes", "3"]  # may change in between
     assert main([*command, "--rounds", "2"]) == 0
     told = capsys.readouterr().out
     assert "round 2 of 2" in told
@@ -33,6 +34,7 @@ def test_a_run_continues_after_its_last_round(tmp_path, capsys):
     rounds = load(out / "navigator.safetensors")[1]["rounds"]
     # A quarter of 4 episodes, but at least one for each of two rows; then two for each.
     assert [found["episodes"] for found in rounds] == [2, 4]
+    assert [found["training_episodes"] for found in rounds] == [2, 3]
     assert rounds[:1] == first
     # Lessons are taken every 12 actions of at most 125.
     assert rounds[0]["lessons"] < rounds[1]["lessons"] <= 6 * 11

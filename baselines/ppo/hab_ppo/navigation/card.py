@@ -12,7 +12,15 @@ from hab_ppo.navigation.weights import NAVIGATOR, load, shipped_navigator
 from hab_tasks.skills.navigate import NAVIGATE_ID
 
 ABOUT = "Navigate with a map, a learned distribution of the goal pose, and planned ways."
-ROUNDS = ("round", "episodes", "solved %", "lessons", "cross-entropy of new ones", "after the fit")
+ROUNDS = (
+    "round",
+    "train layouts of",
+    "episodes",
+    "solved %",
+    "lessons",
+    "cross-entropy of new ones",
+    "after the fit",
+)
 
 
 def card(records: Iterable[RunRecord]) -> str:
@@ -35,13 +43,13 @@ def card(records: Iterable[RunRecord]) -> str:
 
 
 def _training(about: dict[str, Any]) -> list[tuple[str, str]]:
-    origin, plan = about["origin"], about["plan"]
-    data = f"{plan['num_episodes']:,} episodes, train layouts of {plan['scene_dataset']}"
+    origin = about["origin"]
+    # A run may have gone on with another command; rounds of an earlier format do not tell theirs.
+    told = dict.fromkeys(found.get("command", origin["command"]) for found in about["rounds"])
     return [
-        ("command", f"`{origin['command']}`"),
+        ("command", ", then ".join(f"`{command}`" for command in told)),
         ("machine", origin["device"]),
         ("commit", str(origin["git"])),
-        ("data", data),
         ("time", f"{about['seconds'] / 60:.0f} min"),
     ]
 
@@ -50,6 +58,7 @@ def _rounds(about: dict[str, Any]) -> list[tuple[str, ...]]:
     return [
         (
             str(number),
+            found["scene_dataset"],
             str(found["episodes"]),
             f"{100 * found['solved'] / found['episodes']:.1f}",
             f"{found['lessons']:,}",

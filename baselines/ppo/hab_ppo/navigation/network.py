@@ -14,10 +14,13 @@ from torch import Tensor, nn
 from torch.nn.functional import interpolate
 
 from hab_ppo.navigation.robot_map import CELL_M
-from hab_ppo.navigation.views import CHANNELS, SIDE
+from hab_ppo.navigation.views import CHANNELS, FACTS, SIDE
 
 WIDTHS = (16, 32, 48, 64)
 """Channels at full resolution, and at each half of it."""
+
+HIDDEN = 32
+"""Units of the layer that reads the facts."""
 
 FARTHEST_M = 2.6
 """Goals are no farther from the point."""
@@ -29,7 +32,9 @@ point. The outer ones hold all that is farther aside."""
 
 
 class GoalNetwork(nn.Module):
-    """A U-Net."""
+    """A U-Net. The facts scale and shift its features (FiLM, arXiv 1709.07871): as channels that are
+    the same everywhere, they would not pass its normalisation.
+    """
 
     _far: Tensor
 
@@ -42,6 +47,8 @@ class GoalNetwork(nn.Module):
         self.up = nn.ModuleList(
             _block(WIDTHS[k] + WIDTHS[k + 1], WIDTHS[k]) for k in range(len(WIDTHS) - 1)
         )
+        self.told = nn.ModuleList(nn.Linear(HIDDEN, 2 * WIDTHS[k]) for k in range(len(WIDTHS)))
+        self.facts = nn.Sequential(nn.Linear(FACTS, HIDDEN), nn.ReLU())
         self.last = nn.Conv2d(WIDTHS[0], HEADINGS, 1)
         steps = (torch.arange(SIDE) - (SIDE - 1) / 2) * CELL_M
         far = steps[:, None].square() + steps[None].square() > FARTHEST_M**2
@@ -52,10 +59,12 @@ class GoalNetwork(nn.Module):
 
         They are those of a categorical distribution of the goal pose.
         """
+        told = self.facts(seen[:, -FACTS:, 0, 0].float())
         passed: list[Tensor] = []
         x = seen
-        for block in self.down:
-            x = block(x)
+        for block, linear in zip(self.down, self.told, strict=True):
+            scale, shift = linear(told)[:, :, None, None].to(x.dtype).chunk(2, dim=1)
+            x = (1.0 + scale) * block(x) + shift
             passed.append(x)
         for level in range(len(WIDTHS) - 2, -1, -1):
             wide = interpolate(x, scale_factor=2.0, mode="nearest")

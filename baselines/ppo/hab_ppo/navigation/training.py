@@ -28,6 +28,16 @@ LESSONS = "lessons.safetensors"
 PLAYED = "played.safetensors"
 """File of the lessons of a round that have not been fitted yet."""
 
+MAY_CHANGE: dict[str, Any] = {
+    "out": "",
+    "command": "",
+    "workers": 0,
+    "rounds": 0,
+    "scene_dataset": "",
+    "num_episodes": 0,
+}
+"""What may change when a run goes on; the description says for each round what it had."""
+
 Solved = dict[str, list[int]]
 """By the skill whose start the goal is: solved episodes, and all."""
 
@@ -77,7 +87,7 @@ def train(plan: TrainingPlan, write_line: WriteLine) -> None:
         lessons = new if lessons is None else Lessons.joined([lessons, new])
         with compute_threads(plan.workers):
             last = fit(network, lessons, plan.epochs, plan.seed + number)
-        entry = _entry(solved, len(lessons.goals), before, last)
+        entry = _entry(plan, solved, len(lessons.goals), before, last)
         about["rounds"].append(entry)
         about["seconds"] += time.perf_counter() - began
         began = time.perf_counter()
@@ -95,15 +105,16 @@ def train(plan: TrainingPlan, write_line: WriteLine) -> None:
 def _started(plan: TrainingPlan) -> tuple[GoalNetwork, dict[str, Any], Lessons | None]:
     """Returns the state after the last complete round, or that of a new run."""
     path = plan.out / WEIGHTS
-    facts = {**asdict(plan), "out": "", "command": "", "workers": 0, "rounds": 0}
+    facts = {**asdict(plan), **MAY_CHANGE}
     if not path.exists():
         torch.manual_seed(plan.seed)
         origin = {"command": plan.command, "device": device(), "git": git_commit()}
         about = {"kind": KIND, "plan": facts, "origin": origin, "rounds": [], "seconds": 0.0}
         return GoalNetwork().eval(), about, None
     network, about = load(path)
-    if about["plan"] != facts:
-        changed = sorted(name for name in facts if about["plan"].get(name) != facts[name])
+    before = {**about["plan"], **MAY_CHANGE}
+    if before != facts:
+        changed = sorted(name for name in facts if before.get(name) != facts[name])
         raise PolicyFileError(
             f"{path} is of a run with another {changed[0]}; give the same, or use --force."
         )
@@ -158,9 +169,15 @@ def _practised(plan: TrainingPlan, number: int) -> Played:
         return Played.joined(list(pool.map(practise, plans)))
 
 
-def _entry(solved: Solved, lessons: int, before: float, after: float) -> dict[str, Any]:
+def _entry(
+    plan: TrainingPlan, solved: Solved, lessons: int, before: float, after: float
+) -> dict[str, Any]:
     """Returns what the description says of a round."""
     return {
+        "scene_dataset": plan.scene_dataset,
+        "training_episodes": plan.num_episodes,
+        "command": plan.command,
+        "git": git_commit(),
         "episodes": sum(count for _, count in solved.values()),
         "solved": sum(count for count, _ in solved.values()),
         "by_skill": solved,

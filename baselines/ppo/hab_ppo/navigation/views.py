@@ -19,9 +19,12 @@ WHOLE = 92
 """Width and height of the part of a map from which a view is cut at any angle: 64 times the square
 root of 2, and more."""
 
-CHANNELS = 7
-"""Heights, seen, visited, distance from the middle, the two facts, and whether the map is mirrored:
-furniture has its handles on the same side everywhere."""
+FACTS = 3
+"""Height of the point, whether the hand holds something, and whether the map is mirrored: furniture
+has its handles on the same side everywhere."""
+
+CHANNELS = 4 + FACTS
+"""Heights, seen, visited, distance from the middle, and the facts."""
 
 TOPS_SCALE = 64.0
 
@@ -74,13 +77,12 @@ def inputs(view: View, angles_rad: Tensor | None = None, flips: Tensor | None = 
     if flips is not None:
         cut = torch.where(flips[:, None, None, None], cut.flip(-1), cut)
     tops, seen = cut[:, 0], cut[:, 1]
-    facts = view.facts[:, :, None, None].expand(-1, -1, SIDE, SIDE)
     radius = _radius(cut.device).expand_as(tops)
-    mirrored = torch.zeros_like(tops)
-    if flips is not None:
-        mirrored += flips[:, None, None]
-    layers = (tops / TOPS_SCALE, (seen > 0).float(), (seen > 1).float(), radius, mirrored)
-    return torch.cat((torch.stack(layers, dim=1), facts), dim=1)
+    layers = (tops / TOPS_SCALE, (seen > 0).float(), (seen > 1).float(), radius)
+    mirrored = torch.zeros(len(tops), device=cut.device) if flips is None else flips.float()
+    facts = torch.cat((view.facts, mirrored[:, None]), dim=1)
+    spread = facts[:, :, None, None].expand(-1, -1, SIDE, SIDE)
+    return torch.cat((torch.stack(layers, dim=1), spread), dim=1)
 
 
 def _turned(maps: Tensor, angles_rad: Tensor) -> Tensor:

@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -119,6 +120,18 @@ def test_only_one_of_several_threads_holds_a_folder(tmp_path):
 
 
 @pytest.mark.slow
+def test_an_owner_that_has_only_just_begun_is_named(tmp_path):
+    """It has the lock, and writes who it is only then."""
+    (tmp_path / LOCK).touch()
+    with (tmp_path / LOCK).open("rb+") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        writes = threading.Timer(0.3, lambda: os.pwrite(file.fileno(), b"process 7 on mars", 0))
+        writes.start()
+        with pytest.raises(RunFolderError, match="by process 7 on mars"), locked(tmp_path):
+            pass
+        writes.join()
+
+
 def test_of_two_resumes_at_once_one_plays(tmp_path):
     out = tmp_path / "run"
     arguments = (*RUN, "--episodes", 8, "--out", out, "--resume")

@@ -32,8 +32,10 @@ point. The outer ones hold all that is farther aside."""
 
 
 class GoalNetwork(nn.Module):
-    """A U-Net. The facts scale and shift its features (FiLM, arXiv 1709.07871): as channels that are
-    the same everywhere, they would not pass its normalisation.
+    """A U-Net.
+
+    The facts scale and shift its features (FiLM, arXiv 1709.07871): as channels that are the same
+    everywhere, they would not pass its normalisation.
     """
 
     _far: Tensor

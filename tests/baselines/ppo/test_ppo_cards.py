@@ -88,10 +88,13 @@ def test_a_card_states_what_the_files_say(weights, run, tmp_path, capsys):
 
 
 def test_a_navigator_ships_with_a_card_of_its_rounds(weights, tmp_path, capsys):
-    plan = {"num_episodes": 3000, "scene_dataset": "apartment"}
     entry = {"episodes": 8, "solved": 2, "lessons": 70, "misfit_of_new": 9.0, "misfit_after": 7.25}
+    rounds = [
+        entry | {"scene_dataset": "larger"},  # of an earlier format
+        entry | {"scene_dataset": "apartment", "command": "hab-ppo navigator --rounds 2"},
+    ]
     origin = {"command": "hab-ppo navigator", "device": "a machine", "git": "abc"}
-    about = {"kind": "navigator", "plan": plan, "origin": origin, "rounds": [entry]}
+    about = {"kind": "navigator", "plan": {}, "origin": origin, "rounds": rounds}
     run = tmp_path / "run"
     navigator_weights.save(run / "navigator.safetensors", GoalNetwork(), about | {"seconds": 90.0})
     assert main(["ship", str(run)]) == 0
@@ -101,8 +104,9 @@ def test_a_navigator_ships_with_a_card_of_its_rounds(weights, tmp_path, capsys):
     assert main([word for word in check if word != "--check"]) == 0
     assert main(check) == 0
     text = (tmp_path / "navigator" / "navigator.md").read_text(encoding="utf-8")
-    assert "| 1 | 8 | 25.0 | 70 | 9.00 | 7.25 |" in text
-    assert "| data | 3,000 episodes, train layouts of apartment |" in text
+    assert "| 1 | larger | 8 | 25.0 | 70 | 9.00 | 7.25 |" in text
+    assert "| 2 | apartment | 8 | 25.0 | 70 | 9.00 | 7.25 |" in text
+    assert "| `hab-ppo navigator`, then `hab-ppo navigator --rounds 2` |" in text
     assert NOT_EVALUATED in text
     record = replace(make_record([True, False]), agent="hab_ppo:navigator")
     assert "| 2 | 50.0 [9.5, 90.5] |" in navigator_card([record]).splitlines()[-1]  # Wilson, 1 of 2

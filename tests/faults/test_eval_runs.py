@@ -119,7 +119,6 @@ def test_only_one_of_several_threads_holds_a_folder(tmp_path):
         pass
 
 
-@pytest.mark.slow
 def test_an_owner_that_has_only_just_begun_is_named(tmp_path):
     """It has the lock, and writes who it is only then."""
     (tmp_path / LOCK).touch()
@@ -132,6 +131,7 @@ def test_an_owner_that_has_only_just_begun_is_named(tmp_path):
         writes.join()
 
 
+@pytest.mark.slow
 def test_of_two_resumes_at_once_one_plays(tmp_path):
     out = tmp_path / "run"
     arguments = (*RUN, "--episodes", 8, "--out", out, "--resume")

@@ -121,6 +121,11 @@ class NavigationMap:
         inside = ((grid > -0.5) & (grid < np.array(self.free.shape) - 0.5)).all(axis=-1)
         return inside & self.free[x, y]
 
+    def clearance_m(self, points_m: Array) -> Array:
+        """Returns the distances (...) [m] of points (..., 2) from the nearest obstacle."""
+        x, y = np.moveaxis(self.cells_of(points_m), -1, 0)
+        return self.floor.clearance_m[x, y]
+
     def nearest_free(self, points_m: Array) -> Array:
         """Returns the free positions (..., 2) nearest to points (..., 2); free points unchanged."""
         points = np.asarray(points_m, dtype=float)[..., :2]

@@ -15,6 +15,7 @@ from hab_tasks.articulations import ARTICULATION_KINDS
 from hab_tasks.episodes.robot_start import HAND_CLEARANCE_M, StartNoise
 from hab_tasks.navigation import NavigationMap, poses_reaching
 from hab_tasks.tasks.base import Task
+from hab_tp_srl.approach import faces_open_side, open_sides
 from hab_tp_srl.stage import Stage
 
 CANDIDATES = StartNoise().candidates
@@ -44,10 +45,10 @@ def start_pose(
     """
     item = interaction(task, stage.action, Hands())
     point_m = item.point_m(robot)
-    poses = candidates(robot, stage, map_, point_m)
+    groups = candidates(robot, stage, map_, point_m)
     for other in tried:
-        poses = poses[np.linalg.norm(poses[:, :2] - other[:2], axis=1) >= APART_M]
-    poses = spread(poses, CANDIDATES)
+        groups = [g[np.linalg.norm(g[:, :2] - other[:2], axis=1) >= APART_M] for g in groups]
+    poses = np.concatenate([spread(group, CANDIDATES) for group in groups])
     # Lazily, as each check takes milliseconds and the first poses usually pass.
     free = (pose for pose in poses if _has_room(robot, pose, point_m, stage))
     first = next(free, None)
@@ -59,16 +60,21 @@ def start_pose(
     return first
 
 
-def candidates(robot: Robot, stage: Stage, map_: NavigationMap, point_m: Array) -> Array:
-    """Returns base poses (K, 3) on free floor, best first.
+def candidates(robot: Robot, stage: Stage, map_: NavigationMap, point_m: Array) -> list[Array]:
+    """Returns groups of base poses (K, 3) on free floor, best first.
 
-    Those for an object are the nearest that face it; those for a door or drawer are in its spawn
-    region, where the arm can turn and from the middle outwards, and face the handle; those from
-    which a drawer is closed are near it.
+    Those for an object are the nearest that face it, first those on a side from which the hand can
+    come, as from another side of a fridge it meets a wall. Those for a door or drawer are in its
+    spawn region, where the arm can turn and from the middle outwards, and face the handle; those
+    from which a drawer is closed are near it.
     """
     if stage.articulation is None:
         noise = StartNoise()
-        return poses_reaching(map_, point_m, noise.nearest_m, noise.farthest_m)
+        poses = poses_reaching(map_, point_m, noise.nearest_m, noise.farthest_m)
+        assert isinstance(robot.scene, TrueScene)
+        free = open_sides(robot.scene.state, point_m, robot.scene.shapes)
+        faces = faces_open_side(free, poses)
+        return [poses[faces], poses[~faces]]
     x, y, yaw = _spawn_frame(robot, stage.articulation)
     articulation = robot.scene.articulation(stage.articulation)
     kind, opens = ARTICULATION_KINDS[articulation.kind], stage.action.name == "open"
@@ -82,11 +88,10 @@ def candidates(robot: Robot, stage: Stage, map_: NavigationMap, point_m: Array) 
     cosine, sine = np.cos(yaw), np.sin(yaw)
     places = local @ np.array(((cosine, sine), (-sine, cosine))) + np.array((x, y))
     places = places[map_.is_free(places)]
-    x_cell, y_cell = np.moveaxis(map_.cells_of(places), -1, 0)
-    cramped = map_.floor.clearance_m[x_cell, y_cell] < TURNING_M
+    cramped = map_.clearance_m(places) < TURNING_M
     places = places[np.argsort(cramped, kind="stable")]
     gap = point_m[:2] - places
-    return np.column_stack((places, np.arctan2(gap[:, 1], gap[:, 0])))
+    return [np.column_stack((places, np.arctan2(gap[:, 1], gap[:, 0])))]
 
 
 def _spawn_frame(robot: Robot, number: int) -> Array:

@@ -158,7 +158,8 @@ class Executor:
     def _reset_there(self, stage: Stage, tried: list[Standing]) -> Motion:
         """Moves the arm to rest where a learned skill begins.
 
-        A hand that met a wall on the way is reset farther back, where the arm has room.
+        A hand that met a wall on the way is reset farther back, where the arm has room. If
+        something is between the hand and its resting position even there, the way is planned.
         """
         yield from self._reset_arm(stage)
         if self._needs_reset(stage) and tried and self._team.navigation == "oracle":
@@ -166,6 +167,9 @@ class Executor:
             back = self._team.back_off(self._robot)
             yield from self._stages.timed("navigate", back, steps)
             yield from self._reset_arm(stage)
+            if self._needs_reset(stage):
+                yield from self._stages.fold(SKILL_HORIZON_STEPS)
+                yield from self._reset_arm(stage)
             again = self._team.drive(self._robot, tried[-1].base)
             yield from self._stages.timed("navigate", again, steps)
         return None

@@ -17,7 +17,7 @@ from hab_spa.tasks.standing import Standing, StandingConfig, choose
 
 from hab_tasks.constants import SKILL_HORIZON_STEPS
 from hab_tasks.tasks.base import Task
-from hab_tp_srl.base_poses import start_pose
+from hab_tp_srl.base_poses import TURNING_M, start_pose
 from hab_tp_srl.ending import Ending
 from hab_tp_srl.navigation import NavigatorPolicy
 from hab_tp_srl.policies import SkillPolicy
@@ -140,7 +140,8 @@ class Team:
     def drive(self, robot: Robot, base: Array) -> Motion:
         """Drives to a base pose (3,), with ground truth."""
         robot.doing = "navigate"
-        return (yield from drive_to(robot, robot.scene.floor_map(), base, DriveConfig()))
+        config = DriveConfig(turning_m=TURNING_M)  # the arm sticks out in front
+        return (yield from drive_to(robot, robot.scene.floor_map(), base, config))
 
     def back_off(self, robot: Robot) -> Motion:
         """Drives straight back, if there is room."""

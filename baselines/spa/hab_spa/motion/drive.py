@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,10 @@ from hab_spa.shapes import Array
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.navigation import NavigationMap, path_between
 from hab_tasks.robots.robot import ROBOT
+
+FARTHER = (1.0, 0.7, 1.5, 2.0)
+ASIDE_RAD = np.deg2rad((0.0, 20.0, -20.0, 40.0, -40.0, 60.0, -60.0))
+"""Distances of turning points from the goal, relative to `before_m`, and their bearings."""
 
 STEP_M = ROBOT.base_linear_speed_m_s / CONTROL_HZ
 STEP_RAD = ROBOT.base_angular_speed_rad_s / CONTROL_HZ
@@ -35,6 +39,9 @@ class DriveConfig(WheelsConfig):
         brake_steps: Steps of deceleration before a stop.
         before_m: The base turns at this distance behind the goal, where the arm has room, and
             drives the rest straight; it leaves a base pose the same way.
+        turning_m: Clearance in which the base turns without meeting a wall with the hand. Where the
+            floor behind the goal has less, the base comes from aside if it has more there. 0 for an
+            arm that is folded.
         back_steps: Steps of backing off when the base is stuck, before it replans.
     """
 
@@ -46,6 +53,7 @@ class DriveConfig(WheelsConfig):
     turn_share: float = 0.6
     brake_steps: float = 5.0
     before_m: float = 0.35
+    turning_m: float = 0.0
     back_steps: int = 8
 
 
@@ -60,12 +68,12 @@ def drive_to(robot: Robot, map_: NavigationMap, goal: Array, config: DriveConfig
     before = _before(map_, goal, config)
     while robot.steps_left > 0:
         here = robot.base[:2]
-        last = goal[:2] if before is None else before
+        last = goal if before is None else before
         if before is not None and map_.clear(here, goal[:2]) and _behind(here, goal):
-            last = goal[:2]
-        arrived = yield from _along(wheels, path_between(map_, here, last)[1:])
-        arrived = arrived and (yield from _turn(wheels, goal[2]))
-        if arrived and last is not goal[:2]:
+            last = goal
+        arrived = yield from _along(wheels, path_between(map_, here, last[:2])[1:])
+        arrived = arrived and (yield from _turn(wheels, last[2]))
+        if arrived and last is not goal:
             arrived = yield from _along(wheels, goal[None, :2])
             arrived = arrived and (yield from _turn(wheels, goal[2]))
         if arrived and _at(robot, goal, config):
@@ -156,13 +164,16 @@ def _back_off(wheels: Wheels[DriveConfig]) -> Generator[Command, None, None]:
 
 
 def _before(map_: NavigationMap, goal: Array, config: DriveConfig) -> Array | None:
-    """Returns the turning point (2,) behind a goal; None if there is no room."""
-    ahead = np.array((math.cos(goal[2]), math.sin(goal[2])))
-    for distance_m in (config.before_m, 0.7 * config.before_m):
-        point = goal[:2] - distance_m * ahead
-        if map_.clear(point, map_.nearest_free(goal[:2])):
-            return point
-    return None
+    """Returns the turning point behind a goal with the heading there, (3,); None if no room."""
+    entry = map_.nearest_free(goal[:2])
+    for aside_rad in ASIDE_RAD if config.turning_m > 0 else ASIDE_RAD[:1]:
+        yaw_rad = goal[2] + aside_rad
+        ahead = np.array((math.cos(yaw_rad), math.sin(yaw_rad)))
+        for share in FARTHER if config.turning_m > 0 else FARTHER[:2]:
+            point = goal[:2] - share * config.before_m * ahead
+            if map_.clear(point, entry) and map_.clearance_m(point) >= config.turning_m:
+                return np.append(point, yaw_rad)
+    return None if config.turning_m == 0 else _before(map_, goal, replace(config, turning_m=0.0))
 
 
 def _behind(here: Array, goal: Array) -> bool:

@@ -23,13 +23,14 @@ class TrueScene:
 
     Attributes:
         state: The state at this step.
+        shapes: Cache of shapes.
     """
 
     state: PrivilegedState
 
     def __init__(self, config: GraspConfig | None = None) -> None:
         """Creates the scene of one row; shapes are cached across episodes."""
-        self._config, self._cache = config or GraspConfig(), ShapeCache()
+        self._config, self.shapes = config or GraspConfig(), ShapeCache()
 
     def forget(self) -> None:
         """Starts a new episode; there is nothing to reset, as shapes stay cached."""
@@ -106,7 +107,7 @@ class TrueScene:
         if without is not None:
             poses = {n: pose for n, pose in state.world_from_body.items() if n != without}
             state = replace(state, world_from_body=poses)
-        return ArmCollision(state, held=state.held, config=within(reach_m), cache=self._cache)
+        return ArmCollision(state, held=state.held, config=within(reach_m), cache=self.shapes)
 
     def taking(self, number: int, world_from_ee: Array) -> ArmCollision:
         """Returns the collision model with an object grasped at an end-effector pose (4, 4)."""
@@ -114,7 +115,7 @@ class TrueScene:
         # The model needs the object's pose relative to the current hand.
         poses[name] = self._world_from_ee() @ invert_pose(world_from_ee) @ poses[name]
         state = replace(self.state, world_from_body=poses)
-        return ArmCollision(state, held=name, cache=self._cache)
+        return ArmCollision(state, held=name, cache=self.shapes)
 
     def in_the_way(self, path: Array) -> bool:
         """Returns False: all obstacles were known when the path was planned."""

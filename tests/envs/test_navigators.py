@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 from hab_spa import spa_priv
-from hab_spa.motion.drive import DriveConfig, drive_to
+from hab_spa.motion.drive import DriveConfig, _before, drive_to
 from hab_spa.motion.robot import Robot, SpaConfig
 from hab_spa.motion.wheels import angle
 from hab_spa.results import Failure
@@ -25,6 +25,8 @@ from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec
 from hab_tasks.arrays import to_tensor
 from hab_tasks.engine.sensors import POINT
 from hab_tasks.errors import HabError
+from hab_tasks.navigation import NavigationMap
+from hab_tasks.privileged import CollisionBody, CollisionShape
 
 SETUP = AgentSetup(env_id="HabTidyHouse-v1")
 
@@ -214,3 +216,43 @@ def test_a_planner_has_the_images_that_its_navigator_needs(navigation, expected)
     setup = AgentSetup(env_id="HabTidyHouse-v1", options={"navigation": navigation})
     spec = hab_spa.tp_spa_priv(setup).spec
     assert (spec.obs_mode, spec.looks) == expected
+
+
+def turning_room(*boxes):
+    """A map of 6 x 6 m of floor with boxes ((x, y), (x, y)) on it, 2 m high."""
+    found = []
+    for number, (low, high) in enumerate((((0, 0), (6, 6)), *boxes)):
+        below, above = (-0.1, 0.0) if number == 0 else (0.0, 2.0)
+        lower, upper = np.array((*low, below)), np.array((*high, above))
+        middle = np.eye(4)
+        middle[:3, 3] = (lower + upper) / 2
+        shape = CollisionShape(
+            kind="box",
+            body_from_shape=middle,
+            half_size_m=(upper - lower) / 2,
+            vertices_m=np.zeros((0, 3)),
+            faces=np.zeros((0, 3), dtype=np.int64),
+        )
+        group = "stage" if number == 0 else "static"
+        found.append(CollisionBody(name=str(number), group=group, shapes=(shape,)))
+    return NavigationMap.of_bodies(found, {body.name: np.eye(4) for body in found})
+
+
+def test_an_arm_that_sticks_out_turns_where_it_has_room():
+    # The goal looks to the north, with a wall 0.45 m to the east of it, so that straight behind it
+    # there is no room for a hand at 0.65 m. From the south-west there is.
+    map_, goal = turning_room(((3.45, 0), (3.6, 6))), np.array((3.0, 3.0, math.pi / 2))
+    folded = _before(map_, goal, DriveConfig())
+    np.testing.assert_allclose(folded, (3.0, 3.0 - 0.35, math.pi / 2), atol=1e-9)
+    x, y, yaw_rad = _before(map_, goal, DriveConfig(turning_m=0.65))
+    assert map_.clearance_m(np.array((x, y))) >= 0.65
+    assert x <= 3.45 - 0.65
+    assert y < 3.0
+    assert angle(yaw_rad, math.atan2(3.0 - y, 3.0 - x)) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_where_nothing_has_room_an_arm_that_sticks_out_turns_behind_the_goal():
+    corridor = turning_room(((0, 0), (2.45, 6)), ((3.55, 0), (6, 6)))
+    goal = np.array((3.0, 3.0, math.pi / 2))
+    found = _before(corridor, goal, DriveConfig(turning_m=0.65))
+    np.testing.assert_allclose(found, (3.0, 3.0 - 0.35, math.pi / 2), atol=1e-9)

@@ -1,0 +1,106 @@
+"""The sides from which the hand can come, and base poses at the fridge."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from hab_planner.plan import plan_of
+from hab_planner.problem import task_of
+from hab_spa.motion.robot import Robot, SpaConfig
+from hab_spa.planning.collision import ShapeCache
+from hab_spa.scenes.true_scene import TrueScene
+from hab_tp_srl.approach import SIDES, faces_open_side, open_sides
+from hab_tp_srl.base_poses import candidates
+from hab_tp_srl.stage import stage_of
+
+from hab_tasks.receptacles import FRIDGE
+
+INSIDE_M = np.array((2.0, 3.0, 1.2))
+
+
+@pytest.fixture
+def fetch(make_scene):
+    return make_scene()
+
+
+def cupboard(fetch, opening_m=0.5):
+    """A cupboard around `INSIDE_M` that is open towards +x, `opening_m` wide and 0.5 m high."""
+    x, y, z = INSIDE_M
+    side, thick = opening_m / 2 + 0.05, 0.1
+    fetch.add_box("back", "static", (x - 0.25, y, z), (thick, 1.0, 0.6))
+    for name, at in (("left", side), ("right", -side)):
+        fetch.add_box(name, "static", (x, y + at, z), (0.5, thick, 0.6))
+    fetch.add_box("floor", "static", (x, y, z - 0.1), (0.5, 1.0, 0.1))
+    fetch.add_box("apple", "object", (x, y, z), (0.06, 0.06, 0.06))
+    fetch.add_box("clutter", "object", (x + 0.15, y, z), (0.06, 0.06, 0.06))
+    return fetch.privileged("apple")
+
+
+def open_degrees(free):
+    return [360 * side // SIDES for side in np.flatnonzero(free)]
+
+
+def test_the_hand_comes_through_the_opening_only(fetch):
+    # The side walls reach 0.25 m ahead of the place and begin 0.25 m beside it. The capsule's axis
+    # passes their front corners at a distance of 0.25 * (cos a - sin a) m: 0.18 m at 15 degrees,
+    # 0.09 m at 30, where it just fits, and 0 at 45. Objects do not count.
+    free = open_sides(cupboard(fetch), INSIDE_M, ShapeCache())
+    assert open_degrees(free) in ([0, 15, 345], [0, 15, 30, 330, 345])
+
+
+def test_without_furniture_all_sides_are_open(fetch):
+    fetch.add_box("apple", "object", tuple(INSIDE_M), (0.06, 0.06, 0.06))
+    assert open_sides(fetch.privileged("apple"), INSIDE_M, ShapeCache()).all()
+
+
+def test_a_narrow_opening_is_tried_with_a_narrower_hand(fetch):
+    # 0.14 m wide: the capsule of 0.09 m does not fit, that of 0.05 m does.
+    free = open_sides(cupboard(fetch, opening_m=0.14), INSIDE_M, ShapeCache())
+    assert open_degrees(free) == [0]
+
+
+def test_a_base_faces_an_open_side_from_there():
+    free = np.zeros(SIDES, dtype=bool)
+    free[0] = True  # towards +x: the base looks towards -x
+    poses = np.array(((3.0, 3.0, np.pi), (3.0, 3.0, -np.pi), (1.0, 3.0, 0.0), (2.0, 4.0, -1.57)))
+    assert faces_open_side(free, poses).tolist() == [True, True, False, False]
+
+
+def at_the_fridge(env_id):
+    """Yields the stages that pick from the fridge or place into it."""
+    task = task_of(env_id)
+    for action in plan_of(env_id).actions:
+        if action.name in ("pick", "place"):
+            stage = stage_of(task, action)
+            target = task.spec.targets[stage.object]
+            if (target.start if stage.at == "start" else task.spec.goal_of(target)) == (FRIDGE,):
+                yield stage
+
+
+@pytest.mark.parametrize(
+    "dataset", ["apartment", pytest.param("real", marks=[pytest.mark.assets, pytest.mark.slow])]
+)
+def test_bases_at_the_fridge_are_before_it(dataset, request):
+    options = {"scene_dataset": "apartment", "split": "val"}
+    if dataset == "real":
+        data = request.getfixturevalue("data")
+        options = {"scene_dataset": str(data / "replica_cad"), "objects": str(data / "ycb")}
+    env_id = "HabPrepareGroceries-v1"
+    env = gym.make(f"hab_tasks:{env_id}", control_mode="joint_target_base", **options)
+    try:
+        for seed in range(3):
+            env.reset(seed=seed)
+            scene = TrueScene()
+            scene.see({"privileged": env.unwrapped.privileged()}, 0)
+            robot = Robot(scene, SpaConfig(), seed=0, deadline=500)
+            front = env.unwrapped.simulation.truth.fridge_around((FRIDGE, None))
+            stages = list(at_the_fridge(env_id))
+            assert len(stages) == 3
+            for stage in stages:
+                number = stage.object
+                point = scene.object_m(number) if stage.at == "start" else scene.goal_m(number)
+                first, _ = candidates(robot, stage, scene.floor_map(), point)
+                assert len(first)
+                # Up to 60 degrees: a place at the side of the fridge is reached at a slant.
+                assert (np.cos(first[:, 2] - front[2] - np.pi) > np.cos(np.deg2rad(60.0))).all()
+    finally:
+        env.close()

@@ -12,14 +12,13 @@ from hab_spa.motion.moves import RETURN_SHARE, follow, wait
 from hab_spa.motion.robot import RELEASE, Motion, Robot
 from hab_spa.results import Failure
 from hab_spa.tasks.stages import Stages
-from hab_spa.tasks.standing import Standing
 
 from hab_tasks.constants import NAVIGATE_HORIZON_STEPS, SKILL_HORIZON_STEPS
 from hab_tasks.robots.robot import ROBOT
 from hab_tp_srl.ending import achieved
 from hab_tp_srl.options import TeamOptions
 from hab_tp_srl.stage import Stage, stage_of
-from hab_tp_srl.team import Team
+from hab_tp_srl.team import Team, Tries
 from hab_tp_srl.view import TaskView
 
 RELEASE_STEPS = 4
@@ -51,7 +50,7 @@ class Executor:
         self._env_id, self._robot, self._team, self._view = env_id, robot, team, view
         self._stages = Stages(env_id, robot, believes=team.privileged)
         self._options = options
-        self._tried: dict[Action, list[Standing]] = {}
+        self._tries: dict[Action, Tries] = {}
 
     def run(self) -> Motion:
         """Executes the plan, and further ones from the true state while there are replans."""
@@ -87,7 +86,7 @@ class Executor:
     def _stage(self, stage: Stage, facts: dict[str, Any]) -> Motion:
         """Tries a stage; returns None if it was achieved, as far as the robot knows."""
         robot, stages, team = self._robot, self._stages, self._team
-        tried = self._tried.setdefault(stage.action, [])
+        tries = self._tries.setdefault(stage.action, Tries())
         for attempt in range(1 + self._options.retries):
             now = {**facts, "attempt": attempt}
             yield from self._fold(stage)
@@ -96,12 +95,12 @@ class Executor:
             if stages.over:
                 break
             if stage.skill != "place" or robot.scene.holding:
-                going = team.go(robot, stages.task, stage, self._view, tried)
+                going = team.go(robot, stages.task, stage, self._view, tries)
                 failure = yield from stages.timed("navigate", going, NAVIGATE_HORIZON_STEPS, **now)
                 if failure is Failure.TARGET_PLAN:  # there is no other base pose
-                    tried.clear()
+                    tries.standings.clear()
                     break
-                yield from self._reset_there(stage, tried)
+                yield from self._reset_there(stage, tries)
             skill = team.skill(robot, stages.task, stage, self._view)
             now |= {"by": team.executor(stage), "start": team.start(stage, self._view)}
             failure = yield from stages.timed(stage.skill, skill, team.skill_steps(stage), **now)
@@ -155,14 +154,14 @@ class Executor:
         yield from self._reset_arm(stage)
         return None
 
-    def _reset_there(self, stage: Stage, tried: list[Standing]) -> Motion:
+    def _reset_there(self, stage: Stage, tries: Tries) -> Motion:
         """Moves the arm to rest where a learned skill begins.
 
         A hand that met a wall on the way is reset farther back, where the arm has room. If
         something is between the hand and its resting position even there, the way is planned.
         """
         yield from self._reset_arm(stage)
-        if self._needs_reset(stage) and tried and self._team.navigation == "oracle":
+        if self._needs_reset(stage) and tries.standings and self._team.navigation == "oracle":
             steps = NAVIGATE_HORIZON_STEPS
             back = self._team.back_off(self._robot)
             yield from self._stages.timed("navigate", back, steps)
@@ -170,7 +169,7 @@ class Executor:
             if self._needs_reset(stage):
                 yield from self._stages.fold(SKILL_HORIZON_STEPS)
                 yield from self._reset_arm(stage)
-            again = self._team.drive(self._robot, tried[-1].base)
+            again = self._team.drive(self._robot, tries.standings[-1].base)
             yield from self._stages.timed("navigate", again, steps)
         return None
 

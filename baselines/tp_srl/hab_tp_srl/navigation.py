@@ -19,7 +19,8 @@ from hab_tp_srl.policies import Turn
 class NavigatorPolicy:
     """Navigates as a skill of a task: each time with a new map, to the first stop.
 
-    The attributes are those of `SkillPolicy`.
+    If the stage is tried again, it keeps the map, excludes the places where it stopped before, and
+    goes to another one. The attributes are those of `SkillPolicy`.
     """
 
     name = "navigator"
@@ -36,6 +37,11 @@ class NavigatorPolicy:
         """
         self._network, self._device = load(path)[0].to(setup.device), setup.device
         self.control: HabControllerConfig = control_configs()["base_discrete"]
+
+    def goes_on(self, turn: Turn) -> bool:
+        """See `SkillPolicy.goes_on`; the next step is one in which it acts."""
+        turn.age = -(-turn.age // REPEAT) * REPEAT
+        return True
 
     def decide(self, rows: Sequence[int], turns: Sequence[Turn], obs: Mapping[str, Any]) -> None:
         """See `SkillPolicy.decide`."""

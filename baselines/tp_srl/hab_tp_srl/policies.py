@@ -46,6 +46,10 @@ class Decider(Protocol):
         """Whether its actions are drawn."""
         ...
 
+    def goes_on(self, turn: Turn) -> bool:
+        """See `SkillPolicy.goes_on`."""
+        ...
+
     def decide(self, rows: Sequence[int], turns: Sequence[Turn], obs: Mapping[str, Any]) -> None:
         """See `SkillPolicy.decide`."""
         ...
@@ -137,6 +141,10 @@ class SkillPolicy:
     def draws_actions(self) -> bool:
         """Whether its actions are drawn."""
         return self.recipe.draws_actions
+
+    def goes_on(self, turn: Turn) -> bool:
+        """Whether a further attempt goes on with what the last one left; here it starts anew."""
+        return False
 
     @property
     def sees_images(self) -> bool:

@@ -62,7 +62,7 @@ def learned(
     """
     # As at the reset of the skill's environment: the commanded pose is the present one.
     robot.relax()
-    turn, point_m = _turn(robot, policy), view.point(stage)
+    turn, point_m = turn_of(robot, policy), view.point(stage)
 
     def result() -> Command:
         robot.gripper = ending.gripper(_gripper(policy, turn.action, robot.gripper))
@@ -84,13 +84,21 @@ def learned(
 
 
 def learned_navigation(
-    robot: Robot, stage: Stage, policy: Decider, view: TaskView, *, sets_base: bool
+    robot: Robot, stage: Stage, turn: Turn, view: TaskView, *, sets_base: bool
 ) -> Motion:
     """Drives by a learned policy until its stop action.
 
-    The other arguments and the result are those of `learned`.
+    Args:
+        robot: The robot.
+        stage: The stage before which it drives.
+        turn: The policy with its memory.
+        view: What the robot observes.
+        sets_base: Whether the task's control mode takes base poses instead of velocities.
+
+    Returns:
+        `Failure.TIMEOUT` if there is no stop within the policy's horizon.
     """
-    turn, point_m = _turn(robot, policy), view.point(stage)
+    policy, point_m = turn.policy, view.point(stage)
 
     def result() -> Command:
         # The mask of Navigate: what is held stays held, and nothing else is grasped.
@@ -146,7 +154,8 @@ def _gripper(policy: Decider, action: NDArray[Any], now: float) -> float:
     return now if arm == "still" else float(action[ARM_SIZE[arm]])
 
 
-def _turn(robot: Robot, policy: Decider) -> Turn:
+def turn_of(robot: Robot, policy: Decider) -> Turn:
+    """Returns a policy that begins."""
     random = np.random.default_rng(robot.next_seed()) if policy.draws_actions else None
     return Turn(policy=policy, random=random)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 from hab_spa.motion.drive import DriveConfig, drive_to, leave
@@ -20,11 +20,24 @@ from hab_tasks.tasks.base import Task
 from hab_tp_srl.base_poses import TURNING_M, start_pose
 from hab_tp_srl.ending import Ending
 from hab_tp_srl.navigation import NavigatorPolicy
-from hab_tp_srl.policies import SkillPolicy
-from hab_tp_srl.skill import learned, learned_navigation
+from hab_tp_srl.policies import SkillPolicy, Turn
+from hab_tp_srl.skill import learned, learned_navigation, turn_of
 from hab_tp_srl.stage import Stage
 from hab_tp_srl.training_starts import features
 from hab_tp_srl.view import TaskView
+
+
+@dataclass(kw_only=True, eq=False)
+class Tries:
+    """What was tried for a stage.
+
+    Attributes:
+        standings: Base poses.
+        drive: The policy that navigated; None without one.
+    """
+
+    standings: list[Standing] = field(default_factory=list)
+    drive: Turn | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +109,7 @@ class Team:
         task: Task,
         stage: Stage,
         view: TaskView,
-        tried: list[Standing],
+        tries: Tries,
     ) -> Motion:
         """Returns the motion of the navigation before a stage.
 
@@ -105,13 +118,21 @@ class Team:
             task: The task.
             stage: The stage.
             view: What the robot observes.
-            tried: Base poses tried before; the new one is appended, if there is one.
+            tries: What was tried before; a new base pose is appended, if there is one.
         """
         if self.navigate is not None:
-            return learned_navigation(robot, stage, self.navigate, view, sets_base=self.sets_base)
+            turn = tries.drive
+            if turn is None or not self._stands(stage) or not self.navigate.goes_on(turn):
+                turn = tries.drive = turn_of(robot, self.navigate)
+            return learned_navigation(robot, stage, turn, view, sets_base=self.sets_base)
         if self.is_planned(stage):
-            return self._go_to_plan(robot, task, stage, tried)
-        return self._go_to_start(robot, task, stage, tried)
+            return self._go_to_plan(robot, task, stage, tries.standings)
+        return self._go_to_start(robot, task, stage, tries.standings)
+
+    def _stands(self, stage: Stage) -> bool:
+        """Returns whether the base stands still while a stage's skill runs."""
+        policy = self.policies[stage.skill]
+        return policy is not None and policy.control.base == "still"
 
     @property
     def sets_base(self) -> bool:

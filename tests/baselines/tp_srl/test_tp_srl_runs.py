@@ -213,6 +213,11 @@ def test_the_navigator_decides_every_four_steps_on_a_map_of_its_own(tmp_path, mo
     assert np.array_equal(depth, obs["sensor_data"]["head"]["depth"][0])
     assert point_m == pytest.approx(turn.entries["extra", "point_in_base"])
     assert (map_.seen > 0).sum() > 100
+    # A further attempt goes on with the map, and decides at once.
+    assert policy.goes_on(turn)
+    policy.decide([0], [turn], obs)
+    assert len(looks) == 3
+    assert looks[-1][0] is map_
     again = Turn(policy=policy)
     again.entries = turn.entries
     policy.decide([0], [again], obs)

@@ -92,6 +92,12 @@ def generated(tmp_path_factory):
     return make
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files with slow tests first, so that no process ends with one when the others are idle."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)
+
+
 def pytest_collection_finish() -> None:
     """ManiSkill collects garbage with each environment that ends: not of all that was imported."""
     gc.freeze()

@@ -2,8 +2,8 @@
 
 In the benchmark's start states of Place, the object is upright and its centre of mass at the hand.
 In a task it hangs where it was grasped, and tilts with the hand: a can that is put down lying
-rolls, also out of the range of its goal. Here objects are tilted and off the hand, the goal is
-observed from the object, and only an object at rest is success.
+rolls, also out of the range of its goal. Here objects are tilted and off the hand, half of them are
+round, the goal is observed from the object, and only an object at rest near its goal is success.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.measures import Measures
 from hab_tasks.engine.sensors import OBJECT_GOAL, along_base_axes
 from hab_tasks.engine.snapshot import Snapshot
+from hab_tasks.episodes.generators.base import instances
 from hab_tasks.episodes.schema import RobotStart, rounded
 from hab_tasks.geometry import Array, Pose7, pose
 from hab_tasks.registration import register_skill
@@ -34,12 +35,27 @@ OFF_HAND_M = 0.12
 TILT_RAD = math.pi / 2
 """Maximum tilt of the object."""
 
+ROUND = ("002_master_chef_can", "005_tomato_soup_can", "007_tuna_fish_can")
+ROUND_SHARE = 0.5
+"""Objects that roll, and the share of episodes that take one of them for sure."""
+
+NEAR_M = 0.1
+"""Maximum distance of a placed object to its goal; 0.15 m in the benchmark."""
+
 STILL_M = 0.001
 """An object at rest changes its distance to the goal by less than this in a step."""
 
 
 class PickedStarts(PlaceOftenStarts):
     """Start states of Place with the object off the hand and tilted."""
+
+    def draw(self, rng: np.random.Generator, count: int) -> list[str]:
+        """See `Generator.draw`; the first object is the one in the hand."""
+        names = [name.rpartition("_:")[0] for name in super().draw(rng, count)]
+        rolling = [name for name in ROUND if name in self.objects.names]
+        if rolling and rng.uniform() < ROUND_SHARE:
+            names[0] = rolling[int(rng.integers(len(rolling)))]
+        return instances(names)
 
     def in_hand(
         self, com_m: Array, up: Array, robot: RobotStart, rng: np.random.Generator
@@ -65,8 +81,9 @@ def goal_from_object(s: Snapshot, m: Measures, g: Goals) -> BatchArray:
 
 
 def rests_at_goal(s: Snapshot, m: Measures, g: Goals, c: PlaceConfig) -> BatchArray:
-    """Success of Place with the object at rest, (N,) bool."""
-    return success(s, m, g, c) & (abs(m.object_to_goal_decrease_m) < STILL_M)
+    """Success of Place with the object at rest and nearer to its goal, (N,) bool."""
+    still = abs(m.object_to_goal_decrease_m) < STILL_M
+    return success(s, m, g, c) & (m.object_to_goal_m < NEAR_M) & still
 
 
 class PlacePickedEnv(HabPlaceEnv):

@@ -75,9 +75,10 @@ def test_picked_objects_hang_off_the_hand_and_the_goal_is_seen_from_them(episode
 
 def test_an_object_that_rolls_is_not_yet_placed():
     config = PlacePickedEnv.skill.config
-    placed = SimpleNamespace(placed=np.array([True, True]), ee_to_rest_m=np.array([0.1, 0.1]))
-    placed.object_to_goal_decrease_m = np.array([0.0005, -0.004])  # 4 mm a step are 8 cm/s
-    assert rests_at_goal(None, placed, None, config).tolist() == [True, False]
+    placed = SimpleNamespace(placed=np.array([True] * 3), ee_to_rest_m=np.array([0.1] * 3))
+    placed.object_to_goal_m = np.array([0.05, 0.05, 0.12])
+    placed.object_to_goal_decrease_m = np.array([0.0005, -0.004, 0.0])  # 4 mm a step are 12 cm/s
+    assert rests_at_goal(None, placed, None, config).tolist() == [True, False, False]
 
 
 def nearest_neighbour_m(name):

@@ -17,6 +17,7 @@ from hab_tasks.constants import NAVIGATE_HORIZON_STEPS, SKILL_HORIZON_STEPS
 from hab_tasks.robots.robot import ROBOT
 from hab_tp_srl.ending import achieved
 from hab_tp_srl.options import TeamOptions
+from hab_tp_srl.policies import Turn
 from hab_tp_srl.stage import Stage, stage_of
 from hab_tp_srl.team import Team, Tries
 from hab_tp_srl.view import TaskView
@@ -51,6 +52,7 @@ class Executor:
         self._stages = Stages(env_id, robot, believes=team.privileged)
         self._options = options
         self._tries: dict[Action, Tries] = {}
+        self._drive: Turn | None = None
 
     def run(self) -> Motion:
         """Executes the plan, and further ones from the true state while there are replans."""
@@ -87,6 +89,7 @@ class Executor:
         """Tries a stage; returns None if it was achieved, as far as the robot knows."""
         robot, stages, team = self._robot, self._stages, self._team
         tries = self._tries.setdefault(stage.action, Tries())
+        tries.before = self._drive
         for attempt in range(1 + self._options.retries):
             now = {**facts, "attempt": attempt}
             yield from self._fold(stage)
@@ -97,6 +100,7 @@ class Executor:
             if stage.skill != "place" or robot.scene.holding:
                 going = team.go(robot, stages.task, stage, self._view, tries)
                 failure = yield from stages.timed("navigate", going, NAVIGATE_HORIZON_STEPS, **now)
+                self._drive = tries.drive
                 if failure is Failure.TARGET_PLAN:  # there is no other base pose
                     tries.standings.clear()
                     break

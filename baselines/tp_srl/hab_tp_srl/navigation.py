@@ -17,10 +17,10 @@ from hab_tp_srl.policies import Turn
 
 
 class NavigatorPolicy:
-    """Navigates as a skill of a task: each time with a new map, to the first stop.
+    """Navigates as a skill of a task, to the first stop, with one map for the whole episode.
 
-    If the stage is tried again, it keeps the map, excludes the places where it stopped before, and
-    goes to another one. The attributes are those of `SkillPolicy`.
+    If the stage is tried again, it excludes the places where it stopped before, and goes to another
+    one. The attributes are those of `SkillPolicy`.
     """
 
     name = "navigator"
@@ -48,12 +48,16 @@ class NavigatorPolicy:
         for row, turn in zip(rows, turns, strict=True):
             if turn.age == 0:
                 # A stop ends the skill, so that it must be at the goal.
-                turn.memory = Navigator(self._network, self._device, "once")
+                last = None if turn.before is None else turn.before.memory
+                map_ = None if last is None else last.map
+                turn.memory = Navigator(self._network, self._device, "once", map_)
+                turn.before = None
             if turn.age % REPEAT == 0:
                 action = turn.memory.action(
                     np.asarray(obs["sensor_data"]["head"]["depth"][row]),
                     turn.entries["extra", "point_in_base"].astype(float),
                     bool(turn.entries["agent", "is_holding"].item() > 0),
+                    turn.base,
                 )
                 turn.action = np.array([action])
             turn.age += 1

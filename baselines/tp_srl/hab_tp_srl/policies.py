@@ -62,6 +62,9 @@ class Turn:
     Attributes:
         policy: Its policy.
         entries: The state observation of this step.
+        base: (3,) x, y [m] and yaw [rad] of the base in this step, in a frame that does not move;
+            for navigation only.
+        before: The last navigation of this episode.
         memory: (2, H) state of the LSTM, or what else the policy keeps; None at the start of the
             skill.
         random: Draws its actions; None for the most likely ones.
@@ -71,6 +74,8 @@ class Turn:
 
     policy: Decider
     entries: Entries = field(default_factory=dict)
+    base: NDArray[np.float64] | None = None
+    before: Turn | None = None
     memory: Any = None
     random: np.random.Generator | None = None
     age: int = 0

@@ -107,7 +107,7 @@ def learned_navigation(
 
     for _ in range(policy.horizon_steps):
         robot.doing = policy.name
-        turn.entries = view.entries(stage, point_m)
+        turn.entries, turn.base = view.entries(stage, point_m), view.base
         yield _asking(robot, turn, result)
         if np.abs(velocities(policy, turn.action)).max() <= STOP_SHARE:
             return None

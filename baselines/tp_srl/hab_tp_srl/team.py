@@ -34,10 +34,12 @@ class Tries:
     Attributes:
         standings: Base poses.
         drive: The policy that navigated; None without one.
+        before: The one that navigated last in this episode.
     """
 
     standings: list[Standing] = field(default_factory=list)
     drive: Turn | None = None
+    before: Turn | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,6 +126,7 @@ class Team:
             turn = tries.drive
             if turn is None or not self._stands(stage) or not self.navigate.goes_on(turn):
                 turn = tries.drive = turn_of(robot, self.navigate)
+                turn.before = tries.before
             return learned_navigation(robot, stage, turn, view, sets_base=self.sets_base)
         if self.is_planned(stage):
             return self._go_to_plan(robot, task, stage, tries.standings)

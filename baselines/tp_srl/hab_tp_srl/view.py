@@ -85,6 +85,11 @@ class TaskView:
         return float(np.linalg.norm(self._felt("rest_from_ee"))) < REST_RADIUS_M
 
     @property
+    def base(self) -> Array:
+        """Base pose x, y [m] and yaw [rad] (3,) in the frame of `point`."""
+        return np.array(self._base)
+
+    @property
     def arm_qpos(self) -> Array:
         """Joint positions of the arm (7,) [rad]."""
         return self._felt("arm_qpos").astype(float)

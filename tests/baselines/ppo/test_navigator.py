@@ -61,6 +61,18 @@ def test_the_pose_follows_from_the_turns_and_the_point():
     assert map_.pose == pytest.approx([*ahead, TURN_RAD], abs=1e-6)
 
 
+def test_where_the_base_pose_is_known_the_map_follows_it_to_any_point():
+    map_, nothing = RobotMap(4), np.zeros((128, 128, 1), dtype=np.float32)
+    map_.look(nothing, np.array((2.0, 0.0, 0.5)), np.array((1.0, 2.0, math.pi / 2)))
+    assert map_.pose == pytest.approx((0.0, 0.0, 0.0))
+    assert map_.point_m == pytest.approx((2.0, 0.0))
+    # One metre ahead, and a quarter turn to the left; the next point is a metre ahead of there.
+    map_.forget_point()
+    map_.look(nothing, np.array((1.0, 0.0, 0.5)), np.array((1.0, 3.0, math.pi)))
+    assert map_.pose == pytest.approx((1.0, 0.0, math.pi / 2))
+    assert map_.point_m == pytest.approx((1.0, 1.0))
+
+
 def test_a_blocked_base_does_not_turn():
     map_ = RobotMap(REPEAT)
     map_.look(NOTHING, point(2.0, 0.0))

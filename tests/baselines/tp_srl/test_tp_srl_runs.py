@@ -185,7 +185,7 @@ def test_an_action_does_in_a_task_what_it_does_in_the_skills_env(name, weights):
         env.close()
 
 
-def test_the_navigator_decides_every_four_steps_on_a_map_of_its_own(tmp_path, monkeypatch):
+def test_the_navigator_decides_every_four_steps_on_one_map_of_the_episode(tmp_path, monkeypatch):
     path = tmp_path / "navigator.safetensors"
     save(path, GoalNetwork(), {"kind": "navigator"})
     policy = NavigatorPolicy(agent_setup(TASK), path)
@@ -209,7 +209,7 @@ def test_the_navigator_decides_every_four_steps_on_a_map_of_its_own(tmp_path, mo
         assert len(looks) == 1 + step // 4
         assert 0 <= int(turn.action[0]) < len(BASE_CELLS)
     env.close()
-    map_, depth, point_m = looks[0]
+    map_, depth, point_m, _ = looks[0]
     assert np.array_equal(depth, obs["sensor_data"]["head"]["depth"][0])
     assert point_m == pytest.approx(turn.entries["extra", "point_in_base"])
     assert (map_.seen > 0).sum() > 100
@@ -218,9 +218,13 @@ def test_the_navigator_decides_every_four_steps_on_a_map_of_its_own(tmp_path, mo
     policy.decide([0], [turn], obs)
     assert len(looks) == 3
     assert looks[-1][0] is map_
-    again = Turn(policy=policy)
-    again.entries = turn.entries
+    # The next stage begins with the map of this one, another episode with an empty one.
+    again = Turn(policy=policy, entries=turn.entries, base=view.base, before=turn)
     policy.decide([0], [again], obs)
+    assert looks[-1][0] is map_
+    assert looks[-1][3] == pytest.approx([0.0, 0.0, 0.0])
+    anew = Turn(policy=policy, entries=turn.entries)
+    policy.decide([0], [anew], obs)
     assert looks[-1][0] is not map_
 
 

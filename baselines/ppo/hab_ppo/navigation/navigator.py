@@ -72,25 +72,40 @@ class Navigator:
     """
 
     def __init__(
-        self, network: GoalNetwork, device: torch.device | str = "cpu", stops: Stops = "often"
+        self,
+        network: GoalNetwork,
+        device: torch.device | str = "cpu",
+        stops: Stops = "often",
+        map_: RobotMap | None = None,
     ) -> None:
-        """Starts an episode, with a network on a device."""
-        self.map = RobotMap(REPEAT)
+        """Starts on the way to a point.
+
+        Args:
+            network: The network.
+            device: Its device.
+            stops: When to stop.
+            map_: Map of earlier ways, if there is one; then the base pose must be known.
+        """
+        self.map = RobotMap(REPEAT) if map_ is None else map_
+        self.map.forget_point()
         self.aim: Array | None = None
         self._network, self._device, self._stops = network, device, stops
         self._belief: GoalBelief | None = None
         self._worth, self._here = 0.0, 0.0  # of the aim; share of goals found by a stop here
         self._age, self._stopped = 0, False
 
-    def action(self, depth: Any, point_in_base_m: Array, holding: bool) -> int:
+    def action(
+        self, depth: Any, point_in_base_m: Array, holding: bool, base: Array | None = None
+    ) -> int:
         """Returns the cell of ``base_discrete`` for the next `REPEAT` steps.
 
         Args:
             depth: (H, W, 1) depth image of the head camera as shares of its range.
             point_in_base_m: (3,) the point to go to.
             holding: Whether the hand holds something.
+            base: (3,) pose of the base, if it is known; see `RobotMap.look`.
         """
-        self.map.look(depth, point_in_base_m)
+        self.map.look(depth, point_in_base_m, base)
         floor = self._floor()
         if self._belief is None:
             self._belief = GoalBelief(self.map)

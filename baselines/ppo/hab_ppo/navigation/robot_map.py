@@ -3,7 +3,8 @@
 Nothing is learned here. Only what a policy observes and does enters: depth images, the point to go
 to, and its own actions. These give the robot's turns; its position follows from the point, which
 does not move. A base that touches something turns by less or more than it wants to; how far, the
-image tells (`scan_matching`).
+image tells (`scan_matching`). In a task, whose observation has several points that do not move, the
+pose of the base is known.
 """
 
 from __future__ import annotations
@@ -67,7 +68,8 @@ class RobotMap:
         """Creates an empty map for actions that are executed `repeat` times."""
         self._turn_rad = ROBOT.base_angular_speed_rad_s * repeat / CONTROL_HZ
         self._ahead_m = ROBOT.base_linear_speed_m_s * repeat / CONTROL_HZ
-        self._wanted, self._is_empty = np.zeros(2), True  # m ahead and rad
+        self._wanted, self._origin = np.zeros(2), np.zeros(3)  # m ahead and rad; a base pose
+        self._is_empty, self._has_point = True, False
         self.pose, self.point_m = np.zeros(3), np.zeros(2)
         self.tops: Bytes = np.zeros((CELLS, CELLS), dtype=np.uint8)
         self.seen: Bytes = np.zeros((CELLS, CELLS), dtype=np.uint8)
@@ -76,18 +78,28 @@ class RobotMap:
         """Takes an action into account, a cell of ``base_discrete``."""
         self._wanted = np.array((self._ahead_m, self._turn_rad)) * BASE_CELLS[action]
 
-    def look(self, depth: Array, point_in_base_m: Array) -> None:
+    def forget_point(self) -> None:
+        """Takes the point of the next look as the one to go to."""
+        self._has_point = False
+
+    def look(self, depth: Array, point_in_base_m: Array, base: Array | None = None) -> None:
         """Draws what is seen.
 
         Args:
             depth: (H, W, 1) depth image of the head camera as shares of its range.
             point_in_base_m: (3,) the point to go to.
+            base: (3,) x, y [m] and yaw [rad] of the base in any frame that stays the same; None if
+                it is not known. Needed to look for another point than at first.
         """
-        if self._is_empty:
-            self._is_empty, self.point_m = False, np.array(point_in_base_m[:2], dtype=float)
         points_m, distances_m = _surfaces(np.asarray(depth))
-        matched = (points_m[:, 2] > OBSTACLE_M) & (distances_m < NEAR_M)
-        self._move(np.asarray(point_in_base_m[:2], dtype=float), points_m[matched, :2])
+        point_m = np.asarray(point_in_base_m[:2], dtype=float)
+        if base is not None:
+            self._stand(base)
+        elif self._has_point:
+            matched = (points_m[:, 2] > OBSTACLE_M) & (distances_m < NEAR_M)
+            self._move(point_m, points_m[matched, :2])
+        if not self._has_point:
+            self._has_point, self.point_m = True, self.pose[:2] + turned(point_m, self.pose[2])
         self._wanted = np.zeros(2)
         is_floor = points_m[:, 2] < FLOOR_M + FLOOR_RISE * distances_m
         points_m[:, :2] = turned(points_m[:, :2], self.pose[2]) + self.pose[:2]
@@ -98,6 +110,13 @@ class RobotMap:
         seen = self.seen.reshape(-1)
         seen[flat] = np.maximum(seen[flat], SEEN)
         self.seen[tuple(cells_of(self.pose[:2]))] = VISITED
+
+    def _stand(self, base: Array) -> None:
+        """Sets the pose; the first one is the origin of the map."""
+        if self._is_empty:
+            self._is_empty, self._origin = False, np.asarray(base, dtype=float)
+        moved = np.asarray(base, dtype=float) - self._origin
+        self.pose = np.append(turned(moved[:2], -self._origin[2]), moved[2])
 
     def _move(self, point_in_base_m: NDArray[Any], obstacles_m: NDArray[Any]) -> None:
         """Updates the pose by the point (2,) and obstacles (P, 2) in the frame of the base."""

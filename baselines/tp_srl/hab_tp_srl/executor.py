@@ -13,7 +13,7 @@ from hab_spa.motion.robot import RELEASE, Motion, Robot
 from hab_spa.results import Failure
 from hab_spa.tasks.stages import Stages
 
-from hab_tasks.constants import NAVIGATE_HORIZON_STEPS, SKILL_HORIZON_STEPS
+from hab_tasks.constants import SKILL_HORIZON_STEPS
 from hab_tasks.robots.robot import ROBOT
 from hab_tp_srl.ending import achieved
 from hab_tp_srl.options import TeamOptions
@@ -99,7 +99,7 @@ class Executor:
                 break
             if stage.skill != "place" or robot.scene.holding:
                 going = team.go(robot, stages.task, stage, self._view, tries)
-                failure = yield from stages.timed("navigate", going, NAVIGATE_HORIZON_STEPS, **now)
+                failure = yield from stages.timed("navigate", going, team.navigation_steps, **now)
                 self._drive = tries.drive
                 if failure is Failure.TARGET_PLAN:  # there is no other base pose
                     tries.standings.clear()
@@ -164,17 +164,18 @@ class Executor:
         A hand that met a wall on the way is reset farther back, where the arm has room. If
         something is between the hand and its resting position even there, the way is planned.
         """
+        robot, team, timed = self._robot, self._team, self._stages.timed
         yield from self._reset_arm(stage)
-        if self._needs_reset(stage) and tries.standings and self._team.navigation == "oracle":
-            steps = NAVIGATE_HORIZON_STEPS
-            back = self._team.back_off(self._robot)
-            yield from self._stages.timed("navigate", back, steps)
+        if not self._needs_reset(stage) or team.sets_base:
+            return None
+        steps = team.navigation_steps
+        yield from timed("navigate", team.back_off(robot), steps)
+        yield from self._reset_arm(stage)
+        if self._needs_reset(stage) and team.privileged:
+            yield from self._stages.fold(SKILL_HORIZON_STEPS)
             yield from self._reset_arm(stage)
-            if self._needs_reset(stage):
-                yield from self._stages.fold(SKILL_HORIZON_STEPS)
-                yield from self._reset_arm(stage)
-            again = self._team.drive(self._robot, tries.standings[-1].base)
-            yield from self._stages.timed("navigate", again, steps)
+        again = team.go_again(robot, self._stages.task, stage, self._view, tries)
+        yield from timed("navigate", again, steps)
         return None
 
     def _needs_reset(self, stage: Stage) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 
-from hab_spa.motion.drive import DriveConfig, drive_to, leave
+from hab_spa.motion.drive import DriveConfig, drive_to, leave, reverse
 from hab_spa.motion.moves import wait
 from hab_spa.motion.robot import Motion, Robot
 from hab_spa.results import Failure
@@ -25,6 +25,9 @@ from hab_tp_srl.skill import learned, learned_navigation, turn_of
 from hab_tp_srl.stage import Stage
 from hab_tp_srl.training_starts import features
 from hab_tp_srl.view import TaskView
+
+ORACLE_STEPS = 1000
+"""Maximum number of steps of the oracle's navigation: twice Navigate's horizon."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -138,6 +141,15 @@ class Team:
         return policy is not None and policy.control.base == "still"
 
     @property
+    def navigation_steps(self) -> int:
+        """Maximum number of steps of a navigation.
+
+        Navigate's horizon is one of a skill. The longest ways through the apartment take the
+        oracle more steps.
+        """
+        return ORACLE_STEPS if self.navigate is None else self.navigate.horizon_steps
+
+    @property
     def sets_base(self) -> bool:
         """Whether the task's control mode takes base poses instead of velocities."""
         return self.navigation == "teleport"
@@ -168,10 +180,20 @@ class Team:
         return (yield from drive_to(robot, robot.scene.floor_map(), base, config))
 
     def back_off(self, robot: Robot) -> Motion:
-        """Drives straight back, if there is room."""
-        robot.doing = "navigate"
-        yield from leave(robot, robot.scene.floor_map(), DriveConfig())
+        """Drives straight back, if there is room; without a map, until something is in the way."""
+        robot.doing, config = "navigate", DriveConfig()
+        if self.navigate is not None:
+            return (yield from reverse(robot, config.before_m, config))
+        yield from leave(robot, robot.scene.floor_map(), config)
         return None
+
+    def go_again(
+        self, robot: Robot, task: Task, stage: Stage, view: TaskView, tries: Tries
+    ) -> Motion:
+        """Returns to where it was before it backed off; a policy, to where it likes best now."""
+        if self.navigate is not None:
+            return self.go(robot, task, stage, view, tries)
+        return self.drive(robot, tries.standings[-1].base)
 
 
 def _nothing_held() -> Motion:

@@ -141,7 +141,18 @@ def leave(robot: Robot, map_: NavigationMap, config: DriveConfig) -> Generator[C
         (length for length in lengths if map_.is_free(start[:2] + length * back).all()
          and _comes_free(map_, start[:2], start[:2] + length * back)), 0.0
     )  # fmt: skip
-    while np.linalg.norm(robot.base[:2] - start[:2]) < room_m - config.arrived_m:
+    yield from _reverse(wheels, room_m - config.arrived_m)
+
+
+def reverse(robot: Robot, distance_m: float, config: DriveConfig) -> Motion:
+    """Drives straight back so far, or until something is in the way; needs no map."""
+    yield from _reverse(Wheels(robot, config), distance_m)
+    return None
+
+
+def _reverse(wheels: Wheels[DriveConfig], distance_m: float) -> Generator[Command, None, None]:
+    start_m = wheels.robot.base[:2]
+    while np.linalg.norm(wheels.robot.base[:2] - start_m) < distance_m:
         if wheels.stuck:
             break
         yield wheels.roll(-0.6, 0.0)

@@ -62,9 +62,9 @@ class NavigateStarts(Generator):
         if not self._maps.of(sandbox.spec.scene_id, episode.joints).is_free(ends_m).all():
             raise RejectedSampleError("no way from the start to the goal")
         if episode.held is not None:
-            held = episode.held
+            held, yaw = episode.held, rng.uniform(-np.pi, np.pi)
             up = np.array(sandbox.templates[template_of(held)].up)
-            objects[held] = self.in_hand(sandbox.com_in_object_m(held), up, robot, rng)
+            objects[held] = self.in_hand(sandbox.com_in_object_m(held), up, robot, yaw)
             pose_scene(sandbox, objects, episode.joints)
             if sandbox.touching(held):
                 raise RejectedSampleError("the held object touches something")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,12 +39,10 @@ CLUTTER = (2, 5)
 class PickStarts(Generator):
     """A target and clutter on one of the six receptacles."""
 
-    clutter: ClassVar[tuple[int, int]] = CLUTTER
-
     def attempt(self, sandbox: PlacementSandbox, rng: np.random.Generator) -> Episode:
         """Returns one candidate."""
         spot = self.draw_spot(sandbox, rng, self.objects.receptacles or PICK_RECEPTACLES)
-        handles = self.draw(rng, 1 + int(rng.integers(self.clutter[0], self.clutter[1] + 1)))
+        handles = self.draw(rng, 1 + int(rng.integers(CLUTTER[0], CLUTTER[1] + 1)))
         sandbox.show(handles)
         open_joints(sandbox, spot.joints)
         placer = Placer(sandbox, rng, self.settling)
@@ -54,18 +51,12 @@ class PickStarts(Generator):
         objects = placer.settle()
         if not objects:
             raise RejectedSampleError("nothing rests on the receptacle")
+        target = list(objects)[int(rng.integers(len(objects)))]
         pose_scene(sandbox, objects, spot.joints)
-        target = self.target_of(list(objects), sandbox, rng)
         # Other objects count as well: grasping one first ends the episode.
         keep_off = KeepOff(points_m=sandbox.graspable_m())
         robot = self.starts(sandbox, rng, keep_off).facing(sandbox.com_m(target))
         return start_state(sandbox, robot, objects, (Rearrangement(object=target, start=spot.ref),))
-
-    def target_of(
-        self, objects: list[str], sandbox: PlacementSandbox, rng: np.random.Generator
-    ) -> str:
-        """Returns which of the placed objects is to be picked."""
-        return objects[int(rng.integers(len(objects)))]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -58,8 +59,9 @@ class PlaceStarts(Generator):
         # Released at the start, the object must not fall onto its goal.
         keep_off = KeepOff(points_m=goal_com_m[None], level=True)
         robot = self.starts(sandbox, rng, keep_off).facing(goal_com_m)
+        yaw = rng.uniform(-math.pi, math.pi)
         up = np.array(sandbox.templates[template_of(held)].up)
-        objects[held] = self.in_hand(com_m, up, robot, rng)
+        objects[held] = self.in_hand(com_m, up, robot, yaw)
         pose_scene(sandbox, objects, spot.joints)
         if sandbox.touching(held):
             raise RejectedSampleError("the held object touches something")

@@ -5,7 +5,6 @@ Each episode uses only its own random generator, seeded by (dataset, split, env)
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -188,18 +187,16 @@ class Generator(ABC):
         spots = self.spots(sandbox, names)
         return spots[int(rng.integers(len(spots)))]
 
-    def in_hand(
-        self, com_m: Array, up: Array, robot: RobotStart, rng: np.random.Generator
-    ) -> Pose7:
-        """Returns an upright pose that puts an object's centre of mass at the end-effector.
+    def in_hand(self, com_m: Array, up: Array, robot: RobotStart, yaw_rad: float) -> Pose7:
+        """Returns the upright pose that puts an object's centre of mass at the end-effector.
 
         Args:
             com_m: The centre of mass (3,) in the object's frame.
             up: The object's upright axis (3,).
             robot: Start pose of the robot.
-            rng: Source of the object's yaw.
+            yaw_rad: Yaw of the object.
         """
-        turn = quaternions.axangle2quat([0.0, 0.0, 1.0], rng.uniform(-math.pi, math.pi))
+        turn = quaternions.axangle2quat([0.0, 0.0, 1.0], yaw_rad)
         q = quaternions.qmult(turn, rotation_between(up, np.array([0.0, 0.0, 1.0])))
         ee_m = ee_in_world(self.kinematics, robot.base, np.array(robot.arm_qpos_rad))
         return rounded(pose(ee_m - quaternions.rotate_vector(com_m, q), q))

@@ -35,7 +35,8 @@ def tp_srl(setup: AgentSetup) -> TpSrlAgent:
     ``place``, ``open_drawer``, ... (``spa_priv``, a recipe whose weights ship, or a path);
     ``navigation`` (``oracle``, ``teleport`` or ``learned``) and ``navigate`` (weights for the
     latter); ``knowledge`` (``observed`` or ``true``); ``aim`` (``hand`` or ``object``);
-    ``reset_arm`` (``on`` or ``off``); ``retries`` and ``replan`` (maximum numbers).
+    ``reset_arm`` (``on`` or ``off``); ``actions`` (``likely`` or ``drawn``); ``retries`` and
+    ``replan`` (maximum numbers).
 
     Raises:
         HabError: The environment is not a task, an option is unknown, or weights cannot be used.
@@ -69,7 +70,7 @@ def skills_of(env_id: str, task: Task) -> tuple[str, ...]:
 def _team(setup: AgentSetup, options: TeamOptions) -> Team:
     """Loads the policies; a file that several skills use is loaded for each."""
     policies = {
-        skill: None if path is None else SkillPolicy(setup, skill, path)
+        skill: None if path is None else SkillPolicy(setup, skill, path, options.draws_actions)
         for skill, path in options.skills.items()
     }
     navigate = None if options.navigate is None else _navigation(setup, options.navigate)
@@ -117,6 +118,7 @@ def _name(team: Team, options: TeamOptions) -> str:
         parts.append(f"{'all skills' if everything else ', '.join(planned)} by SPA-Priv")
     parts += ["aims by the object"] * options.aims_object
     parts += ["arm not reset"] * (not options.resets_arm)
+    parts += ["actions drawn"] * options.draws_actions
     parts += [f"{options.retries} retries"] * (options.retries > 0)
     parts += [f"{options.replans} replans"] * (options.replans > 0)
     return f"TP+SRL ({'; '.join(parts)})"

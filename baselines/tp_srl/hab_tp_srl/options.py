@@ -21,6 +21,7 @@ NAVIGATION = ("oracle", "teleport", "learned")
 KNOWLEDGE = ("observed", "true")
 AIMS = ("hand", "object")
 RESETS = ("on", "off")
+ACTIONS = ("likely", "drawn")
 KINDS = ("blind", "depth", PLANNED)
 """Values of the option ``skills``: policies by the suffix of their recipes, or planning."""
 
@@ -41,6 +42,8 @@ class TeamOptions:
         true_knowledge: Whether learned skills know the object's true position and their true end.
         aims_object: Whether Place brings the held object to the goal, instead of the hand.
         resets_arm: Whether the arm returns to its resting configuration between skills.
+        draws_actions: Whether the actions of policies are drawn, as in their training, instead of
+            the most likely ones.
     """
 
     skills: Mapping[str, Path | None]
@@ -51,6 +54,7 @@ class TeamOptions:
     true_knowledge: bool
     aims_object: bool
     resets_arm: bool
+    draws_actions: bool
 
     @property
     def privileged(self) -> bool:
@@ -76,6 +80,7 @@ def read_options(setup: AgentSetup, needed: tuple[str, ...]) -> TeamOptions:
         "skills": KINDS,
         "aim": AIMS,
         "reset_arm": RESETS,
+        "actions": ACTIONS,
     }
     free = (*SKILLS, "navigate", "retries", "replan")
     check_options(setup, {**known, **dict.fromkeys(free)})
@@ -94,6 +99,7 @@ def read_options(setup: AgentSetup, needed: tuple[str, ...]) -> TeamOptions:
         true_knowledge=options.get("knowledge") == "true",
         aims_object=options.get("aim") == "object",
         resets_arm=options.get("reset_arm", "on") == "on",
+        draws_actions=options.get("actions") == "drawn",
     )
     if found.replans and not found.privileged:
         raise OptionError(

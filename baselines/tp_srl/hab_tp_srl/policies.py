@@ -40,11 +40,7 @@ class Decider(Protocol):
     name: str
     horizon_steps: int
     control: HabControllerConfig
-
-    @property
-    def draws_actions(self) -> bool:
-        """Whether its actions are drawn."""
-        ...
+    draws_actions: bool
 
     def goes_on(self, turn: Turn) -> bool:
         """See `SkillPolicy.goes_on`."""
@@ -90,22 +86,26 @@ class SkillPolicy:
         recipe: The recipe.
         horizon_steps: Maximum number of steps of the skill.
         control: Its control mode.
+        draws_actions: Whether its actions are drawn.
         starts: Ranges of the starts that its training knows; None if they are unknown.
     """
 
-    def __init__(self, setup: AgentSetup, skill: str, path: Path) -> None:
+    def __init__(self, setup: AgentSetup, skill: str, path: Path, draws: bool = False) -> None:
         """Loads a skill's weights.
 
         Args:
             setup: Setup of the task's agent.
             skill: Name of the skill, e.g. ``pick``.
             path: File of weights.
+            draws: Whether actions are drawn, also those of a policy whose recipe takes the most
+                likely ones.
 
         Raises:
             PolicyFileError: The file cannot be used, or is of another skill.
         """
         self._policy, self.recipe = load_policy(setup, path)
         self._device, self.name = setup.device, self.recipe.name
+        self.draws_actions = draws or self.recipe.draws_actions
         env_id = imported_id(self.recipe.env.reference)
         env = ENVS[env_id].env
         self.horizon_steps = env.horizon_steps
@@ -141,11 +141,6 @@ class SkillPolicy:
     def obs_mode(self) -> str:
         """The observation that it needs."""
         return self.recipe.env.obs_mode
-
-    @property
-    def draws_actions(self) -> bool:
-        """Whether its actions are drawn."""
-        return self.recipe.draws_actions
 
     def goes_on(self, turn: Turn) -> bool:
         """Whether a further attempt goes on with what the last one left; here it starts anew."""

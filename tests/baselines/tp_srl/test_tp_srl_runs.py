@@ -75,8 +75,10 @@ def joined(observations):
     }
 
 
-def test_rows_act_together_and_as_they_would_alone(brief, learned):
-    agents = [hab_tp_srl.tp_srl(agent_setup(TASK, options=learned | HANDED_OVER)) for _ in range(3)]
+@pytest.mark.parametrize("actions", ["likely", "drawn"])
+def test_rows_act_together_and_as_they_would_alone(brief, learned, actions):
+    options = learned | HANDED_OVER | {"actions": actions}
+    agents = [hab_tp_srl.tp_srl(agent_setup(TASK, options=options)) for _ in range(3)]
     both, *alone = agents
     envs, observations = zip(*(make_env(both.spec, seed) for seed in (0, 1)), strict=True)
     both.reset(torch.tensor([True, True]), [0, 1])
@@ -114,6 +116,23 @@ def check_trace(reports, stages):
         assert report.failure == "navigate timeout"
         assert report.doing == "ended"
         json.dumps(report.trace)
+
+
+def test_drawn_actions_differ_with_the_seed_and_likely_ones_do_not(brief, learned):
+    acted = {}
+    for actions in ("likely", "drawn"):
+        options = learned | HANDED_OVER | {"actions": actions}
+        agent = hab_tp_srl.tp_srl(agent_setup(TASK, options=options))
+        assert ("actions drawn" in agent.spec.name) == (actions == "drawn")
+        env, obs = make_env(agent.spec)
+        for seed in (0, 1):
+            agent.reset(torch.tensor([True]), [seed])
+            for _ in range(STEPS + 1):  # navigation, whose actions follow its recipe, comes first
+                action = agent.act(obs)
+            acted[actions, seed] = np.asarray(action)
+        env.close()
+    assert np.array_equal(acted["likely", 0], acted["likely", 1])
+    assert not np.array_equal(acted["drawn", 0], acted["drawn", 1])
 
 
 def test_a_row_that_starts_again_forgets_its_episode(brief, learned):

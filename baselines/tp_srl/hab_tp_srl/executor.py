@@ -100,11 +100,11 @@ class Executor:
             if stage.skill != "place" or robot.scene.holding:
                 going = team.go(robot, stages.task, stage, self._view, tries)
                 failure = yield from stages.timed("navigate", going, team.navigation_steps, **now)
-                self._drive = tries.drive
                 if failure is Failure.TARGET_PLAN:  # there is no other base pose
                     tries.standings.clear()
                     break
                 yield from self._reset_there(stage, tries)
+                self._drive = tries.before
             skill = team.skill(robot, stages.task, stage, self._view)
             now |= {"by": team.executor(stage), "start": team.start(stage, self._view)}
             failure = yield from stages.timed(stage.skill, skill, team.skill_steps(stage), **now)

@@ -128,8 +128,8 @@ class Team:
         if self.navigate is not None:
             turn = tries.drive
             if turn is None or not self._stands(stage) or not self.navigate.goes_on(turn):
-                turn = tries.drive = turn_of(robot, self.navigate)
-                turn.before = tries.before
+                turn = turn_of(robot, self.navigate)
+                turn.before, tries.drive, tries.before = tries.before, turn, turn
             return learned_navigation(robot, stage, turn, view, sets_base=self.sets_base)
         if self.is_planned(stage):
             return self._go_to_plan(robot, task, stage, tries.standings)

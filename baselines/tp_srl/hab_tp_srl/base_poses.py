@@ -71,6 +71,8 @@ def candidates(robot: Robot, stage: Stage, map_: NavigationMap, point_m: Array) 
     if stage.articulation is None:
         noise = StartNoise()
         poses = poses_reaching(map_, point_m, noise.nearest_m, noise.farthest_m)
+        if stage.drawer is not None:  # the hand comes from above
+            return [poses]
         assert isinstance(robot.scene, TrueScene)
         free = open_sides(robot.scene.state, point_m, robot.scene.shapes)
         faces = faces_open_side(free, poses)

@@ -23,14 +23,9 @@ LENGTH_M, RISE_M = 0.6, 0.06
 """The hand's way is a level capsule of this length, this far above the place. Its radius is the
 second one if no side is open to the first."""
 
-ABOVE_M = 0.4
-"""Where so much is free above the place, the hand comes from there, past what stands around it."""
-
 
 def open_sides(state: PrivilegedState, point_m: Array, cache: ShapeCache) -> NDArray[np.bool_]:
     """Returns the sides (SIDES,) from which no furniture or wall is in the hand's way.
-
-    Where there is room above the place, it is all of them.
 
     Args:
         state: The scene. Loose objects and the robot do not count.
@@ -39,9 +34,7 @@ def open_sides(state: PrivilegedState, point_m: Array, cache: ShapeCache) -> NDA
     """
     centre_m = point_m + np.array((0.0, 0.0, RISE_M))
     near = _shapes_near(state, centre_m, cache)
-    over = coal.Transform3s(np.eye(3), centre_m + np.array((0.0, 0.0, ABOVE_M / 2)))
-    upwards = coal.Capsule(RADII_M[1], ABOVE_M)
-    free = np.full(SIDES, not any(_touch(upwards, over, *shape) for shape in near))
+    free = np.zeros(SIDES, dtype=bool)
     for radius_m in RADII_M:
         if not free.any():
             free = _free_of(near, centre_m, coal.Capsule(radius_m, LENGTH_M))

@@ -68,8 +68,8 @@ class RobotMap:
         """Creates an empty map for actions that are executed `repeat` times."""
         self._turn_rad = ROBOT.base_angular_speed_rad_s * repeat / CONTROL_HZ
         self._ahead_m = ROBOT.base_linear_speed_m_s * repeat / CONTROL_HZ
-        self._wanted, self._origin = np.zeros(2), np.zeros(3)  # m ahead and rad; a base pose
-        self._is_empty, self._has_point = True, False
+        self._wanted, self._has_point = np.zeros(2), False  # m ahead and rad
+        self._origin: Array | None = None
         self.pose, self.point_m = np.zeros(3), np.zeros(2)
         self.tops: Bytes = np.zeros((CELLS, CELLS), dtype=np.uint8)
         self.seen: Bytes = np.zeros((CELLS, CELLS), dtype=np.uint8)
@@ -113,8 +113,8 @@ class RobotMap:
 
     def _stand(self, base: Array) -> None:
         """Sets the pose; the first one is the origin of the map."""
-        if self._is_empty:
-            self._is_empty, self._origin = False, np.asarray(base, dtype=float)
+        if self._origin is None:
+            self._origin = np.array(base, dtype=float)
         moved = np.asarray(base, dtype=float) - self._origin
         self.pose = np.append(turned(moved[:2], -self._origin[2]), moved[2])
 

@@ -73,9 +73,9 @@ def drive_to(robot: Robot, map_: NavigationMap, goal: Array, config: DriveConfig
             last = goal
         arrived = yield from _along(wheels, path_between(map_, here, last[:2])[1:])
         arrived = arrived and (yield from _turn(wheels, last[2]))
-        if arrived and last is not goal:
-            arrived = yield from _along(wheels, goal[None, :2])
-            arrived = arrived and (yield from _turn(wheels, goal[2]))
+        # Also where `last` is the goal, as the turn may have displaced the base.
+        arrived = arrived and (yield from _along(wheels, goal[None, :2]))
+        arrived = arrived and (yield from _turn(wheels, goal[2]))
         if arrived and _at(robot, goal, config):
             yield robot.command()
             return None

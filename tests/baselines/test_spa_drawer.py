@@ -87,7 +87,7 @@ def test_lines_take_the_handle_all_the_way_clear_of_the_drawer(tray):
             arm_from_world = tray.collision().arm_from_world
             wanted_m = arm_from_world[:3, :3] @ wanted_m + arm_from_world[:3, 3]
             assert np.linalg.norm(hand_m - wanted_m) < 0.005
-            model = ArmCollision(shifted(tray.state, -0.02 * step), cache=tray._cache)
+            model = ArmCollision(shifted(tray.state, -0.02 * step), cache=tray.shapes)
             model.set_margin(0.0)
             assert model.is_free(pose)
 

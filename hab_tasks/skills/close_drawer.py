@@ -27,7 +27,7 @@ class CloseDrawerStarts(OpenDrawerStarts):
     open_share = (0.8, 1.0)
     end_share = 0.0
     region = DRAWER.closing_region
-    version = 8
+    version = 9
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -37,7 +37,7 @@ LEAST_WAY_M = 1.0
 class NavigateStarts(Generator):
     """Start states; the goal is a start pose of another skill."""
 
-    version = 11
+    version = 12
 
     def __init__(
         self, scenes: Sequence[str], load: Callable[[str], SceneSpec], objects: Objects

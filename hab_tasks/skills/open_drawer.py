@@ -52,7 +52,7 @@ class OpenDrawerStarts(Generator):
     open_share: tuple[float, float] = (0.0, 0.0)
     end_share: float = DRAWER.open_share
     region = DRAWER.opening_region
-    version = 10
+    version = 11
 
     def attempt(self, sandbox: PlacementSandbox, rng: np.random.Generator) -> Episode:
         """Returns one candidate."""

@@ -75,7 +75,7 @@ class Generator(ABC):
         refused: Reason -> number of rejected candidates of the current episode.
     """
 
-    version: ClassVar[int] = 8
+    version: ClassVar[int] = 9
     settling: ClassVar[Settling] = Settling()
     noise: ClassVar[StartNoise] = StartNoise()
 

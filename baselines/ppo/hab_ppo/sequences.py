@@ -74,5 +74,6 @@ def run_lstm(
     unpacked = torch.empty_like(outputs.data).index_copy(0, order, outputs.data)
     last = sequences.last.to(inputs.device)
     after = torch.zeros_like(memory)
-    after[:, row[last]] = torch.cat(state)[:, last]
+    # Autocast may give the state in bfloat16.
+    after[:, row[last]] = torch.cat(state)[:, last].to(after)
     return unpacked.view(steps, rows, -1), after

@@ -184,6 +184,16 @@ def test_lstm_over_sequences_equals_one_step_at_a_time():
         torch.testing.assert_close(one, other, atol=1e-4, rtol=1e-4)
 
 
+def test_an_lstm_keeps_the_type_of_its_memory_under_autocast():
+    # PyTorch takes bfloat16 for long sequences only.
+    lstm = torch.nn.LSTM(6, 256)
+    starts = torch.zeros(1000, 1, dtype=torch.bool)
+    memory = torch.zeros(2, 1, 256)
+    with torch.autocast("cpu", torch.bfloat16):
+        outputs, after = run_lstm(lstm, torch.rand(1000, 1, 6), starts, memory)
+    torch.testing.assert_close(after[0, 0], outputs[-1, 0].float(), atol=1e-2, rtol=1e-2)
+
+
 @pytest.mark.parametrize("images", [False, True], ids=["blind", "images"])
 @pytest.mark.parametrize("discrete", [False, True], ids=["box", "discrete"])
 @pytest.mark.parametrize("lstm_size", [0, 8], ids=["plain", "lstm"])

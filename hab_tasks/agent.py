@@ -42,7 +42,8 @@ class AgentSpec:
         privileged: Whether observations must contain ``obs["privileged"]``, a list of N
             `hab_tasks.privileged.PrivilegedState`. The leaderboard marks such agents.
         looks: When the images of `obs_mode` are rendered: ``always``, or ``on demand``, only in
-            steps in which `act` reads ``obs["sensor_data"]`` or ``obs["sensor_param"]``.
+            steps in which `act` reads ``obs["sensor_data"]`` or ``obs["sensor_param"]``, which
+            renders those of all rows, or calls `of_rows` for those of some.
         target_frame: The environment option `target_frame`: whether the target of a skill is
             given along the axes of the ``base`` or in the frame of the end-effector, ``ee``.
         handle_position: The environment option `handle_position`: whether the observation also
@@ -151,6 +152,24 @@ def check_options(setup: AgentSetup, known: Mapping[str, Collection[str] | None]
         valid = known[name]
         if valid is not None and value not in valid:
             raise UnknownNameError(f"value of the agent's option {name}", value, valid)
+
+
+def of_rows(obs: Mapping[str, Any], rows: Sequence[int]) -> Mapping[str, Any]:
+    """Returns the observation of some rows; images on demand are rendered for these only.
+
+    Args:
+        obs: Argument of `Agent.act`.
+        rows: Numbers of the rows.
+    """
+    own = getattr(obs, "of_rows", None)
+    return _indexed(obs, list(rows)) if own is None else own(rows)
+
+
+def _indexed(value: Any, rows: list[int]) -> Any:
+    """Returns the rows of nested groups of tensors (N, ...), or lists of N entries."""
+    if isinstance(value, Mapping):
+        return {name: _indexed(part, rows) for name, part in value.items()}
+    return [value[row] for row in rows] if isinstance(value, list) else value[rows]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -80,15 +80,10 @@ def check_rows(spec: AgentSpec) -> None:
     """Checks the batch size of an agent.
 
     Raises:
-        AgentError: It is not a positive integer, or is not 1 for an agent that looks on demand.
+        AgentError: It is not a positive integer.
     """
     if isinstance(spec.rows, bool) or not isinstance(spec.rows, int) or spec.rows < 1:
         raise AgentError(f"rows of the agent must be an integer >= 1, got {spec.rows!r}.")
-    if spec.rows > 1 and spec.looks == "on demand":
-        raise AgentError(
-            f"The agent has rows={spec.rows} and looks='on demand'. On-demand rendering supports "
-            "one row: use rows=1 or looks='always'."
-        )
 
 
 def check_actions(actions: object, count: int) -> None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
+
+import torch
+from torch import Tensor
 
 from hab_eval.errors import AgentError
 from hab_tasks.agent import AgentSpec
@@ -44,9 +47,55 @@ class LazyObservation(Mapping[str, Any]):
     def __len__(self) -> int:
         return len(self._ready) + len(IMAGES)
 
+    def of_rows(self, rows: Sequence[int]) -> Mapping[str, Any]:
+        """See `hab_tasks.agent.of_rows`; there is one row."""
+        return self
+
     def expire(self) -> None:
         """Forbids rendering from now on: the simulation is about to step."""
         self._past = True
+
+
+class LazyBatch(Mapping[str, Any]):
+    """The observation of several rows, whose groups are concatenated on first access."""
+
+    def __init__(self, rows: Sequence[LazyObservation]) -> None:
+        """Takes the observations of the rows."""
+        self._rows = rows
+        self._ready: dict[str, Any] = {}
+
+    def __getitem__(self, key: str) -> Any:
+        if key not in self._ready:
+            self._ready[key] = batched([row[key] for row in self._rows])
+        return self._ready[key]
+
+    def __contains__(self, key: object) -> bool:
+        return key in self._rows[0]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._rows[0])
+
+    def __len__(self) -> int:
+        return len(self._rows[0])
+
+    def of_rows(self, rows: Sequence[int]) -> Mapping[str, Any]:
+        """See `hab_tasks.agent.of_rows`."""
+        chosen = [self._rows[row] for row in rows]
+        return chosen[0] if len(chosen) == 1 else LazyBatch(chosen)
+
+
+def batched(values: Sequence[Any]) -> Any:
+    """Concatenates N observations of one row; tensors (1, ...) become (N, ...)."""
+    first = values[0]
+    if len(values) == 1:
+        return first
+    if isinstance(first, LazyObservation):
+        return LazyBatch(values)
+    if isinstance(first, Tensor):
+        return torch.cat(list(values))
+    if isinstance(first, Mapping):
+        return {name: batched([value[name] for value in values]) for name in first}
+    return [item for value in values for item in value]  # ground-truth states: lists of one entry
 
 
 def agent_view(

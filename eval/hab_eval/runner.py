@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import torch
-from torch import Tensor
 
 from hab_eval.agent_checks import check_actions, check_report, check_reports, without_exit
+from hab_eval.observations import batched
 from hab_eval.observers import Observer
 from hab_eval.results import FinishedEpisode, check_finished
 from hab_eval.rows import Call, Job, LocalRows, RowGroup, Start, Step, Turn, episode_error
@@ -112,7 +112,7 @@ def _act(
     """Queries the agent's actions for all rows; returns those of the running rows."""
     started = time.perf_counter()
     with _naming_episodes(_episodes(rows)):
-        actions = agent.act(_batched([row.obs for row in rows]))
+        actions = agent.act(batched([row.obs for row in rows]))
         check_actions(actions, len(rows))
         actions = actions.cpu()
         seconds = (time.perf_counter() - started) / len(playing)
@@ -168,15 +168,3 @@ def _naming_episodes(episodes: Iterable[Episode]) -> Generator[None, None, None]
 
 def _episodes(rows: Sequence[_RowState]) -> Iterator[Episode]:
     return (row.episode for row in rows if row.episode is not None)
-
-
-def _batched(values: Sequence[Any]) -> Any:
-    """Concatenates N observations of one row; tensors (1, ...) become (N, ...)."""
-    first = values[0]
-    if len(values) == 1:
-        return first
-    if isinstance(first, Tensor):
-        return torch.cat(list(values))
-    if isinstance(first, Mapping):
-        return {name: _batched([value[name] for value in values]) for name in first}
-    return [item for value in values for item in value]  # ground-truth states: lists of one entry

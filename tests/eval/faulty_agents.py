@@ -77,7 +77,6 @@ SPECS = {
     "rows_true": {"rows": True},
     "rows_float": {"rows": 2.0},
     "rows_text": {"rows": "2"},
-    "rows_on_demand": {"rows": 2, "looks": "on demand"},
 }
 """Case -> fields of the spec."""
 

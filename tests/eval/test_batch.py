@@ -94,8 +94,6 @@ def test_rows_that_cannot_be_played_are_refused(cli, tmp_path):
     check_rows(spec)
     with pytest.raises(AgentError, match="integer >= 1, got 0"):
         check_rows(replace(spec, rows=0))
-    with pytest.raises(AgentError, match="rows=4 and looks='on demand'"):
-        check_rows(replace(spec, looks="on demand"))
     done = cli(*STUB, "--device", "cuda:9", "--out", tmp_path / "run")
     assert done.returncode == 2
     assert "device 'cuda:9' is not available. Valid: cpu" in done.stderr

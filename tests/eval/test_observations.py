@@ -8,10 +8,10 @@ import torch
 from hab_eval import environments
 from hab_eval.config import EvalConfig
 from hab_eval.errors import AgentError
-from hab_eval.observations import LazyObservation, agent_view
+from hab_eval.observations import LazyObservation, agent_view, batched
 from hab_eval.runner import run_episode
 
-from hab_tasks.agent import AgentSpec
+from hab_tasks.agent import AgentSpec, of_rows
 from hab_tasks.errors import OptionError, UnknownNameError
 
 PICK = EvalConfig(agent="stub_hab:constant", env="HabPick-v1")
@@ -72,6 +72,47 @@ def test_an_agent_looks_when_it_wants_to(privileged):
     assert all(("privileged" in obs) == privileged for obs in agent.seen)
     with pytest.raises(AgentError, match="only until the next step"):
         agent.seen[0]["sensor_data"]
+
+
+class Eye:
+    """An environment of which only the images matter; all their numbers are `number`."""
+
+    def __init__(self, number):
+        self.number, self.looks = number, 0
+
+    @property
+    def unwrapped(self):
+        return self
+
+    def look(self):
+        self.looks += 1
+        return {"sensor_param": {}, "sensor_data": {"head": torch.full((1, 4), self.number)}}
+
+
+def test_of_a_batch_only_those_rows_are_rendered_that_are_read():
+    eyes = [Eye(number) for number in range(3)]
+    obs = batched(
+        [agent_view(eye, DEPTH, {"agent": torch.full((1, 2), eye.number)}) for eye in eyes]
+    )
+    assert list(obs) == ["agent", "sensor_param", "sensor_data"]
+    assert (len(obs), "sensor_data" in obs, "privileged" in obs) == (3, True, False)
+    assert obs["agent"].tolist() == [[0, 0], [1, 1], [2, 2]]
+    assert of_rows(obs, [2])["agent"].tolist() == [[2, 2]]
+    assert [eye.looks for eye in eyes] == [0, 0, 0]
+    assert of_rows(obs, [2, 0])["sensor_data"]["head"][:, 0].tolist() == [2, 0]
+    assert of_rows(obs, [2])["sensor_data"]["head"].shape == (1, 4)
+    assert [eye.looks for eye in eyes] == [1, 0, 1]
+    assert obs["sensor_data"]["head"][:, 0].tolist() == [0, 1, 2]
+    assert [eye.looks for eye in eyes] == [1, 1, 1]
+    with pytest.raises(KeyError):
+        obs["privileged"]
+
+
+def test_rows_of_rendered_observations_are_chosen_too():
+    obs = {"agent": {"qpos": torch.arange(6).view(3, 2)}, "privileged": ["a", "b", "c"]}
+    chosen = of_rows(obs, [2, 0])
+    assert chosen["agent"]["qpos"].tolist() == [[4, 5], [0, 1]]
+    assert chosen["privileged"] == ["c", "a"]
 
 
 def test_unknown_ways_to_look_are_named():

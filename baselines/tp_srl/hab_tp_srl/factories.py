@@ -95,17 +95,16 @@ def _spec(team: Team, options: TeamOptions) -> AgentSpec:
     learned = team.learned
     seeing = [policy for policy in learned if policy.sees_images]
     textures = {texture for policy in seeing for texture in policy.obs_mode.split("+")}
-    # While planned parts move the robot, no images are needed.
-    on_demand = bool(seeing) and team.navigate is None
     planned = None in team.policies.values()
     return AgentSpec(
         name=_name(team, options),
         control_mode="joint_target_pose" if team.sets_base else "joint_target_base",
         obs_mode="+".join(sorted(textures)) or "state_dict",
         privileged=team.privileged,
-        looks="on demand" if on_demand else "always",
+        # Most parts need no images, and the navigator only some.
+        looks="on demand" if seeing else "always",
         handle_position=not team.true_knowledge and any(p.sees_handles for p in learned),
-        rows=1 if planned or on_demand else ROWS,
+        rows=1 if planned else ROWS,
     )
 
 

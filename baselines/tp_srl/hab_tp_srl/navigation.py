@@ -10,7 +10,7 @@ import numpy as np
 from hab_ppo.navigation.navigator import REPEAT, Navigator
 from hab_ppo.navigation.weights import load
 
-from hab_tasks.agent import AgentSetup
+from hab_tasks.agent import AgentSetup, of_rows
 from hab_tasks.constants import NAVIGATE_HORIZON_STEPS
 from hab_tasks.robots.control import HabControllerConfig, control_configs
 from hab_tp_srl.policies import Turn
@@ -53,8 +53,9 @@ class NavigatorPolicy:
                 turn.memory = Navigator(self._network, self._device, "once", map_)
                 turn.before = None
             if turn.age % REPEAT == 0:
+                images = of_rows(obs, [row])["sensor_data"]
                 action = turn.memory.action(
-                    np.asarray(obs["sensor_data"]["head"]["depth"][row]),
+                    np.asarray(images["head"]["depth"][0]),
                     turn.entries["extra", "point_in_base"].astype(float),
                     bool(turn.entries["agent", "is_holding"].item() > 0),
                     turn.base,

@@ -14,7 +14,7 @@ from hab_ppo.errors import PolicyFileError
 from hab_ppo.noise import RowNoise
 from numpy.typing import NDArray
 
-from hab_tasks.agent import AgentSetup
+from hab_tasks.agent import AgentSetup, of_rows
 from hab_tasks.engine.skill_env import SkillEnv
 from hab_tasks.envs import ENVS
 from hab_tasks.registration import SKILLS, imported_id
@@ -186,7 +186,8 @@ class SkillPolicy:
         for group, name in self._policy.layout.state:
             values = [turn.entries[group, name] for turn in turns]
             nested.setdefault(group, {})[name] = np.stack(values)
+        chosen = of_rows(obs, rows) if self.sees_images else {}
         for group, camera, texture in self._policy.layout.images:
-            image = obs[group][camera][texture][list(rows)]
+            image = chosen[group][camera][texture]
             nested.setdefault(group, {}).setdefault(camera, {})[texture] = image
         return nested

@@ -251,7 +251,8 @@ def test_the_spec_says_what_a_team_needs(weights, learned):
     oracle = {name: value for name, value in learned.items() if name != "navigate"}
     given = {**oracle, "navigation": "teleport", "pick": str(weights["pick_depth"])}
     seen = hab_tp_srl.tp_srl(agent_setup("HabTidyHouse-v1", options=given)).spec
-    assert (seen.looks, seen.rows, seen.control_mode) == ("on demand", 1, "joint_target_pose")
+    assert (seen.looks, seen.control_mode) == ("on demand", "joint_target_pose")
+    assert seen.rows > 1
     assert np.isfinite(checkpoint.load(weights["pick_depth"])[1]["format"])
 
 

@@ -25,7 +25,7 @@ class NavigatorPolicy:
 
     name = "navigator"
     horizon_steps = NAVIGATE_HORIZON_STEPS
-    obs_mode, draws_actions = "depth", False
+    obs_mode = "depth"
     sees_handles, sees_images = False, True
     starts = None
 

@@ -15,11 +15,13 @@ from hab_ppo.noise import RowNoise
 from numpy.typing import NDArray
 
 from hab_tasks.agent import AgentSetup, of_rows
+from hab_tasks.engine.sensors import ARM_QPOS
 from hab_tasks.engine.skill_env import SkillEnv
 from hab_tasks.envs import ENVS
 from hab_tasks.registration import SKILLS, imported_id
 from hab_tasks.robots.control import HabControllerConfig, control_configs
 from hab_tasks.skills.navigate import NAVIGATE_ID
+from hab_tp_srl.stillness import Stillness
 from hab_tp_srl.training_starts import start_ranges
 from hab_tp_srl.view import Entries
 
@@ -40,7 +42,6 @@ class Decider(Protocol):
     name: str
     horizon_steps: int
     control: HabControllerConfig
-    draws_actions: bool
 
     def goes_on(self, turn: Turn) -> bool:
         """See `SkillPolicy.goes_on`."""
@@ -63,7 +64,8 @@ class Turn:
         before: The last navigation of this episode.
         memory: (2, H) state of the LSTM, or what else the policy keeps; None at the start of the
             skill.
-        random: Draws its actions; None for the most likely ones.
+        random: Draws actions.
+        stillness: Tells when an arm that stands still needs them drawn.
         age: Number of actions so far.
         action: (A,) the action of this step, after `SkillPolicy.decide`.
     """
@@ -74,6 +76,7 @@ class Turn:
     before: Turn | None = None
     memory: Any = None
     random: np.random.Generator | None = None
+    stillness: Stillness = field(default_factory=Stillness)
     age: int = 0
     action: NDArray[Any] = field(default_factory=lambda: np.zeros(0, dtype=np.float32))
 
@@ -172,11 +175,22 @@ class SkillPolicy:
         starts = torch.tensor([turn.memory is None for turn in turns], device=self._device)
         blank = self._policy.no_memory(1)[:, 0]
         memory = torch.stack([blank if t.memory is None else t.memory for t in turns], dim=1)
-        noise = RowNoise([turn.random for turn in turns]) if self.draws_actions else None
-        acted = self._policy.choose(seen, memory, starts, noise)
+        draws = [self._draws(turn) for turn in turns]
+        acted = self._policy.choose(seen, memory, starts)
         actions = self._policy.head.to_env(acted.actions).reshape(len(turns), -1)
+        if any(draws):
+            noise = RowNoise([turn.random for turn in turns])
+            drawn = self._policy.choose(seen, memory, starts, noise).actions
+            drawn = self._policy.head.to_env(drawn).reshape(len(turns), -1)
+            actions = np.where(np.array(draws)[:, None], drawn, actions)
         for number, turn in enumerate(turns):
             turn.action, turn.memory = actions[number], acted.memory[:, number]
+
+    def _draws(self, turn: Turn) -> bool:
+        """Whether a turn's action of this step is drawn."""
+        only_arm = self.control.arm != "still" and self.control.base == "still"
+        stuck = only_arm and turn.stillness.draws(turn.entries["agent", ARM_QPOS.name])
+        return self.draws_actions or stuck
 
     def _observed(
         self, rows: Sequence[int], turns: Sequence[Turn], obs: Mapping[str, Any]

@@ -156,8 +156,7 @@ def _gripper(policy: Decider, action: NDArray[Any], now: float) -> float:
 
 def turn_of(robot: Robot, policy: Decider) -> Turn:
     """Returns a policy that begins."""
-    random = np.random.default_rng(robot.next_seed()) if policy.draws_actions else None
-    return Turn(policy=policy, random=random)
+    return Turn(policy=policy, random=np.random.default_rng(robot.next_seed()))
 
 
 def _asking(robot: Robot, turn: Turn, result: Callable[[], Command]) -> PolicyCommand:

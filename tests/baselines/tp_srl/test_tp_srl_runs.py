@@ -12,7 +12,7 @@ from hab_ppo.navigation.network import GoalNetwork
 from hab_ppo.navigation.robot_map import RobotMap
 from hab_ppo.navigation.weights import save
 from hab_spa.motion.robot import Robot, SpaConfig
-from hab_tp_srl import factories
+from hab_tp_srl import factories, stillness
 from hab_tp_srl.navigation import NavigatorPolicy
 from hab_tp_srl.policies import SkillPolicy, Turn
 from hab_tp_srl.scenes import ObservedScene
@@ -133,6 +133,20 @@ def test_drawn_actions_differ_with_the_seed_and_likely_ones_do_not(brief, learne
         env.close()
     assert np.array_equal(acted["likely", 0], acted["likely", 1])
     assert not np.array_equal(acted["drawn", 0], acted["drawn", 1])
+
+
+def test_the_actions_of_an_arm_that_stands_still_are_drawn(brief, learned, monkeypatch):
+    monkeypatch.setattr(stillness, "STEPS", 2)
+    acted = []
+    for seed in (0, 1):
+        agent = hab_tp_srl.tp_srl(agent_setup(TASK, options=learned | HANDED_OVER))
+        env, obs = make_env(agent.spec)
+        agent.reset(torch.tensor([True]), [seed])
+        # Navigation, then a skill that observes the same arm three times.
+        acted.append([np.asarray(agent.act(obs)) for _ in range(2 * STEPS)])
+        env.close()
+    same = [np.array_equal(one, other) for one, other in zip(*acted, strict=True)]
+    assert same == [True] * 5 + [False]
 
 
 def test_a_row_that_starts_again_forgets_its_episode(brief, learned):

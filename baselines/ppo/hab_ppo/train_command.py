@@ -69,7 +69,7 @@ class TrainCommand(Command):
     demonstrations: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Demonstrations of `hab-ppo demonstrate` for a recipe that starts from some."""
     teacher: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
-    """Run or weights of the teacher, for a recipe that distils one."""
+    """Run or weights of the teacher, for a recipe that distils a teacher or an expert."""
     weights: Annotated[Path | None, tyro.conf.arg(metavar="NAME|PATH")] = None
     """Policy that ships, run or file to start from, without demonstrations or teacher."""
     scratch: bool = False

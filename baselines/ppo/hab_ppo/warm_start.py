@@ -28,7 +28,7 @@ from hab_ppo.network import Policy
 from hab_ppo.plan import CLONED, DEMONSTRATIONS, DISTILLED_SO_FAR, TrainPlan, check_same
 from hab_ppo.practice import Lesson, practise
 from hab_ppo.progress import WriteLine
-from hab_ppo.recipe import Recipe
+from hab_ppo.recipe import Distillation, Recipe
 from hab_ppo.rows import policy_rows
 from hab_ppo.stages import info_keys
 from hab_ppo.teachers import (
@@ -51,7 +51,7 @@ def check_start(plan: TrainPlan) -> None:
     recipe = plan.recipe
     if plan.demonstrations is not None and recipe.warm_start is None:
         raise RecipeError(f"--demonstrations: {recipe.name} does not start from demonstrations.")
-    if plan.teacher is not None and (recipe.distill is None or recipe.distill.expert):
+    if plan.teacher is not None and recipe.distill is None:
         raise RecipeError(f"--teacher: {recipe.name} has no teacher.")
     if plan.resume is not None:
         return
@@ -60,9 +60,11 @@ def check_start(plan: TrainPlan) -> None:
         return
     if plan.demonstrations is not None:
         read_examples(plan.demonstrations, recipe.env)
-    if recipe.distill is not None and recipe.distill.expert is not None:
-        check_expert(recipe.distill.expert, recipe.env)
-    elif recipe.distill is not None:
+    if recipe.distill is None:
+        return
+    if (expert := _expert(plan, recipe.distill)) is not None:
+        check_expert(expert, recipe.env)
+    else:
         classroom(recipe.env, load_teacher(_teacher(plan), recipe.env))
 
 
@@ -171,10 +173,10 @@ def _distilled(
     """Fits a policy to its teacher; returns what the teacher was, and the fit."""
     recipe, config, rows = plan.recipe, plan.recipe.distill, plan.recipe.preset.rows
     assert config is not None
-    if config.expert is not None:
+    if (expert := _expert(plan, config)) is not None:
         env = make_rows(recipe, rows, 1)
-        teacher = Expert(env, config.expert, recipe.env.action_repeat)
-        made = {"expert": config.expert}
+        teacher = Expert(env, expert, recipe.env.action_repeat)
+        made = {"expert": expert}
     else:
         loaded = load_teacher(_teacher(plan), recipe.env)
         env = make_rows(replace(recipe, env=classroom(recipe.env, loaded)), rows, 1)
@@ -240,6 +242,11 @@ def write_demonstrations(path: Path, plan: DemonstrationPlan, write_line: WriteL
     }
     env = plan.recipe.env
     write_examples(path, Examples.joined(made.parts), made.followed, env, about)
+
+
+def _expert(plan: TrainPlan, config: Distillation) -> str | None:
+    """Returns the recipe's expert, unless a policy teaches in its place."""
+    return config.expert if plan.teacher is None else None
 
 
 def _teacher(plan: TrainPlan) -> Path:

@@ -313,7 +313,7 @@ def test_a_useless_agent_is_reported_in_one_line(attempts, tmp_path, capsys):
         (["train", "pick_blind", "--out", "DIR", "--demonstrations", "DEMO"], "does not start"),
         (["train", "pick_blind", "--out", "DIR", "--teacher", "DEMO"], "has no teacher"),
         (["train", "pick_cloned", "--out", "DIR", "--demonstrations", "DEMO"], "not HabPick-v1"),
-        (["train", "place_depth", "--out", "DIR"], "no weights place_blind"),
+        (["train", "place_depth", "--out", "DIR", "--teacher", "nowhere"], "no weights nowhere"),
         (["train", "place_depth", "--out", "DIR", "--teacher", "DEMO"], "no recipe"),
         (["train", "pick_blind", "--out", "DIR", "--weights", "nowhere"], "no weights nowhere"),
         (["train", "pick_blind", "--out", "DIR", "--weights", "DEMO", "--scratch"], "--scratch"),

@@ -15,6 +15,7 @@ from hab_spa.motion.robot import GRASP, Command
 
 from hab_tasks.privileged import CollisionBody, CollisionShape, PrivilegedState
 from hab_tasks.robots.robot import ROBOT
+from hab_tasks.scenes.physics import sim_config, use_settings
 
 EMPTY_VERTICES = np.zeros((0, 3))
 EMPTY_FACES = np.zeros((0, 3), dtype=np.int64)
@@ -142,6 +143,7 @@ def make_scene(tmp_path: Path) -> Callable[[], FetchScene]:
     """Returns a maker of scenes that hold nothing but Fetch in the rest pose."""
 
     def make() -> FetchScene:
+        use_settings(sim_config())  # as in an environment, whatever the process did before
         scene = sapien.Scene([sapien.physx.PhysxCpuSystem()])
         loader = scene.create_urdf_loader()
         loader.fix_root_link = True

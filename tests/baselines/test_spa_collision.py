@@ -11,6 +11,7 @@ from hab_tasks.robots.robot import ROBOT
 from hab_tasks.scenes.coal_shapes import coal_shape
 
 REST = np.array(ROBOT.rest_qpos_rad)
+MISSED_M = 0.015
 
 
 def physx_hits(scene) -> bool:
@@ -44,11 +45,12 @@ def test_agrees_with_physx_on_random_poses(make_scene, add_table):
         hits += hit
         if hit == collision.is_free(pose):
             disagreements += 1
-            # Where the two differ, the shapes are within a centimetre of touching.
-            collision.set_margin(0.01)
+            # PhysX without persistent contacts misses overlaps of up to 13 mm in 2 of 400 poses
+            # (docs/deviations.md); with them, the two differ within 10 mm.
+            collision.set_margin(MISSED_M)
             near = collision.contacts(pose)
             collision.set_margin(0.0)
-            assert any(abs(contact.distance_m) < 0.01 for contact in near)
+            assert any(abs(contact.distance_m) < MISSED_M for contact in near)
     assert 50 < hits < 350
     assert disagreements <= 0.01 * len(poses)
 

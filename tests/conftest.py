@@ -48,6 +48,22 @@ def _environments_of_a_module_end_with_it():
         sys.modules.pop(module, None)  # the next import registers them again
 
 
+@pytest.fixture
+def persistent_contacts(monkeypatch):
+    """Scenes of a test are simulated with PhysX's persistent contacts."""
+    import dataclasses
+
+    from hab_tasks.scenes import physics
+
+    config = physics.sim_config()
+    contacts = dataclasses.replace(config.scene_config, enable_pcm=True)
+    config = dataclasses.replace(config, scene_config=contacts)
+    monkeypatch.setattr(physics, "sim_config", lambda: config)
+    yield
+    monkeypatch.undo()
+    physics.use_settings(physics.sim_config())
+
+
 @pytest.fixture(scope="session")
 def data() -> Path:
     """The folder with the real ReplicaCAD and YCB."""

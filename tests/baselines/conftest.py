@@ -15,7 +15,7 @@ from hab_spa.motion.robot import GRASP, Command
 
 from hab_tasks.privileged import CollisionBody, CollisionShape, PrivilegedState
 from hab_tasks.robots.robot import ROBOT
-from hab_tasks.scenes.physics import sim_config, use_settings
+from hab_tasks.scenes import physics
 
 EMPTY_VERTICES = np.zeros((0, 3))
 EMPTY_FACES = np.zeros((0, 3), dtype=np.int64)
@@ -143,7 +143,9 @@ def make_scene(tmp_path: Path) -> Callable[[], FetchScene]:
     """Returns a maker of scenes that hold nothing but Fetch in the rest pose."""
 
     def make() -> FetchScene:
-        use_settings(sim_config())  # as in an environment, whatever the process did before
+        physics.use_settings(
+            physics.sim_config()
+        )  # as in an environment, whatever the process did before
         scene = sapien.Scene([sapien.physx.PhysxCpuSystem()])
         loader = scene.create_urdf_loader()
         loader.fix_root_link = True

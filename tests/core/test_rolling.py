@@ -1,7 +1,5 @@
 """A lying can stops rolling; with PhysX's persistent contacts it would not (docs/deviations.md)."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 import sapien
@@ -25,17 +23,6 @@ def can_file(tmp_path):
     file = tmp_path / "can.obj"
     trimesh.convex.convex_hull(np.concatenate((ring - half, ring + half))).export(file)
     return str(file)
-
-
-@pytest.fixture
-def persistent_contacts(monkeypatch):
-    config = physics.sim_config()
-    contacts = dataclasses.replace(config.scene_config, enable_pcm=True)
-    config = dataclasses.replace(config, scene_config=contacts)
-    monkeypatch.setattr(physics, "sim_config", lambda: config)
-    yield
-    monkeypatch.undo()
-    physics.use_settings(physics.sim_config())
 
 
 def roll_once(can_file, speed_rad_s):

@@ -176,13 +176,15 @@ class SkillPolicy:
         blank = self._policy.no_memory(1)[:, 0]
         memory = torch.stack([blank if t.memory is None else t.memory for t in turns], dim=1)
         draws = [self._draws(turn) for turn in turns]
-        acted = self._policy.choose(seen, memory, starts)
+        # Only of the rows that draw: a row's numbers must not depend on the other rows.
+        drawing = [t.random if draw else None for t, draw in zip(turns, draws, strict=True)]
+        noise = RowNoise(drawing) if any(draws) else None
+        acted = self._policy.choose(seen, memory, starts, noise)
         actions = self._policy.head.to_env(acted.actions).reshape(len(turns), -1)
-        if any(draws):
-            noise = RowNoise([turn.random for turn in turns])
-            drawn = self._policy.choose(seen, memory, starts, noise).actions
-            drawn = self._policy.head.to_env(drawn).reshape(len(turns), -1)
-            actions = np.where(np.array(draws)[:, None], drawn, actions)
+        if any(draws) and not all(draws):
+            likely = self._policy.choose(seen, memory, starts).actions
+            likely = self._policy.head.to_env(likely).reshape(len(turns), -1)
+            actions = np.where(np.array(draws)[:, None], actions, likely)
         for number, turn in enumerate(turns):
             turn.action, turn.memory = actions[number], acted.memory[:, number]
 

@@ -1,0 +1,15 @@
+"""MonolithicRL in SetTable without images (S App. H.3), as in TidyHouse.
+
+The handles are observed, as by the blind policies of doors and drawers.
+"""
+
+from dataclasses import replace
+
+from hab_ppo.recipes.monolithic_tidy_house_blind import RECIPE as TIDY_HOUSE
+
+RECIPE = replace(
+    TIDY_HOUSE,
+    name="monolithic_set_table_blind",
+    about="SetTable with one policy, without images.",
+    env=replace(TIDY_HOUSE.env, env="HabSetTable-v1", handle_position=True),
+)

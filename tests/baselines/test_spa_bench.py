@@ -52,18 +52,38 @@ def make(request):
     return make
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("dataset", ["apartment", pytest.param("real", marks=pytest.mark.assets)])
-@pytest.mark.parametrize("env_id", ["HabPick-v1", "HabPlace-v1"])
-def test_the_model_agrees_with_the_simulator(generated, make, env_id, dataset):
+DATASETS = ["apartment", pytest.param("real", marks=pytest.mark.assets)]
+POSES = 2000
+
+
+@pytest.fixture
+def agreed(generated, make, env_id, dataset):
+    """Agreement of the planner's model with the simulator in an episode."""
     _, episodes = generated(env_id, dataset)
     env = make(env_id, dataset)
     env.reset(seed=episodes[0].seed, options={"episode": episodes[0]})
-    agreed = agreement(env, 2000, seed=0)
+    agreed = agreement(env, POSES, seed=0)
     env.close()
     assert 100 < agreed.touching < 1900
     assert agreed.percent >= 99.0
+    return agreed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dataset", DATASETS)
+@pytest.mark.parametrize("env_id", ["HabPick-v1", "HabPlace-v1"])
+@pytest.mark.usefixtures("persistent_contacts")
+def test_the_model_agrees_with_persistent_contacts(agreed):
     assert agreed.far == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dataset", DATASETS)
+@pytest.mark.parametrize("env_id", ["HabPick-v1", "HabPlace-v1"])
+def test_the_model_agrees_with_the_environments(agreed):
+    # Without persistent contacts, PhysX misses up to 13 mm of overlap in 2 of 400 poses
+    # (docs/deviations.md).
+    assert agreed.far <= 0.001 * POSES
 
 
 @pytest.mark.slow

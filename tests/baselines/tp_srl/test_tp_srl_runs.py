@@ -302,7 +302,7 @@ def test_an_own_task_runs_with_learned_and_planned_skills(brief, weights):
 def test_a_policy_sees_the_images_of_its_rows(brief, weights, learned):
     options = {**learned, "pick": str(weights["pick_depth"])}
     agent = hab_tp_srl.tp_srl(agent_setup("HabTidyHouse-v1", options=options))
-    assert (agent.spec.obs_mode, agent.spec.looks) == ("depth", "always")
+    assert (agent.spec.obs_mode, agent.spec.looks) == ("depth", "on demand")
     env, obs = make_env(agent.spec, task="hab_tasks:HabTidyHouse-v1")
     report = run_to_the_end(agent, env, obs, 100)
     assert tried(report) == ["pick", "place"] * 5

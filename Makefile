@@ -19,7 +19,7 @@ demo: setup ## Five Pick episodes in our apartment: result table, video, picture
 
 test: setup ## The quick tests; with SLOW=1 all of them
 	@$(PYTHON) -m pytest -q -n $(WORKERS) --dist loadfile --no-loadscope-reorder \
-	  $(if $(SLOW),--durations=300 --durations-min=4,-m "not slow")
+	  $(if $(SLOW),--durations=60 --durations-min=15,-m "not slow")
 
 soak: setup ## A million random and adversarial steps in all environments, as a test of what they stand
 	@HAB_SOAK_STEPS=$(or $(STEPS),1000000) HAB_VECTOR_SOAK_STEPS=$(or $(VECTOR_STEPS),100000) \

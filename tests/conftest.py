@@ -5,7 +5,9 @@ import gc
 import os
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
+from typing import Any
 
 # Tests run in several processes already: more threads in each would only get in the way.
 # It counts when torch is imported.
@@ -15,6 +17,9 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 DATA = Path(os.environ.get("HAB_TEST_DATA") or ROOT.parent / "shared" / "data")
+
+FILES_SHOWN = 60
+"""Number of files in the table of the slowest."""
 
 EPISODES, FEW = 4, 2
 """How many start states of each env are looked at; few where each takes long, or is a variant."""
@@ -117,6 +122,20 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_collection_finish() -> None:
     """ManiSkill collects garbage with each environment that ends: not of all that was imported."""
     gc.freeze()
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """With `--durations`, shows which files take longest."""
+    if not terminalreporter.config.getoption("durations"):
+        return
+    seconds = Counter[str]()
+    for reports in terminalreporter.stats.values():
+        for report in reports:
+            if isinstance(report, pytest.TestReport):
+                seconds[report.nodeid.split("::")[0]] += report.duration
+    terminalreporter.section("slowest files")
+    for path, total_s in seconds.most_common(FILES_SHOWN):
+        terminalreporter.write_line(f"{total_s:7.0f} s  {path}")
 
 
 def pytest_unconfigure() -> None:

@@ -77,9 +77,12 @@ def load_episode_set(
 
 
 def make_env(
-    config: EvalConfig, spec: AgentSpec, *, split: str, render: bool, num_episodes: int = 50
+    config: EvalConfig, spec: AgentSpec, *, split: str, render: bool, num_episodes: int = 1
 ) -> gym.Env[Any, Any]:
-    """Creates the environment for an agent's spec, with `num_episodes` episodes by index."""
+    """Creates the environment for an agent's spec, with `num_episodes` episodes by index.
+
+    Creation shows one of them: of more than the run has, it might have to be generated.
+    """
     import gymnasium
 
     if spec.looks not in get_args(Looks):

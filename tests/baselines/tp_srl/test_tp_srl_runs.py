@@ -149,6 +149,26 @@ def test_the_actions_of_an_arm_that_stands_still_are_drawn(brief, learned, monke
     assert same == [True] * 5 + [False]
 
 
+def test_an_arm_that_moves_is_not_disturbed_by_one_that_stands_still(brief, learned, monkeypatch):
+    monkeypatch.setattr(stillness, "STEPS", 2)
+    monkeypatch.setitem(globals(), "STEPS", 10)
+    both, still, moving = (
+        hab_tp_srl.tp_srl(agent_setup(TASK, options=learned | HANDED_OVER)) for _ in range(3)
+    )
+    env, obs = make_env(both.spec)
+    both.reset(torch.tensor([True, True]), [0, 1])
+    still.reset(torch.tensor([True]), [0])
+    moving.reset(torch.tensor([True]), [1])
+    # Navigation first, then a skill. The second arm stops when the first one has drawn twice; what
+    # it draws then tells whether it has drawn before.
+    for step in range(2 * STEPS):
+        arm_rad = obs["agent"]["arm_qpos"] + 0.01 * min(step, STEPS + 4)
+        moved = {**obs, "agent": {**obs["agent"], "arm_qpos": arm_rad}}
+        expected = torch.cat([still.act(obs), moving.act(moved)])
+        np.testing.assert_allclose(both.act(joined([obs, moved])), expected, atol=1e-5)
+    env.close()
+
+
 def test_a_row_that_starts_again_forgets_its_episode(brief, learned):
     agent = hab_tp_srl.tp_srl(agent_setup(TASK, options=learned | HANDED_OVER))
     env, obs = make_env(agent.spec)

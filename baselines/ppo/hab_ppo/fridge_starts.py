@@ -1,11 +1,14 @@
-"""Pick and Place with half of their start states at the fridge, for training.
+"""Environments for training with start states at the fridge that skills rarely or never have.
 
-Of the benchmark's start states one in six or seven is there. They are the hardest, and two of the
-three tasks need them. The environments are otherwise those of the skills.
+Pick and Place begin there in half of their episodes; of the benchmark's start states one in six or
+seven is there. They are the hardest, and two of the three tasks need them. Close fridge begins with
+the door open up to its limit, as Open fridge leaves it in a task; the benchmark's start states have
+2 pi/3 at most. The environments are otherwise those of the skills.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -16,11 +19,13 @@ from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.spots import Spot
 from hab_tasks.receptacles import FRIDGE
 from hab_tasks.registration import register_skill
+from hab_tasks.skills.close_fridge import CLOSE_FRIDGE, CloseFridgeStarts, HabCloseFridgeEnv
 from hab_tasks.skills.pick import PICK, HabPickEnv, PickStarts
 from hab_tasks.skills.place import PLACE, HabPlaceEnv, PlaceStarts
 
 PICK_ID = "PickOftenFromFridge-v1"
 PLACE_ID = "PlaceOftenInFridge-v1"
+CLOSE_ID = "CloseWideOpenFridge-v1"
 
 FRIDGE_SHARE = 0.5
 """Share of the start states at the fridge, beside those that have it by chance."""
@@ -45,6 +50,12 @@ class PlaceOftenStarts(_OftenFridge, PlaceStarts):
     """Start states of Place, half of them at the fridge."""
 
 
+class CloseWideOpenStarts(CloseFridgeStarts):
+    """Start states of Close fridge, the door open between pi/4 and its limit."""
+
+    open_rad = (math.pi / 4, 2.3)
+
+
 class PickOftenFromFridgeEnv(HabPickEnv):
     """`HabPickEnv`, in half of the episodes from the fridge."""
 
@@ -57,5 +68,12 @@ class PlaceOftenInFridgeEnv(HabPlaceEnv):
     skill = replace(PLACE, starts=PlaceOftenStarts)
 
 
+class CloseWideOpenFridgeEnv(HabCloseFridgeEnv):
+    """`HabCloseFridgeEnv`, with the door open up to its limit."""
+
+    skill = replace(CLOSE_FRIDGE, starts=CloseWideOpenStarts)
+
+
 register_skill(PICK_ID, f"{__name__}:PickOftenFromFridgeEnv", SKILL_HORIZON_STEPS)
 register_skill(PLACE_ID, f"{__name__}:PlaceOftenInFridgeEnv", SKILL_HORIZON_STEPS)
+register_skill(CLOSE_ID, f"{__name__}:CloseWideOpenFridgeEnv", SKILL_HORIZON_STEPS)

@@ -16,6 +16,7 @@ from torch import Tensor, nn
 from hab_ppo.examples import Examples
 from hab_ppo.network import Policy
 from hab_ppo.normalizer import Moments, RunningNormalizer
+from hab_ppo.precision import half_precision
 from hab_ppo.progress import WriteLine
 from hab_ppo.recipe import Cloning
 
@@ -106,8 +107,7 @@ def _epoch(
     """Makes a pass over the data; returns the mean loss."""
     total = 0.0
     for batch in batches(examples, config.batch_steps, policy.lstm is not None, generator):
-        device = policy.state_normalizer.mean.device.type
-        with torch.autocast(device, torch.bfloat16, enabled=config.bfloat16):
+        with half_precision(policy.state_normalizer.mean.device, config.bfloat16):
             loss = misfits(policy, batch).mean()
         optimizer.zero_grad()
         loss.backward()

@@ -204,8 +204,8 @@ class Cloning:
             they have this many.
         held_out: Share of the episodes that is not fitted but decides when to stop.
         patience: Epochs without improvement on these after which the fit ends.
-        bfloat16: Whether layers are computed in bfloat16 where PyTorch thinks that it is enough,
-            for images 2.5 times as fast on a CPU that has it.
+        bfloat16: Whether layers are computed in bfloat16 where PyTorch thinks that it is enough
+            and the hardware has instructions for it.
     """
 
     epochs: int = 40

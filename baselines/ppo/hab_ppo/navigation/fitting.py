@@ -11,6 +11,7 @@ from torch.nn.functional import cross_entropy
 from hab_ppo.navigation.lessons import Lessons, goal_bins, turned_goals
 from hab_ppo.navigation.network import GoalNetwork
 from hab_ppo.navigation.views import inputs
+from hab_ppo.precision import half_precision
 
 BATCH = 128
 LEARNING_RATE = 2e-3
@@ -66,7 +67,7 @@ def _loss(
     seen, goals = inputs(batch.view, angles_rad, flips), batch.goals
     if angles_rad is not None and flips is not None:
         goals = turned_goals(goals, angles_rad, flips)
-    with torch.autocast(seen.device.type, torch.bfloat16):
+    with half_precision(seen.device):
         logits = network(seen.contiguous(memory_format=torch.channels_last))
     losses = cross_entropy(logits.flatten(1), goal_bins(goals), reduction="none")
     # A goal farther from the point than the network believes in has no finite loss.

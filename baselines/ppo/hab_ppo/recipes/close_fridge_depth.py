@@ -21,7 +21,7 @@ RECIPE = Recipe(
     total_steps=100_000,
     distill=Distillation(
         expert="door_action",
-        rounds=8,
+        rounds=6,
         cloning=Cloning(epochs=10, patience=10, bfloat16=True),
     ),
 )

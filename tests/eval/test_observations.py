@@ -136,7 +136,7 @@ def test_pictures_on_demand_are_those_of_every_step(obs_mode):
     """Two environments with the same motions: one renders each step, the other in two of them."""
     spec = replace(DEPTH, obs_mode=obs_mode)
     always, demand = (
-        environments.make_env(PICK, one, split="val", render=False)
+        environments.make_env(PICK, one, split="val", render=False, num_episodes=3)
         for one in (replace(spec, looks="always"), spec)
     )
     rendered, _ = always.reset(seed=3, options={"episode": 2})

@@ -9,6 +9,7 @@ from gymnasium import spaces
 from hab_ppo.network import new_policy
 from hab_ppo.normalizer import Moments, RunningNormalizer
 from hab_ppo.observation import ObservationLayout, averaged
+from hab_ppo.precision import half_precision, has_bfloat16
 from hab_ppo.recipe import NetworkConfig
 from hab_ppo.rollout import Rollout, discounted_returns, gae
 from hab_ppo.sequences import Sequences, run_lstm
@@ -184,6 +185,7 @@ def test_lstm_over_sequences_equals_one_step_at_a_time():
         torch.testing.assert_close(one, other, atol=1e-4, rtol=1e-4)
 
 
+@pytest.mark.skipif(not has_bfloat16("cpu"), reason="no CPU with instructions for bfloat16")
 def test_an_lstm_keeps_the_type_of_its_memory_under_autocast():
     # PyTorch takes bfloat16 for long sequences only.
     lstm = torch.nn.LSTM(6, 256)
@@ -192,6 +194,18 @@ def test_an_lstm_keeps_the_type_of_its_memory_under_autocast():
     with torch.autocast("cpu", torch.bfloat16):
         outputs, after = run_lstm(lstm, torch.rand(1000, 1, 6), starts, memory)
     torch.testing.assert_close(after[0, 0], outputs[-1, 0].float(), atol=1e-2, rtol=1e-2)
+
+
+def test_layers_have_half_precision_only_where_the_hardware_does():
+    cpu, layer = torch.device("cpu"), torch.nn.Linear(2, 2)
+    found = {}
+    for wanted in (True, False):
+        with half_precision(cpu, wanted):
+            found[wanted] = layer(torch.ones(1, 2)).dtype
+    assert found == {
+        True: torch.bfloat16 if has_bfloat16("cpu") else torch.float32,
+        False: torch.float32,
+    }
 
 
 @pytest.mark.parametrize("images", [False, True], ids=["blind", "images"])

@@ -107,7 +107,7 @@ def test_views_are_in_colour_whatever_the_agent_sees(env_id):
     shown = []
     for obs_mode in ("state", "depth"):
         one = replace(spec, obs_mode=obs_mode)
-        env = environments.make_env(config, one, split="val", render=True)
+        env = environments.make_env(config, one, split="val", render=True, num_episodes=3)
         first, _ = env.reset(seed=1, options={"episode": 1})
         views = env.unwrapped.render_views()
         assert list(views) == ["head", "arm"]

@@ -1,7 +1,4 @@
-"""MonolithicRL in PrepareGroceries without images (S App. H.3), as in TidyHouse.
-
-The handles are observed, as by the blind policies of doors and drawers.
-"""
+"""MonolithicRL in PrepareGroceries without images (S App. H.3), as in TidyHouse."""
 
 from dataclasses import replace
 
@@ -11,5 +8,5 @@ RECIPE = replace(
     TIDY_HOUSE,
     name="monolithic_prepare_groceries_blind",
     about="PrepareGroceries with one policy, without images.",
-    env=replace(TIDY_HOUSE.env, env="HabPrepareGroceries-v1", handle_position=True),
+    env=replace(TIDY_HOUSE.env, env="HabPrepareGroceries-v1"),
 )

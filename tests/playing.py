@@ -28,16 +28,8 @@ each_kind = pytest.mark.parametrize(
 
 
 def modes(quick):
-    """All control modes of one environment of each kind, the first and last of the others.
-
-    They are marked as slow unless `quick(env_id, number)`.
-    """
-    cases = [
-        (e.id, number, mode)
-        for e in ENVS.values()
-        for number, mode in enumerate(e.env.control_modes)
-        if e.id in KINDS or number in (0, len(e.env.control_modes) - 1)
-    ]
+    """Every control mode of every environment, marked as slow unless `quick(env_id, number)`."""
+    cases = [(e.id, i, mode) for e in ENVS.values() for i, mode in enumerate(e.env.control_modes)]
     marked = [pytest.param(e, m, marks=() if quick(e, i) else slow) for e, i, m in cases]
     return pytest.mark.parametrize(("env_id", "mode"), marked)
 

@@ -119,7 +119,7 @@ def test_video_is_made_and_changes_nothing(tmp_path):
 def test_bench(tmp_path, replica_cad, ycb):
     rows = tmp_path / "rows.json"
     data = ("--scene-dataset", replica_cad, "--objects", ycb)
-    options = ("--scene", "v3_sc0_staging_00", "--repeats", 1, "--steps", 20, "--json", rows)
+    options = ("--scene", "v3_sc0_staging_00", "--repeats", 2, "--steps", 20, "--json", rows)
     done = hab_eval("bench", "--suite", "sim", *data, *options)
     assert done.returncode == 0, done.stderr
     found = {row["name"]: row for row in json.loads(rows.read_text())["rows"]}

@@ -24,7 +24,7 @@ from stub_runs import FAULTY, RUN, journal_ids, results_of
 
 from hab_tasks.files import ASIDE
 
-KILLS = int(os.environ.get("HAB_KILLS", "4"))
+KILLS = int(os.environ.get("HAB_KILLS", "10"))
 
 HOLDER = """
 import sys, time

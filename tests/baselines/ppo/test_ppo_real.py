@@ -41,6 +41,16 @@ SKILL_RECIPES = [
     # One recipe with images is enough: they differ in nothing but the environment and the teacher.
     if find_recipe(name).env.env in SKILLS and ("_depth" not in name or name == "pick_depth")
 ]
+
+
+def _interface(name: str) -> tuple[str, ...]:
+    env = find_recipe(name).env
+    return env.env, env.obs_mode, env.control_mode
+
+
+PLAYED = {_interface(name): name for name in SKILL_RECIPES}.values()
+"""One recipe of each interface: how weights were trained makes no difference in playing them."""
+
 SHORT = ("--rows", "4", "--rollout-steps", "10", "--episodes", "2", "--evaluation-episodes", "1")
 
 
@@ -106,6 +116,8 @@ def test_a_recipe_is_trained_and_its_weights_play(name, tmp_path, capsys):
     out, env = tmp_path / "run", find_recipe(name).env.env
     assert main(["train", name, "--out", str(out), "--steps", "40", "--scratch", *SHORT]) == 0
     assert "best.safetensors" in capsys.readouterr().out
+    if name not in PLAYED:
+        return
     assert main(["eval", str(out), "--episodes", "2", "--workers", "1"]) == 0
     assert "95 % interval" in capsys.readouterr().out
     agent = ["--agent", f"hab_ppo:{name}", "--option", f"weights={out}"]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hab_spa.planning.collision import ArmCollision, CollisionConfig
 from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
-from hab_spa.shapes import shape_bounds_m
+from hab_spa.shapes import invert_pose, shape_bounds_m
 
 from hab_tasks.privileged import CollisionShape
 from hab_tasks.robots.robot import ROBOT
@@ -187,3 +187,24 @@ def test_plane_is_a_slab_below_its_origin():
     assert lower[0] < -1.0
     _, shape_from_coal = coal_shape(shape)
     assert shape_from_coal[0, 3] == pytest.approx(lower[0] / 2)
+
+
+def test_the_model_has_the_shapes_within_reach_and_no_others(table_scene):
+    table_scene.add_box("far", "static", (1.6, 0.2, 0.9), (0.1, 0.4, 0.6))
+    state, reach_m = table_scene.privileged("target"), 0.9
+    model = ArmCollision(state, config=CollisionConfig(reach_m=reach_m))
+    shoulder = np.append(model._model.jointPlacements[1].translation, 1.0)
+    expected, beyond = set(), 0
+    for body in (body for body in state.bodies if body.group != "robot"):
+        for number, shape in enumerate(body.shapes):
+            arm_from_body = model.arm_from_world @ state.world_from_body[body.name]
+            lower_m, upper_m = shape_bounds_m(shape)
+            local_m = (invert_pose(arm_from_body @ shape.body_from_shape) @ shoulder)[:3]
+            if np.linalg.norm(local_m - np.clip(local_m, lower_m, upper_m)) < reach_m:
+                expected.add(f"{body.name}#{number}")
+            else:
+                beyond += 1
+    kinds = zip(model._geometry.geometryObjects, model._kinds, strict=True)
+    assert {item.name for item, kind in kinds if kind == "scene"} == expected
+    assert expected
+    assert beyond

@@ -22,9 +22,10 @@ from hab_eval.bench.suite import PICK, Suite, WriteLine
 
 from hab_spa.motion.robot import SpaConfig
 from hab_spa.planning.arm_plan import Ends, plan_path
-from hab_spa.planning.collision import ArmCollision, ShapeCache
+from hab_spa.planning.collision import ArmCollision
 from hab_spa.planning.ik import BatchArm
 from hab_spa.planning.joint_goal import sample_reaching_goals
+from hab_spa.planning.shape_cache import ShapeCache
 from hab_spa.planning.validity import Agreement, SimulatorCheck, StateDictCheck, agreement
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.shapes import Array

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import coal  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 import numpy as np
-from hab_spa.planning.collision import ShapeCache
+from hab_spa.planning.shape_cache import ShapeCache
 from hab_spa.shapes import Array
 from numpy.typing import NDArray
 

@@ -6,7 +6,7 @@ import pytest
 from hab_planner.plan import plan_of
 from hab_planner.problem import task_of
 from hab_spa.motion.robot import Robot, SpaConfig
-from hab_spa.planning.collision import ShapeCache
+from hab_spa.planning.shape_cache import ShapeCache
 from hab_spa.scenes.true_scene import TrueScene
 from hab_tp_srl.approach import SIDES, faces_open_side, open_sides
 from hab_tp_srl.base_poses import candidates

@@ -18,11 +18,11 @@ import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 from numpy.typing import NDArray
 
-from hab_spa.shapes import Array, invert_pose, shape_bounds_m, standing, within_body
+from hab_spa.planning.shape_cache import ShapeCache
+from hab_spa.shapes import Array, invert_pose, standing, within_body
 from hab_tasks.privileged import CollisionBody, PrivilegedState
 from hab_tasks.robots.kinematics import arm_model
 from hab_tasks.robots.robot import ROBOT
-from hab_tasks.scenes.coal_shapes import CoalShape, coal_shape
 
 FINGER_LINKS = tuple(name.replace("_joint", "_link") for name in ROBOT.finger_joints)
 MOVING_LINKS = (*ROBOT.arm_links, ROBOT.ee_link, *FINGER_LINKS)
@@ -102,23 +102,6 @@ def allowed_link_pairs() -> frozenset[frozenset[str]]:
     for entry in srdf.iter("disable_collisions"):
         pairs.add(frozenset((entry.get("link1", ""), entry.get("link2", ""))))
     return frozenset(pairs)
-
-
-class ShapeCache:
-    """Cache of Coal's shapes, valid until the scene's geometry changes."""
-
-    def __init__(self) -> None:
-        self._key: str | None = None
-        self._shapes: dict[tuple[str, int], CoalShape] = {}
-
-    def shapes(self, state: PrivilegedState, body: CollisionBody) -> list[CoalShape]:
-        """Returns the coal shapes of a body of `state`, in order."""
-        if state.scene_key != self._key:
-            self._key, self._shapes = state.scene_key, {}
-        for i, shape in enumerate(body.shapes):
-            if (body.name, i) not in self._shapes:
-                self._shapes[body.name, i] = coal_shape(shape)
-        return [self._shapes[body.name, i] for i in range(len(body.shapes))]
 
 
 class ArmCollision:
@@ -297,19 +280,20 @@ class ArmCollision:
             gripper = self._model.frames[self._model.getFrameId(ROBOT.ee_link)]
             joint = gripper.parentJoint
             joint_from_body = gripper.placement.homogeneous @ self._gripper_from(body.name)
-        shapes = self._cache.shapes(self._state, body)
-        for i, (shape, made) in enumerate(zip(body.shapes, shapes, strict=True)):
-            joint_from_shape = joint_from_body @ shape.body_from_shape
-            if kind == "scene" and not self._near(shape_bounds_m(shape), joint_from_shape):
-                continue
-            geometry, shape_offset = made
+        chosen = range(len(body.shapes)) if kind != "scene" else self._near(body, joint_from_body)
+        shapes = self._cache.shapes(self._state, body) if len(chosen) else []
+        for i in chosen:
+            geometry, shape_offset = shapes[i]
+            joint_from_shape = joint_from_body @ body.shapes[i].body_from_shape
             placement = pin.SE3(joint_from_shape @ shape_offset)
             item = pin.GeometryObject(f"{body.name}#{i}", joint, placement, geometry)
             self._add_item(item, kind, link, body.name)
 
     def _add_obstacle(self, obstacle: Obstacle) -> None:
         """Adds a static obstacle if it is within reach."""
-        if not self._near((obstacle.lower_m, obstacle.upper_m), self.arm_from_world):
+        shoulder_m = self._shoulder_in(self.arm_from_world)
+        nearest_m = np.clip(shoulder_m, obstacle.lower_m, obstacle.upper_m)
+        if np.linalg.norm(shoulder_m - nearest_m) >= self.config.reach_m:
             return
         placement = pin.SE3(self.arm_from_world)
         item = pin.GeometryObject(obstacle.name, 0, placement, obstacle.geometry)
@@ -326,11 +310,17 @@ class ArmCollision:
         gripper = next(key for key in poses if key.rsplit("/", 1)[-1] == ROBOT.ee_link)
         return invert_pose(poses[gripper]) @ poses[name]
 
-    def _near(self, bounds_m: tuple[Array, Array], arm_from_shape: Array) -> bool:
+    def _near(self, body: CollisionBody, arm_from_body: Array) -> NDArray[np.intp]:
+        """Returns the numbers of a body's shapes that are within reach of the shoulder."""
+        if not body.shapes:
+            return np.zeros(0, dtype=np.intp)
+        shoulder_m, reach_m = self._shoulder_in(arm_from_body), self.config.reach_m
+        return np.flatnonzero(self._cache.within(self._state, body, shoulder_m, reach_m))
+
+    def _shoulder_in(self, arm_from_frame: Array) -> Array:
+        """Returns the shoulder (3,) in a frame whose pose in the arm's root is given."""
         shoulder_m = self._model.jointPlacements[1].translation
-        local = arm_from_shape[:3, :3].T @ (shoulder_m - arm_from_shape[:3, 3])
-        nearest = np.clip(local, bounds_m[0], bounds_m[1])
-        return bool(np.linalg.norm(local - nearest) < self.config.reach_m)
+        return arm_from_frame[:3, :3].T @ (shoulder_m - arm_from_frame[:3, 3])
 
     def _finish(self) -> None:
         """Defines the collision pairs and builds the broad phase."""

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hab_spa.planning.collision import ArmCollision, ShapeCache, within
+from hab_spa.planning.collision import ArmCollision, within
 from hab_spa.planning.joint_goal import GraspConfig, sphere_m
+from hab_spa.planning.shape_cache import ShapeCache
 from hab_spa.shapes import Array, body_bounds_m, invert_pose, standing
 from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.navigation import NavigationMap
@@ -31,6 +32,7 @@ class TrueScene:
     def __init__(self, config: GraspConfig | None = None) -> None:
         """Creates the scene of one row; shapes are cached across episodes."""
         self._config, self.shapes = config or GraspConfig(), ShapeCache()
+        self._floor: tuple[PrivilegedState, NavigationMap] | None = None
 
     def forget(self) -> None:
         """Starts a new episode; there is nothing to reset, as shapes stay cached."""
@@ -126,8 +128,15 @@ class TrueScene:
 
     def floor_map(self, joints: Mapping[int, float] | None = None) -> NavigationMap:
         """Returns the floor map without robot and held object; see `Scene.floor_map`."""
+        if joints:
+            return self._map(joints)
+        if self._floor is None or self._floor[0] is not self.state:
+            self._floor = self.state, self._map({})
+        return self._floor[1]
+
+    def _map(self, joints: Mapping[int, float]) -> NavigationMap:
         poses = dict(self.state.world_from_body)
-        for number, joint in (joints or {}).items():
+        for number, joint in joints.items():
             articulation = self.articulation(number)
             poses[articulation.body] = articulation.moved(joint) @ poses[articulation.body]
         bodies = [b for b in self.state.bodies if b.group != "robot" and b.name in poses]

@@ -1,6 +1,7 @@
 """Import directions; ``import hab_tasks`` has no side effect but registration."""
 
 import ast
+import importlib
 import importlib.util
 import os
 import subprocess
@@ -36,6 +37,7 @@ ORDER = [
         "option_values",
         "processes",
         "captions",
+        "generation_lines",
     },
     {"executors"},
     {"scenes"},
@@ -202,6 +204,12 @@ def test_hab_eval_imports_no_baseline():
     for path, package in modules(ROOT / "eval" / "hab_eval"):
         heads = {name.partition(".")[0] for name in imports_of(path, package)}
         assert not heads & BASELINES, f"{path}: agents are loaded by module:factory"
+
+
+@pytest.mark.parametrize(("package", "folder"), [("hab_tasks", "."), ("hab_eval", "eval")])
+def test_a_package_tells_its_version(package, folder):
+    project = tomllib.loads((ROOT / folder / "pyproject.toml").read_text())["project"]
+    assert importlib.import_module(package).__version__ == project["version"]
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from tqdm import tqdm
 from hab_eval.evaluate import Reporter
 from hab_eval.plain_text import plain
 from hab_eval.results import EpisodeResult, FinishedEpisode
-from hab_tasks.episodes.progress import GenerationLines
+from hab_tasks.generation_lines import GenerationLines
 
 WriteLine = Callable[[str], None]
 

@@ -114,7 +114,7 @@ On a Ray cluster, from one of its nodes:
 @contextmanager
 def _progress(count: int) -> Iterator[Callable[[int, int], None]]:
     """Yields a function that shows (episodes ready, `count`): as a bar on a terminal, or lines."""
-    from hab_tasks.episodes.progress import GenerationLines
+    from hab_tasks.generation_lines import GenerationLines
 
     if not sys.stderr.isatty():
         yield GenerationLines(lambda line: print(line, flush=True)).show

@@ -20,6 +20,7 @@ from hab_ppo.noise import Noise
 from hab_ppo.normalizer import RunningNormalizer
 from hab_ppo.observation import Observation, ObservationLayout
 from hab_ppo.recipe import NetworkConfig
+from hab_ppo.row_layers import RowEncoder, RowLinear
 from hab_ppo.sequences import run_lstm
 
 HOLDING = ("agent", "is_holding")
@@ -233,14 +234,14 @@ def _layers(widths: Sequence[int]) -> nn.Sequential:
     """Returns hidden layers of these widths."""
     layers: list[nn.Module] = []
     for before, after in pairwise(widths):
-        layers += [_orthogonal(nn.Linear(before, after), math.sqrt(2)), nn.Tanh()]
+        layers += [_orthogonal(RowLinear(before, after), math.sqrt(2)), nn.Tanh()]
     return nn.Sequential(*layers)
 
 
 def _head(width: int, hidden: Sequence[int], size: int, *, gain: float) -> nn.Sequential:
     """Returns hidden layers and an output layer, which starts near zero for a small gain."""
     widths = (width, *hidden)
-    return nn.Sequential(*_layers(widths), _orthogonal(nn.Linear(widths[-1], size), gain))
+    return nn.Sequential(*_layers(widths), _orthogonal(RowLinear(widths[-1], size), gain))
 
 
 def _image_encoder(shape: tuple[int, int, int], features: int) -> nn.Sequential:
@@ -250,8 +251,8 @@ def _image_encoder(shape: tuple[int, int, int], features: int) -> nn.Sequential:
         layers += [_orthogonal(nn.Conv2d(channels, out, size, stride), math.sqrt(2)), nn.ReLU()]
         height, width = ((side - size) // stride + 1 for side in (height, width))
         channels = out
-    flat = _orthogonal(nn.Linear(channels * height * width, features), math.sqrt(2))
-    return nn.Sequential(*layers, nn.Flatten(), flat, nn.ReLU())
+    flat = _orthogonal(RowLinear(channels * height * width, features), math.sqrt(2))
+    return RowEncoder(*layers, nn.Flatten(), flat, nn.ReLU())
 
 
 def _orthogonal(layer: nn.Module, gain: float) -> nn.Module:

@@ -1,0 +1,52 @@
+"""Networks compute rows in groups of one size, so that what a row gets is independent of others."""
+
+import pytest
+import torch
+from hab_ppo.row_layers import ROWS, RowEncoder, RowLinear
+from torch import nn
+from torch.nn import functional
+
+
+@pytest.fixture
+def products(monkeypatch):
+    """Numbers of rows of all products with a matrix."""
+    rows, linear = [], functional.linear
+
+    def counted(values, weight, bias=None):
+        rows.append(len(values))
+        return linear(values, weight, bias)
+
+    monkeypatch.setattr(functional, "linear", counted)
+    return rows
+
+
+# Eight, and two times eight.
+@pytest.mark.parametrize(("rows", "computed"), [(1, 8), (7, 8), (8, 8), (9, 16), (16, 16)])
+def test_products_are_of_whole_groups(products, rows, computed):
+    layer, values = RowLinear(5, 3), torch.randn(rows, 5)
+    with torch.no_grad():
+        out = layer(values)
+    assert products == [computed]
+    assert computed % ROWS == 0
+    expected = values @ layer.weight.T + layer.bias
+    torch.testing.assert_close(out, expected, atol=1e-6, rtol=0)
+
+
+def test_learning_computes_what_there_is(products):
+    layer = RowLinear(5, 3)
+    layer(torch.randn(3, 5)).sum().backward()
+    assert products == [3]
+    assert layer.bias.grad.tolist() == [3.0, 3.0, 3.0]
+
+
+@pytest.mark.parametrize(("images", "computed"), [(1, 2), (2, 2), (3, 3)])
+def test_no_image_is_encoded_alone(images, computed):
+    seen = []
+    watch = nn.Conv2d(2, 4, 3)
+    watch.register_forward_pre_hook(lambda layer, inputs: seen.append(len(inputs[0])))
+    encoder, pictures = RowEncoder(watch, nn.Flatten()), torch.rand(images, 2, 6, 6)
+    with torch.no_grad():
+        out = encoder(pictures)
+    assert seen == [computed]
+    expected = functional.conv2d(pictures, watch.weight, watch.bias).flatten(1)
+    torch.testing.assert_close(out, expected, atol=1e-6, rtol=0)

@@ -24,7 +24,8 @@ from stub_runs import FAULTY, RUN, journal_ids, results_of
 
 from hab_tasks.files import ASIDE
 
-KILLS = int(os.environ.get("HAB_KILLS", "10"))
+KILLS = int(os.environ.get("HAB_KILLS", "3"))
+"""Of the command and of its workers; `make kills` kills each ten times."""
 
 HOLDER = """
 import sys, time

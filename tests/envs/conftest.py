@@ -1,6 +1,5 @@
 """Shared episodes and environments of the tests."""
 
-import gc
 from dataclasses import replace
 from pathlib import Path
 
@@ -62,7 +61,6 @@ class EnvPool:
 def env_pool():
     pool = EnvPool()
     yield pool
-    gc.freeze()  # closing one collects garbage among the objects of all: 1.5 s each
     pool.close()
 
 

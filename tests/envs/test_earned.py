@@ -12,7 +12,7 @@ from hab_tasks.envs import ENVS
 
 pytestmark = pytest.mark.slow
 
-COUNT = 25
+COUNT = 50
 EARLY_STEPS = 25
 """Nobody who stands still may lose within these."""
 

@@ -29,6 +29,17 @@ def standing(base: Array, height_m: float) -> Array:
     return world_from_base
 
 
+def box_distance_m(points_m: Array, lower_m: Array, upper_m: Array) -> Array:
+    """Returns the distances (...,) of points (..., 3) from boxes; 0 inside.
+
+    Args:
+        points_m: The points, each in the frame of its box.
+        lower_m: Lower corners (..., 3).
+        upper_m: Upper corners (..., 3).
+    """
+    return np.linalg.norm(points_m - np.clip(points_m, lower_m, upper_m), axis=-1)
+
+
 def shape_bounds_m(shape: CollisionShape) -> tuple[Array, Array]:
     """Returns the corners (3,) [m] of a shape's bounding box in the shape's frame."""
     radius, half_length, _ = shape.half_size_m

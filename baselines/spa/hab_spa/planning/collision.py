@@ -19,7 +19,7 @@ import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no
 from numpy.typing import NDArray
 
 from hab_spa.planning.shape_cache import ShapeCache
-from hab_spa.shapes import Array, invert_pose, standing, within_body
+from hab_spa.shapes import Array, box_distance_m, invert_pose, standing, within_body
 from hab_tasks.privileged import CollisionBody, PrivilegedState
 from hab_tasks.robots.kinematics import arm_model
 from hab_tasks.robots.robot import ROBOT
@@ -292,8 +292,8 @@ class ArmCollision:
     def _add_obstacle(self, obstacle: Obstacle) -> None:
         """Adds a static obstacle if it is within reach."""
         shoulder_m = self._shoulder_in(self.arm_from_world)
-        nearest_m = np.clip(shoulder_m, obstacle.lower_m, obstacle.upper_m)
-        if np.linalg.norm(shoulder_m - nearest_m) >= self.config.reach_m:
+        gap_m = box_distance_m(shoulder_m, obstacle.lower_m, obstacle.upper_m)
+        if gap_m >= self.config.reach_m:
             return
         placement = pin.SE3(self.arm_from_world)
         item = pin.GeometryObject(obstacle.name, 0, placement, obstacle.geometry)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hab_spa.shapes import Array, shape_bounds_m
+from hab_spa.shapes import Array, box_distance_m, shape_bounds_m
 from hab_tasks.privileged import CollisionBody, PrivilegedState
 from hab_tasks.scenes.coal_shapes import CoalShape, coal_shape
 
@@ -65,8 +65,7 @@ class ShapeCache:
         boxes = self._boxes[body.name]
         gaps_m = point_m - boxes.body_from_shape[:, :3, 3]
         local_m = np.einsum("sji,sj->si", boxes.body_from_shape[:, :3, :3], gaps_m)
-        nearest_m = np.clip(local_m, boxes.lower_m, boxes.upper_m)
-        return np.linalg.norm(local_m - nearest_m, axis=1) < reach_m
+        return box_distance_m(local_m, boxes.lower_m, boxes.upper_m) < reach_m
 
     def _renew(self, state: PrivilegedState) -> None:
         if state.scene_key != self._key:

@@ -77,6 +77,17 @@ def _rare_garbage_collection():
         yield
 
 
+@pytest.fixture(autouse=True, scope="session")
+def _one_worker_server():
+    """Workers of all tests are forked from one server, which has imported the simulator."""
+    from hab_tasks import processes
+
+    with pytest.MonkeyPatch.context() as patch:
+        imports = [*processes.SERVER_IMPORTS, "hab_tasks.vector.worker"]
+        patch.setattr(processes, "SERVER_IMPORTS", imports)
+        yield
+
+
 @pytest.fixture
 def persistent_contacts(monkeypatch):
     """Scenes of a test are simulated with PhysX's persistent contacts."""

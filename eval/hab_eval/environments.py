@@ -13,13 +13,16 @@ from typing import TYPE_CHECKING, Any, get_args
 from hab_eval.config import EvalConfig
 from hab_tasks.agent import AgentSetup, AgentSpaces, AgentSpec, Looks
 from hab_tasks.errors import UnknownNameError
-from hab_tasks.registration import imported_id, reference_of
+from hab_tasks.registration import ENTRY_POINTS, imported_id, reference_of
 
 if TYPE_CHECKING:
     import gymnasium as gym
 
     from hab_tasks.episodes import Episode, EpisodeSet
     from hab_tasks.executors import Executor
+
+SIMULATOR = "hab_tasks.engine.hab_env"
+"""Module that loads the simulator."""
 
 CountCallback = Callable[[int, int], None]
 """Called with (done, total) while episodes are generated."""
@@ -35,6 +38,11 @@ def env_ids() -> list[str]:
 def check_env_id(env_id: str) -> None:
     """Imports the module of `env_id`; raises `HabError` unless it is an environment."""
     imported_id(env_id)
+
+
+def worker_imports(config: EvalConfig) -> list[str]:
+    """Returns the modules that every worker process of an evaluation needs."""
+    return [SIMULATOR] if config.env.rpartition(":")[2] in ENTRY_POINTS else []
 
 
 def setup_of(config: EvalConfig, device: str = "cpu") -> AgentSetup:

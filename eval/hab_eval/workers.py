@@ -10,20 +10,16 @@ of an episode does not depend on its worker (see `rows.LocalRows`).
 from __future__ import annotations
 
 import contextlib
-import ctypes
-import multiprocessing
-import os
 import signal
 import time
 import traceback
 from collections import defaultdict
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from multiprocessing.connection import Connection, wait
-from multiprocessing.context import SpawnProcess
+from multiprocessing.connection import Connection, Pipe, wait
 from typing import Any
 
-from hab_eval.environments import setup_of
+from hab_eval.environments import setup_of, worker_imports
 from hab_eval.load_agent import load_agent
 from hab_eval.packing import ObsPacker, ObsUnpacker, packed, unpacked
 from hab_eval.results import FinishedEpisode
@@ -32,11 +28,9 @@ from hab_eval.runner import play
 from hab_eval.time_limit import CallEnded, CallStarted, TimedAgent
 from hab_tasks.agent import Agent, AgentSpec
 from hab_tasks.errors import HabError, RunStoppedError
-from hab_tasks.processes import WORKER_CONTEXT, use_one_thread
+from hab_tasks.processes import Worker, begin_worker, start_worker_server
 
 STOP_TIMEOUT_S = 5.0
-PR_SET_PDEATHSIG = 1
-"""From Linux's <sys/prctl.h>."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +49,7 @@ class _Failure:
 class _Worker:
     """A worker process, the parent's end of its pipe, and its current episodes."""
 
-    process: SpawnProcess
+    process: Worker
     connection: Connection
     episode_ids: tuple[str, ...] = ()
     job: Job | None = None
@@ -202,6 +196,7 @@ def run_batched(
     """Runs the jobs with the agent in this process and its environments in `count` workers."""
     rows = min(agent.spec.rows, len(jobs))
     shares = [len(range(first, rows, count)) for first in range(min(count, rows))]
+    start_worker_server(__name__, *worker_imports(plan.config))
     workers = [_start(_serve_rows, plan, agent.spec, share) for share in shares]
     try:
         groups: list[RowGroup] = [
@@ -221,6 +216,7 @@ def run_parallel(
     A worker whose agent exceeds the time limit of a call is replaced.
     """
     limit_s = plan.config.step_timeout_s
+    start_worker_server(__name__, *worker_imports(plan.config))
     workers = [_start(_serve_episodes, plan) for _ in range(min(count, len(jobs)))]
     queue = iter(jobs)
     try:
@@ -245,19 +241,11 @@ def run_parallel(
 
 def _start(serve: Callable[..., None], *arguments: Any) -> _Worker:
     """Starts a worker."""
-    ours, theirs = WORKER_CONTEXT.Pipe()
-    process = WORKER_CONTEXT.Process(target=_serve, args=(theirs, serve, *arguments), daemon=True)
+    ours, theirs = Pipe()
+    process = Worker(target=_serve, args=(theirs, serve, *arguments), daemon=True)
     process.start()
     theirs.close()  # so that the pipe ends when the worker does
     return _Worker(process=process, connection=ours)
-
-
-def _end_with_parent() -> None:
-    """Makes the kernel kill this process when its parent ends, even inside a library call."""
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-    parent = multiprocessing.parent_process()
-    if parent is not None and not parent.is_alive():
-        os._exit(1)  # the parent ended before the prctl call
 
 
 def _stop(workers: Sequence[_Worker]) -> None:
@@ -274,9 +262,8 @@ def _stop(workers: Sequence[_Worker]) -> None:
 
 def _serve(connection: Connection, serve: Callable[..., None], *arguments: Any) -> None:
     """Main function of a worker; runs until the parent closes the pipe or ends the process."""
-    _end_with_parent()
+    begin_worker()
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    use_one_thread()
     try:
         serve(connection, *arguments)
         return

@@ -7,15 +7,14 @@ import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from multiprocessing import reduction
-from multiprocessing.connection import Connection
-from multiprocessing.context import SpawnProcess
+from multiprocessing.connection import Connection, Pipe
 from typing import Any
 
 from numpy.typing import NDArray
 
+from hab_tasks import processes
 from hab_tasks.cache import temporary_folder
 from hab_tasks.errors import HabError, RunStoppedError
-from hab_tasks.processes import WORKER_CONTEXT
 from hab_tasks.vector.layout import Path, RowLayout
 from hab_tasks.vector.messages import (
     STEP,
@@ -48,7 +47,7 @@ class VectorWorkerError(HabError):
 
 @dataclass(kw_only=True)
 class _Worker:
-    process: SpawnProcess
+    process: processes.Worker
     connection: Connection
     starts: tuple[int, ...]
     rows: range
@@ -112,8 +111,8 @@ class WorkerTeam:
         with self.closed_on_error():
             for one, firsts in zip(setups, starts, strict=True):
                 setup = replace(one, episodes_folder=self._folder)
-                ours, theirs = WORKER_CONTEXT.Pipe()
-                process = WORKER_CONTEXT.Process(
+                ours, theirs = Pipe()
+                process = processes.Worker(
                     target=run_worker, args=(theirs, setup), daemon=True, name="hab_tasks rows"
                 )
                 process.start()

@@ -9,6 +9,7 @@ import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hab_tasks.errors import FileError, UnknownNameError, WorkerError
@@ -31,6 +32,59 @@ def test_a_pool_calls_its_start_and_works(tmp_path):
     with worker_pool(1, os.chdir, (tmp_path,)) as pool:
         assert pool.submit(os.getcwd).result() == str(tmp_path)
         assert pool.submit(os.getpid).result() != os.getpid()
+
+
+def test_a_worker_has_what_its_parent_has_when_it_starts(tmp_path, monkeypatch, capfd):
+    """Though its server was started before."""
+    seen = []
+    for value in ("first", "second"):
+        monkeypatch.setenv("HAB_TEST_VALUE", value)
+        (tmp_path / value).mkdir()
+        monkeypatch.chdir(tmp_path / value)
+        with worker_pool(1) as pool:
+            seen.append(pool.submit(surroundings).result())
+        assert capfd.readouterr() == (f"out {value}\n", f"err {value}\n")
+    assert [one[:2] for one in seen] == [(v, str(tmp_path / v)) for v in ("first", "second")]
+    assert seen[0][2] == seen[1][2] != os.getpid()  # one server
+    assert seen[0][3] != seen[1][3]  # random numbers
+
+
+def surroundings():
+    value = os.environ["HAB_TEST_VALUE"]
+    sys.stdout.write(f"out {value}\n")
+    sys.stderr.write(f"err {value}\n")
+    sys.stdout.flush()
+    return value, os.getcwd(), os.getppid(), float(np.random.random())  # noqa: NPY002, the global one
+
+
+def test_without_its_server_no_worker_starts_but_the_next_pool_has_another():
+    with worker_pool(1) as pool:
+        server = pool.submit(os.getppid).result()
+    pids = []
+    with pytest.raises(WorkerError):
+        without_server(server, pids)
+    wait_until_gone(*pids)
+    with worker_pool(1) as pool:
+        assert pool.submit(os.getppid).result() != server
+
+
+def test_a_forked_process_has_its_own_workers():
+    with worker_pool(1) as pool:
+        server = pool.submit(os.getppid).result()
+    forked = os.fork()
+    if not forked:
+        code = 1
+        with contextlib.suppress(BaseException), worker_pool(1) as pool:
+            code = 0 if pool.submit(os.getppid).result() != server else 2
+        os._exit(code)
+    assert os.waitstatus_to_exitcode(os.waitpid(forked, 0)[1]) == 0
+
+
+def without_server(server, pids):
+    with worker_pool(1) as pool:
+        pids.append(pool.submit(os.getpid).result())
+        os.kill(server, signal.SIGKILL)
+        pool.submit(time.sleep, 60).result()
 
 
 @pytest.mark.slow

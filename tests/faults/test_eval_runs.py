@@ -246,12 +246,17 @@ def processes_of(group):
 
 
 def children_of(pid):
-    """Ids of the worker processes of a process."""
+    """Ids of the worker processes of a process, which are those of its server."""
     try:
-        found = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-        return [int(c) for c in found if "spawn_main" in Path(f"/proc/{c}/cmdline").read_text()]
+        found = direct_children(pid)
+        servers = [c for c in found if "forkserver" in Path(f"/proc/{c}/cmdline").read_text()]
+        return [worker for server in servers for worker in direct_children(server)]
     except OSError:  # one of them has just ended
         return []
+
+
+def direct_children(pid):
+    return [int(c) for c in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
 def lines_of(folder):

@@ -215,8 +215,9 @@ def test_a_killed_worker_is_told_and_nothing_is_lost(folder, name):
 
 
 def is_worker(pid):
+    """Whether a process is a worker, or the server that forks them."""
     try:
-        return b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()
+        return b"forkserver" in Path(f"/proc/{pid}/cmdline").read_bytes()
     except FileNotFoundError:
         return False
 

@@ -6,13 +6,12 @@ reference. The parent alternates between them; they never run at the same time.
 
 from __future__ import annotations
 
-import os
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, Pipe
 from typing import Any, Protocol
 
 from torch import Tensor
@@ -20,7 +19,7 @@ from torch import Tensor
 from hab_eval.bench.motion import Motion
 from hab_eval.errors import BenchError
 from hab_tasks.constants import CONTROL_HZ
-from hab_tasks.processes import WORKER_CONTEXT, use_one_thread
+from hab_tasks.processes import NewProcess, set_variables, use_one_thread
 
 START_TIMEOUT_S = 600.0
 STOP_TIMEOUT_S = 10.0
@@ -161,10 +160,8 @@ class RemoteEnv:
             variables: Environment variables of the process, set before its imports.
             has_children: Whether it starts processes of its own.
         """
-        self._connection, child = WORKER_CONTEXT.Pipe()
-        self._process = WORKER_CONTEXT.Process(
-            target=_serve, args=(factory, child), daemon=not has_children
-        )
+        self._connection, child = Pipe()
+        self._process = NewProcess(target=_serve, args=(factory, child), daemon=not has_children)
         with set_variables(variables):
             self._process.start()
         child.close()
@@ -243,18 +240,3 @@ def _serve(factory: Callable[[], StepsTimed], connection: Connection) -> None:
         connection.send(
             (False, f"{type(error).__name__}: {error} ({frame.filename}:{frame.lineno})")
         )
-
-
-@contextmanager
-def set_variables(variables: Mapping[str, str]) -> Iterator[None]:
-    """Sets environment variables for processes started within the context."""
-    before = {name: os.environ.get(name) for name in variables}
-    os.environ.update(variables)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value

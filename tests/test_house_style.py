@@ -34,6 +34,12 @@ def tracked(pattern: str) -> list[Path]:
 FILES = tracked("*.py")
 SHIPPED = [p for p in FILES if p.relative_to(ROOT).parts[0] != "tests"]
 
+# Forked processes, and their test: numpy seeds its global state when it is imported, before a fork.
+FORKED = {
+    "hab_tasks/processes.py": "np.random.seed",
+    "tests/core/test_processes.py": "np.random.random",
+}
+
 
 def name_of(path: Path) -> str:
     return str(path.relative_to(ROOT))
@@ -105,7 +111,8 @@ def global_draws(tree: ast.Module, *, torch_too: bool) -> list[str]:
 
 @pytest.mark.parametrize("path", FILES, ids=name_of)
 def test_randomness_comes_from_generators(path):
-    assert not global_draws(tree_of(path), torch_too=path in SHIPPED)
+    found = global_draws(tree_of(path), torch_too=path in SHIPPED)
+    assert [one for one in found if one.split(": ")[1] != FORKED.get(name_of(path))] == []
 
 
 def test_global_draws_are_found():

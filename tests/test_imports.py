@@ -35,6 +35,7 @@ ORDER = [
         "options",
         "console",
         "option_values",
+        "worker_server",
         "processes",
         "captions",
         "generation_lines",

@@ -75,14 +75,6 @@ class Worker(ForkServerProcess):
         return _unpickled, (_Surroundings(), type(self), self.__dict__)
 
 
-class _WorkerContext(ForkServerContext):
-    Process = Worker
-
-
-WORKER_CONTEXT = _WorkerContext()
-"""Creates worker processes."""
-
-
 class _Surroundings:
     """What a worker takes over from its parent, before anything else of the worker is unpickled."""
 

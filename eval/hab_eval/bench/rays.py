@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import partial
@@ -23,7 +22,7 @@ from hab_eval.bench.process import RemoteEnv, StepTiming
 from hab_eval.bench.rows import BenchRow, bound_row, make_row
 from hab_eval.bench.suite import DENSE_SCENE, FIRST_SCENE, PICK, Suite, WriteLine
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M
-from hab_tasks.processes import WORKER_CONTEXT
+from hab_tasks.processes import worker_pool
 
 RENDERER = "software renderer"
 HOLDING = "HabPlace-v1"
@@ -158,7 +157,7 @@ def _accuracy_rows(
     """Compares images in all scenes, with the robot and a held object, pixel by pixel."""
     medians_mm, far_off_percent = [], []
     differ = partial(differences_mm, options.scene_dataset, options.objects)
-    with ProcessPoolExecutor(1, mp_context=WORKER_CONTEXT) as pool:
+    with worker_pool(1) as pool:
         for scene, found in zip(scenes, pool.map(differ, scenes), strict=True):
             medians_mm += [float(np.median(view)) for view in found]
             far_off_percent += [100.0 * float(np.mean(view > FAR_OFF_MM)) for view in found]

@@ -8,13 +8,14 @@ import multiprocessing
 import os
 import signal
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
-from multiprocessing import connection, forkserver, reduction, resource_tracker
+from multiprocessing import connection, forkserver, reduction, resource_tracker, util
 from multiprocessing.context import ForkServerContext, ForkServerProcess, SpawnProcess
 from typing import Any
 
@@ -32,6 +33,12 @@ ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THRE
 
 PR_SET_PDEATHSIG = 1
 """From Linux's <sys/prctl.h>."""
+
+LONGEST_FOLDER_BYTES = 103 - len("/pymp-01234567/listener-01234567")
+"""Length of a temporary folder in which a socket's path still fits into the system's 104 bytes."""
+
+SHORT_FOLDERS = ("/tmp", "/var/tmp")
+"""Where sockets are put if the temporary folder's path is longer, as Python 3.14 does."""
 
 SERVER_IMPORTS = ["hab_tasks.worker_server", __name__]
 """What each server imports, besides the modules that its first workers ask for."""
@@ -92,7 +99,7 @@ def start_worker_server(*modules: str) -> None:
     Args:
         modules: What the server imports.
     """
-    with _interrupt_blocked(), set_variables(ONE_THREAD):
+    with _interrupt_blocked(), set_variables(ONE_THREAD), _short_socket_paths():
         forkserver.set_forkserver_preload([*SERVER_IMPORTS, *modules])
         forkserver.ensure_running()
 
@@ -161,6 +168,22 @@ def _interrupt_blocked() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _short_socket_paths() -> Iterator[None]:
+    """Lets multiprocessing make its folder of sockets where paths are short, if it has none yet.
+
+    The temporary folder of a batch system is often a long path in TMPDIR.
+    """
+    before = tempfile.gettempdir()
+    if len(os.fsencode(before)) > LONGEST_FOLDER_BYTES:
+        tempfile.tempdir = next((d for d in SHORT_FOLDERS if os.access(d, os.W_OK)), before)
+    try:
+        util.get_temp_dir()
+        yield
+    finally:
+        tempfile.tempdir = before
 
 
 @contextmanager

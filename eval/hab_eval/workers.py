@@ -93,11 +93,12 @@ class _Worker:
         return call.timed_out(now_s, self.job[1])
 
     def send(self, message: Any) -> None:
-        """Sends a message."""
+        """Sends a message; raises the error that the worker reported before it ended."""
         try:
             self.connection.send(message)
-        except OSError as error:
-            raise self._died() from error
+        except OSError:
+            while True:  # what it sent before is still in the pipe, in the end an error
+                self.receive()
 
     def receive(self) -> Any:
         """Receives a message; raises the error that the worker reported."""

@@ -80,6 +80,19 @@ def test_a_forked_process_has_its_own_workers():
     assert os.waitstatus_to_exitcode(os.waitpid(forked, 0)[1]) == 0
 
 
+def test_workers_start_where_the_path_of_the_temporary_folder_is_long(tmp_path):
+    """A socket's path has at most 104 bytes; this folder alone has more."""
+    folder = tmp_path / ("long" * 25)
+    folder.mkdir()
+    code = KILLED.replace("time.sleep(60)", "")
+    variables = {**os.environ, "TMPDIR": str(folder)}
+    command = [sys.executable, "-c", code]
+    ended = subprocess.run(command, capture_output=True, text=True, env=variables, check=False)
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert int(ended.stdout) > 0
+    assert not list(folder.iterdir())
+
+
 def without_server(server, pids):
     with worker_pool(1) as pool:
         pids.append(pool.submit(os.getpid).result())

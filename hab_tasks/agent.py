@@ -40,7 +40,8 @@ class AgentSpec:
         control_mode: A control mode of the robot, e.g. ``ee``, ``joint_delta``, ``joint_target``.
         obs_mode: ManiSkill observation mode, e.g. ``state_dict``, ``depth``.
         privileged: Whether observations must contain ``obs["privileged"]``, a list of N
-            `hab_tasks.privileged.PrivilegedState`. The leaderboard marks such agents.
+            `hab_tasks.privileged.PrivilegedState`, which is read when `act` asks for it. The
+            leaderboard marks such agents.
         looks: When the images of `obs_mode` are rendered: ``always``, or ``on demand``, only in
             steps in which `act` reads ``obs["sensor_data"]`` or ``obs["sensor_param"]``, which
             renders those of all rows, or calls `of_rows` for those of some.

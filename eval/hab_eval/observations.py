@@ -1,4 +1,4 @@
-"""Observations as agents receive them: with ground-truth state, and images on demand."""
+"""Observations as agents receive them: ground-truth state and images are read on demand."""
 
 from __future__ import annotations
 
@@ -17,42 +17,42 @@ if TYPE_CHECKING:
 IMAGES = ("sensor_param", "sensor_data")
 """Groups of an observation that need rendering."""
 
+Reader = Callable[[], Mapping[str, Any]]
+"""Reads groups of an observation from the environment."""
+
 
 class LazyObservation(Mapping[str, Any]):
-    """An observation whose images are rendered on first access and then cached."""
+    """An observation of which some groups are read on first access and then cached."""
 
-    def __init__(self, ready: Mapping[str, Any], look: Callable[[], Mapping[str, Any]]) -> None:
-        """Takes the groups that need no rendering; `look` renders the groups `IMAGES`."""
-        self._ready = ready
-        self._look = look
-        self._images: Mapping[str, Any] | None = None
+    def __init__(self, ready: Mapping[str, Any], readers: Mapping[str, Reader]) -> None:
+        """Takes the groups that are there, and of each other group what reads it."""
+        self._groups = dict(ready)
+        self._readers = readers
+        self._names = (*ready, *readers)
         self._past = False
 
     def __getitem__(self, key: str) -> Any:
-        if key not in IMAGES:
-            return self._ready[key]
-        if self._images is None:
+        if key not in self._groups and key in self._readers:
             if self._past:
                 raise AgentError(f"obs[{key!r}] can be read only until the next step.")
-            self._images = self._look()
-        return self._images[key]
+            self._groups.update(self._readers[key]())
+        return self._groups[key]
 
     def __contains__(self, key: object) -> bool:
-        return key in IMAGES or key in self._ready
+        return key in self._names
 
     def __iter__(self) -> Iterator[str]:
-        yield from self._ready
-        yield from IMAGES
+        return iter(self._names)
 
     def __len__(self) -> int:
-        return len(self._ready) + len(IMAGES)
+        return len(self._names)
 
     def of_rows(self, rows: Sequence[int]) -> Mapping[str, Any]:
         """See `hab_tasks.agent.of_rows`; there is one row."""
         return self
 
     def expire(self) -> None:
-        """Forbids rendering from now on: the simulation is about to step."""
+        """Forbids reading further groups from now on: the simulation is about to step."""
         self._past = True
 
 
@@ -103,6 +103,9 @@ def agent_view(
 ) -> Mapping[str, Any]:
     """Returns the observation as an agent with this spec receives it."""
     base: Any = env.unwrapped
+    readers: dict[str, Reader] = {}
     if spec.privileged:
-        obs = {**obs, "privileged": base.privileged()}
-    return LazyObservation(obs, base.look) if spec.looks == "on demand" else obs
+        readers["privileged"] = lambda: {"privileged": base.privileged()}
+    if spec.looks == "on demand":
+        readers |= dict.fromkeys(IMAGES, base.look)
+    return LazyObservation(obs, readers) if readers else obs

@@ -43,7 +43,8 @@ def tray(make_scene):
         frame=np.array((0.97, 0.0, np.pi)),
     )
     scene = TrueScene()
-    scene.state = replace(made.privileged("content"), articulations=(articulation,))
+    state = replace(made.privileged("content"), articulations=(articulation,))
+    scene.see({"privileged": [state]}, 0)
     return scene
 
 
@@ -127,7 +128,7 @@ def test_base_poses_face_the_handle_from_free_floor(tray):
 def test_what_is_out_of_reach_fails_at_once(tray):
     articulation = tray.articulation(0)
     far = replace(articulation, handle_m=articulation.handle_m + np.array((2.0, 0.0, 0.0)))
-    tray.state = replace(tray.state, articulations=(far,))
+    tray.see({"privileged": [replace(tray.state, articulations=(far,))]}, 0)
     robot = Robot(tray, SpaConfig(), seed=0, deadline=200)
     with pytest.raises(StopIteration) as end:
         next(open_drawer(robot, 0))

@@ -96,6 +96,7 @@ class StubAgent:
         self.spec = AgentSpec(name="Stub", control_mode="ee", privileged=privileged)
         self.failure = failure
         self.seen: list[dict] = []
+        self.truths: list[str] = []
         self.seeds: list[int] = []
 
     def reset(self, mask, seeds) -> None:
@@ -104,6 +105,8 @@ class StubAgent:
 
     def act(self, obs):
         self.seen.append(obs)
+        if self.spec.privileged:
+            self.truths += obs["privileged"]
         return torch.full((1, 2), 0.5)
 
     def report(self):

@@ -42,11 +42,14 @@ def test_failure_is_the_environments_then_the_agents_then_timeout():
 
 
 def test_true_state_only_on_request():
-    blind, seeing = stub_hab.StubAgent(), stub_hab.StubAgent(privileged=True)
-    run(0, blind)
-    run(0, seeing)
+    blind, seeing, late = (stub_hab.StubAgent(privileged=truth) for truth in (False, True, True))
+    late.act = lambda obs: late.seen.append(obs) or torch.zeros(1, 2)
+    for agent in (blind, seeing, late):
+        run(0, agent)
     assert all("privileged" not in obs for obs in blind.seen)
-    assert all(obs["privileged"] == ["true state of e"] for obs in seeing.seen)
+    assert seeing.truths == ["true state of e"] * len(seeing.seen) != []
+    with pytest.raises(AgentError, match="only until the next step"):
+        late.seen[0]["privileged"]
 
 
 def test_agent_is_seeded_by_the_episode():

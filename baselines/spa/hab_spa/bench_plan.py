@@ -151,8 +151,9 @@ def _time_plan(env: Any, episode: Episode) -> PlanTiming:
     """Times a plan, then its checks by each method; the simulator last, as its state changes."""
     _reset(env, episode)
     scene, cache = TrueScene(), ShapeCache()
-    scene.state = env.unwrapped.privileged()[0]
-    make = lambda kind: kind(scene.state, held=scene.state.held, cache=cache)  # noqa: E731
+    state = env.unwrapped.privileged()[0]
+    scene.see({"privileged": [state]}, 0)
+    make = lambda kind: kind(state, held=state.held, cache=cache)  # noqa: E731
     make(ArmCollision)  # fills the shape cache, which persists across the episodes of a layout
     began = time.perf_counter()
     model = make(ArmCollision)

@@ -23,23 +23,27 @@ class TrueScene:
     """Scene from the observation's privileged group; see `hab_spa.scenes.scene.Scene`.
 
     Attributes:
-        state: The state at this step.
         shapes: Cache of shapes.
     """
-
-    state: PrivilegedState
 
     def __init__(self, config: GraspConfig | None = None) -> None:
         """Creates the scene of one row; shapes are cached across episodes."""
         self._config, self.shapes = config or GraspConfig(), ShapeCache()
         self._floor: tuple[PrivilegedState, NavigationMap] | None = None
+        self._obs: Mapping[str, Any] = {}
+        self._row = 0
 
     def forget(self) -> None:
         """Starts a new episode; there is nothing to reset, as shapes stay cached."""
 
     def see(self, obs: Mapping[str, Any], row: int) -> None:
-        """Stores the ground-truth state of a row."""
-        self.state = obs["privileged"][row]
+        """Notes an observation; the ground-truth state of its row is read when it is needed."""
+        self._obs, self._row = obs, row
+
+    @property
+    def state(self) -> PrivilegedState:
+        """The state at this step."""
+        return self._obs["privileged"][self._row]
 
     @property
     def arm_qpos(self) -> Array:

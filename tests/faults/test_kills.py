@@ -66,23 +66,51 @@ RECORD = Work(
 WORKS = {"episodes": EPISODES, "assets": ASSETS, "record": RECORD}
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """An empty folder with a dataset, and a cache and temporary files that nobody else writes."""
-    for name, variable in (("cache", "HAB_CACHE_DIR"), ("temporary", "TMPDIR")):
-        (tmp_path / name).mkdir()
-        monkeypatch.setenv(variable, str(tmp_path / name))
-    (tmp_path / "work").mkdir()
-    textured_dataset(tmp_path / "work" / "source")
-    return tmp_path
+@dataclass(frozen=True)
+class Begun:
+    """A command that has run to its end once.
+
+    Attributes:
+        folder: Has the folders `work`, with a dataset, `cache` and `temporary`, which nobody else
+            writes.
+        duration_s: How long the command took.
+        whole: What it wrote, see `written`.
+        there: All names in the folder since then.
+    """
+
+    folder: Path
+    duration_s: float
+    whole: dict[str, object]
+    there: list[str]
+
+
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory):
+    """Runs a command of `WORKS` to its end, once for all tests."""
+    done = {}
+
+    def once(name):
+        if name not in done:
+            folder = tmp_path_factory.mktemp(name)
+            for part in ("work", "cache", "temporary"):
+                (folder / part).mkdir()
+            textured_dataset(folder / "work" / "source")
+            duration_s, whole = finish(folder, WORKS[name])
+            assert half_written(folder) == []
+            done[name] = Begun(folder, duration_s, whole, names(folder))
+        return done[name]
+
+    return once
 
 
 def start(folder, work):
     """Starts a command."""
     script, *arguments = work.arguments
+    own = {"HAB_CACHE_DIR": str(folder / "cache"), "TMPDIR": str(folder / "temporary")}
     return subprocess.Popen(
         [str(BIN / script), *arguments],
         cwd=folder / "work",
+        env=os.environ | own,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -156,27 +184,21 @@ def names(folder):
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
 
 
-def begin(folder, work):
-    """Runs to the end; returns how long that took, what it wrote, and all names that are then."""
-    duration_s, whole = finish(folder, work)
-    assert half_written(folder) == []
-    return duration_s, whole, names(folder)
-
-
 def half_written(folder):
     return [name for name in names(folder) if ASIDE in name or name.startswith("temporary/")]
 
 
-def check_nothing_left(folder, work, whole, there):
+def check_nothing_left(done, work):
     """Runs once more, on what the last kill left in the cache: no file is missing or too many."""
-    assert finish(folder, work)[1] == whole
-    assert names(folder) == there
+    assert finish(done.folder, work)[1] == done.whole
+    assert names(done.folder) == done.there
 
 
 @pytest.mark.parametrize("name", WORKS)
-def test_a_killed_command_leaves_what_was_there_and_runs_again(folder, name):
+def test_a_killed_command_leaves_what_was_there_and_runs_again(begun, name):
     work = WORKS[name]
-    duration_s, whole, there = begin(folder, work)
+    done = begun(name)
+    folder, duration_s, whole = done.folder, done.duration_s, done.whole
     rng = random.Random(f"parent of {name}")
     for _ in range(KILLS):
         process = start_anew(folder, work)
@@ -185,13 +207,14 @@ def test_a_killed_command_leaves_what_was_there_and_runs_again(folder, name):
         process.communicate()
         check_nothing_runs(process.pid)
         assert written(folder / "work" / work.out) == whole
-    check_nothing_left(folder, work, whole, there)
+    check_nothing_left(done, work)
 
 
 @pytest.mark.parametrize("name", [name for name, work in WORKS.items() if work.workers])
-def test_a_killed_worker_is_told_and_nothing_is_lost(folder, name):
+def test_a_killed_worker_is_told_and_nothing_is_lost(begun, name):
     work = WORKS[name]
-    duration_s, whole, there = begin(folder, work)
+    done = begun(name)
+    folder, duration_s, whole = done.folder, done.duration_s, done.whole
     rng = random.Random(f"worker of {name}")
     told = 0
     for _ in range(KILLS):
@@ -211,7 +234,7 @@ def test_a_killed_worker_is_told_and_nothing_is_lost(folder, name):
             told += 1
         assert written(folder / "work" / work.out) == whole
     assert told, "no kill came while the workers worked"
-    check_nothing_left(folder, work, whole, there)
+    check_nothing_left(done, work)
 
 
 def is_worker(pid):
@@ -223,9 +246,10 @@ def is_worker(pid):
 
 
 @pytest.mark.parametrize("name", WORKS)
-def test_ctrl_c_ends_a_command_in_one_line(folder, name):
+def test_ctrl_c_ends_a_command_in_one_line(begun, name):
     work = WORKS[name]
-    duration_s, whole, _ = begin(folder, work)
+    done = begun(name)
+    folder, duration_s, whole = done.folder, done.duration_s, done.whole
     process = start_anew(folder, work)
     time.sleep(0.5 * duration_s)
     os.killpg(process.pid, signal.SIGINT)

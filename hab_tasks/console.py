@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import signal
 import sys
 import threading
@@ -19,6 +20,8 @@ from hab_tasks.options import one_line, parse_command
 EXIT_STOPPED = 1
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
+EXIT_UNREAD = 141
+"""The status of a program that SIGPIPE ends, as the other programs of a shell's pipe."""
 
 IMPORT_POLL_S = 0.05
 """An interrupt during an import is tried again after this time."""
@@ -70,8 +73,11 @@ def run_script(
     command = None
     with _interruptible():
         try:
-            command = parse_command(program, commands, arguments, description)
-            return command.run()
+            try:
+                command = parse_command(program, commands, arguments, description)
+                return command.run()
+            finally:
+                sys.stdout.flush()  # of a help text too
         except RunStoppedError as error:
             _say(program, error)
             if command is not None and command.verbose:
@@ -81,11 +87,24 @@ def run_script(
             _say(program, error)
             return EXIT_BAD_INPUT
         except OSError as error:  # from stdout or a disk
+            if isinstance(error, BrokenPipeError) and _nobody_reads():
+                return EXIT_UNREAD
             _say(program, error)
             return EXIT_STOPPED
         except KeyboardInterrupt:
             _say(program, f"interrupted. {'' if command is None else command.advice()}")
             return EXIT_INTERRUPTED
+
+
+def _nobody_reads() -> bool:
+    """Whether the reader of standard output has ended, as ``head`` does; discards the rest then."""
+    output = sys.stdout.fileno()
+    unread = select.poll()
+    unread.register(output, 0)
+    if not any(event & select.POLLERR for _, event in unread.poll(0)):
+        return False
+    os.dup2(os.open(os.devnull, os.O_WRONLY), output)
+    return True
 
 
 def _say(program: str, message: object) -> None:

@@ -1,5 +1,6 @@
 """The console script `hab-tasks`."""
 
+import os
 import re
 import subprocess
 import sys
@@ -36,6 +37,16 @@ def test_the_script_is_installed():
 def test_the_script_ends_with_status_2_and_one_line():
     done = subprocess.run([SCRIPT, "check", "apartmnt"], capture_output=True, text=True)
     assert_refused(done, "'apartmnt'", "Did you mean 'apartment'")
+
+
+@pytest.mark.parametrize("arguments", [["list"], ["episodes", "--help"]])
+def test_a_reader_that_has_read_enough_is_no_error(arguments):
+    """As in `hab-tasks list | head -1`."""
+    read, write = os.pipe()
+    os.close(read)
+    with os.fdopen(write, "w") as unread:
+        done = subprocess.run([SCRIPT, *arguments], stdout=unread, stderr=subprocess.PIPE)
+    assert (done.returncode, done.stderr) == (141, b"")
 
 
 def test_list_names_every_env_mode_and_entry(run):

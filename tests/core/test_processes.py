@@ -9,8 +9,8 @@ import threading
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
+from worker_jobs import pid_soon, surroundings
 
 from hab_tasks.errors import FileError, UnknownNameError, WorkerError
 from hab_tasks.files import check_file
@@ -47,14 +47,6 @@ def test_a_worker_has_what_its_parent_has_when_it_starts(tmp_path, monkeypatch, 
     assert [one[:2] for one in seen] == [(v, str(tmp_path / v)) for v in ("first", "second")]
     assert seen[0][2] == seen[1][2] != os.getpid()  # one server
     assert seen[0][3] != seen[1][3]  # random numbers
-
-
-def surroundings():
-    value = os.environ["HAB_TEST_VALUE"]
-    sys.stdout.write(f"out {value}\n")
-    sys.stderr.write(f"err {value}\n")
-    sys.stdout.flush()
-    return value, os.getcwd(), os.getppid(), float(np.random.random())  # noqa: NPY002, the global one
 
 
 def test_without_its_server_no_worker_starts_but_the_next_pool_has_another():
@@ -139,11 +131,6 @@ def test_a_worker_killed_at_the_end_does_not_block_the_others(victim):
         threading.Timer(1.5, continued, (pids[1 - victim],)).start()
     wait_until_gone(*pids)
     assert time.monotonic() - started < 60
-
-
-def pid_soon(seconds):
-    time.sleep(seconds)
-    return os.getpid()
 
 
 def continued(pid):

@@ -1,0 +1,20 @@
+"""Functions that tests send to worker processes, which find them by this module's name."""
+
+import os
+import sys
+import time
+
+import numpy as np
+
+
+def surroundings():
+    value = os.environ["HAB_TEST_VALUE"]
+    sys.stdout.write(f"out {value}\n")
+    sys.stderr.write(f"err {value}\n")
+    sys.stdout.flush()
+    return value, os.getcwd(), os.getppid(), float(np.random.random())  # noqa: NPY002, the global one
+
+
+def pid_soon(seconds):
+    time.sleep(seconds)
+    return os.getpid()

@@ -1,10 +1,11 @@
 """Blind Pick, continued by PPO alone with half of the start states at the fridge.
 
-    hab-ppo train pick_blind --steps 600000 --out runs/pick_blind
+    hab-ppo train pick_blind --out runs/pick_blind
     hab-ppo train pick_blind_fridge --weights runs/pick_blind --out runs/pick_blind_fridge
 
 From the benchmark's start states, PPO learns the other receptacles first and with some seeds never
-the fridge.
+the fridge. Such a seed went from 81.4 to 86.4 % of 500 test episodes in 600,000 steps, one that
+knew the way from 91.2 to 88.6 % (`eval/studies/pick_blind_seeds`).
 """
 
 from dataclasses import replace

@@ -31,8 +31,8 @@ def resolve_backend(backend: str, wants_images: bool) -> str:
     """Returns ManiSkill's render_backend.
 
     Args:
-        backend: ``auto`` renders only if images are requested, on an NVIDIA GPU if available, else
-            on the CPU; other names are passed through.
+        backend: ``auto`` renders only if images are requested, on an NVIDIA GPU with a Vulkan
+            driver if there is one, else on the CPU; other names are passed through.
         wants_images: Whether observations or `render` need images.
 
     Raises:
@@ -45,7 +45,7 @@ def resolve_backend(backend: str, wants_images: bool) -> str:
         return backend
     if not wants_images:
         return "none"
-    if torch.cuda.is_available():
+    if gpu_renders():
         return "gpu"
     if not software_vulkan_works():
         raise RenderingUnavailableError(ADVICE)
@@ -79,6 +79,17 @@ def sensor_shader(sensor_configs: dict[str, Any], backend: str, rgb: bool) -> di
 def use_default_shaders() -> None:
     """Resets the shaders for new cameras, so that they render colour as floats."""
     set_shader_pack(PREBUILT_SHADER_CONFIGS["default"])
+
+
+@lru_cache(maxsize=1)
+def gpu_renders() -> bool:
+    """Returns whether there is an NVIDIA GPU on which SAPIEN can render."""
+    if not torch.cuda.is_available():
+        return False
+    try:
+        return sapien.Device("cuda").can_render()
+    except RuntimeError:
+        return False
 
 
 def software_vulkan_works() -> bool:

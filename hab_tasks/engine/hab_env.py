@@ -75,8 +75,8 @@ class HabEnv(ObservingEnv):
             robot stands still and keeps its grasp.
         render_backend: ``auto``, ``none``, ``cpu``, ``gpu`` or ``rays``. `rays` computes depth,
             position and segmentation on the CPU along each pixel's ray, without a graphics driver;
-            `auto` does so on machines without a GPU unless colour is observed. A `render_mode`
-            needs a renderer in any case.
+            `auto` does so in CPU simulation unless colour is observed. A `render_mode` needs a
+            renderer in any case.
         num_envs: Batch size; more than one row requires GPU simulation.
         kwargs: ManiSkill's own arguments (obs_mode, reward_mode, control_mode, ...).
     """

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import torch
 from mani_skill.envs.utils.observations import parse_obs_mode_to_struct
 from mani_skill.envs.utils.system.backend import CPU_SIM_BACKENDS
 
@@ -37,9 +36,9 @@ def choose_source(backend: str, options: Mapping[str, Any]) -> ImageSource:
     """Returns the source of an environment's images.
 
     Args:
-        backend: ``auto`` casts rays for observations of depth without colour on machines without
-            a GPU, and renders everything else; ``rays`` never renders observations; other names
-            are the renderer's.
+        backend: ``auto`` casts rays for observations of depth without colour in CPU simulation,
+            and renders everything else; ``rays`` never renders observations; other names are the
+            renderer's.
         options: ManiSkill's options: `obs_mode`, `render_mode`, `sensor_configs`, `sim_backend`
             and `num_envs`.
 
@@ -55,7 +54,7 @@ def choose_source(backend: str, options: Mapping[str, Any]) -> ImageSource:
         # ManiSkill's point clouds have colours where available.
         if reason is not None and not (reason.colour and obs_mode == "pointcloud"):
             raise OptionError.of_value("render_backend", backend, reason.words)
-    elif backend != "auto" or not images or reason is not None or torch.cuda.is_available():
+    elif backend != "auto" or not images or reason is not None:
         return ImageSource(renderer=resolve_backend(backend, images or render_mode is not None))
     humans = render_mode not in (None, "sensors")
     return ImageSource(renderer=resolve_backend("auto", humans), casts_rays=images)

@@ -148,6 +148,11 @@ class ObservingEnv(BaseEnv):
     def _load_lighting(self, options: dict[str, Any]) -> None:
         """Disables ManiSkill's lamps; the layout has its own."""
 
+    def render(self) -> Any:
+        """Renders as `render_mode` says; images are on the simulation's device."""
+        shown = super().render()
+        return shown.to(self.device) if isinstance(shown, Tensor) else shown
+
     def render_rgb_array(self, camera_name: str | None = None) -> Any:
         """Renders the human-render camera, with marks, from where the hand is visible."""
         self._aim()
@@ -183,7 +188,8 @@ class ObservingEnv(BaseEnv):
         views = {}
         for name, camera in self._views.items():
             camera.capture()
-            views[name] = camera.get_obs(depth=False, position=False, segmentation=False)["rgb"]
+            images = camera.get_obs(depth=False, position=False, segmentation=False)
+            views[name] = images["rgb"].to(self.device)
         return views
 
     def _hide(self) -> None:
@@ -277,6 +283,9 @@ class ObservingEnv(BaseEnv):
             data = self._rays.images(self.obs_mode_struct.visual)
         else:
             data = super()._get_obs_sensor_data(apply_texture_transforms)
+            # In CPU simulation, ManiSkill leaves images where a GPU rendered them.
+            for images in data.values():
+                images |= {name: image.to(self.device) for name, image in images.items()}
         if self._noise is not None:
             data = self._noise.images(data)
         if self.obs_mode_struct.visual.depth and apply_texture_transforms:

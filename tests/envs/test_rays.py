@@ -14,6 +14,7 @@ from playing import actions, slow
 from hab_tasks.engine import image_source
 from hab_tasks.errors import OptionError
 from hab_tasks.raycast.compiled import kernel
+from hab_tasks.rendering import gpu_renders
 from hab_tasks.robots.cameras import PLACES
 
 EVERY_CAMERA = tuple(PLACES)
@@ -46,6 +47,17 @@ def opens_no_graphics(env):
 
 
 # The images --------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(not gpu_renders(), reason="no NVIDIA card that renders")
+def test_images_of_a_gpu_are_on_the_cpu_and_agree(make):
+    rays, renderer = (make(obs_mode="depth", render_backend=name) for name in ("rays", "gpu"))
+    mine, theirs = played(rays, 1), played(renderer, 1)
+    assert_agrees(depth_m(mine), depth_m(theirs))
+    env = gym.make_vec("hab_tasks:HabPick-v1", num_envs=2, obs_mode="rgb+depth", num_episodes=2)
+    obs, _ = env.reset(seed=0)
+    assert obs["sensor_data"]["head"]["rgb"].std() > 5
+    env.close()
 
 
 @pytest.mark.render
@@ -202,8 +214,7 @@ def test_noise_is_that_of_the_episode(make):
 # The option --------------------------------------------------------------------------------------
 
 
-def test_depth_is_cast_without_a_gpu(make, monkeypatch):
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+def test_depth_is_cast_by_default(make):
     env = make(obs_mode="depth")
     assert env.unwrapped._rays is not None
     assert opens_no_graphics(env)
@@ -226,12 +237,14 @@ def test_depth_is_cast_without_a_gpu(make, monkeypatch):
         ),
         (False, {"obs_mode": "state"}, ("none", False)),
         (False, {"obs_mode": "state", "render_mode": "human"}, ("cpu", False)),
-        (True, {"obs_mode": "depth"}, ("gpu", False)),
-        (True, {"obs_mode": "depth", "render_mode": "rgb_array"}, ("gpu", False)),
+        (True, {"obs_mode": "depth"}, ("none", True)),
+        (True, {"obs_mode": "depth", "num_envs": 2}, ("gpu", False)),
+        (True, {"obs_mode": "depth", "render_mode": "rgb_array"}, ("gpu", True)),
+        (True, {"obs_mode": "rgb+depth"}, ("gpu", False)),
     ],
 )
 def test_auto_renders_only_what_rays_cannot_see(monkeypatch, gpu, options, expected):
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: gpu)
+    monkeypatch.setattr("hab_tasks.rendering.gpu_renders", lambda: gpu)
     monkeypatch.setattr("hab_tasks.rendering.software_vulkan_works", lambda: True)
     source = image_source.choose_source("auto", options)
     assert (source.renderer, source.casts_rays) == expected

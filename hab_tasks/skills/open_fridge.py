@@ -64,12 +64,16 @@ class OpenFridgeStarts(Generator):
         )
         robot = self.starts(sandbox, rng, KeepOff(points_m=handles_m(sandbox))).in_rectangle(
             level_frame(root[:3, 3], root[:3, 0]),
-            self.region,
+            self.draw_region(rng),
             articulation.handle_m(sandbox),
             reach=False,
         )
         rearrangement = Rearrangement(object=target, start=spot.ref)
         return start_state(sandbox, robot, objects, (rearrangement,), handle=articulation.ref)
+
+    def draw_region(self, rng: np.random.Generator) -> Rectangle:
+        """Returns where the base starts, in the fridge's frame: always in `region`."""
+        return self.region
 
 
 def outside(region: Rectangle, frame: BatchArray, base: BatchArray) -> BatchArray:

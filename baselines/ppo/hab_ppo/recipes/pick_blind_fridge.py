@@ -3,10 +3,10 @@
     hab-ppo train pick_blind --out runs/pick_blind
     hab-ppo train pick_blind_fridge --weights runs/pick_blind --out runs/pick_blind_fridge
 
-From the benchmark's start states, PPO learns the other receptacles first and with some seeds never
-the fridge. Such a seed went from 81.4 to 86.4 % of 500 test episodes in 600,000 steps, and to 93.2 %
-of 500 others in 800,000 more of `pick_blind`; one that knew the way went from 91.2 to 88.6 %
-(`eval/studies/pick_blind_seeds`).
+From the benchmark's start states, PPO learns the other receptacles first and with some seeds
+never the fridge. Such a seed went from 81.4 to 86.4 % of 500 test episodes in 600,000 steps, and
+to 93.2 % of 500 others in 800,000 more of `pick_blind`; one that knew the way went from 91.2 to
+88.6 % (`eval/studies/pick_blind_seeds`).
 """
 
 from dataclasses import replace

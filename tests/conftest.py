@@ -6,6 +6,7 @@ import itertools
 import os
 import subprocess
 import sys
+import tempfile
 from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
@@ -173,6 +174,17 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
     terminalreporter.section("slowest files")
     for path, total_s in seconds.most_common(FILES_SHOWN):
         terminalreporter.write_line(f"{total_s:7.0f} s  {path}")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Gives all processes of a run one cache of their own, which is empty at first.
+
+    The user's cache may have episodes that a test wants to see generated.
+    """
+    if not hasattr(config, "workerinput"):
+        folder = tempfile.TemporaryDirectory(prefix="hab-tests-")
+        config.add_cleanup(folder.cleanup)
+        os.environ["HAB_CACHE_DIR"] = folder.name
 
 
 def pytest_unconfigure() -> None:

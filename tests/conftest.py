@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
@@ -29,6 +30,11 @@ EPISODES, FEW = 4, 2
 
 COLLECTED = 20
 """Of how many of ManiSkill's garbage collections one is made."""
+
+SLOW_UNTIL_S = float(os.environ.get("HAB_TEST_SLOW_UNTIL_S", "inf"))
+"""No slow test begins later than this after the start of the run; see `.ci/run`."""
+
+STARTED_S = time.monotonic()
 
 PROBES = {
     "render": "import sapien; sapien.render.RenderSystem()",
@@ -193,7 +199,9 @@ def pytest_unconfigure() -> None:
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Skip a marked test where the machine lacks what its mark names."""
+    """Skip a marked test where the machine lacks what its mark names, or time for slow ones."""
+    if item.get_closest_marker("slow") and time.monotonic() - STARTED_S > SLOW_UNTIL_S:
+        pytest.skip(f"slow, and not begun within HAB_TEST_SLOW_UNTIL_S={SLOW_UNTIL_S:.0f}")
     if item.get_closest_marker("assets"):
         _present(DATA)
     for mark, reason in REASONS.items():

@@ -24,8 +24,9 @@ SHARE_AT_RANDOM = {"HabPick-v1": 0.05, "HabPlace-v1": 0.05}
 SHARE_ELSEWHERE = 0.01
 
 STEPS = 200
-RANDOM_TASK_STEPS = 100
-"""Of random actions; a task's first stage is not reached by them."""
+RANDOM_SKILL = (100, STEPS)
+RANDOM_TASK = (50, 100)
+"""Episodes and steps of random actions; a task's first stage is not reached by them."""
 
 RESTING_STEPS = 40
 """So many are played of who stands still: nothing changes later, unless something was let go."""
@@ -88,12 +89,12 @@ def test_standing_still_earns_nothing(env_id):
 
 @pytest.mark.parametrize("env_id", ENVS)
 def test_random_actions_earn_next_to_nothing(env_id):
-    steps = RANDOM_TASK_STEPS if hasattr(ENVS[env_id].env, "task") else STEPS
-    with made(env_id, ["random_agent"]) as (env, agents):
+    count, steps = RANDOM_TASK if hasattr(ENVS[env_id].env, "task") else RANDOM_SKILL
+    with made(env_id, ["random_agent"], num_episodes=count) as (env, agents):
         (agent,) = agents.values()
-        found = [play(env, agent, index, steps) for index in range(COUNT)]
+        found = [play(env, agent, index, steps) for index in range(count)]
     won = [index for index, outcome in enumerate(found) if outcome.won]
-    assert len(won) <= SHARE_AT_RANDOM.get(env_id, SHARE_ELSEWHERE) * COUNT, won
+    assert len(won) <= SHARE_AT_RANDOM.get(env_id, SHARE_ELSEWHERE) * count, won
 
 
 @pytest.mark.assets

@@ -1,6 +1,7 @@
 """Style rules that ruff does not check: sizes, names, randomness, printing, packaging lists."""
 
 import ast
+import functools
 import re
 import subprocess
 from pathlib import Path
@@ -45,6 +46,7 @@ def name_of(path: Path) -> str:
     return str(path.relative_to(ROOT))
 
 
+@functools.cache
 def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
 
@@ -58,37 +60,35 @@ def statement_lines(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
     return lines
 
 
-@pytest.mark.parametrize("path", FILES, ids=name_of)
-def test_file_is_short_and_finished(path):
-    text = path.read_text(encoding="utf-8")
-    assert len(text.splitlines()) <= MAX_FILE_LINES
-    assert not [words for words in UNFINISHED if words in text]
+def test_files_are_short_and_finished():
+    texts = {name_of(path): path.read_text(encoding="utf-8") for path in FILES}
+    assert not [name for name, text in texts.items() if len(text.splitlines()) > MAX_FILE_LINES]
+    assert not [name for name, text in texts.items() if any(word in text for word in UNFINISHED)]
 
 
-@pytest.mark.parametrize("path", SHIPPED, ids=name_of)
-def test_functions_are_short(path):
-    long = {
-        node.name: statement_lines(node)
+def test_functions_are_short():
+    long = [
+        f"{name_of(path)}: {node.name} has {statement_lines(node)} lines"
+        for path in SHIPPED
         for node in ast.walk(tree_of(path))
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
         and statement_lines(node) > MAX_FUNCTION_LINES
-    }
-    assert not long, f"more than {MAX_FUNCTION_LINES} lines in {name_of(path)}: {long}"
+    ]
+    assert not long
 
 
-@pytest.mark.parametrize("path", SHIPPED, ids=name_of)
-def test_only_command_lines_print(path):
+def test_only_command_lines_print():
     speaks = (ROOT / "assets/tools", ROOT / "hab_tasks/commands")
-    if path.name == "cli.py" or any(path.is_relative_to(folder) for folder in speaks):
-        return
     prints = [
-        node.lineno
+        f"{name_of(path)}:{node.lineno}"
+        for path in SHIPPED
+        if path.name != "cli.py" and not any(path.is_relative_to(folder) for folder in speaks)
         for node in ast.walk(tree_of(path))
         if isinstance(node, ast.Call)
         and isinstance(node.func, ast.Name)
         and node.func.id == "print"
     ]
-    assert not prints, f"print in {name_of(path)}, lines {prints}: use logging"
+    assert not prints, "use logging"
 
 
 def global_draws(tree: ast.Module, *, torch_too: bool) -> list[str]:
@@ -109,10 +109,15 @@ def global_draws(tree: ast.Module, *, torch_too: bool) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("path", FILES, ids=name_of)
-def test_randomness_comes_from_generators(path):
-    found = global_draws(tree_of(path), torch_too=path in SHIPPED)
-    assert [one for one in found if one.split(": ")[1] != FORKED.get(name_of(path))] == []
+def test_randomness_comes_from_generators():
+    shipped = set(SHIPPED)
+    found = [
+        f"{name_of(path)}:{draw}"
+        for path in FILES
+        for draw in global_draws(tree_of(path), torch_too=path in shipped)
+        if draw.split(": ")[1] != FORKED.get(name_of(path))
+    ]
+    assert not found
 
 
 def test_global_draws_are_found():

@@ -1,7 +1,7 @@
 """The code of the tutorials and of the first pages runs, in order, as a reader would run it.
 
 A block with a title is a file; the other Python blocks of a page run in one namespace. A shell
-block runs if the line before it is ``<!-- run -->``, or ``<!-- run: slow -->`` for the slow tests.
+block runs if the line before it is ``<!-- run -->``; pages that have such blocks are slow tests.
 Console scripts are called in this process, as loading the simulator for each takes seconds.
 """
 
@@ -24,7 +24,7 @@ PAGES = sorted([*DOCS.glob("tutorials/*.md"), DOCS / "start.md", DOCS / "concept
 SEEN = "index.md"  # a list of the others
 
 BLOCK = re.compile(
-    r"(?P<mark>^<!-- run(?P<slow>: slow)? -->\n)?"
+    r"(?P<mark>^<!-- run -->\n)?"
     r'^```(?P<language>python|bash)(?: title="(?P<file>[\w./]+)")?\n(?P<code>.*?)^```$',
     re.MULTILINE | re.DOTALL,
 )
@@ -35,14 +35,14 @@ def name_of(page):
     return str(page.relative_to(DOCS))
 
 
-def steps_of(page, *, slow):
+def steps_of(page):
     """(line, kind, file or None, code) of what is to be done on a page, in order."""
     text = page.read_text(encoding="utf-8")
     for block in BLOCK.finditer(text):
         line = text.count("\n", 0, block.start("code")) + 1
         if block["language"] == "python":
             yield line, "python", block["file"], block["code"]
-        elif block["mark"] and (slow or not block["slow"]):
+        elif block["mark"]:
             yield line, "bash", None, block["code"]
 
 
@@ -93,9 +93,9 @@ def run_command(command, where):
     assert done.returncode == 0, f"{where}: {done.stderr[-2000:]}"
 
 
-def play(page, *, slow):
+def play(page):
     space = {"__name__": "__main__"}
-    for line, kind, file, code in steps_of(page, slow=slow):
+    for line, kind, file, code in steps_of(page):
         where = f"{name_of(page)}, line {line}"
         if file is not None:
             path = Path(file)
@@ -109,18 +109,16 @@ def play(page, *, slow):
                 run_command(command, where)
 
 
-@pytest.mark.parametrize("page", [p for p in PAGES if p.name != SEEN], ids=name_of)
+def case_of(page):
+    """A page with code; slow where it runs commands."""
+    slow = [pytest.mark.slow] if "<!-- run -->" in page.read_text("utf-8") else []
+    return pytest.param(page, id=name_of(page), marks=slow)
+
+
+@pytest.mark.parametrize("page", [case_of(page) for page in PAGES if page.name != SEEN])
 def test_the_code_of_a_page_runs(page, working_directory):
-    assert list(steps_of(page, slow=False)), "no code on the page"
-    play(page, slow=False)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "page", [p for p in PAGES if "<!-- run: slow -->" in p.read_text()], ids=name_of
-)
-def test_its_longer_commands_run_too(page, working_directory):
-    play(page, slow=True)
+    assert list(steps_of(page)), "no code on the page"
+    play(page)
 
 
 def test_every_tutorial_is_listed():

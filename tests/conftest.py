@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
 from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
@@ -30,11 +29,6 @@ EPISODES, FEW = 4, 2
 
 COLLECTED = 20
 """Of how many of ManiSkill's garbage collections one is made."""
-
-SLOW_UNTIL_S = float(os.environ.get("HAB_TEST_SLOW_UNTIL_S", "inf"))
-"""No slow test begins later than this after the start of the run; see `.ci/run`."""
-
-STARTED_S = time.monotonic()
 
 PROBES = {
     "render": "import sapien; sapien.render.RenderSystem()",
@@ -86,13 +80,10 @@ def _rare_garbage_collection():
 
 @pytest.fixture(autouse=True, scope="session")
 def _one_worker_server():
-    """Workers of all tests are forked from one server, which has imported the simulator."""
-    from hab_tasks import processes
+    """One server forks the workers of all tests; it imports the simulator once."""
+    from hab_tasks.processes import start_worker_server
 
-    with pytest.MonkeyPatch.context() as patch:
-        imports = [*processes.SERVER_IMPORTS, "hab_tasks.vector.worker"]
-        patch.setattr(processes, "SERVER_IMPORTS", imports)
-        yield
+    start_worker_server("hab_tasks.vector.worker")
 
 
 @pytest.fixture
@@ -159,7 +150,11 @@ def generated(tmp_path_factory):
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files with slow tests first, so that no process ends with one when the others are idle."""
-    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    slow = {
+        item.path
+        for item in items
+        if item.get_closest_marker("slow") or item.get_closest_marker("long")
+    }
     items.sort(key=lambda item: item.path not in slow)
 
 
@@ -199,9 +194,7 @@ def pytest_unconfigure() -> None:
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Skip a marked test where the machine lacks what its mark names, or time for slow ones."""
-    if item.get_closest_marker("slow") and time.monotonic() - STARTED_S > SLOW_UNTIL_S:
-        pytest.skip(f"slow, and not begun within HAB_TEST_SLOW_UNTIL_S={SLOW_UNTIL_S:.0f}")
+    """Skip a marked test where the machine lacks what its mark names."""
     if item.get_closest_marker("assets"):
         _present(DATA)
     for mark, reason in REASONS.items():

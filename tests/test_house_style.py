@@ -1,7 +1,6 @@
 """Style rules that ruff does not check: sizes, names, randomness, printing, packaging lists."""
 
 import ast
-import functools
 import re
 import subprocess
 from pathlib import Path
@@ -46,9 +45,10 @@ def name_of(path: Path) -> str:
     return str(path.relative_to(ROOT))
 
 
-@functools.cache
-def tree_of(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
+@pytest.fixture(scope="module")
+def trees():
+    """Syntax tree of each file."""
+    return {path: ast.parse(path.read_text(encoding="utf-8"), str(path)) for path in FILES}
 
 
 def statement_lines(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
@@ -66,24 +66,24 @@ def test_files_are_short_and_finished():
     assert not [name for name, text in texts.items() if any(word in text for word in UNFINISHED)]
 
 
-def test_functions_are_short():
+def test_functions_are_short(trees):
     long = [
         f"{name_of(path)}: {node.name} has {statement_lines(node)} lines"
         for path in SHIPPED
-        for node in ast.walk(tree_of(path))
+        for node in ast.walk(trees[path])
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
         and statement_lines(node) > MAX_FUNCTION_LINES
     ]
     assert not long
 
 
-def test_only_command_lines_print():
+def test_only_command_lines_print(trees):
     speaks = (ROOT / "assets/tools", ROOT / "hab_tasks/commands")
     prints = [
         f"{name_of(path)}:{node.lineno}"
         for path in SHIPPED
         if path.name != "cli.py" and not any(path.is_relative_to(folder) for folder in speaks)
-        for node in ast.walk(tree_of(path))
+        for node in ast.walk(trees[path])
         if isinstance(node, ast.Call)
         and isinstance(node.func, ast.Name)
         and node.func.id == "print"
@@ -109,12 +109,12 @@ def global_draws(tree: ast.Module, *, torch_too: bool) -> list[str]:
     return found
 
 
-def test_randomness_comes_from_generators():
+def test_randomness_comes_from_generators(trees):
     shipped = set(SHIPPED)
     found = [
         f"{name_of(path)}:{draw}"
         for path in FILES
-        for draw in global_draws(tree_of(path), torch_too=path in shipped)
+        for draw in global_draws(trees[path], torch_too=path in shipped)
         if draw.split(": ")[1] != FORKED.get(name_of(path))
     ]
     assert not found

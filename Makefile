@@ -3,6 +3,7 @@ PYTHON := .venv/bin/python
 SLOW ?=
 ALL ?=
 SEED ?=
+TESTS ?=
 TIER := $(if $(ALL),,$(if $(SLOW),not long,not slow and not long))
 WORKERS ?= 2
 DATASET ?=
@@ -20,9 +21,9 @@ demo: setup ## Five Pick episodes in our apartment: result table, video, picture
 	@.venv/bin/hab-eval run --agent hab_spa:spa_priv --env HabPick-v1 --scene-dataset apartment \
 	  --episodes 5 --seed 0 --video 1 --force --out runs/demo
 
-test: setup ## The quick tests; with SLOW=1 those of CI, with ALL=1 all; with SEED=N in a random order
+test: setup ## The quick tests; with SLOW=1 those of CI, with ALL=1 all; SEED=N: random order; TESTS=PATH: a part
 	@$(PYTHON) -m pytest -q -n $(WORKERS) --dist loadfile --no-loadscope-reorder -m "$(TIER)" \
-	  $(if $(SEED),--randomly-seed=$(SEED),-p no:randomly) $(if $(SLOW)$(ALL),--durations=60 --durations-min=10)
+	  $(if $(SEED),--randomly-seed=$(SEED),-p no:randomly) $(if $(SLOW)$(ALL),--durations=60 --durations-min=10) $(TESTS)
 
 soak: setup ## A million random and adversarial steps in all environments, as a test of what they stand
 	@HAB_SOAK_STEPS=$(or $(STEPS),1000000) HAB_VECTOR_SOAK_STEPS=$(or $(VECTOR_STEPS),100000) \

@@ -159,21 +159,30 @@ def test_the_page_of_environments_is_what_is_generated():
 
 
 def test_the_page_says_everything_of_an_environment():
-    from hab_tasks.commands.environments_page import page
+    from hab_tasks.commands.environments_page import measures_of, page
     from hab_tasks.envs import ENVS
 
+    common = ["Frames", "Observations", "Actions", "Measures"]
     sections = re.split(r"^## ", page(), flags=re.MULTILINE)[1:]
-    assert [section.split("\n", 1)[0] for section in sections] == ["Frames", *ENVS]
-    for section, entry in zip(sections[1:], ENVS.values(), strict=True):
+    _, observations, actions, measures = sections[: len(common)]
+    assert [section.split("\n", 1)[0] for section in sections] == [*common, *ENVS]
+    for section, entry in zip(sections[len(common) :], ENVS.values(), strict=True):
         for name in ("Start", "Observation", "Action", "Reward", "Success", "Failure", "Measures"):
             assert re.search(rf"^\*\*{name}\*\*", section, flags=re.MULTILINE), (entry.id, name)
         said = re.search(r"^\*\*Horizon\*\*: ([\d,]+) steps", section, flags=re.MULTILINE)[1]
         assert int(said.replace(",", "")) == entry.horizon_steps
         for mode in entry.env.control_modes:
-            assert f"| `{mode}` |" in section
+            assert f"`{mode}`" in section
+            assert f"| `{mode}` |" in actions
+        for measure in measures_of(entry.env):
+            assert f"`{measure}`" in section
+            assert f"| `{measure}` |" in measures
         for item in entry.env.observation:
-            shape = "x".join(map(str, item.shape))
-            assert f"| `{item.name}` | `{item.group}` | {shape} | {item.unit} |" in section
+            assert f"`{item.name}`" in section
+            row = re.search(rf"^\| `{item.name}` .*", observations, flags=re.MULTILINE)[0]
+            cells = row.strip("| ").split(" | ")
+            assert [cells[1], *cells[3:]] == [f"`{item.group}`", item.unit, item.meaning]
+            assert "x".join(map(str, item.shape)) in cells[2].split(", ")
         # Each observation table of a docstring is the class's own list.
         row = r"^ *(\w+) +(agent|extra) +(\d+) "
         table = re.findall(row, entry.env.__doc__, flags=re.MULTILINE)

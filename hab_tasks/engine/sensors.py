@@ -150,7 +150,7 @@ EE_ROTATION = ObsEntry(
     name="ee_rotation",
     shape=(6,),
     unit="1",
-    meaning="x axis of the end-effector's frame, then its y axis, in the base frame",
+    meaning="x, then y axis of the end-effector, base frame",
     read=_ee_rotation,
     proprioceptive=True,
 )
@@ -158,7 +158,7 @@ IS_HOLDING = ObsEntry(
     name="is_holding",
     shape=(1,),
     unit="0 or 1",
-    meaning="whether anything is in the hand",
+    meaning="whether the gripper holds anything",
     read=_is_holding,
     proprioceptive=True,
 )
@@ -166,7 +166,7 @@ REST_FROM_EE = ObsEntry(
     name="rest_from_ee",
     shape=(3,),
     unit="m",
-    meaning="from the end-effector to its resting position, base frame",
+    meaning="end-effector to its resting position, base frame",
     read=_rest_from_ee,
     proprioceptive=True,
 )
@@ -174,13 +174,13 @@ OBJECT_START = ObsEntry(
     name="object_start_from_ee",
     shape=(3,),
     unit="m",
-    meaning="from the end-effector to the target's starting position, base frame",
+    meaning="end-effector to the target's starting position, base frame",
     read=lambda s, m, g: along_base_axes(s, g.starts_m[:, 0]),
     in_ee=ObsEntry(
         name="object_start_in_ee",
         shape=(3,),
         unit="m",
-        meaning="the target's starting position in the end-effector's frame",
+        meaning="starting position in the end-effector frame",
         read=lambda s, m, g: in_ee_frame(s, g.starts_m[:, 0]),
     ),
 )
@@ -188,13 +188,13 @@ OBJECT_GOAL = ObsEntry(
     name="object_goal_from_ee",
     shape=(3,),
     unit="m",
-    meaning="from the end-effector to the target's goal position, base frame",
+    meaning="end-effector to the target's goal position, base frame",
     read=lambda s, m, g: along_base_axes(s, g.goals_m[:, 0]),
     in_ee=ObsEntry(
         name="object_goal_in_ee",
         shape=(3,),
         unit="m",
-        meaning="the target's goal position in the end-effector's frame",
+        meaning="goal position in the end-effector frame",
         read=lambda s, m, g: in_ee_frame(s, g.goals_m[:, 0]),
     ),
 )
@@ -204,13 +204,13 @@ POINT = ObsEntry(
     name="point_in_base",
     shape=(3,),
     unit="m",
-    meaning="start or goal of the object in question, in the base frame",
+    meaning="start or goal of the object, base frame",
     read=lambda s, m, g: in_base_frame(s, g.goals_m[:, :1])[:, 0],
     in_ee=ObsEntry(
         name="point_in_ee",
         shape=(3,),
         unit="m",
-        meaning="start or goal of the object in question, in the end-effector's frame",
+        meaning="start or goal in the end-effector frame",
         read=lambda s, m, g: in_ee_frame(s, g.goals_m[:, 0]),
     ),
 )
@@ -218,7 +218,7 @@ HANDLE = ObsEntry(
     name="handle_from_ee",
     shape=(3,),
     unit="m",
-    meaning="from the end-effector to the handle where it is now, base frame",
+    meaning="end-effector to the current handle position, base frame",
     read=lambda s, m, g: along_base_axes(s, s.handles_m[:, 0]),
 )
 PROPRIOCEPTION = (ARM_QPOS, EE_POSITION, EE_ROTATION, IS_HOLDING, REST_FROM_EE)
@@ -236,7 +236,7 @@ def targets_in_base(objects: int) -> ObsEntry:
         name="targets_in_base",
         shape=(6 * objects,),
         unit="m",
-        meaning="start and goal of each object in turn, in the base frame",
+        meaning="start and goal of each object, base frame",
         read=read,
     )
 
@@ -247,7 +247,7 @@ def handles_in_base(articulations: int) -> ObsEntry:
         name="handles_in_base",
         shape=(3 * articulations,),
         unit="m",
-        meaning="handle of each door and drawer in turn where it is now, in the base frame",
+        meaning="current handle of each door and drawer, base frame",
         read=lambda s, m, g: in_base_frame(s, s.handles_m).reshape(-1, 3 * articulations),
     )
 

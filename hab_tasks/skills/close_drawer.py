@@ -96,7 +96,7 @@ CLOSE_DRAWER = Skill(
 
 
 class HabCloseDrawerEnv(SkillEnv):
-    """Close a kitchen counter drawer and return the end-effector to rest; the base is fixed.
+    """Close a kitchen drawer and return to rest; the base is fixed.
 
     **Start**: the drawer 80 to 100 % open, a random subset of the other drawers open; the robot in
     a spawn region of 0.15 m x 0.75 m in front of it, facing the handle. Noise: 20 deg on the base

@@ -100,7 +100,7 @@ CLOSE_FRIDGE = Skill(
 
 
 class HabCloseFridgeEnv(SkillEnv):
-    """Close the fridge's upper door with arm and base, and return the end-effector to rest.
+    """Close the fridge's upper door with arm and base, return to rest.
 
     **Start**: the door open by pi/4 to 2 pi/3; the robot in a spawn region of 0.9 m x 1.2 m in
     front of the fridge, facing the handle. Noise: 20 deg on the base heading, 0.05 m on the

@@ -165,7 +165,7 @@ NAVIGATE = Skill(
 
 
 class HabNavigateEnv(SkillEnv):
-    """Drive to a base pose from which another skill can start, and stop there.
+    """Drive to the start pose of another skill and stop there.
 
     **Start**: the robot at a random free pose with random heading; doors, drawers and objects as
     in a start state of one of the other six skills, whose base pose is the goal (S H.2).

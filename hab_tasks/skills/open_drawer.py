@@ -172,7 +172,7 @@ OPEN_DRAWER = Skill(
 
 
 class HabOpenDrawerEnv(SkillEnv):
-    """Open a kitchen counter drawer and return the end-effector to rest; the base is fixed.
+    """Open a kitchen drawer and return to rest; the base is fixed.
 
     **Start**: the drawer closed, a random subset of the other drawers open; the robot in a spawn
     region of 0.15 m x 0.75 m in front of it, facing the handle. Noise: 20 deg on the base heading,

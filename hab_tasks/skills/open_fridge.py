@@ -166,7 +166,7 @@ OPEN_FRIDGE = Skill(
 
 
 class HabOpenFridgeEnv(SkillEnv):
-    """Open the fridge's upper door with arm and base, and return the end-effector to rest.
+    """Open the fridge's upper door with arm and base, return to rest.
 
     **Start**: the door closed; the robot in a spawn region of 0.9 m x 1.2 m in front of the fridge,
     facing the handle. Noise: 20 deg on the base heading, 0.05 m on the end-effector (S H.2).

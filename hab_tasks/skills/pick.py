@@ -160,7 +160,7 @@ PICK = Skill(
 
 
 class HabPickEnv(SkillEnv):
-    """Pick up the target object and return the end-effector to rest; the base is fixed.
+    """Pick up the target and return to rest; the base is fixed.
 
     **Start**: target and clutter settled on one of six receptacles (sofa, fridge, left counter,
     right counter, light table, dark table); the robot faces the target. Noise: 20 deg on the base

@@ -162,7 +162,7 @@ PLACE = Skill(
 
 
 class HabPlaceEnv(SkillEnv):
-    """Place the held object at its goal and return the end-effector to rest; the base is fixed.
+    """Place the held object and return to rest; the base is fixed.
 
     **Start**: the object held by the gripper; goal and clutter on one of seven receptacles (sofa,
     fridge, left counter, right counter, light table, dark table, sink); the robot faces the goal.

@@ -19,7 +19,6 @@ from hab_ppo.curves import draw_success
 from hab_ppo.recipe import Recipe
 
 NOT_EVALUATED = "No evaluation yet."
-RESULTS = ("dataset", "split", "seed", "episodes", "success %", "steps", "failures", "version")
 
 
 def shipped_names() -> list[str]:
@@ -38,13 +37,17 @@ def card(name: str, records: Iterable[RunRecord]) -> str:
     _, about = checkpoint.load(path)
     recipe = recipe_of(about, path)
     own = [r for r in records if r.agent == f"hab_ppo:{name}" and not r.options]
-    lines = [f"# {name}", "", recipe.about, ""]
-    lines += table(("policy", ""), _facts(recipe, path))
-    lines += ["", "## Training", "", f"![Learning curve]({name}.png)", ""]
-    lines += table(("run", ""), _training(about))
-    actions = "Drawn" if recipe.draws_actions else "Most likely"
-    lines += ["", "## Results", "", f"{actions} actions; 95 % Wilson intervals.", ""]
-    lines += table(RESULTS, [result(record) for record in own]) if own else [NOT_EVALUATED]
+    lines = [f"# {name}", "", recipe.about, "", *_facts(recipe, path)]
+    lines += ["", "## Training", "", f"![Learning curve]({name}.png)", "", *_training(about)]
+    actions = "sampled" if recipe.draws_actions else "most likely"
+    lines += [
+        "",
+        "## Results",
+        "",
+        f"Success % with 95 % Wilson interval ({actions} actions), failures:",
+        "",
+    ]
+    lines += [result(record) for record in own] or [NOT_EVALUATED]
     return "\n".join(lines) + "\n"
 
 
@@ -58,35 +61,35 @@ def draw_card_curve(name: str, out: Path) -> None:
     draw_success(training, evaluated, out)
 
 
-def _facts(recipe: Recipe, path: Path) -> list[tuple[str, str]]:
+def _facts(recipe: Recipe, path: Path) -> list[str]:
     env = recipe.env
-    options = [f"`obs_mode={env.obs_mode}`", f"`target_frame={env.target_frame}`"]
+    options = [f"`{env.obs_mode}`", f"`target_frame={env.target_frame}`"]
     options += ["`handle_position=True`"] if env.handle_position else []
+    size = path.stat().st_size / 1e6
     return [
-        ("environment", f"`{env.env}`, control mode `{env.control_mode}`"),
-        ("observes", ", ".join(options)),
-        ("recipe", f"[`{recipe.name}`](../recipes/{recipe.name}.py)"),
-        ("weights", f"`{path.name}`, {path.stat().st_size / 1e6:.1f} MB"),
-        ("play", f"`hab-eval run --agent hab_ppo:{recipe.name} --env {env.env} --out DIR`"),
+        f"- Run: `hab-eval run --agent hab_ppo:{recipe.name} --env {env.env} --out DIR`",
+        f"- Observes {', '.join(options)}; acts in `{env.control_mode}`",
+        f"- Recipe: [`{recipe.name}`](../recipes/{recipe.name}.py); weights: {size:.1f} MB",
     ]
 
 
-def _training(about: dict[str, Any]) -> list[tuple[str, str]]:
+def _training(about: dict[str, Any]) -> list[str]:
     origin, position, training = about["origin"], about["position"], about["training"]
-    rows = [
-        ("command", f"`{origin['command']}`"),
-        ("machine", f"{origin['device']}; {about['ranks']} ranks"),
-        ("commit", str(origin["git"])),
-        ("data", _data(about["recipe"]["env"])),
-        ("steps", f"{training['steps']:,} in {training['seconds'] / 3600:.2f} h"),
-        ("weights of", f"{position['best_steps']:,} steps, the best of all evaluations"),
+    hours = f"{training['seconds'] / 3600:.2f} h"
+    best = f"best weights at {position['best_steps']:,}"
+    lines = [
+        f"- Command: `{origin['command']}`",
+        f"- Commit: {origin['git']}",
+        f"- Machine: {origin['device']}; {about['ranks']} ranks",
+        f"- Data: {_data(about['recipe']['env'])}",
+        f"- Steps: {training['steps']:,} in {hours}; {best}",
     ]
     start = training["start"]
     if start is not None:
         made = ", ".join(f"{key} {value}" for key, value in start["made_from"].items())
         cloned = f"cloned in {start['seconds'] / 60:.1f} min: " if start["seconds"] else ""
-        rows.insert(4, ("start", f"{cloned}{markdown(made)}"))
-    return rows
+        lines.insert(4, f"- Start: {cloned}{markdown(made)}")
+    return lines
 
 
 def _data(env: dict[str, Any]) -> str:
@@ -94,21 +97,15 @@ def _data(env: dict[str, Any]) -> str:
     return f"{episodes}, {env['split']} layouts of {markdown(env['scene_dataset'])}"
 
 
-def result(record: RunRecord) -> tuple[str, ...]:
-    """Returns the row of an evaluation, with the columns `RESULTS`."""
+def result(record: RunRecord) -> str:
+    """Returns the line of an evaluation."""
     summary = record.summary
     low, high = summary.success.ci95
     failures = ", ".join(f"{name} {count}" for name, count in summary.failures.items()) or "none"
-    return (
-        record.scene_dataset,
-        record.split,
-        str(record.seed),
-        str(len(record.episodes)),
-        f"{100 * summary.success.mean:.1f} [{100 * low:.1f}, {100 * high:.1f}]",
-        f"{summary.mean_steps:.1f}",
-        markdown(failures),
-        f"{record.versions['hab-tasks']} ({str(record.git)[:8]})",
-    )
+    success = f"{100 * summary.success.mean:.1f} [{100 * low:.1f}, {100 * high:.1f}]"
+    run = f"{record.scene_dataset}, {record.split}, seed {record.seed}"
+    version = f"{record.versions['hab-tasks']}, {str(record.git)[:8]}"
+    return f"- {run}: {success} of {len(record.episodes)}; {markdown(failures)} ({version})"
 
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:

@@ -66,16 +66,15 @@ def test_a_card_states_what_the_files_say(weights, run, tmp_path, capsys):
     text = card("pick_blind", [])
     assert NOT_EVALUATED in text
     for fact in (
-        "| command | `hab-ppo train pick_blind` |",
-        "| machine | a machine; 2 ranks |",
-        "| steps | 3,200 in 0.50 h |",
-        "| weights of | 1,600 steps, the best of all evaluations |",
+        "- Command: `hab-ppo train pick_blind`",
+        "- Machine: a machine; 2 ranks",
+        "- Steps: 3,200 in 0.50 h; best weights at 1,600",
     ):
         assert fact in text
     record = replace(make_record([True, True, True, False]), agent="hab_ppo:pick_blind")
     other = replace(record, agent="hab_ppo:place_blind")
     lines = card("pick_blind", [other, record]).splitlines()
-    assert "| 4 | 75.0 [30.1, 95.4] |" in lines[-1]  # Wilson, 3 of 4
+    assert ": 75.0 [30.1, 95.4] of 4;" in lines[-1]  # Wilson, 3 of 4
     assert not any("75.0" in line for line in lines[:-1])
     submissions = tmp_path / "submissions"
     submissions.mkdir()
@@ -106,10 +105,10 @@ def test_a_navigator_ships_with_a_card_of_its_rounds(weights, tmp_path, capsys):
     text = (tmp_path / "navigator" / "navigator.md").read_text(encoding="utf-8")
     assert "| 1 | larger | 8 | 25.0 | 70 | 9.00 | 7.25 |" in text
     assert "| 2 | apartment | 8 | 25.0 | 70 | 9.00 | 7.25 |" in text
-    assert "| `hab-ppo navigator`, then `hab-ppo navigator --rounds 2` |" in text
+    assert "- Command: `hab-ppo navigator`, then `hab-ppo navigator --rounds 2`\n" in text
     assert NOT_EVALUATED in text
     record = replace(make_record([True, False]), agent="hab_ppo:navigator")
-    assert "| 2 | 50.0 [9.5, 90.5] |" in navigator_card([record]).splitlines()[-1]  # Wilson, 1 of 2
+    assert ": 50.0 [9.5, 90.5] of 2;" in navigator_card([record]).splitlines()[-1]  # Wilson, 1 of 2
 
 
 def test_weights_that_do_not_tell_their_origin_do_not_ship(weights, run):

@@ -7,19 +7,19 @@ from typing import Any
 
 from hab_eval.results import RunRecord
 
-from hab_ppo.cards import NOT_EVALUATED, RESULTS, result, table
+from hab_ppo.cards import NOT_EVALUATED, result, table
 from hab_ppo.navigation.weights import NAVIGATOR, load, shipped_navigator
 from hab_tasks.skills.navigate import NAVIGATE_ID
 
-ABOUT = "Navigate with a map, a learned distribution of the goal pose, and planned ways."
+ABOUT = "Navigate with a map, a learned distribution of the goal pose, and planned paths."
 ROUNDS = (
     "round",
     "train layouts of",
     "episodes",
     "solved %",
     "lessons",
-    "cross-entropy of new ones",
-    "after the fit",
+    "cross-entropy before",
+    "after fit",
 )
 
 
@@ -33,24 +33,22 @@ def card(records: Iterable[RunRecord]) -> str:
     _, about = load(path)
     own = [r for r in records if r.agent == f"hab_ppo:{NAVIGATOR}" and not r.options]
     play = f"`hab-eval run --agent hab_ppo:{NAVIGATOR} --env {NAVIGATE_ID} --out DIR`"
-    size = f"`{path.name}`, {path.stat().st_size / 1e6:.1f} MB"
-    lines = [f"# {NAVIGATOR}", "", ABOUT]
-    lines += ["", *table(("navigator", ""), [("weights", size), ("play", play)])]
-    lines += ["", "## Training", "", *table(("run", ""), _training(about))]
-    lines += ["", *table(ROUNDS, _rounds(about)), "", "## Results", ""]
-    lines += table(RESULTS, [result(r) for r in own]) if own else [NOT_EVALUATED]
+    lines = [f"# {NAVIGATOR}", "", ABOUT, "", f"- Run: {play}"]
+    lines += [f"- Weights: {path.stat().st_size / 1e6:.1f} MB", "", "## Training", ""]
+    lines += [*_training(about), "", *table(ROUNDS, _rounds(about)), "", "## Results", ""]
+    lines += ["Success % with 95 % Wilson interval, failures:", ""]
+    lines += [result(r) for r in own] or [NOT_EVALUATED]
     return "\n".join(lines) + "\n"
 
 
-def _training(about: dict[str, Any]) -> list[tuple[str, str]]:
+def _training(about: dict[str, Any]) -> list[str]:
     origin = about["origin"]
     # A run may have gone on with another command; rounds of an earlier format do not tell theirs.
     told = dict.fromkeys(found.get("command", origin["command"]) for found in about["rounds"])
     return [
-        ("command", ", then ".join(f"`{command}`" for command in told)),
-        ("machine", origin["device"]),
-        ("commit", str(origin["git"])),
-        ("time", f"{about['seconds'] / 60:.0f} min"),
+        f"- Command: {', then '.join(f'`{command}`' for command in told)}",
+        f"- Commit: {origin['git']}",
+        f"- Machine: {origin['device']}; {about['seconds'] / 60:.0f} min",
     ]
 
 

@@ -69,9 +69,11 @@ except BaseException:
 
 @pytest.mark.parametrize("how", ENDINGS)
 def test_every_end_has_its_status_and_one_line(how, capsys):
+    before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
     _, code, line = ENDINGS[how]
     assert run_script("prog", {"end": End}, ["end", "--how", how]) == code
     assert capsys.readouterr().err == line
+    assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
 
 
 def test_the_traceback_follows_the_line_when_it_is_asked_for(capsys):
@@ -94,26 +96,18 @@ def test_an_import_that_catches_everything_does_not_swallow_ctrl_c(tmp_path, mon
     assert caught == [False]
 
 
-def test_the_handlers_of_before_are_back():
-    before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
-    run_script("prog", {"end": End}, ["end", "--how", "done"])
-    assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
-
-
-def scripts():
-    from hab_eval.cli import main as evaluation
-    from hab_planner.cli import main as planner
-    from hab_spa.cli import main as spa
-
-    from hab_tasks.cli import main as tasks
-
-    return {"tasks": tasks, "eval": evaluation, "spa": spa, "planner": planner}
-
-
-@pytest.mark.parametrize("name", ["tasks", "eval", "spa", "planner"])
-@pytest.mark.parametrize("arguments", [[], ["-x"], ["--verbos"], ["plam"], ["", "--help"]])
-def test_every_script_refuses_in_one_line(name, arguments):
-    pytest.importorskip("hab_spa")
-    refusal = refused_by_command(scripts()[name], arguments)
-    assert refusal.line.startswith(f"hab-{name}: ")
-    assert refusal.out == ""
+@pytest.mark.parametrize(
+    ("name", "module"),
+    [
+        ("hab-tasks", "hab_tasks.cli"),
+        ("hab-eval", "hab_eval.cli"),
+        ("hab-spa", "hab_spa.cli"),
+        ("hab-planner", "hab_planner.cli"),
+    ],
+)
+def test_every_script_refuses_in_one_line(name, module):
+    main = pytest.importorskip(module).main
+    for arguments in ([], ["-x"], ["--verbos"], ["plam"], ["", "--help"]):
+        refusal = refused_by_command(main, arguments)
+        assert refusal.line.startswith(f"{name}: "), arguments
+        assert refusal.out == "", arguments

@@ -5,148 +5,91 @@ import math
 import numpy as np
 import pytest
 import torch
-from builders import box_actor, cpu_scene, start_fetch
+from fetch_sim import GRASP, RELEASE, FetchSim
 
 from hab_tasks.errors import ActionError
-from hab_tasks.robots.control_modes import within_a_turn
 from hab_tasks.robots.drive_grasp import DriveGrasp
-from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.robots.follow_grasp import FollowGrasp
 from hab_tasks.robots.grasp import NOTHING
 from hab_tasks.robots.robot import ROBOT
 
 SETTING = ("joint_state", "joint_state_base", "joint_target_pose", "joint_state_pose")
 POSES = ("joint_target_pose", "joint_state_pose")
-HAND_M = np.array([0.50004, 1.5e-5, 1.005])
-"""The resting end-effector, on its base's 5 mm; the hand comes down on it from above."""
-
-EMPTY = torch.zeros(1, dtype=torch.bool)
-GRASP = torch.ones(1)
+BOX = ((0.03, 0.04, 0.05), (0.03, 0.02, -0.1))
 SMALL = (0.02, 0.02, 0.02)
 
 every_kind = pytest.mark.parametrize("kind", [DriveGrasp, FollowGrasp])
 
 
-class RobotSim:
-    """The robot at rest with boxes around its hand, stepped as the environments do it."""
-
-    def __init__(self, mode, boxes=(), statics=(), kind=DriveGrasp, floating=True):
-        self.scene = cpu_scene()
-        self.agent = HabFetch(self.scene, 30, mode)
-        self.objects = [
-            box_actor(self.scene, f"box{i}", half, tuple(HAND_M + offset))
-            for i, (half, offset) in enumerate(boxes)
-        ]
-        for i, (half, offset) in enumerate(statics):
-            box_actor(self.scene, f"wall{i}", half, tuple(HAND_M + offset), static=True)
-        self.scene._setup(enable_gpu=False)
-        start_fetch(self.agent)
-        for actor in self.objects:
-            actor._bodies[0].disable_gravity = floating
-        self.controller = self.agent.controller
-        self.grasp = kind(self.scene, self.agent.ee_link, self.objects, [])
-        self.speeds = [0.0]
-
-    def act(self, action, gripper=-GRASP):
-        """Carries out one action (A,); notes the largest joint speeds [rad/s, m/s]."""
-        self.controller.set_action(torch.as_tensor(np.float32(action))[None])
-        if self.controller.config.sets_joints:
-            self.grasp.carry(4)
-        self.grasp.command(gripper)
-        for _ in range(4):
-            self.grasp.before_simulation_step()
-            self.scene.px.step()
-            self.speeds.append(float(self.agent.robot.get_qvel().abs().max()))
-        self.grasp.after_control_step()
-
-    def idle(self):
-        return self.controller.idle_action(EMPTY)[0].numpy().copy()
-
-    def arm(self):
-        return self.agent.robot.get_qpos()[0, self.agent.arm_index].numpy()
-
-    def base(self):
-        return self.agent.robot.get_qpos()[0, self.agent.base_index].numpy()
-
-    def in_hand(self):
-        return (self.agent.ee_link.pose.inv() * self.objects[0].pose).raw_pose[0].numpy()
-
-
 # What is set --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("mode", ["joint_state", "joint_state_base", "joint_state_pose"])
-def test_the_arm_is_where_it_was_set(mode):
-    sim, rng = RobotSim(mode), np.random.default_rng(0)
-    rest = sim.arm().copy()
-    for _ in range(20):
-        action = sim.idle()
-        # Jumps of up to 1 rad in each joint, around a pose in which the arm is clear of the body.
-        drawn = rest + rng.uniform(-0.5, 0.5, 7)
-        action[:7] = np.clip(drawn, ROBOT.arm_lower_rad, ROBOT.arm_upper_rad)
-        sim.act(action)
-        assert np.abs(sim.arm() - action[:7]).max() < 1e-3
-    assert max(sim.speeds) < 1e-3, "it came to rest there"
+def test_the_arm_is_where_it_was_set():
+    for mode in ("joint_state", "joint_state_base", "joint_state_pose"):
+        sim, rng = FetchSim(mode), np.random.default_rng(0)
+        rest = sim.arm().copy()
+        for _ in range(20):
+            action = sim.idle()
+            # Jumps of up to 1 rad in each joint, around a pose that is clear of the body.
+            drawn = rest + rng.uniform(-0.5, 0.5, 7)
+            action[:7] = np.clip(drawn, ROBOT.arm_lower_rad, ROBOT.arm_upper_rad)
+            sim.act(action)
+            assert np.abs(sim.arm() - action[:7]).max() < 1e-3
+        assert max(sim.speeds) < 1e-3, "it came to rest there"
 
 
 def test_driven_joints_take_longer():
-    sim = RobotSim("joint_target")
+    sim = FetchSim("joint_target")
     action = sim.idle()
     action[0] += 0.5
     sim.act(action)
     assert np.abs(sim.arm() - action[:7]).max() > 0.1
 
 
-@pytest.mark.parametrize("mode", POSES)
-def test_the_base_is_where_it_was_put_and_stays(mode):
-    sim = RobotSim(mode)
-    arm = sim.arm().copy()
-    for pose in ((2.0, -1.0, 0.5), (-3.0, 0.25, -3.0), (0.0, 0.0, 3.0)):
-        action = sim.idle()
-        action[-3:] = pose
-        for _ in range(10):
-            sim.act(action)
-            assert np.allclose(sim.base(), pose, atol=1e-4)
-        assert np.allclose(sim.idle()[-3:], pose, atol=1e-6)
-    assert np.allclose(sim.arm(), arm, atol=1e-3)
+def test_the_base_is_where_it_was_put_and_stays():
+    for mode in POSES:
+        sim = FetchSim(mode)
+        arm = sim.arm().copy()
+        for pose in ((2.0, -1.0, 0.5), (-3.0, 0.25, -3.0), (0.0, 0.0, 3.0)):
+            action = sim.idle()
+            action[-3:] = pose
+            for _ in range(10):
+                sim.act(action)
+                assert np.allclose(sim.base(), pose, atol=1e-4)
+            assert np.allclose(sim.idle()[-3:], pose, atol=1e-6)
+        assert np.allclose(sim.arm(), arm, atol=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("asked", "found"),
-    # 4 rad is 4 - 2 pi = -2.2832, -7 rad is -7 + 2 pi; the base's joints end at 20 m.
-    [((0.0, 0.0, 4.0), (0.0, 0.0, -2.2832)), ((25.0, -20.5, -7.0), (20.0, -20.0, -0.7168))],
-)
-def test_a_pose_is_taken_within_a_turn_and_within_the_world(asked, found):
-    sim = RobotSim("joint_state_pose")
+def test_a_pose_is_taken_within_a_turn_and_within_the_world():
+    sim = FetchSim("joint_state_pose")
     action = sim.idle()
-    action[-3:] = asked
-    sim.act(action)
-    assert np.allclose(sim.base(), found, atol=1e-3)
+    # 4 rad is 4 - 2 pi = -2.2832, -7 rad is -7 + 2 pi; the base's joints end at 20 m.
+    for asked, found in (
+        ((0.0, 0.0, 4.0), (0.0, 0.0, -2.2832)),
+        ((25.0, -20.5, -7.0), (20.0, -20.0, -0.7168)),
+    ):
+        action[-3:] = asked
+        sim.act(action)
+        assert np.allclose(sim.base(), found, atol=1e-3)
     space = sim.controller.single_action_space
     assert np.allclose(space.high[-3:], (20.0, 20.0, math.pi))
     assert np.array_equal(space.low[-3:], -space.high[-3:])
 
 
-def test_angles_within_a_turn():
-    assert within_a_turn(np.array([0.0, 3.5, -3.5, 7.0, -math.pi])) == pytest.approx(
-        [0.0, 3.5 - 2 * math.pi, 2 * math.pi - 3.5, 7.0 - 2 * math.pi, -math.pi]
-    )
-
-
-@pytest.mark.parametrize("mode", SETTING)
-@pytest.mark.parametrize("entry", [0, -1])
-def test_an_entry_that_is_not_finite_is_refused(mode, entry):
-    sim = RobotSim(mode)
-    before = sim.agent.robot.get_qpos().clone()
-    action = sim.idle()
-    action[entry] = math.nan
-    with pytest.raises(ActionError, match="non-finite"):
-        sim.act(action)
-    assert torch.equal(sim.agent.robot.get_qpos(), before)
+def test_an_entry_that_is_not_finite_is_refused():
+    for mode in SETTING:
+        sim = FetchSim(mode)
+        before = sim.agent.robot.get_qpos().clone()
+        for entry in (0, -1):
+            action = sim.idle()
+            action[entry] = math.nan
+            with pytest.raises(ActionError, match="non-finite"):
+                sim.act(action)
+            assert torch.equal(sim.agent.robot.get_qpos(), before), (mode, entry)
 
 
 def test_a_start_beyond_a_turn_is_within_one_for_the_action():
-    sim = RobotSim("joint_target_pose")
+    sim = FetchSim("joint_target_pose")
     qpos = sim.agent.robot.get_qpos()
     qpos[0, sim.agent.base_index[2]] = 4.0
     sim.agent.robot.set_qpos(qpos)
@@ -159,7 +102,7 @@ def test_a_start_beyond_a_turn_is_within_one_for_the_action():
 
 def test_a_base_that_stays_leaves_the_arm_alone():
     """The arm is driven as in the mode without base."""
-    staying, still = RobotSim("joint_target_pose"), RobotSim("joint_target")
+    staying, still = FetchSim("joint_target_pose"), FetchSim("joint_target")
     for _ in range(10):
         for sim in (staying, still):
             action = sim.idle()
@@ -171,12 +114,12 @@ def test_a_base_that_stays_leaves_the_arm_alone():
 
 
 def test_a_saved_pose_is_restored():
-    sim = RobotSim("joint_state_pose")
+    sim = FetchSim("joint_state_pose")
     action = sim.idle()
     action[-3:] = 1.0, 2.0, 0.5
     sim.act(action)
     qpos, state = sim.agent.robot.get_qpos().clone(), sim.controller.get_state()
-    other = RobotSim("joint_state_pose")
+    other = FetchSim("joint_state_pose")
     other.agent.robot.set_qpos(qpos)
     other.controller.set_state(state)
     assert np.allclose(other.idle(), sim.idle())
@@ -189,43 +132,44 @@ def test_a_saved_pose_is_restored():
 
 
 @every_kind
-@pytest.mark.parametrize("mode", SETTING)
-def test_a_held_object_keeps_its_pose_in_the_hand(mode, kind):
-    sim = RobotSim(mode, [((0.03, 0.04, 0.05), (0.03, 0.02, -0.1))], kind=kind, floating=False)
-    sim.act(sim.idle(), GRASP)
-    start = sim.in_hand()
-    for step in range(30):
-        action = sim.idle()
-        action[:7] += 0.03 * np.cos(step / 5) * np.array([1, 0.2, -1, -1, 1, -1, 1])
-        if mode.endswith("_pose"):
-            action[-3:] += (0.02, -0.02, 0.05)
-        elif mode.endswith("_base"):
-            action[-2:] = 0.3, 0.3
-        sim.act(action, GRASP)
-        assert sim.grasp.held.tolist() == [0]
-        now = sim.in_hand()
-        # Driven joints swing, and a tie gives way to that by some millimetres, as in joint_target.
-        assert np.linalg.norm(now[:3] - start[:3]) < (5e-3 if "target" in mode else 1e-3), step
-        # |q . q'| = cos(angle / 2); 0.0002 is 2.3 degrees
-        assert abs(now[3:] @ start[3:]) > 1 - 2e-4
+def test_a_held_object_keeps_its_pose_in_the_hand(kind):
+    for mode in SETTING:
+        sim = FetchSim(mode, [BOX], kind=kind, floating=False)
+        sim.act(sim.idle(), GRASP)
+        start = sim.in_hand()
+        for step in range(30):
+            action = sim.idle()
+            action[:7] += 0.03 * np.cos(step / 5) * np.array([1, 0.2, -1, -1, 1, -1, 1])
+            if mode.endswith("_pose"):
+                action[-3:] += (0.02, -0.02, 0.05)
+            elif mode.endswith("_base"):
+                action[-2:] = 0.3, 0.3
+            sim.act(action, GRASP)
+            assert sim.grasp.held.tolist() == [0]
+            now = sim.in_hand()
+            # Driven joints swing, and a tie gives way to that by some millimetres.
+            assert np.linalg.norm(now[:3] - start[:3]) < (5e-3 if "target" in mode else 1e-3), mode
+            # |q . q'| = cos(angle / 2); 0.0002 is 2.3 degrees
+            assert abs(now[3:] @ start[3:]) > 1 - 2e-4
 
 
 @every_kind
-@pytest.mark.parametrize("mode", POSES)
-def test_a_held_object_is_teleported_with_the_robot(mode, kind):
-    sim = RobotSim(mode, [((0.03, 0.04, 0.05), (0.03, 0.02, -0.1))], kind=kind, floating=False)
-    sim.act(sim.idle(), GRASP)
-    start, before = sim.in_hand(), sim.objects[0].pose.p[0].clone()
-    action = sim.idle()
-    action[-3:] = 2.0, 0.0, 1.0
-    for _ in range(5):
-        sim.act(action, GRASP)
-        assert np.linalg.norm(sim.in_hand()[:3] - start[:3]) < 1e-3
-        assert np.linalg.norm(sim.objects[0]._bodies[0].linear_velocity) < 0.1  # 9.81 / 120 is 0.08
-    assert sim.grasp.held.tolist() == [0]
-    assert float(torch.linalg.norm(sim.objects[0].pose.p[0] - before)) > 1.5
-    sim.act(action, -GRASP)
-    assert sim.grasp.held.tolist() == [NOTHING]
+def test_a_held_object_is_teleported_with_the_robot(kind):
+    for mode in POSES:
+        sim = FetchSim(mode, [BOX], kind=kind, floating=False)
+        sim.act(sim.idle(), GRASP)
+        start, before = sim.in_hand(), sim.objects[0].pose.p[0].clone()
+        action = sim.idle()
+        action[-3:] = 2.0, 0.0, 1.0
+        for _ in range(5):
+            sim.act(action, GRASP)
+            assert np.linalg.norm(sim.in_hand()[:3] - start[:3]) < 1e-3
+            # 9.81 / 120 is 0.08
+            assert np.linalg.norm(sim.objects[0]._bodies[0].linear_velocity) < 0.1
+        assert sim.grasp.held.tolist() == [0]
+        assert float(torch.linalg.norm(sim.objects[0].pose.p[0] - before)) > 1.5
+        sim.act(action, RELEASE)
+        assert sim.grasp.held.tolist() == [NOTHING]
 
 
 # What is in the way -------------------------------------------------------------------------
@@ -234,7 +178,7 @@ def test_a_held_object_is_teleported_with_the_robot(mode, kind):
 def test_a_body_in_the_way_is_pushed():
     # On a table 6 cm below the hand, 12 cm to its left: 1 kg/dm3 makes it 0.2 kg.
     box, table = ((0.03, 0.03, 0.06), (0.0, 0.12, 0.05)), ((0.3, 0.3, 0.02), (0.0, 0.32, -0.03))
-    sim = RobotSim("joint_state", [box], [table], floating=False)
+    sim = FetchSim("joint_state", [box], [table], floating=False)
     start, fastest = sim.objects[0].pose.p[0].clone(), 0.0
     for _ in range(10):
         action = sim.idle()
@@ -245,20 +189,20 @@ def test_a_body_in_the_way_is_pushed():
     assert fastest < 1.0
 
 
-@pytest.mark.parametrize("depth_rad", [0.05, 0.3])
-def test_an_arm_that_is_set_into_a_wall_is_not_thrown_out(depth_rad):
-    sim = RobotSim("joint_state_pose", statics=[((0.2, 0.2, 0.2), (0.0, 0.3, 0.0))])
-    for _ in range(10):
-        action = sim.idle()
-        action[0] += depth_rad
-        sim.act(np.clip(action, sim.controller._cpu_low, sim.controller._cpu_high))
-        assert np.allclose(sim.base(), 0.0, atol=2e-3)
-    # A light hand turns at some rad/s while it is pushed apart at 1 m/s.
-    assert max(sim.speeds) < 10.0
+def test_an_arm_that_is_set_into_a_wall_is_not_thrown_out():
+    for depth_rad in (0.05, 0.3):
+        sim = FetchSim("joint_state_pose", statics=[((0.2, 0.2, 0.2), (0.0, 0.3, 0.0))])
+        for _ in range(10):
+            action = sim.idle()
+            action[0] += depth_rad
+            sim.act(np.clip(action, sim.controller._cpu_low, sim.controller._cpu_high))
+            assert np.allclose(sim.base(), 0.0, atol=2e-3)
+        # A light hand turns at some rad/s while it is pushed apart at 1 m/s.
+        assert max(sim.speeds) < 10.0
 
 
 def test_a_base_that_is_put_into_a_wall_comes_out_again():
-    sim = RobotSim("joint_target_pose", statics=[((0.2, 0.2, 0.2), (0.3, 0.0, -0.2))])
+    sim = FetchSim("joint_target_pose", statics=[((0.2, 0.2, 0.2), (0.3, 0.0, -0.2))])
     action = sim.idle()
     action[-3] = 0.1
     for _ in range(10):
@@ -272,7 +216,7 @@ def test_a_base_that_is_put_into_a_wall_comes_out_again():
 
 
 def test_nothing_on_the_way_of_a_jump_is_touched():
-    sim = RobotSim("joint_state_pose", [(SMALL, (1.0, 0.0, 0.0))])
+    sim = FetchSim("joint_state_pose", [(SMALL, (1.0, 0.0, 0.0))])
     start = sim.objects[0].pose.p[0].clone()
     action = sim.idle()
     action[-3] = 2.0

@@ -28,9 +28,6 @@ def test_local_jobs_run_once_each(workers):
     assert {index: value for index, (value, _) in answers.items()} == {0: 13, 1: 14, 2: 15}
     here = {pid == os.getpid() for _, pid in answers.values()}
     assert here == {workers == 1}
-
-
-def test_one_job_runs_in_the_calling_process():
     assert LocalExecutor(2).in_process(1)
     assert not LocalExecutor(2).in_process(2)
 
@@ -60,7 +57,7 @@ def test_a_job_that_raises_is_named(tmp_path, monkeypatch):
     assert "Traceback" in answer.error.details
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_episodes_generated_on_ray_are_those_of_one_process(tmp_path, monkeypatch, capsys):
     pytest.importorskip("ray", reason="the package ray is not installed")
     for name, options in {"local": (), "ray": ("--executor", "ray", "--workers", "2")}.items():

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import sapien
 import torch
-from builders import box_actor, cpu_scene, start_fetch
+from builders import box_actor
+from fetch_sim import GRASP, HAND_M, RELEASE, FetchSim
 from kitchen import Kitchen, opening_direction
 
 from hab_tasks.robots.drive_grasp import DriveGrasp
-from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.robots.follow_grasp import FollowGrasp
 from hab_tasks.robots.grasp import NOTHING
 from hab_tasks.scenes.collision_groups import HELD, MOVING
@@ -22,96 +22,64 @@ KINDS = {DriveGrasp: 0.005, FollowGrasp: 0.001}
 """Implementation -> how far [m] a held object may leave its place in the hand."""
 
 every_kind = pytest.mark.parametrize("kind", KINDS)
-ROWS = torch.zeros(1, dtype=torch.long)
-GRASP, RELEASE = torch.ones(1), -torch.ones(1)
-
-
-class RobotSim:
-    """The robot at rest, boxes around its hand, and one kind of grasp."""
-
-    def __init__(self, kind, boxes, statics=()):
-        self.scene = cpu_scene()
-        self.agent = HabFetch(self.scene, 30, "joint_target")
-        self.ee = np.array([0.50004, 1.5e-5, 1.005])  # the resting position, on its base's 5 mm
-        self.objects = [
-            box_actor(self.scene, f"box{i}", half, tuple(self.ee + offset))
-            for i, (half, offset) in enumerate(boxes)
-        ]
-        for i, (half, offset) in enumerate(statics):
-            box_actor(self.scene, f"wall{i}", half, tuple(self.ee + offset), static=True)
-        self.scene._setup(enable_gpu=False)
-        start_fetch(self.agent)
-        for actor in self.objects:
-            actor._bodies[0].disable_gravity = True
-        self.grasp = kind(self.scene, self.agent.ee_link, self.objects, [])
-        self.links = {link._objs[0] for link in self.agent.robot.links}
-
-    def run(self, steps, command, move=None):
-        """Steps with a joint displacement per step; returns the force impulses on the robot."""
-        impulse = 0.0
-        for _ in range(steps):
-            target = self.agent.controller.arm_target_rad[0].numpy().copy()
-            target += 0.0 if move is None else move
-            action = torch.tensor(np.append(target, 1.0)[None], dtype=torch.float32)
-            self.agent.controller.set_action(action)
-            self.grasp.command(command)
-            for _ in range(4):
-                self.grasp.before_simulation_step()
-                self.scene.px.step()
-                impulse += sum(
-                    float(np.linalg.norm(point.impulse))
-                    for contact in self.scene.px.get_contacts()
-                    if self.links & set(contact.bodies)
-                    for point in contact.points
-                )
-            self.grasp.after_control_step()
-        return impulse
-
-    def in_hand(self, index=0):
-        return (self.agent.ee_link.pose.inv() * self.objects[index].pose).raw_pose[0].numpy()
-
-    def groups(self, index=0):
-        shape = self.objects[index]._bodies[0].collision_shapes[0]
-        return tuple(shape.get_collision_groups()[:2])
-
-
 SMALL = (0.02, 0.02, 0.02)
 SWING = 0.02 * np.array([1, 1, -1, 1, 1, -1, 1])
+SHOULDER = np.array([0.01, 0, 0, 0, 0, 0, 0])
+DRAWER, FRIDGE = HANDLE_MARKERS[2], HANDLE_MARKERS[7]
+drawer_and_door = pytest.mark.parametrize("marker", [DRAWER, FRIDGE], ids=lambda m: m.name)
+
+
+def sim_of(kind, boxes, statics=()):
+    return FetchSim("joint_target", boxes, statics, kind=kind)
+
+
+def move(sim, steps, command, by=0.0):
+    """Moves all joints by some radians a step; returns the impulses on the robot [N s]."""
+    impulse = 0.0
+    for _ in range(steps):
+        target = sim.controller.arm_target_rad[0].numpy() + by
+        impulse += sim.act(np.append(target, 1.0), command)
+    return impulse
+
+
+def groups(sim):
+    """The collision groups of the first box."""
+    return tuple(sim.objects[0]._bodies[0].collision_shapes[0].get_collision_groups()[:2])
 
 
 @every_kind
 def test_the_nearest_centre_of_mass_wins_over_a_nearer_surface(kind):
     # Box 0: centre at 0.14, its surface at 0.04. Box 1: centre at 0.12, its surface at 0.11.
-    sim = RobotSim(kind, [((0.1, 0.02, 0.02), (0.14, 0.0, 0.0)), ((0.01,) * 3, (0.0, 0.12, 0.0))])
+    sim = sim_of(kind, [((0.1, 0.02, 0.02), (0.14, 0.0, 0.0)), ((0.01,) * 3, (0.0, 0.12, 0.0))])
     sim.grasp.command(GRASP)
     assert sim.grasp.held.tolist() == [1]
 
 
 @every_kind
-@pytest.mark.parametrize(("distance", "held"), [(0.149, 0), (0.151, NOTHING)])
-def test_the_grasp_ends_at_15_cm(kind, distance, held):
-    sim = RobotSim(kind, [(SMALL, (0.0, distance, 0.0))])
-    assert np.allclose(sim.grasp.ee_position_m()[0], sim.ee, atol=1e-4)
-    sim.grasp.command(GRASP)
-    assert sim.grasp.held.tolist() == [held]
-    assert sim.grasp.held_handle.tolist() == [NOTHING]
+def test_the_grasp_ends_at_15_cm(kind):
+    for distance, held in ((0.149, 0), (0.151, NOTHING)):
+        sim = sim_of(kind, [(SMALL, (0.0, distance, 0.0))])
+        assert np.allclose(sim.grasp.ee_position_m()[0], HAND_M, atol=1e-4)
+        sim.grasp.command(GRASP)
+        assert sim.grasp.held.tolist() == [held], distance
+        assert sim.grasp.held_handle.tolist() == [NOTHING], distance
 
 
 @every_kind
-@pytest.mark.parametrize(("gripper", "holds"), [(0.0, True), (1.0, True), (-0.01, False)])
-def test_zero_and_more_grasps(kind, gripper, holds):
-    sim = RobotSim(kind, [(SMALL, (0.0, 0.0, -0.1))])
-    sim.grasp.command(torch.tensor([gripper]))
-    assert bool(sim.grasp.holding) == holds
+def test_zero_and_more_grasps(kind):
+    sim = sim_of(kind, [(SMALL, (0.0, 0.0, -0.1))])
+    for gripper, holds in ((0.0, True), (-0.01, False), (1.0, True)):
+        sim.grasp.command(torch.tensor([gripper]))
+        assert bool(sim.grasp.holding) == holds, gripper
 
 
 @every_kind
 def test_a_held_object_keeps_its_place_in_the_hand(kind):
-    sim = RobotSim(kind, [((0.03, 0.04, 0.05), (0.03, 0.02, -0.1))])
+    sim = sim_of(kind, [((0.03, 0.04, 0.05), (0.03, 0.02, -0.1))])
     sim.grasp.command(GRASP)
     start, before = sim.in_hand(), sim.objects[0].pose.p[0].clone()
     for phase in range(8):
-        sim.run(5, GRASP, SWING * np.cos(phase))
+        move(sim, 5, GRASP, SWING * np.cos(phase))
         now = sim.in_hand()
         assert np.linalg.norm(now[:3] - start[:3]) < KINDS[kind]
         # |q . q'| = cos(angle / 2); 0.0002 is 2.3 degrees
@@ -120,26 +88,22 @@ def test_a_held_object_keeps_its_place_in_the_hand(kind):
 
 
 @every_kind
-def test_a_held_object_does_not_push_the_robot(kind):
-    # The box reaches into the gripper: it would be pushed out if the two met.
-    sim = RobotSim(kind, [((0.1, 0.1, 0.1), (0.0, 0.0, 0.0))])
+def test_only_an_object_that_is_not_held_pushes_the_robot(kind):
+    # The box reaches into the gripper: it is pushed out if the two meet.
+    sim = sim_of(kind, [((0.1, 0.1, 0.1), (0.0, 0.0, 0.0))])
     sim.grasp.command(GRASP)
-    assert sim.groups() == HELD
-    assert sim.run(10, GRASP, SWING) == 0.0
+    assert groups(sim) == HELD
+    assert move(sim, 10, GRASP, SWING) == 0.0
     assert sim.grasp.held.tolist() == [0]
-
-
-@every_kind
-def test_an_object_that_is_not_held_pushes_the_robot(kind):
-    sim = RobotSim(kind, [((0.1, 0.1, 0.1), (0.0, 0.0, 0.0))])
-    assert sim.groups() == MOVING
-    assert sim.run(3, RELEASE) > 0.0
+    sim = sim_of(kind, [((0.1, 0.1, 0.1), (0.0, 0.0, 0.0))])
+    assert groups(sim) == MOVING
+    assert move(sim, 3, RELEASE) > 0.0
 
 
 @every_kind
 def test_a_held_object_meets_the_world(kind):
     # A wall 1 cm beside the box; the shoulder turns the arm towards it.
-    sim = RobotSim(
+    sim = sim_of(
         kind,
         [((0.05, 0.05, 0.05), (0.0, 0.0, -0.12))],
         statics=[((0.3, 0.05, 0.3), (0.0, 0.11, -0.3))],
@@ -147,7 +111,7 @@ def test_a_held_object_meets_the_world(kind):
     sim.grasp.command(GRASP)
     touched = False
     for _ in range(10):
-        sim.run(1, GRASP, np.array([0.01, 0, 0, 0, 0, 0, 0]))
+        move(sim, 1, GRASP, SHOULDER)
         contacts = sim.scene.px.get_contacts()
         box = sim.objects[0]._bodies[0]
         touched |= any(
@@ -159,32 +123,32 @@ def test_a_held_object_meets_the_world(kind):
 
 @every_kind
 def test_collisions_come_back_once_the_object_is_clear_of_the_hand(kind):
-    sim = RobotSim(kind, [(SMALL, (0.0, 0.0, -0.03))])
+    sim = sim_of(kind, [(SMALL, (0.0, 0.0, -0.03))])
     sim.grasp.command(GRASP)
-    sim.run(2, GRASP)
-    sim.run(1, RELEASE)
+    move(sim, 2, GRASP)
+    move(sim, 1, RELEASE)
     assert sim.grasp.held.tolist() == [NOTHING]
-    assert sim.groups() == HELD, "it still lies in the hand"
-    sim.objects[0].set_pose(sapien.Pose(sim.ee - [0, 0, 0.3]))
-    sim.run(1, RELEASE)
-    assert sim.groups() == MOVING
+    assert groups(sim) == HELD, "it still lies in the hand"
+    sim.objects[0].set_pose(sapien.Pose(HAND_M - [0, 0, 0.3]))
+    move(sim, 1, RELEASE)
+    assert groups(sim) == MOVING
 
 
 @every_kind
 def test_a_released_object_falls(kind):
-    sim = RobotSim(kind, [(SMALL, (0.0, 0.0, -0.1))])
+    sim = sim_of(kind, [(SMALL, (0.0, 0.0, -0.1))])
     sim.objects[0]._bodies[0].disable_gravity = False
-    sim.run(5, GRASP)
+    move(sim, 5, GRASP)
     height = float(sim.objects[0].pose.p[0, 2])
-    assert height == pytest.approx(sim.ee[2] - 0.1, abs=0.01)
-    sim.run(6, RELEASE)
+    assert height == pytest.approx(HAND_M[2] - 0.1, abs=0.01)
+    move(sim, 6, RELEASE)
     # 6 actions are 0.2 s: 9.81 / 2 * 0.2^2 = 0.196 m
     assert float(sim.objects[0].pose.p[0, 2]) == pytest.approx(height - 0.196, abs=0.03)
 
 
 @every_kind
 def test_what_is_pulled_out_of_the_hand_is_lost(kind):
-    sim = RobotSim(kind, [(SMALL, (0.0, 0.0, -0.1))])
+    sim = sim_of(kind, [(SMALL, (0.0, 0.0, -0.1))])
     sim.grasp.command(GRASP)
     for distance, lost in ((0.08, False), (0.1, True)):
         expected = (sim.agent.ee_link.pose * sim.grasp._ee_from_object).p[0].numpy()
@@ -198,11 +162,11 @@ def test_what_is_pulled_out_of_the_hand_is_lost(kind):
 
 @every_kind
 def test_reset_lets_go_and_restores_collisions_at_once(kind):
-    sim = RobotSim(kind, [(SMALL, (0.0, 0.0, -0.05))])
+    sim = sim_of(kind, [(SMALL, (0.0, 0.0, -0.05))])
     sim.grasp.command(GRASP)
-    sim.grasp.reset(ROWS)
+    sim.grasp.reset(torch.zeros(1, dtype=torch.long))
     assert not sim.grasp.holding
-    assert sim.groups() == MOVING
+    assert groups(sim) == MOVING
     assert not sim.grasp.lost
 
 
@@ -210,7 +174,7 @@ def test_reset_lets_go_and_restores_collisions_at_once(kind):
 
 
 @every_kind
-@pytest.mark.parametrize("marker", [HANDLE_MARKERS[2], HANDLE_MARKERS[7]], ids=lambda m: m.name)
+@drawer_and_door
 def test_a_held_handle_opens_drawer_and_door(kind, marker):
     kitchen = Kitchen(kind, marker)
     before = kitchen.position()
@@ -236,38 +200,31 @@ def test_a_held_handle_opens_drawer_and_door(kind, marker):
 
 
 @every_kind
-def test_an_object_in_reach_comes_before_a_handle(kind):
-    kitchen = Kitchen(kind, HANDLE_MARKERS[2])
+def test_a_hand_takes_what_its_skill_is_about_and_objects_before_handles(kind):
+    kitchen = Kitchen(kind, DRAWER)
     hand = kitchen.grasp.ee_position_m()[0].numpy()  # on the marker
     box = box_actor(kitchen.scene, "late", SMALL, tuple(np.add(hand, (0, 0, 0.12))))
-    both = kind(kitchen.scene, kitchen.agent.ee_link, [box], [kitchen.handle])
-    both.command(GRASP)
-    assert both.held.tolist() == [0]
-    assert both.held_handle.tolist() == [NOTHING]
-
-
-@every_kind
-@pytest.mark.parametrize(
-    ("takes", "held", "handle"), [("any", 0, NOTHING), ("objects", 0, NOTHING), ("handles", -1, 0)]
-)
-def test_a_hand_takes_what_its_skill_is_about(kind, takes, held, handle):
-    kitchen = Kitchen(kind, HANDLE_MARKERS[2])
-    hand = kitchen.grasp.ee_position_m()[0].numpy()
-    box = box_actor(kitchen.scene, "late", SMALL, tuple(np.add(hand, (0, 0, 0.12))))
-    both = kind(kitchen.scene, kitchen.agent.ee_link, [box], [kitchen.handle], takes)
-    both.command(GRASP)
-    assert (both.held.tolist(), both.held_handle.tolist()) == ([held], [handle])
-    both.command(RELEASE)
-    box.set_pose(sapien.Pose([0.0, 0.0, 30.0]))
-    both.command(GRASP)
-    # Without an object in reach, the handle, unless the hand takes objects only.
-    assert both.held_handle.tolist() == [NOTHING if takes == "objects" else 0]
+    near, far = box.pose, sapien.Pose([0.0, 0.0, 30.0])
+    for takes, held, handle, alone in (
+        ("any", 0, NOTHING, 0),
+        ("objects", 0, NOTHING, NOTHING),
+        ("handles", NOTHING, 0, 0),
+    ):
+        both = kind(kitchen.scene, kitchen.agent.ee_link, [box], [kitchen.handle], takes)
+        both.command(GRASP)
+        assert (both.held.tolist(), both.held_handle.tolist()) == ([held], [handle]), takes
+        both.command(RELEASE)
+        box.set_pose(far)
+        both.command(GRASP)
+        assert both.held_handle.tolist() == [alone], takes
+        both.command(RELEASE)
+        box.set_pose(near)
 
 
 @every_kind
 def test_what_is_shut_in_is_not_grasped(kind):
     offsets = ((0.0, 0.0, -0.05), (0.0, 0.1, 0.0))
-    sim = RobotSim(kind, [(SMALL, offset) for offset in offsets])
+    sim = sim_of(kind, [(SMALL, offset) for offset in offsets])
     sim.grasp.is_enclosed = lambda: torch.tensor([[True, False]])
     sim.grasp.command(GRASP)
     assert sim.grasp.held.tolist() == [1]
@@ -295,7 +252,7 @@ def test_every_marker_names_furniture_of_the_apartment():
 PULLING = partial(DriveGrasp, pulls_along=True)
 
 
-@pytest.mark.parametrize("marker", [HANDLE_MARKERS[2], HANDLE_MARKERS[7]], ids=lambda m: m.name)
+@drawer_and_door
 def test_a_door_or_drawer_follows_a_hand_that_is_set(marker):
     kitchen = Kitchen(PULLING, marker)
     before, direction = kitchen.position(), opening_direction(kitchen)
@@ -309,10 +266,10 @@ def test_a_door_or_drawer_follows_a_hand_that_is_set(marker):
         robot.set_qvel(np.zeros_like(qpos))
         kitchen.act()
         # The hand goes straight on; the door's handle goes round its hinge.
-        assert kitchen.gap_m() < (5e-3 if marker is HANDLE_MARKERS[2] else 0.06)
+        assert kitchen.gap_m() < (5e-3 if marker is DRAWER else 0.06)
     assert np.allclose(robot.get_qpos(), qpos, atol=1e-4), "the hand is where it was set"
     # 24 cm: all of a drawer's way, or 0.3 rad and more about a hinge less than 0.8 m away.
-    assert kitchen.position() - before > (0.23 if marker is HANDLE_MARKERS[2] else 0.3)
+    assert kitchen.position() - before > (0.23 if marker is DRAWER else 0.3)
     for _ in range(2):
         kitchen.act()
     assert float(kitchen.furniture.get_qvel().abs().max()) < 0.02
@@ -321,7 +278,7 @@ def test_a_door_or_drawer_follows_a_hand_that_is_set(marker):
 
 @every_kind
 def test_a_hand_that_is_set_far_away_lets_go_of_a_handle(kind):
-    kitchen = Kitchen(kind, HANDLE_MARKERS[2])
+    kitchen = Kitchen(kind, DRAWER)
     before = kitchen.position()
     kitchen.grasp.command(GRASP)
     robot = kitchen.agent.robot._objs[0]

@@ -33,11 +33,16 @@ def maps():
 GOALS = ((5.2, 0.8), (-9.0, 6.0), (2.5, 3.5))
 
 
-@pytest.fixture(params=["tensors", "arrays"])
-def kind(request):
-    """Turns numbers into a batch of one of both kinds."""
-    arrays = request.param == "arrays"
-    return lambda x: np.array(x, np.float32) if arrays else torch.tensor(x, dtype=torch.float32)
+def distances_m(geodesic, places):
+    """Distances (N,) [m] of places (N, 2), found with arrays; tensors must agree."""
+    places = np.array(places, dtype=np.float32)
+    arrays, tensors = geodesic.distance_m(places), geodesic.distance_m(torch.from_numpy(places))
+    assert arrays.dtype == np.float32
+    assert tensors.dtype == torch.float32
+    assert arrays.shape == tensors.shape == (len(places),)
+    # Sums of four products of float32, in another order.
+    assert np.allclose(tensors.numpy(), arrays, atol=1e-5)
+    return arrays
 
 
 def geodesic_to(maps, goals=GOALS, count=None):
@@ -53,21 +58,21 @@ def free_points(map_, count, rng):
     return points + rng.uniform(-0.02, 0.02, (count, 2))
 
 
-def test_each_row_has_the_distances_of_its_own_map(maps, kind):
+def test_each_row_has_the_distances_of_its_own_map(maps):
     geodesic, rng = geodesic_to(maps), np.random.default_rng(0)
     points = [free_points(map_, 200, rng) for map_ in maps]
     fields = [map_.geodesic_field(np.array(g)) for map_, g in zip(maps, GOALS, strict=True)]
     for places in zip(*points, strict=True):
-        found = geodesic.distance_m(kind(np.stack(places)))
+        found = distances_m(geodesic, places)
         for row, (map_, field) in enumerate(zip(maps, fields, strict=True)):
             expected = geodesic_distance(map_, places[row], field)
             # Beside obstacles the map uses a free cell and the batch interpolates between four.
             assert float(found[row]) == pytest.approx(float(expected), abs=0.05)
 
 
-def test_a_straight_way_and_one_around_a_wall(maps, kind):
+def test_a_straight_way_and_one_around_a_wall(maps):
     geodesic = geodesic_to((maps[0],) * 3, ((5.2, 0.8), (3.6, 0.5), (1.0, 3.5)))
-    found = geodesic.distance_m(kind([(5.2, 2.3), (2.5, 0.5), (4.0, 3.5)]))
+    found = distances_m(geodesic, [(5.2, 2.3), (2.5, 0.5), (4.0, 3.5)])
     # Row 1 goes around the wall's end, 0.3 m from its corners (3, 2.5) and (3.1, 2.5). The first
     # corner is sqrt(0.5^2 + 2^2) = 2.062 m away, the tangent to its circle sqrt(2.062^2 - 0.3^2) =
     # 2.040 m long and atan(0.5 / 2) - asin(0.3 / 2.062) = 0.099 rad off the vertical; then an arc
@@ -78,57 +83,48 @@ def test_a_straight_way_and_one_around_a_wall(maps, kind):
     assert float(found[2]) == pytest.approx(3.0, abs=0.03)
 
 
-def test_a_row_without_a_goal_has_nowhere_to_go(maps, kind):
+def test_a_row_without_a_goal_has_nowhere_to_go(maps):
     geodesic = GeodesicDistances(3)
-    anywhere = kind([(1.0, 1.0), (-9.0, 7.0), (100.0, -100.0)])
-    assert geodesic.distance_m(anywhere).tolist() == [0.0, 0.0, 0.0]
+    anywhere = [(1.0, 1.0), (-9.0, 7.0), (100.0, -100.0)]
+    assert distances_m(geodesic, anywhere).tolist() == [0.0, 0.0, 0.0]
     geodesic.set_goal(1, maps[1], np.array(GOALS[1]))
-    found = geodesic.distance_m(anywhere).tolist()
+    found = distances_m(geodesic, anywhere).tolist()
     assert found == [0.0, pytest.approx(1.0, abs=0.03), 0.0]
     geodesic.clear(1)
-    assert geodesic.distance_m(anywhere).tolist() == [0.0, 0.0, 0.0]
+    assert distances_m(geodesic, anywhere).tolist() == [0.0, 0.0, 0.0]
 
 
-def test_a_new_goal_in_one_row_leaves_the_others(maps, kind):
+def test_a_new_goal_in_one_row_leaves_the_others(maps):
     geodesic = geodesic_to(maps)
-    places = kind([(1.0, 1.0), (-8.0, 6.5), (2.5, 0.0)])
-    before = geodesic.distance_m(places)
+    places = [(1.0, 1.0), (-8.0, 6.5), (2.5, 0.0)]
+    before = distances_m(geodesic, places)
     geodesic.set_goal(1, maps[1], np.array((-8.0, 7.5)))
-    after = geodesic.distance_m(places)
+    after = distances_m(geodesic, places)
     assert after.tolist() == [before[0], pytest.approx(1.0, abs=0.03), before[2]]
     # Another map altogether, larger than all before.
     big = floor((-20.0, -20.0), (5.0, 5.0))
     geodesic.set_goal(2, big, np.array((0.0, 0.0)))
-    again = geodesic.distance_m(places)
+    again = distances_m(geodesic, places)
     assert again.tolist() == [before[0], after[1], pytest.approx(2.5, abs=0.03)]
 
 
-def test_beside_and_outside_the_free_floor_distances_are_finite(maps, kind):
+def test_beside_and_outside_the_free_floor_distances_are_finite(maps):
     geodesic = geodesic_to(maps)
     # In the wall, in a corner where the base does not fit, and outside the map.
     for places in (
         [(3.05, 1.0), (-9.99, 5.01), (2.01, 4.49)],
         [(-5.0, 2.0), (-100.0, 100.0), (2.5, 50.0)],
     ):
-        found = geodesic.distance_m(kind(places))
-        assert bool(np.isfinite(np.asarray(found)).all())
-        assert bool((np.asarray(found) > 0).all())
+        found = distances_m(geodesic, places)
+        assert np.isfinite(found).all()
+        assert (found > 0).all()
 
 
-def test_distances_shrink_on_the_way_to_the_goal(maps, kind):
+def test_distances_shrink_on_the_way_to_the_goal(maps):
     geodesic = geodesic_to(maps)
     steps = [
-        float(geodesic.distance_m(kind([(0.5, 0.5), (-9.0, y), (2.5, 0.0)]))[1])
+        float(distances_m(geodesic, [(0.5, 0.5), (-9.0, y), (2.5, 0.0)])[1])
         for y in np.linspace(7.5, 6.1, 50)
     ]
     # Every step is 1.4 / 49 = 0.0286 m.
     assert np.diff(steps) == pytest.approx(-0.0286, abs=0.004)
-
-
-def test_both_kinds_are_float32_rows(maps):
-    places = [(1.0, 1.0), (-100.0, 6.5), (2.9, 70.0)]  # two of them outside
-    tensors = geodesic_to(maps).distance_m(torch.tensor(places))
-    arrays = geodesic_to(maps).distance_m(np.array(places, dtype=np.float32))
-    assert tensors.shape == arrays.shape == (3,)
-    assert tensors.dtype == torch.float32
-    assert np.allclose(tensors.numpy(), arrays, atol=1e-5)

@@ -65,6 +65,13 @@ def refused_everywhere(root: Path, *words: str) -> None:
     refused_by_call(lambda: read_as_env(root), *words)
 
 
+def refused_with(tmp_path: Path, name: str, damage: Damage, *words: str) -> None:
+    """Asserts that a new copy of the whole dataset with a damaged file is refused."""
+    root = whole_dataset(Path(tempfile.mkdtemp(dir=tmp_path)) / "data")
+    damage(root / name)
+    refused_everywhere(root, *words)
+
+
 def read_as_env(root: Path) -> object:
     """Reads a dataset as an environment does before it builds anything."""
     dataset = SceneDataset(root)

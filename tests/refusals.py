@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import pytest
 
@@ -14,6 +15,18 @@ from hab_tasks.errors import HabError
 EXIT_BAD_INPUT = 2
 
 Main = Callable[[Sequence[str]], int]
+T = TypeVar("T")
+
+
+def check_each(cases: Mapping[str, T], check: Callable[[T], object]) -> None:
+    """Checks every case; asserts that none fails, and names those that do with the reason."""
+    found = []
+    for name, case in cases.items():
+        try:
+            check(case)
+        except (Exception, pytest.fail.Exception) as error:
+            found.append(f"{name}: {type(error).__name__}: {error}"[:400])
+    assert not found, "\n".join(found)
 
 
 @dataclass(frozen=True, kw_only=True)

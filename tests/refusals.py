@@ -20,13 +20,17 @@ T = TypeVar("T")
 
 def check_each(cases: Mapping[str, T], check: Callable[[T], object]) -> None:
     """Checks every case; asserts that none fails, and names those that do with the reason."""
-    found = []
-    for name, case in cases.items():
-        try:
-            check(case)
-        except (Exception, pytest.fail.Exception) as error:
-            found.append(f"{name}: {type(error).__name__}: {error}"[:400])
-    assert not found, "\n".join(found)
+    found = {name: _reason(check, case) for name, case in cases.items()}
+    wrong = [f"{name}: {reason}"[:400] for name, reason in found.items() if reason]
+    assert not wrong, "\n".join(wrong)
+
+
+def _reason(check: Callable[[T], object], case: T) -> str:
+    try:
+        check(case)
+    except (Exception, pytest.fail.Exception) as error:
+        return f"{type(error).__name__}: {error}"
+    return ""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,6 +1,5 @@
 """URDF files that the engine cannot build, or would build incorrectly."""
 
-import pytest
 from builders import cpu_scene
 from faulty_data import (
     URDF,
@@ -10,11 +9,12 @@ from faulty_data import (
     loop,
     pipe,
     read_as_env,
-    refused_everywhere,
+    refused_with,
     swap,
     text,
     whole_dataset,
 )
+from refusals import check_each
 
 from hab_tasks.scenes.pool import BodyPool
 
@@ -35,12 +35,8 @@ THIRD_LINK = '<link name="leg"/>'
 
 CASES: dict[str, tuple[Damage, str]] = {
     "empty": (text(""), "not a valid URDF"),
-    "not xml": (text("a chest"), "not a valid URDF"),
-    "json": (text("{}"), "not a valid URDF"),
     "cut": (cut(0.4), "not a valid URDF"),
-    "binary": (text(bytes(range(256))), "not a valid URDF"),
     "not utf-8": (text(b'<robot name="\xff\xfe"></robot>'), "not a valid URDF"),
-    "odd encoding": (text('<?xml version="1.0" encoding="klingon"?><robot/>'), "not a valid URDF"),
     "deep": (text("<robot>" + 20_000 * "<a>" + 20_000 * "</a>" + "</robot>"), "nested"),
     "entities": (
         text('<!DOCTYPE r [<!ENTITY a "&b;&b;"><!ENTITY b "&a;">]><robot name="&a;"/>'),
@@ -54,18 +50,14 @@ CASES: dict[str, tuple[Damage, str]] = {
     "no joint": (text('<robot><link name="body"/></robot>'), "no joint"),
     # Names and the tree
     "nameless link": (swap(LINK, "<link>"), "a link has no name"),
-    "nameless joint": (swap(JOINT, '<joint type="prismatic">'), "a joint has no name"),
     "two links of a name": (swap(LINK, '<link name="body">'), "link 'body' is there 2 times"),
     "two joints of a name": (
         swap(END, f'<link name="b"/><joint name="slide" type="fixed">{ENDS}</joint></robot>'),
         "joint 'slide' is there 2 times",
     ),
     "unknown parent": (swap('<parent link="body"/>', '<parent link="bdy"/>'), "'bdy'"),
-    "unknown child": (swap('<child link="drawer"/>', '<child link="drwer"/>'), "'drwer'"),
     "no parent": (swap('<parent link="body"/>', ""), "0 elements <parent>"),
-    "no child": (swap('<child link="drawer"/>', ""), "0 elements <child>"),
     "parent without link": (swap('<parent link="body"/>', "<parent/>"), "parent link"),
-    "two parents": (swap(ENDS, ENDS + '<parent link="body"/>'), "2 elements <parent>"),
     "child of two": (swap(END, SECOND_JOINT.format(ENDS)), "the child of 2 joints"),
     "two roots": (swap(END, f"{THIRD_LINK}</robot>"), "'leg' hang on no joint"),
     "cycle": (
@@ -76,24 +68,13 @@ CASES: dict[str, tuple[Damage, str]] = {
     # Joints
     "no type": (swap(' type="prismatic"', ""), "Unknown type None"),
     "unknown type": (swap("prismatic", "prismatik"), "Did you mean 'prismatic'"),
-    "floating": (swap("prismatic", "floating"), "Unknown type 'floating'"),
-    "planar": (swap("prismatic", "planar"), "Unknown type 'planar'"),
     "no limit": (swap(LIMIT, ""), "0 elements <limit>"),
-    "two limits": (swap(LIMIT, 2 * LIMIT), "2 elements <limit>"),
     "limit of text": (swap('upper="0.25"', 'upper="far"'), "limit upper is 'far'"),
-    "limit empty": (swap('upper="0.25"', 'upper=""'), "limit upper"),
-    "limit nan": (swap('upper="0.25"', 'upper="nan"'), "limit upper is nan"),
-    "limit infinite": (swap('lower="0"', 'lower="-inf"'), "limit lower is -inf"),
     "limits swapped": (swap('lower="0"', 'lower="1"'), "lower before upper"),
     "effort of text": (swap('effort="10"', 'effort="much"'), "limit effort is 'much'"),
-    "velocity of text": (swap('velocity="1"', 'velocity="fast"'), "limit velocity is 'fast'"),
     "axis zero": (swap(AXIS, '<axis xyz="0 0 0"/>'), "axis is '0 0 0'"),
     "axis of two": (swap(AXIS, '<axis xyz="0 1"/>'), "axis xyz is [0.0, 1.0]"),
-    "axis text": (swap(AXIS, '<axis xyz="x"/>'), "axis xyz is ['x']"),
-    "axis without values": (swap(AXIS, "<axis/>"), "axis xyz is []"),
     "joint origin nan": (swap(AXIS, AXIS + '<origin xyz="nan 0 0"/>'), "joint 'slide', origin"),
-    "joint origin of two": (swap(AXIS, AXIS + '<origin rpy="0 0"/>'), "origin rpy"),
-    "friction text": (swap(AXIS, AXIS + '<dynamics friction="x"/>'), "dynamics friction is 'x'"),
     "friction negative": (swap(AXIS, AXIS + '<dynamics friction="-1"/>'), "dynamics friction"),
     "damping nan": (swap(AXIS, AXIS + '<dynamics damping="nan"/>'), "dynamics damping is nan"),
     "mimic unknown": (swap(AXIS, AXIS + '<mimic joint="glide"/>'), "'glide'"),
@@ -102,36 +83,25 @@ CASES: dict[str, tuple[Damage, str]] = {
     # Masses
     "mass negative": (swap(MASS, '<mass value="-5"/>'), "link 'body', inertial, mass value is -5"),
     "mass text": (swap(MASS, '<mass value="heavy"/>'), "mass value is 'heavy'"),
-    "mass nan": (swap(MASS, '<mass value="nan"/>'), "mass value is nan"),
-    "mass infinite": (swap(MASS, '<mass value="inf"/>'), "mass value is inf"),
-    "mass without value": (swap(MASS, "<mass/>"), "mass value is None"),
     "no mass": (swap(MASS, ""), "0 elements <mass>"),
-    "no inertia": (swap(INERTIA, ""), "0 elements <inertia>"),
     "inertia text": (swap('ixx="1"', 'ixx="a"'), "inertia ixx is 'a'"),
-    "inertia incomplete": (swap(' ixx="1"', ""), "inertia ixx is None"),
     "inertia negative": (swap('ixx="1"', 'ixx="-1"'), "positive definite"),
     # Shapes
     "box of two": (swap(BOX, 'size="0.4 0.3"'), "collision 0, box size is [0.4, 0.3]"),
     "box of text": (swap(BOX, 'size="big"'), "box size is ['big']"),
-    "box without size": (swap(BOX, ""), "box size is []"),
     "box flat": (swap(BOX, 'size="0.4 0 0.2"'), "3 numbers above 0"),
-    "box negative": (swap(BOX, 'size="0.4 -1 0.2"'), "3 numbers above 0"),
-    "box nan": (swap(BOX, 'size="0.4 nan 0.2"'), "box size"),
     "sphere of zero": (swap(f"<box {BOX}/>", '<sphere radius="0"/>'), "sphere radius is 0"),
-    "sphere of text": (swap(f"<box {BOX}/>", '<sphere radius="r"/>'), "sphere radius is 'r'"),
     "cylinder without length": (swap(f"<box {BOX}/>", '<cylinder radius="1"/>'), "length is None"),
     "unknown shape": (swap(f"<box {BOX}/>", '<cone radius="1"/>'), "['cone']"),
     "no shape": (swap(f"<box {BOX}/>", ""), "geometry is []"),
     "two shapes": (swap(f"<box {BOX}/>", 2 * f"<box {BOX}/>"), "['box', 'box']"),
     "no geometry": (swap(f"<geometry>{MESH}</geometry>", ""), "visual 0, geometry is []"),
     "origin nan": (swap(ORIGIN, '<origin xyz="nan 0 0"/>'), "collision 0, origin xyz"),
-    "origin of two": (swap(ORIGIN, '<origin xyz="0 0"/>'), "origin xyz is [0.0, 0.0]"),
     "origin far": (swap(ORIGIN, '<origin xyz="1e30 0 0"/>'), "origin xyz is [1e+30, 0.0, 0.0]"),
     "missing mesh": (swap('"body.glb"', '"gone.glb"'), "'gone.glb'"),
     "mesh without name": (swap('filename="body.glb"', ""), "names ''"),
     "mesh folder": (swap('"body.glb"', '"."'), "a folder"),
     "mesh scale zero": (swap('scale="1, 1, 1"', 'scale="1 0 1"'), "scale is '1 0 1'"),
-    "mesh scale nan": (swap('scale="1, 1, 1"', 'scale="1 nan 1"'), "mesh scale"),
     "mesh scale one": (swap('scale="1, 1, 1"', 'scale="2"'), "mesh scale is [2.0]"),
     "colour of text": (
         swap(
@@ -143,12 +113,12 @@ CASES: dict[str, tuple[Damage, str]] = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_a_faulty_urdf_is_named(tmp_path, case):
-    damage, element = CASES[case]
-    root = whole_dataset(tmp_path / "data")
-    damage(root / URDF)
-    refused_everywhere(root, "chest.urdf", element)
+def test_a_faulty_urdf_is_named(tmp_path):
+    def check(case):
+        damage, element = case
+        refused_with(tmp_path, URDF, damage, "chest.urdf", element)
+
+    check_each(CASES, check)
 
 
 def test_what_the_engine_does_not_use_may_be_anything(tmp_path):

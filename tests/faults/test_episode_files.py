@@ -188,7 +188,6 @@ ENTRY = {
     "joint_text": (put({"fridge_:0000": {"top_door_hinge": "wide"}}, "joints"), ("joints",)),
     "joint_number": (put({"fridge_:0000": 0.5}, "joints"), ("joints",)),
 }
-CASES = {**{f"file-{k}": v for k, v in WHOLE.items()}, **ENTRY}
 
 
 def lacking(requirements):
@@ -201,13 +200,6 @@ def lacking(requirements):
         yield "no_handle", put(None, "handle"), "handle"
     if requirements.names_navigation_goal:
         yield "no_navigation_goal", put(None, "navigation"), "navigation"
-
-
-LACKING = [
-    pytest.param(env_id, change, word, id=f"{env_id}-{name}")
-    for env_id, entry in ENVS.items()
-    for name, change, word in lacking(entry.env.requirements)
-]
 
 
 @pytest.fixture(scope="module")
@@ -233,30 +225,33 @@ def refused_in(tmp_path, raw, env_id, *words):
     refused_by_call(played_from(file, env_id), *words)
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_a_malformed_file_is_refused(tmp_path, of_env, case):
-    change, words = CASES[case]
-    raw = of_env("HabPick-v1")
-    change(raw)
-    known_scene = () if case in ("scene_unknown",) else ("set.json",)
-    refused_in(tmp_path, raw, "HabPick-v1", *known_scene, *words)
+def test_a_malformed_file_is_refused(tmp_path, of_env, subtests):
+    for case, (change, words) in {**WHOLE, **ENTRY}.items():
+        with subtests.test(case):
+            raw = of_env("HabPick-v1")
+            change(raw)
+            known_scene = () if case == "scene_unknown" else ("set.json",)
+            refused_in(tmp_path, raw, "HabPick-v1", *known_scene, *words)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("case", ENTRY)
-@pytest.mark.parametrize("env_id", [env_id for env_id in ENVS if env_id != "HabPick-v1"])
-def test_a_malformed_episode_is_refused_by_every_env(tmp_path, of_env, env_id, case):
-    change, words = ENTRY[case]
-    raw = of_env(env_id)
-    change(raw)
-    refused_in(tmp_path, raw, env_id, *words)
+def test_a_malformed_episode_is_refused_by_every_env(tmp_path, of_env, subtests):
+    others = [env_id for env_id in ENVS if env_id != "HabPick-v1"]
+    for number, (case, (change, words)) in enumerate(ENTRY.items()):
+        env_id = others[number % len(others)]
+        with subtests.test(case, env_id=env_id):
+            raw = of_env(env_id)
+            change(raw)
+            refused_in(tmp_path, raw, env_id, *words)
 
 
-@pytest.mark.parametrize(("env_id", "change", "word"), LACKING)
-def test_what_an_env_needs_is_asked_for(tmp_path, of_env, env_id, change, word):
-    raw = of_env(env_id)
-    change(raw)
-    refused_in(tmp_path, raw, env_id, "set.json", first(raw)["id"], word, "missing")
+def test_what_an_env_needs_is_asked_for(tmp_path, of_env, subtests):
+    for env_id, entry in ENVS.items():
+        for name, change, word in lacking(entry.env.requirements):
+            with subtests.test(name, env_id=env_id):
+                raw = of_env(env_id)
+                change(raw)
+                words = ("set.json", first(raw)["id"], word, "missing")
+                refused_in(tmp_path, raw, env_id, *words)
 
 
 def test_place_holds_its_target(tmp_path, of_env):
@@ -268,66 +263,38 @@ def test_place_holds_its_target(tmp_path, of_env):
 
 # Files that are none ---------------------------------------------------------------------------
 
-
-def a_pipe(file):
-    os.mkfifo(file)
-    return "not a regular file"
-
-
-def a_folder(file):
-    file.mkdir()
-    return "not a regular file"
-
-
-def nothing(file):
-    return "no such file"
+NO_FILES = (
+    (b"", "not a valid episode file"),
+    (b'{"schema": 3, "env": "HabPick-v1", "scenes": {"a', "not a valid episode file"),
+    (b'{"schema": "\xff\xfe"}', "not a valid episode file"),
+    (b"[" * 200_000, "nested too deeply"),
+    (b'{"schema": ' + b"9" * 10_000 + b"}", "not a valid episode file"),
+    (b"[]", "schema"),
+    (b"3", "schema"),
+    (b'{"config": null, "episodes": []}', "schema"),  # Habitat's
+)
 
 
-def content(data, words="not a valid episode file"):
-    def write(file):
-        file.write_bytes(data)
-        return words
-
-    return write
-
-
-NO_FILES = {
-    "pipe": a_pipe,
-    "folder": a_folder,
-    "absent": nothing,
-    "empty": content(b""),
-    "cut": content(b'{"schema": 3, "env": "HabPick-v1", "scenes": {"a'),
-    "not_utf8": content(b'{"schema": "\xff\xfe"}'),
-    "binary": content(bytes(range(256))),
-    "deep_list": content(b"[" * 200_000, "nested too deeply"),
-    "deep_object": content(b'{"a":' * 200_000, "nested too deeply"),
-    "long_number": content(b'{"schema": ' + b"9" * 10_000 + b"}"),
-    "list": content(b"[]", "schema"),
-    "number": content(b"3", "schema"),
-    "null": content(b"null", "schema"),
-    "habitat": content(b'{"config": null, "episodes": []}', "schema"),
-}
+def test_what_is_no_episode_file_is_refused(tmp_path, subtests):
+    os.mkfifo(tmp_path / "pipe.json")
+    (tmp_path / "folder.json").mkdir()
+    for name in ("pipe.json", "folder.json"):
+        refused_by_call(played_from(tmp_path / name, "HabPick-v1"), name, "not a regular file")
+    file = tmp_path / "set.json"
+    refused_by_call(played_from(file, "HabPick-v1"), "set.json", "no such file")
+    for data, words in NO_FILES:
+        with subtests.test(data=data[:40]):
+            file.write_bytes(data)
+            refused_by_call(played_from(file, "HabPick-v1"), "set.json", words)
 
 
-@pytest.mark.parametrize("kind", NO_FILES)
-def test_what_is_no_episode_file_is_refused(tmp_path, kind):
-    words = NO_FILES[kind](tmp_path / "set.json")
-    refused_by_call(played_from(tmp_path / "set.json", "HabPick-v1"), "set.json", words)
-
-
-@pytest.mark.parametrize("kind", ["cut", "not_gzip", "empty", "bad_checksum"])
-def test_a_damaged_archive_is_refused(tmp_path, kind):
+def test_a_damaged_archive_is_refused(tmp_path, subtests):
     whole = (SHIPPED / "HabPick-v1.apartment.embedded.val.0.json.gz").read_bytes()
-    damaged = {
-        "cut": whole[:-1000],
-        "not_gzip": b"{}",
-        "empty": b"",
-        "bad_checksum": whole[:-8] + bytes(8),
-    }[kind]
-    (tmp_path / "set.json.gz").write_bytes(damaged)
-    refused_by_call(
-        played_from(tmp_path / "set.json.gz", "HabPick-v1"), "set.json.gz", "not a valid"
-    )
+    file = tmp_path / "set.json.gz"
+    for data in (whole[:-1000], b"{}", b"", whole[:-8] + bytes(8)):  # last: checksum
+        with subtests.test(size=len(data)):
+            file.write_bytes(data)
+            refused_by_call(played_from(file, "HabPick-v1"), "set.json.gz", "not a valid")
 
 
 def test_a_small_archive_of_a_huge_file_is_refused_within_bounds(tmp_path):
@@ -342,18 +309,17 @@ def test_a_small_archive_of_a_huge_file_is_refused_within_bounds(tmp_path):
 # What differs, and is played all the same ------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("key", "words"), [("dataset", "dataset apartment"), ("masses", "objects")]
-)
-def test_what_has_changed_since_is_told(tmp_path, of_env, caplog, key, words):
-    raw = of_env("HabPick-v1")
-    raw["made_from"][key] = "00000000"
+def test_what_has_changed_since_is_told(tmp_path, of_env, caplog):
     file = tmp_path / "set.json"
-    file.write_text(json.dumps(raw))
-    played_from(file, "HabPick-v1")().close()
-    assert [words in message and "changed since" in message for message in caplog.messages] == [
-        True
-    ]
+    for key, words in (("dataset", "dataset apartment"), ("masses", "objects")):
+        raw = of_env("HabPick-v1")
+        raw["made_from"][key] = "00000000"
+        file.write_text(json.dumps(raw))
+        caplog.clear()
+        played_from(file, "HabPick-v1")().close()
+        (message,) = caplog.messages
+        assert words in message
+        assert "changed since" in message
 
 
 @pytest.mark.assets

@@ -3,6 +3,7 @@
 import copy
 import json
 import math
+import os
 
 import pytest
 import stub_runs  # first: it finds the stub
@@ -77,12 +78,9 @@ CONFIG = {
 }
 
 
-def cases_of(fields):
-    return [
-        pytest.param(field, value, id=f"{field}-{number}")
-        for field, kind in fields.items()
-        for number, value in enumerate(WRONG[kind])
-    ]
+def wrong_values(fields):
+    """(field, value) of each value that a field does not take."""
+    return [(field, value) for field, kind in fields.items() for value in WRONG[kind]]
 
 
 def written(path, value):
@@ -97,41 +95,45 @@ def test_the_good_files_are_good(tmp_path):
     assert list(RunFolder(root=tmp_path).read_journal()) == ["e1"]
 
 
-@pytest.mark.parametrize(("field", "value"), cases_of(OF_EPISODE))
-def test_a_wrong_field_of_an_episode_is_named_in_a_record(tmp_path, field, value):
-    data = copy.deepcopy(GOOD)
-    data["episodes"][1][field] = value
-    path = written(tmp_path / "run.json", data)
-    told = "e1" if field != "id" else "episodes[1]"
-    refused_by_call(lambda: read_record(path), str(path), "episodes[1]", f": {field}", told)
+def test_a_wrong_field_of_a_record_is_named(tmp_path, subtests):
+    path = tmp_path / "run.json"
+
+    def refused(data, *words):
+        written(path, data)
+        refused_by_call(lambda: read_record(path), str(path), *words)
+
+    for field, value in wrong_values(OF_RECORD):
+        with subtests.test(field=field, value=value):
+            refused({**GOOD, field: value}, f"{path}: {field}")
+    for field, value in wrong_values(OF_EPISODE):
+        with subtests.test(episode=field, value=value):
+            data = copy.deepcopy(GOOD)
+            data["episodes"][1][field] = value
+            named = "e1" if field != "id" else "episodes[1]"
+            refused(data, "episodes[1]", f": {field}", named)
+    for value in WRONG["durations"]:
+        with subtests.test(duration=value):
+            refused({**GOOD, "timings_s": {"e1": value}}, "timings_s.e1")
 
 
-@pytest.mark.parametrize(("field", "value"), cases_of({**OF_EPISODE, "timings_s": "durations"}))
-def test_a_wrong_field_of_an_episode_is_named_in_a_journal(tmp_path, field, value):
-    line = copy.deepcopy(LINE)
-    (line if field == "timings_s" else line["episode"])[field] = value
-    path = written(tmp_path / "episodes.jsonl", "\n".join(map(json.dumps, [line])) + "\n")
-    told = "e1" if field != "id" else "line 1"
-    refused_by_call(RunFolder(root=tmp_path).read_journal, str(path), "line 1", field, told)
+def test_a_wrong_field_of_a_journal_is_named(tmp_path, subtests):
+    for field, value in wrong_values({**OF_EPISODE, "timings_s": "durations"}):
+        with subtests.test(field=field, value=value):
+            line = copy.deepcopy(LINE)
+            (line if field == "timings_s" else line["episode"])[field] = value
+            path = written(tmp_path / "episodes.jsonl", json.dumps(line) + "\n")
+            named = "e1" if field != "id" else "line 1"
+            refused_by_call(
+                RunFolder(root=tmp_path).read_journal, str(path), "line 1", field, named
+            )
 
 
-@pytest.mark.parametrize(("field", "value"), cases_of(OF_RECORD))
-def test_a_wrong_field_of_a_record_is_named(tmp_path, field, value):
-    path = written(tmp_path / "run.json", {**GOOD, field: value})
-    refused_by_call(lambda: read_record(path), str(path), f"{path}: {field}")
-
-
-@pytest.mark.parametrize("value", WRONG["durations"], ids=range(len(WRONG["durations"])))
-def test_a_wrong_duration_is_named_with_its_episode(tmp_path, value):
-    path = written(tmp_path / "run.json", {**GOOD, "timings_s": {"e1": value}})
-    refused_by_call(lambda: read_record(path), str(path), "timings_s.e1")
-
-
-@pytest.mark.parametrize(("field", "value"), cases_of(OF_CONFIG))
-def test_a_wrong_field_of_a_configuration_is_named(tmp_path, field, value):
-    config = {**CONFIG, "config": {**CONFIG["config"], field: value}}
-    path = written(tmp_path / "config.json", config)
-    refused_by_call(lambda: read_config(path), str(path), field)
+def test_a_wrong_field_of_a_configuration_is_named(tmp_path, subtests):
+    for field, value in wrong_values(OF_CONFIG):
+        with subtests.test(field=field, value=value):
+            config = {**CONFIG, "config": {**CONFIG["config"], field: value}}
+            path = written(tmp_path / "config.json", config)
+            refused_by_call(lambda path=path: read_config(path), str(path), field)
 
 
 def edit_of(**changes):
@@ -141,43 +143,46 @@ def edit_of(**changes):
 CONTRADICTIONS = {
     "schema_true": (edit_of(schema=True), "schema"),
     "schema_text": (edit_of(schema="1"), "schema"),
-    "schema_huge": (edit_of(schema=HUGE), "schema"),
     "no_episodes": (edit_of(episodes=[]), "episodes is empty"),
     "episodes_dict": (edit_of(episodes={}), "episodes"),
     "episode_list": (edit_of(episodes=[[]]), "episodes[0]"),
     "twice": (edit_of(episodes=[GOOD["episodes"][0]] * 2), "'e0' appears 2 times"),
     "foreign_timing": (edit_of(timings_s={"e9": {}}), "timings_s: unknown episode"),
-    "foreign_timings": (edit_of(timings_s={"e9": {"plan": 1.0}}), "unknown episode"),
     "summary_none": (edit_of(summary=None), "summary"),
     "extra_keys": (edit_of(**{f"key{i}": 1 for i in range(5000)}), "unknown keys", "4995 more"),
     "long_key": (edit_of(**{"k" * 100_000: 1}), "unknown keys"),
     "long_value": (edit_of(seed="x" * 100_000), "seed"),
-    "big_list": (edit_of(seed=[0] * 100_000), "seed"),
     "list": ([GOOD], "schema"),
     "text": ('"run"', "schema"),
-    "null": ("null", "schema"),
-    "number": ("1", "schema"),
     "empty": ("", "JSON"),
-    "blank": (" \n", "JSON"),
     "torn": (json.dumps(GOOD)[:-20], "JSON"),
-    "two": (json.dumps(GOOD) * 2, "JSON"),
     "nan_outside": ("NaN", "schema"),
     "deep_lists": ("[" * 200_000 + "]" * 200_000, "nested too deeply"),
-    "deep_objects": ('{"a":' * 200_000 + "1" + "}" * 200_000, "nested too deeply"),
     "deep_field": ('{"schema": 1, "agent": ' + "[" * 200_000 + "]" * 200_000 + "}", "deeply"),
     "digits": ('{"schema": ' + "1" * 5000 + "}", "JSON"),
     "twice_key": ('{"schema": 1, "schema": 1}', 'duplicate key "schema"'),
-    "trailing": (json.dumps(GOOD) + ",", "JSON"),
-    "comment": ("// a run\n" + json.dumps(GOOD), "JSON"),
     "single_quotes": ("{'schema': 1}", "JSON"),
 }
 
 
-@pytest.mark.parametrize("case", CONTRADICTIONS)
-def test_a_record_that_is_none_is_refused_with_its_reason(tmp_path, case):
-    value, *words = CONTRADICTIONS[case]
-    path = written(tmp_path / "run.json", value)
-    refused_by_call(lambda: read_record(path), str(path), *words)
+NO_TEXT = (
+    b'{"schema": 1, "agent": "\xe9"}',
+    json.dumps(GOOD).encode("utf-16"),
+    bytes(range(256)),
+    b"\xef\xbb\xbf" + json.dumps(GOOD).encode(),
+)
+
+
+def test_a_record_that_is_none_is_refused_with_its_reason(tmp_path, subtests):
+    path = tmp_path / "run.json"
+    for case, (value, *words) in CONTRADICTIONS.items():
+        with subtests.test(case):
+            written(path, value)
+            refused_by_call(lambda: read_record(path), str(path), *words)
+    for data in NO_TEXT:
+        with subtests.test(data=data[:30]):
+            path.write_bytes(data)
+            refused_by_call(lambda: read_record(path), str(path), "cannot be read as JSON")
 
 
 def test_episodes_of_two_tasks_are_refused(tmp_path):
@@ -187,89 +192,49 @@ def test_episodes_of_two_tasks_are_refused(tmp_path):
     refused_by_call(lambda: read_record(path), str(path), "'e1'", "place_1", "'e0'")
 
 
-BYTES = {
-    "latin": b'{"schema": 1, "agent": "\xe9"}',
-    "utf16": json.dumps(GOOD).encode("utf-16"),
-    "binary": bytes(range(256)),
-    "nul": b"\0" * 100,
-    "bom": b"\xef\xbb\xbf" + json.dumps(GOOD).encode(),
-}
+def test_a_path_that_is_no_file_is_refused_at_once(tmp_path, subtests):
+    (tmp_path / "folder").mkdir()
+    os.mkfifo(tmp_path / "fifo")  # reading it would wait for ever
+    (tmp_path / "file").write_text("")
+    for name in ("absent", "folder", "fifo", "file/run.json", "x" * 300, "a\0b"):
+        with subtests.test(name):
+            path = tmp_path / name
+            refused_by_call(lambda path=path: read_record(path), "cannot be read as JSON")
+    arguments = ("failures", tmp_path / "fifo", "--out", tmp_path / "x.png")
+    refused_by_command(main, arguments, "fifo", "not a regular file")
 
 
-@pytest.mark.parametrize("case", BYTES)
-def test_bytes_that_are_no_text_are_refused(tmp_path, case):
-    path = tmp_path / "run.json"
-    path.write_bytes(BYTES[case])
-    refused_by_call(lambda: read_record(path), str(path), "cannot be read as JSON")
-
-
-@pytest.mark.parametrize("case", ["absent", "folder", "fifo", "below_a_file", "long", "nul"])
-def test_a_path_that_is_no_file_is_refused_at_once(tmp_path, case):
-    import os
-
-    path = tmp_path / "run.json"
-    if case == "folder":
-        path.mkdir()
-    elif case == "fifo":
-        os.mkfifo(path)  # reading it would wait for ever
-    elif case == "below_a_file":
-        path.write_text("")
-        path = path / "run.json"
-    elif case == "long":
-        path = tmp_path / ("x" * 300)
-    elif case == "nul":
-        path = tmp_path / "a\0b"
-    refused_by_call(lambda: read_record(path), "cannot be read as JSON")
-
-
-def test_a_pipe_in_the_place_of_a_run_is_one_line(tmp_path):
-    import os
-
-    os.mkfifo(tmp_path / "pipe")
-    arguments = ("failures", tmp_path / "pipe", "--out", tmp_path / "x.png")
-    refused_by_command(main, arguments, "pipe", "not a regular file")
-
-
+CONTRADICTION = {**LINE, "episode": {**LINE["episode"], "id": "e2", "success": True}}
 JOURNALS = {
-    "blank_line": ("\n", "line 2", "JSON"),
-    "text": ("x\n", "line 2", "JSON"),
-    "list": ("[]\n", "line 2", "an object"),
-    "nul": ("\0\0\0\n", "line 2", "JSON"),
-    "deep": ("[" * 200_000 + "\n", "line 2", "nested too deeply"),
-    "twice": (json.dumps(LINE) + "\n", "line 2", "'e1' appears twice"),
-    "twice_key": ('{"episode": 1, "episode": 2}\n', "line 2", "duplicate key"),
-    "extra": (json.dumps({**LINE, "more": 1}) + "\n", "line 2", "unknown keys"),
-    "contradiction": (
-        json.dumps({**LINE, "episode": {**LINE["episode"], "id": "e2", "success": True}}) + "\n",
-        "line 2",
-        "'e2'",
-        "success True",
-    ),
+    "blank_line": (b"\n", "line 2", "JSON"),
+    "text": (b"x\n", "line 2", "JSON"),
+    "list": (b"[]\n", "line 2", "an object"),
+    "deep": (b"[" * 200_000 + b"\n", "line 2", "nested too deeply"),
+    "twice": (json.dumps(LINE).encode() + b"\n", "line 2", "'e1' appears twice"),
+    "twice_key": (b'{"episode": 1, "episode": 2}\n', "line 2", "duplicate key"),
+    "extra": (json.dumps({**LINE, "more": 1}).encode() + b"\n", "line 2", "unknown keys"),
+    "contradiction": (json.dumps(CONTRADICTION).encode() + b"\n", "line 2", "'e2'", "success True"),
+    "no_text": (b"\xff\xfe\n", "line 2", "UTF-8"),
 }
 
 
-@pytest.mark.parametrize("case", JOURNALS)
-def test_a_bad_line_of_a_journal_is_named(tmp_path, case):
-    bad, *words = JOURNALS[case]
-    path = written(tmp_path / "episodes.jsonl", json.dumps(LINE) + "\n" + bad)
-    before = path.read_bytes()
-    refused_by_call(RunFolder(root=tmp_path).read_journal, str(path), *words)
-    assert path.read_bytes() == before
-
-
-def test_a_line_of_a_journal_that_is_no_text_is_named(tmp_path):
+def test_a_bad_line_of_a_journal_is_named(tmp_path, subtests):
     path = tmp_path / "episodes.jsonl"
-    path.write_bytes(json.dumps(LINE).encode() + b"\n\xff\xfe\n")
-    refused_by_call(RunFolder(root=tmp_path).read_journal, str(path), "line 2", "UTF-8")
+    for case, (bad, *words) in JOURNALS.items():
+        with subtests.test(case):
+            path.write_bytes(json.dumps(LINE).encode() + b"\n" + bad)
+            before = path.read_bytes()
+            refused_by_call(RunFolder(root=tmp_path).read_journal, str(path), *words)
+            assert path.read_bytes() == before
 
 
-TRACES = ("x", "[]", "{}", '{"id": 5}', "[" * 200_000, '{"id": "e1", "id": "e2"}', "\0")
-
-
-@pytest.mark.parametrize("line", TRACES, ids=range(len(TRACES)))
-def test_a_bad_line_of_traces_is_named(tmp_path, line):
-    path = written(tmp_path / "traces.jsonl", f'{{"id": "e0", "trace": []}}\n{line}\n')
-    refused_by_call(lambda: RunFolder(root=tmp_path).cut_traces(["e0"]), str(path), "line 2")
+def test_a_bad_line_of_traces_is_named(tmp_path, subtests):
+    for line in ("x", "[]", "{}", '{"id": 5}', "[" * 200_000, '{"id": "e1", "id": "e2"}', "\0"):
+        with subtests.test(line=line[:30]):
+            path = written(tmp_path / "traces.jsonl", f'{{"id": "e0", "trace": []}}\n{line}\n')
+            refused_by_call(
+                lambda: RunFolder(root=tmp_path).cut_traces(["e0"]), str(path), "line 2"
+            )
 
 
 @pytest.mark.parametrize("name", ["episodes.jsonl", "traces.jsonl"])
@@ -280,16 +245,16 @@ def test_a_folder_in_the_place_of_a_journal_is_named(tmp_path, name):
     refused_by_call(read, name, "not a regular file")
 
 
-@pytest.mark.parametrize("edit", [{"versions": None}, {"git": 5}, {"config": []}, {"more": 1}])
-def test_a_bad_configuration_stops_a_resume_and_changes_nothing(tmp_path, edit):
-    path = written(tmp_path / "config.json", {**CONFIG, **edit})
-    before = path.read_bytes()
+def test_a_bad_configuration_stops_a_resume_and_changes_nothing(tmp_path):
     undo = stub_hab.install()
     arguments = (*stub_runs.RUN, "--out", tmp_path, "--resume")
-    refused_by_command(main, arguments, str(path), next(iter(edit)))
+    for edit in ({"versions": None}, {"git": 5}, {"config": []}, {"more": 1}):
+        path = written(tmp_path / "config.json", {**CONFIG, **edit})
+        before = path.read_bytes()
+        refused_by_command(main, arguments, str(path), next(iter(edit)))
+        assert path.read_bytes() == before
+        assert [entry.name for entry in tmp_path.iterdir()] == ["config.json"]
     undo()
-    assert path.read_bytes() == before
-    assert [entry.name for entry in tmp_path.iterdir()] == ["config.json"]
 
 
 def test_large_numbers_that_are_allowed_do_not_overflow_the_statistics():

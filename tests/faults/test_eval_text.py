@@ -1,7 +1,6 @@
 """Free text of a submission is displayed verbatim, and everything written can be read back."""
 
 import html
-import io
 import json
 import random
 import re
@@ -33,59 +32,24 @@ from hab_eval.site.pages import Site, all_pages
 from markdown_it import MarkdownIt
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from rich.console import Console
 from stub_runs import make_record
 
 from hab_tasks.agent import AgentReport, AgentSpec
 from hab_tasks.errors import OptionError, RunStoppedError
 
-NAMES = {
-    "rich_close": "PPO [/v2]",
-    "rich_open": "[red]PPO[/red]",
-    "rich_link": "[link=https://x]PPO[/link]",
-    "rich_bold": "[bold]",
-    "rich_escape": r"\[bold]",
-    "emoji_code": ":smile: :warning:",
-    "mathtext": r"$\frac{1}{$",
-    "mathtext_good": "$x^2$",
-    "mathtext_macro": r"$\undefined$",
-    "dollars": "10$ and 20$",
-    "escaped_dollar": r"\$x",
-    "script": "<script>alert(1)</script>",
-    "tag": "<img src=x onerror=alert(1)>",
-    "entity": "&lt;b&gt; &amp;#60;",
-    "comment": "<!-- hidden",
-    "quote": '"\' onload="x',
-    "image": "![x](https://example.org/x.png)",
-    "link": "[x](https://example.org)",
-    "reference": "[x][y] and [x]: y",
-    "autolink": "<https://example.org>",
-    "bare_link": "https://example.org/a_b www.example.org",
-    "mail": "me@example.org",
-    "pipe": "a|b||c",
-    "escaped_pipe": r"a\|b",
-    "code": "`a` ``b`` ```",
-    "stars": "*a* **b** ***",
-    "underscores": "_a_ __b__ a_b_c _",
-    "strike": "~~a~~",
-    "heading": "# a #",
-    "heading_end": "a ##",
-    "list": "- a",
-    "quote_line": "> a",
-    "backslash": "a\\",
-    "backslashes": r"\\*a\\*",
-    "newline": "a\nb",
-    "newlines": "a\n\n# b",
-    "carriage": "a\rb",
-    "tab": "a\tb",
-    "escape": "\x1b[31mred\x1b]8;;https://x\x07",
-    "nul": "a\0b",
-    "bidi": "a\u202eb",
-    "line_separator": "a\u2028b",
-    "hidden": "_legend",
-    "accents": "Ünïcödé 机器人",
-    "long": "x" * 500,
-}
+NAMES = (
+    *("PPO [/v2]", "[red]PPO[/red]", "[link=https://x]PPO[/link]", r"\[bold]", ":smile:"),  # rich
+    *(r"$\frac{1}{$", "$x^2$", r"$\undefined$", "10$ and 20$", r"\$x", "_legend"),  # matplotlib
+    *("<script>alert(1)</script>", "<img src=x onerror=alert(1)>", "&lt;b&gt; &amp;#60;"),  # HTML
+    *("<!-- hidden", '"\' onload="x'),
+    *("![x](https://example.org/x.png)", "[x](https://example.org)", "[x][y] and [x]: y"),  # links
+    *("<https://example.org>", "https://example.org/a_b www.example.org", "me@example.org"),
+    *("a|b||c", r"a\|b", "`a` ``b`` ```", "*a* **b** ***", "_a_ __b__ a_b_c _", "~~a~~"),
+    *("# a #", "a ##", "- a", "> a", "a\\", r"\\*a\\*", "a\nb", "a\n\n# b", "a\rb", "a\tb"),
+    *("\x1b[31mred\x1b]8;;https://x\x07", "a\0b", "a\u202eb", "a\u2028b"),  # control characters
+    *("Ünïcödé 机器人", "x" * 500),
+)
+"""Names that a terminal, a figure, HTML or Markdown could take for markup."""
 
 
 SITE_TAGS = {
@@ -95,6 +59,8 @@ SITE_TAGS = {
     *("summary", "table", "thead", "tbody", "tr", "th", "td", "dl", "dt", "dd"),
     *("svg", "rect", "path"),
 }
+LINK = r"[\w./&#-]+|data:,|https://arxiv.org/abs/2106.14405"
+DATA = r'<script type="application/json" id="data">(.*?)</script>'
 
 
 def labelled(text):
@@ -122,65 +88,58 @@ def labelled(text):
     )
 
 
-@pytest.fixture(params=NAMES, ids=str)
-def text(request):
-    return NAMES[request.param]
+def test_a_terminal_shows_the_text(subtests, capsys, monkeypatch):
+    for text in NAMES:
+        with subtests.test(text=text):
+            monkeypatch.setattr(plain_text, "LOG_WIDTH", 20_000)
+            shown = labelled(text)
+            groups = build_groups({"x.json": shown})
+            for table in (result_table(shown), failure_table([shown]), *leaderboard_tables(groups)):
+                plain_text.show(table)
+                out = capsys.readouterr().out
+                assert plain(text) in out
+                assert "\x1b" not in out
+                assert "\0" not in out
 
 
-def printed(table):
-    told = io.StringIO()
-    Console(file=told, width=20_000, markup=False, emoji=False, highlight=False).print(table)
-    return told.getvalue()
+def test_a_log_shows_the_text_on_one_line(subtests):
+    for text in NAMES:
+        with subtests.test(text=text):
+            line = describe(labelled(text).episodes[1])
+            assert plain(text) in line
+            assert len(line.splitlines()) == 1
+            assert line.isprintable()
 
 
-def test_a_terminal_shows_the_text(text, capsys, monkeypatch):
-    monkeypatch.setattr(plain_text, "LOG_WIDTH", 20_000)
-    shown = labelled(text)
-    groups = build_groups({"x.json": shown})
-    for table in (result_table(shown), failure_table([shown]), *leaderboard_tables(groups)):
-        plain_text.show(table)
-        out = capsys.readouterr().out
-        assert plain(text) in out
-        assert "\x1b" not in out
-        assert "\0" not in out
+def test_markdown_shows_the_text_and_nothing_else(subtests):
+    for text in NAMES:
+        with subtests.test(text=text):
+            written = to_markdown(build_groups({"x.json": labelled(text)}))
+            assert len(written.splitlines()) == 12
+            parser = MarkdownIt("commonmark").enable(["table", "strikethrough"])
+            page = parser.render(written)
+            tags = set(re.findall(r"</?([a-z0-9]+)", page))
+            assert tags <= {"h1", "h2", "p", "table", "thead", "tbody", "tr", "th", "td", "code"}
+            assert page.count("<code>") == 2  # our own words
+            assert page.count("<tr>") == 2
+            assert page.count("<td>") == 9
+            told = " ".join(html.unescape(re.sub(r"<[^>]*>", "", page)).split())
+            assert " ".join(plain(text).split()) in told
+            assert "://" not in written  # nothing becomes a link by itself
+            assert "www." not in written
+            assert not re.search(r"(?<!\\)[@$#]\w", written)
 
 
-def test_a_log_shows_the_text_on_one_line(text):
-    line = describe(labelled(text).episodes[1])
-    assert plain(text) in line
-    assert len(line.splitlines()) == 1
-    assert line.isprintable()
-
-
-def test_markdown_shows_the_text_and_nothing_else(text):
-    written = to_markdown(build_groups({"x.json": labelled(text)}))
-    assert len(written.splitlines()) == 12
-    parser = MarkdownIt("commonmark").enable(["table", "strikethrough"])
-    page = parser.render(written)
-    tags = set(re.findall(r"</?([a-z0-9]+)", page))
-    assert tags <= {"h1", "h2", "p", "table", "thead", "tbody", "tr", "th", "td", "code"}
-    assert page.count("<code>") == 2  # our own words
-    assert page.count("<tr>") == 2
-    assert page.count("<td>") == 9
-    told = " ".join(html.unescape(re.sub(r"<[^>]*>", "", page)).split())
-    assert " ".join(plain(text).split()) in told
-
-
-def test_nothing_in_markdown_becomes_a_link_by_itself(text):
-    written = to_markdown(build_groups({"x.json": labelled(text)}))
-    assert "://" not in written
-    assert "www." not in written
-    assert not re.search(r"(?<!\\)[@$#]\w", written)
-
-
-def test_a_page_shows_the_text_and_nothing_else(text):
-    page = to_html(build_groups({"x.json": labelled(text)}))
-    tags = set(re.findall(r"<[/!]?([a-zA-Z0-9]+)", page))
-    known = "doctype html meta title style h1 h2 p table tr th td"
-    assert tags <= set(known.split())
-    cells = re.findall(r"<td>(.*?)</td>", page)
-    assert html.unescape(cells[0]).startswith(plain(text))
-    assert len(cells) == 9
+def test_a_page_shows_the_text_and_nothing_else(subtests):
+    for text in NAMES:
+        with subtests.test(text=text):
+            page = to_html(build_groups({"x.json": labelled(text)}))
+            tags = set(re.findall(r"<[/!]?([a-zA-Z0-9]+)", page))
+            known = "doctype html meta title style h1 h2 p table tr th td"
+            assert tags <= set(known.split())
+            cells = re.findall(r"<td>(.*?)</td>", page)
+            assert html.unescape(cells[0]).startswith(plain(text))
+            assert len(cells) == 9
 
 
 class Reader(HTMLParser):
@@ -204,59 +163,69 @@ class Reader(HTMLParser):
             self.words.append(data)
 
 
-def test_a_site_shows_the_text_and_nothing_else(text, tmp_path):
-    records = {f"{number}.json": labelled(text) for number in range(2)}
-    entries = make_entries(records)
-    site = Site(
-        entries=entries,
-        sets=comparison_sets(entries),
-        agents=agent_pages(entries, []),
-        datasets=dataset_pages(entries, tmp_path),
-        receptacles=Receptacles(),
-        studies=[],
-        videos={},
-        docs=tmp_path,
-    )
-    pages = all_pages(site)
-    write_pages(tmp_path, pages)
-    assert len(pages) == 11
-    for page in pages:
-        written = (tmp_path / page.path).read_text()
-        read = Reader()
-        read.feed(written)
-        assert read.tags <= SITE_TAGS, page.path
-        for link in read.links:
-            assert re.fullmatch(r"[\w./&#-]+|data:,|https://arxiv.org/abs/2106.14405", link), link
-        if page.path in ("index.html", "runs/0.html", "compare/index.html"):
-            assert plain(text) in " ".join(read.words)
-        assert "\x1b" not in written
-        assert "\u202e" not in written
-        block = re.search(r'<script type="application/json" id="data">(.*?)</script>', written)
-        assert (block is None) == (page.data is None)
-        if block is not None:
-            assert json.loads(block[1]) == json.loads(json.dumps(plain_values(page.data)))
+def test_a_site_shows_the_text_and_nothing_else(subtests, tmp_path):
+    for text in NAMES:
+        with subtests.test(text=text):
+            records = {f"{number}.json": labelled(text) for number in range(2)}
+            entries = make_entries(records)
+            site = Site(
+                entries=entries,
+                sets=comparison_sets(entries),
+                agents=agent_pages(entries, []),
+                datasets=dataset_pages(entries, tmp_path),
+                receptacles=Receptacles(),
+                studies=[],
+                videos={},
+                docs=tmp_path,
+            )
+            pages = all_pages(site)
+            write_pages(tmp_path, pages)
+            assert len(pages) == 11
+            for page in pages:
+                written = (tmp_path / page.path).read_text()
+                read = Reader()
+                read.feed(written)
+                assert read.tags <= SITE_TAGS, page.path
+                for link in read.links:
+                    assert re.fullmatch(
+                        r"[\w./&#-]+|data:,|https://arxiv.org/abs/2106.14405", link
+                    ), link
+                if page.path in ("index.html", "runs/0.html", "compare/index.html"):
+                    assert plain(text) in " ".join(read.words)
+                assert "\x1b" not in written
+                assert "\u202e" not in written
+                block = re.search(
+                    r'<script type="application/json" id="data">(.*?)</script>', written
+                )
+                assert (block is None) == (page.data is None)
+                if block is not None:
+                    assert json.loads(block[1]) == json.loads(json.dumps(plain_values(page.data)))
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Glyph")  # the font has no Chinese
-def test_a_figure_shows_the_text(text, tmp_path):
-    draw_failures([labelled(text), labelled("other")], tmp_path / "x.png")
-    assert (tmp_path / "x.png").stat().st_size > 1000
-    figure = Figure()
-    canvas = FigureCanvasAgg(figure)
-    (line,) = figure.subplots().plot([0, 1], label=figure_text(text))
-    legend = figure.axes[0].legend()
-    assert [one.get_text() for one in legend.get_texts()] == [figure_text(text)]
-    canvas.draw()
-    (one,) = legend.get_texts()
-    drawn, is_math = one._preprocess_math(one.get_text())
-    assert (drawn.strip(), is_math) == (plain(text).strip(), False)
-    assert line.get_label() == figure_text(text)
+def test_a_figure_shows_the_text(subtests, tmp_path):
+    for text in NAMES:
+        with subtests.test(text=text):
+            draw_failures([labelled(text), labelled("other")], tmp_path / "x.png")
+            assert (tmp_path / "x.png").stat().st_size > 1000
+            figure = Figure()
+            canvas = FigureCanvasAgg(figure)
+            (line,) = figure.subplots().plot([0, 1], label=figure_text(text))
+            legend = figure.axes[0].legend()
+            assert [one.get_text() for one in legend.get_texts()] == [figure_text(text)]
+            canvas.draw()
+            (one,) = legend.get_texts()
+            drawn, is_math = one._preprocess_math(one.get_text())
+            assert (drawn.strip(), is_math) == (plain(text).strip(), False)
+            assert line.get_label() == figure_text(text)
 
 
-def test_it_is_read_as_it_was_written(text, tmp_path):
-    write_record(tmp_path / "run.json", labelled(text))
-    assert read_record(tmp_path / "run.json") == labelled(text)
+def test_it_is_read_as_it_was_written(subtests, tmp_path):
+    for text in NAMES:
+        with subtests.test(text=text):
+            write_record(tmp_path / "run.json", labelled(text))
+            assert read_record(tmp_path / "run.json") == labelled(text)
 
 
 ODD = ["x", "", " ", "\0", "\n", "é", "\ud800", "\udfff", "😀", "\u202e", '"', "\\", "[/]", "$"]

@@ -1,7 +1,10 @@
 """Unreadable mesh files, which would give bodies without collision or visual shapes."""
 
 import math
+import shutil
 import struct
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,7 +31,7 @@ from faulty_data import (
     text,
     whole_dataset,
 )
-from refusals import refused_by_call, refused_by_command
+from refusals import check_each, refused_by_call, refused_by_command
 
 from hab_tasks.cli import main
 from hab_tasks.scenes.habitat.navmesh import read_navmesh, read_navmesh_bounds
@@ -71,54 +74,36 @@ def shortened(file) -> None:
 
 GLB: dict[str, Damage] = {
     "empty": text(b""),
-    "web page": text("<html>404</html>"),
-    "header only": text(struct.pack("<4sII", b"glTF", 2, 12)),
-    "truncated": cut(0.7),
     "shortened": shortened,
     "version 1": lambda file: file.write_bytes(
         file.read_bytes()[:4] + b"\1\0\0\0" + file.read_bytes()[8:]
     ),
     "garbage": text(glb_bytes(bytes(range(32, 128)), bytes(64))),
-    "zeros": text(glb_bytes(bytes(64), bytes(64))),
     "list": text(glb_bytes(b"[]", bytes(64))),
-    "deep": text(glb_bytes(200_000 * b"[", bytes(64))),
     "no mesh": text(glb_bytes(b'{"asset":{"version":"2.0"}}', bytes(64))),
     "mesh number": document(meshes=3),
-    "mesh empty": document(meshes=[{}]),
     "no parts": document(meshes=[{"primitives": []}]),
     "no corners": primitive(attributes={}),
-    "unknown corners": primitive(attributes={"POSITION": 99}),
     "negative corners": primitive(attributes={"POSITION": -1}),
     "unknown indices": primitive(indices=99),
-    "indices of text": primitive(indices="0"),
     "unknown normals": primitive(attributes={"POSITION": 1, "NORMAL": 99}),
     "count too large": entry("accessors", 1, count=10**6),
-    "count huge": entry("accessors", 1, count=10**30),
     "count negative": entry("accessors", 1, count=-1),
-    "count text": entry("accessors", 1, count="8"),
     "unknown kind": entry("accessors", 1, componentType=1),
-    "unknown type": entry("accessors", 1, type="VEC9"),
-    "two coordinates": entry("accessors", 1, type="VEC2"),
     "offset too large": entry("accessors", 1, byteOffset=10**6),
-    "offset negative": entry("accessors", 1, byteOffset=-4),
     "unknown view": entry("accessors", 1, bufferView=77),
     "view too long": entry("bufferViews", 1, byteLength=10**6),
-    "view of text": entry("bufferViews", 1, byteLength="long"),
     "view in no buffer": entry("bufferViews", 1, buffer=3),
     "index too large": rewrite_glb(
         lambda document, body: body.__setitem__(slice(0, 4), b"\xff" * 4)
     ),
     "odd indices": entry("accessors", 0, count=35),
     "corner nan": corner(math.nan),
-    "corner infinite": corner(math.inf),
     "corner far": corner(1e30),
     "node nan": rewrite_glb(lambda d, body: d["nodes"][0].update(matrix=16 * [math.nan])),
-    "node short": rewrite_glb(lambda d, body: d["nodes"][0].update(matrix=[1, 2])),
-    "node text": rewrite_glb(lambda d, body: d["nodes"][0].update(translation="up")),
     "node cycle": rewrite_glb(lambda d, body: d["nodes"][0].update(children=[0])),
     "node unknown": rewrite_glb(lambda d, body: d["nodes"][0].update(children=[9])),
     "node of no mesh": rewrite_glb(lambda d, body: d["nodes"][0].update(mesh=4)),
-    "scene of no node": rewrite_glb(lambda d, body: d["scenes"][0].update(nodes=[8])),
     "pipe": pipe,
 }
 
@@ -131,12 +116,13 @@ ROLES = {
     "stage collision": "stages/convex.glb",
 }
 IN_PLACE = {"folder": folder, "loop": loop}
+IN_EVERY_ROLE = ("corner nan", "count too large")
 
 
-@pytest.fixture
-def root(tmp_path):
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
     """The whole dataset with convex parts in files of their own, and a mesh for the stage."""
-    root = whole_dataset(tmp_path / "data")
+    root = whole_dataset(tmp_path_factory.mktemp("meshes") / "data")
     for name in ("objects/convex.glb", "stages/room.glb", "stages/convex.glb"):
         box_glb(root / name, (1.0, 0.8, 0.6))
     config = {"render_asset": "../../objects/table.glb", "mass": 18}
@@ -147,25 +133,30 @@ def root(tmp_path):
     return root
 
 
-@pytest.mark.parametrize("damage", GLB)
-@pytest.mark.parametrize("role", ["collision", "furniture"])
-def test_a_glb_that_cannot_be_read_is_named(root, role, damage):
-    GLB[damage](root / ROLES[role])
-    refused_everywhere(root, ROLES[role].rpartition("/")[2])
+def copied(data, tmp_path):
+    """A copy of a dataset that may be damaged."""
+    return shutil.copytree(data, Path(tempfile.mkdtemp(dir=tmp_path)) / "data")
 
 
-@pytest.mark.parametrize("damage", ["shortened", "garbage", "corner nan", "count too large"])
-@pytest.mark.parametrize("role", ROLES)
-def test_a_mesh_in_any_role_is_checked(root, role, damage):
-    GLB[damage](root / ROLES[role])
-    refused_everywhere(root, ROLES[role].rpartition("/")[2])
+@pytest.fixture
+def root(data, tmp_path):
+    return copied(data, tmp_path)
 
 
-@pytest.mark.parametrize("damage", IN_PLACE)
-@pytest.mark.parametrize("role", ROLES)
-def test_what_is_no_file_is_named(root, role, damage):
-    IN_PLACE[damage](root / ROLES[role])
-    refused_everywhere(root, ROLES[role].rpartition("/")[2].removesuffix(".glb"))
+def test_a_mesh_that_cannot_be_read_is_named(data, tmp_path):
+    """Every damage in one role, and a few of each kind in the other roles."""
+    cases = {damage: ("collision", damage) for damage in GLB}
+    for role in ROLES:
+        cases |= {f"{role}, {damage}": (role, damage) for damage in (*IN_EVERY_ROLE, *IN_PLACE)}
+
+    def check(case):
+        role, damage = case
+        root = copied(data, tmp_path)
+        (GLB | IN_PLACE)[damage](root / ROLES[role])
+        word = ROLES[role].rpartition("/")[2]
+        refused_everywhere(root, word if damage in GLB else word.removesuffix(".glb"))
+
+    check_each(cases, check)
 
 
 def test_a_damaged_mesh_that_no_layout_uses_is_found_by_check(root):
@@ -200,12 +191,17 @@ def test_what_the_engine_makes_no_shape_of_is_refused_when_it_is_built(root, rol
     refused_by_command(main, ["check", root], file)
 
 
-@pytest.mark.parametrize("suffix", [".obj", ".ply", ".stl", ".dae", ".xyz"])
-@pytest.mark.parametrize("key", ["render_asset", "collision_asset"])
-def test_garbage_in_other_formats_is_named(root, key, suffix):
-    (root / f"objects/other{suffix}").write_bytes(b"nothing of the kind\n" * 9)
-    put(key, value=f"../../objects/other{suffix}")(root / TABLE)
-    refused_everywhere(root, f"other{suffix}")
+def test_garbage_in_other_formats_is_named(data, tmp_path):
+    def check(case):
+        key, suffix = case
+        root = copied(data, tmp_path)
+        (root / f"objects/other{suffix}").write_bytes(b"nothing of the kind\n" * 9)
+        put(key, value=f"../../objects/other{suffix}")(root / TABLE)
+        refused_everywhere(root, f"other{suffix}")
+
+    suffixes = (".obj", ".ply", ".stl", ".dae", ".xyz")
+    cases = {suffix: ("render_asset", suffix) for suffix in suffixes}
+    check_each(cases | {"collision": ("collision_asset", ".obj")}, check)
 
 
 def test_every_glb_that_is_in_order_is_read(tmp_path):
@@ -236,22 +232,15 @@ def packed(at: int, kind: str, *values: float) -> Damage:
 NAVMESHES: dict[str, Damage] = {
     "empty": text(b""),
     "no tile": text(b"nothing of the kind" * 20),
-    "magic only": text(b"VAND"),
     "cut header": cut(0.3),
-    "cut": cut(0.8),
     "two tiles": text(2 * navmesh_bytes(ROOM)),
     "version": packed(4, "i", 9),
-    "cell nan": packed(40, "f", math.nan),
     "cell zero": packed(40, "f", 0.0),
-    "cell negative": packed(40, "f", -0.05),
-    "height nan": packed(TILE_AT + 60, "f", math.nan),
     "radius negative": packed(TILE_AT + 64, "f", -1.0),
     "bounds nan": packed(TILE_AT + 72, "f", math.nan),
     "bounds swapped": packed(TILE_AT + 72, "f", 9.0),
     "no polygons": packed(TILE_AT + 24, "i", 0),
-    "polygons negative": packed(TILE_AT + 24, "i", -1),
     "polygons many": packed(TILE_AT + 24, "i", 2**31 - 1),
-    "corners negative": packed(TILE_AT + 28, "i", -1),
     "corner nan": packed(TILE_AT + 100, "f", math.nan),
     "corner unknown": packed(TILE_AT + 100 + 8 * 12 + 4, "H", 999),
     "polygon of 9": packed(TILE_AT + 100 + 8 * 12 + 30, "B", 9),
@@ -260,20 +249,20 @@ NAVMESHES: dict[str, Damage] = {
 }
 
 
-@pytest.mark.parametrize("damage", NAVMESHES)
-def test_a_damaged_navmesh_is_named(tmp_path, damage):
-    root = whole_dataset(tmp_path / "data")
-    NAVMESHES[damage](root / NAVMESH)
-    refused_by_command(main, ["check", root], f"{SCENE_ID}.navmesh")
-    refused_by_call(lambda: read_navmesh(root / NAVMESH), f"{SCENE_ID}.navmesh")
+def test_a_damaged_navmesh_is_named(tmp_path):
+    name = f"{SCENE_ID}.navmesh"
 
+    def check(damage):
+        root = whole_dataset(Path(tempfile.mkdtemp(dir=tmp_path)) / "data")
+        NAVMESHES[damage](root / NAVMESH)
+        refused_by_command(main, ["check", root], name)
+        refused_by_call(lambda: read_navmesh(root / NAVMESH), name)
+        if damage in ("no tile", "cut header", "bounds nan", "pipe"):
+            # A stage without a mesh needs no more than bounds that make sense.
+            refused_by_call(lambda: read_as_env(root), name)
+            refused_by_call(lambda: read_navmesh_bounds(root / NAVMESH), name)
 
-@pytest.mark.parametrize("damage", ["no tile", "cut header", "bounds nan", "pipe"])
-def test_a_stage_without_a_mesh_needs_bounds_that_make_sense(tmp_path, damage):
-    root = whole_dataset(tmp_path / "data")
-    NAVMESHES[damage](root / NAVMESH)
-    refused_by_call(lambda: read_as_env(root), f"{SCENE_ID}.navmesh")
-    refused_by_call(lambda: read_navmesh_bounds(root / NAVMESH), f"{SCENE_ID}.navmesh")
+    check_each({damage: damage for damage in NAVMESHES}, check)
 
 
 def test_the_walls_of_a_whole_navmesh_are_read(tmp_path):

@@ -25,7 +25,7 @@ from faulty_data import (
     whole_dataset,
 )
 from PIL import Image
-from refusals import refused_by_call, refused_by_command
+from refusals import check_each, refused_by_call, refused_by_command
 
 from hab_tasks.cli import main
 from hab_tasks.object_names import ALL_OBJECTS
@@ -64,7 +64,7 @@ def ycb_template(kind: str) -> Path:
 
 def ycb_copy(tmp_path: Path, kind: str) -> Path:
     """A copy of such a folder that may be damaged."""
-    return shutil.copytree(ycb_template(kind), tmp_path / kind)
+    return shutil.copytree(ycb_template(kind), Path(tempfile.mkdtemp(dir=tmp_path)) / kind)
 
 
 GOOGLE, MANISKILL = f"{CAN}/google_16k", f"models/{CAN}"
@@ -95,38 +95,22 @@ CASES: dict[str, tuple[str, str, Damage, str]] = {
     "stl cut": ("google", STL, cut(0.5), "textured_vhacd.stl"),
     "stl nan": ("google", STL, nan_stl, "textured_vhacd.stl"),
     **{f"ply {k}": ("maniskill", PLY, d, "collision.ply") for k, d in MESH_FAULTS.items()},
-    "ply cut": ("maniskill", PLY, cut(0.5), "collision.ply"),
     "ply absent": ("maniskill", PLY, Path.unlink, "collision.ply"),
     "obj absent": ("google", OBJ, Path.unlink, "textured.obj"),
-    **{
-        f"obj {k}": ("google", OBJ, d, "textured.obj")
-        for k, d in MESH_FAULTS.items()
-        if k != "garbage"
-    },
+    "obj empty": ("google", OBJ, text(b""), "textured.obj"),
+    "obj pipe": ("google", OBJ, pipe, "textured.obj"),
     "no objects": ("google", GOOGLE, shutil.rmtree, CAN),
     "info empty": ("maniskill", INFO, text(""), INFO),
     "info list": ("maniskill", INFO, text("[]"), INFO),
-    "info number": ("maniskill", INFO, text("7"), INFO),
     "info cut": ("maniskill", INFO, cut(0.5), INFO),
-    "info deep": ("maniskill", INFO, text(200_000 * "["), INFO),
-    "info not utf-8": ("maniskill", INFO, text(b"\xff\xfe\0"), INFO),
-    "info folder": ("maniskill", INFO, folder, INFO),
     "info pipe": ("maniskill", INFO, pipe, INFO),
     "about number": ("maniskill", INFO, put(CAN, value=5), f"{CAN} is 5"),
     "density text": ("maniskill", INFO, density("heavy"), f"{CAN}.density is 'heavy'"),
-    "density nan": ("maniskill", INFO, density(math.nan), "density is nan"),
     "density zero": ("maniskill", INFO, density(0), "density is 0"),
-    "density negative": ("maniskill", INFO, density(-800), "density is -800"),
-    "density huge": ("maniskill", INFO, density(10**400), "density"),
-    "density null": ("maniskill", INFO, density(None), "density is None"),
     "urdf empty": ("google", CAN_URDF, text(""), CAN_URDF),
-    "urdf no xml": ("google", CAN_URDF, text("{}"), CAN_URDF),
     "urdf folder": ("google", CAN_URDF, folder, CAN_URDF),
-    "urdf pipe": ("google", CAN_URDF, pipe, CAN_URDF),
     "mass text": ("google", CAN_URDF, swap('"0.4"', '"heavy"'), "mass value is 'heavy'"),
-    "mass nan": ("google", CAN_URDF, swap('"0.4"', '"nan"'), "mass value is nan"),
     "mass zero": ("google", CAN_URDF, swap('"0.4"', '"0"'), "mass value is 0"),
-    "mass negative": ("google", CAN_URDF, swap('"0.4"', '"-1"'), "mass value is -1"),
     "mass absent": ("google", CAN_URDF, swap(' value="0.4"', ""), "mass value is None"),
 }
 
@@ -137,41 +121,40 @@ def scenes(tmp_path_factory):
     return whole_dataset(tmp_path_factory.mktemp("scenes") / "data")
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_a_fault_in_a_ycb_folder_is_named(tmp_path, case):
-    kind, name, damage, words = CASES[case]
-    root = ycb_copy(tmp_path, kind)
-    damage(root / name)
-    refused_by_call(lambda: load_objects(root), words)
+def test_a_fault_in_a_ycb_folder_is_named(tmp_path, scenes):
+    def check(name):
+        kind, file, damage, words = CASES[name]
+        root = ycb_copy(tmp_path, kind)
+        damage(root / file)
+        refused_by_call(lambda: load_objects(root), words)
+        if name in ("stl garbage", "info list", "density zero", "mass zero"):
+            refused_by_command(main, ["check", scenes, "--objects", root], words)
 
-
-@pytest.mark.parametrize("case", ["stl garbage", "info list", "density nan", "mass negative"])
-def test_check_finds_faults_in_a_ycb_folder(tmp_path, scenes, case):
-    kind, name, damage, words = CASES[case]
-    root = ycb_copy(tmp_path, kind)
-    damage(root / name)
-    refused_by_command(main, ["check", scenes, "--objects", root], words)
+    check_each({name: name for name in CASES}, check)
 
 
 VISUALS: dict[str, tuple[str, Damage]] = {
     "obj garbage": ("textured.obj", GARBAGE),
     "obj nan": ("textured.obj", swap("v 0.05", "v nan")),
     "no material": ("material.mtl", Path.unlink),
-    "material empty": ("material.mtl", text("")),
     "no picture": ("material_0.png", Path.unlink),
     "picture garbage": ("material_0.png", GARBAGE),
     "picture cut": ("material_0.png", cut(0.6)),
-    "picture empty": ("material_0.png", text(b"")),
 }
 
 
-@pytest.mark.parametrize("case", VISUALS)
-def test_what_cannot_be_drawn_is_named(tmp_path, scenes, case):
-    name, damage = VISUALS[case]
-    root = ycb_copy(tmp_path, "google")
-    damage(root / GOOGLE / name)
-    refused_by_command(main, ["check", scenes, "--objects", root], "textured.obj")
-    refused_by_call(lambda: textured_glb(root / OBJ), "textured.obj")
+def test_what_cannot_be_drawn_is_named(tmp_path, scenes, monkeypatch):
+    # Empty, as the copies that are drawn are found by the content of the OBJ alone.
+    monkeypatch.setenv("HAB_CACHE_DIR", str(tmp_path / "cache"))
+
+    def check(case):
+        name, damage = case
+        root = ycb_copy(tmp_path, "google")
+        damage(root / GOOGLE / name)
+        refused_by_command(main, ["check", scenes, "--objects", root], "textured.obj")
+        refused_by_call(lambda: textured_glb(root / OBJ), "textured.obj")
+
+    check_each(VISUALS, check)
 
 
 @pytest.mark.parametrize("kind", ["google", "maniskill"])
@@ -202,23 +185,14 @@ def layouts_of(root: Path, out: Path) -> LayoutSet:
 
 LAYOUTS: dict[str, tuple[Damage, str]] = {
     "empty": (text(""), "not valid JSON"),
-    "list": (text("[]"), "layouts.json"),
     "cut": (cut(0.5), "not valid JSON"),
-    "deep": (text(200_000 * "["), "not valid JSON"),
-    "not utf-8": (text(b"\xff"), "not valid JSON"),
-    "folder": (folder, "a folder"),
     "pipe": (pipe, "a pipe"),
-    "format text": (put("format", value="1"), "format 1"),
     "other format": (put("format", value=99), "format 99"),
-    "name number": (put("name", value=3), "damaged (name)"),
-    "dataset number": (put("dataset", value=3), "damaged (dataset)"),
     "dataset nowhere": (put("dataset", value="/nowhere"), "/nowhere"),
     "dataset nul": (put("dataset", value="a\0b"), "layouts.json"),
-    "templates text": (put("templates", value="1"), "damaged (templates)"),
     "templates other": (put("templates", value=1), "has changed"),
     "split unknown": (put("split", value="vall"), "'vall'"),
     "wild text": (put("wild", value="no"), "damaged (wild)"),
-    "macros list": (put("macros", value=[]), "damaged (macros)"),
     "macros empty": (put("macros", value={}), "no layouts"),
     "macro number": (put("macros", value={"mine_001": 3}), "damaged (macros)"),
     "macro unknown": (put("macros", value={"mine_001": "v3_sc0_staging_O0"}), SCENE_ID),
@@ -228,13 +202,16 @@ LAYOUTS: dict[str, tuple[Damage, str]] = {
 }
 
 
-@pytest.mark.parametrize("case", LAYOUTS)
-def test_a_fault_in_a_folder_of_layouts_is_named(tmp_path, scenes, case):
-    damage, words = LAYOUTS[case]
-    layouts_of(scenes, tmp_path / "mine")
-    damage(tmp_path / "mine/layouts.json")
-    refused_by_command(main, ["check", tmp_path / "mine"], words)
-    refused_by_call(lambda: resolve_dataset(tmp_path / "mine"), words)
+def test_a_fault_in_a_folder_of_layouts_is_named(tmp_path, scenes):
+    def check(case):
+        damage, words = case
+        folder = Path(tempfile.mkdtemp(dir=tmp_path))
+        layouts_of(scenes, folder)
+        damage(folder / "layouts.json")
+        refused_by_command(main, ["check", folder], words)
+        refused_by_call(lambda: resolve_dataset(folder), words)
+
+    check_each(LAYOUTS, check)
 
 
 def test_layouts_of_layouts_end_at_once(tmp_path, scenes):

@@ -3,27 +3,18 @@
 import os
 import shutil
 import socket
+import tempfile
 from pathlib import Path
 
 import pytest
 from hab_planner.cli import main as planner
-from refusals import refused_by_command
+from refusals import check_each, refused_by_command
 
 from hab_tasks.cli import main
 from hab_tasks.commands import COMMANDS
 
-HUGE = "9" * 20
-NUMBERS = {
-    "zero": "0",
-    "negative": "-1",
-    "text": "abc",
-    "fraction": "1.5",
-    "nan": "nan",
-    "infinite": "inf",
-    "huge": HUGE,
-    "empty": "",
-}
-SEEDS = {kind: value for kind, value in NUMBERS.items() if kind != "zero"}
+NUMBERS = ("-1", "abc", "1.5", "inf", "9" * 20, "")
+COUNTS = ("0", *NUMBERS)
 
 EPISODES = ("episodes", "--env", "HabPick-v1", "--out", "out.json")
 VARY = ("vary", "apartment", "--macro", "sc1", "--out", "out")
@@ -32,71 +23,59 @@ DEMO = ("demo", "HabPick-v1")
 CHECK = ("check", "apartment")
 
 
-def each(arguments, option, values):
-    """Yields a case for every value of an option."""
-    for kind, value in values.items():
-        yield f"{arguments[0]}{option}-{kind}", (*arguments, option, value), (option,)
-
+OPTIONS = (
+    (EPISODES, "--count", COUNTS),
+    (EPISODES, "--workers", ("0", "-1")),
+    (EPISODES, "--seed", NUMBERS),
+    (VARY, "--count", ("0", "abc")),
+    (VARY, "--seed", ("-1", "abc")),
+    (ASSETS, "--workers", ("0", "abc")),
+    (ASSETS, "--texture-size", ("0", "-1", "abc")),
+    (ASSETS, "--decimate", ("0", "-1", "nan", "inf", "abc")),
+    (DEMO, "--steps", ("0", "abc")),
+    (DEMO, "--episode", ("-1", "abc", "9" * 20)),
+    (DEMO, "--seed", ("-1", "abc")),
+    (CHECK, "--workers", ("0", "abc")),
+)
 
 CASES = {
-    name: (arguments, words)
-    for name, arguments, words in (
-        *each(EPISODES, "--count", NUMBERS),
-        *each(EPISODES, "--workers", NUMBERS),
-        *each(EPISODES, "--seed", SEEDS),
-        *each(VARY, "--count", NUMBERS),
-        *each(VARY, "--seed", SEEDS),
-        *each(ASSETS, "--workers", NUMBERS),
-        *each(ASSETS, "--texture-size", NUMBERS),
-        *each(ASSETS, "--decimate", {k: v for k, v in NUMBERS.items() if k != "fraction"}),
-        *each(DEMO, "--steps", NUMBERS),
-        *each(DEMO, "--episode", {"negative": "-1", "text": "abc", "huge": HUGE}),
-        *each(DEMO, "--seed", SEEDS),
-        *each(CHECK, "--workers", NUMBERS),
-        ("episodes-env", ("episodes", "--env", "HabPik-v1", "--out", "out.json"), ("HabPick-v1",)),
-        ("episodes-no-env", ("episodes", "--out", "out.json"), ("--env",)),
-        ("episodes-no-out", ("episodes", "--env", "HabPick-v1"), ("--out",)),
-        ("episodes-split", (*EPISODES, "--split", "trane"), ("'trane'", "train")),
-        ("episodes-scene", (*EPISODES, "--scene", "v9"), ("'v9'", "apt_0")),
-        ("episodes-novel", (*EPISODES, "--novel", "all"), ("'all'", "receptacles")),
-        ("episodes-dataset", (*EPISODES, "--scene-dataset", "flat"), ("'flat'", "apartment")),
-        ("episodes-no-dataset", (*EPISODES, "--scene-dataset", ""), ("dataset",)),
-        ("episodes-objects", (*EPISODES, "--objects", "cups"), ("'cups'", "YCB")),
-        ("episodes-option", (*EPISODES, "--cuont", "3"), ("--cuont", "--count")),
-        ("vary-dataset", ("vary", "flat", *VARY[2:]), ("'flat'", "apartment")),
-        ("vary-macro", ("vary", "apartment", "--macro", "sc9", "--out", "out"), ("'sc9'", "sc1")),
-        ("vary-no-macro", ("vary", "apartment", "--out", "out"), ("--macro", "--wild")),
-        ("assets-dataset", ("assets", "flat", "--out", "out"), ("'flat'", "apartment")),
-        ("assets-collision", (*ASSETS, "--collision", "ball"), ("'ball'", "hull")),
-        ("assets-format", (*ASSETS, "--texture-format", "bmp"), ("'bmp'", "ktx2")),
-        ("assets-objects", (*ASSETS, "--objects", "cups"), ("'cups'", "YCB")),
-        ("demo-env", ("demo", "HabPik-v1"), ("HabPick-v1",)),
-        ("demo-no-env", ("demo",), ("ENV",)),
-        ("demo-agent", (*DEMO, "--agent", "ghost"), ("'ghost'", "keyboard")),
-        ("demo-ending", (*DEMO, "--out", "out.gif"), ("out.gif", ".mp4")),
-        ("demo-dataset", (*DEMO, "--scene-dataset", "flat"), ("'flat'", "apartment")),
-        ("demo-objects", (*DEMO, "--objects", "cups"), ("'cups'", "YCB")),
-        ("check-dataset", ("check", "flat"), ("'flat'", "apartment")),
-        ("check-no-dataset", ("check",), ("DATASET",)),
-        ("check-objects", (*CHECK, "--objects", "cups"), ("'cups'", "YCB")),
-        ("check-scenes", (*CHECK, "--scenes", "v9"), ("--simulate",)),
-        ("convert-absent", ("convert", "gone.json", "--out", "out.json"), ("gone.json",)),
-        ("convert-folder", ("convert", ".", "--out", "out.json"), ("not a regular file",)),
-        ("convert-no-out", ("convert", "gone.json"), ("--out",)),
-        ("convert-ending", ("convert", "gone.json", "--out", "out.txt"), ("out.txt", ".json.gz")),
-        ("episodes-ending", (*EPISODES[:4], "out.txt"), ("out.txt", ".json.gz")),
-        ("figures-dataset", ("figures", "flat", "--out", "out"), ("'flat'", "apartment")),
-        ("figures-no-out", ("figures", "apartment"), ("--out",)),
-        (
-            "figures-episodes",
-            ("figures", "apartment", "--out", "out", "--episodes", "gone.json"),
-            ("gone.json",),
-        ),
-        ("docs-no-out", ("docs",), ("--out",)),
-        ("list-more", ("list", "more"), ("more",)),
-        ("list-option", ("list", "--all"), ("--all", "--help")),
-        ("command", ("epizodes",), ("'epizodes'", "episodes")),
-    )
+    **{
+        f"{arguments[0]} {option} {value!r}": ((*arguments, option, value), (option,))
+        for arguments, option, values in OPTIONS
+        for value in values
+    },
+    **{
+        " ".join(arguments): (arguments, words)
+        for arguments, words in (
+            (("episodes", "--env", "HabPik-v1", "--out", "out.json"), ("HabPick-v1",)),
+            (("episodes", "--out", "out.json"), ("--env",)),
+            ((*EPISODES, "--split", "trane"), ("'trane'", "train")),
+            ((*EPISODES, "--scene", "v9"), ("'v9'", "apt_0")),
+            ((*EPISODES, "--novel", "all"), ("'all'", "receptacles")),
+            ((*EPISODES, "--scene-dataset", "flat"), ("'flat'", "apartment")),
+            ((*EPISODES, "--objects", "cups"), ("'cups'", "YCB")),
+            ((*EPISODES, "--cuont", "3"), ("--cuont", "--count")),
+            (("vary", "flat", *VARY[2:]), ("'flat'", "apartment")),
+            (("vary", "apartment", "--macro", "sc9", "--out", "out"), ("'sc9'", "sc1")),
+            (("vary", "apartment", "--out", "out"), ("--macro", "--wild")),
+            ((*ASSETS, "--collision", "ball"), ("'ball'", "hull")),
+            ((*ASSETS, "--texture-format", "bmp"), ("'bmp'", "ktx2")),
+            (("demo", "HabPik-v1"), ("HabPick-v1",)),
+            ((*DEMO, "--agent", "ghost"), ("'ghost'", "keyboard")),
+            ((*DEMO, "--out", "out.gif"), ("out.gif", ".mp4")),
+            (("check", "flat"), ("'flat'", "apartment")),
+            ((*CHECK, "--scenes", "v9"), ("--simulate",)),
+            (("convert", "gone.json", "--out", "out.json"), ("gone.json",)),
+            (("convert", ".", "--out", "out.json"), ("not a regular file",)),
+            (("convert", "gone.json", "--out", "out.txt"), ("out.txt", ".json.gz")),
+            (
+                ("figures", "apartment", "--out", "out", "--episodes", "gone.json"),
+                ("gone.json",),
+            ),
+            (("list", "more"), ("more",)),
+            (("epizodes",), ("'epizodes'", "episodes")),
+        )
+    },
 }
 PLANNER = {
     "env": (("plan", "HabPick-v1"), ("HabPick-v1", "HabSetTable-v1")),
@@ -184,19 +163,23 @@ def elsewhere(tmp_path, monkeypatch):
     return folder
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_an_option_that_makes_no_sense_is_refused(elsewhere, case):
-    arguments, words = CASES[case]
-    refused_by_command(main, arguments, *words)
-    assert not list(elsewhere.iterdir())
+def test_an_option_that_makes_no_sense_is_refused(elsewhere):
+    def check(case):
+        arguments, words = case
+        refused_by_command(main, arguments, *words)
+        assert not list(elsewhere.iterdir())
+
+    check_each(CASES, check)
 
 
-@pytest.mark.parametrize("case", PLANNER)
-def test_the_planner_refuses_what_makes_no_sense(case):
-    arguments, words = PLANNER[case]
+def test_the_planner_refuses_what_makes_no_sense(elsewhere):
+    def check(case):
+        arguments, words = case
+        refused_by_command(planner, arguments, *words)
+        assert [path.name for path in elsewhere.iterdir()] == ["file"]
+
     Path("file").write_text("precious")
-    refused_by_command(planner, arguments, *words)
-    assert [path.name for path in Path().iterdir()] == ["file"]
+    check_each(PLANNER, check)
 
 
 def test_all_that_write_are_tried():
@@ -205,18 +188,30 @@ def test_all_that_write_are_tried():
     }
 
 
-@pytest.mark.parametrize("place", PLACES)
-@pytest.mark.parametrize("command", WRITES)
-@pytest.mark.parametrize("force", [False, True])
-def test_what_may_not_be_replaced_stays(elsewhere, command, place, force):
-    arguments, target = WRITES[command]
-    out = place(target)
-    before = {path: path.lstat() for path in elsewhere.rglob("*")}
-    refused_by_command(main, [*arguments, "--out", out, *(["--force"] * force)], target[:3])
-    after = {path: path.lstat() for path in elsewhere.rglob("*")}
-    assert {p: (s.st_mode, s.st_ino) for p, s in after.items()} == {
-        p: (s.st_mode, s.st_ino) for p, s in before.items()
+def test_what_may_not_be_replaced_stays(elsewhere, monkeypatch):
+    """Every place with a command that writes a folder and one that writes a file; two with all."""
+
+    def check(case):
+        command, place, force = case
+        folder = Path(tempfile.mkdtemp(dir=elsewhere))
+        monkeypatch.chdir(folder)
+        arguments, target = WRITES[command]
+        out = place(target)
+        before = {path: path.lstat() for path in folder.rglob("*")}
+        refused_by_command(main, [*arguments, "--out", out, *(["--force"] * force)], target[:3])
+        after = {path: path.lstat() for path in folder.rglob("*")}
+        assert {p: (s.st_mode, s.st_ino) for p, s in after.items()} == {
+            p: (s.st_mode, s.st_ino) for p, s in before.items()
+        }
+
+    few = (of_the_wrong_kind, below_a_file)
+    cases = {
+        f"{command} {place.__name__} {force}": (command, place, force)
+        for command in WRITES
+        for place in (PLACES if command in ("figures", "episodes") else few)
+        for force in (False, True)
     }
+    check_each(cases, check)
 
 
 @pytest.mark.parametrize("command", ["vary", "assets"])

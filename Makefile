@@ -9,7 +9,7 @@ WORKERS ?= 2
 DATASET ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test soak kills lint format typecheck docs bench build clean
+.PHONY: help setup demo test soak kills defects lint format typecheck docs bench build clean
 
 help:  ## This list
 	@grep -hE '^[a-z]+: .*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 12
@@ -31,6 +31,9 @@ soak: setup ## A million random and adversarial steps in all environments, as a 
 
 kills: setup ## Kill every command that writes and its workers at 70 moments, as a test of what is left
 	@HAB_KILLS=10 $(PYTHON) -m pytest -q -n 0 -k kill tests/faults/test_kills.py tests/faults/test_eval_runs.py
+
+defects: setup ## Plant 30 defects in a copy; the tests must find each: make defects ROWS=a,b TIER=slow
+	@$(PYTHON) tests/defects.py $(if $(ROWS),--rows $(ROWS)) $(if $(filter command line,$(origin TIER)),--tier $(TIER))
 
 lint: setup ## Code style, spelling, sizes of files and functions
 	@$(PYTHON) -m ruff check .

@@ -4,12 +4,13 @@ import gzip
 import json
 import math
 import os
+import tempfile
 from copy import deepcopy
 from functools import partial
 from pathlib import Path
 
 import pytest
-from refusals import refused_by_call
+from refusals import check_each, refused_by_call
 
 import hab_tasks
 from hab_tasks.cli import main
@@ -17,74 +18,47 @@ from hab_tasks.envs import ENVS
 from hab_tasks.episodes.fields import LARGEST_BYTES
 
 SHIPPED = Path(hab_tasks.__file__).parents[1] / "assets" / "episodes"
+GONE = object()
 NAN, HUGE, HALF = math.nan, 10**400, "\ud800"
+FRIDGE, HANDLE = "fridge_:0000", ("furniture", "joint", "marker")
 POSE = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
 FAR = [1e30, *POSE[1:]]
 
-ODD_POSES = {
-    "short": POSE[:6],
-    "long": [*POSE, 0.0],
-    "of_text": ["0"] * 7,
-    "text": "0000000",
-    "null": None,
-    "nan": [NAN, *POSE[1:]],
-    "huge": [HUGE, *POSE[1:]],
-    "far": FAR,
-    "without_rotation": [0.0] * 7,
-    "of_flags": [True] * 7,
-}
-ODD_BASES = {
-    "short": [0.0, 1.0],
-    "long": [0.0] * 4,
-    "nan": [0.0, 0.0, NAN],
-    "text": "abc",
-    "null": None,
-    "far": [1e30, 0.0, 0.0],
-    "of_text": ["0", "0", "0"],
-}
-ODD_OBJECTS = {"list": [1], "number": 3, "text": "x", "null": None}
+# Values that no pose, base or object of JSON may have.
+ODD_POSES = (POSE[:6], ["0"] * 7, None, [NAN, *POSE[1:]], [HUGE, *POSE[1:]], [0.0] * 7, [True] * 7)
+ODD_BASES = ([0.0, 1.0], [0.0, 0.0, NAN], "abc", None, [1e30, 0.0, 0.0])
+ODD_OBJECTS = ([1], None)
 
 
 def first(raw):
     return raw["episodes"][0]
 
 
-def put(value, *path):
-    """Returns what writes a value into the first episode, at `path`."""
+def put(value, *path, of=first):
+    """Returns what writes a value into the first episode, or into the file (`of=whole`).
+
+    A star stands for the first key; `GONE` takes the value out.
+    """
 
     def change(raw):
-        place = first(raw)
-        for key in path[:-1]:
-            place = place[key if key != "*" else next(iter(place))]
-        place[path[-1] if path[-1] != "*" else next(iter(place))] = value
+        place = of(raw)
+        *above, last = path
+        for key in above:
+            place = place[next(iter(place)) if key == "*" else key]
+        if value is GONE:
+            del place[last]
+        else:
+            place[next(iter(place)) if last == "*" else last] = value
 
     return change
+
+
+def whole(raw):
+    return raw
 
 
 def put_whole(value, *path):
-    """Returns what writes a value into the file, at `path`."""
-
-    def change(raw):
-        place = raw
-        for key in path[:-1]:
-            place = place[key]
-        place[path[-1]] = value
-
-    return change
-
-
-def drop(*path):
-    def change(raw):
-        place = first(raw)
-        for key in path[:-1]:
-            place = place[key]
-        del place[path[-1]]
-
-    return change
-
-
-def drop_whole(key):
-    return lambda raw: raw.pop(key)
+    return put(value, *path, of=whole)
 
 
 def twice(raw):
@@ -98,96 +72,57 @@ def of_scene(pose):
     return change
 
 
-# What is done to a file -> words that the refusal holds, beside the file's name.
-WHOLE = {
-    **{f"{k}_absent": (drop_whole(k), (k, "missing")) for k in ("scenes", "episodes", "made_from")},
-    **{f"{k}_absent": (drop_whole(k), (k, "missing")) for k in ("env", "scene_dataset", "split")},
-    **{f"{k}_number": (put_whole(3, k), (k,)) for k in ("env", "scene_dataset", "split")},
-    **{f"{k}_half": (put_whole(HALF, k), ("surrogates",)) for k in ("env", "split")},
-    **{f"seed_{v!r}": (put_whole(v, "seed"), ("seed",)) for v in ("x", 1.5, None, True, 2**70)},
-    **{f"scenes_{k}": (put_whole(v, "scenes"), ("scenes",)) for k, v in ODD_OBJECTS.items()},
-    **{
-        f"episodes_{k}": (put_whole(v, "episodes"), ("episodes",))
-        for k, v in {"number": 3, "text": "x", "null": None, "object": {}}.items()
-    },
-    **{
-        f"made_from_{k}": (put_whole(v, "made_from"), ("made_from",))
-        for k, v in {**ODD_OBJECTS, "empty": {}, "more": {"colour": 1}}.items()
-    },
-    "schema_old": (put_whole(2, "schema"), ("schema 2", "hab-tasks episodes")),
-    "schema_text": (put_whole("3", "schema"), ("schema '3'",)),
-    "no_episode": (put_whole([], "episodes"), ("no episode",)),
-    "other_env": (put_whole("HabNothing-v1", "env"), ("HabNothing-v1",)),
-    "other_dataset": (put_whole("replicaCAD", "scene_dataset"), ("replicaCAD", "apartment")),
-    "other_objects": (put_whole("ycb", "made_from", "objects"), ("ycb", "embedded")),
-    "no_objects": (put_whole("lego", "made_from", "objects"), ("lego", "made_from")),
-    "odd_digest": (put_whole("12", "made_from", "dataset"), ("made_from",)),
-    "odd_version": (put_whole("8", "made_from", "generator"), ("made_from", "'8'")),
-    "twice": (twice, ("twice",)),
-    **{f"entry_{k}": (put_whole([v], "episodes"), ("episode 0",)) for k, v in ODD_OBJECTS.items()},
-}
-ENTRY = {
-    **{
-        f"{key}_absent": (drop(key), (key, "missing"))
-        for key in ("id", "scene_id", "seed", "robot", "objects", "targets", "joints")
-    },
-    **{
-        f"{key}_{kind}": (put(value, key), (key,))
-        for key in ("robot", "objects", "joints")
-        for kind, value in ODD_OBJECTS.items()
-    },
-    **{f"seed_{v!r}": (put(v, "seed"), ("seed",)) for v in ("x", 1.5, None, -1, 2**70)},
-    "seed_huge": (put(HUGE, "seed"), ("seed",)),
-    "id_number": (put(3, "id"), ("id",)),
-    "id_half": (put(HALF, "id"), ("surrogates",)),
-    "scene_unknown": (put("v9", "scene_id"), ("v9",)),
-    "scene_number": (put(3, "scene_id"), ("scene_id",)),
-    **{f"base_{k}": (put(v, "robot", "base"), ("robot",)) for k, v in ODD_BASES.items()},
-    **{
-        f"arm_{k}": (put(v, "robot", "arm_qpos_rad"), ("robot",))
-        for k, v in {"short": [0.0] * 6, "nan": [NAN] * 7, "text": "x", "null": None}.items()
-    },
-    **{f"loose_{k}": (of_scene(v), ("frl_",)) for k, v in {"far": FAR}.items()},
-    **{f"loose_{k}": (of_scene(v), ("scenes",)) for k, v in ODD_POSES.items() if k != "far"},
-    **{f"pose_{k}": (put(v, "objects", "*"), ("objects",)) for k, v in ODD_POSES.items()},
-    "object_half": (put(POSE, "objects", HALF), ("surrogates",)),
-    **{
-        f"targets_{k}": (put(v, "targets"), ("targets",))
-        for k, v in {"number": 3, "null": None, "empty": [], "text": "x", "of_one": [3]}.items()
-    },
-    "target_unknown": (put("ghost", "targets", 0, "object"), ("ghost", "targets")),
-    "target_number": (put(3, "targets", 0, "object"), ("targets",)),
-    "start_of_one": (put(["table"], "targets", 0, "start"), ("targets",)),
-    "start_text": (put("ab", "targets", 0, "start"), ("targets",)),
-    "goal_of_three": (put(["a", "b", "c"], "targets", 0, "goal"), ("targets",)),
-    **{
-        f"goal_pose_{k}": (put(v, "targets", 0, "world_from_goal"), ("targets",))
-        for k, v in ODD_POSES.items()
-        if v is not None
-    },
-    "held_unknown": (put("ghost", "held"), ("ghost", "held")),
-    "held_number": (put(3, "held"), ("held",)),
-    **{
-        f"handle_{k}": (put(v, "handle"), ("handle",))
-        for k, v in {
-            "list": ["f"],
-            "text": "f",
-            "empty": {},
-            "short": {"furniture": "f", "joint": "j"},
-            "more": {"furniture": "f", "joint": "j", "marker": "m", "colour": "c"},
-            "numbers": {"furniture": 1, "joint": 2, "marker": 3},
-        }.items()
-    },
-    **{
-        f"navigation_{k}": (put({"skill": "HabPick-v1", "base": v}, "navigation"), ("navigation",))
-        for k, v in ODD_BASES.items()
-    },
-    "navigation_text": (put("there", "navigation"), ("navigation",)),
-    "navigation_empty": (put({}, "navigation"), ("navigation",)),
-    "joint_nan": (put({"fridge_:0000": {"top_door_hinge": NAN}}, "joints"), ("joints",)),
-    "joint_text": (put({"fridge_:0000": {"top_door_hinge": "wide"}}, "joints"), ("joints",)),
-    "joint_number": (put({"fridge_:0000": 0.5}, "joints"), ("joints",)),
-}
+# What is done to a file, and a word that the refusal holds, beside the file's name.
+WHOLE = (
+    *((put_whole(GONE, k), k) for k in ("scenes", "episodes", "made_from", "env", "split")),
+    *((put_whole(3, k), k) for k in ("env", "scene_dataset", "split", "episodes")),
+    *((put_whole(HALF, k), "surrogates") for k in ("env", "split")),
+    *((put_whole(value, "seed"), "seed") for value in ("x", 1.5, None, True, 2**70)),
+    *((put_whole(value, "scenes"), "scenes") for value in ODD_OBJECTS),
+    *((put_whole(value, "made_from"), "made_from") for value in (*ODD_OBJECTS, {}, {"colour": 1})),
+    *((put_whole([value], "episodes"), "episode 0") for value in ODD_OBJECTS),
+    (put_whole(2, "schema"), "schema 2"),
+    (put_whole("3", "schema"), "schema '3'"),
+    (put_whole([], "episodes"), "no episode"),
+    (put_whole("HabNothing-v1", "env"), "HabNothing-v1"),
+    (put_whole("replicaCAD", "scene_dataset"), "replicaCAD"),
+    (put_whole("ycb", "made_from", "objects"), "embedded"),
+    (put_whole("lego", "made_from", "objects"), "lego"),
+    (put_whole("12", "made_from", "dataset"), "made_from"),
+    (put_whole("8", "made_from", "generator"), "'8'"),
+    (twice, "twice"),
+)
+ENTRY = (
+    *((put(GONE, key), key) for key in ("id", "scene_id", "seed", "robot", "objects", "targets")),
+    *((put(value, key), key) for key in ("robot", "objects", "joints") for value in ODD_OBJECTS),
+    *((put(value, "seed"), "seed") for value in ("x", 1.5, None, -1, HUGE)),
+    (put(3, "id"), "id"),
+    (put(HALF, "id"), "surrogates"),
+    (put(3, "scene_id"), "scene_id"),
+    *((put(value, "robot", "base"), "robot") for value in ODD_BASES),
+    *((put(v, "robot", "arm_qpos_rad"), "robot") for v in ([0.0] * 6, [NAN] * 7, "x", None)),
+    (of_scene(FAR), "frl_"),
+    (of_scene(POSE[:6]), "scenes"),
+    (of_scene([0.0] * 7), "scenes"),
+    *((put(value, "objects", "*"), "objects") for value in ODD_POSES),
+    (put(POSE, "objects", HALF), "surrogates"),
+    *((put(value, "targets"), "targets") for value in (3, None, [], "x", [3])),
+    (put("ghost", "targets", 0, "object"), "ghost"),
+    (put(3, "targets", 0, "object"), "targets"),
+    (put(["table"], "targets", 0, "start"), "targets"),
+    (put("ab", "targets", 0, "start"), "targets"),
+    (put(["a", "b", "c"], "targets", 0, "goal"), "targets"),
+    *((put(v, "targets", 0, "world_from_goal"), "targets") for v in ODD_POSES if v is not None),
+    (put("ghost", "held"), "ghost"),
+    (put(3, "held"), "held"),
+    *((put(value, "handle"), "handle") for value in (["f"], "f", {}, {"furniture": "f"})),
+    (put(dict(zip(HANDLE, "fjm", strict=True)) | {"colour": "c"}, "handle"), "handle"),
+    (put(dict.fromkeys(HANDLE, 1), "handle"), "handle"),
+    *((put({"skill": "X", "base": value}, "navigation"), "navigation") for value in ODD_BASES),
+    *((put(value, "navigation"), "navigation") for value in ("there", {})),
+    *((put({FRIDGE: {"hinge": value}}, "joints"), "joints") for value in (NAN, "wide")),
+    (put({FRIDGE: 0.5}, "joints"), "joints"),
+)
 
 
 def lacking(requirements):
@@ -225,33 +160,61 @@ def refused_in(tmp_path, raw, env_id, *words):
     refused_by_call(played_from(file, env_id), *words)
 
 
-def test_a_malformed_file_is_refused(tmp_path, of_env, subtests):
-    for case, (change, words) in {**WHOLE, **ENTRY}.items():
-        with subtests.test(case):
-            raw = of_env("HabPick-v1")
-            change(raw)
-            known_scene = () if case == "scene_unknown" else ("set.json",)
-            refused_in(tmp_path, raw, "HabPick-v1", *known_scene, *words)
+def numbered(cases):
+    return {str(number): case for number, case in enumerate(cases)}
 
 
-def test_a_malformed_episode_is_refused_by_every_env(tmp_path, of_env, subtests):
+def test_a_malformed_file_is_refused(tmp_path, of_env):
+    def check(case):
+        change, word = case
+        raw = of_env("HabPick-v1")
+        change(raw)
+        refused_in(tmp_path, raw, "HabPick-v1", "set.json", word)
+
+    check_each(numbered((*WHOLE, *ENTRY)), check)
+
+
+def test_an_unknown_scene_is_refused(tmp_path, of_env):
+    raw = of_env("HabPick-v1")
+    put("v9", "scene_id")(raw)
+    refused_in(tmp_path, raw, "HabPick-v1", "v9")
+
+
+def test_a_malformed_episode_is_refused_by_every_env(tmp_path, of_env):
+
     others = [env_id for env_id in ENVS if env_id != "HabPick-v1"]
-    for number, (case, (change, words)) in enumerate(ENTRY.items()):
-        env_id = others[number % len(others)]
-        with subtests.test(case, env_id=env_id):
-            raw = of_env(env_id)
-            change(raw)
-            refused_in(tmp_path, raw, env_id, *words)
+
+    def check(case):
+        env_id, (change, word) = case
+        raw = of_env(env_id)
+        change(raw)
+        refused_in(tmp_path, raw, env_id, word)
+
+    check_each(
+        {
+            f"{env_id} {number}": (env_id, fault)
+            for number, fault in enumerate(ENTRY)
+            for env_id in (others[number % len(others)],)
+        },
+        check,
+    )
 
 
-def test_what_an_env_needs_is_asked_for(tmp_path, of_env, subtests):
-    for env_id, entry in ENVS.items():
-        for name, change, word in lacking(entry.env.requirements):
-            with subtests.test(name, env_id=env_id):
-                raw = of_env(env_id)
-                change(raw)
-                words = ("set.json", first(raw)["id"], word, "missing")
-                refused_in(tmp_path, raw, env_id, *words)
+def test_what_an_env_needs_is_asked_for(tmp_path, of_env):
+    def check(case):
+        env_id, change, word = case
+        raw = of_env(env_id)
+        change(raw)
+        refused_in(tmp_path, raw, env_id, "set.json", first(raw)["id"], word, "missing")
+
+    check_each(
+        {
+            f"{env_id} {name}": (env_id, change, word)
+            for env_id, entry in ENVS.items()
+            for name, change, word in lacking(entry.env.requirements)
+        },
+        check,
+    )
 
 
 def test_place_holds_its_target(tmp_path, of_env):
@@ -263,38 +226,42 @@ def test_place_holds_its_target(tmp_path, of_env):
 
 # Files that are none ---------------------------------------------------------------------------
 
-NO_FILES = (
-    (b"", "not a valid episode file"),
-    (b'{"schema": 3, "env": "HabPick-v1", "scenes": {"a', "not a valid episode file"),
-    (b'{"schema": "\xff\xfe"}', "not a valid episode file"),
-    (b"[" * 200_000, "nested too deeply"),
-    (b'{"schema": ' + b"9" * 10_000 + b"}", "not a valid episode file"),
-    (b"[]", "schema"),
-    (b"3", "schema"),
-    (b'{"config": null, "episodes": []}', "schema"),  # Habitat's
-)
+NO_FILES = {
+    "pipe": (os.mkfifo, "not a regular file"),
+    "folder": (Path.mkdir, "not a regular file"),
+    "absent": (lambda file: None, "no such file"),
+    "empty": (b"", "not a valid episode file"),
+    "cut": (b'{"schema": 3, "env": "HabPick-v1", "scenes": {"a', "not a valid episode file"),
+    "not utf-8": (b'{"schema": "\xff\xfe"}', "not a valid episode file"),
+    "deep": (b'{"a":' * 200_000, "nested too deeply"),
+    "long number": (b'{"schema": ' + b"9" * 10_000 + b"}", "not a valid episode file"),
+    "list": (b"[]", "schema"),
+    "habitat": (b'{"config": null, "episodes": []}', "schema"),
+}
 
 
-def test_what_is_no_episode_file_is_refused(tmp_path, subtests):
-    os.mkfifo(tmp_path / "pipe.json")
-    (tmp_path / "folder.json").mkdir()
-    for name in ("pipe.json", "folder.json"):
-        refused_by_call(played_from(tmp_path / name, "HabPick-v1"), name, "not a regular file")
-    file = tmp_path / "set.json"
-    refused_by_call(played_from(file, "HabPick-v1"), "set.json", "no such file")
-    for data, words in NO_FILES:
-        with subtests.test(data=data[:40]):
-            file.write_bytes(data)
-            refused_by_call(played_from(file, "HabPick-v1"), "set.json", words)
+def test_what_is_no_episode_file_is_refused(tmp_path):
+    def check(case):
+        content, words = case
+        file = Path(tempfile.mkdtemp(dir=tmp_path)) / "set.json"
+        file.write_bytes(content) if isinstance(content, bytes) else content(file)
+        refused_by_call(played_from(file, "HabPick-v1"), "set.json", words)
+
+    check_each(NO_FILES, check)
 
 
-def test_a_damaged_archive_is_refused(tmp_path, subtests):
-    whole = (SHIPPED / "HabPick-v1.apartment.embedded.val.0.json.gz").read_bytes()
+def test_a_damaged_archive_is_refused(tmp_path):
     file = tmp_path / "set.json.gz"
-    for data in (whole[:-1000], b"{}", b"", whole[:-8] + bytes(8)):  # last: checksum
-        with subtests.test(size=len(data)):
-            file.write_bytes(data)
-            refused_by_call(played_from(file, "HabPick-v1"), "set.json.gz", "not a valid")
+
+    def check(content):
+        file.write_bytes(content)
+        refused_by_call(played_from(file, "HabPick-v1"), "set.json.gz", "not a valid")
+
+    good = (SHIPPED / "HabPick-v1.apartment.embedded.val.0.json.gz").read_bytes()
+    check_each(
+        {"cut": good[:-1000], "no gzip": b"{}", "empty": b"", "checksum": good[:-8] + bytes(8)},
+        check,
+    )
 
 
 def test_a_small_archive_of_a_huge_file_is_refused_within_bounds(tmp_path):

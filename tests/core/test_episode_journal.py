@@ -9,8 +9,9 @@ import time
 from pathlib import Path
 
 import pytest
+from refusals import refused_by_command
 
-from hab_tasks.episodes import read_episodes
+from hab_tasks.cli import main
 from hab_tasks.episodes.journal import EpisodeJournal, journal_of
 from hab_tasks.episodes.schema import save_json
 from hab_tasks.episodes.source import EpisodeRequest, open_source
@@ -52,16 +53,24 @@ def killed_after(out, lines):
     assert not out.exists()
 
 
-@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_a_killed_run_is_continued_without_loss(run, whole, tmp_path, workers):
+@pytest.mark.slow
+def test_a_killed_run_is_continued_without_loss(run, whole, tmp_path):
     out = tmp_path / "out.json"
     killed_after(out, 3)
-    with journal_of(out).open("ab") as file:
-        file.write(b'{"index": 3, "epi')  # killed while it wrote a line
+    resume(run, out, whole, workers=2)
+
+
+def test_an_interrupted_run_is_continued_when_asked(run, source, whole, tmp_path):
+    out = tmp_path / "out.json"
+    with journal_with(source, tmp_path, 3).file.open("ab") as file:
+        file.write(b'{"index": 3, "epi')  # interrupted while it wrote a line
+    words = "is of an interrupted run. Use --resume to continue it, or --force"
+    refused_by_command(main, [*COMMAND, "--count", COUNT, "--out", out], words)
+    resume(run, out, whole, workers=1)
+
+
+def resume(run, out, whole, workers):
     command = (*COMMAND, "--count", COUNT, "--workers", workers, "--out", out)
-    refused = run(*command)
-    assert refused.returncode == 2
-    assert "is of an interrupted run. Use --resume to continue it, or --force" in refused.stderr
     done = run(*command, "--resume")
     assert done.returncode == 0, done.stderr
     assert f"generated {COUNT} of {COUNT} episodes" in done.stdout
@@ -71,7 +80,7 @@ def test_a_killed_run_is_continued_without_loss(run, whole, tmp_path, workers):
 
 def journal_with(source, tmp_path, count=COUNT):
     """A journal with the first episodes of the source."""
-    journal = EpisodeJournal(tmp_path / "out.json.journal", source.configuration())
+    journal = EpisodeJournal(journal_of(tmp_path / "out.json"), source.configuration())
     journal.open(resume=False, force=False)
     for index in range(count):
         journal.append(index, source.make(index))
@@ -99,14 +108,18 @@ def test_loose_objects_of_a_layout_are_written_once(source, tmp_path):
     assert ["loose" in json.loads(line) for line in lines] == firsts
 
 
-@pytest.mark.parametrize(
-    ("name", "value"), [("seed", 12), ("env", "HabPick-v1"), ("dataset", "0" * 8), ("generator", 1)]
-)
-def test_the_journal_of_another_configuration_is_refused(source, tmp_path, name, value):
+def test_the_journal_of_another_configuration_is_refused(source, tmp_path):
     journal = journal_with(source, tmp_path, 1)
-    with pytest.raises(EpisodeError, match=f"belongs to another run: {name}: .* now\\.$") as told:
-        reopened(source, journal, **{name: value})
-    assert "\n" not in str(told.value)
+    for name, value in {
+        "seed": 12,
+        "env": "HabPick-v1",
+        "dataset": "0" * 8,
+        "generator": 1,
+    }.items():
+        match = f"belongs to another run: {name}: .* now\\.$"
+        with pytest.raises(EpisodeError, match=match) as told:
+            reopened(source, journal, **{name: value})
+        assert "\n" not in str(told.value)
 
 
 def test_a_run_without_any_episode_leaves_no_journal(source, tmp_path):
@@ -125,12 +138,10 @@ def test_a_damaged_line_is_named(source, tmp_path):
         reopened(source, journal)
 
 
-def test_a_finished_file_is_not_replaced_by_resuming(run, whole, tmp_path):
+def test_a_finished_file_is_not_replaced_by_resuming(tmp_path):
     out = tmp_path / "out.json"
     save_json({}, out, sort_keys=True)
-    done = run(*COMMAND, "--count", 1, "--out", out, "--resume")
-    assert done.returncode == 2
-    assert "exists; give --force to replace it" in done.stderr
-    done = run(*COMMAND, "--count", 1, "--out", out, "--resume", "--force")
-    assert "--resume keeps the generated episodes, --force drops them" in done.stderr
-    assert len(read_episodes(whole)) == COUNT
+    command = [*COMMAND, "--count", 1, "--out", out, "--resume"]
+    refused_by_command(main, command, "exists; give --force to replace it")
+    words = "--resume keeps the generated episodes, --force drops them"
+    refused_by_command(main, [*command, "--force"], words)

@@ -136,26 +136,17 @@ NO_FILES = (
 
 
 @pytest.mark.parametrize("bad", NO_FILES)
-@pytest.mark.parametrize("force", [False, True])
-def test_what_can_be_no_file_is_refused_before_the_work(tmp_path, bad, force):
+def test_what_can_be_no_file_or_folder_is_refused_before_the_work_and_by_the_writer(tmp_path, bad):
     path, words = bad(tmp_path)
-    refused_by_call(partial(check_file, path, force=force), words)
-
-
-@pytest.mark.parametrize("bad", NO_FILES)
-def test_what_can_be_no_file_is_refused_by_the_writer(tmp_path, bad):
-    path, _ = bad(tmp_path)
     before = sorted(tmp_path.rglob("*"))
+    for force in (False, True):
+        refused_by_call(partial(check_file, path, force=force), words)
     refused_by_call(partial(write, path), path.name[:5].rstrip("\0\ud800"))
+    if bad is not a_folder:
+        refused_by_call(partial(check_folder, path, force=True, mark=MARK), words)
+        with pytest.raises(FileError):
+            fill(path)
     assert sorted(tmp_path.rglob("*")) == before
-
-
-@pytest.mark.parametrize("bad", [b for b in NO_FILES if b is not a_folder])
-def test_what_can_be_no_folder_is_refused(tmp_path, bad):
-    path, words = bad(tmp_path)
-    refused_by_call(partial(check_folder, path, force=True, mark=MARK), words)
-    with pytest.raises(FileError):
-        fill(path)
 
 
 def test_a_folder_that_the_command_has_not_made_is_never_replaced(tmp_path):
@@ -185,25 +176,17 @@ def test_a_link_stays_and_its_file_is_replaced(tmp_path):
     assert (tmp_path / "far/told.json").read_text() == "new"
 
 
-def test_a_disk_without_room_is_told_and_keeps_the_old_file(tmp_path):
-    file = tmp_path / "told.json"
+def test_a_disk_without_room_is_told_and_keeps_what_was_there(tmp_path):
+    file, folder = tmp_path / "told.json", tmp_path / "made"
     write(file, "old")
+    fill(folder)
     with no_room(1000):
         refused_by_call(partial(write, file, "x" * 2000), str(file), os.strerror(errno.EFBIG))
+        with pytest.raises(FileError, match="File too large"), folder_written_aside(folder) as new:
+            (new / "big").write_text("x" * 2000)
     assert file.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [file]
-
-
-def test_a_folder_without_room_is_told_and_keeps_the_old_one(tmp_path):
-    fill(tmp_path / "made")
-    with (
-        no_room(1000),
-        pytest.raises(FileError, match="File too large"),
-        folder_written_aside(tmp_path / "made") as scratch,
-    ):
-        (scratch / "big").write_text("x" * 2000)
-    assert (tmp_path / "made" / MARK).read_text() == "new"
-    assert list(tmp_path.iterdir()) == [tmp_path / "made"]
+    assert (folder / MARK).read_text() == "new"
+    assert sorted(tmp_path.iterdir()) == [folder, file]
 
 
 def test_threads_may_write_the_same_file_at_once(tmp_path):
@@ -221,13 +204,14 @@ def test_threads_may_write_the_same_file_at_once(tmp_path):
     assert list(tmp_path.iterdir()) == [tmp_path / "told.json"]
 
 
-@pytest.mark.parametrize("code", [FILE, FOLDER])
-def test_the_next_writer_removes_what_a_killed_one_left(tmp_path, code):
-    killed_while_writing(code, tmp_path / "told.json")
-    (left,) = tmp_path.iterdir()
-    assert left.name.startswith(ASIDE)
-    write(tmp_path / "other.json")
-    assert [file.name for file in tmp_path.iterdir()] == ["other.json"]
+def test_the_next_writer_removes_what_a_killed_one_left(tmp_path):
+    for name, code in {"file": FILE, "folder": FOLDER}.items():
+        (tmp_path / name).mkdir()
+        killed_while_writing(code, tmp_path / name / "told.json")
+        (left,) = (tmp_path / name).iterdir()
+        assert left.name.startswith(ASIDE)
+        write(tmp_path / name / "other.json")
+        assert [file.name for file in (tmp_path / name).iterdir()] == ["other.json"]
 
 
 def test_what_others_are_writing_stays(tmp_path):

@@ -117,11 +117,11 @@ def _section(entry: EnvEntry) -> str:
     """Returns the section of one environment."""
     env, parts = entry.env, _parts(entry.env)
     speed = ", eight times as fast" if issubclass(env, TaskEnv) else ""
-    video = f"[Video of an episode{speed}: head camera, arm camera, room]({video_name(entry.id)})\n"
+    video = f"[Video{speed}: head camera, arm camera, room]({video_name(entry.id)})\n"
     lines = [
         f"\n## {entry.id}\n",
         f"{parts['Task']}\n",
-        f"![{entry.id}: initial state and head camera image]({picture_name(entry.id)})\n",
+        f"![{entry.id}: initial state and head camera]({picture_name(entry.id)})\n",
         *([video] if entry.id in FILMED else []),
         _paragraph("Start", parts["Start"]),
         _paragraph("Observation", f"{_observed(env)} {parts['Observation']}"),

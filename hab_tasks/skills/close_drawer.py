@@ -98,9 +98,9 @@ CLOSE_DRAWER = Skill(
 class HabCloseDrawerEnv(SkillEnv):
     """Close a kitchen drawer and return to rest; the base is fixed.
 
-    **Start**: the drawer 80 to 100 % open, a random subset of the other drawers open; the robot in
-    a spawn region of 0.15 m x 0.75 m in front of it, facing the handle. Noise: 20 deg on the base
-    heading, 0.05 m on the end-effector (S H.2).
+    **Start**: the drawer open by 0.8 to 1 of its travel, a random subset of the other drawers open;
+    the robot in a spawn region of 0.15 m x 0.75 m in front of it, facing the handle. Noise: 20 deg
+    on the base heading, 0.05 m on the end-effector (S H.2).
 
     **Observation** (``state_dict``: ``agent`` and ``extra``; ``state`` is their concatenation):
 

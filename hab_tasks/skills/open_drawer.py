@@ -197,7 +197,7 @@ class HabOpenDrawerEnv(SkillEnv):
 
     **Reward** (terms in ``info["reward_terms"]``): 10 success + 5 grabbed + handle + joint.
 
-    **Success**: drawer open by 90 % or more of its travel, end-effector within 0.15 m of its
+    **Success**: drawer open by at least 0.9 of its travel, end-effector within 0.15 m of its
     resting position.
 
     **Failure**: none; contact forces are not limited.

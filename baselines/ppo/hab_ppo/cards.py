@@ -38,15 +38,9 @@ def card(name: str, records: Iterable[RunRecord]) -> str:
     recipe = recipe_of(about, path)
     own = [r for r in records if r.agent == f"hab_ppo:{name}" and not r.options]
     lines = [f"# {name}", "", recipe.about, "", *_facts(recipe, path)]
-    lines += ["", "## Training", "", f"![Learning curve]({name}.png)", "", *_training(about)]
+    lines += ["", f"![Learning curve]({name}.png)", "", *_training(about)]
     actions = "sampled" if recipe.draws_actions else "most likely"
-    lines += [
-        "",
-        "## Results",
-        "",
-        f"Success % with 95 % Wilson interval ({actions} actions), failures:",
-        "",
-    ]
+    lines += ["", f"Success % with 95 % Wilson interval ({actions} actions), failures:", ""]
     lines += [result(record) for record in own] or [NOT_EVALUATED]
     return "\n".join(lines) + "\n"
 
@@ -75,21 +69,27 @@ def _facts(recipe: Recipe, path: Path) -> list[str]:
 
 def _training(about: dict[str, Any]) -> list[str]:
     origin, position, training = about["origin"], about["position"], about["training"]
+    best = position["best_steps"]
     hours = f"{training['seconds'] / 3600:.2f} h"
-    best = f"best weights at {position['best_steps']:,}"
+    machine = f"{origin['device']}, {about['ranks']} ranks"
     lines = [
-        f"- Command: `{origin['command']}`",
-        f"- Commit: {origin['git']}",
-        f"- Machine: {origin['device']}; {about['ranks']} ranks",
+        f"- Trained: `{origin['command']}` (commit {str(origin['git'])[:8]})",
         f"- Data: {_data(about['recipe']['env'])}",
-        f"- Steps: {training['steps']:,} in {hours}; {best}",
+        f"- Steps: {training['steps']:,} in {hours} ({machine}); best at {best:,}",
     ]
     start = training["start"]
     if start is not None:
-        made = ", ".join(f"{key} {value}" for key, value in start["made_from"].items())
+        made = _listed(start["made_from"])
         cloned = f"cloned in {start['seconds'] / 60:.1f} min: " if start["seconds"] else ""
-        lines.insert(4, f"- Start: {cloned}{markdown(made)}")
+        lines.insert(2, f"- Start: {cloned}{markdown(made)}")
     return lines
+
+
+def _listed(facts: dict[str, Any]) -> str:
+    """Returns the facts of a start; of counts, only the totals."""
+    totals = {k: v for k, v in facts.get("counts", {}).items() if not isinstance(v, dict)}
+    said = {key: value for key, value in facts.items() if key != "counts"} | totals
+    return ", ".join(f"{key} {value}" for key, value in said.items())
 
 
 def _data(env: dict[str, Any]) -> str:

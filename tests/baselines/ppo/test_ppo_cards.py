@@ -66,9 +66,8 @@ def test_a_card_states_what_the_files_say(weights, run, tmp_path, capsys):
     text = card("pick_blind", [])
     assert NOT_EVALUATED in text
     for fact in (
-        "- Command: `hab-ppo train pick_blind`",
-        "- Machine: a machine; 2 ranks",
-        "- Steps: 3,200 in 0.50 h; best weights at 1,600",
+        "- Trained: `hab-ppo train pick_blind` (commit abc)",
+        "- Steps: 3,200 in 0.50 h (a machine, 2 ranks); best at 1,600",
     ):
         assert fact in text
     record = replace(make_record([True, True, True, False]), agent="hab_ppo:pick_blind")
@@ -105,7 +104,9 @@ def test_a_navigator_ships_with_a_card_of_its_rounds(weights, tmp_path, capsys):
     text = (tmp_path / "navigator" / "navigator.md").read_text(encoding="utf-8")
     assert "| 1 | larger | 8 | 25.0 | 70 | 9.00 | 7.25 |" in text
     assert "| 2 | apartment | 8 | 25.0 | 70 | 9.00 | 7.25 |" in text
-    assert "- Command: `hab-ppo navigator`, then `hab-ppo navigator --rounds 2`\n" in text
+    assert (
+        "- Trained: `hab-ppo navigator`, then `hab-ppo navigator --rounds 2` (commit abc)" in text
+    )
     assert NOT_EVALUATED in text
     record = replace(make_record([True, False]), agent="hab_ppo:navigator")
     assert ": 50.0 [9.5, 90.5] of 2;" in navigator_card([record]).splitlines()[-1]  # Wilson, 1 of 2

@@ -34,8 +34,8 @@ def card(records: Iterable[RunRecord]) -> str:
     own = [r for r in records if r.agent == f"hab_ppo:{NAVIGATOR}" and not r.options]
     play = f"`hab-eval run --agent hab_ppo:{NAVIGATOR} --env {NAVIGATE_ID} --out DIR`"
     lines = [f"# {NAVIGATOR}", "", ABOUT, "", f"- Run: {play}"]
-    lines += [f"- Weights: {path.stat().st_size / 1e6:.1f} MB", "", "## Training", ""]
-    lines += [*_training(about), "", *table(ROUNDS, _rounds(about)), "", "## Results", ""]
+    lines += [f"- Weights: {path.stat().st_size / 1e6:.1f} MB", *_training(about)]
+    lines += ["", *table(ROUNDS, _rounds(about)), ""]
     lines += ["Success % with 95 % Wilson interval, failures:", ""]
     lines += [result(r) for r in own] or [NOT_EVALUATED]
     return "\n".join(lines) + "\n"
@@ -45,10 +45,10 @@ def _training(about: dict[str, Any]) -> list[str]:
     origin = about["origin"]
     # A run may have gone on with another command; rounds of an earlier format do not tell theirs.
     told = dict.fromkeys(found.get("command", origin["command"]) for found in about["rounds"])
+    commands = ", then ".join(f"`{command}`" for command in told)
     return [
-        f"- Command: {', then '.join(f'`{command}`' for command in told)}",
-        f"- Commit: {origin['git']}",
-        f"- Machine: {origin['device']}; {about['seconds'] / 60:.0f} min",
+        f"- Trained: {commands} (commit {str(origin['git'])[:8]})",
+        f"- Time: {about['seconds'] / 60:.0f} min ({origin['device']})",
     ]
 
 

@@ -15,7 +15,7 @@ FAMILIES = ("HabPick-v1", "HabOpenFridge-v1", "HabNavigate-v1", "HabSetTable-v1"
 KINDS = (*FAMILIES, "HabPlace-v1")
 """These, and what starts with an object in the hand."""
 
-slow = pytest.mark.slow
+slow, long = pytest.mark.slow, pytest.mark.long
 every_env = pytest.mark.parametrize("env_id", ENVS)
 each_family = pytest.mark.parametrize(
     "env_id", [e if e in FAMILIES else pytest.param(e, marks=slow) for e in ENVS]
@@ -28,10 +28,17 @@ each_kind = pytest.mark.parametrize(
 
 
 def modes(quick):
-    """Every control mode of every environment, marked as slow unless `quick(env_id, number)`."""
-    cases = [(e.id, i, mode) for e in ENVS.values() for i, mode in enumerate(e.env.control_modes)]
-    marked = [pytest.param(e, m, marks=() if quick(e, i) else slow) for e, i, m in cases]
-    return pytest.mark.parametrize(("env_id", "mode"), marked)
+    """Every control mode of every environment; slow or long unless `quick(env_id, number)`.
+
+    The slow ones have each environment with one more mode; those of different environments differ.
+    """
+    cases = []
+    for index, (env_id, entry) in enumerate(ENVS.items()):
+        names = entry.env.control_modes
+        for number, mode in enumerate(names):
+            rare = slow if number == (index + 1) % len(names) else long
+            cases.append(pytest.param(env_id, mode, marks=() if quick(env_id, number) else rare))
+    return pytest.mark.parametrize(("env_id", "mode"), cases)
 
 
 every_mode = modes(

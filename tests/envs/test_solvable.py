@@ -14,8 +14,12 @@ from hab_tasks.agent import AgentSetup
 from hab_tasks.envs import ENVS
 from hab_tasks.episodes import EpisodeRequest, open_source
 
-pytestmark = pytest.mark.slow
-COUNT, NEEDED, SEED = 10, 9, 11
+SEED = 11
+shares = pytest.mark.parametrize(
+    ("count", "needed"),
+    [pytest.param(3, 2, marks=pytest.mark.slow), pytest.param(10, 9, marks=pytest.mark.long)],
+)
+"""Episodes, and how many have to be solved; in CI few."""
 
 TASKS = {"HabTidyHouse-v1": 0, "HabPrepareGroceries-v1": 1, "HabSetTable-v1": 0}
 """One of the apartment's evaluation episodes each."""
@@ -54,30 +58,32 @@ def test_every_skill_is_played():
     assert set(TASKS) == set(ENVS) - set(SKILLS)
 
 
+@shares
 @pytest.mark.parametrize("env_id", SKILLS)
-def test_nine_of_ten_starts_of_a_skill_are_solved(env_id, dataset):
+def test_nearly_all_starts_of_a_skill_are_solved(env_id, dataset, count, needed):
     source = open_source(EpisodeRequest(env_id=env_id, seed=SEED, **dataset))
-    episodes = [source.get(index) for index in range(COUNT)]
+    episodes = [source.get(index) for index in range(count)]
     results = played("hab_spa:spa_priv", env_id, dataset, episodes)
-    assert sum(result.success for result in results) >= NEEDED, results
+    assert sum(result.success for result in results) >= needed, results
 
 
+@shares
 @pytest.mark.parametrize(
-    ("env_id", "control_mode", "method", "needed"),
+    ("env_id", "control_mode", "method"),
     [
-        ("HabNavigate-v1", "base_discrete", "shortest_path_action", COUNT),
-        ("HabPick-v1", "ee", "pick_action", NEEDED - 1),
-        ("HabPlace-v1", "ee", "place_action", NEEDED - 1),
-        ("HabOpenDrawer-v1", "ee", "drawer_action", NEEDED - 1),
-        ("HabCloseDrawer-v1", "ee", "drawer_action", NEEDED - 1),
-        ("HabOpenFridge-v1", "ee_base", "door_action", NEEDED - 1),
-        ("HabCloseFridge-v1", "ee_base", "door_action", NEEDED - 1),
+        ("HabNavigate-v1", "base_discrete", "shortest_path_action"),
+        ("HabPick-v1", "ee", "pick_action"),
+        ("HabPlace-v1", "ee", "place_action"),
+        ("HabOpenDrawer-v1", "ee", "drawer_action"),
+        ("HabCloseDrawer-v1", "ee", "drawer_action"),
+        ("HabOpenFridge-v1", "ee_base", "door_action"),
+        ("HabCloseFridge-v1", "ee_base", "door_action"),
     ],
 )
-def test_an_expert_solves_its_skill(env_id, control_mode, method, needed, dataset):
-    env = gym.make(f"hab_tasks:{env_id}", control_mode=control_mode, **dataset)
+def test_an_expert_solves_its_skill(env_id, control_mode, method, count, needed):
+    env = gym.make(f"hab_tasks:{env_id}", control_mode=control_mode, split="val")
     ended = []
-    for number in range(COUNT):
+    for number in range(count):
         env.reset(options={"episode": number, "reconfigure": True})
         over = False
         while not over:
@@ -86,19 +92,22 @@ def test_an_expert_solves_its_skill(env_id, control_mode, method, needed, datase
             over = bool(terminated) or bool(truncated)
         ended.append(bool(info["success"]))
     env.close()
-    assert sum(ended) >= needed
+    # A base pose is always reached; of the others one more may fail than of the planner's.
+    assert sum(ended) >= (count if env_id == "HabNavigate-v1" else needed - (count > 3))
 
 
-def test_objects_in_the_fridge_are_picked(dataset):
+@shares
+def test_objects_in_the_fridge_are_picked(dataset, count, needed):
     source, found, index = open_source(EpisodeRequest(env_id="HabPick-v1", **dataset)), [], 0
-    while len(found) < COUNT:
+    while len(found) < count:
         if starts_on(source.get(index), "refrigerator"):
             found.append(source.get(index))
         index += 1
     results = played("hab_spa:spa_priv", "HabPick-v1", dataset, found)
-    assert sum(result.success for result in results) >= NEEDED, results
+    assert sum(result.success for result in results) >= needed, results
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("env_id", TASKS)
 def test_a_task_is_done_stage_by_stage(env_id):
     dataset = {"scene_dataset": "apartment", "split": "val"}

@@ -1,6 +1,7 @@
 """Start states of the seven skills (S H.2), checked in an independent simulation."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -16,64 +17,59 @@ from hab_tasks.registration import ENTRY_POINTS
 from hab_tasks.robots.kinematics import ArmKinematics
 from hab_tasks.robots.robot import ROBOT
 
-REAL = pytest.param("real", marks=[pytest.mark.assets, pytest.mark.slow])
-QUICK = ("HabPick-v1", "HabCloseDrawer-v1")
-every_skill = pytest.mark.parametrize(
-    "env_id", [s if s in QUICK else pytest.param(s, marks=pytest.mark.slow) for s in SKILLS]
+REAL_IN_CI = ("HabPlace-v1", "HabOpenDrawer-v1", "HabNavigate-v1")
+
+
+def real(env_id):
+    tier = pytest.mark.slow if env_id in REAL_IN_CI else pytest.mark.long
+    return pytest.param(env_id, "real", marks=[pytest.mark.assets, tier])
+
+
+every_skill_and_dataset = pytest.mark.parametrize(
+    ("env_id", "dataset"), [(s, "apartment") for s in SKILLS] + [real(s) for s in SKILLS]
 )
-every_dataset = pytest.mark.parametrize("dataset", ["apartment", REAL])
-
-
-@pytest.fixture
-def replays(generated, dataset, env_id):
-    """The env's episodes, each in its layout again."""
-    source, episodes = generated(env_id, dataset)
-    return (Replay(source, episode) for episode in episodes)
+apartment_and_real = pytest.mark.parametrize(
+    "dataset",
+    ["apartment", pytest.param("real", marks=[pytest.mark.assets, pytest.mark.long])],
+)
 
 
 def test_every_generator_is_tested_here_or_with_the_tasks():
     assert set(ENTRY_POINTS) == {*SKILLS, *TASKS}
 
 
-# All skills ------------------------------------------------------------------------------------
+@every_skill_and_dataset
+def test_starts_are_those_of_the_protocol(generated, env_id, dataset):
+    source, episodes = generated(env_id, dataset)
+    for number, episode in enumerate(episodes):
+        replay = Replay(source, episode)
+        check_objects(replay, settles=number == 0)
+        check_robot(replay)
+        CHECKS[env_id](replay)
 
 
-@every_dataset
-@every_skill
-def test_objects_rest_and_nothing_overlaps(replays):
-    for replay in replays:
-        assert replay.moved_m(replay.resting()) < 0.01, replay.episode.id
-        assert not replay.overlaps(replay.episode.objects), replay.episode.id
-        assert replay.joints_moved() < 0.01, replay.episode.id
+def check_objects(replay, *, settles):
+    """Objects are those of training; they overlap with nothing and rest, with the furniture."""
+    episode = replay.episode
+    assert {handle.rsplit("_:", 1)[0] for handle in episode.objects} <= sc.SEEN
+    assert not replay.overlaps(episode.objects), episode.id
+    if settles:
+        assert replay.moved_m(replay.resting()) < 0.01, episode.id
+        assert replay.joints_moved() < 0.01, episode.id
 
 
-@every_dataset
-@every_skill
-def test_the_robot_stands_free(replays):
-    for replay in replays:
-        base = replay.episode.robot.base
-        assert not replay.touches(), replay.episode.id
-        # Places are drawn with this clearance; only then the noise comes on top.
-        assert replay.off_floor_m(base) <= sc.BASE_NOISE_M + sc.CELL_M, replay.episode.id
-
-
-@every_dataset
-@every_skill
-def test_the_hand_starts_near_rest(replays):
-    for replay in replays:
-        arm = np.array(replay.episode.robot.arm_qpos_rad)
-        assert (arm >= ROBOT.arm_lower_rad).all()
-        assert (arm <= ROBOT.arm_upper_rad).all()
-        off = np.abs(ArmKinematics().position(arm) - (0.5, 0.0, 1.0))
-        # 5 cm of noise on each axis; the solver stops within 5 mm.
-        assert (off <= 0.05 + 0.005).all(), replay.episode.id
-
-
-@every_dataset
-@every_skill
-def test_objects_are_those_of_training(replays):
-    for replay in replays:
-        assert {handle.rsplit("_:", 1)[0] for handle in replay.episode.objects} <= sc.SEEN
+def check_robot(replay):
+    """The robot stands free with the hand near rest."""
+    episode = replay.episode
+    assert not replay.touches(), episode.id
+    # Places are drawn with this clearance; only then the noise comes on top.
+    assert replay.off_floor_m(episode.robot.base) <= sc.BASE_NOISE_M + sc.CELL_M, episode.id
+    arm = np.array(episode.robot.arm_qpos_rad)
+    assert (arm >= ROBOT.arm_lower_rad).all()
+    assert (arm <= ROBOT.arm_upper_rad).all()
+    off = np.abs(ArmKinematics().position(arm) - (0.5, 0.0, 1.0))
+    # 5 cm of noise on each axis; the solver stops within 5 mm.
+    assert (off <= 0.05 + 0.005).all(), episode.id
 
 
 # Pick and Place --------------------------------------------------------------------------------
@@ -100,66 +96,50 @@ def check_facing(replay, base, point_m):
     assert 0.45 - sc.BASE_NOISE_M <= gap <= 1.15 + sc.BASE_NOISE_M, replay.episode.id
 
 
-def check_pick(replay, base, names=sc.SIX):
+def check_pick(replay, base=None, names=sc.SIX):
+    """Before one of six receptacles with the target and at most five others."""
     episode = replay.episode
     (target,) = episode.targets
     assert target.start[0] in names
     assert target.goal is target.world_from_goal is episode.held is episode.handle is None
-    assert 1 <= len(episode.objects) <= 6  # the target and at most five others
+    assert 1 <= len(episode.objects) <= 6
     check_surface(replay, target.start, episode.objects)
-    check_facing(replay, base, replay.sandbox.com_m(target.object))
+    check_facing(replay, base or episode.robot.base, replay.sandbox.com_m(target.object))
 
 
-def check_place(replay, base, names=frozenset((*sc.SIX, sc.SINK))):
+def check_place(replay, base=None, names=frozenset((*sc.SIX, sc.SINK))):
+    """Before one of seven receptacles with the object in the hand; it stays at its goal."""
     episode = replay.episode
     (target,) = episode.targets
     assert target.goal[0] in names
     assert target.start is episode.handle is None
     assert episode.held == target.object
     check_surface(replay, target.goal, replay.resting())
+    assert replay.moved_m(replay.at_goals()) < 0.01, episode.id
+    assert not replay.overlaps(replay.at_goals()), episode.id
     # The solver of the arm's noise stops within 5 mm; poses are rounded to a micrometre.
     replay.stand()
     assert math.dist(replay.sandbox.com_m(episode.held), replay.ee_m()) < 1e-4
     replay.stand(replay.at_goals())
     assert replay.stands_on(target.object, target.goal)
-    check_facing(replay, base, replay.sandbox.com_m(target.object))
+    check_facing(replay, base or episode.robot.base, replay.sandbox.com_m(target.object))
 
 
-@every_dataset
-@pytest.mark.parametrize("env_id", ["HabPick-v1"])
-def test_pick_starts_before_one_of_six_receptacles(replays):
-    for replay in replays:
-        check_pick(replay, replay.episode.robot.base)
-
-
-@every_dataset
-@pytest.mark.parametrize("env_id", ["HabPlace-v1"])
-def test_place_starts_before_one_of_seven_with_the_object_in_the_hand(replays):
-    for replay in replays:
-        check_place(replay, replay.episode.robot.base)
-
-
-@every_dataset
-@pytest.mark.parametrize("env_id", ["HabPlace-v1"])
-def test_an_object_stays_at_its_goal(replays):
-    for replay in replays:
-        assert replay.moved_m(replay.at_goals()) < 0.01, replay.episode.id
-        assert not replay.overlaps(replay.at_goals()), replay.episode.id
-
-
-@pytest.mark.parametrize("env_id", ["HabPick-v1", "HabPlace-v1"])
-def test_starts_vary(generated, env_id):
-    _, episodes = generated(env_id, "apartment")
-    assert len({e.target for e in episodes}) >= 3
-    assert len({e.targets[0].start or e.targets[0].goal for e in episodes}) >= 2
-    assert len({e.robot for e in episodes}) == len({e.seed for e in episodes}) == len(episodes)
+def test_starts_vary(generated):
+    for env_id in ("HabPick-v1", "HabPlace-v1"):
+        _, episodes = generated(env_id, "apartment")
+        assert len({e.target for e in episodes}) >= 3, env_id
+        assert len({e.targets[0].start or e.targets[0].goal for e in episodes}) >= 2, env_id
+        assert len({e.robot for e in episodes}) == len({e.seed for e in episodes}) == len(episodes)
 
 
 # Doors and drawers -----------------------------------------------------------------------------
 
 
-def check_fridge(replay, base, low_rad, high_rad):
+def check_fridge(replay, low_rad, high_rad, base=None):
+    """The door in its range, before the robot."""
     episode = replay.episode
+    base = base or episode.robot.base
     fridge = episode.handle.furniture
     assert episode.handle.joint == "top_door_hinge"
     assert episode.joints.keys() <= {fridge}
@@ -175,8 +155,10 @@ def check_fridge(replay, base, low_rad, high_rad):
     assert replay.heading_off_rad(base, replay.marker_m()) <= math.radians(20.0) + 1e-6
 
 
-def check_drawer(replay, base, low_share, high_share):
+def check_drawer(replay, low_share, high_share, base=None):
+    """The drawer in its range, before the robot, others anywhere."""
     episode = replay.episode
+    base = base or episode.robot.base
     counter = episode.handle.furniture
     assert episode.joints.keys() <= {counter}
     for joint, value in episode.joints.get(counter, {}).items():
@@ -212,54 +194,44 @@ def opened_m(replay, position):
     return place_m
 
 
-DOORS = {
-    "HabOpenFridge-v1": (check_fridge, 0.0, 0.0),
-    "HabCloseFridge-v1": (check_fridge, math.pi / 4, 2 * math.pi / 3),
-    "HabOpenDrawer-v1": (check_drawer, 0.0, 0.0),
-    "HabCloseDrawer-v1": (check_drawer, 0.8, 1.0),
-}
-
-
-@every_dataset
-@pytest.mark.parametrize("env_id", DOORS)
-def test_doors_and_drawers_start_in_their_range_before_the_robot(replays, env_id):
-    check, low, high = DOORS[env_id]
-    for replay in replays:
-        check(replay, replay.episode.robot.base, low, high)
-
-
-@pytest.mark.parametrize("env_id", ["HabOpenDrawer-v1", "HabCloseDrawer-v1"])
-def test_a_random_subset_of_the_other_drawers_is_open(generated, env_id):
-    _, episodes = generated(env_id, "apartment")
-    subsets = set()
-    for episode in episodes:
-        joints = episode.joints.get(episode.handle.furniture, {})
-        subsets.add(frozenset(joints) - {episode.handle.joint})
-    assert len(subsets) > 1
-    # Six others, each open with probability 1/2: all of them the same way is out of the question.
-    assert 0 < sum(map(len, subsets)) < 6 * len(episodes)
+def test_a_random_subset_of_the_other_drawers_is_open(generated):
+    for env_id in ("HabOpenDrawer-v1", "HabCloseDrawer-v1"):
+        _, episodes = generated(env_id, "apartment")
+        subsets = set()
+        for episode in episodes:
+            joints = episode.joints.get(episode.handle.furniture, {})
+            subsets.add(frozenset(joints) - {episode.handle.joint})
+        assert len(subsets) > 1, env_id
+        # Six others, each open with probability 1/2: not all the same way.
+        assert 0 < sum(map(len, subsets)) < 6 * len(episodes), env_id
 
 
 # Navigate --------------------------------------------------------------------------------------
 
-CHECKS = {"HabPick-v1": (check_pick,), "HabPlace-v1": (check_place,), **DOORS}
+
+def check_navigate(replay):
+    """From the free floor to a start of another skill, on the map that measures the way."""
+    episode = replay.episode
+    goal, start = episode.navigation, episode.robot.base
+    CHECKS[goal.skill](replay, base=goal.base)
+    assert math.dist(goal.base[:2], start[:2]) >= 1.0
+    assert replay.off_floor_m(start) < 1e-5, "it starts off the free floor"
 
 
-@every_dataset
-@pytest.mark.parametrize("env_id", ["HabNavigate-v1"])
-def test_navigate_goes_to_a_start_of_another_skill(replays):
-    for replay in replays:
-        goal, start = replay.episode.navigation, replay.episode.robot.base
-        check, *limits = CHECKS[goal.skill]
-        check(replay, goal.base, *limits)
-        assert math.dist(goal.base[:2], start[:2]) >= 1.0
-        assert replay.off_floor_m(start) < 1e-5, "it starts off the free floor"
+CHECKS = {
+    "HabPick-v1": check_pick,
+    "HabPlace-v1": check_place,
+    "HabOpenFridge-v1": partial(check_fridge, low_rad=0.0, high_rad=0.0),
+    "HabCloseFridge-v1": partial(check_fridge, low_rad=math.pi / 4, high_rad=2 * math.pi / 3),
+    "HabOpenDrawer-v1": partial(check_drawer, low_share=0.0, high_share=0.0),
+    "HabCloseDrawer-v1": partial(check_drawer, low_share=0.8, high_share=1.0),
+    "HabNavigate-v1": check_navigate,
+}
 
 
-@every_dataset
-@pytest.mark.parametrize("env_id", ["HabNavigate-v1"])
-def test_navigates_ends_are_free_on_the_map_that_measures_the_way(generated, dataset, env_id):
-    source, episodes = generated(env_id, dataset)
+@apartment_and_real
+def test_navigates_ends_are_free_on_the_map_that_measures_the_way(generated, dataset):
+    source, episodes = generated("HabNavigate-v1", dataset)
     maps = LayoutMaps(source.scene)
     for episode in episodes:
         map_ = maps.of(episode.scene_id, episode.joints)
@@ -287,11 +259,11 @@ def test_a_goal_that_the_map_parts_from_its_start_is_refused(generated, monkeypa
 # Furnished layouts -----------------------------------------------------------------------------
 
 
-@every_dataset
-@pytest.mark.parametrize("env_id", ["HabPick-v1"])
-def test_a_furnished_layouts_loose_objects_start_settled(generated, dataset, env_id):
+@pytest.mark.slow
+@apartment_and_real
+def test_a_furnished_layouts_loose_objects_start_settled(generated, dataset):
     """In a simulation of its own: they are where they settle, and stay there beside the others."""
-    source, (episode, *_) = generated(env_id, dataset, scene="apt_0")
+    source, (episode, *_) = generated("HabPick-v1", dataset, scene="apt_0")
     replay = Replay(source, episode)
     assert len(episode.loose) >= 90
     assert episode.loose.keys() == {o.name for o in replay.sandbox.spec.objects if o.dynamic}
@@ -308,20 +280,20 @@ def test_a_furnished_layouts_loose_objects_start_settled(generated, dataset, env
 
 
 @pytest.mark.parametrize(
-    ("env_id", "check"), [("HabPick-v1", check_pick), ("HabPlace-v1", check_place)]
+    "env_id", [s if s == "HabPick-v1" else pytest.param(s, marks=pytest.mark.long) for s in SKILLS]
 )
-def test_novel_receptacles_are_those_kept_for_evaluation(generated, env_id, check):
-    source, episodes = generated(env_id, "apartment", "receptacles")
-    for episode in episodes:
-        replay = Replay(source, episode)
-        names = {sc.TABLE_DARK, sc.CHAIR, *sc.SHELVES}
-        check(replay, episode.robot.base, names)
-        assert {handle.rsplit("_:", 1)[0] for handle in episode.objects} <= sc.SEEN
-
-
-@every_skill
 def test_novel_objects_are_those_kept_for_evaluation(generated, env_id):
     _, episodes = generated(env_id, "apartment", "objects")
     names = {handle.rsplit("_:", 1)[0] for e in episodes for handle in e.objects}
     assert names
     assert names <= sc.UNSEEN
+
+
+@pytest.mark.parametrize(
+    "env_id", ["HabPick-v1", pytest.param("HabPlace-v1", marks=pytest.mark.slow)]
+)
+def test_novel_receptacles_are_those_kept_for_evaluation(generated, env_id):
+    source, episodes = generated(env_id, "apartment", "receptacles")
+    for episode in episodes:
+        CHECKS[env_id](Replay(source, episode), names={sc.TABLE_DARK, sc.CHAIR, *sc.SHELVES})
+        assert {handle.rsplit("_:", 1)[0] for handle in episode.objects} <= sc.SEEN

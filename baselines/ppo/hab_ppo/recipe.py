@@ -14,7 +14,7 @@ from hab_ppo.errors import RecipeError
 
 @dataclass(frozen=True, kw_only=True)
 class EnvConfig:
-    """The environment of a policy; see the main README for the options.
+    """The environment of a policy; docs/options.md describes the options.
 
     Attributes:
         env: Environment id, ``HabPick-v1``, or ``module:X-v1`` for one of your own.

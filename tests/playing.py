@@ -18,12 +18,12 @@ KINDS = (*FAMILIES, "HabPlace-v1")
 slow, long = pytest.mark.slow, pytest.mark.long
 every_env = pytest.mark.parametrize("env_id", ENVS)
 each_family = pytest.mark.parametrize(
-    "env_id", [e if e in FAMILIES else pytest.param(e, marks=slow) for e in ENVS]
+    "env_id", [e if e in FAMILIES else pytest.param(e, marks=long) for e in ENVS]
 )
-"""Every environment; in the quick tests one of each kind."""
+"""One environment of each kind; in the long tests every one."""
 
 each_kind = pytest.mark.parametrize(
-    "env_id", [e if e in KINDS else pytest.param(e, marks=slow) for e in ENVS]
+    "env_id", [e if e in KINDS else pytest.param(e, marks=long) for e in ENVS]
 )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from builders import go_above_and_grasp, same
-from playing import actions, each_family, move_joint, record, slow
+from playing import actions, each_family, long, move_joint, record
 
 from hab_tasks.envs import ENVS
 from hab_tasks.episodes import EpisodeRequest, open_source
@@ -84,10 +84,10 @@ def keys(value):
 
 
 @pytest.mark.parametrize(
-    "env_id", [e if e == "HabSetTable-v1" else pytest.param(e, marks=slow) for e in ENVS]
+    "env_id", [e if e == "HabSetTable-v1" else pytest.param(e, marks=long) for e in ENVS]
 )
 @pytest.mark.parametrize("last", range(3), ids=LAYOUTS)
-@pytest.mark.parametrize("play", [pytest.param(False, marks=slow, id="looked at"), True])
+@pytest.mark.parametrize("play", [pytest.param(False, marks=long, id="looked at"), True])
 def test_a_layout_after_others_equals_a_fresh_environment(make, episodes, env_id, last, play):
     options = {"obs_mode": "state_dict"}
     order = [*episodes[env_id][last + 1 :], *episodes[env_id][: last + 1]]

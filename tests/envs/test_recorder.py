@@ -12,7 +12,7 @@ from builders import same
 from mani_skill.trajectory import utils as trajectory_utils
 from mani_skill.utils.wrappers import CPUGymWrapper
 from mani_skill.utils.wrappers.record import RecordEpisode
-from playing import FAMILIES, slow
+from playing import FAMILIES, long, slow
 
 from hab_tasks.engine.simulation import has_gpu
 from hab_tasks.envs import ENVS
@@ -81,7 +81,7 @@ def replayed(file, *options):
 
 
 @pytest.mark.parametrize(
-    "env_id", [e if e == "HabSetTable-v1" else pytest.param(e, marks=slow) for e in ENVS]
+    "env_id", [e if e == "HabSetTable-v1" else pytest.param(e, marks=long) for e in ENVS]
 )
 def test_episodes_follow_one_another_over_layouts(make, env_id, tmp_path):
     played = recorded(make(env_id), tmp_path, [0, None, None, 1])
@@ -199,16 +199,21 @@ def test_images_and_videos_are_recorded(make, tmp_path):
 # Replay ----------------------------------------------------------------------------------------
 
 
-@slow
-@pytest.mark.parametrize("env_id", FAMILIES)
+REPLAYS = (
+    (("--use-env-states", "-o", "state"), 1e-2),
+    (("--use-first-env-state", "-o", "state_dict"), 1e-5),
+    (("-o", "state", "-c", "same", "--count", "2"), 1e-5),
+)
+"""Options of ManiSkill's tool, and how much the states may differ from the recorded ones."""
+
+
 @pytest.mark.parametrize(
-    ("options", "atol"),
+    ("env_id", "options", "atol"),
     [
-        (("--use-env-states", "-o", "state"), 1e-2),
-        (("--use-first-env-state", "-o", "state_dict"), 1e-5),
-        (("-o", "state", "-c", "same", "--count", "2"), 1e-5),
+        pytest.param(env_id, *replay, marks=slow if number == kind else long)
+        for kind, env_id in enumerate(FAMILIES)
+        for number, replay in enumerate(REPLAYS)
     ],
-    ids=["states", "first state", "actions"],
 )
 def test_maniskills_tool_replays_it_to_the_same_states(env_id, options, atol, tmp_path):
     recorded(gym.make(env_id), tmp_path, [0, None, None])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from mani_skill.utils.wrappers.gymnasium import CPUGymWrapper
-from playing import actions, each_family, every_env, slow, still
+from playing import actions, each_family, long, slow, still
 
 from hab_tasks.envs import ENVS
 
@@ -18,7 +18,7 @@ def whole_size(env_id):
     return sum(entry.shape[0] for entry in ENVS[env_id].env.observation)
 
 
-@every_env
+@each_family
 def test_cpu_wrapper_gives_plain_arrays(make, env_id):
     env = CPUGymWrapper(make(env_id, obs_mode="state"), record_metrics=True)
     obs, _ = env.reset(seed=0)
@@ -36,8 +36,9 @@ def test_cpu_wrapper_gives_plain_arrays(make, env_id):
     assert sum(float(t) for t in terms.values()) == pytest.approx(float(reward), abs=1e-5)
 
 
-@pytest.mark.parametrize("env_id", ["HabPick-v1", pytest.param("HabSetTable-v1", marks=slow)])
-def test_the_id_with_the_module_needs_no_import(env_id):
+@slow
+def test_the_id_with_the_module_needs_no_import():
+    env_id = "HabSetTable-v1"
     code = f"import gymnasium; print(gymnasium.make('hab_tasks:{env_id}').unwrapped.name)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-2000:]
@@ -45,7 +46,7 @@ def test_the_id_with_the_module_needs_no_import(env_id):
 
 
 @each_family
-@pytest.mark.parametrize("obs_mode", ["state_dict", pytest.param("state", marks=slow)])
+@pytest.mark.parametrize("obs_mode", ["state_dict", pytest.param("state", marks=long)])
 def test_gymnasiums_checker_accepts_it(make, env_id, obs_mode):
     """Only that the states are not between -1 and 1, and have no bounds, may be noted.
 
@@ -75,7 +76,7 @@ def one(env_id, file, **options):
 
 
 @pytest.mark.parametrize(
-    "env_id", [e if e == "HabPick-v1" else pytest.param(e, marks=slow) for e in ENVS]
+    "env_id", [pytest.param(e, marks=slow if e == "HabPick-v1" else long) for e in ENVS]
 )
 def test_two_processes_play_what_one_plays(make, env_id, episode_files):
     file = str(episode_files[env_id])
@@ -96,8 +97,10 @@ def test_two_processes_play_what_one_plays(make, env_id, episode_files):
             assert np.array_equal(a[row], b), f"row {row}, step {step}"
 
 
-@slow
-@pytest.mark.parametrize("env_id", ["HabPick-v1", "HabNavigate-v1"])
+@pytest.mark.parametrize(
+    "env_id",
+    [pytest.param("HabPick-v1", marks=slow), pytest.param("HabNavigate-v1", marks=long)],
+)
 def test_stable_baselines_trains_on_it_unchanged(env_id, episode_files):
     sb3 = pytest.importorskip("stable_baselines3")
     file = str(episode_files[env_id])

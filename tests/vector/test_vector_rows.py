@@ -5,13 +5,16 @@ import itertools
 import gymnasium as gym
 import pytest
 from gymnasium.vector import AutoresetMode
-from playing import slow
+from playing import long, slow
 from vectors import EPISODES, MAX_STEPS, assert_equals_single, info_keys, make_vec, roll_out
 
 from hab_tasks.envs import ENVS
 
 STEPS = 60
 SEED = 5
+IN_CI = ("HabPlace-v1", "HabCloseFridge-v1", "HabSetTable-v1")
+"""With each mode of autoreset one environment; the quick tests have Pick and Navigate."""
+
 OPTIONS = {
     "state_dict": {"obs_mode": "state_dict"},
     "depth with noise and delay": {
@@ -25,6 +28,8 @@ OPTIONS = {
     "joint_state": {"control_mode": "joint_state"},
 }
 """Options that take another path through the code."""
+
+OPTIONS_IN_CI = ("depth with noise and delay", "end-effector frame")
 
 
 def check(env_id, mode, rows=3, steps=STEPS, repeat=1, **options):
@@ -57,25 +62,30 @@ def test_repeated_actions_equal_those_of_single_environments():
     check("HabNavigate-v1", AutoresetMode.NEXT_STEP, rows=2, steps=9, repeat=4)
 
 
-@slow
 @pytest.mark.render
-@pytest.mark.parametrize("mode", AutoresetMode)
+@pytest.mark.parametrize(
+    "mode", [pytest.param(m, marks=long if i else slow) for i, m in enumerate(AutoresetMode)]
+)
 def test_repeated_actions_with_images_equal_those_of_single_environments(mode):
     check("HabPlace-v1", mode, steps=12, repeat=4, obs_mode="depth")
 
 
-@slow
 @pytest.mark.parametrize(
-    ("env_id", "mode"), list(zip(ENVS, itertools.cycle(AutoresetMode), strict=False))
+    ("env_id", "mode"),
+    [
+        pytest.param(env_id, mode, marks=slow if env_id in IN_CI else long)
+        for env_id, mode in zip(ENVS, itertools.cycle(AutoresetMode), strict=False)
+    ],
 )
 def test_rows_of_every_env_equal_single_environments(env_id, mode):
     """Each mode with several environments: all combinations take ten minutes."""
     check(env_id, mode)
 
 
-@slow
 @pytest.mark.render
-@pytest.mark.parametrize("name", OPTIONS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=slow if n in OPTIONS_IN_CI else long) for n in OPTIONS]
+)
 def test_rows_with_options_equal_single_environments(name):
     check("HabPick-v1", AutoresetMode.SAME_STEP, **OPTIONS[name])
 
@@ -91,7 +101,7 @@ def test_rows_with_other_actions_equal_single_environments(env_id, control_mode)
 
 @slow
 @pytest.mark.assets
-@pytest.mark.parametrize("env_id", ["HabPick-v1", "HabSetTable-v1"])
+@pytest.mark.parametrize("env_id", [pytest.param("HabPick-v1", marks=long), "HabSetTable-v1"])
 def test_rows_in_replica_cad_equal_single_environments(env_id, replica_cad, ycb):
     check(
         env_id,

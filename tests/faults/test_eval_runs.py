@@ -24,7 +24,7 @@ from stub_runs import FAULTY, RUN, journal_ids, results_of
 
 from hab_tasks.files import ASIDE
 
-KILLS = int(os.environ.get("HAB_KILLS", "3"))
+KILLS = int(os.environ.get("HAB_KILLS", "1"))
 """Of the command and of its workers; `make kills` kills each ten times."""
 
 HOLDER = """
@@ -65,21 +65,34 @@ def finished(folder):
     assert main([*RUN, "--episodes", "6", "--out", str(folder)]) == 0
 
 
-@pytest.mark.parametrize("how", ["--resume", "--force"])
-def test_a_folder_in_use_is_refused_with_its_owner(tmp_path, holder, capfd, how):
+def test_a_folder_in_use_is_refused_with_its_owner(tmp_path, holder):
     out = tmp_path / "run"
     words = (str(out), f"process {holder.pid} on {socket.gethostname()}")
-    refused_by_command(main, (*RUN, "--episodes", 1, "--out", out, how), *words)
+    for how in ("--resume", "--force"):
+        refused_by_command(main, (*RUN, "--episodes", 1, "--out", out, how), *words)
     assert [path.name for path in out.iterdir()] == [LOCK]
 
 
-def test_what_a_run_in_use_has_written_stays(tmp_path, capfd):
-    out = tmp_path / "run"
-    finished(out)
-    before = {path.name: path.read_bytes() for path in out.iterdir()}
-    with locked(out):
-        refused_by_command(main, (*RUN, "--episodes", 6, "--out", out, "--force"), "is in use")
-    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+@pytest.fixture(scope="module")
+def played(tmp_path_factory):
+    """A finished run of six episodes."""
+    undo = stub_hab.install()
+    folder = tmp_path_factory.mktemp("played") / "run"
+    finished(folder)
+    undo()
+    return folder
+
+
+def test_what_a_run_in_use_has_written_stays(played):
+    before = {path.name: path.read_bytes() for path in played.iterdir()}
+    with locked(played):
+        refused_by_command(main, (*RUN, "--episodes", 6, "--out", played, "--force"), "is in use")
+    assert {path.name: path.read_bytes() for path in played.iterdir()} == before
+
+
+def test_a_resume_wants_the_same_time_limit(played):
+    arguments = (*RUN, "--episodes", 6, "--out", played, "--resume", "--step-timeout", 5)
+    refused_by_command(main, arguments, "step_timeout_s: None before, 5.0 now")
 
 
 def test_the_lock_of_a_killed_process_is_taken_over_without_a_word(tmp_path, holder, capfd):
@@ -88,7 +101,7 @@ def test_the_lock_of_a_killed_process_is_taken_over_without_a_word(tmp_path, hol
     holder.wait()
     assert (out / LOCK).is_file()
     capfd.readouterr()
-    finished(out)  # a lock alone is no run in the way
+    assert main([*RUN, "--episodes", "1", "--out", str(out)]) == 0  # a lock alone is no run
     assert capfd.readouterr().err == ""
     assert sorted(path.name for path in out.iterdir()) == [
         "config.json",
@@ -112,7 +125,8 @@ def test_a_file_system_without_locks_is_no_obstacle(tmp_path, monkeypatch):
         raise OSError(38, "Function not implemented")
 
     monkeypatch.setattr(fcntl, "flock", flock)
-    finished(tmp_path / "run")
+    with locked(tmp_path / "run"):
+        pass
 
 
 def test_only_one_of_several_threads_holds_a_folder(tmp_path):
@@ -137,7 +151,7 @@ def test_an_owner_that_has_only_just_begun_is_named(tmp_path):
 @pytest.mark.slow
 def test_of_two_resumes_at_once_one_plays(tmp_path):
     out = tmp_path / "run"
-    arguments = (*RUN, "--episodes", 8, "--out", out, "--resume")
+    arguments = (*RUN, "--episodes", 4, "--out", out, "--resume")
     both = [stub_runs.start(*arguments, STUB_STEP_S="0.3") for _ in range(2)]
     told = [process.communicate(timeout=120)[1] for process in both]
     codes = [process.returncode for process in both]
@@ -145,7 +159,7 @@ def test_of_two_resumes_at_once_one_plays(tmp_path):
     line = told[codes.index(2)]
     assert f"process {both[codes.index(0)].pid} on" in line
     assert len(line.splitlines()) == 1
-    assert len(journal_ids(out)) == 8
+    assert len(journal_ids(out)) == 4
 
 
 def test_a_time_limit_needs_an_agent_of_one_row(tmp_path):
@@ -154,38 +168,33 @@ def test_a_time_limit_needs_an_agent_of_one_row(tmp_path):
     assert not (tmp_path / "run").exists()
 
 
-def test_a_resume_wants_the_same_time_limit(tmp_path, capfd):
-    finished(tmp_path / "run")
-    arguments = (*RUN, "--episodes", 6, "--out", tmp_path / "run", "--resume", "--step-timeout", 5)
-    refused_by_command(main, arguments, "step_timeout_s: None before, 5.0 now")
-
-
-def seconds_of(folder, failure):
-    episodes = read_record(folder / "run.json").episodes
-    return [one.seconds for one in episodes if one.failure == failure]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("case", "workers", "steps"), [("act", 1, 1), ("reset", 2, 0), ("act:deaf", 2, 1)]
+    ("case", "workers", "steps"),
+    [
+        ("act:deaf", 2, 1),
+        pytest.param("act", 1, 1, marks=pytest.mark.long),
+        pytest.param("reset", 2, 0, marks=pytest.mark.long),
+    ],
 )
 def test_an_agent_that_hangs_fails_the_episode_and_the_run_goes_on(
     tmp_path, capfd, case, workers, steps
 ):
     out, clean = tmp_path / "run", tmp_path / "clean"
-    options = ("--episodes", 6, "--workers", workers, "--step-timeout", 1.5, "--out", out)
-    process = stub_runs.start(*FAULTY, "--option", f"case=late:{case}", *options)
+    limits = ("--workers", workers, "--step-timeout", 1.5, "--video", 2, "--out", out)
+    process = stub_runs.start(*FAULTY, "--option", f"case=late:{case}", "--episodes", 4, *limits)
     _, err = process.communicate(timeout=200)
     assert process.returncode == 0, err
-    finished(clean)
+    assert main([*RUN, "--episodes", "4", "--out", str(clean)]) == 0
     found, expected = results_of(out), results_of(clean)
     late = [one for one in found if one["failure"] == "agent timeout"]
     assert [one["id"] for one in late] == ["stub/001", "stub/003"]
     assert [(one["success"], one["steps"]) for one in late] == [(False, steps)] * 2
-    assert [one for one in found if one not in late] == [
-        one for one in expected if one["id"] not in ("stub/001", "stub/003")
-    ]
-    assert all(1.5 < seconds < 60 for seconds in seconds_of(out, "agent timeout"))
+    assert found[::2] == expected[::2]  # the time limit changes nothing that keeps it
+    record = read_record(out / "run.json")
+    assert record.step_timeout_s == 1.5
+    assert all(1.5 < one.seconds < 60 for one in record.episodes[1::2])
+    assert {path.name for path in out.glob("video_*.mp4")} == {"video_000_stub-000.mp4"}
     assert [path.name for path in out.iterdir() if path.name.startswith(".")] == []
 
 
@@ -194,23 +203,10 @@ def unfinished(folder):
 
 
 @pytest.mark.slow
-def test_an_agent_that_hangs_leaves_no_half_video(tmp_path):
-    out = tmp_path / "run"
-    options = ("--episodes", 4, "--video", 4, "--step-timeout", 1.5, "--out", out)
-    process = stub_runs.start(*FAULTY, "--option", "case=late:act", *options)
-    _, err = process.communicate(timeout=200)
-    assert process.returncode == 0, err
-    filmed = {path.name for path in out.glob("video_*.mp4")}
-    assert filmed == {"video_000_stub-000.mp4", "video_002_stub-002.mp4"}
-    assert unfinished(out) == []
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("workers", [1, 2])
-def test_a_killed_run_leaves_its_half_video_to_the_next(tmp_path, capfd, workers):
+def test_a_killed_run_leaves_its_half_video_to_the_next(tmp_path, capfd):
     out = tmp_path / "run"
     arguments = (*RUN, "--episodes", 2, "--video", 2, "--out", out)
-    process = stub_runs.start(*arguments, "--workers", workers, STUB_STEP_S="0.2")
+    process = stub_runs.start(*arguments, "--workers", 2, STUB_STEP_S="0.2")
     wait_until(lambda: [path for path in out.glob(f"{ASIDE}*.mp4") if path.stat().st_size])
     process.kill()
     process.communicate()
@@ -220,16 +216,6 @@ def test_a_killed_run_leaves_its_half_video_to_the_next(tmp_path, capfd, workers
     assert main([*map(str, arguments), "--resume"]) == 0
     assert len(list(out.glob("video_*.mp4"))) == 2
     assert unfinished(out) == []
-
-
-@pytest.mark.slow
-def test_a_time_limit_changes_no_result_of_an_agent_that_keeps_it(tmp_path, capfd):
-    out, clean = tmp_path / "run", tmp_path / "clean"
-    process = stub_runs.start(*RUN, "--episodes", 6, "--step-timeout", 30, "--out", out)
-    assert process.wait(timeout=120) == 0
-    finished(clean)
-    assert results_of(out) == results_of(clean)
-    assert read_record(out / "run.json").step_timeout_s == 30.0
 
 
 def processes_of(group):

@@ -18,11 +18,23 @@ MOST_GROWTH = 0.05
 logger = logging.getLogger(__name__)
 DATASETS = ("apartment", "replica_cad")
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(24 * 3600)]
+IN_CI = ("HabNavigate-v1", "HabPick-v1", "HabOpenFridge-v1")
+"""Environments that CI plays in ReplicaCAD as well."""
+
+pytestmark = pytest.mark.timeout(24 * 3600)
+
+CASES = [
+    pytest.param(
+        env_id,
+        dataset,
+        marks=pytest.mark.slow if dataset == "apartment" or env_id in IN_CI else pytest.mark.long,
+    )
+    for env_id in ENVS
+    for dataset in DATASETS
+]
 
 
-@pytest.mark.parametrize("dataset", DATASETS)
-@pytest.mark.parametrize("env_id", ENVS)
+@pytest.mark.parametrize(("env_id", "dataset"), CASES)
 def test_an_environment_stands_any_action(env_id, dataset, request):
     options = {}
     if dataset != "apartment":

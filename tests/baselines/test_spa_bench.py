@@ -52,7 +52,16 @@ def make(request):
     return make
 
 
-DATASETS = ["apartment", pytest.param("real", marks=pytest.mark.assets)]
+slow, long, assets = pytest.mark.slow, pytest.mark.long, pytest.mark.assets
+scenes = pytest.mark.parametrize(
+    ("env_id", "dataset"),
+    [
+        pytest.param("HabPick-v1", "apartment", marks=slow),
+        pytest.param("HabPlace-v1", "real", marks=(slow, assets)),
+        pytest.param("HabPlace-v1", "apartment", marks=long),
+        pytest.param("HabPick-v1", "real", marks=(long, assets)),
+    ],
+)
 POSES = 2000
 
 
@@ -69,25 +78,21 @@ def agreed(generated, make, env_id, dataset):
     return agreed
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("dataset", DATASETS)
-@pytest.mark.parametrize("env_id", ["HabPick-v1", "HabPlace-v1"])
+@scenes
 @pytest.mark.usefixtures("persistent_contacts")
 def test_the_model_agrees_with_persistent_contacts(agreed):
     assert agreed.far == 0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("dataset", DATASETS)
-@pytest.mark.parametrize("env_id", ["HabPick-v1", "HabPlace-v1"])
+@scenes
 def test_the_model_agrees_with_the_environments(agreed):
     # Without persistent contacts, PhysX misses up to 13 mm of overlap in 2 of 400 poses in
     # `test_spa_collision` (docs/deviations.md), here in 1 (apartment) or 1 to 3 (real) of 2000.
     assert agreed.far <= 0.0015 * POSES
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("env_id", ["HabPick-v1", "HabPlace-v1"])
+@slow
+@pytest.mark.parametrize("env_id", ["HabPick-v1", pytest.param("HabPlace-v1", marks=long)])
 def test_both_ways_to_set_the_state_say_the_same(generated, make, env_id):
     _, episodes = generated(env_id)
     env, said = make(env_id), []
@@ -101,7 +106,7 @@ def test_both_ways_to_set_the_state_say_the_same(generated, make, env_id):
     assert 20 < sum(said[0]) < 180
 
 
-@pytest.mark.slow
+@slow
 def test_checks_leave_the_scene_as_it_was(generated, make):
     _, episodes = generated("HabPick-v1")
     env = make("HabPick-v1")
@@ -120,8 +125,8 @@ def test_checks_leave_the_scene_as_it_was(generated, make):
     assert gap_m < 0.001
 
 
-@pytest.mark.slow
-@pytest.mark.assets
+@long
+@assets
 def test_suite_plan_measures_the_apartment_and_each_scene(replica_cad, ycb):
     options = BenchOptions(suite=SUITE, scene_dataset=replica_cad, objects=ycb, steps=2)
     told = []

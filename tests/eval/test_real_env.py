@@ -119,6 +119,7 @@ def test_video_is_made_and_changes_nothing(tmp_path):
     assert still.stat().st_size > 10_000
 
 
+@pytest.mark.long
 @pytest.mark.assets
 @pytest.mark.render
 def test_bench(tmp_path, replica_cad, ycb):

@@ -42,11 +42,11 @@ def test_a_run_continues_after_its_last_round(tmp_path, capsys):
     assert "another seed" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("episodes", ["3", pytest.param("10", marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", NAVIGATORS)
-def test_the_agents_solve_most_episodes(name, tmp_path):
-    """On 500 others in the test layouts, `navigator` solved 89 %."""
+def test_the_agents_solve_most_episodes(name, episodes, tmp_path):
     arrives = ["--skill-config", "learned_stop=0"] if NAVIGATORS[name] == "never" else []
-    run = ["run", "--agent", f"hab_ppo:{name}", "--env", "HabNavigate-v1", "--episodes", "10"]
+    run = ["run", "--agent", f"hab_ppo:{name}", "--env", "HabNavigate-v1", "--episodes", episodes]
     assert hab_eval([*run, *arrives, "--seed", "3", "--out", str(tmp_path / "run")]) == 0
     summary = read_record(tmp_path / "run" / "run.json").summary
     # One stop finds fewer goals than several. The episodes and the agents are deterministic.

@@ -33,7 +33,7 @@ from hab_tasks.agent_spaces import agent_spaces
 from hab_tasks.envs import ENVS
 from hab_tasks.registration import SKILLS
 
-pytestmark = pytest.mark.slow
+pytestmark, long = pytest.mark.slow, pytest.mark.long
 
 SKILL_RECIPES = [
     name
@@ -69,9 +69,12 @@ def _one_cache(tmp_path_factory):
         yield
 
 
-@pytest.mark.parametrize("name", recipe_names())
-def test_the_network_of_a_recipe_fits_its_environment(name):
-    recipe = find_recipe(name)
+def test_the_network_of_every_recipe_fits_its_environment():
+    for name in recipe_names():
+        check_network(find_recipe(name))
+
+
+def check_network(recipe):
     spaces = agent_spaces(recipe.env.env, spec_of(recipe))
     for preset in (recipe.preset, PAPER):
         layout = ObservationLayout.of(spaces.observation, preset.network.image_block_px)
@@ -102,7 +105,7 @@ def test_an_agent_sees_what_the_policy_saw_in_training():
         rows.close()
 
 
-@pytest.mark.parametrize("repeat", [1, 4])
+@pytest.mark.parametrize("repeat", [pytest.param(1, marks=long), 4])
 def test_an_agent_acts_as_the_policy_does_in_rows(repeat, tmp_path):
     """Also where actions are repeated."""
     recipe = find_recipe("navigate_blind")
@@ -118,7 +121,10 @@ def test_an_agent_acts_as_the_policy_does_in_rows(repeat, tmp_path):
     assert summary.mean_return.mean == pytest.approx(rows.mean_return, abs=1e-4)
 
 
-@pytest.mark.parametrize("name", TRAINED)
+@pytest.mark.parametrize(
+    "name",
+    [n if n in ("pick_blind", "pick_depth") else pytest.param(n, marks=long) for n in TRAINED],
+)
 def test_a_recipe_is_trained_and_its_weights_play(name, tmp_path, capsys):
     out, env = tmp_path / "run", find_recipe(name).env.env
     assert main(["train", name, "--out", str(out), "--steps", "40", "--scratch", *SHORT]) == 0
@@ -136,6 +142,7 @@ def test_a_recipe_is_trained_and_its_weights_play(name, tmp_path, capsys):
     assert f"was trained in {env}, not {other}" in capsys.readouterr().err
 
 
+@long
 def test_a_run_in_a_task_reports_its_stages(tmp_path):
     recipe = find_recipe("monolithic_set_table")
     recipe = replace(

@@ -49,6 +49,11 @@ def document(**values) -> Damage:
     return rewrite_glb(lambda document, body: document.update(values))
 
 
+def primitive(**values) -> Damage:
+    """Changes the part of a GLB's mesh."""
+    return rewrite_glb(lambda document, body: document["meshes"][0]["primitives"][0].update(values))
+
+
 def corner(value: float) -> Damage:
     """Changes the first coordinate of a box's first corner."""
 
@@ -61,9 +66,15 @@ def corner(value: float) -> Damage:
     return rewrite_glb(change)
 
 
-def primitive(**values) -> Damage:
-    """Changes the part of a GLB's mesh."""
-    return rewrite_glb(lambda document, body: document["meshes"][0]["primitives"][0].update(values))
+def written(at: int, kind: str, value: float) -> Damage:
+    """Writes a value into a binary file."""
+
+    def damage(file) -> None:
+        data = bytearray(file.read_bytes())
+        struct.pack_into(f"<{kind}", data, at, value)
+        file.write_bytes(data)
+
+    return damage
 
 
 def shortened(file) -> None:
@@ -75,9 +86,7 @@ def shortened(file) -> None:
 GLB: dict[str, Damage] = {
     "empty": text(b""),
     "shortened": shortened,
-    "version 1": lambda file: file.write_bytes(
-        file.read_bytes()[:4] + b"\1\0\0\0" + file.read_bytes()[8:]
-    ),
+    "version 1": written(4, "I", 1),
     "garbage": text(glb_bytes(bytes(range(32, 128)), bytes(64))),
     "list": text(glb_bytes(b"[]", bytes(64))),
     "no mesh": text(glb_bytes(b'{"asset":{"version":"2.0"}}', bytes(64))),
@@ -94,18 +103,19 @@ GLB: dict[str, Damage] = {
     "unknown view": entry("accessors", 1, bufferView=77),
     "view too long": entry("bufferViews", 1, byteLength=10**6),
     "view in no buffer": entry("bufferViews", 1, buffer=3),
-    "index too large": rewrite_glb(
-        lambda document, body: body.__setitem__(slice(0, 4), b"\xff" * 4)
-    ),
+    "index too large": rewrite_glb(lambda d, body: body.__setitem__(slice(0, 4), b"\xff" * 4)),
     "odd indices": entry("accessors", 0, count=35),
     "corner nan": corner(math.nan),
     "corner far": corner(1e30),
-    "node nan": rewrite_glb(lambda d, body: d["nodes"][0].update(matrix=16 * [math.nan])),
-    "node cycle": rewrite_glb(lambda d, body: d["nodes"][0].update(children=[0])),
-    "node unknown": rewrite_glb(lambda d, body: d["nodes"][0].update(children=[9])),
-    "node of no mesh": rewrite_glb(lambda d, body: d["nodes"][0].update(mesh=4)),
+    "node nan": entry("nodes", 0, matrix=16 * [math.nan]),
+    "node cycle": entry("nodes", 0, children=[0]),
+    "node unknown": entry("nodes", 0, children=[9]),
+    "node of no mesh": entry("nodes", 0, mesh=4),
     "pipe": pipe,
+    "folder": folder,
+    "loop": loop,
 }
+IN_EVERY_ROLE = ("corner nan", "folder", "loop")
 
 ROLES = {
     "collision": "objects/convex.glb",
@@ -115,8 +125,6 @@ ROLES = {
     "stage": "stages/room.glb",
     "stage collision": "stages/convex.glb",
 }
-IN_PLACE = {"folder": folder, "loop": loop}
-IN_EVERY_ROLE = ("corner nan", "count too large")
 
 
 @pytest.fixture(scope="module")
@@ -127,7 +135,7 @@ def data(tmp_path_factory):
         box_glb(root / name, (1.0, 0.8, 0.6))
     config = {"render_asset": "../../objects/table.glb", "mass": 18}
     config["collision_asset"] = "../../objects/convex.glb"
-    write_json(root / "configs/objects/table.object_config.json", config)
+    write_json(root / TABLE, config)
     stage = {"render_asset": "../../stages/room.glb", "collision_asset": "../../stages/convex.glb"}
     write_json(root / STAGE, stage)
     return root
@@ -138,28 +146,20 @@ def copied(data, tmp_path):
     return shutil.copytree(data, Path(tempfile.mkdtemp(dir=tmp_path)) / "data")
 
 
-@pytest.fixture
-def root(data, tmp_path):
-    return copied(data, tmp_path)
-
-
 def test_a_mesh_that_cannot_be_read_is_named(data, tmp_path):
-    """Every damage in one role, and a few of each kind in the other roles."""
-    cases = {damage: ("collision", damage) for damage in GLB}
-    for role in ROLES:
-        cases |= {f"{role}, {damage}": (role, damage) for damage in (*IN_EVERY_ROLE, *IN_PLACE)}
-
     def check(case):
         role, damage = case
         root = copied(data, tmp_path)
-        (GLB | IN_PLACE)[damage](root / ROLES[role])
-        word = ROLES[role].rpartition("/")[2]
-        refused_everywhere(root, word if damage in GLB else word.removesuffix(".glb"))
+        GLB[damage](root / ROLES[role])
+        refused_everywhere(root, Path(ROLES[role]).stem)
 
+    cases = {damage: ("collision", damage) for damage in GLB}
+    cases |= {f"{role}, {damage}": (role, damage) for role in ROLES for damage in IN_EVERY_ROLE}
     check_each(cases, check)
 
 
-def test_a_damaged_mesh_that_no_layout_uses_is_found_by_check(root):
+def test_a_damaged_mesh_that_no_layout_uses_is_found_by_check(data, tmp_path):
+    root = copied(data, tmp_path)
     box_glb(root / "objects/spare.glb")
     config = {"render_asset": "../../objects/spare.glb", "use_bounding_box_for_collision": True}
     write_json(root / "configs/objects/spare.object_config.json", config)
@@ -178,17 +178,17 @@ def compressed(document, body) -> None:
     document["meshes"][0]["primitives"][0]["extensions"] = extension
 
 
-@pytest.mark.parametrize("role", ["collision", "furniture collision", "stage collision"])
-def test_what_the_engine_makes_no_shape_of_is_refused_when_it_is_built(root, role):
-    file = "convex.glb"
-    if role == "furniture collision":
-        file = "chest.urdf"
+def test_what_the_engine_makes_no_shape_of_is_refused_when_it_is_built(data, tmp_path):
+    def check(case):
+        name, word = case
+        root = copied(data, tmp_path)
         swap('<box size="0.4 0.3, 0.2"/>', '<mesh filename="body.glb"/>')(root / URDF)
-        rewrite_glb(compressed)(root / "urdf/chests/body.glb")
-    else:
-        rewrite_glb(compressed)(root / ROLES[role])
-    refused_by_call(lambda: BodyPool(cpu_scene(), {}).show(read_as_env(root), ()), file)
-    refused_by_command(main, ["check", root], file)
+        rewrite_glb(compressed)(root / name)
+        refused_by_call(lambda: BodyPool(cpu_scene(), {}).show(read_as_env(root), ()), word)
+        refused_by_command(main, ["check", root], word)
+
+    words = {"collision": "convex.glb", "furniture": "chest.urdf", "stage collision": "convex.glb"}
+    check_each({role: (ROLES[role], word) for role, word in words.items()}, check)
 
 
 def test_garbage_in_other_formats_is_named(data, tmp_path):
@@ -204,47 +204,31 @@ def test_garbage_in_other_formats_is_named(data, tmp_path):
     check_each(cases | {"collision": ("collision_asset", ".obj")}, check)
 
 
-def test_every_glb_that_is_in_order_is_read(tmp_path):
-    for number, mesh in enumerate((trimesh.creation.box(), trimesh.creation.icosphere())):
-        scene = trimesh.Scene([mesh, mesh.copy().apply_translation((2, 0, 0))])
-        file = tmp_path / f"{number}.glb"
-        scene.export(file)
-        check_mesh(file)
+def test_a_glb_that_is_in_order_is_read(tmp_path):
+    mesh = trimesh.creation.icosphere()
+    scene = trimesh.Scene([mesh, mesh.copy().apply_translation((2, 0, 0))])
+    scene.export(tmp_path / "two.glb")
+    check_mesh(tmp_path / "two.glb")
 
-
-# Navmeshes --------------------------------------------------------------------------------------
 
 ROOM = [(0, 0, 2, 2, 0.1, 0.1), (2, 0, 3, 2, 0.1, 0.1)]
 TILE_AT = navmesh_bytes(ROOM).find(b"VAND")
-
-
-def packed(at: int, kind: str, *values: float) -> Damage:
-    """Writes values into a navmesh."""
-
-    def damage(file) -> None:
-        data = bytearray(file.read_bytes())
-        struct.pack_into(f"<{kind}", data, at, *values)
-        file.write_bytes(data)
-
-    return damage
-
 
 NAVMESHES: dict[str, Damage] = {
     "empty": text(b""),
     "no tile": text(b"nothing of the kind" * 20),
     "cut header": cut(0.3),
     "two tiles": text(2 * navmesh_bytes(ROOM)),
-    "version": packed(4, "i", 9),
-    "cell zero": packed(40, "f", 0.0),
-    "radius negative": packed(TILE_AT + 64, "f", -1.0),
-    "bounds nan": packed(TILE_AT + 72, "f", math.nan),
-    "bounds swapped": packed(TILE_AT + 72, "f", 9.0),
-    "no polygons": packed(TILE_AT + 24, "i", 0),
-    "polygons many": packed(TILE_AT + 24, "i", 2**31 - 1),
-    "corner nan": packed(TILE_AT + 100, "f", math.nan),
-    "corner unknown": packed(TILE_AT + 100 + 8 * 12 + 4, "H", 999),
-    "polygon of 9": packed(TILE_AT + 100 + 8 * 12 + 30, "B", 9),
-    "folder": folder,
+    "version": written(4, "i", 9),
+    "cell zero": written(40, "f", 0.0),
+    "radius negative": written(TILE_AT + 64, "f", -1.0),
+    "bounds nan": written(TILE_AT + 72, "f", math.nan),
+    "bounds swapped": written(TILE_AT + 72, "f", 9.0),
+    "no polygons": written(TILE_AT + 24, "i", 0),
+    "polygons many": written(TILE_AT + 24, "i", 2**31 - 1),
+    "corner nan": written(TILE_AT + 100, "f", math.nan),
+    "corner unknown": written(TILE_AT + 100 + 8 * 12 + 4, "H", 999),
+    "polygon of 9": written(TILE_AT + 100 + 8 * 12 + 30, "B", 9),
     "pipe": pipe,
 }
 
@@ -263,8 +247,5 @@ def test_a_damaged_navmesh_is_named(tmp_path):
             refused_by_call(lambda: read_navmesh_bounds(root / NAVMESH), name)
 
     check_each({damage: damage for damage in NAVMESHES}, check)
-
-
-def test_the_walls_of_a_whole_navmesh_are_read(tmp_path):
     navmesh = read_navmesh(whole_dataset(tmp_path / "data") / NAVMESH)
     assert np.isfinite(navmesh.corners_m).all()

@@ -106,35 +106,11 @@ def test_a_dataset_in_which_nothing_can_be_made_is_one_line(run, tmp_path):
     assert not (tmp_path / "set.json").exists()
 
 
-BAD = {
-    "--env HabPik-v1": ("'HabPik-v1'", "Did you mean 'HabPick-v1'"),
-    "--split trian": ("'trian'", "Did you mean 'train'"),
-    "--scene v3_sc0_staging_0": ("'v3_sc0_staging_0'", "Did you mean 'v3_sc0_staging_"),
-    "--count 0": ("--count", "0"),
-    "--novel object": ("'object'", "Did you mean 'objects'"),
-    "--workers 0": ("--workers", "0"),
-    "--objects /nowhere": ("/nowhere",),
-    "--cuont 3": ("'--count'", "Valid: "),
-}
-
-
-def test_bad_options_of_episodes_are_one_line_and_status_2(tmp_path):
-    out = tmp_path / "x.json"
-    for options, words in BAD.items():
-        arguments = ("episodes", "--env", "HabPick-v1", "--out", out, *options.split())
-        assert refused_by_command(main, arguments, *words).out == ""
-    assert not out.exists()
-    (tmp_path / "file").write_text("")
-    out = tmp_path / "file/x.json"
-    refused_by_command(main, ["episodes", "--env", "HabPick-v1", "--out", out], "file")
-
-
-def test_bad_arguments_are_one_line_and_status_2():
+def test_a_mistyped_option_or_command_is_told_with_the_valid_ones():
+    """`tests/faults/test_commands.py` has the values that options refuse."""
     for arguments, words in {
-        "check apartmnt": ("'apartmnt'", "Did you mean 'apartment'"),
-        "check /": ("scene_dataset_config",),
         "list --fro": ("--fro", "Valid: "),
+        "episodes --cuont 3": ("'--count'", "Valid: "),
         "lst": ("'list'", "Valid: "),
-        "episodes --env a": ("--out",),
     }.items():
         assert refused_by_command(main, arguments.split(), *words).out == ""

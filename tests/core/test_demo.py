@@ -201,18 +201,6 @@ def test_without_vulkan_measures_are_told_all_the_same(run, monkeypatch):
     assert "no window can be opened. No Vulkan device" in done.stdout
 
 
-def test_bad_input_is_one_line_and_status_2():
-    for options, words in {
-        "HabPik-v1": ("'HabPik-v1'", "Did you mean 'HabPick-v1'"),
-        "HabPick-v1 --agent rndom": ("'rndom'", "Did you mean 'random'"),
-        "HabPick-v1 --steps 0": ("--steps 0",),
-        "HabPick-v1 --out x.avi": ("x.avi", ".mp4"),
-        "HabPick-v1 --epsiode 1": ("'--epsiode'", "'--episode'"),
-        "HabPick-v1 --episode -1": ("--episode -1",),
-    }.items():
-        assert refused_by_command(main, ["demo", *options.split()], *words).out == "", options
-
-
 @pytest.mark.slow
 @pytest.mark.render
 def test_a_video_has_a_frame_for_each_moment(run, tmp_path):

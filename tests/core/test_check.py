@@ -128,7 +128,7 @@ def test_lacking_ycb_objects_are_listed(run, tiny, tmp_path):
     assert found["Missing: YCB objects"] == wanted
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.assets
 def test_check_of_the_real_data(run, data):
     found = page(run("check", data / "replica_cad", "--objects", data / "ycb"))

@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from builders import tiny_dataset
 from refusals import refused_by_command
 
 from hab_tasks.cli import main
@@ -92,18 +91,6 @@ def test_several_processes_make_the_same_episodes(run, tmp_path):
         done = run(*command, "--workers", workers, "--out", tmp_path / f"{workers}.json")
         assert done.returncode == 0, done.stderr
     assert (tmp_path / "1.json").read_bytes() == (tmp_path / "3.json").read_bytes()
-
-
-def test_a_dataset_in_which_nothing_can_be_made_is_one_line(run, tmp_path):
-    root = tiny_dataset(tmp_path / "tiny")
-    command = ("episodes", "--env", "HabOpenFridge-v1", "--scene-dataset", root, "--count", 1)
-    done = run(*command, "--out", tmp_path / "set.json")
-    assert done.returncode == 2
-    last = done.stderr.strip().splitlines()[-1]
-    assert "no start state found" in last
-    assert "in the layout': " in last
-    assert "Traceback" not in done.stderr
-    assert not (tmp_path / "set.json").exists()
 
 
 def test_a_mistyped_option_or_command_is_told_with_the_valid_ones():

@@ -142,14 +142,8 @@ def episode(number, scene_id=MACRO, **changes):
 
 def episode_set(*episodes, env="HabTidyHouse-v1", scene_dataset="tiny"):
     origin = MadeFrom(dataset="0" * 8, objects="embedded", masses="0" * 8, generator=None)
-    return EpisodeSet(
-        env=env,
-        scene_dataset=scene_dataset,
-        split="train",
-        seed=0,
-        made_from=origin,
-        episodes=episodes,
-    )
+    values = {"split": "train", "seed": 0, "made_from": origin, "episodes": episodes}
+    return EpisodeSet(env=env, scene_dataset=scene_dataset, **values)
 
 
 def test_episode_statistics():
@@ -312,9 +306,9 @@ def test_the_same_bytes_each_time(tiny, tmp_path):
 
 
 def test_figures_of_the_tasks_have_the_papers_numbers():
-    assert figure_name("HabTidyHouse-v1") == "fig20_tidy_house.png"
-    assert figure_name("HabSetTable-v1") == "fig21_set_table.png"
-    assert figure_name("HabPrepareGroceries-v1") == "fig22_prepare_groceries.png"
+    names = {20: "tidy_house", 21: "set_table", 22: "prepare_groceries"}
+    ids = ("HabTidyHouse-v1", "HabSetTable-v1", "HabPrepareGroceries-v1")
+    assert [figure_name(i) for i in ids] == [f"fig{n}_{name}.png" for n, name in names.items()]
     assert figure_name("HabPick-v1") == "episodes_HabPick-v1.png"
 
 

@@ -106,10 +106,6 @@ def a_long_name(tmp_path):
     return tmp_path / ("n" * 300), os.strerror(errno.ENAMETOOLONG)
 
 
-def a_long_path(tmp_path):
-    return tmp_path.joinpath(*["n" * 200] * 30), os.strerror(errno.ENAMETOOLONG)
-
-
 def a_name_with_a_nul(tmp_path):
     return tmp_path / "told\0.json", "null"
 
@@ -126,7 +122,6 @@ NO_FILES = (
     a_link_to_nothing,
     a_link_to_itself,
     a_long_name,
-    a_long_path,
     a_name_with_a_nul,
     a_name_that_is_no_text,
 )

@@ -31,8 +31,6 @@ from hab_ppo.retiming import (
     within_workspace,
 )
 
-from hab_tasks.errors import RunStoppedError
-
 STEP_M = 0.015
 
 
@@ -285,26 +283,23 @@ def test_demonstrations_are_counted_by_failure(attempts):
     assert made.counts()["demonstrations"] == len(made.parts) == len(lines) == 2
 
 
-def test_an_agent_that_solves_nothing_is_given_up(attempts):
-    attempts += [Attempt("timeout")] * 100
-    plan = DemonstrationPlan(recipe=find_recipe("pick_blind"), agent="a:b", count=2)
-    with pytest.raises(RunStoppedError, match="solved 0 of 25 episodes"):
-        demonstrate(plan, lambda text: None)
-
-
-def test_a_useless_agent_is_reported_in_one_line(attempts, tmp_path, capsys):
+def test_an_agent_that_solves_nothing_is_given_up_in_one_line(attempts, tmp_path, capsys):
     attempts += [Attempt("timeout")] * 100
     out = tmp_path / "demonstrations.safetensors"
     assert main(["demonstrate", "pick_blind", "--out", str(out)]) == 1
     told = capsys.readouterr().err
     assert "no demonstrations of hab_spa:spa_priv" in told
+    assert "solved 0 of 25 episodes" in told
     assert told.count("\n") == 1
     assert not out.exists()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
+def test_bad_input_is_reported_in_one_line(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(teachers, "WEIGHTS", tmp_path / "nothing_ships")
+    demo, wrong = tmp_path / "demo.safetensors", []
+    write_examples(demo, example(3), [], find_recipe("close_drawer_blind").env, {})
+    names = {"DEMO": str(demo), "DIR": str(tmp_path / "run"), "FILE": str(tmp_path / "new")}
+    for arguments, message in (
         (["demonstrate", "pick_blind", "--out", "FILE", "--agent", "hab_eval:no"], "Unknown agent"),
         (["demonstrate", "pick_blind", "--out", "FILE", "--agent", "no_such:x"], "no_such"),
         (["demonstrate", "pick_blind", "--out", "FILE", "--noise", "2"], "--noise"),
@@ -317,14 +312,9 @@ def test_a_useless_agent_is_reported_in_one_line(attempts, tmp_path, capsys):
         (["train", "place_depth", "--out", "DIR", "--teacher", "DEMO"], "no recipe"),
         (["train", "pick_blind", "--out", "DIR", "--weights", "nowhere"], "no weights nowhere"),
         (["train", "pick_blind", "--out", "DIR", "--weights", "DEMO", "--scratch"], "--scratch"),
-    ],
-)
-def test_bad_input_is_reported_in_one_line(arguments, message, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(teachers, "WEIGHTS", tmp_path / "nothing_ships")
-    demo = tmp_path / "demo.safetensors"
-    write_examples(demo, example(3), [], find_recipe("close_drawer_blind").env, {})
-    names = {"DEMO": str(demo), "DIR": str(tmp_path / "run"), "FILE": str(tmp_path / "new")}
-    assert main([names.get(word, word) for word in arguments]) == 2
-    told = capsys.readouterr().err
-    assert message in told
-    assert told.count("\n") == 1
+    ):
+        code = main([names.get(word, word) for word in arguments])
+        told = capsys.readouterr().err
+        if code != 2 or message not in told or told.count("\n") != 1:
+            wrong.append((arguments, told))
+    assert not wrong

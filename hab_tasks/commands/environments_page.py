@@ -100,8 +100,7 @@ concatenation. Image modes add `sensor_data`.
 ACTIONS = """
 ## Actions
 
-The entries of arm, gripper and base follow one another; the modes of each environment are listed
-with it.
+The entries of arm, gripper and base follow one another.
 """
 
 

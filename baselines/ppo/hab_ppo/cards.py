@@ -40,7 +40,7 @@ def card(name: str, records: Iterable[RunRecord]) -> str:
     lines = [f"# {name}", "", recipe.about, "", *_facts(recipe, path)]
     lines += ["", f"![Learning curve]({name}.png)", "", *_training(about)]
     actions = "sampled" if recipe.draws_actions else "most likely"
-    lines += ["", f"Success % with 95 % Wilson interval ({actions} actions), failures:", ""]
+    lines += ["", f"Success % [95 % interval] with {actions} actions, failures:", ""]
     lines += [result(record) for record in own] or [NOT_EVALUATED]
     return "\n".join(lines) + "\n"
 

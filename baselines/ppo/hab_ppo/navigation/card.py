@@ -36,7 +36,7 @@ def card(records: Iterable[RunRecord]) -> str:
     lines = [f"# {NAVIGATOR}", "", ABOUT, "", f"- Run: {play}"]
     lines += [f"- Weights: {path.stat().st_size / 1e6:.1f} MB", *_training(about)]
     lines += ["", *table(ROUNDS, _rounds(about)), ""]
-    lines += ["Success % with 95 % Wilson interval, failures:", ""]
+    lines += ["Success % [95 % interval], failures:", ""]
     lines += [result(r) for r in own] or [NOT_EVALUATED]
     return "\n".join(lines) + "\n"
 

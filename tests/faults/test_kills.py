@@ -10,7 +10,6 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
@@ -28,37 +27,13 @@ LONGEST_S = 240.0
 
 pytestmark = pytest.mark.timeout(1800)
 
-
-@dataclass(frozen=True)
-class Work:
-    """A command that takes some seconds, in a folder of its own.
-
-    Attributes:
-        arguments: What is run; relative paths are in the folder.
-        out: What it writes.
-    """
-
-    arguments: tuple[str, ...]
-    out: str
-
-
-EPISODES = Work(
-    (
-        *("hab-tasks", "episodes", "--env", "HabPick-v1", "--seed", "3", "--count", "3"),
-        *("--workers", "2", "--out", "out.json", "--force"),
-    ),
-    "out.json",
-)
-ASSETS = Work(("hab-tasks", "assets", "source", "--workers", "2", "--out", "out", "--force"), "out")
-RECORD = Work(
-    (
-        *("hab-spa", "record", "--agent", "hab_spa:spa_priv", "--env", "HabPick-v1"),
-        *("--count", "1", "--split", "val", "--out", "out", "--force"),
-    ),
-    "out",
-)
-WORKS = {"episodes": EPISODES, "assets": ASSETS, "record": RECORD}
-
+COMMANDS = {
+    "assets": "hab-tasks assets source --workers 2 --out out --force",
+    "episodes": "hab-tasks episodes --env HabPick-v1 --seed 3 --count 3 --workers 2 --out out.json "
+    "--force",
+    "record": "hab-spa record --agent hab_spa:spa_priv --env HabPick-v1 --count 1 --split val "
+    "--out out --force",
+}
 # CI kills the shortest of these commands.
 EACH = [
     pytest.param("assets", marks=pytest.mark.slow),
@@ -66,58 +41,89 @@ EACH = [
 ]
 
 
-@dataclass(frozen=True)
-class Begun:
-    """A command that has run to its end once.
+class Work:
+    """A command in a folder of its own, which has run to its end once.
 
     Attributes:
-        folder: Has the folders `work`, with a dataset, `cache` and `temporary`, which nobody else
-            writes.
+        folder: Has the folders `work`, with a dataset, `cache` and `temporary`.
         duration_s: How long the command took.
-        whole: What it wrote, see `written`.
+        whole: What it wrote.
         there: All names in the folder since then.
     """
 
-    folder: Path
-    duration_s: float
-    whole: dict[str, object]
-    there: list[str]
+    def __init__(self, folder, name):
+        self.folder, self.command = folder, COMMANDS[name].split()
+        self.out = folder / "work" / self.command[self.command.index("--out") + 1]
+        for part in ("work", "cache", "temporary"):
+            (folder / part).mkdir()
+        textured_dataset(folder / "work" / "source")
+        began = time.monotonic()
+        self.whole = self.finish()
+        self.duration_s = time.monotonic() - began
+        assert self.half_written() == []
+        self.there = self.names()
+
+    def start(self):
+        script, *arguments = self.command
+        own = {
+            "HAB_CACHE_DIR": str(self.folder / "cache"),
+            "TMPDIR": str(self.folder / "temporary"),
+        }
+        return subprocess.Popen(
+            [str(BIN / script), *arguments],
+            cwd=self.folder / "work",
+            env=os.environ | own,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+            # Tests started in a shell's background ignore Ctrl-C, and so would this process.
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        )
+
+    def start_anew(self):
+        """Starts it with an empty cache, so that it has work to do."""
+        shutil.rmtree(self.folder / "cache")
+        (self.folder / "cache").mkdir()
+        return self.start()
+
+    def finish(self):
+        """Runs to the end; returns what it wrote."""
+        process = self.start()
+        _, errors = process.communicate(timeout=LONGEST_S)
+        assert process.returncode == 0, errors
+        check_nothing_runs(process.pid)
+        return self.written()
+
+    def written(self):
+        """Returns what has been written to the end: path -> content."""
+        files = [self.out] if self.out.is_file() else sorted(self.out.rglob("*"))
+        files = [file for file in files if file.is_file() and ASIDE not in str(file)]
+        return {str(p.relative_to(self.out.parent)): content(p) for p in files}
+
+    def names(self):
+        """Returns the paths of all files and folders: work, cache and temporary ones."""
+        return sorted(str(path.relative_to(self.folder)) for path in self.folder.rglob("*"))
+
+    def half_written(self):
+        return [name for name in self.names() if ASIDE in name or name.startswith("temporary/")]
+
+    def check_runs_again(self):
+        """Runs once more, on what the last kill left: no file is missing or too many."""
+        assert self.finish() == self.whole
+        assert self.names() == self.there
 
 
 @pytest.fixture(scope="module")
-def begun(tmp_path_factory):
-    """Runs a command of `WORKS` to its end, once for all tests."""
+def work(tmp_path_factory):
     done = {}
 
     def once(name):
         if name not in done:
-            folder = tmp_path_factory.mktemp(name)
-            for part in ("work", "cache", "temporary"):
-                (folder / part).mkdir()
-            textured_dataset(folder / "work" / "source")
-            duration_s, whole = finish(folder, WORKS[name])
-            assert half_written(folder) == []
-            done[name] = Begun(folder, duration_s, whole, names(folder))
+            done[name] = Work(tmp_path_factory.mktemp(name), name)
         return done[name]
 
     return once
-
-
-def start(folder, work):
-    """Starts a command."""
-    script, *arguments = work.arguments
-    own = {"HAB_CACHE_DIR": str(folder / "cache"), "TMPDIR": str(folder / "temporary")}
-    return subprocess.Popen(
-        [str(BIN / script), *arguments],
-        cwd=folder / "work",
-        env=os.environ | own,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        # Tests started in a shell's background ignore Ctrl-C, and so would this process.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
 
 
 def session_of(pid):
@@ -141,101 +147,19 @@ def check_nothing_runs(pid):
     assert session_of(pid) == []
 
 
-def start_anew(folder, work):
-    """Starts a command that finds nothing in the cache, so that it has work to do."""
-    shutil.rmtree(folder / "cache")
-    (folder / "cache").mkdir()
-    return start(folder, work)
-
-
-def finish(folder, work):
-    """Runs to the end; returns how long that took and what it wrote."""
-    started = time.monotonic()
-    process = start(folder, work)
-    _, told = process.communicate(timeout=LONGEST_S)
-    assert process.returncode == 0, told
-    check_nothing_runs(process.pid)
-    return time.monotonic() - started, written(folder / "work" / work.out)
-
-
-def written(out):
-    """Returns what a command has written to the end: path -> content."""
-    files = [out] if out.is_file() else sorted(p for p in out.rglob("*") if p.is_file())
-    files = [file for file in files if ASIDE not in str(file)]
-    return {str(p.relative_to(out.parent)): content(p) for p in files}
-
-
 def content(file):
     """Returns a file's bytes; of HDF5, which holds times of day, the values."""
     if file.suffix != ".h5":
         return file.read_bytes()
     found = {}
+
+    def keep(name, item):
+        if isinstance(item, h5py.Dataset):
+            found[name] = item[()].tobytes()
+
     with h5py.File(file) as data:
-        data.visititems(
-            lambda name, item: (
-                found.update({name: item[()].tobytes()}) if isinstance(item, h5py.Dataset) else None
-            )
-        )
+        data.visititems(keep)
     return found
-
-
-def names(folder):
-    """Returns the paths of all files and folders: work, cache and temporary ones."""
-    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
-
-
-def half_written(folder):
-    return [name for name in names(folder) if ASIDE in name or name.startswith("temporary/")]
-
-
-def check_nothing_left(done, work):
-    """Runs once more, on what the last kill left in the cache: no file is missing or too many."""
-    assert finish(done.folder, work)[1] == done.whole
-    assert names(done.folder) == done.there
-
-
-@pytest.mark.parametrize("name", EACH)
-def test_a_killed_command_leaves_what_was_there_and_runs_again(begun, name):
-    work = WORKS[name]
-    done = begun(name)
-    folder, duration_s, whole = done.folder, done.duration_s, done.whole
-    rng = random.Random(f"parent of {name}")
-    for _ in range(KILLS):
-        process = start_anew(folder, work)
-        time.sleep(rng.uniform(0.0, duration_s))
-        process.kill()
-        process.communicate()
-        check_nothing_runs(process.pid)
-        assert written(folder / "work" / work.out) == whole
-    check_nothing_left(done, work)
-
-
-@pytest.mark.parametrize("name", EACH[:2])
-def test_a_killed_worker_is_told_and_nothing_is_lost(begun, name):
-    work = WORKS[name]
-    done = begun(name)
-    folder, duration_s, whole = done.folder, done.duration_s, done.whole
-    rng = random.Random(f"worker of {name}")
-    told = tried = 0
-    while tried < KILLS or not told:
-        tried += 1
-        assert tried < KILLS + 10, "no kill came while the workers worked"
-        process = start_anew(folder, work)
-        time.sleep(rng.uniform(0.3, 0.9) * duration_s)
-        workers = [p for p in session_of(process.pid) if p != process.pid and is_worker(p)]
-        if workers:
-            os.kill(rng.choice(workers), signal.SIGKILL)
-        _, error = process.communicate(timeout=LONGEST_S)
-        check_nothing_runs(process.pid)
-        if process.returncode:
-            lines = [line for line in error.splitlines() if line.startswith("hab-tasks:")]
-            assert process.returncode == 2, error
-            assert len(lines) == 1, error
-            assert "worker" in lines[0]
-            assert "Traceback" not in error
-            told += 1
-        assert written(folder / "work" / work.out) == whole
-    check_nothing_left(done, work)
 
 
 def is_worker(pid):
@@ -247,19 +171,54 @@ def is_worker(pid):
 
 
 @pytest.mark.parametrize("name", EACH)
-def test_ctrl_c_ends_a_command_in_one_line(begun, name):
-    work = WORKS[name]
-    done = begun(name)
-    folder, whole = done.folder, done.whole
-    process = start_anew(folder, work)
+def test_a_killed_command_leaves_what_was_there_and_runs_again(work, name):
+    done, rng = work(name), random.Random(f"parent of {name}")
+    for _ in range(KILLS):
+        process = done.start_anew()
+        time.sleep(rng.uniform(0.0, done.duration_s))
+        process.kill()
+        process.communicate()
+        check_nothing_runs(process.pid)
+        assert done.written() == done.whole
+    done.check_runs_again()
+
+
+@pytest.mark.parametrize("name", EACH[:2])
+def test_a_killed_worker_is_told_and_nothing_is_lost(work, name):
+    done, rng = work(name), random.Random(f"worker of {name}")
+    told = tried = 0
+    while tried < KILLS or not told:
+        tried += 1
+        assert tried < KILLS + 10, "no kill came while the workers worked"
+        process = done.start_anew()
+        time.sleep(rng.uniform(0.3, 0.9) * done.duration_s)
+        workers = [p for p in session_of(process.pid) if p != process.pid and is_worker(p)]
+        if workers:
+            os.kill(rng.choice(workers), signal.SIGKILL)
+        _, errors = process.communicate(timeout=LONGEST_S)
+        check_nothing_runs(process.pid)
+        if process.returncode:
+            (line,) = [line for line in errors.splitlines() if line.startswith("hab-tasks:")]
+            assert process.returncode == 2, errors
+            assert "worker" in line
+            assert "Traceback" not in errors
+            told += 1
+        assert done.written() == done.whole
+    done.check_runs_again()
+
+
+@pytest.mark.parametrize("name", EACH)
+def test_ctrl_c_ends_a_command_in_one_line(work, name):
+    done = work(name)
+    process = done.start_anew()
     deadline = time.monotonic() + LONGEST_S
-    while not half_written(folder) and time.monotonic() < deadline:
+    while not done.half_written() and time.monotonic() < deadline:
         time.sleep(0.02)
     os.killpg(process.pid, signal.SIGINT)
-    out, error = process.communicate(timeout=60)
+    out, errors = process.communicate(timeout=60)
     check_nothing_runs(process.pid)
-    assert process.returncode == 130, out + error
-    assert "Traceback" not in error
-    assert error.splitlines()[-1].startswith(f"{work.arguments[0]}: interrupted")
-    assert written(folder / "work" / work.out) == whole
-    assert half_written(folder) == []
+    assert process.returncode == 130, out + errors
+    assert "Traceback" not in errors
+    assert errors.splitlines()[-1].startswith(f"{done.command[0]}: interrupted")
+    assert done.written() == done.whole
+    assert done.half_written() == []

@@ -1,4 +1,4 @@
-"""One rank of a toy run, as a script: `python ppo_rank.py MODE FILE` with torchrun's variables."""
+"""One rank of a toy run: `python ppo_rank.py FILE MODE...` with torchrun's variables."""
 
 import copy
 import os
@@ -23,8 +23,8 @@ from toy_vector import ToyVector
 ROWS, STEPS, SLOW_S = 8, 40, 0.1
 
 
-def run_ranks(size: int, mode: str, folder: Path) -> list[dict[str, Any]]:
-    """Runs `size` ranks; returns what each wrote."""
+def run_ranks(size: int, folder: Path, *modes: str) -> list[dict[str, Any]]:
+    """Runs `size` ranks; returns what each wrote, by mode."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -40,7 +40,7 @@ def run_ranks(size: int, mode: str, folder: Path) -> list[dict[str, Any]]:
     files = [folder / f"{size}_{rank}.pt" for rank in range(size)]
     processes = [
         subprocess.Popen(
-            [sys.executable, __file__, mode, str(file)],
+            [sys.executable, __file__, str(file), *modes],
             env=shared | {"RANK": str(rank), "LOCAL_RANK": str(rank)},
         )
         for rank, file in enumerate(files)
@@ -62,9 +62,8 @@ def toy_rank(config: PPOConfig, ranks: Ranks, rows: int) -> tuple[PPO, Collector
     return PPO(policy, config, ranks), Collector(env, policy, ranks, STEPS)
 
 
-def gradients() -> dict[str, Any]:
+def gradients(ranks: Ranks) -> dict[str, Any]:
     """Learns from this rank's share of the rows; all processes make the same rollout."""
-    ranks = Ranks()
     config = PPOConfig(
         epochs=1, minibatches=1, max_gradient_norm=1e9, scales_rewards=True, entropy_weight=0.01
     )
@@ -77,13 +76,11 @@ def gradients() -> dict[str, Any]:
     rows = torch.arange(ROWS).tensor_split(ranks.size)[ranks.rank]
     metrics = learner.update(whole.of_rows(rows), torch.Generator().manual_seed(0), 0.0)
     found = {name: value.grad for name, value in learner.policy.named_parameters()}
-    ranks.close()
     return {"gradients": found, "metrics": metrics, "state": learner.policy.state_dict()}
 
 
-def preemption() -> dict[str, Any]:
+def preemption(ranks: Ranks) -> dict[str, Any]:
     """Two updates in which the last rank is slow."""
-    ranks = Ranks()
     learner, collector = toy_rank(FAST.ppo, ranks, ROWS)
     collector.reset([100 * ranks.rank + row for row in range(ROWS)])
     step = collector.env.step
@@ -99,7 +96,6 @@ def preemption() -> dict[str, Any]:
         rollout, _ = collector.collect(update, generator)
         lengths.append(len(rollout.rewards))
         learner.update(rollout, generator, 0.0)
-    ranks.close()
     return {"lengths": torch.tensor(lengths), "state": learner.policy.state_dict()}
 
 
@@ -112,9 +108,9 @@ class Walker:
         return np.clip(gap / 0.2, -1, 1).astype(np.float32)
 
 
-def distillation() -> dict[str, Any]:
+def distillation(ranks: Ranks) -> dict[str, Any]:
     """Two rounds; only the first rank's student is the one that learns."""
-    ranks, env, lines = Ranks(), ToyVector(ROWS), []
+    env, lines = ToyVector(ROWS), []
     layout = ObservationLayout.of(env.single_observation_space)
     network = NetworkConfig(head_layers=(16,))
     student = new_policy(layout, env.single_action_space, network, seed=ranks.rank)
@@ -130,7 +126,6 @@ def distillation() -> dict[str, Any]:
         sum(len(part.state) for part in Visits.read(data).parts)
         for data in ranks.to_first(own.written())
     ]
-    ranks.close()
     rounds = [int(line.split("episodes, ")[1].split(" ")[0]) for line in lines if "round" in line]
     return {"rounds": rounds, "steps": steps, "kept": kept, "state": student.state_dict()}
 
@@ -139,4 +134,7 @@ MODES = {"gradients": gradients, "preemption": preemption, "distillation": disti
 
 if __name__ == "__main__":
     torch.set_num_threads(1)
-    torch.save(MODES[sys.argv[1]](), sys.argv[2])
+    joined = Ranks()
+    found = {mode: MODES[mode](joined) for mode in sys.argv[2:]}
+    joined.close()
+    torch.save(found, sys.argv[1])

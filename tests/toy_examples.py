@@ -1,7 +1,40 @@
-"""Examples in the toy environment of `toy_vector`."""
+"""Examples and runs in the toy environment of `toy_vector`."""
+
+from dataclasses import replace
 
 import torch
+from hab_ppo import checkpoint, rows, trainer
 from hab_ppo.examples import Examples
+from hab_ppo.recipe import FAST, EnvConfig, NetworkConfig, Recipe
+from toy_vector import ToyVector, goals
+
+TOY = Recipe(
+    name="toy",
+    about="A toy.",
+    env=EnvConfig(env="HabPick-v1", control_mode="ee"),
+    preset=replace(
+        FAST,
+        network=NetworkConfig(lstm_size=8, head_layers=(16,)),
+        ppo=replace(FAST.ppo, final_log_std=None, decays=False),  # runs are cut short
+        rollout_steps=20,
+    ),
+    total_steps=1200,
+    evaluation_steps=400,
+    evaluation_episodes=6,
+)
+
+
+def replace_simulator(monkeypatch):
+    """Runs train and evaluate in the toy."""
+    monkeypatch.setattr(trainer, "prepare_episodes", lambda recipe, *_: goals(6))
+    monkeypatch.setattr(rows.gym, "make_vec", lambda _, num_envs, **__: ToyVector(num_envs))
+
+
+def same_tensors(one, other):
+    """Whether two files of weights hold the same."""
+    found, expected = checkpoint.load(one)[0], checkpoint.load(other)[0]
+    assert found.keys() == expected.keys()
+    return all(torch.equal(found[name], expected[name]) for name in found)
 
 
 def random_examples(lengths, act, *, seed=0):

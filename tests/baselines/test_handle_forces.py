@@ -1,4 +1,4 @@
-"""Contact forces at a handle's spring while SPA-Priv opens and closes."""
+"""SPA-Priv opens and closes, and pushes softly while it holds a handle."""
 
 import gymnasium
 import numpy as np
@@ -42,12 +42,18 @@ def check_forces(env_id, episodes, **options):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("env_id", ARTICULATION_KINDS)
-def test_contacts_stay_soft_while_a_handle_is_held(env_id):
+def test_opens_and_closes_softly(env_id):
     check_forces(env_id, 2)
+
+
+@pytest.mark.slow
+@pytest.mark.assets
+def test_opens_a_drawer_of_replica_cad_softly(replica_cad, ycb):
+    check_forces("HabOpenDrawer-v1", 2, scene_dataset=replica_cad, objects=ycb)
 
 
 @pytest.mark.long
 @pytest.mark.assets
 @pytest.mark.parametrize("env_id", ARTICULATION_KINDS)
-def test_contacts_stay_soft_in_replica_cad(env_id, replica_cad, ycb):
+def test_opens_and_closes_softly_in_replica_cad(env_id, replica_cad, ycb):
     check_forces(env_id, 5, scene_dataset=replica_cad, objects=ycb)

@@ -149,39 +149,34 @@ def test_raised_torso_raises_the_arm(table_scene):
     assert raised.base_from_arm[2, 3] == pytest.approx(0.10)
 
 
-@pytest.mark.parametrize(
-    ("kind", "half_size_m", "expected_m"),
-    [
-        ("box", (0.1, 0.2, 0.3), (0.1, 0.2, 0.3)),
-        ("sphere", (0.1, 0.0, 0.0), (0.1, 0.1, 0.1)),
-        ("capsule", (0.1, 0.3, 0.0), (0.4, 0.1, 0.1)),
-        ("cylinder", (0.1, 0.3, 0.0), (0.3, 0.1, 0.1)),
-    ],
-)
-def test_primitive_shapes_have_the_same_extent_in_coal(kind, half_size_m, expected_m):
-    shape = CollisionShape(
+def primitive(kind, half_size_m):
+    return CollisionShape(
         kind=kind,
         body_from_shape=np.eye(4),
         half_size_m=np.array(half_size_m),
         vertices_m=np.zeros((0, 3)),
         faces=np.zeros((0, 3), dtype=np.int64),
     )
-    np.testing.assert_allclose(shape_bounds_m(shape), [-np.array(expected_m), expected_m])
-    geometry, shape_from_coal = coal_shape(shape)
-    geometry.computeLocalAABB()
-    corners = np.array([geometry.aabb_local.min_, geometry.aabb_local.max_])
-    turned = corners @ shape_from_coal[:3, :3].T + shape_from_coal[:3, 3]
-    np.testing.assert_allclose(np.abs(turned), np.abs([expected_m, expected_m]), atol=1e-6)
+
+
+def test_primitive_shapes_have_the_same_extent_in_coal():
+    for kind, half_size_m, expected_m in (
+        ("box", (0.1, 0.2, 0.3), (0.1, 0.2, 0.3)),
+        ("sphere", (0.1, 0.0, 0.0), (0.1, 0.1, 0.1)),
+        ("capsule", (0.1, 0.3, 0.0), (0.4, 0.1, 0.1)),
+        ("cylinder", (0.1, 0.3, 0.0), (0.3, 0.1, 0.1)),
+    ):
+        shape = primitive(kind, half_size_m)
+        np.testing.assert_allclose(shape_bounds_m(shape), [-np.array(expected_m), expected_m])
+        geometry, shape_from_coal = coal_shape(shape)
+        geometry.computeLocalAABB()
+        corners = np.array([geometry.aabb_local.min_, geometry.aabb_local.max_])
+        turned = corners @ shape_from_coal[:3, :3].T + shape_from_coal[:3, 3]
+        np.testing.assert_allclose(np.abs(turned), np.abs([expected_m, expected_m]), atol=1e-6)
 
 
 def test_plane_is_a_slab_below_its_origin():
-    shape = CollisionShape(
-        kind="plane",
-        body_from_shape=np.eye(4),
-        half_size_m=np.zeros(3),
-        vertices_m=np.zeros((0, 3)),
-        faces=np.zeros((0, 3), dtype=np.int64),
-    )
+    shape = primitive("plane", (0.0, 0.0, 0.0))
     lower, upper = shape_bounds_m(shape)
     assert upper[0] == 0.0
     assert lower[0] < -1.0

@@ -1,12 +1,10 @@
-"""Drawers: moving bodies in the collision model, lines of a handle, and the skills."""
+"""Drawers: moving bodies in the collision model, and lines of a handle."""
 
 from dataclasses import replace
 
-import gymnasium as gym
 import numpy as np
 import pytest
-import torch
-from hab_spa import Failure, spa_priv
+from hab_spa import Failure
 from hab_spa.motion.robot import Robot, SpaConfig
 from hab_spa.planning.collision import ArmCollision, CollisionConfig
 from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
@@ -14,7 +12,6 @@ from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.skills.drawer import MAX_SCORE, drawer_base_poses, drawer_score, open_drawer
 from hab_spa.skills.drawer_lines import HandleLines, LineConfig
 
-from hab_tasks.agent import AgentSetup
 from hab_tasks.privileged import ArticulationState
 
 # The tray's handle is 3 cm before its front, which is 0.62 m ahead of the robot; the drawer
@@ -134,33 +131,3 @@ def test_what_is_out_of_reach_fails_at_once(tray):
         next(open_drawer(robot, 0))
     assert end.value.value is Failure.TARGET_PLAN
     assert robot.timings_s["plan"] < 5.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("dataset", ["apartment", pytest.param("real", marks=pytest.mark.assets)])
-@pytest.mark.parametrize("env_id", ["HabOpenDrawer-v1", "HabCloseDrawer-v1"])
-def test_drawers_open_and_close(generated, request, env_id, dataset):
-    _, episodes = generated(env_id, dataset)
-    real = dataset == "real"
-    env = gym.make(
-        f"hab_tasks:{env_id}",
-        num_envs=1,
-        scene_dataset=request.getfixturevalue("replica_cad") if real else dataset,
-        objects=request.getfixturevalue("ycb") if real else None,
-        obs_mode="state_dict",
-        control_mode="joint_target",
-        render_backend="none",
-    )
-    agent, solved = spa_priv(AgentSetup(env_id=env_id)), 0
-    for episode in episodes:
-        env.reset(seed=episode.seed, options={"episode": episode})
-        agent.reset(torch.tensor([True]), [episode.seed])
-        over, info = False, {}
-        while not over:
-            state = env.unwrapped.privileged()
-            action = agent.act({"privileged": state})[0].numpy()
-            _, _, terminated, truncated, info = env.step(action)
-            over = bool(terminated) or bool(truncated)
-        solved += bool(info["success"])
-    env.close()
-    assert solved >= len(episodes) - 1

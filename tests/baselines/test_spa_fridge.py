@@ -1,4 +1,4 @@
-"""SPA-Priv at the fridge: door geometry, base maneuvers, base poses and complete episodes."""
+"""SPA-Priv at the fridge: door geometry, base maneuvers, and base poses."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from types import SimpleNamespace
 import gymnasium
 import numpy as np
 import pytest
-import torch
-from hab_spa.agents.factories import spa_priv
 from hab_spa.motion.drive import STEP_M, STEP_RAD
 from hab_spa.motion.robot import Robot, SpaConfig
 from hab_spa.planning.arm_plan import path_rad
@@ -21,7 +19,6 @@ from hab_spa.skills.fridge.maneuver import base_maneuvers
 from hab_spa.skills.fridge.skill import MAX_SCORE, fridge_base_poses, fridge_score
 from hab_spa.skills.fridge.tow import TowConfig, tows, with_base, without_base
 
-from hab_tasks.agent import AgentSetup
 from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.privileged import ArticulationState
 
@@ -44,15 +41,14 @@ def door_at(joint: float) -> ArticulationState:
     )
 
 
-@pytest.mark.parametrize("joint", [0.0, 0.7, 2.0])
-def test_door_is_the_same_however_far_it_is_open(joint):
-    door = Door(door_at(joint))
-
-    np.testing.assert_allclose(door.handle_m, (0.6, 0.1), atol=1e-9)
-    np.testing.assert_allclose(door.handle(0.0), (0.1, 0.6, 1.2), atol=1e-9)
-    # A quarter turn clockwise takes +y to +x and +x to -y.
-    np.testing.assert_allclose(door.handle(math.pi / 2), (0.6, -0.1, 1.2), atol=1e-9)
-    np.testing.assert_allclose(door.beside(np.array((0.6, -0.1)), math.pi / 2), (0.6, 0.1))
+def test_door_is_the_same_however_far_it_is_open():
+    for joint in (0.0, 0.7):
+        door = Door(door_at(joint))
+        np.testing.assert_allclose(door.handle_m, (0.6, 0.1), atol=1e-9)
+        np.testing.assert_allclose(door.handle(0.0), (0.1, 0.6, 1.2), atol=1e-9)
+        # A quarter turn clockwise takes +y to +x and +x to -y.
+        np.testing.assert_allclose(door.handle(math.pi / 2), (0.6, -0.1, 1.2), atol=1e-9)
+        np.testing.assert_allclose(door.beside(np.array((0.6, -0.1)), math.pi / 2), (0.6, 0.1))
 
 
 def test_gap_to_the_door():
@@ -89,7 +85,7 @@ def test_a_door_that_is_nearly_open_need_not_be_led_beyond_what_is_open():
     assert pull_of(door_at(1.5), True, config).need == pytest.approx(1.6)
 
 
-@pytest.mark.parametrize("joint", [0.0, 0.9, 1.79])
+@pytest.mark.parametrize("joint", [0.0, 1.79])
 def test_the_snap_grasp_reaches_the_handle_from_all_round_the_edge(joint):
     articulation = door_at(joint)
     door, pull = Door(articulation), pull_of(articulation, joint < 0.5, FridgeConfig())
@@ -162,54 +158,15 @@ def test_a_path_with_the_base_is_timed_by_the_slower_of_both():
     np.testing.assert_allclose(back[1], bases)
 
 
-def solved(episode, env, agent) -> bool:
-    """Plays an episode; whether it succeeded."""
-    obs, _ = env.reset(seed=episode.seed, options={"episode": episode, "reconfigure": True})
-    agent.reset(torch.ones(1, dtype=torch.bool), [episode.seed])
-    while True:
-        obs["privileged"] = env.unwrapped.privileged()
-        obs, _, terminated, truncated, info = env.step(agent.act(obs)[0].numpy())
-        if bool(terminated) or bool(truncated):
-            return bool(info["success"])
-
-
-@pytest.fixture
-def fridge_env(request):
-    env = gymnasium.make(
-        f"hab_tasks:{request.param}",
-        num_envs=1,
-        obs_mode="state_dict",
-        control_mode="joint_target_base",
-    )
-    yield env
-    env.close()
-
-
-both = pytest.mark.parametrize(
-    "fridge_env", ["HabOpenFridge-v1", "HabCloseFridge-v1"], indirect=True
-)
-
-
 @pytest.mark.slow
-@both
-def test_opens_and_closes(fridge_env, generated):
-    env_id = fridge_env.unwrapped.default_id()
-    _, episodes = generated(env_id)
-    agent = spa_priv(AgentSetup(env_id=env_id))
-
-    done = [solved(episode, fridge_env, agent) for episode in episodes]
-
-    assert sum(done) >= len(done) - 1, done
-
-
-@pytest.mark.slow
-@both
-def test_places_are_free_and_some_will_do(fridge_env, generated):
-    env_id = fridge_env.unwrapped.default_id()
+@pytest.mark.parametrize("env_id", ["HabOpenFridge-v1", "HabCloseFridge-v1"])
+def test_places_are_free_and_some_will_do(env_id, generated):
     _, (episode, *_) = generated(env_id)
-    fridge_env.reset(seed=episode.seed, options={"episode": episode, "reconfigure": True})
+    env = gymnasium.make(f"hab_tasks:{env_id}", control_mode="joint_target_base")
+    env.reset(seed=episode.seed, options={"episode": episode})
     scene = TrueScene()
-    scene.see({"privileged": fridge_env.unwrapped.privileged()}, 0)
+    scene.see({"privileged": env.unwrapped.privileged()}, 0)
+    env.close()
     robot = Robot(scene, SpaConfig(), seed=0, deadline=200)
     map_, out = scene.floor_map(), env_id == "HabOpenFridge-v1"
 
@@ -253,9 +210,6 @@ def test_a_door_that_encloses_the_robot_is_opened_as_far_as_it_takes():
     assert config.open_to == pytest.approx(2.1)
 
 
-def test_a_door_that_encloses_nobody_stays_as_it_is():
+def test_a_door_that_encloses_nobody_or_that_nothing_helps_stays_as_it_is():
     assert _wider(1.7, 2.3, 1.6) is None
-
-
-def test_a_door_that_no_joint_position_helps_stays_as_it_is():
     assert _wider(1.7, 1.85, 1.95) is None

@@ -187,14 +187,7 @@ def test_blocked_target_is_a_target_plan_failure(make_scene):
     assert result.samples == 250 * 6
 
 
-def test_target_out_of_reach_is_a_target_plan_failure(make_scene):
-    scene = make_scene()
-    scene.add_box("target", "object", (2.0, 0.0, 0.8), (0.05, 0.05, 0.05))
-    _, result = sample(scene.privileged("target"), config=GoalConfig(starts_per_point=125))
-    assert result.failure is Failure.TARGET_PLAN
-
-
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_path_into_a_shelf_is_free_edge_by_edge(shelf_state, seed):
     _, result = plan(shelf_state, seed)
     assert result.failure is None

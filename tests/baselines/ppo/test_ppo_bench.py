@@ -6,8 +6,7 @@ from types import SimpleNamespace
 import pytest
 from hab_eval.bench.options import BenchOptions
 from hab_ppo import bench_train
-from hab_ppo.bench_train import RECURRENT, SUITE, run_train, stepped, trained
-from toy_vector import ToyVector
+from hab_ppo.bench_train import RECURRENT, SUITE, run_train, trained
 
 
 @pytest.mark.parametrize("installed", [False, True], ids=["alone", "with sb3-contrib"])
@@ -34,10 +33,6 @@ def test_training_is_measured_beside_its_references(installed, monkeypatch):
     else:
         assert list(rows) == ["2_ranks"]
         assert "sb3-contrib is not installed" in lines[0]
-
-
-def test_stepping_plays_every_row():
-    assert stepped(ToyVector(3), 5) > 0
 
 
 def test_the_recurrent_recipe_has_an_lstm_and_the_same_heads():

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
+from hab_ppo.collect import Collector
+from hab_ppo.distributed import Ranks
 from hab_ppo.network import new_policy
 from hab_ppo.normalizer import Moments, RunningNormalizer
 from hab_ppo.observation import ObservationLayout, averaged
@@ -98,11 +100,8 @@ def test_the_order_of_the_space_does_not_matter():
         OrderedDict(extra=spaces.Dict(OrderedDict(reversed(ones.items()))), agent=agent)
     )
     assert ObservationLayout.of(forth) == ObservationLayout.of(back)
-    assert ObservationLayout.of(back).state == (
-        ("agent", "ee"),
-        ("extra", "goal"),
-        ("extra", "handle"),
-    )
+    paths = (("agent", "ee"), ("extra", "goal"), ("extra", "handle"))
+    assert ObservationLayout.of(back).state == paths
 
 
 def test_observations_are_read_in_the_order_of_their_paths():
@@ -208,13 +207,12 @@ def test_layers_have_half_precision_only_where_the_hardware_does():
     }
 
 
-@pytest.mark.parametrize("images", [False, True], ids=["blind", "images"])
-@pytest.mark.parametrize("discrete", [False, True], ids=["box", "discrete"])
-@pytest.mark.parametrize("lstm_size", [0, 8], ids=["plain", "lstm"])
+# All pairs of the three.
+@pytest.mark.parametrize(
+    ("lstm_size", "discrete", "images"),
+    [(0, False, False), (0, True, True), (8, False, True), (8, True, False)],
+)
 def test_judging_a_rollout_repeats_what_was_thought_when_acting(lstm_size, discrete, images):
-    from hab_ppo.collect import Collector
-    from hab_ppo.distributed import Ranks
-
     env = ToyVector(5, discrete=discrete, images=images)
     layout = ObservationLayout.of(env.single_observation_space)
     config = NetworkConfig(lstm_size=lstm_size, head_layers=(16,), image_features=8)

@@ -4,18 +4,18 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import torch
-from hab_ppo.distributed import common_name
-from ppo_rank import STEPS, run_ranks
+from hab_ppo.distributed import Ranks, common_name
+from ppo_rank import STEPS, gradients, run_ranks
 
 
 @pytest.fixture(scope="module")
-def one_rank(tmp_path_factory):
-    return run_ranks(1, "gradients", tmp_path_factory.mktemp("one"))[0]
+def two_ranks(tmp_path_factory):
+    return run_ranks(2, tmp_path_factory.mktemp("two"), "gradients", "distillation")
 
 
-@pytest.mark.parametrize("size", [2, pytest.param(4, marks=pytest.mark.slow)])
-def test_gradients_equal_those_of_one_process_on_the_same_data(one_rank, size, tmp_path):
-    ranks = run_ranks(size, "gradients", tmp_path)
+def test_gradients_equal_those_of_one_process_on_the_same_data(two_ranks):
+    one_rank = gradients(Ranks())
+    ranks = [rank["gradients"] for rank in two_ranks]
     for rank in ranks:
         for name, expected in one_rank["gradients"].items():
             gap = (rank["gradients"][name] - expected).abs().max()
@@ -29,8 +29,8 @@ def test_gradients_equal_those_of_one_process_on_the_same_data(one_rank, size, t
         assert ranks[0]["metrics"][name] == pytest.approx(value, abs=1e-5)
 
 
-def test_the_first_rank_learns_from_what_all_visit(tmp_path):
-    first, second = run_ranks(2, "distillation", tmp_path)
+def test_the_first_rank_learns_from_what_all_visit(two_ranks):
+    first, second = (rank["distillation"] for rank in two_ranks)
     # 150 steps a round in each rank; the last step of 8 rows may bring 7 more than it takes.
     once, twice = first["rounds"]
     assert 300 <= once <= 314
@@ -46,7 +46,7 @@ def test_the_first_rank_learns_from_what_all_visit(tmp_path):
 
 @pytest.mark.slow
 def test_a_slow_rank_is_preempted(tmp_path):
-    ranks = run_ranks(4, "preemption", tmp_path)
+    ranks = [rank["preemption"] for rank in run_ranks(4, tmp_path, "preemption")]
     *fast, slow = [rank["lengths"].tolist() for rank in ranks]
     assert fast == [[STEPS, STEPS]] * 3
     # Three of four are 75 %: the last one stops, but never before a quarter of its rollout.

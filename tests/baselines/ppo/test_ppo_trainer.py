@@ -6,41 +6,25 @@ from dataclasses import replace
 
 import pytest
 import torch
-from hab_ppo import checkpoint, curves, rows, trainer
+from hab_ppo import checkpoint, curves
 from hab_ppo.cli import main
 from hab_ppo.config_json import from_json, to_json
 from hab_ppo.distributed import Ranks
 from hab_ppo.errors import PolicyFileError, RecipeError
 from hab_ppo.plan import CLONED
 from hab_ppo.progress import Recent, read_progress
-from hab_ppo.recipe import FAST, PAPER, EnvConfig, NetworkConfig, Recipe
+from hab_ppo.recipe import PAPER, Recipe
 from hab_ppo.recipes import find_recipe, recipe_names
 from hab_ppo.trainer import BEST, EXACT, LAST, Trainer, TrainPlan
-from toy_vector import ToyVector, goals
+from toy_examples import TOY, replace_simulator, same_tensors
 
 from hab_tasks.errors import HabError, UnknownNameError
-
-TOY = Recipe(
-    name="toy",
-    about="A toy.",
-    env=EnvConfig(env="HabPick-v1", control_mode="ee"),
-    preset=replace(
-        FAST,
-        network=NetworkConfig(lstm_size=8, head_layers=(16,)),
-        ppo=replace(FAST.ppo, final_log_std=None, decays=False),  # runs are cut short
-        rollout_steps=20,
-    ),
-    total_steps=1200,
-    evaluation_steps=400,
-    evaluation_episodes=6,
-)
 
 
 @pytest.fixture
 def toy(monkeypatch):
     """Replaces the simulator by the toy; returns the lines of each run."""
-    monkeypatch.setattr(trainer, "prepare_episodes", lambda recipe, *_: goals(6))
-    monkeypatch.setattr(rows.gym, "make_vec", lambda _, num_envs, **__: ToyVector(num_envs))
+    replace_simulator(monkeypatch)
     lines = []
 
     def train(out, recipe=TOY, **options):
@@ -49,12 +33,6 @@ def toy(monkeypatch):
 
     train.lines = lines
     return train
-
-
-def same_tensors(one, other):
-    found, expected = checkpoint.load(one)[0], checkpoint.load(other)[0]
-    assert found.keys() == expected.keys()
-    return all(torch.equal(found[name], expected[name]) for name in found)
 
 
 def test_a_run_writes_its_files_and_says_how_it_goes(toy, tmp_path):
@@ -188,8 +166,8 @@ def test_list_names_every_recipe(capsys):
 
 
 def test_plot_draws_the_curves_of_runs(toy, tmp_path, capsys):
-    for name in ("one", "two"):
-        toy(tmp_path / name)
+    toy(tmp_path / "one", replace(TOY, total_steps=400))
+    shutil.copytree(tmp_path / "one", tmp_path / "two")
     out = tmp_path / "curves.png"
     assert main(["plot", str(tmp_path / "one"), str(tmp_path / "two"), "--out", str(out)]) == 0
     assert out.read_bytes().startswith(b"\x89PNG")

@@ -213,8 +213,7 @@ def test_correlated_noise():
     assert (last * coloured.normal(like)).mean().item() == pytest.approx(0.6, abs=0.03)
 
 
-@pytest.mark.parametrize("lstm_size", [0, 16], ids=["plain", "lstm"])
-@pytest.mark.parametrize("discrete", [False, True], ids=["box", "discrete"])
+@pytest.mark.parametrize(("discrete", "lstm_size"), [(False, 16), (True, 0)])
 def test_the_toy_is_learnt(discrete, lstm_size):
     network = NetworkConfig(lstm_size=lstm_size, head_layers=(32,), log_std=-0.5)
     learner, collector = toy_learner(rows=16, discrete=discrete, network=network)

@@ -16,39 +16,8 @@ KINDS = (*FAMILIES, "HabPlace-v1")
 """These, and what starts with an object in the hand."""
 
 slow, long = pytest.mark.slow, pytest.mark.long
-every_env = pytest.mark.parametrize("env_id", ENVS)
-each_family = pytest.mark.parametrize(
-    "env_id", [e if e in FAMILIES else pytest.param(e, marks=long) for e in ENVS]
-)
-"""One environment of each kind; in the long tests every one."""
-
-each_kind = pytest.mark.parametrize(
-    "env_id", [e if e in KINDS else pytest.param(e, marks=long) for e in ENVS]
-)
-
-
-def modes(quick):
-    """Every control mode of every environment; slow or long unless `quick(env_id, number)`.
-
-    The slow ones have each environment with one more mode; those of different environments differ.
-    """
-    cases = []
-    for index, (env_id, entry) in enumerate(ENVS.items()):
-        names = entry.env.control_modes
-        for number, mode in enumerate(names):
-            rare = slow if number == (index + 1) % len(names) else long
-            cases.append(pytest.param(env_id, mode, marks=() if quick(env_id, number) else rare))
-    return pytest.mark.parametrize(("env_id", "mode"), cases)
-
-
-every_mode = modes(
-    lambda env_id, number: (
-        (number == 0 and env_id in FAMILIES) or env_id in ("HabPick-v1", "HabNavigate-v1")
-    )
-)
-"""In the quick tests one environment of each kind, and all arm and base modes."""
-
-every_mode_costly = modes(lambda env_id, number: number == 0 and env_id == "HabPick-v1")
+each_family = pytest.mark.parametrize("env_id", FAMILIES)
+each_kind = pytest.mark.parametrize("env_id", KINDS)
 
 
 def ee_mode(env_id):

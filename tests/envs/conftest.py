@@ -27,41 +27,42 @@ def episode_files(tmp_path_factory):
 
 
 class EnvPool:
-    """Environments that tests play one after another: making one takes longer than most tests."""
+    """Environments that tests play one after another: making one takes longer than most tests.
 
-    SIZE = 40
+    Each takes up to 150 MB, so that a few are kept: the least recently used is closed first.
+    """
+
+    SIZE = 10
 
     def __init__(self) -> None:
-        self._idle: dict[str, list[gym.Env]] = {}
-        self._used: list[str] = []
+        self._idle: list[tuple[str, gym.Env]] = []
 
     def take(self, key: str) -> gym.Env | None:
         """Returns one that nobody plays, None if there is none."""
-        return self._idle[key].pop() if self._idle.get(key) else None
+        for number, (known, env) in enumerate(self._idle):
+            if known == key:
+                del self._idle[number]
+                return env
+        return None
 
     def give_back(self, key: str, env: gym.Env) -> None:
         """Takes one that a test has played, unless the test closed it."""
         if env.unwrapped.scene is None:
             return
-        self._idle.setdefault(key, []).append(env)
-        self._used.append(key)
-        while sum(map(len, self._idle.values())) > self.SIZE:
-            oldest = self._used.pop(0)
-            if self._idle[oldest]:
-                self._idle[oldest].pop(0).close()
+        self._idle.append((key, env))
+        self.keep(self.SIZE)
 
-    def close(self) -> None:
-        """Closes all."""
-        for envs in self._idle.values():
-            for env in envs:
-                env.close()
+    def keep(self, count: int) -> None:
+        """Closes all but the `count` most recently used."""
+        while len(self._idle) > count:
+            self._idle.pop(0)[1].close()
 
 
 @pytest.fixture(scope="session")
 def env_pool():
     pool = EnvPool()
     yield pool
-    pool.close()
+    pool.keep(0)
 
 
 @pytest.fixture

@@ -21,6 +21,9 @@ DOCS = "docs"
 CARDS = ("baselines/ppo/hab_ppo/weights", "baselines/ppo/hab_ppo/navigation")
 """Folders with model cards and their pictures."""
 
+STUDIES = "eval/studies"
+"""A folder for each study, with its page and pictures."""
+
 PAGES = {
     "eval/README.md": "packages/eval.md",
     "eval/leaderboard/LEADERBOARD.md": "packages/leaderboard.md",
@@ -32,13 +35,19 @@ PAGES = {
     "assets/LICENSES.md": "packages/licences.md",
     "CONTRIBUTING.md": "packages/contributing.md",
     "CHANGELOG.md": "packages/changelog.md",
-} | {
+}
+PAGES |= {
     file.relative_to(ROOT).as_posix(): f"packages/policies/{file.name}"
     for folder in CARDS
     for file in sorted((ROOT / folder).iterdir())
     if file.suffix in (".md", ".png")
 }
-"""File of the repository -> page of the site, or its picture; the last ones are model cards."""
+PAGES |= {
+    file.relative_to(ROOT).as_posix(): f"packages/studies/{file.parent.name}/{file.name}"
+    for file in sorted((ROOT / STUDIES).glob("*/*"))
+    if file.suffix in (".md", ".png")
+}
+"""File of the repository -> page of the site, or its picture; model cards, then studies."""
 
 SOURCES = {page: file for file, page in PAGES.items()}
 HOME = {"README.md": "index.md"}

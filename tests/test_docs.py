@@ -269,3 +269,22 @@ def test_python_blocks_run(tmp_path):
                 [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True
             )
             assert done.returncode == 0, f"{name}: {code}\n{done.stderr}"
+
+
+GENERATED = re.compile(r"<!-- (?:status|bench): .*?<!-- end of (?:status|bench) -->", re.DOTALL)
+PERCENTAGE = re.compile(
+    r"\d[\d.]* ?%(?! (?:Wilson )?(?:confidence )?interval| of (?:its |the )?travel)"
+)
+"""A rate in percent; not the level of an interval, nor how far a drawer is open."""
+
+
+def test_rates_are_generated():
+    """Results stand in generated tables, which are regenerated when they change."""
+    packages = ("README.md", "eval/README.md", "assets/README.md")
+    found = [
+        f"{name}: {rate}"
+        for name, text in TEXTS.items()
+        if name in packages or name.startswith(("docs/", "baselines/"))
+        for rate in PERCENTAGE.findall(GENERATED.sub("", text))
+    ]
+    assert not found

@@ -105,8 +105,8 @@ class RunCommand(EpisodeOptions, ExecutorChoice, Command):
         from hab_eval.leaderboard import (
             build_groups,
             default_submissions,
+            find_submissions,
             group_title,
-            read_submissions,
         )
         from hab_eval.plain_text import show
         from hab_eval.progress import make_reporter
@@ -130,7 +130,7 @@ class RunCommand(EpisodeOptions, ExecutorChoice, Command):
         show(result_table(record))
         print(f"wrote {self.out / 'run.json'}")
         folder = default_submissions()
-        others = read_submissions(folder) if folder.is_dir() else {}
+        others = find_submissions(folder).current if folder.is_dir() else {}
         groups = build_groups({**others, "this run": record})
         for table in leaderboard_tables([g for g in groups if g.title == group_title(record)]):
             show(table)
@@ -163,21 +163,23 @@ class TableCommand(Command):
 
     def run(self) -> int:
         """Writes or checks the leaderboard."""
-        from hab_eval.leaderboard import default_submissions, leaderboard_texts, read_submissions
+        from hab_eval.leaderboard import default_submissions, find_submissions, leaderboard_texts
         from hab_eval.result_tables import filled
 
         submissions = self.submissions or default_submissions()
         benchmarks = self.benchmarks or submissions.parent.parent / "benchmarks"
         target = self.out or submissions.parent / "LEADERBOARD.md"
-        records = read_submissions(submissions)
+        found = find_submissions(submissions)
         if not target.name:
             raise OptionError(f"--out {target} is a folder; give a file name.")
         if target.suffix == ".html":
             raise OptionError(
                 f"--out {target} is the name of the web page; give a name that ends in .md."
             )
-        texts = leaderboard_texts(records, target)
-        texts |= {path: filled(_text_of(path), records.values(), benchmarks) for path in self.pages}
+        texts = leaderboard_texts(found, target)
+        for path in self.pages:
+            link = os.path.relpath(target, path.parent)
+            texts[path] = filled(_text_of(path), found, benchmarks, link)
         for path in () if self.check else texts:
             check_file(path, force=True)  # both or none
         for path, text in texts.items():

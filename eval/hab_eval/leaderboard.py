@@ -6,15 +6,17 @@ in which the file system lists a folder.
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from hab_eval.commands import command_of
 from hab_eval.config import COMMIT_SEPARATOR
 from hab_eval.environments import short_name
 from hab_eval.errors import ResultError
-from hab_eval.plain_text import markdown, markup
+from hab_eval.plain_text import markdown, markup, plain
 from hab_eval.results import RunRecord, read_record
 
 PRIVILEGED_MARK = "†"
@@ -22,6 +24,7 @@ FEW_EPISODES = 50
 FEW_MARK = "*"
 HANDLE_POSITION = "handle_position"
 COLUMNS = ("agent", "success %", "n", "steps", "s / step", "split", "seed", "version")
+AGAIN_FILE = "to_run_again.json"
 STAGES = "stages %"
 TITLE = "Leaderboard"
 LEGEND = (
@@ -36,6 +39,25 @@ EMPTY = "No submissions yet."
 
 
 @dataclass(frozen=True, kw_only=True)
+class Submissions:
+    """Submitted results.
+
+    Attributes:
+        all: File name -> record.
+        again: File name of a row that is to be run again -> date of its run; it is in no table,
+            since a later version of the environments changed its result or its commit is gone.
+    """
+
+    all: Mapping[str, RunRecord]
+    again: Mapping[str, str]
+
+    @property
+    def current(self) -> dict[str, RunRecord]:
+        """The rows that tables show."""
+        return {name: record for name, record in self.all.items() if name not in self.again}
+
+
+@dataclass(frozen=True, kw_only=True)
 class Group:
     """Comparable submissions: one environment on one set of scenes and objects.
 
@@ -44,12 +66,14 @@ class Group:
         stages: Names of a task's stages in order (S G.2); empty for a skill.
         scores: Names of a skill's scores, e.g. ``sct``.
         rows: Cells of each submission, one per column.
+        commands: Command of each submission.
     """
 
     title: str
     stages: tuple[str, ...] = ()
     scores: tuple[str, ...] = ()
     rows: tuple[tuple[str, ...], ...]
+    commands: tuple[str, ...]
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -75,6 +99,31 @@ def read_submissions(folder: Path) -> dict[str, RunRecord]:
     return {path.name: read_record(path) for path in sorted(folder.glob("*.json"))}
 
 
+def find_submissions(folder: Path) -> Submissions:
+    """Reads a folder of submissions and the list of those to be run again beside it.
+
+    Raises:
+        ResultError: The list cannot be read, or names a file that is not in the folder.
+    """
+    records, file = read_submissions(folder), folder.parent / AGAIN_FILE
+    again: dict[str, str] = {}
+    if file.is_file():
+        try:
+            again = {str(name): str(date) for name, date in json.loads(file.read_text()).items()}
+        except (OSError, ValueError, AttributeError) as error:
+            raise ResultError(f"{file}: not a JSON object of file name and date.") from error
+    if unknown := sorted(set(again) - set(records)):
+        raise ResultError(f"{file}: {unknown[0]!r} is no file of {folder}; remove its line.")
+    return Submissions(all=records, again=again)
+
+
+def with_submission(folder: Path, name: str, record: RunRecord) -> Submissions:
+    """Returns the submissions of a folder with one more, which need not be run again."""
+    found = find_submissions(folder)
+    again = {other: date for other, date in found.again.items() if other != name}
+    return Submissions(all={**found.all, name: record}, again=again)
+
+
 def build_groups(records: Mapping[str, RunRecord]) -> list[Group]:
     """Groups comparable records; within a group, sorts by success, agent, seed and file name."""
     by_title: dict[str, list[tuple[str, RunRecord]]] = {}
@@ -92,6 +141,8 @@ def to_markdown(groups: Sequence[Group]) -> str:
         lines.append(_markdown_row(group.columns))
         lines.append(_markdown_row(["---"] * len(group.columns)))
         lines += [_markdown_row(row) for row in group.rows]
+        # Indented code, which no character of a command can end.
+        lines += ["", *(f"    {plain(command)}" for command in group.commands)]
     if not groups:
         lines += ["", EMPTY]
     return "\n".join(lines) + "\n"
@@ -118,9 +169,9 @@ def to_html(groups: Sequence[Group]) -> str:
     return "\n".join([*lines, "</html>"]) + "\n"
 
 
-def leaderboard_texts(records: Mapping[str, RunRecord], target: Path) -> dict[Path, str]:
+def leaderboard_texts(submissions: Submissions, target: Path) -> dict[Path, str]:
     """Returns the content of the Markdown file `target` and of the web page beside it."""
-    groups = build_groups(records)
+    groups = build_groups(submissions.current)
     return {target: to_markdown(groups), target.with_name(f"{target.stem}.html"): to_html(groups)}
 
 
@@ -128,6 +179,11 @@ def group_title(record: RunRecord) -> str:
     """Returns the group of a run: runs are comparable if and only if their titles are equal."""
     objects = f", objects {record.objects}" if record.objects else ""
     return f"{record.env}, {record.scene_dataset}{objects}"
+
+
+def scenes_of(record: RunRecord) -> str:
+    """Returns the scenes and objects of a run, e.g. ``replicaCAD, ycb``."""
+    return ", ".join(name for name in (record.scene_dataset, record.objects) if name)
 
 
 def score_label(name: str) -> str:
@@ -143,6 +199,7 @@ def _group(title: str, named: Sequence[tuple[str, RunRecord]]) -> Group:
         stages=_stages(named[0][1]),
         scores=scores,
         rows=tuple(_row(record, scores) for _, record in named),
+        commands=tuple(command_of(record) for _, record in named),
     )
 
 

@@ -3,114 +3,27 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-import pytest
-from hab_eval.errors import ResultError
-from hab_eval.leaderboard import (
-    build_groups,
-    default_submissions,
-    read_submissions,
-    to_html,
-    to_markdown,
-)
-from hab_eval.result_tables import filled
+from hab_eval.leaderboard import build_groups, to_html, to_markdown
 from hab_eval.results import summarize, write_record
 from hab_eval.schema import to_json
 from stub_runs import make_record
 
 ROOT = Path(__file__).resolve().parents[2]
+PAGES = ("README.md", "docs/status.md", "docs/speed.md")
+MARK = re.compile(r"^<!-- (status|bench): ", flags=re.MULTILINE)
 
 
-def test_committed_leaderboard_follows_from_the_submissions():
-    groups = build_groups(read_submissions(default_submissions()))
-    folder = ROOT / "eval" / "leaderboard"
-    assert (folder / "LEADERBOARD.md").read_text(encoding="utf-8") == to_markdown(groups)
-    assert (folder / "LEADERBOARD.html").read_text(encoding="utf-8") == to_html(groups)
-
-
-TABLES = {
-    "README.md": (3, 0),
-    "docs/results.md": (5, 0),
-    "docs/speed.md": (0, 7),
-}
-"""Page -> minimum numbers of tables of results and of benchmarks."""
-
-MARK = re.compile(r"^<!-- (results|bench): ", flags=re.MULTILINE)
-
-
-def test_every_page_with_tables_is_known():
-    pages = [*ROOT.glob("*.md"), *ROOT.glob("*/*.md"), *ROOT.glob("*/*/*.md")]
-    marked = {str(p.relative_to(ROOT)) for p in pages if MARK.search(p.read_text("utf-8"))}
-    assert marked == set(TABLES), "list the page in TABLES"
-
-
-@pytest.mark.parametrize("name", TABLES)
-def test_tables_of_pages_follow_from_submissions_and_reports(name):
-    page = (ROOT / name).read_text(encoding="utf-8")
-    kinds = MARK.findall(page)
-    results, benches = TABLES[name]
-    assert kinds.count("results") >= results
-    assert kinds.count("bench") >= benches
-    records = read_submissions(default_submissions()).values()
-    assert filled(page, records, ROOT / "eval" / "benchmarks") == page, (
-        f"run: hab-eval table --pages {name}"
-    )
-
-
-PAGE = "Before.\n<!-- results: stub:make -->\nold\n<!-- end of results -->\nAfter.\n"
-
-
-def test_a_table_by_hand():
-    records = [
-        replace(make_record((True, False), privileged=True), agent="stub:make"),
-        replace(make_record((True,) * 50, env="HabPlace-v1", privileged=True), agent="stub:make"),
-        replace(make_record((False,), objects="ycb", privileged=True), agent="stub:make"),
-        make_record(),
-    ]
-    assert filled(PAGE, records, ROOT) == (
-        "Before.\n<!-- results: stub:make -->\n"
-        "| Stub † | apartment | apartment, ycb |\n"
-        "| --- | --- | --- |\n"
-        "| HabPick-v1 | 50.0 of 2\\* | 0.0 of 1\\* |\n"
-        "| HabPlace-v1 | 100.0 |  |\n"
-        "<!-- end of results -->\nAfter.\n"
-    )
-
-
-def test_a_table_of_a_module_has_a_row_for_each_agent_with_default_options():
-    records = [
-        replace(make_record((True,) * 50), agent="stub:place", env="HabPlace-v1"),
-        replace(make_record((True, False)), agent="stub:pick_b"),
-        replace(make_record((False,)), agent="stub:pick_a"),
-        replace(make_record((True,), options={"speed": "2"}), agent="stub:pick_a"),
-        make_record(),  # of another module
-    ]
-    by_pattern = filled(PAGE.replace("stub:make", "stub:p*"), records, ROOT)
-    assert by_pattern == filled(PAGE.replace("stub:make", "stub:*"), records, ROOT).replace(
-        "stub:*", "stub:p*"
-    )
-    assert filled(PAGE.replace("stub:make", "stub:*"), records, ROOT) == (
-        "Before.\n<!-- results: stub:* -->\n"
-        "| environment | agent | apartment |\n"
-        "| --- | --- | --- |\n"
-        "| HabPick-v1 | pick_a | 0.0 of 1\\* |\n"
-        "| HabPick-v1 | pick_b | 50.0 of 2\\* |\n"
-        "| HabPlace-v1 | place | 100.0 |\n"
-        "<!-- end of results -->\nAfter.\n"
-    )
-
-
-@pytest.mark.parametrize(
-    ("page", "wanted"),
-    [
-        (PAGE.replace("end of", "end"), "no end mark"),
-        (PAGE.replace("stub:make", "stub:*_blind"), r"No submission of stub:\*_blind;"),
-        (PAGE.replace("stub:make", "other:*"), r"No submission of other:\*; .*stub:make"),
-        (PAGE.replace("stub:make", "stub:other"), "No submission of stub:other; .*stub:make"),
-    ],
-)
-def test_a_table_that_cannot_be_made_is_refused(page, wanted):
-    with pytest.raises(ResultError, match=wanted):
-        filled(page, [replace(make_record(), agent="stub:make")], ROOT)
+def test_committed_pages_follow_from_the_submissions(cli):
+    """Every page with generated tables; `hab-eval table` names what differs."""
+    marked = {
+        str(p.relative_to(ROOT))
+        for p in (*ROOT.glob("*.md"), *ROOT.glob("*/*.md"), *ROOT.glob("*/*/*.md"))
+        if MARK.search(p.read_text("utf-8"))
+    }
+    assert marked == set(PAGES)
+    pages = [word for page in PAGES for word in ("--pages", ROOT / page)]
+    done = cli("table", *pages, "--check")
+    assert done.returncode == 0, done.stderr
 
 
 def test_rows_are_grouped_and_sorted_whatever_the_order_of_files():

@@ -14,7 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from hab_eval.errors import ResultError
-from hab_eval.leaderboard import default_submissions, read_submissions
+from hab_eval.leaderboard import default_submissions, find_submissions
 from hab_eval.plain_text import plain
 from hab_eval.site.agents import Card, agent_pages, read_cards
 from hab_eval.site.breakdown import Receptacles, read_receptacles
@@ -128,7 +128,7 @@ def _read(options: SiteOptions) -> Site:
     if not os.path.isdir(checkout):  # unlike Path.is_dir, False for an invalid name
         raise OptionError(f"--checkout {checkout}: not a folder; give a clone of the repository.")
     submissions = options.submissions or default_submissions()
-    records = read_submissions(submissions)
+    records = find_submissions(submissions).current
     if not records:
         raise ResultError(f"{submissions}: no submissions; hab-eval submit adds one.")
     entries = make_entries(records)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from hab_eval.commands import WILD, vary_command
 from hab_eval.config import EMBEDDED_DATASET
 from hab_eval.site.entries import Entry, dataset_rank, unique_slugs
-
-WILD = re.compile(r"(?P<base>.+)_wild_(?P<seed>\d+)")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,15 +110,6 @@ def dataset_pages(entries: Sequence[Entry], docs: Path) -> list[DatasetPage]:
             )
         )
     return pages
-
-
-def vary_command(name: str) -> str:
-    """Returns the command that generates a dataset of wild layouts; "" for other datasets."""
-    wild = WILD.fullmatch(name)
-    if wild is None or wild["base"] not in DESCRIPTIONS:
-        return ""
-    base = wild["base"] if wild["base"] == EMBEDDED_DATASET else f"PATH/{wild['base']}"
-    return f"hab-tasks vary {base} --wild --count 100 --seed {wild['seed']} --out {name}"
 
 
 def _described(name: str) -> str:

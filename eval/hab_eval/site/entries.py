@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from pathlib import PurePath
 
 from hab_eval.environments import short_name
-from hab_eval.leaderboard import FEW_EPISODES, HANDLE_POSITION
-from hab_eval.result_tables import scenes_of
+from hab_eval.leaderboard import FEW_EPISODES, HANDLE_POSITION, scenes_of
 from hab_eval.results import EpisodeResult, RunRecord
 from hab_eval.stats import mean
 from hab_eval.video_names import UNSAFE

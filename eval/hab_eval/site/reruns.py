@@ -5,9 +5,9 @@ from __future__ import annotations
 import shlex
 from collections.abc import Collection
 
-from hab_eval.config import COMMIT_SEPARATOR, EMBEDDED_DATASET
+from hab_eval.commands import command_of, dataset_options, vary_command
+from hab_eval.config import COMMIT_SEPARATOR
 from hab_eval.results import RunRecord
-from hab_eval.site.datasets import vary_command
 from hab_eval.site.entries import OTHER_KIND, Entry
 
 WEIGHT_OPTIONS = ("weights", "policy", "checkpoint")
@@ -25,30 +25,18 @@ def command_lines(entry: Entry) -> list[str]:
 
 def run_command(entry: Entry) -> str:
     """Returns the `hab-eval run` command of a submission."""
-    record = entry.record
-    split, _, novel = record.split.partition("+")
-    words = ["hab-eval", "run", "--agent", record.agent, "--env", record.env]
-    words += _dataset_options(record)
-    words += ["--split", split, "--novel", novel] if novel else ["--split", split]
-    words += ["--episodes", str(len(record.episodes)), "--seed", str(record.seed)]
-    for name, value in record.options.items():
-        words += ["--option", f"{name}={value}"]
-    for name, number in record.skill_config.items():
-        words += ["--skill-config", f"{name}={number!r}"]
-    if record.step_timeout_s is not None:
-        words += ["--step-timeout", f"{record.step_timeout_s:g}"]
-    return shlex.join([*words, "--out", f"runs/{entry.slug}"])
+    return f"{command_of(entry.record)} --out runs/{shlex.quote(entry.slug)}"
 
 
 def verify_command(entry: Entry) -> str:
     """Returns the `hab-eval verify` command of a submission."""
     words = ["hab-eval", "verify", entry.name, "--episodes", "10"]
-    return shlex.join([*words, *_dataset_options(entry.record)])
+    return shlex.join([*words, *dataset_options(entry.record)])
 
 
 def needs_path(record: RunRecord) -> bool:
     """Returns whether the commands contain the path of a dataset that is not shipped."""
-    return "PATH/" in " ".join([*_dataset_options(record), vary_command(record.scene_dataset)])
+    return "PATH/" in " ".join([*dataset_options(record), vary_command(record.scene_dataset)])
 
 
 def weights_of(record: RunRecord, kinds: Collection[str]) -> str:
@@ -85,14 +73,3 @@ def facts_of(entry: Entry) -> list[tuple[str, str]]:
 def _last_commit(git: str) -> str:
     """Returns the commit to check out: of several the last, without ``-dirty``."""
     return git.split(COMMIT_SEPARATOR)[-1].removesuffix("-dirty")
-
-
-def _dataset_options(record: RunRecord) -> list[str]:
-    words = []
-    if record.scene_dataset != EMBEDDED_DATASET:
-        generated = bool(vary_command(record.scene_dataset))
-        folder = "" if generated else "PATH/"
-        words += ["--scene-dataset", f"{folder}{record.scene_dataset}"]
-    if record.objects is not None:
-        words += ["--objects", f"PATH/{record.objects}"]
-    return words

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -68,7 +69,12 @@ class SubmitCommand(Command):
     def run(self) -> int:
         """Checks and copies the run, then writes the leaderboard."""
         from hab_eval.failures import read_runs
-        from hab_eval.leaderboard import default_submissions, leaderboard_texts, read_submissions
+        from hab_eval.leaderboard import (
+            AGAIN_FILE,
+            default_submissions,
+            leaderboard_texts,
+            with_submission,
+        )
         from hab_eval.results import write_record
         from hab_eval.submissions.checks import check_submission
         from hab_eval.submissions.naming import check_name, submission_name
@@ -78,8 +84,10 @@ class SubmitCommand(Command):
         folder = self.submissions or default_submissions()
         stem = check_name(self.name) if self.name is not None else submission_name(record)
         target = folder / f"{stem}.json"
-        records = {**read_submissions(folder), target.name: record}
-        texts = leaderboard_texts(records, folder.parent / "LEADERBOARD.md")
+        found = with_submission(folder, target.name, record)
+        texts = leaderboard_texts(found, folder.parent / "LEADERBOARD.md")
+        if (folder.parent / AGAIN_FILE).is_file():
+            texts[folder.parent / AGAIN_FILE] = json.dumps(found.again, indent=1) + "\n"
         _check_new(target, force=self.force)
         for path in texts:
             check_file(path, force=True)
@@ -89,7 +97,7 @@ class SubmitCommand(Command):
             with written_aside(path) as scratch:
                 scratch.write_text(text, encoding="utf-8")
             print(f"wrote {path}")
-        print("Result tables within pages: hab-eval table --pages README.md")
+        print("Tables within pages: hab-eval table --pages README.md --pages docs/status.md")
         return 0
 
 

@@ -1,0 +1,123 @@
+"""Tables of the status page, and rows that are to be run again."""
+
+import json
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import stub_runs
+from hab_eval.config import COMMIT_SEPARATOR
+from hab_eval.errors import ResultError
+from hab_eval.leaderboard import (
+    Submissions,
+    default_submissions,
+    find_submissions,
+    with_submission,
+)
+from hab_eval.result_tables import filled
+from hab_eval.results import write_record
+from hab_eval.status import again_table, best_table, rows_table
+from stub_runs import make_record
+
+CURRENT = "0.2.0"
+"""First version whose results are comparable with those of today."""
+
+
+def submitted(again=(), **records):
+    return Submissions(all=records, again=dict.fromkeys(again, "2026-11-23"))
+
+
+def agent(name, wins, episodes, **changes):
+    outcomes = (True,) * wins + (False,) * (episodes - wins)
+    return replace(make_record(outcomes, **changes), agent=name)
+
+
+def test_the_best_of_each_kind_is_chosen_among_current_rows():
+    found = submitted(
+        again=("old",),
+        old=agent("hab_ppo:pick_old", 10, 10),
+        planner=agent("hab_spa:spa_priv", 9, 10, privileged=True),
+        policy=agent("hab_ppo:pick_blind", 7, 10),
+        worse=agent("hab_ppo:pick_worse", 6, 10),
+        sensed=agent("hab_spa:spa", 8, 10),
+        random=agent("hab_eval:random_agent", 10, 10),
+    )
+    *_, row = best_table(found, "B.md").splitlines()
+    where = "B.md#habpick-v1-apartment"
+    assert row == (
+        f"| HabPick-v1 | [spa]({where}): 80.0 of 10 | [pick_blind]({where}): 70.0 of 10 "
+        f"| [spa_priv †]({where}): 90.0 of 10 | 86.3 (MonolithicRL, depth; Table 3) |"
+    )
+
+
+def test_where_nothing_is_current_the_table_says_so():
+    old = agent("hab_ppo:navigator", 1, 2, env="HabNavigate-v1")
+    *_, row = best_table(submitted(again=("old",), old=old), "B.md").splitlines()
+    assert row == f"| HabNavigate-v1 {3 * '| to be run again '}| not printed |"
+    told = agent("hab_tp_srl:tp_srl", 1, 2, env="HabSetTable-v1", privileged=True)
+    *_, row = best_table(submitted(told=told), "B.md").splitlines()
+    assert row.startswith(
+        "| HabSetTable-v1 | none | [tp_srl †](B.md#habsettable-v1-apartment): 50.0"
+    )
+
+
+def test_a_row_that_is_run_again_is_in_that_list_alone():
+    found = submitted(
+        again=("old",), old=agent("a:old", 1, 2), new=agent("a:new", 4, 5, objects="ycb")
+    )
+    assert again_table(found, "").splitlines()[2:] == [
+        "| old | 1 | Pick | apartment | 2026-11-23 |"
+    ]
+    # 4 of 5: Wilson 37.6 to 96.4.
+    (row,) = rows_table(found, "B.md").splitlines()[2:]
+    assert row == (
+        "| HabPick-v1 | [Stub](B.md#habpick-v1-apartment-objects-ycb) | 80.0 [37.6, 96.4] | 5 "
+        "| apartment, ycb | val | 0.1.0 |"
+    )
+
+
+def test_marks_are_filled_and_bad_ones_named(tmp_path):
+    found = submitted(new=agent("a:new", 4, 5))
+    page = "Before.\n<!-- status: rows -->\nold\n<!-- end of status -->\nAfter.\n"
+    text = filled(page, found, tmp_path, "B.md")
+    assert text.startswith("Before.\n<!-- status: rows -->\n| environment | agent |")
+    assert text.endswith("|\n<!-- end of status -->\nAfter.\n")
+    assert filled(text, found, tmp_path, "B.md") == text
+    for bad, words in (
+        (page.replace("end of", "end"), "no end mark"),
+        (page.replace("rows", "worst"), "again, best, rows"),
+    ):
+        with pytest.raises(ResultError, match=words):
+            filled(bad, found, tmp_path, "B.md")
+
+
+def test_a_new_submission_of_a_name_ends_its_wait(tmp_path):
+    folder = tmp_path / "submissions"
+    folder.mkdir()
+    write_record(folder / "a.json", make_record())
+    again = tmp_path / "to_run_again.json"
+    again.write_text(json.dumps({"a.json": "2026-11-23"}))
+    assert find_submissions(folder).current == {}
+    assert list(with_submission(folder, "a.json", make_record()).current) == ["a.json"]
+    again.write_text(json.dumps({"b.json": "2026-11-23"}))
+    with pytest.raises(ResultError, match=r"b\.json"):
+        find_submissions(folder)
+
+
+def test_rows_of_older_versions_and_lost_commits_are_to_be_run_again():
+    found = find_submissions(default_submissions())
+    assert not [n for n, r in found.current.items() if r.versions["hab-tasks"] < CURRENT]
+    root = Path(stub_runs.ROOT)
+    commits = {
+        one.partition("-")[0]
+        for record in found.current.values()
+        for one in (record.git or "").split(COMMIT_SEPARATOR)
+    }
+    names = "\n".join(f"{commit}^{{commit}}" for commit in sorted(commits))
+    done = subprocess.run(
+        ["git", "cat-file", "--batch-check"], cwd=root, input=names, capture_output=True, text=True
+    )
+    if done.returncode != 0:
+        pytest.skip("not a git checkout")
+    assert "missing" not in done.stdout

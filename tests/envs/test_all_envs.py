@@ -365,13 +365,3 @@ def test_an_unknown_control_mode_names_the_nearest(make):
         known = entry.env.control_modes[-1]
         with pytest.raises(UnknownNameError, match=f"Did you mean '{known}'"):
             make(env_id, control_mode=f"{known[:-1]}x")
-
-
-def test_every_arm_mode_has_a_twin_that_moves_the_base():
-    modes = control_configs()
-    endings = {"still": "", "velocity": "_base", "pose": "_pose"}
-    for name, config in modes.items():
-        if config.arm != "still":
-            assert name == config.arm + endings[config.base]
-            assert modes[config.arm].base == "still"
-            assert modes[f"{config.arm}_base"].base == "velocity"

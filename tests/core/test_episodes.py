@@ -98,7 +98,8 @@ def random_set(seed, count=20):
 def test_round_trip(tmp_path):
     for seed in range(4):
         for suffix in SUFFIXES:
-            file, episodes = tmp_path / f"new{seed}/folder/set{suffix}", random_set(seed)
+            file = tmp_path / f"new{seed}/folder/set{suffix}"
+            episodes = random_set(seed, 20 if seed else 0)
             write_episodes(episodes, file)
             assert read_episodes(file) == episodes
             file.unlink()
@@ -130,12 +131,6 @@ def test_a_new_file_can_be_read_by_others(tmp_path):
     assert (tmp_path / "set.json").stat().st_mode & 0o777 == 0o644
 
 
-def test_an_empty_set_is_fine(tmp_path):
-    empty = replace(random_set(0), episodes=())
-    write_episodes(empty, tmp_path / "set.json")
-    assert read_episodes(tmp_path / "set.json") == empty
-
-
 def test_an_episode_names_its_first_target():
     episodes = random_set(2).episodes
     assert {e.target for e in episodes if not e.targets} == {""}
@@ -162,11 +157,6 @@ def test_a_refusal_names_the_file_the_episode_and_the_field(tmp_path):
         file.write_text(json.dumps(raw))
         with pytest.raises(EpisodeError, match=rf"{re.escape(str(file))}[:,] .*{where}"):
             read_episodes(file)
-
-
-def test_a_file_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(EpisodeError, match=r"gone\.json: no such file"):
-        read_episodes(tmp_path / "gone.json")
 
 
 # Sources ---------------------------------------------------------------------------------------
@@ -222,14 +212,3 @@ def test_what_a_request_names_is_what_comes():
     assert episode.id == f"{ENV}/{source.dataset.name}/train/4/00001"
     novel = open_source(EpisodeRequest(env_id=ENV, split="train", seed=4, novel="objects"))
     assert novel.get(0).id == f"{ENV}/{source.dataset.name}/train+objects/4/00000"
-
-
-def test_unknown_names_are_named():
-    for wrong, match in (
-        ({"split": "trian"}, "Did you mean 'train'"),
-        ({"scene": "v3_sc7"}, "v3_sc7"),
-        ({"novel": "object"}, "Did you mean 'objects'"),
-        ({"env_id": "HabFly-v1"}, "HabFly-v1"),
-    ):
-        with pytest.raises(UnknownNameError, match=match):
-            open_source(EpisodeRequest(**{"env_id": ENV, **wrong})).get(0)

@@ -159,7 +159,7 @@ def test_a_bad_value_is_told_in_one_line(tmp_path, capsys):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.assets
 def test_recordings_of_the_real_rooms_replay(replica_cad, ycb, tmp_path):
     options = ("--scene-dataset", replica_cad, "--objects", ycb, "--count", 2)

@@ -42,8 +42,10 @@ def test_a_run_continues_after_its_last_round(tmp_path, capsys):
     assert "another seed" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("episodes", ["3", pytest.param("10", marks=pytest.mark.long)])
-@pytest.mark.parametrize("name", NAVIGATORS)
+@pytest.mark.parametrize(
+    ("name", "episodes"),
+    [("navigator", "3"), *(pytest.param(n, "10", marks=pytest.mark.long) for n in NAVIGATORS)],
+)
 def test_the_agents_solve_most_episodes(name, episodes, tmp_path):
     arrives = ["--skill-config", "learned_stop=0"] if NAVIGATORS[name] == "never" else []
     run = ["run", "--agent", f"hab_ppo:{name}", "--env", "HabNavigate-v1", "--episodes", episodes]

@@ -1,5 +1,6 @@
 """Suite train: its rows, and a training run that is timed."""
 
+import json
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -7,6 +8,8 @@ import pytest
 from hab_eval.bench.options import BenchOptions
 from hab_ppo import bench_train
 from hab_ppo.bench_train import RECURRENT, SUITE, run_train, trained
+
+from hab_tasks.errors import RunStoppedError
 
 
 @pytest.mark.parametrize("installed", [False, True], ids=["alone", "with sb3-contrib"])
@@ -41,7 +44,22 @@ def test_the_recurrent_recipe_has_an_lstm_and_the_same_heads():
     assert RECURRENT.preset.network.head_layers == fast.head_layers
 
 
-@pytest.mark.slow
+def test_a_training_run_is_timed_without_its_start(monkeypatch):
+    def run(command, **_):
+        out = Path(command[command.index("--out") + 1])
+        out.mkdir()
+        lines = [json.dumps({"time/steps_per_s": speed}) for speed in (900.0, 30.0, 20.0, 40.0)]
+        (out / "progress.jsonl").write_text("\n".join(lines) + "\n")
+        return SimpleNamespace(returncode=0 if command[4] == "pick_blind" else 2, stderr="no idea")
+
+    fake = SimpleNamespace(run=run, DEVNULL=None, PIPE=None)
+    monkeypatch.setattr(bench_train, "subprocess", fake)
+    assert trained("pick_blind", 10) == 30.0
+    with pytest.raises(RunStoppedError, match="training run of the benchmark failed"):
+        trained("pick_blnd", 10)
+
+
+@pytest.mark.long
 def test_a_short_training_run_is_timed(monkeypatch, tmp_path):
     monkeypatch.setenv("HAB_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(bench_train, "EPISODES", 2)

@@ -15,7 +15,6 @@ import stub_hab  # isort: skip
 import torch
 from hab_eval import plain_text
 from hab_eval.agent_checks import OBS_MODES, OBS_PARTS, _is_obs_mode
-from hab_eval.config import EvalConfig, SavedConfig, parse_options, read_config, write_config
 from hab_eval.errors import AgentError, ResultError
 from hab_eval.failures import draw_failures, failure_table
 from hab_eval.leaderboard import build_groups, to_html, to_markdown
@@ -40,7 +39,7 @@ from refusals import check_each
 from stub_runs import make_record
 
 from hab_tasks.agent import AgentReport, AgentSpec
-from hab_tasks.errors import OptionError, RunStoppedError
+from hab_tasks.errors import RunStoppedError
 
 NAMES = (
     *("PPO [/v2]", "[red]PPO[/red]", "[link=https://x]PPO[/link]", r"\[bold]", ":smile:"),  # rich
@@ -304,33 +303,6 @@ def test_whatever_is_written_can_be_read(tmp_path):
         write_record(folder.record_path, whole)
         assert read_record(folder.record_path) == whole
     assert min(kept, refused) > 20
-
-
-def odd_configuration(rng):
-    pairs = [f"{odd_text(rng)}={odd_text(rng)}" for _ in range(rng.randrange(3))]
-    return EvalConfig(
-        agent=odd_text(rng),
-        env=odd_text(rng),
-        split=rng.choice([None, odd_text(rng)]),
-        episodes=rng.choice([1, 5, 5, 10**6]),
-        seed=rng.choice([0, 2**63 - 1, 2**63 - 1, -1]),
-        options=parse_options(pairs),
-        step_timeout_s=rng.choice([None, 0.5, 5.0, float("nan")]),
-    )
-
-
-def test_whatever_configuration_is_made_can_be_read(tmp_path):
-    rng, kept = random.Random(1), 0
-    for _ in range(200):
-        try:
-            config = odd_configuration(rng)
-        except OptionError:
-            continue
-        kept += 1
-        saved = SavedConfig(config=config, versions={"python": "3.11"}, git=None)
-        write_config(tmp_path / "config.json", saved)
-        assert read_config(tmp_path / "config.json") == saved
-    assert kept > 10
 
 
 def test_obs_modes_are_those_of_maniskill():

@@ -1,6 +1,6 @@
 """Reset of one row of a batch, for every environment, on tensors without a simulator."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import pytest
 import torch
@@ -10,14 +10,12 @@ from hab_tasks.articulations import FRIDGE
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.measures import Tracker
 from hab_tasks.envs import ENVS
-from hab_tasks.tasks.progress import Progress
 
 N, STEPS = 3, 12
 ROWS, FRESH = torch.arange(N), torch.tensor([1])
 OTHERS = [0, 2]
 
 SKILLS = [e for e in ENVS if hasattr(ENVS[e].env, "skill")]
-TASKS = [e for e in ENVS if hasattr(ENVS[e].env, "task")]
 
 
 def snapshots(requirements, seed=0):
@@ -60,12 +58,6 @@ def tracker_of(requirements):
     return tracker
 
 
-def alone(shot, row):
-    """A batch of which every row is one and the same."""
-    values = {f.name: getattr(shot, f.name)[[row] * N] for f in fields(shot)}
-    return replace(shot, **values)
-
-
 @pytest.mark.parametrize("env_id", SKILLS)
 def test_a_row_that_starts_anew_neither_pays_nor_fails_for_its_past(env_id):
     skill = ENVS[env_id].env.skill
@@ -95,60 +87,3 @@ def test_a_row_that_starts_anew_neither_pays_nor_fails_for_its_past(env_id):
     # Its past would have ended it, where anything does.
     if "force" in evaluated.failures:
         assert evaluated.failures["force"].tolist() == [True, False, True]
-
-
-@pytest.mark.parametrize("env_id", SKILLS)
-def test_rows_of_a_skill_do_not_influence_each_other(env_id):
-    skill = ENVS[env_id].env.skill
-    shots = snapshots(skill.requirements, seed=1)
-
-    def play(shots):
-        tracker, found = tracker_of(skill.requirements), []
-        tracker.begin(shots[0], ROWS)
-        for step, shot in enumerate(shots[1:]):
-            if step == STEPS // 2:
-                tracker.begin(shot, FRESH)
-            tracker.advance(shot, ROWS >= 0)
-            found.append(evaluate_rules(skill, tracker.measures, shot, tracker.goals))
-        return found
-
-    whole = play(shots)
-    assert len({round(float(j.reward[0]), 4) for j in whole}) > 3
-    # Row 1 starts anew in the middle in both; the others are compared where they did not.
-    single = play([alone(shot, 1) for shot in shots])
-    for ours, others in zip(single, whole, strict=True):
-        assert torch.allclose(ours.reward[1], others.reward[1])
-        assert all(ours.failures[n][1] == others.failures[n][1] for n in ours.failures)
-    for row in OTHERS:
-        single = play([alone(shot, row) for shot in shots])
-        for ours, others in zip(single, whole, strict=True):
-            assert torch.allclose(ours.reward[row], others.reward[row])
-            assert ours.success[row] == others.success[row]
-
-
-@pytest.mark.parametrize("env_id", TASKS)
-def test_rows_of_a_task_do_not_influence_each_other(env_id):
-    env = ENVS[env_id].env
-    shots = snapshots(env.requirements, seed=2)
-
-    def play(shots):
-        tracker, progress = tracker_of(env.requirements), Progress(env.task, ROWS)
-        tracker.begin(shots[0], ROWS)
-        progress.begin(ROWS, shots[0], tracker.goals, tracker.targets)
-        for step, shot in enumerate(shots[1:]):
-            if step == STEPS // 2:
-                tracker.begin(shot, FRESH)
-                progress.begin(FRESH, shot, tracker.goals, tracker.targets)
-                tracker.refocus(shot, FRESH, progress.focus)
-            rows = progress.move_on()
-            tracker.refocus(shot, rows, progress.focus)
-            tracker.advance(shot, ROWS >= 0)
-            progress.advance(shot, tracker.measures, tracker.goals, tracker.targets)
-        return progress.get_state() | tracker.get_state()
-
-    whole = play(shots)
-    assert len(set(whole["part"].tolist()) | set(whole["stages"].tolist())) > 1
-    for row in range(N):
-        single = play([alone(shot, row) for shot in shots])
-        for name, value in whole.items():
-            assert torch.allclose(single[name][row], value[row]), name

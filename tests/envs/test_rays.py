@@ -2,8 +2,10 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -14,7 +16,6 @@ from playing import actions, slow
 from hab_tasks.engine import image_source
 from hab_tasks.errors import OptionError
 from hab_tasks.raycast.compiled import kernel
-from hab_tasks.rendering import gpu_renders
 from hab_tasks.robots.cameras import PLACES
 
 EVERY_CAMERA = tuple(PLACES)
@@ -49,17 +50,6 @@ def opens_no_graphics(env):
 # The images --------------------------------------------------------------------------------------
 
 
-@pytest.mark.skipif(not gpu_renders(), reason="no NVIDIA card that renders")
-def test_images_of_a_gpu_are_on_the_cpu_and_agree(make):
-    rays, renderer = (make(obs_mode="depth", render_backend=name) for name in ("rays", "gpu"))
-    mine, theirs = played(rays, 1), played(renderer, 1)
-    assert_agrees(depth_m(mine), depth_m(theirs))
-    env = gym.make_vec("hab_tasks:HabPick-v1", num_envs=2, obs_mode="rgb+depth", num_episodes=2)
-    obs, _ = env.reset(seed=0)
-    assert obs["sensor_data"]["head"]["rgb"].std() > 5
-    env.close()
-
-
 @pytest.mark.render
 @pytest.mark.parametrize(
     "options",
@@ -72,11 +62,10 @@ def test_images_of_a_gpu_are_on_the_cpu_and_agree(make):
     ],
     ids=["default", "cameras", "size", "noise", "configs"],
 )
-@pytest.mark.parametrize("env_id", ["HabPlace-v1", pytest.param("HabSetTable-v1", marks=slow)])
-def test_rays_agree_with_the_renderer(make, env_id, options):
+def test_rays_agree_with_the_renderer(make, options):
     """Place starts with an object in the hand."""
     rays, renderer = (
-        make(env_id, obs_mode="depth", render_backend=backend, **options)
+        make("HabPlace-v1", obs_mode="depth", render_backend=backend, **options)
         for backend in ("rays", "cpu")
     )
     for seed in (1, 2):
@@ -94,7 +83,9 @@ def test_rays_agree_with_the_renderer(make, env_id, options):
 @slow
 @pytest.mark.assets
 @pytest.mark.render
-@pytest.mark.parametrize("scene", ["v3_sc0_staging_00", "v3_sc1_staging_10", "apt_0"])
+@pytest.mark.parametrize(
+    "scene", ["v3_sc1_staging_10", pytest.param("apt_0", marks=pytest.mark.long)]
+)
 def test_rays_agree_with_the_renderer_in_replica_cad(data, scene):
     """Its materials are two-sided."""
     images = []
@@ -149,17 +140,6 @@ def test_point_clouds_have_no_colour(make):
     assert (apart_m > 0.02).float().mean() < 0.01
 
 
-def test_the_arm_hides_nothing_when_invisible(make):
-    seen, unseen = (
-        depth_m(
-            make(obs_mode="depth", render_backend="rays", invisible_arm=hidden).reset(seed=1)[0]
-        )
-        for hidden in (False, True)
-    )
-    assert (unseen["head"] >= seen["head"] - 1e-6).all()
-    assert (unseen["head"] > seen["head"] + 0.1).mean() > 0.02
-
-
 # A pure function of the state --------------------------------------------------------------------
 
 
@@ -183,32 +163,11 @@ def test_the_same_state_gives_the_same_image_whatever_came_before(make):
             assert torch.equal(images["depth"], look[name]["depth"]), name
 
 
-def test_looking_twice_changes_nothing(make):
-    env = make(obs_mode="depth", render_backend="rays")
-    obs = played(env, 1)
-    one, two = env.unwrapped.look(), env.unwrapped.look()
-    for name, images in obs["sensor_data"].items():
-        assert torch.equal(images["depth"], one["sensor_data"][name]["depth"])
-        assert torch.equal(images["depth"], two["sensor_data"][name]["depth"])
-
-
 def test_the_kernel_is_compiled_once(make):
     """For one combination of array types; each takes seconds."""
     make(obs_mode="depth", render_backend="rays").reset(seed=1)
     make(obs_mode="depth+segmentation", render_backend="rays").reset(seed=1)
     assert len(kernel().cast.signatures) == 1
-
-
-def test_noise_is_that_of_the_episode(make):
-    options = {"obs_mode": "depth", "render_backend": "rays"}
-    clean = depth_m(make(**options).reset(seed=1)[0])
-    noisy = [
-        depth_m(make(**options, sensor_noise={"depth_at_1_m_m": 0.01}).reset(seed=1)[0])
-        for _ in range(2)
-    ]
-    for name, image in clean.items():
-        assert np.array_equal(noisy[0][name], noisy[1][name])
-        assert 0.001 < np.abs(noisy[0][name] - image).mean() < 0.2
 
 
 # The option --------------------------------------------------------------------------------------
@@ -222,58 +181,49 @@ def test_depth_is_cast_by_default(make):
     assert make(obs_mode="state").unwrapped._rays is None
 
 
-@pytest.mark.parametrize(
-    ("gpu", "options", "expected"),
-    [
-        (False, {"obs_mode": "depth"}, ("none", True)),
-        (False, {"obs_mode": "depth", "render_mode": "sensors"}, ("none", True)),
-        (False, {"obs_mode": "depth", "render_mode": "rgb_array"}, ("cpu", True)),
-        (False, {"obs_mode": "rgb+depth"}, ("cpu", False)),
-        (False, {"obs_mode": "pointcloud"}, ("cpu", False)),
-        (
-            False,
-            {"obs_mode": "depth", "sensor_configs": {"shader_pack": "default"}},
-            ("cpu", False),
-        ),
-        (False, {"obs_mode": "state"}, ("none", False)),
-        (False, {"obs_mode": "state", "render_mode": "human"}, ("cpu", False)),
-        (True, {"obs_mode": "depth"}, ("none", True)),
-        (True, {"obs_mode": "depth", "num_envs": 2}, ("gpu", False)),
-        (True, {"obs_mode": "depth", "render_mode": "rgb_array"}, ("gpu", True)),
-        (True, {"obs_mode": "rgb+depth"}, ("gpu", False)),
-    ],
+AUTO = (
+    (False, {"obs_mode": "depth"}, ("none", True)),
+    (False, {"obs_mode": "depth", "render_mode": "sensors"}, ("none", True)),
+    (False, {"obs_mode": "depth", "render_mode": "rgb_array"}, ("cpu", True)),
+    (False, {"obs_mode": "rgb+depth"}, ("cpu", False)),
+    (False, {"obs_mode": "pointcloud"}, ("cpu", False)),
+    (False, {"obs_mode": "depth", "sensor_configs": {"shader_pack": "default"}}, ("cpu", False)),
+    (False, {"obs_mode": "state"}, ("none", False)),
+    (False, {"obs_mode": "state", "render_mode": "human"}, ("cpu", False)),
+    (True, {"obs_mode": "depth"}, ("none", True)),
+    (True, {"obs_mode": "depth", "num_envs": 2}, ("gpu", False)),
+    (True, {"obs_mode": "depth", "render_mode": "rgb_array"}, ("gpu", True)),
+    (True, {"obs_mode": "rgb+depth"}, ("gpu", False)),
 )
-def test_auto_renders_only_what_rays_cannot_see(monkeypatch, gpu, options, expected):
-    monkeypatch.setattr("hab_tasks.rendering.gpu_renders", lambda: gpu)
+"""Whether a GPU renders, options, and the renderer and whether rays are cast."""
+
+
+def test_auto_renders_only_what_rays_cannot_see(monkeypatch):
     monkeypatch.setattr("hab_tasks.rendering.software_vulkan_works", lambda: True)
-    source = image_source.choose_source("auto", options)
-    assert (source.renderer, source.casts_rays) == expected
+    wrong = []
+    for gpu, options, expected in AUTO:
+        monkeypatch.setattr("hab_tasks.rendering.gpu_renders", lambda found=gpu: found)
+        source = image_source.choose_source("auto", options)
+        if (source.renderer, source.casts_rays) != expected:
+            wrong.append((gpu, options, source))
+    assert wrong == []
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
+def test_rays_refuse_what_only_a_renderer_delivers(make):
+    shader = {"obs_mode": "depth", "sensor_configs": {"head": {"shader_pack": "rt"}}}
+    gpu = {"obs_mode": "depth", "sim_backend": "physx_cuda"}
+    for options, words in (
         ({"obs_mode": "rgb"}, "obs_mode='rgb', which needs a renderer"),
         ({"obs_mode": "rgb+depth"}, "rays deliver depth, position and segmentation"),
-        ({"obs_mode": "sensor_data"}, "which needs a renderer"),
         ({"obs_mode": "depth+normal"}, "which needs a renderer"),
-        (
-            {"obs_mode": "depth", "sensor_configs": {"head": {"shader_pack": "rt"}}},
-            "'shader_pack' in sensor_configs",
-        ),
-    ],
-)
-def test_rays_refuse_what_only_a_renderer_delivers(make, options, words):
-    with pytest.raises(OptionError, match="render_backend is 'rays'") as refused:
-        make(render_backend="rays", **options)
-    assert words in str(refused.value)
-    assert "\n" not in str(refused.value)
-
-
-def test_rays_refuse_gpu_simulation():
-    options = {"obs_mode": "depth", "sim_backend": "physx_cuda"}
+        (shader, "'shader_pack' in sensor_configs"),
+    ):
+        with pytest.raises(OptionError, match="render_backend is 'rays'") as refused:
+            make(render_backend="rays", **options)
+        assert words in str(refused.value)
+        assert "\n" not in str(refused.value)
     with pytest.raises(OptionError, match="rays are cast on the CPU"):
-        image_source.choose_source("rays", options)
+        image_source.choose_source("rays", gpu)
 
 
 @pytest.mark.render
@@ -344,16 +294,18 @@ def test_rays_work_without_drivers_and_with_a_cache_that_is_not_writable(
 
 
 @slow
-def test_a_damaged_kernel_is_compiled_again(episode_files, tmp_path):
-    cache = {"HAB_CACHE_DIR": str(tmp_path / "cache")}
-    before, _ = run(episode_files["HabPick-v1"], **cache)
-    files = [f for f in (tmp_path / "cache" / "numba").rglob("*") if f.suffix in (".nbc", ".nbi")]
+def test_a_damaged_kernel_is_compiled_again(episode_files, tmp_path, make):
+    env = make(obs_mode="depth", render_backend="rays")
+    env.reset(seed=1)
+    obs, *_ = env.step(np.zeros(env.action_space.shape, dtype=np.float32))
+    cache = tmp_path / "cache"
+    shutil.copytree(Path(os.environ["HAB_CACHE_DIR"]) / "numba", cache / "numba")
+    files = [f for f in (cache / "numba").rglob("*") if f.suffix in (".nbc", ".nbi")]
     assert len(files) == 2
     for file in files:
         file.write_bytes(b"damaged")
-    after, said = run(episode_files["HabPick-v1"], **cache)
-    assert after == before
+    found, said = run(episode_files["HabPick-v1"], HAB_CACHE_DIR=str(cache))
+    mean = obs["sensor_data"]["head"]["depth"].mean().item()
+    assert found["mean"] == pytest.approx(mean, abs=1e-6)
     assert "damaged cache entry" in said
-    again, said = run(episode_files["HabPick-v1"], **cache)
-    assert again == before
-    assert "damaged" not in said
+    assert all(file.read_bytes() != b"damaged" for file in files)

@@ -21,13 +21,11 @@ from hab_tasks.scenes.pool import BodyPool
 BOX = 'size="0.4 0.3, 0.2"'
 LIMIT = '<limit lower="0" upper="0.25" effort="10" velocity="1"/>'
 MASS = '<mass value="5"/>'
-INERTIA = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
 ORIGIN = '<origin xyz="0.3, 0, 0"/>'
 MESH = '<mesh filename="body.glb" scale="1, 1, 1"/>'
 AXIS = '<axis xyz="1, 0, 0"/>'
 ENDS = '<parent link="body"/><child link="drawer"/>'
 LINK = '<link name="drawer">'
-JOINT = '<joint name="slide" type="prismatic">'
 END = "</robot>"
 
 SECOND_JOINT = '<joint name="again" type="fixed">{}</joint></robot>'

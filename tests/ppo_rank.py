@@ -46,7 +46,7 @@ def run_ranks(size: int, folder: Path, *modes: str) -> list[dict[str, Any]]:
         for rank, file in enumerate(files)
     ]
     try:
-        assert [process.wait(timeout=120) for process in processes] == [0] * size
+        assert [process.wait(timeout=300) for process in processes] == [0] * size
     finally:
         for process in processes:
             process.kill()

@@ -39,15 +39,7 @@ def read_shape(shape: sapien.physx.PhysxCollisionShape) -> CollisionShape:
     vertices, faces, half = EMPTY_VERTICES, EMPTY_FACES, np.zeros(3)
     if isinstance(shape, sapien.physx.PhysxCollisionShapeBox):
         kind, half = "box", np.asarray(shape.half_size, dtype=float)
-    elif isinstance(shape, sapien.physx.PhysxCollisionShapeSphere):
-        kind, half = "sphere", np.array([shape.radius, 0.0, 0.0])
-    elif isinstance(shape, sapien.physx.PhysxCollisionShapeCapsule):
-        kind, half = "capsule", np.array([shape.radius, shape.half_length, 0.0])
-    elif isinstance(shape, sapien.physx.PhysxCollisionShapeCylinder):
-        kind, half = "cylinder", np.array([shape.radius, shape.half_length, 0.0])
-    elif isinstance(shape, sapien.physx.PhysxCollisionShapePlane):
-        kind = "plane"
-    else:
+    else:  # Fetch has meshes only
         kind = "convex"
         vertices = np.asarray(shape.vertices, dtype=float) * np.asarray(shape.scale)
         faces = np.asarray(shape.triangles, dtype=np.int64)
@@ -143,9 +135,8 @@ def make_scene(tmp_path: Path) -> Callable[[], FetchScene]:
     """Returns a maker of scenes that hold nothing but Fetch in the rest pose."""
 
     def make() -> FetchScene:
-        physics.use_settings(
-            physics.sim_config()
-        )  # as in an environment, whatever the process did before
+        # As in an environment, whatever the process did before.
+        physics.use_settings(physics.sim_config())
         scene = sapien.Scene([sapien.physx.PhysxCpuSystem()])
         loader = scene.create_urdf_loader()
         loader.fix_root_link = True

@@ -11,12 +11,8 @@ from hab_tasks.robots.robot import ROBOT
 
 
 def test_rows_hold_plans_beside_bounds_and_the_reference():
-    timings = [
-        PlanTiming(
-            seconds=seconds, checks=1000, check_s=5e-5, joints_check_s=5e-4, state_check_s=1e-3
-        )
-        for seconds in (0.1, 0.2, 0.3)
-    ]
+    costs = {"checks": 1000, "check_s": 5e-5, "joints_check_s": 5e-4, "state_check_s": 1e-3}
+    timings = [PlanTiming(seconds=seconds, **costs) for seconds in (0.1, 0.2, 0.3)]
     agreed = Agreement(poses=200, touching=80, disagreements=4, far=1)
     rows = {row.name: row for row in plan_rows(("plan", "apartment", "Env"), timings, agreed)}
     found = {name.split("/")[-1]: row for name, row in rows.items()}

@@ -22,11 +22,11 @@ slow = pytest.mark.slow
 @pytest.mark.parametrize("name", ["pick_fridge", pytest.param("place_fridge", marks=slow)])
 def test_half_of_the_start_states_are_at_the_fridge(name):
     request = training_request(find_recipe(name))
-    targets = [episode.targets[0] for episode in load_episodes(request, COUNT).episodes]
+    targets = [episode.targets[0] for episode in load_episodes(request, 2 * COUNT).episodes]
     receptacles = [one.start or one.goal for one in targets]
-    # 1/2 and 1/6 or 1/7 of the others are expected: 7 of 12, with a standard deviation of 1.7.
+    # 1/2 and 1/6 or 1/7 of the others are expected: 14 of 24, with a standard deviation of 2.4.
     at_fridge = sum(ref is not None and ref[0] == FRIDGE for ref in receptacles)
-    assert 4 <= at_fridge <= 11
+    assert 6 <= at_fridge <= 22
 
 
 @slow

@@ -42,7 +42,7 @@ one_mode = pytest.mark.parametrize(
 
 
 @every_mode
-def test_steps_are_as_declared_and_bad_actions_move_nothing(make, env_id, modes):
+def test_steps_are_as_declared_and_looks_and_bad_actions_change_nothing(make, env_id, modes):
     for mode in modes:
         env = make(env_id, obs_mode="state_dict", control_mode=mode)
         obs, _ = env.reset(seed=0)
@@ -57,6 +57,7 @@ def test_steps_are_as_declared_and_bad_actions_move_nothing(make, env_id, modes)
             assert bool(info["fail"]) == any(bool(f) for f in info["failures"].values()), mode
             assert not (info["success"] & info["fail"]), mode
             assert not truncated or int(info["elapsed_steps"]) == ENVS[env_id].horizon_steps
+        check_looking(env, mode)
         check_bad_actions(env, mode)
 
 
@@ -69,6 +70,16 @@ def check_observation(env, env_id, obs):
             assert space.contains(obs[group][key].numpy()), (group, key)
     shapes = {name.rsplit("/", 1)[-1]: tuple(value.shape[1:]) for name, value in flat(obs)}
     assert shapes == {e.name: e.shape for e in ENVS[env_id].env.observation}
+
+
+def check_looking(env, mode):
+    base = env.unwrapped
+    before = base.get_state_dict()
+    first = base.evaluate(), base.get_obs()
+    second = base.evaluate(), base.get_obs()
+    base.privileged()
+    assert all(same(a, b) for a, b in zip(first, second, strict=True)), mode
+    assert same(base.get_state_dict(), before), mode
 
 
 def check_bad_actions(env, mode):
@@ -110,7 +121,7 @@ def test_flat_state_is_all_entries_in_order(make, env_id):
 def test_reset_pays_and_ends_nothing(make):
     for env_id in ENVS:
         env = make(env_id)
-        for index in range(4):
+        for index in range(2):
             _, info = env.reset(options={"episode": index})
             assert "reconfigure" in info
             evaluated = env.unwrapped.evaluate()
@@ -135,20 +146,6 @@ def test_other_reward_modes_follow_from_the_dense_one(make, env_id):
     assert torch.allclose(runs["normalized_dense"], expected)
     assert torch.equal(runs["sparse"], ends)
     assert not runs["none"].any()
-
-
-@one_mode
-def test_looking_changes_nothing(make, env_id, mode):
-    env = make(env_id, control_mode=mode)
-    base = env.unwrapped
-    env.reset(seed=2)
-    play(env, actions(env, 10))
-    before = base.get_state_dict()
-    first = base.evaluate(), base.get_obs()
-    second = base.evaluate(), base.get_obs()
-    base.privileged()
-    assert all(same(a, b) for a, b in zip(first, second, strict=True))
-    assert same(base.get_state_dict(), before)
 
 
 def two_episodes(env, count, options):
@@ -178,26 +175,6 @@ def test_two_episodes_are_the_same_with_the_same_actions(make, env_id, mode):
     for step, (fresh, rebuilt, shown) in enumerate(zip(*records, strict=True)):
         assert same(fresh, rebuilt), f"step {step} differs"
         assert same(fresh["obs"], shown["obs"], atol=1e-4), f"step {step} differs"
-
-
-@slow
-@each_family
-def test_random_steps_stay_finite(make, env_id):
-    """Over the ends of episodes."""
-    env = make(env_id, max_episode_steps=100)
-    env.reset(seed=0)
-    env.action_space.seed(0)
-    ends = 0
-    for step in range(300):
-        obs, reward, terminated, truncated, info = env.step(env.action_space.sample())
-        assert torch.isfinite(obs).all(), f"step {step}"
-        assert torch.isfinite(reward).all(), f"step {step}"
-        assert all(torch.isfinite(m).all() for m in info["measures"].values()), f"step {step}"
-        if terminated or truncated:
-            obs, _ = env.reset()
-            assert torch.isfinite(obs).all(), f"reset after step {step}"
-            ends += 1
-    assert ends >= 3
 
 
 @each_family
@@ -261,10 +238,11 @@ def test_episodes_end_at_the_horizon(make, env_id, steps):
 # Actions ---------------------------------------------------------------------------------------
 
 
-@one_mode
+@pytest.mark.parametrize(
+    ("env_id", "mode"),
+    [("HabPick-v1", "ee"), ("HabNavigate-v1", "base"), ("HabSetTable-v1", "joint_target_base")],
+)
 def test_actions_out_of_range_are_clipped(make, env_id, mode):
-    if mode == "base_discrete":
-        return  # a cell is known or refused
     ends = []
     for factor in (1.0, 7.0):
         env = make(env_id, control_mode=mode)

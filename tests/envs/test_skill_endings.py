@@ -235,19 +235,22 @@ def navigate_at(make, offset_m, turn_rad, **options):
     return env
 
 
-@pytest.mark.parametrize(
-    ("offset_m", "turn_rad", "there"),
-    [(0.0, 0.0, True), (0.2, 0.4, True), (0.2, 0.55, False), (0.45, 0.0, False)],
-)
-def test_stopping_ends_navigate_within_30_cm_and_half_a_radian(make, offset_m, turn_rad, there):
-    env = navigate_at(make, offset_m, turn_rad)
-    step = env.step(STOP_CELL)
-    over, terms = ended(step)
-    assert step[-1]["measures"]["stopped"]
-    assert float(step[-1]["measures"]["base_to_goal_m"]) == pytest.approx(offset_m, abs=0.06)
-    assert float(step[-1]["measures"]["heading_error_rad"]) == pytest.approx(turn_rad, abs=1e-3)
-    assert bool(step[-1]["success"]) == over == there
-    assert terms["success"] == 10.0 * there
+def test_stopping_ends_navigate_within_30_cm_and_half_a_radian(make):
+    for offset_m, turn_rad, there in (
+        (0.0, 0.0, True),
+        (0.2, 0.4, True),
+        (0.2, 0.55, False),
+        (0.45, 0.0, False),
+    ):
+        env = navigate_at(make, offset_m, turn_rad)
+        step = env.step(STOP_CELL)
+        over, terms = ended(step)
+        measures = step[-1]["measures"]
+        assert measures["stopped"]
+        assert float(measures["base_to_goal_m"]) == pytest.approx(offset_m, abs=0.06)
+        assert float(measures["heading_error_rad"]) == pytest.approx(turn_rad, abs=1e-3)
+        assert bool(step[-1]["success"]) == over == there, (offset_m, turn_rad)
+        assert terms["success"] == 10.0 * there
 
 
 def test_arriving_without_the_stop_action_ends_nothing(make):

@@ -109,7 +109,7 @@ def go_on_and_come_back(env, gripper):
 
 
 @pytest.mark.slow
-@in_hand
+@pytest.mark.parametrize("env_id", ["HabPlace-v1", "HabCloseFridge-v1"])
 def test_another_environment_goes_on_alike(make, env_id):
     """In another process's place: a new environment, in the same episode, that never grasped.
 
@@ -138,7 +138,7 @@ def test_what_has_just_been_let_go_falls_alike(make):
     assert float(original[0]["measures"]["force_n"]) == 0.0, "it touches the hand"
 
 
-@in_hand
+@pytest.mark.parametrize("env_id", ["HabPick-v1", "HabCloseFridge-v1"])
 def test_a_restored_held_object_still_spares_the_robot(make, env_id):
     env, _ = middle(make, env_id, "holding")
     grasp = env.unwrapped._simulation._grasp

@@ -6,7 +6,7 @@ import pytest
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from playing import slow
-from vectors import MAX_STEPS, flat, make_vec, sampled_actions
+from vectors import MAX_STEPS, make_vec, sampled_actions
 
 from hab_tasks.errors import ActionError, EpisodeError, HabError, OptionError, UnknownNameError
 
@@ -128,57 +128,51 @@ def test_a_row_can_be_asked_for_its_state(env):
     env.reset(seed=6)
     for action in actions_of(env, 4):
         obs, reward, *_ = env.step(action)
-    for row, state in enumerate(env.call("get_state_dict")):
-        assert float(state["hab"]["tracker"]["steps"][0, 0]) == 4.0
-        single = gym.make("hab_tasks:HabPick-v1", num_episodes=8)
-        single.reset(seed=6 + row)
-        single.unwrapped.set_state_dict(state)
-        info = single.unwrapped.get_info()
-        # The engine computes the links' poses from the joints; in a step, it integrates them too.
-        np.testing.assert_allclose(single.unwrapped.get_obs(info)[0], obs[row], atol=1e-6)
-        assert float(info["reward"][0]) == pytest.approx(float(reward[row]), abs=1e-6)
-        single.close()
-        break  # one is enough: each takes seconds
+    states = env.call("get_state_dict")
+    assert [float(state["hab"]["tracker"]["steps"][0, 0]) for state in states] == [4.0] * ROWS
+    row = 1
+    single = gym.make("hab_tasks:HabPick-v1", num_episodes=8)
+    single.reset(seed=6 + row)
+    single.unwrapped.set_state_dict(states[row])
+    info = single.unwrapped.get_info()
+    # The engine computes the links' poses from the joints; in a step, it integrates them too.
+    np.testing.assert_allclose(single.unwrapped.get_obs(info)[0], obs[row], atol=1e-6)
+    assert float(info["reward"][0]) == pytest.approx(float(reward[row]), abs=1e-6)
+    single.close()
 
 
-@pytest.mark.parametrize(
-    ("action", "words"),
-    [
+def test_bad_actions_are_refused(env):
+    before, _ = env.reset(seed=1)
+    for action, words in (
         (np.zeros((ROWS, 3)), r"shape \(4, 3\); expected \(4, 4\)"),
         (np.zeros(4), r"expected \(4, 4\)"),
         ([[0.0] * 4] * 3 + [[0.0, np.nan, 0.0, 0.0]], "Action 3 has a non-finite value"),
         ([["a"] * 4] * 4, "not an array of numbers"),
         (None, "not an array of numbers|expected"),
-    ],
-)
-def test_bad_actions_are_refused(env, action, words):
-    before, _ = env.reset(seed=1)
-    with pytest.raises(ActionError, match=words):
-        env.step(action)
+    ):
+        with pytest.raises(ActionError, match=words):
+            env.step(action)
     assert env.step(np.zeros((ROWS, 4)))[0].shape == before.shape
 
 
-@pytest.mark.parametrize(
-    ("arguments", "error", "words"),
-    [
+def test_bad_resets_are_refused_and_the_next_works(env):
+    nobody = np.zeros(ROWS, dtype=bool)
+    for arguments, error, words in (
         ({"seed": -1}, OptionError, "seed is -1"),
         ({"seed": [1, 2]}, OptionError, "one, or 4 in a list"),
         ({"options": {"reset_mask": [True]}}, OptionError, "an array of 4 booleans"),
-        ({"options": {"reset_mask": np.zeros(ROWS, dtype=bool)}}, OptionError, "one of them True"),
+        ({"options": {"reset_mask": nobody}}, OptionError, "one of them True"),
         ({"options": {"episode": 50}}, EpisodeError, "Episode 50: valid indices are 0 to 7"),
         ({"options": {"episode": [1, 2]}}, OptionError, "one, or 4 in a list"),
         ({"options": 3}, OptionError, "a dict, or None"),
-    ],
-)
-def test_bad_resets_are_refused_and_the_next_works(env, arguments, error, words):
-    with pytest.raises(error, match=words):
-        env.reset(**arguments)
-    assert env.reset(seed=1)[0].shape[0] == ROWS
+    ):
+        with pytest.raises(error, match=words):
+            env.reset(**arguments)
+        assert env.reset(seed=1)[0].shape[0] == ROWS
 
 
-@pytest.mark.parametrize(
-    ("options", "error", "words"),
-    [
+def test_bad_options_are_refused_before_anything_starts():
+    for options, error, words in (
         ({"num_envs": 0}, OptionError, "num_envs is 0.*from 1 to 4,096"),
         ({"num_workers": 3}, OptionError, "num_workers is 3.*at most one for each row"),
         ({"num_workers": 0}, OptionError, "num_workers is 0"),
@@ -188,24 +182,18 @@ def test_bad_resets_are_refused_and_the_next_works(env, arguments, error, words)
         ({"action_repeat": 0}, OptionError, "action_repeat is 0.*from 1 to 1,000"),
         ({"copy": 1}, OptionError, "copy is 1; it has to be True or False"),
         ({"info_keys": 3}, OptionError, "info_keys is 3"),
-    ],
-)
-def test_bad_options_are_refused_before_anything_starts(options, error, words):
-    with pytest.raises(error, match=words):
-        make_vec("HabPick-v1", **{"num_envs": 2, "num_workers": 2, **options})
+    ):
+        with pytest.raises(error, match=words):
+            make_vec("HabPick-v1", **{"num_envs": 2, "num_workers": 2, **options})
 
 
-@pytest.mark.parametrize(
-    ("options", "error", "words"),
-    [
+def test_workers_report_bad_options():
+    for options, error, words in (
         ({"info_keys": ["success_"]}, UnknownNameError, "'success_'. Did you mean 'success'"),
-        ({"camera": 1}, UnknownNameError, "Did you mean 'cameras'"),
         ({"scene_dataset": "/nowhere"}, HabError, "/nowhere"),
-    ],
-)
-def test_workers_report_bad_options(options, error, words):
-    with pytest.raises(error, match=words):
-        make_vec("HabPick-v1", 1, **options)
+    ):
+        with pytest.raises(error, match=words):
+            make_vec("HabPick-v1", 1, **options)
 
 
 def test_it_is_used_in_order():
@@ -315,43 +303,17 @@ def test_torchrl_rolls_it_out():
 
 
 @slow
-def test_a_loop_as_in_cleanrl():
-    """Gymnasium's vector wrappers, NEXT_STEP, and an agent that reads `episode` statistics."""
-    env = gym.wrappers.vector.RecordEpisodeStatistics(make_vec("HabPick-v1", 4, num_workers=2))
+def test_episode_statistics_of_gymnasium():
+    env = gym.wrappers.vector.RecordEpisodeStatistics(make_vec("HabPick-v1", 2, num_workers=1))
     try:
-        obs, _ = env.reset(seed=0)
+        env.reset(seed=0)
         lengths = []
         for action in actions_of(env, 2 * MAX_STEPS + 4):
-            obs, reward, terminated, truncated, info = env.step(action)
-            assert np.isfinite(obs).all()
-            assert np.isfinite(reward).all()
+            _, _, terminated, truncated, info = env.step(action)
             if "episode" in info:
                 lengths += info["episode"]["l"][info["_episode"]].tolist()
             assert ("episode" in info) == bool((terminated | truncated).any())
-        assert len(lengths) >= 8
+        assert len(lengths) >= 4
         assert max(lengths) == MAX_STEPS
     finally:
         env.close()
-
-
-@slow
-def test_a_row_is_recorded_by_maniskill(tmp_path):
-    """The actions of a row, played in a single environment, are recorded with its states."""
-    from mani_skill.utils.wrappers.record import RecordEpisode
-
-    env = make_vec("HabPick-v1", 2, num_workers=1, obs_mode="state_dict")
-    actions = actions_of(env, 10)
-    try:
-        env.reset(seed=8)
-        seen = [env.step(action)[0] for action in actions]
-    finally:
-        env.close()
-    single = gym.make("hab_tasks:HabPick-v1", num_episodes=8, obs_mode="state_dict")
-    recorder = RecordEpisode(single, str(tmp_path), save_video=False, save_trajectory=True)
-    recorder.reset(seed=9)
-    for step, action in enumerate(actions):
-        obs, *_ = recorder.step(action[1])
-        for name, value in flat(obs).items():
-            assert np.array_equal(value[0], flat(seen[step])[name][1])
-    recorder.close()
-    assert list(tmp_path.glob("*.h5"))

@@ -10,9 +10,6 @@ from hab_tasks.envs import ENVS
 from hab_tasks.errors import HabError, OptionError, UnknownNameError
 from hab_tasks.robots.control import control_configs
 
-QUICK = ("HabPick-v1", "HabNavigate-v1")
-FEW = [e if e in QUICK else pytest.param(e, marks=pytest.mark.slow) for e in ENVS]
-
 
 def real(env_id, spec):
     return gym.make(
@@ -20,7 +17,10 @@ def real(env_id, spec):
     ).unwrapped
 
 
-@pytest.mark.parametrize("env_id", FEW)
+@pytest.mark.parametrize(
+    "env_id",
+    ["HabPick-v1", "HabNavigate-v1", pytest.param("HabSetTable-v1", marks=pytest.mark.slow)],
+)
 def test_spaces_of_states_and_actions(env_id):
     first, *others = ENVS[env_id].env.control_modes
     for obs_mode in ("state_dict", "state"):
@@ -38,9 +38,12 @@ def test_spaces_of_states_and_actions(env_id):
 
 
 @pytest.mark.render
-@pytest.mark.parametrize("env_id", QUICK)
 @pytest.mark.parametrize(
-    "obs_mode", ["depth", pytest.param("rgb+depth+segmentation+position", marks=pytest.mark.slow)]
+    ("env_id", "obs_mode"),
+    [
+        ("HabNavigate-v1", "depth"),
+        pytest.param("HabPick-v1", "rgb+depth+segmentation+position", marks=pytest.mark.slow),
+    ],
 )
 def test_spaces_of_images_and_cameras(env_id, obs_mode):
     mode = ENVS[env_id].env.control_modes[0]

@@ -12,14 +12,14 @@ from hab_tasks.skills.pick import PICK
 SKILLS = [e for e in ENVS if hasattr(ENVS[e].env, "skill")]
 
 
-@pytest.mark.parametrize("env_id", SKILLS)
-def test_every_number_of_a_skill_can_be_changed(env_id):
-    skill = ENVS[env_id].env.skill
-    known = config_values(skill.config)
-    assert known
-    for name, value in known.items():
-        changed = config_values(skill.changed({name: value + 1.0}).config)
-        assert changed == {**known, name: value + 1.0}
+def test_every_number_of_a_skill_can_be_changed():
+    for env_id in SKILLS:
+        skill = ENVS[env_id].env.skill
+        known = config_values(skill.config)
+        assert known, env_id
+        for name, value in known.items():
+            changed = config_values(skill.changed({name: value + 1.0}).config)
+            assert changed == {**known, name: value + 1.0}, env_id
 
 
 def test_numbers_by_hand():
@@ -33,20 +33,17 @@ def test_numbers_by_hand():
     assert PICK.changed({"weights.success": 30}).reward_bound == 40.0
 
 
-@pytest.mark.parametrize(
-    ("changes", "kind"),
-    [
+def test_what_is_no_number_of_the_skill_is_refused():
+    for changes, kind in (
         ({"weights.successes": 1.0}, UnknownNameError),
         ({"weights": 1.0}, UnknownNameError),
         ({"force_limit_n": "much"}, OptionError),
         ({"force_limit_n": float("nan")}, OptionError),
         ({"force_limit_n": -1.0}, OptionError),
         ({"force_limit_n": True}, OptionError),
-    ],
-)
-def test_what_is_no_number_of_the_skill_is_refused(changes, kind):
-    with pytest.raises(kind, match=r"skill_config.* of pick"):
-        configured("pick", PICK.config, changes)
+    ):
+        with pytest.raises(kind, match=r"skill_config.* of pick"):
+            configured("pick", PICK.config, changes)
 
 
 def test_an_environment_pays_by_its_own_weights():
@@ -81,13 +78,13 @@ def test_a_task_names_the_skill_first():
     env.close()
 
 
-@pytest.mark.parametrize("name", ["weights.force", "fly.weights.success", "pick.weights.successes"])
-def test_a_task_refuses_what_it_has_not(name):
-    with pytest.raises(HabError, match="skill_config"):
-        gym.make("HabSetTable-v1", obs_mode="state", skill_config={name: 1.0})
+def test_a_task_refuses_what_it_has_not():
+    for name in ("weights.force", "fly.weights.success", "pick.weights.successes"):
+        with pytest.raises(HabError, match="skill_config"):
+            gym.make("HabSetTable-v1", obs_mode="state", skill_config={name: 1.0})
 
 
-@pytest.mark.parametrize("words", [("force",), ("=1",), ("a=b",), ("a=nan",), ("a=1", "a=2")])
-def test_words_of_the_command_that_are_no_numbers_are_refused(words):
-    with pytest.raises(HabError, match="--skill-config"):
-        parse_numbers(words)
+def test_words_of_the_command_that_are_no_numbers_are_refused():
+    for words in (("force",), ("=1",), ("a=b",), ("a=nan",), ("a=1", "a=2")):
+        with pytest.raises(HabError, match="--skill-config"):
+            parse_numbers(words)

@@ -27,3 +27,17 @@ def killed_while_writing(code: str, path: Path) -> None:
     text = "import os, signal\n" + textwrap.dedent(code).format(path=str(path))
     done = subprocess.run([sys.executable, "-c", text], check=False)
     assert done.returncode == -signal.SIGKILL
+
+
+def session_of(pid: int) -> list[int]:
+    """Returns the ids of a session's processes that still run."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            _, _, rest = stat.read_text().rpartition(") ")
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        state, _, _, session, *_ = rest.split()
+        if int(session) == pid and state != "Z":
+            found.append(int(stat.parent.name))
+    return found

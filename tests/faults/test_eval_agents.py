@@ -22,11 +22,7 @@ from hab_tasks.agent import AgentReport, AgentSetup
 EXIT_STOPPED = 1
 
 
-@pytest.fixture(autouse=True)
-def stubbed():
-    undo = stub_hab.install()
-    yield
-    undo()
+pytestmark = pytest.mark.usefixtures("stubbed")
 
 
 def setup_of(case):

@@ -7,8 +7,6 @@ import os
 
 import pytest
 import stub_runs  # first: it finds the stub
-
-import stub_hab  # isort: skip
 from hab_eval.cli import main
 from hab_eval.config import read_config
 from hab_eval.results import EpisodeResult, FinishedEpisode, read_record, summarize
@@ -254,8 +252,8 @@ def test_a_bad_line_of_traces_is_named(tmp_path):
     check_each({line[:30]: line for line in lines}, check)
 
 
+@pytest.mark.usefixtures("stubbed")
 def test_a_bad_configuration_stops_a_resume_and_changes_nothing(tmp_path):
-    undo = stub_hab.install()
     arguments = (*stub_runs.RUN, "--out", tmp_path, "--resume")
     for edit in ({"versions": None}, {"more": 1}):
         path = written(tmp_path / "config.json", {**CONFIG, **edit})
@@ -263,7 +261,6 @@ def test_a_bad_configuration_stops_a_resume_and_changes_nothing(tmp_path):
         refused_by_command(main, arguments, str(path), next(iter(edit)))
         assert path.read_bytes() == before
         assert [entry.name for entry in tmp_path.iterdir()] == ["config.json"]
-    undo()
 
 
 def test_large_numbers_that_are_allowed_do_not_overflow_the_statistics():

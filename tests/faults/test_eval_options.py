@@ -7,8 +7,6 @@ import sys
 
 import pytest
 import stub_runs  # first: it finds the stub
-
-import stub_hab  # isort: skip
 from hab_eval import run_folder
 from hab_eval.bench.options import BenchOptions
 from hab_eval.bench.reset import SUITE
@@ -26,11 +24,7 @@ from hab_tasks.options import parse_command
 TEN_400 = str(10**400)
 
 
-@pytest.fixture(autouse=True)
-def stubbed():
-    undo = stub_hab.install()
-    yield
-    undo()
+pytestmark = pytest.mark.usefixtures("stubbed")
 
 
 NUMBERS = {

@@ -19,6 +19,7 @@ from hab_eval.cli import main
 from hab_eval.errors import RunFolderError
 from hab_eval.results import read_record
 from hab_eval.run_lock import LOCK, locked
+from killed import session_of
 from refusals import refused_by_command
 from stub_runs import FAULTY, RUN, journal_ids, results_of
 
@@ -37,11 +38,7 @@ with locked(Path(sys.argv[1])):
 """
 
 
-@pytest.fixture(autouse=True)
-def stubbed():
-    undo = stub_hab.install()
-    yield
-    undo()
+pytestmark = pytest.mark.usefixtures("stubbed")
 
 
 @pytest.fixture
@@ -210,25 +207,12 @@ def test_a_killed_run_leaves_its_half_video_to_the_next(tmp_path, capfd):
     wait_until(lambda: [path for path in out.glob(f"{ASIDE}*.mp4") if path.stat().st_size])
     process.kill()
     process.communicate()
-    wait_until(lambda: not processes_of(process.pid), 10.0)
+    wait_until(lambda: not session_of(process.pid), 10.0)
     assert unfinished(out)
     assert not list(out.glob("video_*.mp4"))
     assert main([*map(str, arguments), "--resume"]) == 0
     assert len(list(out.glob("video_*.mp4"))) == 2
     assert unfinished(out) == []
-
-
-def processes_of(group):
-    """Ids of the processes of a process group that still run."""
-    found = []
-    for entry in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            fields = entry.read_text().rpartition(")")[2].split()
-        except OSError:
-            continue
-        if int(fields[2]) == group and fields[0] != "Z":
-            found.append(int(entry.parent.name))
-    return found
 
 
 def children_of(pid):
@@ -278,7 +262,7 @@ def test_kills_at_any_moment_lose_nothing(tmp_path, capfd, killed):
             os.kill(rng.choice(victims), signal.SIGKILL)
         _, err = process.communicate(timeout=60)
         assert "Traceback" not in err
-        wait_until(lambda p=process: not processes_of(p.pid), 10.0)
+        wait_until(lambda p=process: not session_of(p.pid), 10.0)
     assert lines_of(out) > 0
     assert main([*RUN, "--episodes", "24", "--out", str(out), "--resume"]) == 0
     assert main([*RUN, "--episodes", "24", "--out", str(clean)]) == 0

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import h5py
 import pytest
+from killed import session_of
 from textured import textured_dataset
 
 from hab_tasks.files import ASIDE
@@ -124,20 +125,6 @@ def work(tmp_path_factory):
         return done[name]
 
     return once
-
-
-def session_of(pid):
-    """Returns the pids of a session's processes that still run."""
-    found = []
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            _, _, rest = stat.read_text().rpartition(") ")
-        except (FileNotFoundError, ProcessLookupError):
-            continue
-        state, _, _, session, *_ = rest.split()
-        if int(session) == pid and state != "Z":
-            found.append(int(stat.parent.name))
-    return found
 
 
 def check_nothing_runs(pid):

@@ -29,10 +29,10 @@ def episode_files(tmp_path_factory):
 class EnvPool:
     """Environments that tests play one after another: making one takes longer than most tests.
 
-    Each takes up to 150 MB, so that a few are kept: the least recently used is closed first.
+    Each takes 3 MB, with images 10 MB (HabSetTable-v1). The least recently used is closed first.
     """
 
-    SIZE = 10
+    SIZE = 20
 
     def __init__(self) -> None:
         self._idle: list[tuple[str, gym.Env]] = []

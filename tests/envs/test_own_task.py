@@ -1,4 +1,4 @@
-"""A user-defined task is one declaration: environment, episodes, plan and commands follow."""
+"""User-defined skills and tasks: environments, episodes, plans and commands follow."""
 
 import json
 import subprocess
@@ -7,8 +7,28 @@ from pathlib import Path
 
 import pytest
 
+import hab_tasks
+from hab_tasks.errors import HabError
+
 TESTS = Path(__file__).parents[1]
-ENV = "my_tasks:ClearTable-v1"
+SKILL, ENV = "my_skills:Reach-v1", "my_tasks:ClearTable-v1"
+
+SKILL_PLAY = """
+import gymnasium as gym
+env = gym.make(
+    "my_skills:Reach-v1", obs_mode="state", reward_mode="normalized_dense", num_episodes=2,
+    skill_config={"near_m": 9.0},
+)
+obs, info = env.reset(seed=0)
+assert obs.shape == (1, 20 + 3), obs.shape  # as Pick's: proprioception and the object
+assert info["instruction"][0].startswith("Reach for the "), info["instruction"]
+action = env.action_space.sample() * 0.0
+obs, reward, terminated, truncated, info = env.step(action)
+assert bool(terminated) and bool(info["success"])  # the hand is within 9 m
+# The arm holds its pose: 5 for success, of a bound of 5 + 0.25 x 10 = 7.5
+assert abs(float(reward) - 5.0 / 7.5) < 0.01, reward
+"""
+
 
 PLAY = """
 import gymnasium as gym, numpy as np, sys
@@ -58,10 +78,16 @@ def script(name):
     return str(Path(sys.executable).with_name(name))
 
 
-def test_it_is_an_environment():
+def test_they_are_environments():
+    run(sys.executable, "-c", SKILL_PLAY)
     told = run(sys.executable, "-c", PLAY)
     assert "into the fridge" in told or "in the fridge" in told
     assert "from the light table" in told
+
+
+def test_an_id_is_taken_once():
+    with pytest.raises(HabError, match="HabPick-v1: another environment has this id"):
+        hab_tasks.register_skill("HabPick-v1", "my_skills.reach:ReachEnv", horizon_steps=100)
 
 
 @pytest.mark.slow
@@ -83,22 +109,22 @@ def test_its_plan_is_minimal():
 
 
 @pytest.mark.slow
-def test_episodes_are_made_by_worker_processes(tmp_path):
-    file = tmp_path / "clear.json"
+def test_the_commands_know_them(tmp_path):
+    file = tmp_path / "episodes.json"
     run(script("hab-tasks"), "episodes", "--env", ENV, "--count", "2", "--workers", "2",
         "--out", str(file))  # fmt: skip
     made = json.loads(file.read_text(encoding="utf-8"))
     assert made["env"] == "ClearTable-v1"
     assert len(made["episodes"]) == 2
+    assert "light table" in run(script("hab-tasks"), "demo", ENV, "--steps", "3")
+    run(script("hab-eval"), "run", "--agent", "hab_eval:do_nothing", "--env", SKILL,
+        "--episodes", "2", "--out", str(tmp_path / "run"))  # fmt: skip
+    record = json.loads((tmp_path / "run/run.json").read_text())
+    assert record["env"] == SKILL
+    assert [episode["failure"] for episode in record["episodes"]] == ["timeout", "timeout"]
 
 
-@pytest.mark.slow
-def test_the_demonstration_plays_it(tmp_path):
-    told = run(script("hab-tasks"), "demo", ENV, "--steps", "3")
-    assert "light table" in told
-
-
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_planner_solves_it(tmp_path):
     run(script("hab-eval"), "run", "--agent", "hab_spa:tp_spa_priv", "--env", ENV, "--episodes",
         "2", "--seed", "1", "--workers", "2", "--out", str(tmp_path / "run"))  # fmt: skip

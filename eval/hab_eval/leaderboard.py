@@ -26,6 +26,9 @@ HANDLE_POSITION = "handle_position"
 COLUMNS = ("agent", "success %", "n", "steps", "s / step", "split", "seed", "version")
 AGAIN_FILE = "to_run_again.json"
 STAGES = "stages %"
+IN_COMMAND = ("s / step", "split", "seed")
+"""Columns that Markdown leaves out: the command below the table tells split and seed."""
+
 TITLE = "Leaderboard"
 LEGEND = (
     f"success: rate with 95 % Wilson interval; steps: mean episode length; SCT, SPL: success "
@@ -66,6 +69,7 @@ class Group:
         stages: Names of a task's stages in order (S G.2); empty for a skill.
         scores: Names of a skill's scores, e.g. ``sct``.
         rows: Cells of each submission, one per column.
+        names: Short name of each submission's agent with its options.
         commands: Command of each submission.
     """
 
@@ -73,6 +77,7 @@ class Group:
     stages: tuple[str, ...] = ()
     scores: tuple[str, ...] = ()
     rows: tuple[tuple[str, ...], ...]
+    names: tuple[str, ...]
     commands: tuple[str, ...]
 
     @property
@@ -92,29 +97,37 @@ def default_submissions() -> Path:
     return Path(__file__).resolve().parents[1] / "leaderboard" / "submissions"
 
 
-def read_submissions(folder: Path) -> dict[str, RunRecord]:
-    """Reads every `*.json` of a folder: file name -> record."""
+def read_submissions(folder: Path, env: str | None = None) -> dict[str, RunRecord]:
+    """Reads every `*.json` of a folder, or those that name `env`: file name -> record."""
     if not os.path.isdir(folder):  # unlike Path.is_dir, False for an invalid name
         raise ResultError(f"{folder}: not a folder of submissions; give one with --submissions.")
-    return {path.name: read_record(path) for path in sorted(folder.glob("*.json"))}
+    files = sorted(folder.glob("*.json"))
+    if env is not None:  # a search takes a hundredth of the time that reading takes
+        word = json.dumps(env).encode()
+        files = [path for path in files if path.is_file() and word in path.read_bytes()]
+    return {path.name: read_record(path) for path in files}
 
 
-def find_submissions(folder: Path) -> Submissions:
+def find_submissions(folder: Path, env: str | None = None) -> Submissions:
     """Reads a folder of submissions and the list of those to be run again beside it.
+
+    Args:
+        folder: Folder of submissions.
+        env: Only submissions of this environment, where one is given.
 
     Raises:
         ResultError: The list cannot be read, or names a file that is not in the folder.
     """
-    records, file = read_submissions(folder), folder.parent / AGAIN_FILE
+    records, file = read_submissions(folder, env), folder.parent / AGAIN_FILE
     again: dict[str, str] = {}
     if file.is_file():
         try:
             again = {str(name): str(date) for name, date in json.loads(file.read_text()).items()}
         except (OSError, ValueError, AttributeError) as error:
             raise ResultError(f"{file}: not a JSON object of file name and date.") from error
-    if unknown := sorted(set(again) - set(records)):
+    if unknown := sorted(name for name in again if not (folder / name).is_file()):
         raise ResultError(f"{file}: {unknown[0]!r} is no file of {folder}; remove its line.")
-    return Submissions(all=records, again=again)
+    return Submissions(all=records, again={n: again[n] for n in again if n in records})
 
 
 def with_submission(folder: Path, name: str, record: RunRecord) -> Submissions:
@@ -138,9 +151,7 @@ def to_markdown(groups: Sequence[Group]) -> str:
     for group in groups:
         lines += ["", f"## {markdown(group.title)}", ""]
         lines += [markdown(group.note), ""] if group.note else []
-        lines.append(_markdown_row(group.columns))
-        lines.append(_markdown_row(["---"] * len(group.columns)))
-        lines += [_markdown_row(row) for row in group.rows]
+        lines += _short_table(group)
         # Indented code, which no character of a command can end.
         lines += ["", *(f"    {plain(command)}" for command in group.commands)]
     if not groups:
@@ -199,6 +210,7 @@ def _group(title: str, named: Sequence[tuple[str, RunRecord]]) -> Group:
         stages=_stages(named[0][1]),
         scores=scores,
         rows=tuple(_row(record, scores) for _, record in named),
+        names=tuple(short_label(record) for _, record in named),
         commands=tuple(command_of(record) for _, record in named),
     )
 
@@ -235,12 +247,26 @@ def _row(record: RunRecord, scores: Sequence[str]) -> tuple[str, ...]:
 
 def agent_label(record: RunRecord) -> str:
     """Returns the agent's name with its privileged mark and every non-default option."""
+    return _labelled(record.agent_name, record)
+
+
+def short_label(record: RunRecord) -> str:
+    """Returns the name of the agent's factory, with the same mark and options."""
+    return _labelled(factory_name(record), record)
+
+
+def factory_name(record: RunRecord) -> str:
+    """Returns the name by which `--agent` finds the agent in its package."""
+    return record.agent.partition(":")[2]
+
+
+def _labelled(name: str, record: RunRecord) -> str:
     mark = f" {PRIVILEGED_MARK}" if record.privileged else ""
     options = [HANDLE_POSITION] * record.handle_position
     options += [f"target_frame={record.target_frame}"] * (record.target_frame != "base")
     options += [f"{name}={short_name(value)}" for name, value in record.options.items()]
     options += [f"{name}={value:g}" for name, value in record.skill_config.items()]
-    return f"{record.agent_name}{mark}" + (f" ({', '.join(options)})" if options else "")
+    return f"{name}{mark}" + (f" ({', '.join(options)})" if options else "")
 
 
 def _short(commit: str) -> str:
@@ -249,8 +275,13 @@ def _short(commit: str) -> str:
     return COMMIT_SEPARATOR.join(f"{digits[:8]}{dash}{mark}" for digits, dash, mark in parts)
 
 
-def _markdown_row(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(map(markdown, cells)) + " |"
+def _short_table(group: Group) -> list[str]:
+    """Returns the Markdown table of a group, with short names of the agents."""
+    kept = [i for i, column in enumerate(group.columns) if column not in IN_COMMAND]
+    rows = [(name, *row[1:]) for name, row in zip(group.names, group.rows, strict=True)]
+    cells = [[row[i] for i in kept] for row in (group.columns, *rows)]
+    head, *body = [f"|{'|'.join(map(markdown, row))}|" for row in cells]
+    return [head, "|" + "---|" * len(kept), *body]
 
 
 def _html_row(cells: Sequence[str], tag: str) -> str:

@@ -7,12 +7,14 @@ from collections.abc import Callable, Iterable, Sequence
 from hab_eval.leaderboard import (
     PRIVILEGED_MARK,
     Submissions,
-    agent_label,
+    factory_name,
     group_title,
     scenes_of,
+    short_label,
 )
 from hab_eval.plain_text import markdown
 from hab_eval.results import RunRecord
+from hab_eval.site import paper
 from hab_tasks.registration import ENTRY_POINTS
 
 REFERENCES = "hab_eval:"
@@ -21,19 +23,20 @@ REFERENCES = "hab_eval:"
 LEARNED = ("hab_ppo:", "hab_tp_srl:")
 NONE, AGAIN = "none", "to be run again"
 
-PAPER = {"HabPick-v1": "86.3 (MonolithicRL, depth; Table 3)"}
-"""Best success rate that the paper prints for unseen layouts [%]; the others are bars of Fig. 5."""
-
 PAPER_MISSING = "not printed"
+"""The paper prints rates of Pick; those of the other skills and of tasks are bars of figures."""
 
-Link = Callable[[RunRecord], str]
+HANDLE_MARK = "‡"
+FIRST_DATASET = "apartment"
+
+AGAIN_COLUMNS = ("agent", "rows", "environments", "datasets", "last run")
 
 
 def best_table(submissions: Submissions, leaderboard: str) -> str:
     """Returns the best agents of every environment, with a link to their commands.
 
-    Without true state: the agent reads its observations only. Rows of other layouts of the same
-    environment count alike.
+    Without true state: the agent reads its observations only. Rows of the apartment come before
+    those of other datasets.
     """
     lines = [
         ("environment", "without true state", "learned", "any agent", "paper"),
@@ -46,7 +49,7 @@ def best_table(submissions: Submissions, leaderboard: str) -> str:
             _best(submissions, env, lambda record: True),
         )
         cells = (_best_cell(one, leaderboard) for one in chosen)
-        lines.append((env, *cells, PAPER.get(env, PAPER_MISSING)))
+        lines.append((env, *cells, _paper_cell(env)))
     return _text(lines)
 
 
@@ -67,7 +70,7 @@ def rows_table(submissions: Submissions, leaderboard: str) -> str:
         lines.append(
             (
                 record.env,
-                f"[{markdown(agent_label(record))}]({link(record, leaderboard)})",
+                f"[{markdown(short_label(record))}]({link(record, leaderboard)})",
                 f"{100.0 * success.mean:.1f} [{low:.1f}, {high:.1f}]",
                 str(success.n),
                 markdown(scenes_of(record)),
@@ -79,21 +82,26 @@ def rows_table(submissions: Submissions, leaderboard: str) -> str:
 
 
 def again_table(submissions: Submissions, leaderboard: str) -> str:
-    """Returns the submissions of older versions, a line per agent; `leaderboard` is not used."""
+    """Returns the submissions to be run again as a table; `leaderboard` is not used."""
     del leaderboard
+    lines = [AGAIN_COLUMNS, ("---",) * len(AGAIN_COLUMNS)]
+    return _text([*lines, *(tuple(map(markdown, row)) for row in again_rows(submissions))])
+
+
+def again_rows(submissions: Submissions) -> list[tuple[str, ...]]:
+    """Returns the submissions to be run again, a row per agent."""
     by_agent: dict[str, list[tuple[str, RunRecord]]] = {}
     for name, date in submissions.again.items():
         record = submissions.all[name]
-        by_agent.setdefault(record.agent.partition(":")[2], []).append((date, record))
-    lines = [("agent", "rows", "environments", "datasets", "last run"), ("---",) * 5]
+        by_agent.setdefault(factory_name(record), []).append((date, record))
+    rows = []
     for agent in sorted(by_agent):
         dates, records = zip(*by_agent[agent], strict=True)
         names = [env.removeprefix("Hab").removesuffix("-v1") for env in _environments(records)]
         environments = f"all {len(names)}" if len(names) == len(ENTRY_POINTS) else ", ".join(names)
         datasets = sorted({record.scene_dataset for record in records})
-        cells = (agent, str(len(records)), environments, ", ".join(datasets), max(dates))
-        lines.append(tuple(map(markdown, cells)))
-    return _text(lines)
+        rows.append((agent, str(len(records)), environments, ", ".join(datasets), max(dates)))
+    return rows
 
 
 TABLES = {"best": best_table, "rows": rows_table, "again": again_table}
@@ -117,17 +125,32 @@ def _best(
     }
     current = [record for name, record in own.items() if name not in submissions.again]
     if current:
-        return max(current, key=lambda one: (one.summary.success.mean, one.summary.success.n))
+        return max(current, key=_goodness)
     return AGAIN if own else NONE
+
+
+def _goodness(record: RunRecord) -> tuple[bool, float, int]:
+    success = record.summary.success
+    return record.scene_dataset == FIRST_DATASET, success.mean, success.n
+
+
+def _paper_cell(env: str) -> str:
+    """Returns the best rate that the paper prints for unseen layouts."""
+    if env != paper.ENV:
+        return PAPER_MISSING
+    unseen = [one for one in paper.RESULTS if one.layouts == "unseen"]
+    best = max(unseen, key=lambda one: float(one.percent))
+    return f"{best.percent} % ({best.method}; {best.source})"
 
 
 def _best_cell(best: RunRecord | str, leaderboard: str) -> str:
     if isinstance(best, str):
         return best
-    name = markdown(best.agent.partition(":")[2])
-    mark = f" {PRIVILEGED_MARK}" if best.privileged else ""
+    name = markdown(factory_name(best))
+    marks = PRIVILEGED_MARK * best.privileged + HANDLE_MARK * best.handle_position
+    mark = f" {marks}" if marks else ""
     success = best.summary.success
-    percent = f"{100.0 * success.mean:.1f} of {success.n}"
+    percent = f"{100.0 * success.mean:.1f} % (n = {success.n})"
     return f"[{name}{mark}]({link(best, leaderboard)}): {percent}"
 
 

@@ -17,6 +17,7 @@ from hab_eval.leaderboard import (
 )
 from hab_eval.result_tables import filled
 from hab_eval.results import write_record
+from hab_eval.site.build import SiteOptions, build_site
 from hab_eval.status import again_table, best_table, rows_table
 from stub_runs import make_record
 
@@ -46,9 +47,32 @@ def test_the_best_of_each_kind_is_chosen_among_current_rows():
     *_, row = best_table(found, "B.md").splitlines()
     where = "B.md#habpick-v1-apartment"
     assert row == (
-        f"| HabPick-v1 | [spa]({where}): 80.0 of 10 | [pick_blind]({where}): 70.0 of 10 "
-        f"| [spa_priv †]({where}): 90.0 of 10 | 86.3 (MonolithicRL, depth; Table 3) |"
+        f"| HabPick-v1 | [spa]({where}): 80.0 % (n = 10) | [pick_blind]({where}): 70.0 % (n = 10) "
+        f"| [spa_priv †]({where}): 90.0 % (n = 10) | 86.3 % (MonolithicRL, depth; Table 3) |"
     )
+
+
+def test_the_apartment_comes_before_other_datasets_and_a_told_handle_is_marked():
+    found = submitted(
+        here=agent("hab_ppo:pick_blind", 1, 2, handle_position=True),
+        there=agent("hab_ppo:pick_depth", 2, 2, scene_dataset="replicaCAD"),
+    )
+    *_, row = best_table(found, "B.md").splitlines()
+    assert 3 * "| [pick_blind ‡](B.md#habpick-v1-apartment): 50.0 % (n = 2) " in row
+
+
+def test_the_site_lists_the_rows_to_be_run_again_and_ranks_the_others(tmp_path):
+    folder = tmp_path / "submissions"
+    folder.mkdir()
+    write_record(folder / "a.json", agent("a:old", 1, 2))
+    write_record(folder / "b.json", agent("a:new", 1, 2))
+    (tmp_path / "to_run_again.json").write_text(json.dumps({"a.json": "2026-11-23"}))
+    build_site(SiteOptions(out=tmp_path / "site", submissions=folder, checkout=tmp_path))
+    page = (tmp_path / "site" / "index.html").read_text("utf-8")
+    ranked, listed = page.split('<h2 id="again">')
+    assert "1 of 1 runs" in ranked
+    assert "runs/b.html" in ranked
+    assert "<td>old</td><td>1</td><td>Pick</td><td>apartment</td><td>2026-11-23</td>" in listed
 
 
 def test_where_nothing_is_current_the_table_says_so():
@@ -58,7 +82,7 @@ def test_where_nothing_is_current_the_table_says_so():
     told = agent("hab_tp_srl:tp_srl", 1, 2, env="HabSetTable-v1", privileged=True)
     *_, row = best_table(submitted(told=told), "B.md").splitlines()
     assert row.startswith(
-        "| HabSetTable-v1 | none | [tp_srl †](B.md#habsettable-v1-apartment): 50.0"
+        "| HabSetTable-v1 | none | [tp_srl †](B.md#habsettable-v1-apartment): 50.0 %"
     )
 
 
@@ -72,7 +96,7 @@ def test_a_row_that_is_run_again_is_in_that_list_alone():
     # 4 of 5: Wilson 37.6 to 96.4.
     (row,) = rows_table(found, "B.md").splitlines()[2:]
     assert row == (
-        "| HabPick-v1 | [Stub](B.md#habpick-v1-apartment-objects-ycb) | 80.0 [37.6, 96.4] | 5 "
+        "| HabPick-v1 | [new](B.md#habpick-v1-apartment-objects-ycb) | 80.0 [37.6, 96.4] | 5 "
         "| apartment, ycb | val | 0.1.0 |"
     )
 

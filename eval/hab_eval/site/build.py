@@ -25,6 +25,7 @@ from hab_eval.site.markdown_files import MarkdownFile
 from hab_eval.site.media import Video, copy_video, find_videos, write_picture
 from hab_eval.site.pages import Page, Site, all_pages
 from hab_eval.site.studies import read_studies
+from hab_eval.status import again_rows
 from hab_tasks.errors import OptionError
 from hab_tasks.files import check_folder, folder_written_aside
 
@@ -128,7 +129,8 @@ def _read(options: SiteOptions) -> Site:
     if not os.path.isdir(checkout):  # unlike Path.is_dir, False for an invalid name
         raise OptionError(f"--checkout {checkout}: not a folder; give a clone of the repository.")
     submissions = options.submissions or default_submissions()
-    records = find_submissions(submissions).current
+    found = find_submissions(submissions)
+    records = found.current
     if not records:
         raise ResultError(f"{submissions}: no submissions; hab-eval submit adds one.")
     entries = make_entries(records)
@@ -144,6 +146,7 @@ def _read(options: SiteOptions) -> Site:
         receptacles=read_receptacles(episodes) if episodes.is_dir() else Receptacles(),
         videos=videos,
         docs=checkout / "docs",
+        again=again_rows(found),
     )
 
 

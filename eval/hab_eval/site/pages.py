@@ -24,6 +24,7 @@ from hab_eval.site.reruns import (
     verify_command,
 )
 from hab_eval.site.studies import Study
+from hab_eval.status import AGAIN_COLUMNS
 from hab_eval.video_names import highlights
 
 MOST_PAIRS = 10
@@ -67,6 +68,7 @@ class Site:
         receptacles: Receptacles of known episodes.
         videos: Name of a submission -> its videos.
         docs: Folder of the datasets' figures.
+        again: Submissions to be run again, as `hab_eval.status.again_rows`.
     """
 
     entries: Sequence[Entry]
@@ -77,6 +79,7 @@ class Site:
     receptacles: Receptacles
     videos: Mapping[str, Sequence[Video]]
     docs: Path
+    again: Sequence[tuple[str, ...]] = ()
 
 
 def all_pages(site: Site) -> list[Page]:
@@ -109,7 +112,13 @@ def _leaderboard(site: Site) -> Page:
         template="leaderboard.html",
         section="leaderboard",
         title="Leaderboard",
-        context={"entries": site.entries, "filters": filters, "few_episodes": FEW_EPISODES},
+        context={
+            "entries": site.entries,
+            "filters": filters,
+            "few_episodes": FEW_EPISODES,
+            "again_columns": AGAIN_COLUMNS,
+            "again": site.again,
+        },
         data={entry.slug: _rerun(entry) for entry in site.entries},
     )
 

@@ -130,7 +130,7 @@ class RunCommand(EpisodeOptions, ExecutorChoice, Command):
         show(result_table(record))
         print(f"wrote {self.out / 'run.json'}")
         folder = default_submissions()
-        others = find_submissions(folder).current if folder.is_dir() else {}
+        others = find_submissions(folder, record.env).current if folder.is_dir() else {}
         groups = build_groups({**others, "this run": record})
         for table in leaderboard_tables([g for g in groups if g.title == group_title(record)]):
             show(table)

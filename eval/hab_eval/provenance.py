@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import platform
 import subprocess
+from collections.abc import Mapping
 from importlib import metadata, util
 from pathlib import Path
 
@@ -16,9 +18,14 @@ PACKAGES = ("hab-tasks", "hab-eval", "mani-skill", "sapien", "gymnasium", "torch
 def package_versions(agent: str) -> dict[str, str]:
     """Returns the versions of Python, the dependencies and the agent's distribution."""
     top_level = agent.partition(":")[0].partition(".")[0]
-    owners = metadata.packages_distributions().get(top_level, [])
+    owners = _distributions().get(top_level, [])
     names = dict.fromkeys([*PACKAGES, *owners])  # ordered, without duplicates
     return {"python": platform.python_version(), **{name: _version(name) for name in names}}
+
+
+@functools.cache  # reads the file lists of all installed distributions
+def _distributions() -> Mapping[str, list[str]]:
+    return metadata.packages_distributions()
 
 
 def git_commit() -> str | None:

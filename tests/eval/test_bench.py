@@ -147,6 +147,7 @@ def test_engine_that_is_not_seen_is_an_error():
         time_steps(env, torch.zeros(2), torch.ones(1, 2))
 
 
+@pytest.mark.slow
 def test_side_in_a_process_of_its_own():
     env = RemoteEnv(stub_bench.Factory(), {"STUB_RESET_S": "0.125"})
     try:

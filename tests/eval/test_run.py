@@ -9,19 +9,8 @@ import pytest
 from hab_eval import provenance
 from hab_eval.results import read_record
 from stub_hab import frame_mean
-
-RUN = ("run", "--agent", "stub_hab:constant", "--env", "HabStub-v1")
-
-
-def episodes_of(folder):
-    """Episodes without what may differ between two runs."""
-    data = json.loads((folder / "run.json").read_text())["episodes"]
-    return [{key: value for key, value in episode.items() if key != "seconds"} for episode in data]
-
-
-def journal_ids(folder):
-    lines = (folder / "episodes.jsonl").read_text().splitlines()
-    return [json.loads(line)["episode"]["id"] for line in lines]
+from stub_runs import RUN, journal_ids
+from stub_runs import results_of as episodes_of
 
 
 def wait_for_lines(process, folder, count):
@@ -53,18 +42,15 @@ def test_each_episode_once_with_one_and_with_two_workers(cli_process, tmp_path):
     assert set(record.timings_s) == set(ids)
 
 
-def test_output_is_plain_lines_then_tables(cli, tmp_path):
-    done = cli(*RUN, "--episodes", 3, "--out", tmp_path / "run")
+def test_output_is_plain_lines_then_tables_and_first_episodes_are_filmed(cli, tmp_path):
+    out = tmp_path / "run"
+    done = cli(*RUN, "--episodes", 3, "--video", 2, "--out", out)
+    assert done.returncode == 0, done.stderr
     assert "[3/3] stub/002 (scene_0): timeout, 5 steps" in done.stdout
     for expected in ("33.3 %", "failure: force", "time: plan", "seconds per step", "this run"):
         assert expected in done.stdout.replace("Stub on HabStub-v1", "this run")
     assert "\x1b[" not in done.stdout
-
-
-def test_videos_of_the_first_episodes(cli, tmp_path):
-    out = tmp_path / "run"
-    done = cli(*RUN, "--episodes", 3, "--video", 2, "--out", out)
-    assert done.returncode == 0, done.stderr
+    assert not (out / "traces.jsonl").exists()
     names = sorted(path.name for path in out.glob("*video*"))
     assert names == [
         "video_000_stub-000.mp4",
@@ -94,7 +80,8 @@ def test_existing_folder_is_refused(cli, tmp_path):
     assert cli(*RUN, "--out", out, "--force", "--resume").returncode == 2
 
 
-@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_resume_after_ctrl_c(start_cli, cli_process, cli, tmp_path, workers):
     out = tmp_path / "run"
     arguments = (*RUN, "--episodes", 8, "--workers", workers, "--out", out)
@@ -153,7 +140,8 @@ def test_resumed_run_names_all_its_commits(cli, tmp_path, monkeypatch):
     assert read_record(out / "run.json").git == "aaa then bbb-dirty"
 
 
-@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 2])
 def test_environment_that_cannot_be_made_leaves_no_folder(cli_process, tmp_path, workers):
     out = tmp_path / "run"
     options = ("--episodes", 2, "--workers", workers, "--out", out)
@@ -183,52 +171,36 @@ def test_agent_that_raises_stops_the_run(cli, tmp_path):
     assert "in act" in (out / "error.txt").read_text()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (("--env", "HabStubb-v1"), ("'HabStubb-v1'", "Did you mean 'HabStub-v1'?")),
-        (("--agent", "stub_hab:constnt"), ("'constnt'", "Did you mean 'constant'?")),
-        (("--agent", "hab_evall:x"), ("'hab_evall'", "Did you mean 'hab_eval'?")),
-        (("--split", "vall"), ("'vall'", "Did you mean 'val'?", "train")),
-        (("--scene-dataset", "apartmnt"), ("'apartmnt'", "Did you mean 'apartment'?")),
-        (("--episodes", "0"), ("episodes is 0; it has to be a whole number from 1",)),
-        (("--workers", "0"), ("workers is 0; it has to be a whole number from 1",)),
-        (("--option", "speed"), ("--option 'speed' is not of the form NAME=VALUE",)),
-        (("--option", "=2"), ("'=2'", "NAME=VALUE")),
-        (("--option", "speed="), ("'speed='", "NAME=VALUE")),
-        (("--option", "a=1", "--option", "a=2"), ("--option a is given twice: '1' and '2'",)),
-    ],
+BAD = (
+    (("--env", "HabStubb-v1"), ("'HabStubb-v1'", "Did you mean 'HabStub-v1'?")),
+    (("--agent", "stub_hab:constnt"), ("'constnt'", "Did you mean 'constant'?")),
+    (("--agent", "hab_evall:x"), ("'hab_evall'", "Did you mean 'hab_eval'?")),
+    (("--split", "vall"), ("'vall'", "Did you mean 'val'?", "train")),
+    (("--scene-dataset", "apartmnt"), ("'apartmnt'", "Did you mean 'apartment'?")),
+    (("--episodes", "0"), ("episodes is 0; it has to be a whole number from 1",)),
+    (("--workers", "0"), ("workers is 0; it has to be a whole number from 1",)),
+    (("--option", "speed"), ("--option 'speed' is not of the form NAME=VALUE",)),
+    (("--option", "=2"), ("'=2'", "NAME=VALUE")),
+    (("--option", "a=1", "--option", "a=2"), ("--option a is given twice: '1' and '2'",)),
+    (("--epsodes", 3), ("--epsodes", "--episodes")),
 )
-def test_bad_values_are_named_in_one_line(cli, tmp_path, arguments, expected):
-    done = cli(*RUN, *arguments, "--out", tmp_path / "run")
-    assert done.returncode == 2
-    assert done.stderr.count("\n") == 1
-    for text in expected:
-        assert text in done.stderr
-    assert not (tmp_path / "run").exists()
 
 
-def test_unknown_option(cli, tmp_path):
-    done = cli(*RUN, "--out", tmp_path / "run", "--epsodes", 3)
-    assert done.returncode == 2
-    assert "--epsodes" in done.stderr
-    assert "--episodes" in done.stderr
+def test_bad_values_are_named_in_one_line(cli, tmp_path, subtests):
+    for arguments, expected in BAD:
+        with subtests.test(arguments=arguments):
+            done = cli(*RUN, *arguments, "--out", tmp_path / "run")
+            assert done.returncode == 2
+            assert done.stderr.count("\n") == 1
+            assert all(text in done.stderr for text in expected), done.stderr
+            assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.parametrize("command", ["run", "table", "failures", "bench"])
-def test_help_shows_a_worked_example(cli, command):
-    done = cli(command, "--help")
-    assert done.returncode == 0
-    assert f"  hab-eval {command} " in done.stdout.partition("Example:")[2]
-
-
-@pytest.mark.slow
-def test_two_runs_with_a_seed_agree(cli, tmp_path):
-    for name in ("a", "b"):
-        arguments = ("--agent", "hab_eval:random_agent", "--env", "HabStub-v1", "--seed", 4)
-        done = cli("run", *arguments, "--episodes", 4, "--out", tmp_path / name)
-        assert done.returncode == 0, done.stderr
-    assert episodes_of(tmp_path / "a") == episodes_of(tmp_path / "b")
+def test_help_shows_a_worked_example(cli):
+    for command in ("run", "table", "failures", "bench"):
+        done = cli(command, "--help")
+        assert done.returncode == 0
+        assert f"  hab-eval {command} " in done.stdout.partition("Example:")[2]
 
 
 OPTIONAL = ("run", "--agent", "stub_hab:optional", "--env", "HabStub-v1", "--episodes", 1)
@@ -286,7 +258,7 @@ def traces_of(folder):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_traces_are_written_apart(cli_process, tmp_path, workers):
     out = tmp_path / "run"
     done = cli_process(*TELLING, "--episodes", 4, "--workers", workers, "--out", out)
@@ -296,11 +268,6 @@ def test_traces_are_written_apart(cli_process, tmp_path, workers):
     assert [trace[0]["seed"] for _, trace in sorted(traces.items())] == [0, 2, 3]
     assert "seed" not in (out / "episodes.jsonl").read_text()
     assert "trace" not in (out / "run.json").read_text()
-
-
-def test_no_traces_no_file(cli, tmp_path):
-    assert cli(*RUN, "--episodes", 2, "--out", tmp_path / "run").returncode == 0
-    assert not (tmp_path / "run" / "traces.jsonl").exists()
 
 
 @pytest.mark.slow

@@ -2,10 +2,8 @@
 
 import shlex
 
-import pytest
 from hab_eval.cli import COMMANDS
 from hab_eval.leaderboard import default_submissions, read_submissions
-from hab_eval.results import read_record
 from hab_eval.site.entries import make_entries
 from hab_eval.site.reruns import command_lines, facts_of, needs_path, run_command, verify_command
 from hab_eval.submissions.replay import Replay
@@ -46,26 +44,22 @@ def test_the_command_repeats_the_run():
     )
 
 
-@pytest.mark.parametrize("name", sorted(read_submissions(default_submissions())))
-def test_the_commands_of_every_submission_give_its_configuration(name):
-    record = read_record(default_submissions() / name)
-    words = shlex.split(run_command(entry_of(record, name)))
-    command = parse_command("hab-eval", COMMANDS, words[1:], "")
-    real, objects = command.scene_dataset, command.objects
-    given = None if real == "apartment" else real
-    assert (
-        command.config_of(command.episodes, command.step_timeout)
-        == Replay(
+def test_the_commands_of_every_submission_give_its_configuration():
+    for name, record in read_submissions(default_submissions()).items():
+        words = shlex.split(run_command(entry_of(record, name)))
+        command = parse_command("hab-eval", COMMANDS, words[1:], "")
+        given = None if command.scene_dataset == "apartment" else command.scene_dataset
+        replay = Replay(
             record=record,
             indices=range(len(record.episodes)),
             scene_dataset=given,
-            objects=objects,
-        ).config()
-    )
-    words = shlex.split(verify_command(entry_of(record, name)))
-    verify = parse_command("hab-eval", COMMANDS, words[1:], "")
-    assert verify.read() == (name.removesuffix(".json"), record)
-    assert (verify.scene_dataset, verify.objects) == (given, objects)
+            objects=command.objects,
+        )
+        assert command.config_of(command.episodes, command.step_timeout) == replay.config(), name
+        words = shlex.split(verify_command(entry_of(record, name)))
+        verify = parse_command("hab-eval", COMMANDS, words[1:], "")
+        assert verify.submission == name.removesuffix(".json")
+        assert (verify.scene_dataset, verify.objects) == (given, command.objects), name
 
 
 def test_a_command_of_hostile_text_is_one_word_for_the_shell():

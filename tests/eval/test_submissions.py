@@ -2,9 +2,12 @@
 
 import json
 import re
+import shutil
 from dataclasses import replace
 
 import pytest
+import stub_hab
+from hab_eval.cli import main
 from hab_eval.leaderboard import default_submissions, read_submissions
 from hab_eval.results import read_record, summarize, write_record
 from hab_eval.submissions.naming import submission_name
@@ -87,24 +90,25 @@ def other_ids(record):
     return replace(record, episodes=episodes, summary=summarize(episodes, {}))
 
 
-@pytest.mark.parametrize(
-    ("edit", "message"),
-    [
-        (lambda r: replace(r, git=None), "was not made in a checkout"),
-        (lambda r: replace(r, git=f"{COMMIT}-dirty"), "uncommitted changes"),
-        (lambda r: replace(r, git=f"{COMMIT} then {COMMIT}"), "resumed on another commit"),
-        (lambda r: record_of([None] * 49, **GOOD), "49 episodes; a submission has at least 50"),
-        (lambda r: replace(r, seed=3), 'the protocol .* has "HabPick-v1/apartment/val/3/00000"'),
-        (other_ids, r'episodes\[49\]: id is "HabPick-v1/x/val/2/00049"'),
-    ],
+REFUSED = (
+    (lambda r: replace(r, git=None), "was not made in a checkout"),
+    (lambda r: replace(r, git=f"{COMMIT}-dirty"), "uncommitted changes"),
+    (lambda r: replace(r, git=f"{COMMIT} then {COMMIT}"), "resumed on another commit"),
+    (lambda r: record_of([None] * 49, **GOOD), "49 episodes; a submission has at least 50"),
+    (lambda r: replace(r, seed=3), 'the protocol .* has "HabPick-v1/apartment/val/3/00000"'),
+    (other_ids, r'episodes\[49\]: id is "HabPick-v1/x/val/2/00049"'),
 )
-def test_submit_refuses_what_nobody_can_rerun(cli, board, run_of, edit, message):
-    folder = run_of(edit(record_of([None] * 50, **GOOD)))
-    done = cli("submit", folder, "--submissions", board)
-    assert done.returncode == 2
-    assert len(done.stderr.splitlines()) == 1
-    assert re.search(message, done.stderr)
-    assert list(board.parent.rglob("*.*")) == []
+
+
+def test_submit_refuses_what_nobody_can_rerun(cli, board, run_of, subtests):
+    for edit, message in REFUSED:
+        with subtests.test(message):
+            folder = run_of(edit(record_of([None] * 50, **GOOD)))
+            done = cli("submit", folder, "--submissions", board)
+            assert done.returncode == 2
+            assert len(done.stderr.splitlines()) == 1
+            assert re.search(message, done.stderr)
+            assert list(board.parent.rglob("*.*")) == []
 
 
 def test_submit_refuses_bad_files_and_names(cli, board, run_of, tmp_path):
@@ -125,13 +129,19 @@ def test_submit_refuses_bad_files_and_names(cli, board, run_of, tmp_path):
     assert [one.name for one in board.iterdir()] == ["broken.json"]
 
 
-@pytest.fixture
-def stub_run(cli, tmp_path):
-    """A finished run of nine episodes on the stub, seed 1."""
-    folder = tmp_path / "run"
-    done = cli(*RUN, "--seed", 1, "--episodes", 9, "--out", folder)
-    assert done.returncode == 0
+@pytest.fixture(scope="module")
+def finished_run(tmp_path_factory):
+    """A run of nine episodes on the stub, seed 1."""
+    folder, undo = tmp_path_factory.mktemp("finished") / "run", stub_hab.install()
+    assert main([*RUN, "--seed", "1", "--episodes", "9", "--out", str(folder)]) == 0
+    undo()
     return folder
+
+
+@pytest.fixture
+def stub_run(finished_run, tmp_path):
+    """A copy of it, which a test may change."""
+    return shutil.copytree(finished_run, tmp_path / "run")
 
 
 def test_verify_repeats_a_run(cli, stub_run):
@@ -154,27 +164,30 @@ def edited(folder, **changes):
     return episodes[2]
 
 
-@pytest.mark.parametrize(
-    ("changes", "line"),
-    [
-        ({"steps": 3}, "stub/002: steps: recorded 3, repeated"),
-        ({"success": True, "failure": None}, "stub/002: success: recorded true, repeated false"),
-        ({"failure": "force"}, 'stub/002: failure: recorded "force", repeated'),
-        ({"episode_return": 9.0}, "stub/002: return: recorded 9.0, repeated"),
-    ],
+CHANGES = (
+    ({"steps": 3}, "stub/002: steps: recorded 3, repeated"),
+    ({"success": True, "failure": None}, "stub/002: success: recorded true, repeated false"),
+    ({"failure": "force"}, 'stub/002: failure: recorded "force", repeated'),
+    ({"episode_return": 9.0}, "stub/002: return: recorded 9.0, repeated"),
 )
-def test_verify_finds_every_kind_of_change(cli, tmp_path, changes, line):
+
+
+def test_verify_finds_every_kind_of_change(cli, tmp_path, subtests):
     folder = tmp_path / "run"
     # With seed 0, episode 2 times out.
-    cli(*RUN, "--seed", 0, "--episodes", 6, "--out", folder)
-    edited(folder, **changes)
-    done = cli("verify", folder, "--episodes", 6)
-    assert done.returncode == 1
-    assert line in done.stdout
-    kept = 6 if "episode_return" in changes else 5
-    summary = f"5 of 6 episodes repeat the recorded result, {kept} its outcome and steps; recorded"
-    assert summary in done.stdout
-    assert done.stdout.count(" different ") == 1
+    cli(*RUN, "--seed", 0, "--episodes", 3, "--out", folder)
+    whole = (folder / "run.json").read_bytes()
+    for changes, line in CHANGES:
+        with subtests.test(line):
+            (folder / "run.json").write_bytes(whole)
+            edited(folder, **changes)
+            done = cli("verify", folder, "--episodes", 3)
+            assert done.returncode == 1
+            assert line in done.stdout
+            kept = 3 if "episode_return" in changes else 2
+            summary = f"2 of 3 episodes repeat the recorded result, {kept} its outcome and steps"
+            assert summary in done.stdout
+            assert done.stdout.count(" different ") == 1
 
 
 def test_verify_finds_an_agent_that_claims_less_than_it_sees(cli, stub_run):

@@ -65,26 +65,16 @@ def test_the_scene_is_read_z_up(root):
     assert np.allclose(chest.world_from_root[:3], (-1, 0, 0.2))
 
 
-def test_a_bounding_box_collides_where_the_config_asks_for_it(root):
-    box = read(root).objects[1].template.collision[0]
-    assert box.kind == "box"
-    assert np.allclose(box.half_size_m, (0.05, 0.1, 0.15))
-
-
-@pytest.mark.parametrize("urdf_file", ["chests/chest.urdf", "chest/chest.urdf"])
-def test_both_folder_layouts_find_the_urdf(tmp_path, urdf_file):
-    spec = read(tiny_dataset(tmp_path, urdf_file=urdf_file))
-    assert spec.articulations[0].urdf_file == (tmp_path / "urdf" / urdf_file).resolve()
-
-
-def test_a_urdf_in_a_folder_of_its_own_name_comes_first(root):
-    other = root / "urdf/chest/chest.urdf"
+def test_both_folder_layouts_find_the_urdf_and_a_folder_of_its_own_name_comes_first(tmp_path):
+    spec = read(tiny_dataset(tmp_path, urdf_file="chests/chest.urdf"))
+    assert spec.articulations[0].urdf_file == (tmp_path / "urdf/chests/chest.urdf").resolve()
+    other = tmp_path / "urdf/chest/chest.urdf"
     other.parent.mkdir()
     other.write_text(DRAWER_URDF.replace('filename="body.glb"', 'filename="../chests/body.glb"'))
-    assert read(root).articulations[0].urdf_file == other.resolve()
+    assert read(tmp_path).articulations[0].urdf_file == other.resolve()
 
 
-def test_commas_in_urdf_attributes_build(root):
+def test_bodies_are_built_where_the_scene_says_with_commas_in_urdf_attributes(root):
     scene = cpu_scene()
     handles = BodyPool(scene, {}).show(read(root), ())
     scene._setup(enable_gpu=False)
@@ -95,12 +85,6 @@ def test_commas_in_urdf_attributes_build(root):
     # The slide's limit of 0.25 m is scaled as well.
     assert np.allclose(chest.get_qlimits()[0], [(0.0, 0.5)])
     assert "1, 1, 1" in (root / "urdf/chests/chest.urdf").read_text(), "the user's file was changed"
-
-
-def test_built_bodies_stand_where_the_scene_says(root):
-    scene = cpu_scene()
-    handles = BodyPool(scene, {}).show(read(root), ())
-    scene._setup(enable_gpu=False)
     assert np.allclose(handles.static["table_:0000"].pose.p[0], (1, -2, 0.4), atol=1e-6)
     assert np.allclose(handles.loose["cube_:0000"].pose.p[0], (1, -2, 0.9), atol=1e-6)
     # No mass in the config: 500 kg/m3 of 0.1 x 0.2 x 0.3 m is 3 kg.
@@ -124,13 +108,6 @@ def test_an_absent_stage_mesh_gives_a_shell_from_the_navmesh_and_is_said_once(ro
     assert np.allclose(floor.half_size_m, (2.1, 0.05, 5.1))
 
 
-def test_a_damaged_navmesh_is_named(root):
-    (root / "navmeshes").mkdir()
-    (root / f"navmeshes/{SCENE}.navmesh").write_bytes(b"nothing of the kind")
-    with pytest.raises(DatasetError, match=rf"{SCENE}\.navmesh: not a navmesh"):
-        read(root)
-
-
 def test_a_stage_mesh_without_collision_parts_is_drawn_in_a_shell_of_its_size(root):
     room = root / "stages/room.glb"
     room.parent.mkdir()
@@ -142,14 +119,6 @@ def test_a_stage_mesh_without_collision_parts_is_drawn_in_a_shell_of_its_size(ro
     # The mesh spans x and z -2..2; the floor reaches under the walls' 0.1 m.
     assert np.allclose(floor.half_size_m, (2.1, 0.05, 2.1))
     assert np.allclose(sorted(w.center_m[0] for w in walls), (-2.05, 0, 0, 2.05))
-
-
-def test_a_stage_collision_mesh_that_is_absent_is_named(root):
-    trimesh.Scene(trimesh.creation.box()).export(root / "objects/room.glb")
-    config = {"render_asset": "../../objects/room.glb", "collision_asset": "../../stages/gone.glb"}
-    write_json(root / "configs/stages/room.stage_config.json", config)
-    with pytest.raises(DatasetError, match=r"gone\.glb"):
-        read(root)
 
 
 def test_objects_without_a_mesh_are_skipped_with_one_warning(root, caplog):
@@ -171,21 +140,24 @@ def test_objects_without_a_mesh_are_skipped_with_one_warning(root, caplog):
 
 
 def test_an_absent_collision_mesh_becomes_the_bounding_box(root):
+    # The cube's config asks for its bounding box, the table's for a mesh that is absent.
     config = table_config() | {"collision_asset": "../../objects/convex/none.glb"}
     write_json(root / TABLE, config)
-    (source,) = read(root).objects[0].template.collision
-    assert source.kind == "box"
-    assert np.allclose(source.half_size_m, (0.5, 0.4, 0.3))
+    halves_m = ((0.5, 0.4, 0.3), (0.05, 0.1, 0.15))
+    for item, half_size_m in zip(read(root).objects, halves_m, strict=True):
+        (source,) = item.template.collision
+        assert source.kind == "box"
+        assert np.allclose(source.half_size_m, half_size_m)
 
 
-@pytest.mark.parametrize("scale", [(0.5, 0.1, 0.3), (-0.5, 0.1, -0.3), (0.5, -0.1, 0.3)])
-def test_receptacle_scale_is_half_extents_and_may_be_negative(root, scale):
-    write_json(root / TABLE, table_config(scale))
-    (receptacle,) = read(root).receptacles
-    assert receptacle.half_size_m == (0.5, 0.1, 0.3)
-    assert receptacle.body == "table_:0000"
-    assert receptacle.body_from_box == (0.0, 0.5, 0.0, 1.0, 0.0, 0.0, 0.0)
-    assert receptacle.up == (0.0, 1.0, 0.0)
+def test_receptacle_scale_is_half_extents_and_may_be_negative(root):
+    for scale in ((0.5, 0.1, 0.3), (-0.5, 0.1, -0.3)):
+        write_json(root / TABLE, table_config(scale))
+        (receptacle,) = read(root).receptacles
+        assert receptacle.half_size_m == (0.5, 0.1, 0.3)
+        assert receptacle.body == "table_:0000"
+        assert receptacle.body_from_box == (0.0, 0.5, 0.0, 1.0, 0.0, 0.0, 0.0)
+        assert receptacle.up == (0.0, 1.0, 0.0)
 
 
 def test_receptacles_of_furniture_are_scaled_with_it(root):
@@ -217,111 +189,78 @@ def test_negative_and_directional_lamps_are_left_out(root):
 # Bad input -------------------------------------------------------------------------------------
 
 
-def test_an_empty_folder_is_no_dataset(tmp_path):
+def test_a_folder_without_datasets_scenes_or_objects_is_refused(tmp_path):
     with pytest.raises(DatasetError, match=rf"{tmp_path}: .*scene_dataset_config"):
         SceneDataset(tmp_path)
-
-
-def test_a_dataset_without_scenes_is_refused(tmp_path):
+    with pytest.raises(DatasetError, match="002_master_chef_can"):
+        load_objects(tmp_path)
+    with pytest.raises(UnknownNameError, match="nowhere"):
+        load_objects(tmp_path / "nowhere")
     write_json(tmp_path / "x.scene_dataset_config.json", {})
     with pytest.raises(DatasetError, match="holds no"):
         SceneDataset(tmp_path)
 
 
-def test_a_folder_that_is_not_there_names_the_nearest():
+def test_unknown_names_give_the_nearest(root):
     with pytest.raises(UnknownNameError, match=r"'apartmant'.*Did you mean 'apartment'"):
         resolve_dataset("apartmant")
-
-
-def test_an_unknown_scene_names_the_nearest(root):
     with pytest.raises(UnknownNameError, match=f"Did you mean '{SCENE}'"):
         read(root, "v3_sc0_staging_0O")
-
-
-def test_an_unknown_split_names_the_nearest(root):
-    with pytest.raises(UnknownNameError, match="Did you mean 'train'"):
-        SceneDataset(root).scenes_of_split("trian")
-
-
-@pytest.mark.parametrize("split", SPLIT_MACROS)
-def test_only_splits_with_scenes_resolve(root, split):
     dataset = SceneDataset(root)  # one scene, of macro layout sc0: train
-    if split == "train":
-        assert dataset.resolve_split(split) == dataset.resolve_split(None) == "train"
-        return
-    with pytest.raises(UnknownNameError, match="Valid: train"):
-        dataset.resolve_split(split)
+    with pytest.raises(UnknownNameError, match="Did you mean 'train'"):
+        dataset.scenes_of_split("trian")
+    assert dataset.resolve_split("train") == dataset.resolve_split(None) == "train"
+    for split in SPLIT_MACROS.keys() - {"train"}:
+        with pytest.raises(UnknownNameError, match="Valid: train"):
+            dataset.resolve_split(split)
+    for kind in ("object_instances", "articulated_object_instances"):
+        scene = tiny_scene()
+        name = scene[kind][0]["template_name"]
+        scene[kind][0]["template_name"] = name + "s"
+        file = write_scene(root, scene)
+        with pytest.raises(DatasetError, match=rf"{file}: .*'{name}s'.*Did you mean '{name}'"):
+            read(root)
 
 
-def test_a_truncated_glb_is_named(root):
-    file = root / "objects/table.glb"
-    file.write_bytes(file.read_bytes()[:-40])
-    with pytest.raises(DatasetError, match=r"table\.glb: truncated"):
-        read(root)
+def test_damaged_files_are_named(root):
+    cube, urdf = root / "objects/cube.glb", root / "urdf/chests/chest.urdf"
+    scene = write_scene(root, tiny_scene())
+    damaged = bytearray(cube.read_bytes())
+    damaged[20:60] = b"\0" * 40  # inside the JSON chunk: the length is right, the content is not
+    absent_mesh = DRAWER_URDF.replace("body.glb", "gone.glb")
+    gone = json.dumps({"render_asset": "../../objects/cube.glb", "collision_asset": "gone.glb"})
+    for file, content, said in (
+        (cube, cube.read_bytes()[:-40], r"cube\.glb: truncated"),
+        (cube, b"<html>not found</html>", r"cube\.glb: "),
+        (cube, bytes(damaged), r"cube\.glb: "),
+        (urdf, DRAWER_URDF[:200].encode(), r"chest\.urdf: not a valid URDF"),
+        (urdf, absent_mesh.encode(), r"chest\.urdf: names 'gone\.glb'"),
+        (scene, scene.read_bytes()[:-30], rf"{scene}: not valid JSON"),
+        (root / f"navmeshes/{SCENE}.navmesh", b"none", rf"{SCENE}\.navmesh: not a navmesh"),
+        (root / "configs/stages/room.stage_config.json", gone.encode(), r"gone\.glb"),
+    ):
+        before = file.read_bytes() if file.exists() else None
+        file.parent.mkdir(exist_ok=True)
+        file.write_bytes(content)
+        with pytest.raises(DatasetError, match=said):
+            read(root)
+        file.unlink() if before is None else file.write_bytes(before)
 
 
-@pytest.mark.parametrize("content", [b"", b"<html>not found</html>"])
-def test_a_glb_that_is_none_is_named(root, content):
-    (root / "objects/table.glb").write_bytes(content)
-    with pytest.raises(DatasetError, match=r"table\.glb: "):
-        read(root)
-
-
-def test_a_glb_with_damaged_content_is_named(root):
-    file = root / "objects/cube.glb"
-    data = bytearray(file.read_bytes())
-    data[20:60] = b"\0" * 40  # inside the JSON chunk: the length is right, the content is not
-    file.write_bytes(data)
-    with pytest.raises(DatasetError, match=r"cube\.glb: "):
-        read(root)
-
-
-def test_a_urdf_that_does_not_parse_is_named(root):
-    (root / "urdf/chests/chest.urdf").write_text(DRAWER_URDF[:200])
-    with pytest.raises(DatasetError, match=r"chest\.urdf: not a valid URDF"):
-        read(root)
-
-
-def test_a_urdf_without_its_mesh_names_both(root):
-    (root / "urdf/chests/body.glb").unlink()
-    with pytest.raises(DatasetError, match=r"chest\.urdf: names 'body\.glb'"):
-        read(root)
-
-
-@pytest.mark.parametrize("kind", ["object_instances", "articulated_object_instances"])
-def test_a_scene_naming_a_missing_template_gives_the_nearest(root, kind):
-    scene = tiny_scene()
-    name = scene[kind][0]["template_name"]
-    scene[kind][0]["template_name"] = name + "s"
-    file = write_scene(root, scene)
-    with pytest.raises(DatasetError, match=rf"{file}: .*'{name}s'.*Did you mean '{name}'"):
-        read(root)
-
-
-def test_a_scene_that_is_not_json_is_named(root):
-    file = write_scene(root, tiny_scene())
-    file.write_text(json.dumps(tiny_scene())[:-30])
-    with pytest.raises(DatasetError, match=rf"{file}: not valid JSON"):
-        read(root)
-
-
-@pytest.mark.parametrize(
-    "damage",
-    [
+def test_a_malformed_scene_is_named(root):
+    scenes = (
         lambda scene: scene.pop("stage_instance"),
         lambda scene: scene["object_instances"][0].pop("template_name"),
         lambda scene: scene["object_instances"][0].update(translation=[1, "two", 3]),
         lambda scene: scene["object_instances"][0].update(rotation=[0, 0, 0, 0]),
         lambda scene: scene["articulated_object_instances"][0].update(uniform_scale="big"),
-    ],
-    ids=["no stage", "no template", "odd translation", "zero rotation", "odd scale"],
-)
-def test_a_malformed_scene_is_named(root, damage):
-    scene = tiny_scene()
-    damage(scene)
-    file = write_scene(root, scene)
-    with pytest.raises(DatasetError, match=rf"{file}: "):
-        read(root)
+    )
+    for damage in scenes:
+        scene = tiny_scene()
+        damage(scene)
+        file = write_scene(root, scene)
+        with pytest.raises(DatasetError, match=rf"{file}: "):
+            read(root)
 
 
 @pytest.mark.parametrize(
@@ -340,13 +279,3 @@ def test_a_malformed_template_is_named(root, damage):
     file = write_json(root / TABLE, config)
     with pytest.raises(DatasetError, match=rf"{file}: "):
         read(root)
-
-
-def test_an_objects_folder_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(UnknownNameError, match="nowhere"):
-        load_objects(tmp_path / "nowhere")
-
-
-def test_an_objects_folder_without_an_object_names_it(tmp_path):
-    with pytest.raises(DatasetError, match="002_master_chef_can"):
-        load_objects(tmp_path)

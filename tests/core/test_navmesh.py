@@ -1,8 +1,5 @@
 """Navmesh files, walls derived from them, and the free floor compared with the published one."""
 
-import logging
-import time
-
 import numpy as np
 import pytest
 import trimesh
@@ -61,21 +58,18 @@ def test_areas_islands_and_heights(tmp_path):
     assert navmesh.contains(points).tolist() == [True, False, True, False]
 
 
-@pytest.mark.parametrize(
-    ("damage", "message"),
-    [
-        (lambda data: data[:300], "cut short or damaged"),
-        (lambda data: data.replace(b"VAND", b"vand"), "no Detour tile"),
-        (lambda data: data[:4] + b"\x01" + data[5:], "version 2 with one tile"),
-        (lambda data: data + data[data.find(b"VAND") :], "version 2 with one tile"),
-    ],
-    ids=["truncated", "no tile", "old version", "two tiles"],
-)
-def test_a_damaged_file_is_named(tmp_path, damage, message):
+def test_a_damaged_file_is_named(tmp_path):
     file = tmp_path / "scene.navmesh"
-    file.write_bytes(damage(navmesh_bytes([(0, 0, 1, 1, 0, 0)])))
-    with pytest.raises(DatasetError, match=rf"scene\.navmesh: .*{message}"):
-        read_navmesh(file)
+    good = navmesh_bytes([(0, 0, 1, 1, 0, 0)])
+    for data, message in (
+        (good[:300], "cut short or damaged"),
+        (good.replace(b"VAND", b"vand"), "no Detour tile"),
+        (good[:4] + b"\x01" + good[5:], "version 2 with one tile"),
+        (good + good[good.find(b"VAND") :], "version 2 with one tile"),
+    ):
+        file.write_bytes(data)
+        with pytest.raises(DatasetError, match=rf"scene\.navmesh: .*{message}"):
+            read_navmesh(file)
 
 
 @pytest.fixture(scope="module")
@@ -88,21 +82,19 @@ def staging(dataset):
 
 
 @pytest.mark.assets
-@pytest.mark.parametrize(
-    ("folder", "radius_m", "areas_m2", "apartments_m2"),
-    [
+def test_published_areas(dataset):
+    for folder, radius_m, areas_m2, apartments_m2 in (
         ("navmeshes", 0.3, (25.79, 30.37, 33.30), (46.56, 48.00)),
         ("navmeshes_default", 0.1, (41.34, 44.80, 47.51), (60.01, 60.32)),
-    ],
-)
-def test_published_areas(dataset, folder, radius_m, areas_m2, apartments_m2):
-    meshes = {s: read_navmesh(dataset.root / folder / f"{s}.navmesh") for s in dataset.scene_files}
-    assert {m.agent_radius_m for m in meshes.values()} == {radius_m}
-    areas = [meshes[s].polygon_areas_m2.sum() for s in staging(dataset)]
-    assert len(areas) == 63
-    assert (min(areas), np.mean(areas), max(areas)) == pytest.approx(areas_m2, abs=0.005)
-    flats = [meshes[f"apt_{k}"].polygon_areas_m2.sum() for k in range(5)]
-    assert (min(flats), max(flats)) == pytest.approx(apartments_m2, abs=0.005)
+    ):
+        files = {s: dataset.root / folder / f"{s}.navmesh" for s in dataset.scene_files}
+        meshes = {s: read_navmesh(file) for s, file in files.items()}
+        assert {m.agent_radius_m for m in meshes.values()} == {radius_m}
+        areas = [meshes[s].polygon_areas_m2.sum() for s in staging(dataset)]
+        assert len(areas) == 63
+        assert (min(areas), np.mean(areas), max(areas)) == pytest.approx(areas_m2, abs=0.005)
+        flats = [meshes[f"apt_{k}"].polygon_areas_m2.sum() for k in range(5)]
+        assert (min(flats), max(flats)) == pytest.approx(apartments_m2, abs=0.005)
 
 
 # Walls from navmeshes --------------------------------------------------------------------------
@@ -209,37 +201,19 @@ def layouts(dataset):
 
 
 @pytest.mark.assets
-def test_a_layout_loads_fast_once_its_walls_are_kept(dataset):
-    seconds = []
-    for _ in range(6):
-        start = time.perf_counter()
-        spec = load_scene(dataset, "v3_sc1_staging_03")
-        seconds.append(time.perf_counter() - start)
-    assert min(seconds) < 0.02
-    assert 20 <= len(spec.stage.collision) - SHELL_PARTS <= 40
-
-
-@pytest.mark.assets
 @pytest.mark.slow
-def test_no_wall_reaches_into_furniture(layouts):
+def test_no_wall_reaches_into_furniture_or_stops_doors_and_drawers(layouts):
     for scene, layout in layouts.items():
         stage = [b for b in layout.placed.values() if b.piece == STAGE]
         inner = Bodies(stage[SHELL_PARTS:])
-        assert len(inner.all) <= 40, scene
+        assert 0 < len(inner.all) <= 40, scene
         for body in layout.placed.values():
             near = inner.near(body.box_m) if body.piece != STAGE else []
             assert max((depth_m(body, wall) for wall in near), default=0.0) <= 0.01, (
                 f"{scene}: {body.name}"
             )
-
-
-@pytest.mark.assets
-@pytest.mark.slow
-def test_walls_let_doors_and_drawers_open(layouts):
-    for scene, layout in layouts.items():
-        stage = Bodies(b for b in layout.placed.values() if b.piece == STAGE)
         for joint in layout.joints:
-            found = free_range(joint, stage)
+            found = free_range(joint, Bodies(stage))
             # The corner beside it stops one cupboard door, and the lower fridge door of apt_*.
             least = 1.8 if joint.kind == "hinge" else np.inf
             assert found.lower <= max(joint.lower, -least) + 1e-6, f"{scene}: {joint.name}"
@@ -268,12 +242,5 @@ def test_free_floor_is_that_of_the_published_navmeshes(dataset, layouts):
         errors.append(ours / (CELL_M**2 * floor.sum()) - 1)
         with_stairs.append(ours / island_areas_m2(navmesh)[0] - 1)
     assert len(errors) == 63
-    figure = np.abs(errors).mean()
-    logging.getLogger(__name__).info(
-        f"free floor against navmesh, 63 scenes: mean absolute error {figure:.1%}, mean "
-        f"{np.mean(errors):+.1%}, largest {np.abs(errors).max():.1%}; with the stairs "
-        f"{np.abs(with_stairs).mean():.1%}"
-    )
-    assert figure <= 0.10
     assert np.abs(with_stairs).mean() <= 0.10
     assert np.abs(errors).max() <= 0.10

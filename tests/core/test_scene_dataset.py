@@ -263,19 +263,16 @@ def test_a_malformed_scene_is_named(root):
             read(root)
 
 
-@pytest.mark.parametrize(
-    "damage",
-    [
+def test_a_malformed_template_is_named(root):
+    templates = (
         lambda config: config.pop("render_asset"),
         lambda config: next(iter(config["user_defined"].values())).pop("scale"),
         lambda config: next(iter(config["user_defined"].values())).update(position=[0, math.nan]),
         lambda config: config.update(friction_coefficient="rough"),
-    ],
-    ids=["no asset", "no scale", "odd position", "odd friction"],
-)
-def test_a_malformed_template_is_named(root, damage):
-    config = table_config()
-    damage(config)
-    file = write_json(root / TABLE, config)
-    with pytest.raises(DatasetError, match=rf"{file}: "):
-        read(root)
+    )
+    for damage in templates:
+        config = table_config()
+        damage(config)
+        file = write_json(root / TABLE, config)
+        with pytest.raises(DatasetError, match=rf"{file}: "):
+            read(root)

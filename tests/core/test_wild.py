@@ -15,6 +15,7 @@ from hab_tasks.layouts.checks import check_layout, free_range
 from hab_tasks.layouts.wild import WildVarier
 from hab_tasks.pipeline.optimise import optimise
 from hab_tasks.pipeline.options import AssetOptions
+from hab_tasks.registration import ENTRY_POINTS
 from hab_tasks.scenes.fields import read_json
 from hab_tasks.scenes.habitat.dataset import SceneDataset, resolve_dataset
 from hab_tasks.scenes.habitat.load import load_scene
@@ -22,11 +23,6 @@ from hab_tasks.scenes.layout_geometry import Layout
 from hab_tasks.scenes.markers import FRIDGES, HANDLE_MARKERS
 
 COUNT = 2
-ENVS = (
-    "HabPick-v1", "HabPlace-v1", "HabOpenFridge-v1", "HabCloseFridge-v1", "HabOpenDrawer-v1",
-    "HabCloseDrawer-v1", "HabNavigate-v1", "HabTidyHouse-v1", "HabPrepareGroceries-v1",
-    "HabSetTable-v1",
-)  # fmt: skip
 
 
 def command(dataset, out, count=COUNT, *more):
@@ -121,18 +117,12 @@ def test_the_folder_is_a_dataset_of_its_own(wild):
     assert not set(wild.scene_files) & set(wild.source.scene_files)
 
 
-def test_episodes_are_made_there(wild):
-    request = EpisodeRequest(env_id="HabOpenFridge-v1", scene_dataset=str(wild.root), seed=3)
-    episode = open_source(request).make(0).episode
-    assert episode.scene_id in wild.scene_files
-    assert episode.handle.marker == "fridge_push_point"
-    assert episode.handle.furniture.removesuffix("_:0000") in FRIDGES
-
-
-def test_each_layout_has_its_turn(wild):
+def test_episodes_are_made_there_and_each_layout_has_its_turn(wild):
     source = open_source(EpisodeRequest(env_id="HabCloseFridge-v1", scene_dataset=wild.root))
-    played = [source.make(index).episode.scene_id for index in range(COUNT + 1)]
-    assert played == [*sorted(wild.scene_files), min(wild.scene_files)]
+    made = [source.make(index).episode for index in range(COUNT + 1)]
+    assert [e.scene_id for e in made] == [*sorted(wild.scene_files), min(wild.scene_files)]
+    assert made[0].handle.marker == "fridge_push_point"
+    assert made[0].handle.furniture.removesuffix("_:0000") in FRIDGES
 
 
 def test_ordinary_variations_are_a_dataset_too(tmp_path):
@@ -146,31 +136,36 @@ def test_ordinary_variations_are_a_dataset_too(tmp_path):
     assert load_scene(made, "v3_sc3_staging_01").dataset == "apartment_sc3_0"
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
+def test_what_is_wrong_with_the_folder_is_told(wild, tmp_path):
+    data = json.loads((wild.root / "layouts.json").read_text())
+    for change, words in (
         ({"dataset": "/nowhere"}, "cannot be read"),
         ({"templates": 1}, "has changed"),
         ({"format": 2}, "format 2"),
         ({"split": "tset"}, "unknown split"),
         ({"macros": {"wild_001_sc0": "v3_sc0_staging_00"}}, "wild_001_sc0"),
         ({"macros": 3}, "damaged"),
-    ],
-)
-def test_what_is_wrong_with_the_folder_is_told(wild, tmp_path, change, words):
-    data = json.loads((wild.root / "layouts.json").read_text())
-    (tmp_path / "layouts.json").write_text(json.dumps(data | change))
-    with pytest.raises(DatasetError, match=words):
-        resolve_dataset(tmp_path)
+    ):
+        (tmp_path / "layouts.json").write_text(json.dumps(data | change))
+        with pytest.raises(DatasetError, match=words):
+            resolve_dataset(tmp_path)
 
 
 def test_bad_commands_are_told(wild, tmp_path, capsys):
-    assert main(["vary", "apartment", "--out", str(tmp_path / "a")]) == 2
-    assert "--macro sc1" in capsys.readouterr().err
-    assert main(command("apartment", tmp_path / "a", 1, "--macro", "sc9")) == 2
-    assert "Unknown macro layout" in capsys.readouterr().err
-    assert main(command(wild.root, tmp_path / "a")) == 2
-    assert "vary apartment" in capsys.readouterr().err
+    out = tmp_path / "a"
+    for arguments, message in (
+        (["vary", "apartment", "--out", str(out)], "--macro sc1"),
+        (command("apartment", out, 1, "--macro", "sc9"), "Unknown macro layout"),
+        (command(wild.root, out), "vary apartment"),
+        (command("apartment", out, 1, "--extend", "trian"), "trian"),
+        (
+            command("apartment", out, 1, "--extend", "train", "--macro", "sc0"),
+            "--extend samples wild layouts of a split",
+        ),
+    ):
+        assert main(arguments) == 2, message
+        assert message in capsys.readouterr().err
+        assert not out.exists()
     with pytest.raises(HabError, match="layouts only"):
         optimise(wild, tmp_path / "b", AssetOptions())
     with pytest.raises(UnknownNameError):
@@ -198,14 +193,21 @@ def test_real_layouts_keep_to_what_tasks_need(real):
     assert sum(upper < 2.29 for upper in reached) >= 2
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("env", ENVS)
-@pytest.mark.parametrize("which", ["wild", pytest.param("real", marks=pytest.mark.assets)])
-def test_every_layout_gives_episodes(which, env, request):
+@pytest.mark.parametrize(
+    ("which", "envs"),
+    [
+        pytest.param("wild", ("HabPick-v1", "HabSetTable-v1"), marks=pytest.mark.slow),
+        pytest.param("wild", ENTRY_POINTS, marks=pytest.mark.long),
+        pytest.param("real", ENTRY_POINTS, marks=[pytest.mark.long, pytest.mark.assets]),
+    ],
+    ids=["two of wild", "wild", "real"],
+)
+def test_every_layout_gives_episodes(which, envs, request):
     dataset = request.getfixturevalue(which)
-    for scene_id in sorted(dataset.scene_files)[:COUNT]:
-        asked = EpisodeRequest(env_id=env, scene_dataset=str(dataset.root), scene=scene_id)
-        assert open_source(asked).make(0).episode.scene_id == scene_id
+    for env in envs:
+        for scene_id in sorted(dataset.scene_files)[:COUNT]:
+            asked = EpisodeRequest(env_id=env, scene_dataset=str(dataset.root), scene=scene_id)
+            assert open_source(asked).make(0).episode.scene_id == scene_id
 
 
 def test_layouts_extend_a_split_of_their_dataset(tmp_path):
@@ -228,16 +230,3 @@ def test_layouts_extend_a_split_of_their_dataset(tmp_path):
         EpisodeRequest(env_id="HabNavigate-v1", scene_dataset=str(out), split="train")
     )
     assert {source.get(index).scene_id for index in range(2)} == added
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--extend", "trian"], "trian"),
-        (["--extend", "train", "--macro", "sc0"], "--extend samples wild layouts of a split"),
-    ],
-)
-def test_a_split_that_cannot_be_extended_is_told(tmp_path, capsys, options, message):
-    assert main(command("apartment", tmp_path / "larger", 1, *options)) == 2
-    assert message in capsys.readouterr().err
-    assert not (tmp_path / "larger").exists()

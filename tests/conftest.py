@@ -1,4 +1,4 @@
-"""Fixtures and skips for optional resources: real data, Vulkan, an NVIDIA GPU, Chromium."""
+"""Fixtures and skips for optional resources: real data, Vulkan, Chromium."""
 
 import functools
 import gc
@@ -32,12 +32,10 @@ COLLECTED = 20
 
 PROBES = {
     "render": "import sapien; sapien.render.RenderSystem()",
-    "gpu": "import sapien, torch; torch.zeros(1, device='cuda'); sapien.physx.enable_gpu()",
     "browser": "import shutil, playwright.sync_api; assert shutil.which('chromium')",
 }
 REASONS = {
     "render": "no Vulkan device that SAPIEN can use (see the README, Images without a GPU)",
-    "gpu": "no NVIDIA card that torch and PhysX can use",
     "browser": "no Chromium or no Playwright (apt-get install chromium)",
 }
 

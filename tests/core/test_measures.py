@@ -3,7 +3,6 @@
 import math
 from dataclasses import fields, replace
 
-import pytest
 import torch
 from builders import StraightWays, snapshot
 
@@ -93,9 +92,9 @@ def test_advance_takes_differences_and_sums_the_force():
     assert tracker.measures.stopped.tolist() == [True] * N
 
 
-@pytest.mark.parametrize(
-    ("before", "after", "picked", "dropped", "other", "picked_other"),
-    [
+def test_picking_up_and_dropping():
+    # Row 1's target is object 1; the other rows hold nothing.
+    for before, after, picked, dropped, other, picked_other in (
         (-1, 1, True, False, False, False),  # the target
         (-1, 0, False, False, True, True),  # another object
         (1, 1, False, False, False, False),
@@ -104,18 +103,15 @@ def test_advance_takes_differences_and_sums_the_force():
         (1, 0, False, True, True, True),  # exchanged for another
         (0, 1, True, False, False, False),
         (-1, -1, False, False, False, False),
-    ],
-)
-def test_picking_up_and_dropping(before, after, picked, dropped, other, picked_other):
-    # Row 1's target is object 1; the other rows hold nothing.
-    tracker = tracker_at(random_snapshot(0, (-1, before, -1, -1)))
-    tracker.advance(random_snapshot(1, (-1, after, -1, -1)), GOING)
-    m = tracker.measures
-    assert m.picked_now.tolist() == [False, picked, False, False]
-    assert m.dropped_now.tolist() == [False, dropped, False, False]
-    assert m.holding_other.tolist() == [False, other, False, False]
-    assert m.picked_other_now.tolist() == [False, picked_other, False, False]
-    assert m.holding_target.tolist() == [False, after == 1, False, False]
+    ):
+        tracker = tracker_at(random_snapshot(0, (-1, before, -1, -1)))
+        tracker.advance(random_snapshot(1, (-1, after, -1, -1)), GOING)
+        m = tracker.measures
+        found = (m.picked_now, m.dropped_now, m.holding_other, m.picked_other_now, m.holding_target)
+        for flags, flag in zip(
+            found, (picked, dropped, other, picked_other, after == 1), strict=True
+        ):
+            assert flags.tolist() == [False, flag, False, False], (before, after)
 
 
 def test_placed_means_within_15_cm_and_let_go():

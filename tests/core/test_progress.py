@@ -150,7 +150,7 @@ def test_no_stage_may_be_skipped(make_harness):
     assert success == [False, False, True]
 
 
-def test_later_stages_need_earlier_placements(make_harness):
+def test_later_stages_need_earlier_placements_one_a_step(make_harness):
     harness = make_harness(PREPARE_GROCERIES, 2)
     harness.see((0, ()), (0, ()))
     harness.see((None, (0,)), (None, (0,)))
@@ -158,11 +158,8 @@ def test_later_stages_need_earlier_placements(make_harness):
     assert harness.see((1, (0,)), (1, ()))[0] == [3, 2]
     assert harness.see((None, (0, 1)), (None, (1,)))[0] == [4, 2]
     assert harness.see((None, (0, 1)), (1, (0,)))[0] == [4, 3]
-
-
-def test_one_step_reaches_one_stage(make_harness):
-    harness = make_harness(SET_TABLE, 2)
     # The drawer is open and the bowl in the hand in the same step.
+    harness = make_harness(SET_TABLE, 2)
     seen = ((0, (), (0.3, 0.0)), (0, (), (0.1, 0.0)))
     assert harness.see(*seen)[0] == [1, 0]
     assert harness.see(*seen)[0] == [2, 0]
@@ -217,32 +214,18 @@ def test_a_part_ends_when_its_own_skill_is_done(make_harness):
     assert harness.progress.done.tolist() == [True, True, True, False]
 
 
-def test_the_last_part_stays(make_harness):
-    last = len(PREPARE_GROCERIES.parts) - 1
-    harness = make_harness(PREPARE_GROCERIES, 2)
-    harness.go_to(last, last - 1)
-    done = {
-        "placed": row(True, True),
-        "ee_to_rest_m": row(0.0, 0.0),
-        "base_to_goal_m": row(0.0, 0.0),
-    }
-    harness.see((None, ()), (None, ()), **done)
-    assert harness.progress.move_on() == [1]
-    assert harness.progress.part.tolist() == [last, last]
-
-
-def test_a_part_succeeds_in_one_step_only(make_harness):
-    """Also the last one, in which a row stays for as long as the task's goal is not reached."""
+def test_the_last_part_stays_and_succeeds_in_one_step_only(make_harness):
     last = len(TIDY_HOUSE.parts) - 1
     harness = make_harness(TIDY_HOUSE, 2)
     harness.go_to(last, 0)
     placed = {"placed": row(True, True), "ee_to_rest_m": row(0.0, 0.0)}
     succeeded = []
     for _ in range(3):
-        harness.progress.move_on()
+        assert harness.progress.move_on() == []
         harness.see((None, (4,)), (None, ()), **placed)
         succeeded.append(harness.progress.succeeded.tolist())
     assert succeeded == [[True, False], [False, False], [False, False]]
+    assert harness.progress.part.tolist() == [last, 0]
 
 
 def test_rows_do_different_skills(make_harness):
@@ -257,14 +240,10 @@ def test_rows_do_different_skills(make_harness):
     assert harness.progress.current()["number"].tolist() == [0, 1, 15, 2]
     assert harness.progress.focus.object.tolist() == [0, 0, 1, 0]
     assert harness.progress.focus.articulation.tolist() == [0, 0, 1, 0]
-
-
-def test_a_single_row_does_one_skill(make_harness):
-    harness = make_harness(SET_TABLE, 1)
-    harness.go_to(9)
-    ((skill, here),) = harness.progress.doing()
-    assert skill.name == "open_fridge"
-    assert here.tolist() == [True]
+    alone = make_harness(SET_TABLE, 1)
+    alone.go_to(9)
+    ((skill, here),) = alone.progress.doing()
+    assert (skill.name, here.tolist()) == ("open_fridge", [True])
 
 
 # Some rows, save and restore -------------------------------------------------------------------

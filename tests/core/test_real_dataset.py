@@ -11,13 +11,16 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import trimesh
 from builders import cpu_scene
 
+from hab_tasks.errors import DatasetError
 from hab_tasks.object_names import ALL_OBJECTS
 from hab_tasks.receptacles import PLACE_RECEPTACLES, UNSEEN_RECEPTACLES
 from hab_tasks.scenes.habitat.dataset import SPLIT_MACROS, SceneDataset
 from hab_tasks.scenes.habitat.load import load_scene, load_template
 from hab_tasks.scenes.markers import HANDLE_MARKERS
+from hab_tasks.scenes.meshes import mesh_bounds, parts_volume
 from hab_tasks.scenes.objects import load_objects
 from hab_tasks.scenes.pool import BodyPool
 
@@ -45,11 +48,17 @@ def listing(folder: Path) -> dict[str, tuple[int, int]]:
     return found
 
 
-def test_all_scenes_are_read(specs):
+def test_all_scenes_are_read(dataset, specs):
     # 21 each of sc0, sc1, sc2, apt_0 to apt_4 and the empty stage
     assert len(specs) == 3 * 21 + 5 + 1
     for spec in specs.values():
         assert np.isfinite([o.world_from_object for o in spec.objects]).all()
+        floor = spec.stage.collision[0]
+        # ReplicaCAD's flat is some 7 x 13 m.
+        assert 3.0 < floor.half_size_m[0] < 4.5
+        assert 5.5 < floor.half_size_m[2] < 7.5
+    assert [len(dataset.scenes_of_split(s)) for s in SPLIT_MACROS] == [63, 0, 0]
+    assert dataset.resolve_split(None) == "train"
 
 
 def test_staging_scenes_hold_what_the_files_say(dataset, specs):
@@ -73,41 +82,25 @@ def test_only_bikes_are_missing_and_a_hanger_that_no_scene_uses(dataset, specs):
     assert "hanger" in hanger
 
 
-@pytest.mark.parametrize("number", range(5))
-def test_apartments_hold_many_loose_objects(dataset, specs, number):
-    spec = specs[f"apt_{number}"]
-    raw = json.loads(dataset.scene_files[spec.scene_id].read_text())["object_instances"]
-    loose = [Path(o["template_name"]).name for o in raw if o["motion_type"] == "DYNAMIC"]
-    assert len(loose) > 100
-    assert sum(o.dynamic for o in spec.objects) == sum(name not in BIKES for name in loose)
-    assert len({o.name for o in spec.objects}) == len(spec.objects)
+def test_apartments_hold_many_loose_objects(dataset, specs):
+    for number in range(5):
+        spec = specs[f"apt_{number}"]
+        raw = json.loads(dataset.scene_files[spec.scene_id].read_text())["object_instances"]
+        loose = [Path(o["template_name"]).name for o in raw if o["motion_type"] == "DYNAMIC"]
+        assert len(loose) > 100
+        assert sum(o.dynamic for o in spec.objects) == sum(name not in BIKES for name in loose)
+        assert len({o.name for o in spec.objects}) == len(spec.objects)
 
 
-def test_train_has_the_three_public_macros(dataset):
-    assert [len(dataset.scenes_of_split(s)) for s in SPLIT_MACROS] == [63, 0, 0]
-    assert dataset.resolve_split(None) == "train"
-
-
-def test_receptacles_of_the_paper_are_there(specs):
+def test_receptacles_and_handles_of_the_paper_are_there(specs):
     names = {r.name for spec in specs.values() for r in spec.receptacles}
     assert {*PLACE_RECEPTACLES, *UNSEEN_RECEPTACLES} <= names
-
-
-def test_handle_markers_name_links_that_exist(specs):
     furniture = {a.template: a.urdf_file for a in specs["v3_sc0_staging_00"].articulations}
     for marker in HANDLE_MARKERS:
         if marker.template == "fridge_mirrored":
             continue  # the apartment's only
         links = ElementTree.parse(furniture[marker.template]).getroot().iter("link")
         assert marker.link in {link.get("name") for link in links}, marker
-
-
-def test_the_stage_is_a_shell_around_the_flat(specs):
-    for spec in specs.values():
-        floor = spec.stage.collision[0]
-        # ReplicaCAD's flat is some 7 x 13 m.
-        assert 3.0 < floor.half_size_m[0] < 4.5
-        assert 5.5 < floor.half_size_m[2] < 7.5
 
 
 @pytest.mark.slow
@@ -144,43 +137,28 @@ def test_a_staging_scene_builds_with_its_joints(specs):
 # Objects ---------------------------------------------------------------------------------------
 
 
-def urdf_masses(ycb: Path) -> dict[str, float]:
+def test_ycb_masses_equal_the_urdfs_and_are_those_of_built_bodies(ycb, specs):
+    objects = load_objects(ycb)
+    assert tuple(sorted(objects)) == ALL_OBJECTS
     masses = {}
     for file in ycb.glob("*.urdf"):
         text = file.read_text()
         name = re.search(r'filename="(\d{3}_\w+)/', text)[1]
         masses[name] = float(re.search(r'<mass value="([\d.]+)"', text)[1])
-    return masses
-
-
-def test_ycb_masses_equal_the_urdfs(ycb):
-    objects = load_objects(ycb)
-    assert tuple(sorted(objects)) == ALL_OBJECTS
-    masses = urdf_masses(ycb)
-    assert masses.keys() == objects.keys()
     assert {n: o.mass_kg for n, o in objects.items()} == masses
-
-
-def test_built_ycb_objects_have_these_masses(ycb, specs):
     scene = cpu_scene()
-    masses = urdf_masses(ycb)
-    handles = BodyPool(scene, load_objects(ycb)).show(
-        specs["empty_stage"], [f"{name}_:{number:04d}" for name in masses for number in (0, 1)]
-    )
+    handles = BodyPool(scene, objects).show(specs["empty_stage"], [f"{n}_:0001" for n in masses])
     scene._setup(enable_gpu=False)
     for name, mass_kg in masses.items():
-        for number in (0, 1):
-            body = handles.pickables[f"{name}_:{number:04d}"]._bodies[0]
-            assert body.mass == pytest.approx(mass_kg, rel=1e-5)
+        body = handles.pickables[f"{name}_:0001"]._bodies[0]
+        assert body.mass == pytest.approx(mass_kg, rel=1e-5)
 
 
-def maniskill_folder(ycb: Path, root: Path) -> Path:
+def test_ycb_in_maniskills_layout(ycb, tmp_path):
     """The real files as ManiSkill's `mani_skill2_ycb` names them."""
-    import trimesh
-
-    info = {}
+    google, info = load_objects(ycb), {}
     for name in ALL_OBJECTS:
-        folder = root / "models" / name
+        folder = tmp_path / "models" / name
         folder.mkdir(parents=True)
         source = ycb / name / "google_16k"
         for file in ("textured.obj", "textured.mtl", "texture_map.jpg", "texture_map.png"):
@@ -188,28 +166,15 @@ def maniskill_folder(ycb: Path, root: Path) -> Path:
                 shutil.copy(source / file, folder / file)
         trimesh.load_mesh(source / "textured_vhacd.stl").export(folder / "collision.ply")
         info[name] = {"density": 800.0}
-    (root / "info_pick_v0.json").write_text(json.dumps(info))
-    return root
-
-
-def test_ycb_in_maniskills_layout(ycb, tmp_path):
-    objects = load_objects(maniskill_folder(ycb, tmp_path))
-    google = load_objects(ycb)
+    (tmp_path / "info_pick_v0.json").write_text(json.dumps(info))
+    objects = load_objects(tmp_path)
     assert objects.keys() == google.keys()
-    from hab_tasks.scenes.meshes import mesh_bounds, parts_volume
-
     for name, template in objects.items():
         (parts,), (same,) = template.collision, google[name].collision
         # mass = density * volume of the parts
         assert template.mass_kg == pytest.approx(800.0 * parts_volume(parts.file))
         assert np.allclose(mesh_bounds(parts.file), mesh_bounds(same.file), atol=1e-4), name
         assert template.visual_file.is_file()
-
-
-def test_a_damaged_density_file_is_named(ycb, tmp_path):
-    from hab_tasks.errors import DatasetError
-
-    root = maniskill_folder(ycb, tmp_path)
-    (root / "info_pick_v0.json").write_text('{"002_master_chef_can": {')
+    (tmp_path / "info_pick_v0.json").write_text('{"002_master_chef_can": {')
     with pytest.raises(DatasetError, match=r"info_pick_v0\.json: not valid JSON"):
-        load_objects(root)
+        load_objects(tmp_path)

@@ -10,15 +10,21 @@ from start_checks import TASKS, Replay
 
 from hab_tasks.scenes.shapes import matrix
 
-SLOW = pytest.mark.slow
-REAL = pytest.param("real", marks=[pytest.mark.assets, SLOW])
-every_task = pytest.mark.parametrize(
-    "env_id",
-    [t if t == "HabSetTable-v1" else pytest.param(t, marks=pytest.mark.slow) for t in TASKS],
-)
-every_dataset = pytest.mark.parametrize("dataset", ["apartment", REAL])
 tidy_house, prepare_groceries, set_table = (
     pytest.mark.parametrize("env_id", [env_id]) for env_id in TASKS
+)
+
+every_task = pytest.mark.parametrize(
+    ("env_id", "dataset"),
+    [
+        ("HabSetTable-v1", "apartment"),
+        *(pytest.param(t, "apartment", marks=pytest.mark.slow) for t in TASKS[:2]),
+        pytest.param(TASKS[2], "real", marks=[pytest.mark.assets, pytest.mark.slow]),
+        *(pytest.param(t, "real", marks=[pytest.mark.assets, pytest.mark.long]) for t in TASKS[:2]),
+    ],
+)
+every_dataset = pytest.mark.parametrize(
+    "dataset", ["apartment", pytest.param("real", marks=[pytest.mark.assets, pytest.mark.slow])]
 )
 
 
@@ -36,25 +42,25 @@ def names_of(refs):
 # All tasks -------------------------------------------------------------------------------------
 
 
-@every_dataset
 @every_task
-def test_objects_rest_and_nothing_overlaps(replays):
+def test_objects_rest_apart_at_the_start_and_at_their_goals_and_the_robot_stands_free(replays):
     for replay in replays:
-        assert replay.moved_m(replay.resting()) < 0.01, replay.episode.id
-        assert not replay.overlaps(replay.episode.objects), replay.episode.id
-        assert replay.joints_moved() < 0.01, replay.episode.id
-
-
-@every_dataset
-@every_task
-def test_targets_rest_at_their_goals_too(replays):
-    for replay in replays:
+        id_ = replay.episode.id
+        assert replay.moved_m(replay.resting()) < 0.01, id_
+        assert not replay.overlaps(replay.episode.objects), id_
+        assert replay.joints_moved() < 0.01, id_
         targets = [target.object for target in replay.episode.targets]
-        assert replay.moved_m(replay.at_goals(), targets) < 0.01, replay.episode.id
-        assert not replay.overlaps(replay.at_goals()), replay.episode.id
+        assert replay.moved_m(replay.at_goals(), targets) < 0.01, id_
+        assert not replay.overlaps(replay.at_goals()), id_
+        for poses in (replay.episode.objects, replay.at_goals()):
+            replay.stand(poses)
+            for name in (sc.CHAIR, sc.SINK):
+                assert all(count <= 2 for count in replay.count_on(name).values()), name
+        replay.stand()
+        assert not replay.touches(), id_
+        assert replay.off_floor_m(replay.episode.robot.base) < 1e-5, id_
 
 
-@every_dataset
 @every_task
 def test_starts_and_goals_are_on_their_receptacles_and_apart(replays):
     for replay in replays:
@@ -70,25 +76,6 @@ def test_starts_and_goals_are_on_their_receptacles_and_apart(replays):
             assert -0.02 < height < 0.3, target
 
 
-@every_dataset
-@every_task
-def test_the_robot_stands_free(replays):
-    for replay in replays:
-        assert not replay.touches(), replay.episode.id
-        assert replay.off_floor_m(replay.episode.robot.base) < 1e-5, replay.episode.id
-
-
-@every_dataset
-@every_task
-def test_chairs_and_sinks_hold_two_objects_at_most(replays):
-    for replay in replays:
-        for poses in (replay.episode.objects, replay.at_goals()):
-            replay.stand(poses)
-            for name in (sc.CHAIR, sc.SINK):
-                assert all(count <= 2 for count in replay.count_on(name).values()), name
-
-
-@every_dataset
 @every_task
 def test_the_objects_are_known_and_the_clutter_is_there(replays, env_id):
     clutter = 25 if env_id == TASKS[0] else 27

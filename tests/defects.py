@@ -47,7 +47,7 @@ class Defect:
 
 # fmt: off
 DEFECTS = (
-    Defect(name="reward_sign", first="core/test_rewards_close_fridge.py",
+    Defect(name="reward_sign", first="core/test_rewards_doors.py",
            file="hab_tasks/skills/close_fridge.py",
            old='"joint": -w.joint', new='"joint": w.joint'),
     Defect(name="success_radius", first="core/test_measures.py", file="hab_tasks/constants.py",
@@ -96,10 +96,10 @@ DEFECTS = (
            old="depth <= 0, torch.ones_like(depth)", new="depth <= 0, torch.zeros_like(depth)"),
     Defect(name="arm_camera", first="envs/test_render.py", file="hab_tasks/robots/cameras.py",
            old='"arm": CameraPlace(link=ROBOT.ee_link', new='"arm": CameraPlace(link="base_link"'),
-    Defect(name="drawer_share", first="core/test_rewards_open_drawer.py",
+    Defect(name="drawer_share", first="core/test_rewards_doors.py",
            file="hab_tasks/articulations.py",
            old="DRAWER_OPEN_SHARE = 0.9", new="DRAWER_OPEN_SHARE = 0.8"),
-    Defect(name="fridge_closed", first="core/test_rewards_close_fridge.py",
+    Defect(name="fridge_closed", first="core/test_rewards_doors.py",
            file="hab_tasks/articulations.py",
            old="FRIDGE_CLOSED_RAD = 0.15", new="FRIDGE_CLOSED_RAD = 0.2"),
     Defect(name="rest_frame", first="envs/test_pick_endings.py",

@@ -1,7 +1,6 @@
 """Rays against triangles: the kernel equals a search over all triangles, in camera and clipping."""
 
 import numpy as np
-import pytest
 import sapien
 
 from hab_tasks.raycast.compiled import kernel
@@ -71,16 +70,16 @@ def soup(seed, count=60, two_sided=0.5):
     return Mesh(corners, faces, rng.uniform(size=count) < two_sided)
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_rays_hit_the_nearest_visible_triangle(seed):
-    mesh = soup(seed)
-    depth_m, actors = cast(mesh)
-    expected_m, unsure = searched(mesh)
-    sure = ~unsure
-    assert sure.mean() > 0.5
-    assert np.abs(depth_m - expected_m)[sure].max() < 2e-5
-    assert ((actors == 7) == (depth_m > 0))[sure].all()
-    assert 0.1 < (depth_m > 0).mean() < 1.0
+def test_rays_hit_the_nearest_visible_triangle():
+    for seed in range(4):
+        mesh = soup(seed)
+        depth_m, actors = cast(mesh)
+        expected_m, unsure = searched(mesh)
+        sure = ~unsure
+        assert sure.mean() > 0.5
+        assert np.abs(depth_m - expected_m)[sure].max() < 2e-5
+        assert ((actors == 7) == (depth_m > 0))[sure].all()
+        assert 0.1 < (depth_m > 0).mean() < 1.0
 
 
 def test_clusters_do_not_change_the_image():
@@ -109,20 +108,17 @@ def test_a_floor_is_cut_off_at_the_near_and_the_far_plane():
     assert np.array_equal(both, seen)
 
 
-@pytest.mark.parametrize(
-    ("visual", "half_m"),
-    [
-        (Visual(kind="box", size=(0.1, 0.2, 0.3)), (0.1, 0.2, 0.3)),
-        (Visual(kind="sphere", size=(0.2,)), (0.2, 0.2, 0.2)),
-        (Visual(kind="cylinder", size=(0.1, 0.3)), (0.1, 0.1, 0.3)),
-        (Visual(kind="capsule", size=(0.1, 0.3)), (0.1, 0.1, 0.4)),
-    ],
-)
-def test_primitives_have_their_size_and_face_outwards(visual, half_m):
-    mesh = mesh_of((visual,))
-    assert np.allclose(np.abs(mesh.vertices_m).max(axis=0), half_m, atol=2e-3)
-    a, b, c = (mesh.vertices_m[mesh.faces[:, i]] for i in range(3))
-    assert np.einsum("fi,fi->", a, np.cross(b, c)) > 0  # six times the volume
+def test_primitives_have_their_size_and_face_outwards():
+    for kind, size, half_m in (
+        ("box", (0.1, 0.2, 0.3), (0.1, 0.2, 0.3)),
+        ("sphere", (0.2,), (0.2, 0.2, 0.2)),
+        ("cylinder", (0.1, 0.3), (0.1, 0.1, 0.3)),
+        ("capsule", (0.1, 0.3), (0.1, 0.1, 0.4)),
+    ):
+        mesh = mesh_of((Visual(kind=kind, size=size),))
+        assert np.allclose(np.abs(mesh.vertices_m).max(axis=0), half_m, atol=2e-3), kind
+        a, b, c = (mesh.vertices_m[mesh.faces[:, i]] for i in range(3))
+        assert np.einsum("fi,fi->", a, np.cross(b, c)) > 0, kind  # six times the volume
 
 
 def test_a_surface_is_read_once():

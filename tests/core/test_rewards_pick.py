@@ -2,25 +2,11 @@
 
 import pytest
 import torch
-from builders import evaluate_rules, measures, row, snapshot
+from builders import evaluate_rules, measures, row
 
 from hab_tasks.constants import REST_RADIUS_M
-from hab_tasks.engine.goals import Goals
-from hab_tasks.engine.measures import Tracker
 from hab_tasks.engine.rewards import force_penalty
 from hab_tasks.skills.pick import PICK
-
-TERMS = [
-    "success",
-    "pickup",
-    "approach",
-    "retract",
-    "force",
-    "force_exceeded",
-    "wrong_object",
-    "dropped_object",
-]
-"""The equation's summands in its order."""
 
 
 def test_approach_pickup_and_success():
@@ -87,17 +73,17 @@ def test_rest_is_within_15_cm():
     assert REST_RADIUS_M == 0.15
 
 
-def test_the_first_moment_pays_no_distance():
-    tracker = Tracker(Goals.empty(3, 1, 0, "cpu"))
-    points = torch.rand(3, 1, 3, generator=torch.Generator())
-    tracker.begin(snapshot(3, objects_m=points), torch.arange(3))
-    terms = evaluate_rules(PICK, tracker.measures).terms
-    for name in ("approach", "retract", "pickup", "dropped_object"):
-        assert not terms[name].any(), name
-
-
 def test_the_terms_stand_in_the_order_of_the_equation():
-    assert list(evaluate_rules(PICK, measures(2)).terms) == TERMS
+    assert list(evaluate_rules(PICK, measures(2)).terms) == [
+        "success",
+        "pickup",
+        "approach",
+        "retract",
+        "force",
+        "force_exceeded",
+        "wrong_object",
+        "dropped_object",
+    ]
 
 
 def test_sct_by_hand():
@@ -112,12 +98,12 @@ def test_sct_by_hand():
     assert torch.allclose(evaluate_rules(PICK, m).scores["sct"], row(0.5, 1.0, 1.0, 0.0))
 
 
-@pytest.mark.parametrize("gripper", [-1.0, -0.2, 0.0, 0.7])
-def test_release_is_masked_only_while_the_target_is_held(gripper):
+def test_release_is_masked_only_while_the_target_is_held():
     m = measures(3, holding_target=row(True, False, False), holding_other=row(False, True, False))
-    masked = PICK.mask_gripper(torch.full((3,), gripper), m)
-    assert masked[0] >= 0
-    assert masked[1:].tolist() == pytest.approx([gripper, gripper])
+    for gripper in (-1.0, 0.0, 0.7):
+        masked = PICK.mask_gripper(torch.full((3,), gripper), m)
+        assert masked[0] >= 0
+        assert masked[1:].tolist() == pytest.approx([gripper, gripper])
 
 
 def test_no_step_pays_more_than_the_bound():

@@ -74,9 +74,11 @@ BY_HAND = [
 
 
 @pytest.mark.parametrize("arrays", [False, True], ids=["tensors", "arrays"])
-@pytest.mark.parametrize(("entry", "expected"), BY_HAND, ids=[e.name for e, _ in BY_HAND])
-def test_an_entry_by_hand(entry, expected, arrays):
-    torch.testing.assert_close(read(entry, arrays), torch.tensor(expected).float())
+def test_entries_by_hand(arrays):
+    for entry, expected in BY_HAND:
+        torch.testing.assert_close(
+            read(entry, arrays), torch.tensor(expected).float(), msg=lambda m, e=entry: e.name + m
+        )
 
 
 def test_what_is_told_along_the_bases_axes_gives_what_habitat_tells():
@@ -104,28 +106,28 @@ TOLD = {
 """Environment -> what tells the target, the same with ``target_frame="ee"``, and the handle."""
 
 
-@pytest.mark.parametrize("env_id", ENVS)
-def test_each_environment_has_the_options_that_make_sense(env_id):
-    env = ENVS[env_id].env
-    default, in_ee, handle = TOLD[env_id]
+def test_each_environment_has_the_options_that_make_sense():
+    assert ENVS.keys() == TOLD.keys()
+    for env_id, (default, in_ee, handle) in TOLD.items():
+        env = ENVS[env_id].env
 
-    def told(*options):
-        entries = observed(env.observation, env.handle, *options)
-        assert [e for e in entries if e.group == "agent"] == [
-            e for e in env.observation if e.proprioceptive
-        ]
-        return [e.name for e in entries if e.group == "extra"]
+        def told(*options, env=env):
+            entries = observed(env.observation, env.handle, *options)
+            assert [e for e in entries if e.group == "agent"] == [
+                e for e in env.observation if e.proprioceptive
+            ]
+            return [e.name for e in entries if e.group == "extra"]
 
-    assert told() == [default]
-    if in_ee is None:
-        with pytest.raises(OptionError, match="'base' in a task"):
-            told("ee")
-    else:
-        assert told("ee") == [in_ee]
-    if handle is None:
-        with pytest.raises(OptionError, match="without a door or drawer"):
-            told("base", True)
-    else:
-        assert told("base", True) == [default, handle]
+        assert told() == [default], env_id
+        if in_ee is None:
+            with pytest.raises(OptionError, match="'base' in a task"):
+                told("ee")
+        else:
+            assert told("ee") == [in_ee], env_id
+        if handle is None:
+            with pytest.raises(OptionError, match="without a door or drawer"):
+                told("base", True)
+        else:
+            assert told("base", True) == [default, handle], env_id
     with pytest.raises(UnknownNameError, match="Did you mean 'base'"):
         told("bas")

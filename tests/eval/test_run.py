@@ -181,6 +181,7 @@ BAD = (
     (("--workers", "0"), ("workers is 0; it has to be a whole number from 1",)),
     (("--option", "speed"), ("--option 'speed' is not of the form NAME=VALUE",)),
     (("--option", "=2"), ("'=2'", "NAME=VALUE")),
+    (("--option", "speed="), ("'speed='", "NAME=VALUE")),
     (("--option", "a=1", "--option", "a=2"), ("--option a is given twice: '1' and '2'",)),
     (("--epsodes", 3), ("--epsodes", "--episodes")),
 )

@@ -124,6 +124,9 @@ def test_a_new_submission_of_a_name_ends_its_wait(tmp_path):
     again.write_text(json.dumps({"a.json": "2026-11-23"}))
     assert find_submissions(folder).current == {}
     assert list(with_submission(folder, "a.json", make_record()).current) == ["a.json"]
+    write_record(folder / "b.json", make_record(env="HabPlace-v1"))
+    assert list(find_submissions(folder, "HabPlace-v1").current) == ["b.json"]
+    (folder / "b.json").unlink()
     again.write_text(json.dumps({"b.json": "2026-11-23"}))
     with pytest.raises(ResultError, match=r"b\.json"):
         find_submissions(folder)

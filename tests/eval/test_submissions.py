@@ -133,8 +133,10 @@ def test_submit_refuses_bad_files_and_names(cli, board, run_of, tmp_path):
 def finished_run(tmp_path_factory):
     """A run of nine episodes on the stub, seed 1."""
     folder, undo = tmp_path_factory.mktemp("finished") / "run", stub_hab.install()
-    assert main([*RUN, "--seed", "1", "--episodes", "9", "--out", str(folder)]) == 0
-    undo()
+    try:
+        assert main([*RUN, "--seed", "1", "--episodes", "9", "--out", str(folder)]) == 0
+    finally:
+        undo()
     return folder
 
 

@@ -12,19 +12,16 @@ GOAL = np.array([0.9, 0.2, 0.85])
 FRIDGE = np.array([1.2, 0.0, math.pi])
 
 
-@pytest.mark.parametrize(
-    ("object_m", "expected"),
-    [
+def test_the_object_is_lowered_onto_its_goal_and_released():
+    for (x, y, z), expected in (
         # 0.006 m below the point 0.08 m above the goal, 0.1 m before it.
         ((0.8, 0.2, 0.924), [1, 0, 0.006 / 0.015, 1]),
         ((0.88, 0.2, 0.93), [1, 0, -1, 1]),  # 0.02 m before it: down to the goal
         ((0.88, 0.2, 0.87), [1, 0, -1, -1]),  # 0.028 m away: released
-    ],
-)
-def test_the_object_is_lowered_onto_its_goal_and_released(object_m, expected):
-    hand_m = (object_m[0] - 0.05, object_m[1], object_m[2] + 0.07)  # the object's own place counts
-    action = place_action(reaching(hand_m, object_m), GOAL, holds=True, fridge=None)
-    assert action == pytest.approx(expected, abs=1e-3)
+    ):
+        hand_m = (x - 0.05, y, z + 0.07)  # the object's own place counts
+        action = place_action(reaching(hand_m, (x, y, z)), GOAL, holds=True, fridge=None)
+        assert action == pytest.approx(expected, abs=1e-3)
 
 
 def test_the_empty_hand_rises_before_it_leaves():

@@ -12,19 +12,15 @@ def source_in(folder, request=REQUEST):
         return open_source(request)
 
 
-def test_an_episode_of_another_process_is_not_generated_again(tmp_path, monkeypatch):
+def test_only_episodes_of_the_same_source_are_not_generated_again(tmp_path, monkeypatch):
     first = source_in(tmp_path)
     made = first.get(0)
     other = source_in(tmp_path)
     monkeypatch.setattr(other, "make", lambda index: pytest.fail("generated again"))
     assert other.get(0) == made
     assert other.rejections == first.rejections
-
-
-def test_episodes_of_another_source_are_not_used(tmp_path):
-    source_in(tmp_path).get(0)
-    other = source_in(tmp_path, EpisodeRequest(env_id=REQUEST.env_id, split="train", seed=78))
-    assert other.get(0).id.endswith("/78/00000")
+    different = source_in(tmp_path, EpisodeRequest(env_id=REQUEST.env_id, split="train", seed=78))
+    assert different.get(0).id.endswith("/78/00000")
     assert len(list(tmp_path.iterdir())) == 2
 
 

@@ -9,33 +9,41 @@ from hab_tasks.episodes.rehearsal import falls_to
 from hab_tasks.episodes.robot_start import HAND_CLEARANCE_M, NOTHING_NEAR, KeepOff
 from hab_tasks.geometry import apply
 
-REAL = pytest.param("real", marks=[pytest.mark.assets, pytest.mark.slow])
-every_dataset = pytest.mark.parametrize("dataset", ["apartment", REAL])
-SLOW_TASKS = [pytest.param(task, marks=pytest.mark.slow) for task in TASKS]
-SLOW_SKILLS = [
-    pytest.param(skill, marks=pytest.mark.slow)
-    for skill in SKILLS
-    if ("Open" in skill or "Close" in skill) and skill != "HabCloseDrawer-v1"
-]
+every_dataset = pytest.mark.parametrize(
+    "dataset", ["apartment", pytest.param("real", marks=[pytest.mark.assets, pytest.mark.slow])]
+)
+OPENING = [s for s in SKILLS if ("Open" in s or "Close" in s) and s != "HabCloseDrawer-v1"]
 POINT = np.array([[1.0, 2.0, 0.8]])
 
 
-@pytest.mark.parametrize(
-    ("hand_m", "near", "near_from_above"),
-    [
+def cases(quick, *others):
+    """One environment in the quick suite and one with real data, the others now and then."""
+    real = [pytest.mark.assets]
+    return pytest.mark.parametrize(
+        ("env_id", "dataset"),
+        [
+            (quick, "apartment"),
+            pytest.param(quick, "real", marks=[*real, pytest.mark.slow]),
+            pytest.param("HabSetTable-v1", "apartment", marks=pytest.mark.slow),
+            *(pytest.param(e, "apartment", marks=pytest.mark.long) for e in others[:-1]),
+            *(pytest.param(e, "real", marks=[*real, pytest.mark.long]) for e in others),
+        ],
+    )
+
+
+def test_the_hand_keeps_off_points():
+    for hand_m, near, near_from_above in (
         ((1.12, 2.0, 1.01), True, True),  # hypot(0.12, 0.21) = 0.242
         ((1.12, 2.0, 1.03), False, True),  # hypot(0.12, 0.23) = 0.259
         ((1.2, 2.16, 0.8), False, False),  # hypot(0.2, 0.16) = 0.256
         ((1.0, 2.0, 2.0), False, True),
-    ],
-)
-def test_the_hand_keeps_off_points(hand_m, near, near_from_above):
-    hand_m = np.array(hand_m)
-    assert KeepOff(points_m=POINT).meets(hand_m) == near
-    assert KeepOff(points_m=POINT, level=True).meets(hand_m) == near_from_above
-    beside = np.concatenate([POINT + 5.0, POINT])
-    assert KeepOff(points_m=beside).meets(hand_m) == near
-    assert not NOTHING_NEAR.meets(hand_m)
+    ):
+        hand_m = np.array(hand_m)
+        assert KeepOff(points_m=POINT).meets(hand_m) == near
+        assert KeepOff(points_m=POINT, level=True).meets(hand_m) == near_from_above
+        beside = np.concatenate([POINT + 5.0, POINT])
+        assert KeepOff(points_m=beside).meets(hand_m) == near
+        assert not NOTHING_NEAR.meets(hand_m)
 
 
 def gap_m(replay, points_m, axes=3):
@@ -43,16 +51,14 @@ def gap_m(replay, points_m, axes=3):
     return np.linalg.norm((points_m - replay.ee_m())[:, :axes], axis=1).min(initial=np.inf)
 
 
-@every_dataset
-@pytest.mark.parametrize("env_id", ["HabPick-v1", *SLOW_TASKS])
+@cases("HabPick-v1", *TASKS)
 def test_no_object_is_in_the_hands_reach(generated, dataset, env_id):
     source, episodes = generated(env_id, dataset)
     for replay in (Replay(source, episode) for episode in episodes):
         assert gap_m(replay, replay.sandbox.graspable_m()) >= HAND_CLEARANCE_M, replay.episode.id
 
 
-@every_dataset
-@pytest.mark.parametrize("env_id", ["HabCloseDrawer-v1", *SLOW_SKILLS, *SLOW_TASKS])
+@cases("HabCloseDrawer-v1", *OPENING, *TASKS)
 def test_no_handle_is_in_the_hands_reach(generated, dataset, env_id):
     source, episodes = generated(env_id, dataset)
     for replay in (Replay(source, episode) for episode in episodes):

@@ -78,6 +78,7 @@ def script(name):
     return str(Path(sys.executable).with_name(name))
 
 
+@pytest.mark.slow
 def test_they_are_environments():
     run(sys.executable, "-c", SKILL_PLAY)
     told = run(sys.executable, "-c", PLAY)

@@ -19,7 +19,8 @@ RECIPES = ("pick_fridge", "place_fridge")
 slow = pytest.mark.slow
 
 
-@pytest.mark.parametrize("name", ["pick_fridge", pytest.param("place_fridge", marks=slow)])
+@slow
+@pytest.mark.parametrize("name", ["pick_fridge", "place_fridge"])
 def test_half_of_the_start_states_are_at_the_fridge(name):
     request = training_request(find_recipe(name))
     targets = [episode.targets[0] for episode in load_episodes(request, 2 * COUNT).episodes]

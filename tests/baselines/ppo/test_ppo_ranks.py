@@ -13,6 +13,7 @@ def two_ranks(tmp_path_factory):
     return run_ranks(2, tmp_path_factory.mktemp("two"), "gradients", "distillation")
 
 
+@pytest.mark.slow
 def test_gradients_equal_those_of_one_process_on_the_same_data(two_ranks):
     one_rank = gradients(Ranks())
     ranks = [rank["gradients"] for rank in two_ranks]
@@ -29,6 +30,7 @@ def test_gradients_equal_those_of_one_process_on_the_same_data(two_ranks):
         assert ranks[0]["metrics"][name] == pytest.approx(value, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_the_first_rank_learns_from_what_all_visit(two_ranks):
     first, second = (rank["distillation"] for rank in two_ranks)
     # 150 steps a round in each rank; the last step of 8 rows may bring 7 more than it takes.

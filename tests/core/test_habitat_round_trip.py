@@ -19,30 +19,25 @@ from hab_tasks.episodes.generators.base import pose_scene
 from hab_tasks.episodes.habitat.convert import OWN_KEY, read_habitat, to_habitat
 from hab_tasks.episodes.habitat.fields import close
 from hab_tasks.episodes.habitat.start import draw_starts
-from hab_tasks.episodes.provenance import made_from
 from hab_tasks.episodes.robot_start import START_CLEARANCE_M
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import (
-    Episode,
-    EpisodeSet,
     HandleRef,
     NavigationGoal,
     Rearrangement,
     RobotStart,
     load_json,
     read_episodes,
-    rounded,
     save_json,
     write_episodes,
 )
 from hab_tasks.episodes.source import EpisodeRequest, open_source
-from hab_tasks.geometry import IDENTITY, pose, to_matrix
+from hab_tasks.geometry import IDENTITY, to_matrix
 from hab_tasks.registration import ENTRY_POINTS
 from hab_tasks.robots.robot import ROBOT
 from hab_tasks.scenes.habitat.dataset import embedded_dataset, resolve_dataset
 from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.objects import load_objects
-from hab_tasks.scenes.urdf import joint_limits
 
 SHIPPED = sorted((embedded_dataset().parent / "episodes").glob("*.json.gz"))
 
@@ -101,53 +96,6 @@ def test_what_was_changed_since_is_written_anew(tmp_path, apartment, objects):
     assert back["name_to_receptacle"] == tidy_house()["name_to_receptacle"]
 
 
-def random_pose(rng):
-    q = rng.normal(size=4)
-    return rounded(pose(rng.uniform(-5, 5, 3), q))
-
-
-def random_episode(rng, index, spec, objects):
-    """Anything that an episode can hold; handles may have gaps."""
-    names = rng.choice(sorted(objects), size=int(rng.integers(1, 5)), replace=False)
-    numbers = [rng.choice(4, size=int(rng.integers(1, 4)), replace=False) for _ in names]
-    handles = [f"{name}_:{n:04d}" for name, ns in zip(names, numbers, strict=True) for n in ns]
-    refs = [(r.name, r.body) for r in spec.receptacles]
-
-    def maybe(value):
-        return value if rng.random() < 0.6 else None
-
-    targets = tuple(
-        Rearrangement(
-            object=str(handle),
-            start=maybe(refs[rng.integers(len(refs))]),
-            goal=maybe(refs[rng.integers(len(refs))]),
-            world_from_goal=maybe(random_pose(rng)),
-        )
-        for handle in rng.permutation(handles)[: int(rng.integers(0, 4))]
-    )
-    joints = {
-        a.name: {j: float(rng.uniform(*limits)) for j, limits in joint_limits(a.urdf_file).items()}
-        for a in spec.articulations
-        if rng.random() < 0.5
-    }
-    x, y, yaw = (float(v) for v in rng.uniform(-5, 5, 3))
-    base = (x, y, yaw)
-    arm = tuple(float(q) for q in rng.uniform(-1, 1, 7))
-    return Episode(
-        id=f"HabPick-v1/{index:05d}",
-        scene_id=spec.scene_id,
-        seed=int(rng.integers(2**31)),
-        robot=RobotStart(base=base, arm_qpos_rad=maybe(arm) or ROBOT.rest_qpos_rad),
-        objects={handle: random_pose(rng) for handle in handles},
-        targets=targets,
-        held=maybe(handles[0]),
-        handle=maybe(HandleRef(furniture="fridge_:0000", joint="top_door_hinge", marker="m")),
-        navigation=maybe(NavigationGoal(skill="HabPick-v1", base=base)),
-        joints=joints,
-        loose={"frl_apartment_vase_01_:0000": IDENTITY},
-    )
-
-
 def assert_same(a, b):
     """Two episodes are equal; poses to a micrometre, whatever the sign of their quaternions."""
     bare = {"objects": {}, "targets": (), "robot": RobotStart(base=(0, 0, 0), arm_qpos_rad=())}
@@ -177,18 +125,37 @@ def assert_comes_back(tmp_path, episodes, dataset, objects):
         assert_same(before, after)
 
 
-def test_any_episode_of_ours_comes_back(tmp_path, apartment, objects):
-    rng = np.random.default_rng(0)
-    spec = load_scene(apartment, SCENE)
-    episodes = EpisodeSet(
-        env="HabPick-v1",
-        scene_dataset="apartment",
-        split="train",
-        seed=5,
-        made_from=made_from(apartment, objects, 8),
-        episodes=tuple(random_episode(rng, i, spec, objects) for i in range(30)),
-        rejections={"fell": 3},
+def test_every_field_of_an_episode_comes_back(tmp_path, apartment, objects):
+    (file,) = (f for f in SHIPPED if "SetTable" in f.name)
+    shipped = read_episodes(file)
+    first, second = shipped.episodes[:2]
+    handle, target = next(iter(first.objects)), first.targets[0]
+    full = replace(
+        first,
+        held=handle,
+        handle=HandleRef(furniture="fridge_:0000", joint="top_door_hinge", marker="m"),
+        navigation=NavigationGoal(skill="HabPick-v1", base=(1.0, 2.0, -3.0)),
+        joints={"fridge_:0000": {"top_door_hinge": 1.25}},
+        loose={"frl_apartment_vase_01_:0000": IDENTITY},
+        robot=replace(first.robot, arm_qpos_rad=(0.1, -0.2, 0.3, 0.4, -0.5, 0.6, 0.7)),
     )
+    # Targets without a start, a goal or a pose, out of the objects' order; numbers with a gap.
+    objects_m = {(n if n != handle else f"{n[:-4]}0009"): p for n, p in second.objects.items()}
+    bare = replace(
+        second,
+        objects=objects_m,
+        targets=tuple(
+            Rearrangement(object=name, start=start, goal=goal, world_from_goal=pose)
+            for name, start, goal, pose in zip(
+                sorted(objects_m, reverse=True),
+                (None, target.start, target.start),
+                (target.goal, None, target.goal),
+                (None, None, target.world_from_goal),
+                strict=False,
+            )
+        ),
+    )
+    episodes = replace(shipped, episodes=(full, bare), rejections={"fell": 3}, seed=5)
     assert_comes_back(tmp_path, episodes, apartment, objects)
 
 

@@ -108,14 +108,11 @@ def test_colours_are_off_by_levels_and_stay_colours():
     assert abs(float((rgb[..., 2] == 255).double().mean()) - 0.52) < 0.02
 
 
-def test_joint_noise_is_as_large_as_said():
+def test_joint_noise_is_as_large_as_said_and_none_changes_nothing():
     noisy = source(joint_rad=0.05).joints(torch.full((1, 20_000), 0.3))
     std, mean = spread(noisy, 0.3)
     assert abs(std / 0.05 - 1) < 0.03
     assert abs(mean) < 0.002
-
-
-def test_no_noise_changes_nothing():
     noise = source(depth_at_1_m_m=0.0, rgb_levels=0.0, joint_rad=0.0)
     images = {"rgb": plain(1, 2, 3, dtype=torch.uint8), "depth": plain(2345)}
     for name, image in seen(noise, **images).items():

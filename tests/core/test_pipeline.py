@@ -17,7 +17,7 @@ from textured import box_at, textured_dataset
 from hab_tasks.cli import main
 from hab_tasks.errors import DatasetError, HabError, UnknownNameError
 from hab_tasks.files import ASIDE
-from hab_tasks.pipeline import jobs, optimise
+from hab_tasks.pipeline import optimise
 from hab_tasks.pipeline.options import AssetOptions
 from hab_tasks.scenes.habitat.dataset import SceneDataset
 from hab_tasks.scenes.habitat.load import load_scene
@@ -59,27 +59,22 @@ def test_a_copy_loads_and_says_the_same(tmp_path):
     assert table.mass_kg == 18
     assert table.collision[0].file.is_relative_to(light.root)
     assert (light.root / "LICENSE.txt").read_text() == "Only for tests."
-    note = json.loads((light.root / optimise.NOTE).read_text())
-    assert note["copied from"] == "tiny"
+    assert json.loads((light.root / optimise.NOTE).read_text())["copied from"] == "tiny"
     assert not list(light.root.rglob("*.convex.stl"))
     assert report.after.texture_bytes == report.before.texture_bytes / 8
-
-
-def test_the_copys_urdf_has_no_commas_and_its_own_parts(tmp_path):
-    copy(textured_dataset(tmp_path / "source"), tmp_path / "out")
     urdf = tmp_path / "out/urdf/chests/chest.urdf"
     assert "," not in urdf.read_text()
     root = ElementTree.parse(urdf).getroot()
-    parts = root.find("link/collision/geometry/mesh")
-    assert parts.get("filename") == "body_coacd.glb"
+    assert root.find("link/collision/geometry/mesh").get("filename") == "body_coacd.glb"
     # body.glb is a box of 0.4 x 0.3 x 0.2 m.
     assert parts_volume(urdf.with_name("body_coacd.glb")) == pytest.approx(0.024, rel=1e-3)
     assert root.find("link/visual/geometry/mesh").get("filename") == "body.glb"
     assert root.findall("link/collision/geometry/box")[0].get("size") == "0.1 0.1 0.1"
 
 
-def test_boxes(tmp_path):
-    copy(textured_dataset(tmp_path / "source"), tmp_path / "out", collision="box")
+def test_boxes_turn_with_their_mesh(tmp_path):
+    source = textured_dataset(tmp_path / "source")
+    copy(source, tmp_path / "out", collision="box")
     config = json.loads((tmp_path / "out/configs/objects/table.object_config.json").read_text())
     assert config["use_bounding_box_for_collision"] is True
     assert "collision_asset" not in config
@@ -87,14 +82,11 @@ def test_boxes(tmp_path):
     # 0.4 x 0.3 x 0.2 m, twice as long; its middle is the mesh's origin.
     assert root.find("link/collision/geometry/box").get("size") == "0.8 0.3 0.2"
     assert root.find("link/collision/origin").get("xyz") == "1 0 0"
-
-
-def test_a_box_turns_with_its_mesh(tmp_path):
-    source = textured_dataset(tmp_path / "source")
+    source = textured_dataset(tmp_path / "other")
     off_center = trimesh.Scene(box_at(0.1, 0, 0, size=(0.4, 0.3, 0.2)))
     off_center.export(source.root / "urdf/chests/body.glb", file_type="glb")
-    copy(source, tmp_path / "out", collision="box")
-    origin = ElementTree.parse(tmp_path / "out/urdf/chests/chest.urdf").find(".//collision/origin")
+    copy(source, tmp_path / "off", collision="box")
+    origin = ElementTree.parse(tmp_path / "off/urdf/chests/chest.urdf").find(".//collision/origin")
     # The middle at x = 2 * 0.1 of the mesh lies at y = 0.2, turned by 90 degrees about z.
     assert [float(x) for x in origin.get("xyz").split()] == pytest.approx([1.0, 0.2, 0.0])
 
@@ -111,20 +103,12 @@ def test_a_mass_that_followed_from_the_volume_stays(tmp_path):
     assert config["mass"] == pytest.approx(240.0, rel=1e-4)
 
 
-def test_a_second_run_computes_nothing(tmp_path, monkeypatch):
+def test_a_second_run_computes_only_what_depends_on_other_options(tmp_path):
     source = textured_dataset(tmp_path / "source")
     first = copy(source, tmp_path / "out")
-    ran = []
-    monkeypatch.setattr(jobs, "cached_file", lambda name, write: ran.append(name))
     again = copy(source, tmp_path / "again")
-    assert ran == []
     assert (again.tally.computed, again.tally.reused) == (0, first.tally.computed)
     assert listing(tmp_path / "again") == listing(tmp_path / "out")
-
-
-def test_other_options_compute_only_what_depends_on_them(tmp_path):
-    source = textured_dataset(tmp_path / "source")
-    copy(source, tmp_path / "out")
     hulls = copy(source, tmp_path / "hulls", collision="hull")
     # table and chest have parts; three visual meshes (table, cube, chest) are as they were
     assert (hulls.tally.computed, hulls.tally.reused) == (2, 3)
@@ -143,17 +127,10 @@ def test_a_failure_names_the_file_and_keeps_what_was_computed(tmp_path):
     assert copy(textured_dataset(tmp_path / "mended"), tmp_path / "out").tally.reused == 3
 
 
-def test_what_a_killed_run_left_is_cleaned_up(tmp_path):
+def test_a_run_killed_while_it_writes_leaves_no_half_copy(tmp_path, monkeypatch):
     source = textured_dataset(tmp_path / "source")
     killed_while_writing(FOLDER, tmp_path / "out")
     assert len(list(tmp_path.glob(f"{ASIDE}*"))) == 1
-    copy(source, tmp_path / "out")
-    assert not list(tmp_path.glob(f"{ASIDE}*"))
-    assert not (tmp_path / "out/half").exists()
-
-
-def test_a_run_killed_while_it_writes_leaves_no_half_copy(tmp_path, monkeypatch):
-    source = textured_dataset(tmp_path / "source")
 
     def killed(*_: object) -> None:
         raise KeyboardInterrupt
@@ -164,6 +141,8 @@ def test_a_run_killed_while_it_writes_leaves_no_half_copy(tmp_path, monkeypatch)
             copy(source, tmp_path / "out")
     assert not (tmp_path / "out").exists()
     assert copy(source, tmp_path / "out").tally.computed == 0
+    assert not list(tmp_path.glob(f"{ASIDE}*"))
+    assert not (tmp_path / "out/half").exists()
 
 
 def test_force_replaces_datasets_and_nothing_else(tmp_path):
@@ -180,27 +159,24 @@ def test_force_replaces_datasets_and_nothing_else(tmp_path):
         optimise.optimise(source, tmp_path / "home", AssetOptions(), force=True)
 
 
-@pytest.mark.parametrize("out", ["source", "source/configs/light", "."])
-def test_the_source_is_never_written_to(tmp_path, out):
+def test_the_source_is_never_written_to(tmp_path):
     source = textured_dataset(tmp_path / "source")
-    with pytest.raises(HabError, match="never"):
-        optimise.optimise(source, tmp_path / out, AssetOptions(), force=True)
+    for out in ("source", "source/configs/light", "."):
+        with pytest.raises(HabError, match="never"):
+            optimise.optimise(source, tmp_path / out, AssetOptions(), force=True)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
+def test_bad_options():
+    for options, message in (
         ({"collision": "hul"}, "Did you mean 'hull'"),
         ({"texture_format": "jpg"}, "png"),
         ({"decimate": 0.0}, r"--decimate 0\.0"),
         ({"decimate": 1.5}, r"--decimate 1\.5"),
         ({"decimate": float("nan")}, "--decimate nan"),
         ({"texture_px": 0}, "--texture-size 0"),
-    ],
-)
-def test_bad_options(options, message):
-    with pytest.raises((UnknownNameError, HabError), match=message):
-        AssetOptions(**options)
+    ):
+        with pytest.raises((UnknownNameError, HabError), match=message):
+            AssetOptions(**options)
 
 
 def test_command_line(tmp_path, capsys):
@@ -248,20 +224,27 @@ def test_a_failure_in_a_worker_names_the_file(tmp_path):
 # Real data -------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 @pytest.mark.assets
-def test_a_copy_of_ycb_loads_with_the_same_masses(tmp_path, ycb):
+@pytest.mark.parametrize(
+    ("decimate", "triangles"),
+    [
+        pytest.param(1.0, 16384, marks=pytest.mark.slow),
+        pytest.param(0.5, 8192, marks=pytest.mark.long),
+    ],
+)
+def test_a_copy_of_ycb_loads_with_the_same_masses(tmp_path, ycb, decimate, triangles):
     source = textured_dataset(tmp_path / "source")
     folder = tmp_path / "real"
     shutil.copytree(ycb, folder, copy_function=shutil.copyfile)
-    optimise.optimise(source, tmp_path / "out", AssetOptions(), objects=folder)
+    options = AssetOptions(decimate=decimate)
+    optimise.optimise(source, tmp_path / "out", options, workers=2, objects=folder)
     old, new = load_objects(ycb), load_objects(tmp_path / "out" / optimise.OBJECTS_FOLDER)
     assert {n: o.mass_kg for n, o in new.items()} == {n: o.mass_kg for n, o in old.items()}
     for name in old:
         (a,), (b,) = (objects[name].collision for objects in (old, new))
         assert np.allclose(mesh_bounds(a.file), mesh_bounds(b.file), atol=0.002), name
     bowl = tmp_path / "out/ycb/024_bowl/google_16k/textured.obj"
-    assert len(trimesh.load_mesh(bowl, process=False).faces) == pytest.approx(8192, abs=4)
+    assert len(trimesh.load_mesh(bowl, process=False).faces) == pytest.approx(triangles, abs=4)
     with Image.open(bowl.with_name("texture_map.jpg")) as image:
         assert max(image.size) == 1024
 
@@ -290,7 +273,7 @@ def part_of_replica_cad(source: Path, root: Path, scenes: list[str]) -> SceneDat
     return SceneDataset(root)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.assets
 @pytest.mark.render
 def test_real_visuals_need_a_quarter_of_the_memory_and_look_the_same(tmp_path, replica_cad):

@@ -70,41 +70,31 @@ def test_each_row_measures_its_own_object_and_articulation():
     assert tracker.target().tolist() == [14, 10, 12, 13]
 
 
-def test_a_new_focus_keeps_what_was_counted_since_the_start():
+def test_a_new_focus_keeps_what_was_counted_and_is_no_change_of_distance():
     tracker = travelled()
     before = tracker.measures
     tracker.refocus(random_snapshot(2), SOME, on([3] * N, [1] * N))
     after = tracker.measures
-    kept = (
+    for name in (
         "force_total_n",
         "steps",
         "path_m",
         "stopped",
         "ee_to_object_start_m",
         "base_to_goal_start_m",
-    )
-    for name in kept:
+    ):
         assert torch.equal(getattr(after, name), getattr(before, name)), name
     assert before.steps.tolist() == [2.0] * N
     assert bool((before.path_m > 0).all())
     # Only the chosen rows turned.
     assert tracker.focus.object.tolist() == [0, 3, 4, 3]
     assert tracker.focus.articulation.tolist() == [0, 1, 1, 1]
-    assert torch.equal(after.ee_to_object_m[OTHERS], before.ee_to_object_m[OTHERS])
-    assert torch.equal(
-        after.ee_to_object_decrease_m[OTHERS], before.ee_to_object_decrease_m[OTHERS]
-    )
-
-
-def test_a_new_focus_is_no_change_of_distance():
-    tracker = travelled()
+    for name in ("ee_to_object_m", "ee_to_object_decrease_m"):
+        assert torch.equal(getattr(after, name)[OTHERS], getattr(before, name)[OTHERS])
     shot = random_snapshot(2)
     tracker.refocus(shot, ALL, on([3] * N, [1] * N))
-    decreases = [
-        getattr(tracker.measures, f"{n}_decrease_m")
-        for n in ("ee_to_object", "ee_to_handle", "object_to_goal", "base_to_goal")
-    ]
-    assert not any(d.any() for d in decreases)
+    for name in ("ee_to_object", "ee_to_handle", "object_to_goal", "base_to_goal"):
+        assert not getattr(tracker.measures, f"{name}_decrease_m").any(), name
     tracker.advance(shot, GOING)
     m = tracker.measures
     assert not m.ee_to_object_decrease_m.any()
@@ -203,12 +193,17 @@ def test_a_change_of_goals_in_some_rows_leaves_the_others():
 # Save and restore ------------------------------------------------------------------------------
 
 
-def test_a_restored_tracker_goes_on_alike():
+def test_a_restored_tracker_goes_on_alike_and_leaves_other_rows():
     tracker = travelled()
     state = tracker.get_state()
     kept = {name: value.clone() for name, value in state.items()}
     other = tracker_at(random_snapshot(7))
     other.targets, other.handles = torch.zeros_like(other.targets), torch.zeros_like(other.handles)
+    untouched, rows = other.get_state(), torch.tensor([2, 0])
+    other.set_state({name: value[rows] for name, value in state.items()}, rows)
+    for name, value in other.get_state().items():
+        assert torch.equal(value[rows], state[name][rows]), name
+        assert torch.equal(value[SOME], untouched[name][SOME]), name
     other.set_state(state, ALL)
     assert same(other.get_state(), state)
     for t in (tracker, other):
@@ -218,15 +213,3 @@ def test_a_restored_tracker_goes_on_alike():
     tracker.targets[0] = 3
     tracker.refocus(random_snapshot(4), ALL, on([1] * N, [1] * N))
     assert same(state, kept), "a saved state changed with the tracker"
-
-
-def test_restoring_some_rows_leaves_the_others():
-    tracker = travelled()
-    rows = torch.tensor([2, 0])
-    state = {name: value[rows] for name, value in tracker.get_state().items()}
-    other = tracker_at(random_snapshot(7))
-    untouched = other.get_state()
-    other.set_state(state, rows)
-    for name, value in other.get_state().items():
-        assert torch.equal(value[rows], state[name]), name
-        assert torch.equal(value[SOME], untouched[name][SOME]), name

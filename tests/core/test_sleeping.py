@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 import sapien
 import torch
-from builders import box_actor, cpu_scene, start_fetch
+from fetch_sim import HAND_M, FetchSim
 
-from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.robots.sleeping import SleepingObjects
 from hab_tasks.scenes.collision_groups import STATIC, set_groups
 
@@ -14,20 +13,15 @@ SMALL = (0.03, 0.03, 0.03)
 NOBODY = -1
 
 
-class RobotSim:
+class RobotSim(FetchSim):
     """The robot at rest, boxes on a table (top at `table_m`), everything frozen."""
 
     def __init__(self, positions, *, mobile=False, mode="joint_target", table_m=0.7):
-        self.scene = cpu_scene()
-        self.agent = HabFetch(self.scene, 30, mode)
-        top = (1.2, 0.0, table_m - 0.05)
-        self.table = box_actor(self.scene, "table", (0.5, 2.0, 0.05), top, static=True)
-        set_groups(self.table._bodies[0], STATIC)
-        self.boxes = [
-            box_actor(self.scene, f"box{i}", SMALL, tuple(p)) for i, p in enumerate(positions)
-        ]
-        self.scene._setup(enable_gpu=False)
-        start_fetch(self.agent)
+        boxes = [(SMALL, np.subtract(position, HAND_M)) for position in positions]
+        table = ((0.5, 2.0, 0.05), np.subtract((1.2, 0.0, table_m - 0.05), HAND_M))
+        super().__init__(mode, boxes, [table], floating=False)
+        set_groups(self.scene.actors["wall0"]._bodies[0], STATIC)
+        self.boxes = self.objects
         self.sleeping = SleepingObjects(self.boxes, dict(self.agent.robot.links_map), [], mobile)
         self.sleeping.thaw_all()
         self.sleeping.freeze_all(np.ones(len(self.boxes), dtype=bool))
@@ -55,7 +49,7 @@ class RobotSim:
         self.sleeping.refresh()
         return touched
 
-    def arm(self):
+    def target(self):
         return self.agent.controller.arm_target_rad[0].numpy().copy()
 
 
@@ -67,8 +61,8 @@ def test_an_object_wakes_before_the_arm_touches_it():
         goal = np.array([np.arctan2(y, 0.75), 0.6, 0.0, 0.6, 0.0, 0.8, 0.0])  # down onto the table
         for _ in range(60):
             asleep = [sim.boxes[i]._bodies[0] for i in range(2) if sim.frozen(i)]
-            step = np.clip(goal - sim.arm(), -0.06, 0.06) + 0.005 * rng.normal(size=7)
-            touched = sim.step(sim.arm() + step)
+            step = np.clip(goal - sim.target(), -0.06, 0.06) + 0.005 * rng.normal(size=7)
+            touched = sim.step(sim.target() + step)
             still_frozen = [b for b in asleep if b.kinematic]
             assert not touched & set(still_frozen)
             touches += any(box._bodies[0] in touched for box in sim.boxes)
@@ -79,7 +73,7 @@ def test_a_moving_base_wakes_what_stands_in_its_way():
     sim = RobotSim([(0.9, 0.0, 0.031)], mobile=True, mode="joint_target_base", table_m=0.0)
     touched = False
     for _ in range(40):
-        action = np.concatenate((sim.arm(), (-1.0, 0.5, 0.0)))  # half a metre a second
+        action = np.concatenate((sim.target(), (-1.0, 0.5, 0.0)))  # half a metre a second
         sim.agent.controller.set_action(torch.tensor(action[None], dtype=torch.float32))
         hit = sim.boxes[0]._bodies[0] in sim.step()
         assert not (hit and sim.frozen())
@@ -142,7 +136,7 @@ def test_a_hundred_objects_out_of_reach_stay_as_they_are_and_make_no_contacts():
     sim = RobotSim([*far, (0.75, 0.0, 0.73)])
     before = [box.pose.raw_pose.clone() for box in sim.boxes[:100]]
     for _ in range(20):
-        sim.step(sim.arm() + 0.01)
+        sim.step(sim.target() + 0.01)
     assert sum(not sim.frozen(i) for i in range(101)) <= 2
     bodies = {box._bodies[0] for box in sim.boxes[:100]}
     contacts = [c for c in sim.scene.px.get_contacts() if bodies & set(c.bodies)]

@@ -71,8 +71,8 @@ def soup(seed, count=60, two_sided=0.5):
 
 
 def test_rays_hit_the_nearest_visible_triangle():
-    for seed in range(4):
-        mesh = soup(seed)
+    # The last has more triangles than a cluster takes, of both kinds.
+    for mesh in (soup(0), soup(1), soup(9, count=400)):
         depth_m, actors = cast(mesh)
         expected_m, unsure = searched(mesh)
         sure = ~unsure
@@ -80,14 +80,6 @@ def test_rays_hit_the_nearest_visible_triangle():
         assert np.abs(depth_m - expected_m)[sure].max() < 2e-5
         assert ((actors == 7) == (depth_m > 0))[sure].all()
         assert 0.1 < (depth_m > 0).mean() < 1.0
-
-
-def test_clusters_do_not_change_the_image():
-    """More triangles than a cluster takes, of both kinds."""
-    mesh = soup(9, count=400)
-    depth_m, _ = cast(mesh)
-    expected_m, unsure = searched(mesh)
-    assert np.abs(depth_m - expected_m)[~unsure].max() < 2e-5
 
 
 def test_a_floor_is_cut_off_at_the_near_and_the_far_plane():

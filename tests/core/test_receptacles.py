@@ -80,6 +80,12 @@ def test_what_is_in_a_drawer_goes_out_with_it(tiny):
 # What can be used ------------------------------------------------------------------------------
 
 
+def add_template(root, name, size_m):
+    box_glb(root / f"objects/{name}.glb", size_m)
+    config = {"render_asset": f"../../objects/{name}.glb", "use_bounding_box_for_collision": True}
+    write_json(root / f"configs/objects/{name}.object_config.json", config)
+
+
 def lid(height_m):
     """A board 2 cm thick that hangs over the table at a height."""
 
@@ -100,11 +106,7 @@ def at_height(y):
 
 
 def test_only_what_can_be_used_is_used(tiny):
-    box_glb(tiny.root / "objects/lid.glb", (1.2, 0.02, 0.8))
-    write_json(
-        tiny.root / "configs/objects/lid.object_config.json",
-        {"render_asset": "../../objects/lid.glb", "use_bounding_box_for_collision": True},
-    )
+    add_template(tiny.root, "lid", (1.2, 0.02, 0.8))
     for change, reason in (
         # 0.8 m is the table's top; 0.1 m must be free above it.
         (lid(0.95), None),
@@ -122,11 +124,7 @@ def test_only_what_can_be_used_is_used(tiny):
 
 def test_a_table_behind_others_is_out_of_reach(tiny):
     """Boxes of 3 m around it leave free floor only farther than 1.1 m from the surface."""
-    box_glb(tiny.root / "objects/block.glb", (3.0, 0.5, 3.0))
-    write_json(
-        tiny.root / "configs/objects/block.object_config.json",
-        {"render_asset": "../../objects/block.glb", "use_bounding_box_for_collision": True},
-    )
+    add_template(tiny.root, "block", (3.0, 0.5, 3.0))
 
     def surround(table, scene):
         for x, z in ((1, 0), (1, 4), (-1.1, 2), (3.1, 2)):

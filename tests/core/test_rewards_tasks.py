@@ -124,9 +124,8 @@ def test_navigation_goals_are_starts_goals_and_handles(arrays):
     harness = RulesHarness(HabSetTableEnv, 4, arrays=arrays)
     grips = torch.tensor([[[-2.0, 0.0, 0.5], [-3.0, 1.0, 1.0]]]).repeat(4, 1, 1)
     harness.begin(harness.snapshot(handles_m=grips))
-    assert harness.navigation_goals == [
-        (n, [-2.0, 0.0, 0.5]) for n in range(4)
-    ]  # to the drawer's handle
+    # To the drawer's handle.
+    assert harness.navigation_goals == [(n, [-2.0, 0.0, 0.5]) for n in range(4)]
     harness.navigation_goals.clear()
     # To the bowl's start, the bowl's goal, the fridge's handle; row 3 opens the drawer.
     harness.begin(harness.snapshot(handles_m=grips), 2, 4, 8, 1)

@@ -91,14 +91,13 @@ def test_what_is_told_along_the_bases_axes_gives_what_habitat_tells():
 
 # The options ------------------------------------------------------------------------------------
 
+FRONTS = ("OpenFridge", "CloseFridge", "OpenDrawer", "CloseDrawer")
+START = ("object_start_from_ee", "object_start_in_ee")
 TOLD = {
-    "HabPick-v1": ("object_start_from_ee", "object_start_in_ee", None),
+    "HabPick-v1": (*START, None),
     "HabPlace-v1": ("object_goal_from_ee", "object_goal_in_ee", None),
     "HabNavigate-v1": ("point_in_base", "point_in_ee", None),
-    "HabOpenFridge-v1": ("object_start_from_ee", "object_start_in_ee", "handle_from_ee"),
-    "HabCloseFridge-v1": ("object_start_from_ee", "object_start_in_ee", "handle_from_ee"),
-    "HabOpenDrawer-v1": ("object_start_from_ee", "object_start_in_ee", "handle_from_ee"),
-    "HabCloseDrawer-v1": ("object_start_from_ee", "object_start_in_ee", "handle_from_ee"),
+    **{f"Hab{name}-v1": (*START, "handle_from_ee") for name in FRONTS},
     "HabTidyHouse-v1": ("targets_in_base", None, None),
     "HabPrepareGroceries-v1": ("targets_in_base", None, None),
     "HabSetTable-v1": ("targets_in_base", None, "handles_in_base"),

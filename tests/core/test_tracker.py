@@ -75,14 +75,8 @@ def test_a_new_focus_keeps_what_was_counted_and_is_no_change_of_distance():
     before = tracker.measures
     tracker.refocus(random_snapshot(2), SOME, on([3] * N, [1] * N))
     after = tracker.measures
-    for name in (
-        "force_total_n",
-        "steps",
-        "path_m",
-        "stopped",
-        "ee_to_object_start_m",
-        "base_to_goal_start_m",
-    ):
+    starts = ("ee_to_object_start_m", "base_to_goal_start_m")
+    for name in ("force_total_n", "steps", "path_m", "stopped", *starts):
         assert torch.equal(getattr(after, name), getattr(before, name)), name
     assert before.steps.tolist() == [2.0] * N
     assert bool((before.path_m > 0).all())

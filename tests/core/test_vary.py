@@ -20,12 +20,7 @@ from hab_tasks.errors import GenerationError, UnknownNameError
 from hab_tasks.geometry import compose, inverse, to_matrix
 from hab_tasks.layouts.checks import free_range
 from hab_tasks.layouts.standing import FloorPlan, handle_room, reachable
-from hab_tasks.layouts.vary import (
-    LayoutVarier,
-    Variation,
-    VaryConfig,
-    macro_scene_id,
-)
+from hab_tasks.layouts.vary import LayoutVarier, Variation, VaryConfig, macro_scene_id
 from hab_tasks.scenes.collision_groups import MOVING
 from hab_tasks.scenes.fields import read_json
 from hab_tasks.scenes.floor import CELL_M
@@ -90,16 +85,12 @@ def made(folder: Path, dataset: SceneDataset, macro: str) -> Made:
 
 def with_scenes(dataset: SceneDataset, folder: Path, scenes: dict[str, dict]) -> SceneDataset:
     """A dataset of links to another's files, with other scenes of these names."""
-    for path in dataset.root.iterdir():
-        if path.name != "configs":
-            (folder / path.name).symlink_to(path)
     (folder / "configs/scenes").mkdir(parents=True)
-    for path in (dataset.root / "configs").iterdir():
-        if path.name != "scenes":
-            (folder / "configs" / path.name).symlink_to(path)
-    for scene_id, path in dataset.scene_files.items():
-        if scene_id not in scenes:
-            (folder / "configs/scenes" / path.name).symlink_to(path)
+    kept = [path for scene_id, path in dataset.scene_files.items() if scene_id not in scenes]
+    for path in (*dataset.root.iterdir(), *(dataset.root / "configs").iterdir(), *kept):
+        link = folder / path.relative_to(dataset.root)
+        if not link.exists():
+            link.symlink_to(path)
     for scene_id, scene in scenes.items():
         write_scene(scene, folder / "configs/scenes", scene_id)
     return SceneDataset(folder)

@@ -26,17 +26,13 @@ def test_following_a_plan_loads_no_planner():
 def test_a_tasks_plan_is_minimal_in_the_order_of_its_parts_and_what_the_planner_finds():
     assert list(TASKS) == list(LENGTHS)
     for env_id, length in LENGTHS.items():
-        plan = plan_of(env_id)
+        problem, plan = problem_of(env_id), plan_of(env_id)
         assert len(plan.actions) == length
-        assert plan == solve(problem_of(env_id))
+        assert plan == solve(problem)
         expected = [part.skill.name for part in task_of(env_id).parts]
         assert [action.skill for action in plan.actions] == expected
-
-
-def test_a_plan_reaches_the_goal_with_its_last_action_only():
-    for env_id, length in LENGTHS.items():
-        problem = problem_of(env_id)
-        told = replay(problem, plan_of(env_id))
+        # The goal is reached with the last action only.
+        told = replay(problem, plan)
         assert [holds == problem.goal for holds in told] == [False] * length + [True]
 
 

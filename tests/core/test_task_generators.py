@@ -128,9 +128,14 @@ def test_prepare_groceries_empties_and_fills_an_open_fridge(replays):
         assert episode.joints[counter]["right_slide_top"] >= 0.9 * travel
 
 
+def height_span(sandbox, name):
+    low, high = sandbox._components[name][1].compute_global_aabb_tight()
+    return low[2], high[2]
+
+
 @every_dataset
 @set_table
-def test_set_table_takes_a_bowl_and_an_apple_from_behind_closed_fronts(replays):
+def test_set_table_puts_an_apple_into_a_bowl_both_from_behind_closed_fronts(replays):
     for replay in replays:
         episode = replay.episode
         bowl, apple = episode.targets
@@ -144,24 +149,12 @@ def test_set_table_takes_a_bowl_and_an_apple_from_behind_closed_fronts(replays):
         replay.stand()
         beside, _ = replay.over(replay.sandbox.com_m(bowl.object), bowl.start)
         assert beside < 0.0, "the bowl sticks out of the drawer"
-
-
-def height_span(sandbox, name):
-    low, high = sandbox._components[name][1].compute_global_aabb_tight()
-    return low[2], high[2]
-
-
-@every_dataset
-@set_table
-def test_the_apple_ends_in_the_bowl(replays):
-    for replay in replays:
-        bowl, apple = replay.episode.targets
         replay.stand(replay.at_goals())
         way = replay.sandbox.com_m(apple.object) - replay.sandbox.com_m(bowl.object)
         # A bowl is 16 cm wide and 5 cm high; an apple of 7 cm lies in it, sticking out at the top.
-        assert np.linalg.norm(way[:2]) < 0.05, replay.episode.id
+        assert np.linalg.norm(way[:2]) < 0.05, episode.id
         (low, _), (floor, brim) = (height_span(replay.sandbox, t.object) for t in (apple, bowl))
-        assert floor < low < brim - 0.02, replay.episode.id
+        assert floor < low < brim - 0.02, episode.id
 
 
 @every_dataset

@@ -19,12 +19,12 @@ def parts(task):
     ]
 
 
-def moving(number):
+def moving(number, behind=0):
     return [
-        ("navigate", number, 0, "start"),
-        ("pick", number, 0),
-        ("navigate", number, 0, "goal"),
-        ("place", number, 0),
+        ("navigate", number, behind, "start"),
+        ("pick", number, behind),
+        ("navigate", number, behind, "goal"),
+        ("place", number, behind),
     ]
 
 
@@ -64,18 +64,12 @@ def test_set_table():
     assert parts(SET_TABLE) == [
         ("navigate", BOWL, IN_DRAWER, "handle"),
         ("open_drawer", BOWL, IN_DRAWER),
-        ("navigate", BOWL, IN_DRAWER, "start"),
-        ("pick", BOWL, IN_DRAWER),
-        ("navigate", BOWL, IN_DRAWER, "goal"),
-        ("place", BOWL, IN_DRAWER),
+        *moving(BOWL, IN_DRAWER),
         ("navigate", BOWL, IN_DRAWER, "handle"),
         ("close_drawer", BOWL, IN_DRAWER),
         ("navigate", APPLE, IN_FRIDGE, "handle"),
         ("open_fridge", APPLE, IN_FRIDGE),
-        ("navigate", APPLE, IN_FRIDGE, "start"),
-        ("pick", APPLE, IN_FRIDGE),
-        ("navigate", APPLE, IN_FRIDGE, "goal"),
-        ("place", APPLE, IN_FRIDGE),
+        *moving(APPLE, IN_FRIDGE),
         ("navigate", APPLE, IN_FRIDGE, "handle"),
         ("close_fridge", APPLE, IN_FRIDGE),
     ]

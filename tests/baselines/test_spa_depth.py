@@ -210,8 +210,8 @@ def test_octrees_tell_what_the_true_shapes_tell(table_scene):
     voxels.add(table_points())
     config = CollisionConfig(margin_m=0.0)
     obstacles = octrees(voxels.centres_m(), 0.01, cell_m=0.2)
-    seen = ArmCollision(with_poses(state, bare), config=config, obstacles=obstacles)
-    true = ArmCollision(with_poses(state, only), config=config)
+    seen = ArmCollision(replace(state, world_from_body=bare), config=config, obstacles=obstacles)
+    true = ArmCollision(replace(state, world_from_body=only), config=config)
     poses = np.random.default_rng(1).uniform(LOWER_RAD, UPPER_RAD, (600, 7))
     differ = [pose for pose in poses if seen.is_free(pose) != true.is_free(pose)]
     hits = sum(not true.is_free(pose) for pose in poses)
@@ -229,17 +229,12 @@ def test_near_one_cell_the_others_keep_their_margin(table_scene):
     spots = np.array(((0.5, 0.0, 0.98), (0.6, 0.6, 1.0)))
     obstacles = octrees(spots, 0.02, cell_m=0.25)
     assert len(obstacles) == 2
-    collision = ArmCollision(with_poses(state, bare), obstacles=obstacles)
+    collision = ArmCollision(replace(state, world_from_body=bare), obstacles=obstacles)
     collision.set_margin(0.15)
     relaxed = {contact.second for contact in collision.relax(REST)}
     assert relaxed == {obstacles[0].name}
     assert collision.is_free(REST)
     assert octrees(np.zeros((0, 3)), 0.02, 0.25) == []
-
-
-def with_poses(state, poses):
-    """A state with these bodies only."""
-    return replace(state, world_from_body=poses)
 
 
 def box_from_the_front(centre, half, step_m=0.005) -> np.ndarray:

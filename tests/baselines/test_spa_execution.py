@@ -54,6 +54,8 @@ def test_targets_stay_on_the_path_and_end_at_its_end():
     on_first = np.isclose(targets[:, 1], 0.0)
     on_second = np.isclose(targets[:, 0], 1.0)
     assert np.all(on_first | on_second)
+    # A path without length has one target.
+    np.testing.assert_array_equal(time_path(np.stack((REST, REST)), TimingConfig()), REST[None])
 
 
 def test_targets_respect_step_and_acceleration():
@@ -66,10 +68,6 @@ def test_targets_respect_step_and_acceleration():
     corner = int(np.argmax(targets[:, 1] > 0))
     for slow in (steps[0], steps[-1], steps[corner]):
         assert slow < 0.7 * config.step_rad
-
-
-def test_path_without_length_has_one_target():
-    np.testing.assert_array_equal(time_path(np.stack((REST, REST)), TimingConfig()), REST[None])
 
 
 def test_follower_waits_for_a_late_arm_and_notices_a_lost_one():
@@ -96,24 +94,17 @@ def test_follower_settles_at_the_end():
     assert follower.settled(targets[-1])
 
 
-def test_picks_from_a_table_without_touching_anything(table_scene, pick_loop):
-    loop = pick_loop(table_scene, "target")
-    robot = robot_in(table_scene.privileged("target"), seed=1)
-    _, failure = carry_out(robot, pick(robot, 0), loop.step)
-    assert failure is None
-    assert loop.held == "target"
-    assert np.linalg.norm(loop.ee_point_m() - REST_POSITION_M) < 0.05
-    assert loop.peak_impulse_n_s == 0.0
-    times_s = robot.timings_s
-    assert times_s["plan"] == pytest.approx(times_s["target"] + times_s["motion"])
-
-
-def test_what_is_placed_stands_upright_at_its_goal(table_scene, pick_loop):
+def test_picks_and_places_upright_at_the_goal_without_touching_anything(table_scene, pick_loop):
     # The target's centre stands 0.05 m above the table, whose top is at 0.75 m.
     goal_m = (0.62, -0.05, 0.80)
     loop = pick_loop(table_scene, "target", goal_m)
     robot = robot_in(table_scene.privileged("target", goal_m=goal_m))
     assert carry_out(robot, pick(robot, 0), loop.step)[1] is None
+    assert loop.held == "target"
+    assert np.linalg.norm(loop.ee_point_m() - REST_POSITION_M) < 0.05
+    assert loop.peak_impulse_n_s == 0.0
+    times_s = robot.timings_s
+    assert times_s["plan"] == pytest.approx(times_s["target"] + times_s["motion"])
     robot.steps = 0
     assert place_score(robot, 0, robot.base) > 0
     assert carry_out(robot, place(robot, 0), loop.step)[1] is None

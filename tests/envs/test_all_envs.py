@@ -177,6 +177,16 @@ def test_two_episodes_are_the_same_with_the_same_actions(make, env_id, mode):
         assert same(fresh["obs"], shown["obs"], atol=1e-4), f"step {step} differs"
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("env_id", ENVS)
+def test_whole_episodes_are_the_same(make, env_id):
+    horizon, new = ENVS[env_id].horizon_steps, {"reconfigure": True}
+    runs = [two_episodes(make(env_id), horizon, new) for _ in range(2)]
+    assert len(runs[0]) == len(runs[1]) > horizon // 4
+    for step, (first, second) in enumerate(zip(*runs, strict=True)):
+        assert same(first, second), f"step {step} differs"
+
+
 @each_family
 def test_seeds_choose_the_episode(make, env_id):
     env = make(env_id)

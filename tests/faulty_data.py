@@ -1,5 +1,6 @@
 """A small dataset with one file of each kind, ways to damage it, and the readers to refuse it."""
 
+import atexit
 import functools
 import json
 import os
@@ -44,9 +45,16 @@ def whole_dataset(root: Path) -> Path:
     return root
 
 
+def kept_folder() -> Path:
+    """A folder that is removed when this process ends."""
+    folder = tempfile.mkdtemp(prefix="hab-faults-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)
+
+
 @functools.cache
 def _template() -> Path:
-    root = tiny_dataset(Path(tempfile.mkdtemp(prefix="hab-faults-")) / "tiny")
+    root = tiny_dataset(kept_folder() / "tiny")
     write_json(root / TABLE, table_config() | {"semantic_id": 3})
     lamp = {"position": [1, 2, 3], "intensity": 2.0, "color": [1, 0.5, 0]}
     write_json(root / LIGHTS, {"lights": {"a": lamp}})

@@ -10,7 +10,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from faulty_data import SCENE, SCENE_ID, cut, folder, loop, pipe, put, swap, text, whole_dataset
+from faulty_data import (
+    SCENE,
+    SCENE_ID,
+    cut,
+    folder,
+    kept_folder,
+    loop,
+    pipe,
+    put,
+    swap,
+    text,
+    whole_dataset,
+)
 from PIL import Image
 from refusals import check_each, refused_by_call, refused_by_command
 
@@ -32,7 +44,7 @@ CAN_URDF = f"""<robot name="can"><link name="can">
 @functools.cache
 def ycb_template(kind: str) -> Path:
     """A folder of 13 small textured boxes in the layout ``google`` or ``maniskill``."""
-    root = Path(tempfile.mkdtemp(prefix="hab-faults-"))
+    root = kept_folder()
     mesh = trimesh.creation.box((0.1, 0.1, 0.1))
     uv = np.random.default_rng(0).random((len(mesh.vertices), 2))
     picture = Image.new("RGB", (8, 8), (200, 30, 30))

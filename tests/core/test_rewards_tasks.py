@@ -1,7 +1,5 @@
 """Reward of tasks: that of the current skill (App. H.3), on hand-made rows."""
 
-import math
-
 import pytest
 import torch
 from builders import row
@@ -16,8 +14,6 @@ HabSetTableEnv, HabTidyHouseEnv = env_class(SET_TABLE), env_class(TIDY_HOUSE)
 
 NAVIGATE, PICK, GO_ON, PLACE = range(4)
 """The first parts of TidyHouse."""
-
-both_kinds = pytest.mark.parametrize("arrays", [False, True], ids=["tensors", "arrays"])
 
 
 def paid(found, index):
@@ -34,9 +30,8 @@ def held(*objects):
     return torch.tensor([-1 if k is None else FIRST + k for k in objects])
 
 
-@both_kinds
-def test_each_row_is_paid_by_the_skill_that_it_does(arrays):
-    harness = RulesHarness(HabTidyHouseEnv, 3, arrays=arrays)
+def test_each_row_is_paid_by_the_skill_that_it_does():
+    harness = RulesHarness(HabTidyHouseEnv, 3)
     base = bases((9, 0), (1, 0), (1, 0))
     # Hands 0.5 m beside the objects' starts at (1, 0, 1); row 2 carries object 0.
     ee = torch.tensor([[1.0, 0.5, 1.0], [1.0, 0.5, 1.0], [1.0, 3.0, 1.0]])
@@ -48,9 +43,8 @@ def test_each_row_is_paid_by_the_skill_that_it_does(arrays):
     points[2, 0, 1] = 3.02
     ee = torch.tensor([[1.0, 0.4, 1.0], [1.0, 0.49, 1.0], [1.0, 3.02, 1.0]])
     base = bases((8.98, 0), (1.01, 0), (1, 0))
-    found = harness.step(
-        harness.snapshot(base=base, ee_m=ee, objects_m=points, held=held(None, None, 0))
-    )
+    after = {"ee_m": ee, "objects_m": points, "held": held(None, None, 0)}
+    found = harness.step(harness.snapshot(base=base, **after))
     # Row 0 drives 2 cm nearer to the origin: 20 * 0.02 = 0.4; row 1 reaches 1 cm nearer:
     # 20 * 0.01 = 0.2; row 2 carries the object 2 cm nearer to its goal at (1, 4, 1): 0.4.
     assert paid(found, 0) == {"navigate/distance": 0.4}
@@ -60,9 +54,8 @@ def test_each_row_is_paid_by_the_skill_that_it_does(arrays):
     assert found["part"]["number"].tolist() == [NAVIGATE, PICK, PLACE]
 
 
-@both_kinds
-def test_a_skill_that_is_done_pays_its_success_and_makes_way(arrays):
-    harness = RulesHarness(HabTidyHouseEnv, 2, arrays=arrays)
+def test_a_skill_that_is_done_pays_its_success_and_makes_way():
+    harness = RulesHarness(HabTidyHouseEnv, 2)
     harness.begin(harness.snapshot(base=bases((0.35, 0), (9, 0))))
     assert [entry[0] for entry in harness.navigation_goals] == [0, 1]
     shot = harness.snapshot(base=bases((0.25, 0), (9, 0)))
@@ -76,9 +69,8 @@ def test_a_skill_that_is_done_pays_its_success_and_makes_way(arrays):
     assert paid(found, 0) == {}, "success is paid once"
 
 
-@both_kinds
-def test_no_force_and_no_mistake_ends_a_task(arrays):
-    harness = RulesHarness(HabTidyHouseEnv, 3, arrays=arrays)
+def test_no_force_and_no_mistake_ends_a_task():
+    harness = RulesHarness(HabTidyHouseEnv, 3)
     first = harness.snapshot(held=held(None, 0, None), force_n=row(1e6, 0.0, 0.0))
     harness.begin(first, PICK, PICK, PICK)
     shot = harness.snapshot(held=held(1, None, None), force_n=row(0.0, 0.0, 500.0))
@@ -94,10 +86,9 @@ def test_no_force_and_no_mistake_ends_a_task(arrays):
     assert "navigate/force" not in found["reward_terms"]
 
 
-@both_kinds
-def test_the_last_skill_is_paid_once_while_the_goal_is_not_reached(arrays):
-    harness = RulesHarness(HabTidyHouseEnv, 1, arrays=arrays)
-    at_rest = {"base": bases((1, 0)), "ee_m": torch.tensor([[1.0, 0.0, 0.0]]) + rest()}
+def test_the_last_skill_is_paid_once_while_the_goal_is_not_reached():
+    harness = RulesHarness(HabTidyHouseEnv, 1)
+    at_rest = {"base": bases((1, 0)), "ee_m": torch.tensor([REST_POSITION_M]) + row(1.0, 0.0, 0.0)}
     harness.begin(harness.snapshot(**at_rest), len(HabTidyHouseEnv.task.parts) - 1)
     points = harness.snapshot().objects_m
     points[0, 4] = torch.tensor([5.0, 4.0, 1.0])
@@ -108,54 +99,29 @@ def test_the_last_skill_is_paid_once_while_the_goal_is_not_reached(arrays):
     assert not any(found["success"][0] for found in rewards)
 
 
-@both_kinds
-def test_success_is_the_tasks_own(arrays):
-    harness = RulesHarness(HabTidyHouseEnv, 2, arrays=arrays)
-    harness.begin(harness.snapshot())
-    goals = harness.snapshot().objects_m + torch.tensor([0.0, 4.0, 0.0])
-    goals[1, 2, 0] += 0.16
-    found = harness.step(harness.snapshot(objects_m=goals))
-    assert found["success"].tolist() == [True, False]
-    assert not any(flag for flags in found["stages"].values() for flag in flags)
-
-
-@both_kinds
-def test_navigation_goals_are_starts_goals_and_handles(arrays):
-    harness = RulesHarness(HabSetTableEnv, 4, arrays=arrays)
+def test_navigation_goals_are_starts_goals_and_handles():
+    harness = RulesHarness(HabSetTableEnv, 4)
     grips = torch.tensor([[[-2.0, 0.0, 0.5], [-3.0, 1.0, 1.0]]]).repeat(4, 1, 1)
-    harness.begin(harness.snapshot(handles_m=grips))
-    # To the drawer's handle.
-    assert harness.navigation_goals == [(n, [-2.0, 0.0, 0.5]) for n in range(4)]
-    harness.navigation_goals.clear()
     # To the bowl's start, the bowl's goal, the fridge's handle; row 3 opens the drawer.
     harness.begin(harness.snapshot(handles_m=grips), 2, 4, 8, 1)
-    assert harness.navigation_goals[4:] == [
+    # Episodes begin on the way to the drawer's handle.
+    assert harness.navigation_goals == [
+        *((n, [-2.0, 0.0, 0.5]) for n in range(4)),
         (0, [1.0, 0.0, 1.0]),
         (1, [1.0, 4.0, 1.0]),
         (2, [-3.0, 1.0, 1.0]),
     ]
 
 
-@both_kinds
-def test_opening_and_closing_pay_the_right_door(arrays):
-    harness = RulesHarness(HabSetTableEnv, 2, arrays=arrays)
-    grips = torch.zeros(2, 2, 3)
+def test_opening_and_closing_pay_the_right_door():
+    harness = RulesHarness(HabSetTableEnv, 2)
     # Row 0 opens the drawer, row 1 closes the fridge; both joints of both rows move.
-    harness.begin(
-        harness.snapshot(handles_m=grips, joints=torch.tensor([[0.1, 1.0], [0.1, 1.0]])), 1, 15
-    )
+    values = {"handles_m": torch.zeros(2, 2, 3), "held_handle": torch.tensor([-1, -1])}
+    joints = torch.tensor([[0.1, 1.0], [0.1, 1.0]])
+    harness.begin(harness.snapshot(joints=joints, **values), 1, 15)
+    values["held_handle"] = torch.tensor([0, 1])
     moved = torch.tensor([[0.13, 1.2], [0.2, 0.95]])
-    nothing = torch.tensor([-1, -1])
-    found = harness.step(
-        harness.snapshot(
-            handles_m=grips, joints=moved, held_handle=torch.tensor([0, 1]), held=nothing
-        )
-    )
+    found = harness.step(harness.snapshot(joints=moved, **values))
     # Row 0: 5 for grabbing and 0.13 - 0.1; row 1: 1.0 - 0.95, as closing does not pay grabbing.
     assert paid(found, 0) == {"open_drawer/grabbed": 5.0, "open_drawer/joint": 0.03}
     assert paid(found, 1) == {"close_fridge/joint": 0.05}
-    assert math.isclose(float(found["reward"][1]), 0.05, abs_tol=1e-5)
-
-
-def rest():
-    return torch.tensor([REST_POSITION_M])

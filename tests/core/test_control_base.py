@@ -12,24 +12,10 @@ from hab_tasks.constants import REST_POSITION_M
 from hab_tasks.engine.snapshot import world_to_base
 from hab_tasks.errors import ActionError
 from hab_tasks.robots.control import control_configs
-from hab_tasks.robots.control_modes import ABSOLUTE_ARM, BASE_CELLS, STOP_CELL, STOP_SHARE
+from hab_tasks.robots.control_modes import BASE_CELLS, STOP_CELL
 from hab_tasks.robots.robot import ROBOT
 
 MODES = tuple(control_configs())
-SIZES = {
-    "ee": 4,
-    "ee_base": 6,
-    "joint_delta": 8,
-    "joint_delta_base": 10,
-    "joint_target": 8,
-    "joint_target_base": 10,
-    "joint_target_pose": 11,
-    "joint_state": 8,
-    "joint_state_base": 10,
-    "joint_state_pose": 11,
-    "base": 2,
-}
-"""Mode -> number of entries of an action; those of a pose are tested with the modes that set."""
 
 
 def turned(mode, yaw):
@@ -49,36 +35,26 @@ def hand_m(sim):
     return world_to_base(torch.from_numpy(sim.base())[None], point[None])[0].numpy()
 
 
-def stopped(sim):
-    return bool(sim.controller.stopped[0])
-
-
 def test_the_cells_are_the_papers():
     """Linear -0.5 to 1 in 4, angular -1 to 1 in 5, giving 20 cells (H.2)."""
-    linear = np.linspace(-0.5, 1.0, 4)
-    angular = np.linspace(-1.0, 1.0, 5)
-    assert len(BASE_CELLS) == 20
-    assert set(BASE_CELLS) == {(x, y) for x in linear.tolist() for y in angular.tolist()}
+    linear, angular = (-0.5, 0.0, 0.5, 1.0), (-1.0, -0.5, 0.0, 0.5, 1.0)
+    assert sorted(BASE_CELLS) == [(x, y) for x in linear for y in angular]
     assert BASE_CELLS[STOP_CELL] == (0.0, 0.0)
-    assert BASE_CELLS.count((0.0, 0.0)) == 1
 
 
 def test_action_spaces():
-    assert set(MODES) == {*SIZES, "base_discrete"}
     assert FetchSim("base_discrete").controller.single_action_space == spaces.Discrete(20)
-    for mode, size in SIZES.items():
+    arm = (ROBOT.arm_lower_rad, ROBOT.arm_upper_rad)
+    for mode, (low, high), others in (
+        ("base", ((), ()), 2),
+        ("ee_base", ((), ()), 6),
+        ("joint_delta", ((), ()), 8),
+        ("joint_target", arm, 1),
+        ("joint_state_base", arm, 3),
+    ):
         space = FetchSim(mode).controller.single_action_space
-        assert space.shape == (size,), mode
-        arm = 0 if mode == "base" else 7 if mode.startswith("joint") else 3
-        low, high = (-1,) * arm, (1,) * arm
-        if mode.startswith(ABSOLUTE_ARM):
-            low, high = ROBOT.arm_lower_rad, ROBOT.arm_upper_rad
-        known = slice(0, size - 3 if mode.endswith("pose") else size)
-        assert np.allclose(space.low[known], [*low, *[-1] * (size - arm)][known]), mode
-        assert np.allclose(space.high[known], [*high, *[1] * (size - arm)][known]), mode
-
-
-# Driving ---------------------------------------------------------------------------------------
+        assert np.allclose(space.low, [*low, *[-1] * others]), mode
+        assert np.allclose(space.high, [*high, *[1] * others]), mode
 
 
 def test_forwards_is_where_the_base_looks():
@@ -92,15 +68,7 @@ def test_forwards_is_where_the_base_looks():
         assert heading == pytest.approx(yaw, abs=0.02)
         sim.act([-0.5, 0.0], steps=30)
         assert math.hypot(*sim.base()[:2]) == pytest.approx(0.5, abs=0.08)
-
-
-def test_turning_in_place():
-    sim = FetchSim("base")
-    sim.act([0.0, 0.5], steps=15)
-    x, y, heading = sim.base()
-    # Half a second at 1.57 rad/s.
-    assert heading == pytest.approx(0.785, abs=0.08)
-    assert math.hypot(x, y) < 0.01
+        assert np.linalg.norm(hand_m(sim) - REST_POSITION_M) < 0.05, "the arm stays at rest"
 
 
 def test_a_cell_is_the_same_as_its_velocities():
@@ -113,45 +81,18 @@ def test_a_cell_is_the_same_as_its_velocities():
         assert moved < 1e-4 if cell == STOP_CELL else moved > 0.05, cell
 
 
-def test_the_arm_stays_at_rest_while_the_base_drives():
-    sim = FetchSim("base")
-    for action in ([1.0, 0.0], [1.0, 0.7], [-1.0, -1.0], [0.0, 0.0]):
-        sim.act(action, steps=10)
-        assert np.linalg.norm(hand_m(sim) - REST_POSITION_M) < 0.05
-
-
-def test_velocities_beyond_the_largest_are_clipped():
-    fast, fastest = FetchSim("base"), FetchSim("base")
-    fast.act([5.0, -7.0], steps=10)
-    fastest.act([1.0, -1.0], steps=10)
-    assert np.array_equal(fast.base(), fastest.base())
-
-
-# Stopping --------------------------------------------------------------------------------------
-
-
-def test_both_velocities_next_to_zero_is_the_stop_action():
-    assert STOP_SHARE == 0.05
-    sim = FetchSim("base")
-    for linear, angular, stops in (
-        (0.0, 0.0, True),
-        (0.049, -0.049, True),
-        (0.051, 0.0, False),
-        (0.0, -0.051, False),
-        (-1.0, 1.0, False),
+def test_both_velocities_next_to_zero_and_one_cell_stop():
+    sims = {mode: FetchSim(mode) for mode in ("base", "base_discrete", "ee")}
+    for mode, action, stops in (
+        ("base", (0.0, 0.0), True),
+        ("base", (0.049, -0.049), True),
+        ("base", (0.051, 0.0), False),
+        ("base", (0.0, -0.051), False),
+        *(("base_discrete", (cell,), cell == STOP_CELL) for cell in range(len(BASE_CELLS))),
+        ("ee", (0.0, 0.0, 0.0, -1.0), False),
     ):
-        sim.act([linear, angular])
-        assert stopped(sim) == stops, (linear, angular)
-
-
-def test_only_one_cell_stops_and_no_mode_without_base():
-    sim = FetchSim("base_discrete")
-    for cell in range(len(BASE_CELLS)):
-        sim.act([cell])
-        assert stopped(sim) == (cell == STOP_CELL), cell
-    sim = FetchSim("ee")
-    sim.act([0.0, 0.0, 0.0, -1.0])
-    assert not stopped(sim)
+        sims[mode].act(action)
+        assert bool(sims[mode].controller.stopped[0]) == stops, (mode, action)
 
 
 def test_what_is_no_cell_is_refused():
@@ -159,13 +100,9 @@ def test_what_is_no_cell_is_refused():
     for cell in (-1.0, 20.0, 0.5, math.nan, math.inf):
         with pytest.raises(ActionError, match=r"cells are 0 to 19"):
             sim.act([cell])
-        assert not stopped(sim), cell
-    for shape in ((2,), (1, 2), (0,), (1, 1, 1)):
-        with pytest.raises(ActionError, match=r"expected \(1,\)"):
-            sim.controller.set_action(torch.full(shape, float(STOP_CELL)))
-
-
-# Doing nothing ---------------------------------------------------------------------------------
+        assert not sim.controller.stopped[0], cell
+    with pytest.raises(ActionError, match=r"expected \(1,\)"):
+        sim.controller.set_action(torch.full((1, 2), float(STOP_CELL)))
 
 
 def test_the_idle_action_moves_nothing_and_keeps_what_is_held():
@@ -182,11 +119,6 @@ def test_the_idle_action_moves_nothing_and_keeps_what_is_held():
                 assert bool(sim.controller.gripper[0] >= 0) == holding, mode
         assert np.linalg.norm(hand_m(sim) - hand) < 1e-3, mode
         assert np.abs(sim.base() - base).max() < 1e-4, mode
-        assert stopped(sim) == ("base" in mode), mode
-
-
-def test_the_idle_action_of_a_batch():
-    action = FetchSim("ee_base").controller.idle_action(torch.tensor([True, False, True]))
-    assert action.tolist() == [[0, 0, 0, 1, 0, 0], [0, 0, 0, -1, 0, 0], [0, 0, 0, 1, 0, 0]]
-    cells = FetchSim("base_discrete").controller.idle_action(torch.tensor([True, False]))
-    assert cells.tolist() == [[STOP_CELL], [STOP_CELL]]
+        assert bool(sim.controller.stopped[0]) == ("base" in mode), mode
+    batch = FetchSim("ee_base").controller.idle_action(torch.tensor([True, False]))
+    assert batch.tolist() == [[0, 0, 0, 1, 0, 0], [0, 0, 0, -1, 0, 0]]

@@ -10,14 +10,13 @@ from builders import box_glb, table_config, tiny_dataset, tiny_scene, write_json
 from hab_tasks.episodes.placing import Placer
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.spots import find_spots, receptacles_named, spot_of, unusable, widest
-from hab_tasks.geometry import pose, rotation_between
 from hab_tasks.scenes.habitat.dataset import SceneDataset, resolve_dataset
 from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.objects import load_objects
 
 TEMPLATES = load_objects(None)
 SCENE = "v3_sc0_staging_00"
-BOX, BOWL, APPLE = "003_cracker_box_:0000", "024_bowl_:0000", "013_apple_:0000"
+BOX, APPLE = "003_cracker_box_:0000", "013_apple_:0000"
 INSIDE = "receptacle_aabb_drawer"
 
 
@@ -55,7 +54,6 @@ def test_a_spot_is_the_lower_face_of_the_box_and_turns_with_its_table(tiny):
     assert np.allclose(found.center_m, (1.0, -2.0, 0.8), atol=1e-6)
     assert np.allclose(found.half_m, (0.5, 0.3))
     assert found.height_m == pytest.approx(0.2)
-    assert np.allclose(np.abs(found.axes), [[1, 0], [0, 1], [0, 0]], atol=1e-6)
     assert found.ref == (sc.TABLE_LIGHT, "table_:0000")
     half = math.sqrt(0.5)
     turned = spot(tiny(lambda table, _: table.update(rotation=[half, 0, half, 0])))
@@ -80,20 +78,13 @@ def test_what_is_in_a_drawer_goes_out_with_it(tiny):
 # What can be used ------------------------------------------------------------------------------
 
 
-def add_template(root, name, size_m):
+def boards(root, name, size_m, *places):
+    """Adds boards of a size to a layout, at these places (y-up)."""
     box_glb(root / f"objects/{name}.glb", size_m)
     config = {"render_asset": f"../../objects/{name}.glb", "use_bounding_box_for_collision": True}
     write_json(root / f"configs/objects/{name}.object_config.json", config)
-
-
-def lid(height_m):
-    """A board 2 cm thick that hangs over the table at a height."""
-
-    def change(table, scene):
-        entry = {"template_name": "lid", "translation": [1, height_m + 0.01, 2]}
-        scene["object_instances"].append(entry)
-
-    return change
+    entries = [{"template_name": name, "translation": place} for place in places]
+    return lambda table, scene: scene["object_instances"].extend(entries)
 
 
 def tilted(angle):
@@ -106,45 +97,29 @@ def at_height(y):
 
 
 def test_only_what_can_be_used_is_used(tiny):
-    add_template(tiny.root, "lid", (1.2, 0.02, 0.8))
+    lid, block, around = (1.2, 0.02, 0.8), (3.0, 0.5, 3.0), ((1, 0), (1, 4), (-1.1, 2), (3.1, 2))
+    blocks = boards(tiny.root, "block", block, *([x, 0.25, z] for x, z in around))
     for change, reason in (
         # 0.8 m is the table's top; 0.1 m must be free above it.
-        (lid(0.95), None),
-        (lid(0.85), "covered"),
+        (boards(tiny.root, "high", lid, [1, 0.96, 2]), None),
+        (boards(tiny.root, "low", lid, [1, 0.86, 2]), "covered"),
         (tilted(9), None),
         (tilted(11), "not level"),
         # The arm reaches 1.5 m; the top is 0.4 m above the table's middle.
         (at_height(1.05), None),
         (at_height(1.15), "higher than the arm reaches"),
+        # The floor is free only farther than 1.1 m from the surface.
+        (blocks, "too far from free floor"),
     ):
         sandbox = tiny(change)
         assert unusable(sandbox, spot(sandbox)) == reason
         assert bool(find_spots(sandbox, (sc.TABLE_LIGHT,))) == (reason is None), reason
 
 
-def test_a_table_behind_others_is_out_of_reach(tiny):
-    """Boxes of 3 m around it leave free floor only farther than 1.1 m from the surface."""
-    add_template(tiny.root, "block", (3.0, 0.5, 3.0))
-
-    def surround(table, scene):
-        for x, z in ((1, 0), (1, 4), (-1.1, 2), (3.1, 2)):
-            entry = {"template_name": "block", "translation": [x, 0.25, z]}
-            scene["object_instances"].append(entry)
-
-    sandbox = tiny(surround)
-    assert unusable(sandbox, spot(sandbox)) in (
-        "too far from free floor",
-        "no free floor in the layout",
-    )
-
-
-@pytest.fixture(scope="module")
-def apartment():
+def test_a_door_opens_as_far_as_nothing_is_in_its_way():
     dataset = resolve_dataset("apartment")
-    return PlacementSandbox(load_scene(dataset, sorted(dataset.scene_files)[0]), TEMPLATES)
-
-
-def test_a_door_opens_as_far_as_nothing_is_in_its_way_and_stays_open(apartment):
+    scene = load_scene(dataset, sorted(dataset.scene_files)[0])
+    apartment = PlacementSandbox(scene, TEMPLATES)
     apartment.show((BOX,))
     fridge = apartment.furniture("fridge")
     free = widest(apartment, fridge, "top_door_hinge")
@@ -160,24 +135,6 @@ def test_a_door_opens_as_far_as_nothing_is_in_its_way_and_stays_open(apartment):
     # The box is 0.06 to 0.21 m wide: 0.1 rad at least, 1 rad at most.
     assert free - 1.0 < blocked < free - 0.1
     assert apartment.pose(BOX) == pytest.approx(there, abs=1e-6), "the box was pushed"
-    apartment.set_joint(fridge, "top_door_hinge", blocked)
-    assert not apartment.touching(f"{fridge}/top_door")
-    apartment.show(())
-    (found,) = find_spots(apartment, (sc.FRIDGE,))
-    assert apartment.joints()[fridge] == pytest.approx(found.joints[fridge], abs=1e-5)
-    assert found.joints[fridge]["top_door_hinge"] > 1.2
-
-
-def test_every_receptacle_of_the_protocol_is_usable_in_some_layout_of_the_apartment():
-    dataset = resolve_dataset("apartment")
-    wanted = {*sc.SIX, *sc.EIGHT, sc.DRAWER, *sc.SHELVES}
-    for scene_id in sorted(dataset.scene_files):
-        sandbox = PlacementSandbox(load_scene(dataset, scene_id), {})
-        wanted -= {found.ref[0] for found in find_spots(sandbox, tuple(wanted))}
-        if len(wanted) < 3:
-            break
-    # The highest and the lowest shelf may be out of reach everywhere.
-    assert wanted <= sc.SHELVES
 
 
 # Points and placing ----------------------------------------------------------------------------
@@ -200,69 +157,30 @@ def test_points_keep_their_radius_from_the_edge_and_from_each_other(tiny):
     points = [found.sample(rng, 0.05, [], inner=0.5) for _ in range(50)]
     local = np.abs((np.array(points) - found.center_m) @ found.axes)
     assert (local <= 0.5 * found.half_m - 0.05 + 1e-9).all()
-    assert (local.max(axis=0) > 0.8 * (0.5 * found.half_m - 0.05)).all()
     # 0.3 m is the table's smaller half; what sticks out by more than 0.6 of its radius falls.
     assert found.sample(rng, 0.45, []) is not None
     assert found.sample(rng, 0.55, []) is None
-    assert found.sample(rng, 0.05, [(found.center_m, 1.0)]) is None
-
-
-def test_objects_come_to_rest_where_they_were_put(tiny):
-    sandbox, handles = tiny(), (BOX, BOWL, APPLE)
-    sandbox.show(handles)
-    placer = Placer(sandbox, np.random.default_rng(3))
-    found = spot(sandbox)
-    assert all(placer.put(handle, [found]) for handle in handles)
-    settled = placer.settle()
-    assert settled.keys() == set(handles)
-    assert sandbox.restless(settled) == set()
-    for handle in handles:
-        assert placer.on[handle] == found.ref
-        assert sandbox.com_m(handle)[2] > 0.8
-    # A box that leans by 30 degrees topples.
-    leaning = np.array([0.5, 0.0, math.sqrt(0.75)])
-    q = rotation_between(np.array(TEMPLATES[BOX.rsplit("_:", 1)[0]].up), leaning)
-    x, y = sandbox.com_m(BOX)[:2]
-    tilted_box = pose((x, y, 0.8 + sandbox.footprint(BOX)[2] + 0.002), q)
-    assert BOX in sandbox.restless(settled | {BOX: tilted_box})
 
 
 def test_what_falls_is_put_somewhere_else(tiny):
     """A receptacle without a board 0.4 m above its table lets everything fall; the other holds."""
-
-    def two(table, scene):
-        entry = {"template_name": "air", "translation": [-1, 0.4, 3]}
-        scene["object_instances"].append(entry)
-
     config = table_config()
     (box,) = config["user_defined"].values()
     box["position"] = [0.0, 0.9, 0.0]
     write_json(tiny.root / "configs/objects/air.object_config.json", config)
-    sandbox = tiny(two)
+    air = {"template_name": "air", "translation": [-1, 0.4, 3]}
+    sandbox = tiny(lambda table, scene: scene["object_instances"].append(air))
     sandbox.show((APPLE,))
-    air, table = (spot_of(sandbox, r, {}) for r in receptacles_named(sandbox, (sc.TABLE_LIGHT,)))
-    assert (air.receptacle.body, table.receptacle.body) == ("air_:0000", "table_:0000")
+    spots = [spot_of(sandbox, r, {}) for r in receptacles_named(sandbox, (sc.TABLE_LIGHT,))]
+    assert [found.receptacle.body for found in spots] == ["air_:0000", "table_:0000"]
     ends = []
     for seed in range(8):
         placer = Placer(sandbox, np.random.default_rng(seed))
-        assert placer.put(APPLE, [air, table])
-        ends.append((placer.on[APPLE][1], placer.settle(), placer.on[APPLE][1]))
-    again = [(settled, last) for first, settled, last in ends if first == "air_:0000"]
-    assert len(again) > 1
-    # Drawn anew twice: it may be the air again, and then it is left out.
-    assert any(settled for settled, _ in again)
-    assert all(bool(settled) == (last == "table_:0000") for settled, last in again)
-    assert all(settled for first, settled, _ in ends if first == "table_:0000")
-
-
-def test_an_apple_falls_into_the_bowl(tiny):
-    sandbox = tiny()
-    sandbox.show((BOWL, APPLE))
-    placer = Placer(sandbox, np.random.default_rng(3))
-    assert placer.put(BOWL, [spot(sandbox)])
-    placer.put_into(APPLE, BOWL)
-    settled = placer.settle()
-    assert settled.keys() == {BOWL, APPLE}
-    way = sandbox.com_m(APPLE) - sandbox.com_m(BOWL)
-    assert np.linalg.norm(way[:2]) < 0.04
-    assert 0.0 < way[2] < 0.06
+        assert placer.put(APPLE, spots)
+        first = placer.on[APPLE][1]
+        settled = bool(placer.settle())
+        # Drawn anew twice: it may be the air again, and then it is left out.
+        assert settled == (placer.on[APPLE][1] == "table_:0000")
+        ends.append((first, settled))
+    assert ("air_:0000", True) in ends
+    assert ("table_:0000", False) not in ends

@@ -1,13 +1,10 @@
 """Reading Habitat's scene dataset format: content, known defects and invalid input."""
 
-import json
 import logging
-import math
 import struct
 
 import numpy as np
 import pytest
-import trimesh
 from builders import (
     DRAWER_URDF,
     cpu_scene,
@@ -20,7 +17,7 @@ from builders import (
 
 from hab_tasks.errors import DatasetError, UnknownNameError
 from hab_tasks.scenes.habitat import load
-from hab_tasks.scenes.habitat.dataset import SPLIT_MACROS, SceneDataset, resolve_dataset
+from hab_tasks.scenes.habitat.dataset import SPLIT_MACROS, SceneDataset
 from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.objects import load_objects
 from hab_tasks.scenes.pool import BodyPool
@@ -39,15 +36,6 @@ def root(tmp_path, monkeypatch):
 
 def read(root, scene_id=SCENE):
     return load_scene(SceneDataset(root), scene_id)
-
-
-def navmesh(low, high) -> bytes:
-    """The head of a Detour tile behind a few other bytes: magic, 14 integers, 3 floats, bounds."""
-    return (
-        b"TESM0000"
-        + struct.pack("<4s14i3f6f", b"VAND", *range(14), 0, 0, 0, *low, *high)
-        + b"0" * 64
-    )
 
 
 def test_the_scene_is_read_z_up(root):
@@ -75,9 +63,7 @@ def test_both_folder_layouts_find_the_urdf_and_a_folder_of_its_own_name_comes_fi
 
 
 def test_bodies_are_built_where_the_scene_says_with_commas_in_urdf_attributes(root):
-    scene = cpu_scene()
-    handles = BodyPool(scene, {}).show(read(root), ())
-    scene._setup(enable_gpu=False)
+    handles = BodyPool(cpu_scene(), {}).show(read(root), ())
     chest = handles.articulations["chest_:0000"]
     body = chest.links_map["body"]._objs[0].collision_shapes[0]
     # size="0.4 0.3, 0.2" at uniform scale 2: half sizes are the numbers themselves.
@@ -93,12 +79,12 @@ def test_bodies_are_built_where_the_scene_says_with_commas_in_urdf_attributes(ro
 
 def test_an_absent_stage_mesh_gives_a_shell_from_the_navmesh_and_is_said_once(root, caplog):
     (root / "navmeshes").mkdir()
-    (root / f"navmeshes/{SCENE}.navmesh").write_bytes(navmesh((-3, -0.1, -4), (1, 2, 6)))
-    write_scene(root, tiny_scene(), "v3_sc0_staging_01")
+    # The head of a Detour tile: magic, 14 integers, 3 floats, bounds.
+    tile = struct.pack("<4s14i9f", b"VAND", *range(14), 0, 0, 0, -3, -0.1, -4, 1, 2, 6)
+    (root / f"navmeshes/{SCENE}.navmesh").write_bytes(b"TESM0000" + tile + b"0" * 64)
     with caplog.at_level(logging.WARNING):
         stage = read(root).stage
         read(root)
-        read(root, "v3_sc0_staging_01")
     assert [r.message.count("stage meshes absent") for r in caplog.records] == [1]
     assert stage.visual_file is None
     floor, *walls = stage.collision
@@ -108,35 +94,17 @@ def test_an_absent_stage_mesh_gives_a_shell_from_the_navmesh_and_is_said_once(ro
     assert np.allclose(floor.half_size_m, (2.1, 0.05, 5.1))
 
 
-def test_a_stage_mesh_without_collision_parts_is_drawn_in_a_shell_of_its_size(root):
-    room = root / "stages/room.glb"
-    room.parent.mkdir()
-    trimesh.Scene(trimesh.creation.box((4, 0.1, 4))).export(room)
-    stage = read(root).stage
-    assert stage.visual_file == room
-    floor, *walls = stage.collision
-    assert len(walls) == 4
-    # The mesh spans x and z -2..2; the floor reaches under the walls' 0.1 m.
-    assert np.allclose(floor.half_size_m, (2.1, 0.05, 2.1))
-    assert np.allclose(sorted(w.center_m[0] for w in walls), (-2.05, 0, 0, 2.05))
-
-
 def test_objects_without_a_mesh_are_skipped_with_one_warning(root, caplog):
-    for name in ("bike", "hook"):
-        config = {"render_asset": f"../../objects/{name}.glb"}
-        write_json(root / f"configs/objects/{name}.object_config.json", config)
+    write_json(root / "configs/objects/bike.object_config.json", {"render_asset": "bike.glb"})
     scene = tiny_scene()
     scene["object_instances"] += [{"template_name": "bike"}, {"template_name": "bike"}]
     write_scene(root, scene)
-    scene["object_instances"] += [{"template_name": "hook"}]
-    write_scene(root, scene, "v3_sc0_staging_01")
     with caplog.at_level(logging.WARNING):
-        spec, other = read(root), read(root, "v3_sc0_staging_01")
-    assert (spec.missing, other.missing) == (("bike",), ("bike", "hook"))
-    assert len(spec.objects) == len(other.objects) == 2
-    warnings = [r.message for r in caplog.records if "skipped" in r.message]
-    assert len(warnings) == 1
-    assert "bike, hook" in warnings[0]
+        spec = read(root)
+    assert spec.missing == ("bike",)
+    assert len(spec.objects) == 2
+    (warning,) = [r.message for r in caplog.records if "skipped" in r.message]
+    assert "bike" in warning
 
 
 def test_an_absent_collision_mesh_becomes_the_bounding_box(root):
@@ -151,23 +119,17 @@ def test_an_absent_collision_mesh_becomes_the_bounding_box(root):
 
 
 def test_receptacle_scale_is_half_extents_and_may_be_negative(root):
-    for scale in ((0.5, 0.1, 0.3), (-0.5, 0.1, -0.3)):
-        write_json(root / TABLE, table_config(scale))
-        (receptacle,) = read(root).receptacles
-        assert receptacle.half_size_m == (0.5, 0.1, 0.3)
-        assert receptacle.body == "table_:0000"
-        assert receptacle.body_from_box == (0.0, 0.5, 0.0, 1.0, 0.0, 0.0, 0.0)
-        assert receptacle.up == (0.0, 1.0, 0.0)
-
-
-def test_receptacles_of_furniture_are_scaled_with_it(root):
-    entry = {"name": "receptacle_aabb_in", "parent_link": "drawer", "position": [0.1, 0, 0.2]}
-    entry["scale"] = [0.1, -0.05, 0.2]
+    write_json(root / TABLE, table_config((-0.5, 0.1, -0.3)))
+    # uniform_scale of the chest is 2
+    entry = {"parent_link": "drawer", "position": [0.1, 0, 0.2], "scale": [0.1, -0.05, 0.2]}
     config = {"user_defined": {"receptacle_aabb_in": entry}}
     write_json(root / "urdf/chests/chest.ao_config.json", config)
-    inside = next(r for r in read(root).receptacles if r.name == "receptacle_aabb_in")
+    on_table, inside = read(root).receptacles
+    assert on_table.half_size_m == (0.5, 0.1, 0.3)
+    assert on_table.body == "table_:0000"
+    assert on_table.body_from_box == (0.0, 0.5, 0.0, 1.0, 0.0, 0.0, 0.0)
+    assert on_table.up == (0.0, 1.0, 0.0)
     assert inside.body == "chest_:0000/drawer"
-    # uniform_scale is 2
     assert np.allclose(inside.body_from_box[:3], (0.2, 0, 0.4))
     assert np.allclose(inside.half_size_m, (0.2, 0.1, 0.4))
 
@@ -186,7 +148,7 @@ def test_negative_and_directional_lamps_are_left_out(root):
     assert lamp.color == (2.0, 1.0, 0.0)
 
 
-# Bad input -------------------------------------------------------------------------------------
+# Bad input; damaged files are tests/faults -----------------------------------------------------
 
 
 def test_a_folder_without_datasets_scenes_or_objects_is_refused(tmp_path):
@@ -194,16 +156,12 @@ def test_a_folder_without_datasets_scenes_or_objects_is_refused(tmp_path):
         SceneDataset(tmp_path)
     with pytest.raises(DatasetError, match="002_master_chef_can"):
         load_objects(tmp_path)
-    with pytest.raises(UnknownNameError, match="nowhere"):
-        load_objects(tmp_path / "nowhere")
     write_json(tmp_path / "x.scene_dataset_config.json", {})
     with pytest.raises(DatasetError, match="holds no"):
         SceneDataset(tmp_path)
 
 
 def test_unknown_names_give_the_nearest(root):
-    with pytest.raises(UnknownNameError, match=r"'apartmant'.*Did you mean 'apartment'"):
-        resolve_dataset("apartmant")
     with pytest.raises(UnknownNameError, match=f"Did you mean '{SCENE}'"):
         read(root, "v3_sc0_staging_0O")
     dataset = SceneDataset(root)  # one scene, of macro layout sc0: train
@@ -213,60 +171,3 @@ def test_unknown_names_give_the_nearest(root):
     for split in SPLIT_MACROS.keys() - {"train"}:
         with pytest.raises(UnknownNameError, match="Valid: train"):
             dataset.resolve_split(split)
-    for kind in ("object_instances", "articulated_object_instances"):
-        scene = tiny_scene()
-        name = scene[kind][0]["template_name"]
-        scene[kind][0]["template_name"] = name + "s"
-        file = write_scene(root, scene)
-        with pytest.raises(DatasetError, match=rf"{file}: .*'{name}s'.*Did you mean '{name}'"):
-            read(root)
-
-
-def test_damaged_files_are_named(root):
-    cube, urdf = root / "objects/cube.glb", root / "urdf/chests/chest.urdf"
-    scene = write_scene(root, tiny_scene())
-    damaged = bytearray(cube.read_bytes())
-    damaged[20:60] = b"\0" * 40  # inside the JSON chunk: the length is right, the content is not
-    absent_mesh = DRAWER_URDF.replace("body.glb", "gone.glb")
-    gone = json.dumps({"render_asset": "../../objects/cube.glb", "collision_asset": "gone.glb"})
-    for file, content, said in (
-        (cube, cube.read_bytes()[:-40], r"cube\.glb: truncated"),
-        (cube, b"<html>not found</html>", r"cube\.glb: "),
-        (cube, bytes(damaged), r"cube\.glb: "),
-        (urdf, DRAWER_URDF[:200].encode(), r"chest\.urdf: not a valid URDF"),
-        (urdf, absent_mesh.encode(), r"chest\.urdf: names 'gone\.glb'"),
-        (scene, scene.read_bytes()[:-30], rf"{scene}: not valid JSON"),
-        (root / f"navmeshes/{SCENE}.navmesh", b"none", rf"{SCENE}\.navmesh: not a navmesh"),
-        (root / "configs/stages/room.stage_config.json", gone.encode(), r"gone\.glb"),
-    ):
-        before = file.read_bytes() if file.exists() else None
-        file.parent.mkdir(exist_ok=True)
-        file.write_bytes(content)
-        with pytest.raises(DatasetError, match=said):
-            read(root)
-        file.unlink() if before is None else file.write_bytes(before)
-
-
-def test_malformed_scenes_and_templates_are_named(root):
-    templates = (
-        lambda config: config.pop("render_asset"),
-        lambda config: next(iter(config["user_defined"].values())).pop("scale"),
-        lambda config: next(iter(config["user_defined"].values())).update(position=[0, math.nan]),
-        lambda config: config.update(friction_coefficient="rough"),
-    )
-    scenes = (
-        lambda scene: scene.pop("stage_instance"),
-        lambda scene: scene["object_instances"][0].pop("template_name"),
-        lambda scene: scene["object_instances"][0].update(translation=[1, "two", 3]),
-        lambda scene: scene["object_instances"][0].update(rotation=[0, 0, 0, 0]),
-        lambda scene: scene["articulated_object_instances"][0].update(uniform_scale="big"),
-    )
-    files = [root / TABLE] * len(templates) + [write_scene(root, tiny_scene())] * len(scenes)
-    for damage, file in zip((*templates, *scenes), files, strict=True):
-        good = file.read_text()
-        content = json.loads(good)
-        damage(content)
-        write_json(file, content)
-        with pytest.raises(DatasetError, match=rf"{file}: "):
-            read(root)
-        file.write_text(good)

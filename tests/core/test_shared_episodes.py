@@ -4,10 +4,9 @@ import pytest
 
 from hab_tasks.episodes.source import EpisodeRequest, open_source, shared_sources
 
-REQUEST = EpisodeRequest(env_id="HabOpenDrawer-v1", split="train", seed=77)
 
-
-def source_in(folder, request=REQUEST):
+def source_in(folder, seed=77):
+    request = EpisodeRequest(env_id="HabOpenDrawer-v1", split="train", seed=seed)
     with shared_sources(folder):
         return open_source(request)
 
@@ -19,7 +18,7 @@ def test_only_episodes_of_the_same_source_are_not_generated_again(tmp_path, monk
     monkeypatch.setattr(other, "make", lambda index: pytest.fail("generated again"))
     assert other.get(0) == made
     assert other.rejections == first.rejections
-    different = source_in(tmp_path, EpisodeRequest(env_id=REQUEST.env_id, split="train", seed=78))
+    different = source_in(tmp_path, seed=78)
     assert different.get(0).id.endswith("/78/00000")
     assert len(list(tmp_path.iterdir())) == 2
 

@@ -14,18 +14,9 @@ from refusals import refused_by_command
 from hab_tasks import rendering
 from hab_tasks.captions import LINE_PX
 from hab_tasks.cli import main
-from hab_tasks.commands.keyboard import (
-    CAREFUL_SHARE,
-    FIRST_REPEAT_S,
-    KEYS,
-    OTHER_KEYS,
-    HeldKey,
-    Keyboard,
-    keys_of,
-)
+from hab_tasks.commands.keyboard import CAREFUL_SHARE, Keyboard, keys_of
 from hab_tasks.commands.playing import CAPTION_LINES
 from hab_tasks.robots.control import control_configs
-from hab_tasks.robots.robot import ROBOT
 
 STEP = re.compile(r"^ *(\d+)  reward ([+-][\d.]+)  (.*)$", re.MULTILINE)
 
@@ -34,10 +25,6 @@ STEP = re.compile(r"^ *(\d+)  reward ([+-][\d.]+)  (.*)$", re.MULTILINE)
 def no_display(monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-
-
-def keyboard(mode, holding=False):
-    return Keyboard(SimpleNamespace(config=control_configs()[mode]), holding)
 
 
 @pytest.mark.slow
@@ -51,12 +38,10 @@ def test_random_actions_are_told_step_by_step_and_summed(run):
     # Four rewards and their sum, each rounded to a thousandth.
     assert total == pytest.approx(sum(float(reward) for _, reward, _ in told), abs=0.003)
     assert "success   no\n" in done.stdout
-    assert "stopped after 4 actions" in done.stdout
     assert "no display" in done.stdout
-
     assert run("demo", "HabPick-v1", "--steps", 4, "--seed", 3).stdout == done.stdout
-    other = STEP.findall(run("demo", "HabPick-v1", "--steps", 4, "--seed", 4).stdout)
-    assert other != told
+    other = run("demo", "HabPick-v1", "--steps", 4, "--seed", 4)
+    assert STEP.findall(other.stdout) != told
 
 
 def test_the_episode_is_the_one_asked_for_and_what_it_holds_stays_held(run, monkeypatch):
@@ -87,47 +72,28 @@ def test_keys_move_the_robot_one_action_each(run, monkeypatch):
     assert "drive ahead" not in done.stdout
 
 
-def test_driving_changes_what_is_measured(run, monkeypatch):
-    monkeypatch.setattr(sys, "stdin", io.StringIO("wwww "))
-    told = STEP.findall(run("demo", "HabNavigate-v1", "--agent", "keyboard").stdout)
-    paths = [float(re.search(r"path_m (\S+)", words)[1]) for _, _, words in told]
-    # At most 1 m/s / 30 actions a second, so 0.133 m in four.
-    assert 0.05 < paths[3] <= 0.134
-    assert ["stopped" in words for _, _, words in told] == [False] * 4 + [True]
-
-
-def test_a_key_sets_one_entry_of_the_action():
-    # ee_base: hand x, y, z; gripper; forward, turning. The open hand is -1.
-    board = keyboard("ee_base")
-    assert board.action("up").tolist() == [1, 0, 0, -1, 0, 0]
-    assert board.action("right").tolist() == [0, -1, 0, -1, 0, 0]
-    assert board.action("f").tolist() == [0, 0, -1, -1, 0, 0]
-    assert board.action("s").tolist() == [0, 0, 0, -1, -0.5, 0]
-    assert board.action("a").tolist() == [0, 0, 0, -1, 0, 1]
-    assert board.action("space").tolist() == [0, 0, 0, -1, 0, 0]
-    assert board.action("x") is None
-
-
-def test_the_hand_stays_closed_until_it_is_opened():
-    board = keyboard("ee")
-    assert [board.action(key)[3] for key in ("g", "r", "space", "g", "r")] == [1, 1, 1, -1, -1]
-    assert keyboard("ee", holding=True).action("r").tolist() == [0, 0, 1, 1]
-    assert keyboard("ee").action("w") is None
-
-
-def test_keys_are_cells_where_the_base_has_cells():
-    # Five turning velocities for each of -0.5, 0, 0.5, 1: (1, 0) is 3 * 5 + 2, (0, 0) is 5 + 2.
-    board = keyboard("base_discrete")
-    cells = {key: board.action(key) for key in ("w", "s", "a", "d", "space")}
-    assert cells == {"w": 17, "s": 2, "a": 9, "d": 5, "space": 7}
-    assert board.action("up") is None
-    assert board.action("g") is None
-
-
-def test_the_table_has_each_key_that_does_something():
-    assert set(re.findall(r"^  (\w+)", keyboard("ee_base").table, re.M)) == {*KEYS, *OTHER_KEYS}
-    base = set(re.findall(r"^  (\w+)", keyboard("base_discrete").table, re.M))
-    assert base == {"w", "s", "a", "d", "space", "q"}
+def test_a_key_sets_one_entry_of_the_action_or_names_a_cell():
+    for mode, key, action in (
+        # Hand x, y, z; gripper, -1 is open; forward, turning.
+        ("ee_base", "up", [1, 0, 0, -1, 0, 0]),
+        ("ee_base", "right", [0, -1, 0, -1, 0, 0]),
+        ("ee_base", "f", [0, 0, -1, -1, 0, 0]),
+        ("ee_base", "s", [0, 0, 0, -1, -0.5, 0]),
+        ("ee_base", "a", [0, 0, 0, -1, 0, 1]),
+        ("ee_base", "space", [0, 0, 0, -1, 0, 0]),
+        ("ee_base", "g", [0, 0, 0, 1, 0, 0]),
+        ("ee_base", "x", None),
+        ("ee", "w", None),
+        # Five turning velocities for each of -0.5, 0, 0.5, 1: (1, 0) is 3 * 5 + 2.
+        ("base_discrete", "w", 17),
+        ("base_discrete", "s", 2),
+        ("base_discrete", "a", 9),
+        ("base_discrete", "space", 7),
+        ("base_discrete", "up", None),
+    ):
+        board = Keyboard(SimpleNamespace(config=control_configs()[mode]), holding=False)
+        found = board.action(key)
+        assert (found.tolist() if isinstance(action, list) else found) == action, (mode, key)
 
 
 def test_arrows_are_one_key_and_line_ends_none():
@@ -166,35 +132,9 @@ def test_keys_of_a_terminal_come_without_a_line_end_and_go_on_while_held():
     os.close(mine)
 
 
-def test_a_key_is_held_while_it_repeats():
-    key = HeldKey()
-    assert key.held(0.0) is None
-    key.press("up", 10.0)
-    # The slowest terminals repeat after 0.66 s.
-    assert key.held(10.0) == key.held(10.66) == ("up", CAREFUL_SHARE)
-    assert key.held(10.71) is None
-    key.press("up", 20.0)
-    for repeat_s in (20.5, 20.6, 20.7):
-        key.press("up", repeat_s)
-        assert key.held(repeat_s + 0.1) == ("up", 1.0)
-    assert key.held(20.86) is None
-    key.press("w", 20.7)
-    assert key.held(20.7) == ("w", CAREFUL_SHARE)
-    key.press("space", 20.8)
-    assert key.held(20.8) is None
-
-
-def test_the_base_drives_at_walking_speed_while_a_key_is_held():
-    full, careful = (keyboard("ee_base").action("w", share)[4] for share in (1.0, CAREFUL_SHARE))
-    assert full * ROBOT.base_linear_speed_m_s == 1.0
-    # A tap: 0.7 s at a quarter of it.
-    assert careful * ROBOT.base_linear_speed_m_s * FIRST_REPEAT_S == pytest.approx(0.175)
-
-
 def test_without_vulkan_measures_are_told_all_the_same(run, monkeypatch):
     monkeypatch.setattr(rendering, "software_vulkan_works", lambda: False)
     monkeypatch.setattr(rendering.torch.cuda, "is_available", lambda: False)
-    assert run("demo", "HabPick-v1", "--steps", 1).returncode == 0
     monkeypatch.setenv("DISPLAY", ":0")
     done = run("demo", "HabPick-v1", "--steps", 1)
     assert done.returncode == 0, done.stderr

@@ -1,6 +1,5 @@
 """Rewards, scores and observations of all environments on random batches, without a simulator."""
 
-import math
 from dataclasses import fields, replace
 
 import numpy as np
@@ -163,15 +162,3 @@ def test_every_observation_of_a_batch():
             assert bool(torch.isfinite(value).all()), told
             assert len(torch.unique(value, dim=0)) > 1, f"{told} is the same in every row"
             assert same(value, of_arrays, 1e-5), told
-
-
-def test_the_table_says_what_the_classes_say():
-    for entry in ENVS.values():
-        env = entry.env
-        source = env.skill if issubclass(env, SkillEnv) else env.task
-        assert (env.name, env.horizon_steps) == (source.name, source.horizon_steps)
-        assert entry.horizon_steps == env.horizon_steps
-        assert math.isfinite(env.reward_bound)
-        assert env.reward_bound > 0
-        assert entry.id == f"{env.__name__.removesuffix('Env')}-v1"
-        assert entry.id.lower() == f"hab{env.name.replace('_', '')}-v1"

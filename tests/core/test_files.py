@@ -27,28 +27,20 @@ from hab_tasks.files import (
 MARK = "made_here.json"
 
 
-def test_a_file_takes_its_place_in_the_end(tmp_path):
+def test_a_file_takes_its_place_in_the_end_and_stays_when_writing_fails(tmp_path):
     file = tmp_path / "new" / "told.json"
     with written_aside(file) as scratch:
         scratch.write_text("whole")
         assert scratch.suffix == ".json"
         assert not file.exists()
-    assert file.read_text() == "whole"
-    assert list(file.parent.iterdir()) == [file]
-
-
-def test_an_older_file_stays_when_writing_fails(tmp_path):
-    file = tmp_path / "told.json"
-    file.write_text("old")
     with pytest.raises(UnicodeEncodeError), written_aside(file) as scratch:
         scratch.write_text("hä", encoding="ascii")
-    assert file.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [file]
-
-
-def test_what_was_never_written_is_an_error(tmp_path):
+    assert file.read_text() == "whole"
+    assert list(file.parent.iterdir()) == [file]
+    (tmp_path / "plain").write_text("")
+    assert file.stat().st_mode == (tmp_path / "plain").stat().st_mode, "others may read it too"
     with pytest.raises(FileNotFoundError), written_aside(tmp_path / "told.json"):
-        pass
+        pass  # it was never written
 
 
 def write(path, text="new"):
@@ -72,92 +64,49 @@ def no_room(most_bytes):
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-def a_folder(tmp_path):
-    (tmp_path / "told.json").mkdir()
-    return tmp_path / "told.json", "is a folder"
-
-
-def a_pipe(tmp_path):
-    os.mkfifo(tmp_path / "told.json")
-    return tmp_path / "told.json", "is a device, pipe or socket"
-
-
-def a_link_to_a_device(tmp_path):
-    (tmp_path / "told.json").symlink_to("/dev/null")
-    return tmp_path / "told.json", "is a device, pipe or socket"
-
-
-def below_a_file(tmp_path):
-    (tmp_path / "file").write_text("precious")
-    return tmp_path / "file" / "new" / "told.json", "file is a file, not a folder"
-
-
-def a_link_to_nothing(tmp_path):
-    (tmp_path / "told.json").symlink_to(tmp_path / "nothing")
-    return tmp_path / "told.json", "is a link to"
-
-
-def a_link_to_itself(tmp_path):
-    (tmp_path / "told.json").symlink_to(tmp_path / "told.json")
-    return tmp_path / "told.json", "told.json"
-
-
-def a_long_name(tmp_path):
-    return tmp_path / ("n" * 300), os.strerror(errno.ENAMETOOLONG)
-
-
-def a_name_with_a_nul(tmp_path):
-    return tmp_path / "told\0.json", "null"
-
-
-def a_name_that_is_no_text(tmp_path):
-    return tmp_path / "told\ud800.json", "surrogates not allowed"
-
-
-NO_FILES = (
-    a_folder,
-    a_pipe,
-    a_link_to_a_device,
-    below_a_file,
-    a_link_to_nothing,
-    a_link_to_itself,
-    a_long_name,
-    a_name_with_a_nul,
-    a_name_that_is_no_text,
-)
+NO_FILES = {
+    "folder": "is a folder",
+    "pipe": "is a device, pipe or socket",
+    "device": "is a device, pipe or socket",
+    "file/new/told.json": "file is a file, not a folder",
+    "dangling": "is a link to",
+    "loop": "loop",
+    "n" * 300: os.strerror(errno.ENAMETOOLONG),
+    "told\0.json": "null",
+    "told\ud800.json": "surrogates not allowed",
+}
+"""Path -> words of its refusal."""
 
 
 def test_what_can_be_no_file_or_folder_is_refused_before_the_work_and_by_the_writer(tmp_path):
-    for bad in NO_FILES:
-        folder = tmp_path / bad.__name__
-        folder.mkdir()
-        path, words = bad(folder)
-        before = sorted(folder.rglob("*"))
+    (tmp_path / "folder").mkdir()
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "file").write_text("precious")
+    for name, target in {"device": "/dev/null", "dangling": "nothing", "loop": "loop"}.items():
+        (tmp_path / name).symlink_to(target)
+    before = sorted(tmp_path.rglob("*"))
+    for name, words in NO_FILES.items():
+        path = tmp_path / name
         for force in (False, True):
             refused_by_call(partial(check_file, path, force=force), words)
-        refused_by_call(partial(write, path), path.name[:5].rstrip("\0\ud800"))
-        if bad is not a_folder:
+        refused_by_call(partial(write, path), str(tmp_path))
+        if name != "folder":
             refused_by_call(partial(check_folder, path, force=True, mark=MARK), words)
-            with pytest.raises(FileError):
-                fill(path)
-        assert sorted(folder.rglob("*")) == before, bad.__name__
+            refused_by_call(partial(fill, path), str(tmp_path))
+        assert sorted(tmp_path.rglob("*")) == before, name
 
 
-def test_a_folder_that_the_command_has_not_made_is_never_replaced(tmp_path):
+def test_only_a_folder_that_the_command_has_made_is_replaced_and_only_when_asked(tmp_path):
     (tmp_path / "thesis.txt").write_text("precious")
-    for force in (False, True):
-        refused_by_call(partial(check_folder, tmp_path, force=force, mark=MARK), f"no {MARK}")
-
-
-def test_a_folder_that_the_command_has_made_is_replaced_when_asked(tmp_path):
-    folder = tmp_path / "made"
+    refused_by_call(partial(check_folder, tmp_path, force=True, mark=MARK), f"no {MARK}")
+    folder = tmp_path / "new" / "made"
     fill(folder)
     (folder / "more").write_text("old")
     refused_by_call(partial(check_folder, folder, force=False, mark=MARK), "exists", "--force")
     check_folder(folder, force=True, mark=MARK)
     fill(folder)
     assert [file.name for file in folder.iterdir()] == [MARK]
-    assert list(tmp_path.iterdir()) == [folder]
+    assert list(folder.parent.iterdir()) == [folder]
 
 
 def test_a_link_stays_and_its_file_is_replaced(tmp_path):

@@ -1,15 +1,14 @@
 """Wild layouts: varied positions of furniture, and feasible tasks."""
 
-import json
 import math
 
 import numpy as np
 import pytest
+from refusals import refused_by_call, refused_by_command
 
 from hab_tasks.cli import main
 from hab_tasks.episodes.layout_report import layout_faults
 from hab_tasks.episodes.source import EpisodeRequest, open_source
-from hab_tasks.errors import DatasetError, HabError, UnknownNameError
 from hab_tasks.geometry import to_matrix
 from hab_tasks.layouts.checks import check_layout, free_range
 from hab_tasks.layouts.wild import WildVarier
@@ -54,13 +53,6 @@ def hinge_limit(spec):
     return free_range(hinge, layout.bodies, 0.01).upper
 
 
-def test_the_same_seed_and_index_give_the_same_layout(wild):
-    scene_id = sorted(wild.scene_files)[1]
-    alone = WildVarier(wild.source).make(0, 2)
-    assert alone.scene == read_json(wild.scene_file(scene_id))
-    assert wild.layouts.macros[scene_id] == alone.macro
-
-
 def test_kitchen_and_furniture_move_to_where_tasks_can_be_done_and_all_else_stays(wild):
     for scene_id in wild.scene_files:
         old = load_scene(wild.source, wild.layouts.macros[scene_id])
@@ -71,36 +63,36 @@ def test_kitchen_and_furniture_move_to_where_tasks_can_be_done_and_all_else_stay
         after = {o.name: o.world_from_object for o in new.objects}
         assert before.keys() == after.keys()
         assert sum(before[n] != after[n] for n in before) >= 10
-        stays = {o.name for o in old.objects if o.template.category in ("rug", "mat", "picture")}
+        stays = [o.name for o in old.objects if o.template.category in ("rug", "mat", "picture")]
         assert stays
         assert all(np.allclose(before[n], after[n], atol=1e-6) for n in stays)
         assert check_layout(wild, scene_id).reasons == ()
         assert hinge_limit(new) >= 1.6
+    # A layout depends on its seed and number only.
+    last = WildVarier(wild.source).make(0, COUNT)
+    assert last.scene == read_json(wild.scene_file(max(wild.scene_files)))
 
 
 def test_the_mirrored_fridge_opens_to_the_other_side():
     varier = WildVarier(resolve_dataset("apartment"))
-    sides = {}
+    sides = []
     for mirrored in (False, True):
         emptied = varier.emptied("v3_sc0_staging_00", mirrored)
         layout, fridge = emptied.layout, emptied.fridge
-        root = to_matrix(fridge_of(emptied.spec).world_from_root)
+        world_from_root = to_matrix(fridge_of(emptied.spec).world_from_root)
         marker = next(m for m in HANDLE_MARKERS if m.template == fridge.template)
-        link = layout.placed[f"{fridge.name}/top_door"]
+        closed = layout.placed[f"{fridge.name}/top_door"].world_from_body
+        poses = np.stack([closed, emptied.hinge(layout).motion(1.0) @ closed])
         # In the root's frame x looks out of the doors and z along the wall: y of the body.
-        opened = emptied.hinge(layout).motion(1.0) @ link.world_from_body
-        handle = [
-            (np.linalg.inv(root) @ pose @ [*marker.offset_m, 1.0])[:3]
-            for pose in (link.world_from_body, opened)
-        ]
-        sides[mirrored] = np.array(handle)
+        handles = np.linalg.inv(world_from_root) @ poses @ [*marker.offset_m, 1.0]
+        sides.append(handles[:, :3])
+    usual, mirrored = sides
     # The hinge is 0.353 m beside the middle, the handle 0.62 m from it: 0.353 - 0.62 = -0.267.
-    assert abs(sides[False][0, 2]) == pytest.approx(0.267, abs=1e-4)
-    assert np.allclose(sides[False][:, 2], -sides[True][:, 2], atol=1e-4)
-    assert np.allclose(sides[False][:, :2], sides[True][:, :2], atol=1e-4)
+    assert abs(usual[0, 2]) == pytest.approx(0.267, abs=1e-4)
+    assert np.allclose(usual, mirrored * (1, 1, -1), atol=1e-4)
     # Closed, it is 0.322 + 0.10 m out; open by 1 rad, 0.62 sin 1 + 0.10 cos 1 out of the hinge.
     out_m = 0.322 + 0.62 * math.sin(1) + 0.10 * math.cos(1)
-    assert sides[True][:, 0] == pytest.approx([0.422, out_m], abs=1e-4)
+    assert mirrored[:, 0] == pytest.approx([0.422, out_m], abs=1e-4)
 
 
 # The folder as a dataset --------------------------------------------------------------------------
@@ -113,8 +105,6 @@ def test_the_folder_is_a_dataset_of_its_own(wild):
     assert wild.scenes_of_split("train") == []
     assert wild.fingerprint != wild.source.fingerprint
     assert wild.object_files == wild.source.object_files
-    names = {path.name for path in wild.root.iterdir()}
-    assert names == {"layouts.json", *(f"{s}.scene_instance.json" for s in wild.scene_files)}
     assert not set(wild.scene_files) & set(wild.source.scene_files)
 
 
@@ -122,11 +112,9 @@ def test_episodes_are_made_there_and_each_layout_has_its_turn(wild):
     source = open_source(EpisodeRequest(env_id="HabCloseFridge-v1", scene_dataset=wild.root))
     made = [source.make(index).episode for index in range(COUNT + 1)]
     assert [e.scene_id for e in made] == [*sorted(wild.scene_files), min(wild.scene_files)]
-    assert made[0].handle.marker == "fridge_push_point"
-    assert made[0].handle.furniture.removesuffix("_:0000") in FRIDGES
 
 
-def test_layouts_of_one_macro_layout_varied_or_wild_are_a_dataset_too(tmp_path):
+def test_layouts_of_one_macro_layout_are_a_dataset_of_its_split(tmp_path):
     out = tmp_path / "varied"
     assert main(["vary", "apartment", "--macro", "sc3", "--count", "1", "--out", str(out)]) == 0
     made = resolve_dataset(out)
@@ -134,46 +122,16 @@ def test_layouts_of_one_macro_layout_varied_or_wild_are_a_dataset_too(tmp_path):
     # sc3 is the macro layout of split val.
     assert made.scenes_of_split("val") == ["v3_sc3_staging_01"]
     assert load_scene(made, "v3_sc3_staging_01").dataset == "apartment_sc3_0"
-    assert main(command("apartment", tmp_path / "wild", 1, "--macro", "sc2", "--seed", "5")) == 0
-    made = SceneDataset(tmp_path / "wild")
-    assert made.name == "apartment_wild_sc2_5"
-    assert list(made.layouts.macros) == ["wild_001_sc2"]
 
 
-def test_what_is_wrong_with_the_folder_is_told(wild, tmp_path):
-    data = json.loads((wild.root / "layouts.json").read_text())
-    for change, words in (
-        ({"dataset": "/nowhere"}, "cannot be read"),
-        ({"templates": 1}, "has changed"),
-        ({"format": 2}, "format 2"),
-        ({"split": "tset"}, "unknown split"),
-        ({"macros": {"wild_001_sc0": "v3_sc0_staging_00"}}, "wild_001_sc0"),
-        ({"macros": 3}, "damaged"),
-    ):
-        (tmp_path / "layouts.json").write_text(json.dumps(data | change))
-        with pytest.raises(DatasetError, match=words):
-            resolve_dataset(tmp_path)
-
-
-def test_bad_commands_are_told(wild, tmp_path, capsys):
+def test_bad_commands_are_told(wild, tmp_path):
     out = tmp_path / "a"
-    for arguments, message in (
-        (["vary", "apartment", "--out", str(out)], "--macro sc1"),
-        (command("apartment", out, 1, "--macro", "sc9"), "Unknown macro layout"),
-        (command(wild.root, out), "vary apartment"),
-        (command("apartment", out, 1, "--extend", "trian"), "trian"),
-        (
-            command("apartment", out, 1, "--extend", "train", "--macro", "sc0"),
-            "--extend samples wild layouts of a split",
-        ),
-    ):
-        assert main(arguments) == 2, message
-        assert message in capsys.readouterr().err
-        assert not out.exists()
-    with pytest.raises(HabError, match="layouts only"):
-        optimise(wild, tmp_path / "b", AssetOptions())
-    with pytest.raises(UnknownNameError):
-        wild.scene_file("v3_sc0_staging_00")
+    refused_by_command(main, command(wild.root, out), "vary apartment")
+    extended = command("apartment", out, 1, "--extend", "train")
+    refused_by_command(main, [*extended[:-1], "trian"], "trian")
+    refused_by_command(main, [*extended, "--macro", "sc0"], "--extend samples wild layouts")
+    refused_by_call(lambda: optimise(wild, out, AssetOptions()), "layouts only")
+    assert not out.exists()
 
 
 @pytest.mark.slow
@@ -215,13 +173,9 @@ def test_layouts_extend_a_split_of_their_dataset(tmp_path):
     assert set(larger.scenes_of_split("train")) == added | set(apartment.scenes_of_split("train"))
     for split in ("val", "test"):
         assert larger.scenes_of_split(split) == apartment.scenes_of_split(split)
-    assert larger.split_of(min(added)) == "train"
-    own, other = min(added), "v3_sc3_staging_00"
-    macro = load_scene(apartment, larger.layouts.macros[own])
-    assert len(load_scene(larger, own).objects) == len(macro.objects)
+    other = "v3_sc3_staging_00"
     assert load_scene(larger, other).objects == load_scene(apartment, other).objects
     assert larger.navmesh_file(other) == apartment.navmesh_file(other)
-    source = open_source(
-        EpisodeRequest(env_id="HabNavigate-v1", scene_dataset=str(out), split="train")
-    )
+    asked = EpisodeRequest(env_id="HabNavigate-v1", scene_dataset=str(out), split="train")
+    source = open_source(asked)
     assert {source.get(index).scene_id for index in range(2)} == added

@@ -11,8 +11,7 @@ from hab_ppo.navigation.fitting import fit, misfit
 from hab_ppo.navigation.lessons import Lessons, from_middle, goal_bins, turned_goals
 from hab_ppo.navigation.navigator import REPEAT, Navigator, goal_in_map
 from hab_ppo.navigation.network import HEADINGS, GoalNetwork
-from hab_ppo.navigation.robot_map import CELLS, SEEN, VISITED, RobotMap, cells_of
-from hab_ppo.navigation.scan_matching import match_shares
+from hab_ppo.navigation.robot_map import _CAMERA_M, _DIRECTIONS, CELLS, SEEN, VISITED, RobotMap
 from hab_ppo.navigation.seen_floor import SeenFloor
 from hab_ppo.navigation.views import SIDE, TOPS_SCALE, WHOLE, View, inputs
 from hab_ppo.navigation.weights import is_navigator, load, save
@@ -45,6 +44,18 @@ def wall_ahead(distance_m):
     return (np.repeat(depth_m[:, None], 128, axis=1) / 10.0)[..., None].astype(np.float32)
 
 
+def image_of(planes, yaw_rad=0.0, y_m=0.0):
+    """The depth image of planes (axis, place) from a base that was turned and moved aside."""
+    cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
+    rotation = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    rays, start = _DIRECTIONS @ rotation.T, rotation @ _CAMERA_M + [0.0, y_m, 0.0]
+    depth_m = np.full(rays.shape[:2], 10.0)
+    for axis, place_m in planes:
+        away_m = (place_m - start[axis]) / rays[..., axis]
+        depth_m = np.where(away_m > 0, np.minimum(depth_m, away_m), depth_m)
+    return np.kron(depth_m, np.ones((2, 2)))[..., None].astype(np.float32) / 10.0
+
+
 # The map ----------------------------------------------------------------------------------------
 
 
@@ -59,65 +70,33 @@ def test_the_pose_follows_from_the_turns_and_the_point():
     ahead = 0.13 * np.array([np.cos(TURN_RAD), np.sin(TURN_RAD)])
     map_.look(NOTHING, from_base(2.0 - ahead[0], 1.0 - ahead[1], TURN_RAD))
     assert map_.pose == pytest.approx([*ahead, TURN_RAD], abs=1e-6)
+    map_.take(BASE_CELLS.index((1.0, 1.0)))  # something blocks it, so it does not turn either
+    map_.look(NOTHING, from_base(2.0 - ahead[0], 1.0 - ahead[1], TURN_RAD))
+    assert map_.pose == pytest.approx([*ahead, TURN_RAD], abs=1e-6)
 
 
 def test_where_the_base_pose_is_known_the_map_follows_it_to_any_point():
-    map_, nothing = RobotMap(4), np.zeros((128, 128, 1), dtype=np.float32)
-    map_.look(nothing, np.array((2.0, 0.0, 0.5)), np.array((1.0, 2.0, math.pi / 2)))
+    map_ = RobotMap(4)
+    map_.look(NOTHING, np.array((2.0, 0.0, 0.5)), np.array((1.0, 2.0, math.pi / 2)))
     assert map_.pose == pytest.approx((0.0, 0.0, 0.0))
     assert map_.point_m == pytest.approx((2.0, 0.0))
     # One metre ahead, and a quarter turn to the left; the next point is a metre ahead of there.
     map_.forget_point()
-    map_.look(nothing, np.array((1.0, 0.0, 0.5)), np.array((1.0, 3.0, math.pi)))
+    map_.look(NOTHING, np.array((1.0, 0.0, 0.5)), np.array((1.0, 3.0, math.pi)))
     assert map_.pose == pytest.approx((1.0, 0.0, math.pi / 2))
     assert map_.point_m == pytest.approx((1.0, 1.0))
-
-
-def test_a_blocked_base_does_not_turn():
-    map_ = RobotMap(REPEAT)
-    map_.look(NOTHING, point(2.0, 0.0))
-    map_.take(BASE_CELLS.index((1.0, 1.0)))
-    map_.look(NOTHING, point(2.0, 0.0))
-    assert map_.pose == pytest.approx(np.zeros(3), abs=1e-6)
 
 
 @pytest.mark.parametrize("turned_rad", [-0.05, TURN_RAD + 0.05])
 def test_a_base_that_touches_something_finds_its_yaw_by_what_it_sees(turned_rad):
     """It wants to turn in place; something turns it by another angle and moves it aside by 5 cm."""
-    map_ = RobotMap(REPEAT)
-    map_.look(_corner(0.0, 0.0), point(1.0, 2.0))
+    map_, walls = RobotMap(REPEAT), ((0, 2.0), (1, 1.5))
+    map_.look(image_of(walls), point(1.0, 2.0))
     map_.take(BASE_CELLS.index((0.0, 1.0)))
-    map_.look(_corner(turned_rad, 0.05), from_base(1.0, 1.95, turned_rad))
+    map_.look(image_of(walls, turned_rad, 0.05), from_base(1.0, 1.95, turned_rad))
     # Yaws 0.01 rad apart are tried; cells of 0.1 m hide a difference of about as much again.
     assert map_.pose[2] == pytest.approx(turned_rad, abs=0.025)
     assert map_.pose[:2] == pytest.approx([0.0, 0.05], abs=0.06)
-
-
-def _corner(yaw_rad, y_m):
-    """The depth image of walls 2 m ahead and 1.5 m to the left of a base that was then moved."""
-    from hab_ppo.navigation.robot_map import _CAMERA_M, _DIRECTIONS
-
-    rotation = np.array([[np.cos(yaw_rad), -np.sin(yaw_rad)], [np.sin(yaw_rad), np.cos(yaw_rad)]])
-    rays, start = _DIRECTIONS[..., :2] @ rotation.T, rotation @ _CAMERA_M[:2] + [0.0, y_m]
-    ahead_m = (2.0 - start[0]) / np.maximum(rays[..., 0], 1e-3)
-    left_m = (1.5 - start[1]) / np.maximum(rays[..., 1], 1e-3)
-    depth_m = np.minimum(np.minimum(ahead_m, left_m), 10.0)
-    return np.repeat(np.repeat(depth_m, 2, axis=0), 2, axis=1)[..., None].astype(np.float32) / 10.0
-
-
-def test_points_match_where_they_fall_on_obstacles():
-    """A wall of cells 0.1 m wide at x = 1 m; 60 points on it, as the base sees them."""
-    walls = np.zeros((CELLS, CELLS), dtype=bool)
-    walls[MIDDLE + 10, MIDDLE - 15 : MIDDLE + 15] = True
-    seen_m = np.column_stack((np.full(60, 1.05), np.linspace(-1.0, 1.0, 60)))
-    poses = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.2], [0.5, 0.0, 0.0]])
-    here = np.array([MIDDLE, MIDDLE])
-    there, turned, beyond = match_shares(walls, seen_m, poses, here, 0.1)
-    # In the middle of a line, a blur of one cell leaves 0.40: 1 over the root of 2 pi.
-    assert there == pytest.approx(0.40, abs=0.01)
-    assert 0.1 < turned < 0.9 * there
-    assert beyond < 0.01
-    assert match_shares(walls, seen_m[:10], poses, here, 0.1).tolist() == [0.0, 0.0, 0.0]
 
 
 def test_a_wall_is_drawn_where_it_is():
@@ -138,19 +117,10 @@ def test_a_wall_is_drawn_where_it_is():
 def test_far_floor_that_seems_to_rise_is_floor():
     """The floor is seen from 1 m on, where up to 0.05 + 0.015 * 1 = 0.065 m count as floor."""
     map_ = RobotMap(REPEAT)
-    map_.look(_floor_image(height_m=0.06), point(3.0, 0.0))
+    map_.look(image_of([(2, 0.06)]), point(3.0, 0.0))
     assert not map_.tops.any()
-    map_.look(_floor_image(height_m=0.3), point(3.0, 0.0))
+    map_.look(image_of([(2, 0.3)]), point(3.0, 0.0))
     assert map_.tops.max() == int(255 * 0.3 / 1.8)
-
-
-def _floor_image(height_m):
-    """The depth image of a level surface at a height, 10 m at the horizon."""
-    from hab_ppo.navigation.robot_map import _CAMERA_M, _DIRECTIONS
-
-    down = np.minimum(_DIRECTIONS[..., 2], -1e-3)
-    depth_m = np.minimum((height_m - _CAMERA_M[2]) / down, 10.0)
-    return np.repeat(np.repeat(depth_m, 2, axis=0), 2, axis=1)[..., None].astype(np.float32) / 10.0
 
 
 def test_a_goal_is_placed_in_the_frame_of_the_first_pose():
@@ -181,8 +151,7 @@ def test_a_base_passes_a_gap_that_is_as_wide():
     assert closed.is_free(ends).tolist() == [True, False]
     assert not through.clear(np.array([0.0, 1.5]), np.array([2.0, 1.5]))
     ways_m = through.geodesic_field(ends[1])
-    x, y = through.cells_of(ends[0])
-    assert 2.0 <= ways_m[x, y] < 6.0
+    assert 2.0 <= ways_m[tuple(through.cells_of(ends[0]))] < 6.0
     assert not np.isfinite(ways_m[~through.room]).any()
 
 
@@ -210,23 +179,21 @@ def marked(goals):
     return View(maps, torch.zeros(len(goals), 2))
 
 
-@pytest.mark.parametrize("turns", [False, True])
-def test_goals_turn_with_their_views(turns):
+def test_goals_turn_with_their_views():
     generator = torch.Generator().manual_seed(0)
     goals = torch.zeros(100, 3)
     goals[:, :2] = 4.4 * (torch.rand(100, 2, generator=generator) - 0.5)
-    view = marked(goals)
-    angles = flips = None
-    if turns:
-        angles = 6.28 * torch.rand(100, generator=generator)
-        flips = torch.rand(100, generator=generator) < 0.5
-        goals = turned_goals(goals, angles, flips)
-    tops = inputs(view, angles, flips)[:, 0]
-    highest, cells = tops.flatten(1).argmax(1), goal_bins(goals) % SIDE**2
-    gaps = torch.stack((highest // SIDE - cells // SIDE, highest % SIDE - cells % SIDE)).abs()
+    angles = 6.28 * torch.rand(100, generator=generator)
+    flips = torch.rand(100, generator=generator) < 0.5
     # The nearest cell of a turned map may be one aside, and its mark is three wide.
-    assert gaps.max() <= (2 if turns else 0)
-    assert gaps.float().mean() < 0.5
+    for turns, most in (((None, None), 0), ((angles, flips), 2)):
+        turned = turned_goals(goals, *turns) if most else goals
+        highest = inputs(marked(goals), *turns)[:, 0].flatten(1).argmax(1)
+        cells = goal_bins(turned) % SIDE**2
+        rows, columns = highest // SIDE - cells // SIDE, highest % SIDE - cells % SIDE
+        gaps = torch.stack((rows, columns)).abs()
+        assert gaps.max() <= most
+        assert gaps.float().mean() < 0.5
 
 
 def test_a_lesson_tells_where_the_goal_is_from_the_point():
@@ -271,52 +238,48 @@ class Believing(torch.nn.Module):
         return self.logits.expand(len(seen), -1, -1, -1)
 
 
-def drive(navigator, to, actions, passed=None):
-    """Drives on an empty floor; returns the poses of the stops, and adds all to `passed`."""
-    base, stops = np.zeros(3), []
+def drive(navigator, to, actions):
+    """Drives on an empty floor; returns all poses, and those of the stops."""
+    base, passed, stops = np.zeros(3), [], []
     for _ in range(actions):
-        if passed is not None:
-            passed.append(base.copy())
-        gap = np.array(to) - base[:2]
-        cell = navigator.action(NOTHING, from_base(*gap, base[2]), False)
+        passed.append(base.copy())
+        cell = navigator.action(NOTHING, from_base(*(np.array(to) - base[:2]), base[2]), False)
         forward, turn = BASE_CELLS[cell]
         if cell == STOP_CELL:
             stops.append(base.copy())
         for _ in range(REPEAT):
             base[2] += turn * 3.14 / 30
             base[:2] += forward / 30 * np.array([np.cos(base[2]), np.sin(base[2])])
-    return stops
+    return passed, stops
 
 
-@pytest.mark.parametrize("stops", ["often", "once"])
-def test_it_stops_at_the_likeliest_place_first_and_then_at_the_next(stops):
+def is_at(base, place, away_m=0.3):
+    return np.linalg.norm(base[:2] - np.array(place)) < away_m
+
+
+@pytest.mark.parametrize("mode", ["often", "once", "never"])
+def test_it_stops_at_the_likeliest_place_first_and_then_at_the_next(mode):
+    """Without a stop, it passes one after the other."""
     goals = [[-1.05, 0.05, 0.0], [0.05, -1.05, 0.0]]
-    navigator = Navigator(Believing(goals, [0.8, 0.2]), stops=stops)
-    stops = drive(navigator, (3.0, 0.0), 100)
-    first, others = stops[0], stops[1:]
-    assert np.linalg.norm(first[:2] - np.array([2.0, 0.0])) < 0.3
+    navigator = Navigator(Believing(goals, [0.8, 0.2]), stops=mode)
+    passed, stops = drive(navigator, (3.0, 0.0), 100)
+    if mode == "never":
+        assert any(is_at(base, (2.0, 0.0), 0.25) for base in passed)
+        assert any(is_at(base, (3.0, -1.0), 0.25) for base in passed)
+        return
+    first, *others = stops
+    assert is_at(first, (2.0, 0.0))
     assert abs(first[2]) < 0.5
     # The second one is 1 m to the right of the point, which it faces.
-    gaps_m = [np.linalg.norm(stop[:2] - np.array([3.0, -1.0])) for stop in others]
-    headings_rad = [abs(math.remainder(stop[2] - np.pi / 2, 2 * np.pi)) for stop in others]
-    found = zip(gaps_m, headings_rad, strict=True)
-    assert any(gap_m < 0.25 and heading_rad < 0.5 for gap_m, heading_rad in found)
-
-
-def test_without_a_stop_it_passes_one_place_after_another():
-    goals = [[-1.05, 0.05, 0.0], [0.05, -1.05, 0.0]]
-    navigator = Navigator(Believing(goals, [0.8, 0.2]), stops="never")
-    passed: list = []
-    drive(navigator, (3.0, 0.0), 100, passed)
-    for place in ((2.0, 0.0), (3.0, -1.0)):
-        assert any(np.linalg.norm(base[:2] - np.array(place)) < 0.25 for base in passed)
+    facing = [one for one in others if abs(math.remainder(one[2] - np.pi / 2, 2 * np.pi)) < 0.5]
+    assert any(is_at(stop, (3.0, -1.0), 0.25) for stop in facing)
 
 
 def test_a_stop_excludes_only_headings_like_its_own():
     # Both at the same place, one looking aside by three bins: 1.2 rad.
     goals = [[-1.05, 0.05, 0.0], [-1.05, 0.05, 1.2]]
-    stops = drive(Navigator(Believing(goals, [0.7, 0.3])), (3.0, 0.0), 60)
-    assert all(np.linalg.norm(stop[:2] - np.array([2.0, 0.0])) < 0.3 for stop in stops[:2])
+    _, stops = drive(Navigator(Believing(goals, [0.7, 0.3])), (3.0, 0.0), 60)
+    assert all(is_at(stop, (2.0, 0.0)) for stop in stops[:2])
     assert abs(stops[0][2]) < 0.5
     assert any(0.7 < stop[2] < 1.7 for stop in stops)
 
@@ -326,15 +289,9 @@ def test_weights_are_read_back_and_others_refused(tmp_path):
     save(path, network, {"kind": "navigator"})
     found, about = load(path)
     assert about["kind"] == "navigator"
-    for name, value in network.state_dict().items():
-        assert torch.equal(found.state_dict()[name], value)
+    torch.testing.assert_close(found.state_dict(), network.state_dict(), rtol=0, atol=0)
     assert is_navigator(path)
     save(path, network, {"kind": "policy"})
     assert not is_navigator(path)
     with pytest.raises(PolicyFileError, match="not a file of weights of this version's navigator"):
         load(path)
-
-
-def test_cells_beyond_the_map_are_those_at_its_edge():
-    found = cells_of(np.array([[0.0, 0.0], [-0.01, 50.0]]))
-    assert found.tolist() == [[MIDDLE, MIDDLE], [MIDDLE - 1, CELLS - 1]]

@@ -1,7 +1,7 @@
 """Cloning in the toy environment."""
 
 import torch
-from hab_ppo.cloning import batches, clone, misfits
+from hab_ppo.cloning import clone, misfits
 from hab_ppo.network import new_policy
 from hab_ppo.observation import ObservationLayout
 from hab_ppo.recipe import Cloning, NetworkConfig
@@ -22,15 +22,11 @@ def previous(state):
 
 def test_cloning_recovers_a_linear_teacher():
     policy = new_policy(LAYOUT, SPACE, PLAIN, seed=0)
-    critic = {name: value.clone() for name, value in policy.critic.state_dict().items()}
     config = Cloning(epochs=60, batch_steps=256)
     fit = clone(policy, random_examples([20] * 50, linear), config, 0, QUIET)
     assert fit.held_out_loss < 1e-3
-    unseen = random_examples([100], linear, seed=1)
-    assert misfits(policy, unseen).mean() < 1e-3
+    assert misfits(policy, random_examples([100], linear, seed=1)).mean() < 1e-3
     assert policy.state_normalizer.count == 1000
-    for name, value in policy.critic.state_dict().items():
-        assert torch.equal(value, critic[name])
 
 
 def test_an_lstm_is_fitted_to_whole_episodes():
@@ -44,17 +40,6 @@ def test_an_lstm_is_fitted_to_whole_episodes():
     both = examples.episodes(torch.tensor([0, 1]))
     alone = examples.episodes(torch.tensor([1]))
     torch.testing.assert_close(misfits(policy, both)[6:], misfits(policy, alone))
-
-
-def test_batches_hold_every_step_once():
-    examples = random_examples([6, 4, 8, 5], linear)
-    drawn = torch.Generator().manual_seed(0)
-    for whole in (False, True):
-        parts = batches(examples, 7, whole, drawn)
-        assert sorted(torch.cat([part.state[:, 0] for part in parts]).tolist()) == sorted(
-            examples.state[:, 0].tolist()
-        )
-    assert all(len(part.state) >= 7 for part in parts[:-1])
 
 
 def test_cells_are_cloned_by_cross_entropy():

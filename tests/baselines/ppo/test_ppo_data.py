@@ -11,11 +11,11 @@ from hab_ppo.distributed import Ranks
 from hab_ppo.network import new_policy
 from hab_ppo.normalizer import Moments, RunningNormalizer
 from hab_ppo.observation import ObservationLayout, averaged
-from hab_ppo.precision import half_precision, has_bfloat16
+from hab_ppo.precision import has_bfloat16
 from hab_ppo.recipe import NetworkConfig
 from hab_ppo.rollout import Rollout, discounted_returns, gae
-from hab_ppo.sequences import Sequences, run_lstm
-from toy_vector import ToyVector, box
+from hab_ppo.sequences import run_lstm
+from toy_vector import ToyVector
 
 from hab_tasks.errors import OptionError
 
@@ -28,12 +28,9 @@ def rollout_of(rewards, values, last, *, terminated=(), truncated=(), dead=()):
     rollout.rewards[:, 0], rollout.values[:, 0] = torch.tensor(rewards), torch.tensor(values)
     rollout.last_values[0] = last
     rollout.valid[:] = True
-    for step in terminated:
-        rollout.terminated[step] = True
-    for step in truncated:
-        rollout.truncated[step] = True
-    for step in dead:
-        rollout.valid[step] = False
+    rollout.terminated[list(terminated)] = True
+    rollout.truncated[list(truncated)] = True
+    rollout.valid[list(dead)] = False
     return rollout
 
 
@@ -44,18 +41,14 @@ def rollout_of(rewards, values, last, *, terminated=(), truncated=(), dead=()):
 # Truncated in step 1: 3 is the value of the last state, and step 2, in which the row is reset,
 # does not count: 1.5 and 1 + 0.375.
 # Terminated in step 1: its error is 2 - 2 = 0.
-@pytest.mark.parametrize(
-    ("flags", "expected"),
-    [
+def test_advantages():
+    for flags, expected in (
         ({}, [1.328125, 1.3125, -0.75, 1.0]),
         ({"truncated": [1], "dead": [2]}, [1.375, 1.5, 0.0, 1.0]),
         ({"terminated": [1], "dead": [2]}, [1.0, 0.0, 0.0, 1.0]),
-    ],
-    ids=["goes on", "truncated", "terminated"],
-)
-def test_advantages(flags, expected):
-    rollout = rollout_of([1.0, 2.0, 0.0, 4.0], [1.0, 2.0, 3.0, 4.0], 2.0, **flags)
-    assert gae(rollout, 0.5, 0.5)[:, 0].tolist() == expected
+    ):
+        rollout = rollout_of([1.0, 2.0, 0.0, 4.0], [1.0, 2.0, 3.0, 4.0], 2.0, **flags)
+        assert gae(rollout, 0.5, 0.5)[:, 0].tolist() == expected, flags
 
 
 def test_discounted_returns_start_anew_with_each_episode():
@@ -70,13 +63,11 @@ def test_moments_merge_to_those_of_all_values():
     merged = Moments.of(torch.tensor([[1.0], [3.0]])).merged(Moments.of(torch.tensor([[5.0]])))
     assert (merged.count, merged.mean.item(), merged.squares.item()) == (3, 3, 8)
     values = torch.randn(100, 3, generator=torch.Generator().manual_seed(0)) * 1e3 + 1e6
-    parts = [Moments.of(part) for part in (values[:1], values[1:40], values[:0], values[40:])]
-    total = parts[0]
-    for part in parts[1:]:
-        total = total.merged(Moments.unpacked(part.packed()))
-    whole = Moments.of(values)
-    torch.testing.assert_close(total.mean, whole.mean)
-    torch.testing.assert_close(total.squares, whole.squares)
+    total = Moments.of(values[:1])
+    for part in (values[1:40], values[:0], values[40:]):
+        total = total.merged(Moments.unpacked(Moments.of(part).packed()))
+    torch.testing.assert_close(total.mean, Moments.of(values).mean)
+    torch.testing.assert_close(total.squares, Moments.of(values).squares)
 
 
 def test_normalizer_divides_each_channel_and_changes_only_when_told():
@@ -92,32 +83,24 @@ def test_normalizer_divides_each_channel_and_changes_only_when_told():
     assert normalizer.count == 2
 
 
-def test_the_order_of_the_space_does_not_matter():
-    ones = {"goal": box(1), "handle": box(3)}
-    agent = spaces.Dict({"ee": box(3)})
-    forth = spaces.Dict(OrderedDict(agent=agent, extra=spaces.Dict(OrderedDict(ones))))
-    back = spaces.Dict(
-        OrderedDict(extra=spaces.Dict(OrderedDict(reversed(ones.items()))), agent=agent)
-    )
-    assert ObservationLayout.of(forth) == ObservationLayout.of(back)
-    paths = (("agent", "ee"), ("extra", "goal"), ("extra", "handle"))
-    assert ObservationLayout.of(back).state == paths
-
-
 def test_observations_are_read_in_the_order_of_their_paths():
     env = ToyVector(2, images=True)
-    layout = ObservationLayout.of(env.single_observation_space)
+    space = env.single_observation_space
+    layout = ObservationLayout.of(space, image_block_px=3)
+    back = spaces.Dict(OrderedDict(reversed([*space.items()])))
+    assert ObservationLayout.of(back, image_block_px=3) == layout
     assert layout.state == (("agent", "position"), ("extra", "goal"))
-    assert layout.image_shape == (4, 36, 36)
+    assert layout.image_shape == (4, 12, 12)
     obs = layout.read(env.reset(seed=[1, 2])[0])
     assert obs.state.shape == (2, 2)
     assert np.allclose(obs.state[:, 1], env.goal)
     assert obs.images is not None
-    assert obs.images.shape == (2, 4, 36, 36)
+    assert obs.images.shape == (2, 4, 12, 12)
     # The first camera of the space, the arm, comes first; colours and depth share a stack.
     first = layout.images.index(("sensor_data", "head", "depth"))
-    channel = 0 if first == 0 else 3
-    assert np.allclose(obs.images[:, channel, 5, 5], env.goal)
+    assert np.allclose(obs.images[:, 3 if first else 0, 5, 5], env.goal)
+    with pytest.raises(OptionError, match="image_block_px 5 does not divide images of 36 x 36"):
+        ObservationLayout.of(space, image_block_px=5)
 
 
 def test_blocks_of_pixels_are_averaged():
@@ -129,61 +112,6 @@ def test_blocks_of_pixels_are_averaged():
     assert averaged(image, 1) is image
 
 
-def test_images_are_read_in_blocks():
-    env = ToyVector(2, images=True)
-    layout = ObservationLayout.of(env.single_observation_space, image_block_px=3)
-    assert layout.image_shape == (4, 12, 12)
-    obs = layout.read(env.reset(seed=[1, 2])[0])
-    assert obs.images is not None
-    assert obs.images.shape == (2, 4, 12, 12)
-    with pytest.raises(OptionError, match="image_block_px 5 does not divide images of 36 x 36"):
-        ObservationLayout.of(env.single_observation_space, image_block_px=5)
-
-
-def test_a_flat_observation_is_rejected():
-    with pytest.raises(OptionError, match="state_dict"):
-        ObservationLayout.of(ToyVector(1).single_observation_space["agent"]["position"])
-
-
-def test_rollouts_are_packed_by_sequence():
-    starts = torch.tensor([[False, False], [False, False], [True, False], [False, False]])
-    # Row 1 is one sequence of 4 steps; row 0 has steps 0, 1 and steps 2, 3. Step t of row n has
-    # number 2 t + n. First steps: 1, 0, 4; second: 3, 2, 6; then row 1 alone: 5, 7.
-    packed = Sequences.of(starts)
-    assert packed.order.tolist() == [1, 0, 4, 3, 2, 6, 5, 7]
-    assert packed.batch_sizes.tolist() == [3, 3, 1, 1]
-    assert packed.row.tolist() == [1, 0, 0]
-    assert packed.continued.tolist() == [True, True, False]
-
-
-def test_lstm_over_sequences_equals_one_step_at_a_time():
-    generator = torch.Generator().manual_seed(3)
-    lstm = torch.nn.LSTM(5, 7)
-    inputs = torch.randn(30, 6, 5, generator=generator)
-    starts = torch.rand(30, 6, generator=generator) < 0.15
-    memory = torch.randn(2, 6, 7, generator=generator)
-
-    def plainly():
-        hidden, cell = memory
-        for step in range(30):
-            going = ~starts[step, :, None]
-            state = (hidden * going)[None], (cell * going)[None]
-            output, (hidden, cell) = lstm(inputs[step][None], state)
-            hidden, cell = hidden[0], cell[0]
-            yield output[0], torch.stack((hidden, cell))
-
-    outputs, states = zip(*plainly(), strict=True)
-    expected = torch.stack(outputs)
-    found, after = run_lstm(lstm, inputs, starts, memory)
-    torch.testing.assert_close(found, expected, atol=1e-6, rtol=1e-5)
-    torch.testing.assert_close(after, states[-1], atol=1e-6, rtol=1e-5)
-    weights = tuple(lstm.parameters())
-    wanted = torch.autograd.grad(expected.square().sum(), weights)
-    got = torch.autograd.grad(found.square().sum(), weights)
-    for one, other in zip(got, wanted, strict=True):
-        torch.testing.assert_close(one, other, atol=1e-4, rtol=1e-4)
-
-
 @pytest.mark.skipif(not has_bfloat16("cpu"), reason="no CPU with instructions for bfloat16")
 def test_an_lstm_keeps_the_type_of_its_memory_under_autocast():
     # PyTorch takes bfloat16 for long sequences only.
@@ -193,18 +121,6 @@ def test_an_lstm_keeps_the_type_of_its_memory_under_autocast():
     with torch.autocast("cpu", torch.bfloat16):
         outputs, after = run_lstm(lstm, torch.rand(1000, 1, 6), starts, memory)
     torch.testing.assert_close(after[0, 0], outputs[-1, 0].float(), atol=1e-2, rtol=1e-2)
-
-
-def test_layers_have_half_precision_only_where_the_hardware_does():
-    cpu, layer = torch.device("cpu"), torch.nn.Linear(2, 2)
-    found = {}
-    for wanted in (True, False):
-        with half_precision(cpu, wanted):
-            found[wanted] = layer(torch.ones(1, 2)).dtype
-    assert found == {
-        True: torch.bfloat16 if has_bfloat16("cpu") else torch.float32,
-        False: torch.float32,
-    }
 
 
 # All pairs of the three.

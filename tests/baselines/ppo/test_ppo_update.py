@@ -73,52 +73,48 @@ def test_loss():
     assert found["kl"] == pytest.approx(0.287682, abs=1e-5)
 
 
-def test_advantages_are_normalised_over_valid_steps_only():
+def test_advantages_and_rewards_are_normalised_over_valid_steps():
     learner, collector = toy_learner()
     rollout, _ = collector.collect(0, torch.Generator().manual_seed(0))
-    batch = learner._batch(rollout)
-    assert not rollout.valid.all()
-    assert batch.advantages[rollout.valid].mean().item() == pytest.approx(0, abs=1e-6)
-    assert batch.advantages[rollout.valid].std(correction=0).item() == pytest.approx(1, abs=1e-5)
-    assert not batch.advantages[~rollout.valid].any()
-
-
-def test_rewards_are_scaled_by_the_deviation_of_the_discounted_return():
-    learner, collector = toy_learner()
-    rollout, _ = collector.collect(0, torch.Generator().manual_seed(0))
-    before = rollout.rewards.clone()
-    learner._batch(rollout)
-    moments = learner.return_moments
+    before, valid = rollout.rewards.clone(), rollout.valid
+    advantages = learner._batch(rollout).advantages
+    assert not valid.all()
+    assert advantages[valid].mean().item() == pytest.approx(0, abs=1e-6)
+    assert advantages[valid].std(correction=0).item() == pytest.approx(1, abs=1e-5)
+    assert not advantages[~valid].any()
+    moments = learner.return_moments  # of the discounted return
     deviation = (moments.squares / moments.count).sqrt().item()
     torch.testing.assert_close(rollout.rewards * deviation, before, atol=1e-5, rtol=1e-4)
-    assert moments.count == rollout.valid.sum()
-
-
-def test_minibatches_hold_each_row_once_in_each_epoch():
-    learner, _ = toy_learner(PPOConfig(epochs=2, minibatches=3))
-    parts = learner._minibatches(8, torch.Generator().manual_seed(0))
-    assert [len(part) for part in parts] == [3, 3, 2] * 2
-    for epoch in (parts[:3], parts[3:]):
-        assert sorted(torch.cat(epoch).tolist()) == list(range(8))
+    assert moments.count == valid.sum()
 
 
 def test_gaussian_and_categorical_heads_agree_with_torch():
     generator = torch.Generator().manual_seed(0)
     outputs = torch.randn(6, 3, generator=generator)
     cells = action_head(ToyVector(1, discrete=True).single_action_space, 0.0)
-    actions = cells.sample(outputs, ActionNoise(generator))
-    reference = torch.distributions.Categorical(logits=outputs)
-    torch.testing.assert_close(cells.log_prob(outputs, actions), reference.log_prob(actions))
-    torch.testing.assert_close(cells.entropy(outputs), reference.entropy())
+    walk, normal = action_head(TOY.single_action_space, -0.3), torch.distributions.Normal
+    for head, given, reference in (
+        (cells, outputs, torch.distributions.Categorical(logits=outputs)),
+        (walk, outputs[:, :1], normal(outputs[:, :1], math.exp(-0.3))),
+    ):
+        actions = head.sample(given, ActionNoise(generator))
+        wanted = reference.log_prob(actions).reshape(6)
+        torch.testing.assert_close(head.log_prob(given, actions), wanted)
+        torch.testing.assert_close(head.entropy(given), reference.entropy().reshape(6))
     assert torch.equal(cells.sample(outputs, None), outputs.argmax(dim=1))
-    walk = action_head(TOY.single_action_space, -0.3)
-    actions = walk.sample(outputs[:, :1], ActionNoise(generator))
-    reference = torch.distributions.Normal(outputs[:, :1], math.exp(-0.3))
-    torch.testing.assert_close(
-        walk.log_prob(outputs[:, :1], actions), reference.log_prob(actions)[:, 0]
-    )
-    torch.testing.assert_close(walk.entropy(outputs[:, :1]), reference.entropy()[:, 0])
     assert walk.to_env(torch.tensor([[3.0], [-0.5]])).tolist() == [[1.0], [-0.5]]
+
+
+def test_kl():
+    walk = action_head(TOY.single_action_space, 0.0)
+    reference = action_head(TOY.single_action_space, math.log(0.5))
+    # ln(1 / 0.5) + (0.25 + 1) / 2 - 0.5 = 0.693147 + 0.125
+    kl = walk.kl(torch.zeros(1, 1), reference, torch.ones(1, 1))
+    assert kl.tolist() == pytest.approx([math.log(2) + 0.125])
+    cells = action_head(ToyVector(1, discrete=True).single_action_space, 0.0)
+    own, other = torch.tensor([[0.25, 0.25, 0.5]]).log(), torch.tensor([[0.5, 0.25, 0.25]]).log()
+    # 0.5 ln 2 + 0 + 0.25 ln 0.5 = 0.25 ln 2
+    assert cells.kl(own, cells, other).tolist() == pytest.approx([0.25 * math.log(2)])
 
 
 def test_a_fixed_spread_falls_and_is_not_learnt():
@@ -131,15 +127,12 @@ def test_a_fixed_spread_falls_and_is_not_learnt():
     cloned = replace(recipe, warm_start=WarmStart(tuning=FineTuning(log_std=-1.0)))
     assert cloned.log_std(0.5) == -1.5
     assert replace(recipe, preset=PAPER).log_std(0.5) is None
-    learner, collector = toy_learner(config)
-    learner.policy.head.explore(-1.25)
-    rollout, _ = collector.collect(0, torch.Generator().manual_seed(0))
-    learner.update(rollout, torch.Generator().manual_seed(0), 0.0)
-    assert learner.policy.head.log_std.tolist() == [-1.25]
-    learner, collector = toy_learner(replace(config, final_log_std=None))
-    rollout, _ = collector.collect(0, torch.Generator().manual_seed(0))
-    learner.update(rollout, torch.Generator().manual_seed(0), 0.0)
-    assert learner.policy.head.log_std.tolist() != [-0.5]
+    for own, fixed in ((config, True), (replace(config, final_log_std=None), False)):
+        learner, collector = toy_learner(own)
+        learner.policy.head.explore(-1.25)
+        rollout, _ = collector.collect(0, torch.Generator().manual_seed(0))
+        learner.update(rollout, torch.Generator().manual_seed(0), 0.0)
+        assert (learner.policy.head.log_std.tolist() == [-1.25]) == fixed
 
 
 def test_a_binary_entry_beside_a_gaussian():
@@ -165,13 +158,15 @@ def test_a_binary_entry_beside_a_gaussian():
 
 
 def test_the_gripper_is_the_binary_entry():
-    def entries(control_mode, preset):
+    for control_mode, preset, entries in (
+        ("ee", FAST, (3,)),
+        ("ee_base", FAST, (3,)),
+        ("joint_delta", FAST, (7,)),
+        ("base_discrete", FAST, ()),
+        ("ee", PAPER, ()),
+    ):
         env = EnvConfig(env="HabPick-v1", control_mode=control_mode)
-        return Recipe(name="x", about="", env=env, preset=preset).binary_entries
-
-    assert entries("ee", FAST) == entries("ee_base", FAST) == (3,)
-    assert entries("joint_delta", FAST) == (7,)
-    assert entries("base_discrete", FAST) == entries("ee", PAPER) == ()
+        assert Recipe(name="x", about="", env=env, preset=preset).binary_entries == entries
 
 
 def test_the_gripper_tends_to_stay_as_it_is():
@@ -199,11 +194,8 @@ def test_the_gripper_tends_to_stay_as_it_is():
 
 
 def test_correlated_noise():
-    def generator():
-        return torch.Generator().manual_seed(3)
-
-    like = torch.zeros(5000, 2)
-    white, coloured = ActionNoise(generator()), ActionNoise(generator(), correlation=0.6)
+    like, white = torch.zeros(5000, 2), ActionNoise(torch.Generator().manual_seed(3))
+    coloured = ActionNoise(torch.Generator().manual_seed(3), correlation=0.6)
     first, second = white.normal(like), white.normal(like)
     assert torch.equal(coloured.normal(like), first)
     # sqrt(1 - 0.6^2) = 0.8
@@ -229,32 +221,13 @@ def test_the_toy_is_learnt(discrete, lstm_size):
     assert sum(score.success for score in scores) >= 18
 
 
-class Fixed:
-    """A generator that gives one number."""
-
-    def __init__(self, number):
-        self.number = number
-
-    def random(self):
-        return self.number
-
-
-def test_rows_pick_cells_by_their_own_numbers():
-    """Cumulated: 0.2, 0.7, 1.0. A row without a generator gets the first cell."""
-    shares = torch.tensor([[0.2, 0.5, 0.3]]).repeat(5, 1)
-    noise = RowNoise([Fixed(0.19), Fixed(0.21), Fixed(0.71), Fixed(0.9999999), None])
-    assert noise.pick(shares).tolist() == [0, 1, 2, 2, 0]
-
-
 def test_a_row_draws_the_same_whatever_the_others_do():
-    shares = torch.full((2, 4), 0.25)
-    alone, together = np.random.default_rng(3), np.random.default_rng(3)
-    other = np.random.default_rng(5)
+    shares = torch.tensor([[0.2, 0.5, 0.3]]).repeat(2, 1)
+    alone, other, together = map(np.random.default_rng, (3, 5, 3))
     first = [int(RowNoise([alone]).pick(shares[:1])[0]) for _ in range(20)]
     second = [int(RowNoise([other, together]).pick(shares)[1]) for _ in range(20)]
     assert first == second
-    assert len(set(first)) == 4
-    like = torch.zeros(2, 3)
-    numbers = RowNoise([np.random.default_rng(7), None]).normal(like)
+    assert first.count(1) > first.count(0) > 0
+    numbers = RowNoise([np.random.default_rng(7), None]).normal(torch.zeros(2, 3))
     assert numbers[0].tolist() == pytest.approx(np.random.default_rng(7).standard_normal(3))
     assert numbers[1].tolist() == [0, 0, 0]

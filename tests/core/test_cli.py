@@ -17,13 +17,6 @@ from hab_tasks.episodes import read_episodes
 SCRIPT = Path(sys.executable).with_name("hab-tasks")
 
 
-def test_the_installed_script_refuses_with_status_2_and_one_line():
-    done = subprocess.run([SCRIPT, "chek"], capture_output=True, text=True)
-    assert (done.returncode, done.stdout) == (2, "")
-    (line,) = done.stderr.splitlines()
-    assert "'chek'. Did you mean 'check'" in line
-
-
 @pytest.mark.parametrize(
     "arguments", [["episodes", "--help"], pytest.param(["list"], marks=pytest.mark.slow)]
 )
@@ -72,12 +65,3 @@ def test_episodes_are_written_and_never_overwritten(run, tmp_path):
     again = run(*command, "--force")
     assert again.returncode == 0, again.stderr
     assert out.read_bytes() == first, "the same options gave another file"
-
-
-@pytest.mark.slow
-def test_several_processes_make_the_same_episodes(run, tmp_path):
-    command = ("episodes", "--env", "HabPlace-v1", "--count", 5, "--seed", 6)
-    for workers in (1, 3):
-        done = run(*command, "--workers", workers, "--out", tmp_path / f"{workers}.json")
-        assert done.returncode == 0, done.stderr
-    assert (tmp_path / "1.json").read_bytes() == (tmp_path / "3.json").read_bytes()

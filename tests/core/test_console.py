@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import pytest
-from refusals import refused_by_command
 
 from hab_tasks.console import Command, run_script
 from hab_tasks.errors import HabError, RunStoppedError
@@ -76,22 +75,11 @@ def test_every_end_has_its_status_and_one_line(how, capsys):
 def test_an_import_that_catches_everything_does_not_swallow_ctrl_c(tmp_path, monkeypatch, capsys):
     (tmp_path / "catches_all.py").write_text(CATCHES_ALL)
     monkeypatch.syspath_prepend(tmp_path)
-    caught = []
 
     def import_and_wait():
-        caught.append(importlib.import_module("catches_all").caught)
+        assert not importlib.import_module("catches_all").caught
         signal.pause()
 
     monkeypatch.setitem(ENDINGS, "import", (import_and_wait, 130, ""))
     assert run_script("prog", {"end": End}, ["end", "--how", "import"]) == 130
     assert capsys.readouterr().err == "prog: interrupted. Half is kept.\n"
-    assert caught == [False]
-
-
-@pytest.mark.parametrize("name", ["tasks", "eval", "spa", "planner"])
-def test_every_script_refuses_in_one_line(name):
-    main = pytest.importorskip(f"hab_{name}.cli").main
-    for arguments in ([], ["-x"], ["plam"], ["", "--help"]):
-        refusal = refused_by_command(main, arguments)
-        assert refusal.line.startswith(f"hab-{name}: "), arguments
-        assert refusal.out == "", arguments

@@ -15,8 +15,6 @@ from hab_tasks.robots.control import control_configs
 from hab_tasks.robots.control_modes import BASE_CELLS, STOP_CELL
 from hab_tasks.robots.robot import ROBOT
 
-MODES = tuple(control_configs())
-
 
 def turned(mode, yaw):
     """The robot at the origin with another heading [rad]."""
@@ -43,10 +41,8 @@ def test_the_cells_are_the_papers():
 
 
 def test_action_spaces():
-    assert FetchSim("base_discrete").controller.single_action_space == spaces.Discrete(20)
     arm = (ROBOT.arm_lower_rad, ROBOT.arm_upper_rad)
     for mode, (low, high), others in (
-        ("base", ((), ()), 2),
         ("ee_base", ((), ()), 6),
         ("joint_delta", ((), ()), 8),
         ("joint_target", arm, 1),
@@ -106,7 +102,7 @@ def test_what_is_no_cell_is_refused():
 
 
 def test_the_idle_action_moves_nothing_and_keeps_what_is_held():
-    for mode in MODES:
+    for mode in control_configs():
         sim = FetchSim(mode)
         hand, base = hand_m(sim), sim.base()
         for holding in (True, False):

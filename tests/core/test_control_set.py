@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-import torch
 from fetch_sim import GRASP, RELEASE, FetchSim
 
 from hab_tasks.robots.drive_grasp import DriveGrasp
@@ -116,26 +115,3 @@ def test_an_arm_that_is_set_into_a_wall_is_not_thrown_out():
             assert np.allclose(sim.base(), 0.0, atol=2e-3)
         # A light hand turns at some rad/s while it is pushed apart at 1 m/s.
         assert max(sim.speeds) < 10.0
-
-
-def test_a_base_that_is_put_into_a_wall_comes_out_again():
-    sim = FetchSim("joint_target_pose", statics=[((0.2, 0.2, 0.2), (0.3, 0.0, -0.2))])
-    action = sim.idle()
-    action[-3] = 0.1
-    for _ in range(10):
-        sim.act(action)
-    assert max(sim.speeds) < 10.0
-    assert np.isfinite(sim.base()).all()
-    action[-3] = -1.0
-    for _ in range(20):
-        sim.act(action)
-    assert np.abs(sim.arm() - action[:7]).max() < 1e-2
-
-
-def test_nothing_on_the_way_of_a_jump_is_touched():
-    sim = FetchSim("joint_state_pose", [((0.02, 0.02, 0.02), (1.0, 0.0, 0.0))])
-    start = sim.objects[0].pose.p[0].clone()
-    action = sim.idle()
-    action[-3] = 2.0
-    sim.act(action)
-    assert torch.equal(sim.objects[0].pose.p[0], start)

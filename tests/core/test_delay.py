@@ -1,4 +1,4 @@
-"""Delayed actions: timing, independent rows, save and restore."""
+"""Delayed actions: timing, independent rows, refusals, save and restore."""
 
 from types import SimpleNamespace
 
@@ -51,8 +51,6 @@ def test_a_bad_action_is_refused_when_it_is_asked_for_and_forgotten():
 def test_a_restored_delay_goes_on_alike_in_the_rows_restored():
     first, second = (ActionDelay(2, Controller()) for _ in range(2))
     exchanged(first, (1, 5), (2, 6))
-    state = first.get_state()
-    exchanged(first, (3, 7))
-    rows = {name: value[:1] for name, value in state.items()}
+    rows = {name: value[:1] for name, value in first.get_state().items()}
     second.set_state(rows, torch.tensor([0]))
     assert exchanged(second, (3, 7), (4, 8)) == [[1, -2], [2, -2]]

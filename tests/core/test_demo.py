@@ -96,16 +96,6 @@ def test_a_key_sets_one_entry_of_the_action_or_names_a_cell():
         assert (found.tolist() if isinstance(action, list) else found) == action, (mode, key)
 
 
-def test_arrows_are_one_key_and_line_ends_none():
-    typed, names = "a\x1b[A\r\n\x1b[D b\x1bOP", ["a", "up", "left", "space", "b", "escape"]
-    read, write = os.pipe()
-    os.write(write, typed.encode())
-    os.close(write)
-    with os.fdopen(read) as pipe:
-        for stream in (io.StringIO(typed), pipe):
-            assert list(keys_of(stream, lambda: None)) == [(name, 1.0) for name in names]
-
-
 def test_keys_of_a_terminal_come_without_a_line_end_and_go_on_while_held():
     mine, theirs = pty.openpty()
     waited = []

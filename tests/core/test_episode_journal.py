@@ -13,7 +13,6 @@ from refusals import refused_by_call, refused_by_command
 
 from hab_tasks.cli import main
 from hab_tasks.episodes.journal import EpisodeJournal, journal_of
-from hab_tasks.episodes.schema import save_json
 from hab_tasks.episodes.source import EpisodeRequest, open_source
 
 SCRIPT = Path(sys.executable).with_name("hab-tasks")
@@ -107,12 +106,3 @@ def test_a_run_without_any_episode_leaves_no_journal(source, tmp_path):
     journal.file.write_text('{"journal"')  # killed in the first line
     assert reopened(source, journal).entries == {}
     assert not journal.file.exists()
-
-
-def test_a_finished_file_is_not_replaced_by_resuming(tmp_path):
-    out = tmp_path / "out.json"
-    save_json({}, out, sort_keys=True)
-    command = [*COMMAND, "--count", 1, "--out", out, "--resume"]
-    refused_by_command(main, command, "exists; give --force to replace it")
-    words = "--resume keeps the generated episodes, --force drops them"
-    refused_by_command(main, [*command, "--force"], words)

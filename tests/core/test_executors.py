@@ -8,7 +8,7 @@ import pytest
 from hab_tasks.cli import main
 from hab_tasks.errors import RunStoppedError
 from hab_tasks.executors import ExecutorChoice, Task, open_executor
-from hab_tasks.executors.ray_worker import Failed, JobWorker, Origin, this_origin
+from hab_tasks.executors.ray_worker import JobWorker, Origin, this_origin
 
 EPISODES = ("episodes", "--env", "HabPick-v1", "--split", "val", "--seed", "7", "--count", "4")
 
@@ -17,13 +17,11 @@ def start(first):
     return lambda job: (first + job, os.getpid())
 
 
-TASK = Task(start=start, arguments=(10,), name="Job {}".format)
-
-
 @pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_local_jobs_run_once_each(workers):
+    task = Task(start=start, arguments=(10,), name="Job {}".format)
     with open_executor(ExecutorChoice(), workers) as executor:
-        answers = dict(executor.run(TASK, [3, 4, 5]))
+        answers = dict(executor.run(task, [3, 4, 5]))
     assert {index: value for index, (value, _) in answers.items()} == {0: 13, 1: 14, 2: 15}
     here = {pid == os.getpid() for _, pid in answers.values()}
     assert here == {workers == 1}
@@ -33,7 +31,6 @@ def test_a_worker_refuses_other_versions_and_names_a_job_that_raises():
     origin = this_origin()
     other = Origin(versions={**origin.versions, "torch": "0.1"}, folder="/", path=())
     answer = JobWorker().start(other, start, (1,))
-    assert isinstance(answer, Failed)
     assert "instead of 0.1; install the same versions" in str(answer.error)
     worker = JobWorker()
     worker.start(origin, start, (1,))

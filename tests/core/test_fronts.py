@@ -9,7 +9,7 @@ from builders import reaching, snapshot
 
 from hab_tasks.articulations import DRAWER, FRIDGE
 from hab_tasks.privileged import ArticulationState
-from hab_tasks.skills.door_follower import _drive, door_action
+from hab_tasks.skills.door_follower import door_action
 from hab_tasks.skills.drawer_follower import drawer_action
 
 
@@ -48,9 +48,6 @@ def front(kind, joint, held, handle_m, limit, axis, axis_point_m):
         axis_point_m=np.array(axis_point_m),
         frame=np.zeros(3),  # the fridge faces +x
     )
-
-
-# Drawers ---------------------------------------------------------------------------------------
 
 
 def drawer_step(hand_m, joint, *, held, opens):
@@ -99,9 +96,6 @@ def test_a_drawer_that_is_far_enough_is_let_go():
         assert pushed[3] == (-1 if lets_go else 1), beyond_m
 
 
-# The fridge ------------------------------------------------------------------------------------
-
-
 def door_step(x_m, y_m, hand_m, joint, *, held, opens):
     """The action of a robot at (x, y) that faces the fridge, the hand at a point of its base frame.
 
@@ -137,34 +131,3 @@ def test_a_held_door_is_moved_along_its_arc():
     # From 0.3 rad the same point, 0.15 rad, is ahead.
     closing = door_step(1.05, -0.1, (0.57, 0.0, 1.2), 0.3, held=True, opens=False)
     assert closing[:3] == pytest.approx(action[:3], abs=1e-6)
-
-
-def test_a_door_that_is_far_enough_is_let_go():
-    for joint, held, opens, rests in (
-        (1.60, True, True, False),  # pi/2 + 0.08 = 1.651
-        (1.66, True, True, True),
-        (1.59, False, True, False),  # pi/2 + 0.03 = 1.601
-        (1.61, False, True, True),
-        (0.07, True, False, False),
-        (0.05, True, False, True),
-        (0.11, False, False, True),
-    ):
-        action = door_step(1.4, 0.0, (0.8, 0.0, 1.0), joint, held=held, opens=opens)
-        # From (0.8, 0, 1.0) to the resting position (0.5, 0, 1.0).
-        assert (action == pytest.approx([-1, 0, 0, -1, 0, 0])) == rests, (joint, held, opens)
-
-
-def test_the_base_does_not_leave_its_region():
-    # The far side of the region is at x = 1.833; 0.05 m before it, the base drives ahead instead of
-    # back, and 0.05 m before the near one, at 0.933, it backs away although it is near enough.
-    for pose, distance_m, forward in (
-        ((1.78, 0, math.pi), 0.65, 0.15),
-        ((1.70, 0, math.pi), 0.65, -0.6),
-        ((0.98, 0, math.pi), 0.40, -0.15),
-        # At y = -0.5, backing away with the heading 135 degrees would bring it nearer to -0.6.
-        ((1.4, -0.5, 0.75 * math.pi), 0.65, 0.15),
-    ):
-        region, ahead = FRIDGE.opening_region, np.array([0.4, 0.0, 0.0])
-        driven = _drive(np.array(pose), ahead, distance_m, np.zeros(3), region)
-        assert driven[0] == forward, pose
-    assert driven[1] == 0.6  # 2.86 x 45 degrees is more

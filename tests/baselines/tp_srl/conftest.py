@@ -1,32 +1,12 @@
 """Untrained weights of every skill, in the files that training writes."""
 
-import sys
 from pathlib import Path
 
-import gymnasium as gym
 import pytest
 from hab_ppo.recipes import find_recipe, recipe_names
 from untrained import write_weights
 
-from hab_tasks import registration
 from hab_tasks.registration import SKILLS
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _own_tasks():
-    """Tests that follow in this process do not know the tasks that these import."""
-    registries = (
-        registration.ENTRY_POINTS,
-        registration.TASKS,
-        registration._modules,
-        gym.registry,
-    )
-    before = [dict(registry) for registry in registries]
-    yield
-    for registry, entries in zip(registries, before, strict=True):
-        registry.clear()
-        registry.update(entries)
-    sys.modules.pop("my_tasks", None)
 
 
 @pytest.fixture(autouse=True)

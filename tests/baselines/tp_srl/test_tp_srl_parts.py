@@ -1,4 +1,4 @@
-"""Stages, ends of skills, failure categories and options, without a simulation."""
+"""Stages, ends of skills, still arms, failures and options, without a simulation."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hab_planner.plan import plan_of
 from hab_planner.problem import task_of
-from hab_ppo import checkpoint
 from hab_ppo.recipes import find_recipe
 from hab_spa.motion.robot import GRASP, RELEASE
 from hab_tp_srl.ending import Ending
@@ -16,15 +15,15 @@ from hab_tp_srl.executor import fault
 from hab_tp_srl.factories import skills_of
 from hab_tp_srl.options import SKILLS
 from hab_tp_srl.stage import stage_of
+from hab_tp_srl.stillness import Stillness
 from hab_tp_srl.training_starts import features, start_ranges
 from hab_tp_srl.view import TaskView
+from refusals import check_each, refused_by_call
 from untrained import write_weights
 
 from hab_tasks.agent_spaces import agent_setup
 from hab_tasks.constants import REST_POSITION_M
 from hab_tasks.episodes import EpisodeRequest, load_episodes
-from hab_tasks.errors import HabError
-from hab_tasks.registration import TASKS
 
 TASK_IDS = ("HabTidyHouse-v1", "HabPrepareGroceries-v1", "HabSetTable-v1", "my_tasks:ClearTable-v1")
 
@@ -43,27 +42,23 @@ def test_stages_are_the_parts_that_the_reward_of_a_task_follows():
 
 
 def test_a_door_is_opened_for_what_starts_behind_it_or_goes_there():
-    def of(task_id, name):
-        task = task_of(task_id)
-        actions = [a for a in plan_of(task_id).actions if a.skill == name]
-        return stage_of(task, actions[0])
-
-    bowl = of("HabSetTable-v1", "close_drawer")
-    assert (bowl.object, bowl.at, bowl.drawer) == (0, "start", 0)
-    apple = of("HabSetTable-v1", "open_fridge")
-    assert (apple.object, apple.at, apple.drawer) == (1, "start", None)
-    assert of("HabSetTable-v1", "pick").drawer == 0
-    assert of("HabSetTable-v1", "place").drawer is None
-    fruit = of("my_tasks:ClearTable-v1", "open_fridge")
-    assert (fruit.object, fruit.at) == (0, "goal")
-    assert set(TASKS) >= {"ClearTable-v1"}
+    for task_id, skill, expected in (
+        ("HabSetTable-v1", "close_drawer", (0, "start", 0)),  # the bowl
+        ("HabSetTable-v1", "open_fridge", (1, "start", None)),  # the apple
+        ("HabSetTable-v1", "place", (0, "goal", None)),
+        ("my_tasks:ClearTable-v1", "open_fridge", (0, "goal", None)),
+    ):
+        action = next(a for a in plan_of(task_id).actions if a.skill == skill)
+        stage = stage_of(task_of(task_id), action)
+        assert (stage.object, stage.at, stage.drawer) == expected
 
 
 def ending(skill, moved_m=None):
     view = SimpleNamespace(holding=False, rests=True, moved_m=lambda number: moved_m)
-    handles_object = skill in ("pick", "place")
-    articulation = None if handles_object else 0
-    stage = SimpleNamespace(skill=skill, handles_object=handles_object, articulation=articulation)
+    moves = skill not in ("pick", "place")
+    stage = SimpleNamespace(
+        skill=skill, handles_object=not moves, articulation=0 if moves else None
+    )
     return view, Ending(None, stage, view, None)
 
 
@@ -105,13 +100,6 @@ def test_a_door_that_was_opened_is_closed_when_its_handle_is_back():
         view.moved_m = lambda number, moved_m=moved_m: moved_m
         watched.update()
         assert watched.over == over
-    # A door that is still where it was at the start of the episode was open then.
-    view, watched = ending("close_fridge", moved_m=0.0)
-    view.rests = False
-    watched.update()
-    view.rests, view.moved_m = True, lambda number: 1.1
-    watched.update()
-    assert watched.over
 
 
 def test_the_gripper_is_masked_as_in_the_environments_of_the_skills():
@@ -119,42 +107,66 @@ def test_the_gripper_is_masked_as_in_the_environments_of_the_skills():
     assert watched.gripper(-0.3) == RELEASE
     assert watched.gripper(0.3) == watched.gripper(0.0) == GRASP
     view.holding = True
-    assert watched.gripper(-0.3) == GRASP
-    assert watched.after() == GRASP
+    assert watched.gripper(-0.3) == watched.after() == GRASP
     view, watched = ending("place")
-    view.holding = True
-    watched.update()
-    assert (watched.gripper(-1.0), watched.gripper(1.0)) == (RELEASE, GRASP)
-    view.holding = False
-    watched.update()
-    assert watched.gripper(1.0) == RELEASE
+    for view.holding, gripper in ((True, GRASP), (False, RELEASE)):
+        watched.update()
+        assert watched.gripper(1.0) == gripper
     view, watched = ending("open_drawer")
     view.holding = True
     watched.update()
-    assert (watched.gripper(-1.0), watched.after()) == (RELEASE, RELEASE)
+    assert watched.gripper(-1.0) == watched.after() == RELEASE
+
+
+def test_with_the_truth_a_wrong_object_ends_a_pick():
+    view = SimpleNamespace(holding=True, rests=False)
+    stage = SimpleNamespace(skill="pick", object=1, handles_object=True, articulation=None)
+    for held, failed in ((0, True), (1, False)):
+        scene = SimpleNamespace(holding=True, holds=lambda k, held=held: k == held)
+        watched = Ending(None, stage, view, scene)
+        watched.update()
+        assert (watched.failed, watched.over) == (failed, False)
+        assert watched.gripper(-1.0) == (RELEASE if failed else GRASP)
+
+
+def test_after_twenty_still_steps_twenty_actions_are_drawn():
+    for motions_rad, expected in (
+        # Step 0 has no step before it. Steps 1 to 20 are still, so that steps 20 to 39 are drawn.
+        # Of steps 40 to 59 none moves either: step 59 is the twentieth.
+        ([0.0] * 59, [*range(20, 40), 59]),
+        ([0.005] * 100, []),
+        ([*[0.0] * 19, -0.005] * 5, []),
+        ([0.003] * 21, [20, 21]),  # it creeps
+        ([*[0.0] * 20, *[0.05] * 40], [*range(20, 40)]),
+    ):
+        stillness, arm_rad = Stillness(), np.linspace(-1.0, 1.0, 7)
+        drawn = []
+        for motion_rad in (0.0, *motions_rad):
+            arm_rad[3] += motion_rad
+            drawn.append(stillness.draws(arm_rad))
+        assert np.flatnonzero(drawn).tolist() == expected
 
 
 def entry(stage, did, outcome="done", plan=0, attempt=0, **facts):
-    return {
-        "plan": plan, "stage": stage, "attempt": attempt, "did": did, "outcome": outcome, **facts
-    }  # fmt: skip
+    about = {"plan": plan, "stage": stage, "attempt": attempt}
+    return {**about, "did": did, "outcome": outcome, **facts}
 
 
 def test_the_failure_is_the_first_stage_that_was_not_achieved():
-    assert fault([]) is None
     good = [entry(1, "navigate"), entry(1, "pick", achieved=True)]
-    assert fault(good) is None
-    assert fault([*good, entry(2, "navigate"), entry(2, "place", achieved=False)]) == "place failed"
     late = [*good, entry(2, "navigate", "timeout"), entry(2, "place", "timeout", achieved=False)]
-    assert fault(late) == "navigate timeout"
-    again = [entry(2, "navigate", attempt=1), entry(2, "place", attempt=1, achieved=True)]
-    assert fault([*late, *again]) is None
-    assert fault([*late, entry(1, "pick", plan=1, achieved=True)]) is None
-    assert fault([{"did": "rest"}, entry(1, "navigate", "target plan")]) == "navigate target plan"
     begun = {"start": "new", "achieved": False}
-    assert fault([entry(1, "pick", "timeout", **begun)]) == "pick timeout, new start"
-    assert fault([entry(1, "pick", **begun)]) == "pick failed, new start"
-    assert fault([entry(1, "pick", **(begun | {"start": "known"}))]) == "pick failed"
+    for trace, failure in (
+        (good, None),
+        ([*good, entry(2, "navigate"), entry(2, "place", achieved=False)], "place failed"),
+        (late, "navigate timeout"),
+        ([*late, entry(2, "place", attempt=1, achieved=True)], None),
+        ([*late, entry(1, "pick", plan=1, achieved=True)], None),
+        ([{"did": "rest"}, entry(1, "navigate", "target plan")], "navigate target plan"),
+        ([entry(1, "pick", "timeout", **begun)], "pick timeout, new start"),
+        ([entry(1, "pick", **(begun | {"start": "known"}))], "pick failed"),
+    ):
+        assert fault(trace) == failure
 
 
 def test_training_knows_the_starts_of_its_own_episodes_and_no_others():
@@ -169,82 +181,60 @@ def test_training_knows_the_starts_of_its_own_episodes_and_no_others():
     assert not ranges.include(features(point_m * (1.7, 1.7, 1.0), rest_m))  # 1.3 m away
     assert not ranges.include(features(point_m * (-1.0, 1.0, 1.0), rest_m))  # behind the robot
     assert not ranges.include(features(point_m, rest_m + np.eye(3)[1] * 0.2))  # off rest
-    assert start_ranges("HabTidyHouse-v1") is None
 
 
-BAD = [
-    ({}, "No weights ship for pick_blind; train them with `hab-ppo train pick_blind` and give"),
-    ({"skills": "depth"}, "No weights ship for pick_depth"),
-    ({"skills": "dept"}, "Did you mean 'depth'?"),
-    ({"pick": "pick_blnd"}, "Did you mean 'pick_blind'?"),
-    ({"pik": "spa_priv"}, "Did you mean 'pick'?"),
-    (
-        {"skills": "spa_priv", "pick": "{place_blind}"},
-        "was trained in HabPlace-v1; option pick needs pick",
-    ),
-    ({"pick": "/nowhere/best.safetensors"}, "value of the agent's option pick"),
-    ({"navigation": "walk"}, "Valid: learned, oracle, teleport"),
-    ({"navigate": "{navigate_blind}"}, "learned, with the option navigate"),
-    ({"skills": "spa_priv", "retries": "-1"}, "option retries of the agent"),
-    (
-        {"skills": "spa_priv", "navigation": "learned", "navigate": "navigate_depth"},
-        "No weights ship for navigate_depth",
-    ),
-    (
-        {"skills": "spa_priv", "navigation": "learned", "navigate": "navigatr"},
-        "Did you mean 'navigator'?",
-    ),
-]
+def team(task="HabTidyHouse-v1", **options):
+    return hab_tp_srl.tp_srl(agent_setup(task, options=options))
 
 
 def test_wrong_options_are_told_in_one_line(weights):
-    wrong = []
-    for options, message in BAD:
-        given = {name: value.format(**weights) for name, value in options.items()}
-        with pytest.raises(HabError) as caught:
-            hab_tp_srl.tp_srl(agent_setup("HabTidyHouse-v1", options=given))
-        told = str(caught.value)
-        if message not in told or "\n" in told:
-            wrong.append((options, told))
-    assert not wrong
+    planned = {"skills": "spa_priv"}
+    cases = (
+        ({}, "No weights ship for pick_blind; train them with `hab-ppo train pick_blind` and give"),
+        ({"skills": "dept"}, "Did you mean 'depth'?"),
+        ({"pick": "pick_blnd"}, "Did you mean 'pick_blind'?"),
+        ({"pik": "spa_priv"}, "Did you mean 'pick'?"),
+        (
+            planned | {"pick": str(weights["place_blind"])},
+            "was trained in HabPlace-v1; option pick",
+        ),
+        ({"pick": "/nowhere/best.safetensors"}, "value of the agent's option pick"),
+        ({"navigation": "walk"}, "Valid: learned, oracle, teleport"),
+        ({"navigate": str(weights["navigate_blind"])}, "learned, with the option navigate"),
+        (planned | {"retries": "-1"}, "option retries of the agent"),
+        (planned | {"navigation": "learned", "navigate": "navigatr"}, "Did you mean 'navigator'?"),
+    )
+    check_each(
+        {str(case): case for case in cases},
+        lambda case: refused_by_call(lambda: team(**case[0]), case[1]),
+    )
 
 
-def test_a_skill_that_a_task_cannot_run_is_told(weights, learned, tmp_path):
-    def fails(recipe, text):
-        write_weights(recipe, tmp_path / "own.safetensors")
-        options = {**learned, "pick": str(tmp_path / "own.safetensors")}
-        with pytest.raises(HabError, match=text):
-            hab_tp_srl.tp_srl(agent_setup("HabTidyHouse-v1", options=options))
-
-    pick = find_recipe("pick_blind")
-    fails(replace(pick, env=replace(pick.env, control_mode="joint_state")), "must drive the joints")
-    fails(replace(pick, env=replace(pick.env, env="HabTidyHouse-v1", control_mode="ee_base")),
-          "was trained in HabTidyHouse-v1")  # fmt: skip
-    with pytest.raises(HabError, match="not a task"):
-        hab_tp_srl.tp_srl(agent_setup("HabPick-v1"))
-    with pytest.raises(HabError, match="needs to know where things are"):
-        hab_tp_srl.tp_srl(agent_setup("HabTidyHouse-v1", options={**learned, "replan": "1"}))
+def test_a_skill_that_a_task_cannot_run_is_told(learned, tmp_path):
+    path, pick = tmp_path / "own.safetensors", find_recipe("pick_blind")
+    for changes, message in (
+        ({"control_mode": "joint_state"}, "must drive the joints"),
+        ({"env": "HabTidyHouse-v1", "control_mode": "ee_base"}, "was trained in HabTidyHouse-v1"),
+    ):
+        write_weights(replace(pick, env=replace(pick.env, **changes)), path)
+        refused_by_call(lambda: team(**{**learned, "pick": str(path)}), message)
+    refused_by_call(lambda: team("HabPick-v1"), "not a task")
+    refused_by_call(lambda: team(**learned, replan="1"), "needs to know where things are")
 
 
 def test_the_spec_says_what_a_team_needs(weights, learned):
-    def spec(task="HabSetTable-v1", **options):
-        return hab_tp_srl.tp_srl(agent_setup(task, options={**learned, **options})).spec
-
-    assert not spec().privileged
-    assert spec().handle_position
-    assert spec().rows > 1
-    assert not spec("HabTidyHouse-v1").handle_position
-    assert spec(knowledge="true").privileged
-    mixed = spec(place="spa_priv")
+    spec = team("HabSetTable-v1", **learned).spec
+    assert (spec.privileged, spec.handle_position) == (False, True)
+    assert spec.rows > 1
+    assert not team(**learned).spec.handle_position
+    mixed = team(**{**learned, "place": "spa_priv"}).spec
     assert (mixed.privileged, mixed.rows) == (True, 1)
     assert mixed.name == "TP+SRL (learned navigation; place by SPA-Priv)"
-    assert spec(pick=str(weights["pick_depth"])).obs_mode == "depth"
-    oracle = {name: value for name, value in learned.items() if name != "navigate"}
-    given = {**oracle, "navigation": "teleport", "pick": str(weights["pick_depth"])}
-    seen = hab_tp_srl.tp_srl(agent_setup("HabTidyHouse-v1", options=given)).spec
-    assert (seen.looks, seen.control_mode) == ("on demand", "joint_target_pose")
-    assert seen.rows > 1
-    assert np.isfinite(checkpoint.load(weights["pick_depth"])[1]["format"])
+    given = {**learned, "navigation": "teleport", "pick": str(weights["pick_depth"])}
+    del given["navigate"]
+    seen = team(**given).spec
+    assert (seen.obs_mode, seen.looks) == ("depth", "on demand")
+    assert seen.control_mode == "joint_target_pose"
 
 
 def seen(base, starts, hand_m=(0.5, 0.0, 1.0), holding=False):
@@ -292,36 +282,20 @@ def test_without_handles_the_hand_that_pulls_shows_how_far_a_drawer_moved():
 
 @pytest.mark.parametrize("aims_object", [False, True])
 def test_place_aims_by_the_object_where_the_pick_grasped_it(aims_object):
-    start, goal = np.array([2.0, 1.0, 0.8]), np.array([-1.5, 0.4, 0.9])
     pick = SimpleNamespace(skill="pick", at="start", object=0, drawer=None, articulation=None)
     place = SimpleNamespace(skill="place", at="goal", object=0, drawer=None, articulation=None)
     view = TaskView(truth=False, aims_object=aims_object)
-    places = np.stack((start, goal))
+    places = np.array([[2.0, 1.0, 0.8], [-1.5, 0.4, 0.9]])  # of the object and of its goal
     base = (1.2, 1.0, 0.0)  # it faces +x, so the object is at (0.8, 0, 0.8) of its frame
     view.see(seen(base, places), 0)
     view.begin(pick)
     view.see(seen(base, places, (0.75, 0.02, 0.88), holding=True), 0)  # (0.05, -0.02, -0.08) away
     view.see(seen(base, places, (0.5, 0.0, 1.0), holding=True), 0)
     view.begin(place)
-    entries = view.entries(place, view.point(place))
+    aim = view.entries(place, view.point(place))["extra", "object_goal_from_ee"]
     # The goal is at (-2.7, -0.6, 0.9) of the base frame, the hand at (0.5, 0, 1).
-    from_hand = np.array([-3.2, -0.6, -0.1])
     offset = np.array([0.05, -0.02, -0.08]) * aims_object
-    np.testing.assert_allclose(
-        entries["extra", "object_goal_from_ee"], from_hand - offset, atol=1e-5
-    )
+    np.testing.assert_allclose(aim, np.array([-3.2, -0.6, -0.1]) - offset, atol=1e-5)
     view.begin(pick)
     again = view.entries(pick, view.point(pick))
     np.testing.assert_allclose(again["extra", "object_start_from_ee"], (0.3, 0, -0.2), atol=1e-5)
-
-
-def test_with_the_truth_a_wrong_object_ends_a_pick():
-    view = SimpleNamespace(holding=True, rests=False)
-    stage = SimpleNamespace(skill="pick", object=1, handles_object=True, articulation=None)
-    for held, failed in ((0, True), (1, False), (None, False)):
-        scene = SimpleNamespace(holding=held is not None, holds=lambda k, held=held: k == held)
-        watched = Ending(None, stage, view, scene)
-        watched.update()
-        assert (watched.failed, watched.over) == (failed, False)
-        assert watched.gripper(-1.0) == (GRASP if held == 1 else RELEASE)
-    assert not Ending(None, stage, view, None).failed

@@ -8,49 +8,34 @@ from hab_tasks.engine.rewards import force_penalty
 from hab_tasks.skills.pick import PICK
 
 
-def test_approach_pickup_and_success():
+def test_reward_success_and_failures():
     m = measures(
-        3,
-        ee_to_object_decrease_m=row(0.01, 0.02, 0.5),
-        ee_to_rest_decrease_m=row(-0.03, 0.004, 0.015),
-        ee_to_rest_m=row(0.1, 0.6, 0.149),
-        holding_target=row(False, True, True),
-        picked_now=row(False, True, False),
-        force_n=row(0.0, 100.0, 250.0),
-        force_total_n=row(0.0, 4900.0, 1000.0),
+        6,
+        ee_to_object_decrease_m=row(0.01, 0.02, 0.5, 0.01, -0.02, 0.0),
+        ee_to_rest_decrease_m=row(-0.03, 0.004, 0.015, 0.0, 0.0, 0.0),
+        ee_to_rest_m=row(0.1, 0.6, 0.149, 0.5, 0.5, 0.1),
+        holding_target=row(False, True, True, False, False, True),
+        holding_other=row(False, False, False, True, False, False),
+        picked_now=row(False, True, False, False, False, False),
+        dropped_now=row(False, False, False, False, True, False),
+        force_n=row(0.0, 100.0, 250.0, 0.0, 999.0, 3000.0),
+        force_total_n=row(0.0, 4900.0, 1000.0, 0.0, 5000.0, 5000.1),
     )
     success, failures, _, reward, _ = evaluate_rules(PICK, m)
     # Row 0 approaches: 20 * 0.01 = 0.2; being near rest without the object is no success.
     # Row 1 picks up: 5 + 20 * 0.004 - 0.001 * 100 = 5 + 0.08 - 0.1 = 4.98.
     # Row 2 succeeds: 20 + 20 * 0.015 - 0.25 = 20.05.
-    assert torch.allclose(reward, row(0.2, 4.98, 20.05))
-    assert success.tolist() == [False, False, True]
-    assert not any(f.any() for f in failures.values())
+    # Row 3 takes another: 0.2 - 5 = -4.8. Row 4 drops it: 20 * -0.02 - 0.999 - 5 = -6.399.
+    # Row 5: at rest with the target, but above 5,000 N: -1 (capped) - 10 = -11, no success.
+    assert torch.allclose(reward, row(0.2, 4.98, 20.05, -4.8, -6.399, -11.0))
+    assert success.tolist() == [False, False, True, False, False, False]
+    assert {name: f.nonzero().flatten().tolist() for name, f in failures.items()} == {
+        "force": [5],
+        "wrong_object": [3],
+        "dropped_object": [4],
+    }
     # At most a quarter of a metre in a step: 20 + 5 + 20 * 0.25.
     assert PICK.reward_bound == 30.0
-
-
-def test_wrong_dropped_and_force_exceeded():
-    m = measures(
-        3,
-        ee_to_object_decrease_m=row(0.01, -0.02, 0.0),
-        ee_to_rest_m=row(0.5, 0.5, 0.1),
-        holding_target=row(False, False, True),
-        holding_other=row(True, False, False),
-        dropped_now=row(False, True, False),
-        force_n=row(0.0, 999.0, 3000.0),
-        force_total_n=row(0.0, 5000.0, 5000.1),
-    )
-    success, failures, _, reward, _ = evaluate_rules(PICK, m)
-    # Row 0: 0.2 - 5 = -4.8. Row 1: 20 * -0.02 - 0.999 - 5 = -6.399.
-    # Row 2: at rest with the target, but above 5,000 N: -1 (capped) - 10 = -11, no success.
-    assert torch.allclose(reward, row(-4.8, -6.399, -11.0))
-    assert not success.any()
-    assert {name: f.tolist() for name, f in failures.items()} == {
-        "force": [False, False, True],
-        "wrong_object": [True, False, False],
-        "dropped_object": [False, True, False],
-    }
 
 
 def test_the_force_penalty_is_capped():

@@ -1,19 +1,12 @@
 """Reading Habitat's scene dataset format: content, known defects and invalid input."""
 
 import logging
+import shutil
 import struct
 
 import numpy as np
 import pytest
-from builders import (
-    DRAWER_URDF,
-    cpu_scene,
-    table_config,
-    tiny_dataset,
-    tiny_scene,
-    write_json,
-    write_scene,
-)
+from builders import cpu_scene, table_config, tiny_dataset, tiny_scene, write_json, write_scene
 
 from hab_tasks.errors import DatasetError, UnknownNameError
 from hab_tasks.scenes.habitat import load
@@ -57,8 +50,7 @@ def test_both_folder_layouts_find_the_urdf_and_a_folder_of_its_own_name_comes_fi
     spec = read(tiny_dataset(tmp_path, urdf_file="chests/chest.urdf"))
     assert spec.articulations[0].urdf_file == (tmp_path / "urdf/chests/chest.urdf").resolve()
     other = tmp_path / "urdf/chest/chest.urdf"
-    other.parent.mkdir()
-    other.write_text(DRAWER_URDF.replace('filename="body.glb"', 'filename="../chests/body.glb"'))
+    shutil.copytree(tmp_path / "urdf/chests", other.parent)
     assert read(tmp_path).articulations[0].urdf_file == other.resolve()
 
 
@@ -92,19 +84,6 @@ def test_an_absent_stage_mesh_gives_a_shell_from_the_navmesh_and_is_said_once(ro
     # y-up: the floor's surface is at y = 0 and covers x -3..1, z -4..6 (plus the walls' 0.1 m).
     assert np.allclose(floor.center_m, (-1, -0.05, 1))
     assert np.allclose(floor.half_size_m, (2.1, 0.05, 5.1))
-
-
-def test_objects_without_a_mesh_are_skipped_with_one_warning(root, caplog):
-    write_json(root / "configs/objects/bike.object_config.json", {"render_asset": "bike.glb"})
-    scene = tiny_scene()
-    scene["object_instances"] += [{"template_name": "bike"}, {"template_name": "bike"}]
-    write_scene(root, scene)
-    with caplog.at_level(logging.WARNING):
-        spec = read(root)
-    assert spec.missing == ("bike",)
-    assert len(spec.objects) == 2
-    (warning,) = [r.message for r in caplog.records if "skipped" in r.message]
-    assert "bike" in warning
 
 
 def test_an_absent_collision_mesh_becomes_the_bounding_box(root):
@@ -165,8 +144,6 @@ def test_unknown_names_give_the_nearest(root):
     with pytest.raises(UnknownNameError, match=f"Did you mean '{SCENE}'"):
         read(root, "v3_sc0_staging_0O")
     dataset = SceneDataset(root)  # one scene, of macro layout sc0: train
-    with pytest.raises(UnknownNameError, match="Did you mean 'train'"):
-        dataset.scenes_of_split("trian")
     assert dataset.resolve_split("train") == dataset.resolve_split(None) == "train"
     for split in SPLIT_MACROS.keys() - {"train"}:
         with pytest.raises(UnknownNameError, match="Valid: train"):

@@ -91,27 +91,6 @@ def test_a_stack_does_not_float_when_its_lower_half_goes():
     assert sim.height(1) == pytest.approx(0.73, abs=0.01)
 
 
-def test_a_disturbed_object_freezes_again_once_it_sleeps():
-    sim = RobotSim([(1.4, 1.0, 0.73)])
-    sim.sleeping.wake(0)
-    sim.boxes[0].set_pose(sapien.Pose([1.4, 1.0, 0.76]))
-    for _ in range(120):
-        sim.step()
-    assert sim.frozen()
-    assert sim.height() == pytest.approx(0.73, abs=0.003)
-    assert np.allclose(sim.sleeping.com_m[0], sim.boxes[0].pose.p[0], atol=1e-4)
-
-
-def test_objects_of_other_episodes_never_wake():
-    sim = RobotSim([(0.5, 0.0, 0.95)])  # right at the hand
-    sim.sleeping.freeze_all(np.zeros(1, dtype=bool))
-    sim.step()
-    assert sim.frozen()
-    sim.sleeping.freeze_all(np.ones(1, dtype=bool))
-    sim.step()
-    assert not sim.frozen()
-
-
 def test_a_hundred_objects_out_of_reach_stay_as_they_are_and_make_no_contacts():
     """The engine's own count of work: contacts, as time on a shared machine says little."""
     far = [(1.0 + 0.08 * (i % 10), 0.9 + 0.1 * (i // 10), 0.73) for i in range(100)]

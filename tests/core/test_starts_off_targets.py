@@ -9,9 +9,6 @@ from hab_tasks.episodes.rehearsal import falls_to
 from hab_tasks.episodes.robot_start import HAND_CLEARANCE_M, KeepOff
 from hab_tasks.geometry import apply
 
-every_dataset = pytest.mark.parametrize(
-    "dataset", ["apartment", pytest.param("real", marks=[pytest.mark.assets, pytest.mark.slow])]
-)
 OPENING = [s for s in SKILLS if ("Open" in s or "Close" in s) and s != "HabCloseDrawer-v1"]
 POINT = np.array([[1.0, 2.0, 0.8]])
 
@@ -62,7 +59,9 @@ def test_no_handle_is_in_the_hands_reach(generated, dataset, env_id):
         assert gap_m(replay, handles_m(replay.sandbox)) >= HAND_CLEARANCE_M, replay.episode.id
 
 
-@every_dataset
+@pytest.mark.parametrize(
+    "dataset", ["apartment", pytest.param("real", marks=[pytest.mark.assets, pytest.mark.slow])]
+)
 def test_what_is_held_is_not_above_its_goal_and_does_not_get_there(generated, dataset):
     source, episodes = generated("HabPlace-v1", dataset)
     for replay in (Replay(source, episode) for episode in episodes):

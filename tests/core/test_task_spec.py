@@ -7,13 +7,9 @@ from hab_tasks import Target, TaskSpec, register_task
 from hab_tasks.errors import HabError
 from hab_tasks.object_names import ALL_OBJECTS, CATEGORIES
 from hab_tasks.receptacles import (
-    CONTAINERS,
-    COUNTER,
     DRAWER,
     ENCLOSED_RECEPTACLES,
     FRIDGE,
-    OPEN_RECEPTACLES,
-    PHRASES,
     SOFA,
     TABLE_LIGHT,
 )
@@ -73,11 +69,6 @@ def test_categories_stand_for_their_objects():
     assert {name for names in CATEGORIES.values() for name in names} <= set(ALL_OBJECTS)
 
 
-def test_every_receptacle_has_words():
-    assert {*OPEN_RECEPTACLES, *CONTAINERS, *COUNTER} <= set(PHRASES)
-    assert not set(ENCLOSED_RECEPTACLES) & set(PHRASES)
-
-
 SHUT_IN = ENCLOSED_RECEPTACLES[0]
 
 
@@ -98,10 +89,7 @@ def test_tasks_that_cannot_be_are_refused_in_one_line():
         (lambda: spec(target(name="My Thing")), "lower case, digits and underscores"),
         (lambda: spec(id="Trial"), "a name and a version"),
         (lambda: spec(horizon_steps=1.5), "horizon_steps is 1.5"),
-        (lambda: spec(clutter=-1), "clutter is -1"),
         (lambda: spec(clutter_on=()), "names no receptacle for the clutter"),
-        (lambda: spec(starts_open=("window",)), "Unknown name in starts_open"),
-        (lambda: register_task(spec(id="HabPick-v1")), "another environment has this id"),
         (lambda: register_task(spec(id="HabSetTable-v1")), "another environment has this id"),
     )
     for make, words in cases:

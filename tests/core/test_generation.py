@@ -18,6 +18,7 @@ from hab_tasks.errors import GenerationError
 from hab_tasks.registration import ENTRY_POINTS
 
 ENV, SEED = "HabPick-v1", 77
+LONG = pytest.mark.long
 EARLIER = {"HabOpenDrawer-v1": pytest.mark.slow, "HabSetTable-v1": pytest.mark.slow}
 """Tiers of the tests of generation without the earlier episodes; those not named are long."""
 
@@ -30,14 +31,7 @@ def own_cache(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     "env_id",
-    [
-        ENV,
-        *(
-            pytest.param(e, marks=EARLIER.get(e, pytest.mark.long))
-            for e in ENTRY_POINTS
-            if e != ENV
-        ),
-    ],
+    [ENV, *(pytest.param(e, marks=EARLIER.get(e, LONG)) for e in ENTRY_POINTS if e != ENV)],
 )
 def test_an_episode_does_not_depend_on_those_before(generated, env_id):
     """The last one, made first, by a source that does not know the others."""
@@ -104,7 +98,7 @@ def test_the_shipped_sets_are_what_is_generated():
 
 
 @pytest.mark.parametrize(
-    "count", [pytest.param(2, marks=pytest.mark.slow), pytest.param(20, marks=pytest.mark.long)]
+    "count", [pytest.param(2, marks=pytest.mark.slow), pytest.param(20, marks=LONG)]
 )
 def test_shipped_episodes_can_be_started(count):
     for env_id in ENTRY_POINTS:
@@ -119,13 +113,6 @@ def test_shipped_episodes_can_be_started(count):
 # Seeds, and giving up --------------------------------------------------------------------------
 
 
-def test_seeds_and_indices_give_different_episodes(generated):
-    _, episodes = generated(ENV)
-    other = open_source(EpisodeRequest(env_id=ENV, seed=SEED + 1)).get(0)
-    assert len({e.robot.base for e in (*episodes, other)}) == len(episodes) + 1
-    assert len({e.id for e in episodes}) == len(episodes)
-
-
 def test_a_dataset_without_receptacles_gives_up_and_says_why(tmp_path):
     root = tiny_dataset(tmp_path / "tiny")
     table = table_config() | {"user_defined": {}}
@@ -135,33 +122,21 @@ def test_a_dataset_without_receptacles_gives_up_and_says_why(tmp_path):
             open_source(EpisodeRequest(env_id=env_id, scene_dataset=root)).get(0)
 
 
-@pytest.fixture
-def _three_refusals(monkeypatch):
-    """The first three candidates are refused."""
-    made, refusals = starts_of(ENV).attempt, iter(["too hot", "too cold", "too hot"])
+def test_refusals_are_told_and_stored(run, monkeypatch, tmp_path):
+    made, request = starts_of(ENV).attempt, EpisodeRequest(env_id=ENV, seed=1)
+    left = ["too hot", "too cold", "too hot"]
 
     def attempt(self, sandbox, rng):
-        reason = next(refusals, None)
-        if reason:
-            raise RejectedSampleError(reason)
+        if left:
+            raise RejectedSampleError(left.pop())
         return made(self, sandbox, rng)
 
     monkeypatch.setattr(starts_of(ENV), "attempt", attempt)
-
-
-@pytest.mark.usefixtures("_three_refusals")
-def test_refusals_are_told_and_stored(run, tmp_path):
+    counted = load_episodes(request, count=1).rejections
+    assert (counted["too hot"], counted["too cold"]) == (2, 1)
+    assert load_episodes(request, count=1).rejections == counted, "they are kept in the cache"
+    left += ["too hot", "too cold", "too hot"]
     out = tmp_path / "set.json"
     told = run("episodes", "--env", ENV, "--count", 1, "--seed", 1, "--out", out).stdout
-    assert "  rejected 2: too hot\n" in told
-    assert "  rejected 1: too cold\n" in told
-    counted = read_episodes(out).rejections
-    assert (counted["too hot"], counted["too cold"]) == (2, 1)
-
-
-@pytest.mark.usefixtures("_three_refusals")
-def test_refusals_are_kept_in_the_cache():
-    request = EpisodeRequest(env_id=ENV, seed=1)
-    counted = load_episodes(request, count=1).rejections
-    assert counted["too hot"] == 2
-    assert load_episodes(request, count=1).rejections == counted
+    assert "  rejected 1: too cold\n  rejected 2: too hot\n" in told
+    assert read_episodes(out).rejections == counted

@@ -9,6 +9,7 @@ import start_checks as sc
 from geodesics import geodesic_distance
 from start_checks import SKILLS, TASKS, Replay
 
+from hab_tasks.episodes import EpisodeRequest, open_source
 from hab_tasks.episodes.generators import base
 from hab_tasks.episodes.robot_start import in_base_frame
 from hab_tasks.errors import GenerationError
@@ -28,18 +29,11 @@ def real(env_id):
 every_skill_and_dataset = pytest.mark.parametrize(
     ("env_id", "dataset"), [(s, "apartment") for s in SKILLS] + [real(s) for s in SKILLS]
 )
-apartment_and_real = pytest.mark.parametrize(
-    "dataset",
-    ["apartment", pytest.param("real", marks=[pytest.mark.assets, pytest.mark.long])],
-)
-
-
-def test_every_generator_is_tested_here_or_with_the_tasks():
-    assert set(ENTRY_POINTS) == {*SKILLS, *TASKS}
 
 
 @every_skill_and_dataset
 def test_starts_are_those_of_the_protocol(generated, env_id, dataset):
+    assert set(ENTRY_POINTS) == {*SKILLS, *TASKS}, "all are tested, here or with the tasks"
     source, episodes = generated(env_id, dataset)
     for number, episode in enumerate(episodes):
         replay = Replay(source, episode)
@@ -131,6 +125,8 @@ def test_starts_vary(generated):
         assert len({e.target for e in episodes}) >= 3, env_id
         assert len({e.targets[0].start or e.targets[0].goal for e in episodes}) >= 2, env_id
         assert len({e.robot for e in episodes}) == len({e.seed for e in episodes}) == len(episodes)
+        other = open_source(EpisodeRequest(env_id=env_id, seed=78)).get(0)
+        assert other.robot not in {e.robot for e in episodes}
 
 
 # Doors and drawers -----------------------------------------------------------------------------
@@ -214,8 +210,15 @@ def check_navigate(replay):
     episode = replay.episode
     goal, start = episode.navigation, episode.robot.base
     CHECKS[goal.skill](replay, base=goal.base)
-    assert math.dist(goal.base[:2], start[:2]) >= 1.0
+    straight_m = math.dist(goal.base[:2], start[:2])
+    assert straight_m >= 1.0
     assert replay.off_floor_m(start) < 1e-5, "it starts off the free floor"
+    map_ = LayoutMaps(lambda _: replay.sandbox.spec).of(episode.scene_id, episode.joints)
+    start_m, goal_m = np.array(start[:2]), np.array(goal.base[:2])
+    assert map_.is_free(np.array((start_m, goal_m))).all(), episode.id
+    way_m = geodesic_distance(map_, start_m, map_.geodesic_field(goal_m))
+    # Fronts on cells of 5 cm are short by some per cent.
+    assert way_m >= 0.95 * straight_m, episode.id
 
 
 CHECKS = {
@@ -229,27 +232,10 @@ CHECKS = {
 }
 
 
-@apartment_and_real
-def test_navigates_ends_are_free_on_the_map_that_measures_the_way(generated, dataset):
-    source, episodes = generated("HabNavigate-v1", dataset)
-    maps = LayoutMaps(source.scene)
-    for episode in episodes:
-        map_ = maps.of(episode.scene_id, episode.joints)
-        start_m, goal_m = np.array(episode.robot.base[:2]), np.array(episode.navigation.base[:2])
-        assert map_.is_free(np.array((start_m, goal_m))).all(), episode.id
-        way_m = geodesic_distance(map_, start_m, map_.geodesic_field(goal_m))
-        # Fronts on cells of 5 cm are short by some per cent.
-        assert way_m >= 0.95 * math.dist(start_m, goal_m), episode.id
-
-
 def test_a_goal_that_the_map_parts_from_its_start_is_refused(generated, monkeypatch):
     """With a map on which nothing is free no candidate is left, and the message says why."""
     source, _ = generated("HabNavigate-v1", "apartment")
-
-    def nothing(map_, points_m):
-        return np.zeros(len(points_m), dtype=bool)
-
-    monkeypatch.setattr(NavigationMap, "is_free", nothing)
+    monkeypatch.setattr(NavigationMap, "is_free", lambda _, at_m: np.zeros(len(at_m), dtype=bool))
     monkeypatch.setattr(base, "ATTEMPTS", 3)
     monkeypatch.setattr(base, "LAYOUTS", 1)
     with pytest.raises(GenerationError, match="no way from the start to the goal"):
@@ -260,7 +246,9 @@ def test_a_goal_that_the_map_parts_from_its_start_is_refused(generated, monkeypa
 
 
 @pytest.mark.slow
-@apartment_and_real
+@pytest.mark.parametrize(
+    "dataset", ["apartment", pytest.param("real", marks=[pytest.mark.assets, pytest.mark.long])]
+)
 def test_a_furnished_layouts_loose_objects_start_settled(generated, dataset):
     """In a simulation of its own: they are where they settle, and stay there beside the others."""
     source, (episode, *_) = generated("HabPick-v1", dataset, scene="apt_0")

@@ -3,13 +3,11 @@
 import copy
 import math
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from habitat_entries import (
     DRAWER,
-    ENTRIES,
     MARKERS,
     SCENE,
     SHELF,
@@ -20,10 +18,10 @@ from habitat_entries import (
     tidy_house,
 )
 
-from hab_tasks.episodes.habitat.convert import OWN_KEY, is_habitat, read_habitat
+from hab_tasks.episodes.habitat.convert import OWN_KEY, read_habitat
 from hab_tasks.episodes.habitat.entry import HabitatEntries
 from hab_tasks.episodes.habitat.fields import close
-from hab_tasks.episodes.schema import Episode, Rearrangement, RobotStart, write_episodes
+from hab_tasks.episodes.schema import Episode, Rearrangement, RobotStart
 from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import IDENTITY, to_matrix
 from hab_tasks.robots.robot import ROBOT
@@ -76,19 +74,6 @@ def test_poses_become_z_up(tmp_path, apartment, objects):
     np.testing.assert_allclose(world_from_bowl[:3, 0], [1, 0, 0], atol=1e-9)
 
 
-@pytest.mark.assets
-def test_scans_stand_upright(tmp_path, apartment, ycb):
-    scans = load_objects(ycb)
-    entry = set_table(rigid_objs=[["003_cracker_box.object_config.json", matrix(1, 2, 3)]])
-    entry |= {"targets": {}, "target_receptacles": [], "goal_receptacles": []}
-    (episode,) = read(tmp_path, apartment, scans, entry | {"name_to_receptacle": {}}).episodes
-    # A scan's own up axis is z: unturned in Habitat, it is unturned in the z-up world.
-    world_from_box = to_matrix(episode.objects["003_cracker_box_:0000"])
-    np.testing.assert_allclose(world_from_box[:3, :3], np.eye(3), atol=1e-9)
-    middle_m, _ = mesh_bounds(scans["003_cracker_box"].visual_file)
-    np.testing.assert_allclose(world_from_box[:3, 3] + middle_m, [1, -3, 2], atol=1e-9)
-
-
 def test_the_base_stands_and_looks_alike(tmp_path, apartment, objects):
     # xyzw; turning about Habitat's up axis y is turning about z.
     for heading_rad, yaw_rad in ((math.pi / 2, math.pi / 2), (-3.0, -3.0), (4.0, 4 - 2 * math.pi)):
@@ -96,14 +81,6 @@ def test_the_base_stands_and_looks_alike(tmp_path, apartment, objects):
         entry = set_table(start_position=[1.0, 0.1, 2.0], start_rotation=rotation)
         (episode,) = read(tmp_path, apartment, objects, entry).episodes
         assert episode.robot.base == pytest.approx((1.0, -2.0, yaw_rad), abs=1e-9)
-
-
-def test_labels_tell_the_order_of_targets(tmp_path, apartment, objects):
-    (episode,) = read(tmp_path, apartment, objects, ENTRIES["later_target_first"]).episodes
-    assert [t.object for t in episode.targets] == ["024_bowl_:0001", "013_apple_:0000"]
-    (episode,) = read(tmp_path, apartment, objects, ENTRIES["first_release"]).episodes
-    assert [t.object for t in episode.targets] == ["024_bowl_:0001", "013_apple_:0000"]
-    assert all(t.start is t.goal is None for t in episode.targets)
 
 
 def test_receptacles_suggest_the_env(tmp_path, apartment, objects):
@@ -213,30 +190,3 @@ def test_what_is_no_episode_file_is_refused(tmp_path, apartment, objects):
             read_habitat(file, apartment, objects)
     with pytest.raises(EpisodeError, match="episode 1: expected an object, found list"):
         read(tmp_path, apartment, objects, set_table(), [])
-
-
-def test_our_own_files_are_told_apart(tmp_path, apartment, objects):
-    write_episodes(read(tmp_path, apartment, objects, set_table()), tmp_path / "ours.json")
-    assert is_habitat(tmp_path / "habitat.json")
-    assert not is_habitat(tmp_path / "ours.json")
-    with pytest.raises(EpisodeError, match="not Habitat's format"):
-        read_habitat(tmp_path / "ours.json", apartment, objects)
-
-
-def test_an_episode_with_unknown_names_is_not_written(apartment, objects):
-    episode = Episode(
-        id="a",
-        scene_id=SCENE,
-        seed=1,
-        robot=RobotStart(base=(1.0, 2.0, 0.0), arm_qpos_rad=ROBOT.rest_qpos_rad),
-        objects={"024_bowl_:0000": IDENTITY},
-        targets=(Rearrangement(object="024_bowl_:0000", goal=(TABLE, "shelf_:0000/top")),),
-    )
-    for change, words in (
-        ({}, "field targets: Unknown furniture .*'shelf_:0000'"),
-        ({"joints": {"fridge_:0000": {"lid": 1.0}}}, "field joints: Unknown joint .*'lid'"),
-        ({"objects": {"spoon_:0000": IDENTITY}, "targets": ()}, "Unknown object template 'spoon'"),
-        ({"scene_id": "v3_sc9"}, "field scene_id: Unknown scene"),
-    ):
-        with pytest.raises(EpisodeError, match=f"episode 'a', .*{words}"):
-            HabitatEntries(apartment, objects).to_entry(replace(episode, **change))

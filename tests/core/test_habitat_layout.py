@@ -4,14 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from builders import tiny_dataset
 
 from hab_tasks.episodes.habitat.fields import object_frame
-from hab_tasks.episodes.habitat.layout import HABITAT_MARKERS, HabitatLayout, urdf_link_ids
-from hab_tasks.errors import DatasetError, UnknownNameError
+from hab_tasks.episodes.habitat.layout import HabitatLayout, urdf_link_ids
+from hab_tasks.errors import DatasetError
 from hab_tasks.geometry import IDENTITY, pose
 from hab_tasks.scenes.habitat.dataset import resolve_dataset
-from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.objects import load_objects
 from hab_tasks.scenes.spec import (
     ArticulationInstance,
@@ -165,52 +163,6 @@ def test_the_nearest_receptacle_of_a_body_is_meant_unless_it_is_named(layout):
     assert layout.receptacle("cupboard_:0000", 0, "seat", point)[0] == "high", "not on that body"
     assert layout.receptacle(None, None, "seat", np.array([0.9, 5, 0])) == ("seat", "stool_:0001")
     assert layout.receptacle(None, None, None, point) is None
-
-
-def test_unknown_places_are_named_with_the_valid_ones(layout):
-    for arguments, words in (
-        (("cupboard_:0000", 7, None), ("link of cupboard_:0000 '7'", "-1, 0, 1")),
-        (("cupboard_:0001", 0, None), ("furniture in room 'cupboard_:0001'", "cupboard_:0000")),
-        (("stool_:0002", None, None), ("body with receptacles", "stool_:0000")),
-        ((None, None, "lowest"), ("receptacle in room 'lowest'", "Did you mean 'low'")),
-    ):
-        with pytest.raises(UnknownNameError) as error:
-            layout.receptacle(*arguments, np.zeros(3))
-        assert all(word in str(error.value) for word in words), arguments
-
-
-def test_bodies_and_joints_by_number(layout):
-    assert layout.instance_and_link("cupboard_:0000/leaf") == ("cupboard_:0000", 1)
-    assert layout.instance_and_link("stool_:0001") == ("stool_:0001", None)
-    assert layout.joint("cupboard_:0000", 1) == "door"
-    assert layout.link_of_joint("cupboard_:0000", "door") == 1
-    for look_up, word in (
-        (lambda: layout.instance_and_link("cupboard_:0000/lid"), "'lid'"),
-        (lambda: layout.joint("cupboard_:0000", 0), "Valid: 1"),  # a fixed joint does not move
-        (lambda: layout.link_of_joint("cupboard_:0000", "lift"), "Valid: door"),
-    ):
-        with pytest.raises(UnknownNameError, match=word):
-            look_up()
-
-
-def test_scene_files_give_layouts(tmp_path):
-    dataset = resolve_dataset(tiny_dataset(tmp_path / "tiny"))
-    tiny = HabitatLayout(load_scene(dataset, "v3_sc0_staging_00"))
-    assert tiny.instance_and_link("chest_:0000/drawer") == ("chest_:0000", 0)
-    assert tiny.joint("chest_:0000", 0) == "slide"
-    assert tiny.markers("cab_push_point_1") == [], "no kitchen, no markers"
-
-
-def test_markers_are_habitats_own_in_its_order():
-    layout = HabitatLayout(load_scene(resolve_dataset("apartment"), "v3_sc0_staging_00"))
-    markers = layout.markers(None)
-    assert [marker["name"] for marker in markers] == list(HABITAT_MARKERS)
-    assert markers[-1] == {
-        "name": "fridge_push_point",
-        "type": "articulated_object",
-        "params": {"offset": [0.1, -0.62, 0.2], "link": "top_door", "object": "fridge_:0000"},
-    }
-    assert [m["name"] for m in layout.markers("cab_push_point_1")][5:] == ["cab_push_point_1"]
 
 
 # Frames ----------------------------------------------------------------------------------------

@@ -244,34 +244,3 @@ def test_the_command_tells_what_habitat_does_not_read(tmp_path, apartment, objec
     back = read_habitat(tmp_path / "back.json", apartment, objects)
     assert back.seed == 3
     assert (back.episodes[0].held, back.episodes[0].seed) == ("024_bowl_:0000", 5)
-
-
-def test_the_command_refuses_bad_options(tmp_path, apartment, objects, capsys):
-    read(tmp_path, apartment, objects, set_table())
-    for options, words in (
-        (["--env", "HabPik-v1"], "Did you mean 'HabPick-v1'"),
-        (["--scene-dataset", "apartmnt"], "Did you mean 'apartment'"),
-        (["--objects", "/nowhere"], "/nowhere"),
-    ):
-        assert convert(tmp_path / "habitat.json", "--out", tmp_path / "x.json", *options) == 2
-        assert words in capsys.readouterr().err
-        assert not (tmp_path / "x.json").exists()
-
-
-def test_the_command_replaces_a_file_only_when_told(tmp_path, apartment, objects, capsys):
-    read(tmp_path, apartment, objects, set_table())
-    source, out = tmp_path / "habitat.json", tmp_path / "x.json"
-    out.write_text("precious")
-    assert convert(source, "--out", out) == 2
-    assert "--force" in capsys.readouterr().err
-    assert out.read_text() == "precious"
-    assert convert(source, "--out", out, "--env", "HabPick-v1", "--force") == 0
-    assert read_episodes(out).env == "HabPick-v1"
-
-
-@pytest.mark.assets
-def test_the_command_asks_for_the_right_dataset(tmp_path, apartment, objects, replica_cad, capsys):
-    read(tmp_path, apartment, objects, set_table())
-    options = ("--scene-dataset", replica_cad, "--out", tmp_path / "x.json")
-    assert convert(tmp_path / "habitat.json", *options) == 2
-    assert "made for the scene dataset apartment, not for replicaCAD" in capsys.readouterr().err

@@ -13,7 +13,6 @@ from hab_tasks.navigation import (
     path_between,
     poses_reaching,
 )
-from hab_tasks.navigation import navigation_map as module
 from hab_tasks.privileged import CollisionBody, CollisionShape
 from hab_tasks.robots.control_modes import BASE_CELLS
 from hab_tasks.scenes.floor import CELL_M, floor_between
@@ -74,16 +73,6 @@ def test_clearance_is_never_overstated():
     # A corner that touches a cell costs at most the cell's diagonal and half a cell.
     assert (floor.clearance_m <= true + 0.01).all()
     assert (floor.clearance_m >= true - 1.5 * np.sqrt(2) * CELL_M).all()
-
-
-def test_the_room_is_as_large_as_the_base_leaves_it():
-    corners = rectangle(*ROOM)
-    floor = floor_between([], corners, 0.3)
-    # The middle of the base stays 0.3 m from all sides: 5.4 x 3.4 m.
-    assert floor.room.sum() * CELL_M**2 == pytest.approx(5.4 * 3.4, rel=0.02)
-    split = floor_between([rectangle(2.0, 0.0, 2.1, 4.0)], corners, 0.3)
-    # The larger part is 3.9 m wide.
-    assert split.room.sum() * CELL_M**2 == pytest.approx(3.3 * 3.4, rel=0.03)
 
 
 def test_a_rug_and_a_lamp_overhead_are_no_obstacles():
@@ -159,19 +148,6 @@ def test_points_that_are_not_free_go_to_the_nearest_free_place_first():
     assert map_.is_free(map_.nearest_free(points)).all()
 
 
-def test_fields_are_kept_for_each_map_and_goal(monkeypatch):
-    goal = np.array([1.0, 3.0])
-    first, other = room(), room(wall=(4.0, 0.0, 4.1, 2.5))
-    field = first.geodesic_field(goal)
-    assert room().geodesic_field(goal) is field
-    assert other.geodesic_field(goal) is not field
-    monkeypatch.setattr(module, "KEPT_FIELDS", 2)
-    module._fields.clear()
-    fields = [first.geodesic_field(goal + np.array((0.1 * k, 0))) for k in range(3)]
-    assert len(module._fields) == 2
-    assert first.geodesic_field(goal + np.array((0.2, 0))) is fields[2]
-
-
 # Ways and poses --------------------------------------------------------------------------------
 
 
@@ -187,14 +163,6 @@ def test_ways_are_free_and_as_short_as_their_distance():
         distance = float(geodesic_distance(map_, start, map_.geodesic_field(goal)))
         assert length(path) <= 1.03 * distance + CELL_M
         assert length(path) >= 0.97 * distance - CELL_M
-
-
-def test_a_straight_way_has_two_points_and_one_from_a_tight_place_leaves_it_first():
-    map_ = room()
-    path = path_between(map_, np.array([1.0, 1.0]), np.array([2.0, 3.0]))
-    assert np.allclose(path, [(1.0, 1.0), (2.0, 3.0)])
-    path = path_between(map_, np.array([2.9, 1.0]), np.array([1.0, 1.0]))
-    assert np.allclose(path, [(2.9, 1.0), (2.7, 1.0), (1.0, 1.0)], atol=CELL_M)
 
 
 def test_the_follower_turns_drives_and_stops():
@@ -289,15 +257,3 @@ def test_an_open_fridge_is_in_the_way(layout):
     lost_m2 = CELL_M**2 * float((closed.free & ~opened.free).sum())
     assert 0.15 < lost_m2 < 0.55
     assert CELL_M**2 * float((opened.free & ~closed.free).sum()) < 0.1
-
-
-@pytest.mark.assets
-def test_the_map_is_the_simulators(layout):
-    from hab_tasks.episodes.sandbox import PlacementSandbox
-
-    sandbox = PlacementSandbox(layout.spec, {})
-    bodies = [b for b in sandbox.bodies.values() if b.group != "object"]
-    simulated = NavigationMap.of_bodies(
-        bodies, {b.name: sandbox.world_from(b.name) for b in bodies}
-    )
-    assert (simulated.free == NavigationMap.of_layout(layout).free).mean() > 0.9995

@@ -5,7 +5,6 @@ import pytest
 import trimesh
 from faulty_data import navmesh_bytes
 
-from hab_tasks.errors import DatasetError
 from hab_tasks.layouts.checks import free_range
 from hab_tasks.layouts.standing import FloorPlan
 from hab_tasks.scenes.floor import CELL_M, Footprint, largest_area, touched
@@ -13,7 +12,7 @@ from hab_tasks.scenes.habitat.dataset import SceneDataset, embedded_dataset
 from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.habitat.navmesh import read_navmesh, read_navmesh_bounds
 from hab_tasks.scenes.layout_geometry import STAGE, Bodies, Layout, depth_m
-from hab_tasks.scenes.walls import cover, cut, walls_between, walls_in_mesh
+from hab_tasks.scenes.walls import cut, walls_between, walls_in_mesh
 
 SHELL_PARTS = 5
 """Floor and outer walls come before inner walls."""
@@ -56,20 +55,6 @@ def test_areas_islands_and_heights(tmp_path):
     assert np.isfinite(only).sum() == 20 * 10
     points = np.array([(0.5, 0.5), (2.5, 0.5), (4.0, 1.9), (4.0, 2.1)])
     assert navmesh.contains(points).tolist() == [True, False, True, False]
-
-
-def test_a_damaged_file_is_named(tmp_path):
-    file = tmp_path / "scene.navmesh"
-    good = navmesh_bytes([(0, 0, 1, 1, 0, 0)])
-    for data, message in (
-        (good[:300], "cut short or damaged"),
-        (good.replace(b"VAND", b"vand"), "no Detour tile"),
-        (good[:4] + b"\x01" + good[5:], "version 2 with one tile"),
-        (good + good[good.find(b"VAND") :], "version 2 with one tile"),
-    ):
-        file.write_bytes(data)
-        with pytest.raises(DatasetError, match=rf"scene\.navmesh: .*{message}"):
-            read_navmesh(file)
 
 
 @pytest.fixture(scope="module")
@@ -159,15 +144,6 @@ def test_furniture_is_cut_out_of_walls(tmp_path):
     assert clear.all()
     low = boxes[boxes[:, 4] == 1.0][0]
     assert low[:4] == pytest.approx((3.1, 2.45, 3.2, 3.05), abs=0.051)
-
-
-def test_rectangles_cover_an_l_and_leave_out_slivers():
-    cells = np.zeros((20, 20), dtype=bool)
-    cells[2:6, 2:18] = True
-    cells[2:18, 2:6] = True
-    cells[10, 10:18] = True
-    found = cover(cells.copy(), cells, (0, 0, 20, 20))
-    assert sorted(found) == [(2, 2, 6, 18), (2, 2, 18, 6)]
 
 
 # Walls from a mesh -----------------------------------------------------------------------------

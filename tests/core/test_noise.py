@@ -84,18 +84,6 @@ def test_raw_textures_get_the_noise_of_the_images_made_of_them():
     assert (raw["PositionSegmentation"][..., 3] == 17).all()
 
 
-def test_textures_in_metres_and_shares_are_as_noisy_as_integers():
-    noise = source(depth_at_1_m_m=0.01, rgb_levels=5.0)
-    images = seen(
-        noise,
-        Position=plain(0.0, 0.0, -2.0, dtype=torch.float32),
-        Color=plain(0.5, 0.5, 0.5, dtype=torch.float32),
-    )
-    # 4 cm at 2 m; 5 of 255 levels.
-    assert abs(spread(images["Position"][..., 2], -2.0)[0] / 0.04 - 1) < 0.02
-    assert abs(spread(images["Color"], 0.5)[0] / (5 / 255) - 1) < 0.02
-
-
 def test_colours_are_off_by_levels_and_stay_colours():
     noise = source(rgb_levels=10.0)
     rgb = seen(noise, rgb=plain(128, 0, 255, dtype=torch.uint8))["rgb"]
@@ -130,14 +118,6 @@ def samples(noise, steps=3):
         found.append(noise.joints(torch.zeros(len(noise.get_state()["seeds"]), 7)))
         noise.advance()
     return torch.stack(found)
-
-
-def test_looking_twice_gives_the_same_and_each_step_another():
-    noise = source()
-    assert torch.equal(noise.joints(torch.zeros(1, 7)), noise.joints(torch.zeros(1, 7)))
-    first, second, third = samples(noise)
-    assert not torch.equal(first, second)
-    assert not torch.equal(second, third)
 
 
 def test_an_episodes_noise_is_its_own_and_that_of_no_other_row():

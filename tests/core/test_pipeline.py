@@ -15,7 +15,7 @@ from PIL import Image
 from textured import box_at, textured_dataset
 
 from hab_tasks.cli import main
-from hab_tasks.errors import DatasetError, HabError, UnknownNameError
+from hab_tasks.errors import DatasetError, HabError
 from hab_tasks.files import ASIDE
 from hab_tasks.pipeline import optimise
 from hab_tasks.pipeline.options import AssetOptions
@@ -166,19 +166,6 @@ def test_the_source_is_never_written_to(tmp_path):
             optimise.optimise(source, tmp_path / out, AssetOptions(), force=True)
 
 
-def test_bad_options():
-    for options, message in (
-        ({"collision": "hul"}, "Did you mean 'hull'"),
-        ({"texture_format": "jpg"}, "png"),
-        ({"decimate": 0.0}, r"--decimate 0\.0"),
-        ({"decimate": 1.5}, r"--decimate 1\.5"),
-        ({"decimate": float("nan")}, "--decimate nan"),
-        ({"texture_px": 0}, "--texture-size 0"),
-    ):
-        with pytest.raises((UnknownNameError, HabError), match=message):
-            AssetOptions(**options)
-
-
 def test_command_line(tmp_path, capsys):
     textured_dataset(tmp_path / "source")
     arguments = ["assets", str(tmp_path / "source"), "--out", str(tmp_path / "out")]
@@ -196,19 +183,6 @@ def test_command_line(tmp_path, capsys):
     assert "coacd, hull, merged-hull" in capsys.readouterr().err
     assert main([*arguments, "--force", "--objects", str(tmp_path / "nowhere")]) == 2
     assert "nowhere" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_two_workers_make_the_same_files(tmp_path, monkeypatch):
-    source = textured_dataset(tmp_path / "source")
-    copy(source, tmp_path / "one")
-    monkeypatch.setenv("HAB_CACHE_DIR", str(tmp_path / "other"))
-    seen = []
-    optimise.optimise(
-        source, tmp_path / "two", AssetOptions(), workers=2, progress=lambda *at: seen.append(at)
-    )
-    assert listing(tmp_path / "two") == listing(tmp_path / "one")
-    assert seen == [(done, 5) for done in range(6)]
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import sapien
 import trimesh
 from textured import box_at
 
-from hab_tasks.pipeline.collision import MAX_PARTS, merge_parts, write_parts
+from hab_tasks.pipeline.collision import MAX_PARTS, write_parts
 from hab_tasks.pipeline.options import AssetOptions
 from hab_tasks.scenes.meshes import mesh_bounds, parts_volume
 
@@ -32,14 +32,6 @@ def corner_shape() -> trimesh.Trimesh:
     outline = [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)]
     triangles = [(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5)]
     return trimesh.creation.extrude_triangulation(np.array(outline, float), triangles, 1.0)
-
-
-def test_merging_takes_the_parts_that_leave_no_gap():
-    # Two pairs of touching cubes: each pair becomes a box of 2, none is joined across the gap.
-    cubes = [box_at(x, 0, 0) for x in (0, 1, 5, 6)]
-    merged = merge_parts([np.asarray(cube.vertices) for cube in cubes], most=2)
-    volumes = [trimesh.convex.convex_hull(points).volume for points in merged]
-    assert volumes == pytest.approx([2.0, 2.0])
 
 
 def test_parts_of_a_visual_mesh(tmp_path):
@@ -83,21 +75,6 @@ def test_many_parts_become_few(tmp_path):
     write_parts(own, own, AssetOptions(), tmp_path / "parts.glb")
     assert len(trimesh.load_scene(tmp_path / "parts.glb").dump()) == MAX_PARTS
     assert parts_volume(tmp_path / "parts.glb") == pytest.approx(36.0)
-
-
-def test_parts_in_an_stl_can_be_told_apart(tmp_path):
-    own = export(tmp_path / "own.glb", box_at(0, 0, 0), box_at(1, 0, 0), box_at(2, 0, 0))
-    write_parts(own, own, AssetOptions(), tmp_path / "parts.stl")
-    pieces = trimesh.load_mesh(tmp_path / "parts.stl").split()
-    assert [piece.volume for piece in pieces] == pytest.approx([1.0] * 3, rel=1e-3)
-
-
-def test_a_flat_mesh_becomes_a_thin_part(tmp_path):
-    sheet = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
-    visual = export(tmp_path / "sheet.glb", sheet)
-    write_parts(None, visual, AssetOptions(collision="hull"), tmp_path / "parts.glb")
-    # One thousandth of its diagonal thick.
-    assert parts_volume(tmp_path / "parts.glb") == pytest.approx(np.sqrt(2) / 1000, rel=1e-3)
 
 
 def resting_height_m(parts: Path, radius_m: float) -> float | None:

@@ -6,7 +6,6 @@ import sapien
 import torch
 from builders import box_glb, cpu_scene, tiny_dataset, tiny_scene, write_json, write_scene
 
-from hab_tasks.errors import EpisodeError
 from hab_tasks.scenes.collision_groups import FLOOR_BIT
 from hab_tasks.scenes.habitat.dataset import SceneDataset, resolve_dataset
 from hab_tasks.scenes.habitat.load import load_scene
@@ -188,12 +187,3 @@ def test_what_is_not_shown_is_not_met(tiny):
         assert {b for c in room.scene.px.get_contacts() for b in c.bodies} <= shown
     # On the floor, whatever side it lies on: half of 0.1, 0.2 or 0.3 m.
     assert float(cube.pose.p[0, 2]) < 0.16
-
-
-def test_other_pickables_replace_the_ones_before(tiny):
-    room = Room().show(tiny[0], objects=PICKABLES).show(tiny[0], objects=PICKABLES[1:2])
-    assert list(room.scene_bodies.pickables) == [PICKABLES[1]]
-    assert PICKABLES[0] not in room.entities()
-    assert PICKABLES[0] not in room.state_keys()["actors"]
-    with pytest.raises(EpisodeError, match=r"'077_rubiks_cube'.*024_bowl"):
-        room.show(tiny[0], objects=("077_rubiks_cube_:0000",))

@@ -12,9 +12,7 @@ from pathlib import Path
 import pytest
 from worker_jobs import pid_soon, surroundings
 
-from hab_tasks.errors import FileError, UnknownNameError, WorkerError
-from hab_tasks.files import check_file
-from hab_tasks.options import check_options
+from hab_tasks.errors import WorkerError
 from hab_tasks.processes import worker_pool
 
 KILLED = """
@@ -141,18 +139,6 @@ def test_a_worker_killed_at_the_end_does_not_block_the_others(victim):
 def continued(pid):
     with contextlib.suppress(ProcessLookupError):
         os.kill(pid, signal.SIGCONT)
-
-
-def test_an_error_of_a_worker_is_told_as_it_was_raised(tmp_path):
-    with worker_pool(1) as pool:
-        (tmp_path / "file").touch()
-        there = pool.submit(check_file, tmp_path / "file", force=False)
-        unknown = pool.submit(check_options, "hab-tasks", {"list": object}, ["lisp"])
-        with pytest.raises(FileError, match=r"/file exists; give --force") as caught:
-            there.result()
-        assert caught.value.path == tmp_path / "file"
-        with pytest.raises(UnknownNameError, match="Did you mean 'list'"):
-            unknown.result()
 
 
 def wait_until_gone(*pids):

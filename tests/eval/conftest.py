@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -33,6 +34,21 @@ def start_cli() -> Callable[..., subprocess.Popen[str]]:
     """Starts `hab-eval` on the stub in a process group of its own."""
 
     return stub_runs.start
+
+
+@pytest.fixture
+def wait_for_episodes() -> Callable[[subprocess.Popen[str], Path, int], None]:
+    """Waits until a run has finished a number of episodes."""
+
+    def wait(process: subprocess.Popen[str], out: Path, count: int) -> None:
+        journal, deadline_s = out / "episodes.jsonl", time.monotonic() + 120
+        while time.monotonic() < deadline_s and process.poll() is None:
+            if journal.is_file() and len(journal.read_text().splitlines()) >= count:
+                return
+            time.sleep(0.02)
+        pytest.fail(f"no {count} episodes: {process.communicate(timeout=5)}")
+
+    return wait
 
 
 @pytest.fixture

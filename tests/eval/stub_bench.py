@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 
 import torch
-from hab_eval.bench.memory import Memory
 from hab_eval.bench.motion import Motion
 from hab_eval.bench.process import StepTiming, time_steps
 
@@ -76,12 +75,12 @@ class CountedEnv:
     """
 
     def __init__(self) -> None:
-        self.asked: list[tuple[int, Motion]] = []
+        self.counts: list[int] = []
         self._resets = 0
 
     def run_steps(self, motion: Motion) -> StepTiming:
         count = (10, 30, 100)[self._resets % 3]
-        self.asked.append((count, motion))
+        self.counts.append(count)
         outside_s = (1e-3 + 1e-6 * count) * 2.0 ** (self._resets // 3)
         engine_s = 1e-3 * motion.count
         total_s = engine_s + outside_s * motion.count
@@ -120,7 +119,3 @@ class Vector:
 
     def close(self) -> None:
         self._calls.append((self._size, "close"))
-
-
-def memory(rss_mb: float, pss_mb: float, uss_mb: float) -> Memory:
-    return Memory(rss_mb=rss_mb, pss_mb=pss_mb, uss_mb=uss_mb)

@@ -1,6 +1,5 @@
 """Damaged cache entries are rebuilt once; an unwritable cache is not used."""
 
-import json
 import logging
 import os
 import subprocess
@@ -11,27 +10,18 @@ from pathlib import Path
 import pytest
 import trimesh
 from builders import box_glb
-from faulty_data import NAVMESH, cut, folder, loop, pipe, read_as_env, text, whole_dataset
+from faulty_data import NAVMESH, cut, folder, pipe, read_as_env, text, whole_dataset
 from refusals import check_each
 from textured import textured_dataset
 
 from hab_tasks import cache
-from hab_tasks.cache import cache_dir, cached, read_cached, write_cached
-from hab_tasks.errors import DatasetError, EpisodeError
+from hab_tasks.cache import cache_dir, cached
+from hab_tasks.errors import DatasetError
 from hab_tasks.pipeline.optimise import optimise
 from hab_tasks.pipeline.options import AssetOptions
 from hab_tasks.robots.light_visuals import light_mesh
 from hab_tasks.scenes import mesh_checks, meshes
 from hab_tasks.scenes.habitat.dataset import SceneDataset
-
-DAMAGE = {
-    "empty": text(b""),
-    "cut": cut(0.6),
-    "garbage": text(b"nothing of the kind" * 40),
-    "folder": folder,
-    "pipe": pipe,
-    "loop": loop,
-}
 
 
 @pytest.fixture(autouse=True)
@@ -86,13 +76,6 @@ def copied(root):
     return make
 
 
-KINDS = (walls, parts, light, copied)
-
-
-def said(caplog, words):
-    return [r.getMessage() for r in caplog.records if words in r.getMessage()]
-
-
 def test_a_damaged_entry_is_made_anew_with_one_warning(tmp_path, monkeypatch, caplog):
     def check(case):
         kind, damage = case
@@ -107,7 +90,7 @@ def test_a_damaged_entry_is_made_anew_with_one_warning(tmp_path, monkeypatch, ca
         forget()
         caplog.clear()
         assert make() == first
-        warnings = said(caplog, "damaged cache entry")
+        warnings = [line for line in caplog.messages if "damaged cache entry" in line]
         # Walls of a layout come from the walls of its stage, which are not looked at before.
         assert 1 <= len(warnings) <= len(made)
         assert all(any(str(entry) in line for entry in made) for line in warnings)
@@ -118,32 +101,9 @@ def test_a_damaged_entry_is_made_anew_with_one_warning(tmp_path, monkeypatch, ca
         assert not caplog.records
 
     caplog.set_level(logging.WARNING)
-    cases = {f"{kind.__name__} cut": (kind, DAMAGE["cut"]) for kind in KINDS}
-    check_each(cases | {name: (parts, damage) for name, damage in DAMAGE.items()}, check)
-
-
-def number(path):
-    return json.loads(path.read_text())["number"]
-
-
-def write_number(path):
-    path.write_text('{"number": 7}')
-
-
-def test_whatever_reading_raises_the_entry_counts_as_absent(caplog):
-    def check(error):
-        write_cached("a/b.json", write_number)
-
-        def read(path):
-            raise error
-
-        assert read_cached("a/b.json", read) is None
-        assert cached("a/b.json", write_number, number) == 7
-
-    assert read_cached("a/b.json", number) is None
-    assert not caplog.records  # an absent entry is no news
-    errors = (EpisodeError("x: bad"), DatasetError("y"), OSError(5, "I/O"), KeyError("a"))
-    check_each({repr(error): error for error in errors}, check)
+    cases = {f"{kind.__name__} cut": (kind, cut(0.6)) for kind in (walls, parts, light, copied)}
+    cases["garbage"] = (parts, text(b"nothing of the kind" * 40))
+    check_each(cases | {"folder": (parts, folder), "pipe": (parts, pipe)}, check)
 
 
 def test_without_a_cache_the_result_is_the_same(tmp_path, monkeypatch, caplog):
@@ -156,13 +116,12 @@ def test_without_a_cache_the_result_is_the_same(tmp_path, monkeypatch, caplog):
         use(chosen, monkeypatch)
         caplog.clear()
         assert [make(), make()] == [first, first]
-        (warning,) = said(caplog, "HAB_CACHE_DIR")
+        (warning,) = [text for text in caplog.messages if "HAB_CACHE_DIR" in text]
         assert str(chosen) in warning
 
     caplog.set_level(logging.WARNING)
-    names = ("file", "file/cache", "link", "a" * 300)
-    places = {name[:20]: tmp_path / name for name in names} | {"proc": Path("/proc/hab_tasks")}
-    check_each(places, check)
+    names = ("file", "file/cache", "link", "/proc/hab_tasks")
+    check_each({name: tmp_path / name for name in names}, check)
     assert (tmp_path / "file").read_text() == "mine"
 
 
@@ -170,13 +129,13 @@ def test_a_full_disk_is_done_without(caplog):
     def full(path):
         if path.is_relative_to(cache_dir()):
             raise OSError(28, "No space left on device")
-        write_number(path)
+        path.write_text("7")
 
     caplog.set_level(logging.WARNING)
-    assert cached("a.json", full, number) == 7
-    assert cached("a.json", full, number) == 7
-    (record,) = caplog.records
-    assert "No space left on device" in record.getMessage()
+    assert cached("a", full, Path.read_text) == "7"
+    assert cached("a", full, Path.read_text) == "7"
+    (message,) = caplog.messages
+    assert "No space left on device" in message
     assert [p for p in cache_dir().rglob("*") if not p.is_dir()] == []
 
 
@@ -185,7 +144,7 @@ def test_a_fault_of_the_data_is_no_fault_of_the_cache(caplog):
         raise DatasetError("table.glb: damaged") from OSError(5, "I/O error")
 
     with pytest.raises(DatasetError, match=r"table\.glb"):
-        cached("a.json", fail, number)
+        cached("a", fail, Path.read_text)
     assert not caplog.records
 
 
@@ -194,12 +153,7 @@ def test_without_a_name_the_cache_is_in_the_home_folder(monkeypatch, tmp_path):
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setenv("HAB_CACHE_DIR", "")
     assert cache_dir() == tmp_path / ".cache/hab_tasks"
-    monkeypatch.delenv("HAB_CACHE_DIR")
-    assert cache_dir() == tmp_path / ".cache/hab_tasks"
     assert not cache_dir().exists(), "asking where it is must not make it"
-
-
-ALONE = 'import gymnasium as gym; gym.make("hab_tasks:HabPick-v1").reset(seed=0)'
 
 
 @pytest.mark.slow
@@ -208,7 +162,7 @@ def test_an_environment_writes_nothing_of_ours_into_an_empty_home(tmp_path):
     env |= {"HOME": str(tmp_path / "home"), "TMPDIR": str(tmp_path / "tmp")}
     for name in ("home", "tmp"):
         (tmp_path / name).mkdir()
-    done = subprocess.run([sys.executable, "-c", ALONE], env=env, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr[-2000:]
+    code = 'import gymnasium as gym; gym.make("hab_tasks:HabPick-v1").reset(seed=0)'
+    subprocess.run([sys.executable, "-c", code], env=env, check=True)
     assert not list((tmp_path / "home").rglob("*hab*"))
     assert not list((tmp_path / "tmp").glob("hab_tasks-*")), "the run's own folder is left"

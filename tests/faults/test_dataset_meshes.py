@@ -6,9 +6,7 @@ import struct
 import tempfile
 from pathlib import Path
 
-import numpy as np
 import pytest
-import trimesh
 from builders import box_glb, cpu_scene, write_json
 from faulty_data import (
     NAVMESH,
@@ -20,7 +18,6 @@ from faulty_data import (
     cut,
     folder,
     glb_bytes,
-    loop,
     navmesh_bytes,
     pipe,
     put,
@@ -34,24 +31,12 @@ from faulty_data import (
 from refusals import check_each, refused_by_call, refused_by_command
 
 from hab_tasks.cli import main
-from hab_tasks.scenes.habitat.navmesh import read_navmesh, read_navmesh_bounds
-from hab_tasks.scenes.mesh_checks import check_mesh
 from hab_tasks.scenes.pool import BodyPool
 
 
 def entry(kind, number, **values) -> Damage:
     """Changes an entry of one of a GLB's lists."""
     return rewrite_glb(lambda document, body: document[kind][number].update(values))
-
-
-def document(**values) -> Damage:
-    """Changes a GLB's document."""
-    return rewrite_glb(lambda document, body: document.update(values))
-
-
-def primitive(**values) -> Damage:
-    """Changes the part of a GLB's mesh."""
-    return rewrite_glb(lambda document, body: document["meshes"][0]["primitives"][0].update(values))
 
 
 def corner(value: float) -> Damage:
@@ -90,16 +75,11 @@ GLB: dict[str, Damage] = {
     "garbage": text(glb_bytes(bytes(range(32, 128)), bytes(64))),
     "list": text(glb_bytes(b"[]", bytes(64))),
     "no mesh": text(glb_bytes(b'{"asset":{"version":"2.0"}}', bytes(64))),
-    "mesh number": document(meshes=3),
-    "no parts": document(meshes=[{"primitives": []}]),
-    "no corners": primitive(attributes={}),
-    "negative corners": primitive(attributes={"POSITION": -1}),
-    "unknown indices": primitive(indices=99),
-    "unknown normals": primitive(attributes={"POSITION": 1, "NORMAL": 99}),
+    "no corners": entry("meshes", 0, primitives=[{"attributes": {}}]),
+    "no such corners": entry("meshes", 0, primitives=[{"attributes": {"POSITION": -1}}]),
     "count too large": entry("accessors", 1, count=10**6),
     "count negative": entry("accessors", 1, count=-1),
     "unknown kind": entry("accessors", 1, componentType=1),
-    "offset too large": entry("accessors", 1, byteOffset=10**6),
     "unknown view": entry("accessors", 1, bufferView=77),
     "view too long": entry("bufferViews", 1, byteLength=10**6),
     "view in no buffer": entry("bufferViews", 1, buffer=3),
@@ -111,11 +91,10 @@ GLB: dict[str, Damage] = {
     "node cycle": entry("nodes", 0, children=[0]),
     "node unknown": entry("nodes", 0, children=[9]),
     "node of no mesh": entry("nodes", 0, mesh=4),
-    "pipe": pipe,
     "folder": folder,
-    "loop": loop,
+    "pipe": pipe,
 }
-IN_EVERY_ROLE = ("corner nan", "folder", "loop")
+IN_EVERY_ROLE = ("corner nan", "folder")
 
 ROLES = {
     "collision": "objects/convex.glb",
@@ -133,11 +112,8 @@ def data(tmp_path_factory):
     root = whole_dataset(tmp_path_factory.mktemp("meshes") / "data")
     for name in ("objects/convex.glb", "stages/room.glb", "stages/convex.glb"):
         box_glb(root / name, (1.0, 0.8, 0.6))
-    config = {"render_asset": "../../objects/table.glb", "mass": 18}
-    config["collision_asset"] = "../../objects/convex.glb"
-    write_json(root / TABLE, config)
-    stage = {"render_asset": "../../stages/room.glb", "collision_asset": "../../stages/convex.glb"}
-    write_json(root / STAGE, stage)
+    put("collision_asset", value="../../objects/convex.glb")(root / TABLE)
+    put("collision_asset", value="../../stages/convex.glb")(root / STAGE)
     return root
 
 
@@ -199,26 +175,18 @@ def test_garbage_in_other_formats_is_named(data, tmp_path):
         put(key, value=f"../../objects/other{suffix}")(root / TABLE)
         refused_everywhere(root, f"other{suffix}")
 
-    suffixes = (".obj", ".ply", ".stl", ".dae", ".xyz")
-    cases = {suffix: ("render_asset", suffix) for suffix in suffixes}
+    cases = {suffix: ("render_asset", suffix) for suffix in (".obj", ".stl", ".xyz")}
     check_each(cases | {"collision": ("collision_asset", ".obj")}, check)
 
 
-def test_a_glb_that_is_in_order_is_read(tmp_path):
-    mesh = trimesh.creation.icosphere()
-    scene = trimesh.Scene([mesh, mesh.copy().apply_translation((2, 0, 0))])
-    scene.export(tmp_path / "two.glb")
-    check_mesh(tmp_path / "two.glb")
-
-
-ROOM = [(0, 0, 2, 2, 0.1, 0.1), (2, 0, 3, 2, 0.1, 0.1)]
-TILE_AT = navmesh_bytes(ROOM).find(b"VAND")
+TILE_AT = navmesh_bytes([(0, 0, 2, 2, 0.1, 0.1)]).find(b"VAND")
+CORNERS_AT = TILE_AT + 100
+POLYGONS_AT = CORNERS_AT + 8 * 12
 
 NAVMESHES: dict[str, Damage] = {
-    "empty": text(b""),
     "no tile": text(b"nothing of the kind" * 20),
     "cut header": cut(0.3),
-    "two tiles": text(2 * navmesh_bytes(ROOM)),
+    "two tiles": lambda file: file.write_bytes(2 * file.read_bytes()),
     "version": written(4, "i", 9),
     "cell zero": written(40, "f", 0.0),
     "radius negative": written(TILE_AT + 64, "f", -1.0),
@@ -226,10 +194,9 @@ NAVMESHES: dict[str, Damage] = {
     "bounds swapped": written(TILE_AT + 72, "f", 9.0),
     "no polygons": written(TILE_AT + 24, "i", 0),
     "polygons many": written(TILE_AT + 24, "i", 2**31 - 1),
-    "corner nan": written(TILE_AT + 100, "f", math.nan),
-    "corner unknown": written(TILE_AT + 100 + 8 * 12 + 4, "H", 999),
-    "polygon of 9": written(TILE_AT + 100 + 8 * 12 + 30, "B", 9),
-    "pipe": pipe,
+    "corner nan": written(CORNERS_AT, "f", math.nan),
+    "corner unknown": written(POLYGONS_AT + 4, "H", 999),
+    "polygon of 9": written(POLYGONS_AT + 30, "B", 9),
 }
 
 
@@ -240,12 +207,8 @@ def test_a_damaged_navmesh_is_named(tmp_path):
         root = whole_dataset(Path(tempfile.mkdtemp(dir=tmp_path)) / "data")
         NAVMESHES[damage](root / NAVMESH)
         refused_by_command(main, ["check", root], name)
-        refused_by_call(lambda: read_navmesh(root / NAVMESH), name)
-        if damage in ("no tile", "cut header", "bounds nan", "pipe"):
+        if damage in ("no tile", "cut header", "bounds nan"):
             # A stage without a mesh needs no more than bounds that make sense.
             refused_by_call(lambda: read_as_env(root), name)
-            refused_by_call(lambda: read_navmesh_bounds(root / NAVMESH), name)
 
     check_each({damage: damage for damage in NAVMESHES}, check)
-    navmesh = read_navmesh(whole_dataset(tmp_path / "data") / NAVMESH)
-    assert np.isfinite(navmesh.corners_m).all()

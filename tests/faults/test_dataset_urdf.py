@@ -6,8 +6,6 @@ from faulty_data import (
     Damage,
     cut,
     folder,
-    loop,
-    pipe,
     read_as_env,
     refused_with,
     swap,
@@ -22,49 +20,36 @@ BOX = 'size="0.4 0.3, 0.2"'
 LIMIT = '<limit lower="0" upper="0.25" effort="10" velocity="1"/>'
 MASS = '<mass value="5"/>'
 ORIGIN = '<origin xyz="0.3, 0, 0"/>'
-MESH = '<mesh filename="body.glb" scale="1, 1, 1"/>'
 AXIS = '<axis xyz="1, 0, 0"/>'
 ENDS = '<parent link="body"/><child link="drawer"/>'
-LINK = '<link name="drawer">'
 END = "</robot>"
 
 SECOND_JOINT = '<joint name="again" type="fixed">{}</joint></robot>'
-THIRD_LINK = '<link name="leg"/>'
 
 CASES: dict[str, tuple[Damage, str]] = {
     "empty": (text(""), "not a valid URDF"),
     "cut": (cut(0.4), "not a valid URDF"),
-    "not utf-8": (text(b'<robot name="\xff\xfe"></robot>'), "not a valid URDF"),
     "deep": (text("<robot>" + 20_000 * "<a>" + 20_000 * "</a>" + "</robot>"), "nested"),
-    "entities": (
-        text('<!DOCTYPE r [<!ENTITY a "&b;&b;"><!ENTITY b "&a;">]><robot name="&a;"/>'),
-        "not a valid URDF",
-    ),
     "folder": (folder, "a folder"),
-    "pipe": (pipe, "a pipe"),
-    "loop": (loop, "cannot be read"),
     "other root": (text("<mujoco/>"), "'mujoco'"),
     "no link": (text("<robot/>"), "no link"),
     "no joint": (text('<robot><link name="body"/></robot>'), "no joint"),
     # Names and the tree
-    "nameless link": (swap(LINK, "<link>"), "a link has no name"),
-    "two links of a name": (swap(LINK, '<link name="body">'), "link 'body' is there 2 times"),
+    "nameless link": (swap('<link name="drawer">', "<link>"), "a link has no name"),
+    "two links of a name": (swap('name="drawer"', 'name="body"'), "link 'body' is there 2 times"),
     "two joints of a name": (
         swap(END, f'<link name="b"/><joint name="slide" type="fixed">{ENDS}</joint></robot>'),
         "joint 'slide' is there 2 times",
     ),
     "unknown parent": (swap('<parent link="body"/>', '<parent link="bdy"/>'), "'bdy'"),
     "no parent": (swap('<parent link="body"/>', ""), "0 elements <parent>"),
-    "parent without link": (swap('<parent link="body"/>', "<parent/>"), "parent link"),
     "child of two": (swap(END, SECOND_JOINT.format(ENDS)), "the child of 2 joints"),
-    "two roots": (swap(END, f"{THIRD_LINK}</robot>"), "'leg' hang on no joint"),
+    "two roots": (swap(END, '<link name="leg"/></robot>'), "'leg' hang on no joint"),
     "cycle": (
         swap(END, SECOND_JOINT.format('<parent link="drawer"/><child link="body"/>')),
         "hangs on itself",
     ),
-    "link on itself": (swap(ENDS, '<parent link="drawer"/><child link="drawer"/>'), "itself"),
     # Joints
-    "no type": (swap(' type="prismatic"', ""), "Unknown type None"),
     "unknown type": (swap("prismatic", "prismatik"), "Did you mean 'prismatic'"),
     "no limit": (swap(LIMIT, ""), "0 elements <limit>"),
     "limit of text": (swap('upper="0.25"', 'upper="far"'), "limit upper is 'far'"),
@@ -74,40 +59,25 @@ CASES: dict[str, tuple[Damage, str]] = {
     "axis of two": (swap(AXIS, '<axis xyz="0 1"/>'), "axis xyz is [0.0, 1.0]"),
     "joint origin nan": (swap(AXIS, AXIS + '<origin xyz="nan 0 0"/>'), "joint 'slide', origin"),
     "friction negative": (swap(AXIS, AXIS + '<dynamics friction="-1"/>'), "dynamics friction"),
-    "damping nan": (swap(AXIS, AXIS + '<dynamics damping="nan"/>'), "dynamics damping is nan"),
     "mimic unknown": (swap(AXIS, AXIS + '<mimic joint="glide"/>'), "'glide'"),
-    "mimic nameless": (swap(AXIS, AXIS + "<mimic/>"), "joint to mimic None"),
     "mimic text": (swap(AXIS, AXIS + '<mimic joint="slide" offset="a"/>'), "mimic offset is 'a'"),
     # Masses
     "mass negative": (swap(MASS, '<mass value="-5"/>'), "link 'body', inertial, mass value is -5"),
-    "mass text": (swap(MASS, '<mass value="heavy"/>'), "mass value is 'heavy'"),
     "no mass": (swap(MASS, ""), "0 elements <mass>"),
-    "inertia text": (swap('ixx="1"', 'ixx="a"'), "inertia ixx is 'a'"),
     "inertia negative": (swap('ixx="1"', 'ixx="-1"'), "positive definite"),
     # Shapes
     "box of two": (swap(BOX, 'size="0.4 0.3"'), "collision 0, box size is [0.4, 0.3]"),
-    "box of text": (swap(BOX, 'size="big"'), "box size is ['big']"),
     "box flat": (swap(BOX, 'size="0.4 0 0.2"'), "3 numbers above 0"),
     "sphere of zero": (swap(f"<box {BOX}/>", '<sphere radius="0"/>'), "sphere radius is 0"),
     "cylinder without length": (swap(f"<box {BOX}/>", '<cylinder radius="1"/>'), "length is None"),
     "unknown shape": (swap(f"<box {BOX}/>", '<cone radius="1"/>'), "['cone']"),
-    "no shape": (swap(f"<box {BOX}/>", ""), "geometry is []"),
     "two shapes": (swap(f"<box {BOX}/>", 2 * f"<box {BOX}/>"), "['box', 'box']"),
-    "no geometry": (swap(f"<geometry>{MESH}</geometry>", ""), "visual 0, geometry is []"),
     "origin nan": (swap(ORIGIN, '<origin xyz="nan 0 0"/>'), "collision 0, origin xyz"),
-    "origin far": (swap(ORIGIN, '<origin xyz="1e30 0 0"/>'), "origin xyz is [1e+30, 0.0, 0.0]"),
     "missing mesh": (swap('"body.glb"', '"gone.glb"'), "'gone.glb'"),
     "mesh without name": (swap('filename="body.glb"', ""), "names ''"),
     "mesh folder": (swap('"body.glb"', '"."'), "a folder"),
     "mesh scale zero": (swap('scale="1, 1, 1"', 'scale="1 0 1"'), "scale is '1 0 1'"),
-    "mesh scale one": (swap('scale="1, 1, 1"', 'scale="2"'), "mesh scale is [2.0]"),
-    "colour of text": (
-        swap(
-            MESH + "</geometry>",
-            MESH + '</geometry><material name="m"><color rgba="red"/></material>',
-        ),
-        "rgba is ['red']",
-    ),
+    "colour": (swap("</visual>", '<material><color rgba="red"/></material></visual>'), "['red']"),
 }
 
 

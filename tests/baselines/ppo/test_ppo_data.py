@@ -1,4 +1,4 @@
-"""GAE, normalisers, observations and sequences, against values worked out by hand."""
+"""GAE, normalisers, observations and layers, against values worked out by hand."""
 
 from collections import OrderedDict
 
@@ -11,10 +11,10 @@ from hab_ppo.distributed import Ranks
 from hab_ppo.network import new_policy
 from hab_ppo.normalizer import Moments, RunningNormalizer
 from hab_ppo.observation import ObservationLayout, averaged
-from hab_ppo.precision import has_bfloat16
 from hab_ppo.recipe import NetworkConfig
 from hab_ppo.rollout import Rollout, discounted_returns, gae
-from hab_ppo.sequences import run_lstm
+from hab_ppo.row_layers import RowLinear
+from torch.nn import functional
 from toy_vector import ToyVector
 
 from hab_tasks.errors import OptionError
@@ -63,11 +63,11 @@ def test_moments_merge_to_those_of_all_values():
     merged = Moments.of(torch.tensor([[1.0], [3.0]])).merged(Moments.of(torch.tensor([[5.0]])))
     assert (merged.count, merged.mean.item(), merged.squares.item()) == (3, 3, 8)
     values = torch.randn(100, 3, generator=torch.Generator().manual_seed(0)) * 1e3 + 1e6
-    total = Moments.of(values[:1])
-    for part in (values[1:40], values[:0], values[40:]):
-        total = total.merged(Moments.unpacked(Moments.of(part).packed()))
-    torch.testing.assert_close(total.mean, Moments.of(values).mean)
-    torch.testing.assert_close(total.squares, Moments.of(values).squares)
+    parts = (Moments.of(part) for part in (values[:1], values[:0], values[1:]))
+    total = next(parts)
+    for part in parts:
+        total = total.merged(Moments.unpacked(part.packed()))
+    torch.testing.assert_close(total.packed(), Moments.of(values).packed())
 
 
 def test_normalizer_divides_each_channel_and_changes_only_when_told():
@@ -112,17 +112,6 @@ def test_blocks_of_pixels_are_averaged():
     assert averaged(image, 1) is image
 
 
-@pytest.mark.skipif(not has_bfloat16("cpu"), reason="no CPU with instructions for bfloat16")
-def test_an_lstm_keeps_the_type_of_its_memory_under_autocast():
-    # PyTorch takes bfloat16 for long sequences only.
-    lstm = torch.nn.LSTM(6, 256)
-    starts = torch.zeros(1000, 1, dtype=torch.bool)
-    memory = torch.zeros(2, 1, 256)
-    with torch.autocast("cpu", torch.bfloat16):
-        outputs, after = run_lstm(lstm, torch.rand(1000, 1, 6), starts, memory)
-    torch.testing.assert_close(after[0, 0], outputs[-1, 0].float(), atol=1e-2, rtol=1e-2)
-
-
 # All pairs of the three.
 @pytest.mark.parametrize(
     ("lstm_size", "discrete", "images"),
@@ -148,3 +137,24 @@ def test_judging_a_rollout_repeats_what_was_thought_when_acting(lstm_size, discr
         assert torch.equal(ended, ~rollout.valid[1:])
         assert torch.equal(rollout.starts[1:], ~rollout.valid[:-1])
         assert not rollout.rewards[~rollout.valid].any()
+
+
+def test_products_are_of_whole_groups_except_in_learning(monkeypatch):
+    """So that what a row gets is independent of others."""
+    products, linear = [], functional.linear
+
+    def counted(values, weight, bias=None):
+        products.append(len(values))
+        return linear(values, weight, bias)
+
+    monkeypatch.setattr(functional, "linear", counted)
+    layer = RowLinear(5, 3)
+    for rows in (1, 8, 9, 16):
+        values = torch.randn(rows, 5)
+        with torch.no_grad():
+            out = layer(values)
+        expected = values @ layer.weight.T + layer.bias
+        torch.testing.assert_close(out, expected, atol=1e-6, rtol=0)
+    layer(torch.randn(3, 5)).sum().backward()
+    assert products == [8, 8, 16, 16, 3]
+    assert layer.bias.grad.tolist() == [3.0, 3.0, 3.0]

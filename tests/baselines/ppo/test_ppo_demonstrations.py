@@ -1,4 +1,4 @@
-"""Retiming and replay of paths against hand-worked points, and the commands that use them."""
+"""Retiming, replay and practice of paths, and the commands that use them."""
 
 from contextlib import contextmanager
 from dataclasses import replace
@@ -14,23 +14,25 @@ from hab_ppo.demonstration_file import Followed, read_examples, write_examples
 from hab_ppo.demonstrations import Attempt, DemonstrationPlan, demonstrate
 from hab_ppo.errors import PolicyFileError
 from hab_ppo.examples import Examples
+from hab_ppo.network import new_policy
 from hab_ppo.observation import Observation, ObservationLayout
+from hab_ppo.practice import Lesson, practise
+from hab_ppo.recipe import NetworkConfig
 from hab_ppo.recipes import find_recipe
-from hab_ppo.replay import Disturbance, replay
+from hab_ppo.replay import SETTLING_STEPS, Disturbance, replay
 from hab_ppo.retiming import (
     GRASP_STEPS,
     NEAREST_M,
     Follower,
     Recorded,
     Stretch,
-    straight,
+    spaced,
     stretches,
-    varied,
     within_workspace,
 )
 from refusals import check_each, refused_by_command
 
-STEP_M = 0.015
+STEP_M, LIMIT = 0.015, 60
 
 
 def line(*xs):
@@ -109,22 +111,6 @@ def test_a_follower_goes_on_without_a_point_or_a_grasp_that_it_cannot_have():
     assert not follower.has_lost
 
 
-def test_the_way_to_a_grasp_is_straightened_and_varied():
-    points = line(0, 10, 20, 10, 0)
-    points[1, 1] = points[3, 1] = 0.3  # detours to and from the grasp
-    way, held = path = grasp_at(points)
-    assert way.points_m[:, 1].max() > 0.25
-    plain, same = straight(path)
-    assert plain.points_m[:, 1].max() < 0.02
-    assert plain.points_m[-1].tolist() == way.points_m[-1].tolist()
-    other, same_again = varied(path, np.random.default_rng(0))
-    assert np.array_equal(other.points_m[0], way.points_m[0])
-    assert other.points_m[-1, 0] < way.points_m[-1, 0]
-    assert np.array_equal(other.goal_m, way.points_m[-1])
-    assert min(plain.reached_m, other.reached_m) > way.reached_m
-    assert same is same_again is held
-
-
 class PointEnv:
     """A hand without inertia that has to hold and be back at the start."""
 
@@ -172,7 +158,83 @@ def test_labels_are_clean_while_executed_actions_are_disturbed():
     assert np.array_equal(np.stack(env.executed), examples.actions.numpy())
 
 
-# Files and commands -----------------------------------------------------------------------------
+# Practice ----------------------------------------------------------------------------------------
+
+
+class HandToy:
+    """A hand that moves 1.5 cm a step; success within 3 cm of a goal, truncated at LIMIT."""
+
+    def __init__(self, rows):
+        self.num_envs = rows
+        box = spaces.Box(-np.inf, np.inf, (3,), np.float32)
+        holding = spaces.Box(0, 1, (1,), np.float32)
+        agent = spaces.Dict({"ee_position": box, "is_holding": holding})
+        self.single_observation_space = spaces.Dict({"agent": agent})
+        self.single_action_space = spaces.Box(-1, 1, (4,), np.float32)
+        self.ee_m, self.goals = np.zeros((rows, 3)), [None] * rows
+        self.steps = np.zeros(rows, dtype=int)
+        self.played = []
+
+    def reset(self, *, options):
+        for row in np.flatnonzero(options.get("reset_mask", np.ones(self.num_envs, bool))):
+            self.goals[row] = options["episode"][row]
+            self.ee_m[row], self.steps[row] = 0.0, 0
+            self.played.append(self.goals[row])
+        return self._obs(), {}
+
+    def step(self, actions):
+        self.ee_m = self.ee_m + STEP_M * np.clip(actions[:, :3], -1, 1)
+        self.steps += 1
+        gaps_m = np.linalg.norm(self.ee_m - np.array(self.goals), axis=1)
+        success = gaps_m < 0.03
+        reward, truncated = np.zeros(self.num_envs), (self.steps >= LIMIT) & ~success
+        return self._obs(), reward, success, truncated, {"success": success}
+
+    def _obs(self):
+        holding = np.zeros((self.num_envs, 1), np.float32)
+        return {"agent": {"ee_position": self.ee_m.astype(np.float32), "is_holding": holding}}
+
+
+def lesson(goal, gripper=-1.0):
+    points_m = spaced(np.array([[0.0, 0.0, 0.0], goal]))
+    return Lesson(goal, [Stretch(points_m=points_m, gripper=gripper)])
+
+
+def student(env, action):
+    """A policy that always does the same."""
+    layout = ObservationLayout.of(env.single_observation_space)
+    policy = new_policy(layout, env.single_action_space, NetworkConfig(log_std=-9.0), 0)
+    with torch.no_grad():
+        policy.actor[-1].weight.zero_()
+        policy.actor[-1].bias.copy_(torch.tensor(action))
+    return policy
+
+
+def test_each_lesson_is_played_once_and_labelled_by_its_path():
+    lessons = [lesson((0.3, 0.0, 0.0)), lesson((0.0, 0.3, 0.0)), lesson((0.3, 0.3, 0.0))]
+    env = HandToy(2)
+    visits = practise(student(env, [1.0, 0.0, 0.0, -1.0]), lessons, env, [0])
+    assert (visits.episodes, visits.successes) == (3, 1)  # the hand always goes along x
+    assert set(env.played) == {one.episode for one in lessons}
+    by_goal = {tuple(np.round(part.actions[0, :3].tolist(), 1)): part for part in visits.parts}
+    assert len(by_goal[1.0, 0.0, 0.0].state) == 19  # 0.27 m are 18 steps; then within 3 cm
+    beside = by_goal[0.0, 1.0, 0.0]
+    # The hand is off to the right of the path, and the label leads back to it.
+    assert (beside.actions[5:40, 0] < 0).all()
+    assert (beside.actions[:, 3] == -1).all()
+
+
+def test_a_path_that_is_over_or_lost_labels_nothing_more():
+    short = Lesson((0.4, 0.0, 0.0), lesson((0.0, 0.0, 0.005)).path)
+    lost = lesson((0.4, 0.0, 0.0), gripper=1.0)
+    # The short path ends in the first step, which is one of those for settling.
+    for one, steps in ((short, SETTLING_STEPS), (lost, GRASP_STEPS)):
+        env = HandToy(1)
+        (part,) = practise(student(env, [0.0, 0.0, 0.0, -1.0]), [one], env, [0]).parts
+        assert len(part.state) == steps
+
+
+# Files and commands ------------------------------------------------------------------------------
 
 
 def example(steps, images=None):

@@ -1,6 +1,5 @@
 """Environments for training with many start states at the fridge."""
 
-import math
 from dataclasses import replace
 
 import pytest
@@ -25,19 +24,6 @@ def test_half_of_the_start_states_are_at_the_fridge(name):
     # 1/2 and 1/6 or 1/7 of the others are expected: 14 of 24, with a standard deviation of 2.4.
     at_fridge = sum(ref is not None and ref[0] == FRIDGE for ref in receptacles)
     assert 6 <= at_fridge <= 22
-
-
-@slow
-def test_close_fridge_starts_with_doors_open_up_to_their_limit():
-    request = training_request(find_recipe("close_fridge_depth"))
-    angles_rad = [
-        angle
-        for episode in load_episodes(request, 4 * COUNT).episodes
-        for angle in episode.joints[episode.handle.furniture].values()
-    ]
-    # 14 % lie beyond the 2 pi/3 of the benchmark: 7 of 48 are expected.
-    assert math.pi / 4 < min(angles_rad) < math.pi / 2
-    assert 2 * math.pi / 3 < max(angles_rad) <= 2.3
 
 
 def test_evaluations_are_in_the_environment_of_the_skill():

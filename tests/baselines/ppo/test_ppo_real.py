@@ -10,48 +10,35 @@ import pytest
 import torch
 from hab_eval.cli import main as hab_eval
 from hab_eval.results import read_record
-from hab_ppo import checkpoint
+from hab_ppo import NAVIGATORS, bench_train, checkpoint
 from hab_ppo.agent import spec_of
 from hab_ppo.cli import main
 from hab_ppo.distributed import Ranks
+from hab_ppo.navigation.weights import load
 from hab_ppo.network import new_policy
 from hab_ppo.observation import Observation, ObservationLayout
 from hab_ppo.play import play
 from hab_ppo.progress import read_progress
-from hab_ppo.recipe import FAST, PAPER, EnvConfig
+from hab_ppo.recipe import PAPER
 from hab_ppo.recipes import find_recipe, recipe_names
 from hab_ppo.trainer import LAST, Trainer, TrainPlan
-from PIL import Image
 from toy_examples import same_tensors
 from untrained import write_weights
 
 from hab_tasks.agent_spaces import agent_spaces
-from hab_tasks.envs import ENVS
 from hab_tasks.registration import SKILLS
 
 pytestmark, long = pytest.mark.slow, pytest.mark.long
 
-SKILL_RECIPES = [
-    name
+TRAINED = {
+    replace(find_recipe(name).env, num_episodes=1): name
     for name in recipe_names()
     # One recipe with images is enough: they differ in nothing but the environment and the teacher.
     if find_recipe(name).env.env in SKILLS and ("_depth" not in name or name == "pick_depth")
-]
-
-
-def _interface(name: str) -> tuple[str, ...]:
-    env = find_recipe(name).env
-    return env.env, env.obs_mode, env.control_mode
-
-
-def _trained_in(name: str) -> EnvConfig:
-    return replace(find_recipe(name).env, num_episodes=1)
-
-
-TRAINED = {_trained_in(name): name for name in SKILL_RECIPES}.values()
+}
 """One recipe of each environment: from nothing, all of them are trained in the same way."""
 
-PLAYED = {_interface(name): name for name in TRAINED}.values()
+PLAYED = {(env.env, env.obs_mode, env.control_mode): name for env, name in TRAINED.items()}.values()
 """One recipe of each interface: how weights were trained makes no difference in playing them."""
 
 SHORT = ("--rows", "4", "--rollout-steps", "10", "--episodes", "2", "--evaluation-episodes", "1")
@@ -96,7 +83,10 @@ def test_an_agent_acts_as_the_policy_does_in_rows(repeat, tmp_path):
 
 @pytest.mark.parametrize(
     "name",
-    [n if n in ("pick_blind", "pick_depth") else pytest.param(n, marks=long) for n in TRAINED],
+    [
+        n if n in ("pick_blind", "pick_depth") else pytest.param(n, marks=long)
+        for n in TRAINED.values()
+    ],
 )
 def test_a_recipe_is_trained_and_its_weights_play(name, tmp_path, capsys):
     out, env = tmp_path / "run", find_recipe(name).env.env
@@ -113,26 +103,6 @@ def test_a_recipe_is_trained_and_its_weights_play(name, tmp_path, capsys):
     other = "HabPlace-v1" if env == "HabPick-v1" else "HabPick-v1"
     assert hab_eval([*run, "--env", other, "--out", str(tmp_path / "other")]) == 2
     assert f"was trained in {env}, not {other}" in capsys.readouterr().err
-
-
-@long
-def test_a_run_in_a_task_reports_its_stages(tmp_path):
-    recipe = find_recipe("monolithic_set_table")
-    recipe = replace(
-        recipe,
-        env=replace(recipe.env, obs_mode="state_dict", num_episodes=2),
-        preset=replace(FAST, rows=2, rollout_steps=4600, ppo=PAPER.ppo),
-        total_steps=9_000,
-        evaluation_episodes=1,
-    )
-    train(recipe, tmp_path)
-    (entry,) = read_progress(tmp_path)
-    names = [name.rpartition("/")[2] for name in entry if name.startswith("train/stage/")]
-    assert names == list(ENVS[recipe.env.env].env.task.stages)
-    assert all(0.0 <= entry[f"eval/stage/{name}"] <= 1.0 for name in names)
-    assert main(["plot", str(tmp_path)]) == 0
-    with Image.open(tmp_path / "curves.png") as picture:
-        assert picture.width == 4 * 480  # a panel more than for a skill
 
 
 def test_a_resumed_run_equals_one_that_was_never_interrupted(tmp_path):
@@ -206,3 +176,40 @@ def test_a_state_policy_teaches_a_depth_policy(tmp_path):
     lines = train(recipe, out, teacher=teacher)
     assert any("distillation, round 1 of 1" in line for line in lines)
     assert (out / "cloned.safetensors").exists()
+
+
+def test_learning_to_navigate_continues_after_its_last_round(tmp_path, capsys):
+    short = ["--episodes", "4", "--rows", "2", "--workers", "1", "--epochs", "1"]
+    command = ["navigator", *short, "--out", str(tmp_path)]
+    assert main([*command, "--rounds", "1", "--training-episodes", "2"]) == 0
+    first = load(tmp_path / "navigator.safetensors")[1]["rounds"]
+    command += ["--training-episodes", "3", "--rounds", "2"]  # may change in between
+    assert main(command) == 0
+    rounds = load(tmp_path / "navigator.safetensors")[1]["rounds"]
+    # A quarter of 4 episodes, but at least one for each of two rows; then two for each.
+    assert [found["episodes"] for found in rounds] == [2, 4]
+    assert [found["training_episodes"] for found in rounds] == [2, 3]
+    assert rounds[:1] == first
+    # Lessons are taken every 12 actions of at most 125.
+    assert rounds[0]["lessons"] < rounds[1]["lessons"] <= 6 * 11
+    assert main([*command, "--seed", "1"]) == 2
+    assert "another seed" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "episodes"),
+    [("navigator", "3"), *(pytest.param(n, "10", marks=long) for n in NAVIGATORS)],
+)
+def test_navigators_solve_most_episodes(name, episodes, tmp_path):
+    arrives = ["--skill-config", "learned_stop=0"] if NAVIGATORS[name] == "never" else []
+    run = ["run", "--agent", f"hab_ppo:{name}", "--env", "HabNavigate-v1", "--episodes", episodes]
+    assert hab_eval([*run, *arrives, "--seed", "3", "--out", str(tmp_path / "run")]) == 0
+    summary = read_record(tmp_path / "run" / "run.json").summary
+    # One stop finds fewer goals than several. The episodes and the agents are deterministic.
+    assert summary.success.mean >= (0.3 if NAVIGATORS[name] == "once" else 0.6)
+
+
+@long
+def test_a_short_training_run_is_timed(monkeypatch):
+    monkeypatch.setattr(bench_train, "EPISODES", 2)
+    assert bench_train.trained("hab_ppo.bench_train:RECURRENT", 10) > 0

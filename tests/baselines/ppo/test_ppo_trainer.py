@@ -2,24 +2,51 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import torch
-from hab_ppo import checkpoint
+from hab_ppo import checkpoint, distillation, warm_start
+from hab_ppo.agent import LoadedPolicy
 from hab_ppo.cli import main
 from hab_ppo.config_json import from_json, to_json
+from hab_ppo.demonstration_file import write_examples
 from hab_ppo.distributed import Ranks
+from hab_ppo.network import new_policy
+from hab_ppo.observation import ObservationLayout
+from hab_ppo.plan import CLONED
 from hab_ppo.progress import Recent, read_progress
-from hab_ppo.recipe import Recipe
+from hab_ppo.recipe import Cloning, Distillation, FineTuning, NetworkConfig, Recipe, WarmStart
 from hab_ppo.recipes import find_recipe, recipe_names
-from hab_ppo.trainer import BEST, LAST, Trainer, TrainPlan
+from hab_ppo.trainer import BEST, EXACT, LAST, Trainer, TrainPlan
 from refusals import check_each, refused_by_call, refused_by_command
-from toy_examples import TOY, replace_simulator
+from toy_examples import TOY, linear, random_examples, replace_simulator, same_tensors
+from toy_vector import ToyVector
+
+WARM = replace(
+    TOY,
+    total_steps=960,
+    evaluation_steps=320,
+    warm_start=WarmStart(
+        cloning=Cloning(epochs=3), rounds=0, tuning=FineTuning(critic_updates=3, kl_steps=1000)
+    ),
+)
 
 
 @pytest.fixture
 def toy(monkeypatch):
-    """Replaces the simulator by the toy; returns the lines of each run."""
+    """Trains in the toy, with made-up demonstrations; keeps the lines of each run."""
+    env = ToyVector(1)
+    layout = ObservationLayout.of(env.single_observation_space)
+    teacher = new_policy(layout, env.single_action_space, NetworkConfig(), seed=1)
+
+    def demonstrations(path, plan, write_line):
+        examples = random_examples([12] * 20, linear, seed=plan.seed)
+        write_examples(path, examples, [], plan.recipe.env, {"agent": "", "seed": 0, "counts": {}})
+
+    monkeypatch.setattr(warm_start, "write_demonstrations", demonstrations)
+    monkeypatch.setattr(warm_start, "load_teacher", lambda *_: LoadedPolicy(teacher, TOY))
+    monkeypatch.setattr(warm_start, "known_weights", lambda name, option: Path(name))
     replace_simulator(monkeypatch)
     lines = []
 
@@ -41,6 +68,8 @@ def test_a_run_writes_its_files_and_says_how_it_goes(toy, tmp_path):
     assert entries[-1]["eval/best"] == end.best_success
     assert 0 < entries[-1]["time/env"] + entries[-1]["time/update"] <= 1
     assert list((tmp_path / "tensorboard").iterdir())
+    assert main(["plot", str(tmp_path)]) == 0
+    assert (tmp_path / "curves.png").read_bytes().startswith(b"\x89PNG")
     assert "success" in toy.lines[0]
     tensors, about = checkpoint.load(tmp_path / BEST)
     assert about["position"]["best_steps"] == end.best_steps
@@ -61,6 +90,65 @@ def test_a_collapse_is_reported_and_the_best_weights_are_kept(toy, tmp_path, mon
     assert (end.best_success, end.success) == (0.8, 0.3)
     assert [line for line in toy.lines if "fell from 80% " in line and "to 30%" in line]
     assert checkpoint.load(tmp_path / BEST)[1]["position"]["steps"] == end.best_steps < end.steps
+
+
+def test_a_run_starts_from_given_weights(toy, tmp_path):
+    first, second, third = tmp_path / "first", tmp_path / "second", tmp_path / "third"
+    best = toy(first, WARM).best_success
+    toy(second, replace(WARM, warm_start=None, total_steps=320), weights=first / BEST)
+    start, *updates = read_progress(second)
+    assert start["eval/success"] == best
+    assert not any("update/start_kl" in entry for entry in updates)
+    count = "network/state_normalizer.count"
+    given, learned = checkpoint.load(first / BEST)[0], checkpoint.load(second / LAST)[0]
+    assert learned[count] >= given[count] + 320
+    # In a recipe with a warm start, they take the place of the clone.
+    toy(third, replace(WARM, total_steps=320), weights=first / BEST)
+    assert checkpoint.load(third / CLONED)[1]["made_from"] == {"weights": BEST}
+    assert same_tensors(third / CLONED, first / BEST)
+    assert "update/start_kl" in read_progress(third)[1]
+
+
+def test_a_resumed_run_equals_one_that_was_never_interrupted(toy, tmp_path):
+    whole = tmp_path / "whole"
+    toy(whole, WARM)
+    for name, steps in ((LAST, 320), (EXACT, 640)):  # in the warm-up, and afterwards
+        parts = tmp_path / name
+        toy(parts, replace(WARM, total_steps=steps))
+        (parts / "demonstrations.safetensors").unlink()
+        toy(parts, WARM, resume=name)
+        assert same_tensors(whole / CLONED, parts / CLONED)
+        assert same_tensors(whole / LAST, parts / LAST)
+        assert same_tensors(whole / EXACT, parts / EXACT)
+        entries = read_progress(parts)
+        assert [entry["update"] for entry in entries] == list(range(len(entries)))
+        assert "eval/success" in entries[0]
+        weights = [entry["update/start_kl_weight"] for entry in entries[1:]]
+        assert weights[:3] == [0, 0, 0] < weights[3:6]
+
+
+def test_an_interrupted_distillation_continues_after_its_last_round(toy, tmp_path, monkeypatch):
+    config = Distillation(teacher="x", rounds=3, round_steps=60, cloning=Cloning(epochs=2))
+    recipe = replace(WARM, warm_start=None, distill=config, total_steps=160)
+    rounds, visits = [], distillation.visit
+
+    def noted(*arguments):
+        rounds.append(arguments[-1][1])
+        if len(rounds) == 3:
+            raise KeyboardInterrupt
+        return visits(*arguments)
+
+    monkeypatch.setattr(distillation, "visit", noted)
+    with pytest.raises(KeyboardInterrupt):
+        toy(tmp_path, recipe)
+    assert rounds == [0, 1, 2]
+    assert not (tmp_path / CLONED).exists()
+    refused_by_call(lambda: toy(tmp_path, recipe, seed=1), "has seed 0, not 1")
+    toy(tmp_path, recipe)
+    assert rounds == [0, 1, 2, 2]
+    assert checkpoint.load(tmp_path / CLONED)[1]["made_from"] == {"teacher": TOY.name}
+    other = replace(recipe, distill=replace(config, beta=0.5))
+    refused_by_call(lambda: toy(tmp_path, other, resume=LAST), "another distill")
 
 
 def test_recent_episodes_span_the_updates_that_hold_a_hundred():
@@ -84,15 +172,6 @@ def test_recipes_are_json_and_named_after_their_files():
         assert recipe.preset.rows >= recipe.preset.ppo.minibatches, name
 
 
-def test_own_recipes_are_found_by_module(tmp_path, monkeypatch):
-    source = "from hab_ppo.recipes.pick_blind import RECIPE\nMINE = RECIPE\n"
-    (tmp_path / "my_recipes_of_test.py").write_text(source)
-    monkeypatch.syspath_prepend(tmp_path)
-    assert find_recipe("my_recipes_of_test:MINE").name == "pick_blind"
-    refused_by_call(lambda: find_recipe("my_recipes_of_test:MIEN"), "MINE")
-    refused_by_call(lambda: find_recipe("no_such_module:MINE"), "cannot be imported")
-
-
 def test_files_that_cannot_be_used_say_so_in_a_line(tmp_path):
     file = tmp_path / "weights.safetensors"
     refused_by_call(lambda: checkpoint.load(file), "cannot be read")
@@ -108,7 +187,7 @@ def test_bad_input_is_reported_in_one_line(tmp_path):
     (full / "thesis.txt").write_text("mine")
     cases = {
         "train pick_blnd --out DIR": "Did you mean 'pick_blind'",
-        "train pick_blind --out DIR --preset slow": "Unknown preset",
+        "train no_such_module:MINE --out DIR": "cannot be imported",
         "train pick_blind --out DIR --ranks 0": "--ranks",
         "train pick_blind --out DIR --rows 3": "--rows",
         "train pick_blind --out DIR --resume": "there is no run",

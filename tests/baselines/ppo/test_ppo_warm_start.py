@@ -1,29 +1,23 @@
-"""Fine-tuning and distillation in the toy environment."""
+"""Cloning, fine-tuning and distillation in the toy environment."""
 
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
-import toy_examples
-from hab_ppo import checkpoint, distillation, warm_start
 from hab_ppo.actions import action_head
 from hab_ppo.agent import LoadedPolicy
+from hab_ppo.cloning import clone, misfits
 from hab_ppo.collect import Collector
-from hab_ppo.demonstration_file import write_examples
 from hab_ppo.distillation import distill, visit
 from hab_ppo.distributed import Ranks
 from hab_ppo.errors import RecipeError
 from hab_ppo.evaluation import evaluate
-from hab_ppo.examples import Examples
 from hab_ppo.fine_tuning import Guide, Stage
 from hab_ppo.network import Chosen, new_policy
 from hab_ppo.observation import ObservationLayout
-from hab_ppo.plan import BEST, CLONED, EXACT, LAST, TrainPlan
 from hab_ppo.ppo import PPO
-from hab_ppo.progress import read_progress
 from hab_ppo.recipe import (
     FAST,
     Cloning,
@@ -31,11 +25,9 @@ from hab_ppo.recipe import (
     EnvConfig,
     FineTuning,
     NetworkConfig,
-    WarmStart,
 )
-from hab_ppo.teachers import PolicyTeacher, check_expert, classroom
-from hab_ppo.trainer import Trainer
-from toy_examples import replace_simulator, same_tensors
+from hab_ppo.teachers import PolicyTeacher, classroom
+from toy_examples import TOY, linear, random_examples
 from toy_vector import ToyVector, goals
 
 SPACE = ToyVector(1).single_action_space
@@ -43,6 +35,51 @@ LAYOUT = ObservationLayout.of(ToyVector(1).single_observation_space)
 PLAIN = NetworkConfig(head_layers=(32,), log_std=-1.2)
 LSTM = NetworkConfig(lstm_size=16, head_layers=(), log_std=-1.2)
 QUIET = [].append
+
+
+# Cloning ----------------------------------------------------------------------------------------
+
+
+def previous(state):
+    """What the state before was: only a network with memory can tell."""
+    return torch.cat((torch.zeros(1, 1), state[:-1, :1]))
+
+
+def test_cloning_recovers_a_linear_teacher():
+    policy = new_policy(LAYOUT, SPACE, PLAIN, seed=0)
+    config = Cloning(epochs=60, batch_steps=256)
+    fit = clone(policy, random_examples([20] * 50, linear), config, 0, QUIET)
+    assert fit.held_out_loss < 1e-3
+    assert misfits(policy, random_examples([100], linear, seed=1)).mean() < 1e-3
+    assert policy.state_normalizer.count == 1000
+
+
+def test_an_lstm_is_fitted_to_whole_episodes():
+    examples = random_examples([6, 4, 8, 5] * 20, previous)
+    config = Cloning(epochs=50, learning_rate=1e-2, batch_steps=100)
+    policy = new_policy(LAYOUT, SPACE, LSTM, seed=0)
+    fit = clone(policy, examples, config, 0, QUIET)
+    variance = float(examples.actions.var())
+    assert fit.held_out_loss < 0.1 * variance
+    # Episodes in a batch do not see each other.
+    both = examples.episodes(torch.tensor([0, 1]))
+    alone = examples.episodes(torch.tensor([1]))
+    torch.testing.assert_close(misfits(policy, both)[6:], misfits(policy, alone))
+
+
+def test_cells_are_cloned_by_cross_entropy():
+    space = ToyVector(1, discrete=True).single_action_space
+    policy = new_policy(LAYOUT, space, PLAIN, seed=0)
+    examples = random_examples([20] * 30, lambda state: (state[:, 0] > 0).long() * 2)
+    clone(policy, examples, Cloning(epochs=40, batch_steps=256), 0, QUIET)
+    features, _ = policy.features(
+        examples.observations(), examples.starts()[:, None], policy.no_memory(1)
+    )
+    right = policy.actor(features).argmax(dim=1) == examples.actions
+    assert right.float().mean() > 0.95
+
+
+# Fine-tuning ------------------------------------------------------------------------------------
 
 
 def test_the_stages_of_fine_tuning():
@@ -137,12 +174,6 @@ def test_a_student_is_distilled(images):
     assert sum(score.success for score in scores) >= 16
 
 
-def test_an_expert_is_a_method_of_the_environment():
-    check_expert("shortest_path_action", EnvConfig(env="HabNavigate-v1", control_mode="base"))
-    with pytest.raises(RecipeError, match="HabPick-v1 has no expert shortest_path_action"):
-        check_expert("shortest_path_action", EnvConfig(env="HabPick-v1", control_mode="ee"))
-
-
 def test_a_teacher_sees_a_handle_that_the_student_has_to_find():
     blind = EnvConfig(env="HabOpenDrawer-v1", control_mode="ee", handle_position=True)
     depth = replace(blind, obs_mode="depth", handle_position=False)
@@ -150,103 +181,3 @@ def test_a_teacher_sees_a_handle_that_the_student_has_to_find():
     assert classroom(depth, teacher) == replace(depth, handle_position=True)
     with pytest.raises(RecipeError, match="observes depth, the student state_dict"):
         classroom(blind, LoadedPolicy(Walker(), replace(TOY, env=depth)))
-
-
-# Runs -------------------------------------------------------------------------------------------
-
-TOY = replace(
-    toy_examples.TOY,
-    total_steps=960,
-    evaluation_steps=320,
-    warm_start=WarmStart(
-        cloning=Cloning(epochs=3), rounds=0, tuning=FineTuning(critic_updates=3, kl_steps=1000)
-    ),
-)
-
-
-@pytest.fixture
-def train(monkeypatch):
-    """Runs in the toy, with demonstrations of the walker."""
-
-    def demonstrations(path, plan, write_line):
-        assert plan.agent == "hab_spa:spa_priv"
-        teacher = PolicyTeacher(Walker(), 4)
-        visits = visit(Stubborn(), teacher, ToyVector(4), 200, 1.0, [plan.seed])
-        about = {"agent": "", "seed": 0, "counts": {}}
-        write_examples(path, Examples.joined(visits.parts), [], plan.recipe.env, about)
-
-    monkeypatch.setattr(warm_start, "write_demonstrations", demonstrations)
-    monkeypatch.setattr(warm_start, "load_teacher", lambda *_: LoadedPolicy(Walker(), TOY))
-    monkeypatch.setattr(warm_start, "known_weights", lambda name, option: Path(name))
-    replace_simulator(monkeypatch)
-
-    def run(out, recipe=TOY, **options):
-        out.mkdir(exist_ok=True)
-        return Trainer(TrainPlan(recipe=recipe, out=out, **options), Ranks(), QUIET).run()
-
-    return run
-
-
-def test_a_run_starts_from_given_weights(train, tmp_path):
-    first, second, third = tmp_path / "first", tmp_path / "second", tmp_path / "third"
-    best = train(first).best_success
-    plain = replace(TOY, warm_start=None, total_steps=320)
-    train(second, plain, weights=first / BEST)
-    start, *updates = read_progress(second)
-    assert start["eval/success"] == best
-    assert not any("update/start_kl" in entry for entry in updates)
-    assert not (second / CLONED).exists()
-    given, learned = checkpoint.load(first / BEST)[0], checkpoint.load(second / LAST)[0]
-    assert not all(torch.equal(learned[name], value) for name, value in given.items())
-    count = "network/state_normalizer.count"
-    assert learned[count] >= given[count] + 320
-    # In a recipe with a warm start, they take the place of the clone.
-    train(third, replace(TOY, total_steps=320), weights=first / BEST)
-    tensors, about = checkpoint.load(third / CLONED)
-    assert about["made_from"] == {"weights": BEST}
-    assert all(torch.equal(value, given[name]) for name, value in tensors.items())
-    assert "update/start_kl" in read_progress(third)[1]
-
-
-def test_a_resumed_run_equals_one_that_was_never_interrupted(train, tmp_path):
-    whole = tmp_path / "whole"
-    train(whole)
-    for name, steps in ((LAST, 320), (EXACT, 640)):  # in the warm-up, and afterwards
-        parts = tmp_path / name
-        train(parts, replace(TOY, total_steps=steps))
-        (parts / "demonstrations.safetensors").unlink()
-        train(parts, resume=name)
-        assert same_tensors(whole / CLONED, parts / CLONED)
-        assert same_tensors(whole / LAST, parts / LAST)
-        assert same_tensors(whole / EXACT, parts / EXACT)
-        entries = read_progress(parts)
-        assert [entry["update"] for entry in entries] == list(range(len(entries)))
-        assert "eval/success" in entries[0]
-        weights = [entry["update/start_kl_weight"] for entry in entries[1:]]
-        assert weights[:3] == [0, 0, 0] < weights[3:6]
-
-
-def test_an_interrupted_distillation_continues_after_its_last_round(train, tmp_path, monkeypatch):
-    config = Distillation(teacher="x", rounds=3, round_steps=60, cloning=Cloning(epochs=2))
-    recipe = replace(TOY, warm_start=None, distill=config, total_steps=160)
-    rounds, visits = [], distillation.visit
-
-    def noted(*arguments):
-        rounds.append(arguments[-1][1])
-        if len(rounds) == 3:
-            raise KeyboardInterrupt
-        return visits(*arguments)
-
-    monkeypatch.setattr(distillation, "visit", noted)
-    with pytest.raises(KeyboardInterrupt):
-        train(tmp_path, recipe)
-    assert rounds == [0, 1, 2]
-    assert not (tmp_path / CLONED).exists()
-    with pytest.raises(RecipeError, match="has seed 0, not 1"):
-        train(tmp_path, recipe, seed=1)
-    train(tmp_path, recipe)
-    assert rounds == [0, 1, 2, 2]
-    assert checkpoint.load(tmp_path / CLONED)[1]["made_from"] == {"teacher": TOY.name}
-    other = replace(recipe, distill=replace(config, beta=0.5))
-    with pytest.raises(RecipeError, match="another distill"):
-        train(tmp_path, other, resume=LAST)

@@ -10,24 +10,10 @@ from hab_tp_srl.view import TaskView
 from task_states import move_joint, move_object, observe, skill_episode, stand
 
 TASK = "HabSetTable-v1"
-ENV_IDS = {
-    "pick": "HabPick-v1",
-    "place": "HabPlace-v1",
-    "open_drawer": "HabOpenDrawer-v1",
-    "close_drawer": "HabCloseDrawer-v1",
-    "open_fridge": "HabOpenFridge-v1",
-    "close_fridge": "HabCloseFridge-v1",
-}
 PLAIN = {"obs_mode": "state_dict", "render_backend": "none", "num_episodes": 1}
 TOLERANCE = {False: 2e-5, True: 2e-4}
 """By whether an object is held, whose weight the torso yields to; no episode has the torso [m].
 Places are found from float32 landmarks some metres away."""
-
-
-def stages_of(task):
-    """Skill -> the first stage of SetTable's plan with it."""
-    found = [stage_of(task, a) for a in plan_of(TASK).actions if a.name != "navigate"]
-    return {stage.skill: stage for stage in reversed(found)}
 
 
 class Walk:
@@ -39,7 +25,8 @@ class Walk:
         self.env = gym.make(f"hab_tasks:{TASK}", **PLAIN, **mode, **where)
         obs, _ = self.env.reset(seed=0)
         base = self.env.unwrapped
-        self.stages = stages_of(base.task)
+        stages = [stage_of(base.task, a) for a in plan_of(TASK).actions if a.name != "navigate"]
+        self.stages = {stage.skill: stage for stage in reversed(stages)}  # the first with each
         self.views = {truth: TaskView(truth=truth) for truth in (False, True)}
         self.see({**obs, "privileged": base.privileged()})
 
@@ -49,34 +36,25 @@ class Walk:
         self.state = obs["privileged"][0]
 
     def compare(self, skill, env_id=None, frame="base"):
-        """Compares the entries of a skill that begins now."""
-        stage, env_id = self.stages[skill], env_id or ENV_IDS[skill]
-        episode = skill_episode(self.env, env_id, stage)
-        expected = self.own_observation(env_id, episode, frame)
-        assert len(expected) >= (2 if "Navigate" in env_id else 6)
-        near = TOLERANCE[self.state.held is not None]
-        for truth in (False, True):
-            view = self.views[truth]
-            given = view.entries(stage, view.point(stage))
-            for path, value in expected.items():
-                message = f"{env_id}: {path}, truth={truth}"
-                np.testing.assert_allclose(given[path], value, atol=near, err_msg=message)
-                assert given[path].dtype == value.dtype
-                assert given[path].shape == value.shape
-
-    def own_observation(self, env_id, episode, frame):
-        """What a skill's own environment observes at the start of an episode."""
+        """Compares the entries of a skill that begins now; by default in its own env."""
+        stage = self.stages[skill]
+        env_id = env_id or f"Hab{skill.title().replace('_', '')}-v1"
         if (env_id, frame) not in self.envs:
             handle = "Drawer" in env_id or "Fridge" in env_id
             options = {"target_frame": frame, "handle_position": handle}
             env = gym.make(f"hab_tasks:{env_id}", **PLAIN, **options, **self.where)
             self.envs[env_id, frame] = env
+        episode = skill_episode(self.env, env_id, stage)
         obs, _ = self.envs[env_id, frame].reset(options={"episode": episode})
-        return {(g, n): np.asarray(v[0]) for g in ("agent", "extra") for n, v in obs[g].items()}
-
-    def close(self):
-        for env in (self.env, *self.envs.values()):
-            env.close()
+        own = {(g, n): np.asarray(v[0]) for g in ("agent", "extra") for n, v in obs[g].items()}
+        assert len(own) >= (2 if "Navigate" in env_id else 6)
+        near = TOLERANCE[self.state.held is not None]
+        for truth, view in self.views.items():
+            given = view.entries(stage, view.point(stage))
+            for path, value in own.items():
+                message = f"{env_id}: {path}, truth={truth}"
+                np.testing.assert_allclose(given[path], value, atol=near, err_msg=message)
+                assert (given[path].dtype, given[path].shape) == (value.dtype, value.shape)
 
     def stand_elsewhere(self):
         """Sets the base to a random pose at which the arm touches nothing."""
@@ -120,7 +98,8 @@ def walk_through(where):
     walk.compare("place")
     walk.compare("place", frame="ee")
     walk.compare("place", "HabNavigate-v1")
-    walk.close()
+    for env in (walk.env, *walk.envs.values()):
+        env.close()
 
 
 def test_each_skill_observes_in_a_task_what_its_own_environment_gives():

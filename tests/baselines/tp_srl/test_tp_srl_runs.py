@@ -101,39 +101,21 @@ def test_rows_act_together_and_as_they_would_alone(brief, handed_over):
         observations = [env.step(a)[0] for env, a in zip(envs, single, strict=True)]
     for env in envs:
         env.close()
-    for report in both.report():
-        check_trace(report, stages)
-    assert both.report() == [agent.report()[0] for agent in alone]
-    starts = [(name, starts) for name, rows, starts in brief if rows == (0, 1)]
-    anew = [(True, True)] + [(False, False)] * (STEPS - 1)
-    assert [both_rows for _, both_rows in starts] == anew * motions
-
-
-def check_trace(report, stages):
-    """Every stage was tried once, in order, for as long as its policies may act."""
+    # Every stage was tried once, in order, for as long as its policies may act.
     expected = []
     for action in stages:
         if action.skill == "place":  # nothing was picked
             expected.append(("place", 0, "execution"))
         else:
             expected += [(name, STEPS, "timeout") for name in ("navigate", action.skill)]
-    did = [(entry["did"], entry["steps"], entry["outcome"]) for entry in report.trace]
-    assert did == expected
-    assert (report.failure, report.doing) == ("navigate timeout", "ended")
-    json.dumps(report.trace)
-
-
-def test_drawn_actions_differ_with_the_seed_and_likely_ones_do_not(brief, handed_over):
-    for actions in ("likely", "drawn"):
-        agent, acted = handed_over(actions=actions), []
-        assert ("actions drawn" in agent.spec.name) == (actions == "drawn")
-        env, obs = make_env(agent.spec)
-        for seed in (0, 1):
-            agent.reset(torch.tensor([True]), [seed])
-            # Navigation, whose actions follow its recipe, comes first.
-            acted.append([np.asarray(agent.act(obs)) for _ in range(STEPS + 1)][-1])
-        env.close()
-        assert np.array_equal(*acted) == (actions == "likely")
+    for report in both.report():
+        did = [(entry["did"], entry["steps"], entry["outcome"]) for entry in report.trace]
+        assert did == expected
+        assert (report.failure, report.doing) == ("navigate timeout", "ended")
+        json.dumps(report.trace)
+    assert both.report() == [agent.report()[0] for agent in alone]
+    anew = [(True, True)] + [(False, False)] * (STEPS - 1)
+    assert [starts for _, rows, starts in brief if rows == (0, 1)] == anew * motions
 
 
 def test_the_actions_of_an_arm_that_stands_still_are_drawn(brief, handed_over, monkeypatch):
@@ -185,8 +167,7 @@ def test_the_arm_is_reset_before_a_skill(brief, handed_over):
 @pytest.mark.parametrize("name", ["pick_blind", "open_fridge_blind", "navigate_blind"])
 def test_an_action_does_in_a_task_what_it_does_in_the_skills_env(name, weights):
     """The same arm targets and base velocities as those of the task's own mode ``ee_base``."""
-    setup = agent_setup(TASK)
-    policy = SkillPolicy(setup, name.removesuffix("_blind"), weights[name])
+    policy = SkillPolicy(agent_setup(TASK), name.removesuffix("_blind"), weights[name])
     rng, view = np.random.default_rng(0), TaskView(truth=False)
     plain = {"obs_mode": "state_dict", "render_backend": "none", "num_episodes": 1}
     modes = ("ee_base", "joint_target_base")
@@ -197,15 +178,13 @@ def test_an_action_does_in_a_task_what_it_does_in_the_skills_env(name, weights):
     robot = Robot(scene, SpaConfig(), seed=0, deadline=100)  # type: ignore[arg-type]
     for _ in range(25):
         scene.see(seen[1], 0)
-        action = own = np.zeros(6, dtype=np.float32)
-        own[3] = -1.0
+        own = np.zeros(6, dtype=np.float32)
         if name == "navigate_blind":
             action = np.array([rng.integers(20)], dtype=np.float32)
         else:
-            size = 6 if policy.control.base == "velocity" else 4
-            own[:size] = rng.uniform(-1, 1, size)
-            own[3] = -1.0
-            action = own[:size]
+            action = own[: 6 if policy.control.base == "velocity" else 4]
+            action[:] = rng.uniform(-1, 1, len(action))
+        own[3] = -1.0
         command = command_of(robot, policy, action, sets_base=False)
         own[4:] = command.base
         given = np.array([*command.arm_rad, -1.0, *command.base], dtype=np.float32)
@@ -221,10 +200,8 @@ def test_the_navigator_decides_every_four_steps_on_one_map_of_the_episode(tmp_pa
     path = tmp_path / "navigator.safetensors"
     save(path, GoalNetwork(), {"kind": "navigator"})
     policy = NavigatorPolicy(agent_setup(TASK), path)
-    depth = SimpleNamespace(
-        control_mode="joint_target_base", obs_mode="depth", handle_position=False
-    )
-    env, obs = make_env(depth)
+    mode = {"control_mode": "joint_target_base", "obs_mode": "depth", "handle_position": False}
+    env, obs = make_env(SimpleNamespace(**mode))
     view = TaskView(truth=False)
     ObservedScene(view).see(obs, 0)
     action = next(action for action in plan_of(TASK).actions if action.name != "navigate")
@@ -246,18 +223,16 @@ def test_the_navigator_decides_every_four_steps_on_one_map_of_the_episode(tmp_pa
     assert np.array_equal(depth, obs["sensor_data"]["head"]["depth"][0])
     assert point_m == pytest.approx(turn.entries["extra", "point_in_base"])
     assert (map_.seen > 0).sum() > 100
-    # A further attempt goes on with the map, and decides at once.
+    # A further attempt goes on with the map, as does the next stage, and decides at once.
     assert policy.goes_on(turn)
-    policy.decide([0], [turn], obs)
-    assert len(looks) == 3
-    assert looks[-1][0] is map_
-    # The next stage begins with the map of this one, another episode with an empty one.
     again = Turn(policy=policy, entries=turn.entries, base=view.base, before=turn)
-    policy.decide([0], [again], obs)
-    assert looks[-1][0] is map_
+    for later in (turn, again):
+        policy.decide([0], [later], obs)
+        assert looks[-1][0] is map_
+    assert len(looks) == 4
     assert looks[-1][3] == pytest.approx([0.0, 0.0, 0.0])
-    anew = Turn(policy=policy, entries=turn.entries)
-    policy.decide([0], [anew], obs)
+    # Another episode begins with an empty one.
+    policy.decide([0], [Turn(policy=policy, entries=turn.entries)], obs)
     assert looks[-1][0] is not map_
 
 

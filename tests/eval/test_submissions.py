@@ -1,6 +1,5 @@
 """The commands submit, verify and film."""
 
-import json
 import re
 import shutil
 from dataclasses import replace
@@ -15,7 +14,6 @@ from hab_eval.submissions.replay import Replay, episode_differences
 from hab_eval.submissions.report import draw
 from refusals import check_each
 from site_records import record_of
-from stub_hab import frame_mean
 from stub_runs import RUN
 
 from hab_tasks.errors import OptionError
@@ -33,56 +31,46 @@ def board(tmp_path):
 
 
 @pytest.fixture
-def run_of(tmp_path):
-    """Writes a run folder of a record."""
+def submit(cli, board, tmp_path):
+    """Submits the run folder of a record."""
 
-    def write(record):
+    def submit_record(record, *options):
         folder = tmp_path / "run"
         folder.mkdir(exist_ok=True)
         write_record(folder / "run.json", record)
-        return folder
+        return cli("submit", folder, "--submissions", board, *options)
 
-    return write
+    return submit_record
 
 
 def test_names_are_those_of_the_committed_submissions():
-    named = {
-        name: f"{submission_name(record)}.json"
-        for name, record in read_submissions(default_submissions()).items()
-    }
-    # An older spelling, from before this command, and runs with options, named by --name.
-    wanted = {
-        name: name.replace("replicacad_wild", "replica_cad_wild").replace(
-            "tp_srl_retries", "tp_srl"
-        )
-        for name in named
-    }
-    assert named == wanted
-
-
-def test_held_out_objects_are_part_of_the_name():
+    for name, record in read_submissions(default_submissions()).items():
+        # An older spelling, from before this command, and runs with options, named by --name.
+        wanted = name.replace("replicacad_wild", "replica_cad_wild")
+        wanted = wanted.replace("tp_srl_retries", "tp_srl")
+        assert f"{submission_name(record)}.json" == wanted
+    # Held-out objects are part of the name.
     record = record_of([None], agent="a.b:Make-It", env="my_tasks:HabX-v2", split="val+objects")
     assert submission_name(record) == "make_it-x-apartment-objects-seed0"
 
 
-def test_submit_copies_a_run_and_writes_the_leaderboard(cli, board, run_of):
+def test_submit_copies_a_run_and_writes_the_leaderboard(cli, board, submit):
     record = record_of([None] * 50, **GOOD)
-    done = cli("submit", run_of(record), "--submissions", board)
+    done = submit(record)
     assert (done.returncode, done.stderr) == (0, "")
     target = board / "spa_priv-pick-apartment-seed2.json"
     assert read_record(target) == record
     assert "100.0 [92.9, 100.0]" in (board.parent / "LEADERBOARD.md").read_text()
     assert cli("table", "--submissions", board, "--check").returncode == 0
-    assert str(target) in done.stdout
 
     better = replace(record, device="other")
-    again = cli("submit", run_of(better), "--submissions", board)
+    again = submit(better)
     assert again.returncode == 2
     assert "exists; give --force to replace it, or --name" in again.stderr
     assert read_record(target) == record
-    assert cli("submit", run_of(better), "--submissions", board, "--name", "b").returncode == 0
+    assert submit(better, "--name", "b").returncode == 0
     assert read_record(board / "b.json") == better
-    assert cli("submit", run_of(better), "--submissions", board, "--force").returncode == 0
+    assert submit(better, "--force").returncode == 0
     assert read_record(target) == better
 
 
@@ -101,11 +89,10 @@ REFUSED = (
 )
 
 
-def test_submit_refuses_what_nobody_can_rerun(cli, board, run_of):
+def test_submit_refuses_what_nobody_can_rerun(board, submit):
     def check(case):
         edit, message = case
-        folder = run_of(edit(record_of([None] * 50, **GOOD)))
-        done = cli("submit", folder, "--submissions", board)
+        done = submit(edit(record_of([None] * 50, **GOOD)))
         assert done.returncode == 2
         assert len(done.stderr.splitlines()) == 1
         assert re.search(message, done.stderr), done.stderr
@@ -114,21 +101,17 @@ def test_submit_refuses_what_nobody_can_rerun(cli, board, run_of):
     check_each({case[1]: case for case in REFUSED}, check)
 
 
-def test_submit_refuses_bad_files_and_names(cli, board, run_of, tmp_path):
-    folder = run_of(record_of([None] * 50, **GOOD))
+def test_submit_refuses_bad_files_and_names(board, submit):
+    record = record_of([None] * 50, **GOOD)
     for name in ("../x", ".x", "", "a b", "x" * 151):
-        done = cli("submit", folder, "--submissions", board, "--name", name)
+        done = submit(record, "--name", name)
         assert done.returncode == 2
         assert "--name" in done.stderr
-    assert "not found" in cli("submit", tmp_path, "--submissions", board).stderr
-    data = json.loads((folder / "run.json").read_text())
-    data["summary"]["success"]["mean"] = 0.5
-    (folder / "run.json").write_text(json.dumps(data))
-    assert "does not follow" in cli("submit", folder, "--submissions", board).stderr
+    success = replace(record.summary.success, mean=0.5)
+    summary = replace(record.summary, success=success)
+    assert "does not follow" in submit(replace(record, summary=summary)).stderr
     (board / "broken.json").write_text("{")
-    write_record(folder / "run.json", record_of([None] * 50, **GOOD))
-    done = cli("submit", folder, "--submissions", board)
-    assert "broken.json" in done.stderr
+    assert "broken.json" in submit(record).stderr
     assert [one.name for one in board.iterdir()] == ["broken.json"]
 
 
@@ -150,13 +133,17 @@ def stub_run(finished_run, tmp_path):
 
 
 def test_verify_repeats_a_run(cli, stub_run):
+    (one,) = record_of([None]).episodes
+    assert episode_differences(one, replace(one, episode_return=1e-7, seconds=9.0)) == []
     done = cli("verify", stub_run, "--episodes", 4)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.count(" same ") == 4
     assert "4 of 4 episodes repeat the recorded result." in done.stdout
-    one = cli("verify", stub_run / "run.json", "--episode", 2)
-    assert "1 of 1 episodes" in one.stdout
-    assert "stub/002" in one.stdout
+    assert "stub/002" in cli("verify", stub_run / "run.json", "--episode", 2).stdout
+    # The episodes are drawn by a seed.
+    assert draw(100, 10, 0) == draw(100, 10, 0) != draw(100, 10, 1)
+    assert len(set(draw(100, 10, 0))) == 10
+    assert draw(5, 10, 0) == (0, 1, 2, 3, 4)
 
 
 def edited(folder, **changes):
@@ -206,25 +193,6 @@ def test_verify_finds_an_agent_that_claims_less_than_it_sees(cli, stub_run):
     assert "different: agent: privileged: recorded true, repeated false" in done.stdout
 
 
-def test_small_differences_of_returns_are_rounding():
-    (one,) = record_of([None]).episodes
-    assert episode_differences(one, replace(one, episode_return=1e-7, seconds=9.0)) == []
-    assert len(episode_differences(one, replace(one, episode_return=1e-3))) == 1
-
-
-@pytest.mark.parametrize(
-    ("record", "options", "message"),
-    [
-        (record_of([None], scene_dataset="replicaCAD"), {}, "--scene-dataset"),
-        (record_of([None], objects="ycb"), {}, "give their folder with --objects"),
-        (record_of([None]), {"objects": "x"}, "omit --objects"),
-    ],
-)
-def test_datasets_of_the_run_are_needed(record, options, message):
-    with pytest.raises(OptionError, match=message):
-        Replay(record=record, indices=(0,), **options).config()
-
-
 def test_a_replay_has_the_configuration_of_the_run():
     record = record_of(
         [None] * 5,
@@ -234,12 +202,21 @@ def test_a_replay_has_the_configuration_of_the_run():
         skill_config={"x": 2.0},
         seed=4,
     )
-    config = Replay(
+    replay = Replay(
         record=record, indices=(1, 3), scene_dataset="/data/rc", options={"file": "new"}
-    ).config()
+    )
+    config = replay.config()
     assert (config.scene_dataset, config.split, config.novel) == ("/data/rc", "train", "objects")
     assert config.options == {"a": "1", "file": "new"}
     assert (config.seed, config.episodes, config.skill_config) == (4, 4, {"x": 2.0})
+    for changes, objects, message in (
+        ({"scene_dataset": "replicaCAD"}, None, "--scene-dataset"),
+        ({"objects": "ycb"}, None, "give their folder with --objects"),
+        ({}, "x", "omit --objects"),
+    ):
+        replay = Replay(record=record_of([None], **changes), indices=(0,), objects=objects)
+        with pytest.raises(OptionError, match=message):
+            replay.config()
 
 
 def test_verify_refuses_other_episodes_and_values(cli, stub_run):
@@ -248,18 +225,10 @@ def test_verify_refuses_other_episodes_and_values(cli, stub_run):
     assert done.returncode == 2
     assert 'episode "stub/002" in "elsewhere"' in done.stderr
     assert "from 0 to 8" in cli("verify", stub_run, "--episode", 9).stderr
-    assert "--episodes" not in cli("verify", "--help").stderr
     assert "episodes is 0" in cli("verify", stub_run, "--episodes", 0).stderr
     unknown = cli("verify", "spa_priv-pick-apartment-seed3")
     assert unknown.returncode == 2
     assert "Did you mean 'spa_priv-pick-apartment-seed2'?" in unknown.stderr
-
-
-def test_the_drawn_episodes_are_reproducible():
-    assert draw(100, 10, 0) == draw(100, 10, 0)
-    assert draw(100, 10, 0) != draw(100, 10, 1)
-    assert len(set(draw(100, 10, 0))) == 10
-    assert draw(5, 10, 0) == (0, 1, 2, 3, 4)
 
 
 def test_film_records_the_first_success_and_the_first_failures(cli, stub_run, tmp_path):
@@ -267,30 +236,17 @@ def test_film_records_the_first_success_and_the_first_failures(cli, stub_run, tm
     done = cli("film", stub_run, "--out", out)
     assert (done.returncode, done.stderr) == (0, "")
     # Seed 1: seeds 1000, 1001, 1002 fail by force, time out and succeed, in this order.
-    names = sorted(path.name for path in (out / "run").iterdir())
     stems = [f"video_{index:03d}_stub-{index:03d}" for index in range(3)]
-    assert names == sorted([f"{s}.mp4" for s in stems] + [f"{s}.png" for s in stems])
-    assert frame_mean(out / "run" / f"{stems[0]}.png") == 0  # before the first step
-    assert [path.name for path in out.iterdir()] == ["run"]
+    wanted = {f"{stem}.{suffix}" for stem in stems for suffix in ("mp4", "png")}
+    assert {path.name for path in (out / "run").iterdir()} == wanted
     again = cli("film", stub_run, "--out", out)
     assert again.returncode == 2
     assert "give --force to replace it" in again.stderr
     assert cli("film", stub_run, "--out", out, "--episode", 4).returncode == 0
     assert (out / "run" / "video_004_stub-004.mp4").is_file()
-    assert cli("film", stub_run, "--out", out, "--force").returncode == 0
-
-
-def test_film_keeps_no_video_of_another_outcome(cli, stub_run, tmp_path):
+    # No video of another outcome is kept.
     edited(stub_run, steps=4)
-    done = cli("film", stub_run, "--out", tmp_path / "videos")
+    done = cli("film", stub_run, "--out", tmp_path / "other")
     assert done.returncode == 1
     assert "stub/002: steps: recorded 4, repeated 3" in done.stdout
-    names = sorted(path.name for path in (tmp_path / "videos" / "run").glob("*.mp4"))
-    assert names == ["video_000_stub-000.mp4", "video_001_stub-001.mp4"]
-
-
-@pytest.mark.slow
-def test_film_runs_in_workers(cli_process, stub_run, tmp_path):
-    done = cli_process("film", stub_run, "--workers", 2, "--out", tmp_path / "videos")
-    assert done.returncode == 0, done.stderr
-    assert len(list((tmp_path / "videos" / "run").glob("*.mp4"))) == 3
+    assert {path.stem for path in (tmp_path / "other" / "run").glob("*.mp4")} == set(stems[:2])

@@ -10,7 +10,7 @@ import pytest
 import torch
 from hab_eval.cli import main as hab_eval
 from hab_eval.results import read_record
-from hab_ppo import NAVIGATORS, bench_train, checkpoint
+from hab_ppo import NAVIGATORS, checkpoint
 from hab_ppo.agent import spec_of
 from hab_ppo.cli import main
 from hab_ppo.distributed import Ranks
@@ -207,9 +207,3 @@ def test_navigators_solve_most_episodes(name, episodes, tmp_path):
     summary = read_record(tmp_path / "run" / "run.json").summary
     # One stop finds fewer goals than several. The episodes and the agents are deterministic.
     assert summary.success.mean >= (0.3 if NAVIGATORS[name] == "once" else 0.6)
-
-
-@long
-def test_a_short_training_run_is_timed(monkeypatch):
-    monkeypatch.setattr(bench_train, "EPISODES", 2)
-    assert bench_train.trained("hab_ppo.bench_train:RECURRENT", 10) > 0

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from hab_ppo import checkpoint, distillation, warm_start
+from hab_ppo import checkpoint, distillation, teachers, warm_start
 from hab_ppo.agent import LoadedPolicy
 from hab_ppo.cli import main
 from hab_ppo.config_json import from_json, to_json
@@ -76,13 +76,6 @@ def test_a_run_writes_its_files_and_says_how_it_goes(toy, tmp_path):
     assert all(name.startswith("network/") for name in tensors)
 
 
-def test_a_run_continues_only_as_it_was(toy, tmp_path):
-    toy(tmp_path)
-    other = replace(TOY, preset=replace(TOY.preset, rows=3))
-    refused_by_call(lambda: toy(tmp_path, other, resume=LAST), "another preset")
-    refused_by_call(lambda: toy(tmp_path, seed=1, resume=LAST), "seed 0, not 1")
-
-
 def test_a_collapse_is_reported_and_the_best_weights_are_kept(toy, tmp_path, monkeypatch):
     told = iter([{"eval/success": rate, "eval/return": 0.0} for rate in (0.2, 0.8, 0.3)])
     monkeypatch.setattr(Trainer, "_evaluated", lambda self: next(told))
@@ -141,7 +134,6 @@ def test_an_interrupted_distillation_continues_after_its_last_round(toy, tmp_pat
     monkeypatch.setattr(distillation, "visit", noted)
     with pytest.raises(KeyboardInterrupt):
         toy(tmp_path, recipe)
-    assert rounds == [0, 1, 2]
     assert not (tmp_path / CLONED).exists()
     refused_by_call(lambda: toy(tmp_path, recipe, seed=1), "has seed 0, not 1")
     toy(tmp_path, recipe)
@@ -160,8 +152,7 @@ def test_recent_episodes_span_the_updates_that_hold_a_hundred():
     assert recent.metrics["train/length"] == pytest.approx(10)
     stages = Recent(["pick_1", "place_1"])
     stages.add([4, 1, 0.0, 40, 3, 2])
-    assert stages.metrics["train/stage/pick_1"] == 0.75
-    assert stages.metrics["train/stage/place_1"] == 0.5
+    assert [stages.metrics[f"train/stage/{name}_1"] for name in ("pick", "place")] == [0.75, 0.5]
 
 
 def test_recipes_are_json_and_named_after_their_files():
@@ -172,19 +163,15 @@ def test_recipes_are_json_and_named_after_their_files():
         assert recipe.preset.rows >= recipe.preset.ppo.minibatches, name
 
 
-def test_files_that_cannot_be_used_say_so_in_a_line(tmp_path):
-    file = tmp_path / "weights.safetensors"
-    refused_by_call(lambda: checkpoint.load(file), "cannot be read")
-    file.write_bytes(b"nonsense")
-    refused_by_call(lambda: checkpoint.load(file), "not a file of weights")
-    checkpoint.save(file, {"network/x": torch.zeros(1)}, {"format": 99})
-    refused_by_call(lambda: checkpoint.load(file), "format 99")
-
-
-def test_bad_input_is_reported_in_one_line(tmp_path):
-    full = tmp_path / "full"
-    full.mkdir()
-    (full / "thesis.txt").write_text("mine")
+def test_bad_input_is_reported_in_one_line(tmp_path, monkeypatch):
+    monkeypatch.setattr(teachers, "WEIGHTS", tmp_path / "nothing_ships")
+    names = {"DIR": tmp_path / "out", "FULL": tmp_path / "full", "DEMO": tmp_path / "demo"}
+    names |= {"THESIS": tmp_path / "full" / "thesis.txt", "OLD": tmp_path / "old"}
+    names["FULL"].mkdir()
+    names["THESIS"].write_text("mine")
+    examples, env = random_examples([3], linear), find_recipe("close_drawer_blind").env
+    write_examples(names["DEMO"], examples, [], env, {})
+    checkpoint.save(tmp_path / "old", {"network/x": torch.zeros(1)}, {"format": 99})
     cases = {
         "train pick_blnd --out DIR": "Did you mean 'pick_blind'",
         "train no_such_module:MINE --out DIR": "cannot be imported",
@@ -193,10 +180,21 @@ def test_bad_input_is_reported_in_one_line(tmp_path):
         "train pick_blind --out DIR --resume": "there is no run",
         "train pick_blind --out DIR --exact": "--exact",
         "train pick_blind --out FULL": "--force does not replace it",
+        "train pick_blind --out DIR --demonstrations DEMO": "does not start",
+        "train pick_blind --out DIR --teacher DEMO": "has no teacher",
+        "train pick_cloned --out DIR --demonstrations DEMO": "not HabPick-v1",
+        "train place_depth --out DIR --teacher nowhere": "no weights nowhere",
+        "train place_depth --out DIR --teacher DEMO": "no recipe",
+        "train pick_blind --out DIR --weights DEMO --scratch": "--scratch",
+        "demonstrate pick_blind --out DIR --agent hab_eval:no": "Unknown agent",
+        "demonstrate pick_blind --out DIR --noise 2": "--noise",
+        "demonstrate navigate_blind --out DIR": "ee and ee_base",
+        "demonstrate pick_blind --out DEMO": "--force",
         "eval none.safetensors": "cannot be read",
+        "eval THESIS": "not a file of weights",
+        "eval OLD": "format 99",
         "plot DIR": "progress.jsonl",
     }
-    names = {"DIR": tmp_path / "out", "FULL": full}
 
     def check(line):
         arguments = [names.get(word, word) for word in line.split()]

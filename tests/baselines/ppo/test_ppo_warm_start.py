@@ -37,9 +37,6 @@ LSTM = NetworkConfig(lstm_size=16, head_layers=(), log_std=-1.2)
 QUIET = [].append
 
 
-# Cloning ----------------------------------------------------------------------------------------
-
-
 def previous(state):
     """What the state before was: only a network with memory can tell."""
     return torch.cat((torch.zeros(1, 1), state[:-1, :1]))
@@ -68,18 +65,13 @@ def test_an_lstm_is_fitted_to_whole_episodes():
 
 
 def test_cells_are_cloned_by_cross_entropy():
-    space = ToyVector(1, discrete=True).single_action_space
-    policy = new_policy(LAYOUT, space, PLAIN, seed=0)
+    policy = new_policy(LAYOUT, ToyVector(1, discrete=True).single_action_space, PLAIN, seed=0)
     examples = random_examples([20] * 30, lambda state: (state[:, 0] > 0).long() * 2)
     clone(policy, examples, Cloning(epochs=40, batch_steps=256), 0, QUIET)
-    features, _ = policy.features(
-        examples.observations(), examples.starts()[:, None], policy.no_memory(1)
-    )
+    starts, memory = examples.starts()[:, None], policy.no_memory(1)
+    features, _ = policy.features(examples.observations(), starts, memory)
     right = policy.actor(features).argmax(dim=1) == examples.actions
     assert right.float().mean() > 0.95
-
-
-# Fine-tuning ------------------------------------------------------------------------------------
 
 
 def test_the_stages_of_fine_tuning():
@@ -120,9 +112,6 @@ def test_the_kl_term_keeps_the_policy_near_its_start():
             metrics = learner.update(rollout, generator, 0.0, Stage(kl_weight=weight))
         found[weight] = metrics["start_kl"]
     assert 0 <= found[100.0] < 0.1 * found[0.0]
-
-
-# Distillation -----------------------------------------------------------------------------------
 
 
 class Walker:

@@ -267,6 +267,3 @@ def test_place_aims_by_the_object_where_the_pick_grasped_it(aims_object):
     # The goal is at (-2.7, -0.6, 0.9) of the base frame, the hand at (0.5, 0, 1).
     offset = np.array([0.05, -0.02, -0.08]) * aims_object
     np.testing.assert_allclose(aim, np.array([-3.2, -0.6, -0.1]) - offset, atol=1e-5)
-    view.begin(pick)
-    again = view.entries(pick, view.point(pick))
-    np.testing.assert_allclose(again["extra", "object_start_from_ee"], (0.3, 0, -0.2), atol=1e-5)

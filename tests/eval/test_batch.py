@@ -1,15 +1,10 @@
 """Batched agents: each episode runs once and ends as it does alone."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hab_eval.agent_checks import check_rows
 from hab_eval.cli import main
-from hab_eval.errors import AgentError
-
-from hab_tasks.agent import AgentSpec
 
 HERE = Path(__file__).resolve().parent
 RUN = ("run", "--agent", "reaching_agent:reaching", "--env", "HabPick-v1", "--seed", "1")
@@ -79,21 +74,16 @@ def test_rows_are_handed_out_and_the_last_ones_stay_empty(cli_process, tmp_path,
 
 
 @pytest.mark.slow
-def test_a_worker_that_dies_names_its_rows(cli_process, tmp_path):
-    out = tmp_path / "run"
-    arguments = (*STUB, "--episodes", 6, "--workers", 2, "--out", out)
-    done = cli_process(*arguments, STUB_KILL_EPISODE="stub/001")
+def test_a_worker_that_dies_names_its_rows(cli, cli_process, tmp_path):
+    arguments = (*STUB, "--episodes", 6, "--out", tmp_path / "run")
+    done = cli_process(*arguments, "--workers", 2, STUB_KILL_EPISODE="stub/001")
     assert done.returncode == 1
     assert "'stub/001' stopped the run" in done.stderr
     assert "signal 9" in done.stderr
-    assert cli_process(*arguments, "--resume").returncode == 0
+    assert cli(*arguments, "--resume").returncode == 0
 
 
-def test_rows_that_cannot_be_played_are_refused(cli, tmp_path):
-    spec = AgentSpec(name="x", control_mode="ee", rows=4)
-    check_rows(spec)
-    with pytest.raises(AgentError, match="integer >= 1, got 0"):
-        check_rows(replace(spec, rows=0))
+def test_a_device_that_is_not_there_is_refused(cli, tmp_path):
     done = cli(*STUB, "--device", "cuda:9", "--out", tmp_path / "run")
     assert done.returncode == 2
     assert "device 'cuda:9' is not available. Valid: cpu" in done.stderr

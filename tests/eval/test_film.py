@@ -29,16 +29,11 @@ def flag(value):
     return torch.tensor([value])
 
 
-def test_words_of_a_task():
+def test_words_of_a_task_and_of_a_skill():
     stages = {"pick_1": flag(True), "place_1": flag(False), "pick_2": flag(False)}
     terms = {"pick/distance": flag(-0.3), "pick/force": flag(0.05), "place/distance": flag(0.0)}
-    told = frame_state(
-        success=flag(False),
-        failures={},
-        stages=stages,
-        part={"number": flag(2)},
-        reward_terms=terms,
-    )
+    part = {"number": flag(2)}
+    told = frame_state(success=flag(False), stages=stages, part=part, reward_terms=terms)
     assert describe("e/7", "Move it.", told) == [
         "e/7   step 12   0.4 s",  # 30 steps a second
         "Move it.",
@@ -47,54 +42,28 @@ def test_words_of_a_task():
         "reward -0.2500 = pick/distance -0.3000, pick/force +0.0500",
         "return +1.500",
     ]
-
-
-def test_words_of_a_skill_at_its_ends():
     failures = {"force": flag(True), "wrong_object": flag(False)}
-    told = frame_state(
-        doing="", success=flag(False), failures=failures, reward_terms={"x": flag(0.0)}
-    )
-    assert describe("e/7", "", told) == [
-        "e/7   step 12   0.4 s   force",
-        "reward -0.2500",
-        "return +1.500",
-    ]
-    assert (
-        describe("e/7", "", frame_state(success=flag(True)))[0] == "e/7   step 12   0.4 s   success"
-    )
+    told = frame_state(doing="", success=flag(False), failures=failures)
+    first, *_ = describe("e/7", "", told)
+    assert first == "e/7   step 12   0.4 s   force"
     # Nothing is paid for a reset, whatever the terms would be.
-    first = frame_state(step=0, doing="", success=flag(False), reward_terms={"x": flag(1.0)})
-    assert describe("e/7", "", first) == ["e/7   step 0   0.0 s", "return +1.500"]
+    told = frame_state(step=0, doing="", success=flag(False), reward_terms={"x": flag(1.0)})
+    assert describe("e/7", "", told) == ["e/7   step 0   0.0 s", "return +1.500"]
 
 
-def plain(height, width, shade):
-    return np.full((height, width, 3), shade, dtype=np.uint8)
-
-
-def test_pictures_stand_in_a_row_at_one_height():
-    views = [plain(64, 64, 50), plain(64, 96, 100), plain(128, 128, 150)]
+def test_pictures_stand_in_a_row_and_words_below_never_grow_the_frame():
+    sizes = ((64, 64, 50), (64, 96, 100), (128, 128, 150))
+    views = [np.full((height, width, 3), shade, np.uint8) for height, width, shade in sizes]
     frame = compose(views, [])
     # 128 px high: 64 x 64 grows to 128 x 128, 64 x 96 to 128 x 192.
     assert frame.shape == (128 + LINES * LINE_PX, 128 + 192 + 128, 3)
-    assert frame.dtype == np.uint8
     for start, end, shade in ((0, 128, 50), (128, 320, 100), (320, 448, 150)):
         assert np.all(frame[:128, start:end] == shade)
-    assert np.all(frame[128:] == 0)
-
-
-def test_words_are_broken_and_never_grow_the_frame():
-    view = plain(64, 400, 0)
-    few, long = compose([view], ["one line"]), compose([view], ["many words " * 200])
-    assert few.shape == long.shape
-
-    def lines_with_words(frame):
-        strip = frame[64:].reshape(LINES, LINE_PX, -1)
-        return int((strip.max(axis=(1, 2)) > 0).sum())
-
-    assert lines_with_words(few) == 1
-    assert lines_with_words(long) == LINES
-    assert few[64:].max() > 200
-    assert not few[64:, -150:].any()  # eight letters take less than 250 px
+    for words, lines in (("", 0), ("one line", 1), ("many words " * 200, LINES)):
+        told = compose(views, [words])
+        assert told.shape == frame.shape
+        strip = told[128:].reshape(LINES, LINE_PX, -1)
+        assert (strip.max(axis=(1, 2)) > 0).sum() == lines
 
 
 @pytest.mark.slow

@@ -13,7 +13,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
-import numpy as np
 import torch
 from hab_eval import environments
 from hab_eval.config import EvalConfig
@@ -41,7 +40,6 @@ class StubEnv:
         self._episode: StubEpisode | None = None
         self._steps = 0
         self.looks = 0
-        self.closed = False
 
     def reset(self, *, seed, options):
         assert options["reconfigure"]
@@ -85,8 +83,7 @@ class StubEnv:
         shade = 40 * self._steps
         return {name: torch.full((1, 32, 32, 3), shade, dtype=torch.uint8) for name in "ab"}
 
-    def close(self) -> None:
-        self.closed = True
+    def close(self) -> None: ...
 
 
 class StubAgent:
@@ -117,17 +114,11 @@ def constant(setup: AgentSetup) -> StubAgent:
     return StubAgent()
 
 
-def handy(setup: AgentSetup) -> StubAgent:
-    """Asks to be told where the handle is, and the target in the hand's frame."""
-    agent = StubAgent()
-    agent.spec = replace(agent.spec, handle_position=True, target_frame="ee")
-    return agent
-
-
 def optional(setup: AgentSetup) -> StubAgent:
-    """Knows two options, one of any value, and acts by the first."""
+    """Knows two options, acts by the first, and asks for more than the usual observations."""
     check_options(setup, {"mode": ("still", "lively"), "file": None})
     agent = StubAgent()
+    agent.spec = replace(agent.spec, handle_position=True, target_frame="ee")
     if setup.options.get("mode") == "still":
         agent.act = lambda obs: torch.zeros(1, 2)
     return agent
@@ -194,22 +185,17 @@ def not_an_agent(setup: AgentSetup) -> object:
     return object()
 
 
-def make_episodes(count: int, seed: int) -> tuple[StubEpisode, ...]:
-    return tuple(
-        StubEpisode(id=f"stub/{i:03d}", scene_id=f"scene_{i % 2}", seed=1000 * seed + i)
-        for i in range(count)
-    )
-
-
 def load_episode_set(config: EvalConfig, progress, workers) -> SimpleNamespace:
     if config.scene_dataset != "apartment":
         raise UnknownNameError("scene dataset", config.scene_dataset, ["apartment"])
     if config.split not in (None, "val", "train"):
         raise UnknownNameError("split", config.split, ["train", "val"])
-    episodes = make_episodes(config.episodes, config.seed)
-    for done in range(config.episodes + 1):
-        if progress:
-            progress(done, config.episodes)
+    episodes = tuple(
+        StubEpisode(id=f"stub/{i:03d}", scene_id=f"scene_{i % 2}", seed=1000 * config.seed + i)
+        for i in range(config.episodes)
+    )
+    if progress:
+        progress(config.episodes, config.episodes)
     split = config.split or "val"
     return SimpleNamespace(split=split, scene_dataset=config.scene_dataset, episodes=episodes)
 
@@ -232,18 +218,5 @@ def install() -> Callable[[], None]:
         "gripper_entry": lambda control_mode: 1,
     }
     before = {name: getattr(environments, name) for name in replaced}
-    for name, function in replaced.items():
-        setattr(environments, name, function)
-
-    def undo() -> None:
-        for name, function in before.items():
-            setattr(environments, name, function)
-
-    return undo
-
-
-def frame_mean(path) -> float:
-    """Mean brightness of a film's PNG above its words."""
-    import imageio.v2 as imageio
-
-    return float(np.asarray(imageio.imread(path))[:64].mean())
+    vars(environments).update(replaced)
+    return lambda: vars(environments).update(before)

@@ -1,6 +1,5 @@
 import json
 import os
-from dataclasses import replace
 
 import pytest
 import stub_bench
@@ -8,12 +7,9 @@ import torch
 from hab_eval.bench.comparison import step_rows
 from hab_eval.bench.layout import LAYOUT, make_layout
 from hab_eval.bench.motion import BASE_SPEEDS, Motion
-from hab_eval.bench.options import BenchOptions
 from hab_eval.bench.process import QUIET_STEPS, RemoteEnv, StepTiming, time_steps
 from hab_eval.bench.report import make_report, read_report, report_table, write_report
 from hab_eval.bench.rows import bound_row, make_row
-from hab_eval.bench.suite import PICK
-from hab_eval.bench.suites import find_suite
 from hab_eval.errors import BenchError
 from refusals import check_each
 
@@ -136,15 +132,6 @@ def test_layout_for_maniskill(dataset, tmp_path):
         assert (target / stand_in).stat().st_size > 0
     assert not any(path.is_symlink() for path in target.rglob("*"))
     assert snapshot(dataset) == before
-
-
-def test_default_scenes_and_environments_of_a_suite(tmp_path):
-    every = (PICK, "HabPlace-v1")
-    default = BenchOptions(suite=find_suite("sim"), scene_dataset=tmp_path)
-    assert default.groups == (("v3_sc0_staging_00",), ("apt_0",))
-    assert [default.envs_in(scene, every) for (scene,) in default.groups] == [every, (PICK,)]
-    asked = replace(default, scenes=("a", "b"), envs=("HabPlace-v1",))
-    assert [asked.envs_in(scene, every) for (scene,) in asked.groups] == [("HabPlace-v1",)] * 2
 
 
 SIM = ("--suite", "sim")

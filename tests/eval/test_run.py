@@ -4,11 +4,12 @@ import json
 import os
 import signal
 
+import imageio.v2 as imageio
+import numpy as np
 import pytest
 from hab_eval import provenance
 from hab_eval.results import read_record
 from refusals import check_each
-from stub_hab import frame_mean
 from stub_runs import RUN, journal_ids
 from stub_runs import results_of as episodes_of
 
@@ -42,7 +43,8 @@ def test_output_is_plain_lines_then_tables_and_first_episodes_are_filmed(cli, tm
     names = sorted(path.name for path in out.glob("*video*"))
     assert names == [f"{stem}.{suffix}" for stem in stems for suffix in ("mp4", "png")]
     assert (out / names[0]).stat().st_size > 500
-    assert frame_mean(out / names[1]) == 0.0  # the stub is black before its first step
+    # The stub is black before its first step; words are below it.
+    assert not np.asarray(imageio.imread(out / names[1]))[:64].any()
 
 
 def test_existing_folder_is_refused(cli, tmp_path):
@@ -173,13 +175,6 @@ def test_bad_values_are_named_in_one_line(cli, tmp_path):
     check_each({str(case[0]): case for case in BAD}, check)
 
 
-def test_help_shows_a_worked_example(cli):
-    for command in ("run", "table", "failures", "bench"):
-        done = cli(command, "--help")
-        assert done.returncode == 0
-        assert f"  hab-eval {command} " in done.stdout.partition("Example:")[2]
-
-
 @pytest.mark.slow
 def test_options_reach_the_agent_in_every_process_and_the_result(cli, cli_process, tmp_path):
     for workers, run in ((1, cli), (2, cli_process)):
@@ -191,6 +186,7 @@ def test_options_reach_the_agent_in_every_process_and_the_result(cli, cli_proces
         record = read_record(out / "run.json")
         assert record.options == {"file": "a=b.pt", "mode": "still"}
         assert record.episodes[0].episode_return == 0.0  # it would be 3 x 0.5
+        assert (record.handle_position, record.target_frame) == (True, "ee")  # as it asked for
 
 
 @pytest.mark.slow
@@ -218,13 +214,3 @@ def test_traces_are_written_apart_and_cut_to_the_finished_episodes(cli, tmp_path
     assert traces_of(out) == {**before, "stub/003": [{"seed": 3}, {"steps": 3}]}
     assert cli(*RUN, "--episodes", 1, "--out", out, "--force").returncode == 0
     assert not (out / "traces.jsonl").exists()
-
-
-@pytest.mark.slow
-def test_the_result_holds_what_the_agent_asked_to_be_told(cli, tmp_path):
-    for factory, told in {"handy": (True, "ee"), "constant": (False, "base")}.items():
-        command = ("run", "--agent", f"stub_hab:{factory}", "--env", "HabStub-v1", "--episodes", 1)
-        done = cli(*command, "--out", tmp_path / factory)
-        assert done.returncode == 0, done.stderr
-        record = read_record(tmp_path / factory / "run.json")
-        assert (record.handle_position, record.target_frame) == told

@@ -72,29 +72,14 @@ def test_a_command_of_hostile_text_is_one_word_for_the_shell():
     assert f"a={hostile}" in words
 
 
-def test_wild_layouts_are_generated_first():
-    wild = entry_of(record_of([None], scene_dataset="apartment_wild_3"))
-    lines = command_lines(wild)
-    vary = "hab-tasks vary apartment --wild --count 100 --seed 3 --out apartment_wild_3"
-    assert lines[1] == vary
-    assert "--scene-dataset apartment_wild_3 " in lines[2]
+def test_layouts_and_commits_of_a_run():
+    wild = entry_of(record_of([None], scene_dataset="apartment_wild_3", git="abc then def-dirty"))
+    commit, vary, run = command_lines(wild)
+    assert commit == "git checkout def"
+    assert dict(facts_of(wild))["commit"] == "abc then def-dirty"
+    assert vary == "hab-tasks vary apartment --wild --count 100 --seed 3 --out apartment_wild_3"
+    assert "--scene-dataset apartment_wild_3 " in run
     assert not needs_path(wild.record)
     assert needs_path(record_of([None], scene_dataset="replicaCAD_wild_0"))
-    assert len(command_lines(entry_of(record_of([None], scene_dataset="mine_wild_0")))) == 2
-
-
-def test_commits_of_a_resumed_and_edited_run():
-    entry = entry_of(record_of([None], git="abc then def-dirty"))
-    assert command_lines(entry)[0] == "git checkout def"
-    assert dict(facts_of(entry))["commit"] == "abc then def-dirty"
-    assert len(command_lines(entry_of(record_of([None], git=None)))) == 1
-
-
-def test_weights_are_named():
-    def weights(**changes):
-        return dict(facts_of(entry_of(record_of([None], **changes))))["weights"]
-
-    assert weights(agent="hab_spa:spa") == "none"
-    assert weights(agent="mine:x") == "unknown"
-    assert weights(agent="hab_ppo:pick_blind").startswith("pick_blind, shipped with hab_ppo")
-    assert weights(agent="hab_ppo:a", options={"weights": "/a/b"}) == "weights=/a/b"
+    ppo = entry_of(record_of([None], agent="hab_ppo:pick_blind"))
+    assert dict(facts_of(ppo))["weights"].startswith("pick_blind, shipped with hab_ppo")

@@ -1,12 +1,9 @@
 """The commands submit, verify and film."""
 
 import re
-import shutil
 from dataclasses import replace
 
 import pytest
-import stub_hab
-from hab_eval.cli import main
 from hab_eval.leaderboard import default_submissions, read_submissions
 from hab_eval.results import read_record, summarize, write_record
 from hab_eval.submissions.naming import submission_name
@@ -115,21 +112,11 @@ def test_submit_refuses_bad_files_and_names(board, submit):
     assert [one.name for one in board.iterdir()] == ["broken.json"]
 
 
-@pytest.fixture(scope="module")
-def finished_run(tmp_path_factory):
-    """A run of nine episodes on the stub, seed 1."""
-    folder, undo = tmp_path_factory.mktemp("finished") / "run", stub_hab.install()
-    try:
-        assert main([*RUN, "--seed", "1", "--episodes", "9", "--out", str(folder)]) == 0
-    finally:
-        undo()
-    return folder
-
-
 @pytest.fixture
-def stub_run(finished_run, tmp_path):
-    """A copy of it, which a test may change."""
-    return shutil.copytree(finished_run, tmp_path / "run")
+def stub_run(cli, tmp_path):
+    """A run of nine episodes on the stub, seed 1."""
+    assert cli(*RUN, "--seed", 1, "--episodes", 9, "--out", tmp_path / "run").returncode == 0
+    return tmp_path / "run"
 
 
 def test_verify_repeats_a_run(cli, stub_run):

@@ -1,19 +1,17 @@
-"""The embedded dataset: reproducible by its script, complete, convex, at rest, without overlaps."""
+"""The embedded dataset's files: made by its script, complete, convex, with ReplicaCAD's joints."""
 
-import json
 import subprocess
 import sys
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-import trimesh
+from apartment_solids import ROOT, collision_of, load, object_config, part, pieces
 
-ASSETS = Path(__file__).parents[2] / "assets"
-ROOT = ASSETS / "apartment"
-SCENE = ROOT / "configs/scenes/v3_sc0_staging_00.scene_instance.json"
-MAX_BYTES = 9_000_000
+from hab_tasks.scenes.habitat.load import load_template
+
+CONFIGS = sorted((ROOT / "configs/objects").glob("*.object_config.json"))
+TEMPLATES = [p for p in CONFIGS if not p.name[:3].isdigit()]
 
 # Width along x, height along y, depth along z in millimetres, and mass in kilograms, as published
 # for the YCB object set. The mug's width holds its handle.
@@ -56,69 +54,20 @@ LIMITS = {
         f"drawer_{row}{side}": (0, 0.2) for row in ("top", "mid", "bot") for side in "LR"
     },
 }
-
-
-def load(path: Path) -> dict:
-    return json.loads(path.read_text(encoding="utf-8"))
-
-
-def pieces(path: Path) -> list[trimesh.Trimesh]:
-    return list(trimesh.load(path, force="scene").geometry.values())
-
-
-def numbers(element: ElementTree.Element, key: str) -> np.ndarray:
-    return np.array(element.get(key, "0 0 0").split(), float)
-
-
-def object_config(name: str) -> tuple[Path, dict]:
-    path = ROOT / "configs/objects" / f"{name}.object_config.json"
-    return path, load(path)
-
-
-def collision_of(path: Path, config: dict) -> list[trimesh.Trimesh]:
-    return pieces((path.parent / config["collision_asset"]).resolve())
-
-
-OBJECTS = sorted(p.name.split(".")[0] for p in (ROOT / "configs/objects").glob("*.json"))
-GLBS = sorted(ROOT.rglob("*_cv_decomp.glb"))
+# Kilograms per cubic metre of collision volume: cushions and hollow things below, crockery above.
+DENSITY = (10, 2200)
 
 
 @pytest.mark.slow
 def test_script_makes_the_same_bytes():
-    command = [sys.executable, str(ASSETS / "tools/apartment"), "--out", str(ROOT), "--check"]
+    script = str(ROOT.parent / "tools/apartment")
+    command = [sys.executable, script, "--out", str(ROOT), "--check"]
     result = subprocess.run(command, capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
 
 
-def test_dataset_is_small():
-    assert sum(p.stat().st_size for p in ROOT.rglob("*") if p.is_file()) < MAX_BYTES
-
-
-def test_configs_parse_and_files_exist():
-    for path in ROOT.rglob("*.json"):
-        config = load(path)
-        for key in ("render_asset", "collision_asset"):
-            if key in config:
-                assert (path.parent / config[key]).is_file(), f"{path.name}: {config[key]}"
-    for path in ROOT.rglob("*.urdf"):
-        for mesh in ElementTree.parse(path).getroot().iter("mesh"):
-            assert (path.parent / mesh.get("filename")).is_file()
-            assert "," not in mesh.get("scale")
-
-
-def test_scene_names_known_templates():
-    scene = load(SCENE)
-    assert {o["template_name"] for o in scene["object_instances"]} <= set(OBJECTS)
-    for item in scene["articulated_object_instances"]:
-        name = item["template_name"]
-        assert (ROOT / "urdf" / name / f"{name}.urdf").is_file()
-    stage = scene["stage_instance"]["template_name"]
-    assert (ROOT / "configs/stages" / f"{stage}.stage_config.json").is_file()
-    assert (ROOT / "configs" / f"{scene['default_lighting']}.lighting_config.json").is_file()
-
-
 def test_collision_pieces_are_convex_and_closed():
-    for path in GLBS:
+    for path in ROOT.rglob("*_cv_decomp.glb"):
         for piece in pieces(path):
             assert piece.is_watertight
             assert piece.volume > 0
@@ -130,14 +79,10 @@ def test_collision_pieces_are_convex_and_closed():
 
 
 def test_pickables_have_published_size_and_mass():
-    for name in YCB:
+    for name, (size_mm, mass_kg) in YCB.items():
         path, config = object_config(name)
-        size_mm, mass_kg = YCB[name]
-        both = [
-            collision_of(path, config),
-            pieces((path.parent / config["render_asset"]).resolve()),
-        ]
-        for meshes in both:
+        seen = pieces((path.parent / config["render_asset"]).resolve())
+        for meshes in (collision_of(path, config), seen):
             corners = np.vstack([m.vertices for m in meshes])
             np.testing.assert_allclose(np.ptp(corners, axis=0) * 1000, size_mm, atol=4)
         assert config["mass"] == pytest.approx(mass_kg)
@@ -146,17 +91,18 @@ def test_pickables_have_published_size_and_mass():
 
 
 def test_joints_are_those_of_replica_cad():
-    for name in LIMITS:
+    for name, limits in LIMITS.items():
         found = {}
         for joint in ElementTree.parse(ROOT / f"urdf/{name}/{name}.urdf").iter("joint"):
             if joint.get("type") != "fixed":
-                limit = joint.find("limit")
-                found[joint.get("name")] = (float(limit.get("lower")), float(limit.get("upper")))
-                assert limit.get("effort") == "44.4"
+                limit = part(joint, "limit").attrib
+                found[joint.get("name")] = (float(limit["lower"]), float(limit["upper"]))
+                assert limit["effort"] == "44.4"
                 # ReplicaCAD states 0.01 for both, a placeholder.
                 friction = "4" if joint.get("type") == "prismatic" else "0.8"
-                assert joint.find("dynamics").attrib == {"damping": "0.01", "friction": friction}
-        assert found == LIMITS[name]
+                dynamics = part(joint, "dynamics").attrib
+                assert dynamics == {"damping": "0.01", "friction": friction}
+        assert found == limits
 
 
 def test_inertia_is_physical():
@@ -168,3 +114,43 @@ def test_inertia_is_physical():
             moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
             assert moments[0] > 0
             assert moments[2] <= moments[0] + moments[1] + 1e-6
+
+
+def test_templates_are_complete_and_their_parts_fill_the_bounds_of_what_is_seen():
+    for config in CONFIGS:
+        template = load_template(config)
+        assert template.category
+        assert 0.4 <= template.friction <= 1.0
+        parts = collision_of(config, load(config))
+        assert DENSITY[0] < template.mass_kg / sum(p.volume for p in parts) < DENSITY[1]
+        seen, solid = (
+            np.vstack([m.vertices for m in meshes])
+            for meshes in (pieces(template.visual_file), parts)
+        )
+        size = np.ptp(seen, axis=0)
+        for end in (np.min, np.max):
+            gap = np.abs(end(seen, axis=0) - end(solid, axis=0))
+            assert (gap <= np.maximum(0.125 * size, 0.005)).all()
+        assert (np.abs(np.ptp(solid, axis=0) / size - 1) <= 0.25).all()
+
+
+@pytest.mark.assets
+def test_names_and_classes_are_replica_cads(replica_cad):
+    theirs = {p.name: load(p) for p in replica_cad.glob("configs/objects/*.json")}
+    ours = {p.name: load(p) for p in TEMPLATES}
+    assert ours.keys() - theirs.keys() == {"apartment_bed.object_config.json"}
+    assert not theirs.keys() - ours.keys()
+    different = {n for n in theirs if ours[n]["semantic_id"] != theirs[n]["semantic_id"]}
+    # There both are labelled as chopping boards.
+    hangers = (f"frl_apartment_clothes_hanger_0{n}.object_config.json" for n in (1, 2))
+    assert different == set(hangers)
+
+
+def test_lexicon_names_every_class():
+    dataset = load(ROOT / "apartment.scene_dataset_config.json")
+    label = dataset["scene_instances"]["default_attributes"]["semantic_scene_instance"]
+    classes = load(ROOT / dataset["semantic_scene_descriptor_instances"][label])["classes"]
+    used = [load(path) for path in TEMPLATES]
+    assert {c["semantic_id"]: c["user_defined"]["category"] for c in used} == {
+        c["id"]: c["name"] for c in classes
+    }

@@ -1,15 +1,11 @@
-"""Stub environments of a benchmark, importable in the process that `RemoteEnv` starts."""
+"""A stub environment of a benchmark."""
 
 from __future__ import annotations
 
-import os
 import time
-from dataclasses import dataclass
 from types import SimpleNamespace
 
 import torch
-from hab_eval.bench.motion import Motion
-from hab_eval.bench.process import StepTiming, time_steps
 
 ENGINE_S = 0.002
 OTHER_S = 0.002
@@ -39,29 +35,3 @@ class Env:
         if self._uses_engine:
             assert self.scene.px.timestep == 1 / 120
             self.scene.px.step()
-
-
-class StubEnv:
-    def run_steps(self, motion: Motion) -> StepTiming:
-        return time_steps(Env(), torch.zeros(2), torch.full((motion.count, 2), float(motion.seed)))
-
-    def soft_reset(self) -> float:
-        return float(os.environ["STUB_RESET_S"])
-
-    def other_layout(self) -> float:
-        raise ZeroDivisionError("no other scene")
-
-    def close(self) -> None:
-        pass
-
-
-@dataclass(frozen=True)
-class Factory:
-    def __call__(self) -> StubEnv:
-        return StubEnv()
-
-
-@dataclass(frozen=True)
-class DyingFactory:
-    def __call__(self) -> StubEnv:
-        os._exit(7)

@@ -1,5 +1,4 @@
 import json
-import os
 
 import pytest
 import stub_bench
@@ -103,21 +102,6 @@ def test_engine_is_timed_inside_the_same_steps():
     assert all(action.shape == (1, 2) for action in timed)
     with pytest.raises(BenchError, match=r"scene\.px"):  # an engine that is not seen
         time_steps(stub_bench.Env(uses_engine=False), torch.zeros(2), torch.ones(1, 2))
-
-
-@pytest.mark.slow
-def test_side_in_a_process_of_its_own():
-    env = RemoteEnv(stub_bench.Factory(), {"STUB_RESET_S": "0.125"})
-    try:
-        assert "STUB_RESET_S" not in os.environ
-        assert env.soft_reset() == 0.125
-        assert env.run_steps(Motion(count=3, seed=1)).steps == 3
-        with pytest.raises(BenchError, match="ZeroDivisionError: no other scene"):
-            env.other_layout()
-    finally:
-        env.close()
-    with pytest.raises(BenchError, match="exit code 7"):
-        RemoteEnv(stub_bench.DyingFactory(), {})
 
 
 def test_layout_for_maniskill(dataset, tmp_path):

@@ -3,7 +3,7 @@
 import imageio.v2 as imageio
 import numpy as np
 import pytest
-from hab_eval.failures import PLANNING, categories, draw_failures, failure_table, percent
+from hab_eval.failures import PLANNING, categories, draw_failures, percent
 from hab_eval.results import write_record
 from site_records import record_of
 
@@ -18,18 +18,6 @@ def test_categories_and_percentages():
     # 2 and 1 of all 8 episodes.
     shares = [percent(run, name) for name in ("target plan", "motion plan", "timeout")]
     assert shares == [25.0, 0.0, 12.5]
-
-
-def test_runs_are_named_by_what_tells_them_apart():
-    def names(*records):
-        return list(failure_table(records).columns[0].cells)
-
-    run = record_of(["x"])
-    assert names(run, run) == ["Stub, seed 0 [1]", "Stub, seed 0 [2]"]
-    option = record_of(["x"], options={"navigation": "oracle"})
-    wanted = ["Stub, seed 0", "Stub, seed 1", "Stub (navigation=oracle)"]
-    assert names(run, record_of(["x"], seed=1), option) == wanted
-    assert names(run, record_of(["x"], env="HabPlace-v1")) == ["Stub", "Stub"]
 
 
 def test_the_command_draws_and_prints(cli, tmp_path):

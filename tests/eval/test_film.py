@@ -7,8 +7,7 @@ import pytest
 import torch
 from hab_eval import environments
 from hab_eval.config import EvalConfig
-from hab_eval.film import LINES, compose, describe
-from hab_eval.step_info import StepInfo
+from hab_eval.film import LINES, compose
 
 from hab_tasks.agent import AgentSpec
 from hab_tasks.captions import LINE_PX
@@ -19,36 +18,6 @@ quick = ("HabPick-v1", "HabNavigate-v1")
 few_envs = pytest.mark.parametrize(
     "env_id", [e if e in quick else pytest.param(e, marks=pytest.mark.slow) for e in ENVS]
 )
-
-
-def frame_state(step=12, doing="3/20 pick(bowl, drawer): reach", **info):
-    return StepInfo(step=step, info=info, doing=doing, reward=-0.25, episode_return=1.5)
-
-
-def flag(value):
-    return torch.tensor([value])
-
-
-def test_words_of_a_task_and_of_a_skill():
-    stages = {"pick_1": flag(True), "place_1": flag(False), "pick_2": flag(False)}
-    terms = {"pick/distance": flag(-0.3), "pick/force": flag(0.05), "place/distance": flag(0.0)}
-    part = {"number": flag(2)}
-    told = frame_state(success=flag(False), stages=stages, part=part, reward_terms=terms)
-    assert describe("e/7", "Move it.", told) == [
-        "e/7   step 12   0.4 s",  # 30 steps a second
-        "Move it.",
-        "3/20 pick(bowl, drawer): reach",
-        "part 2   1 of 3 stages: pick_1",
-        "reward -0.2500 = pick/distance -0.3000, pick/force +0.0500",
-        "return +1.500",
-    ]
-    failures = {"force": flag(True), "wrong_object": flag(False)}
-    told = frame_state(doing="", success=flag(False), failures=failures)
-    first, *_ = describe("e/7", "", told)
-    assert first == "e/7   step 12   0.4 s   force"
-    # Nothing is paid for a reset, whatever the terms would be.
-    told = frame_state(step=0, doing="", success=flag(False), reward_terms={"x": flag(1.0)})
-    assert describe("e/7", "", told) == ["e/7   step 0   0.0 s", "return +1.500"]
 
 
 def test_pictures_stand_in_a_row_and_words_below_never_grow_the_frame():

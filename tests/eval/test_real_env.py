@@ -40,19 +40,6 @@ def test_outcomes_do_not_depend_on_workers_or_on_the_episodes_before(tmp_path):
     assert results_of(tmp_path / "1") == alone
 
 
-def test_bad_names(tmp_path, capsys):
-    for option, value, expected in (
-        ("--env", "HabPik-v1", "Did you mean 'HabPick-v1'?"),
-        ("--scene-dataset", "apartmnt", "apartmnt"),
-        ("--split", "vall", "vall"),
-    ):
-        assert main([*RUN, option, value, "--out", str(tmp_path / "run")]) == 2
-        told = capsys.readouterr().err
-        assert expected in told
-        assert "Traceback" not in told
-        assert not (tmp_path / "run").exists()
-
-
 def test_a_task_that_times_out_has_the_agents_category():
     """No task names a failure of its own, so that what the agent says is kept."""
     config = EvalConfig(agent="hab_eval:random_agent", env="HabPrepareGroceries-v1", episodes=1)

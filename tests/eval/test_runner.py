@@ -19,9 +19,9 @@ def setup_with(**options):
 SETUP = setup_with()
 
 
-def run(seed, agent, observers=()):
+def run(seed, agent):
     episode = stub_hab.StubEpisode(id="e", scene_id="s", seed=seed)
-    return run_episode(stub_hab.StubEnv(render=True), agent, 0, episode, observers)
+    return run_episode(stub_hab.StubEnv(render=True), agent, 0, episode)
 
 
 def test_outcomes():
@@ -49,37 +49,6 @@ def test_true_state_only_on_request():
     assert seeing.truths == ["true state of e"] * len(seeing.seen) != []
     with pytest.raises(AgentError, match="only until the next step"):
         late.seen[0]["privileged"]
-
-
-def test_observers_see_everything_once():
-    calls = []
-
-    class Recorder:
-        def start(self, index, episode, moment):
-            calls.append(("start", index, episode.id, moment.step, moment.episode_return))
-
-        def step(self, moment):
-            assert moment.info["stages"]
-            calls.append((moment.step, moment.reward, moment.episode_return, moment.doing))
-
-        def end(self):
-            calls.append("end")
-
-        def abort(self):
-            calls.append("abort")
-
-    agent = stub_hab.StubAgent()
-    agent.report = lambda: [AgentReport(doing=f"act {len(agent.seen)}")]
-    run(1, agent, [Recorder()])
-    # Each action pays 0.5.
-    steps = [(1, 0.5, 0.5, "act 1"), (2, 0.5, 1.0, "act 2")]
-    assert calls == [("start", 0, "e", 0, 0.0), *steps, "end"]
-    calls.clear()
-    broken = stub_hab.StubAgent()
-    broken.act = lambda obs: None
-    with pytest.raises(AgentError):
-        run(1, broken, [Recorder()])
-    assert calls == [("start", 0, "e", 0, 0.0), "abort"]
 
 
 @pytest.mark.usefixtures("stubbed")

@@ -12,7 +12,7 @@ from hab_eval.site import paper
 from hab_eval.site.agents import agent_pages, read_cards
 from hab_eval.site.breakdown import by_layout, by_receptacle, histogram, read_receptacles
 from hab_eval.site.build import SiteOptions, build_site
-from hab_eval.site.comparison import compare, comparison_sets
+from hab_eval.site.comparison import comparison_sets
 from hab_eval.site.entries import kinds_of, make_entries
 from hab_eval.site.markdown_files import rendered
 from hab_eval.site.media import find_videos
@@ -88,18 +88,6 @@ def test_shipped_episode_files_name_the_receptacles_of_every_skill():
     assert known == skills - tasks
 
 
-def test_a_pair_by_hand():
-    a = entry_of(record_of([None, None, None, "x", "x"]))
-    b = entry_of(record_of([None, "x", "x", "x", None, None]))
-    pair = compare(a, b)
-    # Five common episodes: one both, two only a, one only b, one neither.
-    # p = min(1, 2 * (C(3,0) + C(3,1)) / 2^3) = 1.
-    assert (pair.n, pair.both, pair.only_first, pair.only_second, pair.neither) == (5, 1, 2, 1, 1)
-    assert pair.p_value == 1.0
-    assert pair.difference == pytest.approx(0.2)
-    assert compare(a, entry_of(record_of([None], seed=3))) is None
-
-
 def test_only_runs_on_the_same_episodes_are_compared():
     records = {
         "a.json": record_of([None, None]),
@@ -110,6 +98,7 @@ def test_only_runs_on_the_same_episodes_are_compared():
     (one,) = comparison_sets(make_entries(records))
     assert [entry.name for entry in one.entries] == ["a", "b"]
     data = one.data()
+    # Of two common episodes both solve one, and only a the other: p = 1.
     assert data["pairs"] == [[0, 1, 2, 1, 1, 0, 1.0]]
     assert data["runs"][0]["outcome"] == [0, 0, None]
     assert data["runs"][1]["outcome"] == [0, 1, 1]

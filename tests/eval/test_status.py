@@ -15,7 +15,6 @@ from hab_eval.leaderboard import (
     find_submissions,
     with_submission,
 )
-from hab_eval.result_tables import filled
 from hab_eval.results import write_record
 from hab_eval.site.build import SiteOptions, build_site
 from hab_eval.status import again_table, best_table, rows_table
@@ -83,21 +82,6 @@ def test_a_row_that_is_run_again_is_in_that_list_alone(tmp_path):
     ranked, listed = page.split('<h2 id="again">')
     assert "1 of 1 runs" in ranked
     assert "<td>old</td><td>1</td><td>Pick</td><td>apartment</td><td>2026-11-23</td>" in listed
-
-
-def test_marks_are_filled_and_bad_ones_named(tmp_path):
-    found = submitted(new=agent("a:new", 4, 5))
-    page = "Before.\n<!-- status: rows -->\nold\n<!-- end of status -->\nAfter.\n"
-    text = filled(page, found, tmp_path, "B.md")
-    assert text.startswith("Before.\n<!-- status: rows -->\n| environment | agent |")
-    assert text.endswith("|\n<!-- end of status -->\nAfter.\n")
-    assert filled(text, found, tmp_path, "B.md") == text
-    for bad, words in (
-        (page.replace("end of", "end"), "no end mark"),
-        (page.replace("rows", "worst"), "again, best, rows"),
-    ):
-        with pytest.raises(ResultError, match=words):
-            filled(bad, found, tmp_path, "B.md")
 
 
 def test_a_new_submission_of_a_name_ends_its_wait(tmp_path):

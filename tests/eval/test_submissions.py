@@ -180,22 +180,7 @@ def test_verify_finds_an_agent_that_claims_less_than_it_sees(cli, stub_run):
     assert "different: agent: privileged: recorded true, repeated false" in done.stdout
 
 
-def test_a_replay_has_the_configuration_of_the_run():
-    record = record_of(
-        [None] * 5,
-        scene_dataset="replicaCAD",
-        split="train+objects",
-        options={"a": "1", "file": "old"},
-        skill_config={"x": 2.0},
-        seed=4,
-    )
-    replay = Replay(
-        record=record, indices=(1, 3), scene_dataset="/data/rc", options={"file": "new"}
-    )
-    config = replay.config()
-    assert (config.scene_dataset, config.split, config.novel) == ("/data/rc", "train", "objects")
-    assert config.options == {"a": "1", "file": "new"}
-    assert (config.seed, config.episodes, config.skill_config) == (4, 4, {"x": 2.0})
+def test_datasets_of_the_run_are_needed():
     for changes, objects, message in (
         ({"scene_dataset": "replicaCAD"}, None, "--scene-dataset"),
         ({"objects": "ycb"}, None, "give their folder with --objects"),

@@ -7,16 +7,12 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
 import pytest
 import stub_runs  # first: it finds the stub
-
-import stub_hab  # isort: skip
 from hab_eval.cli import main
-from hab_eval.errors import RunFolderError
 from hab_eval.results import read_record
 from hab_eval.run_lock import LOCK, locked
 from killed import session_of
@@ -27,6 +23,9 @@ from hab_tasks.files import ASIDE
 
 KILLS = int(os.environ.get("HAB_KILLS", "1"))
 """Of the command and of its workers; `make kills` kills each ten times."""
+
+FILES = {"config.json", "episodes.jsonl", "run.json"}
+"""Of a finished run."""
 
 HOLDER = """
 import sys, time
@@ -44,12 +43,11 @@ pytestmark = pytest.mark.usefixtures("stubbed")
 @pytest.fixture
 def holder(tmp_path):
     """A process that holds the folder `run`."""
-    environment = {**os.environ, "PYTHONPATH": str(stub_runs.ROOT / "eval")}
     process = subprocess.Popen(
         [sys.executable, "-c", HOLDER, str(tmp_path / "run")],
         stdout=subprocess.PIPE,
         text=True,
-        env=environment,
+        env={**os.environ, "PYTHONPATH": str(stub_runs.ROOT / "eval")},
     )
     assert process.stdout.readline() == "held\n"
     yield process
@@ -57,9 +55,8 @@ def holder(tmp_path):
     process.communicate()
 
 
-def finished(folder):
-    """Plays six episodes into a folder."""
-    assert main([*RUN, "--episodes", "6", "--out", str(folder)]) == 0
+def play(folder, *arguments, episodes=6):
+    assert main([*RUN, "--episodes", str(episodes), "--out", str(folder), *arguments]) == 0
 
 
 def test_a_folder_in_use_is_refused_with_its_owner(tmp_path, holder):
@@ -70,26 +67,15 @@ def test_a_folder_in_use_is_refused_with_its_owner(tmp_path, holder):
     assert [path.name for path in out.iterdir()] == [LOCK]
 
 
-@pytest.fixture(scope="module")
-def played(tmp_path_factory):
-    """A finished run of six episodes."""
-    undo = stub_hab.install()
-    folder = tmp_path_factory.mktemp("played") / "run"
-    finished(folder)
-    undo()
-    return folder
-
-
-def test_what_a_run_in_use_has_written_stays(played):
-    before = {path.name: path.read_bytes() for path in played.iterdir()}
-    with locked(played):
-        refused_by_command(main, (*RUN, "--episodes", 6, "--out", played, "--force"), "is in use")
-    assert {path.name: path.read_bytes() for path in played.iterdir()} == before
-
-
-def test_a_resume_wants_the_same_time_limit(played):
-    arguments = (*RUN, "--episodes", 6, "--out", played, "--resume", "--step-timeout", 5)
+def test_a_finished_run_in_use_stays_and_a_resume_wants_the_same_time_limit(tmp_path):
+    play(tmp_path)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    arguments = (*RUN, "--episodes", 6, "--out", tmp_path)
+    with locked(tmp_path):
+        refused_by_command(main, (*arguments, "--force"), "is in use")
+    arguments = (*arguments, "--resume", "--step-timeout", 5)
     refused_by_command(main, arguments, "step_timeout_s: None before, 5.0 now")
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 def test_the_lock_of_a_killed_process_is_taken_over_without_a_word(tmp_path, holder, capfd):
@@ -98,23 +84,17 @@ def test_the_lock_of_a_killed_process_is_taken_over_without_a_word(tmp_path, hol
     holder.wait()
     assert (out / LOCK).is_file()
     capfd.readouterr()
-    assert main([*RUN, "--episodes", "1", "--out", str(out)]) == 0  # a lock alone is no run
+    play(out)  # a lock alone is no run
     assert capfd.readouterr().err == ""
-    assert sorted(path.name for path in out.iterdir()) == [
-        "config.json",
-        "episodes.jsonl",
-        "run.json",
-    ]
+    assert {path.name for path in out.iterdir()} == FILES
 
 
 def test_a_folder_that_stays_empty_is_removed_with_those_made_above_it(tmp_path):
-    with locked(tmp_path / "a" / "b"):
-        pass
-    assert list(tmp_path.iterdir()) == []
     (tmp_path / "mine").mkdir()
-    with locked(tmp_path / "mine"):
-        pass
-    assert (tmp_path / "mine").is_dir()
+    for folder in (tmp_path / "a" / "b", tmp_path / "mine"):
+        with locked(folder):
+            pass
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 
 def test_a_file_system_without_locks_is_no_obstacle(tmp_path, monkeypatch):
@@ -124,25 +104,6 @@ def test_a_file_system_without_locks_is_no_obstacle(tmp_path, monkeypatch):
     monkeypatch.setattr(fcntl, "flock", flock)
     with locked(tmp_path / "run"):
         pass
-
-
-def test_only_one_of_several_threads_holds_a_folder(tmp_path):
-    with locked(tmp_path / "run"), pytest.raises(RunFolderError), locked(tmp_path / "run"):
-        pass
-    with locked(tmp_path / "run"):
-        pass
-
-
-def test_an_owner_that_has_only_just_begun_is_named(tmp_path):
-    """It has the lock, and writes who it is only then."""
-    (tmp_path / LOCK).touch()
-    with (tmp_path / LOCK).open("rb+") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        writes = threading.Timer(0.3, lambda: os.pwrite(file.fileno(), b"process 7 on mars", 0))
-        writes.start()
-        with pytest.raises(RunFolderError, match="by process 7 on mars"), locked(tmp_path):
-            pass
-        writes.join()
 
 
 @pytest.mark.slow
@@ -182,7 +143,7 @@ def test_an_agent_that_hangs_fails_the_episode_and_the_run_goes_on(
     process = stub_runs.start(*FAULTY, "--option", f"case=late:{case}", "--episodes", 4, *limits)
     _, err = process.communicate(timeout=200)
     assert process.returncode == 0, err
-    assert main([*RUN, "--episodes", "4", "--out", str(clean)]) == 0
+    play(clean, episodes=4)
     found, expected = results_of(out), results_of(clean)
     late = [one for one in found if one["failure"] == "agent timeout"]
     assert [one["id"] for one in late] == ["stub/001", "stub/003"]
@@ -195,10 +156,6 @@ def test_an_agent_that_hangs_fails_the_episode_and_the_run_goes_on(
     assert [path.name for path in out.iterdir() if path.name.startswith(".")] == []
 
 
-def unfinished(folder):
-    return [path.name for path in folder.iterdir() if path.name.startswith(ASIDE)]
-
-
 @pytest.mark.slow
 def test_a_killed_run_leaves_its_half_video_to_the_next(tmp_path, capfd):
     out = tmp_path / "run"
@@ -208,11 +165,11 @@ def test_a_killed_run_leaves_its_half_video_to_the_next(tmp_path, capfd):
     process.kill()
     process.communicate()
     wait_until(lambda: not session_of(process.pid), 10.0)
-    assert unfinished(out)
+    assert list(out.glob(f"{ASIDE}*"))
     assert not list(out.glob("video_*.mp4"))
-    assert main([*map(str, arguments), "--resume"]) == 0
+    play(out, "--video", "2", "--resume", episodes=2)
     assert len(list(out.glob("video_*.mp4"))) == 2
-    assert unfinished(out) == []
+    assert not list(out.glob(f"{ASIDE}*"))
 
 
 def children_of(pid):
@@ -264,10 +221,9 @@ def test_kills_at_any_moment_lose_nothing(tmp_path, capfd, killed):
         assert "Traceback" not in err
         wait_until(lambda p=process: not session_of(p.pid), 10.0)
     assert lines_of(out) > 0
-    assert main([*RUN, "--episodes", "24", "--out", str(out), "--resume"]) == 0
-    assert main([*RUN, "--episodes", "24", "--out", str(clean)]) == 0
+    play(out, "--resume", episodes=24)
+    play(clean, episodes=24)
     assert sorted(journal_ids(out)) == [f"stub/{number:03d}" for number in range(24)]
     assert results_of(out) == results_of(clean)
-    names = {"config.json", "episodes.jsonl", "run.json"}
-    assert {path.name for path in out.iterdir()} - {"error.txt"} == names
+    assert {path.name for path in out.iterdir()} - {"error.txt"} == FILES
     assert list(temporary.iterdir()) == []

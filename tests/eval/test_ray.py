@@ -26,15 +26,6 @@ GONE_WITHIN_S = 20.0
 AGENTS = ("ray::DashboardAgent", "ray::RuntimeEnvAgent")
 
 
-@pytest.fixture(scope="module")
-def local(tmp_path_factory):
-    """Results of 12 episodes with the local executor."""
-    out = tmp_path_factory.mktemp("local") / "run"
-    process = stub_runs.start(*RUN, "--episodes", 12, "--out", out)
-    assert process.wait(timeout=120) == 0, process.communicate()
-    return results_of(out)
-
-
 @pytest.fixture
 def cluster(tmp_path, monkeypatch):
     """Yields a cluster of two nodes, one CPU each, and its second node."""
@@ -50,6 +41,13 @@ def cluster(tmp_path, monkeypatch):
     cluster = Cluster(initialize_head=True, head_node_args=node, shutdown_at_exit=False)
     yield cluster, cluster.add_node(num_cpus=1, object_store_memory=100_000_000)
     cluster.shutdown()
+
+
+@pytest.fixture
+def local(cli, tmp_path):
+    """Results of 12 episodes with the local executor."""
+    assert cli(*stub_runs.RUN, "--episodes", 12, "--out", tmp_path / "local").returncode == 0
+    return results_of(tmp_path / "local")
 
 
 def still_runs(process):

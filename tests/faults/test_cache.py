@@ -12,16 +12,12 @@ import trimesh
 from builders import box_glb
 from faulty_data import NAVMESH, cut, folder, pipe, read_as_env, text, whole_dataset
 from refusals import check_each
-from textured import textured_dataset
 
 from hab_tasks import cache
 from hab_tasks.cache import cache_dir, cached
 from hab_tasks.errors import DatasetError
-from hab_tasks.pipeline.optimise import optimise
-from hab_tasks.pipeline.options import AssetOptions
 from hab_tasks.robots.light_visuals import light_mesh
 from hab_tasks.scenes import mesh_checks, meshes
-from hab_tasks.scenes.habitat.dataset import SceneDataset
 
 
 @pytest.fixture(autouse=True)
@@ -63,19 +59,6 @@ def light(root):
     return lambda: trimesh.load_scene(light_mesh(file, "1 0 0 1")).bounds.tolist()
 
 
-def copied(root):
-    """Makes an optimised copy of a dataset; returns how long its files are."""
-    textured_dataset(root)
-    options = AssetOptions(collision="hull", texture_format="png", texture_px=64)
-
-    def make():
-        out = root.with_name("out")
-        optimise(SceneDataset(root), out, options, force=True)
-        return sorted((f.name, f.stat().st_size) for f in out.rglob("*") if f.is_file())
-
-    return make
-
-
 def test_a_damaged_entry_is_made_anew_with_one_warning(tmp_path, monkeypatch, caplog):
     def check(case):
         kind, damage = case
@@ -101,7 +84,7 @@ def test_a_damaged_entry_is_made_anew_with_one_warning(tmp_path, monkeypatch, ca
         assert not caplog.records
 
     caplog.set_level(logging.WARNING)
-    cases = {f"{kind.__name__} cut": (kind, cut(0.6)) for kind in (walls, parts, light, copied)}
+    cases = {f"{kind.__name__} cut": (kind, cut(0.6)) for kind in (walls, parts, light)}
     cases["garbage"] = (parts, text(b"nothing of the kind" * 40))
     check_each(cases | {"folder": (parts, folder), "pipe": (parts, pipe)}, check)
 
@@ -146,14 +129,6 @@ def test_a_fault_of_the_data_is_no_fault_of_the_cache(caplog):
     with pytest.raises(DatasetError, match=r"table\.glb"):
         cached("a", fail, Path.read_text)
     assert not caplog.records
-
-
-def test_without_a_name_the_cache_is_in_the_home_folder(monkeypatch, tmp_path):
-    monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
-    monkeypatch.setenv("HAB_CACHE_DIR", "")
-    assert cache_dir() == tmp_path / ".cache/hab_tasks"
-    assert not cache_dir().exists(), "asking where it is must not make it"
 
 
 @pytest.mark.slow

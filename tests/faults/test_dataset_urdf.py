@@ -17,64 +17,48 @@ from refusals import check_each
 from hab_tasks.scenes.pool import BodyPool
 
 BOX = 'size="0.4 0.3, 0.2"'
-LIMIT = '<limit lower="0" upper="0.25" effort="10" velocity="1"/>'
 MASS = '<mass value="5"/>'
 ORIGIN = '<origin xyz="0.3, 0, 0"/>'
 AXIS = '<axis xyz="1, 0, 0"/>'
 ENDS = '<parent link="body"/><child link="drawer"/>'
 END = "</robot>"
+SECOND_JOINT = f'<joint name="again" type="fixed">{ENDS}</joint></robot>'
 
-SECOND_JOINT = '<joint name="again" type="fixed">{}</joint></robot>'
 
 CASES: dict[str, tuple[Damage, str]] = {
     "empty": (text(""), "not a valid URDF"),
     "cut": (cut(0.4), "not a valid URDF"),
     "deep": (text("<robot>" + 20_000 * "<a>" + 20_000 * "</a>" + "</robot>"), "nested"),
     "folder": (folder, "a folder"),
-    "other root": (text("<mujoco/>"), "'mujoco'"),
     "no link": (text("<robot/>"), "no link"),
     "no joint": (text('<robot><link name="body"/></robot>'), "no joint"),
     # Names and the tree
     "nameless link": (swap('<link name="drawer">', "<link>"), "a link has no name"),
     "two links of a name": (swap('name="drawer"', 'name="body"'), "link 'body' is there 2 times"),
-    "two joints of a name": (
-        swap(END, f'<link name="b"/><joint name="slide" type="fixed">{ENDS}</joint></robot>'),
-        "joint 'slide' is there 2 times",
-    ),
     "unknown parent": (swap('<parent link="body"/>', '<parent link="bdy"/>'), "'bdy'"),
     "no parent": (swap('<parent link="body"/>', ""), "0 elements <parent>"),
-    "child of two": (swap(END, SECOND_JOINT.format(ENDS)), "the child of 2 joints"),
+    "child of two": (swap(END, SECOND_JOINT), "the child of 2 joints"),
     "two roots": (swap(END, '<link name="leg"/></robot>'), "'leg' hang on no joint"),
-    "cycle": (
-        swap(END, SECOND_JOINT.format('<parent link="drawer"/><child link="body"/>')),
-        "hangs on itself",
-    ),
+    "cycle": (swap(ENDS, '<parent link="drawer"/><child link="drawer"/>'), "itself"),
     # Joints
     "unknown type": (swap("prismatic", "prismatik"), "Did you mean 'prismatic'"),
-    "no limit": (swap(LIMIT, ""), "0 elements <limit>"),
     "limit of text": (swap('upper="0.25"', 'upper="far"'), "limit upper is 'far'"),
     "limits swapped": (swap('lower="0"', 'lower="1"'), "lower before upper"),
     "effort of text": (swap('effort="10"', 'effort="much"'), "limit effort is 'much'"),
     "axis zero": (swap(AXIS, '<axis xyz="0 0 0"/>'), "axis is '0 0 0'"),
-    "axis of two": (swap(AXIS, '<axis xyz="0 1"/>'), "axis xyz is [0.0, 1.0]"),
-    "joint origin nan": (swap(AXIS, AXIS + '<origin xyz="nan 0 0"/>'), "joint 'slide', origin"),
     "friction negative": (swap(AXIS, AXIS + '<dynamics friction="-1"/>'), "dynamics friction"),
     "mimic unknown": (swap(AXIS, AXIS + '<mimic joint="glide"/>'), "'glide'"),
     "mimic text": (swap(AXIS, AXIS + '<mimic joint="slide" offset="a"/>'), "mimic offset is 'a'"),
     # Masses
     "mass negative": (swap(MASS, '<mass value="-5"/>'), "link 'body', inertial, mass value is -5"),
-    "no mass": (swap(MASS, ""), "0 elements <mass>"),
     "inertia negative": (swap('ixx="1"', 'ixx="-1"'), "positive definite"),
     # Shapes
     "box of two": (swap(BOX, 'size="0.4 0.3"'), "collision 0, box size is [0.4, 0.3]"),
     "box flat": (swap(BOX, 'size="0.4 0 0.2"'), "3 numbers above 0"),
     "sphere of zero": (swap(f"<box {BOX}/>", '<sphere radius="0"/>'), "sphere radius is 0"),
-    "cylinder without length": (swap(f"<box {BOX}/>", '<cylinder radius="1"/>'), "length is None"),
     "unknown shape": (swap(f"<box {BOX}/>", '<cone radius="1"/>'), "['cone']"),
-    "two shapes": (swap(f"<box {BOX}/>", 2 * f"<box {BOX}/>"), "['box', 'box']"),
     "origin nan": (swap(ORIGIN, '<origin xyz="nan 0 0"/>'), "collision 0, origin xyz"),
     "missing mesh": (swap('"body.glb"', '"gone.glb"'), "'gone.glb'"),
-    "mesh without name": (swap('filename="body.glb"', ""), "names ''"),
     "mesh folder": (swap('"body.glb"', '"."'), "a folder"),
     "mesh scale zero": (swap('scale="1, 1, 1"', 'scale="1 0 1"'), "scale is '1 0 1'"),
     "colour": (swap("</visual>", '<material><color rgba="red"/></material></visual>'), "['red']"),

@@ -19,8 +19,6 @@ from killed import session_of
 from refusals import refused_by_command
 from stub_runs import FAULTY, RUN, journal_ids, results_of
 
-from hab_tasks.files import ASIDE
-
 KILLS = int(os.environ.get("HAB_KILLS", "1"))
 """Of the command and of its workers; `make kills` kills each ten times."""
 
@@ -40,31 +38,8 @@ with locked(Path(sys.argv[1])):
 pytestmark = pytest.mark.usefixtures("stubbed")
 
 
-@pytest.fixture
-def holder(tmp_path):
-    """A process that holds the folder `run`."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", HOLDER, str(tmp_path / "run")],
-        stdout=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONPATH": str(stub_runs.ROOT / "eval")},
-    )
-    assert process.stdout.readline() == "held\n"
-    yield process
-    process.kill()
-    process.communicate()
-
-
 def play(folder, *arguments, episodes=6):
     assert main([*RUN, "--episodes", str(episodes), "--out", str(folder), *arguments]) == 0
-
-
-def test_a_folder_in_use_is_refused_with_its_owner(tmp_path, holder):
-    out = tmp_path / "run"
-    words = (str(out), f"process {holder.pid} on {socket.gethostname()}")
-    for how in ("--resume", "--force"):
-        refused_by_command(main, (*RUN, "--episodes", 1, "--out", out, how), *words)
-    assert [path.name for path in out.iterdir()] == [LOCK]
 
 
 def test_a_finished_run_in_use_stays_and_a_resume_wants_the_same_time_limit(tmp_path):
@@ -78,13 +53,19 @@ def test_a_finished_run_in_use_stays_and_a_resume_wants_the_same_time_limit(tmp_
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_the_lock_of_a_killed_process_is_taken_over_without_a_word(tmp_path, holder, capfd):
+def test_a_folder_in_use_is_refused_until_its_owner_is_killed(tmp_path, capfd):
     out = tmp_path / "run"
-    holder.kill()
-    holder.wait()
-    assert (out / LOCK).is_file()
+    env = {**os.environ, "PYTHONPATH": str(stub_runs.ROOT / "eval")}
+    command = [sys.executable, "-c", HOLDER, str(out)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=env) as holder:
+        assert holder.stdout.readline() == "held\n"
+        words = (str(out), f"process {holder.pid} on {socket.gethostname()}")
+        for how in ("--resume", "--force"):
+            refused_by_command(main, (*RUN, "--episodes", 1, "--out", out, how), *words)
+        holder.kill()
+    assert [path.name for path in out.iterdir()] == [LOCK]
     capfd.readouterr()
-    play(out)  # a lock alone is no run
+    play(out)  # a lock alone is no run, and that of a dead process is taken over without a word
     assert capfd.readouterr().err == ""
     assert {path.name for path in out.iterdir()} == FILES
 
@@ -104,20 +85,6 @@ def test_a_file_system_without_locks_is_no_obstacle(tmp_path, monkeypatch):
     monkeypatch.setattr(fcntl, "flock", flock)
     with locked(tmp_path / "run"):
         pass
-
-
-@pytest.mark.slow
-def test_of_two_resumes_at_once_one_plays(tmp_path):
-    out = tmp_path / "run"
-    arguments = (*RUN, "--episodes", 4, "--out", out, "--resume")
-    both = [stub_runs.start(*arguments, STUB_STEP_S="0.3") for _ in range(2)]
-    told = [process.communicate(timeout=120)[1] for process in both]
-    codes = [process.returncode for process in both]
-    assert sorted(codes) == [0, 2], told
-    line = told[codes.index(2)]
-    assert f"process {both[codes.index(0)].pid} on" in line
-    assert len(line.splitlines()) == 1
-    assert len(journal_ids(out)) == 4
 
 
 def test_a_time_limit_needs_an_agent_of_one_row(tmp_path):
@@ -154,22 +121,6 @@ def test_an_agent_that_hangs_fails_the_episode_and_the_run_goes_on(
     assert all(1.5 < one.seconds < 60 for one in record.episodes[1::2])
     assert {path.name for path in out.glob("video_*.mp4")} == {"video_000_stub-000.mp4"}
     assert [path.name for path in out.iterdir() if path.name.startswith(".")] == []
-
-
-@pytest.mark.slow
-def test_a_killed_run_leaves_its_half_video_to_the_next(tmp_path, capfd):
-    out = tmp_path / "run"
-    arguments = (*RUN, "--episodes", 2, "--video", 2, "--out", out)
-    process = stub_runs.start(*arguments, "--workers", 2, STUB_STEP_S="0.2")
-    wait_until(lambda: [path for path in out.glob(f"{ASIDE}*.mp4") if path.stat().st_size])
-    process.kill()
-    process.communicate()
-    wait_until(lambda: not session_of(process.pid), 10.0)
-    assert list(out.glob(f"{ASIDE}*"))
-    assert not list(out.glob("video_*.mp4"))
-    play(out, "--video", "2", "--resume", episodes=2)
-    assert len(list(out.glob("video_*.mp4"))) == 2
-    assert not list(out.glob(f"{ASIDE}*"))
 
 
 def children_of(pid):

@@ -9,8 +9,10 @@ from transforms3d.quaternions import axangle2quat
 
 from hab_tasks.episodes.habitat.convert import read_habitat
 from hab_tasks.episodes.schema import EpisodeSet, save_json
-from hab_tasks.scenes.habitat.dataset import SceneDataset
+from hab_tasks.scenes.habitat.dataset import resolve_dataset
+from hab_tasks.scenes.objects import load_objects
 
+APARTMENT, OBJECTS = resolve_dataset("apartment"), load_objects(None)
 SCENE = "v3_sc0_staging_00"
 DRAWER = "receptacle_aabb_drawer_right_top_frl_apartment_kitchen_counter"
 SHELF = "receptacle_aabb_middle_topfrl_apartment_refrigerator"
@@ -27,20 +29,19 @@ def matrix(x, y, z, heading_rad=0.0, tilt_rad=0.0, digits=5):
     return rows.round(digits).tolist()
 
 
-def marker(name, link, furniture, offset):
-    return {
+MARKERS = [
+    {
         "name": name,
         "type": "articulated_object",
-        "params": {"offset": offset, "link": link, "object": furniture},
+        "params": {"offset": offset, "link": link, "object": f"{furniture}_:0000"},
     }
-
-
-MARKERS = [
-    marker("cab_push_point_7", "drawer1_top", "kitchen_counter_:0000", [0.3, 0.0, 0]),
-    marker("cab_push_point_6", "drawer2_top", "kitchen_counter_:0000", [0.3, 0.0, 0]),
-    marker("cab_push_point_5", "drawer3", "kitchen_counter_:0000", [0.3, 0.0, 0]),
-    marker("cab_push_point_4", "drawer4", "kitchen_counter_:0000", [0.3, 0.0, 0]),
-    marker("fridge_push_point", "top_door", "fridge_:0000", [0.10, -0.62, 0.2]),
+    for name, link, furniture, offset in (
+        ("cab_push_point_7", "drawer1_top", "kitchen_counter", [0.3, 0.0, 0]),
+        ("cab_push_point_6", "drawer2_top", "kitchen_counter", [0.3, 0.0, 0]),
+        ("cab_push_point_5", "drawer3", "kitchen_counter", [0.3, 0.0, 0]),
+        ("cab_push_point_4", "drawer4", "kitchen_counter", [0.3, 0.0, 0]),
+        ("fridge_push_point", "top_door", "fridge", [0.10, -0.62, 0.2]),
+    )
 ]
 
 
@@ -80,38 +81,40 @@ def set_table(**changes):
 def tidy_house(**changes):
     """Full precision, a robot start with a height and a tilt, goals on several receptacles."""
     up = axangle2quat((0.02, 1, 0), 0.6)
-    return set_table(
-        episode_id="12",
-        info={
-            "object_labels": {"003_cracker_box_:0000": "any_targets|0"},
-            "seen": [1, {"a": None}],
-        },
-        start_position=[1.25, 0.1302, -2.5],
-        start_rotation=[*up[1:], up[0]],
-        ao_states={},
-        rigid_objs=[["003_cracker_box.object_config.json", matrix(1, 2, 3, 0.5, 0.25, 15)]],
-        targets={"003_cracker_box_:0000": matrix(-1, 0.7, 2, 0.1, 0.0, 15)},
-        target_receptacles=[["frl_apartment_chair_01_:0001", None]],
-        goal_receptacles=[["kitchen_counter_:0000", 0]],
-        name_to_receptacle={
-            "003_cracker_box_:0000": "frl_apartment_chair_01_:0001|receptacle_aabb_Chr1_Top1_"
-            "frl_apartment_chair_01"
-        },
-    ) | {**changes}
-
-
-def first_release():
-    """Fields of the first files: neither receptacles nor their names, bare scene ids."""
-    entry = set_table(scene_id=SCENE, scene_dataset_config="default", info=None)
-    for key in ("target_receptacles", "goal_receptacles", "name_to_receptacle", "markers"):
-        del entry[key]
-    return entry
+    return (
+        set_table(
+            episode_id="12",
+            info={
+                "object_labels": {"003_cracker_box_:0000": "any_targets|0"},
+                "seen": [1, {"a": None}],
+            },
+            start_position=[1.25, 0.1302, -2.5],
+            start_rotation=[*up[1:], up[0]],
+            ao_states={},
+            rigid_objs=[["003_cracker_box.object_config.json", matrix(1, 2, 3, 0.5, 0.25, 15)]],
+            targets={"003_cracker_box_:0000": matrix(-1, 0.7, 2, 0.1, 0.0, 15)},
+            target_receptacles=[["frl_apartment_chair_01_:0001", None]],
+            goal_receptacles=[["kitchen_counter_:0000", 0]],
+            name_to_receptacle={
+                "003_cracker_box_:0000": "frl_apartment_chair_01_:0001|receptacle_aabb_Chr1_Top1_"
+                "frl_apartment_chair_01"
+            },
+        )
+        | changes
+    )
 
 
 ENTRIES = {
     "set_table": set_table(),
     "tidy_house": tidy_house(),
-    "first_release": first_release(),
+    # Neither receptacles nor their names; a bare scene id.
+    "first_release": {
+        key: value
+        for key, value in set_table(
+            scene_id=SCENE, scene_dataset_config="default", info=None
+        ).items()
+        if "receptacle" not in key and key != "markers"
+    },
     "unknown_fields": set_table(viewpoints=[[1, 2.5]], markers=MARKERS[:1], note="kept"),
     "no_targets": set_table(targets={}, target_receptacles=[], goal_receptacles=[], info={}),
     "later_target_first": set_table(
@@ -120,9 +123,7 @@ ENTRIES = {
 }
 
 
-def read(
-    folder: Path, dataset: SceneDataset, objects: dict, *entries: Any, name: str = "habitat.json"
-) -> EpisodeSet:
+def read(folder: Path, *entries: Any, name: str = "habitat.json") -> EpisodeSet:
     """Writes entries to a file as Habitat does, and reads it."""
     save_json({"config": None, "episodes": list(entries)}, folder / name, sort_keys=False)
-    return read_habitat(folder / name, dataset, objects)
+    return read_habitat(folder / name, APARTMENT, OBJECTS)

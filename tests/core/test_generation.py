@@ -18,9 +18,8 @@ from hab_tasks.errors import GenerationError
 from hab_tasks.registration import ENTRY_POINTS
 
 ENV, SEED = "HabPick-v1", 77
-LONG = pytest.mark.long
-EARLIER = {"HabOpenDrawer-v1": pytest.mark.slow, "HabSetTable-v1": pytest.mark.slow}
-"""Tiers of the tests of generation without the earlier episodes; those not named are long."""
+LONG, SLOW = pytest.mark.long, pytest.mark.slow
+IN_CI = ("HabOpenDrawer-v1", "HabSetTable-v1")
 
 
 @pytest.fixture(autouse=True)
@@ -31,7 +30,7 @@ def own_cache(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     "env_id",
-    [ENV, *(pytest.param(e, marks=EARLIER.get(e, LONG)) for e in ENTRY_POINTS if e != ENV)],
+    [e if e == ENV else pytest.param(e, marks=SLOW if e in IN_CI else LONG) for e in ENTRY_POINTS],
 )
 def test_an_episode_does_not_depend_on_those_before(generated, env_id):
     """The last one, made first, by a source that does not know the others."""
@@ -40,7 +39,7 @@ def test_an_episode_does_not_depend_on_those_before(generated, env_id):
     assert open_source(EpisodeRequest(env_id=env_id, seed=SEED)).get(last) == episodes[last]
 
 
-@pytest.mark.slow
+@SLOW
 def test_a_new_process_makes_the_same_episodes(generated):
     """Another seed and another env before them, in another order, with other hashes of strings."""
     code = f"""
@@ -82,7 +81,7 @@ def test_the_shipped_sets_are_whole():
         assert {e.scene_id for e in episodes} == set(scenes), f"{env_id}: a layout without episodes"
 
 
-@pytest.mark.slow
+@SLOW
 def test_the_shipped_sets_are_what_is_generated():
     """To a centimetre, as physics adds up otherwise elsewhere; other draws differ by more."""
     for env_id in ENTRY_POINTS:
@@ -97,9 +96,7 @@ def test_the_shipped_sets_are_what_is_generated():
             assert np.allclose(pose[:3], episode.objects[handle][:3], atol=0.01), handle
 
 
-@pytest.mark.parametrize(
-    "count", [pytest.param(2, marks=pytest.mark.slow), pytest.param(20, marks=LONG)]
-)
+@pytest.mark.parametrize("count", [pytest.param(2, marks=SLOW), pytest.param(20, marks=LONG)])
 def test_shipped_episodes_can_be_started(count):
     for env_id in ENTRY_POINTS:
         source, episodes = shipped(env_id)
@@ -110,7 +107,7 @@ def test_shipped_episodes_can_be_started(count):
             assert not replay.touches(), episode.id
 
 
-# Seeds, and giving up --------------------------------------------------------------------------
+# Giving up -------------------------------------------------------------------------------------
 
 
 def test_a_dataset_without_receptacles_gives_up_and_says_why(tmp_path):
@@ -123,8 +120,7 @@ def test_a_dataset_without_receptacles_gives_up_and_says_why(tmp_path):
 
 
 def test_refusals_are_told_and_stored(run, monkeypatch, tmp_path):
-    made, request = starts_of(ENV).attempt, EpisodeRequest(env_id=ENV, seed=1)
-    left = ["too hot", "too cold", "too hot"]
+    made, left = starts_of(ENV).attempt, ["too hot", "too cold", "too hot"]
 
     def attempt(self, sandbox, rng):
         if left:
@@ -132,6 +128,7 @@ def test_refusals_are_told_and_stored(run, monkeypatch, tmp_path):
         return made(self, sandbox, rng)
 
     monkeypatch.setattr(starts_of(ENV), "attempt", attempt)
+    request = EpisodeRequest(env_id=ENV, seed=1)
     counted = load_episodes(request, count=1).rejections
     assert (counted["too hot"], counted["too cold"]) == (2, 1)
     assert load_episodes(request, count=1).rejections == counted, "they are kept in the cache"

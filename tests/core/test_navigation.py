@@ -16,44 +16,36 @@ from hab_tasks.navigation import (
 from hab_tasks.privileged import CollisionBody, CollisionShape
 from hab_tasks.robots.control_modes import BASE_CELLS
 from hab_tasks.scenes.floor import CELL_M, floor_between
+from hab_tasks.scenes.habitat.dataset import SceneDataset
+from hab_tasks.scenes.habitat.load import load_scene
+from hab_tasks.scenes.layout_geometry import Layout
 
-ROOM = (0.0, 0.0, 6.0, 4.0)
-WALL = (3.0, 0.0, 3.1, 2.5)
-TABLE = (0.0, 1.5, 1.0, 2.5)
-
-
-def rectangle(low_x, low_y, high_x, high_y):
-    return np.array([(low_x, low_y), (high_x, low_y), (high_x, high_y), (low_x, high_y)])
+FLOOR = ((0, 0, -0.1), (6, 4, 0))
+WALL = ((3, 0, 0), (3.1, 2.5, 2.7))
+TABLE = ((0, 1.5, 0), (1, 2.5, 0.8))
 
 
 def box(low, high):
-    world_from_box = np.eye(4)
-    world_from_box[:3, 3] = np.add(low, high) / 2
+    center = np.eye(4)
+    center[:3, 3] = np.add(low, high) / 2
     return CollisionShape(
         kind="box",
-        body_from_shape=world_from_box,
+        body_from_shape=center,
         half_size_m=np.subtract(high, low) / 2,
         vertices_m=np.zeros((0, 3)),
         faces=np.zeros((0, 3), dtype=np.int64),
     )
 
 
-def body(name, group, *boxes):
-    return CollisionBody(name=name, group=group, shapes=tuple(box(*b) for b in boxes))
-
-
-def room(*furniture, wall=WALL):
-    """A room of 6 x 4 m with an inner wall, and furniture that is 0.8 m high."""
-    floor = ((0, 0, -0.1), (6, 4, 0))
-    inner = ((wall[0], wall[1], 0), (wall[2], wall[3], 2.7))
-    bodies = [body("stage", "stage", floor, inner)]
-    for index, (a, b, c, d) in enumerate(furniture):
-        bodies.append(body(f"piece_{index}", "static", ((a, b, 0), (c, d, 0.8))))
-    return NavigationMap.of_bodies(bodies, {b.name: np.eye(4) for b in bodies})
-
-
-def length(path):
-    return np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+def room(*furniture):
+    """A room of 6 x 4 m with an inner wall, and furniture."""
+    shapes = {"stage": tuple(box(*corners) for corners in (FLOOR, WALL))}
+    shapes |= {f"piece_{i}": (box(*corners),) for i, corners in enumerate(furniture)}
+    bodies = [
+        CollisionBody(name=name, group="static" if "piece" in name else name, shapes=boxes)
+        for name, boxes in shapes.items()
+    ]
+    return NavigationMap.of_bodies(bodies, dict.fromkeys(shapes, np.eye(4)))
 
 
 # Free floor ------------------------------------------------------------------------------------
@@ -63,9 +55,11 @@ def test_clearance_is_never_overstated():
     rng = np.random.default_rng(0)
     low = rng.uniform(0, 5, (12, 2))
     high = low + rng.uniform(0.02, 0.8, (12, 2))
-    boxes = np.concatenate((low, high), axis=1)
-    corners = rectangle(-1.0, -1.0, 7.0, 7.0)
-    floor = floor_between([rectangle(*b) for b in boxes], corners, 0.3)
+    outlines = [
+        np.array([(a, b), (c, b), (c, d), (a, d)])
+        for a, b, c, d in [(-1.0, -1.0, 7.0, 7.0), *np.hstack((low, high))]
+    ]
+    floor = floor_between(outlines[1:], outlines[0], 0.3)
     at = floor.origin_m + CELL_M * np.stack(np.indices(floor.clearance_m.shape), axis=-1)
     outside = np.maximum(np.maximum(low - at[..., None, :], at[..., None, :] - high), 0.0)
     true = np.linalg.norm(outside, axis=-1).min(axis=-1)
@@ -76,75 +70,50 @@ def test_clearance_is_never_overstated():
 
 
 def test_a_rug_and_a_lamp_overhead_are_no_obstacles():
-    stage = body("stage", "stage", ((0, 0, -0.1), (6, 4, 0)))
-    rug = body("rug", "static", ((1, 1, 0), (3, 3, 0.03)))
-    lamp = body("lamp", "static", ((2, 2, 1.5), (2.2, 2.2, 2.0)))
-    poses = {b.name: np.eye(4) for b in (stage, rug, lamp)}
-    bare = NavigationMap.of_bodies([stage], poses)
-    assert (NavigationMap.of_bodies([stage, rug, lamp], poses).free == bare.free).all()
-    full = body("wardrobe", "static", ((0, 0, 0), (6, 4, 2)))
+    rug, lamp = ((1, 1, 0), (3, 3, 0.03)), ((2, 2, 1.5), (2.2, 2.2, 2.0))
+    assert (room(rug, lamp).free == room().free).all()
     with pytest.raises(GenerationError, match="no free floor"):
-        NavigationMap.of_bodies([stage, full], poses | {"wardrobe": np.eye(4)})
+        room(((0, 0, 0), (6, 4, 2)))
 
 
 # Distances -------------------------------------------------------------------------------------
 
 
-def test_a_straight_distance_is_exact_to_a_cell_and_where_no_room_is_infinite():
-    map_ = room()
-    goal = np.array([1.03, 1.48])
+def test_distances_are_those_of_the_taut_string():
+    map_, goal = room(), np.array([1.03, 1.48])
     field = map_.geodesic_field(goal)
     points = np.random.default_rng(1).uniform((0.4, 0.4), (2.5, 3.5), (200, 2))
     straight = np.linalg.norm(points - goal, axis=1)
     assert np.abs(geodesic_distance(map_, points, field) - straight).max() < CELL_M / 2
     assert (np.isfinite(field) == map_.free).all()
-
-
-def test_the_distance_around_a_wall_is_that_of_the_taut_string():
-    map_ = room()
-    field = map_.geodesic_field(np.array([4.6, 1.0]))
     # From (1.5, 1) the wall's end at (3, 2.5) is 1.5 * sqrt(2) m away; the tangent to the circle
     # of 0.3 m around it is sqrt(4.5 - 0.09) = 2.1 m long and rises at 45 + 8.13 = 53.13 degrees
     # (3-4-5), so the arc is 0.3 * 0.9273 = 0.2782 m. Then 0.1 m along the wall's end, and the
     # same again: 2 * (2.1 + 0.2782) + 0.1 = 4.856 m.
+    field = map_.geodesic_field(np.array([4.6, 1.0]))
     found = geodesic_distance(map_, np.array([1.5, 1.0]), field)
     assert found == pytest.approx(4.856, rel=0.03)
 
 
-def test_goals_may_be_several_and_cells():
+def test_goals_may_be_several_or_cells_or_in_a_wall():
     map_ = room()
     left, right = np.array([0.6, 1.0]), np.array([5.4, 1.0])
     both = map_.geodesic_field(np.stack((left, right)))
     each = np.minimum(map_.geodesic_field(left), map_.geodesic_field(right))
     assert np.abs(both[map_.free] - each[map_.free]).max() < CELL_M / 2
     goals = np.zeros_like(map_.free)
+    assert np.isinf(map_.geodesic_field(goals)).all()
     goals[map_.free] = map_.positions(np.argwhere(map_.free))[:, 0] > 5.0
-    field = map_.geodesic_field(goals)
-    assert field[goals & map_.free] == pytest.approx(0.0, abs=1e-9)
     # From x = 4 it is 1 m to the right, less than a cell more to the first goal cell's middle.
-    found = geodesic_distance(map_, np.array([4.0, 3.0]), field)
+    found = geodesic_distance(map_, np.array([4.0, 3.0]), map_.geodesic_field(goals))
     assert found == pytest.approx(1.0, abs=CELL_M)
-    assert np.isinf(map_.geodesic_field(np.zeros_like(map_.free))).all()
-
-
-def test_points_that_are_not_free_go_to_the_nearest_free_place_first():
-    map_ = room()
     inside_wall = np.array([3.02, 1.0])
     nearest = map_.nearest_free(inside_wall)
     # Left of the wall the base's middle is at x <= 2.7.
     assert nearest == pytest.approx([2.7, 1.0], abs=CELL_M)
-    field = map_.geodesic_field(np.array([1.0, 1.0]))
-    detour = np.linalg.norm(nearest - inside_wall) + np.linalg.norm(nearest - [1.0, 1.0])
-    assert geodesic_distance(map_, inside_wall, field) == pytest.approx(detour, abs=CELL_M)
-    # A goal in the wall counts as one beside it.
-    again = map_.geodesic_field(inside_wall)
-    assert geodesic_distance(map_, nearest, again) == pytest.approx(0.0, abs=1e-6)
-    # Batches of any shape are as good.
+    found = geodesic_distance(map_, nearest, map_.geodesic_field(inside_wall))
+    assert found == pytest.approx(0.0, abs=1e-6)
     points = np.random.default_rng(2).uniform(-1.0, 7.0, (3, 5, 2))
-    found = geodesic_distance(map_, points, field)
-    one_by_one = [[float(geodesic_distance(map_, p, field)) for p in row] for row in points]
-    assert np.isfinite(found).all()
-    assert np.allclose(found, one_by_one)
     assert map_.is_free(map_.nearest_free(points)).all()
 
 
@@ -152,7 +121,7 @@ def test_points_that_are_not_free_go_to_the_nearest_free_place_first():
 
 
 def test_ways_are_free_and_as_short_as_their_distance():
-    map_ = room(TABLE, (4.5, 2.0, 5.0, 4.0))
+    map_ = room(TABLE, ((4.5, 2.0, 0), (5.0, 4.0, 0.8)))
     rng = np.random.default_rng(3)
     cells = np.argwhere(map_.free)
     for _ in range(50):
@@ -160,32 +129,30 @@ def test_ways_are_free_and_as_short_as_their_distance():
         path = path_between(map_, start, goal)
         assert np.allclose(path[[0, -1]], (start, goal))
         assert all(map_.clear(a, b) for a, b in pairwise(path))
+        length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
         distance = float(geodesic_distance(map_, start, map_.geodesic_field(goal)))
-        assert length(path) <= 1.03 * distance + CELL_M
-        assert length(path) >= 0.97 * distance - CELL_M
+        assert 0.97 * distance - CELL_M <= length <= 1.03 * distance + CELL_M
 
 
 def test_the_follower_turns_drives_and_stops():
     follower = ShortestPathFollower(room(), np.array([2.0, 3.5, 0.0]))
-
-    def cell(x, y, yaw):
-        return BASE_CELLS[follower.action(np.array([x, y, yaw]))]
-
-    assert cell(1.0, 3.5, 0.0) == (1.0, 0.0)  # the goal is 1 m ahead
-    assert cell(1.0, 3.5, np.pi) == (0.0, -1.0)  # behind; pi and -pi are the same turn
-    # A step at full speed turns by 3.14 / 30 = 0.105 rad, so 0.06 rad are nearest to half of it.
-    assert cell(1.0, 3.5, -0.06) == (1.0, 0.5)
-    assert cell(1.0, 3.5, -0.3) == (0.5, 1.0)  # so far aside, it drives slowly
-    assert cell(1.75, 3.5, 0.0) == (0.5, 0.0)  # so near, too
-    assert cell(2.5, 3.5, 0.0) == (-0.5, 0.0)  # the goal is near behind: backwards
-    assert cell(2.5, 3.5, 0.3) == (-0.5, -1.0)
-    assert cell(2.5, 3.5, 1.0) == (0.0, -1.0)  # so far aside, it turns first
-    assert cell(2.0, 3.0, 0.0) == (-0.5, 0.0)  # near beside: backwards, to come from behind
-    assert cell(1.4, 3.0, 0.0) == (0.0, 1.0)  # atan(0.5 / 0.6) = 0.69 rad: nearly ahead
-    assert cell(2.0, 2.8, 0.0) == (0.0, 1.0)  # farther beside: straight to it
-    assert cell(1.85, 3.5, 1.0) == (0.0, -1.0)  # arrived, but not at the heading
-    assert cell(1.85, 3.5, 0.3) == (0.0, 0.0)
-    assert cell(1.9, 3.5, 0.1) == (0.0, 0.0)
+    for base, cell in (
+        ((1.0, 3.5, 0.0), (1.0, 0.0)),  # the goal is 1 m ahead
+        ((1.0, 3.5, np.pi), (0.0, -1.0)),  # behind; pi and -pi are the same turn
+        # A step at full speed turns by 3.14 / 30 = 0.105 rad: 0.06 rad are nearest to half of it.
+        ((1.0, 3.5, -0.06), (1.0, 0.5)),
+        ((1.0, 3.5, -0.3), (0.5, 1.0)),  # so far aside, it drives slowly
+        ((1.75, 3.5, 0.0), (0.5, 0.0)),  # so near, too
+        ((2.5, 3.5, 0.0), (-0.5, 0.0)),  # the goal is near behind: backwards
+        ((2.5, 3.5, 0.3), (-0.5, -1.0)),
+        ((2.5, 3.5, 1.0), (0.0, -1.0)),  # so far aside, it turns first
+        ((2.0, 3.0, 0.0), (-0.5, 0.0)),  # near beside: backwards, to come from behind
+        ((1.4, 3.0, 0.0), (0.0, 1.0)),  # atan(0.5 / 0.6) = 0.69 rad: nearly ahead
+        ((2.0, 2.8, 0.0), (0.0, 1.0)),  # farther beside: straight to it
+        ((1.85, 3.5, 1.0), (0.0, -1.0)),  # arrived, but not at the heading
+        ((1.85, 3.5, 0.3), (0.0, 0.0)),
+    ):
+        assert BASE_CELLS[follower.action(np.array(base))] == cell, base
 
 
 def test_the_follower_goes_around_a_wall():
@@ -195,8 +162,6 @@ def test_the_follower_goes_around_a_wall():
         base, highest = np.array([1.5, 1.0, 0.0]), 0.0
         for _ in range(400 // repeat):
             forward, turn = BASE_CELLS[follower.action(base)]
-            if forward == turn == 0:
-                break
             for _ in range(repeat):
                 base[2] += turn * 3.14 / 30
                 base[:2] += forward / 30 * np.array([np.cos(base[2]), np.sin(base[2])])
@@ -208,52 +173,38 @@ def test_the_follower_goes_around_a_wall():
 
 
 def test_poses_reach_the_target_face_it_and_start_near():
-    map_ = room(TABLE)
     target = np.array([0.8, 2.0, 0.8])
-    poses = poses_reaching(map_, target)
+    poses = poses_reaching(room(TABLE), target)
     gap = target[:2] - poses[:, :2]
     distance = np.linalg.norm(gap, axis=1)
     assert len(poses) > 20
     assert ((distance >= 0.45) & (distance <= 1.1)).all()
     assert (np.diff(distance) >= -1e-9).all()
-    assert np.allclose(
-        np.stack((np.cos(poses[:, 2]), np.sin(poses[:, 2])), 1), gap / distance[:, None]
-    )
+    facing = np.column_stack((np.cos(poses[:, 2]), np.sin(poses[:, 2])))
+    assert np.allclose(facing, gap / distance[:, None])
     # The nearest: in front of the table's edge at x = 1, with 0.3 m for the base.
     assert poses[0, :2] == pytest.approx([1.3, 2.0], abs=1.5 * CELL_M)
 
 
 def test_poses_are_not_behind_walls_or_other_furniture():
-    shelf = (2.7, 0.5, 3.0, 1.5)
-    map_ = room(shelf)
     # The shelf stands at the wall; behind it is free floor 0.55 m from the target.
-    poses = poses_reaching(map_, np.array([2.9, 1.0]))
+    shelf, target = ((2.7, 0.5, 0), (3.0, 1.5, 0.8)), np.array([2.9, 1.0])
+    poses = poses_reaching(room(shelf), target)
     assert len(poses)
     assert (poses[:, 0] < 3.0).all()
+    assert not len(poses_reaching(room(shelf), target, farthest_m=0.46))
     # A narrow piece stands 0.2 m before the shelf: from behind it the shelf is out of sight.
-    screened = poses_reaching(room(shelf, (2.4, 0.2, 2.5, 1.8)), np.array([2.75, 1.0]))
-    assert not ((screened[:, 0] < 2.4) & (np.abs(screened[:, 1] - 1.0) < 0.3)).any()
-    assert not len(poses_reaching(map_, np.array([2.9, 1.0]), farthest_m=0.46))
-
-
-# A real layout ---------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def layout(replica_cad):
-    from hab_tasks.scenes.habitat.dataset import SceneDataset
-    from hab_tasks.scenes.habitat.load import load_scene
-    from hab_tasks.scenes.layout_geometry import Layout
-
-    return Layout.of(load_scene(SceneDataset(replica_cad), "v3_sc1_staging_00"))
+    screen = ((2.4, 0.2, 0), (2.5, 1.8, 0.8))
+    x, y, _ = poses_reaching(room(shelf, screen), np.array([2.75, 1.0])).T
+    assert not ((x < 2.4) & (np.abs(y - 1.0) < 0.3)).any()
 
 
 @pytest.mark.assets
-def test_an_open_fridge_is_in_the_way(layout):
+def test_an_open_fridge_is_in_the_way(replica_cad):
+    layout = Layout.of(load_scene(SceneDataset(replica_cad), "v3_sc1_staging_00"))
     closed = NavigationMap.of_layout(layout)
     opened = NavigationMap.of_layout(layout, {("fridge_:0000", "top_door_hinge"): np.pi / 2})
     # The door is some 0.65 m wide. With the base's radius on both sides, and around its end, it
     # takes about 0.6 * 0.65 + 0.14 = 0.5 m2 of which 0.3 m before the fridge were not free.
-    lost_m2 = CELL_M**2 * float((closed.free & ~opened.free).sum())
-    assert 0.15 < lost_m2 < 0.55
-    assert CELL_M**2 * float((opened.free & ~closed.free).sum()) < 0.1
+    assert 0.15 < CELL_M**2 * (closed.free & ~opened.free).sum() < 0.55
+    assert CELL_M**2 * (opened.free & ~closed.free).sum() < 0.1

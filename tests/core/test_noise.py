@@ -2,21 +2,19 @@
 
 import math
 
-import pytest
 import torch
+from refusals import refused_by_call
 
 from hab_tasks.engine.noise import NoiseSource, SensorNoise
-from hab_tasks.errors import OptionError, UnknownNameError
 
 SIDE = 200
 """Pixels along a side: 40,000 draws give a standard deviation to within 1.5 % (4 sigma)."""
 
-EVERY_ROW = torch.tensor([0])
 
-
-def source(num_envs=1, seeds=(7,), **noise):
-    made = NoiseSource(SensorNoise(**noise), num_envs)
-    made.begin(torch.arange(num_envs), list(seeds))
+def source(*seeds, **noise):
+    """Noise of rows whose episodes have these seeds."""
+    made = NoiseSource(SensorNoise(**noise), len(seeds) or 1)
+    made.begin(torch.arange(len(seeds) or 1), list(seeds) or [7])
     return made
 
 
@@ -25,36 +23,35 @@ def plain(*values, dtype=torch.int16):
     return torch.tensor(values, dtype=dtype).expand(1, SIDE, SIDE, len(values)).clone()
 
 
+def color(*values):
+    return plain(*values, dtype=torch.uint8)
+
+
 def seen(noise, **images):
     return noise.images({"head": images})["head"]
 
 
-def spread(image, of):
-    """Standard deviation and mean of what was added."""
-    error = image.double() - of
-    return float(error.std()), float(error.mean())
+def check_spread(noisy, exact, std, within):
+    """Checks the standard deviation of what was added, and that its mean is near zero."""
+    error = noisy.double() - exact
+    assert abs(float(error.std()) / std - 1) < within
+    assert abs(float(error.mean())) < 4 * std / math.sqrt(error.numel())
 
 
-def test_depth_noise_grows_with_the_square_of_the_distance():
+def test_noise_is_as_large_as_said():
     for depth_m in (1.0, 2.0, 4.0):
         noisy = seen(source(depth_at_1_m_m=0.01), depth=plain(int(1000 * depth_m)))["depth"]
         assert noisy.dtype == torch.int16
-        std, mean = spread(noisy, 1000 * depth_m)
         # 10 mm at 1 m, 40 mm at 2 m, 160 mm at 4 m; rounding to millimetres adds 1/12 mm².
         expected = math.hypot(10.0 * depth_m**2, math.sqrt(1 / 12))
-        assert abs(std / expected - 1) < 0.02
-        assert abs(mean) < 4 * expected / SIDE
-
-
-def test_nothing_stays_nothing_and_what_is_no_measurement_is_left_alone():
-    noise = source(depth_at_1_m_m=0.5)
-    images = seen(noise, depth=plain(0), position=plain(0, 0, 0))
-    assert not images["depth"].any()
-    assert not images["position"].any()
-    segmentation, albedo = plain(3), plain(1, 2, 3, dtype=torch.uint8)
-    images = seen(noise, segmentation=segmentation, albedo=albedo)
-    assert torch.equal(images["segmentation"], segmentation)
-    assert torch.equal(images["albedo"], albedo)
+        check_spread(noisy, 1000 * depth_m, expected, 0.02)
+    rgb = seen(source(rgb_levels=10.0), rgb=color(128, 0, 255))["rgb"]
+    assert rgb.dtype == torch.uint8
+    check_spread(rgb[..., 0], 128.0, 10.0, 0.02)
+    # Half of the noise is cut off at either end.
+    assert abs(float((rgb[..., 1] == 0).double().mean()) - 0.52) < 0.02
+    assert abs(float((rgb[..., 2] == 255).double().mean()) - 0.52) < 0.02
+    check_spread(source(joint_rad=0.05).joints(torch.full((1, 20_000), 0.3)), 0.3, 0.05, 0.03)
 
 
 def test_points_move_along_their_rays_as_far_as_their_depth():
@@ -68,44 +65,28 @@ def test_points_move_along_their_rays_as_far_as_their_depth():
     assert z.std() > 30
 
 
+def test_nothing_stays_nothing_and_what_is_no_measurement_is_left_alone():
+    noise = source(depth_at_1_m_m=0.5)
+    others = {"segmentation": plain(3), "albedo": color(1, 2, 3)}
+    measured = {"rgb": color(1, 2, 3), "depth": plain(2345)}
+    for made, images in (
+        (noise, {"depth": plain(0), "position": plain(0, 0, 0)}),
+        (noise, others),
+        (source(depth_at_1_m_m=0.0, rgb_levels=0.0, joint_rad=0.0), measured),
+    ):
+        for name, image in seen(made, **images).items():
+            assert torch.equal(image, images[name]), name
+    assert torch.equal(source(joint_rad=0.0).joints(torch.ones(1, 7)), torch.ones(1, 7))
+
+
 def test_raw_textures_get_the_noise_of_the_images_made_of_them():
     noise = source(depth_at_1_m_m=0.01, rgb_levels=5.0)
-    raw = seen(
-        noise,
-        Color=plain(100, 50, 20, 255, dtype=torch.uint8),
-        PositionSegmentation=plain(1000, -500, -2000, 17),
-    )
-    images = seen(
-        noise, rgb=plain(100, 50, 20, dtype=torch.uint8), position=plain(1000, -500, -2000)
-    )
-    assert torch.equal(raw["Color"][..., :3], images["rgb"])
-    assert torch.equal(raw["PositionSegmentation"][..., :3], images["position"])
-    assert (raw["Color"][..., 3] == 255).all()
-    assert (raw["PositionSegmentation"][..., 3] == 17).all()
-
-
-def test_colours_are_off_by_levels_and_stay_colours():
-    noise = source(rgb_levels=10.0)
-    rgb = seen(noise, rgb=plain(128, 0, 255, dtype=torch.uint8))["rgb"]
-    assert rgb.dtype == torch.uint8
-    std, mean = spread(rgb[..., 0], 128.0)
-    assert abs(std / 10.0 - 1) < 0.02
-    assert abs(mean) < 0.2
-    # Half of the noise is cut off at either end.
-    assert abs(float((rgb[..., 1] == 0).double().mean()) - 0.52) < 0.02
-    assert abs(float((rgb[..., 2] == 255).double().mean()) - 0.52) < 0.02
-
-
-def test_joint_noise_is_as_large_as_said_and_none_changes_nothing():
-    noisy = source(joint_rad=0.05).joints(torch.full((1, 20_000), 0.3))
-    std, mean = spread(noisy, 0.3)
-    assert abs(std / 0.05 - 1) < 0.03
-    assert abs(mean) < 0.002
-    noise = source(depth_at_1_m_m=0.0, rgb_levels=0.0, joint_rad=0.0)
-    images = {"rgb": plain(1, 2, 3, dtype=torch.uint8), "depth": plain(2345)}
-    for name, image in seen(noise, **images).items():
-        assert torch.equal(image, images[name])
-    assert torch.equal(noise.joints(torch.ones(1, 7)), torch.ones(1, 7))
+    raw = {"Color": color(9, 50, 20, 255), "PositionSegmentation": plain(1000, -500, -2000, 17)}
+    found = seen(noise, **raw)
+    images = seen(noise, rgb=raw["Color"][..., :3], position=raw["PositionSegmentation"][..., :3])
+    for name, image in zip(raw, images.values(), strict=True):
+        assert torch.equal(found[name][..., :3], image), name
+        assert torch.equal(found[name][..., 3], raw[name][..., 3]), name
 
 
 # The same again --------------------------------------------------------------------------------
@@ -120,52 +101,30 @@ def samples(noise, steps=3):
     return torch.stack(found)
 
 
-def test_an_episodes_noise_is_its_own_and_that_of_no_other_row():
-    alone, other = (samples(source(seeds=(seed,))) for seed in (7, 8))
-    assert torch.equal(alone, samples(source(seeds=(7,))))
-    assert not torch.equal(alone, other)
-    both = samples(source(num_envs=2, seeds=(7, 8)))
-    assert torch.equal(both[:, :1], alone)
-    assert torch.equal(both[:, 1:], other)
-
-
-def test_a_row_that_begins_anew_leaves_the_other_where_it_is():
-    noise, whole = source(num_envs=2, seeds=(7, 8)), samples(source(num_envs=2, seeds=(7, 8)), 4)
-    samples(noise, 2)
+def test_an_episodes_noise_is_its_own_and_begins_anew_with_it():
+    noise, rows = source(7, 8), [samples(source(seed), 4)[:, 0] for seed in (7, 8, 9)]
+    assert not torch.equal(rows[0], rows[1])
+    assert torch.equal(samples(noise, 2), torch.stack(rows[:2], dim=1)[:2])
     noise.begin(torch.tensor([1]), [0, 9])
-    now = samples(noise, 2)
-    assert torch.equal(now[:, 0], whole[2:, 0])
-    assert torch.equal(now[:, 1:], samples(source(seeds=(9,)), 2))
-
-
-def test_a_restored_source_goes_on_alike():
-    noise, other = source(seeds=(7,)), source(seeds=(1,))
-    samples(noise, 2)
-    other.set_state(noise.get_state(), EVERY_ROW)
-    assert torch.equal(samples(noise), samples(other))
+    other = source(1, 1)
+    other.set_state(noise.get_state(), torch.arange(2))
+    expected = torch.stack((rows[0][2:], rows[2][:2]), dim=1)
+    assert torch.equal(samples(noise, 2), expected)
+    assert torch.equal(samples(other, 2), expected), "a restored source goes on alike"
 
 
 def test_cameras_and_channels_have_noise_of_their_own():
-    noise = source(depth_at_1_m_m=0.01)
     pictures = {name: {"depth": plain(1000)} for name in ("head", "arm")}
-    noisy = noise.images(pictures)
-    assert not torch.equal(noisy["head"]["depth"], noisy["arm"]["depth"])
-    flat = [noisy[name]["depth"].double().flatten() for name in ("head", "arm")]
-    assert abs(float(torch.corrcoef(torch.stack(flat))[0, 1])) < 0.03
-
-
-# What is taken ---------------------------------------------------------------------------------
+    noisy = source(depth_at_1_m_m=0.01).images(pictures)
+    flat = torch.stack([noisy[name]["depth"].double().flatten() for name in pictures])
+    assert abs(float(torch.corrcoef(flat)[0, 1])) < 0.03
 
 
 def test_a_dict_of_attributes_is_as_good_and_anything_else_is_refused():
     assert SensorNoise.of({"joint_rad": 0.1}) == SensorNoise(joint_rad=0.1)
     assert SensorNoise.of(None) is None
-    noise = SensorNoise()
-    assert SensorNoise.of(noise) is noise
-    with pytest.raises(UnknownNameError, match="Did you mean 'joint_rad'"):
-        SensorNoise.of({"joint_radd": 0.1})
+    refused_by_call(lambda: SensorNoise.of({"joint_radd": 0.1}), "Did you mean 'joint_rad'")
+    refused_by_call(lambda: SensorNoise.of(0.1), "SensorNoise or a dict")
     for value in (-0.1, math.nan, math.inf):
-        with pytest.raises(OptionError, match=r"sensor_noise\.rgb_levels is"):
-            SensorNoise(rgb_levels=value)
-    with pytest.raises(OptionError, match="SensorNoise or a dict"):
-        SensorNoise.of(0.1)
+        attributes = {"rgb_levels": value}
+        refused_by_call(lambda x=attributes: SensorNoise.of(x), "sensor_noise.rgb_levels is")

@@ -4,7 +4,6 @@ import importlib
 
 import numpy as np
 import pytest
-import stub_runs  # first: it finds the stub
 
 import stub_hab  # isort: skip
 import torch
@@ -35,7 +34,7 @@ def stopped_line(capfd, out, *arguments):
 
 
 def stopped_with(capfd, tmp_path, case, *words):
-    """Runs two episodes of a faulty agent; returns the folder after the error line was checked."""
+    """Runs two episodes of a faulty agent; checks the error line, and returns the folder."""
     out = tmp_path / f"run-{case}"
     line = stopped_line(capfd, out, *FAULTY, "--option", f"case={case}", "--episodes", 2)
     check_words(line, ("hab-eval: ", "--resume", *words))
@@ -43,14 +42,10 @@ def stopped_with(capfd, tmp_path, case, *words):
 
 
 def test_a_bad_spec_is_named_before_anything_is_made(tmp_path):
-    out = tmp_path / "run"
-
     def check(case):
-        field = next(iter(SPECS.get(case, ["is null"])))
-        arguments = (*FAULTY, "--option", f"case=spec:{case}", "--out", out)
-        words = ("spec is null", "AgentSpec") if case == "none" else (field,)
-        refused_by_command(main, arguments, *words)
-        assert not out.exists()
+        arguments = (*FAULTY, "--option", f"case=spec:{case}", "--out", tmp_path / "run")
+        refused_by_command(main, arguments, next(iter(SPECS.get(case, ["spec is null"]))))
+        assert not (tmp_path / "run").exists()
 
     check_each({case: case for case in (*SPECS, "none")}, check)
 
@@ -72,17 +67,13 @@ def test_a_bad_report_or_action_is_named():
     check_each({case: case for case in cases}, check)
 
 
-def test_a_bad_report_or_action_stops_the_run(tmp_path, capfd):
-    for case, word in (("report:none", "Stub: "), ("act:none", "act() must return")):
-        stopped_with(capfd, tmp_path, case, "'stub/000'", word)
+def test_a_bad_report_stops_the_run(tmp_path, capfd):
+    stopped_with(capfd, tmp_path, "report:none", "'stub/000'", "Stub: ")
 
 
 ERRORS = {
     "exit": "sys.exit(0)",
-    "exit_text": "sys.exit('done')",
     "value": "ValueError: three lines of it",
-    "memory": "MemoryError",
-    "recursion": "RecursionError: too deep",
     "long": "RuntimeError: xxx",
     "control": r"RuntimeError: \x1b[31mred",
 }
@@ -90,7 +81,6 @@ ERRORS = {
 
 FACTORIES = {
     "value": "raised ValueError: three lines of it",
-    "long": "raised RuntimeError: xxx",
     "stop": "raised StopIteration",
     "guarded": "no spec today",
     **dict.fromkeys(("nothing", "absent", "halved"), "it needs spec, reset, act and report"),
@@ -122,7 +112,6 @@ def test_a_factory_that_raises_or_makes_no_agent_is_named(tmp_path):
 
 MODULES = {
     "syntax": (b"def agent(setup:\n", "SyntaxError", "line 1"),
-    "bytes": (b"x = '\xff'\n", "SyntaxError", "utf-8"),
     "raises": (b"\nraise RuntimeError('no weights')\n", "no weights", "line 2"),
     "import": (b"from hab_tasks import nothing_such\n", "cannot be imported", "nothing_such"),
     "needs": (b"import surely_not_there\n", "needs 'surely_not_there'", "not installed"),
@@ -162,21 +151,8 @@ def test_a_bad_reference_is_one_line(tmp_path):
         refused_by_command(main, arguments, "gent")
         assert not (tmp_path / "run").exists()
 
-    references = ["", "x", "x:", ":x", "..x:y", "stub_hab.x:y", "a b:c", "hab_eval..x:y"]
-    references += ["stub_hab:constant:x", "nul\0:x", "é" * 500 + ":x"]
+    references = ("", ":x", "..x:y", "a b:c", "hab_eval..x:y", "nul\0:x", "é" * 500 + ":x")
     check_each({reference[:20]: reference for reference in references}, check)
-
-
-@pytest.mark.slow
-def test_an_exit_in_a_worker_is_told_as_in_one_process(tmp_path):
-    out = tmp_path / "run"
-    arguments = (*FAULTY, "--option", "case=raise:act:exit", "--episodes", 3, "--workers", 2)
-    process = stub_runs.start(*arguments, "--out", out)
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == EXIT_STOPPED
-    assert len(err.splitlines()) == 1, err
-    check_words(err, ("Episode 'stub/001' stopped the run", "sys.exit(0)", "--resume"))
-    assert "stub/001" not in (journal_ids(out) if (out / "episodes.jsonl").exists() else [])
 
 
 def test_numbers_of_other_libraries_are_durations():

@@ -8,7 +8,6 @@ from dataclasses import replace
 import pytest
 import stub_runs  # first: it finds the stub
 from hab_eval.cli import main
-from hab_eval.config import read_config
 from hab_eval.results import FinishedEpisode, read_record, summarize
 from hab_eval.run_folder import RunFolder
 from hab_eval.schema import to_json
@@ -29,7 +28,6 @@ WRONG = {
     "texts": (None, [], {"a": 1}, {"a": SURROGATE}),
     "failure": (5, "", "  "),
     "numbers": (None, {"sct": None}, {"sct": NAN}, {"sct": HUGE}),
-    "durations": (None, {"plan": -1}, {"plan": "1"}),
 }
 """Kind of a field -> values that it does not take."""
 
@@ -47,8 +45,6 @@ OF_EPISODE = {
 OF_RECORD = dict.fromkeys(("agent", "agent_name", "env", "scene_dataset"), "name")
 OF_RECORD |= dict.fromkeys(("control_mode", "obs_mode", "target_frame", "split", "device"), "str")
 OF_RECORD |= {"privileged": "bool", "seed": "count", "options": "texts", "versions": "texts"}
-OF_CONFIG = {"agent": "str", "env": "str", "episodes": "count", "seed": "count", "options": "texts"}
-
 GOOD = to_json(make_record())
 LINE = to_json(FinishedEpisode(episode=make_record().episodes[1], timings_s={"plan": 0.25}))
 CONFIG = {
@@ -91,30 +87,14 @@ def test_a_wrong_field_is_named(tmp_path):
         name = "e1" if field != "id" else "episodes[1]"
         record_refused(tmp_path, data, "episodes[1]", f": {field}", name)
 
-    def of_journal(case):
-        field, value = case
-        line = {**LINE, "episode": LINE["episode"] | {field: value}}
-        line = LINE | {field: value} if field == "timings_s" else line
-        path = written(tmp_path / "episodes.jsonl", json.dumps(line) + "\n")
-        refused_by_call(RunFolder(root=tmp_path).read_journal, str(path), "line 1", field)
-
-    def of_config(case):
-        field, value = case
-        config = {**CONFIG, "config": {**CONFIG["config"], field: value}}
-        path = written(tmp_path / "config.json", config)
-        refused_by_call(lambda: read_config(path), str(path), field)
-
     check_each(wrong_values(OF_RECORD), of_record)
     check_each(wrong_values(OF_EPISODE), of_episode)
-    check_each(wrong_values(OF_EPISODE | {"timings_s": "durations"}), of_journal)
-    check_each(wrong_values(OF_CONFIG), of_config)
 
 
 OTHER_TASK = GOOD["episodes"][1] | {"stages": {"place_1": False}}
 NO_RECORDS = {
     "schema true": (GOOD | {"schema": True}, "schema"),
     "no episodes": (GOOD | {"episodes": []}, "episodes is empty"),
-    "episodes dict": (GOOD | {"episodes": {}}, "episodes"),
     "episode list": (GOOD | {"episodes": [[]]}, "episodes[0]"),
     "twice": (GOOD | {"episodes": [GOOD["episodes"][0]] * 2}, "'e0' appears 2 times"),
     "stages": (GOOD | {"episodes": [GOOD["episodes"][0], OTHER_TASK]}, "'e1'", "place_1", "'e0'"),
@@ -122,9 +102,7 @@ NO_RECORDS = {
     "foreign timing": (GOOD | {"timings_s": {"e9": {}}}, "timings_s: unknown episode"),
     "summary none": (GOOD | {"summary": None}, "summary"),
     "extra keys": (GOOD | {f"key{i}": 1 for i in range(5000)}, "unknown keys", "4995 more"),
-    "long key": (GOOD | {"k" * 100_000: 1}, "unknown keys"),
     "long value": (GOOD | {"seed": "x" * 100_000}, "seed"),
-    "list": ([GOOD], "schema"),
     "torn": (json.dumps(GOOD)[:-20], "JSON"),
     "deep": ('{"schema": 1, "agent": ' + "[" * 200_000 + "]" * 200_000 + "}", "deeply"),
     "digits": ('{"schema": ' + "1" * 5000 + "}", "JSON"),
@@ -149,14 +127,14 @@ def test_a_path_that_is_no_file_is_refused_at_once(tmp_path):
     refused_by_command(main, arguments, "fifo", "not a regular file")
 
 
-CONTRADICTION = {**LINE, "episode": {**LINE["episode"], "id": "e2", "success": True}}
+CONTRADICTION = LINE | {"episode": LINE["episode"] | {"id": "e2", "success": True}}
 JOURNALS = {
     "text": ("x", "line 2", "JSON"),
-    "list": ("[]", "line 2", "an object"),
     "deep": ("[" * 200_000, "line 2", "nested too deeply"),
     "twice": (json.dumps(LINE), "line 2", "'e1' appears twice"),
     "key twice": ('{"episode": 1, "episode": 2}', "line 2", "duplicate key"),
     "extra": (json.dumps({**LINE, "more": 1}), "line 2", "unknown keys"),
+    "duration": (json.dumps(LINE | {"timings_s": {"plan": -1}}), "line 2", "timings_s"),
     "contradiction": (json.dumps(CONTRADICTION), "line 2", "'e2'", "success True"),
     "no text": ("\xff", "line 2", "UTF-8"),
 }
@@ -192,8 +170,9 @@ def test_a_bad_line_of_traces_is_named(tmp_path):
 @pytest.mark.usefixtures("stubbed")
 def test_a_bad_configuration_stops_a_resume_and_changes_nothing(tmp_path):
     arguments = (*stub_runs.RUN, "--out", tmp_path, "--resume")
-    for edit in ({"versions": None}, {"more": 1}):
-        path = written(tmp_path / "config.json", {**CONFIG, **edit})
+    config = CONFIG["config"] | {"episodes": -1}
+    for edit in ({"versions": None}, {"more": 1}, {"config": config}):
+        path = written(tmp_path / "config.json", CONFIG | edit)
         before = path.read_bytes()
         refused_by_command(main, arguments, str(path), next(iter(edit)))
         assert path.read_bytes() == before

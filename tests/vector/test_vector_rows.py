@@ -1,6 +1,7 @@
 """Rows of a vector environment equal single environments, in all that is returned."""
 
 import itertools
+from contextlib import closing
 
 import gymnasium as gym
 import pytest
@@ -15,39 +16,27 @@ SEED = 5
 IN_CI = ("HabPlace-v1", "HabCloseFridge-v1", "HabSetTable-v1")
 """With each mode of autoreset one environment; the quick tests have Pick and Navigate."""
 
-OPTIONS = {
-    "depth with noise and delay": {
-        "obs_mode": "depth",
-        "sensor_noise": {},
-        "action_delay_steps": 2,
-    },
-    "state and images": {"obs_mode": "rgb+depth+state", "reward_mode": "normalized_dense"},
-    "end-effector frame": {"target_frame": "ee", "proprioception": False, "reward_mode": "none"},
-}
+OPTIONS = (
+    (slow, {"obs_mode": "depth", "sensor_noise": {}, "action_delay_steps": 2}),
+    (long, {"obs_mode": "rgb+depth+state", "reward_mode": "normalized_dense"}),
+    (slow, {"target_frame": "ee", "proprioception": False, "reward_mode": "none"}),
+)
 """Options that take another path through the code."""
-
-OPTIONS_IN_CI = ("depth with noise and delay", "end-effector frame")
 
 
 def check(env_id, mode, rows=3, steps=STEPS, repeat=1, **options):
     """Compares every row with an environment of its own."""
     shown = {"info_keys": info_keys(env_id, **options), "autoreset_mode": mode}
-    env = make_vec(env_id, rows, num_workers=2, action_repeat=repeat, **shown, **options)
-    try:
+    made = make_vec(env_id, rows, num_workers=2, action_repeat=repeat, **shown, **options)
+    with closing(made) as env:
         rolled = roll_out(env, steps, SEED)
         ends = sum(int((e[2] | e[3]).sum()) for e in rolled.steps if len(e) == 5)
         assert ends >= rows  # each row was reset at least once
+        short = {"max_episode_steps": MAX_STEPS, "num_episodes": EPISODES}
         for row in range(rows):
-            single = gym.make(
-                f"hab_tasks:{env_id}",
-                max_episode_steps=MAX_STEPS,
-                num_episodes=EPISODES,
-                **options,
-            )
+            single = gym.make(f"hab_tasks:{env_id}", **short, **options)
             assert_equals_single(env, rolled, row, single, SEED + row, repeat)
             single.close()
-    finally:
-        env.close()
 
 
 def test_rows_equal_single_environments():
@@ -57,12 +46,6 @@ def test_rows_equal_single_environments():
 def test_repeated_actions_equal_those_of_single_environments():
     """Episodes of 25 steps end within the seventh action of four steps."""
     check("HabNavigate-v1", AutoresetMode.NEXT_STEP, rows=2, steps=9, repeat=4)
-
-
-@pytest.mark.render
-@slow
-def test_repeated_actions_with_images_equal_those_of_single_environments():
-    check("HabPlace-v1", AutoresetMode.SAME_STEP, rows=2, steps=12, repeat=4, obs_mode="depth")
 
 
 @pytest.mark.parametrize(
@@ -79,11 +62,9 @@ def test_rows_of_every_env_equal_single_environments(env_id, mode):
 
 
 @pytest.mark.render
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=slow if n in OPTIONS_IN_CI else long) for n in OPTIONS]
-)
-def test_rows_with_options_equal_single_environments(name):
-    check("HabPick-v1", AutoresetMode.SAME_STEP, rows=2, steps=MAX_STEPS + 5, **OPTIONS[name])
+@pytest.mark.parametrize("options", [pytest.param(o, marks=mark) for mark, o in OPTIONS])
+def test_rows_with_options_equal_single_environments(options):
+    check("HabPick-v1", AutoresetMode.SAME_STEP, rows=2, steps=MAX_STEPS + 5, **options)
 
 
 @slow
@@ -98,24 +79,5 @@ def test_rows_with_other_actions_equal_single_environments(env_id, control_mode)
 @slow
 @pytest.mark.assets
 def test_rows_in_replica_cad_equal_single_environments(replica_cad, ycb):
-    check(
-        "HabSetTable-v1",
-        AutoresetMode.SAME_STEP,
-        rows=2,
-        steps=MAX_STEPS + 5,
-        scene_dataset=str(replica_cad),
-        objects=str(ycb),
-        obs_mode="state_dict",
-    )
-
-
-@slow
-def test_workers_share_the_episodes_they_generate():
-    env = make_vec("HabPick-v1", 2, num_workers=2, num_episodes=1, episode_seed=91)
-    try:
-        env.reset(seed=[3, 3])
-        folder = env._team._folder
-        assert [file.suffix for file in folder.iterdir()] == [".json"]
-    finally:
-        env.close()
-    assert not folder.exists()
+    real = {"scene_dataset": str(replica_cad), "objects": str(ycb), "obs_mode": "state_dict"}
+    check("HabSetTable-v1", AutoresetMode.SAME_STEP, rows=2, steps=MAX_STEPS + 5, **real)

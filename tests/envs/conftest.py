@@ -14,6 +14,9 @@ torch.set_num_threads(1)
 SHIPPED = Path(__file__).parents[2] / "assets" / "episodes"
 COUNT = 8
 
+KEPT_ENVS = 20
+"""Each takes 3 MB, with images 10 MB (HabSetTable-v1)."""
+
 
 @pytest.fixture(scope="session")
 def episode_files(tmp_path_factory):
@@ -26,47 +29,20 @@ def episode_files(tmp_path_factory):
     return files
 
 
-class EnvPool:
-    """Environments that tests play one after another: making one takes longer than most tests.
-
-    Each takes 3 MB, with images 10 MB (HabSetTable-v1). The least recently used is closed first.
-    """
-
-    SIZE = 20
-
-    def __init__(self) -> None:
-        self._idle: list[tuple[str, gym.Env]] = []
-
-    def take(self, key: str) -> gym.Env | None:
-        """Returns one that nobody plays, None if there is none."""
-        for number, (known, env) in enumerate(self._idle):
-            if known == key:
-                del self._idle[number]
-                return env
-        return None
-
-    def give_back(self, key: str, env: gym.Env) -> None:
-        """Takes one that a test has played, unless the test closed it."""
-        if env.unwrapped.scene is None:
-            return
-        self._idle.append((key, env))
-        self.keep(self.SIZE)
-
-    def keep(self, count: int) -> None:
-        """Closes all but the `count` most recently used."""
-        while len(self._idle) > count:
-            self._idle.pop(0)[1].close()
-
-
 @pytest.fixture(scope="session")
-def env_pool():
-    pool = EnvPool()
-    yield pool
-    pool.keep(0)
+def idle_envs():
+    """(options, environment) that tests have played, the least recently used first.
+
+    Making an environment takes longer than most tests.
+    """
+    idle: list[tuple[str, gym.Env]] = []
+    yield idle
+    for _, env in idle:
+        env.close()
 
 
 @pytest.fixture
-def make(episode_files, env_pool, request):
+def make(episode_files, idle_envs, request):
     """Makes environments on these episodes, or hands out those that tests before have played.
 
     A test marked `new_env` gets new ones.
@@ -78,7 +54,10 @@ def make(episode_files, env_pool, request):
         episodes = episode_files[env_id.removeprefix("hab_tasks:")]
         options = {"episodes": episodes, **options}
         key = repr((env_id, sorted(options.items())))
-        env = (None if new else env_pool.take(key)) or gym.make(env_id, **options)
+        idle = (
+            [] if new else [number for number, (known, _) in enumerate(idle_envs) if known == key]
+        )
+        env = idle_envs.pop(idle[0])[1] if idle else gym.make(env_id, **options)
         made.append((key, env))
         return env
 
@@ -86,5 +65,7 @@ def make(episode_files, env_pool, request):
     for key, env in made:
         if new or " at 0x" in key:
             env.close()
-        else:
-            env_pool.give_back(key, env)
+        elif env.unwrapped.scene is not None:  # the test has not closed it
+            idle_envs.append((key, env))
+    while len(idle_envs) > KEPT_ENVS:
+        idle_envs.pop(0)[1].close()

@@ -6,10 +6,10 @@ objects strongly.
 """
 
 import logging
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from builders import same
 from playing import actions, joints
 
 STEPS_BEFORE, STEPS = 20, 50
@@ -30,36 +30,26 @@ logger = logging.getLogger(__name__)
 pytestmark = [pytest.mark.slow]
 
 
-@dataclass(frozen=True)
-class StepInfo:
-    """State after a step: joints of robot and furniture, positions of the objects."""
-
-    robot: np.ndarray  # (J,)
-    furniture: np.ndarray  # (F,)
-    objects_m: np.ndarray  # (M, 3)
-    touching: bool
-
-
-def step_info(base, info=None):
+def step_info(base, force_n=0.0):
+    """Joints of robot (J,) and furniture (F,), places of the objects (M, 3), and any contact."""
     objects = base._simulation.scene_bodies.movable.values()
-    holding = bool(base._simulation._grasp.holding)
-    return StepInfo(
-        base.agent.robot.get_qpos()[0].numpy().copy(),
-        np.concatenate([np.zeros(0), *joints(base).values()]),
-        np.stack([actor.pose.p[0].numpy().copy() for actor in objects]),
-        holding or (info is not None and float(info["measures"]["force_n"]) > 0),
-    )
+    return {
+        "robot": base.agent.robot.get_qpos()[0].numpy().copy(),
+        "furniture": np.concatenate([np.zeros(0), *joints(base).values()]),
+        "objects_m": np.stack([actor.pose.p[0].numpy().copy() for actor in objects]),
+        "touching": bool(base._simulation._grasp.holding) or float(force_n) > 0,
+    }
 
 
 def step_infos(base, sequence):
     """The state after each step, also beyond the end of the episode."""
-    return [step_info(base, base.step(action)[-1]) for action in sequence]
+    return [step_info(base, base.step(action)[-1]["measures"]["force_n"]) for action in sequence]
 
 
 def free_steps(start, run):
     """Returns how many steps pass before the robot touches something or an object moves."""
     for step, now in enumerate(run):
-        if now.touching or np.abs(now.objects_m - start.objects_m).max() > MOVED_M:
+        if now["touching"] or np.abs(now["objects_m"] - start["objects_m"]).max() > MOVED_M:
             return step
     return len(run)
 
@@ -68,14 +58,10 @@ def drift(first, second):
     """Returns the largest difference of the robot's and the furniture's joints and of a place."""
     found = np.zeros(3)
     for a, b in zip(first, second, strict=True):
-        places_m = np.linalg.norm(a.objects_m - b.objects_m, axis=1)
-        apart = (np.abs(a.robot - b.robot), np.abs(a.furniture - b.furniture), places_m)
+        apart = [np.abs(a[name] - b[name]) for name in ("robot", "furniture")]
+        apart.append(np.linalg.norm(a["objects_m"] - b["objects_m"], axis=1))
         found = np.maximum(found, [values.max(initial=0.0) for values in apart])
     return found
-
-
-def equal(a, b):
-    return all(np.array_equal(vars(a)[name], vars(b)[name]) for name in vars(a))
 
 
 @pytest.mark.parametrize(
@@ -92,12 +78,9 @@ def test_a_restored_state_drifts_little_and_a_rebuilt_start_not_at_all(
 ):
     options = {}
     if dataset != "apartment":
-        options = {
-            "scene_dataset": str(request.getfixturevalue("replica_cad")),
-            "objects": str(request.getfixturevalue("ycb")),
-            "episodes": None,
-            "num_episodes": 4,
-        }
+        folders = {"scene_dataset": "replica_cad", "objects": "ycb"}
+        options = {key: str(request.getfixturevalue(name)) for key, name in folders.items()}
+        options |= {"episodes": None, "num_episodes": 4}
     env = make(env_id, obs_mode="state", **options)
     base, new = env.unwrapped, {"reconfigure": True}
     free, touching, steps, starts = np.zeros(3), np.zeros(3), 0, 3
@@ -109,7 +92,7 @@ def test_a_restored_state_drifts_little_and_a_rebuilt_start_not_at_all(
         original = step_infos(base, after)
         env.reset(seed=seed, options=new)
         step_infos(base, before)
-        assert all(map(equal, step_infos(base, after), original))
+        assert all(map(same, step_infos(base, after), original))
         env.reset(seed=seed)
         base.set_state_dict(state)
         count, restored = free_steps(start, original), step_infos(base, after)

@@ -1,17 +1,13 @@
 """Start states are neither solved nor failed: no-op and random actions rarely succeed."""
 
-from contextlib import contextmanager
-from dataclasses import dataclass
-
 import gymnasium as gym
 import hab_eval
 import pytest
 import torch
+from playing import long, slow
 
 from hab_tasks.agent import AgentSetup
 from hab_tasks.envs import ENVS
-
-slow, long = pytest.mark.slow, pytest.mark.long
 
 EARLY_STEPS = 25
 """Nobody who stands still may lose within these."""
@@ -30,54 +26,35 @@ RESTING_STEPS = 40
 """So many are played of who stands still: nothing changes later, unless something was let go."""
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """How an episode went."""
+def played(env_id, name, count, steps, **options):
+    """What an agent that knows nothing earns in each episode, in so many steps at most.
 
-    won: bool = False
-    lost_early: bool = False
-    stages: int = 0
-
-
-def play(env, agent, index, steps):
-    """Plays one episode for so many steps at most."""
-    obs, info = env.reset(options={"episode": index})
-    agent.reset(torch.ones(1, dtype=torch.bool), [index])
-    for step in range(steps):
-        obs, _, terminated, _, info = env.step(agent.act(obs))
-        if terminated:
-            won = bool(info["success"][0])
-            return Outcome(won=won, lost_early=not won and step < EARLY_STEPS)
-    return Outcome(stages=sum(bool(reached) for reached in info.get("stages", {}).values()))
-
-
-@contextmanager
-def made(env_id, names, **options):
-    """Makes an environment for agents that know nothing; yields it and the agents by name."""
-    agents = {name: getattr(hab_eval, name)(AgentSetup(env_id=env_id)) for name in names}
-    (mode,) = {agent.spec.control_mode for agent in agents.values()}
+    Returns:
+        The numbers of episodes that were won, lost early, and that reached a stage of a task.
+    """
+    agent = getattr(hab_eval, name)(AgentSetup(env_id=env_id))
+    mode = agent.spec.control_mode
     env = gym.make(env_id, obs_mode="state_dict", control_mode=mode, **options)
-    try:
-        yield env, agents
-    finally:
-        env.close()
+    won, lost_early, advanced = [], [], []
+    for index in range(count):
+        obs, info = env.reset(options={"episode": index})
+        agent.reset(torch.ones(1, dtype=torch.bool), [index])
+        for step in range(steps):
+            obs, _, terminated, _, info = env.step(agent.act(obs))
+            if terminated:
+                won += [index] * bool(info["success"][0])
+                lost_early += [index] * (not info["success"][0] and step < EARLY_STEPS)
+                break
+        else:
+            advanced += [index] * any(info.get("stages", {}).values())
+    env.close()
+    return won, lost_early, advanced
 
 
 def check_standing_still_earns_nothing(env_id, count, **options):
-    """Shows the agents and the numbers of episodes that earn something."""
-    with made(env_id, STANDING, **options) as (env, agents):
-        found = {
-            (name, index): play(env, agent, index, horizon(env_id, name))
-            for name, agent in agents.items()
-            for index in range(count)
-        }
-    assert not [key for key, outcome in found.items() if outcome.won]
-    assert not [key for key, outcome in found.items() if outcome.lost_early]
-    assert not [key for key, outcome in found.items() if outcome.stages]
-
-
-def horizon(env_id, name):
-    return STEPS if (env_id, name) == ("HabPlace-v1", "open_hand") else RESTING_STEPS
+    for name in STANDING:
+        steps = STEPS if (env_id, name) == ("HabPlace-v1", "open_hand") else RESTING_STEPS
+        assert played(env_id, name, count, steps, **options) == ([], [], []), name
 
 
 @pytest.mark.parametrize("count", [pytest.param(3, marks=slow), pytest.param(50, marks=long)])
@@ -95,10 +72,7 @@ def test_standing_still_earns_nothing(env_id, count):
 )
 def test_random_actions_earn_next_to_nothing(env_id, count):
     steps = TASK_STEPS if hasattr(ENVS[env_id].env, "task") else STEPS
-    with made(env_id, ["random_agent"], num_episodes=count) as (env, agents):
-        (agent,) = agents.values()
-        found = [play(env, agent, index, steps) for index in range(count)]
-    won = [index for index, outcome in enumerate(found) if outcome.won]
+    won, _, _ = played(env_id, "random_agent", count, steps, num_episodes=count)
     assert len(won) <= SHARE_AT_RANDOM.get(env_id, SHARE_ELSEWHERE) * count, won
 
 

@@ -34,16 +34,11 @@ for env_id, file in zip(sys.argv[1::2], sys.argv[2::2]):
 def test_states_need_no_driver_and_colour_is_refused(tmp_path, episode_files):
     nothing = tmp_path / "none.json"
     nothing.write_text("")
-    drivers = {name: str(nothing) for name in ("VK_DRIVER_FILES", "VK_ICD_FILENAMES")}
-    arguments = []
+    drivers = dict.fromkeys(("VK_DRIVER_FILES", "VK_ICD_FILENAMES"), str(nothing))
+    command = [sys.executable, "-c", CODE]
     for env_id in ("HabPick-v1", "HabSetTable-v1"):
-        arguments += [env_id, str(episode_files[env_id])]
-    done = subprocess.run(
-        [sys.executable, "-c", CODE, *arguments],
-        env={**os.environ, **drivers},
-        capture_output=True,
-        text=True,
-    )
+        command += [env_id, str(episode_files[env_id])]
+    done = subprocess.run(command, env=os.environ | drivers, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-2000:]
     assert "no driver" in done.stdout
     assert done.stdout.count("state True") == 2

@@ -1,89 +1,62 @@
-"""Reset of one row of a batch, for every environment, on tensors without a simulator."""
+"""Reset of one row of a batch, for every skill, on tensors without a simulator."""
 
 from dataclasses import replace
 
 import pytest
 import torch
-from builders import StraightWays, evaluate_rules, snapshot
+from builders import snapshot
+from rules_harness import FIRST, RulesHarness
 
-from hab_tasks.articulations import FRIDGE
-from hab_tasks.engine.goals import Goals
-from hab_tasks.engine.measures import Tracker
 from hab_tasks.envs import ENVS
 
 N, STEPS = 3, 12
-ROWS, FRESH = torch.arange(N), torch.tensor([1])
-OTHERS = [0, 2]
-
 SKILLS = [e for e in ENVS if hasattr(ENVS[e].env, "skill")]
 
 
-def snapshots(requirements, seed=0):
-    """Random snapshots: things wander about, are held and let go, doors move, the robot bumps."""
+def chance(requirements, seed):
+    """Things wander about, are held and let go, doors move, the robot bumps."""
     draw = torch.Generator().manual_seed(seed)
+    objects, articulations = requirements.objects, len(requirements.articulations)
 
     def near(*shape):
-        return 0.2 * torch.randn(*shape, generator=draw)
+        return 0.2 * torch.randn(N, *shape, generator=draw)
 
-    def chosen(count):
-        return torch.randint(-1, count, (N,), generator=draw)
-
-    return [
-        snapshot(
-            N,
-            objects=requirements.objects,
-            articulations=len(requirements.articulations),
-            ee_m=near(N, 3),
-            base=near(N, 3),
-            objects_m=near(N, requirements.objects, 3),
-            handles_m=near(N, len(requirements.articulations), 3),
-            joints=near(N, len(requirements.articulations)).abs() * 6,
-            held=chosen(requirements.objects + 1),
-            held_handle=chosen(2),
-            force_n=1000 * near(N).clamp(min=0.0),
-        )
-        for _ in range(STEPS)
-    ]
-
-
-def tracker_of(requirements):
-    goals = Goals.empty(N, requirements.objects, len(requirements.articulations), "cpu")
-    if FRIDGE in requirements.articulations:
-        # Ahead of the door, so that the base is inside its region.
-        frame = torch.tensor([-1.2, 0.0, 0.0]).expand(N, len(requirements.articulations), 3)
-        goals = replace(goals, articulation_frame=frame.clone())
-    tracker = Tracker(goals, StraightWays() if requirements.navigates else None)
-    for number in range(requirements.objects):
-        tracker.targets[:, number] = number
-    return tracker
+    return snapshot(
+        N,
+        objects=objects,
+        articulations=articulations,
+        ee_m=near(3),
+        base=near(3),
+        objects_m=near(objects, 3),
+        handles_m=near(articulations, 3),
+        joints=near(articulations).abs() * 6,
+        held=torch.randint(FIRST - 1, FIRST + objects + 1, (N,), generator=draw),
+        held_handle=torch.randint(-1, 2, (N,), generator=draw),
+        force_n=torch.full((N,), 1e4),
+    )
 
 
 @pytest.mark.parametrize("env_id", SKILLS)
 def test_a_row_that_starts_anew_neither_pays_nor_fails_for_its_past(env_id):
-    skill = ENVS[env_id].env.skill
-    tracker = tracker_of(skill.requirements)
-    first, *others, fresh = snapshots(skill.requirements)
-    tracker.begin(first, ROWS)
-    for shot in others:
-        tracker.advance(replace(shot, force_n=torch.full((N,), 1e4)), ROWS > 0)
+    env = ENVS[env_id].env
+    harness = RulesHarness(env, N)
+    # Ahead of the fridge's door, so that the base is inside its region.
+    frame = torch.tensor([-1.2, 0.0, 0.0]).expand(N, len(env.requirements.articulations), 3)
+    harness.tracker.goals = replace(harness.world.goals, articulation_frame=frame.clone())
+    harness.begin(chance(env.requirements, 0))
+    for seed in range(1, STEPS):
+        harness.step(chance(env.requirements, seed), torch.ones(N, dtype=torch.bool))
+    tracker = harness.tracker
     before = tracker.get_state()
-    fresh = replace(
-        fresh,
-        base=torch.zeros(N, 3),
-        ee_m=torch.full((N, 3), 5.0),
-        ee_in_base_m=torch.full((N, 3), 5.0),
-        held=torch.full((N,), -1),
-        held_handle=torch.full((N,), -1),
-        force_n=torch.zeros(N),
-    )
-    tracker.begin(fresh, FRESH)
-    evaluated = evaluate_rules(skill, tracker.measures, fresh, tracker.goals)
-    assert not any(failed[1] for failed in evaluated.failures.values())
-    assert not evaluated.success[1]
-    assert {name: float(t[1]) for name, t in evaluated.terms.items() if t[1]} == {}
+    far = torch.full((N, 3), 5.0)
+    harness.world.snapshot = harness.snapshot(base=torch.zeros(N, 3), ee_m=far, ee_in_base_m=far)
+    tracker.begin(harness.world.snapshot, torch.tensor([1]))
+    found = harness.env.evaluate()
+    assert not found["success"][1] | found["fail"][1]
+    assert {name: float(t[1]) for name, t in found["reward_terms"].items() if t[1]} == {}
     after = tracker.get_state()
-    assert after["steps"].tolist() == [STEPS - 2.0, 0.0, STEPS - 2.0]
-    assert all(torch.equal(after[name][OTHERS], before[name][OTHERS]) for name in before)
+    assert after["steps"].tolist() == [STEPS - 1.0, 0.0, STEPS - 1.0]
+    assert all(torch.equal(after[name][[0, 2]], before[name][[0, 2]]) for name in before)
     # Its past would have ended it, where anything does.
-    if "force" in evaluated.failures:
-        assert evaluated.failures["force"].tolist() == [True, False, True]
+    if "force" in found["failures"]:
+        assert found["failures"]["force"].tolist() == [True, False, True]

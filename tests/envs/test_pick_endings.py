@@ -3,13 +3,8 @@
 import numpy as np
 import pytest
 import torch
-from builders import first_episode, go_above_and_grasp, reach, starts_on
-from playing import held, put
-
-from hab_tasks.constants import GRASP_RADIUS_M
-
-STILL = np.zeros(4, dtype=np.float32)
-DOWN = np.array([0, 0, -1, -1], dtype=np.float32)
+from builders import ee_action, first_episode, go_above_and_grasp, reach, starts_on
+from playing import ee_grip, held, put
 
 
 def start(make, index=0, **options):
@@ -18,14 +13,20 @@ def start(make, index=0, **options):
     return env, env.unwrapped.episode[0]
 
 
-def grip(value=1.0):
-    return np.array([0, 0, 0, value], dtype=np.float32)
+def move(env, *direction, gripper=-1.0):
+    return env.step(ee_action(env, direction, gripper))
+
+
+def hand_of(state):
+    """The end-effector (3,) and its axes (3, 3), 8 cm ahead of the gripper's link."""
+    link = state.world_from_body["hab_fetch/gripper_link"]
+    return link[:3, 3] + 0.08 * link[:3, 0], link[:3, :3]
 
 
 def test_success_is_the_target_in_the_hand_at_rest(make):
     env, episode = start(make)
     put(env, episode.target, (0.05, 0.0, -0.1))
-    _, reward, terminated, _, info = env.step(grip())
+    _, reward, terminated, _, info = env.step(ee_grip(env))
     # The hand starts within 0.09 m of its resting position: 0.05 m of noise on each axis.
     assert info["success"]
     assert terminated
@@ -40,63 +41,12 @@ def test_the_wrong_object_ends_the_episode(make):
     env, episode = start(make, first_episode(make(), lambda e: len(e.objects) > 1))
     other = next(n for n in sorted(episode.objects) if n != episode.target)
     put(env, other, (0.0, 0.0, -0.1))
-    _, _, terminated, _, info = env.step(grip())
+    _, _, terminated, _, info = env.step(ee_grip(env))
     assert held(env) == other
     assert terminated
     assert info["failures"]["wrong_object"]
     assert float(info["reward_terms"]["wrong_object"]) == -5.0
     assert not info["success"]
-
-
-@pytest.mark.parametrize(("distance", "grasped"), [(0.149, True), (0.151, False)])
-def test_the_grasp_reaches_15_cm(make, distance, grasped):
-    env, episode = start(make)
-    put(env, episode.target, (0.0, 0.0, -distance))
-    env.step(grip())
-    assert (held(env) == episode.target) == grasped
-    assert GRASP_RADIUS_M == 0.15
-
-
-def test_release_is_masked_while_the_target_is_held(make):
-    env, episode = start(make)
-    put(env, episode.target, (0.0, 0.0, -0.14))
-    env.step(grip())
-    for _ in range(5):
-        info = env.step(grip(-1.0))[-1]
-        assert held(env) == episode.target
-        assert not info["failures"]["dropped_object"]
-
-
-@pytest.mark.new_env
-def test_the_target_torn_out_of_the_hand_is_dropped(make):
-    env, episode = start(make)
-    put(env, episode.target, (0.0, 0.0, -0.14))
-    env.step(grip())
-    world = env.unwrapped._simulation
-    index = world._names.index(episode.target)
-    body = world._grasp.objects[index]._bodies[0]
-    pose = body.entity_pose
-    pose.p = np.add(pose.p, (0.0, 0.0, -0.5))  # more than the drive can bring back in one action
-    world._grasp._untie(0)
-    world._grasp._tie_object = lambda row, index: None
-    body.entity.pose = pose
-    world._grasp._ties[0] = _fresh_tie(world)
-    _, _, terminated, _, info = env.step(grip())
-    assert held(env) is None
-    assert info["failures"]["dropped_object"]
-    assert terminated
-    assert float(info["reward_terms"]["dropped_object"]) == -5.0
-    # The hand is empty: the way to the object pays again, the way to rest does not.
-    assert float(info["reward_terms"]["retract"]) == 0.0
-
-
-def _fresh_tie(world):
-    """A drive without limits between hand and nothing, in place of the one that was cut."""
-    import sapien
-
-    gripper = world._grasp.ee_link._objs[0].entity
-    drive = world._scene.sub_scenes[0].create_drive(None, sapien.Pose(), gripper, sapien.Pose())
-    return drive.entity, drive
 
 
 def test_pressing_on_the_furniture_exceeds_the_force(make):
@@ -116,92 +66,55 @@ def test_pressing_on_the_furniture_exceeds_the_force(make):
     assert torch.allclose(penalties, -(0.001 * forces).clamp(max=1.0))
 
 
-def test_no_force_without_contact(make):
-    env, _ = start(make)
-    for _ in range(10):
-        info = env.step(grip(-1.0))[-1]
-        assert float(info["measures"]["force_n"]) == 0.0
-
-
 def test_privileged_state_is_the_simulators(make):
     env, episode = start(make)
     put(env, episode.target, (0.0, 0.0, -0.14))
-    env.step(grip())
+    env.step(ee_grip(env))
     base = env.unwrapped
     (state,) = base.privileged()
+    bodies = base._simulation.scene_bodies
     assert state.targets == (state.held,) == (episode.target,)
-    assert set(state.object_com_m) == set(episode.objects)
-    actors = base._simulation.scene_bodies.pickables
-    assert set(actors) == set(episode.objects)
-    for name in episode.objects:
-        matrix = actors[name].pose.to_transformation_matrix()[0].numpy()
-        assert np.allclose(state.world_from_body[name], matrix, atol=1e-5)
+    assert set(state.object_com_m) == set(bodies.pickables) == set(episode.objects)
+    links = {f"hab_fetch/{link.name}": link for link in base.agent.robot.links}
+    for name, body in {**bodies.pickables, **links}.items():
+        matrix = body.pose.to_transformation_matrix()[0].numpy()
+        assert np.allclose(state.world_from_body[name], matrix, atol=1e-5), name
     loose = {body.name for body in state.bodies if body.group == "object"}
-    assert loose == set(episode.objects) | set(base._simulation.scene_bodies.loose)
+    assert loose == set(episode.objects) | set(bodies.loose)
     qpos = base.agent.robot.get_qpos()[0].numpy()
     assert np.allclose(state.arm_qpos, qpos[base.agent.arm_index.tolist()])
     assert len(state.locked_qpos) == len(qpos) - 7
-    links = {link.name: link for link in base.agent.robot.links}
-    for name, link in links.items():
-        matrix = link.pose.to_transformation_matrix()[0].numpy()
-        assert np.allclose(state.world_from_body[f"hab_fetch/{name}"], matrix, atol=1e-5)
     assert {b.name for b in state.bodies} >= set(state.world_from_body)
-    again = base.privileged()[0]
-    assert again.scene_key == state.scene_key
-    assert again.bodies is state.bodies
-
-
-def test_measures_agree_with_the_privileged_state(make):
-    env, episode = start(make, 1)
-    for _ in range(5):
-        env.step(np.array([0.5, 0.3, -0.6, -1], dtype=np.float32))
-        (state,) = env.unwrapped.privileged()
-        link = state.world_from_body["hab_fetch/gripper_link"]
-        ee = link[:3, 3] + 0.08 * link[:3, 0]
-        gap = np.linalg.norm(ee - state.object_com_m[episode.target])
-        m = env.unwrapped.measures
-        assert float(m.ee_to_object_m[0]) == pytest.approx(gap, abs=1e-5)
-        in_base = np.linalg.inv(state.world_from_base) @ np.append(ee, 1.0)
-        # The base frame's origin lies BASE_HEIGHT_M above the floor that heights are measured from.
-        assert np.allclose(m.ee_in_base_m[0, :2], in_base[:2], atol=1e-5)
+    assert base.privileged()[0].bodies is state.bodies
 
 
 @pytest.mark.parametrize("frame", ["base", "ee"])
-def test_the_observation_keeps_pointing_at_the_objects_start(make, frame):
+def test_the_objects_start_and_the_hands_orientation_are_observed(make, frame):
+    """The observation goes on pointing at the start when the object is in the hand."""
     env, episode = start(make, 1, obs_mode="state_dict", target_frame=frame)
     begin = env.unwrapped.privileged()[0].object_com_m[episode.target]
     go_above_and_grasp(env, episode.target)
     for _ in range(3):
-        obs = env.step(np.array([0, 0, 1, 1], dtype=np.float32))[0]
+        obs = move(env, 0.3, 0, 1, gripper=1.0)[0]
     (state,) = env.unwrapped.privileged()
-    link = state.world_from_body["hab_fetch/gripper_link"]
-    ee = link[:3, 3] + 0.08 * link[:3, 0]
-    axes, name = link[:3, :3], "object_start_in_ee"
+    ee, axes = hand_of(state)
+    base_from_ee = state.world_from_base[:3, :3].T @ axes
+    six = np.concatenate((base_from_ee[:, 0], base_from_ee[:, 1]))
+    assert np.allclose(obs["agent"]["ee_rotation"][0], six, atol=1e-4)
+    name = "object_start_in_ee"
     if frame == "base":
         axes, name = state.world_from_base[:3, :3], "object_start_from_ee"
     assert list(obs["extra"]) == [name]
     assert np.allclose(obs["extra"][name][0], axes.T @ (begin - ee), atol=1e-4)
 
 
-def test_the_hands_orientation_is_observed(make):
-    env, episode = start(make, 1, obs_mode="state_dict")
-    go_above_and_grasp(env, episode.target)
-    obs = env.step(np.array([1, 0, 0, 1], dtype=np.float32))[0]
-    (state,) = env.unwrapped.privileged()
-    link = state.world_from_body["hab_fetch/gripper_link"]
-    base_from_ee = state.world_from_base[:3, :3].T @ link[:3, :3]
-    six = np.concatenate((base_from_ee[:, 0], base_from_ee[:, 1]))
-    assert np.allclose(obs["agent"]["ee_rotation"][0], six, atol=1e-4)
-
-
 def test_ee_actions_move_the_hand_along_the_axes_of_what_is_told(make):
     """Steps to the left shorten the second entry of the way by 1.5 cm each."""
     env, _ = start(make, 1, obs_mode="state_dict")
-    before = env.step(np.array([0, 0, 0, -1], dtype=np.float32))[0]["extra"]["object_start_from_ee"]
-    for _ in range(6):
-        env.step(np.array([0, 1, 0, -1], dtype=np.float32))
-    for _ in range(20):
-        obs = env.step(np.array([0, 0, 0, -1], dtype=np.float32))[0]
+    before = move(env, 0, 0, 0)[0]["extra"]["object_start_from_ee"]
+    for left in [1] * 6 + [0] * 20:
+        obs, *_, info = move(env, 0, left, 0)
+        assert float(info["measures"]["force_n"]) == 0.0
     # 6 steps of 0.015 m are 0.09 m to the left; the drives leave a millimetre or two.
     moved = (before - obs["extra"]["object_start_from_ee"])[0]
     assert np.allclose(moved, [0.0, 0.09, 0.0], atol=0.005)

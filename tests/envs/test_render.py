@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 import torch
-from playing import actions, flat, slow, still
+from builders import ee_action
+from playing import slow, still
 
-from hab_tasks.envs import ENVS
 from hab_tasks.rendering import use_default_shaders
 
 pytestmark = pytest.mark.render
@@ -36,14 +36,12 @@ def test_depth_is_scaled_and_not_constant(make, env_id, backend):
     assert set(obs["sensor_data"]) == cameras(env_id)
     for name, images in obs["sensor_data"].items():
         depth = images["depth"]
+        assert env.observation_space["sensor_data"][name]["depth"].contains(depth.numpy())
         assert depth.shape == (1, 128, 128, 1)
-        assert depth.dtype == torch.float32
-        assert 0.0 <= depth.min() <= depth.max() <= 1.0
         # 10 m are 1: the flat is 13 m long.
-        assert depth.min() < 0.5, name
+        assert 0.0 <= depth.min() < 0.5, name
+        assert depth.max() <= 1.0, name
         assert depth.std() > 0.003, name
-        for group in env.observation_space["sensor_data"][name].values():
-            assert group.contains(depth.numpy())
 
 
 @pytest.mark.new_env
@@ -60,51 +58,20 @@ def test_depth_is_the_same_whatever_was_rendered_before(make, obs_mode):
 
 @few_envs
 def test_rgb_shows_more_than_black(make, env_id):
-    env = make(env_id, obs_mode="rgb")
-    obs, _ = env.reset(seed=1)
+    obs, _ = make(env_id, obs_mode="rgb").reset(seed=1)
     assert set(obs["sensor_data"]) == cameras(env_id)
     for name, images in obs["sensor_data"].items():
         rgb = images["rgb"]
-        assert rgb.shape == (1, 128, 128, 3)
-        assert rgb.dtype == torch.uint8
+        assert (rgb.shape, rgb.dtype) == ((1, 128, 128, 3), torch.uint8)
         assert rgb.float().mean() > 20, name
         assert rgb.float().std() > 5, name
-
-
-@slow
-@pytest.mark.parametrize(
-    ("env_id", "obs_mode"), [("HabSetTable-v1", "rgbd"), ("HabNavigate-v1", "pointcloud")]
-)
-def test_both_images_and_points_can_be_observed(make, env_id, obs_mode):
-    env = make(env_id, obs_mode=obs_mode)
-    first, _ = env.reset(seed=1)
-    obs, *_ = env.step(actions(env, 1, gripper=-1.0)[0])
-    for shown in (first, obs):
-        for name, value in flat(shown):
-            assert torch.isfinite(value.float()).all(), name
-    entries = {e.name for e in ENVS[env_id].env.observation}
-    assert entries <= {name.rsplit("/", 1)[-1] for name, _ in flat(obs)}
-    if obs_mode == "pointcloud":
-        points = obs["pointcloud"]["xyzw"]
-        assert points.shape == (1, 128 * 128 * len(cameras(env_id)), 4)
-        there = points[points[..., 3] > 0]
-        # The robot stands in the flat, and sees what is at most 10 m away: some of it is near.
-        base = torch.as_tensor(np.asarray(env.unwrapped._simulation.snapshot.base))[0, :2]
-        near = torch.linalg.vector_norm(there[:, :2] - base, dim=1) < 15.0
-        assert near.float().mean() > 0.9
-        assert (there[:, 2] > -0.1).float().mean() > 0.95
-    else:
-        for images in obs["sensor_data"].values():
-            assert images["rgb"].shape[:3] == images["depth"].shape[:3]
 
 
 def test_the_arm_camera_moves_with_the_arm(make):
     env = make("HabPick-v1", obs_mode="depth", control_mode="ee")
     first = env.reset(seed=1)[0]["sensor_data"]
     for _ in range(10):
-        action = still(env)
-        action[:3] = 1, 0, -1
-        obs, *_ = env.step(action)
+        obs, *_ = env.step(ee_action(env, (1, 0, -1), 0.0))
     moved = obs["sensor_data"]["arm"]["depth"] - first["arm"]["depth"]
     assert moved.abs().mean() > 0.005
 

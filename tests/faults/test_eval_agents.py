@@ -2,23 +2,18 @@
 
 import importlib
 
-import numpy as np
 import pytest
-
-import stub_hab  # isort: skip
-import torch
+import stub_hab
 from faulty_agents import ACTIONS, REPORTS, SPECS
-from hab_eval.agent_checks import check_report
 from hab_eval.cli import main
 from hab_eval.load_agent import load_agent
 from hab_eval.runner import run_episode
 from refusals import check_each, check_words, refused_by_call, refused_by_command
 from stub_runs import FAULTY, journal_ids
 
-from hab_tasks.agent import AgentReport, AgentSetup
+from hab_tasks.agent import AgentSetup
 
 EXIT_STOPPED = 1
-
 
 pytestmark = pytest.mark.usefixtures("stubbed")
 
@@ -31,14 +26,6 @@ def stopped_line(capfd, out, *arguments):
     assert (code, len(lines)) == (EXIT_STOPPED, 1), lines
     assert not (out / "run.json").exists()
     return lines[0]
-
-
-def stopped_with(capfd, tmp_path, case, *words):
-    """Runs two episodes of a faulty agent; checks the error line, and returns the folder."""
-    out = tmp_path / f"run-{case}"
-    line = stopped_line(capfd, out, *FAULTY, "--option", f"case={case}", "--episodes", 2)
-    check_words(line, ("hab-eval: ", "--resume", *words))
-    return out
 
 
 def test_a_bad_spec_is_named_before_anything_is_made(tmp_path):
@@ -67,17 +54,12 @@ def test_a_bad_report_or_action_is_named():
     check_each({case: case for case in cases}, check)
 
 
-def test_a_bad_report_stops_the_run(tmp_path, capfd):
-    stopped_with(capfd, tmp_path, "report:none", "'stub/000'", "Stub: ")
-
-
 ERRORS = {
     "exit": "sys.exit(0)",
     "value": "ValueError: three lines of it",
     "long": "RuntimeError: xxx",
     "control": r"RuntimeError: \x1b[31mred",
 }
-
 
 FACTORIES = {
     "value": "raised ValueError: three lines of it",
@@ -92,9 +74,11 @@ def test_a_method_that_raises_or_exits_stops_the_run_and_keeps_what_is_done(tmp_
     """Each error in one method, and each method with one."""
 
     def check(case):
-        name = case.rpartition(":")[2]
-        words = ("Episode 'stub/001' stopped the run", ERRORS[name], "1 of 2 episodes")
-        out = stopped_with(capfd, tmp_path, f"raise:{case}", *words)
+        out = tmp_path / case
+        arguments = (*FAULTY, "--option", f"case=raise:{case}", "--episodes", 2)
+        line = stopped_line(capfd, out, *arguments)
+        error = ERRORS[case.rpartition(":")[2]]
+        check_words(line, ("Episode 'stub/001' stopped", error, "1 of 2 episodes", "--resume"))
         assert journal_ids(out) == ["stub/000"]
 
     cases = [*(f"act:{case}" for case in ERRORS), "reset:exit", "report:value"]
@@ -153,8 +137,3 @@ def test_a_bad_reference_is_one_line(tmp_path):
 
     references = ("", ":x", "..x:y", "a b:c", "hab_eval..x:y", "nul\0:x", "é" * 500 + ":x")
     check_each({reference[:20]: reference for reference in references}, check)
-
-
-def test_numbers_of_other_libraries_are_durations():
-    report = AgentReport(timings_s={"a": np.float32(0.5), "b": torch.tensor(2.0), "c": 3})
-    assert check_report(report, "x") == (None, {"a": 0.5, "b": 2.0, "c": 3.0})

@@ -34,7 +34,6 @@ with locked(Path(sys.argv[1])):
     time.sleep(600)
 """
 
-
 pytestmark = pytest.mark.usefixtures("stubbed")
 
 
@@ -68,14 +67,6 @@ def test_a_folder_in_use_is_refused_until_its_owner_is_killed(tmp_path, capfd):
     play(out)  # a lock alone is no run, and that of a dead process is taken over without a word
     assert capfd.readouterr().err == ""
     assert {path.name for path in out.iterdir()} == FILES
-
-
-def test_a_folder_that_stays_empty_is_removed_with_those_made_above_it(tmp_path):
-    (tmp_path / "mine").mkdir()
-    for folder in (tmp_path / "a" / "b", tmp_path / "mine"):
-        with locked(folder):
-            pass
-    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 
 def test_a_file_system_without_locks_is_no_obstacle(tmp_path, monkeypatch):

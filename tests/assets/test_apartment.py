@@ -144,13 +144,3 @@ def test_names_and_classes_are_replica_cads(replica_cad):
     # There both are labelled as chopping boards.
     hangers = (f"frl_apartment_clothes_hanger_0{n}.object_config.json" for n in (1, 2))
     assert different == set(hangers)
-
-
-def test_lexicon_names_every_class():
-    dataset = load(ROOT / "apartment.scene_dataset_config.json")
-    label = dataset["scene_instances"]["default_attributes"]["semantic_scene_instance"]
-    classes = load(ROOT / dataset["semantic_scene_descriptor_instances"][label])["classes"]
-    used = [load(path) for path in TEMPLATES]
-    assert {c["semantic_id"]: c["user_defined"]["category"] for c in used} == {
-        c["id"]: c["name"] for c in classes
-    }

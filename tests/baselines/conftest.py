@@ -78,6 +78,13 @@ class FetchScene:
         build = builder.build if group == "object" else builder.build_static
         self.entities[name] = (build(name=name), group)
 
+    def add_table(self, height_m: float = 0.75, near_m: float = 0.45) -> None:
+        """A 0.6 m deep, 1.2 m wide table whose near edge is `near_m` ahead of the base."""
+        x_m, leg_m = near_m + 0.3, height_m - 0.04
+        self.add_box("table", "static", (x_m, 0.0, height_m - 0.02), (0.6, 1.2, 0.04))
+        for side in (-0.55, 0.55):
+            self.add_box(f"leg{side:+}", "static", (x_m, side, leg_m / 2), (0.5, 0.05, leg_m))
+
     def _body(self, entity: sapien.Entity) -> sapien.physx.PhysxRigidBaseComponent:
         body = entity.find_component_by_type(sapien.physx.PhysxRigidBaseComponent)
         assert body is not None
@@ -114,22 +121,6 @@ class FetchScene:
         )
 
 
-def add_table(scene: FetchScene, height_m: float = 0.75, near_m: float = 0.45) -> None:
-    """A 0.6 m deep, 1.2 m wide table whose near edge is `near_m` ahead of the base."""
-    centre = (near_m + 0.3, 0.0, height_m - 0.02)
-    scene.add_box("table", "static", centre, (0.6, 1.2, 0.04))
-    for side in (-0.55, 0.55):
-        scene.add_box(
-            f"leg{side:+}", "static", (near_m + 0.3, side, height_m / 2 - 0.02),
-            (0.5, 0.05, height_m - 0.04),
-        )  # fmt: skip
-
-
-@pytest.fixture(name="add_table")
-def add_table_fixture() -> Callable[..., None]:
-    return add_table
-
-
 @pytest.fixture
 def make_scene(tmp_path: Path) -> Callable[[], FetchScene]:
     """Returns a maker of scenes that hold nothing but Fetch in the rest pose."""
@@ -153,7 +144,7 @@ def make_scene(tmp_path: Path) -> Callable[[], FetchScene]:
 def table_scene(make_scene: Callable[[], FetchScene]) -> FetchScene:
     """A table with a target box and two clutter boxes on it."""
     scene = make_scene()
-    add_table(scene)
+    scene.add_table()
     scene.add_box("target", "object", (0.72, 0.05, 0.80), (0.07, 0.07, 0.10))
     scene.add_box("clutter0", "object", (0.75, 0.30, 0.82), (0.06, 0.16, 0.14))
     scene.add_box("clutter1", "object", (0.70, -0.22, 0.79), (0.08, 0.08, 0.08))
@@ -239,7 +230,6 @@ class PickLoop:
         robot = {link.entity.name for link in self.scene.robot.links}
         for contact in self.scene.scene.get_contacts():
             names = {body.entity.name for body in contact.bodies}
-            names -= {"floor"}
             if names & robot and not names <= robot and self.held not in names:
                 impulse = sum(np.linalg.norm(point.impulse) for point in contact.points)
                 self.peak_impulse_n_s = max(self.peak_impulse_n_s, float(impulse))

@@ -8,12 +8,9 @@ from hab_spa.agents.factories import spa_priv
 
 from hab_tasks.agent_spaces import agent_setup
 
-ARTICULATION_KINDS = (
-    "HabOpenFridge-v1",
-    "HabCloseFridge-v1",
-    "HabOpenDrawer-v1",
-    "HabCloseDrawer-v1",
-)
+ARTICULATION_KINDS = [
+    f"Hab{way}{what}-v1" for way in ("Open", "Close") for what in ("Fridge", "Drawer")
+]
 MOST_N, SHARE_PERCENT = 1000.0, 99.0
 """In this share of the steps with a handle in the hand, contacts push no harder."""
 
@@ -40,20 +37,22 @@ def check_forces(env_id, episodes, **options):
     assert np.percentile(forces, SHARE_PERCENT) <= MOST_N
 
 
-@pytest.mark.slow
+slow, long, assets = pytest.mark.slow, pytest.mark.long, pytest.mark.assets
+
+
+@slow
 @pytest.mark.parametrize("env_id", ARTICULATION_KINDS)
 def test_opens_and_closes_softly(env_id):
     check_forces(env_id, 2)
 
 
-@pytest.mark.slow
-@pytest.mark.assets
-def test_opens_a_drawer_of_replica_cad_softly(replica_cad, ycb):
-    check_forces("HabOpenDrawer-v1", 2, scene_dataset=replica_cad, objects=ycb)
-
-
-@pytest.mark.long
-@pytest.mark.assets
-@pytest.mark.parametrize("env_id", ARTICULATION_KINDS)
-def test_opens_and_closes_softly_in_replica_cad(env_id, replica_cad, ycb):
-    check_forces(env_id, 5, scene_dataset=replica_cad, objects=ycb)
+@assets
+@pytest.mark.parametrize(
+    ("env_id", "episodes"),
+    [
+        pytest.param("HabOpenDrawer-v1", 2, marks=slow),
+        *(pytest.param(env_id, 5, marks=long) for env_id in ARTICULATION_KINDS),
+    ],
+)
+def test_opens_and_closes_softly_in_replica_cad(env_id, episodes, replica_cad, ycb):
+    check_forces(env_id, episodes, scene_dataset=replica_cad, objects=ycb)

@@ -1,24 +1,23 @@
-"""Goals and paths: every edge is checked by replay; no stored paths."""
+"""Goals and paths of the arm: every edge is checked by replay; and its kinematics."""
 
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 import sapien
 from hab_spa.planning.arm_plan import Ends, PlanConfig, plan_path
-from hab_spa.planning.collision import ArmCollision
-from hab_spa.planning.escape import EscapeConfig, escape, retreats
+from hab_spa.planning.collision import ArmCollision, shared_arm_model
+from hab_spa.planning.escape import EscapeConfig, escape
 from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD, BatchArm, IkConfig, Tool
 from hab_spa.planning.joint_goal import (
     GoalConfig,
     GraspConfig,
     sample_reaching_goals,
     sample_rest_goals,
-    sample_tight_goals,
-    sphere_m,
 )
 from hab_spa.planning.place_goal import PlacingConfig, sample_placing_goals
-from hab_spa.planning.rrt import Limit, RrtConfig, connect, path_is_free, shorten
+from hab_spa.planning.rrt import path_is_free
 from hab_spa.results import Failure
 from hab_spa.scenes.true_scene import TrueScene, face_centres_m, standing_at, would_grasp
 
@@ -26,7 +25,7 @@ from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.robots.robot import ROBOT
 
 REST = np.array(ROBOT.rest_qpos_rad)
-NO_LIMIT = Limit(checks=10**9, deadline_s=float("inf"))
+POSES = np.random.default_rng(0).uniform(LOWER_RAD, UPPER_RAD, (200, 7))
 
 
 @pytest.fixture
@@ -47,22 +46,6 @@ def sample(state, seed=0, config=None):
     collision, points_m = scene.collision(), scene.grasp_points_m(0)
     goals = sample_reaching_goals(points_m, collision, BatchArm(), seed, config or GoalConfig())
     return collision, goals
-
-
-def plan(state, seed=0, config=None):
-    collision, goals = sample(state, seed)
-    ends = [Ends(open=REST, tight=goal) for goal in goals.goals]
-    return collision, plan_path(collision, BatchArm(), ends, seed, config or PlanConfig())
-
-
-def test_face_centres_of_a_box(table_scene):
-    centres = face_centres_m(table_scene.privileged("target"), "target")
-    # The box is 0.07 x 0.07 x 0.10 m around (0.72, 0.05, 0.80).
-    offsets = centres - [0.72, 0.05, 0.80]
-    expected = [[0.035, 0, 0], [0, 0.035, 0], [0, 0, 0.05]]
-    np.testing.assert_allclose(
-        offsets, np.concatenate((expected, np.negative(expected))), atol=1e-6
-    )
 
 
 def test_goals_grasp_the_target_and_are_free(table_scene):
@@ -96,56 +79,11 @@ def test_would_grasp_needs_the_target_to_be_nearest_by_a_margin(table_scene):
     assert found.tolist() == [True, True, False, False]
 
 
-def test_points_of_a_sphere_are_spread_evenly():
-    points = sphere_m(np.array([1.0, 2.0, 3.0]), 0.5, 80)
-    np.testing.assert_allclose(np.linalg.norm(points - [1, 2, 3], axis=1), 0.5)
-    # Each of 80 points has 1/80 of the sphere: about a disc of radius 0.5 * 2 / sqrt(80) = 0.11.
-    gaps = np.linalg.norm(points[:, None] - points, axis=2) + np.eye(80)
-    assert gaps.min(axis=1).min() > 0.09
-    assert gaps.min(axis=1).max() < 0.22
-
-
-def test_tight_goals_reach_points_that_the_faces_do_not_leave(make_scene):
-    scene = make_scene()
-    scene.add_box("target", "object", (0.8, 0.0, 0.85), (0.05, 0.05, 0.05))
-    # A slab on each side but that of the robot, so near that no finger fits in between.
-    for axis, side in ((0, 1), (1, -1), (1, 1), (2, -1), (2, 1)):
-        position, size = np.array([0.8, 0.0, 0.85]), np.full(3, 0.09)
-        position[axis] += side * 0.04
-        size[axis] = 0.02
-        scene.add_box(f"wall{axis}{side:+}", "static", tuple(position), tuple(size))
-    true_scene = TrueScene()
-    true_scene.see({"privileged": [scene.privileged("target")]}, 0)
-    points_m = true_scene.grasp_points_m(0, around=True)
-    collision = true_scene.collision()
-    result = sample_tight_goals(points_m, collision, BatchArm(), 0, GoalConfig())
-    assert result.failure is None
-    for goal in result.goals:
-        point_m = BatchArm().ee_pose(goal)[:3, 3]
-        assert np.linalg.norm(points_m - point_m, axis=1).min() <= GoalConfig().ik.tolerance_m
-        collision.set_margin(GoalConfig().margins_m[-1])
-        assert collision.is_free(goal)
-
-
-def test_inverse_kinematics_brings_a_tool_upright_to_its_target():
-    arm = BatchArm()
-    # Upright is the tool as it is at rest; the target is in front of Fetch's chest.
-    tool = Tool(point_m=np.array([0.05, 0.0, -0.06]), up=arm.ee_pose(REST)[2, :3].copy())
-    starts = REST + np.random.default_rng(0).normal(scale=0.4, size=(200, 7))
-    poses, reached = arm.solve(starts, np.tile([0.7, 0.1, 0.9], (200, 1)), IkConfig(), tool)
-    assert reached.any()
-    for pose in poses[reached]:
-        ee = arm.ee_pose(pose)
-        point_m = ee[:3, :3] @ tool.point_m + ee[:3, 3]
-        assert np.linalg.norm(point_m - [0.7, 0.1, 0.9]) <= IkConfig().tolerance_m
-        up = float((ee[:3, :3] @ tool.up)[2])
-        assert np.arccos(up) == pytest.approx(arm.tilts_rad(pose[None], tool)[0], abs=1e-6)
-    assert np.median(arm.tilts_rad(poses[reached], tool)) < 0.15
-
-
 def test_placing_goals_are_low_upright_and_free(table_scene):
     arm = BatchArm()
-    table_scene.entities["target"][0].set_pose(held_pose(arm))
+    # Upright, 0.08 m ahead of the resting end-effector.
+    ahead = arm.ee_pose(REST) @ [0.08, 0.0, 0.0, 1.0]
+    table_scene.entities["target"][0].set_pose(sapien.Pose(ahead[:3]))
     state = table_scene.privileged("target", held="target")
     scene = TrueScene()
     scene.see({"privileged": [state]}, 0)
@@ -160,12 +98,6 @@ def test_placing_goals_are_low_upright_and_free(table_scene):
         assert 0.0 < com_m[2] - goal_m[2] < max(PlacingConfig().heights_m) + 0.005
         assert collision.is_free(goal)
     assert arm.tilts_rad(result.goals[:1], tool)[0] < 0.2
-
-
-def held_pose(arm):
-    """Returns the upright pose of an object 0.08 m ahead of the resting end-effector."""
-    ahead = arm.ee_pose(REST) @ [0.08, 0.0, 0.0, 1.0]
-    return sapien.Pose(ahead[:3])
 
 
 def test_blocked_target_is_a_target_plan_failure(make_scene):
@@ -184,7 +116,11 @@ def test_blocked_target_is_a_target_plan_failure(make_scene):
 
 
 def test_paths_into_a_shelf_are_free_edge_by_edge_and_depend_on_the_seed_only(shelf_state):
-    results = [plan(shelf_state, seed)[1] for seed in (5, 6, 5)]
+    results = []
+    for seed in (5, 6, 5):
+        collision, goals = sample(shelf_state, seed)
+        ends = [Ends(open=REST, tight=goal) for goal in goals.goals]
+        results.append(plan_path(collision, BatchArm(), ends, seed, PlanConfig()))
     # Replayed on a model of its own, without clearance and at a finer resolution.
     replay = ArmCollision(shelf_state)
     replay.set_margin(0.0)
@@ -197,32 +133,6 @@ def test_paths_into_a_shelf_are_free_edge_by_edge_and_depend_on_the_seed_only(sh
         assert path_is_free(replay, result.path, 0.01)
     np.testing.assert_array_equal(results[0].path, results[2].path)
     assert results[0].checks == results[2].checks
-
-
-def test_rrt_connect_and_shortening_keep_ends_and_depend_on_the_seed_only(shelf_state):
-    collision, goals = sample(shelf_state)
-    collision.set_margin(0.005)
-    config = RrtConfig(range_rad=1.0)
-    paths = [connect(collision, REST, goals.goals[0], seed, NO_LIMIT, config) for seed in (1, 1, 2)]
-    assert paths[0] is not None
-    np.testing.assert_array_equal(paths[0], paths[1])
-    assert not np.array_equal(paths[0], paths[2])
-    short = shorten(collision, paths[0], 1, float("inf"), config)
-    np.testing.assert_array_equal(short[[0, -1]], paths[0][[0, -1]])
-    length = [np.linalg.norm(np.diff(path, axis=0), axis=1).sum() for path in (short, paths[0])]
-    assert length[0] <= length[1]
-    # Other points of the edges are looked at than before: half a centimetre less is asked.
-    collision.set_margin(0.0)
-    assert path_is_free(collision, short, config.resolution_rad)
-
-
-def test_rrt_connect_gives_up_after_its_checks(shelf_state):
-    collision, goals = sample(shelf_state)
-    before = collision.checks
-    limit = replace(NO_LIMIT, checks=50)
-    assert connect(collision, REST, goals.goals[0], 0, limit, RrtConfig()) is None
-    # It looks at the count between two steps of the planner, each of which is a few tests.
-    assert collision.checks - before < 250
 
 
 def test_time_limit_is_honoured_and_a_motion_plan_failure(table_scene):
@@ -244,27 +154,20 @@ def test_time_limit_is_honoured_and_a_motion_plan_failure(table_scene):
 
 def test_a_model_whose_robot_is_put_elsewhere_is_the_model_of_there(table_scene):
     state = table_scene.privileged("target")
-    base = np.array((0.1, -0.2, 0.3))
     moved = ArmCollision(state)
-    moved.stand_at(base)
-    there = ArmCollision(standing_at(state, base))
-    rng = np.random.default_rng(0)
-    poses = rng.uniform(LOWER_RAD, UPPER_RAD, (300, 7))
-    free = [moved.is_free(pose) for pose in poses]
-
-    assert 0 < sum(free) < len(free)
-    assert free == [there.is_free(pose) for pose in poses]
-    np.testing.assert_allclose(moved.arm_from_world, there.arm_from_world, atol=1e-12)
     # What is moved in the world keeps its place there when the robot goes elsewhere.
     lift = np.eye(4)
     lift[2, 3] = 0.2
     moved.move("target", lift)
-    base = np.array((-0.1, 0.1, -0.2))
-    moved.stand_at(base)
-    there = standing_at(state, base)
-    lifted = {**there.world_from_body, "target": lift @ there.world_from_body["target"]}
-    fresh = ArmCollision(replace(there, world_from_body=lifted))
-    assert [moved.is_free(pose) for pose in poses] == [fresh.is_free(pose) for pose in poses]
+    for base in np.array(((0.1, -0.2, 0.3), (-0.1, 0.1, -0.2))):
+        moved.stand_at(base)
+        there = standing_at(state, base)
+        lifted = {**there.world_from_body, "target": lift @ there.world_from_body["target"]}
+        fresh = ArmCollision(replace(there, world_from_body=lifted))
+        free = [moved.is_free(pose) for pose in POSES]
+        assert 0 < sum(free) < len(free)
+        assert free == [fresh.is_free(pose) for pose in POSES]
+        np.testing.assert_allclose(moved.arm_from_world, fresh.arm_from_world, atol=1e-12)
 
 
 def test_held_object_escapes_from_the_table_and_comes_to_rest(table_scene):
@@ -285,22 +188,6 @@ def test_held_object_escapes_from_the_table_and_comes_to_rest(table_scene):
     np.testing.assert_array_equal(rest.goals, REST[None])
 
 
-def test_retreat_leads_straight_out_of_the_shelf(shelf_state):
-    collision, goals = sample(shelf_state)
-    arm = BatchArm()
-    collision.set_margin(0.0)
-    ways = [way for goal in goals.goals for way in retreats(collision, arm, goal, EscapeConfig())]
-    assert ways
-    for way in ways:
-        assert path_is_free(collision, way, 0.02)
-        points_m = np.array([arm.ee_pose(pose)[:3, 3] for pose in way])
-        line = points_m[-1] - points_m[0]
-        line /= np.linalg.norm(line)
-        offsets_m = points_m - points_m[0]
-        off_line_m = offsets_m - np.outer(offsets_m @ line, line)
-        assert np.abs(off_line_m).max() < 0.02
-
-
 def test_rest_goals_near_a_blocked_rest_pose_bring_the_hand_near_rest(make_scene):
     scene = make_scene()
     # A rod where the fingers are in the resting pose.
@@ -315,3 +202,42 @@ def test_rest_goals_near_a_blocked_rest_pose_bring_the_hand_near_rest(make_scene
         distance_m = np.linalg.norm(arm.ee_pose(goal)[:3, 3] - [0.5, 0.0, 1.0])
         assert distance_m < 0.10
         assert collision.is_free(goal)
+
+
+# Kinematics of the arm -------------------------------------------------------------------------
+
+
+def test_batch_agrees_with_pinocchio():
+    model, frame_id = shared_arm_model()
+    data = model.createData()
+    positions, jacobians = BatchArm().position_and_jacobian(POSES)
+    for pose, position, jacobian in zip(POSES, positions, jacobians, strict=True):
+        expected = pin.computeFrameJacobian(model, data, pose, frame_id, pin.LOCAL_WORLD_ALIGNED)
+        np.testing.assert_allclose(position, data.oMf[frame_id].translation, atol=1e-12)
+        np.testing.assert_allclose(jacobian, expected[:3], atol=1e-12)
+
+
+def test_solve_reaches_positions_of_other_poses_within_tolerance():
+    arm, config = BatchArm(), IkConfig()
+    targets_m, _ = arm.position_and_jacobian(POSES)
+    solutions, reached = arm.solve(np.roll(POSES, 1, axis=0), targets_m, config)
+    error_m = np.linalg.norm(arm.position_and_jacobian(solutions)[0] - targets_m, axis=1)
+    assert reached.mean() > 0.6
+    assert error_m[reached].max() <= config.tolerance_m
+    assert np.all(solutions >= LOWER_RAD)
+    assert np.all(solutions <= UPPER_RAD)
+
+
+def test_poses_are_tracked_with_their_orientation_together_as_one_by_one():
+    arm, rng = BatchArm(), np.random.default_rng(3)
+    goal = arm.ee_pose(REST).copy()
+    goal[:3, 3] += [0.0, 0.0, 0.01]
+    moved = arm.track_pose(REST, goal, steps=5, turn_weight_m=0.2)
+    np.testing.assert_allclose(arm.ee_pose(moved), goal, atol=3e-3)
+    starts = REST + rng.normal(scale=0.2, size=(6, 7))
+    goals = np.stack([arm.ee_pose(start + 0.05) for start in starts])
+    weights_m = np.array((0.0, 0.05, 0.2, 0.0, 0.05, 0.2))
+    together = arm.track_poses(starts, goals, 4, weights_m)
+    for start, goal, weight_m, moved in zip(starts, goals, weights_m, together, strict=True):
+        alone = arm.track_pose(start, goal, steps=4, turn_weight_m=float(weight_m))
+        np.testing.assert_allclose(moved, alone, atol=1e-9)

@@ -60,10 +60,28 @@ def test_only_what_was_seen_since_the_plan_is_in_the_way(scene):
 
 
 def test_what_lies_in_a_drawer_is_believed_to_move_with_it():
-    drawer = CollisionBody(name="cabinet/drawer", group="furniture", shapes=(box((0.3, 0.2, 0.1)),))
+    shape = CollisionShape(
+        kind="box",
+        body_from_shape=np.eye(4),
+        half_size_m=np.array((0.3, 0.2, 0.1)),
+        vertices_m=np.zeros((0, 3)),
+        faces=np.zeros((0, 3), dtype=np.int64),
+    )
+    drawer = CollisionBody(name="cabinet/drawer", group="furniture", shapes=(shape,))
     pose = np.eye(4)
     pose[:3, 3] = 1.0, 0.0, 0.5
-    closed = articulation_state(joint=0.0)
+    closed = ArticulationState(
+        kind="drawer",
+        body=drawer.name,
+        handle_m=np.array((0.7, 0.0, 0.5)),
+        held=False,
+        joint=0.0,
+        limits=(0.0, 0.5),
+        slides=True,
+        axis=np.array((-1.0, 0.0, 0.0)),
+        axis_point_m=np.zeros(3),
+        frame=np.zeros(3),
+    )
     told = PrivilegedState(
         scene_key="one drawer",
         bodies=(drawer,),
@@ -80,36 +98,10 @@ def test_what_lies_in_a_drawer_is_believed_to_move_with_it():
     # The drawer reaches from x = 0.7 to 1.3: the first object is in it, the second on top.
     starts_m = np.array(((1.2, 0.1, 0.45), (1.2, 0.1, 0.65)))
     places = KnownPositions(starts_m, starts_m + 1.0, told)
-    opened = replace(told, articulations=(articulation_state(joint=0.4),))
+    handle_m = np.array((0.3, 0.0, 0.5))
+    opened = replace(told, articulations=(replace(closed, joint=0.4, handle_m=handle_m),))
     np.testing.assert_allclose(places.object_m(0, told), starts_m[0])
     np.testing.assert_allclose(places.object_m(0, opened), (0.8, 0.1, 0.45))  # it opens along -x
     np.testing.assert_allclose(places.object_m(1, opened), starts_m[1])
     places.lies_at(0, np.array((3.0, 0.0, 0.8)))
     np.testing.assert_allclose(places.object_m(0, told), (3.0, 0.0, 0.8))
-
-
-def box(half_size_m):
-    """A box in the middle of its body."""
-    return CollisionShape(
-        kind="box",
-        body_from_shape=np.eye(4),
-        half_size_m=np.array(half_size_m),
-        vertices_m=np.zeros((0, 3)),
-        faces=np.zeros((0, 3), dtype=np.int64),
-    )
-
-
-def articulation_state(joint):
-    """A drawer that opens along -x."""
-    return ArticulationState(
-        kind="drawer",
-        body="cabinet/drawer",
-        handle_m=np.array((0.7 - joint, 0.0, 0.5)),
-        held=False,
-        joint=joint,
-        limits=(0.0, 0.5),
-        slides=True,
-        axis=np.array((-1.0, 0.0, 0.0)),
-        axis_point_m=np.zeros(3),
-        frame=np.zeros(3),
-    )

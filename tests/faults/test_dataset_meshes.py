@@ -75,14 +75,12 @@ GLB: dict[str, Damage] = {
     "no mesh": text(glb_bytes(b'{"asset":{"version":"2.0"}}', bytes(64))),
     "no corners": entry("meshes", 0, primitives=[{"attributes": {}}]),
     "count too large": entry("accessors", 1, count=10**6),
-    "count negative": entry("accessors", 1, count=-1),
     "unknown kind": entry("accessors", 1, componentType=1),
     "unknown view": entry("accessors", 1, bufferView=77),
     "view too long": entry("bufferViews", 1, byteLength=10**6),
     "index too large": rewrite_glb(lambda d, body: body.__setitem__(slice(0, 4), b"\xff" * 4)),
     "odd indices": entry("accessors", 0, count=35),
     "corner nan": corner(math.nan),
-    "corner far": corner(1e30),
     "node nan": entry("nodes", 0, matrix=16 * [math.nan]),
     "node cycle": entry("nodes", 0, children=[0]),
     "node of no mesh": entry("nodes", 0, mesh=4),
@@ -158,7 +156,7 @@ def test_what_the_engine_makes_no_shape_of_is_refused_when_it_is_built(data, tmp
         refused_by_call(lambda: BodyPool(cpu_scene(), {}).show(read_as_env(root), ()), word)
         refused_by_command(main, ["check", root], word)
 
-    words = {"collision": "convex.glb", "furniture": "chest.urdf", "stage collision": "convex.glb"}
+    words = {"collision": "convex.glb", "furniture": "chest.urdf"}
     check_each({role: (ROLES[role], word) for role, word in words.items()}, check)
 
 

@@ -4,6 +4,7 @@ import importlib
 
 import pytest
 import stub_hab
+import torch
 from faulty_agents import ACTIONS, REPORTS, SPECS
 from hab_eval.cli import main
 from hab_eval.load_agent import load_agent
@@ -37,6 +38,11 @@ def test_a_bad_spec_is_named_before_anything_is_made(tmp_path):
     check_each({case: case for case in (*SPECS, "none")}, check)
 
 
+def played(agent):
+    episode = stub_hab.StubEpisode(id="e", scene_id="s", seed=0)
+    return lambda: run_episode(stub_hab.StubEnv(render=False), agent, 0, episode)
+
+
 def test_a_bad_report_or_action_is_named():
     def check(case):
         kind, _, name = case.partition(":")
@@ -44,14 +50,13 @@ def test_a_bad_report_or_action_is_named():
         field = field if field in ("failure", "timings", "doing", "trace") else "report()"
         words = (field, "report()") if kind == "report" else ("act() must return",)
         setup = AgentSetup(env_id="HabStub-v1", options={"case": case})
-        agent = load_agent("faulty_agents:made", setup)
-        episode = stub_hab.StubEpisode(id="e", scene_id="s", seed=0)
-        refused_by_call(
-            lambda: run_episode(stub_hab.StubEnv(render=False), agent, 0, episode), *words
-        )
+        refused_by_call(played(load_agent("faulty_agents:made", setup)), *words)
 
     cases = [*(f"report:{name}" for name in REPORTS), *(f"act:{name}" for name in ACTIONS)]
     check_each({case: case for case in cases}, check)
+    agent = stub_hab.StubAgent()
+    agent.act = lambda obs: torch.full((1, 2), torch.inf)  # the stub's reward is its mean
+    refused_by_call(played(agent), "return", "finite")
 
 
 ERRORS = {

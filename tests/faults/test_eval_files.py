@@ -3,12 +3,11 @@
 import json
 import math
 import os
-from dataclasses import replace
 
 import pytest
 import stub_runs  # first: it finds the stub
 from hab_eval.cli import main
-from hab_eval.results import FinishedEpisode, read_record, summarize
+from hab_eval.results import FinishedEpisode, read_record
 from hab_eval.run_folder import RunFolder
 from hab_eval.schema import to_json
 from refusals import check_each, refused_by_call, refused_by_command
@@ -105,32 +104,24 @@ NO_RECORDS = {
     "long value": (GOOD | {"seed": "x" * 100_000}, "seed"),
     "torn": (json.dumps(GOOD)[:-20], "JSON"),
     "deep": ('{"schema": 1, "agent": ' + "[" * 200_000 + "]" * 200_000 + "}", "deeply"),
-    "digits": ('{"schema": ' + "1" * 5000 + "}", "JSON"),
     "key twice": ('{"schema": 1, "schema": 1}', 'duplicate key "schema"'),
 }
 
 
 def test_a_record_that_is_none_is_refused_with_its_reason(tmp_path):
-    check_each(NO_RECORDS, lambda case: record_refused(tmp_path, *case))
-    path = tmp_path / "run.json"
-    path.write_bytes(json.dumps(GOOD).encode("utf-16"))
-    refused_by_call(lambda: read_record(path), "cannot be read as JSON")
-
-
-def test_a_path_that_is_no_file_is_refused_at_once(tmp_path):
     def check(name):
         refused_by_call(lambda: read_record(tmp_path / name), "cannot be read as JSON")
 
-    os.mkfifo(tmp_path / "fifo")  # reading it would wait for ever
-    check_each({name: name for name in ("absent", ".", "fifo", "x" * 300, "a\0b")}, check)
-    arguments = ("failures", tmp_path / "fifo", "--out", tmp_path / "x.png")
-    refused_by_command(main, arguments, "fifo", "not a regular file")
+    check_each(NO_RECORDS, lambda case: record_refused(tmp_path, *case))
+    (tmp_path / "utf-16").write_bytes(json.dumps(GOOD).encode("utf-16"))
+    os.mkfifo(tmp_path / "pipe")  # reading it would wait for ever
+    names = ("utf-16", "pipe", "absent", ".", "x" * 300, "a\0b")
+    check_each({name: name for name in names}, check)
 
 
 CONTRADICTION = LINE | {"episode": LINE["episode"] | {"id": "e2", "success": True}}
 JOURNALS = {
     "text": ("x", "line 2", "JSON"),
-    "deep": ("[" * 200_000, "line 2", "nested too deeply"),
     "twice": (json.dumps(LINE), "line 2", "'e1' appears twice"),
     "key twice": ('{"episode": 1, "episode": 2}', "line 2", "duplicate key"),
     "extra": (json.dumps({**LINE, "more": 1}), "line 2", "unknown keys"),
@@ -177,9 +168,3 @@ def test_a_bad_configuration_stops_a_resume_and_changes_nothing(tmp_path):
         refused_by_command(main, arguments, str(path), next(iter(edit)))
         assert path.read_bytes() == before
         assert [entry.name for entry in tmp_path.iterdir()] == ["config.json"]
-
-
-def test_large_numbers_that_are_allowed_do_not_overflow_the_statistics():
-    episodes = tuple(replace(one, episode_return=1e100) for one in make_record().episodes)
-    found = summarize(episodes, {"e0": {"plan": 1e100}}).mean_return
-    assert all(map(math.isfinite, (found.mean, *found.ci95)))

@@ -2,18 +2,13 @@
 
 import itertools
 import os
-from functools import partial
 
 import pytest
 import stub_runs  # first: it finds the stub
 from hab_eval import run_folder
-from hab_eval.bench.options import BenchOptions
-from hab_eval.bench.reset import SUITE
 from hab_eval.cli import main
-from hab_eval.config import EvalConfig
-from hab_eval.evaluate import RunOptions
 from hab_eval.results import write_record
-from refusals import check_each, refused_by_call, refused_by_command
+from refusals import check_each, refused_by_command
 from stub_runs import RUN, make_record
 
 pytestmark = pytest.mark.usefixtures("stubbed")
@@ -37,9 +32,7 @@ def test_a_number_that_is_none_or_out_of_range_is_one_line(tmp_path):
 
 
 WORDS = {
-    "no_command": ((), "Expected one of", "run"),
     "missing": (("run", "--agent", "a:b"), "--env", "--out"),
-    "stray": ((*RUN, "--out", "x", "stray"), "stray"),
     "typo": ((*RUN, "--out", "x", "--epsodes=3"), "'--epsodes=3'", "--episodes"),
     "env": (("run", "--agent", "a:b", "--env", "Hab\udc80", "--out", "x"), "env", "UTF-8"),
     "device": ((*RUN, "--out", "x", "--device", "tpu"), "'tpu'", "cpu"),
@@ -64,56 +57,29 @@ def test_bad_words_are_one_line(tmp_path, monkeypatch):
     check_each(WORDS, check)
 
 
-def test_options_made_in_python_are_checked_too(tmp_path):
-    def check(case):
-        make, option = case
-        refused_by_call(lambda: make(**option), next(iter(option)).partition("_")[0])
-
-    bench = partial(BenchOptions, suite=SUITE, scene_dataset=tmp_path)
-    config = partial(EvalConfig, agent="a:b", env="HabPick-v1")
-    run = partial(RunOptions, out=tmp_path)
-    cases = [(bench, {"repeats": 1.5}), (bench, {"steps": True}), (config, {"episodes": 2.0})]
-    cases += [(config, {"seed": None}), (config, {"split": "\ud800"}), (run, {"workers": None})]
-    check_each({ascii(case[1]): case for case in cases}, check)
-
-
-@pytest.fixture
-def places(tmp_path):
-    """Paths at which nothing can be written; `tests/core/test_files.py` has all of them."""
+def test_where_nothing_can_be_written_is_refused_before_anything_is_done(tmp_path):
+    """`tests/core/test_files.py` has all such places."""
     (tmp_path / "file").write_text("precious")
     os.mkfifo(tmp_path / "pipe")
-    yield {
-        "below a file": tmp_path / "file" / "x.png",
-        "long path": tmp_path.joinpath(*["x" * 200] * 30) / "x.png",
-        "nul": f"{tmp_path}/a\0b.png",
-        "pipe": tmp_path / "pipe",
-    }
-    assert {path.name for path in tmp_path.iterdir()} - {"runs"} == {"file", "pipe"}
-    assert (tmp_path / "file").read_text() == "precious"
+    record, before = tmp_path / "run.json", {"run.json", "file", "pipe"}
+    write_record(record, make_record())
 
-
-def test_a_folder_that_cannot_be_is_refused_before_anything_is_played(tmp_path, places):
-    def check(out):
+    def check(name):
+        out = f"{tmp_path}/{name}"
         for how in ((), ("--force",)):
             refusal = refused_by_command(main, (*RUN, "--episodes", 1, "--out", out, *how))
             assert "running" not in refusal.out
-
-    check_each(places | {"file": tmp_path / "file"}, check)
-    refused_by_command(main, (*RUN, "--out", tmp_path / "file", "--resume"))
-
-
-def test_a_file_that_cannot_be_is_refused(tmp_path, places):
-    runs = tmp_path / "runs"
-    runs.mkdir()
-    write_record(runs / "run.json", make_record())
-
-    def check(out):
-        refused_by_command(main, ("table", "--submissions", runs, "--out", out))
-        refused_by_command(main, ("failures", runs, "--out", out))
+        refused_by_command(main, ("table", "--submissions", tmp_path, "--out", out))
+        refused_by_command(main, ("failures", record, "--out", out))
         bench = ("bench", "--suite", "sim", "--scene-dataset", tmp_path)
         refused_by_command(main, (*bench, "--json", out))
+        assert {path.name for path in tmp_path.iterdir()} == before
 
-    check_each(places, check)
+    names = ("file/x.png", f"{'x' * 300}/x.png", "a\0b.png", "pipe")
+    check_each({name[:20]: name for name in names}, check)
+    for how in ((), ("--force",), ("--resume",)):
+        refused_by_command(main, (*RUN, "--out", tmp_path / "file", *how))
+    assert (tmp_path / "file").read_text() == "precious"
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full, a disk without room")

@@ -1,6 +1,5 @@
 """Concurrent, stalled and killed runs: each episode is recorded exactly once."""
 
-import fcntl
 import os
 import random
 import signal
@@ -67,15 +66,6 @@ def test_a_folder_in_use_is_refused_until_its_owner_is_killed(tmp_path, capfd):
     play(out)  # a lock alone is no run, and that of a dead process is taken over without a word
     assert capfd.readouterr().err == ""
     assert {path.name for path in out.iterdir()} == FILES
-
-
-def test_a_file_system_without_locks_is_no_obstacle(tmp_path, monkeypatch):
-    def flock(*_):
-        raise OSError(38, "Function not implemented")
-
-    monkeypatch.setattr(fcntl, "flock", flock)
-    with locked(tmp_path / "run"):
-        pass
 
 
 def test_a_time_limit_needs_an_agent_of_one_row(tmp_path):

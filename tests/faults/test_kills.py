@@ -56,7 +56,8 @@ class Work:
     def __init__(self, folder, name):
         self.folder, self.command = folder, COMMANDS[name].split()
         self.out = folder / "work" / self.command[self.command.index("--out") + 1]
-        (folder / "temporary").mkdir()
+        for part in ("cache", "temporary"):
+            (folder / part).mkdir()
         textured_dataset(folder / "work" / "source")
         began = time.monotonic()
         self.whole = self.finish()
@@ -82,6 +83,7 @@ class Work:
     def start_anew(self):
         """Starts it with an empty cache, so that it has work to do."""
         shutil.rmtree(self.folder / "cache")
+        (self.folder / "cache").mkdir()
         return self.start()
 
     def finish(self):

@@ -1,4 +1,4 @@
-"""Invalid JSON files of a dataset, values of the wrong type or range, oversized layouts."""
+"""Invalid JSON and URDF files of a dataset, and layouts that hold too much."""
 
 import math
 import tempfile
@@ -16,6 +16,8 @@ from faulty_data import (
     SCENE,
     STAGE,
     TABLE,
+    URDF,
+    Damage,
     cut,
     folder,
     loop,
@@ -24,6 +26,7 @@ from faulty_data import (
     read_as_env,
     refused_everywhere,
     refused_with,
+    swap,
     text,
     whole_dataset,
 )
@@ -33,7 +36,6 @@ from hab_tasks.scenes.habitat.load import MOST_FURNITURE
 
 FILES = (CONFIG, SCENE, TABLE, STAGE, LIGHTS, LEXICON, AO)
 CONTENTS = {
-    "too many digits": text('{"a": 1' + 5000 * "0" + "}"),
     "deep": text(200_000 * "["),
     "not utf-8": text(b'{"a": "\xff\xfe"}'),
     "folder": folder,
@@ -45,7 +47,7 @@ CONTENTS = {
 IN_EVERY_FILE = ("cut", "list", "pipe")
 
 NAN = math.nan
-OBJECT, CHEST = ("object_instances", 0), ("articulated_object_instances", 0)
+OBJECT = ("object_instances", 0)
 TOP = ("user_defined", RECEPTACLE)
 
 # File, place in it, values that it does not take, words of the message.
@@ -66,23 +68,16 @@ VALUES = (
     (TABLE, ("friction_coefficient",), (-1,), "friction_coefficient"),
     (TABLE, ("semantic_id",), ("table", 2.5), "semantic_id"),
     (TABLE, ("up",), ([0, 0, 0],), "up is [0, 0, 0]"),
-    (TABLE, ("user_defined",), ([],), "user_defined is []"),
     (CUBE, ("use_bounding_box_for_collision",), (1,), "true or false"),
     # Each other field that has to be a name or in order
-    (SCENE, (*CHEST, "translation"), ([1, NAN, 3],), "translation"),
-    (SCENE, (*CHEST, "uniform_scale"), (-1,), "uniform_scale"),
-    (SCENE, (*CHEST, "template_name"), ("chst",), "'chest'"),
+    (SCENE, ("articulated_object_instances", 0, "template_name"), ("chst",), "'chest'"),
     (SCENE, ("stage_instance",), (GONE,), "stage_instance"),
-    (SCENE, ("stage_instance", "rotation"), ([0, 0, 0, 0],), "rotation"),
     (SCENE, ("default_lighting",), ("lighting/sum",), "'sun'"),
-    (TABLE, ("collision_asset",), ("../..",), "collision_asset"),
     (TABLE, ("user_defined", "category"), (4,), "category is 4"),
-    (TABLE, TOP, ("top",), "is 'top'"),
     (TABLE, (*TOP, "position"), (GONE,), "position"),
     (TABLE, (*TOP, "scale"), ([0.5, 0, 0.3],), "scale"),
     (AO, ("user_defined", "receptacle_aabb_in", "parent_link"), ("x",), "/x"),
     (STAGE, ("render_asset",), ("../../objects",), "render_asset"),
-    (LIGHTS, ("lights", "a"), (1,), "lights.a is 1"),
     (LIGHTS, ("lights", "a", "intensity"), (math.inf,), "lights.a.intensity"),
     (LEXICON, ("classes", 0, "id"), ("3",), "classes[0].id is '3'"),
     (CONFIG, ("stages",), ([], {"paths": []}), "stages"),
@@ -111,23 +106,67 @@ def test_a_value_that_makes_no_sense_is_named(tmp_path):
     check_each({repr(case[:3])[:120]: case for case in cases}, check)
 
 
-def test_the_whole_dataset_is_in_order(tmp_path):
-    root = whole_dataset(tmp_path / "data")
-    spec = read_as_env(root)
-    assert (len(spec.objects), len(spec.lights)) == (2, 1)
-    assert {r.name for r in spec.receptacles} == {RECEPTACLE, "receptacle_aabb_in"}
-    assert spec.objects[0].template.category == "table"
-    put("default_lighting", value="")(root / SCENE)  # a layout may have no lamps
-    assert read_as_env(root).lights == ()
+BOX = 'size="0.4 0.3, 0.2"'
+MASS = '<mass value="5"/>'
+ORIGIN = '<origin xyz="0.3, 0, 0"/>'
+AXIS = '<axis xyz="1, 0, 0"/>'
+ENDS = '<parent link="body"/><child link="drawer"/>'
+END = "</robot>"
+SECOND_JOINT = f'<joint name="again" type="fixed">{ENDS}</joint></robot>'
+
+URDFS: dict[str, tuple[Damage, str]] = {
+    "empty": (text(""), "not a valid URDF"),
+    "cut": (cut(0.4), "not a valid URDF"),
+    "deep": (text("<robot>" + 20_000 * "<a>" + 20_000 * "</a>" + "</robot>"), "nested"),
+    "folder": (folder, "a folder"),
+    "no link": (text("<robot/>"), "no link"),
+    "no joint": (text('<robot><link name="body"/></robot>'), "no joint"),
+    # Names and the tree
+    "nameless link": (swap('<link name="drawer">', "<link>"), "a link has no name"),
+    "two links of a name": (swap('name="drawer"', 'name="body"'), "link 'body' is there 2 times"),
+    "unknown parent": (swap('<parent link="body"/>', '<parent link="bdy"/>'), "'bdy'"),
+    "no parent": (swap('<parent link="body"/>', ""), "0 elements <parent>"),
+    "child of two": (swap(END, SECOND_JOINT), "the child of 2 joints"),
+    "two roots": (swap(END, '<link name="leg"/></robot>'), "'leg' hang on no joint"),
+    "cycle": (swap(ENDS, '<parent link="drawer"/><child link="drawer"/>'), "itself"),
+    # Joints
+    "unknown type": (swap("prismatic", "prismatik"), "Did you mean 'prismatic'"),
+    "limit of text": (swap('upper="0.25"', 'upper="far"'), "limit upper is 'far'"),
+    "limits swapped": (swap('lower="0"', 'lower="1"'), "lower before upper"),
+    "effort of text": (swap('effort="10"', 'effort="much"'), "limit effort is 'much'"),
+    "axis zero": (swap(AXIS, '<axis xyz="0 0 0"/>'), "axis is '0 0 0'"),
+    "friction negative": (swap(AXIS, AXIS + '<dynamics friction="-1"/>'), "dynamics friction"),
+    "mimic unknown": (swap(AXIS, AXIS + '<mimic joint="glide"/>'), "'glide'"),
+    "mimic text": (swap(AXIS, AXIS + '<mimic joint="slide" offset="a"/>'), "mimic offset is 'a'"),
+    # Masses
+    "mass negative": (swap(MASS, '<mass value="-5"/>'), "link 'body', inertial, mass value is -5"),
+    "inertia negative": (swap('ixx="1"', 'ixx="-1"'), "positive definite"),
+    # Shapes
+    "box of two": (swap(BOX, 'size="0.4 0.3"'), "collision 0, box size is [0.4, 0.3]"),
+    "box flat": (swap(BOX, 'size="0.4 0 0.2"'), "3 numbers above 0"),
+    "sphere of zero": (swap(f"<box {BOX}/>", '<sphere radius="0"/>'), "sphere radius is 0"),
+    "unknown shape": (swap(f"<box {BOX}/>", '<cone radius="1"/>'), "['cone']"),
+    "origin nan": (swap(ORIGIN, '<origin xyz="nan 0 0"/>'), "collision 0, origin xyz"),
+    "missing mesh": (swap('"body.glb"', '"gone.glb"'), "'gone.glb'"),
+    "mesh folder": (swap('"body.glb"', '"."'), "a folder"),
+    "mesh scale zero": (swap('scale="1, 1, 1"', 'scale="1 0 1"'), "scale is '1 0 1'"),
+    "colour": (swap("</visual>", '<material><color rgba="red"/></material></visual>'), "['red']"),
+}
+
+
+def test_a_faulty_urdf_is_named(tmp_path):
+    def check(case):
+        damage, element = case
+        refused_with(tmp_path, URDF, damage, "chest.urdf", element)
+
+    check_each(URDFS, check)
 
 
 def chests(tmp_path, count, step_m):
     """A dataset whose layout has chests in a row."""
     root = whole_dataset(Path(tempfile.mkdtemp(dir=tmp_path)) / "data")
-    row = [
-        {"template_name": "chest", "translation": [step_m * number, 0.2, 5.0]}
-        for number in range(count)
-    ]
+    chest = {"template_name": "chest"}
+    row = [chest | {"translation": [step_m * number, 0.2, 5.0]} for number in range(count)]
     write_scene(root, tiny_scene() | {"articulated_object_instances": row})
     return root
 

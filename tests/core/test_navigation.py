@@ -15,7 +15,7 @@ from hab_tasks.navigation import (
 )
 from hab_tasks.privileged import CollisionBody, CollisionShape
 from hab_tasks.robots.control_modes import BASE_CELLS
-from hab_tasks.scenes.floor import CELL_M, floor_between
+from hab_tasks.scenes.floor import CELL_M
 from hab_tasks.scenes.habitat.dataset import SceneDataset
 from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.layout_geometry import Layout
@@ -48,35 +48,11 @@ def room(*furniture):
     return NavigationMap.of_bodies(bodies, dict.fromkeys(shapes, np.eye(4)))
 
 
-# Free floor ------------------------------------------------------------------------------------
-
-
-def test_clearance_is_never_overstated():
-    rng = np.random.default_rng(0)
-    low = rng.uniform(0, 5, (12, 2))
-    high = low + rng.uniform(0.02, 0.8, (12, 2))
-    outlines = [
-        np.array([(a, b), (c, b), (c, d), (a, d)])
-        for a, b, c, d in [(-1.0, -1.0, 7.0, 7.0), *np.hstack((low, high))]
-    ]
-    floor = floor_between(outlines[1:], outlines[0], 0.3)
-    at = floor.origin_m + CELL_M * np.stack(np.indices(floor.clearance_m.shape), axis=-1)
-    outside = np.maximum(np.maximum(low - at[..., None, :], at[..., None, :] - high), 0.0)
-    true = np.linalg.norm(outside, axis=-1).min(axis=-1)
-    true = np.minimum(true, np.minimum(at - -1.0, 7.0 - at).min(axis=-1))
-    # A corner that touches a cell costs at most the cell's diagonal and half a cell.
-    assert (floor.clearance_m <= true + 0.01).all()
-    assert (floor.clearance_m >= true - 1.5 * np.sqrt(2) * CELL_M).all()
-
-
 def test_a_rug_and_a_lamp_overhead_are_no_obstacles():
     rug, lamp = ((1, 1, 0), (3, 3, 0.03)), ((2, 2, 1.5), (2.2, 2.2, 2.0))
     assert (room(rug, lamp).free == room().free).all()
     with pytest.raises(GenerationError, match="no free floor"):
         room(((0, 0, 0), (6, 4, 2)))
-
-
-# Distances -------------------------------------------------------------------------------------
 
 
 def test_distances_are_those_of_the_taut_string():
@@ -117,9 +93,6 @@ def test_goals_may_be_several_or_cells_or_in_a_wall():
     assert map_.is_free(map_.nearest_free(points)).all()
 
 
-# Ways and poses --------------------------------------------------------------------------------
-
-
 def test_ways_are_free_and_as_short_as_their_distance():
     map_ = room(TABLE, ((4.5, 2.0, 0), (5.0, 4.0, 0.8)))
     rng = np.random.default_rng(3)
@@ -153,23 +126,6 @@ def test_the_follower_turns_drives_and_stops():
         ((1.85, 3.5, 0.3), (0.0, 0.0)),
     ):
         assert BASE_CELLS[follower.action(np.array(base))] == cell, base
-
-
-def test_the_follower_goes_around_a_wall():
-    for repeat in (1, 4):
-        # The wall ends at y = 2.5; beyond it, the base needs its radius less half a cell.
-        follower = ShortestPathFollower(room(), np.array([4.5, 1.0, 0.0]), repeat)
-        base, highest = np.array([1.5, 1.0, 0.0]), 0.0
-        for _ in range(400 // repeat):
-            forward, turn = BASE_CELLS[follower.action(base)]
-            for _ in range(repeat):
-                base[2] += turn * 3.14 / 30
-                base[:2] += forward / 30 * np.array([np.cos(base[2]), np.sin(base[2])])
-            highest = max(highest, base[1])
-        assert (forward, turn) == (0, 0), repeat
-        assert np.linalg.norm(base[:2] - (4.5, 1.0)) < 0.2
-        assert abs(base[2]) < 0.35
-        assert 2.7 < highest < 3.2
 
 
 def test_poses_reach_the_target_face_it_and_start_near():

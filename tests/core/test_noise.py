@@ -89,9 +89,6 @@ def test_raw_textures_get_the_noise_of_the_images_made_of_them():
         assert torch.equal(found[name][..., 3], raw[name][..., 3]), name
 
 
-# The same again --------------------------------------------------------------------------------
-
-
 def samples(noise, steps=3):
     """What the joints read in the next steps, (steps, N, 7)."""
     found = []

@@ -14,7 +14,6 @@ from hab_tasks.scenes.pool import BodyPool
 from hab_tasks.scenes.shapes import components, matrix
 
 PICKABLES = ("003_cracker_box_:0000", "024_bowl_:0000", "024_bowl_:0001")
-TEMPLATES = load_objects(None)
 
 
 class Room:
@@ -22,58 +21,39 @@ class Room:
 
     def __init__(self):
         self.scene = cpu_scene()
-        self.pool = BodyPool(self.scene, TEMPLATES)
+        self.pool = BodyPool(self.scene, load_objects(None))
 
-    def show(self, *specs, objects=PICKABLES):
+    def show(self, *specs):
         """Shows one layout after another, furniture closed; returns itself."""
         for spec in specs:
-            self.scene_bodies = self.pool.show(spec, objects)
-            for furniture in self.scene_bodies.articulations.values():
+            self.bodies = self.pool.show(spec, PICKABLES)
+            for furniture in self.bodies.articulations.values():
                 furniture.set_qpos(torch.zeros_like(furniture.get_qpos()))
         return self
-
-    def poses(self):
-        return {name: matrix(c.entity_pose) for name, _, c in components(self.scene_bodies)}
 
     def groups(self):
         """Body -> the collision bits of its shapes, and which shapes share an ignore number."""
         numbers, found = {}, {}
-        for name, _, component in components(self.scene_bodies):
+        for name, _, component in components(self.bodies):
             bits = [shape.get_collision_groups() for shape in component.collision_shapes]
-            shared = [numbers.setdefault(b[3], len(numbers)) for b in bits]
-            found[name] = [(*b[:3], number) for b, number in zip(bits, shared, strict=True)]
+            found[name] = [(*b[:3], numbers.setdefault(b[3], len(numbers))) for b in bits]
         return found
 
-    def state_keys(self):
-        return {kind: list(group) for kind, group in self.scene.get_sim_state().items()}
-
-    def shapes(self):
-        return {
-            body.name: (
-                body.group,
-                [
-                    (s.kind, s.body_from_shape, s.half_size_m, s.vertices_m, s.faces)
-                    for s in body.shapes
-                ],
-            )
-            for body in self.pool.bodies()
-        }
-
-    def masses(self):
-        return {name: actor._bodies[0].mass for name, actor in self.scene_bodies.movable.items()}
-
-    def entities(self):
-        return sorted(entity.name for entity in self.scene.sub_scenes[0].entities)
-
-    def listed(self):
-        """What ManiSkill knows by name, in its order."""
-        scene = self.scene
-        registry = scene.state_dict_registry
+    def facts(self):
+        scene, registry = self.scene, self.scene.state_dict_registry
         lists = (scene.actors, scene.articulations, registry.actors, registry.articulations)
-        return [list(group) for group in lists]
-
-
-FACTS = ("poses", "groups", "state_keys", "shapes", "masses", "entities", "listed")
+        return {
+            "poses": {name: matrix(c.entity_pose) for name, _, c in components(self.bodies)},
+            "groups": self.groups(),
+            "state": {kind: list(group) for kind, group in scene.get_sim_state().items()},
+            "shapes": {
+                body.name: [body.group, *(list(vars(shape).values()) for shape in body.shapes)]
+                for body in self.pool.bodies()
+            },
+            "masses": {name: a._bodies[0].mass for name, a in self.bodies.movable.items()},
+            "entities": sorted(entity.name for entity in scene.sub_scenes[0].entities),
+            "what ManiSkill knows by name": [list(group) for group in lists],
+        }
 
 
 def alike(a, b):
@@ -114,74 +94,42 @@ def tiny(tmp_path_factory):
     first["object_instances"] += [{"template_name": "rug", "translation": [3, 0.01, 0]}]
     write_scene(root, first)
     write_scene(root, second_scene(), "v3_sc0_staging_01")
-    dataset = SceneDataset(root)
-    return [load_scene(dataset, f"v3_sc0_staging_0{i}") for i in (0, 1)]
+    return [load_scene(SceneDataset(root), f"v3_sc0_staging_0{i}") for i in (0, 1)]
 
 
-@pytest.fixture(scope="module")
-def apartment():
-    """The first and the last layout of the apartment, as many as it has."""
-    dataset = resolve_dataset("apartment")
-    names = sorted(dataset.scene_files)
-    return [load_scene(dataset, name) for name in dict.fromkeys((names[0], names[-1]))]
-
-
-@pytest.fixture(scope="module")
-def real(replica_cad):
-    """Two staged layouts and a furnished one, whose furniture is loose."""
-    dataset = SceneDataset(replica_cad)
-    return [load_scene(dataset, s) for s in ("v3_sc0_staging_00", "v3_sc1_staging_05", "apt_0")]
-
-
-every_dataset = pytest.mark.parametrize(
-    "dataset", ["tiny", "apartment", pytest.param("real", marks=pytest.mark.assets)]
+@pytest.mark.parametrize(
+    "name", ["tiny", "apartment", pytest.param("replica_cad", marks=pytest.mark.assets)]
 )
-
-
-@pytest.fixture
-def layouts(dataset, request):
-    return request.getfixturevalue(dataset)
-
-
-@every_dataset
-def test_a_layout_shown_after_others_equals_a_new_one(layouts):
-    """To the last bit: poses, collision groups, keys of the state, shapes, masses, entities."""
-    first, *others = layouts
+def test_a_layout_shown_after_others_equals_a_new_one(name, request):
+    """To the last bit; the apartments of ReplicaCAD have loose furniture."""
+    if name == "tiny":
+        first, *others = request.getfixturevalue(name)
+    else:
+        root = name if name == "apartment" else request.getfixturevalue(name)
+        dataset = resolve_dataset(root)
+        scenes = ("v3_sc0_staging_00", "v3_sc1_staging_05", "apt_0")
+        first, *others = [load_scene(dataset, scene) for scene in scenes]
     for spec, *before in ((first, first, *others), *((other, first) for other in others)):
-        fresh, worn = Room().show(spec), Room().show(*before, spec)
-        for fact in FACTS:
-            assert alike(getattr(worn, fact)(), getattr(fresh, fact)()), (fact, spec.scene_id)
+        fresh, worn = Room().show(spec).facts(), Room().show(*before, spec).facts()
+        for fact in fresh:
+            assert alike(worn[fact], fresh[fact]), (fact, spec.scene_id)
 
 
-def test_nothing_is_built_twice_and_layouts_share_what_is_alike(tiny):
-    """Stage, table, rug and cracker box; not the cube (fixed or loose) and the chest (its size)."""
-    room = Room().show(tiny[0], objects=PICKABLES[:1])
-    # stage, table, cube, rug, chest, cracker box
-    assert len(room.pool._built) == 6
-    table = room.scene_bodies.static["table_:0000"]
-    room.show(tiny[1], objects=PICKABLES[:1])
-    # and the fixed cube, the second loose cube, the smaller chest
-    assert len(room.pool._built) == 9
-    assert room.scene_bodies.static["table_:0000"] is table
-    built = [id(actor) for actor in room.pool._built.values()]
-    room.show(*tiny, *reversed(tiny), objects=PICKABLES[:1])
-    assert [id(actor) for actor in room.pool._built.values()] == built
-
-
-def test_a_rug_spares_the_robots_base_only_on_the_floor(tiny):
+def test_layouts_share_what_is_alike(tiny):
     room = Room()
-    for spec, flat in ((tiny[0], True), (tiny[1], False), (tiny[0], True)):
-        room.show(spec)
-        (bits,) = room.groups()["rug_:0000"]
-        assert bool(bits[2] & FLOOR_BIT) == flat
+    tables = [room.show(spec).bodies.static["table_:0000"] for spec in (*tiny, *tiny)]
+    assert all(table is tables[0] for table in tables)
 
 
-def test_what_is_not_shown_is_not_met(tiny):
+def test_what_is_not_shown_is_not_met_and_a_rug_on_a_table_does_not_spare_the_base(tiny):
     """A cube falls where the other layout's table stood: 2 s are enough to fall from 1.5 m."""
-    room = Room().show(*reversed(tiny))
-    cube = room.scene_bodies.loose["cube_:0000"]
+    room = Room()
+    for spec, flat in zip(reversed(tiny), (False, True), strict=True):
+        (bits,) = room.show(spec).groups()["rug_:0000"]
+        assert bool(bits[2] & FLOOR_BIT) == flat
+    cube = room.bodies.loose["cube_:0000"]
     cube._objs[0].set_pose(sapien.Pose([-1, -1, 1.5]))
-    shown = {component for _, _, component in components(room.scene_bodies)}
+    shown = {component for _, _, component in components(room.bodies)}
     for _ in range(240):
         room.scene.px.step()
         assert {b for c in room.scene.px.get_contacts() for b in c.bodies} <= shown

@@ -15,16 +15,6 @@ from worker_jobs import pid_soon, surroundings
 from hab_tasks.errors import WorkerError
 from hab_tasks.processes import worker_pool
 
-KILLED = """
-import time
-from hab_tasks.processes import worker_pool
-import os
-if __name__ == "__main__":
-    with worker_pool(1) as pool:
-        print(pool.submit(os.getpid).result(), flush=True)
-        time.sleep(60)
-"""
-
 
 def test_a_worker_has_what_its_parent_has_when_it_starts(tmp_path, monkeypatch, capfd):
     """Though its server was started before."""
@@ -41,25 +31,34 @@ def test_a_worker_has_what_its_parent_has_when_it_starts(tmp_path, monkeypatch, 
     assert seen[0][3] != seen[1][3]  # random numbers
 
 
-def test_without_its_server_no_worker_starts_but_the_next_pool_has_another():
+def server_pid():
     with worker_pool(1) as pool:
-        server = pool.submit(os.getppid).result()
-    pids = []
-    with pytest.raises(WorkerError):
-        without_server(server, pids)
+        return pool.submit(os.getppid).result()
+
+
+def test_a_killed_worker_or_server_is_told_and_the_next_pool_has_another_server():
+    server, pids = server_pid(), []
+
+    def work(victim):
+        with worker_pool(1) as pool:
+            pids.append(pool.submit(os.getpid).result())
+            os.kill(victim or pids[-1], signal.SIGKILL)
+            pool.submit(time.sleep, 60).result()
+
+    for victim in (None, server):
+        with pytest.raises(WorkerError, match="worker process was killed"):
+            work(victim)
     wait_until_gone(*pids)
-    with worker_pool(1) as pool:
-        assert pool.submit(os.getppid).result() != server
+    assert server_pid() != server
 
 
 def test_a_forked_process_has_its_own_workers():
-    with worker_pool(1) as pool:
-        server = pool.submit(os.getppid).result()
+    server = server_pid()
     forked = os.fork()
     if not forked:
         code = 1
-        with contextlib.suppress(BaseException), worker_pool(1) as pool:
-            code = 0 if pool.submit(os.getppid).result() != server else 2
+        with contextlib.suppress(BaseException):
+            code = 0 if server_pid() != server else 2
         os._exit(code)
     assert os.waitstatus_to_exitcode(os.waitpid(forked, 0)[1]) == 0
 
@@ -68,7 +67,10 @@ def test_workers_start_where_the_path_of_the_temporary_folder_is_long(tmp_path):
     """A socket's path has at most 104 bytes; this folder alone has more."""
     folder = tmp_path / ("long" * 25)
     folder.mkdir()
-    code = KILLED.replace("time.sleep(60)", "")
+    code = (
+        "import os\nfrom hab_tasks.processes import worker_pool\n"
+        "with worker_pool(1) as pool: print(pool.submit(os.getpid).result())"
+    )
     variables = {**os.environ, "TMPDIR": str(folder)}
     command = [sys.executable, "-c", code]
     ended = subprocess.run(command, capture_output=True, text=True, env=variables, check=False)
@@ -77,25 +79,9 @@ def test_workers_start_where_the_path_of_the_temporary_folder_is_long(tmp_path):
     assert not list(folder.iterdir())
 
 
-def without_server(server, pids):
-    with worker_pool(1) as pool:
-        pids.append(pool.submit(os.getpid).result())
-        os.kill(server, signal.SIGKILL)
-        pool.submit(time.sleep, 60).result()
-
-
-@pytest.mark.slow
-def test_workers_do_not_outlive_a_killed_parent(tmp_path):
-    script = tmp_path / "parent.py"
-    script.write_text(KILLED)
-    parent = subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True)
-    worker = int(parent.stdout.readline())
-    parent.send_signal(signal.SIGKILL)
-    parent.wait()
-    wait_until_gone(worker)
-
-
 def test_workers_end_when_something_is_raised(tmp_path):
+    pids = []
+
     def interrupted():
         with worker_pool(2, os.chdir, (tmp_path,)) as pool:
             assert pool.submit(os.getcwd).result() == str(tmp_path), "its start is called"
@@ -104,20 +90,9 @@ def test_workers_end_when_something_is_raised(tmp_path):
                 pool.submit(time.sleep, 60)
             raise KeyboardInterrupt
 
-    pids = []
     with pytest.raises(KeyboardInterrupt):
         interrupted()
     wait_until_gone(*pids)
-
-
-def test_a_killed_worker_is_told():
-    def short_of_memory():
-        with worker_pool(2) as pool:
-            os.kill(pool.submit(os.getpid).result(), signal.SIGKILL)
-            pool.submit(os.getpid).result()
-
-    with pytest.raises(WorkerError, match="worker process was killed"):
-        short_of_memory()
 
 
 @pytest.mark.slow
@@ -143,8 +118,6 @@ def continued(pid):
 
 def wait_until_gone(*pids):
     deadline = time.monotonic() + 30
-    while time.monotonic() < deadline:
-        if not any(Path(f"/proc/{pid}").exists() for pid in pids):
-            return
+    while any(Path(f"/proc/{pid}").exists() for pid in pids):
+        assert time.monotonic() < deadline, f"of {pids} some are still there"
         time.sleep(0.1)
-    raise AssertionError(f"of {pids} some are still there")

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 __all__ = ["__version__", "close_hand", "do_nothing", "open_hand", "random_agent"]
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 
 def random_agent(setup: AgentSetup) -> Agent:

@@ -35,7 +35,7 @@ class EpisodeOptions:
     option: Annotated[
         tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE"), tyro.conf.UseAppendAction
     ] = ()
-    """An agent option, e.g. navigation=teleport; can be repeated."""
+    """An agent option, e.g. navigation=learned; can be repeated."""
 
     skill_config: Annotated[
         tuple[str, ...], tyro.conf.arg(metavar="NAME=NUMBER"), tyro.conf.UseAppendAction

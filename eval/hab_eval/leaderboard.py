@@ -23,7 +23,7 @@ PRIVILEGED_MARK = "†"
 FEW_EPISODES = 50
 FEW_MARK = "*"
 HANDLE_POSITION = "handle_position"
-COLUMNS = ("agent", "success %", "n", "steps", "s / step", "split", "seed", "version")
+COLUMNS = ("agent", "success %", "n", "steps", "control", "s / step", "split", "seed", "version")
 AGAIN_FILE = "to_run_again.json"
 STAGES = "stages %"
 IN_COMMAND = ("s / step", "split", "seed")
@@ -188,8 +188,13 @@ def leaderboard_texts(submissions: Submissions, target: Path) -> dict[Path, str]
 
 def group_title(record: RunRecord) -> str:
     """Returns the group of a run: runs are comparable if and only if their titles are equal."""
-    objects = f", objects {record.objects}" if record.objects else ""
-    return f"{record.env}, {record.scene_dataset}{objects}"
+    parts = [record.env, record.scene_dataset]
+    parts += [f"objects {record.objects}"] if record.objects else []
+    parts += ["perfect arm control"] if record.control_mode.startswith("joint_state") else []
+    parts += ["perfect base control"] if record.control_mode.endswith("_pose") else []
+    rules = [f"{name}={value:g}" for name, value in sorted(record.skill_config.items())]
+    parts += [f"changed rules: {', '.join(rules)}"] if rules else []
+    return ", ".join(parts)
 
 
 def scenes_of(record: RunRecord) -> str:
@@ -238,6 +243,7 @@ def _row(record: RunRecord, scores: Sequence[str]) -> tuple[str, ...]:
         *(f"{100.0 * scored[name].mean:.1f}" if name in scored else "" for name in scores),
         f"{success.n}{FEW_MARK if success.n < FEW_EPISODES else ''}",
         f"{record.summary.mean_steps:.1f}",
+        record.control_mode,
         f"{record.summary.seconds_per_step:.4f}",
         record.split,
         str(record.seed),

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 
 from hab_eval.agent_checks import check_actions, check_report, check_reports, without_exit
+from hab_eval.environments import agent_seed
 from hab_eval.observations import batched
 from hab_eval.observers import Observer
 from hab_eval.results import FinishedEpisode, check_finished
@@ -95,7 +96,7 @@ def _next_calls(
         job = next(jobs, None) if row.episode is None else None
         if job is not None:
             started[number] = job
-            row.episode, row.seed, row.act_s = job[1], job[1].seed, 0.0
+            row.episode, row.seed, row.act_s = job[1], agent_seed(job[1].seed), 0.0
     if started:
         mask = torch.tensor([number in started for number in range(len(rows))])
         with _naming_episodes(job[1] for job in started.values()):

@@ -153,7 +153,7 @@ def _be_late(agent: stub_hab.StubAgent, case: str) -> None:
 
     def hanging(*arguments: object) -> object:
         given = inner(*arguments)
-        seeds = arguments[1] if method == "reset" else agent.seeds
+        seeds = stub_hab.episode_seeds(arguments[1]) if method == "reset" else agent.seeds
         if seeds[-1] % 1000 in (1, 3) and (method == "reset" or len(agent.seen) > 1):
             if way == "deaf":
                 signal.signal(signal.SIGTERM, signal.SIG_IGN)

@@ -6,6 +6,7 @@ step 2, 2 reaches the horizon at step 5.
 
 from __future__ import annotations
 
+import functools
 import os
 import signal
 import time
@@ -16,6 +17,7 @@ from types import SimpleNamespace
 import torch
 from hab_eval import environments
 from hab_eval.config import EvalConfig
+from hab_eval.environments import agent_seed
 
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec, check_options
 from hab_tasks.errors import HabError, UnknownNameError
@@ -86,6 +88,16 @@ class StubEnv:
     def close(self) -> None: ...
 
 
+@functools.cache
+def _seed_of_agents_seed() -> dict[int, int]:
+    return {agent_seed(seed): seed for seed in range(20_000)}
+
+
+def episode_seeds(seeds) -> list[int]:
+    """The episodes' seeds, from those that an agent gets."""
+    return [_seed_of_agents_seed()[seed] for seed in seeds]
+
+
 class StubAgent:
     """Repeats a constant action; `act` may be replaced."""
 
@@ -98,7 +110,7 @@ class StubAgent:
 
     def reset(self, mask, seeds) -> None:
         assert mask.tolist() == [True]
-        self.seeds += seeds
+        self.seeds += episode_seeds(seeds)
 
     def act(self, obs):
         self.seen.append(obs)
@@ -163,7 +175,7 @@ class ManyAgent:
         if not self.acts:
             assert mask.all()
             self.acts = [0] * len(mask)
-        self.seeds = list(seeds)
+        self.seeds = episode_seeds(seeds)
         self.acts = [0 if new else old for new, old in zip(mask.tolist(), self.acts, strict=True)]
 
     def act(self, obs):

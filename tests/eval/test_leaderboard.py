@@ -34,12 +34,16 @@ def test_rows_are_grouped_and_sorted_whatever_the_order_of_files():
         "tie_a.json": make_record((True, False), name="A", seed=2),
         "other.json": make_record(env="HabPlace-v1"),
         "ycb.json": make_record(objects="ycb"),
+        "set.json": replace(make_record(), control_mode="joint_state_pose"),
+        "rules.json": replace(make_record(), skill_config={"rest_radius_m": 100.0}),
     }
     groups = build_groups(records)
     assert build_groups(dict(reversed(records.items()))) == groups
     assert [group.title for group in groups] == [
         "HabPick-v1, apartment",
+        "HabPick-v1, apartment, changed rules: rest_radius_m=100",
         "HabPick-v1, apartment, objects ycb",
+        "HabPick-v1, apartment, perfect arm control, perfect base control",
         "HabPlace-v1, apartment",
     ]
     assert [row[0] for row in groups[0].rows] == ["Better †", "A", "B", "Worse"]
@@ -54,6 +58,7 @@ def test_a_row_by_hand():
         "80",
         "5*",
         "30.0",
+        "ee",
         "0.0167",
         "val",
         "0",
@@ -62,7 +67,7 @@ def test_a_row_by_hand():
     (mixed,) = build_groups({"x.json": make_record(git="0123456789 then abcdef0123-dirty")})
     assert mixed.rows[0][-1] == "0.1.0 (01234567 then abcdef01-dirty)"
     # Split and seed are in the command below; the agent has the name that `--agent` takes.
-    assert r"|constant|80.0 [37.6, 96.4]|80|5\*|30.0|0.1.0 (01234567)|" in to_markdown([group])
+    assert r"|constant|80.0 [37.6, 96.4]|80|5\*|30.0|ee|0.1.0 (01234567)|" in to_markdown([group])
     assert "<td>80.0 [37.6, 96.4]</td>" in to_html([group])
 
 
@@ -86,7 +91,7 @@ def test_a_task_says_how_often_each_stage_was_reached_and_what_it_scores():
     episodes = tuple(replace(episode, stages={}) for episode in record.episodes)
     skill = replace(record, episodes=episodes, summary=summarize(episodes, {}))
     (group,) = build_groups({"x.json": skill})
-    assert len(group.rows[0]) == len(group.columns) == 8
+    assert len(group.rows[0]) == len(group.columns) == 9
 
 
 def test_what_an_agent_is_told_and_its_options_stand_beside_its_name():

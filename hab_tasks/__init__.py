@@ -15,7 +15,7 @@ from hab_tasks.tasks.tidy_house import TIDY_HOUSE
 if TYPE_CHECKING:
     from hab_tasks.envs import ENVS
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 __all__ = ["ENVS", "Target", "TaskSpec", "__version__", "register_skill", "register_task"]
 
 register_skills()

@@ -14,11 +14,21 @@ GRASP_RADIUS_M = 0.15
 PLACE_RADIUS_M = 0.15
 """Maximum distance of a placed object to its goal, in any orientation (S G.1)."""
 
+REST_SPEED_M_S = 0.05
+"""Maximum speed of a placed object ..."""
+
+REST_STEPS = 10
+"""... in each of this many actions since it left the hand."""
+
 EE_STEP_M = 0.015
 """Maximum end-effector displacement per action (S E.3)."""
 
 JOINT_STEP_RAD = 0.0125
 """Maximum joint displacement per action of the 7-D arm mode (Habitat's joint delta)."""
+
+TARGET_STEP_RAD = 0.08
+"""Maximum change per action of absolute joint targets and states, 2.4 rad/s; the joints of a real
+Fetch reach 1.3 to 2.3 rad/s, and the drives follow more."""
 
 REST_POSITION_M = (0.5, 0.0, 1.0)
 """Resting position of the end-effector in the base frame (x forward, z up)."""

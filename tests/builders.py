@@ -219,7 +219,7 @@ def _evaluated(skill: Skill, s: Snapshot, m: Measures, g: Goals) -> Evaluated:
     reached = skill.success(s, m, g, skill.config)
     success = reached & ~reduce(or_, failures.values(), reached & False)
     terms = skill.reward_terms(s, m, g, skill.config, {"success": success, **failures})
-    return Evaluated(success, failures, terms, total(terms), skill.scores(m, success))
+    return Evaluated(success, failures, terms, total(terms), skill.scores(m, success, 0.015))
 
 
 def as_arrays(x: Any) -> Any:

@@ -66,7 +66,7 @@ DEFECTS = (
            new="if first in links and second in links:"),
     Defect(name="gripper_mask", first="core/test_rewards_place.py",
            file="hab_tasks/skills/place.py",
-           old="where(m.placed | m.placed_before,", new="where(m.placed,"),
+           old="where(m.released | m.released_before,", new="where(m.released,"),
     Defect(name="closed_door", first="core/test_grasp.py", file="hab_tasks/robots/grasp.py",
            old="torch.where(enclosed[rows][..., None], FAR_AWAY_M, points)", new="points"),
     Defect(name="split", first="core/test_wild.py", file="hab_tasks/scenes/habitat/dataset.py",

@@ -45,10 +45,11 @@ class FetchSim:
         for _ in range(steps):
             self.controller.set_action(torch.as_tensor(np.float32(action)).reshape(1, -1))
             if self.objects:
-                if self.controller.config.sets_joints:
-                    self.grasp.carry(4)
                 self.grasp.command(gripper)
-            for _ in range(4):
+            for number in range(4):
+                if self.controller.config.sets_joints:
+                    self.controller.move_joints((number + 1) / 4)
+                    self.grasp.carry()
                 self.grasp.before_simulation_step()
                 self.scene.px.step()
                 self.speeds.append(float(self.agent.robot.get_qvel().abs().max()))

@@ -50,11 +50,12 @@ class Kitchen:
         gap = self.grasp.handle_position_m(0) - self.grasp.ee_position_m()
         return float(torch.linalg.norm(gap))
 
-    def act(self):
-        """Runs the physics of an action that has set joints, and goes on grasping."""
-        self.grasp.carry(4)
+    def act(self, move=lambda: None):
+        """Runs the physics of an action, and goes on grasping; `move` is called in each step."""
         self.grasp.command(GRASP)
         for _ in range(4):
+            move()
+            self.grasp.carry()
             self.grasp.before_simulation_step()
             self.scene.px.step()
         self.grasp.after_control_step()

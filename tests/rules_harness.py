@@ -22,6 +22,7 @@ class EpisodeSimulation:
     """The attributes of `EpisodeSimulation` that rewards and endings use."""
 
     snapshot: Snapshot
+    ee_step_m = 0.015
 
     def __init__(self, tracker: Tracker) -> None:
         self.tracker = tracker
@@ -83,8 +84,7 @@ class RulesHarness:
             assert isinstance(self.env, TaskEnv)
             progress, world = self.rules.progress, self.world
             state = progress.get_state() | {"part": torch.tensor(parts)}
-            targets = self.tracker.targets
-            progress.set_state(state, self.rows, world.snapshot, world.goals, targets)
+            progress.set_state(state, self.rows, world.snapshot, world.goals, self.tracker)
             self.rules.turn_to_parts(self.rows.tolist())
 
     def step(self, shot: Snapshot, stopped: torch.Tensor | None = None) -> dict[str, Any]:

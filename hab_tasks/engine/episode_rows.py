@@ -20,11 +20,13 @@ class EpisodeRows(ABC):
         snapshot: Snapshot of the simulator after the latest action or reset.
         tracker: Updates the measures; holds the goals.
         maps: Navigation maps of the layouts.
+        ee_step_m: Maximum displacement of the end-effector per action.
     """
 
     snapshot: Snapshot
     tracker: Tracker
     maps: LayoutMaps
+    ee_step_m: float
 
     @property
     @abstractmethod

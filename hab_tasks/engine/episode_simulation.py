@@ -31,7 +31,9 @@ from hab_tasks.geometry import Pose7
 from hab_tasks.navigation import GeodesicDistances, LayoutMaps
 from hab_tasks.option_values import flag, whole
 from hab_tasks.privileged import ArticulationState, PrivilegedState
+from hab_tasks.robots.arm_commands import ee_step_m
 from hab_tasks.robots.follow_grasp import make_grasp
+from hab_tasks.robots.joint_setter import BLOCKED_DEPTH_M
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.robots.sleeping import SleepingObjects
 from hab_tasks.scenes.lights import LayoutLights
@@ -176,6 +178,7 @@ class EpisodeSimulation(EpisodeRows):
             self.requirements.takes,
             arm_is_set=agent.controller.config.arm == "joint_state",
         )
+        self.ee_step_m = ee_step_m(agent.controller.config.arm)
         self._force = ContactForce(agent, self._grasp)
         self._reader = SnapshotReader(agent, self._grasp)
         self._setting = GoalSetting(self.requirements, scene_bodies, self._grasp)
@@ -248,18 +251,21 @@ class EpisodeSimulation(EpisodeRows):
     def simulate(self, gripper: BatchArray, physics_steps: int) -> None:
         """Grasps or releases, and steps the physics of one action."""
         grasp, force, sleeping = self._grasp, self._force, self._sleeping
-        before = (grasp.held, grasp.held_handle)
-        if self._agent.controller.config.sets_joints:
-            self._carry(physics_steps)
         if sleeping is not None:
-            held, held_handle = (tensor.item() for tensor in before)
-            sleeping.before_step(int(held), self._touched or held >= 0 or held_handle >= 0)
+            held, handle = int(grasp.held.item()), int(grasp.held_handle.item())
+            sleeping.before_step(held, self._touched or held >= 0 or handle >= 0)
         grasp.command(gripper)
         force.clear()
-        for _ in range(physics_steps):
+        moving = self._agent.controller.config.sets_joints
+        for number in range(physics_steps):
+            if moving:
+                self._move_joints((number + 1) / physics_steps)
             grasp.before_simulation_step()
             self._scene.px.step()
             force.add_physics_step()
+            if moving and force.deepest_m() > BLOCKED_DEPTH_M:
+                self._move_joints(number / physics_steps)
+                moving = False
         if self._scene.gpu_sim_enabled:
             pull_from_gpu(self._scene)
         grasp.after_control_step()
@@ -292,11 +298,10 @@ class EpisodeSimulation(EpisodeRows):
         """Returns whether each robot holds an object or a handle, (N,)."""
         return self._grasp.holding
 
-    def _carry(self, physics_steps: int) -> None:
-        """Moves held objects after an action that sets joint states directly."""
-        self._grasp.carry(physics_steps)
-        if self._sleeping is not None:
-            self._sleeping.refresh()
+    def _move_joints(self, share: float) -> None:
+        """Sets joints after a share of an action, and moves what is held with the hand."""
+        self._agent.controller.move_joints(share)
+        self._grasp.carry()
 
     def _hold(self, rows: Tensor) -> None:
         """Grasps the object that an episode starts with in the hand."""

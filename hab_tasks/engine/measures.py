@@ -28,7 +28,13 @@ from hab_tasks.arrays import (
     whole,
     zeros,
 )
-from hab_tasks.constants import PLACE_RADIUS_M, REST_POSITION_M
+from hab_tasks.constants import (
+    CONTROL_HZ,
+    PLACE_RADIUS_M,
+    REST_POSITION_M,
+    REST_SPEED_M_S,
+    REST_STEPS,
+)
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.navigation.geodesic import GeodesicDistances
@@ -55,7 +61,13 @@ class Measures:
     picked_now: Annotated[BatchArray, "bool", "the target was grasped"]
     picked_other_now: Annotated[BatchArray, "bool", "another object was grasped"]
     dropped_now: Annotated[BatchArray, "bool", "the target left the hand"]
-    placed: Annotated[BatchArray, "bool", "the target is within 0.15 m of its goal and not held"]
+    ee_to_rest_gain_m: Annotated[
+        BatchArray, "m", "decrease of ee_to_rest_m from the latest grasp or release up to this step"
+    ]
+    object_to_goal_gain_m: Annotated[BatchArray, "m", "the same of object_to_goal_m"]
+    released: Annotated[BatchArray, "bool", "the target is within 0.15 m of its goal and not held"]
+    released_before: Annotated[BatchArray, "bool", "the target was released at an earlier step"]
+    placed: Annotated[BatchArray, "bool", "the target is released and at rest"]
     placed_before: Annotated[BatchArray, "bool", "the target was placed at an earlier step"]
     grabbed_now: Annotated[BatchArray, "bool", "the handle was grasped for the first time"]
     grabbed_before: Annotated[BatchArray, "bool", "the handle was grasped at an earlier step"]
@@ -107,6 +119,7 @@ class Tracker:
         measures: The measures of the latest snapshot.
         targets: (N, K) grasp index of each object to rearrange.
         handles: (N, J) grasp index of each handle.
+        still_steps: (N, K) for how many steps each object has been slow and not held.
         goals: Goals of the episodes.
         focus: Object and door or drawer that the measures refer to.
         geodesic: Geodesic distances of the base to its goal; None without navigation.
@@ -122,6 +135,8 @@ class Tracker:
         integers = as_kind_of(list(range(count)), whole(nothing))
         self.targets = zeros(count, objects, like=integers)
         self.handles = zeros(count, articulations, like=integers)
+        self.still_steps = zeros(count, objects, like=nothing)
+        self._objects_m = goals.starts_m
         self.focus = Focus(object=integers * 0, articulation=integers * 0)
         self._rows = integers
         self._rest = as_kind_of(REST_POSITION_M, nothing)
@@ -136,6 +151,11 @@ class Tracker:
 
     def begin(self, snapshot: Snapshot, rows: Tensor) -> None:
         """Starts the episodes in `rows` (R,) at `snapshot`; the other rows keep their state."""
+        chosen = rows_of(self._rows, rows)
+        held = snapshot.held[:, None] == self.targets
+        still = where(held, self.still_steps * 0.0, self.still_steps * 0.0 + REST_STEPS)
+        self.still_steps = where(chosen[:, None], still, self.still_steps)
+        self._objects_m = where(chosen[:, None, None], snapshot.objects_m, self._objects_m)
         fresh = self._still(snapshot)
         fresh = replace(
             fresh,
@@ -143,7 +163,7 @@ class Tracker:
             ee_to_object_start_m=fresh.ee_to_object_m,
             base_to_goal_start_m=fresh.base_to_goal_m,
         )
-        self.measures = select_rows(rows_of(self._rows, rows), fresh, self.measures)
+        self.measures = select_rows(chosen, fresh, self.measures)
 
     def refocus(self, snapshot: Snapshot, rows: Sequence[int] | Tensor, focus: Focus) -> None:
         """Sets the focus of `rows` (R,); `snapshot` is the latest one.
@@ -167,6 +187,7 @@ class Tracker:
             stopped: (N,) whether the action was the stop action.
         """
         last = self.measures
+        self._watch_objects(snapshot)
         values = self._absent | self._distances(snapshot, last)
         values["force_n"] = snapshot.force_n
         values["force_total_n"] = last.force_total_n + snapshot.force_n
@@ -189,6 +210,8 @@ class Tracker:
             "focus_articulation": self.focus.articulation,
             "targets": self.targets,
             "handles": self.handles,
+            "still_steps": self.still_steps,
+            "objects_m": self._objects_m,
         }
         return state | {name: to_tensor(value) for name, value in others.items()}
 
@@ -204,6 +227,8 @@ class Tracker:
         )
         self.targets = put_rows(self.targets, rows, state["targets"])
         self.handles = put_rows(self.handles, rows, state["handles"])
+        self.still_steps = put_rows(self.still_steps, rows, state["still_steps"])
+        self._objects_m = put_rows(self._objects_m, rows, state["objects_m"])
 
     def copy_row(self, row: int, other: Tracker) -> None:
         """Copies a tracker of one row, with its goals, to `row`."""
@@ -212,9 +237,20 @@ class Tracker:
         if self.geodesic is not None and other.geodesic is not None:
             self.geodesic.copy_row(row, other.geodesic)
 
+    def at_rest(self) -> BatchArray:
+        """Returns which objects (N, K) have been at rest since they left the hand."""
+        return self.still_steps >= REST_STEPS
+
     def target(self) -> BatchArray:
         """Returns the grasp index (N,) of the object in focus."""
         return self._of(self.targets, self.focus.object)
+
+    def _watch_objects(self, s: Snapshot) -> None:
+        """Counts the steps for which each object has been slow and not held."""
+        slow = norm(s.objects_m - self._objects_m) * CONTROL_HZ < REST_SPEED_M_S
+        free = s.held[:, None] != self.targets
+        self.still_steps = where(slow & free, self.still_steps + 1.0, self.still_steps * 0.0)
+        self._objects_m = s.objects_m
 
     # One group of measures each ----------------------------------------------------------------
 
@@ -252,13 +288,21 @@ class Tracker:
         """Grasp and placement of the target."""
         holding = s.held == self.target()
         other = (s.held >= 0) & ~holding
+        released = (now["object_to_goal_m"] < PLACE_RADIUS_M) & ~holding
+        changed = last.picked_now | last.dropped_now
         return {
             "holding_target": holding,
             "holding_other": other,
             "picked_now": holding & ~last.holding_target,
             "picked_other_now": other & ~last.holding_other,
             "dropped_now": last.holding_target & ~holding,
-            "placed": (now["object_to_goal_m"] < PLACE_RADIUS_M) & ~holding,
+            "ee_to_rest_gain_m": where(changed, 0.0, last.ee_to_rest_gain_m)
+            + last.ee_to_rest_decrease_m,
+            "object_to_goal_gain_m": where(changed, 0.0, last.object_to_goal_gain_m)
+            + last.object_to_goal_decrease_m,
+            "released": released,
+            "released_before": last.released_before | last.released,
+            "placed": released & self._of(self.at_rest(), self.focus.object),
             "placed_before": last.placed_before | last.placed,
         }
 

@@ -6,7 +6,6 @@ from functools import reduce
 from operator import add
 
 from hab_tasks.arrays import BatchArray, maximum, minimum
-from hab_tasks.constants import EE_STEP_M
 
 
 def force_penalty(force_n: BatchArray, weight: float, cap: float) -> BatchArray:
@@ -24,7 +23,7 @@ def total(terms: dict[str, BatchArray]) -> BatchArray:
 
 
 def weighted_by_completion_time(
-    success: BatchArray, distance_m: BatchArray, steps: BatchArray
+    success: BatchArray, distance_m: BatchArray, steps: BatchArray, ee_step_m: float
 ) -> BatchArray:
     """Returns Success * oracle's time / agent's time, at most 1, (N,) (S F.2).
 
@@ -35,8 +34,9 @@ def weighted_by_completion_time(
         success: (N,) bool.
         distance_m: (N,) initial distance of the end-effector to its goal.
         steps: (N,) number of actions so far.
+        ee_step_m: Maximum displacement of the end-effector per action.
     """
-    oracle_steps = 2.0 * distance_m / EE_STEP_M
+    oracle_steps = 2.0 * distance_m / ee_step_m
     return success * minimum(oracle_steps / maximum(steps, 1.0), 1.0)
 
 

@@ -34,7 +34,7 @@ def no_failures(s: Snapshot, m: Measures, g: Goals, c: Any) -> dict[str, BatchAr
     return {}
 
 
-def no_scores(m: Measures, success: BatchArray) -> dict[str, BatchArray]:
+def no_scores(m: Measures, success: BatchArray, ee_step_m: float) -> dict[str, BatchArray]:
     """No scores in addition to `Measures`."""
     return {}
 
@@ -53,9 +53,12 @@ class Skill:
         reward_terms: (snapshot, measures, goals, config, ends) -> name -> (N,) float32; `ends`
             holds ``success`` and every failure.
         mask_gripper: (gripper, measures) -> the masked gripper action, (N,).
-        scores: (measures, success) -> name -> (N,), reported among the measures.
+        scores: (measures, success, maximum end-effector displacement per action [m]) -> name ->
+            (N,), reported among the measures.
         bound: (config) -> maximum reward of a step; divides the normalised reward.
         instruction: Template for `skill_instruction`, or a function of the episode.
+        taken_back: (measures, config) -> (N,), reward that a task takes back when a drop or another
+            grasp would let a cycle be paid again; None if no cycle can be.
         done_in_task: Like `success`, the condition on which a task advances to its next skill;
             None for `success`.
     """
@@ -74,7 +77,8 @@ class Skill:
     instruction: str | Callable[[Episode], str]
     failures: Callable[[Snapshot, Measures, Goals, Any], dict[str, BatchArray]] = no_failures
     mask_gripper: Callable[[BatchArray, Measures], BatchArray] = free_gripper
-    scores: Callable[[Measures, BatchArray], dict[str, BatchArray]] = no_scores
+    scores: Callable[[Measures, BatchArray, float], dict[str, BatchArray]] = no_scores
+    taken_back: Callable[[Measures, Any], BatchArray] | None = None
     done_in_task: Callable[[Snapshot, Measures, Goals, Any], BatchArray] | None = None
 
     @property
@@ -86,11 +90,20 @@ class Skill:
     def score_names(self) -> tuple[str, ...]:
         """Names of its `scores`."""
         zeros = Measures(**dict.fromkeys(MEANINGS, np.zeros(1, np.float32)))
-        return tuple(self.scores(zeros, np.zeros(1, bool)))
+        return tuple(self.scores(zeros, np.zeros(1, bool), 1.0))
 
     def changed(self, changes: Mapping[str, float]) -> Skill:
         """Returns the skill with overridden weights and thresholds; see `configured`."""
         return replace(self, config=configured(self.name, self.config, changes))
+
+    def task_reward_terms(
+        self, s: Snapshot, m: Measures, g: Goals, ends: dict[str, BatchArray]
+    ) -> dict[str, BatchArray]:
+        """Returns the reward terms in a task, where episodes go on after a drop."""
+        terms = self.reward_terms(s, m, g, self.config, ends)
+        if self.taken_back is not None:
+            terms["taken_back"] = -self.taken_back(m, self.config)
+        return terms
 
     def done(self, s: Snapshot, m: Measures, g: Goals) -> BatchArray:
         """Whether a task advances to its next skill, (N,) bool."""
@@ -118,7 +131,7 @@ class SkillRules(Rules):
             success=skill.success(s, m, g, skill.config),
             failures=skill.failures(s, m, g, skill.config),
             reward_terms=partial(skill.reward_terms, s, m, g, skill.config),
-            measures=lambda success: shown | skill.scores(m, success),
+            measures=lambda success: shown | skill.scores(m, success, self.rows.ee_step_m),
         )
 
     def masked_gripper(self, gripper: BatchArray) -> BatchArray:

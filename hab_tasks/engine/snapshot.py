@@ -258,6 +258,17 @@ class ContactForce:
         if contacts:
             self._add_contacts(contacts)
 
+    def deepest_m(self) -> float:
+        """Returns how deep the robot is in another body after the latest physics step [m]."""
+        links = self._links
+        depths = (
+            -point.separation
+            for contact in self._px.get_contacts()
+            if contact.bodies[0] in links or contact.bodies[1] in links
+            for point in contact.points
+        )
+        return max(depths, default=0.0)
+
     def newton(self) -> BatchArray:
         """Returns the mean force (N,) [N] since `clear`."""
         if self._on_cpu:

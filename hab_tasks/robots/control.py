@@ -18,9 +18,10 @@ cells of these two (`BASE_CELLS`). With the suffix ``_pose`` on an absolute arm 
 three entries, its pose in the world: x, y [m] and yaw [rad], set directly; the current pose keeps
 the base in place.
 
-Entries are clipped to their range, and yaw is wrapped; non-finite actions raise an error. Joints
-that are set directly are at rest and held by their drives. The size of a jump is not limited, and
-there are no contacts along it, so planners move in steps of a few centimetres.
+Entries are clipped to their range, and yaw is wrapped; non-finite actions raise an error. An action
+changes absolute joint entries by at most 0.08 rad, and a base pose by what the base drives in that
+time. Joints that are set directly get there in one share a physics step, at rest and held by their
+drives; where that would push the robot more than 1 cm into something, they stay.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ from mani_skill.agents.controllers.base_controller import BaseController, Contro
 from numpy.typing import NDArray
 from torch import Tensor
 
-from hab_tasks.constants import EE_STEP_M, JOINT_STEP_RAD
+from hab_tasks.constants import EE_STEP_M, JOINT_STEP_RAD, TARGET_STEP_RAD
 from hab_tasks.errors import ActionError
 from hab_tasks.robots.arm_commands import commanded_arm
 from hab_tasks.robots.control_modes import (
@@ -52,7 +53,7 @@ from hab_tasks.robots.control_modes import (
     action_size,
     within_a_turn,
 )
-from hab_tasks.robots.joint_setter import JointSetter
+from hab_tasks.robots.joint_setter import JointSetter, base_way
 from hab_tasks.robots.kinematics import ArmKinematics
 from hab_tasks.robots.robot import ROBOT
 from hab_tasks.simulator import sapien_object, sapien_objects
@@ -236,20 +237,31 @@ class HabController(BaseController):
         action = np.minimum(np.maximum(action, self._cpu_low), self._cpu_high)
         size = ARM_SIZE[self.config.arm]
         if size:
-            target = self.arm_target_rad[0].numpy().astype(np.float64)
-            qpos = self._arm_target(target, action[:size])
-            self.arm_target_rad = torch.from_numpy(qpos.astype(np.float32))[None]
             self.gripper = torch.from_numpy(action[size : size + 1])
             if self.config.arm == "joint_state":
-                self._arm_setter.set_row(qpos.tolist())
+                qpos = self._arm_setter.values().astype(np.float64)
+                self._arm_setter.begin(self._arm_target(qpos, action[:size]) - qpos)
             else:
+                target = self.arm_target_rad[0].numpy().astype(np.float64)
+                qpos = self._arm_target(target, action[:size])
+                self.arm_target_rad = torch.from_numpy(qpos.astype(np.float32))[None]
                 for drive, value in zip(self._cpu_drives, qpos.tolist(), strict=True):
                     drive(value)
         if self.config.base == "pose":
-            self.base_target = torch.from_numpy(action[-3:])[None]
-            self._base_setter.set_row(action[-3:].tolist())
+            self._base_setter.begin(base_way(self._base_setter.values(), action[-3:]))
         elif self.config.base != "still":
             self._drive_row(*action[-2:].tolist())
+
+    def move_joints(self, share: float) -> None:
+        """Sets the joints of modes that set them after a share of the action; CPU simulation."""
+        if self.config.arm == "joint_state":
+            self._arm_setter.move(share)
+            self.arm_target_rad = torch.from_numpy(self._arm_setter.values())[None]
+        if self.config.base == "pose":
+            self._base_setter.move(share)
+            base = self._base_setter.values()
+            base[2] = within_a_turn(base[2])
+            self.base_target = torch.from_numpy(base)[None]
 
     def _drive_row(self, linear: float, angular: float) -> None:
         """Drives the base in the CPU simulation."""
@@ -263,18 +275,14 @@ class HabController(BaseController):
         turning(ROBOT.base_angular_speed_rad_s * angular)
 
     def _set_batch(self, action: Tensor) -> None:
+        if self.config.sets_joints:
+            raise NotImplementedError("joint_state and ..._pose need the CPU simulation")
         size = ARM_SIZE[self.config.arm]
         if size:
             self.arm_target_rad = self._batch_arm_target(action[:, :size])
             self.gripper = action[:, size]
-            if self.config.arm == "joint_state":
-                self._arm_setter.set_batch(self.arm_target_rad)
-            else:
-                self._drive_arm()
-        if self.config.base == "pose":
-            self.base_target = action[:, -3:]
-            self._base_setter.set_batch(self.base_target)
-        elif self.config.base != "still":
+            self._drive_arm()
+        if self.config.base != "still":
             self.stopped = (action[:, -2:].abs() <= STOP_SHARE).all(dim=1)
             self._drive_base(action[:, -2:])
 
@@ -306,7 +314,8 @@ class HabController(BaseController):
     def _batch_arm_target(self, arm: Tensor) -> Tensor:
         """`_arm_target` for (N, ...) rows on any device."""
         if self.config.arm in ABSOLUTE_ARM:
-            return arm
+            low, high = (self.arm_target_rad + way for way in (-TARGET_STEP_RAD, TARGET_STEP_RAD))
+            return torch.minimum(torch.maximum(arm, low), high)
         if self.config.arm == "joint_delta":
             lower, upper = self._limits()
             moved = self.arm_target_rad + JOINT_STEP_RAD * arm

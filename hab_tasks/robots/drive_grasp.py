@@ -39,17 +39,18 @@ class DriveGrasp(SnapGrasp):
         self._ties: dict[int, tuple[sapien.Entity, Any]] = {}
         self._cpu_hand = sapien_object(self.ee_link)
         self._hand_before = sapien.Pose()
-        self._steps_left, self._inertia = 0, 0.0
+        self._pulls_now, self._inertia = False, 0.0
         links = [link for link, _ in self._cpu_handles]
         self._passage = HandlePassage(links, partial(self._handle_gap_m, 0))
 
-    def carry(self, physics_steps: int) -> None:
+    def carry(self) -> None:
         """Moves a held object or handle with the hand."""
-        super().carry(physics_steps)
+        super().carry()
         held = int(self.held[0])
         if held != NOTHING:
             move_held_object(self._cpu_bodies[held][0], self._cpu_hand, self._hand_before)
-        self._steps_left = physics_steps if self.pulls_along else 0
+            self._hand_before = self._cpu_hand.entity_pose
+        self._pulls_now = self.pulls_along
 
     def reset(self, rows: Tensor) -> None:
         """Releases in `rows` (R,) without physics, and restores all contacts."""
@@ -68,12 +69,12 @@ class DriveGrasp(SnapGrasp):
 
     def before_simulation_step(self) -> None:
         """Moves the furniture of a held handle to a hand whose state was set."""
-        if self._steps_left and int(self.held_handle[0]) != NOTHING:
+        if self._pulls_now and int(self.held_handle[0]) != NOTHING:
             handle = self.handles[int(self.held_handle[0])]
             world_from_ee = self._cpu_hand.entity_pose * sapien.Pose([ROBOT.ee_offset_m, 0.0, 0.0])
             place_m = np.asarray((world_from_ee * sapien.Pose(self._handle_in_ee_m[0])).p)
-            pull_along(handle, place_m, self._steps_left, self._inertia)
-            self._steps_left -= 1
+            pull_along(handle, place_m, self._inertia)
+            self._pulls_now = False
 
     def after_control_step(self) -> None:
         """Releases what was pulled out of the hand, and stores the hand's pose."""

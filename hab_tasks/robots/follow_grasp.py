@@ -32,15 +32,6 @@ class FollowGrasp(SnapGrasp):
     def _untie(self, row: int) -> None:
         pass
 
-    def carry(self, physics_steps: int) -> None:
-        """Writes joint states to the GPU; held objects move before each physics step."""
-        if self.scene.gpu_sim_enabled:
-            push_to_gpu(self.scene)
-            px: Any = self.scene.px
-            px.gpu_update_articulation_kinematics()
-            pull_from_gpu(self.scene)
-        super().carry(physics_steps)
-
     def before_simulation_step(self) -> None:
         """Sets the poses of held objects, and pulls held handles to the hand."""
         if self.scene.gpu_sim_enabled:

@@ -159,13 +159,10 @@ class SnapGrasp:
         ee_from_object = self.ee_link.pose[row].inv() * self.objects[index].pose[row]
         self._hold(row, index, ee_from_object.raw_pose[0])
 
-    def carry(self, physics_steps: int) -> None:
-        """Moves held objects when joint states are set directly.
+    def carry(self) -> None:
+        """Moves held objects after joint states were set, before the next physics step.
 
         A handle that is then too far from the hand is released.
-
-        Args:
-            physics_steps: Number of physics steps of this action.
         """
         for row in sorted(self._busy):
             handle = int(self.held_handle[row])

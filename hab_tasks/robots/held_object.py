@@ -38,8 +38,10 @@ def move_held_object(
     body.set_angular_velocity(hand.angular_velocity)
 
 
-def pull_along(handle: Handle, hand_m: Vector, physics_steps: int, inertia: float) -> None:
+def pull_along(handle: Handle, hand_m: Vector, inertia: float) -> None:
     """Sets the velocity of a door or drawer that brings its handle to its position in the hand.
+
+    It gets there in one physics step, as far as joint limits and force allow.
 
     The joint's velocity is set rather than its position, so that the content of a drawer moves with
     it and obstacles of a door are pushed, with at most the spring's force.
@@ -47,7 +49,6 @@ def pull_along(handle: Handle, hand_m: Vector, physics_steps: int, inertia: floa
     Args:
         handle: The held handle.
         hand_m: (3,) target position of the handle in the world.
-        physics_steps: Number of steps to reach it, as far as joint limits and force allow.
         inertia: `inertia_at` the handle.
     """
     furniture, column = sapien_object(handle.furniture), handle.column
@@ -56,7 +57,7 @@ def pull_along(handle: Handle, hand_m: Vector, physics_steps: int, inertia: floa
     wanted = min(max(position + joint_way(handle, hand_m), lower), upper)
     speeds = furniture.qvel
     most = HANDLE_SPRING.force_n / inertia / SIM_HZ
-    change = (wanted - position) * SIM_HZ / physics_steps - float(speeds[column])
+    change = (wanted - position) * SIM_HZ - float(speeds[column])
     speeds[column] += min(max(change, -most), most)
     furniture.set_qvel(speeds)
 

@@ -112,11 +112,15 @@ def reward_terms(
 ) -> dict[str, BatchArray]:
     """Reward terms, each (N,) float32, in the equation's order."""
     w = c.weights
-    near = m.base_to_goal_m < c.heading_counts_within_m
+    error, near = m.heading_error_rad, m.base_to_goal_m < c.heading_counts_within_m
+    near_before = m.base_to_goal_m + m.base_to_goal_decrease_m < c.heading_counts_within_m
+    before = where(near_before, error + m.heading_error_decrease_rad, np.pi)
     return {
         "success": w.success * ends["success"],
         "distance": w.distance * m.base_to_goal_decrease_m,
-        "heading": w.heading * m.heading_error_decrease_rad * near,
+        # Far from the goal the error counts as pi: to turn away out there and to come back and turn
+        # again pays nothing (docs/deviations.md).
+        "heading": w.heading * (before - where(near, error, np.pi)),
     }
 
 
@@ -126,15 +130,15 @@ def mask_gripper(gripper: BatchArray, m: Measures) -> BatchArray:
     return where(holding, 1.0, -1.0)
 
 
-def scores(m: Measures, success: BatchArray) -> dict[str, BatchArray]:
+def scores(m: Measures, success: BatchArray, ee_step_m: float) -> dict[str, BatchArray]:
     """Success weighted by path length, (N,)."""
     return {"spl": weighted_by_path(success, m.base_to_goal_start_m, m.path_m)}
 
 
 def reward_bound(c: NavigateConfig) -> float:
-    """Maximum reward of a step: success, 0.25 m of the path and 0.5 rad of heading."""
+    """Maximum reward of a step: success, 0.25 m of the path and half a turn of heading."""
     w = c.weights
-    return w.success + 0.25 * w.distance + 0.5 * w.heading
+    return w.success + 0.25 * w.distance + np.pi * w.heading
 
 
 NAVIGATE = Skill(
@@ -185,8 +189,8 @@ class HabNavigateEnv(SkillEnv):
     **Action**: ``base_discrete``, one of 20 cells of forward and turning velocity, or ``base``,
     continuous velocities (`hab_tasks.robots.control`). Zero velocity is the stop action.
 
-    **Reward** (terms in ``info["reward_terms"]``): 10 success + 20 distance + heading (within
-    0.9 m of the goal).
+    **Reward** (terms in ``info["reward_terms"]``): 10 success + 20 distance + heading (beyond
+    0.9 m from the goal, its error counts as pi).
 
     **Success**: geodesic distance below 0.3 m, heading within 0.5 rad, stop action in this step
     (not with ``skill_config={"learned_stop": 0}``: S Fig. 27).

@@ -115,14 +115,21 @@ def reward_terms(
     }
 
 
+def taken_back(m: Measures, c: PickConfig) -> BatchArray:
+    """What a drop in a task takes back: the reward for this grasp and for the way since, (N,)."""
+    w = c.weights
+    return m.dropped_now * (w.pickup + w.distance * m.ee_to_rest_gain_m)
+
+
 def mask_gripper(gripper: BatchArray, m: Measures) -> BatchArray:
     """Once the target is held it is not released until the skill ends (S E.2), (N,)."""
     return where(m.holding_target, abs(gripper), gripper)
 
 
-def scores(m: Measures, success: BatchArray) -> dict[str, BatchArray]:
+def scores(m: Measures, success: BatchArray, ee_step_m: float) -> dict[str, BatchArray]:
     """Success weighted by completion time (S F.2), (N,)."""
-    return {"sct": weighted_by_completion_time(success, m.ee_to_object_start_m, m.steps)}
+    distance_m = m.ee_to_object_start_m
+    return {"sct": weighted_by_completion_time(success, distance_m, m.steps, ee_step_m)}
 
 
 def reward_bound(c: PickConfig) -> float:
@@ -154,6 +161,7 @@ PICK = Skill(
     failures=failures,
     reward_terms=reward_terms,
     mask_gripper=mask_gripper,
+    taken_back=taken_back,
     scores=scores,
     bound=reward_bound,
 )

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hab_tasks.arrays import BatchArray, where
+from hab_tasks.arrays import BatchArray, maximum, minimum, where
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.measures import Measures
@@ -95,7 +95,7 @@ class PlaceConfig:
 
 
 def success(s: Snapshot, m: Measures, g: Goals, c: PlaceConfig) -> BatchArray:
-    """Object released at its goal and hand within the rest radius, (N,) bool."""
+    """Object at rest at its goal and hand within the rest radius, (N,) bool."""
     return m.placed & (m.ee_to_rest_m < c.rest_radius_m)
 
 
@@ -123,9 +123,18 @@ def reward_terms(
     }
 
 
+def taken_back(m: Measures, c: PlaceConfig) -> BatchArray:
+    """What another grasp in a task takes back, (N,).
+
+    The reward for the hand's way since the release, and how far the object got from its goal.
+    """
+    way_m = m.ee_to_rest_gain_m - minimum(m.object_to_goal_gain_m, 0.0)
+    return c.weights.distance * m.picked_now * maximum(way_m, 0.0)
+
+
 def mask_gripper(gripper: BatchArray, m: Measures) -> BatchArray:
-    """Once the object is placed nothing is grasped until the skill ends (S H.2), (N,)."""
-    return where(m.placed | m.placed_before, -abs(gripper) - 1.0, gripper)
+    """Once the object is released at its goal nothing is grasped (S H.2), (N,)."""
+    return where(m.released | m.released_before, -abs(gripper) - 1.0, gripper)
 
 
 def reward_bound(c: PlaceConfig) -> float:
@@ -157,6 +166,7 @@ PLACE = Skill(
     failures=failures,
     reward_terms=reward_terms,
     mask_gripper=mask_gripper,
+    taken_back=taken_back,
     bound=reward_bound,
 )
 
@@ -184,14 +194,14 @@ class HabPlaceEnv(SkillEnv):
     ====================  ===========  =====  ======  ==============================================
 
     **Action**: ``ee`` 3 + 1, ``joint_delta``, ``joint_target``, ``joint_state`` 7 + 1,
-    ``ee_base`` 3 + 1 + 2 (`hab_tasks.robots.control`). Once the object is placed, grasping is
-    disabled.
+    ``ee_base`` 3 + 1 + 2 (`hab_tasks.robots.control`). Once the object is released at its goal,
+    grasping is disabled.
 
     **Reward** (terms in ``info["reward_terms"]``): 20 success + 5 place + 20 approach (holding)
     + 20 retract (not holding) - min(0.001 C, 1) - 10 force exceeded - 5 wrong.
 
-    **Success**: object within 0.15 m of its goal and released, end-effector within 0.15 m of
-    its resting position.
+    **Success**: object released and at rest within 0.15 m of its goal, end-effector within 0.15 m
+    of its resting position.
 
     **Failure**: accumulated force above 7,500 N.
 

@@ -9,6 +9,7 @@ from hab_tasks.arrays import BatchArray, as_kind_of, concat, norm, stack
 from hab_tasks.articulations import ArticulationKind
 from hab_tasks.constants import PLACE_RADIUS_M
 from hab_tasks.engine.goals import Goals
+from hab_tasks.engine.measures import Tracker
 from hab_tasks.engine.skill_env import Skill
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.task_spec import TaskSpec
@@ -22,7 +23,7 @@ class Condition:
 
     Attributes:
         held: Objects in the hand.
-        placed: Objects within 0.15 m of their goal and not held.
+        placed: Objects at rest within 0.15 m of their goal and not held.
         opened: Doors and drawers that are open.
         closed: Doors and drawers that are closed.
     """
@@ -87,17 +88,17 @@ class Facts:
         self._free = ~as_kind_of(needed, like)
         self.goal = len(needed) - 1
 
-    def read(self, s: Snapshot, g: Goals, targets: BatchArray) -> BatchArray:
+    def read(self, s: Snapshot, g: Goals, tracker: Tracker) -> BatchArray:
         """Returns the flags (N, 2 K + 2 J): held, placed, opened, closed.
 
         Args:
             s: Current snapshot.
             g: Goals of the episodes.
-            targets: (N, K) grasp indices of the objects.
+            tracker: Which objects are targets, and which are at rest.
         """
-        held = s.held[:, None] == targets
+        held = s.held[:, None] == tracker.targets
         gap_m = norm(s.objects_m - g.goals_m)
-        flags = [held, (gap_m < PLACE_RADIUS_M) & ~held]
+        flags = [held, (gap_m < PLACE_RADIUS_M) & ~held & tracker.at_rest()]
         if self._task.articulations:
             share = (s.joints - g.joint_lower) / (g.joint_upper - g.joint_lower)
             kinds = enumerate(self._task.articulations)

@@ -6,7 +6,7 @@ from torch import Tensor
 
 from hab_tasks.arrays import BatchArray, as_kind_of, put_rows, to_tensor, zeros
 from hab_tasks.engine.goals import Goals
-from hab_tasks.engine.measures import Focus, Measures
+from hab_tasks.engine.measures import Focus, Measures, Tracker
 from hab_tasks.engine.skill_env import Skill
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.tasks.base import Condition, Facts, Task
@@ -42,13 +42,13 @@ class Progress:
         """Focus of the current parts."""
         return Focus(object=self._objects[self.part], articulation=self._articulations[self.part])
 
-    def begin(self, rows: Tensor, s: Snapshot, g: Goals, targets: BatchArray) -> None:
+    def begin(self, rows: Tensor, s: Snapshot, g: Goals, tracker: Tracker) -> None:
         """Starts `rows` (R,) at the first part."""
         self.stages, self.part, self.done, self.succeeded = (
             put_rows(value, rows, 0)
             for value in (self.stages, self.part, self.done, self.succeeded)
         )
-        self._flags = self._facts.read(s, g, targets)
+        self._flags = self._facts.read(s, g, tracker)
 
     def move_on(self) -> list[int]:
         """Advances finished rows to the next part; returns those rows."""
@@ -59,16 +59,16 @@ class Progress:
         self.done = self.done & ~going
         return [row for row, went in enumerate(going.tolist()) if went]
 
-    def advance(self, s: Snapshot, m: Measures, g: Goals, targets: BatchArray) -> None:
+    def advance(self, s: Snapshot, m: Measures, g: Goals, tracker: Tracker) -> None:
         """Advances by one control step.
 
         Args:
             s: Snapshot after the step.
             m: Measures of the step.
             g: Goals of the episodes.
-            targets: (N, K) grasp indices, as in `Tracker.targets`.
+            tracker: Which objects are targets, and which are at rest.
         """
-        self._flags = self._facts.read(s, g, targets)
+        self._flags = self._facts.read(s, g, tracker)
         # The entry after the last stage is the goal; it must not count as a stage.
         reached = self._facts.holds(self._flags, self.stages)
         reached = reached & (self.stages < len(self._task.stages))
@@ -120,11 +120,11 @@ class Progress:
         }
 
     def set_state(
-        self, state: dict[str, Tensor], rows: Tensor, s: Snapshot, g: Goals, targets: BatchArray
+        self, state: dict[str, Tensor], rows: Tensor, s: Snapshot, g: Goals, tracker: Tracker
     ) -> None:
         """Restores `rows` (R,) from a state of R rows, at the current snapshot."""
         self.stages = put_rows(self.stages, rows, state["stages"])
         self.part = put_rows(self.part, rows, state["part"])
         self.done = put_rows(self.done, rows, state["done"])
         self.succeeded = put_rows(self.succeeded, rows, state["succeeded"])
-        self._flags = self._facts.read(s, g, targets)
+        self._flags = self._facts.read(s, g, tracker)

@@ -42,9 +42,10 @@ def docstring(spec: TaskSpec, observation: Sequence[ObsEntry]) -> str:
         _table(observation),
         ACTION,
         '**Reward** (terms in ``info["reward_terms"]``, named ``skill/term``): those of the '
-        f"current skill. Skill order, each preceded by navigate: {skills} (S H.3).",
+        "current skill; a drop takes back what the grasp has paid. "
+        f"Skill order, each preceded by navigate: {skills} (S H.3).",
         f"**Stages**: {stages}, in this order (S G.2).",
-        f"**Success**: every object within 0.15 m of its goal and released{ends}.",
+        f"**Success**: every object released and at rest within 0.15 m of its goal{ends}.",
         "**Failure**: none; contact forces are not limited.",
         f"**Horizon**: {spec.horizon_steps:,} steps. "
         f"**Versions**: {_version(spec)}, initial version.",

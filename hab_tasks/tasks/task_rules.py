@@ -61,7 +61,7 @@ class TaskRules(Rules):
         """Returns ``skill/term`` -> (N,) of the current skills."""
         never = self._never
         # Neither force nor region ends a task; wrong grasps and drops are penalised once (H.3).
-        events = {
+        events: dict[str, BatchArray] = {
             "force": never,
             "left_region": never,
             "wrong_object": m.picked_other_now,
@@ -70,7 +70,7 @@ class TaskRules(Rules):
         }
         paid: dict[str, BatchArray] = {}
         for skill, here in self.progress.doing():
-            terms = skill.reward_terms(s, m, g, skill.config, events)
+            terms = skill.task_reward_terms(s, m, g, events)
             paid |= {f"{skill.name}/{name}": term * here for name, term in terms.items()}
         return paid
 
@@ -79,12 +79,12 @@ class TaskRules(Rules):
         s, m, g = self.rows.snapshot, self.rows.tracker.measures, self.rows.goals
         zeros = s.force_n * 0.0
         self._never = zeros > 0
-        nothing = dict.fromkeys(("success", *_EVENTS), self._never)
+        nothing: dict[str, BatchArray] = dict.fromkeys(("success", *_EVENTS), self._never)
         skills = {part.skill.name: part.skill for part in self._task.parts}
         return {
             f"{name}/{term}": zeros
             for name, skill in skills.items()
-            for term in skill.reward_terms(s, m, g, skill.config, nothing)
+            for term in skill.task_reward_terms(s, m, g, nothing)
         }
 
     def masked_gripper(self, gripper: BatchArray) -> BatchArray:
@@ -96,7 +96,7 @@ class TaskRules(Rules):
     def begin_rows(self, rows: Tensor) -> None:
         """Starts at the first part."""
         here = self.rows
-        self.progress.begin(rows, here.snapshot, here.goals, here.tracker.targets)
+        self.progress.begin(rows, here.snapshot, here.goals, here.tracker)
         self.turn_to_parts(rows.tolist())
         # Restart the tracker with the first part's focus, to clear the previous episode.
         here.tracker.begin(here.snapshot, rows)
@@ -110,9 +110,7 @@ class TaskRules(Rules):
     def after_action(self) -> None:
         """Updates the progress."""
         here = self.rows
-        self.progress.advance(
-            here.snapshot, here.tracker.measures, here.goals, here.tracker.targets
-        )
+        self.progress.advance(here.snapshot, here.tracker.measures, here.goals, here.tracker)
 
     def turn_to_parts(self, rows: list[int]) -> None:
         """Sets focus and navigation goal of `rows` to those of the current parts."""
@@ -150,6 +148,4 @@ class TaskRules(Rules):
     def set_state(self, state: dict[str, Any], rows: Tensor) -> None:
         """Restores the progress."""
         here = self.rows
-        self.progress.set_state(
-            state["progress"], rows, here.snapshot, here.goals, here.tracker.targets
-        )
+        self.progress.set_state(state["progress"], rows, here.snapshot, here.goals, here.tracker)

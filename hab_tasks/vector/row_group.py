@@ -51,6 +51,7 @@ class RowGroup(EpisodeRows):
         self._take_snapshot()
         self.steps = np.zeros(count, dtype=np.int32)
         self.rules = first.rules_of(self)
+        self.ee_step_m = self._simulations[0].ee_step_m
         self._physics_steps = first.sim_freq // first.control_freq
 
     @property

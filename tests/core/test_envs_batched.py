@@ -9,7 +9,7 @@ from builders import same, snapshot
 from rules_harness import FIRST, RulesHarness
 
 from hab_tasks.arrays import to_tensor
-from hab_tasks.constants import REST_POSITION_M
+from hab_tasks.constants import REST_POSITION_M, REST_STEPS
 from hab_tasks.engine.skill_env import SkillEnv
 from hab_tasks.envs import ENVS
 from hab_tasks.tasks.task_env import TaskEnv
@@ -84,7 +84,11 @@ def assert_told(env, info):
 def test_every_reward_of_a_skill(env):
     harness, paid = harness_of(env), set()
     harness.begin(chaos(env.requirements, 0))
-    for step in range(1, STEPS):
+    # An object is placed when it has not moved for ten steps.
+    still = np.repeat(np.arange(STEPS, STEPS + 10), REST_STEPS + 2).tolist()
+    for number, step in enumerate((*range(1, STEPS), *still)):
+        if number >= STEPS and step != still[number - STEPS]:
+            harness.begin(chaos(env.requirements, number))
         info = harness.step(chaos(env.requirements, step), STOPPED)
         assert_told(harness.env, info)
         paid |= {name for name, term in info["reward_terms"].items() if term.any()}

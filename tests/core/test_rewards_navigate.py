@@ -1,5 +1,6 @@
 """Success, reward and score of Navigate on hand-made rows (App. H.2)."""
 
+import pytest
 import torch
 from builders import evaluate_rules, measures, row, snapshot
 
@@ -9,22 +10,23 @@ from hab_tasks.skills.navigate import NAVIGATE
 
 def test_driving_turning_and_success():
     m = measures(
-        4,
-        base_to_goal_m=row(3.0, 0.89, 0.29, 0.91),
-        base_to_goal_decrease_m=row(0.02, -0.01, 0.0, 0.0),
-        heading_error_rad=row(2.0, 1.0, 0.49, 0.0),
-        heading_error_decrease_rad=row(0.05, 0.04, -0.03, 0.05),
-        stopped=row(False, False, True, True),
-        force_total_n=row(1e6, 0.0, 0.0, 0.0),
+        6,
+        base_to_goal_m=row(3.0, 0.89, 0.29, 0.91, 0.89, 0.91),
+        base_to_goal_decrease_m=row(0.02, -0.01, 0.0, 0.0, 0.02, -0.02),
+        heading_error_rad=row(2.0, 1.0, 0.49, 0.0, 1.0, 1.1),
+        heading_error_decrease_rad=row(0.05, 0.04, -0.03, 0.05, 0.1, -0.1),
+        stopped=row(False, False, True, True, False, False),
+        force_total_n=row(1e6, 0.0, 0.0, 0.0, 0.0, 0.0),
     )
     success, failures, _, reward, _ = evaluate_rules(NAVIGATE, m)
     # Row 0 drives: 20 * 0.02 = 0.4; turning is not paid from afar, and no force is too much.
     # Row 1: 20 * -0.01 + 1 * 0.04 = -0.16. Row 2: 10 - 0.03 = 9.97. Row 3: 0.91 m is not near.
-    assert torch.allclose(reward, row(0.4, -0.16, 9.97, 0.0))
-    assert success.tolist() == [False, False, True, False]
+    # Row 4 comes near, facing 1 rad off: 20 * 0.02 + pi - 1 = 2.5416; row 5 leaves again: -2.5416.
+    assert torch.allclose(reward, row(0.4, -0.16, 9.97, 0.0, 2.541593, -2.541593))
+    assert success.tolist() == [number == 2 for number in range(6)]
     assert failures == {}
-    # At most 0.25 m and 0.5 rad in a step: 10 + 20 * 0.25 + 0.5.
-    assert NAVIGATE.reward_bound == 15.5
+    # At most 0.25 m and half a turn in a step: 10 + 20 * 0.25 + pi.
+    assert NAVIGATE.reward_bound == pytest.approx(18.141593)
 
 
 def test_success_needs_place_heading_and_stop():

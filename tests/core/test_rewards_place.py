@@ -47,11 +47,11 @@ def test_success_needs_object_and_hand_in_place():
     assert evaluate_rules(PLACE, m).success.tolist() == [True, False, False, True]
 
 
-def test_nothing_is_grasped_once_the_object_is_placed():
+def test_nothing_is_grasped_once_the_object_is_released_at_its_goal():
     m = measures(
         3,
-        placed=row(True, False, False),
-        placed_before=row(False, True, False),
+        released=row(True, False, False),
+        released_before=row(False, True, False),
         holding_target=row(False, False, True),
     )
     for gripper in (-1.0, 0.7):

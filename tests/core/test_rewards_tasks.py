@@ -78,7 +78,7 @@ def test_no_force_and_no_mistake_ends_a_task():
     # Row 0 has taken another object, row 1 has dropped its own, row 2 pushes with 500 N; each is
     # paid for in the step in which it happens.
     assert paid(found, 0) == {"pick/wrong_object": -5.0}
-    assert paid(found, 1) == {"pick/dropped_object": -5.0}
+    assert paid(found, 1) == {"pick/dropped_object": -5.0, "pick/taken_back": -5.0}
     assert paid(found, 2) == {"pick/force": -0.5}
     found = harness.step(harness.snapshot(held=held(1, None, None)))
     assert not any(paid(found, index) for index in range(3))

@@ -2,11 +2,14 @@
 
 from dataclasses import replace
 
+import pytest
 import torch
-from builders import StraightWays, same, snapshot
+from builders import StraightWays, measures, row, same, snapshot
 
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.measures import Focus, Tracker
+from hab_tasks.skills.pick import PICK
+from hab_tasks.skills.place import PLACE
 
 N, K, J = 4, 5, 2
 ALL, GOING = torch.arange(N), torch.zeros(N, dtype=torch.bool)
@@ -55,13 +58,14 @@ def test_each_row_measures_its_own_object_and_articulation():
     shot = random_snapshot(0, held=torch.tensor([14, 14, 12, -1]))
     tracker.refocus(shot, ALL, on(objects, articulations))
     m, goals = tracker.measures, tracker.goals
-    for row in range(N):
-        point, handle = shot.objects_m[row, objects[row]], shot.handles_m[row, articulations[row]]
-        goal = goals.goals_m[row, objects[row]]
-        assert torch.allclose(m.ee_to_object_m[row], (point - shot.ee_m[row]).norm())
-        assert torch.allclose(m.object_to_goal_m[row], (point - goal).norm())
-        assert torch.allclose(m.ee_to_handle_m[row], (handle - shot.ee_m[row]).norm())
-        assert m.joint[row] == shot.joints[row, articulations[row]]
+    for number in range(N):
+        point = shot.objects_m[number, objects[number]]
+        handle = shot.handles_m[number, articulations[number]]
+        goal = goals.goals_m[number, objects[number]]
+        assert torch.allclose(m.ee_to_object_m[number], (point - shot.ee_m[number]).norm())
+        assert torch.allclose(m.object_to_goal_m[number], (point - goal).norm())
+        assert torch.allclose(m.ee_to_handle_m[number], (handle - shot.ee_m[number]).norm())
+        assert m.joint[number] == shot.joints[number, articulations[number]]
     assert m.holding_target.tolist() == [True, False, True, False]
     assert m.holding_other.tolist() == [False, True, False, False]
     assert tracker.target().tolist() == [14, 10, 12, 13]
@@ -102,20 +106,40 @@ def test_what_the_new_object_has_not_done_is_forgotten():
     assert tracker.measures.grabbed_before.tolist() == [True, False, True, False]
 
 
-def test_placed_before_stays():
-    # Row 0: at the goal, then taken away: only the first time is the first. Row 1 starts
-    # there, row 2 never gets there.
+def test_placed_is_at_rest_for_ten_steps_and_placed_before_stays():
+    # Row 0: gets to the goal in step 1, rests from step 11 on, is taken away in step 12. Row 1
+    # starts there, row 2 moves there by 2 mm a step, 6 cm/s.
     tracker = Tracker(Goals.empty(3, 1, 0, "cpu"))
     tracker.targets += 7
-    before = []
-    for step, heights in enumerate(([0.5, 0.1, 0.5], [0.1, 0.1, 0.5], [0.5, 0.1, 0.5])):
+    for step in range(14):
         points = torch.zeros(3, 1, 3)
-        points[:, 0, 2] = torch.tensor(heights)
+        points[:, 0, 2] = torch.tensor([0.1 if 0 < step < 12 else 0.5, 0.1, 0.002 * step])
         shot = snapshot(3, objects_m=points)
         tracker.advance(shot, GOING[:3]) if step else tracker.begin(shot, ALL[:3])
-        assert tracker.measures.placed.tolist() == [height < 0.15 for height in heights]
-        before.append(tracker.measures.placed_before.tolist())
-    assert before == [[False] * 3, [False, True, False], [True, True, False]]
+        m = tracker.measures
+        assert m.released.tolist() == [0 < step < 12, True, True]
+        assert m.placed.tolist() == [step == 11, True, step == 0]
+    assert m.placed_before.tolist() == [True, True, True]
+
+
+def test_what_a_drop_takes_back():
+    # Hand 0.3 m from rest, grasped in step 1 on the way to 0.2 m, dropped in step 3 from 0.1 m.
+    tracker, seen = Tracker(Goals.empty(1, 1, 0, "cpu")), []
+    for step, (gap_m, held) in enumerate(((0.3, -1), (0.2, 0), (0.1, 0), (0.1, -1), (0.1, -1))):
+        ee = torch.tensor([[0.5, 0.0, 1.0 - gap_m]])
+        shot = snapshot(1, ee_in_base_m=ee, held=torch.tensor([held]))
+        tracker.advance(shot, GOING[:1]) if step else tracker.begin(shot, ALL[:1])
+        m = tracker.measures
+        seen.append((m.dropped_now.item(), round(m.ee_to_rest_gain_m.item(), 6)))
+    assert seen == [(False, 0.0), (False, 0.0), (False, 0.1), (True, 0.2), (False, 0.0)]
+    # 5 for the grasp and 20 * 0.2 for the way.
+    last = measures(1, dropped_now=row(True), ee_to_rest_gain_m=row(0.2))
+    assert PICK.taken_back(last, PICK.config).item() == pytest.approx(9.0)
+    # Another grasp during Place: the hand got 0.3 m closer to rest, the object 0.1 m away.
+    again = measures(
+        1, picked_now=row(True), ee_to_rest_gain_m=row(0.3), object_to_goal_gain_m=row(-0.1)
+    )
+    assert PLACE.taken_back(again, PLACE.config).item() == pytest.approx(20 * 0.4)
 
 
 def test_a_handle_is_grabbed_for_the_first_time_once():

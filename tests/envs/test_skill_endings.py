@@ -35,23 +35,30 @@ def goal_at(env, offset_m):
     base.set_state_dict(state)
 
 
-def test_place_succeeds_when_the_object_is_let_go_at_its_goal(make):
+def test_place_succeeds_when_the_object_rests_at_its_goal(make):
     env = start(make, "HabPlace-v1")
-    goal_at(env, (0.1, 0.0, 0.0))
-    over, terms = ended(env.step(ee_grip(env)))
-    assert not over
-    assert terms["place"] == terms["success"] == 0.0
-    step = env.step(ee_grip(env, -1.0))
-    over, terms = ended(step)
-    # Within 0.15 m of the goal, the hand within 0.09 m of its resting position, as it started.
-    assert over
-    assert step[-1]["success"]
-    assert (terms["success"], terms["place"]) == (20.0, 5.0)
-    assert held(env) is None
-    env = start(make, "HabPlace-v1")
-    goal_at(env, (0.0, 0.18, 0.0))
-    info = env.step(ee_grip(env, -1.0))[-1]
-    assert not info["measures"]["placed"] | info["success"] | info["fail"]
+    name = held(env)
+    before_m = env.unwrapped.privileged()[0].object_com_m[name]
+    for _ in range(60):
+        env.step(ee_grip(env, -1.0))
+    fall_m = np.subtract(env.unwrapped.privileged()[0].object_com_m[name], before_m)
+    for beside_m, wins in ((0.1, True), (0.18, False)):
+        env = start(make, "HabPlace-v1")
+        goal_at(env, np.add(fall_m, (0.0, beside_m, 0.0)))
+        assert not ended(env.step(ee_grip(env)))[0]
+        paid = []
+        for _ in range(60):
+            step = env.step(ee_grip(env, -1.0))
+            over, terms = ended(step)
+            paid.append((terms["place"], terms["success"]))
+            assert over == bool(step[-1]["success"]) == bool(step[-1]["measures"]["placed"])
+            if over:
+                break
+        # Within 0.15 m of the goal and ten steps at rest; the hand is at rest all the time.
+        assert over == wins
+        assert not any(map(any, paid[:10]))
+        assert paid[-1] == ((5.0, 20.0) if wins else (0.0, 0.0))
+        assert held(env) is None
 
 
 def test_place_may_let_go_elsewhere_and_take_up_the_object_or_another_which_costs(make):

@@ -11,6 +11,7 @@ from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.tasks.interactions import believed
 from playing import ee_grip, held, move_base, move_joint, put, slow, still
 
+from hab_tasks.constants import REST_STEPS
 from hab_tasks.envs import ENVS
 
 TASKS = [e for e in ENVS if hasattr(ENVS[e].env, "task")]
@@ -35,7 +36,7 @@ def take(env, name):
 
 
 def bring(env, number):
-    """Lets go, and puts an object where it is to be."""
+    """Lets go, puts an object where it is to be, and waits until it counts as at rest."""
     let_go(env)
     base = env.unwrapped
     target = base.episode[0].targets[number]
@@ -44,7 +45,11 @@ def bring(env, number):
     state["actors"][actor.name][0, :7] = torch.tensor(target.world_from_goal)
     state["actors"][actor.name][0, 7:] = 0.0
     base.set_state_dict(state)
-    return env.step(still(env))
+    for _ in range(REST_STEPS + 1):
+        step = env.step(still(env))
+        if step[2]:
+            break
+    return step
 
 
 def slide(env, number, share):

@@ -166,7 +166,7 @@ class Executor:
         """
         robot, team, timed = self._robot, self._team, self._stages.timed
         yield from self._reset_arm(stage)
-        if not self._needs_reset(stage) or team.sets_base:
+        if not self._needs_reset(stage):
             return None
         steps = team.navigation_steps
         yield from timed("navigate", team.back_off(robot), steps)

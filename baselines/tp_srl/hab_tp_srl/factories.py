@@ -33,7 +33,7 @@ def tp_srl(setup: AgentSetup) -> TpSrlAgent:
 
     Options: ``skills`` (``blind``, ``depth`` or ``spa_priv``) and, for single skills, ``pick``,
     ``place``, ``open_drawer``, ... (``spa_priv``, a recipe whose weights ship, or a path);
-    ``navigation`` (``oracle``, ``teleport`` or ``learned``) and ``navigate`` (weights for the
+    ``navigation`` (``oracle``, ``perfect`` or ``learned``) and ``navigate`` (weights for the
     latter); ``knowledge`` (``observed`` or ``true``); ``aim`` (``hand`` or ``object``);
     ``reset_arm`` (``on`` or ``off``); ``actions`` (``likely`` or ``drawn``); ``retries`` and
     ``replan`` (maximum numbers).
@@ -98,7 +98,7 @@ def _spec(team: Team, options: TeamOptions) -> AgentSpec:
     planned = None in team.policies.values()
     return AgentSpec(
         name=_name(team, options),
-        control_mode="joint_target_pose" if team.sets_base else "joint_target_base",
+        control_mode="joint_target_pose" if team.navigation == "perfect" else "joint_target_base",
         obs_mode="+".join(sorted(textures)) or "state_dict",
         privileged=team.privileged,
         # Most parts need no images, and the navigator only some.

@@ -17,7 +17,7 @@ from hab_tasks.errors import OptionError, UnknownNameError
 PLANNED = "spa_priv"
 """Value of a skill's option: sense-plan-act with ground truth instead of a policy."""
 
-NAVIGATION = ("oracle", "teleport", "learned")
+NAVIGATION = ("oracle", "perfect", "learned")
 KNOWLEDGE = ("observed", "true")
 AIMS = ("hand", "object")
 RESETS = ("on", "off")
@@ -35,7 +35,7 @@ class TeamOptions:
 
     Attributes:
         skills: Skill -> file of weights, or None for planning; the skills of the task only.
-        navigation: ``oracle``, ``teleport`` or ``learned``.
+        navigation: ``oracle``, ``perfect`` or ``learned``.
         navigate: File of weights for learned navigation; None otherwise.
         retries: Maximum further attempts of a stage that was not achieved.
         replans: Maximum number of plans after the first.

@@ -11,11 +11,9 @@ from hab_spa.motion.robot import GRASP, RELEASE, Command, Motion, Robot
 from hab_spa.results import Failure
 from numpy.typing import NDArray
 
-from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.robots.arm_commands import commanded_arm
 from hab_tasks.robots.control_modes import ARM_SIZE, BASE_CELLS, STOP_SHARE
 from hab_tasks.robots.kinematics import ArmKinematics
-from hab_tasks.robots.robot import ROBOT
 from hab_tp_srl.ending import Ending
 from hab_tp_srl.policies import Decider, SkillPolicy, Turn
 from hab_tp_srl.stage import Stage
@@ -43,8 +41,6 @@ def learned(
     policy: SkillPolicy,
     view: TaskView,
     ending: Ending,
-    *,
-    sets_base: bool,
 ) -> Motion:
     """Runs a learned skill to its own end.
 
@@ -54,7 +50,6 @@ def learned(
         policy: The skill's policy.
         view: What the robot observes.
         ending: The skill's end.
-        sets_base: Whether the task's control mode takes base poses instead of velocities.
 
     Returns:
         `Failure.TIMEOUT` if the skill does not end within its horizon, `Failure.EXECUTION` if it
@@ -66,7 +61,7 @@ def learned(
 
     def result() -> Command:
         robot.gripper = ending.gripper(_gripper(policy, turn.action, robot.gripper))
-        return command_of(robot, policy, turn.action, sets_base=sets_base)
+        return command_of(robot, policy, turn.action)
 
     for _ in range(policy.horizon_steps):
         robot.doing = policy.name
@@ -83,9 +78,7 @@ def learned(
     return Failure.TIMEOUT
 
 
-def learned_navigation(
-    robot: Robot, stage: Stage, turn: Turn, view: TaskView, *, sets_base: bool
-) -> Motion:
+def learned_navigation(robot: Robot, stage: Stage, turn: Turn, view: TaskView) -> Motion:
     """Drives by a learned policy until its stop action.
 
     Args:
@@ -93,7 +86,6 @@ def learned_navigation(
         stage: The stage before which it drives.
         turn: The policy with its memory.
         view: What the robot observes.
-        sets_base: Whether the task's control mode takes base poses instead of velocities.
 
     Returns:
         `Failure.TIMEOUT` if there is no stop within the policy's horizon.
@@ -103,7 +95,7 @@ def learned_navigation(
     def result() -> Command:
         # The mask of Navigate: what is held stays held, and nothing else is grasped.
         robot.gripper = GRASP if robot.gripper == GRASP and view.holding else RELEASE
-        return command_of(robot, policy, turn.action, sets_base=sets_base)
+        return command_of(robot, policy, turn.action)
 
     for _ in range(policy.horizon_steps):
         robot.doing = policy.name
@@ -114,28 +106,20 @@ def learned_navigation(
     return Failure.TIMEOUT
 
 
-def command_of(robot: Robot, policy: Decider, action: NDArray[Any], *, sets_base: bool) -> Command:
+def command_of(robot: Robot, policy: Decider, action: NDArray[Any]) -> Command:
     """Returns the command that does what an action does in the skill's environment.
 
     Args:
         robot: The robot, with its latest commanded arm pose.
         policy: The policy.
         action: (A,) an action of its control mode.
-        sets_base: Whether the task's control mode takes base poses instead of velocities.
     """
     arm_rad, arm = None, policy.control.arm
     if arm != "still":
         entries = action[: ARM_SIZE[arm]]
         moved = commanded_arm(arm, robot.arm_target_rad, entries, _KINEMATICS)
         arm_rad = moved.astype(np.float32).astype(float)  # as the controller keeps it
-    forward, turning = velocities(policy, action)
-    if not sets_base:
-        return robot.command(arm_rad, base=(forward, turning))
-    x, y, yaw = robot.base.tolist()
-    step_m = forward * ROBOT.base_linear_speed_m_s / CONTROL_HZ
-    turned = yaw + turning * ROBOT.base_angular_speed_rad_s / CONTROL_HZ
-    pose = np.array((x + step_m * np.cos(yaw), y + step_m * np.sin(yaw), turned))
-    return robot.command(arm_rad, pose=pose)
+    return robot.command(arm_rad, base=velocities(policy, action))
 
 
 def velocities(policy: Decider, action: NDArray[Any]) -> tuple[float, float]:

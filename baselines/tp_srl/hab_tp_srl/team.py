@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from hab_spa.motion.drive import DriveConfig, drive_to, leave, reverse
-from hab_spa.motion.moves import wait
 from hab_spa.motion.robot import Motion, Robot
 from hab_spa.results import Failure
 from hab_spa.shapes import Array
@@ -51,7 +50,7 @@ class Team:
 
     Attributes:
         policies: Skill -> policy, or None for planning.
-        navigation: ``oracle``, ``teleport`` or ``learned``.
+        navigation: ``oracle``, ``perfect`` or ``learned``.
         navigate: Policy of learned navigation.
         privileged: Whether robots have ground truth.
         true_knowledge: Whether learned skills know it too.
@@ -106,7 +105,7 @@ class Team:
         if policy is None:
             return interaction(task, stage.action, Hands()).skill(robot)
         ending = Ending(task, stage, view, robot.scene if self.true_knowledge else None)
-        return learned(robot, stage, policy, view, ending, sets_base=self.sets_base)
+        return learned(robot, stage, policy, view, ending)
 
     def go(
         self,
@@ -130,7 +129,7 @@ class Team:
             if turn is None or not self._stands(stage) or not self.navigate.goes_on(turn):
                 turn = turn_of(robot, self.navigate)
                 turn.before, tries.drive, tries.before = tries.before, turn, turn
-            return learned_navigation(robot, stage, turn, view, sets_base=self.sets_base)
+            return learned_navigation(robot, stage, turn, view)
         if self.is_planned(stage):
             return self._go_to_plan(robot, task, stage, tries.standings)
         return self._go_to_start(robot, task, stage, tries.standings)
@@ -149,11 +148,6 @@ class Team:
         """
         return ORACLE_STEPS if self.navigate is None else self.navigate.horizon_steps
 
-    @property
-    def sets_base(self) -> bool:
-        """Whether the task's control mode takes base poses instead of velocities."""
-        return self.navigation == "teleport"
-
     def _go_to_plan(self, robot: Robot, task: Task, stage: Stage, tried: list[Standing]) -> Motion:
         """Goes to a base pose from which the skill can be planned, as TP+SPA does."""
         item, map_ = interaction(task, stage.action, Hands()), robot.scene.floor_map()
@@ -169,8 +163,6 @@ class Team:
         others = [other.base for other in tried]
         base = start_pose(robot, task, stage, robot.scene.floor_map(), others)
         tried.append(Standing(base=base, arm_rad=robot.scene.arm_qpos.copy()))
-        if self.sets_base:
-            return (yield from _set(robot, base))
         return (yield from self.drive(robot, base))
 
     def drive(self, robot: Robot, base: Array) -> Motion:
@@ -200,11 +192,3 @@ def _nothing_held() -> Motion:
     """Fails at once: there is nothing to place."""
     yield from ()
     return Failure.EXECUTION
-
-
-def _set(robot: Robot, base: Array) -> Motion:
-    """Sets the base pose (3,) directly."""
-    robot.doing = "teleport"
-    yield robot.command(pose=base)
-    yield from wait(robot, navigate.SETTLE_STEPS)
-    return None

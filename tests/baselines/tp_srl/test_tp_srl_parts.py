@@ -177,7 +177,7 @@ def test_wrong_options_are_told_in_one_line(weights):
         ({"pik": "spa_priv"}, "Did you mean 'pick'?"),
         (planned | {"pick": str(weights["place_blind"])}, "was trained in HabPlace-v1; option"),
         ({"pick": "/nowhere/best.safetensors"}, "value of the agent's option pick"),
-        ({"navigation": "walk"}, "Valid: learned, oracle, teleport"),
+        ({"navigation": "walk"}, "Valid: learned, oracle, perfect"),
         ({"navigate": str(weights["navigate_blind"])}, "learned, with the option navigate"),
         (planned | {"retries": "-1"}, "option retries of the agent"),
         (planned | {"navigation": "learned", "navigate": "navigatr"}, "Did you mean 'navigator'?"),

@@ -185,7 +185,7 @@ def test_an_action_does_in_a_task_what_it_does_in_the_skills_env(name, weights):
             action = own[: 6 if policy.control.base == "velocity" else 4]
             action[:] = rng.uniform(-1, 1, len(action))
         own[3] = -1.0
-        command = command_of(robot, policy, action, sets_base=False)
+        command = command_of(robot, policy, action)
         own[4:] = command.base
         given = np.array([*command.arm_rad, -1.0, *command.base], dtype=np.float32)
         seen = [envs[0].step(own)[0], envs[1].step(given)[0]]

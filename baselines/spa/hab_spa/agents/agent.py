@@ -13,7 +13,9 @@ from hab_spa.motion.robot import Command, Motion, Robot, SpaConfig
 from hab_spa.scenes.scene import Scene
 from hab_spa.shapes import Array
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec
+from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.envs import ENVS
+from hab_tasks.robots.robot import ROBOT
 
 Behaviour = Callable[[Robot], Motion]
 
@@ -84,13 +86,21 @@ class SpaAgent:
         if mode.endswith("_base"):
             return np.concatenate((action, command.base))
         if mode.endswith("_pose"):
-            pose = robot.base if command.pose is None else command.pose
+            pose = driven(robot.base, *command.base) if command.pose is None else command.pose
             return np.concatenate((action, pose))
         return action
 
     def report(self) -> list[AgentReport]:
         """Returns each row's failure category (S App. I.1) and planning times."""
         return [row.report() for row in self._rows]
+
+
+def driven(base: Array, forward: float, turning: float) -> Array:
+    """Returns the base pose (3,) after a step of perfectly executed velocities."""
+    x, y, yaw = base.tolist()
+    step_m = forward * ROBOT.base_linear_speed_m_s / CONTROL_HZ
+    turned = yaw + turning * ROBOT.base_angular_speed_rad_s / CONTROL_HZ
+    return np.array((x + step_m * np.cos(yaw), y + step_m * np.sin(yaw), turned))
 
 
 class _Row:

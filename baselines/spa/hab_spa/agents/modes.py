@@ -38,6 +38,6 @@ def control_mode(env_id: str, options: Mapping[str, str]) -> str:
     """
     modes = ENVS[env_id].env.control_modes
     arm = CONTROLLERS[options.get("controller", "real")]
-    if options.get("navigation") == "teleport":
+    if options.get("navigation") == "perfect":
         return f"{arm}_pose"
     return next((mode for mode in (arm, f"{arm}_base") if mode in modes), "base")

@@ -25,7 +25,7 @@ OPTIONS = {"navigation": None, "controller": CONTROLLERS, "policy": None, "repla
 def tp_spa_priv(setup: AgentSetup) -> SpaAgent:
     """Returns TP+SPA-Priv: executes the task's plan with the ground-truth scene geometry.
 
-    Options: ``navigation`` (``oracle``, ``teleport`` or ``module:factory``), ``policy`` (a file,
+    Options: ``navigation`` (``oracle``, ``perfect`` or ``module:factory``), ``policy`` (a file,
     for the latter), ``controller`` (``real`` or ``perfect``), ``replan`` (maximum number).
 
     Raises:

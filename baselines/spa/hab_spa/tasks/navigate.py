@@ -1,4 +1,4 @@
-"""Navigators of TP+SPA: oracle, teleport and learned policies (S H.2, Navigate)."""
+"""Navigators of TP+SPA: oracle and learned policies (S H.2, Navigate)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import torch
 from hab_eval.load_agent import load_agent
 
 from hab_spa.motion.drive import DriveConfig, drive_to
-from hab_spa.motion.moves import wait
 from hab_spa.motion.robot import Motion, Robot
 from hab_spa.results import Failure
 from hab_spa.shapes import Array, invert_pose
@@ -21,7 +20,6 @@ from hab_tasks.episodes.robot_start import in_base_frame
 from hab_tasks.navigation import NavigationMap
 from hab_tasks.robots.control import BASE_CELLS, STOP_SHARE
 
-SETTLE_STEPS = 3
 NAVIGATE_ID = "HabNavigate-v1"
 
 
@@ -52,18 +50,6 @@ def oracle(robot: Robot, request: NavigationRequest) -> Motion:
     yield from fold(robot, standing)
     robot.doing = "navigate"
     return (yield from drive_to(robot, request.map, standing.base, DriveConfig()))
-
-
-def teleport(robot: Robot, request: NavigationRequest) -> Motion:
-    """Sets the base pose directly; needs a control mode with base poses."""
-    standing = request.choose_base_pose()
-    if standing is None:
-        return Failure.TARGET_PLAN
-    yield from fold(robot, standing)
-    robot.doing = "teleport"
-    yield robot.command(pose=standing.base)
-    yield from wait(robot, SETTLE_STEPS)
-    return None
 
 
 class PolicyNavigator:
@@ -132,7 +118,7 @@ def observation(robot: Robot, point_m: Array, frame: TargetFrame) -> dict[str, A
 
 
 def navigator_of(setup: AgentSetup) -> Navigator:
-    """Returns the navigator of the option ``navigation``: oracle, teleport or ``module:factory``.
+    """Returns the navigator of the option ``navigation``: oracle, perfect or ``module:factory``.
 
     Raises:
         HabError: The agent ``module:factory`` cannot be loaded.
@@ -141,5 +127,5 @@ def navigator_of(setup: AgentSetup) -> Navigator:
     return NAVIGATORS[name] if name in NAVIGATORS else PolicyNavigator(name, setup)
 
 
-NAVIGATORS: dict[str, Navigator] = {"oracle": oracle, "teleport": teleport}
-"""Option ``navigation`` -> navigator."""
+NAVIGATORS: dict[str, Navigator] = {"oracle": oracle, "perfect": oracle}
+"""Option ``navigation`` -> navigator; ``perfect`` has another control mode, of base poses."""

@@ -17,7 +17,6 @@ KINDS = (*FAMILIES, "HabPlace-v1")
 
 slow, long = pytest.mark.slow, pytest.mark.long
 each_family = pytest.mark.parametrize("env_id", FAMILIES)
-each_kind = pytest.mark.parametrize("env_id", KINDS)
 
 
 def ee_mode(env_id):

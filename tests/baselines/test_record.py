@@ -103,19 +103,6 @@ def test_only_what_was_solved_is_kept(tmp_path, monkeypatch, capsys):
         assert list(file) == ["traj_0", "traj_1"]
 
 
-def test_an_agent_that_solves_nothing_leaves_what_was_there(tmp_path, capsys):
-    old = tmp_path / "trajectory.h5"
-    old.write_text("old")
-    agent = ("--agent", "hab_eval:random_agent", "--env", "HabOpenFridge-v1")
-    options = ("--count", 1, "--most", 1, "--force")
-    assert record(tmp_path, *options, agent=agent) == 1
-    shown = capsys.readouterr().out
-    assert "1 of 1 episodes failed" in shown
-    assert "0 of 1 demonstrations" in shown
-    assert [path.name for path in tmp_path.iterdir()] == ["trajectory.h5"]
-    assert old.read_text() == "old"
-
-
 def test_an_agent_that_raises_is_named_with_its_episode(tmp_path, monkeypatch, capsys):
     def broken(env, agent, number, episode):
         raise ValueError("no idea")
@@ -125,15 +112,6 @@ def test_an_agent_that_raises_is_named_with_its_episode(tmp_path, monkeypatch, c
     (line,) = capsys.readouterr().err.splitlines()
     assert "00000' stopped the recording: ValueError: no idea. Nothing was written" in line
     assert not list(tmp_path.iterdir())
-
-
-def test_what_is_there_is_not_replaced(tmp_path, capsys):
-    for name in ("trajectory.json", "lerobot/meta/info.json"):
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).touch()
-        assert record(tmp_path, "--lerobot") == 2
-        assert "give --force to replace it" in capsys.readouterr().err
-        (tmp_path / name).unlink()
 
 
 def test_a_bad_value_is_told_in_one_line(tmp_path):
@@ -256,17 +234,6 @@ def test_episodes_and_files_follow_one_another(tmp_path, monkeypatch):
     for name in ("mean", "std", "min", "max"):
         assert stats[name] == pytest.approx(getattr(np, name)(frames["action"], axis=0))
     assert stats["count"] == [10]
-
-
-def test_without_pyarrow_the_format_is_refused_before_anything_is_played(
-    tmp_path, monkeypatch, capsys
-):
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    monkeypatch.delitem(sys.modules, "hab_spa.recording.lerobot_format")
-    monkeypatch.delattr("hab_spa.recording.lerobot_format")
-    assert record(tmp_path, "--lerobot") == 2
-    assert "pip install 'hab-spa[lerobot]'" in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow

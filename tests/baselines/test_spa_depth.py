@@ -12,7 +12,6 @@ from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
 from hab_spa.sensing.cloud import DepthView, surface_points_m, world_from_base
 from hab_spa.sensing.fitted_box import BoxConfig, fit_box, other_things_m
 from hab_spa.sensing.octree import octrees
-from hab_spa.sensing.own_shapes import inside_robot, own_poses
 from hab_spa.sensing.seen_map import MapConfig, SeenMap
 from hab_spa.sensing.voxels import VoxelConfig, VoxelMap
 
@@ -127,17 +126,6 @@ def test_what_hides_behind_a_surface_is_not_free_until_seen():
     seen.add(replace(side, world_from_camera=pose), np.ones((64, 64), dtype=bool))
     hidden = seen.hidden_m(np.zeros(3), 1.0)
     assert not ((np.abs(hidden[:, :2]) < 0.1).all(axis=1) & (hidden[:, 2] > 0.05)).any()
-
-
-def test_the_robot_knows_its_own_shapes(table_scene):
-    state = table_scene.privileged("target")
-    poses = own_poses(state.world_from_base, REST)
-    for name, pose in poses.items():
-        np.testing.assert_allclose(pose, state.world_from_body[name], atol=1e-5, err_msg=name)
-    gripper = poses["hab_fetch/gripper_link"]
-    # The palm is 5 to 12 cm behind the link's origin, the fingers end 3 cm ahead of it.
-    along = gripper[:3, 3] + np.array(((-0.08,), (0.10,))) * gripper[:3, 0]
-    assert inside_robot(along, poses, 0.03).tolist() == [True, False]
 
 
 def test_octrees_tell_what_the_true_shapes_tell(table_scene):

@@ -1,7 +1,6 @@
 """`hab-tasks check`: the page, checked files, and faults of layouts."""
 
 import re
-import shutil
 import socket
 
 import pytest
@@ -14,10 +13,7 @@ from hab_tasks.episodes.layout_report import check_layouts, layout_faults
 from hab_tasks.object_names import ALL_OBJECTS
 from hab_tasks.scenes.habitat import dataset as dataset_module
 from hab_tasks.scenes.habitat.dataset import (
-    MANISKILL_ASSETS,
     SceneDataset,
-    resolve_dataset,
-    resolve_objects,
 )
 from hab_tasks.scenes.habitat.inventory import COMPLETE
 
@@ -110,21 +106,6 @@ def test_check_of_the_real_data(run, data):
 # Where ManiSkill downloads to -------------------------------------------------------------------
 
 
-def test_names_stand_for_what_maniskill_downloaded(asset_dir, tmp_path, monkeypatch):
-    from mani_skill.utils import download_asset
-
-    for asset, (place, _) in MANISKILL_ASSETS.items():
-        assert download_asset.DATA_SOURCES[asset].target_path == place
-    root = tiny_dataset(asset_dir / "scene_datasets/replica_cad_dataset").resolve()
-    assert [resolve_dataset(name).root for name in ("replica_cad", "ReplicaCAD")] == [root, root]
-    folder = asset_dir / "assets/mani_skill2_ycb"
-    (folder / "models").mkdir(parents=True)
-    assert resolve_objects("ycb") == folder
-    root = tiny_dataset(tmp_path / "here/replica_cad")
-    monkeypatch.chdir(root.parent)
-    assert resolve_dataset("replica_cad").root == root.resolve(), "a folder of that name is first"
-
-
 def test_an_absent_dataset_names_maniskills_command_and_nothing_is_downloaded(
     asset_dir, monkeypatch
 ):
@@ -143,31 +124,6 @@ def test_an_absent_dataset_names_maniskills_command_and_nothing_is_downloaded(
     assert sorted(asset_dir.rglob("*")) == before
     words = "PATH of a ReplicaCAD folder, apartment, replica_"
     refused_by_command(main, ["check", "/nowhere/replica_cad"], words)
-
-
-def test_download_on_request_when_nothing_is_there(run, asset_dir, tiny, monkeypatch):
-    from mani_skill.utils import download_asset
-
-    root, calls = asset_dir / "scene_datasets/replica_cad_dataset", []
-
-    def download(source, verbose=True, non_interactive=True):
-        calls.append((source, non_interactive))
-        if len(calls) == 1:
-            raise OSError("no route to host")
-        tiny_dataset(root)
-
-    monkeypatch.setattr(download_asset, "download", download)
-    command = ("check", "replica_cad", "--download")
-    words = f"could not be downloaded to {root}: no route to host"
-    refused_by_command(main, command, words)
-    for _ in range(2):  # the second time it is there already
-        assert str(root) in run(*command).stdout
-    assert calls == [(download_asset.DATA_SOURCES["ReplicaCAD"], True)] * 2
-    shutil.rmtree(root)
-    (root / "rearrange").mkdir(parents=True)
-    refused_by_command(main, command, "would delete")
-    assert len(calls) == 2
-    refused_by_command(main, ["check", tiny, "--download"], "replica_cad")
 
 
 # Trying layouts ---------------------------------------------------------------------------------
@@ -211,17 +167,6 @@ def test_what_falls_out_of_the_room_is_told_with_status_1(run, tiny):
     assert "of 2 layouts settle" in found["Tried: passed"]
     words = "Did you mean 'v3_sc0"
     assert refused_by_command(main, [*command, "v3_sc0_staging_0"], words).out == ""
-
-
-@pytest.mark.slow
-def test_two_processes_find_what_one_finds(tiny):
-    write_scene(tiny, tiny_scene(), "v3_sc0_staging_01")
-    assert faults_with(tiny, *OUTSIDE)
-    one, two = (
-        list(check_layouts(SceneDataset(tiny), ["v3_sc0_staging_01", "v3_sc0_staging_00"], workers))
-        for workers in (1, 2)
-    )
-    assert one == two
 
 
 @pytest.mark.long

@@ -1,7 +1,6 @@
 """The console script `hab-tasks`."""
 
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +10,6 @@ from refusals import refused_by_command
 
 from hab_tasks.cli import main
 from hab_tasks.commands import COMMANDS
-from hab_tasks.envs import ENVS
 from hab_tasks.episodes import read_episodes
 
 SCRIPT = Path(sys.executable).with_name("hab-tasks")
@@ -27,18 +25,6 @@ def test_a_reader_that_has_read_enough_is_no_error(arguments):
     with os.fdopen(write, "w") as unread:
         done = subprocess.run([SCRIPT, *arguments], stdout=unread, stderr=subprocess.PIPE)
     assert (done.returncode, done.stderr) == (141, b"")
-
-
-def test_list_names_every_env_mode_and_entry(run):
-    done = run("list")
-    assert done.returncode == 0, done.stderr
-    for entry in ENVS.values():
-        assert f"{entry.id}: {entry.horizon_steps} steps" in done.stdout
-        for mode in entry.env.control_modes:
-            assert mode in done.stdout
-        for item in entry.env.observation:
-            shape = "x".join(map(str, item.shape))
-            assert re.search(rf"{item.name} +{shape} +{item.unit}", done.stdout)
 
 
 def test_help_lists_the_commands_and_shows_an_example_of_each(run):

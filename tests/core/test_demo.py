@@ -1,21 +1,14 @@
 """`hab-tasks demo`: display, output and errors; keys as actions."""
 
 import io
-import os
-import pty
 import re
 import sys
 from types import SimpleNamespace
 
-import imageio.v2 as imageio
 import pytest
-from refusals import refused_by_command
 
 from hab_tasks import rendering
-from hab_tasks.captions import LINE_PX
-from hab_tasks.cli import main
-from hab_tasks.commands.keyboard import CAREFUL_SHARE, Keyboard, keys_of
-from hab_tasks.commands.playing import CAPTION_LINES
+from hab_tasks.commands.keyboard import Keyboard
 from hab_tasks.robots.control import control_configs
 
 STEP = re.compile(r"^ *(\d+)  reward ([+-][\d.]+)  (.*)$", re.MULTILINE)
@@ -50,15 +43,6 @@ def test_the_episode_is_the_one_asked_for_and_what_it_holds_stays_held(run, monk
     assert done.stdout.splitlines()[1].endswith("/00007")
     held = ["holding_target" in words for _, _, words in STEP.findall(done.stdout)]
     assert held == [True, True, False]
-
-
-@pytest.mark.slow
-def test_an_episode_ends_by_itself_and_a_task_tells_its_stages(run):
-    done = run("demo", "HabPick-v1", "--steps", 1000, "--episode", 1, "--seed", 1)
-    (end,) = re.findall("^end +(.*)$", done.stdout, re.MULTILINE)
-    assert re.match(r"time is over after 200|the episode is over after \d+", end)
-    task = run("demo", "HabSetTable-v1", "--steps", 1)
-    assert "stages    0 of 8" in task.stdout
 
 
 def test_keys_move_the_robot_one_action_each(run, monkeypatch):
@@ -96,32 +80,6 @@ def test_a_key_sets_one_entry_of_the_action_or_names_a_cell():
         assert (found.tolist() if isinstance(action, list) else found) == action, (mode, key)
 
 
-def test_keys_of_a_terminal_come_without_a_line_end_and_go_on_while_held():
-    mine, theirs = pty.openpty()
-    waited = []
-
-    def type_first():
-        assert not waited, "w is held for more than half a second"
-        waited.append(os.write(mine, b"w"))
-
-    with os.fdopen(theirs, "r") as terminal:
-        keys = keys_of(terminal, type_first)
-        # Typed once, it may be held, and goes on slowly without a second character.
-        assert [next(keys) for _ in range(3)] == [("w", CAREFUL_SHARE)] * 3
-        os.write(mine, b"w")
-        assert [next(keys) for _ in range(3)] == [("w", 1.0)] * 3
-        os.write(mine, b"\x1b[")  # an arrow may come in two parts
-        assert next(keys) == ("w", 1.0)
-        os.write(mine, b"C")
-        assert next(keys) == ("right", CAREFUL_SHARE)
-        os.write(mine, b"g")  # what is no motion is carried out once, and ends the motion
-        assert next(keys) == ("g", 1.0)
-        os.write(mine, b"q")
-        assert next(keys) == ("q", 1.0)
-        keys.close()
-    os.close(mine)
-
-
 def test_without_vulkan_measures_are_told_all_the_same(run, monkeypatch):
     monkeypatch.setattr(rendering, "software_vulkan_works", lambda: False)
     monkeypatch.setattr(rendering.torch.cuda, "is_available", lambda: False)
@@ -129,18 +87,3 @@ def test_without_vulkan_measures_are_told_all_the_same(run, monkeypatch):
     done = run("demo", "HabPick-v1", "--steps", 1)
     assert done.returncode == 0, done.stderr
     assert "no window can be opened. No Vulkan device" in done.stdout
-
-
-@pytest.mark.slow
-@pytest.mark.render
-def test_a_video_has_a_frame_for_each_moment(run, tmp_path):
-    out = tmp_path / "made" / "pick.mp4"
-    done = run("demo", "HabPick-v1", "--steps", 1, "--out", out)
-    assert done.returncode == 0, done.stderr
-    assert f"video     {out}" in done.stdout
-    # The start, and the moment after the action.
-    frames = [*imageio.get_reader(out).iter_data()]
-    assert [frame.shape for frame in frames] == [(512 + CAPTION_LINES * LINE_PX, 512, 3)] * 2
-    assert frames[-1].std() > 10
-    assert list(out.parent.iterdir()) == [out]
-    refused_by_command(main, ["demo", "HabPick-v1", "--steps", 1, "--out", out], "--force")

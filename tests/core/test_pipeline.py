@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
-from refusals import refused_by_command
 from textured import box_at, textured_dataset
 
-from hab_tasks.cli import main
 from hab_tasks.errors import DatasetError, HabError
 from hab_tasks.pipeline import optimise
 from hab_tasks.pipeline.measure import compare
@@ -130,18 +128,6 @@ def test_force_replaces_datasets_and_nothing_else(tmp_path, source):
     }.items():
         with pytest.raises(HabError, match=words):
             optimise.optimise(source, tmp_path / name, AssetOptions(), force=True)
-
-
-def test_command_line(tmp_path, source, capsys):
-    arguments = ["assets", str(source.root), "--out", str(tmp_path / "out"), "--workers", "1"]
-    assert main([*arguments, "--collision", "hull"]) == 0
-    printed = capsys.readouterr().out
-    assert "5 meshes computed, 0 reused" in printed
-    # Three boxes of 8 * 56 + 36 * 4 bytes; a sphere that halves to 2,560 triangles, from 210,288 to
-    # 106,376 bytes; its texture of 64 * 64 pixels, from 4 bytes each to 1/2: 228448 / 110200.
-    assert "memory, counted       2.1 times less" in printed
-    cubes = [*arguments, "--force", "--collision", "cubes"]
-    refused_by_command(main, cubes, "coacd, hull, merged-hull")
 
 
 # Real data -------------------------------------------------------------------------------------

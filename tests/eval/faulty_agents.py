@@ -127,12 +127,7 @@ def _raise_in(agent: stub_hab.StubAgent, method: str, case: str) -> None:
 def _error(case: str) -> BaseException:
     errors = {
         "exit": SystemExit(0),
-        "exit_none": SystemExit(),
-        "exit_text": SystemExit("done"),
         "value": ValueError("three\nlines\nof it"),
-        "key": KeyError("missing"),
-        "memory": MemoryError(),
-        "recursion": RecursionError("too deep"),
         "long": RuntimeError("x" * 100_000),
         "stop": StopIteration(),
         "control": RuntimeError("\x1b[31mred\x1b[0m"),

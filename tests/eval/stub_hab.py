@@ -193,10 +193,6 @@ def many(setup: AgentSetup) -> ManyAgent:
     return ManyAgent()
 
 
-def not_an_agent(setup: AgentSetup) -> object:
-    return object()
-
-
 def load_episode_set(config: EvalConfig, progress, workers) -> SimpleNamespace:
     if config.scene_dataset != "apartment":
         raise UnknownNameError("scene dataset", config.scene_dataset, ["apartment"])

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 import torch
 from hab_eval.bench.comparison import step_rows
-from hab_eval.bench.layout import LAYOUT, make_layout
+from hab_eval.bench.layout import make_layout
 from hab_eval.bench.motion import BASE_SPEEDS, Motion
 from hab_eval.bench.process import QUIET_STEPS, RemoteEnv, StepTiming, time_steps
 from hab_eval.bench.report import make_report, read_report, report_table, write_report
@@ -127,20 +127,6 @@ def test_engine_is_timed_inside_the_same_steps():
     assert [action.shape for action in timed] == [(1, 2)] * 20
     with pytest.raises(BenchError, match=r"scene\.px"):  # an engine that is not seen
         time_steps(Env(uses_engine=False), torch.zeros(2), torch.ones(1, 2))
-
-
-def test_layout_for_maniskill(dataset, tmp_path):
-    before = snapshot(dataset)
-    make_layout(dataset, ["one"], tmp_path / "assets")
-    target = tmp_path / "assets" / LAYOUT
-    urdf = (target / "urdf/kitchenCupboard_01/kitchenCupboard_01.urdf").read_text()
-    assert 'size="0.6 0.1  0.9"' in urdf
-    assert 'scale="1  1  1"' in urdf
-    assert "a,b.glb" in urdf  # a file name is no list of numbers
-    for stand_in in ("stages/absent_stage.glb", "objects/bike.glb"):
-        assert (target / stand_in).stat().st_size > 0
-    assert not any(path.is_symlink() for path in target.rglob("*"))
-    assert snapshot(dataset) == before
 
 
 SIM = ("--suite", "sim")

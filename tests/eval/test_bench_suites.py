@@ -1,23 +1,14 @@
 """The suites without a reference environment: objects, processes and memory."""
 
 import json
-import os
 
 import pytest
-import torch
 from hab_eval.bench import memory as bench_memory
 from hab_eval.bench import object_counts, vector_envs
 from hab_eval.bench import processes as bench_vector
 from hab_eval.bench import vector as native_vector
-from hab_eval.bench.episodes import Generation, generation_rows
-from hab_eval.bench.hab_env import actions_of
 from hab_eval.bench.layout import SCENE_SUFFIX
-from hab_eval.bench.memory import Memory, Reading, further_mb, memory_rows, parse_rollup
-from hab_eval.bench.motion import Motion
-from hab_eval.bench.objects import object_rows
 from hab_eval.bench.options import BenchOptions
-from hab_eval.bench.process import StepTiming
-from hab_eval.bench.processes import process_row
 from hab_eval.bench.suite import GROUP
 from hab_eval.bench.suites import find_suite, suite_names
 from hab_eval.errors import BenchError
@@ -26,15 +17,6 @@ from hab_tasks.episodes import Episode, EpisodeRequest
 from hab_tasks.episodes.schema import RobotStart
 
 SCENE = "v3_sc0_staging_00"
-
-ROLLUP = """55d0c0a3e000-7ffc1f5f1000 ---p 00000000 00:00 0                          [rollup]
-Rss:              500000 kB
-Pss:              300000 kB
-Pss_Dirty:        200000 kB
-Shared_Clean:     220000 kB
-Private_Clean:     10000 kB
-Private_Dirty:    200000 kB
-"""
 
 
 def options(suite, tmp_path, **values):
@@ -93,60 +75,6 @@ def test_a_new_suite_is_a_file_and_an_entry_point(cli, tmp_path, monkeypatch):
     assert row["name"] == "new/s/e/median"
 
 
-def test_actions_in_their_units():
-    motion = Motion(count=3, seed=2, base=True)
-    actions = actions_of("ee_base", motion, episode())
-    # An entry of 1 moves the hand by 1.5 cm; the base drives 1 m/s and turns 3.14 rad/s.
-    assert torch.allclose(0.015 * actions[:, :3], motion.arm_steps_m())
-    assert torch.allclose(actions[:, 4:] * torch.tensor([1.0, 3.14]), motion.base_speeds())
-    assert actions[:, 3].tolist() == [-1.0] * 3
-    assert actions_of("ee", motion, episode(held="bowl_:0000"))[:, 3].tolist() == [1.0] * 3
-
-
-def test_rows_of_objects_and_processes_by_hand():
-    def timing(outside_ms):
-        return StepTiming(steps=1000, total_s=1.0 + outside_ms, engine_s=1.0)
-
-    # 10 %, 50 % and 20 % more.
-    few, many = [timing(1.0), timing(2.0), timing(1.0)], [timing(1.1), timing(3.0), timing(1.2)]
-    growth = object_rows(("a", "b", "c"), {10: few, 100: many})[-1]
-    assert (growth.unit, growth.reference_value, growth.n) == ("%", 10.0, 3)
-    assert growth.value == pytest.approx(20.0)
-    row = process_row(("processes", "a", "b", "c"), [(100.0, 190.0), (100.0, 180.0), (100.0, 50.0)])
-    assert (row.name, row.value, row.ratio) == ("processes/a/b/c", 180.0, 1.8)
-
-
-def test_memory_of_a_process():
-    # 500,000 * 1,024 bytes are 512 MB; private is 10,000 + 200,000.
-    memory = parse_rollup(ROLLUP)
-    assert (memory.rss_mb, memory.pss_mb, memory.uss_mb) == pytest.approx((512.0, 307.2, 215.04))
-    memory = bench_memory.read_memory(os.getpid())
-    assert 20.0 < memory.uss_mb <= memory.pss_mb <= memory.rss_mb < 10_000.0
-    with pytest.raises(BenchError, match="needs Linux"):
-        bench_memory.read_memory(2**22 + 1)
-
-
-def memory(rss_mb, pss_mb, uss_mb):
-    return Memory(rss_mb=rss_mb, pss_mb=pss_mb, uss_mb=uss_mb)
-
-
-def test_memory_of_each_further_environment():
-    few = Reading(parent=memory(600, 400, 300), workers=(memory(560, 430, 310),))
-    workers = (memory(560, 350, 300), memory(560, 360, 310), memory(560, 370, 320))
-    many = Reading(parent=memory(600, 310, 300), workers=workers)
-    # 400 + 430 = 830 MB with one, 310 + 350 + 360 + 370 = 1390 MB with three.
-    assert further_mb(few, many) == pytest.approx((1390 - 830) / 2)
-    rows = {row.name: row for row in memory_rows(("memory", "a", "b"), [(few, many)] * 3)}
-    values = {name.split("/")[-1]: (row.value, row.reference_value) for name, row in rows.items()}
-    assert values == {
-        "one_env_rss": (560.0, 700.0),
-        "one_env_pss": (430.0, 560.0),
-        "one_env_uss": (310.0, 560.0),
-        "further_env_pss": (280.0, 350.0),
-        "further_env_uss": (310.0, 350.0),
-    }
-
-
 @pytest.mark.slow
 @pytest.mark.assets
 def test_episodes_by_object_count_hold_one_another(replica_cad, monkeypatch):
@@ -200,16 +128,6 @@ def test_vector_environments_are_measured(replica_cad, monkeypatch):
     assert all(row.value > 0 and row.reference_value > 0 for row in rows.values())
     assert rows["16_rows_physics_share"].value < 1.0
     assert rows["16_rows_and_maniskill"].ratio > 1.5  # 7 with 16 rows, on an idle machine
-
-
-def test_generation_is_extrapolated_to_a_whole_set():
-    timings = [Generation(episodes=10, cpu_s=2.0, wall_s=1.1)]
-    cpu, wall, whole = generation_rows(("episodes", "train", "HabPick-v1"), timings, 0.1)
-    assert cpu.name == "episodes/train/HabPick-v1/cpu_per_episode"
-    assert (cpu.value, cpu.reference_value, cpu.unit) == (0.2, 0.2, "s")
-    assert (wall.value, wall.reference_value) == pytest.approx((0.11, 0.1))
-    assert whole.name.endswith("5000_episodes_extrapolated")
-    assert (whole.value, whole.reference_value) == pytest.approx((550.0, 500.0))
 
 
 @pytest.mark.slow

@@ -6,26 +6,18 @@ import re
 
 import pytest
 from hab_eval.errors import ResultError
-from hab_eval.leaderboard import default_submissions
 from hab_eval.results import write_record
 from hab_eval.site import paper
 from hab_eval.site.agents import agent_pages, read_cards
 from hab_eval.site.breakdown import by_layout, by_receptacle, histogram, read_receptacles
-from hab_eval.site.build import SiteOptions, build_site
 from hab_eval.site.comparison import comparison_sets
 from hab_eval.site.entries import kinds_of, make_entries
 from hab_eval.site.markdown_files import rendered
-from hab_eval.site.media import find_videos
-from hab_eval.video_names import highlights, video_name
+from hab_eval.video_names import highlights
 from PIL import Image
 from site_records import record_of, write_submissions
 
-from hab_tasks.errors import FileError, OptionError
-
-
-def entry_of(record, name="x.json"):
-    (entry,) = make_entries({name: record})
-    return entry
+from hab_tasks.errors import FileError
 
 
 def test_entries_are_in_the_order_of_the_registry_then_by_success():
@@ -78,14 +70,6 @@ def test_receptacles_come_from_episode_files(tmp_path):
     (tmp_path / "a.json.gz").write_bytes(b"no gzip")
     with pytest.raises(ResultError, match=r"a\.json\.gz: cannot be read as an episode file"):
         read_receptacles(tmp_path)
-
-
-def test_shipped_episode_files_name_the_receptacles_of_every_skill():
-    found = read_receptacles(default_submissions().parents[2] / "assets" / "episodes").by_episode
-    known = {name.split("/")[0] for name, (_, receptacle) in found.items() if receptacle}
-    skills = {name.split("/")[0] for name in found}
-    tasks = {"HabTidyHouse-v1", "HabPrepareGroceries-v1", "HabSetTable-v1"}
-    assert known == skills - tasks
 
 
 def test_only_runs_on_the_same_episodes_are_compared():
@@ -155,25 +139,6 @@ def test_a_model_card_loads_nothing_and_runs_nothing(tmp_path):
         read_cards(tmp_path)
 
 
-def test_videos_are_found_by_submission_and_episode(tmp_path):
-    entry = entry_of(record_of([None, "x"]), "run.json")
-    folder = tmp_path / "run"
-    folder.mkdir()
-    name = video_name(1, entry.record.episodes[1].id)
-    (folder / f"{name}.mp4").touch()
-    (folder / f"{name}.png").touch()
-    (video,) = find_videos(tmp_path, [entry])["run"]
-    assert (video.index, video.poster) == (1, folder / f"{name}.png")
-    (folder / "video_007_x.mp4").touch()
-    with pytest.raises(OptionError, match="such as video_000_HabPick-v1-apartment-val-0-00000"):
-        find_videos(tmp_path, [entry])
-    folder.rename(tmp_path / "another")
-    with pytest.raises(OptionError, match="no submission is named 'another'"):
-        find_videos(tmp_path, [entry])
-    with pytest.raises(OptionError, match="not a folder; hab-eval film writes one"):
-        find_videos(tmp_path / "no", [entry])
-
-
 def files_of(folder):
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
@@ -217,21 +182,6 @@ def test_a_site_is_complete_reproducible_and_replaced_only_with_force(cli, tmp_p
     assert cli(*arguments, "--force").returncode == 2
     assert files_of(out) == first
     assert not list(tmp_path.glob(".*"))
-
-
-def test_the_pages_show_what_the_records_hold(tmp_path):
-    out, submissions = tmp_path / "site", write_submissions(tmp_path / "submissions")
-    build_site(SiteOptions(out=out, submissions=submissions, checkout=tmp_path))
-    board = (out / "index.html").read_text()
-    assert board.count('<tr data-rank="') == 4
-    run = (out / "runs" / "pick_blind-pick-apartment-seed0.html").read_text()
-    # Four successes of ten: 40 %, Wilson interval 16.8 to 68.7.
-    assert '<span class="value">40.0 %</span>' in run
-    assert "16.8–68.7 %, n = 10" in run
-    # Its successes have an SCT of 0.5 each: 20 %.
-    assert '<span class="label">SCT</span><span class="value">20.0 %</span>' in run
-    assert "20.0 <small>SCT</small>" in board
-    assert "--option &#39;weights=runs/x y&#39;" in run
 
 
 def test_bad_folders_are_refused_before_anything_is_written(cli, tmp_path):

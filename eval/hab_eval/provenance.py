@@ -6,6 +6,7 @@ import functools
 import os
 import platform
 import subprocess
+import sys
 from collections.abc import Mapping
 from importlib import metadata, util
 from pathlib import Path
@@ -50,6 +51,10 @@ def device() -> str:
 
 
 def _version(name: str) -> str:
+    # The metadata of an editable install keeps the version of the day of its set-up.
+    own = getattr(sys.modules.get(name.replace("-", "_")), "__version__", None)
+    if own is not None and name.startswith("hab-"):
+        return str(own)
     try:
         return metadata.version(name)
     except metadata.PackageNotFoundError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import select
 import signal
@@ -70,6 +71,9 @@ def run_script(
         description: Description of a program with several subcommands.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a locale may lack characters of names and tables
+            stream.reconfigure(errors="backslashreplace")
     command = None
     with _interruptible():
         try:

@@ -10,6 +10,7 @@ from collections.abc import Generator, Iterable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any, get_args, get_type_hints
 
+import torch
 from torch import Tensor
 
 from hab_eval.errors import AgentError
@@ -86,17 +87,23 @@ def check_rows(spec: AgentSpec) -> None:
         raise AgentError(f"rows of the agent must be an integer >= 1, got {spec.rows!r}.")
 
 
-def check_actions(actions: object, count: int) -> None:
-    """Checks that actions are a real (N, A) tensor; the environment checks the values.
+def check_actions(actions: object, count: int) -> Tensor:
+    """Returns an agent's actions (N, A) on the CPU, without gradient.
+
+    The environment checks the values.
 
     Raises:
-        AgentError: They are not.
+        AgentError: They are not a real, dense tensor of N rows.
     """
     if not isinstance(actions, Tensor) or actions.ndim != 2 or actions.shape[0] != count:
         found = tuple(actions.shape) if isinstance(actions, Tensor) else type(actions).__name__
         raise AgentError(f"act() must return a ({count}, A) tensor for {count} rows, got {found}.")
     if actions.is_complex():
         raise AgentError(f"act() must return a real tensor, got {actions.dtype}.")
+    if actions.layout is not torch.strided or actions.is_meta or actions.is_quantized:
+        found = "a tensor without data" if actions.is_meta else f"{actions.layout}, {actions.dtype}"
+        raise AgentError(f"act() must return a dense tensor, got {found}.")
+    return actions.detach().cpu()
 
 
 def check_reports(reports: object, count: int, name: str) -> Sequence[AgentReport]:

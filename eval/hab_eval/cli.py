@@ -113,7 +113,7 @@ class RunCommand(EpisodeOptions, ExecutorChoice, Command):
         from hab_eval.report import leaderboard_tables, result_table
 
         options = RunOptions(
-            out=self.out,
+            out=self.out.absolute(),  # an agent may change the working directory
             workers=self.workers,
             executor=ExecutorChoice(executor=self.executor, address=self.address),
             videos=self.video,

@@ -113,9 +113,7 @@ def _act(
     """Queries the agent's actions for all rows; returns those of the running rows."""
     started = time.perf_counter()
     with _naming_episodes(_episodes(rows)):
-        actions = agent.act(batched([row.obs for row in rows]))
-        check_actions(actions, len(rows))
-        actions = actions.cpu()
+        actions = check_actions(agent.act(batched([row.obs for row in rows])), len(rows))
         seconds = (time.perf_counter() - started) / len(playing)
         doing = _doing(agent, rows, watched)
     for number in playing:

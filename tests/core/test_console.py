@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -57,3 +59,13 @@ def test_every_end_has_its_status_and_one_line(how, capsys):
     assert run_script("prog", {"end": End}, ["end", "--how", *how.split()]) == code
     assert capsys.readouterr().err == line
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
+
+
+def test_characters_that_a_locale_lacks_are_escaped():
+    code = (
+        "import sys; from hab_tasks.console import run_script; sys.exit(run_script('p', {}, ['†']))"
+    )
+    environment = {**os.environ, "PYTHONIOENCODING": "latin-1"}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True)
+    assert (done.returncode, b"Traceback" in done.stderr) == (2, False)
+    assert b"\\u2020" in done.stderr

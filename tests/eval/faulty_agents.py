@@ -61,6 +61,8 @@ ACTIONS = {
     "two_rows": torch.zeros(2, 2),
     "no_rows": torch.zeros(0, 2),
     "complex": torch.zeros(1, 2, dtype=torch.complex64),
+    "sparse": torch.zeros(1, 2).to_sparse(),
+    "meta": torch.zeros(1, 2, device="meta"),
 }
 """Case -> what `act` returns."""
 

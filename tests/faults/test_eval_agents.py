@@ -55,6 +55,8 @@ def test_a_bad_report_or_action_is_named():
     cases = [*(f"report:{name}" for name in REPORTS), *(f"act:{name}" for name in ACTIONS)]
     check_each({case: case for case in cases}, check)
     agent = stub_hab.StubAgent()
+    agent.act = lambda obs: torch.full((1, 2), 0.5, requires_grad=True)
+    assert played(agent)().episode.steps > 0
     agent.act = lambda obs: torch.full((1, 2), torch.inf)  # the stub's reward is its mean
     refused_by_call(played(agent), "return", "finite")
 

@@ -33,14 +33,22 @@ class LoadedPolicy(NamedTuple):
     recipe: Recipe
 
 
-def load_policy(setup: AgentSetup, path: Path) -> LoadedPolicy:
+def load_policy(setup: AgentSetup, path: Path, env_id: str | None = None) -> LoadedPolicy:
     """Loads a policy from a file of weights, to the setup's device.
 
+    Args:
+        setup: The agent's setup.
+        path: The file.
+        env_id: The environment that it must be of, if any; another's module is not imported.
+
     Raises:
-        PolicyFileError: The file cannot be used.
+        PolicyFileError: The file cannot be used, or is of another environment.
     """
     tensors, about = checkpoint.load(path)
     recipe = recipe_of(about, path)
+    trained_in = recipe.env.reference.rpartition(":")[2]
+    if env_id is not None and trained_in != env_id.rpartition(":")[2]:
+        raise PolicyFileError(f"{path} was trained in {trained_in}, not {env_id}.")
     spaces = setup.spaces_of(imported_id(recipe.env.reference), spec_of(recipe))
     network = recipe.preset.network
     layout = ObservationLayout.of(spaces.observation, network.image_block_px)
@@ -59,9 +67,7 @@ class PolicyAgent:
             PolicyFileError: The file cannot be used, or is of another environment.
         """
         use_one_thread()
-        self._policy, recipe = load_policy(setup, path)
-        if imported_id(recipe.env.reference) != imported_id(setup.env_id):
-            raise PolicyFileError(f"{path} was trained in {recipe.env.env}, not {setup.env_id}.")
+        self._policy, recipe = load_policy(setup, path, setup.env_id)
         self.spec = spec_of(recipe)
         self._device, self._repeat = setup.device, recipe.env.action_repeat
         self._age = torch.zeros(0, dtype=torch.int64)  # steps of each row's episode
@@ -116,7 +122,7 @@ def recipe_of(about: Mapping[str, Any], path: Path) -> Recipe:
     """
     try:
         return from_json(Recipe, about["recipe"])
-    except (KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise PolicyFileError(f"{path} has no recipe of this version: {error}.") from error
 
 

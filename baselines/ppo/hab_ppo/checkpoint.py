@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import torch
 from safetensors import SafetensorError
 from safetensors import torch as safe
 from torch import Tensor
@@ -81,7 +82,7 @@ def parse(data: bytes, name: object) -> tuple[Tensors, dict[str, Any]]:
         size = int.from_bytes(data[:8], "little")
         about = json.loads(json.loads(data[8 : 8 + size])["__metadata__"][KEY])
         found = about["format"]
-    except (SafetensorError, ValueError, LookupError, TypeError) as error:
+    except (SafetensorError, ValueError, LookupError, TypeError, RecursionError) as error:
         raise PolicyFileError(f"{name} is not a file of weights of hab-ppo.") from error
     if found != FORMAT:
         raise PolicyFileError(
@@ -105,19 +106,24 @@ def load_network(policy: Policy, tensors: Tensors, name: object) -> None:
     """Sets weights and normalisers of a policy.
 
     Raises:
-        PolicyFileError: They are of another network.
+        PolicyFileError: They are of another network, or not finite.
     """
     own = {k.removeprefix("network/"): v for k, v in tensors.items() if k.startswith("network/")}
     wanted = policy.state_dict()
     different = sorted(
         key
         for key in own.keys() | wanted.keys()
-        if key not in own or key not in wanted or own[key].shape != wanted[key].shape
+        if key not in own
+        or key not in wanted
+        or (own[key].shape, own[key].dtype) != (wanted[key].shape, wanted[key].dtype)
     )
     if different:
         raise PolicyFileError(
             f"{name} is of another network or other observations: {different[0]} differs."
         )
+    broken = [key for key, value in own.items() if not bool(torch.isfinite(value).all())]
+    if broken:
+        raise PolicyFileError(f"{name} has values that are not finite: {broken[0]}.")
     policy.load_state_dict(own)
     policy.state_normalizer.refresh()
     if policy.image_normalizer is not None:

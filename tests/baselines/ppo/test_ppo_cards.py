@@ -1,9 +1,11 @@
 """Weights that ship: their files, size and cards."""
 
 import json
+import sys
 from dataclasses import replace
 
 import pytest
+import torch
 from hab_ppo import agent, cards, checkpoint, shipping
 from hab_ppo.cards import NOT_EVALUATED, card, shipped_names
 from hab_ppo.checkpoint import Position, position_json
@@ -13,8 +15,11 @@ from hab_ppo.navigation import weights as navigator_weights
 from hab_ppo.network import new_policy
 from hab_ppo.observation import ObservationLayout
 from hab_ppo.recipes import find_recipe
+from refusals import check_each, refused_by_call
 from stub_runs import make_record
 from toy_vector import ToyVector
+
+from hab_tasks.agent_spaces import agent_setup
 
 
 @pytest.fixture
@@ -75,3 +80,27 @@ def test_what_ships_is_small_and_has_its_card():
         assert (agent.WEIGHTS / f"{name}.png").is_file()
         _, about = checkpoint.load(agent.WEIGHTS / f"{name}.safetensors")
         assert about["recipe"]["name"] == name
+
+
+def test_a_damaged_file_of_weights_is_refused_and_imports_nothing(tmp_path):
+    tensors, about = checkpoint.load(agent.WEIGHTS / "pick_blind.safetensors")
+    name = next(name for name, value in tensors.items() if value.is_floating_point())
+    foreign = {**about["recipe"], "env": {**about["recipe"]["env"], "env": "no_module:HabNo-v1"}}
+
+    def check(case):
+        changed, told, word = case
+        path = tmp_path / "weights.safetensors"
+        checkpoint.save(path, tensors | {name: changed}, about | told)
+        setup = agent_setup("HabPick-v1")
+        refused_by_call(lambda: agent.PolicyAgent(setup, path), word)
+
+    good = tensors[name]
+    cases = (
+        (good.to(torch.int32), {}, f"{name.removeprefix('network/')} differs"),
+        (torch.full_like(good, torch.nan), {}, "not finite"),
+        (good, {"recipe": None}, "no recipe of this version"),
+        (good, {"recipe": [[]] * 3}, "no recipe of this version"),
+        (good, {"recipe": foreign}, "was trained in HabNo-v1"),
+    )
+    check_each({case[2]: case for case in cases}, check)
+    assert "no_module" not in sys.modules

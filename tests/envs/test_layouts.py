@@ -66,6 +66,7 @@ def view(env):
     }
 
 
+@pytest.mark.new_env
 @pytest.mark.parametrize("last", range(3), ids=LAYOUTS)
 def test_a_layout_after_others_equals_a_fresh_environment(make, episodes, last):
     """Objects were taken and doors opened in the others."""

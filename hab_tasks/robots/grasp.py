@@ -276,8 +276,7 @@ class SnapGrasp:
         return _nearest(ee, torch.where(hidden[..., None], FAR_AWAY_M, points))
 
     def _hidden(self, ee: Tensor, points: Tensor) -> Tensor | None:
-        """Returns which points (R, K, 3) in reach of hands (R, 3) furniture hides, (R, K)."""
-        return None
+        """Returns which points (R, K, 3) furniture hides from the hands (R, 3), (R, K)."""
 
     def _hold(self, row: int, index: int, ee_from_object: Tensor) -> None:
         self.held = _with(self.held, row, index)

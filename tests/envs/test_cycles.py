@@ -62,7 +62,8 @@ def test_lifting_and_dropping_an_object_again_and_again_pays_nothing(make):
 def test_a_hill_climber_finds_no_loop_of_actions_that_is_rewarded(env_id):
     for name, w in starts(env_id, episode=0):
         state = w.raw.get_state_dict()
-        for grasps in (False, True):
+        # Also over loops that grasp, which few loops do: nothing is in reach where the base drives.
+        for grasps in (False,) if name == "navigate" else (False, True):
             rng = np.random.default_rng(0)
             most, _ = climb(w, state, EVALUATIONS, rng, grasps=grasps)
             LOG.info("%s, %s, grasps %s: %.2g a step", env_id, name, grasps, most)

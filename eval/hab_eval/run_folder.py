@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Container
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from hab_eval.config import (
     SavedConfig,
     describe_difference,
-    join_commits,
     read_config,
     write_config,
 )
@@ -153,7 +152,7 @@ def open_folder(
         difference = describe_difference(before, saved)
         if difference:
             raise RunFolderError(f"--out {root} belongs to another run: {difference}.")
-        saved = replace(saved, git=join_commits(before.git, saved.git))
+        saved = before.resumed(saved)
     write_config(folder.config_path, saved)
     folder.error_path.unlink(missing_ok=True)
     return folder, saved

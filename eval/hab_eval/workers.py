@@ -20,6 +20,7 @@ from multiprocessing.connection import Connection, Pipe, wait
 from typing import Any
 
 from hab_eval.environments import setup_of, worker_imports
+from hab_eval.isolation import IsolatedAgent, start_agent
 from hab_eval.load_agent import load_agent
 from hab_eval.packing import ObsPacker, ObsUnpacker, packed, unpacked
 from hab_eval.results import FinishedEpisode
@@ -47,14 +48,20 @@ class _Failure:
 
 @dataclass(kw_only=True)
 class _Worker:
-    """A worker process, the parent's end of its pipe, and its current episodes."""
+    """A worker process, the parent's end of its pipe, its isolated agent, its current episodes."""
 
     process: Worker
     connection: Connection
+    agent: Worker | None = None
     episode_ids: tuple[str, ...] = ()
     job: Job | None = None
     call: CallStarted | None = None
     ended: bool = False
+
+    @property
+    def processes(self) -> tuple[Worker, ...]:
+        """The worker, and the agent's process if it has one."""
+        return (self.process,) if self.agent is None else (self.process, self.agent)
 
     def give(self, job: Job | None) -> None:
         """Sends the next job, if any."""
@@ -87,8 +94,9 @@ class _Worker:
         if call is None or limit_s is None or self.job is None or now_s - call.at_s <= limit_s:
             self.call = None if isinstance(answer, CallEnded) else call
             return None
-        self.process.kill()
-        self.process.join()
+        for process in self.processes:
+            process.kill()
+            process.join()
         self.ended = True
         return call.timed_out(now_s, self.job[1])
 
@@ -218,7 +226,7 @@ def run_parallel(
     """
     limit_s = plan.config.step_timeout_s
     start_worker_server(__name__, *worker_imports(plan.config))
-    workers = [_start(_serve_episodes, plan) for _ in range(min(count, len(jobs)))]
+    workers = [_start_player(plan) for _ in range(min(count, len(jobs)))]
     queue = iter(jobs)
     try:
         for worker in workers:
@@ -233,11 +241,22 @@ def run_parallel(
                 job = next(queue, None)
                 if worker.ended and job is not None:
                     worker.connection.close()
-                    workers[number] = _start(_serve_episodes, plan)
+                    workers[number] = _start_player(plan)
                 workers[number].give(job)
                 yield finished
     finally:
         _stop(workers)
+
+
+def _start_player(plan: RolloutPlan) -> _Worker:
+    """Starts a worker that has its own agent, in a second process if it is isolated."""
+    if not plan.config.isolated:
+        return _start(_serve_episodes, plan, None)
+    agent = start_agent(plan.config, plan.device)
+    worker = _start(_serve_episodes, plan, agent.connection)
+    agent.connection.close()  # so that the agent ends with the worker
+    worker.agent = agent.process
+    return worker
 
 
 def _start(serve: Callable[..., None], *arguments: Any) -> _Worker:
@@ -253,12 +272,14 @@ def _stop(workers: Sequence[_Worker]) -> None:
     """Terminates all workers."""
     for worker in workers:
         worker.connection.close()
-        worker.process.terminate()
-    for worker in workers:
-        worker.process.join(STOP_TIMEOUT_S)
-        if worker.process.is_alive():
-            worker.process.kill()
-            worker.process.join()
+    processes = [process for worker in workers for process in worker.processes]
+    for process in processes:
+        process.terminate()
+    for process in processes:
+        process.join(STOP_TIMEOUT_S)
+        if process.is_alive():
+            process.kill()
+            process.join()
 
 
 def _serve(connection: Connection, serve: Callable[..., None], *arguments: Any) -> None:
@@ -280,9 +301,15 @@ def _serve(connection: Connection, serve: Callable[..., None], *arguments: Any) 
         connection.send(failure)
 
 
-def _serve_episodes(connection: Connection, plan: RolloutPlan) -> None:
+def _serve_episodes(
+    connection: Connection, plan: RolloutPlan, agent_connection: Connection | None
+) -> None:
     """Runs the episodes that the parent sends, with its own agent."""
-    agent = load_agent(plan.config.agent, setup_of(plan.config, plan.device))
+    agent: Agent
+    if agent_connection is None:
+        agent = load_agent(plan.config.agent, setup_of(plan.config, plan.device))
+    else:
+        agent = IsolatedAgent(agent_connection, plan.config.agent)
     rows = make_rows(plan, agent.spec, 1)
     jobs = iter(connection.recv, None)  # ends with an EOFError
     timed = plan.config.step_timeout_s is not None

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 import stub_runs
-from hab_eval.config import COMMIT_SEPARATOR
 from hab_eval.errors import ResultError
 from hab_eval.leaderboard import (
     Submissions,
@@ -15,6 +14,7 @@ from hab_eval.leaderboard import (
     find_submissions,
     with_submission,
 )
+from hab_eval.provenance import COMMIT_SEPARATOR
 from hab_eval.results import write_record
 from hab_eval.site.build import SiteOptions, build_site
 from hab_eval.status import again_table, best_table, rows_table

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,6 +35,7 @@ def wilson_interval(successes: int, n: int) -> tuple[float, float]:
     return float(interval.low), float(interval.high)
 
 
+@functools.cache
 def exact_mcnemar(only_a: int, only_b: int) -> float:
     """Returns the two-sided p-value of McNemar's exact test for paired outcomes.
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from hab_eval.agent_files import AgentFiles
+from hab_eval.episode_count import check_count, check_size
 from hab_eval.errors import ResultError
 from hab_eval.schema import (
     MAY_BE_ABSENT,
@@ -201,10 +202,13 @@ def write_record(path: Path, record: RunRecord) -> None:
 
 def read_record(path: Path) -> RunRecord:
     """Reads and validates `run.json`."""
+    check_size(path)
     data = parse_json(path)
     version = data.get("schema") if isinstance(data, dict) else None
     if version != SCHEMA_VERSION:
         raise ResultError(f"{path}: schema {shown(version)}, this version reads {SCHEMA_VERSION}.")
+    if isinstance(episodes := data.get("episodes"), list):
+        check_count(len(episodes), path)
     record = read_dataclass(RunRecord, data, where=str(path))
     _check(record, path)
     return record

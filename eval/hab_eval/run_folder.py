@@ -15,6 +15,7 @@ from hab_eval.config import (
     read_config,
     write_config,
 )
+from hab_eval.episode_count import check_size
 from hab_eval.errors import ResultError, RunFolderError
 from hab_eval.results import FinishedEpisode, check_episode
 from hab_eval.run_lock import LOCK
@@ -88,6 +89,7 @@ class RunFolder:
 
     def read_journal(self) -> dict[str, FinishedEpisode]:
         """Returns the finished episodes by id; truncates an incomplete last line."""
+        check_size(self.journal_path)
         found: dict[str, FinishedEpisode] = {}
         for number, line in enumerate(_whole_lines(self.journal_path), start=1):
             where = f"{self.journal_path}: line {number}"

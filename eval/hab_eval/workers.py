@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import contextlib
 import signal
-import time
 import traceback
 from collections import defaultdict
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -26,7 +25,14 @@ from hab_eval.packing import ObsPacker, ObsUnpacker, packed, unpacked
 from hab_eval.results import FinishedEpisode
 from hab_eval.rows import Call, Job, RolloutPlan, RowGroup, Step, Turn, make_rows
 from hab_eval.runner import play
-from hab_eval.time_limit import CallEnded, CallStarted, TimedAgent
+from hab_eval.time_limit import (
+    TICK_S,
+    CallClock,
+    CallEnded,
+    CallStarted,
+    StopWatch,
+    TimedAgent,
+)
 from hab_tasks.agent import Agent, AgentSpec
 from hab_tasks.errors import HabError, RunStoppedError
 from hab_tasks.processes import Worker, begin_worker, start_worker_server
@@ -55,7 +61,7 @@ class _Worker:
     agent: Worker | None = None
     episode_ids: tuple[str, ...] = ()
     job: Job | None = None
-    call: CallStarted | None = None
+    clock: CallClock = field(default_factory=CallClock)
     ended: bool = False
 
     @property
@@ -63,18 +69,17 @@ class _Worker:
         """The worker, and the agent's process if it has one."""
         return (self.process,) if self.agent is None else (self.process, self.agent)
 
+    @property
+    def pids(self) -> list[int]:
+        """Their ids."""
+        return [process.pid for process in self.processes if process.pid is not None]
+
     def give(self, job: Job | None) -> None:
         """Sends the next job, if any."""
         self.job = job
         self.episode_ids = () if job is None else (job[1].id,)
         if job is not None:
             self.send(job)
-
-    def time_left_s(self, limit_s: float | None) -> float | None:
-        """Returns the remaining time of the agent's current call [s]; None for no limit."""
-        if limit_s is None or self.call is None:
-            return None
-        return max(0.0, self.call.at_s + limit_s - time.monotonic())
 
     def take(self, limit_s: float | None, *, ready: bool) -> FinishedEpisode | None:
         """Returns the episode if it is over, else None; kills the process on a timeout.
@@ -87,18 +92,19 @@ class _Worker:
         if isinstance(answer, FinishedEpisode):
             return answer
         if isinstance(answer, CallStarted):
-            self.call = answer
+            self.clock.start(answer)
             return None
-        now_s = answer.at_s if isinstance(answer, CallEnded) else time.monotonic()
-        call = self.call
-        if call is None or limit_s is None or self.job is None or now_s - call.at_s <= limit_s:
-            self.call = None if isinstance(answer, CallEnded) else call
+        if isinstance(answer, CallEnded):
+            self.clock.end(answer)
+        call, call_s = self.clock.call, self.clock.counted_s
+        if call is None or limit_s is None or self.job is None or call_s <= limit_s:
+            self.clock.call = None if isinstance(answer, CallEnded) else call
             return None
         for process in self.processes:
             process.kill()
             process.join()
         self.ended = True
-        return call.timed_out(now_s, self.job[1])
+        return call.timed_out(call_s, self.job[1])
 
     def send(self, message: Any) -> None:
         """Sends a message; raises the error that the worker reported before it ended."""
@@ -227,13 +233,14 @@ def run_parallel(
     limit_s = plan.config.step_timeout_s
     start_worker_server(__name__, *worker_imports(plan.config))
     workers = [_start_player(plan) for _ in range(min(count, len(jobs)))]
-    queue = iter(jobs)
+    queue, watch = iter(jobs), StopWatch()
     try:
         for worker in workers:
             worker.give(next(queue, None))
         while busy := [(n, worker) for n, worker in enumerate(workers) if worker.job is not None]:
-            left_s = [s for _, worker in busy if (s := worker.time_left_s(limit_s)) is not None]
-            ready = wait([worker.connection for _, worker in busy], min(left_s, default=None))
+            wait_s = None if limit_s is None else TICK_S
+            ready = wait([worker.connection for _, worker in busy], wait_s)
+            watch.tick((worker.clock, worker.pids) for _, worker in busy)
             for number, worker in busy:
                 finished = worker.take(limit_s, ready=worker.connection in ready)
                 if finished is None:

@@ -52,6 +52,9 @@ HEAD = struct.Struct("=cII")
 
 STOP_TIMEOUT_S = 5.0
 
+_Ask = Callable[[str, Sequence[int]], Mapping[str, Any]]
+"""Reads a group of the observation of some rows from the evaluator."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class AgentProcess:
@@ -187,9 +190,6 @@ class _AskedObservation(LazyObservation):
         return _AskedObservation(of_rows(ready, rows), self.unread, self._ask, chosen)
 
 
-_Ask = Callable[[str, Sequence[int]], Mapping[str, Any]]
-
-
 def _serve(
     connection: Connection,
     reference: str,
@@ -237,8 +237,10 @@ def _serve_calls(connection: Connection, agent: Agent) -> None:
             elif name == "act":
                 message, unread = arguments
                 ready = unpacker.unpack(message, range(count))
-                obs = _AskedObservation(ready, unread, ask, range(count)) if unread else ready
-                connection.send_bytes(_pack_actions(check_actions(agent.act(obs), count)))
+                obs = _AskedObservation(ready, unread, ask, range(count))
+                actions = check_actions(agent.act(obs if unread else ready), count)
+                obs.expire()
+                connection.send_bytes(_pack_actions(actions))
             else:
                 _answer(connection, to_json(_checked(agent, count)))
 

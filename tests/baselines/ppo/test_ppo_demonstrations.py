@@ -260,19 +260,18 @@ def _check_damaged(file, env):
         changed[at] = value
         return {name: changed}, name
 
-    cases = {
-        f"no {name}": ({name: None}, f"{name} is missing") for name in tensors if name != "images"
-    }
+    needed = tensors.keys() - {"images"}
+    cases = {f"no {name}": ({name: None}, f"{name} is missing") for name in needed}
     cases |= {f"flat {name}": ({name: torch.zeros(())}, name) for name in tensors}
-    cases |= {
-        f"{name} {value}": edit(name, 0, value=value)
-        for name in ("state", "images", "actions", "path_points", "path_stretches")
-        for value in (float("nan"), float("inf"))
-    }
-    cases |= {f"lengths {n}": edit("lengths", 0, value=n) for n in (-1, 0, 1, 2**62)}
-    cases |= {f"points {n}": edit("path_stretches", 0, 0, value=n) for n in (0, 1, -1)}
-    cases |= {f"counts {n}": edit("path_episodes", 0, 1, value=n) for n in (-1, 5)}
-    cases |= {f"episode {n}": edit("path_episodes", 0, 0, value=n) for n in (-1, 10**6)}
+    for name in ("state", "images", "actions", "path_points", "path_stretches"):
+        cases[f"NaN in {name}"] = edit(name, 0, value=float("nan"))
+    for name, column, numbers in (
+        ("lengths", ..., (-1, 0, 1, 2**62)),
+        ("path_stretches", 0, (0, 1, -1)),
+        ("path_episodes", 1, (-1, 5)),
+        ("path_episodes", 0, (-1, 10**6)),
+    ):
+        cases |= {f"{name} {column} {n}": edit(name, 0, column, value=n) for n in numbers}
     cases |= {f"few {name}": ({name: tensors[name][1:]}, name) for name in ("actions", "images")}
     cases["drives"] = {"path_drives": tensors["path_drives"][1:]}, "path_drives has 3 rows"
     cases["env"] = {"env": []}, "not a file of demonstrations"

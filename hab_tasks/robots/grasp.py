@@ -266,12 +266,17 @@ class SnapGrasp:
         if self.takes == "handles":
             points = points[:, :0]
         found = _nearest(ee, points)
-        if self.is_enclosed is None or not bool((found[1] <= GRASP_RADIUS_M).any()):
+        if not bool((found[1] <= GRASP_RADIUS_M).any()):
             return found
-        enclosed = self.is_enclosed()
-        if enclosed is None:
+        hidden = self._hidden(ee, points)
+        if self.is_enclosed is not None and (enclosed := self.is_enclosed()) is not None:
+            hidden = enclosed[rows] if hidden is None else hidden | enclosed[rows]
+        if hidden is None:
             return found
-        return _nearest(ee, torch.where(enclosed[rows][..., None], FAR_AWAY_M, points))
+        return _nearest(ee, torch.where(hidden[..., None], FAR_AWAY_M, points))
+
+    def _hidden(self, ee: Tensor, points: Tensor) -> Tensor | None:
+        """Returns which points (R, K, 3) furniture hides from the hands (R, 3), (R, K)."""
 
     def _hold(self, row: int, index: int, ee_from_object: Tensor) -> None:
         self.held = _with(self.held, row, index)

@@ -24,6 +24,7 @@ import torch
 from threadpoolctl import threadpool_limits
 
 from hab_tasks.errors import WorkerError
+from hab_tasks.limits import check_open_files
 
 STREAMS = (1, 2)
 """File descriptors of standard output and standard error."""
@@ -99,7 +100,11 @@ def start_worker_server(*modules: str) -> None:
 
     Args:
         modules: What the server imports.
+
+    Raises:
+        HabError: The limit of open files is too low.
     """
+    check_open_files()
     with _interrupt_blocked(), set_variables(ONE_THREAD), _short_socket_paths():
         forkserver.set_forkserver_preload([*SERVER_IMPORTS, *modules])
         forkserver.ensure_running()

@@ -60,6 +60,7 @@ def test_a_row_by_hand():
         "30.0",
         "ee",
         "0.0167",
+        "no",
         "val",
         "0",
         "0.1.0 (01234567)",
@@ -91,7 +92,7 @@ def test_a_task_says_how_often_each_stage_was_reached_and_what_it_scores():
     episodes = tuple(replace(episode, stages={}) for episode in record.episodes)
     skill = replace(record, episodes=episodes, summary=summarize(episodes, {}))
     (group,) = build_groups({"x.json": skill})
-    assert len(group.rows[0]) == len(group.columns) == 9
+    assert len(group.rows[0]) == len(group.columns) == 10
 
 
 def test_what_an_agent_is_told_and_its_options_stand_beside_its_name():

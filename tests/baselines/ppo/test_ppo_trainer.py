@@ -32,6 +32,8 @@ WARM = replace(
     ),
 )
 
+ABOUT = {"agent": "", "seed": 0, "counts": {}}
+
 
 @pytest.fixture
 def toy(monkeypatch):
@@ -42,7 +44,7 @@ def toy(monkeypatch):
 
     def demonstrations(path, plan, write_line):
         examples = random_examples([12] * 20, linear, seed=plan.seed)
-        write_examples(path, examples, [], plan.recipe.env, {"agent": "", "seed": 0, "counts": {}})
+        write_examples(path, examples, [], plan.recipe.env, ABOUT)
 
     monkeypatch.setattr(warm_start, "write_demonstrations", demonstrations)
     monkeypatch.setattr(warm_start, "load_teacher", lambda *_: LoadedPolicy(teacher, TOY))
@@ -109,7 +111,11 @@ def test_a_resumed_run_equals_one_that_was_never_interrupted(toy, tmp_path):
         parts = tmp_path / name
         toy(parts, replace(WARM, total_steps=steps))
         (parts / "demonstrations.safetensors").unlink()
+        (parts / "tensorboard").rename(parts / "board")
+        (parts / "tensorboard").touch()  # a run does without its files
         toy(parts, WARM, resume=name)
+        assert sum("goes on without TensorBoard" in line for line in toy.lines) == 1
+        toy.lines.clear()
         assert same_tensors(whole / CLONED, parts / CLONED)
         assert same_tensors(whole / LAST, parts / LAST)
         assert same_tensors(whole / EXACT, parts / EXACT)
@@ -166,11 +172,16 @@ def test_recipes_are_json_and_named_after_their_files():
 def test_bad_input_is_reported_in_one_line(tmp_path, monkeypatch):
     monkeypatch.setattr(teachers, "WEIGHTS", tmp_path / "nothing_ships")
     names = {"DIR": tmp_path / "out", "FULL": tmp_path / "full", "DEMO": tmp_path / "demo"}
-    names |= {"THESIS": tmp_path / "full" / "thesis.txt", "OLD": tmp_path / "old"}
+    names |= {
+        "THESIS": tmp_path / "full" / "thesis.txt",
+        "OLD": tmp_path / "old",
+        "SMALL": tmp_path / "small",
+    }
     names["FULL"].mkdir()
     names["THESIS"].write_text("mine")
     examples, env = random_examples([3], linear), find_recipe("close_drawer_blind").env
-    write_examples(names["DEMO"], examples, [], env, {})
+    write_examples(names["DEMO"], examples, [], env, ABOUT)
+    write_examples(names["SMALL"], examples, [], find_recipe("pick_cloned").env, ABOUT)
     checkpoint.save(tmp_path / "old", {"network/x": torch.zeros(1)}, {"format": 99})
     cases = {
         "train pick_blnd --out DIR": "Did you mean 'pick_blind'",
@@ -183,6 +194,8 @@ def test_bad_input_is_reported_in_one_line(tmp_path, monkeypatch):
         "train pick_blind --out DIR --demonstrations DEMO": "does not start",
         "train pick_blind --out DIR --teacher DEMO": "has no teacher",
         "train pick_cloned --out DIR --demonstrations DEMO": "not HabPick-v1",
+        "train pick_cloned --out DIR --demonstrations SMALL": "state of shape (2,), pick_cloned (",
+        "train pick_cloned --out DIR --demonstrations THESIS": "not a file",
         "train place_depth --out DIR --teacher nowhere": "no weights nowhere",
         "train place_depth --out DIR --teacher DEMO": "no recipe",
         "train pick_blind --out DIR --weights DEMO --scratch": "--scratch",

@@ -185,18 +185,20 @@ class SnapGrasp:
         """Returns held, held_handle (N,), how they are held, and objects leaving the hand.
 
         An object is held by its pose in the hand (N, 7), a handle by its position in the hand
-        (N, 3) [m] and the number of actions (N,) for which it was out of reach. Objects leaving the
-        hand (N, K): distance [m] at which each is clear of the hand, 0 if it already is.
+        (N, 3) [m] and the number of actions (N,) for which it was out of reach; all 0 for what is
+        not held. Objects leaving the hand (N, K): distance [m] at which each is clear of the hand,
+        0 if it already is.
         """
+        object_held, handle_held = self.held != NOTHING, (self.held_handle != NOTHING).cpu()
         leaving_m = torch.zeros(len(self.held), len(self.objects), device=self.held.device)
         for row, index, side_m in self._leaving:
             leaving_m[row, index] = side_m
         return {
             "held": self.held.clone(),
             "held_handle": self.held_handle.clone(),
-            "ee_from_object": self._ee_from_object.raw_pose.clone(),
-            "handle_in_ee_m": torch.as_tensor(self._handle_in_ee_m.copy()),
-            "steps_apart": torch.as_tensor(self._steps_apart.copy()),
+            "ee_from_object": self._ee_from_object.raw_pose * object_held[:, None],
+            "handle_in_ee_m": torch.as_tensor(self._handle_in_ee_m) * handle_held[:, None],
+            "steps_apart": torch.as_tensor(self._steps_apart) * handle_held,
             "leaving_m": leaving_m,
         }
 

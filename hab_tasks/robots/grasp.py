@@ -272,13 +272,12 @@ class SnapGrasp:
             return found
         hidden = self._hidden(ee, points)
         if self.is_enclosed is not None and (enclosed := self.is_enclosed()) is not None:
-            hidden = enclosed[rows] if hidden is None else hidden | enclosed[rows]
-        if hidden is None:
-            return found
+            hidden = hidden | enclosed[rows]
         return _nearest(ee, torch.where(hidden[..., None], FAR_AWAY_M, points))
 
-    def _hidden(self, ee: Tensor, points: Tensor) -> Tensor | None:
+    def _hidden(self, ee: Tensor, points: Tensor) -> Tensor:
         """Returns which points (R, K, 3) furniture hides from the hands (R, 3), (R, K)."""
+        return torch.zeros(points.shape[:2], dtype=torch.bool, device=points.device)
 
     def _hold(self, row: int, index: int, ee_from_object: Tensor) -> None:
         self.held = _with(self.held, row, index)

@@ -12,7 +12,12 @@ import numpy as np
 import pytest
 import sapien
 
-from hab_tasks.privileged import CollisionBody, CollisionShape, PrivilegedState
+from hab_tasks.privileged import (
+    ArticulationState,
+    CollisionBody,
+    CollisionShape,
+    PrivilegedState,
+)
 from hab_tasks.robots.robot import ROBOT
 from hab_tasks.scenes import physics
 
@@ -146,3 +151,24 @@ def table_scene(make_scene: Callable[[], FetchScene]) -> FetchScene:
     scene.add_box("clutter0", "object", (0.75, 0.30, 0.82), (0.06, 0.16, 0.14))
     scene.add_box("clutter1", "object", (0.70, -0.22, 0.79), (0.08, 0.08, 0.08))
     return scene
+
+
+@pytest.fixture
+def drawer_at() -> Callable[..., ArticulationState]:
+    """Makes a closed drawer with its handle at a point; it opens along -x, as far as asked."""
+
+    def make(body: str, handle_m: tuple, travel_m: float) -> ArticulationState:
+        return ArticulationState(
+            kind="drawer",
+            body=body,
+            handle_m=np.array(handle_m),
+            held=False,
+            joint=0.0,
+            limits=(0.0, travel_m),
+            slides=True,
+            axis=np.array((-1.0, 0.0, 0.0)),
+            axis_point_m=np.zeros(3),
+            frame=np.array((handle_m[0] + 0.37, handle_m[1], np.pi)),
+        )
+
+    return make

@@ -55,13 +55,13 @@ def level_of(differences: Sequence[Difference]) -> str:
 
 
 def closing_lines(record: RunRecord, count: int, differences: Sequence[Difference]) -> list[str]:
-    """Returns the differences, and a summary, with commits and machines if there are any."""
+    """Returns what is different, and a summary, with commits and machines if there are any."""
     lines = []
     for one in differences:
         where = f"episode {one.episode}" if one.episode else "agent"
         values = f"recorded {shown(one.recorded)}, repeated {shown(one.repeated)}"
-        kind = "small difference" if one.small else "different"
-        lines.append(plain(f"{kind}: {where}: {one.name}: {values}"))
+        if not one.small:  # the table names the others
+            lines.append(plain(f"different: {where}: {one.name}: {values}"))
     by_episode: dict[str, list[Difference]] = {}
     for one in differences:
         by_episode.setdefault(one.episode, []).append(one)

@@ -68,7 +68,7 @@ DEFECTS = (
            file="hab_tasks/skills/place.py",
            old="where(m.released | m.released_before,", new="where(m.released,"),
     Defect(name="closed_door", first="core/test_grasp.py", file="hab_tasks/robots/grasp.py",
-           old="torch.where(enclosed[rows][..., None], FAR_AWAY_M, points)", new="points"),
+           old="torch.where(hidden[..., None], FAR_AWAY_M, points)", new="points"),
     Defect(name="split", first="core/test_wild.py", file="hab_tasks/scenes/habitat/dataset.py",
            old='"val": ("sc3",), "test": ("sc4",)', new='"val": ("sc4",), "test": ("sc3",)'),
     Defect(name="wilson", first="eval/test_stats.py", file="eval/hab_eval/stats.py",

@@ -15,6 +15,7 @@ from hab_tasks.robots.grasp import EE_FROM_LINK, NOTHING, SnapGrasp
 from hab_tasks.robots.handle_passage import HandlePassage
 from hab_tasks.robots.handle_tie import HANDLE_SPRING
 from hab_tasks.robots.held_object import inertia_at, move_held_object, pull_along
+from hab_tasks.robots.line_of_sight import LineOfSight
 from hab_tasks.robots.robot import ROBOT
 from hab_tasks.simulator import sapien_object
 
@@ -42,6 +43,7 @@ class DriveGrasp(SnapGrasp):
         self._pulls_now, self._inertia = False, 0.0
         links = [link for link, _ in self._cpu_handles]
         self._passage = HandlePassage(links, partial(self._handle_gap_m, 0))
+        self._sight = LineOfSight(self.scene, self.ee_link)
 
     def carry(self) -> None:
         """Moves a held object or handle with the hand."""
@@ -94,6 +96,12 @@ class DriveGrasp(SnapGrasp):
             points += [(link.entity_pose * offset).p.tolist() for link, offset in self._cpu_handles]
         near_m2 = (GRASP_RADIUS_M + NEARLY_M) ** 2
         return any((a - x) ** 2 + (b - y) ** 2 + (c - z) ** 2 < near_m2 for a, b, c in points)
+
+    def _hidden(self, ee: Tensor, points: Tensor) -> Tensor:
+        hidden = torch.linalg.norm(points - ee[:, None], dim=2) <= GRASP_RADIUS_M
+        for index in torch.nonzero(hidden[0]).flatten().tolist():
+            hidden[0, index] = self._sight.is_blocked(ee[0].numpy(), points[0, index].numpy())
+        return hidden
 
     def _tie_object(self, row: int, index: int) -> None:
         self._hand_before = self._cpu_hand.entity_pose

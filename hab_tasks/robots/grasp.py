@@ -105,10 +105,9 @@ class SnapGrasp:
         self._cpu_held = sapien.Pose()
         self._leaving: list[tuple[int, int, float]] = []
         self._busy: set[int] = set()
-        self._com_m = [torch.as_tensor(_com(actor), device=device) for actor in objects]
-        self._cpu_bodies = [
-            (rigid_body(actor), rigid_body(actor).cmass_local_pose) for actor in objects
-        ]
+        bodies = [rigid_body(actor) for actor in objects]
+        self._cpu_bodies = [(body, body.cmass_local_pose) for body in bodies]
+        self._com_m = [torch.as_tensor(com.p, device=device) for _, com in self._cpu_bodies]
         self._cpu_handles = [
             (sapien_object(h.link), sapien.Pose(list(h.offset_m))) for h in handles
         ]
@@ -267,13 +266,17 @@ class SnapGrasp:
         points = self.objects_com_m()[rows]
         if self.takes == "handles":
             points = points[:, :0]
-        found = _nearest(ee, points)
-        if self.is_enclosed is None or not bool((found[1] <= GRASP_RADIUS_M).any()):
-            return found
-        enclosed = self.is_enclosed()
-        if enclosed is None:
-            return found
-        return _nearest(ee, torch.where(enclosed[rows][..., None], FAR_AWAY_M, points))
+        index, distance_m = _nearest(ee, points)
+        if not bool((distance_m <= GRASP_RADIUS_M).any()):
+            return index, distance_m
+        hidden = self._hidden(ee, points)
+        if self.is_enclosed is not None and (enclosed := self.is_enclosed()) is not None:
+            hidden = hidden | enclosed[rows]
+        return _nearest(ee, torch.where(hidden[..., None], FAR_AWAY_M, points))
+
+    def _hidden(self, ee: Tensor, points: Tensor) -> Tensor:
+        """Returns which points (R, K, 3) furniture hides from the hands (R, 3), (R, K)."""
+        return torch.zeros(points.shape[:2], dtype=torch.bool, device=points.device)
 
     def _hold(self, row: int, index: int, ee_from_object: Tensor) -> None:
         self.held = _with(self.held, row, index)
@@ -386,10 +389,6 @@ def _nearest(point: Tensor, candidates: Tensor) -> tuple[Tensor, Tensor]:
         return none, torch.full((len(point),), float("inf"), device=point.device)
     best = torch.linalg.norm(candidates - point[:, None], dim=2).min(dim=1)
     return best.indices, best.values
-
-
-def _com(actor: Actor) -> np.ndarray:
-    return np.asarray(rigid_body(actor).cmass_local_pose.p, dtype=np.float32)
 
 
 def _largest_side_m(actor: Actor) -> float:

@@ -45,9 +45,14 @@ class CloseFridgeConfig:
     rest_radius_m: float = REST_RADIUS_M
 
 
-def success(s: Snapshot, m: Measures, g: Goals, c: CloseFridgeConfig) -> BatchArray:
-    """Door within 0.15 rad of closed, (N,) bool."""
+def closed(s: Snapshot, m: Measures, g: Goals, c: CloseFridgeConfig) -> BatchArray:
+    """Door within 0.15 rad of closed and hand within the rest radius, (N,) bool."""
     return FRIDGE.is_closed(m.joint) & (m.ee_to_rest_m < c.rest_radius_m)
+
+
+def success(s: Snapshot, m: Measures, g: Goals, c: CloseFridgeConfig) -> BatchArray:
+    """Closed, and the handle was grasped: not pushed by driving against the door, (N,) bool."""
+    return closed(s, m, g, c) & (m.grabbed_before | m.holding_handle)
 
 
 def failures(s: Snapshot, m: Measures, g: Goals, c: CloseFridgeConfig) -> dict[str, BatchArray]:
@@ -95,6 +100,8 @@ CLOSE_FRIDGE = Skill(
     success=success,
     failures=failures,
     reward_terms=reward_terms,
+    # A task's goal is a closed door, whoever closed it.
+    done_in_task=closed,
     bound=reward_bound,
 )
 
@@ -127,7 +134,7 @@ class HabCloseFridgeEnv(SkillEnv):
     **Reward** (terms in ``info["reward_terms"]``): 10 success + handle + joint.
 
     **Success**: door within 0.15 rad of closed, end-effector within 0.15 m of its
-    resting position.
+    resting position, handle grasped in this episode.
 
     **Failure**: the base leaves its spawn region; contact forces are not limited.
 

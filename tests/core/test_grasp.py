@@ -62,6 +62,14 @@ def test_the_nearest_centre_of_mass_within_15_cm_that_is_not_shut_in_is_grasped(
         assert sim.grasp.held_handle.tolist() == [NOTHING]
 
 
+def test_nothing_is_grasped_through_furniture():
+    box, shelf = (SMALL, (0.0, 0.0, 0.1)), (0.2, 0.2, 0.01)
+    for above_m, held in ((0.05, NOTHING), (0.0, NOTHING), (0.15, 0)):
+        sim = sim_of(DriveGrasp, box, statics=[(shelf, (0.0, 0.0, above_m))])
+        sim.grasp.command(GRASP)
+        assert sim.grasp.held.tolist() == [held], above_m
+
+
 @every_kind
 def test_a_held_object_keeps_its_place_in_the_hand_and_does_not_push_the_robot(kind):
     # The box reaches into the gripper: it is pushed out if the two meet.

@@ -50,6 +50,7 @@ def test_reaching_moving_and_success(skill, joint, increase, grabbed, success, b
         4,
         ee_to_handle_decrease_m=row(0.01, 0.004, -0.01, 0.0),
         grabbed_now=row(False, True, False, False),
+        grabbed_before=row(False, False, True, True),
         ee_to_rest_m=row(0.6, 0.6, 0.149, 0.1),
         force_n=row(1e5, 0.0, 0.0, 0.0),  # no force is too much
         force_total_n=row(1e6, 0.0, 0.0, 0.0),
@@ -74,7 +75,8 @@ def test_the_region_is_a_rectangle_that_costs_10_to_leave_while_opening():
     inside = [(0.94, 0.0), (1.83, 0.0), (1.4, 0.59), (1.4, -0.59)]
     outside = [(0.92, 0.0), (1.84, 0.0), (1.4, 0.61), (1.4, -0.61), (-1.4, 0.0)]
     for skill, joint, paid in ((OPEN_FRIDGE, 2.0, -10.0), (CLOSE_FRIDGE, 0.1, 0.0)):
-        m = measures(9, joint=row(*[joint] * 9), ee_to_rest_m=row(*[0.1] * 9))
+        grabbed = {"grabbed_before": row(*[True] * 9)}
+        m = measures(9, joint=row(*[joint] * 9), ee_to_rest_m=row(*[0.1] * 9), **grabbed)
         found = evaluate_rules(skill, m, *before_the_fridge(*inside, *outside))
         left = [False] * 4 + [True] * 5
         assert found.failures["left_region"].tolist() == left, skill.name
@@ -90,6 +92,9 @@ def test_open_and_closed_are_beyond_their_thresholds_and_at_rest():
         (OPEN_DRAWER, {"joint_share": row(0.8999, 0.9001, 1.0, 1.0)}),
         (CLOSE_DRAWER, {"joint": row(0.051, 0.049, 0.0, 0.0)}),
     ):
-        m = measures(4, ee_to_rest_m=row(0.0, 0.0, 0.1499, 0.15), **values)
-        success = evaluate_rules(skill, m, *AT_THE_FRIDGE).success
-        assert success.tolist() == [False, True, True, False], skill.name
+        for holding in (True, False):
+            values |= {"holding_handle": row(*[holding] * 4)}
+            m = measures(4, ee_to_rest_m=row(0.0, 0.0, 0.1499, 0.15), **values)
+            won = evaluate_rules(skill, m, *AT_THE_FRIDGE).success.tolist()
+            by_hand = holding or skill is not CLOSE_FRIDGE
+            assert won == [False, by_hand, by_hand, False], skill.name

@@ -118,6 +118,7 @@ def test_a_front_is_done_where_the_skill_says(make, env_id, just, not_yet):
     state = base.get_state_dict()
     for position, done in ((not_yet, False), (just, True)):
         move_joint(state, env, 0, position)
+        state["hab"]["tracker"]["grabbed_before"][:] = True
         base.set_state_dict(state)
         step = env.step(still(env))
         assert float(base._simulation.snapshot.joints[0, 0]) == pytest.approx(position, abs=2e-3)

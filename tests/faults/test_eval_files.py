@@ -91,7 +91,20 @@ def test_a_wrong_field_is_named(tmp_path):
 
 
 OTHER_TASK = GOOD["episodes"][1] | {"stages": {"place_1": False}}
+SUMMARY = GOOD["summary"]
+WON = GOOD["episodes"][1] | {"success": True}
 NO_RECORDS = {
+    "schema 2": (GOOD | {"schema": 2}, "schema 2, this version reads 1"),
+    "no seed": ({k: v for k, v in GOOD.items() if k != "seed"}, "missing keys ['seed']"),
+    "won and failed": (GOOD | {"episodes": [WON], "timings_s": {}}, "success True and failure"),
+    "mean": (
+        GOOD | {"summary": SUMMARY | {"success": SUMMARY["success"] | {"mean": 0.9}}},
+        "success.mean does not follow",
+    ),
+    "interval": (
+        GOOD | {"summary": SUMMARY | {"success": SUMMARY["success"] | {"ci95": [0.5]}}},
+        "a list of 2",
+    ),
     "schema true": (GOOD | {"schema": True}, "schema"),
     "no episodes": (GOOD | {"episodes": []}, "episodes is empty"),
     "episode list": (GOOD | {"episodes": [[]]}, "episodes[0]"),

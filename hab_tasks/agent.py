@@ -53,6 +53,8 @@ class AgentSpec:
         rows: Maximum batch size of `act`. With more than one row, that many episodes run in
             parallel. The length of the mask passed to `reset` is the number of rows N <= `rows`;
             N is constant during a run.
+        files: Paths of the files that its actions depend on, e.g. of weights. The result of a run
+            states their SHA-256.
     """
 
     name: str
@@ -63,6 +65,7 @@ class AgentSpec:
     target_frame: TargetFrame = "base"
     handle_position: bool = False
     rows: int = 1
+    files: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,7 +20,7 @@ from hab_tasks.envs import ENVS
 from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.robots.cameras import PLACES, CameraRig
 from hab_tasks.robots.control import control_configs
-from hab_tasks.robots.control_modes import BASE_CELLS, action_bounds
+from hab_tasks.robots.control_modes import BASE_CELLS, action_bounds, nearest_mode
 
 CAMERA_MATRICES = {"extrinsic_cv": (3, 4), "cam2world_gl": (4, 4), "intrinsic_cv": (3, 3)}
 """Shapes of the ``sensor_param`` entries of a camera."""
@@ -66,7 +66,10 @@ def agent_spaces(env_id: str, spec: AgentSpec) -> AgentSpaces:
     """
     env = ENVS[env_id].env
     if spec.control_mode not in env.control_modes:
-        raise UnknownNameError(f"control_mode of {env.name}", spec.control_mode, env.control_modes)
+        mode, modes = spec.control_mode, env.control_modes
+        raise UnknownNameError(
+            f"control_mode of {env.name}", mode, modes, nearest_mode(mode, modes)
+        )
     entries = _state_spaces(env, spec)
     if spec.obs_mode == "state":
         size = sum(_size(box) for group in entries.values() for box in group.values())

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from types import FrameType
 from typing import ClassVar
 
+from hab_tasks import limits
 from hab_tasks.errors import HabError, RunStoppedError
 from hab_tasks.options import one_line, parse_command
 
@@ -98,6 +99,11 @@ def run_script(
         except KeyboardInterrupt:
             _say(program, f"interrupted. {'' if command is None else command.advice()}")
             return EXIT_INTERRUPTED
+        except Exception as error:
+            if not limits.advice(error):
+                raise
+            _say(program, error)
+            return EXIT_STOPPED
 
 
 def _nobody_reads() -> bool:
@@ -112,6 +118,9 @@ def _nobody_reads() -> bool:
 
 
 def _say(program: str, message: object) -> None:
+    if isinstance(message, BaseException):
+        reason, advice = str(message) or type(message).__name__, limits.advice(message)
+        message = f"{reason.rstrip('.')}. {advice}" if advice else reason
     sys.stderr.write(f"{program}: {one_line(message)}\n")
 
 

@@ -36,13 +36,16 @@ def _remade(kind: type[HabError], args: tuple[Any, ...], state: dict[str, Any]) 
 class UnknownNameError(HabError):
     """Unknown name.
 
-    The message contains the name, the nearest match and the valid names.
+    The message contains the name, the nearest match (`near`, or the most similar name) and the
+    valid names.
     """
 
-    def __init__(self, kind: str, name: object, valid: Iterable[str]) -> None:
+    def __init__(
+        self, kind: str, name: object, valid: Iterable[str], near: str | None = None
+    ) -> None:
         choices = sorted(valid)
-        near = difflib.get_close_matches(str(name), choices, n=1, cutoff=0.5)
-        hint = f" Did you mean {near[0]!r}?" if near else ""
+        found = [near] if near else difflib.get_close_matches(str(name), choices, 1, cutoff=0.5)
+        hint = f" Did you mean {found[0]!r}?" if found else ""
         shown = ", ".join(choices[:12]) + (f" and {len(choices) - 12} more" if choices[12:] else "")
         super().__init__(f"Unknown {kind} {name!r}.{hint} Valid: {shown or '(none)'}.")
         self.kind, self.name, self.valid = kind, name, choices

@@ -7,7 +7,7 @@ import os
 import secrets
 import shutil
 import socket
-import time
+import tempfile
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -254,18 +254,20 @@ def _remove_leftovers(folder: Path) -> None:
         if machine == _machine() and pid.isdigit():
             left = not _runs(int(pid))
         else:
-            left = time.time() - _changed_s(file) > STALE_S
+            left = _age_s(file) > STALE_S
         if left and file.is_dir():
             shutil.rmtree(file, ignore_errors=True)
         elif left:
             file.unlink(missing_ok=True)
 
 
-def _changed_s(file: Path) -> float:
+def _age_s(file: Path) -> float:
+    """Returns the time since a file was changed, by its disk's clock: a machine's may be wrong."""
     try:
-        return file.lstat().st_mtime
+        with tempfile.TemporaryFile(dir=file.parent) as new:
+            return os.fstat(new.fileno()).st_mtime - file.lstat().st_mtime
     except FileNotFoundError:  # just renamed by its writer
-        return time.time()
+        return 0.0
 
 
 def _runs(pid: int) -> bool:

@@ -24,6 +24,7 @@ import torch
 from threadpoolctl import threadpool_limits
 
 from hab_tasks.errors import WorkerError
+from hab_tasks.limits import check_open_files
 
 STREAMS = (1, 2)
 """File descriptors of standard output and standard error."""
@@ -72,9 +73,10 @@ class Worker(ForkServerProcess):
         target = getattr(self, "_target", None)
         start_worker_server(*([] if target is None else [target.__module__]))
         try:
-            _wait_for_server()
-            with _interrupt_blocked():  # a process half started would not be ended
-                super().start()
+            with _importable_main():
+                _wait_for_server()
+                with _interrupt_blocked():  # a process half started would not be ended
+                    super().start()
         except (EOFError, ConnectionError) as error:
             raise WorkerError from error
 
@@ -98,10 +100,29 @@ def start_worker_server(*modules: str) -> None:
 
     Args:
         modules: What the server imports.
+
+    Raises:
+        HabError: The limit of open files is too low.
     """
+    check_open_files()
     with _interrupt_blocked(), set_variables(ONE_THREAD), _short_socket_paths():
         forkserver.set_forkserver_preload([*SERVER_IMPORTS, *modules])
         forkserver.ensure_running()
+
+
+@contextmanager
+def _importable_main() -> Iterator[None]:
+    """Hides the main script's path from workers if it is none: that of ``python -``."""
+    main = vars(sys.modules["__main__"])
+    path = main.get("__file__")
+    if path is None or os.path.exists(path):
+        yield
+        return
+    del main["__file__"]
+    try:
+        yield
+    finally:
+        main["__file__"] = path
 
 
 def _wait_for_server() -> None:

@@ -23,6 +23,11 @@ VECTOR_ENTRY_POINTS = f"{PACKAGE}.vector.entry_points"
 TASK_CLASSES = f"{PACKAGE}.tasks.classes"
 """Module that creates the classes of tasks on first access."""
 
+MAIN = "__main__"
+"""Module of the script, or of the notebook."""
+
+TAKEN = "another environment has this id; choose another one."
+
 SKILLS: dict[str, tuple[str, int]] = {
     "HabPick-v1": ("hab_tasks.skills.pick:HabPickEnv", SKILL_HORIZON_STEPS),
     "HabPlace-v1": ("hab_tasks.skills.place:HabPlaceEnv", SKILL_HORIZON_STEPS),
@@ -64,8 +69,8 @@ def register_skill(env_id: str, entry_point: str, horizon_steps: int) -> None:
     Raises:
         HabError: The id is taken.
     """
-    if ENTRY_POINTS.get(env_id, entry_point) != entry_point:
-        raise HabError(f"{env_id}: another environment has this id; choose another one.")
+    if ENTRY_POINTS.get(env_id, entry_point) != entry_point or _is_foreign(env_id):
+        raise HabError(f"{env_id}: {TAKEN}")
     caller = sys._getframe(1).f_globals.get("__name__", PACKAGE)
     _register(env_id, entry_point, horizon_steps, caller)
 
@@ -80,16 +85,22 @@ def register_task(spec: TaskSpec) -> None:
         spec: The task.
 
     Raises:
-        TaskSpecError: The id is taken.
+        TaskSpecError: The id is taken, or `spec` is not a task.
     """
-    if spec.id in ENTRY_POINTS:
-        if TASKS.get(spec.id) == spec:
-            return
-        raise TaskSpecError(f"{spec.id}: another environment has this id; choose another one.")
-    caller = sys._getframe(1).f_globals.get("__name__", PACKAGE)
+    add_task(spec, sys._getframe(1).f_globals.get("__name__", PACKAGE))
+
+
+def add_task(spec: TaskSpec, module: str) -> None:
+    """Does what `register_task` does when `module` calls it."""
+    if not isinstance(spec, TaskSpec):
+        raise TaskSpecError(f"register_task: a TaskSpec is valid, not a {type(spec).__name__}.")
+    if TASKS.get(spec.id) == spec:
+        return
+    if spec.id in ENTRY_POINTS or _is_foreign(spec.id):
+        raise TaskSpecError(f"{spec.id}: {TAKEN}")
     TASKS[spec.id] = spec
     # The entry point names the module to import, as worker processes only get this string.
-    _register(spec.id, f"{TASK_CLASSES}:{caller}.{spec.id}", spec.horizon_steps, caller)
+    _register(spec.id, f"{TASK_CLASSES}:{module}.{spec.id}", spec.horizon_steps, module)
 
 
 def _register(env_id: str, entry_point: str, horizon_steps: int, module: str) -> None:
@@ -108,6 +119,20 @@ def _register(env_id: str, entry_point: str, horizon_steps: int, module: str) ->
         additional_wrappers=_OfSingleEnvs((limit,)),
         vector_entry_point=f"{VECTOR_ENTRY_POINTS}:{module}.{env_id}",
     )
+
+
+def _is_foreign(env_id: str) -> bool:
+    """Whether an id belongs to an environment of Gymnasium or of another package."""
+    known = gym.registry.get(env_id)
+    return known is not None and not str(known.vector_entry_point).startswith(VECTOR_ENTRY_POINTS)
+
+
+def declared_here(env_id: str) -> TaskSpec | None:
+    """Returns a task that the main script declares; workers may not get there when they import it.
+
+    None for all other environments, which their modules register.
+    """
+    return TASKS.get(env_id) if _modules.get(env_id) == MAIN else None
 
 
 class _OfSingleEnvs(tuple[WrapperSpec, ...]):
@@ -141,7 +166,7 @@ def imported_id(reference: str) -> str:
 def reference_of(env_id: str) -> str:
     """Returns ``module:X-v1``, which `gym.make` accepts without a prior import."""
     module = _modules[env_id]
-    return env_id if module == "__main__" else f"{module}:{env_id}"
+    return env_id if module == MAIN else f"{module}:{env_id}"
 
 
 def _import(module: str, reference: str) -> None:

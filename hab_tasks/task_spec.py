@@ -6,11 +6,14 @@ This module does not load the simulator, so packages that register tasks import 
 from __future__ import annotations
 
 import re
+import reprlib
 from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
+from operator import index
+from typing import Any, NoReturn
 
-from hab_tasks.errors import HabError, UnknownNameError
+from hab_tasks.errors import HabError, UnknownNameError, shown
 from hab_tasks.object_names import ALL_OBJECTS, CATEGORIES
 from hab_tasks.receptacles import CONTAINERS, ENCLOSED_RECEPTACLES, OPEN_RECEPTACLES, PHRASES
 
@@ -21,12 +24,26 @@ MOST_OBJECTS = 64
 """Maximum number of targets and clutter objects together; a layout has no room for more."""
 
 LONGEST_STEPS = 1_000_000
-_ID = re.compile(r"[A-Za-z]\w*-v\d+")
+LONGEST_NAME = 60
+_ID = re.compile(r"(?!Hab-v)[A-Za-z]\w*-v(0|[1-9]\d{0,3})", re.ASCII)
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
 class TaskSpecError(HabError):
     """Invalid task declaration. The message starts with the task's id."""
+
+
+def _keep_tuples(declared: Any, *fields: str) -> None:
+    """Replaces lists by tuples, so that declarations can be compared and looked up."""
+    for field in fields:
+        value = getattr(declared, field)
+        if isinstance(value, list):
+            object.__setattr__(declared, field, tuple(value))
+
+
+def _given(value: object) -> str:
+    """Formats a bad value as in Python, abbreviated to one line."""
+    return shown(value) if type(value) is int else " ".join(reprlib.repr(value).split())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +67,10 @@ class Target:
     objects: tuple[str, ...] = ()
     stages: tuple[str, str] | None = None
 
+    def __post_init__(self) -> None:
+        """Takes lists for tuples; the task validates the rest."""
+        _keep_tuples(self, "start", "goal", "objects", "stages")
+
     @property
     def stage_names(self) -> tuple[str, str]:
         """Stage names of its pick and its place."""
@@ -58,7 +79,8 @@ class Target:
     @property
     def candidates(self) -> tuple[str, ...]:
         """Candidate objects; empty for any object of the split."""
-        return tuple(name for known in self.objects for name in CATEGORIES.get(known, (known,)))
+        names = (name for known in self.objects for name in CATEGORIES.get(known, (known,)))
+        return tuple(dict.fromkeys(names))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,11 +115,24 @@ class TaskSpec:
     clutter_on: tuple[str, ...] = OPEN_RECEPTACLES
 
     def __post_init__(self) -> None:
-        """Validates the declaration."""
-        self._check_names()
-        self._check_numbers()
+        """Validates the declaration; takes lists for tuples."""
+        known = isinstance(self.id, str) and len(self.id) <= LONGEST_NAME
+        if not known or not _ID.fullmatch(self.id):
+            raise TaskSpecError(
+                f"Task id {_given(self.id)}: expected a name and a version, X-v1, "
+                f"of at most {LONGEST_NAME} letters, digits and underscores."
+            )
+        _keep_tuples(self, "targets", "starts_open", "ends_closed", "clutter_on")
+        self._check_targets()
+        self._check_values()
+        for field in ("starts_open", "ends_closed"):
+            self._check_known(field, getattr(self, field), ARTICULATIONS)
+        self._check_receptacles("clutter_on", self.clutter_on)
+        if self.clutter and not self.clutter_on:
+            self._refuse("clutter_on names no receptacle for the clutter")
         for number, target in enumerate(self.targets):
             self._check_target(target, number)
+        self._check_stages()
 
     @property
     def name(self) -> str:
@@ -135,33 +170,36 @@ class TaskSpec:
 
     # Checks ----------------------------------------------------------------------------------
 
-    def _check_names(self) -> None:
-        if not _ID.fullmatch(self.id):
-            raise TaskSpecError(f"Task id {self.id!r}: expected a name and a version, X-v1.")
-        names = [target.name for target in self.targets]
-        for name in names:
-            if not _NAME.fullmatch(name):
-                self._refuse(f"target name {name!r}: use lower case, digits and underscores")
-            if names.count(name) > 1:
-                self._refuse(f"two targets are called {name!r}; each needs a name of its own")
-        stages = [stage for target in self.targets for stage in target.stage_names]
-        for stage in stages:
-            if stages.count(stage) > 1:
-                self._refuse(f"two stages are called {stage!r}; each needs a name of its own")
-        for field in ("starts_open", "ends_closed"):
-            self._check_known(field, getattr(self, field), ARTICULATIONS)
-        self._check_receptacles("clutter_on", self.clutter_on)
+    def _check_targets(self) -> None:
+        targets = self.targets
+        if not isinstance(targets, tuple):
+            self._refuse(f"targets is {_given(targets)}; a tuple of Target(...) is valid")
+        for target in targets:
+            if not isinstance(target, Target):
+                self._refuse(f"targets has {_given(target)} in it; a tuple of Target(...) is valid")
+        if not targets:
+            self._refuse("no targets; a task needs at least one")
+        if len(targets) > MOST_OBJECTS:
+            self._refuse(f"{len(targets)} targets; from 1 to {MOST_OBJECTS} are valid")
+        names = [self._checked_name("target name", target.name) for target in targets]
+        self._check_different("targets", names)
 
-    def _check_numbers(self) -> None:
+    def _check_values(self) -> None:
         most = MOST_OBJECTS - len(self.targets)
         for field, low, high in (("clutter", 0, most), ("horizon_steps", 1, LONGEST_STEPS)):
             value = getattr(self, field)
-            if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
-                self._refuse(f"{field} is {value!r}; whole numbers from {low} to {high} are valid")
-        if not self.targets:
-            self._refuse("no targets; a task needs at least one")
-        if self.clutter and not self.clutter_on:
-            self._refuse("clutter_on names no receptacle for the clutter")
+            try:
+                number = index(value)
+            except TypeError:
+                number = None
+            if isinstance(value, bool) or number is None or not low <= number <= high:
+                valid = f"whole numbers from {low} to {high} are valid"
+                what = f", with {len(self.targets)} targets" if field == "clutter" else ""
+                self._refuse(f"{field} is {_given(value)}; {valid}{what}")
+            object.__setattr__(self, field, number)
+        text = self.instruction
+        if not isinstance(text, str) or not text.strip() or not text.isprintable():
+            self._refuse(f"instruction is {_given(text)}; one line of text is valid")
 
     def _check_target(self, target: Target, number: int) -> None:
         where = f"target {target.name!r}"
@@ -172,30 +210,60 @@ class TaskSpec:
             self._refuse(f"{where} has no receptacle to start on")
         if bool(target.goal) == (target.inside is not None):
             self._refuse(f"{where} needs either receptacles as its goal, or `inside`")
-        earlier = [other.name for other in self.targets[:number]]
-        if target.inside is not None and target.inside not in earlier:
-            itself = ", itself" if target.inside == target.name else ""
+        earlier, inside = [other.name for other in self.targets[:number]], target.inside
+        if inside is not None and not (isinstance(inside, str) and inside in earlier):
+            itself = ", itself" if isinstance(inside, str) and inside == target.name else ""
             valid = ", ".join(earlier) or "none: it is the first"
             self._refuse(
-                f"{where} is to be inside {target.inside!r}{itself}; "
+                f"{where} is to be inside {_given(inside)}{itself}; "
                 f"earlier targets are valid ({valid})"
             )
 
-    def _check_receptacles(self, field: str, names: tuple[str, ...]) -> None:
+    def _check_stages(self) -> None:
+        for target in self.targets:
+            stages = target.stages
+            if stages is not None and (not isinstance(stages, tuple) or len(stages) != 2):
+                where = f"stages of target {target.name!r}"
+                self._refuse(f"{where} is {_given(stages)}; None or two names are valid")
+            for stage in stages or ():
+                self._checked_name("stage", stage)
+        named = [stage for target in self.targets for stage in target.stage_names]
+        moved = [f"{verb}_{name}" for name in ARTICULATIONS for verb in ("open", "close")]
+        self._check_different("stages", named + moved)
+
+    def _checked_name(self, what: str, name: Any) -> str:
+        if isinstance(name, str) and _NAME.fullmatch(name) and len(name) <= LONGEST_NAME:
+            return name
+        self._refuse(
+            f"{what} {_given(name)}: use lower case, digits and underscores, at most {LONGEST_NAME}"
+        )
+
+    def _check_different(self, what: str, names: list[str]) -> None:
         for name in names:
-            if name in ENCLOSED_RECEPTACLES:
+            if names.count(name) > 1:
+                self._refuse(f"two {what} are called {name!r}; each needs a name of its own")
+
+    def _check_receptacles(self, field: str, names: Any) -> None:
+        for name in names if isinstance(names, tuple) else ():
+            if isinstance(name, str) and name in ENCLOSED_RECEPTACLES:
                 self._refuse(
                     f"{field}: {name} is behind a door or in a drawer that no skill opens; "
                     f"of closed places, {' and '.join(CONTAINERS)} can be opened"
                 )
         self._check_known(field, names, PHRASES)
 
-    def _check_known(self, field: str, names: tuple[str, ...], valid: Collection[str]) -> None:
-        if isinstance(names, str):
-            self._refuse(f"{field} is the text {names!r}; a tuple of names is valid")
+    def _check_known(self, field: str, names: Any, valid: Collection[str]) -> None:
+        kind = f"a tuple of names is valid, such as {tuple(valid)[:1]}"
+        if not isinstance(names, tuple):
+            self._refuse(f"{field} is {_given(names)}; {kind}")
+        others = [name for name in names if not isinstance(name, str)]
+        if others:
+            self._refuse(f"{field} has {_given(others[0])} in it; {kind}")
         for name in names:
             if name not in valid:
                 raise UnknownNameError(f"name in {field} of {self.id}", name, valid)
+            if names.count(name) > 1:
+                self._refuse(f"{field} names {name!r} twice; once is valid")
 
-    def _refuse(self, reason: str) -> None:
+    def _refuse(self, reason: str) -> NoReturn:
         raise TaskSpecError(f"{self.id}: {reason}.")

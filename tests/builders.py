@@ -300,15 +300,3 @@ def go_above_and_grasp(env: object, name: str, *, gripper: float = 1.0) -> list:
             break
     results.append(env.step(ee_action(env, np.zeros(3), gripper)))
     return results
-
-
-def reaching(hand_m, object_m):
-    """A snapshot of a robot at the origin that faces +x, with its hand and an object at points."""
-    hand = torch.tensor([hand_m])
-    return snapshot(
-        base=torch.zeros(1, 3),
-        base_axes=torch.eye(3)[None],
-        ee_m=hand,
-        ee_in_base_m=hand,
-        objects_m=torch.tensor([[object_m]]),
-    )

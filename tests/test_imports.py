@@ -27,7 +27,7 @@ ORDER = [
         "files",
         "simulator",
     },
-    {"cache", "task_spec", "typed_values"},
+    {"cache", "limits", "task_spec", "typed_values"},
     {"articulations", "task_order", "registration"},
     {
         "geometry",

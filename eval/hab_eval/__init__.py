@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from hab_tasks.agent import Agent, AgentSetup
 
-__all__ = ["__version__", "close_hand", "do_nothing", "open_hand", "random_agent"]
+__all__ = ["__version__", "close_hand", "do_nothing", "open_hand", "random_agent", "straight_line"]
 
 __version__ = "0.3.0"
 
@@ -41,3 +41,10 @@ def open_hand(setup: AgentSetup) -> Agent:
     from hab_eval.standing_agent import StandingAgent
 
     return StandingAgent(setup, hand="open")
+
+
+def straight_line(setup: AgentSetup) -> Agent:
+    """Returns an agent of Pick and Place whose hand goes straight to the point and to rest."""
+    from hab_eval.straight_agent import StraightAgent
+
+    return StraightAgent(setup)

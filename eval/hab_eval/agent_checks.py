@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import os
 import traceback
 from collections.abc import Generator, Iterable, Mapping, Sequence
 from dataclasses import fields
@@ -73,7 +74,7 @@ def check_agent(agent: object, reference: str) -> Agent:
         raise AgentError(
             f"{reference}: spec is {shown(agent.spec)}; it must be a hab_tasks.agent.AgentSpec."
         )
-    _check_spec(agent.spec, reference)
+    check_spec(agent.spec, reference)
     return agent
 
 
@@ -155,12 +156,21 @@ def check_report(report: AgentReport, name: str) -> tuple[str | None, dict[str, 
     return failure if failure and failure.strip() else None, timings_s
 
 
-def _check_spec(spec: AgentSpec, reference: str) -> None:
+def check_spec(spec: AgentSpec, reference: str) -> None:
+    """Checks the fields of a spec.
+
+    Raises:
+        AgentError: One is invalid; the message names it and its valid values.
+    """
     hints = get_type_hints(AgentSpec)
     for field in fields(AgentSpec):
         value, hint = getattr(spec, field.name), hints[field.name]
         choices: Iterable[object] = get_args(hint)
-        if choices and value not in choices:
+        if field.name == "files":
+            if isinstance(value, tuple) and all(_is_file(path) for path in value):
+                continue
+            valid = "a tuple of paths of files"
+        elif choices and value not in choices:
             valid = " or ".join(repr(choice) for choice in choices)
         elif not choices and field.name != "rows" and type(value) is not hint:
             valid = f"of type {hint.__name__}"
@@ -172,6 +182,10 @@ def _check_spec(spec: AgentSpec, reference: str) -> None:
             continue
         raise AgentError(f"{reference}: spec.{field.name} is {shown(value)}; it must be {valid}.")
     check_rows(spec)
+
+
+def _is_file(path: object) -> bool:
+    return isinstance(path, str) and os.path.isfile(path)
 
 
 def _is_obs_mode(mode: str) -> bool:

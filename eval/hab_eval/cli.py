@@ -87,6 +87,9 @@ class RunCommand(EpisodeOptions, ExecutorChoice, Command):
     """Time limit for one call of the agent's act, reset or report; no limit if not given. An
     episode that exceeds it fails (`agent timeout`), its process is replaced, and the run
     continues."""
+    isolated: bool = False
+    """Run the agent in a process without environment, which knows neither the seed nor the
+    episodes; the leaderboard says so. Outcomes stay the same."""
     device: Annotated[str, tyro.conf.arg(metavar="NAME")] = "cpu"
     """Device of the agent's networks, e.g. cuda."""
     video: Annotated[int, tyro.conf.arg(metavar="K")] = 0
@@ -126,7 +129,8 @@ class RunCommand(EpisodeOptions, ExecutorChoice, Command):
             verbose=self.verbose,
             write_line=lambda line: print(line, flush=True),
         )
-        record = evaluate(self.config_of(self.episodes, self.step_timeout), options, reporter)
+        config = self.config_of(self.episodes, self.step_timeout, isolated=self.isolated)
+        record = evaluate(config, options, reporter)
         show(result_table(record))
         print(f"wrote {self.out / 'run.json'}")
         folder = default_submissions()

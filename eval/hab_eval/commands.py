@@ -28,6 +28,7 @@ def command_of(record: RunRecord) -> str:
         words += ["--skill-config", f"{name}={number!r}"]
     if record.step_timeout_s is not None:
         words += ["--step-timeout", f"{record.step_timeout_s:g}"]
+    words += ["--isolated"] * record.isolated
     return shlex.join(words)
 
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 
+from hab_eval.agent_files import AgentFiles
 from hab_eval.errors import ResultError
+from hab_eval.provenance import join_commits
 from hab_eval.schema import LARGEST_INT, MAY_BE_ABSENT, is_text, parse_json, read_dataclass
 from hab_tasks.errors import OptionError, shown
 from hab_tasks.files import written_aside
@@ -40,6 +42,7 @@ class EvalConfig:
         skill_config: Reward weights and thresholds that replace the skills' defaults,
             name -> number; absent in older files.
         step_timeout_s: Time limit for one call of the agent [s]; None for no limit.
+        isolated: Whether the agent runs in processes of its own; absent in older files.
     """
 
     agent: str
@@ -53,6 +56,7 @@ class EvalConfig:
     options: dict[str, str] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
     skill_config: dict[str, float] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
     step_timeout_s: float | None = field(default=None, metadata=MAY_BE_ABSENT)
+    isolated: bool = field(default=False, metadata=MAY_BE_ABSENT)
 
     def __post_init__(self) -> None:
         whole("episodes", self.episodes, 1, MOST_EPISODES)
@@ -68,11 +72,20 @@ class EvalConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class SavedConfig:
-    """Content of `config.json`: the configuration and the software versions."""
+    """Content of `config.json`: the configuration, software versions and the agent's files."""
 
     config: EvalConfig
     versions: dict[str, str]
     git: str | None
+    agent_files: AgentFiles
+
+    def resumed(self, now: SavedConfig) -> SavedConfig:
+        """Returns what describes a run that began with this and goes on with `now`."""
+        return replace(
+            now,
+            git=join_commits(self.git, now.git),
+            agent_files=self.agent_files.resumed(now.agent_files),
+        )
 
 
 def _check_timeout(timeout_s: float) -> None:
@@ -119,17 +132,6 @@ def parse_numbers(pairs: Iterable[str]) -> dict[str, float]:
     return dict(sorted(found.items()))
 
 
-COMMIT_SEPARATOR = " then "
-
-
-def join_commits(before: str | None, now: str | None) -> str | None:
-    """Joins the commits on which a resumed run was made, in order."""
-    if before is None and now is None:
-        return None
-    known = (before or "unknown").split(COMMIT_SEPARATOR)
-    return COMMIT_SEPARATOR.join(dict.fromkeys([*known, now or "unknown"]))
-
-
 def write_config(path: Path, saved: SavedConfig) -> None:
     """Writes `config.json` atomically."""
     with written_aside(path) as scratch:
@@ -156,5 +158,11 @@ def describe_difference(old: SavedConfig, new: SavedConfig) -> str | None:
         f"version of {name}: {old.versions.get(name)} before, {new.versions.get(name)} now"
         for name in names
         if old.versions.get(name) != new.versions.get(name)
+    ]
+    old_data, new_data = old.agent_files.data, new.agent_files.data
+    found += [
+        f"the agent's file {name} has changed"
+        for name in sorted(old_data.keys() | new_data.keys())
+        if old_data.get(name) != new_data.get(name)
     ]
     return "; ".join(found) or None

@@ -23,7 +23,7 @@ def check_distributed(config: EvalConfig, spec: AgentSpec, videos: int) -> None:
     """Checks that an evaluation can be distributed.
 
     Raises:
-        OptionError: It records videos, has a time limit, or its agent is batched.
+        OptionError: It records videos or has a time limit, or its agent is isolated or batched.
     """
     if videos:
         raise OptionError(
@@ -35,6 +35,8 @@ def check_distributed(config: EvalConfig, spec: AgentSpec, videos: int) -> None:
             "--step-timeout needs --executor local: a process of another node cannot be ended in "
             "the middle of a call."
         )
+    if config.isolated:
+        raise OptionError("--isolated needs --executor local: Ray's workers load the agent.")
     if spec.rows > 1:
         raise OptionError(
             f"--executor ray needs an agent of one row; {spec.name} has {spec.rows}. Its results "

@@ -7,7 +7,7 @@ and tests of the evaluator do not need.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -61,19 +61,18 @@ def setup_of(config: EvalConfig, device: str = "cpu") -> AgentSetup:
         config: The evaluation's configuration.
         device: Device of the agent's networks.
     """
+    return make_setup(config.env, agent_seed(config.seed), config.options, device)
+
+
+def make_setup(env_id: str, seed: int, options: Mapping[str, str], device: str) -> AgentSetup:
+    """Returns a setup with spaces; its `seed` is the agent's, see `agent_seed`."""
 
     def spaces_of(env_id: str, spec: AgentSpec) -> AgentSpaces:
         from hab_tasks.agent_spaces import agent_spaces
 
         return agent_spaces(env_id, spec)
 
-    return AgentSetup(
-        env_id=config.env,
-        seed=agent_seed(config.seed),
-        options=config.options,
-        device=device,
-        spaces_of=spaces_of,
-    )
+    return AgentSetup(env_id=env_id, seed=seed, options=options, device=device, spaces_of=spaces_of)
 
 
 def load_episode_set(

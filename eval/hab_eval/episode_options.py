@@ -42,12 +42,15 @@ class EpisodeOptions:
     ] = ()
     """A reward weight or threshold of the skill, e.g. force_limit_n=2500; can be repeated."""
 
-    def config_of(self, episodes: int, step_timeout_s: float | None = None) -> EvalConfig:
+    def config_of(
+        self, episodes: int, step_timeout_s: float | None = None, *, isolated: bool = False
+    ) -> EvalConfig:
         """Returns the evaluation's configuration.
 
         Args:
             episodes: Number of episodes.
             step_timeout_s: Time limit for one call of the agent [s]; None for no limit.
+            isolated: Whether the agent runs in processes of its own.
 
         Raises:
             HabError: An agent option is not NAME=VALUE, or a value is out of range.
@@ -67,4 +70,5 @@ class EpisodeOptions:
             options=parse_options(self.option),
             skill_config=parse_numbers(self.skill_config),
             step_timeout_s=step_timeout_s,
+            isolated=isolated,
         )

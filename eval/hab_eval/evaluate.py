@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Generator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -11,10 +12,11 @@ from typing import TYPE_CHECKING, Protocol
 import torch
 
 from hab_eval import environments, provenance
+from hab_eval.agent_files import agent_files
 from hab_eval.config import MOST_EPISODES, EvalConfig, SavedConfig
 from hab_eval.distributed import check_distributed, run_distributed
 from hab_eval.errors import RunFolderError
-from hab_eval.load_agent import load_agent
+from hab_eval.isolation import opened_agent
 from hab_eval.results import (
     SCHEMA_VERSION,
     FinishedEpisode,
@@ -112,16 +114,25 @@ def evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> Run
 def _evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> RunRecord:
     """Loads the agent and opens the executor; the folder is locked."""
     use_one_thread()
-    agent = load_agent(config.agent, environments.setup_of(config, options.device))
-    if options.executor.is_remote:
-        check_distributed(config, agent.spec, options.videos)
-    if config.step_timeout_s is not None and agent.spec.rows > 1:
-        raise OptionError(
-            f"--step-timeout needs an agent of one row; {agent.spec.name} has "
-            f"{agent.spec.rows}, and a timeout could not be attributed to one of them."
-        )
-    with open_executor(options.executor, options.workers, device=options.device) as executor:
+    with (
+        opened_agent(config, options.device) as agent,
+        _checked_executor(config, options, agent.spec) as executor,
+    ):
         return _run(config, options, reporter, agent, executor)
+
+
+def _checked_executor(
+    config: EvalConfig, options: RunOptions, spec: AgentSpec
+) -> AbstractContextManager[Executor]:
+    """Returns the executor, if it can run an agent with this spec."""
+    if options.executor.is_remote:
+        check_distributed(config, spec, options.videos)
+    if config.step_timeout_s is not None and spec.rows > 1:
+        raise OptionError(
+            f"--step-timeout needs an agent of one row; {spec.name} has "
+            f"{spec.rows}, and a timeout could not be attributed to one of them."
+        )
+    return open_executor(options.executor, options.workers, device=options.device)
 
 
 def _run(
@@ -133,6 +144,7 @@ def _run(
         config=config,
         versions=provenance.package_versions(config.agent),
         git=provenance.git_commit(),
+        agent_files=agent_files(config.agent, agent.spec.files, config.options),
     )
     folder, saved = open_folder(options.out, saved, resume=options.resume, force=options.force)
     finished = _kept(folder, episodes)
@@ -185,6 +197,8 @@ def make_record(
         options=config.options,
         skill_config=config.skill_config,
         step_timeout_s=config.step_timeout_s,
+        isolated=config.isolated,
+        agent_files=saved.agent_files,
         versions=saved.versions,
         git=saved.git,
         device=provenance.device(),

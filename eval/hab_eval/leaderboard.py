@@ -12,22 +12,26 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from hab_eval.agent_files import no_longer_shipped
 from hab_eval.commands import command_of
-from hab_eval.config import COMMIT_SEPARATOR
 from hab_eval.environments import short_name
 from hab_eval.errors import ResultError
 from hab_eval.plain_text import markdown, markup, plain
+from hab_eval.provenance import COMMIT_SEPARATOR
 from hab_eval.results import RunRecord, read_record
 
 PRIVILEGED_MARK = "†"
 FEW_EPISODES = 50
 FEW_MARK = "*"
 HANDLE_POSITION = "handle_position"
-COLUMNS = ("agent", "success %", "n", "steps", "control", "s / step", "split", "seed", "version")
+COLUMNS = (
+    *("agent", "success %", "n", "steps", "control"),
+    *("s / step", "isolated", "split", "seed", "version"),
+)
 AGAIN_FILE = "to_run_again.json"
 STAGES = "stages %"
-IN_COMMAND = ("s / step", "split", "seed")
-"""Columns that Markdown leaves out: the command below the table tells split and seed."""
+IN_COMMAND = ("s / step", "isolated", "split", "seed")
+"""Columns that Markdown leaves out: the command below the table tells all but the time."""
 
 TITLE = "Leaderboard"
 LEGEND = (
@@ -245,10 +249,20 @@ def _row(record: RunRecord, scores: Sequence[str]) -> tuple[str, ...]:
         f"{record.summary.mean_steps:.1f}",
         record.control_mode,
         f"{record.summary.seconds_per_step:.4f}",
+        "yes" if record.isolated else "no",
         record.split,
         str(record.seed),
-        record.versions.get("hab-tasks", "?") + commit,
+        ", ".join([record.versions.get("hab-tasks", "?") + commit, *_remarks(record)]),
     )
+
+
+def _remarks(record: RunRecord) -> list[str]:
+    """Returns what a reader has to know about the agent's files."""
+    files = record.agent_files
+    if files is None:
+        return []
+    lost = ["other weights ship by now"] * bool(no_longer_shipped(files.data))
+    return lost + ["agent's code in no repository"] * (files.git is None)
 
 
 def agent_label(record: RunRecord) -> str:

@@ -42,12 +42,18 @@ def load_agent(reference: str, setup: AgentSetup) -> Agent:
         return check_agent(factory(setup), reference)
 
 
-def _import(name: str) -> ModuleType:
-    """Imports an agent's module from the working directory or the installed packages."""
+def search_here() -> str:
+    """Lets modules be found in the working directory; returns it."""
     here = str(Path.cwd())
     if here not in sys.path:
         sys.path.append(here)  # last, so that local files do not shadow libraries
         importlib.invalidate_caches()
+    return here
+
+
+def _import(name: str) -> ModuleType:
+    """Imports an agent's module from the working directory or the installed packages."""
+    here = search_here()
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:

@@ -47,6 +47,11 @@ class LazyObservation(Mapping[str, Any]):
     def __len__(self) -> int:
         return len(self._names)
 
+    @property
+    def unread(self) -> tuple[str, ...]:
+        """Names of the groups that were not read yet."""
+        return tuple(name for name in self._names if name not in self._groups)
+
     def of_rows(self, rows: Sequence[int]) -> Mapping[str, Any]:
         """See `hab_tasks.agent.of_rows`; there is one row."""
         return self
@@ -77,6 +82,11 @@ class LazyBatch(Mapping[str, Any]):
 
     def __len__(self) -> int:
         return len(self._rows[0])
+
+    @property
+    def unread(self) -> tuple[str, ...]:
+        """Names of the groups that are not read yet in all rows."""
+        return tuple(dict.fromkeys(name for row in self._rows for name in row.unread))
 
     def of_rows(self, rows: Sequence[int]) -> Mapping[str, Any]:
         """See `hab_tasks.agent.of_rows`."""

@@ -17,39 +17,49 @@ PRIVILEGED = "privileged"
 
 
 class ObsPacker:
-    """Packs the observations of one row.
+    """Packs observations of rows.
 
-    The bodies of a true state are megabytes of meshes. They are sent once for each scene.
+    The bodies of a true state are megabytes of meshes. They are sent once for each row and scene.
     """
 
     def __init__(self) -> None:
         """Starts with a receiver that has no bodies."""
-        self._scene_key: str | None = None
+        self._scene_keys: dict[int, str] = {}
 
-    def pack(self, obs: Any) -> Any:
-        """Returns the observation as a message for the row's `ObsUnpacker`."""
+    def pack(self, obs: Any, rows: Sequence[int] = (0,)) -> Any:
+        """Returns the observation of these rows as a message for `ObsUnpacker`."""
         message = packed(obs)
-        for state in _true_state(message):
-            if state.scene_key == self._scene_key:
-                message[PRIVILEGED] = [replace(state, bodies=())]
-            self._scene_key = state.scene_key
+        states = _true_states(message)
+        if states:
+            pairs = zip(rows, states, strict=True)
+            message[PRIVILEGED] = [self._without_known_bodies(*pair) for pair in pairs]
         return message
+
+    def _without_known_bodies(self, row: int, state: PrivilegedState) -> PrivilegedState:
+        known = self._scene_keys.get(row) == state.scene_key
+        self._scene_keys[row] = state.scene_key
+        return replace(state, bodies=()) if known else state
 
 
 class ObsUnpacker:
-    """Unpacks the observations of one row."""
+    """Unpacks observations of rows."""
 
     def __init__(self) -> None:
         """Starts without bodies."""
-        self._bodies: tuple[CollisionBody, ...] = ()
+        self._bodies: dict[int, tuple[CollisionBody, ...]] = {}
 
-    def unpack(self, message: Any) -> Any:
-        """Returns the observation that the row's `ObsPacker` packed."""
+    def unpack(self, message: Any, rows: Sequence[int] = (0,)) -> Any:
+        """Returns the observation of these rows that `ObsPacker` packed."""
         obs = unpacked(message)
-        for state in _true_state(obs):
-            self._bodies = state.bodies or self._bodies
-            obs[PRIVILEGED] = [replace(state, bodies=self._bodies)]
+        states = _true_states(obs)
+        if states:
+            pairs = zip(rows, states, strict=True)
+            obs[PRIVILEGED] = [self._with_bodies(*pair) for pair in pairs]
         return obs
+
+    def _with_bodies(self, row: int, state: PrivilegedState) -> PrivilegedState:
+        self._bodies[row] = state.bodies or self._bodies[row]
+        return replace(state, bodies=self._bodies[row])
 
 
 def packed(value: Any) -> Any:
@@ -66,6 +76,6 @@ def unpacked(value: Any) -> Any:
     return torch.from_numpy(value) if isinstance(value, np.ndarray) else value
 
 
-def _true_state(obs: Any) -> Sequence[PrivilegedState]:
-    """Returns the true state of the row, or nothing."""
+def _true_states(obs: Any) -> Sequence[PrivilegedState]:
+    """Returns the true state of each row, or nothing."""
     return obs.get(PRIVILEGED, ()) if isinstance(obs, Mapping) else ()

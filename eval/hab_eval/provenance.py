@@ -7,13 +7,25 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import partial
 from importlib import metadata, util
 from pathlib import Path
 
 import torch
 
 PACKAGES = ("hab-tasks", "hab-eval", "mani-skill", "sapien", "gymnasium", "torch", "numpy")
+
+
+COMMIT_SEPARATOR = " then "
+
+
+def join_commits(before: str | None, now: str | None) -> str | None:
+    """Joins the commits on which a resumed run was made, in order."""
+    if before is None and now is None:
+        return None
+    known = (before or "unknown").split(COMMIT_SEPARATOR)
+    return COMMIT_SEPARATOR.join(dict.fromkeys([*known, now or "unknown"]))
 
 
 def package_versions(agent: str) -> dict[str, str]:
@@ -40,6 +52,24 @@ def git_commit() -> str | None:
     if _git(folder, "ls-files", "--error-unmatch", "constants.py") is None:
         return None
     return _git(folder, "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*")
+
+
+def commit_of(files: Sequence[Path]) -> str | None:
+    """Returns the commit of files of one folder, with ``-dirty`` if one of them differs from it.
+
+    Returns:
+        None if they are in no repository, or installed into one that does not track them.
+    """
+    if not files:
+        return None
+    ask = partial(_git, files[0].parent)
+    names = [str(path) for path in files]
+    tracked = ask("ls-files", "--", *names)
+    changed = ask("status", "--porcelain", "--untracked-files=all", "--", *names)
+    commit = ask("rev-parse", "HEAD")
+    if commit is None or not (tracked or changed):
+        return None
+    return f"{commit}-dirty" if changed else commit
 
 
 def device() -> str:

@@ -15,6 +15,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from hab_eval.agent_files import AgentFiles
+from hab_eval.episode_count import check_count, check_size
 from hab_eval.errors import ResultError
 from hab_eval.schema import (
     MAY_BE_ABSENT,
@@ -125,6 +127,8 @@ class RunRecord:
         options: Agent options; absent in older files.
         skill_config: Reward weights and thresholds that replace the skills' defaults.
         step_timeout_s: Time limit for one call of the agent [s]; None for no limit.
+        isolated: Whether the agent ran in processes of its own, without an environment.
+        agent_files: The agent's code and weights; None in older files.
         versions: Package -> version.
         git: Commit of the sources, with ``-dirty`` if they were edited; all commits, joined by
             " then ", if the run was resumed on another; None outside a checkout.
@@ -151,6 +155,8 @@ class RunRecord:
     options: dict[str, str] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
     skill_config: dict[str, float] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
     step_timeout_s: float | None = field(default=None, metadata=MAY_BE_ABSENT)
+    isolated: bool = field(default=False, metadata=MAY_BE_ABSENT)
+    agent_files: AgentFiles | None = field(default=None, metadata=MAY_BE_ABSENT)
     versions: dict[str, str]
     git: str | None
     device: str
@@ -196,10 +202,13 @@ def write_record(path: Path, record: RunRecord) -> None:
 
 def read_record(path: Path) -> RunRecord:
     """Reads and validates `run.json`."""
+    check_size(path)
     data = parse_json(path)
     version = data.get("schema") if isinstance(data, dict) else None
     if version != SCHEMA_VERSION:
         raise ResultError(f"{path}: schema {shown(version)}, this version reads {SCHEMA_VERSION}.")
+    if isinstance(episodes := data.get("episodes"), list):
+        check_count(len(episodes), path)
     record = read_dataclass(RunRecord, data, where=str(path))
     _check(record, path)
     return record

@@ -5,17 +5,17 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Container
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from hab_eval.config import (
     SavedConfig,
     describe_difference,
-    join_commits,
     read_config,
     write_config,
 )
+from hab_eval.episode_count import check_size
 from hab_eval.errors import ResultError, RunFolderError
 from hab_eval.results import FinishedEpisode, check_episode
 from hab_eval.run_lock import LOCK
@@ -89,6 +89,7 @@ class RunFolder:
 
     def read_journal(self) -> dict[str, FinishedEpisode]:
         """Returns the finished episodes by id; truncates an incomplete last line."""
+        check_size(self.journal_path)
         found: dict[str, FinishedEpisode] = {}
         for number, line in enumerate(_whole_lines(self.journal_path), start=1):
             where = f"{self.journal_path}: line {number}"
@@ -151,7 +152,7 @@ def open_folder(
         difference = describe_difference(before, saved)
         if difference:
             raise RunFolderError(f"--out {root} belongs to another run: {difference}.")
-        saved = replace(saved, git=join_commits(before.git, saved.git))
+        saved = before.resumed(saved)
     write_config(folder.config_path, saved)
     folder.error_path.unlink(missing_ok=True)
     return folder, saved

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
+DRAWN_AT_ONCE = 1_000_000
+"""Values drawn at once by the bootstrap: 16 MB of indices and values."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +35,7 @@ def wilson_interval(successes: int, n: int) -> tuple[float, float]:
     return float(interval.low), float(interval.high)
 
 
+@functools.cache
 def exact_mcnemar(only_a: int, only_b: int) -> float:
     """Returns the two-sided p-value of McNemar's exact test for paired outcomes.
 
@@ -65,6 +70,11 @@ def bootstrap_mean(values: Sequence[float], *, seed: int = 0, resamples: int = 2
     """Returns the mean with its percentile bootstrap interval."""
     data = np.asarray(values, dtype=np.float64)
     generator = np.random.default_rng(seed)
-    picks = generator.integers(0, len(data), size=(resamples, len(data)))
-    low, high = np.percentile(data[picks].mean(axis=1), [2.5, 97.5])
+    rows = max(1, DRAWN_AT_ONCE // len(data))
+    means = np.empty(resamples)
+    for first in range(0, resamples, rows):  # the same draws and sums as all at once
+        part = means[first : first + rows]
+        picks = generator.integers(0, len(data), size=(len(part), len(data)))
+        part[:] = data[picks].mean(axis=1)
+    low, high = np.percentile(means, [2.5, 97.5])
     return Estimate(mean=mean(values), n=len(data), ci95=(float(low), float(high)))

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import contextlib
 import signal
-import time
 import traceback
 from collections import defaultdict
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -20,12 +19,20 @@ from multiprocessing.connection import Connection, Pipe, wait
 from typing import Any
 
 from hab_eval.environments import setup_of, worker_imports
+from hab_eval.isolation import IsolatedAgent, start_agent
 from hab_eval.load_agent import load_agent
 from hab_eval.packing import ObsPacker, ObsUnpacker, packed, unpacked
 from hab_eval.results import FinishedEpisode
 from hab_eval.rows import Call, Job, RolloutPlan, RowGroup, Step, Turn, make_rows
 from hab_eval.runner import play
-from hab_eval.time_limit import CallEnded, CallStarted, TimedAgent
+from hab_eval.time_limit import (
+    TICK_S,
+    CallClock,
+    CallEnded,
+    CallStarted,
+    StopWatch,
+    TimedAgent,
+)
 from hab_tasks.agent import Agent, AgentSpec
 from hab_tasks.errors import HabError, RunStoppedError
 from hab_tasks.processes import Worker, begin_worker, start_worker_server
@@ -47,14 +54,25 @@ class _Failure:
 
 @dataclass(kw_only=True)
 class _Worker:
-    """A worker process, the parent's end of its pipe, and its current episodes."""
+    """A worker process, the parent's end of its pipe, its isolated agent, its current episodes."""
 
     process: Worker
     connection: Connection
+    agent: Worker | None = None
     episode_ids: tuple[str, ...] = ()
     job: Job | None = None
-    call: CallStarted | None = None
+    clock: CallClock = field(default_factory=CallClock)
     ended: bool = False
+
+    @property
+    def processes(self) -> tuple[Worker, ...]:
+        """The worker, and the agent's process if it has one."""
+        return (self.process,) if self.agent is None else (self.process, self.agent)
+
+    @property
+    def pids(self) -> list[int]:
+        """Their ids."""
+        return [process.pid for process in self.processes if process.pid is not None]
 
     def give(self, job: Job | None) -> None:
         """Sends the next job, if any."""
@@ -62,12 +80,6 @@ class _Worker:
         self.episode_ids = () if job is None else (job[1].id,)
         if job is not None:
             self.send(job)
-
-    def time_left_s(self, limit_s: float | None) -> float | None:
-        """Returns the remaining time of the agent's current call [s]; None for no limit."""
-        if limit_s is None or self.call is None:
-            return None
-        return max(0.0, self.call.at_s + limit_s - time.monotonic())
 
     def take(self, limit_s: float | None, *, ready: bool) -> FinishedEpisode | None:
         """Returns the episode if it is over, else None; kills the process on a timeout.
@@ -80,17 +92,19 @@ class _Worker:
         if isinstance(answer, FinishedEpisode):
             return answer
         if isinstance(answer, CallStarted):
-            self.call = answer
+            self.clock.start(answer)
             return None
-        now_s = answer.at_s if isinstance(answer, CallEnded) else time.monotonic()
-        call = self.call
-        if call is None or limit_s is None or self.job is None or now_s - call.at_s <= limit_s:
-            self.call = None if isinstance(answer, CallEnded) else call
+        if isinstance(answer, CallEnded):
+            self.clock.end(answer)
+        call, call_s = self.clock.call, self.clock.counted_s
+        if call is None or limit_s is None or self.job is None or call_s <= limit_s:
+            self.clock.call = None if isinstance(answer, CallEnded) else call
             return None
-        self.process.kill()
-        self.process.join()
+        for process in self.processes:
+            process.kill()
+            process.join()
         self.ended = True
-        return call.timed_out(now_s, self.job[1])
+        return call.timed_out(call_s, self.job[1])
 
     def send(self, message: Any) -> None:
         """Sends a message; raises the error that the worker reported before it ended."""
@@ -218,14 +232,15 @@ def run_parallel(
     """
     limit_s = plan.config.step_timeout_s
     start_worker_server(__name__, *worker_imports(plan.config))
-    workers = [_start(_serve_episodes, plan) for _ in range(min(count, len(jobs)))]
-    queue = iter(jobs)
+    workers = [_start_player(plan) for _ in range(min(count, len(jobs)))]
+    queue, watch = iter(jobs), StopWatch()
     try:
         for worker in workers:
             worker.give(next(queue, None))
         while busy := [(n, worker) for n, worker in enumerate(workers) if worker.job is not None]:
-            left_s = [s for _, worker in busy if (s := worker.time_left_s(limit_s)) is not None]
-            ready = wait([worker.connection for _, worker in busy], min(left_s, default=None))
+            wait_s = None if limit_s is None else TICK_S
+            ready = wait([worker.connection for _, worker in busy], wait_s)
+            watch.tick((worker.clock, worker.pids) for _, worker in busy)
             for number, worker in busy:
                 finished = worker.take(limit_s, ready=worker.connection in ready)
                 if finished is None:
@@ -233,11 +248,22 @@ def run_parallel(
                 job = next(queue, None)
                 if worker.ended and job is not None:
                     worker.connection.close()
-                    workers[number] = _start(_serve_episodes, plan)
+                    workers[number] = _start_player(plan)
                 workers[number].give(job)
                 yield finished
     finally:
         _stop(workers)
+
+
+def _start_player(plan: RolloutPlan) -> _Worker:
+    """Starts a worker that has its own agent, in a second process if it is isolated."""
+    if not plan.config.isolated:
+        return _start(_serve_episodes, plan, None)
+    agent = start_agent(plan.config, plan.device)
+    worker = _start(_serve_episodes, plan, agent.connection)
+    agent.connection.close()  # so that the agent ends with the worker
+    worker.agent = agent.process
+    return worker
 
 
 def _start(serve: Callable[..., None], *arguments: Any) -> _Worker:
@@ -253,12 +279,14 @@ def _stop(workers: Sequence[_Worker]) -> None:
     """Terminates all workers."""
     for worker in workers:
         worker.connection.close()
-        worker.process.terminate()
-    for worker in workers:
-        worker.process.join(STOP_TIMEOUT_S)
-        if worker.process.is_alive():
-            worker.process.kill()
-            worker.process.join()
+    processes = [process for worker in workers for process in worker.processes]
+    for process in processes:
+        process.terminate()
+    for process in processes:
+        process.join(STOP_TIMEOUT_S)
+        if process.is_alive():
+            process.kill()
+            process.join()
 
 
 def _serve(connection: Connection, serve: Callable[..., None], *arguments: Any) -> None:
@@ -280,9 +308,15 @@ def _serve(connection: Connection, serve: Callable[..., None], *arguments: Any) 
         connection.send(failure)
 
 
-def _serve_episodes(connection: Connection, plan: RolloutPlan) -> None:
+def _serve_episodes(
+    connection: Connection, plan: RolloutPlan, agent_connection: Connection | None
+) -> None:
     """Runs the episodes that the parent sends, with its own agent."""
-    agent = load_agent(plan.config.agent, setup_of(plan.config, plan.device))
+    agent: Agent
+    if agent_connection is None:
+        agent = load_agent(plan.config.agent, setup_of(plan.config, plan.device))
+    else:
+        agent = IsolatedAgent(agent_connection, plan.config.agent)
     rows = make_rows(plan, agent.spec, 1)
     jobs = iter(connection.recv, None)  # ends with an EOFError
     timed = plan.config.step_timeout_s is not None

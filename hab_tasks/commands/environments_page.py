@@ -203,7 +203,7 @@ def _observations() -> str:
             meaning += f"; replaces `{replaced[name]}`"
         rows.append((f"`{name}`", f"`{entry.group}`", ", ".join(shapes), entry.unit, meaning))
     size = f"{CAMERA_SIZE_PX} x {CAMERA_SIZE_PX}"
-    images = f"`depth` (1 = {CAMERA_DEPTH_MAX_M:g} m) or `rgb`"
+    images = f'`depth` (1 = {CAMERA_DEPTH_MAX_M:g} m; int16 mm with `depth="mm"`), `rgb`'
     rows.append(("`head`, `arm`", "`sensor_data`", size, "0 to 1 or 255", images))
     return _table(("entry", "group", "shape", "unit", "meaning"), rows).rstrip()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from operator import index
 from typing import Any
 
@@ -99,10 +100,15 @@ class EpisodeSampler:
 
 
 class ActiveLayout:
-    """The layout and the movable objects in the simulation."""
+    """The layout and the movable objects in the simulation.
+
+    Attributes:
+        checksum: A number of 32 bits that differs for other layouts and objects.
+    """
 
     def __init__(self, layout: str = "", objects: tuple[str, ...] = ()) -> None:
         self.layout, self.objects = layout, objects
+        self.checksum = zlib.crc32(repr((layout, objects)).encode())
 
     def fits(self, episode: Episode) -> bool:
         """Whether an episode can start without rebuilding."""

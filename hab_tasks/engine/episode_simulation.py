@@ -20,7 +20,7 @@ from hab_tasks.engine.goal_setting import GoalSetting, handles_of
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.ground_truth import GroundTruth
 from hab_tasks.engine.measures import Tracker
-from hab_tasks.engine.recorded_state import shaped_like
+from hab_tasks.engine.recorded_state import START_ITS_EPISODE
 from hab_tasks.engine.requirements import Requirements
 from hab_tasks.engine.snapshot import ContactForce, SnapshotReader
 from hab_tasks.episodes.apply import apply_episode
@@ -350,16 +350,11 @@ class EpisodeSimulation(EpisodeRows):
             if others:
                 raise EpisodeError(
                     f"The state contains {others[0]!r}, which is not in episode "
-                    f"{self.episodes[0].id!r}. Start the episode of the state first: "
-                    "env.reset(seed=...) or env.reset(options={'episode': ...})."
+                    f"{self.episodes[0].id!r}. {START_ITS_EPISODE}"
                 )
 
     def set_state(self, state: dict[str, Any], rows: Tensor) -> None:
-        """Restores the state of `get_state` for `rows`, after the simulator's state was set.
-
-        Recorded states are numpy arrays; with one row they may lack the batch dimension.
-        """
-        state = shaped_like(state, self.get_state(), len(rows), self._scene.device)
+        """Restores the state of `get_state` for `rows`, after the simulator's state was set."""
         self._loose = {}  # a restored state may have moved any of them
         self._freeze()
         if self._sleeping is not None:

@@ -7,7 +7,7 @@ from abc import abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import gymnasium as gym
 import numpy as np
@@ -27,7 +27,7 @@ from hab_tasks.engine.inherited_options import check_inherited
 from hab_tasks.engine.measures import Measures
 from hab_tasks.engine.noise import NoiseSource, SensorNoise
 from hab_tasks.engine.observing_env import ObservingEnv
-from hab_tasks.engine.recorded_state import shaped_like, with_columns
+from hab_tasks.engine.recorded_state import from_flat, shaped_like, with_columns, words_of
 from hab_tasks.engine.requirements import Requirements
 from hab_tasks.engine.rules import Rules
 from hab_tasks.episodes.schema import Episode
@@ -35,6 +35,7 @@ from hab_tasks.episodes.source import EpisodeRequest, open_source
 from hab_tasks.errors import ActionError, UnknownNameError
 from hab_tasks.option_values import entries, row_numbers, seeds
 from hab_tasks.registration import reference_of
+from hab_tasks.robots.control_modes import nearest_mode
 from hab_tasks.robots.delay import ActionDelay, checked_steps
 from hab_tasks.robots.robot import ROBOT
 from hab_tasks.scenes.physics import sim_config
@@ -59,6 +60,7 @@ class HabEnv(ObservingEnv):
         camera_hfov_rad: Horizontal field of view.
         invisible_arm: Hide the arm from these cameras while it still collides (S F.3). The
             human-render camera shows it, except in GPU simulation.
+        depth: ``m``: float32, 1 is 10 m or no return; ``mm``: ManiSkill's int16, 0 is no return.
         proprioception: False leaves proprioception out of the observation (S F.1).
         target_frame: ``base``: a skill's target is the vector from the end-effector to it along
             the axes of the base, as in ``ee`` actions (Navigate: the point in the base frame);
@@ -110,6 +112,7 @@ class HabEnv(ObservingEnv):
         camera_size_px: int = CAMERA_SIZE_PX,
         camera_hfov_rad: float = CAMERA_HFOV_RAD,
         invisible_arm: bool = False,
+        depth: Literal["m", "mm"] = "m",
         proprioception: bool = True,
         target_frame: TargetFrame = "base",
         handle_position: bool = False,
@@ -122,7 +125,7 @@ class HabEnv(ObservingEnv):
     ) -> None:
         check_inherited(self.name, inspect.signature(HabEnv.__init__).parameters, kwargs)
         self.configure(entries("skill_config", skill_config))
-        self._set_entries(proprioception, target_frame, handle_position)
+        self._set_entries(proprioception, target_frame, handle_position, depth)
         self._set_sensors(cameras, camera_size_px, camera_hfov_rad, sensor_noise, invisible_arm)
         self._delay_steps = checked_steps(action_delay_steps)
         kwargs["render_backend"] = self._set_backend(render_backend, num_envs, kwargs)
@@ -130,17 +133,17 @@ class HabEnv(ObservingEnv):
         where: dict[str, Any] = {"scene_dataset": scene_dataset, "objects": objects, "scene": scene}
         which: dict[str, Any] = {"split": split, "file": episodes, "seed": episode_seed}
         request = EpisodeRequest(env_id=self.default_id(), novel=novel, **where, **which)
-        self._simulation = EpisodeSimulation(
-            self.requirements, open_source(request), num_episodes, num_envs, prefetch=prefetch
-        )
-        super().__init__(num_envs=num_envs, **{"robot_uids": ROBOT.uid, **kwargs})
+        source, counts = open_source(request), (num_episodes, num_envs)
+        self._simulation = EpisodeSimulation(self.requirements, source, *counts, prefetch=prefetch)
+        super().__init__(num_envs=num_envs, **{**kwargs, "robot_uids": ROBOT.uid})
 
     @classmethod
     def _known_mode(cls, control_mode: str | None) -> str:
         """Returns a valid control mode; the skill's first one for None."""
         modes = cls.control_modes
         if control_mode is not None and control_mode not in modes:
-            raise UnknownNameError(f"control_mode of {cls.name}", control_mode, modes)
+            near = nearest_mode(control_mode, modes)
+            raise UnknownNameError(f"control_mode of {cls.name}", control_mode, modes, near)
         return control_mode or modes[0]
 
     # The rules -------------------------------------------------------------------------------
@@ -227,19 +230,22 @@ class HabEnv(ObservingEnv):
         Args:
             seed: Determines the episodes; the same seed gives the same episodes.
             options: ManiSkill's options, and ``episode``: an `Episode`, its index in the set, or a
-                list with one per row.
+                list with one per row; `reset_to_env_states` keeps the current one by default.
 
         Raises:
             OptionError: Invalid seed or option.
             EpisodeError: Unknown episode, or an episode that does not match its layout.
         """
         options = entries("options", options)
-        rows = options.get("env_idx")
-        count = self.num_envs
-        rows = list(range(count)) if rows is None else row_numbers("env_idx", rows, count)
+        rows = list(range(self.num_envs))
+        if options.get("env_idx") is not None:
+            rows = row_numbers("env_idx", options["env_idx"], self.num_envs)
+            options["env_idx"] = torch.tensor(rows, device=self.device)
         seeds("seed", seed, len(rows))
-        rebuild = self._simulation.choose(rows, seed, options.pop("episode", None))
-        if rebuild:
+        episode, restored = options.pop("episode", None), options.pop("reset_to_env_states", None)
+        if restored and seed is None and episode is None and self._simulation.shown.layout:
+            episode = [self.episode[row] for row in rows]
+        if self._simulation.choose(rows, seed, episode):
             options["reconfigure"] = True
         # Gymnasium's generator is unused, but Gymnasium's checker requires it to be seeded.
         gym.Env.reset(self, seed=None if seed is None else int(np.ravel(seed)[0]))
@@ -249,6 +255,12 @@ class HabEnv(ObservingEnv):
             self._episode_seed[rows] = [self._simulation.seeds[row] for row in rows]
         # Recorders read from this whether the entries of the state changed.
         info["reconfigure"] = info["reconfigure"] or self._simulation.shown is not before
+        if restored:
+            states = restored["env_states"]
+            restore: Any = self.set_state_dict if isinstance(states, dict) else self.set_state
+            restore(states, torch.tensor(rows, device=self.device))
+            info |= self.get_info()
+            obs = restored["obs"] if "obs" in restored else self.get_obs(info)
         info["instruction"] = self.instruction
         return obs, info
 
@@ -335,11 +347,31 @@ class HabEnv(ObservingEnv):
     # State -----------------------------------------------------------------------------------
 
     def get_state_dict(self) -> dict[str, Any]:
-        """Returns the state of simulator and episode, sufficient to resume from."""
-        simulator: Any = super().get_state_dict()
-        options = {name: option.get_state() for name, option in self._stateful.items()}
-        state = {"hab": {**self._simulation.get_state(), **options}, **self._rules.get_state()}
+        """Returns the state of simulator and episode, sufficient to resume from.
+
+        Nested tensors (N, C). `get_state` returns the same as one (N, D) float32; it has no names,
+        and can only be restored in the episode that it is of.
+        """
+        found: Any = super().get_state_dict()
+        # Sorted, as the simulation's order depends on the layouts that it has shown before.
+        simulator = {kind: dict(sorted(entries.items())) for kind, entries in found.items()}
+        state = self._episode_state()
+        bodies = words_of([self._simulation.shown.checksum] * self.num_envs, 2)
+        state["hab"]["bodies"] = bodies.to(self.device)
         return with_columns({**simulator, **state})
+
+    def _episode_state(self) -> dict[str, Any]:
+        """Returns the state of the episode, without that of the simulator's bodies."""
+        options = {name: option.get_state() for name, option in self._stateful.items()}
+        return {"hab": {**self._simulation.get_state(), **options}, **self._rules.get_state()}
+
+    def set_state(self, state: Tensor, env_idx: Tensor | None = None) -> None:
+        """Restores a flat state (R, D) of `get_state`.
+
+        Raises:
+            EpisodeError: The state is not of this episode's layout and objects.
+        """
+        self.set_state_dict(from_flat(state, self.get_state_dict()), env_idx)
 
     @property
     def _stateful(self) -> dict[str, ActionDelay | NoiseSource]:
@@ -354,13 +386,13 @@ class HabEnv(ObservingEnv):
             EpisodeError: The state has other furniture or objects than this episode.
         """
         rows = torch.arange(self.num_envs, device=self.device) if env_idx is None else env_idx
-        rules = self._rules.get_state()
-        simulator = {key: value for key, value in state.items() if key not in ("hab", *rules)}
+        present = self._episode_state()
+        simulator = {key: value for key, value in state.items() if key not in present}
         self._simulation.refuse_other_bodies(simulator)
+        kept = shaped_like(state, present, len(rows), self.device)
         self._simulation.thaw()
         super().set_state_dict(simulator, env_idx)  # pyright: ignore[reportArgumentType]  # None is its default
-        self._simulation.set_state(state["hab"], rows)
+        self._simulation.set_state(kept["hab"], rows)
         for name, option in self._stateful.items():
-            kept = shaped_like(state["hab"][name], option.get_state(), len(rows), self.device)
-            option.set_state(kept, rows)
-        self._rules.set_state(shaped_like(state, rules, len(rows), self.device), rows)
+            option.set_state(kept["hab"][name], rows)
+        self._rules.set_state(kept, rows)

@@ -10,6 +10,7 @@ from mani_skill.envs.sapien_env import BaseEnv
 from mani_skill.envs.utils.observations import parse_obs_mode_to_struct
 
 from hab_tasks.errors import OptionError, UnknownNameError
+from hab_tasks.robots.robot import ROBOT
 
 OBS_MODES = "'state', 'state_dict', 'none', or textures joined by '+', e.g. 'rgb+depth'"
 RENDER_MODES = ("human", "rgb_array", "sensors", "all")
@@ -25,7 +26,7 @@ def check_inherited(env: str, own: Mapping[str, Any], options: Mapping[str, Any]
         options: The remaining options.
 
     Raises:
-        UnknownNameError: Unknown option, reward mode or render mode.
+        UnknownNameError: Unknown option, reward mode, render mode or robot.
         OptionError: Invalid observation mode.
     """
     valid = [name for name in (*own, *INHERITED) if name not in ("self", "kwargs")]
@@ -39,6 +40,7 @@ def check_inherited(env: str, own: Mapping[str, Any], options: Mapping[str, Any]
         if options.get(name) not in (None, *modes):
             raise UnknownNameError(name, options[name], modes)
     _check_obs_mode(options.get("obs_mode"))
+    _check_robot(options.get("robot_uids"))
 
 
 def _check_obs_mode(obs_mode: Any) -> None:
@@ -48,3 +50,10 @@ def _check_obs_mode(obs_mode: Any) -> None:
         parse_obs_mode_to_struct(obs_mode)
     except (AssertionError, AttributeError, TypeError) as error:
         raise OptionError.of_value("obs_mode", obs_mode, OBS_MODES) from error
+
+
+def _check_robot(uids: Any) -> None:
+    """Rejects other robots than the benchmark's, alone or in a list as in recorded options."""
+    one = uids[0] if isinstance(uids, list | tuple) and len(uids) == 1 else uids
+    if one not in (None, ROBOT.uid):
+        raise UnknownNameError("robot_uids", one, [ROBOT.uid])

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from hab_tasks.engine.recorded_state import joined, words_of
 from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.option_values import number
 
@@ -121,14 +122,15 @@ class NoiseSource:
         return torch.from_numpy(np.stack(drawn)).to(device)
 
     def get_state(self) -> dict[str, Tensor]:
-        """Returns episode seed and step of each row, (N,)."""
-        return {"seeds": self._seeds.clone(), "steps": self._steps.clone()}
+        """Returns each row's episode seed in words of 16 bits, (N, 4), and its step, (N,)."""
+        return {"seeds": words_of(self._seeds.tolist(), 4), "steps": self._steps.clone()}
 
     def set_state(self, state: dict[str, Tensor], rows: Tensor) -> None:
         """Restores a state of `get_state` for `rows` (R,)."""
         chosen = rows.cpu()
         self._seeds, self._steps = self._seeds.clone(), self._steps.clone()
-        self._seeds[chosen], self._steps[chosen] = state["seeds"].cpu(), state["steps"].cpu()
+        self._seeds[chosen] = torch.tensor(joined(state["seeds"]))
+        self._steps[chosen] = state["steps"].cpu()
 
 
 def _coloured(image: Tensor, levels: Tensor) -> Tensor:

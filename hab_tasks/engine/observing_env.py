@@ -19,7 +19,7 @@ from hab_tasks.engine.ray_sensors import RaySensors
 from hab_tasks.engine.sensors import ARM_QPOS, ObsEntry, observed, scale_depth
 from hab_tasks.engine.simulation import check_rows
 from hab_tasks.engine.viewpoint import FIELD_OF_VIEW_RAD, FIRST_VIEW, Hit, Viewpoint
-from hab_tasks.errors import OptionError
+from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.option_values import flag
 from hab_tasks.privileged import Array
 from hab_tasks.rendering import sensor_shader
@@ -28,6 +28,8 @@ from hab_tasks.robots.mobile_manipulator import MobileManipulator
 
 RENDER_SIZE_PX = 512
 VIEW_SIZE_PX = 256
+
+DEPTH_UNITS = ("m", "mm")
 
 VIEWS = ("head", "arm")
 """Robot cameras rendered by `render_views`, independent of the agent's cameras."""
@@ -65,8 +67,13 @@ class ObservingEnv(BaseEnv):
         self._sensor_noise = SensorNoise.of(noise)
         self._hides_arm = flag("invisible_arm", invisible_arm)
 
-    def _set_entries(self, proprioception: bool, target_frame: str, handle_position: bool) -> None:
-        """Selects the entries of the state observation."""
+    def _set_entries(
+        self, proprioception: bool, target_frame: str, handle_position: bool, depth: str
+    ) -> None:
+        """Selects the entries of the state observation, and the unit of depth images."""
+        if depth not in DEPTH_UNITS:
+            raise UnknownNameError("depth", depth, DEPTH_UNITS)
+        self._scales_depth = depth == "m"
         flag("proprioception", proprioception)
         flag("handle_position", handle_position)
         entries = observed(self.observation, self.handle, target_frame, handle_position)
@@ -288,7 +295,7 @@ class ObservingEnv(BaseEnv):
                 images |= {name: image.to(self.device) for name, image in images.items()}
         if self._noise is not None:
             data = self._noise.images(data)
-        if self.obs_mode_struct.visual.depth and apply_texture_transforms:
+        if self._scales_depth and self.obs_mode_struct.visual.depth and apply_texture_transforms:
             for images in data.values():
                 images["depth"] = scale_depth(images["depth"])
         return data

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import ipaddress
 import os
 import signal
 import socket
@@ -11,7 +12,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 from hab_tasks.errors import OptionError, RunStoppedError
@@ -40,11 +41,12 @@ def imported_ray() -> Any:
 def connected(address: str | None, workers: int) -> Iterator[None]:
     """Connects this process to a cluster, or starts Ray on this machine if `address` is None.
 
-    At the end, all workers and a Ray that was started here have ended.
+    A Ray that is started here listens on the loopback interface only. At the end, it and all
+    workers have ended.
 
     Raises:
         OptionError: Ray is not installed, or there is no cluster at the address.
-        RunStoppedError: Ray could not be started.
+        RunStoppedError: Ray could not be started, or would listen on other interfaces.
     """
     ray = imported_ray()
     if address is not None:
@@ -59,7 +61,7 @@ def connected(address: str | None, workers: int) -> Iterator[None]:
             "include_dashboard": False,
         }
     try:
-        with _signals_kept():
+        with _signals_kept(), nullcontext() if address else _on_loopback(ray):
             ray.init(**options, log_to_driver=False, logging_level="error")
     except (ConnectionError, RuntimeError, ValueError, OSError) as error:
         ray.shutdown()
@@ -73,6 +75,36 @@ def connected(address: str | None, workers: int) -> Iterator[None]:
         yield
     finally:
         ray.shutdown()
+
+
+@contextmanager
+def _on_loopback(ray: Any) -> Iterator[None]:
+    """Starts Ray on the loopback address, as it does by itself on Windows and macOS.
+
+    Its servers listen on all interfaces if their node has any other address, and run the code of
+    everyone who connects.
+
+    Raises:
+        RunStoppedError: Ray started on another address nevertheless.
+    """
+    constants: Any = importlib.import_module("ray._private.ray_constants")
+    variable = "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"  # read by this process before, and by new ones
+    before = os.environ.get(variable), getattr(constants, "ENABLE_RAY_CLUSTER", None)
+    os.environ[variable], constants.ENABLE_RAY_CLUSTER = "0", False
+    try:
+        yield
+    finally:
+        del os.environ[variable]
+        if before[0] is not None:
+            os.environ[variable] = before[0]
+        constants.ENABLE_RAY_CLUSTER = before[1]
+    address = ray.util.get_node_ip_address()
+    if not ipaddress.ip_address(address).is_loopback:
+        ray.shutdown()
+        raise RunStoppedError(
+            f"Ray {ray.__version__} listens on all interfaces of this machine ({address}). Use "
+            "--executor local, or start a cluster behind a firewall and name it with --address."
+        )
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -78,6 +79,18 @@ def action_bounds(arm: ArmMode, base: BaseMode) -> tuple[Bounds, Bounds]:
         high[-3:] = WORLD_LIMIT_M, WORLD_LIMIT_M, math.pi
         low[-3:] = -high[-3:]
     return low, high
+
+
+def nearest_mode(name: object, modes: Sequence[str]) -> str | None:
+    """Returns the mode that does most nearly what a control mode of ManiSkill does.
+
+    None unless the name is one of ManiSkill's, ``pd_...``.
+    """
+    if not isinstance(name, str) or not name.startswith("pd_"):
+        return None
+    kind = "joint_target" if name.startswith("pd_joint_pos") else "joint_delta"
+    kind = "ee" if "_ee_" in name else kind
+    return next((mode for mode in modes if mode.startswith(kind)), modes[-1])
 
 
 def within_a_turn(yaw_rad: Any) -> Any:

@@ -97,7 +97,7 @@ class DriveGrasp(SnapGrasp):
         near_m2 = (GRASP_RADIUS_M + NEARLY_M) ** 2
         return any((a - x) ** 2 + (b - y) ** 2 + (c - z) ** 2 < near_m2 for a, b, c in points)
 
-    def _hidden(self, ee: Tensor, points: Tensor) -> Tensor | None:
+    def _hidden(self, ee: Tensor, points: Tensor) -> Tensor:
         hidden = torch.linalg.norm(points - ee[:, None], dim=2) <= GRASP_RADIUS_M
         for index in torch.nonzero(hidden[0]).flatten().tolist():
             hidden[0, index] = self._sight.is_blocked(ee[0].numpy(), points[0, index].numpy())

@@ -105,10 +105,9 @@ class SnapGrasp:
         self._cpu_held = sapien.Pose()
         self._leaving: list[tuple[int, int, float]] = []
         self._busy: set[int] = set()
-        self._com_m = [torch.as_tensor(_com(actor), device=device) for actor in objects]
-        self._cpu_bodies = [
-            (rigid_body(actor), rigid_body(actor).cmass_local_pose) for actor in objects
-        ]
+        bodies = [rigid_body(actor) for actor in objects]
+        self._cpu_bodies = [(body, body.cmass_local_pose) for body in bodies]
+        self._com_m = [torch.as_tensor(com.p, device=device) for _, com in self._cpu_bodies]
         self._cpu_handles = [
             (sapien_object(h.link), sapien.Pose(list(h.offset_m))) for h in handles
         ]
@@ -185,18 +184,20 @@ class SnapGrasp:
         """Returns held, held_handle (N,), how they are held, and objects leaving the hand.
 
         An object is held by its pose in the hand (N, 7), a handle by its position in the hand
-        (N, 3) [m] and the number of actions (N,) for which it was out of reach. Objects leaving the
-        hand (N, K): distance [m] at which each is clear of the hand, 0 if it already is.
+        (N, 3) [m] and the number of actions (N,) for which it was out of reach; all 0 for what is
+        not held. Objects leaving the hand (N, K): distance [m] at which each is clear of the hand,
+        0 if it already is.
         """
+        object_held, handle_held = self.held != NOTHING, (self.held_handle != NOTHING).cpu()
         leaving_m = torch.zeros(len(self.held), len(self.objects), device=self.held.device)
         for row, index, side_m in self._leaving:
             leaving_m[row, index] = side_m
         return {
             "held": self.held.clone(),
             "held_handle": self.held_handle.clone(),
-            "ee_from_object": self._ee_from_object.raw_pose.clone(),
-            "handle_in_ee_m": torch.as_tensor(self._handle_in_ee_m.copy()),
-            "steps_apart": torch.as_tensor(self._steps_apart.copy()),
+            "ee_from_object": self._ee_from_object.raw_pose * object_held[:, None],
+            "handle_in_ee_m": torch.as_tensor(self._handle_in_ee_m) * handle_held[:, None],
+            "steps_apart": torch.as_tensor(self._steps_apart) * handle_held,
             "leaving_m": leaving_m,
         }
 
@@ -265,18 +266,17 @@ class SnapGrasp:
         points = self.objects_com_m()[rows]
         if self.takes == "handles":
             points = points[:, :0]
-        found = _nearest(ee, points)
-        if not bool((found[1] <= GRASP_RADIUS_M).any()):
-            return found
+        index, distance_m = _nearest(ee, points)
+        if not bool((distance_m <= GRASP_RADIUS_M).any()):
+            return index, distance_m
         hidden = self._hidden(ee, points)
         if self.is_enclosed is not None and (enclosed := self.is_enclosed()) is not None:
-            hidden = enclosed[rows] if hidden is None else hidden | enclosed[rows]
-        if hidden is None:
-            return found
+            hidden = hidden | enclosed[rows]
         return _nearest(ee, torch.where(hidden[..., None], FAR_AWAY_M, points))
 
-    def _hidden(self, ee: Tensor, points: Tensor) -> Tensor | None:
+    def _hidden(self, ee: Tensor, points: Tensor) -> Tensor:
         """Returns which points (R, K, 3) furniture hides from the hands (R, 3), (R, K)."""
+        return torch.zeros(points.shape[:2], dtype=torch.bool, device=points.device)
 
     def _hold(self, row: int, index: int, ee_from_object: Tensor) -> None:
         self.held = _with(self.held, row, index)
@@ -389,10 +389,6 @@ def _nearest(point: Tensor, candidates: Tensor) -> tuple[Tensor, Tensor]:
         return none, torch.full((len(point),), float("inf"), device=point.device)
     best = torch.linalg.norm(candidates - point[:, None], dim=2).min(dim=1)
     return best.indices, best.values
-
-
-def _com(actor: Actor) -> np.ndarray:
-    return np.asarray(rigid_body(actor).cmass_local_pose.p, dtype=np.float32)
 
 
 def _largest_side_m(actor: Actor) -> float:

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from functools import cache
 
-from hab_tasks.registration import TASKS, imported_id
-from hab_tasks.task_spec import TaskSpec
+from mani_skill.utils.registration import REGISTERED_ENVS
+
+from hab_tasks.registration import TAKEN, TASKS, imported_id
+from hab_tasks.task_spec import TaskSpec, TaskSpecError
 from hab_tasks.tasks.compile import compile_task
 from hab_tasks.tasks.task_doc import docstring
 from hab_tasks.tasks.task_env import TaskEnv
@@ -18,9 +20,13 @@ from hab_tasks.tasks.task_env import TaskEnv
 def __getattr__(name: str) -> type[TaskEnv]:
     """Returns the class of a task; imports the module that registers it."""
     module, _, env_id = name.rpartition(".")
-    if not module or name.startswith("__"):
+    if not module:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return env_class(TASKS[imported_id(f"{module}:{env_id}")])
+    spec = TASKS[imported_id(f"{module}:{env_id}")]
+    known = REGISTERED_ENVS.get(env_id)
+    if known is not None and not issubclass(known.cls, TaskEnv):
+        raise TaskSpecError(f"{env_id}: {TAKEN}")  # ManiSkill has registered its own meanwhile
+    return env_class(spec)
 
 
 @cache

@@ -5,6 +5,8 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
+from hab_tasks.registration import MAIN
+
 
 def __getattr__(reference: str) -> Any:
     """Returns the function that makes the vector environment of ``module.X-v1``."""
@@ -13,4 +15,4 @@ def __getattr__(reference: str) -> Any:
         raise AttributeError(f"module {__name__!r} has no attribute {reference!r}")
     from hab_tasks.vector.vector_env import HabVectorEnv
 
-    return partial(HabVectorEnv, env_id if module == "__main__" else f"{module}:{env_id}")
+    return partial(HabVectorEnv, env_id if module == MAIN else f"{module}:{env_id}")

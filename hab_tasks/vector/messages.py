@@ -13,6 +13,7 @@ from typing import Any
 
 from gymnasium.vector import AutoresetMode
 
+from hab_tasks.task_spec import TaskSpec
 from hab_tasks.vector.layout import Path
 from hab_tasks.vector.shared_arrays import ArraySpec
 
@@ -31,6 +32,7 @@ class WorkerSetup:
         autoreset: When rows are reset.
         action_repeat: Number of steps for which an action is executed.
         episodes_folder: Where the workers share the episodes they generate.
+        task: A task that the main script declares.
     """
 
     reference: str
@@ -40,6 +42,7 @@ class WorkerSetup:
     autoreset: AutoresetMode
     action_repeat: int = 1
     episodes_folder: pathlib.Path | None = None
+    task: TaskSpec | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from hab_tasks import processes
 from hab_tasks.cache import temporary_folder
 from hab_tasks.errors import HabError, RunStoppedError
+from hab_tasks.registration import declared_here
 from hab_tasks.vector.layout import Path, RowLayout
 from hab_tasks.vector.messages import (
     STEP,
@@ -38,10 +39,15 @@ class VectorWorkerError(HabError):
         signal = exit_code is not None and exit_code < 0
         how = f"was killed by signal {-(exit_code or 0)}" if signal else f"ended ({exit_code})"
         why = ", possibly for lack of memory" if signal else ""
+        remedy = "make a new one, with fewer rows (num_envs) if memory is short"
+        if exit_code == 1:  # as Python ends a process that cannot import the script
+            remedy = (
+                "workers import the main script, so put what it does under "
+                "`if __name__ == '__main__':`"
+            )
         super().__init__(
             f"Worker process {pid}, with rows {rows.start} to {rows.stop - 1} of the vector "
-            f"environment, {how}{why}. The vector environment is closed; make a new one, with "
-            "fewer rows (num_envs) if memory is short."
+            f"environment, {how}{why}. The vector environment is closed; {remedy}."
         )
 
 
@@ -110,7 +116,8 @@ class WorkerTeam:
         self._folder = temporary_folder() if len(setups) > 1 else None
         with self.closed_on_error():
             for one, firsts in zip(setups, starts, strict=True):
-                setup = replace(one, episodes_folder=self._folder)
+                task = declared_here(one.reference)
+                setup = replace(one, episodes_folder=self._folder, task=task)
                 ours, theirs = Pipe()
                 process = processes.Worker(
                     target=run_worker, args=(theirs, setup), daemon=True, name="hab_tasks rows"

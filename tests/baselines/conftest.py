@@ -11,9 +11,13 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import sapien
-from hab_spa.motion.robot import GRASP, Command
 
-from hab_tasks.privileged import CollisionBody, CollisionShape, PrivilegedState
+from hab_tasks.privileged import (
+    ArticulationState,
+    CollisionBody,
+    CollisionShape,
+    PrivilegedState,
+)
 from hab_tasks.robots.robot import ROBOT
 from hab_tasks.scenes import physics
 
@@ -90,10 +94,8 @@ class FetchScene:
         assert body is not None
         return body
 
-    def privileged(
-        self, target: str, held: str | None = None, goal_m: tuple = (0.0, 0.0, 0.0)
-    ) -> PrivilegedState:
-        """Reads the scene as a planner may see it; the target's goal is made up."""
+    def privileged(self, target: str, held: str | None = None) -> PrivilegedState:
+        """Reads the scene as a planner may see it; the target's goal is the origin."""
         bodies, poses, com = [], {}, {}
         for link in self.robot.links:
             name = f"hab_fetch/{link.name}"
@@ -117,7 +119,7 @@ class FetchScene:
             held=held,
             object_com_m=com,
             targets=(target,),
-            goals_m=np.array([goal_m]),
+            goals_m=np.zeros((1, 3)),
         )
 
 
@@ -151,90 +153,22 @@ def table_scene(make_scene: Callable[[], FetchScene]) -> FetchScene:
     return scene
 
 
-class PickLoop:
-    """A small stand-in for the environment: joint drives, 120/30 Hz, and a snap grasp.
-
-    What is held meets everything but the robot.
-
-    Attributes:
-        peak_impulse_n_s: Largest contact impulse on the robot in one physics step, without what
-            the held object brings.
-    """
-
-    def __init__(self, scene: FetchScene, target: str, goal_m: tuple = (0.0, 0.0, 0.0)) -> None:
-        self.scene, self.target, self.held = scene, target, None
-        self._goal_m = goal_m
-        self.peak_impulse_n_s = 0.0
-        self._drive = None
-        scene.scene.timestep = 1 / 120
-        for link in scene.robot.links:
-            link.disable_gravity = True
-            for shape in link.collision_shapes:
-                shape.set_collision_groups([4, 1, *shape.get_collision_groups()[2:]])
-        for joint in scene.robot.active_joints:
-            arm = joint.name in ROBOT.arm_joints
-            joint.set_drive_properties(
-                1e3 if arm else 1e5, 1e2 if arm else 1e4, 100 if arm else 1e6
-            )
-        scene.robot.set_qvel(np.zeros(len(scene.robot.active_joints)))
-        self._names = [joint.name for joint in scene.robot.active_joints]
-        for joint, value in zip(scene.robot.active_joints, scene.robot.get_qpos(), strict=True):
-            joint.set_drive_target(float(value))
-
-    def ee_point_m(self) -> np.ndarray:
-        link = self.scene.robot.find_link_by_name("gripper_link")
-        return (link.entity_pose * sapien.Pose([0.08, 0, 0])).p
-
-    def step(self, command: Command) -> PrivilegedState:
-        """Applies joint targets and gripper for 1/30 s and reads the scene."""
-        for name, value in zip(ROBOT.arm_joints, command.arm_rad, strict=True):
-            self.scene.robot.active_joints[self._names.index(name)].set_drive_target(float(value))
-        state = self.scene.privileged(self.target, self.held, self._goal_m)
-        if command.gripper != GRASP and self.held is not None:
-            self._let_go()
-        if command.gripper == GRASP and self.held is None:
-            point = self.ee_point_m()
-            near = {n: np.linalg.norm(c - point) for n, c in state.object_com_m.items()}
-            name = min(near, key=lambda n: near[n])
-            if near[name] <= 0.15:
-                self._snap(name)
-        for _ in range(4):
-            self.scene.scene.step()
-            self._watch()
-        return self.scene.privileged(self.target, self.held, self._goal_m)
-
-    def _snap(self, name: str) -> None:
-        entity = self.scene.entities[name][0]
-        link = self.scene.robot.find_link_by_name("gripper_link")
-        pose = link.entity_pose.inv() * entity.pose
-        self._drive = self.scene.scene.create_drive(
-            link, pose, self.scene._body(entity), sapien.Pose()
-        )
-        for axis in ("x", "y", "z"):
-            getattr(self._drive, f"set_limit_{axis}")(0, 0)
-        self._drive.set_limit_twist(0, 0)
-        self._drive.set_limit_cone(0, 0)
-        for shape in self.scene._body(entity).collision_shapes:
-            shape.set_collision_groups([2, 3, 0, 0])
-        self.held = name
-
-    def _let_go(self) -> None:
-        self._drive.entity.remove_component(self._drive)
-        body = self.scene._body(self.scene.entities[self.held][0])
-        for shape in body.collision_shapes:
-            shape.set_collision_groups([1, 1, 0, 0])
-        body.wake_up()
-        self.held = None
-
-    def _watch(self) -> None:
-        robot = {link.entity.name for link in self.scene.robot.links}
-        for contact in self.scene.scene.get_contacts():
-            names = {body.entity.name for body in contact.bodies}
-            if names & robot and not names <= robot and self.held not in names:
-                impulse = sum(np.linalg.norm(point.impulse) for point in contact.points)
-                self.peak_impulse_n_s = max(self.peak_impulse_n_s, float(impulse))
-
-
 @pytest.fixture
-def pick_loop() -> type[PickLoop]:
-    return PickLoop
+def drawer_at() -> Callable[..., ArticulationState]:
+    """Makes a closed drawer with its handle at a point; it opens along -x, as far as asked."""
+
+    def make(body: str, handle_m: tuple, travel_m: float) -> ArticulationState:
+        return ArticulationState(
+            kind="drawer",
+            body=body,
+            handle_m=np.array(handle_m),
+            held=False,
+            joint=0.0,
+            limits=(0.0, travel_m),
+            slides=True,
+            axis=np.array((-1.0, 0.0, 0.0)),
+            axis_point_m=np.zeros(3),
+            frame=np.array((handle_m[0] + 0.37, handle_m[1], np.pi)),
+        )
+
+    return make

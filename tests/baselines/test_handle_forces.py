@@ -15,8 +15,20 @@ MOST_N, SHARE_PERCENT = 1000.0, 99.0
 """In this share of the steps with a handle in the hand, contacts push no harder."""
 
 
-def check_forces(env_id, episodes, **options):
-    """Plays episodes and compares the contact forces while the robot holds a handle."""
+slow, long = pytest.mark.slow, (pytest.mark.long, pytest.mark.assets)
+CASES = [
+    *(pytest.param(env_id, "apartment", 2, marks=slow) for env_id in ARTICULATION_KINDS),
+    pytest.param("HabOpenDrawer-v1", "real", 2, marks=(slow, pytest.mark.assets)),
+    *(pytest.param(env_id, "real", 5, marks=long) for env_id in ARTICULATION_KINDS),
+]
+
+
+@pytest.mark.parametrize(("env_id", "dataset", "episodes"), CASES)
+def test_opens_and_closes_softly(env_id, dataset, episodes, request):
+    options = {}
+    if dataset == "real":
+        data = request.getfixturevalue("data")
+        options = {"scene_dataset": data / "replica_cad", "objects": data / "ycb"}
     agent = spa_priv(agent_setup(env_id, seed=5))
     env = gymnasium.make(env_id, control_mode=agent.spec.control_mode, episode_seed=5, **options)
     base, forces, won = env.unwrapped, [], 0
@@ -35,24 +47,3 @@ def check_forces(env_id, episodes, **options):
     assert len(forces) >= 10 * episodes
     assert won >= episodes - 1
     assert np.percentile(forces, SHARE_PERCENT) <= MOST_N
-
-
-slow, long, assets = pytest.mark.slow, pytest.mark.long, pytest.mark.assets
-
-
-@slow
-@pytest.mark.parametrize("env_id", ARTICULATION_KINDS)
-def test_opens_and_closes_softly(env_id):
-    check_forces(env_id, 2)
-
-
-@assets
-@pytest.mark.parametrize(
-    ("env_id", "episodes"),
-    [
-        pytest.param("HabOpenDrawer-v1", 2, marks=slow),
-        *(pytest.param(env_id, 5, marks=long) for env_id in ARTICULATION_KINDS),
-    ],
-)
-def test_opens_and_closes_softly_in_replica_cad(env_id, episodes, replica_cad, ycb):
-    check_forces(env_id, episodes, scene_dataset=replica_cad, objects=ycb)

@@ -25,17 +25,6 @@ def test_a_tasks_plan_is_minimal_in_the_order_of_its_parts_and_what_the_planner_
         assert [holds == problem.goal for holds in told] == [False] * length + [True]
 
 
-@pytest.mark.slow
-def test_a_plan_without_one_of_its_actions_is_refused_or_falls_short():
-    problem, plan = problem_of("HabSetTable-v1"), plan_of("HabSetTable-v1")
-    for left_out in range(len(plan.actions)):
-        actions = plan.actions[:left_out] + plan.actions[left_out + 1 :]
-        try:
-            assert replay(problem, Plan(task=plan.task, actions=actions))[-1] != problem.goal
-        except PlannerError as error:
-            assert "precondition does not hold" in str(error)  # noqa: PT017
-
-
 def test_set_table_places_the_apple_only_in_a_bowl_that_is_there():
     problem = problem_of("HabSetTable-v1")
     # Apple in the hand, fridge open, robot at the table, the bowl still in its drawer.

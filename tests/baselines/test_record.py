@@ -54,17 +54,6 @@ def test_maniskills_own_tool_replays_a_recording_to_success(recording):
     assert "1/1=100.00% demos saved" in replayed(recording)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "start",
-    ["--use-env-states", pytest.param("--use-first-env-state", marks=pytest.mark.long)],
-)
-def test_maniskills_own_tool_replays_the_recorded_states(recording, tmp_path, start):
-    for name in ("trajectory.h5", "trajectory.json"):
-        (tmp_path / name).write_bytes((recording / name).read_bytes())
-    assert "1/1=100.00% demos saved" in replayed(tmp_path, start, "--save-traj", "-o", "state")
-
-
 def test_a_recording_says_what_was_played(recording):
     info, (episode,) = told(recording)["env_info"], told(recording)["episodes"]
     assert info["env_id"] == "hab_tasks:HabPick-v1"

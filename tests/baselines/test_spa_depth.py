@@ -9,16 +9,14 @@ from hab_eval.cli import main
 from hab_spa.motion.follow import FollowConfig, Follower
 from hab_spa.planning.collision import ArmCollision, CollisionConfig
 from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
-from hab_spa.sensing.cloud import DepthView, surface_points_m, world_from_base
+from hab_spa.sensing.cloud import DepthView, world_from_base
 from hab_spa.sensing.fitted_box import BoxConfig, fit_box, other_things_m
 from hab_spa.sensing.octree import octrees
 from hab_spa.sensing.seen_map import MapConfig, SeenMap
 from hab_spa.sensing.voxels import VoxelConfig, VoxelMap
 
 from hab_tasks.robots.cameras import PLACES
-from hab_tasks.robots.robot import ROBOT
 
-REST = np.array(ROBOT.rest_qpos_rad)
 LOOKS_DOWN = np.array(
     # Columns: the image's right, its down and its ahead; x ahead of the robot is up in the image.
     ((0.0, -1.0, 0.0, 0.0), (-1.0, 0.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
@@ -76,21 +74,6 @@ def test_an_observation_gives_the_image_and_where_the_robot_is():
     np.testing.assert_array_equal(view.depth_m, ((5.0, np.inf),))
     np.testing.assert_array_equal(view.focal_px, (4.0, 4.0))
     np.testing.assert_array_equal(view.centre_px, (1.0, 0.5))
-
-
-def test_a_surface_is_filled_between_pixels_and_an_edge_is_not():
-    depth_m = np.full((16, 16), 1.0)
-    depth_m[:, 8:] = 0.6
-    view = view_from(1.0, depth_m)
-    # On the floor pixels are 1 / 8 m apart.
-    points = surface_points_m(view, np.isfinite(depth_m), spacing_m=0.02, slope=2.0)
-    floor = points[:, 2] < 1e-6
-    assert floor.sum() > 7 * 15 * 36
-    np.testing.assert_allclose(points[~floor, 2], 0.4)
-    steps = np.diff(np.unique(points[floor, 1].round(6)))
-    assert steps.max() <= 0.021
-    # The last column of the floor is half a pixel from the middle, and nothing lies beyond.
-    assert points[floor, 1].min() == pytest.approx(0.5 / 8.0)
 
 
 def test_voxels_that_a_view_sees_through_are_emptied():

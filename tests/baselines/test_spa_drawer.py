@@ -10,8 +10,6 @@ from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.skills.drawer_lines import HandleLines, LineConfig
 
-from hab_tasks.privileged import ArticulationState
-
 # The tray's handle is 3 cm before its front, which is 0.62 m ahead of the robot; the drawer
 # opens towards the robot, by up to 0.2 m.
 HANDLE_M = (0.60, 0.0, 0.85)
@@ -19,25 +17,13 @@ TRAY_M, TRAY_SIZE_M = (0.80, 0.0, 0.85), (0.34, 0.3, 0.1)
 
 
 @pytest.fixture
-def tray(make_scene):
+def tray(make_scene, drawer_at):
     """A drawer without furniture, with a box in it."""
     made = make_scene()
     made.add_box("tray", "furniture", TRAY_M, TRAY_SIZE_M)
     made.add_box("content", "object", (0.80, 0.0, 0.88), (0.04, 0.04, 0.04))
     made.add_box("beside", "object", (0.80, 0.4, 0.88), (0.04, 0.04, 0.04))
-    articulation = ArticulationState(
-        kind="drawer",
-        body="tray",
-        handle_m=np.array(HANDLE_M),
-        held=False,
-        joint=0.0,
-        limits=(0.0, 0.2),
-        slides=True,
-        axis=np.array((-1.0, 0.0, 0.0)),
-        axis_point_m=np.zeros(3),
-        frame=np.array((0.97, 0.0, np.pi)),
-    )
-    scene = TrueScene()
+    scene, articulation = TrueScene(), drawer_at("tray", HANDLE_M, 0.2)
     state = replace(made.privileged("content"), articulations=(articulation,))
     scene.see({"privileged": [state]}, 0)
     return scene

@@ -10,7 +10,6 @@ from hab_spa.motion.drive import STEP_M, STEP_RAD
 from hab_spa.skills.fridge.config import FridgeConfig, pull_of
 from hab_spa.skills.fridge.door import Door
 from hab_spa.skills.fridge.maneuver import base_maneuvers
-from hab_spa.skills.fridge.tow import TowConfig, tows
 
 from hab_tasks.privileged import ArticulationState
 
@@ -78,24 +77,3 @@ def test_shunts_end_at_the_goal_in_every_way():
     # The quickest goes one metre back and turns left by a quarter.
     assert found[0].length_m == pytest.approx(-1.0)
     assert found[0].steps == pytest.approx(1.0 / STEP_M + math.pi / 2 / STEP_RAD + 12.0)
-
-
-def test_the_base_backs_away_with_the_door_over_free_floor_only():
-    """The door of `door_at` is led to 90 degrees; the robot looks at it from x = 1.0."""
-    config, door = TowConfig(), Door(door_at(0.0))
-    base, joints = np.array((1.0, 0.6, math.pi)), np.linspace(0.0, math.pi / 2, 9)
-
-    def behind_a_line(poses):
-        return poses[:, 1] < 0.7
-
-    moving = tows(base, joints, len(joints), door, behind_a_line, config)
-    assert 0 < len(moving) <= config.count
-    np.testing.assert_allclose(moving[:, 0], np.tile(base, (len(moving), 1)))
-    assert (moving[:, :, 1] < 0.7).all()
-    for motion in moving:
-        gaps = [door.gap_m(pose[:2], joint) for pose, joint in zip(motion, joints, strict=True)]
-        assert min(gaps) >= config.door_m - 1e-9
-    # A robot that stood still would have the edge of the open door 0.68 from the hinge: 0.32 before
-    # it and 0.6 aside of it.
-    assert door.gap_m(base[:2], math.pi / 2) == pytest.approx(math.hypot(0.32, 0.6))
-    assert not len(tows(base, joints, len(joints), door, lambda poses: poses[:, 0] > 9, config))

@@ -5,21 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-import sapien
 from hab_spa.planning.arm_plan import Ends, PlanConfig, plan_path
 from hab_spa.planning.collision import ArmCollision, shared_arm_model
 from hab_spa.planning.escape import EscapeConfig, escape
-from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD, BatchArm, IkConfig, Tool
+from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD, BatchArm
 from hab_spa.planning.joint_goal import (
     GoalConfig,
-    GraspConfig,
     sample_reaching_goals,
     sample_rest_goals,
 )
-from hab_spa.planning.place_goal import PlacingConfig, sample_placing_goals
 from hab_spa.planning.rrt import path_is_free
 from hab_spa.results import Failure
-from hab_spa.scenes.true_scene import TrueScene, face_centres_m, standing_at, would_grasp
+from hab_spa.scenes.true_scene import TrueScene, face_centres_m, standing_at
 
 from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.robots.robot import ROBOT
@@ -65,39 +62,6 @@ def test_goals_grasp_the_target_and_are_free(table_scene):
         assert fresh.is_free(goal)
     distances = np.linalg.norm(result.goals - REST, axis=1)
     assert np.all(np.diff(distances) >= 0)
-
-
-def test_would_grasp_needs_the_target_to_be_nearest_by_a_margin(table_scene):
-    state = table_scene.privileged("target")
-    target, clutter = (state.object_com_m[name] for name in ("target", "clutter1"))
-    away = np.array([-1.0, 0.0, 0.0])
-    points = np.array(
-        [target, target + 0.139 * away, target + 0.141 * away, (target + clutter) / 2]
-    )
-    # 0.141 m is inside the grasp radius of 0.15 m, but not by the safety margin of 0.01 m.
-    found = would_grasp(state, "target", points, GraspConfig())
-    assert found.tolist() == [True, True, False, False]
-
-
-def test_placing_goals_are_low_upright_and_free(table_scene):
-    arm = BatchArm()
-    # Upright, 0.08 m ahead of the resting end-effector.
-    ahead = arm.ee_pose(REST) @ [0.08, 0.0, 0.0, 1.0]
-    table_scene.entities["target"][0].set_pose(sapien.Pose(ahead[:3]))
-    state = table_scene.privileged("target", held="target")
-    scene = TrueScene()
-    scene.see({"privileged": [state]}, 0)
-    collision, goal_m = scene.collision(), np.array([0.70, 0.0, 0.80])
-    tool = Tool(point_m=scene.ee_from_held(), up=arm.ee_pose(REST)[2, :3])
-    result = sample_placing_goals(goal_m, tool, collision, arm, 0, GoalConfig(), PlacingConfig())
-    assert result.failure is None
-    collision.set_margin(PlacingConfig().margins_m[-1])
-    for goal in result.goals:
-        com_m = (state.world_from_base @ arm.ee_pose(goal) @ np.append(tool.point_m, 1.0))[:3]
-        assert np.linalg.norm(com_m[:2] - goal_m[:2]) < PlacingConfig().aside_m + 0.005
-        assert 0.0 < com_m[2] - goal_m[2] < max(PlacingConfig().heights_m) + 0.005
-        assert collision.is_free(goal)
-    assert arm.tilts_rad(result.goals[:1], tool)[0] < 0.2
 
 
 def test_blocked_target_is_a_target_plan_failure(make_scene):
@@ -215,29 +179,3 @@ def test_batch_agrees_with_pinocchio():
         expected = pin.computeFrameJacobian(model, data, pose, frame_id, pin.LOCAL_WORLD_ALIGNED)
         np.testing.assert_allclose(position, data.oMf[frame_id].translation, atol=1e-12)
         np.testing.assert_allclose(jacobian, expected[:3], atol=1e-12)
-
-
-def test_solve_reaches_positions_of_other_poses_within_tolerance():
-    arm, config = BatchArm(), IkConfig()
-    targets_m, _ = arm.position_and_jacobian(POSES)
-    solutions, reached = arm.solve(np.roll(POSES, 1, axis=0), targets_m, config)
-    error_m = np.linalg.norm(arm.position_and_jacobian(solutions)[0] - targets_m, axis=1)
-    assert reached.mean() > 0.6
-    assert error_m[reached].max() <= config.tolerance_m
-    assert np.all(solutions >= LOWER_RAD)
-    assert np.all(solutions <= UPPER_RAD)
-
-
-def test_poses_are_tracked_with_their_orientation_together_as_one_by_one():
-    arm, rng = BatchArm(), np.random.default_rng(3)
-    goal = arm.ee_pose(REST).copy()
-    goal[:3, 3] += [0.0, 0.0, 0.01]
-    moved = arm.track_pose(REST, goal, steps=5, turn_weight_m=0.2)
-    np.testing.assert_allclose(arm.ee_pose(moved), goal, atol=3e-3)
-    starts = REST + rng.normal(scale=0.2, size=(6, 7))
-    goals = np.stack([arm.ee_pose(start + 0.05) for start in starts])
-    weights_m = np.array((0.0, 0.05, 0.2, 0.0, 0.05, 0.2))
-    together = arm.track_poses(starts, goals, 4, weights_m)
-    for start, goal, weight_m, moved in zip(starts, goals, weights_m, together, strict=True):
-        alone = arm.track_pose(start, goal, steps=4, turn_weight_m=float(weight_m))
-        np.testing.assert_allclose(moved, alone, atol=1e-9)

@@ -8,7 +8,6 @@ from hab_spa.planning.ik import BatchArm
 from hab_spa.scenes.known_positions import KnownPositions
 from hab_spa.scenes.seen_scene import SeenConfig, SeenScene
 
-from hab_tasks.privileged import ArticulationState, CollisionBody, CollisionShape, PrivilegedState
 from hab_tasks.robots.cameras import PLACES
 from hab_tasks.robots.robot import ROBOT
 
@@ -59,42 +58,12 @@ def test_only_what_was_seen_since_the_plan_is_in_the_way(scene):
     assert not scene.in_the_way(path)
 
 
-def test_what_lies_in_a_drawer_is_believed_to_move_with_it():
-    shape = CollisionShape(
-        kind="box",
-        body_from_shape=np.eye(4),
-        half_size_m=np.array((0.3, 0.2, 0.1)),
-        vertices_m=np.zeros((0, 3)),
-        faces=np.zeros((0, 3), dtype=np.int64),
-    )
-    drawer = CollisionBody(name="cabinet/drawer", group="furniture", shapes=(shape,))
-    pose = np.eye(4)
-    pose[:3, 3] = 1.0, 0.0, 0.5
-    closed = ArticulationState(
-        kind="drawer",
-        body=drawer.name,
-        handle_m=np.array((0.7, 0.0, 0.5)),
-        held=False,
-        joint=0.0,
-        limits=(0.0, 0.5),
-        slides=True,
-        axis=np.array((-1.0, 0.0, 0.0)),
-        axis_point_m=np.zeros(3),
-        frame=np.zeros(3),
-    )
-    told = PrivilegedState(
-        scene_key="one drawer",
-        bodies=(drawer,),
-        world_from_body={drawer.name: pose},
-        world_from_base=np.eye(4),
-        arm_qpos=np.zeros(7),
-        locked_qpos={},
-        held=None,
-        object_com_m={},
-        targets=(),
-        goals_m=np.zeros((0, 3)),
-        articulations=(closed,),
-    )
+def test_what_lies_in_a_drawer_is_believed_to_move_with_it(make_scene, drawer_at):
+    made = make_scene()
+    made.add_box("cabinet/drawer", "furniture", (1.0, 0.0, 0.5), (0.6, 0.4, 0.2))
+    made.add_box("content", "object", (1.2, 0.1, 0.45), (0.04, 0.04, 0.04))
+    closed = drawer_at("cabinet/drawer", (0.7, 0.0, 0.5), 0.5)
+    told = replace(made.privileged("content"), articulations=(closed,))
     # The drawer reaches from x = 0.7 to 1.3: the first object is in it, the second on top.
     starts_m = np.array(((1.2, 0.1, 0.45), (1.2, 0.1, 0.65)))
     places = KnownPositions(starts_m, starts_m + 1.0, told)

@@ -88,21 +88,6 @@ def test_check_tells_what_is_missing_and_what_is_done_about_it(run, tiny, tmp_pa
     assert "no LICENSE" in found["Missing: licence"]
 
 
-@pytest.mark.long
-@pytest.mark.assets
-def test_check_of_the_real_data(run, data):
-    found = page(run("check", data / "replica_cad", "--objects", data / "ycb"))
-    wanted = "69: train 63, val 0, test 0; 3 macro, 60 micro-variations, 5 apt, 1 other"
-    assert found["Present: layouts"] == wanted
-    assert found["Present: objects"] == "92 templates in 41 categories"
-    assert "CC BY-NC 4.0" in found["Present: licence"]
-    absent = "43 of 111: apt_5, v3_sc3_staging_00 to 20, v3_sc4_staging_00 to 20"
-    assert found["Missing: layouts"].startswith(absent)
-    assert "bike_01 (47 layouts)" in found["Missing: object meshes"]
-    assert "boxes made from the navmesh" in found["Missing: stage meshes"]
-    assert "013_apple 0.068 kg" in found["Present: YCB objects"]
-
-
 # Where ManiSkill downloads to -------------------------------------------------------------------
 
 

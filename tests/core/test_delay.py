@@ -46,11 +46,3 @@ def test_a_bad_action_is_refused_when_it_is_asked_for_and_forgotten():
     with pytest.raises(ActionError):
         exchanged(waiting, (2, -6))
     assert exchanged(waiting, (3, 7), (4, 8)) == [[1, 5], [3, 7]]
-
-
-def test_a_restored_delay_goes_on_alike_in_the_rows_restored():
-    first, second = (ActionDelay(2, Controller()) for _ in range(2))
-    exchanged(first, (1, 5), (2, 6))
-    rows = {name: value[:1] for name, value in first.get_state().items()}
-    second.set_state(rows, torch.tensor([0]))
-    assert exchanged(second, (3, 7), (4, 8)) == [[1, -2], [2, -2]]

@@ -60,8 +60,6 @@ def test_a_key_sets_one_entry_of_the_action_or_names_a_cell():
     for mode, key, action in (
         # Hand x, y, z; gripper, -1 is open; forward, turning.
         ("ee_base", "up", [1, 0, 0, -1, 0, 0]),
-        ("ee_base", "right", [0, -1, 0, -1, 0, 0]),
-        ("ee_base", "f", [0, 0, -1, -1, 0, 0]),
         ("ee_base", "s", [0, 0, 0, -1, -0.5, 0]),
         ("ee_base", "a", [0, 0, 0, -1, 0, 1]),
         ("ee_base", "space", [0, 0, 0, -1, 0, 0]),
@@ -70,8 +68,6 @@ def test_a_key_sets_one_entry_of_the_action_or_names_a_cell():
         ("ee", "w", None),
         # Five turning velocities for each of -0.5, 0, 0.5, 1: (1, 0) is 3 * 5 + 2.
         ("base_discrete", "w", 17),
-        ("base_discrete", "s", 2),
-        ("base_discrete", "a", 9),
         ("base_discrete", "space", 7),
         ("base_discrete", "up", None),
     ):

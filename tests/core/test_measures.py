@@ -9,7 +9,6 @@ from builders import StraightWays, snapshot
 from hab_tasks.constants import REST_POSITION_M
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.measures import MEANINGS, Tracker
-from hab_tasks.engine.snapshot import world_to_base
 
 N = 4
 ALL = torch.arange(N)
@@ -35,17 +34,6 @@ def random_snapshot(seed, held=(-1, -1, -1, -1)):
     objects_m = torch.randn(N, 1, 3, generator=generator)
     force_n = torch.rand(N, generator=generator) * 100
     return snapshot(N, **draw, objects_m=objects_m, held=torch.tensor(held), force_n=force_n)
-
-
-def test_world_to_base_by_hand():
-    # Base at (1, 2), turned 90 degrees: the world's +y is ahead, the world's -x is left.
-    base = torch.tensor(
-        [[1.0, 2.0, math.pi / 2], [0.0, 0.0, 0.0], [1.0, 0.0, math.pi], [0, 0, 0.3]]
-    )
-    points = torch.tensor([[1.0, 5.0, 0.7], [1.0, 2.0, 3.0], [0.0, 2.0, 1.0], [0.0, 0.0, 0.5]])
-    # Row 0: 3 m ahead. Row 1: unchanged. Row 2: (-1, 2) turned by 180 degrees is (1, -2).
-    expected = torch.tensor([[3.0, 0.0, 0.7], [1.0, 2.0, 3.0], [1.0, -2.0, 1.0], [0.0, 0.0, 0.5]])
-    assert torch.allclose(world_to_base(base, points), expected, atol=1e-6)
 
 
 def test_distances_of_the_first_moment():

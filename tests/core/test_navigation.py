@@ -9,12 +9,10 @@ from geodesics import geodesic_distance
 from hab_tasks.errors import GenerationError
 from hab_tasks.navigation import (
     NavigationMap,
-    ShortestPathFollower,
     path_between,
     poses_reaching,
 )
 from hab_tasks.privileged import CollisionBody, CollisionShape
-from hab_tasks.robots.control_modes import BASE_CELLS
 from hab_tasks.scenes.floor import CELL_M
 from hab_tasks.scenes.habitat.dataset import SceneDataset
 from hab_tasks.scenes.habitat.load import load_scene
@@ -105,27 +103,6 @@ def test_ways_are_free_and_as_short_as_their_distance():
         length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
         distance = float(geodesic_distance(map_, start, map_.geodesic_field(goal)))
         assert 0.97 * distance - CELL_M <= length <= 1.03 * distance + CELL_M
-
-
-def test_the_follower_turns_drives_and_stops():
-    follower = ShortestPathFollower(room(), np.array([2.0, 3.5, 0.0]))
-    for base, cell in (
-        ((1.0, 3.5, 0.0), (1.0, 0.0)),  # the goal is 1 m ahead
-        ((1.0, 3.5, np.pi), (0.0, -1.0)),  # behind; pi and -pi are the same turn
-        # A step at full speed turns by 3.14 / 30 = 0.105 rad: 0.06 rad are nearest to half of it.
-        ((1.0, 3.5, -0.06), (1.0, 0.5)),
-        ((1.0, 3.5, -0.3), (0.5, 1.0)),  # so far aside, it drives slowly
-        ((1.75, 3.5, 0.0), (0.5, 0.0)),  # so near, too
-        ((2.5, 3.5, 0.0), (-0.5, 0.0)),  # the goal is near behind: backwards
-        ((2.5, 3.5, 0.3), (-0.5, -1.0)),
-        ((2.5, 3.5, 1.0), (0.0, -1.0)),  # so far aside, it turns first
-        ((2.0, 3.0, 0.0), (-0.5, 0.0)),  # near beside: backwards, to come from behind
-        ((1.4, 3.0, 0.0), (0.0, 1.0)),  # atan(0.5 / 0.6) = 0.69 rad: nearly ahead
-        ((2.0, 2.8, 0.0), (0.0, 1.0)),  # farther beside: straight to it
-        ((1.85, 3.5, 1.0), (0.0, -1.0)),  # arrived, but not at the heading
-        ((1.85, 3.5, 0.3), (0.0, 0.0)),
-    ):
-        assert BASE_CELLS[follower.action(np.array(base))] == cell, base
 
 
 def test_poses_reach_the_target_face_it_and_start_near():

@@ -56,22 +56,6 @@ def test_areas_islands_and_heights(navmesh_of):
     assert np.isfinite(only).sum() == 20 * 10
 
 
-@pytest.mark.assets
-def test_published_areas(dataset, staging):
-    for folder, radius_m, areas_m2, apartments_m2 in (
-        ("navmeshes", 0.3, (25.79, 30.37, 33.30), (46.56, 48.00)),
-        ("navmeshes_default", 0.1, (41.34, 44.80, 47.51), (60.01, 60.32)),
-    ):
-        files = {s: dataset.root / folder / f"{s}.navmesh" for s in dataset.scene_files}
-        meshes = {s: read_navmesh(file) for s, file in files.items()}
-        assert {m.agent_radius_m for m in meshes.values()} == {radius_m}
-        areas = [meshes[s].polygon_areas_m2.sum() for s in staging]
-        assert len(areas) == 63
-        assert (min(areas), np.mean(areas), max(areas)) == pytest.approx(areas_m2, abs=0.005)
-        flats = [meshes[f"apt_{k}"].polygon_areas_m2.sum() for k in range(5)]
-        assert (min(flats), max(flats)) == pytest.approx(apartments_m2, abs=0.005)
-
-
 def box_footprint(low_x, low_z, high_x, high_z, high_m=1.0):
     corners = [(low_x, low_z), (high_x, low_z), (high_x, high_z), (low_x, high_z)]
     return Footprint(outline_m=np.array(corners), low_m=0.0, high_m=high_m)

@@ -109,19 +109,11 @@ def test_a_failure_names_the_file_and_keeps_what_was_computed(tmp_path, source, 
         assert copy(textured_dataset(tmp_path / "mended"), tmp_path / "out").tally.reused == 3
 
 
-def test_force_replaces_datasets_and_nothing_else(tmp_path, source):
-    copy(source, tmp_path / "out")
-    (tmp_path / "out/extra").write_text("")
-    with pytest.raises(HabError, match="--force"):
-        copy(source, tmp_path / "out")
-    optimise.optimise(source, tmp_path / "out", AssetOptions(), force=True)
-    assert not (tmp_path / "out/extra").exists()
-    (tmp_path / "home").mkdir()
-    (tmp_path / "home/thesis.txt").write_text("precious")
+def test_force_replaces_neither_the_source_nor_the_working_directory(tmp_path, source):
+    """`test_files.py` has what is replaced."""
     for folder in (tmp_path, source.root):
         (folder / optimise.NOTE).write_text("{}")
     for name, words in {
-        "home": f"contains files but no {optimise.NOTE}",
         "source": "which is never written to",
         "source/configs/light": "which is never written to",
         ".": "which is never replaced",

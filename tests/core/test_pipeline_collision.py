@@ -4,13 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import sapien
 import trimesh
 from textured import box_at
 
 from hab_tasks.pipeline.collision import MAX_PARTS, write_parts
 from hab_tasks.pipeline.options import AssetOptions
-from hab_tasks.scenes.meshes import mesh_bounds, parts_volume
+from hab_tasks.scenes.meshes import parts_volume
 
 
 @pytest.fixture(autouse=True)
@@ -58,37 +57,13 @@ def test_volumes_of_parts(tmp_path):
         assert len(trimesh.load_scene(parts).dump()) == count, number
 
 
-def resting_height_m(parts: Path, radius_m: float) -> float:
-    """Height over the table of a ball dropped into a bowl, which it must not leave."""
-    (cx, cy, cz), (hx, hy, hz) = mesh_bounds(parts)
-    scene = sapien.Scene([sapien.physx.PhysxCpuSystem()])
-    builder = scene.create_actor_builder()
-    builder.add_multiple_convex_collisions_from_file(str(parts))
-    builder.build_static("bowl")
-    builder = scene.create_actor_builder()
-    builder.add_sphere_collision(radius=radius_m)
-    # Off the middle, so that it rolls.
-    builder.initial_pose = sapien.Pose([cx + hx / 3, cy, cz + hz + 0.02])
-    ball = builder.build("ball")
-    scene.set_timestep(1 / 240)
-    for _ in range(720):
-        scene.step()
-    x, y, z = ball.pose.p
-    assert np.hypot(x - cx, y - cy) < max(hx, hy)
-    assert z < cz + hz
-    return float(z - (cz - hz))
-
-
 @pytest.mark.assets
-def test_a_ball_stays_in_the_thinned_bowl(tmp_path, ycb):
+def test_a_thinned_bowl_is_still_hollow(tmp_path, ycb):
     own = ycb / "024_bowl/google_16k/textured_vhacd.stl"
-    heights = []
     for how, count in (("hull", 70), ("coacd", MAX_PARTS)):
         parts = tmp_path / f"{how}.glb"
         options = AssetOptions(collision=how)
         write_parts(own, own.with_name("textured.obj"), options, parts)
         assert len(trimesh.load_scene(parts).dump()) == count
-        heights.append(resting_height_m(parts, 0.015))
-    assert heights[1] == pytest.approx(heights[0], abs=0.01)
-    # The hollow is still there: the bowl's hull has 0.75 l.
-    assert parts_volume(parts) < 0.25e-3
+        # The bowl's hull has 0.75 l.
+        assert parts_volume(parts) < 0.25e-3, how

@@ -128,21 +128,3 @@ def test_a_door_opens_as_far_as_nothing_is_in_its_way():
     # The box is 0.06 to 0.21 m wide: 0.1 rad at least, 1 rad at most.
     assert free - 1.0 < blocked < free - 0.1
     assert apartment.pose(BOX) == pytest.approx(there, abs=1e-6), "the box was pushed"
-
-
-def test_points_keep_their_radius_from_the_edge_and_from_each_other(tiny):
-    found, rng, taken = spot(tiny()), np.random.default_rng(0), []
-    for _ in range(12):
-        point = found.sample(rng, 0.08, taken)
-        if point is None:
-            break
-        assert point[2] == pytest.approx(0.8)
-        local = np.abs((point - found.center_m) @ found.axes)
-        assert (local <= found.half_m - 0.08 + 1e-9).all()
-        # Discs may overlap by a tenth.
-        assert all(np.linalg.norm(point - q) > 0.9 * 0.16 for q, _ in taken)
-        taken.append((point, 0.08))
-    assert len(taken) >= 6
-    # 0.3 m is the table's smaller half; what sticks out by more than 0.6 of its radius falls.
-    assert found.sample(rng, 0.45, []) is not None
-    assert found.sample(rng, 0.55, []) is None

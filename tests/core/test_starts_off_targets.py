@@ -6,11 +6,10 @@ from start_checks import SKILLS, TASKS, Replay
 
 from hab_tasks.episodes.generators.furniture import handles_m
 from hab_tasks.episodes.rehearsal import falls_to
-from hab_tasks.episodes.robot_start import HAND_CLEARANCE_M, KeepOff
+from hab_tasks.episodes.robot_start import HAND_CLEARANCE_M
 from hab_tasks.geometry import apply
 
 OPENING = [s for s in SKILLS if ("Open" in s or "Close" in s) and s != "HabCloseDrawer-v1"]
-POINT = np.array([[1.0, 2.0, 0.8]])
 
 
 def cases(quick, *others):
@@ -26,18 +25,6 @@ def cases(quick, *others):
             *(pytest.param(e, "real", marks=[*real, pytest.mark.long]) for e in others),
         ],
     )
-
-
-def test_the_hand_keeps_off_points():
-    for hand_m, near, near_from_above in (
-        ((1.12, 2.0, 1.01), True, True),  # hypot(0.12, 0.21) = 0.242
-        ((1.12, 2.0, 1.03), False, True),  # hypot(0.12, 0.23) = 0.259
-        ((1.2, 2.16, 0.8), False, False),  # hypot(0.2, 0.16) = 0.256
-        ((1.0, 2.0, 2.0), False, True),
-    ):
-        hand_m = np.array(hand_m)
-        assert KeepOff(points_m=POINT).meets(hand_m) == near
-        assert KeepOff(points_m=POINT, level=True).meets(hand_m) == near_from_above
 
 
 def gap_m(replay, points_m, axes=3):

@@ -11,6 +11,7 @@ from mani_skill.utils.wrappers.gymnasium import CPUGymWrapper
 from playing import actions, play, record, slow, still
 
 from hab_tasks.engine.noise import SensorNoise
+from hab_tasks.engine.sensors import scale_depth
 from hab_tasks.envs import ENVS
 from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.robots.robot import ROBOT
@@ -27,6 +28,12 @@ def test_a_bad_option_is_refused_with_what_is_valid(make):
         ({"camera_size_px": 64.0}, OptionError, "a whole number of pixels"),
         ({"camera_hfov_rad": math.nan}, OptionError, "between 0 and pi"),
         ({"control_mode": "eee"}, UnknownNameError, "Did you mean 'ee'"),
+        ({"control_mode": "pd_ee_delta_pose"}, UnknownNameError, "Did you mean 'ee'"),
+        ({"control_mode": "pd_joint_pos"}, UnknownNameError, "Did you mean 'joint_target'"),
+        ({"control_mode": "pd_joint_vel"}, UnknownNameError, "Did you mean 'joint_delta'"),
+        ({"robot_uids": "fetch"}, UnknownNameError, "Did you mean 'hab_fetch'"),
+        ({"robot_uids": ("panda", "fetch")}, UnknownNameError, "Valid: hab_fetch"),
+        ({"depth": "cm"}, UnknownNameError, "Valid: m, mm"),
         ({"action_delay_steps": -1}, OptionError, "a whole number of steps"),
         ({"sensor_noise": {"deph": 0.1}}, UnknownNameError, "depth_at_1_m_m"),
         ({"camera": ["head"]}, UnknownNameError, "Did you mean 'cameras'"),
@@ -148,6 +155,19 @@ def test_every_observation_mode_works_with_every_option(make, obs_mode, options)
         assert all(image.shape[:2] == (32, 32) for image in images.values())
         if "depth" in obs_mode or obs_mode == "rgbd":
             assert 0 <= images["depth"].min() <= images["depth"].max() <= 1
+
+
+@pytest.mark.parametrize("backend", ["rays", pytest.param("cpu", marks=render)])
+def test_depth_in_millimetres_is_maniskills(make, backend):
+    """1 is 10 m, or nothing seen; with noise of 1 cm at 1 m as well."""
+    plain = {"obs_mode": "depth", "render_backend": backend, "sensor_noise": NOISE}
+    metres, env = make(**plain), make(**plain, depth="mm")
+    expected, obs = (e.reset(seed=1)[0]["sensor_data"] for e in (metres, env))
+    for name, images in obs.items():
+        depth_mm, space = images["depth"], env.observation_space["sensor_data"][name]["depth"]
+        assert (depth_mm.dtype, space.dtype) == (torch.int16, np.int16)
+        assert same(scale_depth(depth_mm), expected[name]["depth"])
+    assert obs["arm"]["depth"].max() > 1000
 
 
 @render

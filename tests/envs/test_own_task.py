@@ -4,6 +4,7 @@ The tutorials, of which the task is one's, run the commands.
 """
 
 import json
+import os
 import subprocess
 import sys
 from contextlib import closing
@@ -58,6 +59,36 @@ def test_a_task_is_an_environment_also_in_workers():
     with closing(gym.make_vec(ENV, num_envs=2, num_workers=2, num_episodes=2)) as envs:
         assert envs.reset(seed=0)[0].shape == (2, 32)
         envs.step(envs.action_space.sample())
+
+
+SCRIPT = """
+import gymnasium, hab_tasks
+from my_tasks import CLEAR_TABLE as task
+if __name__ == "__main__":
+    task = hab_tasks.TaskSpec(**{**vars(task), "id": "Here-v1", "targets": list(task.targets)})
+    hab_tasks.register_task(task)
+    gymnasium.make("Here-v1", num_episodes=1).reset(seed=0)
+    envs = gymnasium.make_vec("Here-v1", num_envs=2, num_workers=2, num_episodes=1)
+    assert envs.reset(seed=0)[0].shape == (2, 32)
+    envs.close()
+"""
+
+
+@slow
+def test_a_script_declares_a_task_also_for_its_workers(tmp_path):
+    """As a file; piped, where Python's workers look in vain for a file; and without a guard."""
+    file = tmp_path / "script.py"
+    for text, piped, code in (
+        (SCRIPT, True, 0),
+        (SCRIPT, False, 0),
+        (SCRIPT.replace("__name__ ==", "__name__ and"), False, 1),
+    ):
+        file.write_text(text)
+        command = (sys.executable, "-" if piped else str(file))
+        path = {**os.environ, "PYTHONPATH": str(TESTS)}
+        done = subprocess.run(command, input=text, capture_output=True, text=True, env=path)
+        assert done.returncode == code, done.stderr
+        assert code == 0 or "`if __name__ == '__main__':`." in done.stderr.splitlines()[-1]
 
 
 def test_an_id_is_taken_once():

@@ -95,10 +95,14 @@ def test_states_of_other_objects_are_refused(make):
     env = make()
     env.reset(options={"episode": 0})
     assert not env.reset(options={"episode": 0})[1]["reconfigure"]
-    state = env.unwrapped.get_state_dict()
+    base, words = env.unwrapped, "Start the episode of the state first"
+    state, flat = base.get_state_dict(), base.get_state()
     assert env.reset(options={"episode": 1})[1]["reconfigure"]
-    words = "Start the episode of the state first"
-    refused_by_call(lambda: env.unwrapped.set_state_dict(state), words)
+    refused_by_call(lambda: base.set_state_dict(state), words)
+    refused_by_call(lambda: base.set_state(flat), words)
+    # As wide as this episode's, but of another layout.
+    refused_by_call(lambda: base.set_state(base.get_state().flip(1)), words)
+    refused_by_call(lambda: base.set_state_dict({}), "The state has no")
 
 
 @slow

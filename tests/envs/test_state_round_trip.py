@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+import torch
 from builders import go_above_and_grasp, reach, same
+from mani_skill.utils.common import flatten_state_dict
 from playing import KINDS, actions, ee_grip, ee_mode, held, move_joint, play, put, record
 
 from hab_tasks.envs import ENVS
@@ -61,9 +63,17 @@ def test_the_continuation_equals_the_original(make, env_id, situation):
         shapes = grasp.objects[index]._bodies[0].collision_shapes if index >= 0 else ()
         return index, handle, [tuple(shape.get_collision_groups()[:2]) for shape in shapes]
 
-    before = grasped()
-    env.unwrapped.set_state_dict(env.unwrapped.get_state_dict())
-    assert grasped() == before
+    base, before = env.unwrapped, grasped()
+    state, flat = base.get_state_dict(), base.get_state()
+    assert torch.equal(flat, flatten_state_dict(state, use_torch=True))
+    for restore in (
+        lambda: base.set_state_dict(state),
+        lambda: base.set_state(flat),
+        lambda: env.reset(options={"reset_to_env_states": {"env_states": flat[0].numpy()}}),
+    ):
+        restore()
+        assert grasped() == before
+        assert same(base.get_state_dict(), state, atol=1e-5)
     go_on_and_come_back(env, 1.0 if situation == "holding" else -1.0)
 
 

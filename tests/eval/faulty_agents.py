@@ -154,7 +154,7 @@ def _be_late(agent: stub_hab.StubAgent, case: str) -> None:
         if seeds[-1] % 1000 in (1, 3) and (method == "reset" or len(agent.seen) > 1):
             if way == "deaf":
                 signal.signal(signal.SIGTERM, signal.SIG_IGN)
-            time.sleep(600)
+            time.sleep(1.0 if way == "nap" else 600)
         return given
 
     setattr(agent, method, hanging)

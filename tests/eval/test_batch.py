@@ -81,9 +81,3 @@ def test_a_worker_that_dies_names_its_rows(cli, cli_process, tmp_path):
     assert "'stub/001' stopped the run" in done.stderr
     assert "signal 9" in done.stderr
     assert cli(*arguments, "--resume").returncode == 0
-
-
-def test_a_device_that_is_not_there_is_refused(cli, tmp_path):
-    done = cli(*STUB, "--device", "cuda:9", "--out", tmp_path / "run")
-    assert done.returncode == 2
-    assert "device 'cuda:9' is not available. Valid: cpu" in done.stderr

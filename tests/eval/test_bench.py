@@ -6,7 +6,7 @@ import pytest
 import torch
 from hab_eval.bench.comparison import step_rows
 from hab_eval.bench.layout import make_layout
-from hab_eval.bench.motion import BASE_SPEEDS, Motion
+from hab_eval.bench.motion import Motion
 from hab_eval.bench.process import QUIET_STEPS, RemoteEnv, StepTiming, time_steps
 from hab_eval.bench.report import make_report, read_report, report_table, write_report
 from hab_eval.bench.rows import bound_row, make_row
@@ -73,19 +73,6 @@ def test_report_file(tmp_path):
     assert read_report(path).rows == ()
     # 2 / 1
     assert "| b/c/d | 2 | 1 | 2 | ms |" in report_table(report)
-
-
-def test_both_sides_get_the_same_small_motion():
-    both = Motion(count=50, seed=3, base=True)
-    assert torch.equal(both.arm_steps_m(), Motion(count=50, seed=3).arm_steps_m())
-    assert not torch.equal(both.arm_steps_m(), Motion(count=50, seed=4).arm_steps_m())
-    assert 0.01 < both.arm_steps_m().abs().max() <= 0.015
-    assert (both.base_speeds().abs() <= torch.tensor(BASE_SPEEDS)).all()
-    # What does not move stands still.
-    assert not Motion(count=5, seed=3).base_speeds().any()
-    base = Motion(count=5, seed=3, arm=False, base=True)
-    assert not base.arm_steps_m().any()
-    assert base.base_speeds().all()
 
 
 class Engine:

@@ -1,11 +1,9 @@
-"""The suites without a reference environment: objects, processes and memory."""
+"""Suites by name, and those of objects and vector environments."""
 
 import json
 
 import pytest
-from hab_eval.bench import memory as bench_memory
 from hab_eval.bench import object_counts, vector_envs
-from hab_eval.bench import processes as bench_vector
 from hab_eval.bench import vector as native_vector
 from hab_eval.bench.layout import SCENE_SUFFIX
 from hab_eval.bench.options import BenchOptions
@@ -13,19 +11,13 @@ from hab_eval.bench.suite import GROUP
 from hab_eval.bench.suites import find_suite, suite_names
 from hab_eval.errors import BenchError
 
-from hab_tasks.episodes import Episode, EpisodeRequest
-from hab_tasks.episodes.schema import RobotStart
+from hab_tasks.episodes import EpisodeRequest
 
 SCENE = "v3_sc0_staging_00"
 
 
 def options(suite, tmp_path, **values):
     return BenchOptions(suite=find_suite(suite), scene_dataset=tmp_path, **values)
-
-
-def episode(held=None):
-    start = RobotStart(base=(0.0, 0.0, 0.0), arm_qpos_rad=(0.0,) * 7)
-    return Episode(id="", scene_id="", seed=0, robot=start, objects={}, held=held)
 
 
 def test_every_suite_is_found_under_its_own_name():
@@ -97,20 +89,6 @@ def test_episodes_by_object_count_hold_one_another(replica_cad, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.assets
-@pytest.mark.parametrize("way", bench_vector.VECTORS)
-def test_processes_step_the_real_environment(replica_cad, way):
-    asked = options("processes", replica_cad)
-    vector = bench_vector.VECTORS[way](asked, "HabPick-v1", SCENE, 2)
-    try:
-        assert vector.run_steps(5, seed=0) > 10
-        assert len(set(vector.pids())) == 2
-        assert all(bench_memory.read_memory(pid).rss_mb > 100 for pid in vector.pids())
-    finally:
-        vector.close()
-
-
-@pytest.mark.slow
-@pytest.mark.assets
 def test_vector_environments_are_measured(replica_cad, monkeypatch):
     monkeypatch.setattr(native_vector, "MANY_ROWS", 4)
     monkeypatch.setattr(native_vector, "ROWS", 4)
@@ -128,12 +106,3 @@ def test_vector_environments_are_measured(replica_cad, monkeypatch):
     assert all(row.value > 0 and row.reference_value > 0 for row in rows.values())
     assert rows["16_rows_physics_share"].value < 1.0
     assert rows["16_rows_and_maniskill"].ratio > 1.5  # 7 with 16 rows, on an idle machine
-
-
-@pytest.mark.slow
-@pytest.mark.assets
-def test_generation_is_measured(replica_cad):
-    asked = options("episodes", replica_cad, repeats=1, steps=2, envs=("HabOpenDrawer-v1",))
-    rows = find_suite("episodes").run(asked, str)
-    assert len(rows) == 3
-    assert all(0.0 < row.value / row.reference_value < 50.0 for row in rows)

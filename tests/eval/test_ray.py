@@ -13,6 +13,7 @@ import pytest
 import stub_runs
 from hab_eval.cli import main
 from refusals import check_each
+from sockets import check_loopback
 from stub_runs import STUBS, journal_ids, results_of
 
 pytestmark = pytest.mark.skipif(
@@ -74,6 +75,7 @@ def test_interrupted_and_killed_runs_resume_to_the_local_result(
         resume = ("--resume",) if number else ()
         process = start_cli(*arguments, *resume, STUB_STEP_S="0.3")
         wait_for_episodes(process, out, 2 * number + 2)
+        check_loopback(psutil.Process(process.pid))
         started = psutil.Process(process.pid).children(recursive=True)
         assert len(started) > 3
         if how is signal.SIGINT:

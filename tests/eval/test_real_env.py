@@ -40,6 +40,15 @@ def test_outcomes_do_not_depend_on_workers_or_on_the_episodes_before(tmp_path):
     assert results_of(tmp_path / "1") == alone
 
 
+@pytest.mark.parametrize("agent", ["hab_eval:straight_line", "hab_spa:spa_priv"])
+def test_an_isolated_agent_wins_as_in_the_same_process(agent, tmp_path):
+    command = ("run", "--agent", agent, "--env", "HabPick-v1", "--episodes", 1, "--seed", 11)
+    run(*command, "--out", tmp_path / "same")
+    run(*command, "--isolated", "--out", tmp_path / "own")
+    assert results_of(tmp_path / "own") == results_of(tmp_path / "same")
+    assert results_of(tmp_path / "own")[0]["success"]
+
+
 def test_a_task_that_times_out_has_the_agents_category():
     """No task names a failure of its own, so that what the agent says is kept."""
     config = EvalConfig(agent="hab_eval:random_agent", env="HabPrepareGroceries-v1", episodes=1)

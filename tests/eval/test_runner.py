@@ -40,17 +40,6 @@ def test_outcomes():
     assert failures == [None, "force", "target plan"]
 
 
-def test_true_state_only_on_request():
-    blind, seeing, late = (stub_hab.StubAgent(privileged=truth) for truth in (False, True, True))
-    late.act = lambda obs: late.seen.append(obs) or torch.zeros(1, 2)
-    for agent in (blind, seeing, late):
-        run(0, agent)
-    assert all("privileged" not in obs for obs in blind.seen)
-    assert seeing.truths == ["true state of e"] * len(seeing.seen) != []
-    with pytest.raises(AgentError, match="only until the next step"):
-        late.seen[0]["privileged"]
-
-
 @pytest.mark.usefixtures("stubbed")
 def test_random_agent_repeats_itself_and_stays_in_bounds():
     agent = random_agent(SETUP)

@@ -7,7 +7,7 @@ import re
 import pytest
 from hab_eval.errors import ResultError
 from hab_eval.results import write_record
-from hab_eval.site import paper
+from hab_eval.site import comparison, paper
 from hab_eval.site.agents import agent_pages, read_cards
 from hab_eval.site.breakdown import by_layout, by_receptacle, histogram, read_receptacles
 from hab_eval.site.comparison import comparison_sets
@@ -72,7 +72,7 @@ def test_receptacles_come_from_episode_files(tmp_path):
         read_receptacles(tmp_path)
 
 
-def test_only_runs_on_the_same_episodes_are_compared():
+def test_only_runs_on_the_same_episodes_are_compared(monkeypatch):
     records = {
         "a.json": record_of([None, None]),
         "b.json": record_of([None, "x", "x"]),
@@ -87,6 +87,11 @@ def test_only_runs_on_the_same_episodes_are_compared():
     assert data["runs"][0]["outcome"] == [0, 0, None]
     assert data["runs"][1]["outcome"] == [0, 1, 1]
     assert data["runs"][1]["outcomes"] == ["success", "x"]
+    monkeypatch.setattr(comparison, "MOST_COMPARED", 2)
+    many = {f"{name}.json": record_of([None] * 2) for name in "cde"}
+    (one,) = comparison_sets(make_entries({**many, **records}))
+    assert len(one.entries) == 2
+    assert len(one.pairs) == 1
 
 
 def test_the_papers_results_have_counterparts_on_the_same_protocol():

@@ -1,3 +1,6 @@
+import tracemalloc
+
+import numpy as np
 import pytest
 from hab_eval.stats import bootstrap_mean, exact_mcnemar, mean, wilson_interval
 
@@ -35,6 +38,17 @@ def test_means():
     assert first.mean == pytest.approx(7 / 3)
     assert first.ci95[0] < first.mean < first.ci95[1]
     assert bootstrap_mean([3.0, 3.0]).ci95 == (3.0, 3.0)
+
+
+def test_a_bootstrap_in_parts_has_the_numbers_of_one_at_once():
+    values = np.random.default_rng(1).normal(size=1501)
+    picks = np.random.default_rng(0).integers(0, 1501, size=(2000, 1501))
+    at_once = np.percentile(values[picks].mean(axis=1), [2.5, 97.5])
+    assert bootstrap_mean(values.tolist()).ci95 == tuple(at_once)
+    tracemalloc.start()
+    bootstrap_mean(np.zeros(100_000).tolist(), resamples=100)
+    assert tracemalloc.get_traced_memory()[1] < 100e6
+    tracemalloc.stop()
 
 
 def test_mcnemar_by_hand():

@@ -1,13 +1,12 @@
 """Tables of the status page, and rows that are to be run again."""
 
+import hashlib
 import json
 import subprocess
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 import stub_runs
-from hab_eval.config import COMMIT_SEPARATOR
 from hab_eval.errors import ResultError
 from hab_eval.leaderboard import (
     Submissions,
@@ -15,6 +14,7 @@ from hab_eval.leaderboard import (
     find_submissions,
     with_submission,
 )
+from hab_eval.provenance import COMMIT_SEPARATOR
 from hab_eval.results import write_record
 from hab_eval.site.build import SiteOptions, build_site
 from hab_eval.status import again_table, best_table, rows_table
@@ -105,19 +105,34 @@ def test_a_new_submission_of_a_name_ends_its_wait(tmp_path):
         find_submissions(folder)
 
 
+def git(*arguments, given=""):
+    """Runs git on the checkout; its output as bytes."""
+    command = ["git", "-C", stub_runs.ROOT, *arguments]
+    if not (stub_runs.ROOT / ".git").exists():
+        pytest.skip("not a git checkout")
+    return subprocess.run(command, input=given.encode(), capture_output=True, check=True).stdout
+
+
 def test_rows_of_older_versions_and_lost_commits_are_to_be_run_again():
-    found = find_submissions(default_submissions())
-    assert not [n for n, r in found.current.items() if r.versions["hab-tasks"] < CURRENT[r.env]]
-    root = Path(stub_runs.ROOT)
+    current = find_submissions(default_submissions()).current
+    assert not [n for n, r in current.items() if r.versions["hab-tasks"] < CURRENT[r.env]]
     commits = {
         one.partition("-")[0]
-        for record in found.current.values()
+        for record in current.values()
         for one in (record.git or "").split(COMMIT_SEPARATOR)
     }
     names = "\n".join(f"{commit}^{{commit}}" for commit in sorted(commits))
-    done = subprocess.run(
-        ["git", "cat-file", "--batch-check"], cwd=root, input=names, capture_output=True, text=True
-    )
-    if done.returncode != 0:
-        pytest.skip("not a git checkout")
-    assert "missing" not in done.stdout
+    assert b"missing" not in git("cat-file", "--batch-check", given=names)
+
+
+def test_the_weights_of_every_row_are_in_its_commit():
+    records = find_submissions(default_submissions()).current.values()
+    weights = {
+        (record.git, name, digest)
+        for record in records
+        if record.agent_files is not None
+        for name, digest in record.agent_files.data.items()
+    }
+    for commit, name, digest in sorted(weights):
+        content = git("show", f"{commit}:baselines/ppo/{name}")
+        assert hashlib.sha256(content).hexdigest() == digest, name

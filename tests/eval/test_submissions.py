@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 
 import pytest
+from hab_eval.agent_files import AgentFiles
 from hab_eval.leaderboard import default_submissions, read_submissions
 from hab_eval.results import read_record, summarize, write_record
 from hab_eval.submissions.naming import submission_name
@@ -16,6 +17,7 @@ from stub_runs import RUN
 from hab_tasks.errors import OptionError
 
 COMMIT = "44d0491468c4c12ddc8bedff3264925895644262"
+DIRTY = AgentFiles(code="0", git=f"{COMMIT}-dirty", data={})
 GOOD = {"agent": "hab_spa:spa_priv", "git": COMMIT, "seed": 2}
 
 
@@ -81,6 +83,7 @@ REFUSED = (
     (lambda r: replace(r, git=f"{COMMIT}-dirty"), "uncommitted changes"),
     (lambda r: replace(r, git=f"{COMMIT} then {COMMIT}"), "resumed on another commit"),
     (lambda r: record_of([None] * 49, **GOOD), "49 episodes; a submission has at least 50"),
+    (lambda r: replace(r, agent_files=DIRTY), "the agent's code had uncommitted changes"),
     (lambda r: replace(r, seed=3), 'the protocol .* has "HabPick-v1/apartment/val/3/00000"'),
     (other_ids, r'episodes\[49\]: id is "HabPick-v1/x/val/2/00049"'),
 )
@@ -121,11 +124,12 @@ def stub_run(cli, tmp_path):
 
 def test_verify_repeats_a_run(cli, stub_run):
     (one,) = record_of([None]).episodes
-    assert episode_differences(one, replace(one, episode_return=1e-7, seconds=9.0)) == []
+    assert episode_differences(one, replace(one, seconds=9.0)) == []
+    (small,) = episode_differences(one, replace(one, episode_return=1e-7))
+    assert small.small
     done = cli("verify", stub_run, "--episodes", 4)
     assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.count(" same ") == 4
-    assert "4 of 4 episodes repeat the recorded result." in done.stdout
+    assert "4 episodes repeated: 4 identical." in done.stdout
     assert "stub/002" in cli("verify", stub_run / "run.json", "--episode", 2).stdout
     # The episodes are drawn by a seed.
     assert draw(100, 10, 0) == draw(100, 10, 0) != draw(100, 10, 1)
@@ -143,41 +147,56 @@ def edited(folder, **changes):
     return episodes[2]
 
 
-CHANGES = (
+FORGED_EPISODES = (
     ({"steps": 3}, "stub/002: steps: recorded 3, repeated"),
     ({"success": True, "failure": None}, "stub/002: success: recorded true, repeated false"),
     ({"failure": "force"}, 'stub/002: failure: recorded "force", repeated'),
+    ({"stages": {"reached": False}}, 'stub/002: stages: recorded {"reached": false}, repeated'),
     ({"episode_return": 9.0}, "stub/002: return: recorded 9.0, repeated"),
+    ({"scores": {"sct": 1.0}}, "stub/002: sct: recorded 1.0, repeated NaN"),
+    ({"seconds": 9.0}, "agent: seconds: recorded 9.0"),
+)
+
+
+def forged_files(record, **changes):
+    return replace(record, agent_files=replace(record.agent_files, **changes))
+
+
+FORGED_RUNS = (
+    (lambda r: replace(r, privileged=True), "agent: privileged: recorded true, repeated false"),
+    (lambda r: replace(r, options={**r.options, "mode": "still"}), "stub/000: return: recorded"),
+    (lambda r: forged_files(r, data={"w.bin": "0"}), 'agent: w.bin: recorded "0", repeated "6b86'),
+    (lambda r: forged_files(r, code="0"), 'agent: code: recorded "0", repeated'),
 )
 
 
 def test_verify_finds_every_kind_of_change(cli, tmp_path):
-    folder = tmp_path / "run"
+    folder, weights = tmp_path / "run", tmp_path / "w.bin"
+    weights.write_bytes(b"1")
     # With seed 0, episode 2 times out.
-    cli(*RUN, "--seed", 0, "--episodes", 3, "--out", folder)
-    whole = (folder / "run.json").read_bytes()
+    command = ("run", "--agent", "stub_hab:optional", *RUN[3:], "--option", "mode=lively")
+    command += ("--option", f"file={weights}", "--seed", 0, "--episodes", 3, "--out", folder)
+    assert cli(*command).returncode == 0
+    whole, record = (folder / "run.json").read_bytes(), read_record(folder / "run.json")
 
     def check(case):
         changes, line = case
         (folder / "run.json").write_bytes(whole)
-        edited(folder, **changes)
+        if callable(changes):
+            write_record(folder / "run.json", changes(record))
+        else:
+            edited(folder, **changes)
         done = cli("verify", folder, "--episodes", 3)
         assert done.returncode == 1
-        assert line in done.stdout
-        kept = 3 if "episode_return" in changes else 2
-        summary = f"2 of 3 episodes repeat the recorded result, {kept} its outcome and steps"
-        assert f"{summary}; recorded" in done.stdout
-        assert done.stdout.count(" different ") == 1
+        assert f"different: {'' if line.startswith('agent') else 'episode '}{line}" in done.stdout
+        assert "; recorded at commit" in done.stdout
 
-    check_each({case[1]: case for case in CHANGES}, check)
-
-
-def test_verify_finds_an_agent_that_claims_less_than_it_sees(cli, stub_run):
-    record = read_record(stub_run / "run.json")
-    write_record(stub_run / "run.json", replace(record, privileged=True))
-    done = cli("verify", stub_run, "--episodes", 1)
-    assert done.returncode == 1
-    assert "different: agent: privileged: recorded true, repeated false" in done.stdout
+    check_each({case[1]: case for case in (*FORGED_EPISODES, *FORGED_RUNS)}, check)
+    (folder / "run.json").write_bytes(whole)
+    edited(folder, episode_return=record.episodes[2].episode_return + 1e-7)
+    done = cli("verify", folder, "--episodes", 3)
+    assert done.returncode == 0
+    assert "2 identical, 1 with the same outcome and steps; recorded" in done.stdout
 
 
 def test_datasets_of_the_run_are_needed():

@@ -116,11 +116,9 @@ SECOND_JOINT = f'<joint name="again" type="fixed">{ENDS}</joint></robot>'
 
 URDFS: dict[str, tuple[Damage, str]] = {
     "empty": (text(""), "not a valid URDF"),
-    "cut": (cut(0.4), "not a valid URDF"),
     "deep": (text("<robot>" + 20_000 * "<a>" + 20_000 * "</a>" + "</robot>"), "nested"),
     "folder": (folder, "a folder"),
     "no link": (text("<robot/>"), "no link"),
-    "no joint": (text('<robot><link name="body"/></robot>'), "no joint"),
     # Names and the tree
     "nameless link": (swap('<link name="drawer">', "<link>"), "a link has no name"),
     "two links of a name": (swap('name="drawer"', 'name="body"'), "link 'body' is there 2 times"),

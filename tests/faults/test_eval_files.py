@@ -91,7 +91,20 @@ def test_a_wrong_field_is_named(tmp_path):
 
 
 OTHER_TASK = GOOD["episodes"][1] | {"stages": {"place_1": False}}
+SUMMARY = GOOD["summary"]
+WON = GOOD["episodes"][1] | {"success": True}
 NO_RECORDS = {
+    "schema 2": (GOOD | {"schema": 2}, "schema 2, this version reads 1"),
+    "no seed": ({k: v for k, v in GOOD.items() if k != "seed"}, "missing keys ['seed']"),
+    "won and failed": (GOOD | {"episodes": [WON], "timings_s": {}}, "success True and failure"),
+    "mean": (
+        GOOD | {"summary": SUMMARY | {"success": SUMMARY["success"] | {"mean": 0.9}}},
+        "success.mean does not follow",
+    ),
+    "interval": (
+        GOOD | {"summary": SUMMARY | {"success": SUMMARY["success"] | {"ci95": [0.5]}}},
+        "a list of 2",
+    ),
     "schema true": (GOOD | {"schema": True}, "schema"),
     "no episodes": (GOOD | {"episodes": []}, "episodes is empty"),
     "episode list": (GOOD | {"episodes": [[]]}, "episodes[0]"),
@@ -117,6 +130,24 @@ def test_a_record_that_is_none_is_refused_with_its_reason(tmp_path):
     os.mkfifo(tmp_path / "pipe")  # reading it would wait for ever
     names = ("utf-16", "pipe", "absent", ".", "x" * 300, "a\0b")
     check_each({name: name for name in names}, check)
+
+
+def test_too_many_episodes_are_counted_before_a_file_is_parsed(tmp_path):
+    many = '"failure": null, "failure":"x", "failure": 1, ' * 50_001  # a timing has a number
+    path, found = tmp_path / "rows" / "run.json", "100002 episodes; at most 100000 are valid"
+    path.parent.mkdir()
+    written(path, many + " " * 10_000_000)
+    rows = ("--submissions", path.parent)
+    commands = [(name, path) for name in ("submit", "verify")]
+    commands += [(name, path, "--out", tmp_path / "new.png") for name in ("failures", "film")]
+    commands += [("table", *rows, "--check"), ("site", *rows, "--out", tmp_path / "site")]
+    check_each(
+        {command[0]: command for command in commands},
+        lambda command: refused_by_command(main, command, str(path), found),
+    )
+    path.rename(path.with_name("episodes.jsonl"))
+    refused_by_call(RunFolder(root=path.parent).read_journal, "episodes.jsonl", found)
+    record_refused(tmp_path, GOOD | {"episodes": [{}] * 100_001}, "100001 episodes")
 
 
 CONTRADICTION = LINE | {"episode": LINE["episode"] | {"id": "e2", "success": True}}

@@ -36,6 +36,7 @@ WORDS = {
     "typo": ((*RUN, "--out", "x", "--epsodes=3"), "'--epsodes=3'", "--episodes"),
     "env": (("run", "--agent", "a:b", "--env", "Hab\udc80", "--out", "x"), "env", "UTF-8"),
     "device": ((*RUN, "--out", "x", "--device", "tpu"), "'tpu'", "cpu"),
+    "no_gpu": ((*RUN, "--out", "x", "--device", "cuda:9"), "'cuda:9' is not available", "cpu"),
     "option_text": ((*RUN, "--out", "x", "--option", "speed"), "NAME=VALUE"),
     "both": ((*RUN, "--out", "x", "--resume", "--force"), "--resume", "--force"),
     "suite": (("bench", "--suite", "x", "--json", "y", "--scene-dataset", "z"), "'x'", "memory"),

@@ -1,5 +1,6 @@
 """Concurrent, stalled and killed runs: each episode is recorded exactly once."""
 
+import contextlib
 import os
 import random
 import signal
@@ -102,6 +103,27 @@ def test_an_agent_that_hangs_fails_the_episode_and_the_run_goes_on(
     assert all(1.5 < one.seconds < 60 for one in record.episodes[1::2])
     assert {path.name for path in out.glob("video_*.mp4")} == {"video_000_stub-000.mp4"}
     assert [path.name for path in out.iterdir() if path.name.startswith(".")] == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stopped", ["all", "workers"])
+def test_a_stop_is_no_delay_of_the_agent(tmp_path, capfd, stopped):
+    out, clean = tmp_path / "run", tmp_path / "clean"
+    limits = ("--workers", 2, "--step-timeout", 1.5, "--out", out)
+    case = ("--option", "case=late:act:nap", "--episodes", 4)
+    process = stub_runs.start(*FAULTY, *case, *limits)
+    wait_until(lambda: process.poll() is not None or len(children_of(process.pid)) == 2)
+    while process.poll() is None:
+        victims = children_of(process.pid) + [process.pid] * (stopped == "all")
+        for number, pause_s in ((signal.SIGSTOP, 2.0), (signal.SIGCONT, 0.5)):
+            for victim in victims:
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(victim, number)
+            time.sleep(pause_s)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 0, err
+    play(clean, episodes=4)
+    assert results_of(out) == results_of(clean)
 
 
 def children_of(pid):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -68,7 +69,7 @@ class PolicyAgent:
         """
         use_one_thread()
         self._policy, recipe = load_policy(setup, path, setup.env_id)
-        self.spec = spec_of(recipe)
+        self.spec = replace(spec_of(recipe), files=(str(path),))
         self._device, self._repeat = setup.device, recipe.env.action_repeat
         self._age = torch.zeros(0, dtype=torch.int64)  # steps of each row's episode
         self._draws = recipe.draws_actions

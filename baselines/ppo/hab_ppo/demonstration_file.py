@@ -12,11 +12,11 @@ from torch import Tensor
 
 from hab_ppo import checkpoint
 from hab_ppo.config_json import to_json
+from hab_ppo.demonstration_checks import find_fault
 from hab_ppo.errors import PolicyFileError
 from hab_ppo.examples import Examples
 from hab_ppo.recipe import EnvConfig
 from hab_ppo.retiming import Stretch
-from hab_tasks.registration import imported_id
 
 KIND = "demonstrations"
 
@@ -25,6 +25,10 @@ SAME = (
     *("scene_dataset", "objects", "split", "episode_seed"),
 )
 """Entries of `EnvConfig` in which demonstrations and a recipe have to agree, beside the id."""
+
+
+ABOUT = {"agent", "seed", "counts"}
+"""Entries of the description that a run copies."""
 
 
 class Followed(NamedTuple):
@@ -69,13 +73,14 @@ def read_examples(path: Path, env: EnvConfig) -> DemonstrationFile:
     """Returns the content of a file.
 
     Raises:
-        PolicyFileError: Not such a file, or of another environment than `env`.
+        PolicyFileError: Not such a file, of another environment than `env`, or damaged.
     """
     tensors, about = checkpoint.load(path)
-    if about.get("kind") != KIND:
-        raise PolicyFileError(f"{path} is not a file of demonstrations.")
-    found = about["env"]
-    if imported_id(found["env"]) != imported_id(env.env):
+    found: Any = about.get("env")
+    known = isinstance(found, dict) and found.keys() >= {"env", *SAME}
+    if about.get("kind") != KIND or not known or not about.keys() >= ABOUT:
+        raise PolicyFileError(f"{path} is not a file of demonstrations of hab-ppo.")
+    if str(found["env"]).rpartition(":")[2] != env.env.rpartition(":")[2]:  # imports nothing
         raise PolicyFileError(f"{path} has demonstrations of {found['env']}, not {env.env}.")
     for name in SAME:
         if found[name] != getattr(env, name):
@@ -83,6 +88,8 @@ def read_examples(path: Path, env: EnvConfig) -> DemonstrationFile:
                 f"{path} has demonstrations with {name} {found[name]!r}, not "
                 f"{getattr(env, name)!r}."
             )
+    if fault := find_fault(tensors, env.num_episodes):
+        raise PolicyFileError(f"{path} is damaged: {fault}. hab-ppo demonstrate makes it again.")
     return DemonstrationFile(Examples.of_tensors(tensors), _unpacked(tensors), about)
 
 

@@ -34,6 +34,8 @@ def launch(ranks: int, arguments: Sequence[str]) -> None:
     from torch.distributed.elastic.multiprocessing.errors import ChildFailedError
     from torch.distributed.launcher.api import LaunchConfig, elastic_launch
 
+    from hab_ppo.loopback import use_loopback
+
     os.environ[PREPARED] = "1"
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     config = LaunchConfig(
@@ -41,8 +43,7 @@ def launch(ranks: int, arguments: Sequence[str]) -> None:
         max_nodes=1,
         nproc_per_node=ranks,
         run_id=uuid.uuid4().hex,
-        rdzv_backend="c10d",
-        rdzv_endpoint="localhost:0",
+        rdzv_backend=use_loopback(),
         max_restarts=MOST_RESTARTS,
         monitor_interval=0.5,
     )

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import json
 import sys
+import tempfile
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from hab_tasks.files import written_aside
 
 WriteLine = Callable[[str], None]
 
@@ -54,23 +58,20 @@ class Progress:
 
     def __init__(self, folder: Path, write_line: WriteLine, total_steps: int, update: int) -> None:
         """Continues the files of a run after `update` updates; later ones are dropped."""
-        from torch.utils.tensorboard import SummaryWriter  # takes a second
-
         self._write_line, self._total = write_line, total_steps
         kept = [entry for entry in read_progress(folder) if entry["update"] <= update]
-        self._file = (folder / FILE).open("w", encoding="utf-8")
-        for entry in kept:
-            self._keep(entry)
+        with written_aside(folder / FILE) as scratch:  # a kill keeps the earlier lines
+            scratch.write_text("".join(map(_as_line, kept)), encoding="utf-8")
+        self._file = (folder / FILE).open("a", encoding="utf-8")
         first = kept[-1]["steps"] + 1 if kept else 0
-        self._board = SummaryWriter(str(folder / "tensorboard"), purge_step=first)
+        self._board = _Board(folder / "tensorboard", first, write_line)
         self._said_s = float("-inf")
 
     def add(self, update: int, steps: int, seconds: float, metrics: Mapping[str, float]) -> None:
         """Records the metrics of an update, after `steps` steps and `seconds` in all."""
         entry = {"update": update, "steps": steps, "seconds": round(seconds, 2), **metrics}
         self._keep(entry)
-        for name, value in metrics.items():
-            self._board.add_scalar(name, value, steps)
+        self._board.add(metrics, steps)
         if seconds - self._said_s >= LINE_S:
             self._said_s = seconds
             self._write_line(self._line(entry))
@@ -78,8 +79,7 @@ class Progress:
     def begin(self, seconds: float, metrics: Mapping[str, float]) -> None:
         """Records the evaluation of the policy from which a run starts."""
         self._keep({"update": 0, "steps": 0, "seconds": round(seconds, 2), **metrics})
-        for name, value in metrics.items():
-            self._board.add_scalar(name, value, 0)
+        self._board.add(metrics, 0)
         self._write_line(f"PPO starts from a policy with success {metrics['eval/success']:.0%}")
 
     def say(self, text: str) -> None:
@@ -92,7 +92,7 @@ class Progress:
         self._board.close()
 
     def _keep(self, entry: Mapping[str, Any]) -> None:
-        self._file.write(json.dumps(entry) + "\n")
+        self._file.write(_as_line(entry))
         self._file.flush()
 
     def _line(self, entry: Mapping[str, Any]) -> str:
@@ -110,6 +110,47 @@ class Progress:
         return " | ".join([*words, f"{left_min:.0f} min left"])
 
 
+class _Board:
+    """TensorBoard files, as long as they can be written: a run does not end for want of them."""
+
+    def __init__(self, folder: Path, first_step: int, write_line: WriteLine) -> None:
+        """Continues the files before `first_step`; later scalars are dropped."""
+        from torch.utils.tensorboard import SummaryWriter  # takes a second
+
+        self._folder, self._write_line = folder, write_line
+        self._writer: SummaryWriter | None = None
+        with self._tried():
+            folder.mkdir(exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):  # the writer's thread would print a traceback
+                self._writer = SummaryWriter(str(folder), purge_step=first_step)
+
+    def add(self, scalars: Mapping[str, float], step: int) -> None:
+        """Adds scalars."""
+        with self._tried():
+            for name, value in scalars.items():
+                if self._writer is not None:
+                    self._writer.add_scalar(name, value, step)
+
+    def close(self) -> None:
+        """Closes the files."""
+        with self._tried():
+            if self._writer is not None:
+                self._writer.close()
+
+    @contextmanager
+    def _tried(self) -> Iterator[None]:
+        """Gives up after an error, with a line."""
+        try:
+            yield
+        except OSError as error:
+            self._writer = None
+            reason = error.strerror or error
+            self._write_line(
+                f"{self._folder} cannot be written ({reason}); the run goes on without TensorBoard "
+                f"files, and {FILE} has the same numbers."
+            )
+
+
 def say(text: str) -> None:
     """Writes a line to the standard output at once."""
     sys.stdout.write(f"{text}\n")
@@ -123,6 +164,10 @@ def read_progress(folder: Path) -> list[dict[str, Any]]:
     if lines and not _is_whole(lines[-1]):
         lines.pop()
     return [json.loads(line) for line in lines]
+
+
+def _as_line(entry: Mapping[str, Any]) -> str:
+    return json.dumps(entry) + "\n"
 
 
 def _is_whole(line: str) -> bool:

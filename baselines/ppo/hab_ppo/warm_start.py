@@ -16,6 +16,7 @@ import numpy as np
 from hab_ppo import checkpoint
 from hab_ppo.cloning import Fit, clone
 from hab_ppo.config_json import to_json
+from hab_ppo.demonstration_checks import check_sizes
 from hab_ppo.demonstration_file import DemonstrationFile, read_examples, write_examples
 from hab_ppo.demonstrations import DemonstrationPlan, demonstrate
 from hab_ppo.distillation import distill
@@ -59,7 +60,7 @@ def check_start(plan: TrainPlan) -> None:
         checkpoint.load(known_weights(str(plan.weights), "--weights"))
         return
     if plan.demonstrations is not None:
-        read_examples(plan.demonstrations, recipe.env)
+        check_sizes(plan.demonstrations, read_examples(plan.demonstrations, recipe.env)[0], recipe)
     if recipe.distill is None:
         return
     if (expert := _expert(plan, recipe.distill)) is not None:

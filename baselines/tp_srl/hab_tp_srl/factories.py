@@ -96,6 +96,7 @@ def _spec(team: Team, options: TeamOptions) -> AgentSpec:
     seeing = [policy for policy in learned if policy.sees_images]
     textures = {texture for policy in seeing for texture in policy.obs_mode.split("+")}
     planned = None in team.policies.values()
+    paths = (*options.skills.values(), options.navigate)
     return AgentSpec(
         name=_name(team, options),
         control_mode="joint_target_pose" if team.navigation == "perfect" else "joint_target_base",
@@ -105,6 +106,7 @@ def _spec(team: Team, options: TeamOptions) -> AgentSpec:
         looks="on demand" if seeing else "always",
         handle_position=not team.true_knowledge and any(p.sees_handles for p in learned),
         rows=1 if planned else ROWS,
+        files=tuple(str(path) for path in paths if path is not None),
     )
 
 

@@ -12,6 +12,8 @@ from hab_eval.site.entries import Entry, outcome_of, unique_slugs
 from hab_eval.stats import exact_mcnemar
 
 FEWEST_COMMON = 2
+MOST_COMPARED = 100
+"""Runs of a set that are compared, the best ones; pairs grow with the square of their number."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +56,7 @@ class ComparisonSet:
     Attributes:
         title: Environment, datasets, split and seed.
         slug: The title as a file name.
-        entries: The runs, the best first.
+        entries: The runs, the best first; the others of the episodes are in no pair.
         pairs: All pairs with common episodes.
     """
 
@@ -105,7 +107,8 @@ def comparison_sets(entries: Sequence[Entry]) -> list[ComparisonSet]:
         prefix = entry.record.episodes[0].id.rpartition("/")[0]
         groups.setdefault((group_title(entry.record), prefix), []).append(entry)
     found: list[tuple[str, list[Entry], tuple[Pair, ...]]] = []
-    for group in groups.values():
+    for runs in groups.values():
+        group = runs[:MOST_COMPARED]
         numbered = combinations(enumerate(group), 2)
         pairs = [compare(a, b, (i, j)) for (i, a), (j, b) in numbered]
         kept = tuple(pair for pair in pairs if pair is not None)

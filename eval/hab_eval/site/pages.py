@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -81,6 +82,11 @@ class Site:
     docs: Path
     again: Sequence[tuple[str, ...]] = ()
 
+    @functools.cached_property
+    def agent_slugs(self) -> dict[str, str]:
+        """Agent -> slug of its page."""
+        return {one.agent: one.slug for one in self.agents}
+
 
 def all_pages(site: Site) -> list[Page]:
     """Returns every page."""
@@ -149,7 +155,7 @@ def _run(site: Site, entry: Entry, partners: Partners) -> Page:
         "outcomes": sorted({outcome_of(one) for one in episodes}),
         "paper": [one for one in paper.RESULTS if paper.counterparts(one, [entry])],
         "comparisons": partners.get(entry.name, ()),
-        "agent_slug": next(a.slug for a in site.agents if a.agent == record.agent),
+        "agent_slug": site.agent_slugs[record.agent],
         "dataset_slug": next(d.slug for d in site.datasets if d.name == record.scene_dataset),
     }
     data = {

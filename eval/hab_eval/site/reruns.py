@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Collection
 
 from hab_eval.commands import command_of, dataset_options, vary_command
-from hab_eval.config import COMMIT_SEPARATOR
+from hab_eval.provenance import COMMIT_SEPARATOR
 from hab_eval.results import RunRecord
 from hab_eval.site.entries import OTHER_KIND, Entry
 
@@ -59,6 +59,7 @@ def facts_of(entry: Entry) -> list[tuple[str, str]]:
         ("seed", str(record.seed)),
         ("split", record.split),
         ("weights", weights_of(record, entry.kinds)),
+        *_file_facts(record),
         ("versions", versions),
         ("machine", record.device),
         ("control mode", record.control_mode),
@@ -68,6 +69,17 @@ def facts_of(entry: Entry) -> list[tuple[str, str]]:
     if record.step_timeout_s is not None:
         facts.append(("time limit per call", f"{record.step_timeout_s:g} s"))
     return facts
+
+
+def _file_facts(record: RunRecord) -> list[tuple[str, str]]:
+    """Returns the digests of the agent's files, and whether it was isolated."""
+    files = record.agent_files
+    if files is None:
+        return []
+    where = f"commit {files.git}" if files.git else "in no repository"
+    data = [(f"SHA-256 of {name}", digest) for name, digest in files.data.items()]
+    isolated = "yes" if record.isolated else "no"
+    return [("agent's code", f"SHA-256 {files.code}, {where}"), *data, ("isolated", isolated)]
 
 
 def _last_commit(git: str) -> str:

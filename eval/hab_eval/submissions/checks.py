@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from hab_eval.config import COMMIT_SEPARATOR
 from hab_eval.errors import ResultError
 from hab_eval.leaderboard import FEW_EPISODES
+from hab_eval.provenance import COMMIT_SEPARATOR
 from hab_eval.results import RunRecord
 from hab_tasks.errors import shown
 
@@ -16,6 +16,7 @@ def check_submission(record: RunRecord, where: str) -> None:
         ResultError: It has too few episodes, no clean commit, or episodes of another protocol.
     """
     _check_commit(record.git, where)
+    _check_agent(record, where)
     count = len(record.episodes)
     if count < FEW_EPISODES:
         raise ResultError(
@@ -41,6 +42,24 @@ def _check_commit(git: str | None, where: str) -> None:
             f"{where}: git is {shown(git)}: the sources had uncommitted changes. Commit them and "
             "repeat the run with hab-eval run --force."
         )
+
+
+def _check_agent(record: RunRecord, where: str) -> None:
+    git = None if record.agent_files is None else record.agent_files.git
+    if git is not None and (COMMIT_SEPARATOR in git or git.endswith("-dirty")):
+        raise ResultError(
+            f"{where}: agent_files: git is {shown(git)}: the agent's code had uncommitted changes "
+            "or changed during the run. Commit it and repeat the run with hab-eval run --force."
+        )
+
+
+def cleanliness(record: RunRecord) -> str:
+    """Returns a line that says which commits the run was made on."""
+    files = record.agent_files
+    if files is None or files.git is None:
+        code = "unknown" if files is None else files.code[:12]
+        return f"clean: commit {record.git}. The agent's code (SHA-256 {code}) is in no repository."
+    return f"clean: commit {record.git}, and the agent's code at commit {files.git}."
 
 
 def _check_episode_ids(record: RunRecord, where: str) -> None:

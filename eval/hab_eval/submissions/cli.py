@@ -27,17 +27,20 @@ SUBMIT_HELP = """Checks a run and adds it to the leaderboard.
 Example:
   hab-eval submit runs/pick
 
-A submission has a clean commit, at least 50 episodes, and the episodes of its protocol (env,
-scene dataset, split, seed). It is copied to <agent>-<env>-<dataset>-seed<S>.json in the
-submissions folder, and LEADERBOARD.md and its web page are generated again."""
+A submission has a clean commit of this repository, and of the agent's if it is in one, at least 50
+episodes, and the episodes of its protocol (env, scene dataset, split, seed). It is copied to
+<agent>-<env>-<dataset>-seed<S>.json in the submissions folder, and LEADERBOARD.md and its web page
+are generated again."""
 
-VERIFY_HELP = """Repeats episodes of a submission and compares outcome, steps and return.
+VERIFY_HELP = """Repeats episodes of a submission and compares everything that it says of them.
 
 Example:
   hab-eval verify spa_priv-pick-apartment-seed2 --episodes 10
 
-The episodes are repeated with the same seeds. The exit status is 1 if a value differs; seconds are
-not compared."""
+The episodes are repeated with the same seeds. Each is identical, has the same outcome and steps
+(return and scores within 1 %, as on another processor), or is different. The exit status is 1 if
+one is different, if the agent's weights are others, at the same commit also its code, or if the
+seconds differ by more than a factor of ten."""
 
 FILM_HELP = """Repeats episodes of a submission and records videos of them.
 
@@ -48,7 +51,7 @@ Example:
 By default, records the first success and the first failure of each category, as shown by the
 results site. Needs a Vulkan device (software is enough). Videos are written to
 DIR/<submission>/video_<index>_<episode id>.mp4. A video with another outcome or number of steps
-than recorded is not kept. The exit status is 1 if any value differs."""
+than recorded is not kept. The exit status is that of `verify`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +79,7 @@ class SubmitCommand(Command):
             with_submission,
         )
         from hab_eval.results import write_record
-        from hab_eval.submissions.checks import check_submission
+        from hab_eval.submissions.checks import check_submission, cleanliness
         from hab_eval.submissions.naming import check_name, submission_name
 
         (record,) = read_runs([self.run_path])
@@ -93,6 +96,7 @@ class SubmitCommand(Command):
             check_file(path, force=True)
         write_record(target, record)
         print(f"wrote {target}")
+        print(cleanliness(record))
         for path, text in texts.items():
             with written_aside(path) as scratch:
                 scratch.write_text(text, encoding="utf-8")
@@ -193,7 +197,13 @@ class VerifyCommand(ReplayCommand):
     def run(self) -> int:
         """Repeats the episodes and prints the comparison."""
         from hab_eval.plain_text import show
-        from hab_eval.submissions.report import closing_lines, comparison_table, draw
+        from hab_eval.submissions.report import (
+            DIFFERENT,
+            closing_lines,
+            comparison_table,
+            draw,
+            level_of,
+        )
 
         name, record = self.read()
         drawn = draw(len(record.episodes), self.episodes, self.sample_seed)
@@ -203,7 +213,7 @@ class VerifyCommand(ReplayCommand):
         show(comparison_table(name, recorded, repeated))
         for line in closing_lines(record, len(indices), differences):
             print(line)
-        return EXIT_DIFFERENT if differences else 0
+        return 0 if level_of(differences) != DIFFERENT else EXIT_DIFFERENT
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,7 +229,7 @@ class FilmCommand(ReplayCommand):
 
     def run(self) -> int:
         """Repeats and records the episodes."""
-        from hab_eval.submissions.report import closing_lines
+        from hab_eval.submissions.report import DIFFERENT, closing_lines, level_of
         from hab_eval.video_names import highlights, video_name
 
         name, record = self.read()
@@ -230,14 +240,14 @@ class FilmCommand(ReplayCommand):
             check_file(folder / f"{stem}.mp4", force=self.force)
         with scratch_folder(self.out) as scratch:
             _, differences = self.repeat(self.request(record, indices, scratch))
-            different = {one.episode for one in differences if one.name != "return"}
+            different = {one.episode for one in differences if not one.small}
             for index, stem in stems.items():
                 if record.episodes[index].id not in different:
                     _move_video(scratch / f"{stem}.mp4", folder)
                     print(f"wrote {folder / f'{stem}.mp4'}")
         for line in closing_lines(record, len(indices), differences):
             print(line)
-        return EXIT_DIFFERENT if differences else 0
+        return 0 if level_of(differences) != DIFFERENT else EXIT_DIFFERENT
 
 
 def _check_new(target: Path, *, force: bool) -> None:

@@ -10,19 +10,26 @@ from pathlib import Path
 from typing import Any
 
 from hab_eval import environments
+from hab_eval.agent_files import AgentFiles, agent_files
 from hab_eval.config import EMBEDDED_DATASET, EvalConfig
 from hab_eval.errors import ResultError
 from hab_eval.evaluate import Reporter, check_device
-from hab_eval.load_agent import load_agent
+from hab_eval.isolation import opened_agent
 from hab_eval.results import EpisodeResult, RunRecord
 from hab_eval.rows import Job, RolloutPlan
 from hab_eval.workers import run_agent
-from hab_tasks.agent import AgentSpec
+from hab_tasks.agent import Agent, AgentSpec
 from hab_tasks.errors import OptionError, shown
 from hab_tasks.processes import use_one_thread
 
-RETURN_TOLERANCE = 1e-6
-"""Relative tolerance of returns: the last digits differ between processors."""
+RETURN_TOLERANCE = 0.01
+"""Relative tolerance of returns, and in a unit of reward, of equal outcomes and steps."""
+
+SCORE_TOLERANCE = 0.01
+"""Tolerance of scores of equal outcomes and steps: paths differ a little between processors."""
+
+SECONDS_FACTOR, LEAST_SECONDS = 10.0, 0.5
+"""Seconds are different if they differ by more than any two machines do; less is not measured."""
 
 SPEC_FIELDS = ("privileged", "control_mode", "obs_mode", "target_frame", "handle_position")
 
@@ -80,6 +87,7 @@ class Replay:
             options={**record.options, **self.options},
             skill_config=record.skill_config,
             step_timeout_s=record.step_timeout_s,
+            isolated=record.isolated,
         )
 
 
@@ -88,16 +96,18 @@ class Difference:
     """A value of a repeated run that differs from the record.
 
     Attributes:
-        episode: Id of the episode; "" if the difference is in the agent's spec.
+        episode: Id of the episode; "" if the difference is in the agent or the whole run.
         name: Name of the value.
         recorded: Value in the submission.
         repeated: Value of the repeated run.
+        small: Whether another processor explains it.
     """
 
     episode: str
     name: str
     recorded: Any
     repeated: Any
+    small: bool = False
 
 
 def replay(request: Replay, reporter: Reporter) -> tuple[list[EpisodeResult], list[Difference]]:
@@ -111,7 +121,22 @@ def replay(request: Replay, reporter: Reporter) -> tuple[list[EpisodeResult], li
     use_one_thread()
     config, record = request.config(), request.record
     environments.check_env_id(config.env)
-    agent = load_agent(config.agent, environments.setup_of(config, request.device))
+    with opened_agent(config, request.device) as agent:
+        repeated = _repeated(request, config, agent, reporter)
+        files = agent_files(config.agent, agent.spec.files, config.options)
+        differences = _spec_differences(record, agent.spec)
+    differences += file_differences(record, files)
+    pairs = [(record.episodes[i], one) for i, one in zip(request.indices, repeated, strict=True)]
+    for recorded, one in pairs:
+        differences += episode_differences(recorded, one)
+    return repeated, differences + _seconds_difference(pairs)
+
+
+def _repeated(
+    request: Replay, config: EvalConfig, agent: Agent, reporter: Reporter
+) -> list[EpisodeResult]:
+    """Plays the episodes."""
+    record = request.record
     episodes = environments.load_episode_set(config, reporter.generating, request.workers)
     jobs: list[Job] = [(index, episodes.episodes[index]) for index in request.indices]
     for index, episode in jobs:
@@ -129,25 +154,51 @@ def replay(request: Replay, reporter: Reporter) -> tuple[list[EpisodeResult], li
         for finished in results:
             found[finished.episode.id] = finished.episode
             reporter.finished(finished)
-    repeated = [found[record.episodes[index].id] for index in request.indices]
-    differences = _spec_differences(record, agent.spec)
-    for index, one in zip(request.indices, repeated, strict=True):
-        differences += episode_differences(record.episodes[index], one)
-    return repeated, differences
+    return [found[record.episodes[index].id] for index in request.indices]
 
 
 def episode_differences(recorded: EpisodeResult, repeated: EpisodeResult) -> list[Difference]:
-    """Compares two results of an episode; `seconds` may differ."""
+    """Compares two results of an episode, all but their seconds."""
     names = ("success", "failure", "stages", "steps")
-    pairs = [(name, getattr(recorded, name), getattr(repeated, name)) for name in names]
-    found = [pair for pair in pairs if pair[1] != pair[2]]
+    pairs = [(name, getattr(recorded, name), getattr(repeated, name), False) for name in names]
     before, now = recorded.episode_return, repeated.episode_return
-    if not math.isclose(before, now, rel_tol=RETURN_TOLERANCE, abs_tol=RETURN_TOLERANCE):
-        found.append(("return", before, now))
+    small = math.isclose(before, now, rel_tol=RETURN_TOLERANCE, abs_tol=RETURN_TOLERANCE)
+    pairs.append(("return", before, now, small))
+    # Older files have no scores.
+    for name in sorted(recorded.scores | repeated.scores) if recorded.scores else ():
+        before, now = (one.scores.get(name, math.nan) for one in (recorded, repeated))
+        pairs.append((name, before, now, abs(before - now) <= SCORE_TOLERANCE))
     return [
-        Difference(episode=recorded.id, name=name, recorded=old, repeated=new)
-        for name, old, new in found
+        Difference(episode=recorded.id, name=name, recorded=old, repeated=new, small=small)
+        for name, old, new, small in pairs
+        if old != new
     ]
+
+
+def file_differences(record: RunRecord, now: AgentFiles) -> list[Difference]:
+    """Compares the agent's weights, and at the record's own commit its code."""
+    before = record.agent_files
+    if before is None:
+        return []
+    names = sorted(before.data.keys() | now.data.keys())
+    pairs = [(name, before.data.get(name), now.data.get(name)) for name in names]
+    if before.git == now.git:  # at another commit, the results tell whether it acts alike
+        pairs.append(("code", before.code, now.code))
+    return [
+        Difference(episode="", name=name, recorded=old, repeated=new)
+        for name, old, new in pairs
+        if old != new
+    ]
+
+
+def _seconds_difference(pairs: Sequence[tuple[EpisodeResult, EpisodeResult]]) -> list[Difference]:
+    """Compares the time that the episodes took."""
+    before = sum(recorded.seconds for recorded, _ in pairs)
+    now = sum(repeated.seconds for _, repeated in pairs)
+    short, long = sorted((before, now))
+    if long < LEAST_SECONDS or long <= SECONDS_FACTOR * short:
+        return []
+    return [Difference(episode="", name="seconds", recorded=before, repeated=now)]
 
 
 def _spec_differences(record: RunRecord, spec: AgentSpec) -> list[Difference]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,6 +15,9 @@ from hab_eval.results import EpisodeResult, RunRecord
 from hab_eval.submissions.replay import Difference, episode_differences
 from hab_tasks.errors import shown
 from hab_tasks.option_values import LARGEST_SEED, whole
+
+IDENTICAL, SAME, DIFFERENT = LEVELS = ("identical", "with the same outcome and steps", "different")
+"""How far a repeated episode agrees with its record."""
 
 
 def draw(total: int, count: int, seed: int) -> tuple[int, ...]:
@@ -32,7 +36,7 @@ def comparison_table(
     for column in ("episode", "outcome", "steps", "return", ""):
         table.add_column(column, overflow="fold")
     for old, new in zip(recorded, repeated, strict=True):
-        verdict = "different" if episode_differences(old, new) else "same"
+        verdict = level_of(episode_differences(old, new))
         pairs = [
             (old.failure or "success", new.failure or "success"),
             (str(old.steps), str(new.steps)),
@@ -43,19 +47,30 @@ def comparison_table(
     return table
 
 
+def level_of(differences: Sequence[Difference]) -> str:
+    """Returns how far a repeated episode agrees with its record."""
+    if all(one.small for one in differences):
+        return SAME if differences else IDENTICAL
+    return DIFFERENT
+
+
 def closing_lines(record: RunRecord, count: int, differences: Sequence[Difference]) -> list[str]:
-    """Returns the differences, and a summary, with commits and machines if there are any."""
+    """Returns what is different, and a summary, with commits and machines if there are any."""
     lines = []
     for one in differences:
         where = f"episode {one.episode}" if one.episode else "agent"
         values = f"recorded {shown(one.recorded)}, repeated {shown(one.repeated)}"
-        lines.append(plain(f"different: {where}: {one.name}: {values}"))
-    affected = len({one.episode for one in differences if one.episode})
-    summary = f"{count - affected} of {count} episodes repeat the recorded result"
+        if not one.small:  # the table names the others
+            lines.append(plain(f"different: {where}: {one.name}: {values}"))
+    by_episode: dict[str, list[Difference]] = {}
+    for one in differences:
+        by_episode.setdefault(one.episode, []).append(one)
+    affected = Counter(level_of(found) for name, found in by_episode.items() if name)
+    counts = {IDENTICAL: count - affected.total(), **affected}
+    told = ", ".join(f"{counts[one]} {one}" for one in LEVELS if counts.get(one))
+    summary = f"{count} episodes repeated: {told}"
     if not differences:
         return [f"{summary}."]
-    changed = {one.episode for one in differences if one.episode and one.name != "return"}
-    summary += f", {count - len(changed)} its outcome and steps"
     before = f"recorded at commit {record.git or 'unknown'} on {record.device}"
     now = f"repeated at commit {provenance.git_commit() or 'unknown'} on {provenance.device()}"
     return [*lines, plain(f"{summary}; {before}, {now}.")]

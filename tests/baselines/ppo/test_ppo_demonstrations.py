@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
-from hab_ppo import demonstrations
+from hab_ppo import checkpoint, demonstrations
 from hab_ppo.cli import main
 from hab_ppo.demonstration_file import Followed, read_examples, write_examples
 from hab_ppo.demonstrations import Attempt, DemonstrationPlan, demonstrate
@@ -29,6 +29,7 @@ from hab_ppo.retiming import (
     stretches,
     within_workspace,
 )
+from refusals import check_each, refused_by_call
 
 STEP_M, LIMIT = 0.015, 60
 
@@ -226,7 +227,9 @@ def test_examples_are_kept_in_a_file(tmp_path):
     still = Stretch(points_m=np.arange(6.0).reshape(2, 3), gripper=-1.0, end_m=np.ones(3))
     drive = np.array([[0.5, 0.0]])
     drives = Stretch(points_m=np.ones((1, 3)), gripper=1.0, drives=drive, reached_m=0.2)
-    write_examples(file, examples, [Followed(7, [still, drives]), Followed(9, [drives])], env, {})
+    paths = [Followed(7, [still, drives]), Followed(9, [drives])]
+    about = {"agent": "", "seed": 0, "counts": {}}
+    write_examples(file, examples, paths, env, about)
     found, followed, _ = read_examples(file, env)
     assert [(one.number, len(one.path)) for one in followed] == [(7, 2), (9, 1)]
     for one, other in zip(followed[0].path, (still, drives), strict=True):
@@ -237,6 +240,44 @@ def test_examples_are_kept_in_a_file(tmp_path):
     assert torch.equal(found.images, examples.images)
     with pytest.raises(PolicyFileError, match="handle_position True, not False"):
         read_examples(file, replace(env, handle_position=False))
+    _check_damaged(file, env)
+
+
+def _check_damaged(file, env):
+    """Damages each part of a file of demonstrations in turn."""
+    tensors, about = checkpoint.load(file)
+
+    def check(case):
+        edits, *words = case
+        named = {name: edits[name] for name in edits.keys() & about.keys()}
+        changed = {**tensors, **{name: edits[name] for name in edits.keys() - about.keys()}}
+        kept = {name: value for name, value in changed.items() if value is not None}
+        checkpoint.save(file, kept, {**about, **named})
+        refused_by_call(lambda: read_examples(file, env), str(file), *words)
+
+    cases = {f"no {n}": ({n: None}, f"{n} is missing") for n in tensors if n != "images"}
+    cases |= {f"flat {name}": ({name: torch.zeros(())}, name) for name in tensors}
+    cases |= {f"few {name}": ({name: tensors[name][1:]}, name) for name in ("actions", "images")}
+    floats = ("state", "images", "actions", "path_points", "path_stretches")
+    for name, at, values in (
+        *((name, 0, (float("nan"),)) for name in floats),
+        ("lengths", 0, (-1, 0, 1, 2**62)),
+        ("path_stretches", (0, 0), (0, 1, -1)),
+        ("path_episodes", (0, 1), (-1, 5)),
+        ("path_episodes", (0, 0), (-1, 10**6)),
+    ):
+        for value in values:
+            changed = tensors[name].clone()
+            changed[at] = value
+            cases[f"{name} {at} {value}"] = ({name: changed}, name)
+    cases["drives"] = {"path_drives": tensors["path_drives"][1:]}, "path_drives has 3 rows"
+    cases["env"] = {"env": []}, "not a file of demonstrations"
+    cases["module"] = {"env": {**about["env"], "env": "no_such_module:Mine-v1"}}, "no_such_module"
+    check_each(cases, check)
+    whole = file.read_bytes()
+    for size in (0, 5, 100, len(whole) - 1):
+        file.write_bytes(whole[:size])
+        refused_by_call(lambda: read_examples(file, env), str(file), "not a file")
 
 
 def test_demonstrations_are_counted_by_failure(tmp_path, capsys, monkeypatch):
@@ -253,11 +294,8 @@ def test_demonstrations_are_counted_by_failure(tmp_path, capsys, monkeypatch):
     good = Attempt(None, None, arrays, Followed(0, []))
     attempts += [Attempt("timeout"), good, Attempt(None, "force"), good, good]
     plan = DemonstrationPlan(recipe=find_recipe("pick_blind"), agent="a:b", count=2)
-    made = demonstrate(plan, [].append)
-    assert made.summary() == (
-        "the agent solved 3 of 4 episodes (1 timeout), 2 of 3 replays succeeded (1 force)"
-    )
-    assert made.counts()["demonstrations"] == len(made.parts) == 2
+    told = "solved 3 of 4 episodes (1 timeout), 2 of 3 replays succeeded (1 force)"
+    assert told in demonstrate(plan, [].append).summary()
     attempts[:] = [Attempt("timeout")] * 100
     out = tmp_path / "demonstrations.safetensors"
     assert main(["demonstrate", "pick_blind", "--out", str(out)]) == 1

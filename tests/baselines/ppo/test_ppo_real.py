@@ -22,6 +22,7 @@ from hab_ppo.progress import read_progress
 from hab_ppo.recipe import PAPER
 from hab_ppo.recipes import find_recipe, recipe_names
 from hab_ppo.trainer import LAST, Trainer, TrainPlan
+from sockets import check_loopback
 from toy_examples import same_tensors
 from untrained import write_weights
 
@@ -133,7 +134,9 @@ def test_a_run_goes_on_after_a_rank_was_killed(tmp_path):
             while len(read_progress(out)) < 2:
                 assert run.poll() is None, "the run ended by itself"
                 time.sleep(0.1)
-            ranks = [c for c in psutil.Process(run.pid).children() if "hab_ppo" in c.cmdline()]
+            launcher = psutil.Process(run.pid)
+            check_loopback(launcher)
+            ranks = [c for c in launcher.children() if "hab_ppo" in c.cmdline()]
             ranks[-1].kill()
             status = run.wait(timeout=240)
         finally:

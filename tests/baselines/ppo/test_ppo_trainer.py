@@ -9,15 +9,14 @@ import torch
 from hab_ppo import checkpoint, distillation, teachers, warm_start
 from hab_ppo.agent import LoadedPolicy
 from hab_ppo.cli import main
-from hab_ppo.config_json import from_json, to_json
 from hab_ppo.demonstration_file import write_examples
 from hab_ppo.distributed import Ranks
 from hab_ppo.network import new_policy
 from hab_ppo.observation import ObservationLayout
 from hab_ppo.plan import CLONED
-from hab_ppo.progress import Recent, read_progress
-from hab_ppo.recipe import Cloning, Distillation, FineTuning, NetworkConfig, Recipe, WarmStart
-from hab_ppo.recipes import find_recipe, recipe_names
+from hab_ppo.progress import read_progress
+from hab_ppo.recipe import Cloning, Distillation, FineTuning, NetworkConfig, WarmStart
+from hab_ppo.recipes import find_recipe
 from hab_ppo.trainer import BEST, EXACT, LAST, Trainer, TrainPlan
 from refusals import check_each, refused_by_call, refused_by_command
 from toy_examples import TOY, linear, random_examples, replace_simulator, same_tensors
@@ -32,6 +31,8 @@ WARM = replace(
     ),
 )
 
+ABOUT = {"agent": "", "seed": 0, "counts": {}}
+
 
 @pytest.fixture
 def toy(monkeypatch):
@@ -42,7 +43,7 @@ def toy(monkeypatch):
 
     def demonstrations(path, plan, write_line):
         examples = random_examples([12] * 20, linear, seed=plan.seed)
-        write_examples(path, examples, [], plan.recipe.env, {"agent": "", "seed": 0, "counts": {}})
+        write_examples(path, examples, [], plan.recipe.env, ABOUT)
 
     monkeypatch.setattr(warm_start, "write_demonstrations", demonstrations)
     monkeypatch.setattr(warm_start, "load_teacher", lambda *_: LoadedPolicy(teacher, TOY))
@@ -109,7 +110,11 @@ def test_a_resumed_run_equals_one_that_was_never_interrupted(toy, tmp_path):
         parts = tmp_path / name
         toy(parts, replace(WARM, total_steps=steps))
         (parts / "demonstrations.safetensors").unlink()
+        (parts / "tensorboard").rename(parts / "board")
+        (parts / "tensorboard").touch()  # a run does without its files
         toy(parts, WARM, resume=name)
+        assert sum("goes on without TensorBoard" in line for line in toy.lines) == 1
+        toy.lines.clear()
         assert same_tensors(whole / CLONED, parts / CLONED)
         assert same_tensors(whole / LAST, parts / LAST)
         assert same_tensors(whole / EXACT, parts / EXACT)
@@ -143,51 +148,36 @@ def test_an_interrupted_distillation_continues_after_its_last_round(toy, tmp_pat
     refused_by_call(lambda: toy(tmp_path, other, resume=LAST), "another distill")
 
 
-def test_recent_episodes_span_the_updates_that_hold_a_hundred():
-    recent = Recent()
-    for success in (0, 0, 30, 60):
-        recent.add([60, success, 60.0, 600])
-    # The last two updates hold 120 episodes, 90 of them solved.
-    assert recent.metrics["train/success"] == pytest.approx(0.75)
-    assert recent.metrics["train/length"] == pytest.approx(10)
-    stages = Recent(["pick_1", "place_1"])
-    stages.add([4, 1, 0.0, 40, 3, 2])
-    assert [stages.metrics[f"train/stage/{name}_1"] for name in ("pick", "place")] == [0.75, 0.5]
-
-
-def test_recipes_are_json_and_named_after_their_files():
-    for name in recipe_names():
-        recipe = find_recipe(name)
-        assert recipe.name == name
-        assert from_json(Recipe, json.loads(json.dumps(to_json(recipe)))) == recipe
-        assert recipe.preset.rows >= recipe.preset.ppo.minibatches, name
-
-
 def test_bad_input_is_reported_in_one_line(tmp_path, monkeypatch):
     monkeypatch.setattr(teachers, "WEIGHTS", tmp_path / "nothing_ships")
     names = {"DIR": tmp_path / "out", "FULL": tmp_path / "full", "DEMO": tmp_path / "demo"}
-    names |= {"THESIS": tmp_path / "full" / "thesis.txt", "OLD": tmp_path / "old"}
+    names |= {
+        "THESIS": tmp_path / "full" / "thesis.txt",
+        "OLD": tmp_path / "old",
+        "SMALL": tmp_path / "small",
+    }
     names["FULL"].mkdir()
     names["THESIS"].write_text("mine")
     examples, env = random_examples([3], linear), find_recipe("close_drawer_blind").env
-    write_examples(names["DEMO"], examples, [], env, {})
+    write_examples(names["DEMO"], examples, [], env, ABOUT)
+    write_examples(names["SMALL"], examples, [], find_recipe("pick_cloned").env, ABOUT)
     checkpoint.save(tmp_path / "old", {"network/x": torch.zeros(1)}, {"format": 99})
     cases = {
         "train pick_blnd --out DIR": "Did you mean 'pick_blind'",
         "train no_such_module:MINE --out DIR": "cannot be imported",
         "train pick_blind --out DIR --ranks 0": "--ranks",
-        "train pick_blind --out DIR --rows 3": "--rows",
         "train pick_blind --out DIR --resume": "there is no run",
         "train pick_blind --out DIR --exact": "--exact",
         "train pick_blind --out FULL": "--force does not replace it",
         "train pick_blind --out DIR --demonstrations DEMO": "does not start",
         "train pick_blind --out DIR --teacher DEMO": "has no teacher",
         "train pick_cloned --out DIR --demonstrations DEMO": "not HabPick-v1",
+        "train pick_cloned --out DIR --demonstrations SMALL": "state of shape (2,), pick_cloned (",
+        "train pick_cloned --out DIR --demonstrations THESIS": "not a file",
         "train place_depth --out DIR --teacher nowhere": "no weights nowhere",
         "train place_depth --out DIR --teacher DEMO": "no recipe",
         "train pick_blind --out DIR --weights DEMO --scratch": "--scratch",
         "demonstrate pick_blind --out DIR --agent hab_eval:no": "Unknown agent",
-        "demonstrate pick_blind --out DIR --noise 2": "--noise",
         "demonstrate navigate_blind --out DIR": "ee and ee_base",
         "demonstrate pick_blind --out DEMO": "--force",
         "eval none.safetensors": "cannot be read",

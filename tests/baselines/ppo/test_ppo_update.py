@@ -13,7 +13,7 @@ from hab_ppo.collect import Collector
 from hab_ppo.distributed import Ranks
 from hab_ppo.evaluation import evaluate
 from hab_ppo.network import HOLDING, Judged, new_policy
-from hab_ppo.noise import ActionNoise, RowNoise
+from hab_ppo.noise import ActionNoise
 from hab_ppo.observation import Observation, ObservationLayout
 from hab_ppo.ppo import METRICS, PPO, Batch
 from hab_ppo.recipe import (
@@ -197,12 +197,3 @@ def test_the_toy_is_learnt(discrete, lstm_size):
     scores = evaluate(collector.env, learner.policy, goals(20))
     assert [score.episode for score in scores] == list(range(20))
     assert sum(score.success for score in scores) >= 18
-
-
-def test_a_row_draws_the_same_whatever_the_others_do():
-    shares = torch.tensor([[0.2, 0.5, 0.3]]).repeat(2, 1)
-    alone, other, together = map(np.random.default_rng, (3, 5, 3))
-    first = [int(RowNoise([alone]).pick(shares[:1])[0]) for _ in range(20)]
-    second = [int(RowNoise([other, together]).pick(shares)[1]) for _ in range(20)]
-    assert first == second
-    assert first.count(1) > first.count(0) > 0

@@ -8,7 +8,7 @@ from hab_planner.problem import task_of
 from hab_spa.motion.robot import Robot, SpaConfig
 from hab_spa.planning.shape_cache import ShapeCache
 from hab_spa.scenes.true_scene import TrueScene
-from hab_tp_srl.approach import SIDES, faces_open_side, open_sides
+from hab_tp_srl.approach import SIDES, open_sides
 from hab_tp_srl.base_poses import candidates
 from hab_tp_srl.stage import stage_of
 
@@ -47,13 +47,6 @@ def test_the_hand_comes_through_the_opening_only(make_scene, opening_m, degrees)
         add_cupboard(fetch, opening_m)
     free = open_sides(fetch.privileged("apple"), INSIDE_M, ShapeCache())
     assert [360 * side // SIDES for side in np.flatnonzero(free)] == degrees
-
-
-def test_a_base_faces_an_open_side_from_there():
-    free = np.zeros(SIDES, dtype=bool)
-    free[0] = True  # towards +x: the base looks towards -x
-    poses = np.array(((3.0, 3.0, np.pi), (3.0, 3.0, -np.pi), (1.0, 3.0, 0.0), (2.0, 4.0, -1.57)))
-    assert faces_open_side(free, poses).tolist() == [True, True, False, False]
 
 
 @pytest.mark.parametrize(

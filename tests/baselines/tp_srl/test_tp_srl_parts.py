@@ -38,18 +38,6 @@ def test_stages_are_the_parts_that_the_reward_of_a_task_follows():
         assert used <= set(skills_of(task.spec.id, task)) <= set(SKILLS)
 
 
-def test_a_door_is_opened_for_what_starts_behind_it_or_goes_there():
-    for task_id, skill, expected in (
-        ("HabSetTable-v1", "close_drawer", (0, "start", 0)),  # the bowl
-        ("HabSetTable-v1", "open_fridge", (1, "start", None)),  # the apple
-        ("HabSetTable-v1", "place", (0, "goal", None)),
-        ("my_tasks:ClearTable-v1", "open_fridge", (0, "goal", None)),
-    ):
-        action = next(a for a in plan_of(task_id).actions if a.skill == skill)
-        stage = stage_of(task_of(task_id), action)
-        assert (stage.object, stage.at, stage.drawer) == expected
-
-
 def ending(skill, moved_m=None):
     view = SimpleNamespace(holding=False, rests=True, moved_m=lambda number: moved_m)
     carries = skill in ("pick", "place")

@@ -54,6 +54,7 @@ class NavigatorAgent:
             obs_mode="depth",
             target_frame="base",
             rows=ROWS,
+            files=(str(path),),
         )
         self._rows: list[Navigator] = []
         self._left: list[int] = []  # steps that an action is still executed for

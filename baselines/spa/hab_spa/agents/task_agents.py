@@ -14,7 +14,7 @@ from hab_spa.scenes.seen_scene import SeenScene
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.tasks.executor import Executor, TaskConfig
 from hab_spa.tasks.interactions import Hands
-from hab_spa.tasks.navigate import PolicyNavigator, navigator_of
+from hab_spa.tasks.navigate import Navigator, PolicyNavigator, navigator_of
 from hab_tasks.agent import AgentSetup, AgentSpec, check_options
 from hab_tasks.errors import OptionError
 from hab_tasks.registration import imported_id
@@ -45,6 +45,7 @@ def tp_spa_priv(setup: AgentSetup) -> SpaAgent:
         obs_mode=navigator.spec.obs_mode if looks else "state_dict",
         looks="on demand" if looks else "always",
         privileged=True,
+        files=_files(navigator),
     )
     return SpaAgent(setup, spec, TrueScene, behave)
 
@@ -74,6 +75,7 @@ def tp_spa(setup: AgentSetup) -> SpaAgent:
         obs_mode="depth",
         looks="on demand",
         privileged=True,
+        files=_files(navigator),
     )
     return SpaAgent(setup, spec, SeenScene, behave, spa_config(setup))
 
@@ -89,6 +91,11 @@ def _asked(setup: AgentSetup) -> tuple[str, TaskConfig]:
     if not text.isdecimal():
         raise OptionError.of_value("option replan of the agent", text, "an integer >= 0")
     return env_id, replace(TaskConfig(), replans=int(text))
+
+
+def _files(navigator: Navigator) -> tuple[str, ...]:
+    """Returns the files of a learned navigator."""
+    return navigator.spec.files if isinstance(navigator, PolicyNavigator) else ()
 
 
 def _name(agent: str, setup: AgentSetup) -> str:

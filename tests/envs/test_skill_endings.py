@@ -31,7 +31,7 @@ def goal_at(env, offset_m):
     state = base.get_state_dict()
     goals = state["hab"]["goals"]
     com = base.privileged()[0].object_com_m[held(env)]
-    goals["goals_m"][0, 0] = goals["goals_m"].new_tensor(np.add(com, offset_m))
+    goals["goals_m"][0, :3] = goals["goals_m"].new_tensor(np.add(com, offset_m))
     base.set_state_dict(state)
 
 

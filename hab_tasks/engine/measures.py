@@ -39,6 +39,9 @@ from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.navigation.geodesic import GeodesicDistances
 
+REST_STEP_M = REST_SPEED_M_S / CONTROL_HZ
+"""Way of an object in one control step below which it is at rest."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Measures:
@@ -247,9 +250,8 @@ class Tracker:
 
     def _watch_objects(self, s: Snapshot) -> None:
         """Counts the steps for which each object has been slow and not held."""
-        slow = norm(s.objects_m - self._objects_m) * CONTROL_HZ < REST_SPEED_M_S
-        free = s.held[:, None] != self.targets
-        self.still_steps = where(slow & free, self.still_steps + 1.0, self.still_steps * 0.0)
+        slow = norm(s.objects_m - self._objects_m) < REST_STEP_M
+        self.still_steps = (self.still_steps + 1.0) * (slow & (s.held[:, None] != self.targets))
         self._objects_m = s.objects_m
 
     # One group of measures each ----------------------------------------------------------------
@@ -289,20 +291,19 @@ class Tracker:
         holding = s.held == self.target()
         other = (s.held >= 0) & ~holding
         released = (now["object_to_goal_m"] < PLACE_RADIUS_M) & ~holding
-        changed = last.picked_now | last.dropped_now
+        kept = ~(last.picked_now | last.dropped_now)  # gains since the last of these
         return {
             "holding_target": holding,
             "holding_other": other,
             "picked_now": holding & ~last.holding_target,
             "picked_other_now": other & ~last.holding_other,
             "dropped_now": last.holding_target & ~holding,
-            "ee_to_rest_gain_m": where(changed, 0.0, last.ee_to_rest_gain_m)
-            + last.ee_to_rest_decrease_m,
-            "object_to_goal_gain_m": where(changed, 0.0, last.object_to_goal_gain_m)
+            "ee_to_rest_gain_m": last.ee_to_rest_gain_m * kept + last.ee_to_rest_decrease_m,
+            "object_to_goal_gain_m": last.object_to_goal_gain_m * kept
             + last.object_to_goal_decrease_m,
             "released": released,
             "released_before": last.released_before | last.released,
-            "placed": released & self._of(self.at_rest(), self.focus.object),
+            "placed": released & (self._of(self.still_steps, self.focus.object) >= REST_STEPS),
             "placed_before": last.placed_before | last.placed,
         }
 

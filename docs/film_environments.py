@@ -17,16 +17,16 @@ OUT = Path(__file__).parent
 WIDTH_PX, QUALITY = 960, 32
 
 SUBMISSIONS = {
-    "HabPick-v1": "pick_blind-pick-apartment-seed55",
-    "HabPlace-v1": "place_blind-place-apartment-seed40",
-    "HabOpenFridge-v1": "open_fridge_blind-open_fridge-apartment-seed41",
-    "HabCloseFridge-v1": "close_fridge_blind-close_fridge-apartment-seed41",
-    "HabOpenDrawer-v1": "open_drawer_blind-open_drawer-apartment-seed40",
-    "HabCloseDrawer-v1": "close_drawer_blind-close_drawer-apartment-seed54",
+    "HabPick-v1": "pick_blind-pick-apartment-seed2026",
+    "HabPlace-v1": "place_blind-place-apartment-seed2026",
+    "HabOpenFridge-v1": "open_fridge_blind-open_fridge-apartment-seed97",
+    "HabCloseFridge-v1": "close_fridge_blind-close_fridge-apartment-seed84",
+    "HabOpenDrawer-v1": "open_drawer_blind-open_drawer-apartment-seed84",
+    "HabCloseDrawer-v1": "close_drawer_blind-close_drawer-apartment-seed84",
     "HabNavigate-v1": "spa_priv-navigate-apartment-seed16",
     "HabTidyHouse-v1": "tp_spa_priv-tidy_house-apartment-seed5",
     "HabPrepareGroceries-v1": "tp_spa_priv-prepare_groceries-apartment-seed5",
-    "HabSetTable-v1": "tp_srl_retries-set_table-apartment-seed52",
+    "HabSetTable-v1": "tp_srl-set_table-apartment-seed81",
 }
 """Environment -> submission whose first success is filmed."""
 

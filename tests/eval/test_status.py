@@ -24,7 +24,7 @@ from hab_tasks.registration import SKILLS, TASKS
 
 CURRENT = {
     **dict.fromkeys(SKILLS, "0.2.0"),
-    **dict.fromkeys(("HabPlace-v1", "HabNavigate-v1", *TASKS), "0.3.0"),
+    **dict.fromkeys(("HabPlace-v1", "HabCloseFridge-v1", "HabNavigate-v1", *TASKS), "0.3.0"),
 }
 """Environment -> first version in which driven policies play and are judged as today."""
 

@@ -217,9 +217,9 @@ def test_verify_refuses_other_episodes_and_values(cli, stub_run):
     assert 'episode "stub/002" in "elsewhere"' in done.stderr
     assert "from 0 to 8" in cli("verify", stub_run, "--episode", 9).stderr
     assert "episodes is 0" in cli("verify", stub_run, "--episodes", 0).stderr
-    unknown = cli("verify", "spa_priv-pick-apartment-seed3")
+    unknown = cli("verify", "spa_priv-pick-apartment-seed2027")
     assert unknown.returncode == 2
-    assert "Did you mean 'spa_priv-pick-apartment-seed2'?" in unknown.stderr
+    assert "Did you mean 'spa_priv-pick-apartment-seed2026'?" in unknown.stderr
 
 
 def test_film_records_the_first_success_and_the_first_failures(cli, stub_run, tmp_path):

@@ -35,7 +35,7 @@ are generated again."""
 VERIFY_HELP = """Repeats episodes of a submission and compares everything that it says of them.
 
 Example:
-  hab-eval verify spa_priv-pick-apartment-seed2 --episodes 10
+  hab-eval verify spa_priv-pick-apartment-seed2026 --episodes 10
 
 The episodes are repeated with the same seeds. Each is identical, has the same outcome and steps
 (return and scores within 1 %, as on another processor), or is different. The exit status is 1 if
@@ -45,7 +45,7 @@ seconds differ by more than a factor of ten."""
 FILM_HELP = """Repeats episodes of a submission and records videos of them.
 
 Example:
-  hab-eval film spa_priv-pick-apartment-seed2 --out videos
+  hab-eval film spa_priv-pick-apartment-seed2026 --out videos
   hab-eval site --videos videos --out site
 
 By default, records the first success and the first failure of each category, as shown by the

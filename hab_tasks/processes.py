@@ -68,7 +68,7 @@ class Worker(ForkServerProcess):
         """Starts the process, and the server if there is none yet.
 
         Raises:
-            WorkerError: The server was killed.
+            WorkerError: The server was killed, or another worker of the pool.
         """
         target = getattr(self, "_target", None)
         start_worker_server(*([] if target is None else [target.__module__]))
@@ -79,6 +79,10 @@ class Worker(ForkServerProcess):
                     super().start()
         except (EOFError, ConnectionError) as error:
             raise WorkerError from error
+        except OSError as error:
+            if error.errno is not None:
+                raise
+            raise WorkerError from error  # a pool closes its queue when a worker is killed
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _unpickled, (_Surroundings(), type(self), self.__dict__)

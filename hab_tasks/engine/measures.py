@@ -40,7 +40,7 @@ from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.navigation.geodesic import GeodesicDistances
 
 REST_STEP_M = REST_SPEED_M_S / CONTROL_HZ
-"""Way of an object in one control step below which it is at rest."""
+"""Distance moved in one control step below which an object is at rest."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,17 +7,17 @@ import subprocess
 import sys
 import threading
 import time
+from multiprocessing import Pipe
 from pathlib import Path
 
 import pytest
 from worker_jobs import pid_soon, surroundings
 
 from hab_tasks.errors import WorkerError
-from hab_tasks.processes import worker_pool
+from hab_tasks.processes import Worker, worker_pool
 
 
 def test_a_worker_has_what_its_parent_has_when_it_starts(tmp_path, monkeypatch, capfd):
-    """Though its server was started before."""
     seen = []
     for value in ("first", "second"):
         monkeypatch.setenv("HAB_TEST_VALUE", value)
@@ -50,6 +50,10 @@ def test_a_killed_worker_or_server_is_told_and_the_next_pool_has_another_server(
             work(victim)
     wait_until_gone(*pids)
     assert server_pid() != server
+    queue = Pipe()[0]
+    queue.close()  # as a pool does when a worker is killed
+    with pytest.raises(WorkerError):
+        Worker(target=print, args=(queue,)).start()
 
 
 def test_a_forked_process_has_its_own_workers():

@@ -49,12 +49,11 @@ def reading(setup: AgentSetup) -> stub_hab.StubAgent:
 
 
 def sending(setup: AgentSetup) -> stub_hab.StubAgent:
-    """Answers with what would run code if it were unpickled, or ends."""
     agent = stub_hab.StubAgent()
 
     def act(obs: object) -> torch.Tensor:
         (own,) = (one for one in gc.get_objects() if isinstance(one, isolation.Connection))
-        own.send(print)  # pickles a reference to a function
+        own.send(print)  # would run code if it were unpickled
         return torch.full((1, 2), 0.5)
 
     agent.act = act

@@ -48,8 +48,8 @@ def test_errors_are_those_of_an_agent_in_the_same_process(cli, tmp_path):
         assert "Traceback" not in done.stderr
 
     check_each({case[0]: case for case in REFUSED}, check)
-    ray = ("--isolated", "--executor", "ray", "--out", tmp_path / "ray")
-    assert "needs --executor local" in cli(*RUN, *ray).stderr
+    ray = (*RUN, "--isolated", "--executor", "ray", "--out", tmp_path / "ray")
+    assert "needs --executor local" in cli(*ray).stderr
 
 
 @pytest.mark.slow

@@ -126,14 +126,10 @@ class HabEnv(ObservingEnv):
         where: dict[str, Any] = {"scene_dataset": scene_dataset, "objects": objects, "scene": scene}
         which: dict[str, Any] = {"split": split, "file": episodes, "seed": episode_seed}
         request = EpisodeRequest(env_id=self.default_id(), novel=novel, **where, **which)
-        self._simulation = EpisodeSimulation(
-            self.requirements,
-            open_source(request),
-            num_episodes,
-            prefetch=prefetch,
-            delay_steps=checked_steps(action_delay_steps),
-            noise=NoiseSource.of(sensor_noise),
-        )
+        steps, noise = checked_steps(action_delay_steps), NoiseSource.of(sensor_noise)
+        options: dict[str, Any] = {"prefetch": prefetch, "delay_steps": steps, "noise": noise}
+        source = open_source(request)
+        self._simulation = EpisodeSimulation(self.requirements, source, num_episodes, **options)
         Rows([self._simulation], self.rules_of)
         super().__init__(**{**kwargs, "robot_uids": ROBOT.uid})
 

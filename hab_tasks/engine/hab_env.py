@@ -125,11 +125,9 @@ class HabEnv(ObservingEnv):
         kwargs["control_mode"] = self._known_mode(kwargs.get("control_mode"))
         where: dict[str, Any] = {"scene_dataset": scene_dataset, "objects": objects, "scene": scene}
         which: dict[str, Any] = {"split": split, "file": episodes, "seed": episode_seed}
-        steps, noise = checked_steps(action_delay_steps), NoiseSource.of(sensor_noise)
-        options: dict[str, Any] = {"prefetch": prefetch, "delay_steps": steps, "noise": noise}
-        source = open_source(
-            EpisodeRequest(env_id=self.default_id(), novel=novel, **where, **which)
-        )
+        delay: dict[str, Any] = {"delay_steps": checked_steps(action_delay_steps)}
+        options = {"prefetch": prefetch, "noise": NoiseSource.of(sensor_noise), **delay}
+        source = open_source(EpisodeRequest(env_id=self.default_id(), novel=novel, **where | which))
         self._simulation = EpisodeSimulation(self.requirements, source, num_episodes, **options)
         Rows([self._simulation], self.rules_of)
         super().__init__(**{**kwargs, "robot_uids": ROBOT.uid})

@@ -19,7 +19,12 @@ ROOT = Path(__file__).parents[1]
 TIERS = {"quick": ("slow", "long"), "slow": ("long",)}
 """Tier -> markers of the tests that it leaves out; slow is the tier of CI."""
 
-PACKAGES = ("", "eval", *(f"baselines/{name}" for name in ("ppo", "spa", "task_planner", "tp_srl")))
+PACKAGES = (
+    "",
+    "eval",
+    "assets/authoring",
+    *(f"baselines/{name}" for name in ("ppo", "spa", "task_planner", "tp_srl")),
+)
 
 NOT_FOUND = "NOT FOUND"
 
@@ -69,7 +74,7 @@ DEFECTS = (
            old="where(m.released | m.released_before,", new="where(m.released,"),
     Defect(name="closed_door", first="core/test_grasp.py", file="hab_tasks/robots/grasp.py",
            old="enclosed is not None and enclosed[index]", new="False"),
-    Defect(name="split", first="core/test_wild.py", file="hab_tasks/scenes/habitat/dataset.py",
+    Defect(name="split", first="authoring/test_wild.py", file="hab_tasks/scenes/habitat/dataset.py",
            old='"val": ("sc3",), "test": ("sc4",)', new='"val": ("sc4",), "test": ("sc3",)'),
     Defect(name="wilson", first="eval/test_stats.py", file="eval/hab_eval/stats.py",
            old='method="wilson"', new='method="wilsoncc"'),
@@ -89,8 +94,8 @@ DEFECTS = (
            file="baselines/ppo/hab_ppo/rollout.py",
            old="discount * ~rollout.terminated",
            new="discount * ~(rollout.terminated | rollout.truncated)"),
-    Defect(name="quaternion_order", first="core/test_habitat_episodes.py",
-           file="hab_tasks/episodes/habitat/fields.py",
+    Defect(name="quaternion_order", first="authoring/test_habitat_episodes.py",
+           file="assets/authoring/hab_authoring/habitat/fields.py",
            old="qx, qy, qz, qw = (number", new="qw, qx, qy, qz = (number"),
     Defect(name="depth_scale", first="core/test_depth_scale.py", file="hab_tasks/engine/sensors.py",
            old="depth <= 0, torch.ones_like(depth)", new="depth <= 0, torch.zeros_like(depth)"),

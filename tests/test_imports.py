@@ -38,14 +38,15 @@ ORDER = [
         "worker_server",
         "processes",
         "captions",
+        "figure_style",
         "generation_lines",
     },
     {"executors"},
     {"scenes"},
     {"raycast"},
-    {"navigation", "robots", "pipeline", "layouts"},
+    {"navigation", "robots"},
     {"episodes"},
-    {"figures", "instructions"},
+    {"instructions"},
     {"engine"},
     {"skills"},
     {"tasks"},
@@ -72,8 +73,16 @@ SPA_ORDER = [
     {"recording", "bench_plan"},
     {"cli"},
 ]
-SPA_RANK = {name: rank for rank, row in enumerate(SPA_ORDER) for name in row}
 SPA = ROOT / "baselines" / "spa" / "hab_spa"
+
+# The same for hab_authoring.
+AUTHORING_ORDER = [
+    {"__init__", "apartment", "inventory"},
+    {"habitat", "layouts"},
+    {"figures", "pipeline"},
+    {"commands"},
+]
+AUTHORING = ROOT / "assets" / "authoring" / "hab_authoring"
 BASELINES = {p.parent.name for p in (ROOT / "baselines").glob("*/*/__init__.py")}
 
 # Run by a new Python: whatever the import prints, asks, downloads or writes shows.
@@ -98,7 +107,7 @@ for entry in hab_tasks.ENVS.values():
     module, name = known.entry_point.split(":")
     assert getattr(importlib.import_module(module), name) is entry.env, entry.id
     assert known.max_episode_steps == entry.horizon_steps, entry.id
-siblings = {"hab_eval", "hab_spa", "hab_planner", "hab_ppo", "hab_tp_srl", "ompl"}
+siblings = {"hab_authoring", "hab_eval", "hab_spa", "hab_planner", "hab_ppo", "hab_tp_srl", "ompl"}
 assert not {m.split(".")[0] for m in sys.modules} & siblings
 """
 
@@ -107,7 +116,7 @@ SCRIPTS = {
     for file in (
         ROOT / "pyproject.toml",
         *sorted(ROOT.glob("*/pyproject.toml")),
-        *sorted(ROOT.glob("baselines/*/pyproject.toml")),
+        *sorted(ROOT.glob("*/*/pyproject.toml")),
     )
     for script, target in tomllib.loads(file.read_text())["project"].get("scripts", {}).items()
 }
@@ -179,22 +188,24 @@ def test_imports_inside_hab_tasks_go_one_way():
     assert not wrong
 
 
-def test_imports_inside_hab_spa_go_one_way():
+@pytest.mark.parametrize(("folder", "order"), [(SPA, SPA_ORDER), (AUTHORING, AUTHORING_ORDER)])
+def test_imports_inside_a_package_go_one_way(folder, order):
+    ranks = {name: rank for rank, row in enumerate(order) for name in row}
     wrong = []
-    for path, _ in modules(SPA):
-        own = Path(path.relative_to(SPA).parts[0]).stem
-        assert own in SPA_RANK, f"give hab_spa.{own} a row in SPA_ORDER"
-        for name in imports_of(path, "hab_spa"):
+    for path, _ in modules(folder):
+        own = Path(path.relative_to(folder).parts[0]).stem
+        assert own in ranks, f"give {folder.name}.{own} a row"
+        for name in imports_of(path, folder.name):
             head, _, rest = name.partition(".")
             # A name that is no module is one that the package itself exports.
-            rank = SPA_RANK.get(rest.partition(".")[0], SPA_RANK["__init__"])
-            if head == "hab_spa" and rank > SPA_RANK[own]:
+            rank = ranks.get(rest.partition(".")[0], ranks["__init__"])
+            if head == folder.name and rank > ranks[own]:
                 wrong.append(f"{path.relative_to(ROOT)} imports {name}")
     assert not wrong
 
 
 def test_hab_tasks_imports_no_sibling():
-    forbidden = {"hab_eval", *BASELINES}
+    forbidden = {"hab_eval", "hab_authoring", *BASELINES}
     for path, package in modules(ROOT / "hab_tasks"):
         heads = {name.partition(".")[0] for name in imports_of(path, package)}
         assert not heads & forbidden, path
@@ -203,7 +214,7 @@ def test_hab_tasks_imports_no_sibling():
 def test_hab_eval_imports_no_baseline():
     for path, package in modules(ROOT / "eval" / "hab_eval"):
         heads = {name.partition(".")[0] for name in imports_of(path, package)}
-        assert not heads & BASELINES, f"{path}: agents are loaded by module:factory"
+        assert not heads & {"hab_authoring", *BASELINES}, f"{path}: agents are module:factory"
 
 
 def test_a_package_tells_its_version():

@@ -28,7 +28,7 @@ PAGES = {
     "eval/README.md": "packages/eval.md",
     "eval/leaderboard/LEADERBOARD.md": "packages/leaderboard.md",
     "baselines/spa/README.md": "packages/spa.md",
-    "baselines/task_planner/README.md": "packages/task_planner.md",
+    "baselines/plans/README.md": "packages/plans.md",
     "baselines/ppo/README.md": "packages/ppo.md",
     "baselines/tp_srl/README.md": "packages/tp_srl.md",
     "assets/README.md": "packages/apartment.md",

@@ -9,7 +9,7 @@ truth, a skill ends by the success condition of its environment.
 
 from __future__ import annotations
 
-from hab_planner.problem import atoms_of
+from hab_plans.problem import atoms_of
 from hab_spa.motion.robot import GRASP, RELEASE
 from hab_spa.scenes.scene import Scene
 from hab_spa.tasks.interactions import believed

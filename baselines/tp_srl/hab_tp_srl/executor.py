@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from hab_planner.errors import NoPlanError
-from hab_planner.plan import Action, Plan, plan_of
+from hab_plans.errors import NoPlanError
+from hab_plans.plan import Action, Plan, plan_of
 from hab_spa.motion.moves import RETURN_SHARE, follow, wait
 from hab_spa.motion.robot import RELEASE, Motion, Robot
 from hab_spa.results import Failure

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import cast
 
-from hab_planner.plan import plan_of
-from hab_planner.problem import task_of
+from hab_plans.plan import plan_of
+from hab_plans.problem import task_of
 from hab_ppo.navigation.weights import is_navigator
 from hab_spa.motion.robot import Motion, Robot
 from hab_spa.scenes.scene import Scene

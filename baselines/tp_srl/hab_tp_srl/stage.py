@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from hab_planner.plan import Action
-from hab_planner.problem import things
+from hab_plans.plan import Action
+from hab_plans.problem import things
 from hab_spa.tasks.interactions import Hands, interaction
 
 from hab_tasks.task_order import container_at_goal, container_at_start, interactions

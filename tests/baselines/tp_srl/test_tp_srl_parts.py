@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import hab_tp_srl
 import numpy as np
 import pytest
-from hab_planner.plan import plan_of
-from hab_planner.problem import task_of
+from hab_plans.plan import plan_of
+from hab_plans.problem import task_of
 from hab_ppo.recipes import find_recipe
 from hab_spa.motion.robot import GRASP, RELEASE
 from hab_tp_srl.ending import Ending

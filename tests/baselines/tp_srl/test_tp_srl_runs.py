@@ -8,7 +8,7 @@ import hab_tp_srl
 import numpy as np
 import pytest
 import torch
-from hab_planner.plan import plan_of
+from hab_plans.plan import plan_of
 from hab_ppo.navigation.network import GoalNetwork
 from hab_ppo.navigation.robot_map import RobotMap
 from hab_ppo.navigation.weights import save

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from hab_planner.problem import task_of
+from hab_plans.problem import task_of
 
 from hab_spa.agents.agent import SpaAgent
 from hab_spa.agents.modes import CONTROLLERS, control_mode

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import partial
 
-from hab_planner.errors import NoPlanError
-from hab_planner.plan import Action, Plan, plan_of
-from hab_planner.problem import Atom, atoms_of
+from hab_plans.errors import NoPlanError
+from hab_plans.plan import Action, Plan, plan_of
+from hab_plans.problem import Atom, atoms_of
 
 from hab_spa.motion.robot import Motion, Robot
 from hab_spa.results import Failure

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from hab_planner.plan import Action
-from hab_planner.problem import Atom, atoms_of, things
+from hab_plans.plan import Action
+from hab_plans.problem import Atom, atoms_of, things
 
 from hab_spa.motion.robot import Motion, Robot
 from hab_spa.scenes.scene import Scene

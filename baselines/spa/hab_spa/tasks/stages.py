@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from hab_planner.observe import start_given
-from hab_planner.plan import Plan
-from hab_planner.problem import Atom, problem_of, task_of
+from hab_plans.observe import start_given
+from hab_plans.plan import Plan
+from hab_plans.problem import Atom, problem_of, task_of
 
 from hab_spa.motion.drive import DriveConfig, leave
 from hab_spa.motion.rest import rest
@@ -52,7 +52,7 @@ class Stages:
         Raises:
             NoPlanError: The goal cannot be reached from there.
         """
-        from hab_planner.solve import solve  # a slow import, needed only after a failure
+        from hab_plans.solve import solve  # a slow import, needed only after a failure
 
         start = start_given(self._env_id, self.believed())
         return solve(problem_of(self._env_id).started(start))

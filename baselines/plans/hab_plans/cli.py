@@ -9,8 +9,8 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from hab_planner.plan import Plan, plan_of
-from hab_planner.problem import DOMAIN, problem_of
+from hab_plans.plan import Plan, plan_of
+from hab_plans.problem import DOMAIN, problem_of
 from hab_tasks.console import Command, run_script
 from hab_tasks.files import check_file, written_aside
 
@@ -44,7 +44,7 @@ class PlanCommand(Command):
         if self.out is not None:
             check_file(self.out, force=self.force)
         if self.solve:
-            from hab_planner.solve import solve  # a slow import
+            from hab_plans.solve import solve  # a slow import
 
             plan = solve(problem)
         else:

@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hab_planner.errors import PlannerError
+from hab_plans.errors import PlannerError
 from hab_tasks.registration import TASKS, imported_id
 from hab_tasks.task_order import container_at_goal, container_at_start
 from hab_tasks.task_spec import TaskSpec

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass
 
-from hab_planner.errors import PlannerError
-from hab_planner.problem import ROOM, SPAWN, spec_of, thing
+from hab_plans.errors import PlannerError
+from hab_plans.problem import ROOM, SPAWN, spec_of, thing
 from hab_tasks.task_order import Interaction, container_at_goal, container_at_start, interactions
 from hab_tasks.task_spec import TaskSpec
 

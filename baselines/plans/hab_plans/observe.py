@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hab_planner.problem import ROOM, Atom, atoms_of, problem_of
+from hab_plans.problem import ROOM, Atom, atoms_of, problem_of
 from hab_tasks.tasks.base import Condition
 from hab_tasks.tasks.task_env import TaskEnv
 

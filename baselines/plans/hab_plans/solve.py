@@ -11,9 +11,9 @@ from unified_planning.io import PDDLReader
 from unified_planning.model import MinimizeSequentialPlanLength
 from unified_planning.shortcuts import OneshotPlanner, SequentialSimulator
 
-from hab_planner.errors import NoPlanError, PlannerError
-from hab_planner.plan import Action, Plan
-from hab_planner.problem import DOMAIN, Atom, TaskProblem
+from hab_plans.errors import NoPlanError, PlannerError
+from hab_plans.plan import Action, Plan
+from hab_plans.problem import DOMAIN, Atom, TaskProblem
 
 PLANNER = "fast-downward-opt"
 

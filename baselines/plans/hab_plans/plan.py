@@ -55,6 +55,11 @@ class Plan:
     task: str
     actions: tuple[Action, ...]
 
+    @property
+    def interactions(self) -> tuple[Action, ...]:
+        """The actions other than navigation."""
+        return tuple(action for action in self.actions if action.name != "navigate")
+
     def to_json(self) -> str:
         """Returns the text of a plan file."""
         return json.dumps(asdict(self), indent=1) + "\n"

@@ -57,6 +57,11 @@ class TeamOptions:
     draws_actions: bool
 
     @property
+    def recovers(self) -> bool:
+        """Whether anything is tried again."""
+        return self.retries > 0 or self.replans > 0
+
+    @property
     def privileged(self) -> bool:
         """Whether the agent needs ground truth."""
         planned = None in self.skills.values()

@@ -7,8 +7,6 @@ from typing import Literal
 
 from hab_plans.plan import Action
 from hab_plans.problem import things
-from hab_spa.tasks.interactions import Hands, interaction
-
 from hab_tasks.task_order import container_at_goal, container_at_start, interactions
 from hab_tasks.task_spec import TaskSpec
 from hab_tasks.tasks.base import Condition, Task
@@ -37,6 +35,11 @@ class Stage:
     effect: Condition
 
     @property
+    def number(self) -> int:
+        """Number of the door or drawer that the skill moves, else of its object."""
+        return self.object if self.articulation is None else self.articulation
+
+    @property
     def handles_object(self) -> bool:
         """Whether the skill picks or places, rather than opening or closing."""
         return self.articulation is None
@@ -63,8 +66,15 @@ def stage_of(task: Task, action: Action) -> Stage:
         at="start" if inside else "goal",
         articulation=articulation,
         drawer=_drawer(spec, number) if inside else None,
-        effect=interaction(task, action, Hands()).effect,
+        effect=_effect(action, number if articulation is None else articulation),
     )
+
+
+def _effect(action: Action, number: int) -> Condition:
+    """Returns the condition that an action is for."""
+    if action.name in ("open", "close"):
+        return Condition(**{"opened" if action.name == "open" else "closed": (number,)})
+    return Condition(held=(number,)) if action.name == "pick" else Condition(placed=(number,))
 
 
 def _object_behind(spec: TaskSpec, action: Action) -> int:

@@ -29,6 +29,7 @@ PAGES = {
     "eval/leaderboard/LEADERBOARD.md": "packages/leaderboard.md",
     "baselines/spa/README.md": "packages/spa.md",
     "baselines/plans/README.md": "packages/plans.md",
+    "baselines/experts/README.md": "packages/experts.md",
     "baselines/ppo/README.md": "packages/ppo.md",
     "baselines/tp_srl/README.md": "packages/tp_srl.md",
     "assets/README.md": "packages/apartment.md",

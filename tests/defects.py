@@ -19,7 +19,8 @@ ROOT = Path(__file__).parents[1]
 TIERS = {"quick": ("slow", "long"), "slow": ("long",)}
 """Tier -> markers of the tests that it leaves out; slow is the tier of CI."""
 
-PACKAGES = ("", "eval", *(f"baselines/{name}" for name in ("ppo", "spa", "plans", "tp_srl")))
+BASELINES = ("experts", "plans", "ppo", "spa", "tp_srl")
+PACKAGES = ("", "eval", *(f"baselines/{name}" for name in BASELINES))
 
 NOT_FOUND = "NOT FOUND"
 
@@ -169,7 +170,7 @@ class Copy:
 
     def _check_imports(self) -> None:
         """Prints where modules are imported from; raises if that is not the copy."""
-        code = "import hab_tasks, hab_eval, hab_ppo, hab_spa, hab_plans, hab_tp_srl, sys\n"
+        code = f"import hab_tasks, hab_eval, hab_{', hab_'.join(BASELINES)}, sys\n"
         code += "print(*(m.__file__ for n, m in sys.modules.items() if n.startswith('hab_') "
         code += "and '.' not in n), sep='\\n')"
         command = [self._python, "-c", code]

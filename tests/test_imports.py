@@ -98,7 +98,7 @@ for entry in hab_tasks.ENVS.values():
     module, name = known.entry_point.split(":")
     assert getattr(importlib.import_module(module), name) is entry.env, entry.id
     assert known.max_episode_steps == entry.horizon_steps, entry.id
-siblings = {"hab_eval", "hab_spa", "hab_plans", "hab_ppo", "hab_tp_srl", "ompl"}
+siblings = {"hab_eval", "hab_experts", "hab_spa", "hab_plans", "hab_ppo", "hab_tp_srl", "ompl"}
 assert not {m.split(".")[0] for m in sys.modules} & siblings
 """
 

@@ -11,10 +11,10 @@ import math
 
 import numpy as np
 
+from hab_experts.handle import handle_at, to_handle, to_rest
 from hab_tasks.articulations import FRIDGE, FRIDGE_OPEN_RAD, Rectangle
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.privileged import Array, ArticulationState
-from hab_tasks.skills.handle_follower import handle_at, to_handle, to_rest
 
 GRASP_M = 0.1
 """The hand closes within this distance of the handle."""
@@ -46,7 +46,7 @@ INWARD = 0.15
 STRAIGHT_RAD, STRAIGHT_GAIN, MOST_STRAIGHT = 0.35, 2.86, 0.6
 
 
-def door_action(state: Snapshot, door: ArticulationState, *, opens: bool) -> Array:
+def door_motion(state: Snapshot, door: ArticulationState, *, opens: bool) -> Array:
     """Returns the ``ee_base`` action (6,) for one row.
 
     Args:

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from hab_tasks.articulations import DRAWER_CLOSED_M, DRAWER_OPEN_SHARE
-from hab_tasks.engine.snapshot import Snapshot
-from hab_tasks.privileged import Array, ArticulationState
-from hab_tasks.skills.handle_follower import (
+from hab_experts.handle import (
     hand_of,
     handle_at,
     in_base,
     to_handle,
     to_rest,
 )
+from hab_tasks.articulations import DRAWER_CLOSED_M, DRAWER_OPEN_SHARE
+from hab_tasks.engine.snapshot import Snapshot
+from hab_tasks.privileged import Array, ArticulationState
 
 GRASP_TO_OPEN_M, GRASP_TO_CLOSE_M = 0.07, 0.1
 """The hand closes within this distance of the handle. To close the drawer it comes from above, and
@@ -44,7 +44,7 @@ FELT_M = 0.03
 know the joint feels in this way that the drawer does not move any more."""
 
 
-def drawer_action(state: Snapshot, drawer: ArticulationState, *, opens: bool) -> Array:
+def drawer_motion(state: Snapshot, drawer: ArticulationState, *, opens: bool) -> Array:
     """Returns the ``ee`` action (4,) for one row.
 
     Args:

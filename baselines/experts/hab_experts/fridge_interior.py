@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hab_experts.handle import in_base, straight
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.privileged import Array
-from hab_tasks.skills.handle_follower import in_base, straight
 
 OUTSIDE_M, OUT_M = 0.42, 0.45
 """Distances of the hand from the fridge's root along its axis: where it rises and turns to the

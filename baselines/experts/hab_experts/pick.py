@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from hab_experts.fridge_interior import Inside
+from hab_experts.handle import hand_of, in_base, motion
 from hab_tasks.constants import GRASP_RADIUS_M, REST_POSITION_M
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.privileged import Array
-from hab_tasks.skills.fridge_interior import Inside
-from hab_tasks.skills.handle_follower import hand_of, in_base, motion
 
 GRASP_M = 0.09
 """The hand closes within this distance of the object; in the fridge, as soon as it can grasp."""
@@ -26,7 +26,7 @@ ABOVE_M = 0.05
 """Height of the hand above the object's centre in the fridge."""
 
 
-def pick_action(state: Snapshot, *, holds: bool, nearest: bool, fridge: Array | None) -> Array:
+def pick_motion(state: Snapshot, *, holds: bool, nearest: bool, fridge: Array | None) -> Array:
     """Returns the ``ee`` action (4,) for one row.
 
     Args:

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from hab_experts.fridge_interior import Inside
+from hab_experts.handle import hand_of, in_base, motion
 from hab_tasks.constants import REST_POSITION_M
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.privileged import Array
-from hab_tasks.skills.fridge_interior import Inside
-from hab_tasks.skills.handle_follower import hand_of, in_base, motion
 
 ABOVE_M, CARRIED_M = 0.08, 1.0
 """The object comes at this height above the goal, or at this height, over other objects, while it
@@ -36,7 +36,7 @@ LIFT_M, AWAY_M = 0.05, 0.15
 """The empty hand rises by the first before it leaves, within the second distance of the goal."""
 
 
-def place_action(state: Snapshot, goal_m: Array, *, holds: bool, fridge: Array | None) -> Array:
+def place_motion(state: Snapshot, goal_m: Array, *, holds: bool, fridge: Array | None) -> Array:
     """Returns the ``ee`` action (4,) for one row.
 
     Args:

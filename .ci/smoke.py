@@ -7,6 +7,7 @@ from pathlib import Path
 import gymnasium
 import hab_eval
 import hab_experts
+import hab_navigator
 import hab_plans
 import hab_ppo
 import hab_spa
@@ -15,7 +16,16 @@ import hab_tp_srl
 import hab_tasks
 
 (folder,) = map(Path, sys.argv[1:])
-for module in (hab_eval, hab_experts, hab_plans, hab_ppo, hab_spa, hab_tasks, hab_tp_srl):
+for module in (
+    hab_eval,
+    hab_experts,
+    hab_navigator,
+    hab_plans,
+    hab_ppo,
+    hab_spa,
+    hab_tasks,
+    hab_tp_srl,
+):
     assert Path(str(module.__file__)).is_relative_to(folder), module.__file__
 env = gymnasium.make("hab_tasks:HabPick-v1")
 env.reset(seed=0)

@@ -30,6 +30,7 @@ PAGES = {
     "baselines/spa/README.md": "packages/spa.md",
     "baselines/plans/README.md": "packages/plans.md",
     "baselines/experts/README.md": "packages/experts.md",
+    "baselines/navigator/README.md": "packages/navigator.md",
     "baselines/ppo/README.md": "packages/ppo.md",
     "baselines/tp_srl/README.md": "packages/tp_srl.md",
     "assets/README.md": "packages/apartment.md",

@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[1]
 TIERS = {"quick": ("slow", "long"), "slow": ("long",)}
 """Tier -> markers of the tests that it leaves out; slow is the tier of CI."""
 
-BASELINES = ("experts", "plans", "ppo", "spa", "tp_srl")
+BASELINES = ("experts", "navigator", "plans", "ppo", "spa", "tp_srl")
 PACKAGES = ("", "eval", *(f"baselines/{name}" for name in BASELINES))
 
 NOT_FOUND = "NOT FOUND"

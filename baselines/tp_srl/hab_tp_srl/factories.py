@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import cast
 
+from hab_navigator.weights import is_navigator
 from hab_plans.executor import Executor, ExecutorConfig
 from hab_plans.motion import Motion
 from hab_plans.motion_log import MotionLog
 from hab_plans.plan import plan_of
 from hab_plans.problem import task_of
 from hab_plans.protocols import Team
-from hab_ppo.navigation.weights import is_navigator
 from hab_spa.motion.robot import Robot
 from hab_spa.scenes.scene import Scene
 

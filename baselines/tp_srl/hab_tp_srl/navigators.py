@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from hab_navigator.navigator import REPEAT, Navigator
+from hab_navigator.weights import load
 from hab_plans.motion import Motion
 from hab_plans.plan import Action
 from hab_plans.protocols import NavigationRequest
-from hab_ppo.navigation.navigator import REPEAT, Navigator
-from hab_ppo.navigation.weights import load
 from hab_spa.motion.drive import DriveConfig, leave, reverse
 from hab_spa.motion.robot import Robot
 from hab_spa.tasks.navigate import OracleNavigator

@@ -8,11 +8,11 @@ import hab_tp_srl
 import numpy as np
 import pytest
 import torch
+from hab_navigator.network import GoalNetwork
+from hab_navigator.robot_map import RobotMap
+from hab_navigator.weights import save
 from hab_plans.plan import plan_of
 from hab_plans.stage import stage_of
-from hab_ppo.navigation.network import GoalNetwork
-from hab_ppo.navigation.robot_map import RobotMap
-from hab_ppo.navigation.weights import save
 from hab_spa.motion.robot import Robot, SpaConfig
 from hab_tp_srl import factories, stillness
 from hab_tp_srl.navigators import NavigatorPolicy

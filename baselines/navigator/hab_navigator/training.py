@@ -9,15 +9,15 @@ from typing import Any
 
 import torch
 from hab_eval.provenance import device, git_commit
-
 from hab_ppo import checkpoint
 from hab_ppo.errors import PolicyFileError
-from hab_ppo.navigation.fitting import fit, misfit
-from hab_ppo.navigation.lessons import Lessons
-from hab_ppo.navigation.network import GoalNetwork
-from hab_ppo.navigation.practice import Played, PracticePlan, practise
-from hab_ppo.navigation.weights import KIND, WEIGHTS, load, save
 from hab_ppo.progress import WriteLine
+
+from hab_navigator.fitting import fit, misfit
+from hab_navigator.lessons import Lessons
+from hab_navigator.network import GoalNetwork
+from hab_navigator.practice import Played, PracticePlan, practise
+from hab_navigator.weights import KIND, WEIGHTS, load, save
 from hab_tasks.episodes import EpisodeRequest, load_episodes
 from hab_tasks.processes import compute_threads, worker_pool
 from hab_tasks.skills.navigate import NAVIGATE_ID

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 import torch
+from hab_ppo.precision import half_precision
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy
 
-from hab_ppo.navigation.lessons import Lessons, goal_bins, turned_goals
-from hab_ppo.navigation.network import GoalNetwork
-from hab_ppo.navigation.views import inputs
-from hab_ppo.precision import half_precision
+from hab_navigator.lessons import Lessons, goal_bins, turned_goals
+from hab_navigator.network import GoalNetwork
+from hab_navigator.views import inputs
 
 BATCH = 128
 LEARNING_RATE = 2e-3

@@ -12,11 +12,11 @@ from typing import Any, Literal
 import numpy as np
 import torch
 
-from hab_ppo.navigation.belief import GoalBelief
-from hab_ppo.navigation.network import GoalNetwork
-from hab_ppo.navigation.robot_map import RobotMap, turned
-from hab_ppo.navigation.seen_floor import SeenFloor
-from hab_ppo.navigation.views import View, inputs
+from hab_navigator.belief import GoalBelief
+from hab_navigator.network import GoalNetwork
+from hab_navigator.robot_map import RobotMap, turned
+from hab_navigator.seen_floor import SeenFloor
+from hab_navigator.views import View, inputs
 from hab_tasks.navigation import ShortestPathFollower
 from hab_tasks.privileged import Array
 from hab_tasks.robots.control_modes import STOP_CELL

@@ -9,10 +9,10 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from hab_ppo.navigation.lessons import Lessons
-from hab_ppo.navigation.navigator import REPEAT, Navigator, goal_in_map
-from hab_ppo.navigation.network import GoalNetwork
-from hab_ppo.navigation.weights import load
+from hab_navigator.lessons import Lessons
+from hab_navigator.navigator import REPEAT, Navigator, goal_in_map
+from hab_navigator.network import GoalNetwork
+from hab_navigator.weights import load
 from hab_tasks.robots.control_modes import STOP_CELL
 from hab_tasks.skills.navigate import NAVIGATE_ID
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from hab_ppo.navigation.network import ASIDE_RAD, HEADINGS
-from hab_ppo.navigation.robot_map import CELL_M, RobotMap
-from hab_ppo.navigation.views import SIDE, middle_m
+from hab_navigator.network import ASIDE_RAD, HEADINGS
+from hab_navigator.robot_map import CELL_M, RobotMap
+from hab_navigator.views import SIDE, middle_m
 from hab_tasks.privileged import Array
 
 FOUND_M = (0.15, 0.35)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from hab_ppo.navigation.robot_map import (
+from hab_navigator.robot_map import (
     CELL_M,
     CELLS,
     FLOOR_M,

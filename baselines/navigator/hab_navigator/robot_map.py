@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hab_ppo.navigation.scan_matching import NEAR_M, OBSTACLE_M, match_shares
+from hab_navigator.scan_matching import NEAR_M, OBSTACLE_M, match_shares
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, CAMERA_HFOV_RAD, CONTROL_HZ
 from hab_tasks.privileged import Array
 from hab_tasks.robots.cameras import PLACES

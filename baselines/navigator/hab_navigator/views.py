@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import grid_sample
 
-from hab_ppo.navigation.robot_map import CELL_M, CELLS, Bytes, RobotMap, cells_of
+from hab_navigator.robot_map import CELL_M, CELLS, Bytes, RobotMap, cells_of
 
 SIDE = 64
 """Width and height of a view in cells."""

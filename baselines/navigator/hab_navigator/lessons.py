@@ -9,10 +9,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from hab_ppo.navigation.navigator import Navigator
-from hab_ppo.navigation.network import ASIDE_RAD, HEADINGS
-from hab_ppo.navigation.robot_map import CELL_M, RobotMap
-from hab_ppo.navigation.views import SIDE, View, middle_m
+from hab_navigator.navigator import Navigator
+from hab_navigator.network import ASIDE_RAD, HEADINGS
+from hab_navigator.robot_map import CELL_M, RobotMap
+from hab_navigator.views import SIDE, View, middle_m
 from hab_tasks.privileged import Array
 
 

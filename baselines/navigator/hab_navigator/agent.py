@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from hab_ppo.navigation.navigator import REPEAT, Navigator, Stops
-from hab_ppo.navigation.weights import NAVIGATOR, WEIGHTS, load, shipped_navigator
+from hab_navigator.navigator import REPEAT, Navigator, Stops
+from hab_navigator.weights import NAVIGATOR, WEIGHTS, load, shipped_navigator
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec, check_options
 from hab_tasks.errors import OptionError
 from hab_tasks.processes import use_one_thread
@@ -91,7 +92,7 @@ class NavigatorAgent:
 
 
 def make_agent(setup: AgentSetup, stops: Stops = "often") -> NavigatorAgent:
-    """Returns the agent.
+    """Returns the agent; one for each way to stop is registered with `hab_ppo`.
 
     Option: ``weights``, a file or the folder of a run; by default, the weights that ship.
 
@@ -110,3 +111,8 @@ def weights_file(given: str | None) -> Path:
         return shipped_navigator()
     path = Path(given).expanduser()
     return path / WEIGHTS if path.is_dir() else path
+
+
+navigator = partial(make_agent, stops="often")
+navigator_once = partial(make_agent, stops="once")
+navigator_without_stop = partial(make_agent, stops="never")

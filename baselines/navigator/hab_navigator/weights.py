@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import hab_ppo
 from hab_ppo import checkpoint
 from hab_ppo.errors import PolicyFileError
-from hab_ppo.navigation.network import GoalNetwork
+
+from hab_navigator.network import GoalNetwork
 
 NAVIGATOR = "navigator"
 """Name of the agent."""
@@ -15,7 +17,8 @@ NAVIGATOR = "navigator"
 WEIGHTS = "navigator.safetensors"
 """File of weights in a run's folder, and in the package."""
 
-SHIPPED = Path(__file__).parent
+SHIPPED = Path(hab_ppo.__file__).parent / "navigation"
+"""Submissions name the file there."""
 
 KIND = "navigator"
 """Entry ``kind`` of the description of such a file."""
@@ -60,7 +63,7 @@ def is_run(folder: Path) -> bool:
     return (folder / WEIGHTS).is_file()
 
 
-def ship_navigator(run: Path) -> Path:
+def ship(run: Path) -> Path:
     """Copies the weights of a run to the package; returns the file.
 
     Raises:

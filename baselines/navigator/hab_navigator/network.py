@@ -13,8 +13,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import interpolate
 
-from hab_ppo.navigation.robot_map import CELL_M
-from hab_ppo.navigation.views import CHANNELS, FACTS, SIDE
+from hab_navigator.robot_map import CELL_M
+from hab_navigator.views import CHANNELS, FACTS, SIDE
 
 WIDTHS = (16, 32, 48, 64)
 """Channels at full resolution, and at each half of it."""

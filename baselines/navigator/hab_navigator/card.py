@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 from hab_eval.results import RunRecord
-
 from hab_ppo.cards import NOT_EVALUATED, result, table
-from hab_ppo.navigation.weights import NAVIGATOR, load, shipped_navigator
+
+from hab_navigator.weights import NAVIGATOR, is_run, load, ship, shipped_navigator
 from hab_tasks.skills.navigate import NAVIGATE_ID
+
+__all__ = ["card", "cards", "is_run", "ship"]
 
 ABOUT = "Navigate with a map, a learned distribution of the goal pose, and planned paths."
 ROUNDS = (
@@ -21,6 +24,12 @@ ROUNDS = (
     "cross-entropy before",
     "after fit",
 )
+
+
+def cards(records: Iterable[RunRecord]) -> dict[Path, str]:
+    """Returns the file and the text of the card; nothing if no weights ship."""
+    path = shipped_navigator()
+    return {path.with_suffix(".md"): card(records)} if path.is_file() else {}
 
 
 def card(records: Iterable[RunRecord]) -> str:

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Annotated, ClassVar
 
 import tyro
-
 from hab_ppo.limits import MOST_EPISODES, MOST_RANKS, MOST_ROWS
+
 from hab_tasks.console import Command
 from hab_tasks.files import check_folder
 from hab_tasks.option_values import LARGEST_SEED, whole
@@ -61,9 +61,10 @@ The same command continues an interrupted run after its last round. To play with
         whole("--rows", self.rows, 1, MOST_ROWS)
         whole("--workers", self.workers, 1, MOST_RANKS)
         whole("--seed", self.seed, 0, LARGEST_SEED)
-        from hab_ppo.navigation.training import LESSONS, PLAYED, TrainingPlan, train
-        from hab_ppo.navigation.weights import WEIGHTS
         from hab_ppo.progress import say
+
+        from hab_navigator.training import LESSONS, PLAYED, TrainingPlan, train
+        from hab_navigator.weights import WEIGHTS
 
         files = (WEIGHTS, PLAYED)
         if self.force or not any((self.out / name).is_file() for name in files):

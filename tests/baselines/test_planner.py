@@ -1,10 +1,10 @@
 """The task planner: plans are valid, minimal and in task order; infeasible goals raise errors."""
 
 import pytest
-from hab_planner import Action, NoPlanError, Plan, PlannerError, plan_of, problem_of
-from hab_planner.cli import main
-from hab_planner.problem import task_of
-from hab_planner.solve import replay, solve
+from hab_plans import Action, NoPlanError, Plan, PlannerError, plan_of, problem_of
+from hab_plans.cli import main
+from hab_plans.problem import task_of
+from hab_plans.solve import replay, solve
 
 from hab_tasks.registration import TASKS
 

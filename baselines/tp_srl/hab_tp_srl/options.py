@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from hab_navigator.weights import NAVIGATOR, shipped_navigator
+from hab_navigator.weights import WEIGHTS as NAVIGATOR_FILE
 from hab_ppo.agent import shipped_weights, weights_file
-from hab_ppo.navigation.weights import NAVIGATOR, shipped_navigator
-from hab_ppo.navigation.weights import WEIGHTS as NAVIGATOR_FILE
 from hab_ppo.recipes import recipe_names
 
 from hab_tasks.agent import AgentSetup, check_options
@@ -55,6 +55,11 @@ class TeamOptions:
     aims_object: bool
     resets_arm: bool
     draws_actions: bool
+
+    @property
+    def recovers(self) -> bool:
+        """Whether anything is tried again."""
+        return self.retries > 0 or self.replans > 0
 
     @property
     def privileged(self) -> bool:

@@ -10,11 +10,12 @@ import pytest
 import torch
 from hab_eval.cli import main as hab_eval
 from hab_eval.results import read_record
-from hab_ppo import NAVIGATORS, checkpoint
+from hab_navigator.weights import load
+from hab_ppo import checkpoint
 from hab_ppo.agent import spec_of
 from hab_ppo.cli import main
 from hab_ppo.distributed import Ranks
-from hab_ppo.navigation.weights import load
+from hab_ppo.extensions import extensions
 from hab_ppo.network import new_policy
 from hab_ppo.observation import Observation, ObservationLayout
 from hab_ppo.play import play
@@ -201,12 +202,12 @@ def test_learning_to_navigate_continues_after_its_last_round(tmp_path, capsys):
 
 @pytest.mark.parametrize(
     ("name", "episodes"),
-    [("navigator", "3"), *(pytest.param(n, "10", marks=long) for n in NAVIGATORS)],
+    [("navigator", "3"), *(pytest.param(n, "10", marks=long) for n in extensions("agents"))],
 )
 def test_navigators_solve_most_episodes(name, episodes, tmp_path):
-    arrives = ["--skill-config", "learned_stop=0"] if NAVIGATORS[name] == "never" else []
+    arrives = ["--skill-config", "learned_stop=0"] if name.endswith("without_stop") else []
     run = ["run", "--agent", f"hab_ppo:{name}", "--env", "HabNavigate-v1", "--episodes", episodes]
     assert hab_eval([*run, *arrives, "--seed", "3", "--out", str(tmp_path / "run")]) == 0
     summary = read_record(tmp_path / "run" / "run.json").summary
     # One stop finds fewer goals than several. The episodes and the agents are deterministic.
-    assert summary.success.mean >= (0.3 if NAVIGATORS[name] == "once" else 0.6)
+    assert summary.success.mean >= (0.3 if name.endswith("once") else 0.6)

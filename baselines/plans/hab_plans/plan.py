@@ -1,0 +1,128 @@
+"""Plans, and the plan implied by a task's declaration, which needs no planner."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+
+from hab_plans.errors import PlannerError
+from hab_plans.problem import ROOM, SPAWN, spec_of, thing
+from hab_tasks.task_order import Interaction, container_at_goal, container_at_start, interactions
+from hab_tasks.task_spec import TaskSpec
+
+SKILLS = {
+    "navigate": "navigate",
+    "pick": "pick",
+    "place": "place",
+    "place-inside": "place",
+    "open": "open",
+    "close": "close",
+}
+"""Action -> skill; open and close add the articulation: ``open_drawer``, ``close_fridge``."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Action:
+    """One step of a plan.
+
+    Attributes:
+        name: Name of the action.
+        things: Its arguments.
+    """
+
+    name: str
+    things: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return f"{self.name}({', '.join(self.things)})"
+
+    @property
+    def skill(self) -> str:
+        """Name of the skill that executes the action."""
+        skill = SKILLS[self.name]
+        return f"{skill}_{self.things[0]}" if skill in ("open", "close") else skill
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """A sequence of actions.
+
+    Attributes:
+        task: Name of the problem.
+        actions: The actions in order.
+    """
+
+    task: str
+    actions: tuple[Action, ...]
+
+    @property
+    def interactions(self) -> tuple[Action, ...]:
+        """The actions other than navigation."""
+        return tuple(action for action in self.actions if action.name != "navigate")
+
+    def to_json(self) -> str:
+        """Returns the text of a plan file."""
+        return json.dumps(asdict(self), indent=1) + "\n"
+
+    @staticmethod
+    def from_json(text: str) -> Plan:
+        """Parses the text of a plan file.
+
+        Raises:
+            PlannerError: Not a plan, or an unknown action.
+        """
+        try:
+            found = json.loads(text)
+            actions = tuple(
+                Action(name=action["name"], things=tuple(action["things"]))
+                for action in found["actions"]
+            )
+            task = str(found["task"])
+        except (ValueError, KeyError, TypeError) as error:
+            raise PlannerError(f"Not a plan file ({error!r}).") from error
+        unknown = sorted({action.name for action in actions} - SKILLS.keys())
+        if unknown:
+            raise PlannerError(f"Unknown actions {unknown}. Valid: {', '.join(SKILLS)}.")
+        return Plan(task=task, actions=actions)
+
+
+def plan_of(reference: str) -> Plan:
+    """Returns the plan implied by a task's declaration: navigation before interactions (S H.1).
+
+    It is the plan of minimal length that Fast Downward finds.
+
+    Args:
+        reference: Environment id of the task.
+
+    Raises:
+        PlannerError: Not the id of a task.
+    """
+    spec = spec_of(reference)
+    actions: list[Action] = []
+    here = SPAWN
+    for item in interactions(spec):
+        there, action = _action(spec, item)
+        if there != here:
+            actions.append(Action(name="navigate", things=(here, there)))
+        actions.append(action)
+        here = there
+    return Plan(task=spec.name.replace("_", "-"), actions=tuple(actions))
+
+
+def _action(spec: TaskSpec, item: Interaction) -> tuple[str, Action]:
+    """Returns the pose and the action of an interaction."""
+    target = spec.targets[item.target]
+    name = thing(target.name)
+    goal = f"{name}-goal"
+    if item.kind == "pick":
+        container = container_at_start(spec, target) or ROOM
+        return name, Action(name="pick", things=(name, container))
+    if item.kind == "place":
+        container = container_at_goal(spec, target) or ROOM
+        if target.inside is None:
+            return goal, Action(name="place", things=(name, goal, container))
+        other = thing(target.inside)
+        things = (name, goal, other, f"{other}-goal", container)
+        return goal, Action(name="place-inside", things=things)
+    assert item.articulation is not None
+    return item.articulation, Action(name=item.kind, things=(item.articulation,))

@@ -91,7 +91,7 @@ SPA = ROOT / "baselines" / "spa" / "hab_spa"
 
 # The same for hab_authoring.
 AUTHORING_ORDER = [
-    {"__init__", "apartment", "inventory"},
+    {"__init__", "apartment", "inventory", "showroom"},
     {"habitat", "layouts"},
     {"figures", "pipeline"},
     {"commands"},

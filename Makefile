@@ -60,7 +60,7 @@ bench: setup ## Steps per second, beside ManiSkill's own scene environment: make
 build: setup ## Wheels of all packages, in dist/
 	@rm -rf dist build */build */*/build; mkdir dist
 	@$(PYTHON) -m pip wheel -q --no-deps --no-build-isolation --disable-pip-version-check -w dist \
-	  $(addprefix ./,$(dir $(wildcard pyproject.toml eval/pyproject.toml baselines/*/pyproject.toml)))
+	  $(addprefix ./,$(dir $(wildcard pyproject.toml */pyproject.toml */*/pyproject.toml)))
 	@ls dist
 
 clean: ## Remove .venv and everything made here

@@ -5,6 +5,7 @@ from importlib import resources
 from pathlib import Path
 
 import gymnasium
+import hab_authoring
 import hab_eval
 import hab_experts
 import hab_navigator
@@ -17,6 +18,7 @@ import hab_tasks
 
 (folder,) = map(Path, sys.argv[1:])
 for module in (
+    hab_authoring,
     hab_eval,
     hab_experts,
     hab_navigator,

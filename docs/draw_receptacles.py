@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from hab_authoring.figures.plan import aspect, draw_plan, outlines
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
-from hab_tasks.figures.plan import aspect, draw_plan, outlines
-from hab_tasks.figures.style import new_figure, save
+from hab_tasks.figure_style import new_figure, save
 from hab_tasks.geometry import Array, to_matrix
 from hab_tasks.receptacles import PHRASES
 from hab_tasks.scenes.habitat.dataset import resolve_dataset

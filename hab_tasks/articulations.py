@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from hab_tasks.arrays import BatchArray
+from hab_tasks.arrays import Bools, Floats
 
 FRIDGE_OPEN_RAD = math.pi / 2
 FRIDGE_CLOSED_RAD = 0.15
@@ -51,11 +51,11 @@ class ArticulationKind:
     opening_region: Rectangle
     closing_region: Rectangle
 
-    def is_open(self, joint: BatchArray, share: BatchArray) -> BatchArray:
+    def is_open(self, joint: Floats, share: Floats) -> Bools:
         """Whether joints (...) [m or rad] at shares (...) of their travel are open."""
         return share >= self.open_share if self.open_at is None else joint > self.open_at
 
-    def is_closed(self, joint: BatchArray) -> BatchArray:
+    def is_closed(self, joint: Floats) -> Bools:
         """Whether joints (...) [m or rad] are closed."""
         return joint <= self.closed_at
 

@@ -84,25 +84,25 @@ def run_script(
             finally:
                 sys.stdout.flush()  # of a help text too
         except RunStoppedError as error:
-            _say(program, error)
+            say(program, error)
             if command is not None and command.verbose:
                 sys.stderr.write(error.details)
             return EXIT_STOPPED
         except HabError as error:
-            _say(program, error)
+            say(program, error)
             return EXIT_BAD_INPUT
         except OSError as error:  # from stdout or a disk
             if isinstance(error, BrokenPipeError) and _nobody_reads():
                 return EXIT_UNREAD
-            _say(program, error)
+            say(program, error)
             return EXIT_STOPPED
         except KeyboardInterrupt:
-            _say(program, f"interrupted. {'' if command is None else command.advice()}")
+            say(program, f"interrupted. {'' if command is None else command.advice()}")
             return EXIT_INTERRUPTED
         except Exception as error:
             if not limits.advice(error):
                 raise
-            _say(program, error)
+            say(program, error)
             return EXIT_STOPPED
 
 
@@ -117,7 +117,8 @@ def _nobody_reads() -> bool:
     return True
 
 
-def _say(program: str, message: object) -> None:
+def say(program: str, message: object) -> None:
+    """Writes a message or an error, with advice, to stderr in one line."""
     if isinstance(message, BaseException):
         reason, advice = str(message) or type(message).__name__, limits.advice(message)
         message = f"{reason.rstrip('.')}. {advice}" if advice else reason

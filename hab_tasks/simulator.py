@@ -5,36 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 
-def sapien_object(wrapped: Any, row: int = 0) -> Any:
-    """Returns the SAPIEN entity, articulation, link or joint of a row."""
-    return wrapped._objs[row]
+def sapien_object(wrapped: Any) -> Any:
+    """Returns the SAPIEN entity, articulation, link or joint."""
+    return wrapped._objs[0]
 
 
-def sapien_objects(wrapped: Any) -> list[Any]:
-    """Returns the SAPIEN entities, articulations, links or joints of all rows."""
-    return wrapped._objs
-
-
-def rigid_body(actor: Any, row: int = 0) -> Any:
-    """Returns the rigid body of an actor in a row."""
-    return actor._bodies[row]
-
-
-def rigid_bodies(actor: Any) -> list[Any]:
-    """Returns the rigid bodies of an actor in all rows."""
-    return actor._bodies
+def rigid_body(actor: Any) -> Any:
+    """Returns the rigid body of an actor."""
+    return actor._bodies[0]
 
 
 def set_up(scene: Any) -> None:
     """Sets up a CPU scene without an environment."""
     scene._setup(enable_gpu=False)
-
-
-def push_to_gpu(scene: Any) -> None:
-    """Writes pending changes to the GPU simulation."""
-    scene._gpu_apply_all()
-
-
-def pull_from_gpu(scene: Any) -> None:
-    """Reads results from the GPU simulation."""
-    scene._gpu_fetch_all()

@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import reduce
 from operator import or_
 from pathlib import Path
@@ -18,12 +18,12 @@ from mani_skill.envs.utils.system.backend import parse_sim_and_render_backend
 from mani_skill.utils.structs import Actor
 from mani_skill.utils.structs.types import SimConfig
 
-from hab_tasks.arrays import BatchArray, norm
+from hab_tasks.arrays import Floats, norm
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.measures import MEANINGS, Measures
 from hab_tasks.engine.rewards import total
 from hab_tasks.engine.skill_env import Skill
-from hab_tasks.engine.snapshot import Snapshot, axes_of_base, world_to_base
+from hab_tasks.engine.snapshot import Snapshot, world_to_base
 from hab_tasks.episodes import Episode
 from hab_tasks.robots.fetch import HabFetch
 from hab_tasks.scenes.collision_groups import MOVING, set_groups
@@ -154,67 +154,73 @@ def start_fetch(agent: HabFetch) -> None:
     agent.controller.reset()
 
 
+def arrays(values: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Tensors, lists and arrays as arrays."""
+    whole = {n: v.numpy() if isinstance(v, torch.Tensor) else v for n, v in values.items()}
+    return {name: np.array(value) for name, value in whole.items()}
+
+
 def snapshot(
-    count: int = 1, *, objects: int = 1, articulations: int = 0, **values: torch.Tensor
+    count: int = 1, *, objects: int = 1, articulations: int = 0, **values: Any
 ) -> Snapshot:
     """A snapshot of `count` rows at the origin with nothing held, except for `values`."""
-    nothing = torch.full((count,), -1, dtype=torch.long)
-    raw = {
-        "arm_qpos_rad": torch.zeros(count, 7),
-        "base": torch.zeros(count, 3),
-        "ee_m": torch.zeros(count, 3),
-        "ee_axes": torch.eye(3).expand(count, 3, 3),
-        "objects_m": torch.zeros(count, objects, 3),
-        "handles_m": torch.zeros(count, articulations, 3),
-        "joints": torch.zeros(count, articulations),
+    nothing = np.full(count, -1)
+    raw: dict[str, Any] = {
+        "arm_qpos_rad": np.zeros((count, 7), np.float32),
+        "base": np.zeros((count, 3), np.float32),
+        "ee_m": np.zeros((count, 3), np.float32),
+        "ee_axes": np.tile(np.eye(3, dtype=np.float32), (count, 1, 1)),
+        "objects_m": np.zeros((count, objects, 3), np.float32),
+        "handles_m": np.zeros((count, articulations, 3), np.float32),
+        "joints": np.zeros((count, articulations), np.float32),
         "held": nothing,
-        "held_handle": nothing.clone(),
-        "lost": torch.zeros(count, dtype=torch.bool),
-        "force_n": torch.zeros(count),
+        "held_handle": nothing.copy(),
+        "lost": np.zeros(count, dtype=bool),
+        "force_n": np.zeros(count, np.float32),
     }
-    raw |= values
-    base = raw["base"]
-    known = {"base_axes": axes_of_base(base), "ee_in_base_m": world_to_base(base, raw["ee_m"])}
+    raw |= arrays(values)
+    base, up = raw["base"], np.tile(np.eye(3, dtype=np.float32), (count, 1, 1))
+    up[:, 0, 0] = up[:, 1, 1] = np.cos(base[:, 2])
+    up[:, 1, 0], up[:, 0, 1] = np.sin(base[:, 2]), -np.sin(base[:, 2])
+    known = {"base_axes": up, "ee_in_base_m": world_to_base(base, raw["ee_m"])}
     return Snapshot(**known | raw)
 
 
-def row(*values: float) -> torch.Tensor:
+def row(*values: float) -> np.ndarray:
     """One value for each row, (N,)."""
-    return torch.tensor(values)
+    return np.array(values, dtype=np.float32 if isinstance(values[0], float) else None)
 
 
-def measures(count: int = 1, **values: torch.Tensor) -> Measures:
+def goals_of(count: int, objects: int = 1, articulations: int = 0, **values: Any) -> Goals:
+    """Goals of `count` rows that are zero, except for `values`."""
+    return replace(Goals.empty(count, objects, articulations), **arrays(values))
+
+
+def measures(count: int = 1, **values: Any) -> Measures:
     """Measures of `count` rows that are all zero or False, except for `values`."""
-    zeros, never = torch.zeros(count), torch.zeros(count, dtype=torch.bool)
+    zeros, never = np.zeros(count, np.float32), np.zeros(count, dtype=bool)
     raw = {name: never if unit == "bool" else zeros for name, (unit, _) in MEANINGS.items()}
-    points = {"ee_in_base_m": torch.zeros(count, 3), "base_m": torch.zeros(count, 2)}
-    return Measures(**{**raw, **points, **values})
+    points = {"ee_in_base_m": np.zeros((count, 3)), "base_m": np.zeros((count, 2))}
+    return Measures(**{**raw, **points, **arrays(values)})
 
 
 class Evaluated(NamedTuple):
     """What a skill says of N rows."""
 
-    success: torch.Tensor
-    failures: dict[str, torch.Tensor]
-    terms: dict[str, torch.Tensor]
-    reward: torch.Tensor
-    scores: dict[str, torch.Tensor]
+    success: np.ndarray
+    failures: dict[str, np.ndarray]
+    terms: dict[str, np.ndarray]
+    reward: np.ndarray
+    scores: dict[str, np.ndarray]
 
 
 def evaluate_rules(
     skill: Skill, m: Measures, s: Snapshot | None = None, g: Goals | None = None
 ) -> Evaluated:
-    """Evaluates a skill on a snapshot, as an environment does; tensors and arrays must agree."""
+    """Evaluates a skill on a snapshot, as an environment does."""
     count, articulations = len(m.force_n), len(skill.requirements.articulations)
     s = s or snapshot(count, articulations=articulations)
-    g = g or Goals.empty(count, 1, articulations, "cpu")
-    found = _evaluated(skill, s, m, g)
-    again = _evaluated(skill, as_arrays(s), as_arrays(m), as_arrays(g))
-    assert same(found._asdict(), again._asdict(), 1e-5)
-    return found
-
-
-def _evaluated(skill: Skill, s: Snapshot, m: Measures, g: Goals) -> Evaluated:
+    g = g or Goals.empty(count, 1, articulations)
     failures = skill.failures(s, m, g, skill.config)
     reached = skill.success(s, m, g, skill.config)
     success = reached & ~reduce(or_, failures.values(), reached & False)
@@ -222,15 +228,10 @@ def _evaluated(skill: Skill, s: Snapshot, m: Measures, g: Goals) -> Evaluated:
     return Evaluated(success, failures, terms, total(terms), skill.scores(m, success, 0.015))
 
 
-def as_arrays(x: Any) -> Any:
-    """The same snapshot, measures or goals with numpy arrays, as the CPU simulation has them."""
-    return replace(x, **{f.name: getattr(x, f.name).numpy() for f in fields(x)})
-
-
 class StraightWays:
     """Ways of the base on an empty floor: every row has to go to the origin."""
 
-    def distance_m(self, base_m: BatchArray) -> BatchArray:
+    def distance_m(self, base_m: Floats) -> Floats:
         return norm(base_m)
 
 

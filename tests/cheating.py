@@ -55,7 +55,7 @@ class World:
         return np.asarray(self.shot.handles_m[0, 0], dtype=float)
 
     def holds(self, number=0):
-        return int(self.shot.held[0]) == int(self.sim.tracker.targets[0, number])
+        return int(self.shot.held[0]) == self.sim.targets[number]
 
     def gap_m(self, number=0):
         """The way (3,) from an object to its goal, in the base frame."""
@@ -172,7 +172,7 @@ def stands(w, skill, number, takes=None, joint=None):
 
 def before_the_shut_fridge(w):
     stands(w, "place", 2, takes=2)
-    (door,) = [h for h in w.sim._grasp.handles if h.name == FRIDGE.marker]
+    (door,) = [h for h in w.sim.grasp.handles if h.name == FRIDGE.marker]
     state = w.raw.get_state_dict()
     state["articulations"][door.furniture.name][0, 13 + door.column] = 0.0
     w.raw.set_state_dict(state)

@@ -102,6 +102,26 @@ def persistent_contacts(monkeypatch):
     physics.use_settings(physics.sim_config())
 
 
+@pytest.fixture
+def run(tmp_path, monkeypatch, capfd):
+    """Runs `hab-tasks` in this process, as starting Python costs seconds; with an empty cache."""
+    from hab_tasks.cli import main
+    from hab_tasks.scenes.habitat import load
+
+    monkeypatch.setenv("HAB_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(load, "_said", set())
+
+    def run(*arguments):
+        try:
+            status = main([str(a) for a in arguments])
+        except SystemExit as end:
+            status = end.code or 0
+        out, err = capfd.readouterr()
+        return subprocess.CompletedProcess(arguments, status, out, err)
+
+    return run
+
+
 @pytest.fixture(scope="session")
 def data() -> Path:
     """The folder with the real ReplicaCAD and YCB."""

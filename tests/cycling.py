@@ -139,7 +139,7 @@ def starts(env_id, episode):
 def come_close(w):
     """Brings the hand to the object or handle, or what it holds to its goal, from above."""
     skill = skill_of(w).name
-    number = int(w.sim.tracker.focus.object[0])
+    number = int(w.raw.rows.tracker.focus.object[0])
     if skill == "place" and not w.holds(number):
         w.take(number)
     for _ in range(50):

@@ -20,7 +20,7 @@ TIERS = {"quick": ("slow", "long"), "slow": ("long",)}
 """Tier -> markers of the tests that it leaves out; slow is the tier of CI."""
 
 BASELINES = ("experts", "navigator", "plans", "ppo", "spa", "tp_srl")
-PACKAGES = ("", "eval", *(f"baselines/{name}" for name in BASELINES))
+PACKAGES = ("", "eval", "assets/authoring", *(f"baselines/{name}" for name in BASELINES))
 
 NOT_FOUND = "NOT FOUND"
 
@@ -60,7 +60,7 @@ DEFECTS = (
            old="cosine * x + sine * y, cosine * y - sine * x, points_m",
            new="cosine * x - sine * y, cosine * y + sine * x, points_m"),
     Defect(name="row_seed", first="vector/test_vector_rows.py", file="hab_tasks/vector/worker.py",
-           old="here, message.seeds[row], ", new="here, None, "),
+           old="options = message.seeds[row], ", new="options = None, "),
     Defect(name="contact_force", first="envs/test_pick_endings.py",
            file="hab_tasks/engine/snapshot.py",
            old="if first in links or second in links:",
@@ -69,8 +69,8 @@ DEFECTS = (
            file="hab_tasks/skills/place.py",
            old="where(m.released | m.released_before,", new="where(m.released,"),
     Defect(name="closed_door", first="core/test_grasp.py", file="hab_tasks/robots/grasp.py",
-           old="torch.where(hidden[..., None], FAR_AWAY_M, points)", new="points"),
-    Defect(name="split", first="core/test_wild.py", file="hab_tasks/scenes/habitat/dataset.py",
+           old="enclosed is not None and enclosed[index]", new="False"),
+    Defect(name="split", first="authoring/test_wild.py", file="hab_tasks/scenes/habitat/dataset.py",
            old='"val": ("sc3",), "test": ("sc4",)', new='"val": ("sc4",), "test": ("sc3",)'),
     Defect(name="wilson", first="eval/test_stats.py", file="eval/hab_eval/stats.py",
            old='method="wilson"', new='method="wilsoncc"'),
@@ -90,8 +90,8 @@ DEFECTS = (
            file="baselines/ppo/hab_ppo/rollout.py",
            old="discount * ~rollout.terminated",
            new="discount * ~(rollout.terminated | rollout.truncated)"),
-    Defect(name="quaternion_order", first="core/test_habitat_episodes.py",
-           file="hab_tasks/episodes/habitat/fields.py",
+    Defect(name="quaternion_order", first="authoring/test_habitat_episodes.py",
+           file="assets/authoring/hab_authoring/habitat/fields.py",
            old="qx, qy, qz, qw = (number", new="qw, qx, qy, qz = (number"),
     Defect(name="depth_scale", first="core/test_depth_scale.py", file="hab_tasks/engine/sensors.py",
            old="depth <= 0, torch.ones_like(depth)", new="depth <= 0, torch.zeros_like(depth)"),
@@ -105,10 +105,10 @@ DEFECTS = (
            old="FRIDGE_CLOSED_RAD = 0.15", new="FRIDGE_CLOSED_RAD = 0.2"),
     Defect(name="rest_frame", first="envs/test_pick_endings.py",
            file="hab_tasks/engine/measures.py",
-           old="s.ee_in_base_m - self._rest", new="s.ee_m - self._rest"),
+           old="s.ee_in_base_m - _REST_M", new="s.ee_m - _REST_M"),
     Defect(name="penalty_cap", first="core/test_rewards_pick.py",
            file="hab_tasks/engine/rewards.py",
-           old="-minimum(weight", new="-maximum(weight"),
+           old="-np.minimum(weight", new="-np.maximum(weight"),
     Defect(name="resume_twice", first="eval/test_run.py", file="eval/hab_eval/evaluate.py",
            old=" if job[1].id not in finished]", new="]"),
     Defect(name="verify_outcome", first="eval/test_submissions.py",
@@ -126,7 +126,7 @@ DEFECTS = (
     Defect(name="moving_body", first="envs/test_rays.py", file="hab_tasks/engine/ray_sensors.py",
            old="entity=sapien_object(actor))", new="entity=sapien_object(actor), moves=False)"),
     Defect(name="shared_noise", first="core/test_noise.py", file="hab_tasks/engine/noise.py",
-           old="(seed, step, stream)", new="(step, stream)"),
+           old="(self._seed, self._step, stream)", new="(self._step, stream)"),
     Defect(name="clip_sign", first="baselines/ppo/test_ppo_update.py",
            file="baselines/ppo/hab_ppo/ppo.py",
            old="gains = torch.minimum(", new="gains = torch.maximum("),

@@ -4,11 +4,10 @@ import numpy as np
 import torch
 from builders import box_actor, cpu_scene, start_fetch
 
-from hab_tasks.robots.drive_grasp import DriveGrasp
 from hab_tasks.robots.fetch import HabFetch
+from hab_tasks.robots.grasp import SnapGrasp
 
-GRASP = torch.ones(1)
-RELEASE = -GRASP
+GRASP, RELEASE = 1.0, -1.0
 HAND_M = np.array([0.50004, 1.5e-5, 1.005])
 """The resting end-effector; the base's frame is 5 mm above the floor."""
 
@@ -20,7 +19,7 @@ class FetchSim:
         speeds: Largest joint speed [rad/s, m/s] of each simulation step.
     """
 
-    def __init__(self, mode, boxes=(), statics=(), *, kind=DriveGrasp, floating=True):
+    def __init__(self, mode, boxes=(), statics=(), *, floating=True):
         """Makes boxes and walls from half extents and offsets from the hand [m]."""
         self.scene = cpu_scene()
         self.agent = HabFetch(self.scene, 30, mode)
@@ -35,7 +34,7 @@ class FetchSim:
         for actor in self.objects:
             actor._bodies[0].disable_gravity = floating
         self.controller = self.agent.controller
-        self.grasp = kind(self.scene, self.agent.ee_link, self.objects, [])
+        self.grasp = SnapGrasp(self.scene, self.agent.ee_link, self.objects, [])
         self.speeds = [0.0]
 
     def act(self, action, gripper=RELEASE, *, steps=1):
@@ -50,7 +49,7 @@ class FetchSim:
                 if self.controller.config.sets_joints:
                     self.controller.move_joints((number + 1) / 4)
                     self.grasp.carry()
-                self.grasp.before_simulation_step()
+                self.grasp.before_physics_step()
                 self.scene.px.step()
                 self.speeds.append(float(self.agent.robot.get_qvel().abs().max()))
                 impulse += sum(
@@ -64,7 +63,7 @@ class FetchSim:
         return impulse
 
     def idle(self, *, holding=False):
-        return self.controller.idle_action(torch.tensor([holding]))[0].numpy().copy()
+        return self.controller.idle_action(holding)
 
     def arm(self):
         return self.agent.robot.get_qpos()[0, self.agent.arm_index].numpy()

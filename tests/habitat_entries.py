@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from hab_authoring.habitat.convert import read_habitat
 from transforms3d.axangles import axangle2mat
 from transforms3d.quaternions import axangle2quat
 
-from hab_tasks.episodes.habitat.convert import read_habitat
 from hab_tasks.episodes.schema import EpisodeSet, save_json
 from hab_tasks.scenes.habitat.dataset import resolve_dataset
 from hab_tasks.scenes.objects import load_objects

@@ -6,19 +6,19 @@ import torch
 from builders import cpu_scene
 
 from hab_tasks.robots.fetch import HabFetch
-from hab_tasks.robots.grasp import Handle
+from hab_tasks.robots.grasp import SnapGrasp
+from hab_tasks.robots.handle import Handle
 from hab_tasks.scenes.habitat.dataset import resolve_dataset
 from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.pool import BodyPool
 
-GRASP = torch.ones(1)
-RELEASE = -GRASP
+GRASP, RELEASE = 1.0, -1.0
 
 
 class Kitchen:
     """One handle of the apartment's furniture, the robot in front of it, its hand on the marker."""
 
-    def __init__(self, kind, marker):
+    def __init__(self, marker, *, pulls_along=False):
         dataset = resolve_dataset("apartment")
         spec = load_scene(dataset, sorted(dataset.scene_files)[0])
         self.scene = cpu_scene()
@@ -36,7 +36,8 @@ class Kitchen:
             offset_m=marker.offset_m,
         )
         self.furniture = furniture
-        self.grasp = kind(self.scene, self.agent.ee_link, [], [self.handle])
+        ee_link, options = self.agent.ee_link, {"pulls_along": pulls_along}
+        self.grasp = SnapGrasp(self.scene, ee_link, [], [self.handle], **options)
         for link in self.agent.robot.links:  # only the constraint shall move the door
             for shape in link._objs[0].collision_shapes:
                 shape.set_collision_groups([0, 0, 0, 0])
@@ -47,8 +48,7 @@ class Kitchen:
         return float(self.furniture.get_qpos()[0, index])
 
     def gap_m(self):
-        gap = self.grasp.handle_position_m(0) - self.grasp.ee_position_m()
-        return float(torch.linalg.norm(gap))
+        return float(np.linalg.norm(self.grasp.handle_m(0) - self.grasp.ee_position_m()))
 
     def act(self, move=lambda: None):
         """Runs the physics of an action, and goes on grasping; `move` is called in each step."""
@@ -56,13 +56,13 @@ class Kitchen:
         for _ in range(4):
             move()
             self.grasp.carry()
-            self.grasp.before_simulation_step()
+            self.grasp.before_physics_step()
             self.scene.px.step()
         self.grasp.after_control_step()
 
     def stand(self):
         """Places the base so that the hand, at rest height or not, is on the marker."""
-        marker = self.grasp.handle_position_m(0)[0].numpy()
+        marker = self.grasp.handle_m(0)
         qpos = self.agent.rest_qpos()[None]
         qpos[0, self.agent.base_index] = torch.tensor([marker[0] - 0.5, marker[1], 0.0])
         self.agent.robot.set_root_pose(sapien.Pose([0, 0, float(marker[2]) - 1.0]))
@@ -74,11 +74,11 @@ class Kitchen:
 def opening_direction(kitchen):
     """Level direction (2,) in which the marker goes when the joint opens a little."""
     index = [j.name for j in kitchen.furniture.active_joints].index(kitchen.link.joint.name)
-    start = kitchen.grasp.handle_position_m(0)[0, :2].clone()
+    start = kitchen.grasp.handle_m(0)[:2]
     qpos = kitchen.furniture.get_qpos().clone()
     closed = qpos.clone()
     qpos[0, index] += 0.05
     kitchen.furniture.set_qpos(qpos)
-    moved = (kitchen.grasp.handle_position_m(0)[0, :2] - start).numpy()
+    moved = kitchen.grasp.handle_m(0)[:2] - start
     kitchen.furniture.set_qpos(closed)
     return moved / np.linalg.norm(moved)

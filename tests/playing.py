@@ -41,7 +41,7 @@ def actions(env, count, seed=0, gripper=None):
     if config.arm in ABSOLUTE_ARM:
         drawn[:, :7] = arm(base) + 0.1 * drawn[:, :7]
     if config.base == "pose":
-        drawn[:, -3:] = base.agent.controller.base_target[0].numpy() + 0.02 * drawn[:, -3:]
+        drawn[:, -3:] = base.agent.controller.base_target + 0.02 * drawn[:, -3:]
     size = ARM_SIZE[config.arm]
     if gripper is not None and size:
         drawn[:, size] = gripper
@@ -55,12 +55,11 @@ def _cells(count, cells):
 def still(env):
     """The action that moves nothing and keeps what is held."""
     base = env.unwrapped
-    idle = base.agent.controller.idle_action(torch.as_tensor(base._simulation._grasp.holding))
-    return idle[0].numpy()
+    return base.agent.controller.idle_action(base._simulation.grasp.holding)
 
 
 def arm(base):
-    return base.agent.controller.arm_target_rad[0].numpy().copy()
+    return base.agent.controller.arm_target_rad.copy()
 
 
 def play(env, sequence):
@@ -117,8 +116,8 @@ def move_object(state, env, name, com_m):
     """Writes into a state that an object's centre of mass is at `com_m` (3,), at rest."""
     world = env.unwrapped._simulation
     index = world._names.index(name)
-    actor = world._grasp.objects[index]
-    com = np.asarray(world._grasp.objects_com_m())[0, index] - actor.pose.p[0].numpy()
+    actor = world.grasp.objects[index]
+    com = world.grasp.objects_com_m()[index] - actor.pose.p[0].numpy()
     state["actors"][actor.name][0, :3] = torch.as_tensor(np.subtract(com_m, com))
     state["actors"][actor.name][0, 7:] = 0.0
 
@@ -134,7 +133,7 @@ def put(env, name, offset_m):
 def move_joint(state, env, number, position):
     """Writes into a state where the numbered door or drawer of the goals stands [m or rad]."""
     world = env.unwrapped._simulation
-    handle = world._grasp.handles[int(world.tracker.handles[0, number])]
+    handle = world.grasp.handles[world.handles[number]]
     entry = state["articulations"][handle.furniture.name]
     count = len(handle.furniture.active_joints)
     entry[0, 13 + handle.column] = position

@@ -113,7 +113,7 @@ def test_the_page_of_options_lists_each_with_its_default():
 
 
 def test_the_page_of_commands_lists_every_command():
-    from hab_tasks.commands import COMMANDS
+    from hab_tasks.cli import COMMANDS
 
     text = (DOCS / "commands.md").read_text(encoding="utf-8")
     listed = re.findall(r"^\| `hab-tasks (\w+)` \|", text, flags=re.MULTILINE)
@@ -131,14 +131,15 @@ def test_the_tutorials_task_and_skill_are_those_that_are_tested():
 
 
 def test_the_page_of_environments_is_what_is_generated():
-    from hab_tasks.commands.environments_page import PAGE, page
+    from hab_authoring.commands.environments_page import PAGE, page
 
     text = (ROOT / "docs" / PAGE).read_text(encoding="utf-8")
     assert text == page(), "run: hab-tasks docs --out docs --force"
 
 
 def test_the_page_lists_every_mode_measure_and_observation_of_an_environment():
-    from hab_tasks.commands.environments_page import measures_of, page
+    from hab_authoring.commands.environments_page import measures_of, page
+
     from hab_tasks.envs import ENVS
 
     sections = dict(re.findall(r"^## (\w+.*)\n((?s:.*?))(?=^## |\Z)", page(), flags=re.MULTILINE))
@@ -155,8 +156,8 @@ def test_the_page_lists_every_mode_measure_and_observation_of_an_environment():
 @pytest.mark.slow
 def test_the_page_names_what_info_holds():
     import gymnasium
+    from hab_authoring.commands.environments_page import measures_of
 
-    from hab_tasks.commands.environments_page import measures_of
     from hab_tasks.envs import ENVS
 
     for env_id, entry in ENVS.items():
@@ -180,7 +181,8 @@ def test_pages_name_files_and_fields_that_exist():
         text = TEXTS[name]
         files = set(re.findall(r"`((?:\w+/)*\w*\.py|(?:\w+/)+)`", text))
         assert files, name
-        assert not [f for f in files if not (ROOT / "hab_tasks" / f).exists()], name
+        roots = (ROOT / "hab_tasks", ROOT / "assets/authoring/hab_authoring")
+        assert not [f for f in files if not any((root / f).exists() for root in roots)], name
         assert set(re.findall(r"Measures\.(\w+)", text)) <= set(MEANINGS)
         goals = {f.name for f in dataclasses.fields(Goals)}
         assert set(re.findall(r"Goals\.(\w+)", text)) <= goals

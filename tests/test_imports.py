@@ -38,14 +38,15 @@ ORDER = [
         "worker_server",
         "processes",
         "captions",
+        "figure_style",
         "generation_lines",
     },
     {"executors"},
     {"scenes"},
     {"raycast"},
-    {"navigation", "robots", "pipeline", "layouts"},
+    {"navigation", "robots"},
     {"episodes"},
-    {"figures", "instructions"},
+    {"instructions"},
     {"engine"},
     {"skills"},
     {"tasks"},
@@ -61,7 +62,7 @@ RANK = {name: rank for rank, row in enumerate(ORDER) for name in row}
 # A package may import from the rows above; agents of others are loaded by module:factory.
 PACKAGES = [
     {"hab_tasks"},
-    {"hab_eval"},
+    {"hab_eval", "hab_authoring"},
     {"hab_plans", "hab_experts"},
     {"hab_spa", "hab_ppo"},
     {"hab_navigator"},
@@ -85,8 +86,16 @@ SPA_ORDER = [
     {"recording", "bench_plan"},
     {"cli"},
 ]
-SPA_RANK = {name: rank for rank, row in enumerate(SPA_ORDER) for name in row}
 SPA = ROOT / "baselines" / "spa" / "hab_spa"
+
+# The same for hab_authoring.
+AUTHORING_ORDER = [
+    {"__init__", "apartment", "inventory"},
+    {"habitat", "layouts"},
+    {"figures", "pipeline"},
+    {"commands"},
+]
+AUTHORING = ROOT / "assets" / "authoring" / "hab_authoring"
 
 # Run by a new Python: whatever the import prints, asks, downloads or writes shows.
 IMPORT_ALONE = """
@@ -119,7 +128,7 @@ SCRIPTS = {
     for file in (
         ROOT / "pyproject.toml",
         *sorted(ROOT.glob("*/pyproject.toml")),
-        *sorted(ROOT.glob("baselines/*/pyproject.toml")),
+        *sorted(ROOT.glob("*/*/pyproject.toml")),
     )
     for script, target in tomllib.loads(file.read_text())["project"].get("scripts", {}).items()
 }
@@ -191,16 +200,18 @@ def test_imports_inside_hab_tasks_go_one_way():
     assert not wrong
 
 
-def test_imports_inside_hab_spa_go_one_way():
+@pytest.mark.parametrize(("folder", "order"), [(SPA, SPA_ORDER), (AUTHORING, AUTHORING_ORDER)])
+def test_imports_inside_a_package_go_one_way(folder, order):
+    ranks = {name: rank for rank, row in enumerate(order) for name in row}
     wrong = []
-    for path, _ in modules(SPA):
-        own = Path(path.relative_to(SPA).parts[0]).stem
-        assert own in SPA_RANK, f"give hab_spa.{own} a row in SPA_ORDER"
-        for name in imports_of(path, "hab_spa"):
+    for path, _ in modules(folder):
+        own = Path(path.relative_to(folder).parts[0]).stem
+        assert own in ranks, f"give {folder.name}.{own} a row"
+        for name in imports_of(path, folder.name):
             head, _, rest = name.partition(".")
             # A name that is no module is one that the package itself exports.
-            rank = SPA_RANK.get(rest.partition(".")[0], SPA_RANK["__init__"])
-            if head == "hab_spa" and rank > SPA_RANK[own]:
+            rank = ranks.get(rest.partition(".")[0], ranks["__init__"])
+            if head == folder.name and rank > ranks[own]:
                 wrong.append(f"{path.relative_to(ROOT)} imports {name}")
     assert not wrong
 

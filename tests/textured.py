@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import trimesh
 from builders import tiny_dataset
+from hab_authoring.pipeline.decimate import Surface
 from PIL import Image
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from hab_tasks.pipeline.decimate import Surface
 from hab_tasks.scenes.habitat.dataset import SceneDataset
 
 

@@ -74,7 +74,7 @@ def failure_table(records: Sequence[RunRecord]) -> Table:
 
 def draw_failures(records: Sequence[RunRecord], out: Path) -> None:
     """Plots the failure percentages: one panel per environment and dataset, one bar per run."""
-    from hab_tasks.figures.style import new_figure, save  # loads the simulator
+    from hab_tasks.figure_style import new_figure, save  # loads the simulator
 
     shown, labels = categories(records), _labels(records)
     panels: dict[str, list[int]] = {}
@@ -95,7 +95,7 @@ def draw_failures(records: Sequence[RunRecord], out: Path) -> None:
 def _draw_panel(
     axes: Axes, records: Sequence[RunRecord], labels: Sequence[str], shown: Sequence[str]
 ) -> None:
-    from hab_tasks.figures.style import BLUE, EDGE, GREEN, ORANGE, VERMILION, bare
+    from hab_tasks.figure_style import BLUE, EDGE, GREEN, ORANGE, VERMILION, bare
 
     looks = cycle(zip((BLUE, ORANGE, GREEN, VERMILION), ("", "//", "..", "\\\\"), strict=True))
     width = 0.8 / len(records)

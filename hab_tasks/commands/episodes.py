@@ -12,13 +12,14 @@ from typing import Annotated, ClassVar
 import tyro
 from tqdm import tqdm
 
-from hab_tasks.commands.endings import check_ending
 from hab_tasks.console import Command
 from hab_tasks.errors import HabError
 from hab_tasks.executors import ExecutorChoice, open_executor
 from hab_tasks.files import check_file
 from hab_tasks.option_values import LARGEST_SEED, MOST_WORKERS, whole
 from hab_tasks.registration import imported_id
+
+EPISODE_ENDINGS = (".json", ".json.gz")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,6 +110,12 @@ On a Ray cluster, from one of its nodes:
         check_ending(self.out)
         unfinished = self.resume and journal_of(self.out).exists()
         check_file(self.out, force=self.force or unfinished)
+
+
+def check_ending(file: Path) -> None:
+    """Raises HabError for an episode file without a valid suffix."""
+    if not file.name.endswith(EPISODE_ENDINGS):
+        raise HabError(f"--out {file}: an episode file must end in {' or '.join(EPISODE_ENDINGS)}.")
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Converts an episode's names and poses to tensors: objects, handles, goals."""
+"""Converts an episode's names and poses to numbers: objects, handles, goals."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ from hab_tasks.engine.requirements import Requirements
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.errors import EpisodeError
 from hab_tasks.privileged import Array
-from hab_tasks.robots.grasp import Handle, SnapGrasp
+from hab_tasks.robots.grasp import SnapGrasp
+from hab_tasks.robots.handle import Handle
 from hab_tasks.scenes.markers import HANDLE_MARKERS
 from hab_tasks.scenes.scene_bodies import SceneBodies
+from hab_tasks.simulator import rigid_body, sapien_object
 
 
 class GoalSetting:
@@ -45,7 +47,7 @@ class GoalSetting:
         raise EpisodeError(f"{episode.id}: no handle {marker} in {episode.scene_id}.")
 
     def values(self, episode: Episode, starts_m: Array) -> dict[str, Array]:
-        """Returns the row's entries of `Goals`.
+        """Returns the entries of `Goals` of one row.
 
         Args:
             episode: Episode of the row.
@@ -55,7 +57,7 @@ class GoalSetting:
         for number, target in enumerate(episode.targets):
             if target.world_from_goal is not None:
                 pose = target.world_from_goal
-                body = self._grasp.objects[self._names.index(target.object)]._bodies[0]
+                body = rigid_body(self._grasp.objects[self._names.index(target.object)])
                 goals[number] = (
                     sapien.Pose(list(pose[:3]), list(pose[3:])) * body.cmass_local_pose
                 ).p
@@ -96,7 +98,7 @@ def handles_of(shown: SceneBodies) -> list[Handle]:
 
 def frame_of(handle: Handle) -> tuple[float, float, float]:
     """Returns x, y and yaw of the frame facing out of the furniture."""
-    pose = handle.furniture.links[0]._objs[0].entity_pose
+    pose = sapien_object(handle.furniture.links[0]).entity_pose
     x, y, _ = pose.p.tolist()
     ahead = pose.to_transformation_matrix()[:3, 0]
     return x, y, float(np.arctan2(ahead[1], ahead[0]))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
-import torch
 from torch import Tensor
 
-from hab_tasks.arrays import BatchArray, put_rows, to_tensor
+from hab_tasks.arrays import Floats, put_rows, to_tensor
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,30 +26,19 @@ class Goals:
         base: (N, 3) x [m], y [m], yaw [rad] of the navigation goal.
     """
 
-    starts_m: BatchArray
-    goals_m: BatchArray
-    joint_lower: BatchArray
-    joint_upper: BatchArray
-    articulation_frame: BatchArray
-    base: BatchArray
+    starts_m: Floats
+    goals_m: Floats
+    joint_lower: Floats
+    joint_upper: Floats
+    articulation_frame: Floats
+    base: Floats
 
     @staticmethod
-    def empty(
-        count: int, objects: int, articulations: int, device: torch.device | str | None = None
-    ) -> Goals:
-        """Returns goals of zeros, with joint travels of one.
+    def empty(count: int, objects: int, articulations: int) -> Goals:
+        """Returns goals of zeros, with joint travels of one, for a number of rows."""
 
-        Args:
-            count: Number of rows.
-            objects: Number of objects.
-            articulations: Number of doors and drawers.
-            device: Device of the tensors; None for numpy arrays.
-        """
-
-        def zeros(*shape: int) -> BatchArray:
-            if device is None:
-                return np.zeros((count, *shape), dtype=np.float32)
-            return torch.zeros(count, *shape, device=device)
+        def zeros(*shape: int) -> Floats:
+            return np.zeros((count, *shape), dtype=np.float32)
 
         return Goals(
             starts_m=zeros(objects, 3),
@@ -60,11 +49,15 @@ class Goals:
             base=zeros(3),
         )
 
+    def of_row(self, row: int) -> Goals:
+        """Returns the goals of one row, as a batch of one."""
+        return Goals(**{f.name: getattr(self, f.name)[row : row + 1] for f in fields(self)})
+
     def state(self) -> dict[str, Tensor]:
         """Returns copies of all entries by name."""
         return {f.name: to_tensor(getattr(self, f.name)) for f in fields(self)}
 
-    def changed(self, rows: Sequence[int] | Tensor, values: dict[str, BatchArray]) -> Goals:
+    def changed(self, rows: Sequence[int], values: Mapping[str, Any]) -> Goals:
         """Returns goals with `values` (R, ...) in `rows` (R,)."""
         old = {f.name: getattr(self, f.name) for f in fields(self)}
         new = {name: put_rows(old[name], rows, value) for name, value in values.items()}

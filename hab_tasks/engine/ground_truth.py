@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import sapien
 
+from hab_tasks.arrays import norm
 from hab_tasks.articulations import FRIDGE, ArticulationKind
 from hab_tasks.engine.goal_setting import frame_of
 from hab_tasks.engine.goals import Goals
@@ -53,7 +54,7 @@ class Poses(Mapping[str, Array]):
 
 
 class GroundTruth:
-    """Reads the privileged state of the CPU simulation, which has one row."""
+    """Reads the privileged state of one simulation."""
 
     def __init__(
         self,
@@ -83,7 +84,7 @@ class GroundTruth:
 
         Args:
             episode: The current episode.
-            goals: Its goals.
+            goals: Its goals, a batch of one.
             kinds: Its doors and drawers.
             handles: Indices of their handles in the grasp.
         """
@@ -98,8 +99,8 @@ class GroundTruth:
         }
         moving.update({name: body.entity_pose for name, body in self._links})
         qpos = sapien_object(agent.robot).get_qpos()
-        held, arm = int(self._grasp.held[0]), agent.arm_index.tolist()
-        points = self._grasp.objects_com_m()[0].numpy().astype(float)
+        held, arm = self._grasp.held, agent.arm_index.tolist()
+        points = self._grasp.objects_com_m().astype(float)
         return PrivilegedState(
             scene_key=self._key,
             bodies=self._bodies,
@@ -136,8 +137,8 @@ class GroundTruth:
 
     def nearest_object(self) -> str:
         """Returns the name of the movable object whose centre of mass is nearest to the hand."""
-        gaps_m = self._grasp.objects_com_m()[0] - self._grasp.ee_position_m()[0]
-        return self._names[int(gaps_m.norm(dim=1).argmin())]
+        gaps_m = self._grasp.objects_com_m() - self._grasp.ee_position_m()
+        return self._names[int(norm(gaps_m).argmin())]
 
     def front(self, kind: ArticulationKind) -> Array:
         """Returns x, y [m] and yaw [rad] of the frame facing out of the furniture of a kind."""
@@ -176,7 +177,7 @@ class GroundTruth:
             kind=kind,
             body=f"{handle.furniture_name}/{handle.link.name}",
             handle_m=(link.entity_pose * sapien.Pose(list(handle.offset_m))).p.astype(float),
-            held=int(self._grasp.held_handle[0]) == index,
+            held=self._grasp.held_handle == index,
             joint=float(sapien_object(handle.furniture).get_qpos()[handle.column]),
             limits=handle.limits,
             slides=link.joint.type == "prismatic",

@@ -14,14 +14,12 @@ import numpy as np
 import torch
 from gymnasium.envs.registration import EnvSpec
 from mani_skill.utils.structs.types import SimConfig
-from numpy.typing import NDArray
 from torch import Tensor
 
 import hab_tasks.robots.fetch  # noqa: F401  # registers the robot
 from hab_tasks.agent import TargetFrame
-from hab_tasks.arrays import BatchArray, to_info, to_tensor
+from hab_tasks.arrays import Floats, shared_tensor, to_tensor
 from hab_tasks.constants import CAMERA_HFOV_RAD, CAMERA_SIZE_PX
-from hab_tasks.engine.episode_rows import EpisodeRows
 from hab_tasks.engine.episode_simulation import EpisodeSimulation
 from hab_tasks.engine.inherited_options import check_inherited
 from hab_tasks.engine.measures import Measures
@@ -29,20 +27,21 @@ from hab_tasks.engine.noise import NoiseSource, SensorNoise
 from hab_tasks.engine.observing_env import ObservingEnv
 from hab_tasks.engine.recorded_state import from_flat, shaped_like, with_columns, words_of
 from hab_tasks.engine.requirements import Requirements
+from hab_tasks.engine.rows import Rows
 from hab_tasks.engine.rules import Rules
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.episodes.source import EpisodeRequest, open_source
-from hab_tasks.errors import ActionError, UnknownNameError
+from hab_tasks.errors import ActionError, EpisodeError, UnknownNameError
 from hab_tasks.option_values import entries, row_numbers, seeds
 from hab_tasks.registration import reference_of
 from hab_tasks.robots.control_modes import nearest_mode
-from hab_tasks.robots.delay import ActionDelay, checked_steps
+from hab_tasks.robots.delay import checked_steps
 from hab_tasks.robots.robot import ROBOT
 from hab_tasks.scenes.physics import sim_config
 
 
 class HabEnv(ObservingEnv):
-    """Runs episodes of a scene dataset; all rows of a batch share one layout.
+    """Runs episodes of a scene dataset; observations and results have a batch dimension of one.
 
     Args:
         scene_dataset: ``apartment`` or the path of a ReplicaCAD folder.
@@ -59,7 +58,7 @@ class HabEnv(ObservingEnv):
             other settings per camera.
         camera_hfov_rad: Horizontal field of view.
         invisible_arm: Hide the arm from these cameras while it still collides (S F.3). The
-            human-render camera shows it, except in GPU simulation.
+            human-render camera shows it.
         depth: ``m``: float32, 1 is 10 m or no return; ``mm``: ManiSkill's int16, 0 is no return.
         proprioception: False leaves proprioception out of the observation (S F.1).
         target_frame: ``base``: a skill's target is the vector from the end-effector to it along
@@ -77,9 +76,7 @@ class HabEnv(ObservingEnv):
             robot stands still and keeps its grasp.
         render_backend: ``auto``, ``none``, ``cpu``, ``gpu`` or ``rays``. `rays` computes depth,
             position and segmentation on the CPU along each pixel's ray, without a graphics driver;
-            `auto` does so in CPU simulation unless colour is observed. A `render_mode` needs a
-            renderer in any case.
-        num_envs: Batch size; more than one row requires GPU simulation.
+            `auto` does so unless colour is observed. A `render_mode` needs a renderer in any case.
         kwargs: ManiSkill's own arguments (obs_mode, reward_mode, control_mode, ...).
     """
 
@@ -91,9 +88,7 @@ class HabEnv(ObservingEnv):
     control_modes: ClassVar[tuple[str, ...]]
     reward_bound: ClassVar[float]
     score_names: ClassVar[tuple[str, ...]] = ()
-    _delay: ActionDelay | None
-    _rules: Rules
-    _unpaid: tuple[dict[str, BatchArray], dict[str, Tensor]] = ({}, {})
+    _unpaid: tuple[dict[str, Floats], dict[str, Tensor]] = ({}, {})
     _spec: EnvSpec | None = None
 
     def __init__(
@@ -120,22 +115,22 @@ class HabEnv(ObservingEnv):
         sensor_noise: SensorNoise | Mapping[str, float] | None = None,
         action_delay_steps: int = 0,
         render_backend: str = "auto",
-        num_envs: int = 1,
         **kwargs: Any,
     ) -> None:
         check_inherited(self.name, inspect.signature(HabEnv.__init__).parameters, kwargs)
         self.configure(entries("skill_config", skill_config))
         self._set_entries(proprioception, target_frame, handle_position, depth)
-        self._set_sensors(cameras, camera_size_px, camera_hfov_rad, sensor_noise, invisible_arm)
-        self._delay_steps = checked_steps(action_delay_steps)
-        kwargs["render_backend"] = self._set_backend(render_backend, num_envs, kwargs)
+        self._set_sensors(cameras, camera_size_px, camera_hfov_rad, invisible_arm)
+        kwargs["render_backend"] = self._set_backend(render_backend, kwargs)
         kwargs["control_mode"] = self._known_mode(kwargs.get("control_mode"))
         where: dict[str, Any] = {"scene_dataset": scene_dataset, "objects": objects, "scene": scene}
         which: dict[str, Any] = {"split": split, "file": episodes, "seed": episode_seed}
-        request = EpisodeRequest(env_id=self.default_id(), novel=novel, **where, **which)
-        source, counts = open_source(request), (num_episodes, num_envs)
-        self._simulation = EpisodeSimulation(self.requirements, source, *counts, prefetch=prefetch)
-        super().__init__(num_envs=num_envs, **{**kwargs, "robot_uids": ROBOT.uid})
+        delay: dict[str, Any] = {"delay_steps": checked_steps(action_delay_steps)}
+        options = {"prefetch": prefetch, "noise": NoiseSource.of(sensor_noise), **delay}
+        source = open_source(EpisodeRequest(env_id=self.default_id(), novel=novel, **where | which))
+        self._simulation = EpisodeSimulation(self.requirements, source, num_episodes, **options)
+        Rows([self._simulation], self.rules_of)
+        super().__init__(**{**kwargs, "robot_uids": ROBOT.uid})
 
     @classmethod
     def _known_mode(cls, control_mode: str | None) -> str:
@@ -149,7 +144,7 @@ class HabEnv(ObservingEnv):
     # The rules -------------------------------------------------------------------------------
 
     @abstractmethod
-    def rules_of(self, rows: EpisodeRows) -> Rules:
+    def rules_of(self, rows: Rows) -> Rules:
         """Returns the rules of this environment, as configured, for the episodes of `rows`."""
 
     @classmethod
@@ -164,8 +159,8 @@ class HabEnv(ObservingEnv):
 
     @property
     def instruction(self) -> list[str]:
-        """Instruction of each row's episode in words; also in `info` of a reset."""
-        return [self.instruct(episode) for episode in self.episode]
+        """Instruction of the episode in words, one; also in `info` of a reset."""
+        return [self.instruct(self._simulation.episode)]
 
     @abstractmethod
     def configure(self, changes: Mapping[str, float]) -> None:
@@ -188,9 +183,9 @@ class HabEnv(ObservingEnv):
         self._spec = spec
 
     @property
-    def episode(self) -> tuple[Episode, ...]:
-        """The current episode of each row."""
-        return tuple(self._simulation.episodes)
+    def episode(self) -> tuple[Episode]:
+        """The current episode."""
+        return (self._simulation.episode,)
 
     @property
     def simulation(self) -> EpisodeSimulation:
@@ -198,18 +193,28 @@ class HabEnv(ObservingEnv):
         return self._simulation
 
     @property
+    def rows(self) -> Rows:
+        """The rows that this environment belongs to: one, or those of a worker of `make_vec`."""
+        return self._simulation.rows
+
+    @property
+    def here(self) -> slice:
+        """Where this environment is among the rows."""
+        return slice(self._simulation.row, self._simulation.row + 1)
+
+    @property
     def rules(self) -> Rules:
-        """The rules of the episodes; available after the first reset."""
-        return self._rules
+        """The rules of the rows."""
+        return self.rows.rules
 
     @property
     def measures(self) -> Measures:
-        """The measures after the latest control step."""
-        return self._simulation.tracker.measures
+        """The measures after the latest control step, a batch of one."""
+        return self.rows.measures.of_row(self._simulation.row)
 
     def privileged(self) -> list[Any]:
-        """Returns the true state of each row (see `hab_tasks.privileged`)."""
-        return self._simulation.privileged()
+        """Returns the true state, one (see `hab_tasks.privileged`)."""
+        return [self._simulation.privileged()]
 
     # Building and resetting ------------------------------------------------------------------
 
@@ -222,43 +227,45 @@ class HabEnv(ObservingEnv):
     ) -> tuple[Any, dict[str, Any]]:
         """Starts episodes.
 
-        ``info["instruction"]`` holds the instruction of each row in words;
-        ``info["reconfigure"]`` reports whether the entries of the state changed (other objects or
-        another layout). A recorded ``episode_seed`` reproduces the episode, whether or not a seed
-        was given.
+        ``info["instruction"]`` holds the instruction in words; ``info["reconfigure"]`` reports
+        whether the entries of the state changed (other objects or another layout). A recorded
+        ``episode_seed`` reproduces the episode, whether or not a seed was given.
 
         Args:
-            seed: Determines the episodes; the same seed gives the same episodes.
+            seed: Determines the episode; the same seed gives the same episode.
             options: ManiSkill's options, and ``episode``: an `Episode`, its index in the set, or a
-                list with one per row; `reset_to_env_states` keeps the current one by default.
+                list of one of these; `reset_to_env_states` keeps the current one by default.
 
         Raises:
             OptionError: Invalid seed or option.
             EpisodeError: Unknown episode, or an episode that does not match its layout.
         """
-        options = entries("options", options)
-        rows = list(range(self.num_envs))
+        options, simulation = entries("options", options), self._simulation
         if options.get("env_idx") is not None:
-            rows = row_numbers("env_idx", options["env_idx"], self.num_envs)
-            options["env_idx"] = torch.tensor(rows, device=self.device)
-        seeds("seed", seed, len(rows))
+            options["env_idx"] = torch.tensor(row_numbers("env_idx", options["env_idx"], 1))
+        seeds("seed", seed, 1)
+        number = None if seed is None else int(np.ravel(seed)[0])
         episode, restored = options.pop("episode", None), options.pop("reset_to_env_states", None)
-        if restored and seed is None and episode is None and self._simulation.shown.layout:
-            episode = [self.episode[row] for row in rows]
-        if self._simulation.choose(rows, seed, episode):
+        if isinstance(episode, list | tuple):
+            if len(episode) != 1:
+                raise EpisodeError(f"{len(episode)} episodes for 1 row; pass one per row.")
+            (episode,) = episode
+        if restored and seed is None and episode is None and simulation.shown is not None:
+            episode = simulation.episode
+        if simulation.choose(number, episode):
             options["reconfigure"] = True
         # Gymnasium's generator is unused, but Gymnasium's checker requires it to be seeded.
-        gym.Env.reset(self, seed=None if seed is None else int(np.ravel(seed)[0]))
-        before = self._simulation.shown
+        gym.Env.reset(self, seed=number)
+        before = simulation.shown
         obs, info = super().reset(seed=seed, options=options)
         if seed is None:
-            self._episode_seed[rows] = [self._simulation.seeds[row] for row in rows]
+            self._episode_seed[:] = simulation.seed
         # Recorders read from this whether the entries of the state changed.
-        info["reconfigure"] = info["reconfigure"] or self._simulation.shown is not before
+        info["reconfigure"] = info["reconfigure"] or simulation.shown is not before
         if restored:
             states = restored["env_states"]
             restore: Any = self.set_state_dict if isinstance(states, dict) else self.set_state
-            restore(states, torch.tensor(rows, device=self.device))
+            restore(states)
             info |= self.get_info()
             obs = restored["obs"] if "obs" in restored else self.get_obs(info)
         info["instruction"] = self.instruction
@@ -266,73 +273,48 @@ class HabEnv(ObservingEnv):
 
     def _load_scene(self, options: dict[str, Any]) -> None:
         self._simulation.build(self.scene, self.agent, lit=self._is_lit)
-        self._rules = self.rules_of(self._simulation)
         self._start_observing()
-        steps = self._delay_steps
-        self._delay = ActionDelay(steps, self.agent.controller) if steps else None
 
     def _clear_sim_state(self) -> None:
-        # On the CPU the episode sets all velocities, and sleeping bodies have none.
-        if self.gpu_sim_enabled:
-            super()._clear_sim_state()
+        """Does nothing: the episode sets all velocities, and sleeping bodies have none."""
 
     def _initialize_episode(self, env_idx: Tensor, options: dict[str, Any]) -> None:
-        self._simulation.apply(env_idx)
-        if self._delay is not None:
-            self._delay.begin(env_idx)
-        if self._noise is not None:
-            self._noise.begin(env_idx, [episode.seed for episode in self.episode])
-        self._rules.begin_rows(env_idx)
+        self._simulation.apply()
+        self.rows.begin(self._simulation.row)
         self.__dict__.pop("segmentation_id_map", None)  # cached; the bodies may have changed
 
     # Stepping --------------------------------------------------------------------------------
 
     def _step_action(self, action: np.ndarray | Tensor | None) -> Tensor | None:
         """Executes one action; reads the simulator once; advances the tracker once."""
+        entries = None
         if action is not None:
             action = self._batched(action)
-            due = action
-            if self._delay is not None:
-                due = self._delay.exchange(action, self._simulation.holding())
-            self.agent.controller.set_action(due)
-            if self.gpu_sim_enabled:
-                px: Any = self.scene.px
-                px.gpu_apply_articulation_target_position()
-                px.gpu_apply_articulation_target_velocity()
-        self._rules.before_action()
-        gripper = self.agent.controller.gripper
-        gripper = self._rules.masked_gripper(gripper if self.gpu_sim_enabled else gripper.numpy())
-        self._simulation.step(gripper, self._sim_steps_per_control)
-        self._rules.after_action()
-        if self._noise is not None:
-            self._noise.advance()
+            entries = self.agent.controller.check(action)
+        self.rows.step({self._simulation.row: entries})
         return action
-
-    def act_row(self, action: NDArray[Any]) -> None:
-        """Sets the drive targets of a valid action (A,); CPU simulation, without stepping it."""
-        controller = self.agent.controller
-        if self._delay is None:
-            controller.set_row(action)
-        else:
-            due = self._delay.exchange(torch.from_numpy(action)[None], self._simulation.holding())
-            controller.set_action(due)
 
     def _batched(self, action: np.ndarray | Tensor) -> Tensor:
         try:
             tensor = torch.as_tensor(action, dtype=torch.float32, device=self.device)
         except (TypeError, ValueError, RuntimeError) as error:
             raise ActionError(f"Action {action!r} is not an array of numbers ({error}).") from error
-        return tensor[None] if tensor.dim() == 1 and self.num_envs == 1 else tensor
+        return tensor[None] if tensor.dim() == 1 else tensor
 
     def evaluate(self) -> dict[str, Any]:
         """Returns success, failures, measures and reward terms; has no side effects."""
-        result = self._rules.evaluate()
-        whole = {"success": result.success, "fail": result.fail, "reward": result.reward}
-        info = to_info({"whole": whole, **result.groups})
+        result, here = self.rows.evaluate(), self.here
+        info: dict[str, Any] = {
+            "success": shared_tensor(result.success[here]),
+            "fail": shared_tensor(result.fail[here]),
+            "reward": shared_tensor(result.reward[here]),
+        }
+        for group, values in result.groups.items():
+            info[group] = {name: shared_tensor(value[here]) for name, value in values.items()}
         if self._unpaid[0] is not result.unpaid:
-            self._unpaid = result.unpaid, {n: to_tensor(x) for n, x in result.unpaid.items()}
+            self._unpaid = result.unpaid, {n: to_tensor(x[here]) for n, x in result.unpaid.items()}
         info["reward_terms"] = self._unpaid[1] | info["reward_terms"]
-        return {**info.pop("whole"), **info}
+        return info
 
     def compute_dense_reward(self, obs: Any, action: Tensor, info: dict[str, Any]) -> Tensor:
         """Returns the sum of the reward terms, (N,)."""
@@ -355,29 +337,17 @@ class HabEnv(ObservingEnv):
         found: Any = super().get_state_dict()
         # Sorted, as the simulation's order depends on the layouts that it has shown before.
         simulator = {kind: dict(sorted(entries.items())) for kind, entries in found.items()}
-        state = self._episode_state()
-        bodies = words_of([self._simulation.shown.checksum] * self.num_envs, 2)
-        state["hab"]["bodies"] = bodies.to(self.device)
+        state, shown = self.rows.get_state(self._simulation.row), self._simulation.shown
+        state["hab"]["bodies"] = words_of([shown.checksum if shown else 0], 2)
         return with_columns({**simulator, **state})
 
-    def _episode_state(self) -> dict[str, Any]:
-        """Returns the state of the episode, without that of the simulator's bodies."""
-        options = {name: option.get_state() for name, option in self._stateful.items()}
-        return {"hab": {**self._simulation.get_state(), **options}, **self._rules.get_state()}
-
     def set_state(self, state: Tensor, env_idx: Tensor | None = None) -> None:
-        """Restores a flat state (R, D) of `get_state`.
+        """Restores a flat state (1, D) of `get_state`.
 
         Raises:
             EpisodeError: The state is not of this episode's layout and objects.
         """
-        self.set_state_dict(from_flat(state, self.get_state_dict()), env_idx)
-
-    @property
-    def _stateful(self) -> dict[str, ActionDelay | NoiseSource]:
-        """Active options that have state."""
-        options = {"delay": self._delay, "noise": self._noise}
-        return {name: option for name, option in options.items() if option is not None}
+        self.set_state_dict(from_flat(state, self.get_state_dict()))
 
     def set_state_dict(self, state: dict[str, Any], env_idx: Tensor | None = None) -> None:
         """Restores a state of `get_state_dict`.
@@ -385,14 +355,11 @@ class HabEnv(ObservingEnv):
         Raises:
             EpisodeError: The state has other furniture or objects than this episode.
         """
-        rows = torch.arange(self.num_envs, device=self.device) if env_idx is None else env_idx
-        present = self._episode_state()
+        rows, row = self.rows, self._simulation.row
+        present = rows.get_state(row)
         simulator = {key: value for key, value in state.items() if key not in present}
         self._simulation.refuse_other_bodies(simulator)
-        kept = shaped_like(state, present, len(rows), self.device)
+        kept = shaped_like(state, present)
         self._simulation.thaw()
-        super().set_state_dict(simulator, env_idx)  # pyright: ignore[reportArgumentType]  # None is its default
-        self._simulation.set_state(kept["hab"], rows)
-        for name, option in self._stateful.items():
-            option.set_state(kept["hab"][name], rows)
-        self._rules.set_state(kept, rows)
+        super().set_state_dict(simulator)
+        rows.set_state(row, kept)

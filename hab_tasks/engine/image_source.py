@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from mani_skill.envs.utils.observations import parse_obs_mode_to_struct
-from mani_skill.envs.utils.system.backend import CPU_SIM_BACKENDS
 
 from hab_tasks.errors import OptionError
 from hab_tasks.rendering import RAYS, resolve_backend
@@ -36,11 +35,10 @@ def choose_source(backend: str, options: Mapping[str, Any]) -> ImageSource:
     """Returns the source of an environment's images.
 
     Args:
-        backend: ``auto`` casts rays for observations of depth without colour in CPU simulation,
-            and renders everything else; ``rays`` never renders observations; other names are the
+        backend: ``auto`` casts rays for observations of depth without colour, and renders
+            everything else; ``rays`` never renders observations; other names are the
             renderer's.
-        options: ManiSkill's options: `obs_mode`, `render_mode`, `sensor_configs`, `sim_backend`
-            and `num_envs`.
+        options: ManiSkill's options: `obs_mode`, `render_mode` and `sensor_configs`.
 
     Raises:
         UnknownNameError: Unknown backend.
@@ -70,9 +68,6 @@ class _Reason:
 
 def _needs_renderer(obs_mode: str, options: Mapping[str, Any]) -> _Reason | None:
     """Returns why rays cannot compute the observed images, or None."""
-    sim_backend = (options.get("sim_backend") or "auto").partition(":")[0]
-    if options.get("num_envs", 1) > 1 or sim_backend not in (*CPU_SIM_BACKENDS, "auto"):
-        return _Reason(words="'auto' or 'gpu' in GPU simulation: rays are cast on the CPU")
     configs = options.get("sensor_configs") or {}
     for config in (configs, *(c for c in configs.values() if isinstance(c, Mapping))):
         for name in _RENDERED_ONLY:

@@ -8,10 +8,15 @@ from typing import Any
 
 from mani_skill.envs.sapien_env import BaseEnv
 from mani_skill.envs.utils.observations import parse_obs_mode_to_struct
+from mani_skill.envs.utils.system.backend import CPU_SIM_BACKENDS
 
 from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.robots.robot import ROBOT
 
+ADVICE = (
+    "Several rows run on CPU cores: gymnasium.make_vec('hab_tasks:HabPick-v1', num_envs=N), about "
+    "1,700 steps/s with 16 rows on two cores (docs/speed.md)."
+)
 OBS_MODES = "'state', 'state_dict', 'none', or textures joined by '+', e.g. 'rgb+depth'"
 RENDER_MODES = ("human", "rgb_array", "sensors", "all")
 INHERITED = tuple(inspect.signature(BaseEnv.__init__).parameters)[1:]
@@ -27,7 +32,7 @@ def check_inherited(env: str, own: Mapping[str, Any], options: Mapping[str, Any]
 
     Raises:
         UnknownNameError: Unknown option, reward mode, render mode or robot.
-        OptionError: Invalid observation mode.
+        OptionError: Invalid observation mode, more than one row, or simulation on a GPU.
     """
     valid = [name for name in (*own, *INHERITED) if name not in ("self", "kwargs")]
     for name in options:
@@ -39,8 +44,17 @@ def check_inherited(env: str, own: Mapping[str, Any], options: Mapping[str, Any]
     ):
         if options.get(name) not in (None, *modes):
             raise UnknownNameError(name, options[name], modes)
+    _check_rows(options.get("num_envs", 1), options.get("sim_backend"))
     _check_obs_mode(options.get("obs_mode"))
     _check_robot(options.get("robot_uids"))
+
+
+def _check_rows(num_envs: Any, sim_backend: str | None) -> None:
+    """Rejects batches, and simulation on a GPU."""
+    if num_envs != 1:
+        raise OptionError.of_value("num_envs", num_envs, f"1. {ADVICE}")
+    if (sim_backend or "auto").partition(":")[0] not in (*CPU_SIM_BACKENDS, "auto"):
+        raise OptionError.of_value("sim_backend", sim_backend, f"'physx_cpu' or 'auto'. {ADVICE}")
 
 
 def _check_obs_mode(obs_mode: Any) -> None:

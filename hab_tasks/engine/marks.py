@@ -29,7 +29,7 @@ _APART_M = 1e-3
 
 
 class Marks:
-    """Arrows over targets, goals and handles in the CPU simulation.
+    """Arrows over targets, goals and handles.
 
     They are visual only: no collision shapes, and not part of the simulation state. ManiSkill calls
     `hide_visual` of its `_hidden_objects` before it renders sensors, and `show_visual` before it
@@ -70,7 +70,7 @@ class Marks:
 
 
 def marked_points(world: EpisodeSimulation) -> Iterable[tuple[tuple[float, float, float], Array]]:
-    """Yields colour and world position (3,) [m] of each mark in the first row."""
+    """Yields colour and world position (3,) [m] of each mark."""
     snapshot, goals = world.snapshot, world.goals
     for number in range(world.requirements.objects):
         start_m, goal_m = goals.starts_m[0][number], goals.goals_m[0][number]
@@ -79,7 +79,7 @@ def marked_points(world: EpisodeSimulation) -> Iterable[tuple[tuple[float, float
             yield GOAL_COLOR, np.asarray(goal_m, dtype=float)
     for handle_m in snapshot.handles_m[0]:
         yield HANDLE_COLOR, np.asarray(handle_m, dtype=float)
-    if world.requirements.navigates and world.episodes[0].navigation is not None:
+    if world.requirements.navigates and world.episode.navigation is not None:
         x, y, _ = np.asarray(goals.base[0], dtype=float)
         yield GOAL_COLOR, np.array((x, y, 0.0))
 

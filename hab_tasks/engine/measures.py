@@ -8,25 +8,23 @@ current part of a task (`Focus`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Annotated, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
-import torch
+import numpy as np
 from torch import Tensor
 
 from hab_tasks.arrays import (
-    BatchArray,
+    Batch,
+    Bools,
+    Floats,
+    Ints,
     angle_between,
-    as_kind_of,
     norm,
     put_rows,
-    rows_of,
-    stack,
-    to_tensor,
-    where,
-    whole,
-    zeros,
+    row_mask,
+    to_tensors,
 )
 from hab_tasks.constants import (
     CONTROL_HZ,
@@ -39,6 +37,8 @@ from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.navigation.geodesic import GeodesicDistances
 
+_REST_M = np.array(REST_POSITION_M, dtype=np.float32)
+
 REST_STEP_M = REST_SPEED_M_S / CONTROL_HZ
 """Distance moved in one control step below which an object is at rest."""
 
@@ -50,50 +50,54 @@ class Measures:
     A ``_decrease`` is d_{t-1} - d_t (S C), 0 in the first step; ``_now`` means in this step.
     """
 
-    ee_to_object_m: Annotated[BatchArray, "m", "end-effector to the target's centre of mass"]
-    ee_to_rest_m: Annotated[BatchArray, "m", "end-effector to its resting position, base frame"]
-    object_to_goal_m: Annotated[BatchArray, "m", "target's centre of mass to its goal"]
-    ee_to_handle_m: Annotated[BatchArray, "m", "end-effector to the handle"]
-    ee_to_object_decrease_m: Annotated[BatchArray, "m", "decrease of ee_to_object_m"]
-    ee_to_rest_decrease_m: Annotated[BatchArray, "m", "decrease of ee_to_rest_m"]
-    object_to_goal_decrease_m: Annotated[BatchArray, "m", "decrease of object_to_goal_m"]
-    ee_to_handle_decrease_m: Annotated[BatchArray, "m", "decrease of ee_to_handle_m"]
-    holding_target: Annotated[BatchArray, "bool", "the gripper holds the target"]
-    holding_other: Annotated[BatchArray, "bool", "the gripper holds another object"]
-    holding_handle: Annotated[BatchArray, "bool", "the gripper holds the handle"]
-    picked_now: Annotated[BatchArray, "bool", "the target was grasped"]
-    picked_other_now: Annotated[BatchArray, "bool", "another object was grasped"]
-    dropped_now: Annotated[BatchArray, "bool", "the target left the hand"]
+    ee_to_object_m: Annotated[Floats, "m", "end-effector to the target's centre of mass"]
+    ee_to_rest_m: Annotated[Floats, "m", "end-effector to its resting position, base frame"]
+    object_to_goal_m: Annotated[Floats, "m", "target's centre of mass to its goal"]
+    ee_to_handle_m: Annotated[Floats, "m", "end-effector to the handle"]
+    ee_to_object_decrease_m: Annotated[Floats, "m", "decrease of ee_to_object_m"]
+    ee_to_rest_decrease_m: Annotated[Floats, "m", "decrease of ee_to_rest_m"]
+    object_to_goal_decrease_m: Annotated[Floats, "m", "decrease of object_to_goal_m"]
+    ee_to_handle_decrease_m: Annotated[Floats, "m", "decrease of ee_to_handle_m"]
+    holding_target: Annotated[Bools, "bool", "the gripper holds the target"]
+    holding_other: Annotated[Bools, "bool", "the gripper holds another object"]
+    holding_handle: Annotated[Bools, "bool", "the gripper holds the handle"]
+    picked_now: Annotated[Bools, "bool", "the target was grasped"]
+    picked_other_now: Annotated[Bools, "bool", "another object was grasped"]
+    dropped_now: Annotated[Bools, "bool", "the target left the hand"]
     ee_to_rest_gain_m: Annotated[
-        BatchArray, "m", "decrease of ee_to_rest_m from the latest grasp or release up to this step"
+        Floats, "m", "decrease of ee_to_rest_m from the latest grasp or release up to this step"
     ]
-    object_to_goal_gain_m: Annotated[BatchArray, "m", "the same of object_to_goal_m"]
-    released: Annotated[BatchArray, "bool", "the target is within 0.15 m of its goal and not held"]
-    released_before: Annotated[BatchArray, "bool", "the target was released at an earlier step"]
-    placed: Annotated[BatchArray, "bool", "the target is released and at rest"]
-    placed_before: Annotated[BatchArray, "bool", "the target was placed at an earlier step"]
-    grabbed_now: Annotated[BatchArray, "bool", "the handle was grasped for the first time"]
-    grabbed_before: Annotated[BatchArray, "bool", "the handle was grasped at an earlier step"]
-    joint: Annotated[BatchArray, "m or rad", "position of the door or drawer"]
-    joint_share: Annotated[BatchArray, "1", "joint as a share of its travel"]
-    joint_increase: Annotated[BatchArray, "m or rad", "increase of joint in this step"]
-    base_to_goal_m: Annotated[BatchArray, "m", "geodesic distance of the base to its goal"]
-    base_to_goal_decrease_m: Annotated[BatchArray, "m", "decrease of base_to_goal_m"]
-    heading_error_rad: Annotated[BatchArray, "rad", "between the base's heading and its goal's"]
-    heading_error_decrease_rad: Annotated[BatchArray, "rad", "decrease of heading_error_rad"]
-    stopped: Annotated[BatchArray, "bool", "the action was the stop action"]
-    path_m: Annotated[BatchArray, "m", "length of the base's path since the episode began"]
-    force_n: Annotated[BatchArray, "N", "contact force C_t on the robot, mean over the step"]
-    force_total_n: Annotated[BatchArray, "N", "sum of C_t since the episode began"]
-    steps: Annotated[BatchArray, "steps", "actions since the episode began"]
-    ee_to_object_start_m: Annotated[BatchArray, "m", "ee_to_object_m when the episode began"]
-    base_to_goal_start_m: Annotated[BatchArray, "m", "base_to_goal_m when the episode began"]
-    ee_in_base_m: Annotated[BatchArray, "m", "(N, 3) end-effector in the base frame"]
-    base_m: Annotated[BatchArray, "m", "(N, 2) the base in the world"]
+    object_to_goal_gain_m: Annotated[Floats, "m", "the same of object_to_goal_m"]
+    released: Annotated[Bools, "bool", "the target is within 0.15 m of its goal and not held"]
+    released_before: Annotated[Bools, "bool", "the target was released at an earlier step"]
+    placed: Annotated[Bools, "bool", "the target is released and at rest"]
+    placed_before: Annotated[Bools, "bool", "the target was placed at an earlier step"]
+    grabbed_now: Annotated[Bools, "bool", "the handle was grasped for the first time"]
+    grabbed_before: Annotated[Bools, "bool", "the handle was grasped at an earlier step"]
+    joint: Annotated[Floats, "m or rad", "position of the door or drawer"]
+    joint_share: Annotated[Floats, "1", "joint as a share of its travel"]
+    joint_increase: Annotated[Floats, "m or rad", "increase of joint in this step"]
+    base_to_goal_m: Annotated[Floats, "m", "geodesic distance of the base to its goal"]
+    base_to_goal_decrease_m: Annotated[Floats, "m", "decrease of base_to_goal_m"]
+    heading_error_rad: Annotated[Floats, "rad", "between the base's heading and its goal's"]
+    heading_error_decrease_rad: Annotated[Floats, "rad", "decrease of heading_error_rad"]
+    stopped: Annotated[Bools, "bool", "the action was the stop action"]
+    path_m: Annotated[Floats, "m", "length of the base's path since the episode began"]
+    force_n: Annotated[Floats, "N", "contact force C_t on the robot, mean over the step"]
+    force_total_n: Annotated[Floats, "N", "sum of C_t since the episode began"]
+    steps: Annotated[Floats, "steps", "actions since the episode began"]
+    ee_to_object_start_m: Annotated[Floats, "m", "ee_to_object_m when the episode began"]
+    base_to_goal_start_m: Annotated[Floats, "m", "base_to_goal_m when the episode began"]
+    ee_in_base_m: Annotated[Floats, "m", "(N, 3) end-effector in the base frame"]
+    base_m: Annotated[Floats, "m", "(N, 2) the base in the world"]
 
-    def scalars(self, names: tuple[str, ...]) -> dict[str, BatchArray]:
+    def scalars(self, names: tuple[str, ...]) -> dict[str, Batch]:
         """Returns the named measures, for `info`."""
         return {name: getattr(self, name) for name in names}
+
+    def of_row(self, row: int) -> Measures:
+        """Returns the measures of one row, as a batch of one."""
+        return Measures(**{name: getattr(self, name)[row : row + 1] for name in MEANINGS})
 
 
 MEANINGS: dict[str, tuple[str, str]] = {
@@ -111,8 +115,8 @@ class Focus:
         articulation: Number of the door or drawer.
     """
 
-    object: BatchArray
-    articulation: BatchArray
+    object: Ints
+    articulation: Ints
 
 
 class Tracker:
@@ -133,32 +137,29 @@ class Tracker:
         count, objects, _ = goals.starts_m.shape
         articulations = goals.articulation_frame.shape[1]
         self.goals, self.geodesic = goals, geodesic
-        nothing = zeros(count, like=goals.base)
-        never = nothing > 0
-        integers = as_kind_of(list(range(count)), whole(nothing))
-        self.targets = zeros(count, objects, like=integers)
-        self.handles = zeros(count, articulations, like=integers)
-        self.still_steps = zeros(count, objects, like=nothing)
+        nothing, never = np.zeros(count, dtype=np.float32), np.zeros(count, dtype=bool)
+        self.targets: Ints = np.zeros((count, objects), dtype=np.int64)
+        self.handles: Ints = np.zeros((count, articulations), dtype=np.int64)
+        self.still_steps: Floats = np.zeros((count, objects), dtype=np.float32)
         self._objects_m = goals.starts_m
-        self.focus = Focus(object=integers * 0, articulation=integers * 0)
-        self._rows = integers
-        self._rest = as_kind_of(REST_POSITION_M, nothing)
-        self._absent = {
+        self._rows: Ints = np.arange(count)
+        self.focus = Focus(object=self._rows * 0, articulation=self._rows * 0)
+        self._absent: dict[str, Batch] = {
             name: never if unit == "bool" else nothing for name, (unit, _) in MEANINGS.items()
         }
-        vectors = {
-            "ee_in_base_m": zeros(count, 3, like=nothing),
-            "base_m": zeros(count, 2, like=nothing),
+        vectors: dict[str, Batch] = {
+            "ee_in_base_m": np.zeros((count, 3), dtype=np.float32),
+            "base_m": np.zeros((count, 2), dtype=np.float32),
         }
         self.measures = Measures(**self._absent | vectors)
 
-    def begin(self, snapshot: Snapshot, rows: Tensor) -> None:
+    def begin(self, snapshot: Snapshot, rows: Sequence[int]) -> None:
         """Starts the episodes in `rows` (R,) at `snapshot`; the other rows keep their state."""
-        chosen = rows_of(self._rows, rows)
-        held = snapshot.held[:, None] == self.targets
-        still = where(held, self.still_steps * 0.0, self.still_steps * 0.0 + REST_STEPS)
-        self.still_steps = where(chosen[:, None], still, self.still_steps)
-        self._objects_m = where(chosen[:, None, None], snapshot.objects_m, self._objects_m)
+        chosen = row_mask(len(self._rows), rows)
+        free = snapshot.held[:, None] != self.targets
+        still = np.where(free, np.float32(REST_STEPS), np.float32(0.0))
+        self.still_steps = np.where(chosen[:, None], still, self.still_steps)
+        self._objects_m = np.where(chosen[:, None, None], snapshot.objects_m, self._objects_m)
         fresh = self._still(snapshot)
         fresh = replace(
             fresh,
@@ -168,21 +169,21 @@ class Tracker:
         )
         self.measures = select_rows(chosen, fresh, self.measures)
 
-    def refocus(self, snapshot: Snapshot, rows: Sequence[int] | Tensor, focus: Focus) -> None:
+    def refocus(self, snapshot: Snapshot, rows: Sequence[int], focus: Focus) -> None:
         """Sets the focus of `rows` (R,); `snapshot` is the latest one.
 
         Totals since the episode began are kept.
         """
-        chosen = rows_of(self._rows, rows)
+        chosen = row_mask(len(self._rows), rows)
         self.focus = Focus(
-            object=where(chosen, focus.object, self.focus.object),
-            articulation=where(chosen, focus.articulation, self.focus.articulation),
+            object=np.where(chosen, focus.object, self.focus.object),
+            articulation=np.where(chosen, focus.articulation, self.focus.articulation),
         )
         last = self.measures
         kept = {name: getattr(last, name) for name in _SINCE_THE_START}
         self.measures = select_rows(chosen, replace(self._still(snapshot), **kept), last)
 
-    def advance(self, snapshot: Snapshot, stopped: BatchArray) -> None:
+    def advance(self, snapshot: Snapshot, stopped: Bools) -> None:
         """Advances by one control step.
 
         Args:
@@ -191,7 +192,7 @@ class Tracker:
         """
         last = self.measures
         self._watch_objects(snapshot)
-        values = self._absent | self._distances(snapshot, last)
+        values: dict[str, Batch] = self._absent | self._distances(snapshot, last)
         values["force_n"] = snapshot.force_n
         values["force_total_n"] = last.force_total_n + snapshot.force_n
         values["steps"] = last.steps + 1.0
@@ -207,7 +208,7 @@ class Tracker:
 
     def get_state(self) -> dict[str, Tensor]:
         """Returns the complete state by name, (N, ...)."""
-        state = {f.name: to_tensor(getattr(self.measures, f.name)) for f in fields(Measures)}
+        state = {name: getattr(self.measures, name) for name in MEANINGS}
         others = {
             "focus_object": self.focus.object,
             "focus_articulation": self.focus.articulation,
@@ -216,13 +217,12 @@ class Tracker:
             "still_steps": self.still_steps,
             "objects_m": self._objects_m,
         }
-        return state | {name: to_tensor(value) for name, value in others.items()}
+        return to_tensors(state | others)
 
-    def set_state(self, state: dict[str, Tensor], rows: Tensor) -> None:
+    def set_state(self, state: Mapping[str, Any], rows: Sequence[int]) -> None:
         """Restores `rows` (R,) from a state of R rows."""
-        names = [f.name for f in fields(Measures)]
         self.measures = Measures(
-            **{n: put_rows(getattr(self.measures, n), rows, state[n]) for n in names}
+            **{n: put_rows(getattr(self.measures, n), rows, state[n]) for n in MEANINGS}
         )
         self.focus = Focus(
             object=put_rows(self.focus.object, rows, state["focus_object"]),
@@ -233,18 +233,11 @@ class Tracker:
         self.still_steps = put_rows(self.still_steps, rows, state["still_steps"])
         self._objects_m = put_rows(self._objects_m, rows, state["objects_m"])
 
-    def copy_row(self, row: int, other: Tracker) -> None:
-        """Copies a tracker of one row, with its goals, to `row`."""
-        self.set_state(other.get_state(), torch.tensor([row]))
-        self.goals = self.goals.changed([row], other.goals.state())
-        if self.geodesic is not None and other.geodesic is not None:
-            self.geodesic.copy_row(row, other.geodesic)
-
-    def at_rest(self) -> BatchArray:
+    def at_rest(self) -> Bools:
         """Returns which objects (N, K) have been at rest since they left the hand."""
         return self.still_steps >= REST_STEPS
 
-    def target(self) -> BatchArray:
+    def target(self) -> Ints:
         """Returns the grasp index (N,) of the object in focus."""
         return self._of(self.targets, self.focus.object)
 
@@ -258,35 +251,34 @@ class Tracker:
 
     def _still(self, s: Snapshot) -> Measures:
         """Measures of the first snapshot: no changes, totals are zero."""
-        vectors = {"ee_in_base_m": s.ee_in_base_m, "base_m": s.base[:, :2]}
+        vectors: dict[str, Batch] = {"ee_in_base_m": s.ee_in_base_m, "base_m": s.base[:, :2]}
         blank = Measures(**self._absent | vectors)
-        values = self._absent | vectors | self._distances(s, blank)
+        values: dict[str, Batch] = self._absent | vectors | self._distances(s, blank)
         values |= self._object(s, blank, values)
         if self.handles.shape[1]:
             values |= self._articulation(s, blank)
         if self.geodesic is not None:
             values |= self._navigation(s, blank, self.geodesic)
         values |= {name: self._absent[name] for name in _CHANGES}
-        return Measures(**values | {"force_n": s.force_n})
+        values["force_n"] = s.force_n
+        return Measures(**values)
 
-    def _distances(self, s: Snapshot, last: Measures) -> dict[str, BatchArray]:
+    def _distances(self, s: Snapshot, last: Measures) -> dict[str, Batch]:
         """Distances of end-effector and object, and their decreases, vectorised."""
         object_m = self._of(s.objects_m, self.focus.object)
         goal_m = self._of(self.goals.goals_m, self.focus.object)
-        gaps = [object_m - s.ee_m, s.ee_in_base_m - self._rest, object_m - goal_m]
+        gaps = [object_m - s.ee_m, s.ee_in_base_m - _REST_M, object_m - goal_m]
         names = _DISTANCES[:3]
         if self.handles.shape[1]:
             gaps.append(self._of(s.handles_m, self.focus.articulation) - s.ee_m)
             names = _DISTANCES
-        now = norm(stack(gaps))
-        values: dict[str, BatchArray] = dict(zip(names, now, strict=True))
+        now = norm(np.array(gaps))
+        values: dict[str, Batch] = dict(zip(names, now, strict=True))
         for name in names:
             values[_DECREASE[name]] = getattr(last, name) - values[name]
         return values
 
-    def _object(
-        self, s: Snapshot, last: Measures, now: dict[str, BatchArray]
-    ) -> dict[str, BatchArray]:
+    def _object(self, s: Snapshot, last: Measures, now: dict[str, Batch]) -> dict[str, Batch]:
         """Grasp and placement of the target."""
         holding = s.held == self.target()
         other = (s.held >= 0) & ~holding
@@ -307,7 +299,7 @@ class Tracker:
             "placed_before": last.placed_before | last.placed,
         }
 
-    def _articulation(self, s: Snapshot, last: Measures) -> dict[str, BatchArray]:
+    def _articulation(self, s: Snapshot, last: Measures) -> dict[str, Batch]:
         """Grasp of the handle, and joint position."""
         focus = self.focus.articulation
         joint = self._of(s.joints, focus)
@@ -316,7 +308,7 @@ class Tracker:
             self._of(self.goals.joint_upper, focus),
         )
         holding = s.held_handle == self._of(self.handles, focus)
-        before: BatchArray = last.grabbed_before | last.holding_handle
+        before = last.grabbed_before | last.holding_handle
         return {
             "holding_handle": holding,
             "grabbed_now": holding & ~before,
@@ -328,7 +320,7 @@ class Tracker:
 
     def _navigation(
         self, s: Snapshot, last: Measures, geodesic: GeodesicDistances
-    ) -> dict[str, BatchArray]:
+    ) -> dict[str, Batch]:
         """Distance and heading error of the base to its goal."""
         distance_m = geodesic.distance_m(s.base[:, :2])
         error_rad = angle_between(s.base[:, 2], self.goals.base[:, 2])
@@ -342,7 +334,7 @@ class Tracker:
             "base_to_goal_start_m": last.base_to_goal_start_m,
         }
 
-    def _of(self, values: BatchArray, column: BatchArray) -> BatchArray:
+    def _of(self, values: Batch, column: Ints) -> Batch:
         """Returns values (N, C, ...) at the column (N,) of each row, (N, ...)."""
         if values.shape[1] == 1:
             return values[:, 0]
@@ -377,11 +369,11 @@ _SINCE_THE_START = (
 """Measures of the whole episode, independent of the focus."""
 
 
-def select_rows(chosen: BatchArray, new: Measures, old: Measures) -> Measures:
+def select_rows(chosen: Bools, new: Measures, old: Measures) -> Measures:
     """Returns `new` in the chosen rows (N,) and `old` in the others."""
     values = {}
     for f in fields(Measures):
         a, b = getattr(new, f.name), getattr(old, f.name)
         mask = chosen.reshape(-1, *([1] * (a.ndim - 1)))
-        values[f.name] = where(mask, a, b)
+        values[f.name] = np.where(mask, a, b)
     return Measures(**values)

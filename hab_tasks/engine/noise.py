@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from hab_tasks.arrays import Floats
 from hab_tasks.engine.recorded_state import joined, words_of
 from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.option_values import number
@@ -68,34 +69,37 @@ class SensorNoise:
 
 
 class NoiseSource:
-    """Adds noise to the sensors of N rows.
+    """Adds noise to the sensors of one row.
 
     Every draw has its own generator, seeded by episode, step and sensor. Reading a sensor twice
     gives the same values, replays are identical on any device, and rows are independent.
     """
 
-    def __init__(self, noise: SensorNoise, num_envs: int) -> None:
-        """Initialises `num_envs` rows at step 0 of an episode with seed 0."""
+    def __init__(self, noise: SensorNoise) -> None:
+        """Starts at step 0 of an episode with seed 0."""
         self.noise = noise
-        self._seeds = torch.zeros(num_envs, dtype=torch.long)
-        self._steps = torch.zeros(num_envs, dtype=torch.long)
+        self._seed, self._step = 0, 0
 
-    def begin(self, rows: Tensor, seeds: Sequence[int]) -> None:
-        """Restarts the rows (R,); `seeds` (N,) are the episode seeds of all rows."""
-        for row in rows.tolist():
-            self._seeds[row], self._steps[row] = seeds[row], 0
+    @classmethod
+    def of(cls, noise: SensorNoise | Mapping[str, float] | None) -> NoiseSource | None:
+        """Returns the source of an option's value (see `SensorNoise.of`), None without noise."""
+        known = SensorNoise.of(noise)
+        return None if known is None else cls(known)
+
+    def begin(self, seed: int) -> None:
+        """Restarts with the seed of an episode."""
+        self._seed, self._step = seed, 0
 
     def advance(self) -> None:
         """Advances by one step."""
-        self._steps = self._steps + 1
+        self._step += 1
 
-    def joints(self, qpos_rad: Tensor) -> Tensor:
-        """Returns noisy joint angles (N, J) [rad]."""
-        normal = self._normal(0, tuple(qpos_rad.shape[1:]), qpos_rad.device)
-        return qpos_rad + self.noise.joint_rad * normal
+    def joints(self, qpos_rad: Floats) -> Floats:
+        """Returns noisy joint angles (J,) [rad]."""
+        return qpos_rad + self.noise.joint_rad * self._normal(0, qpos_rad.shape)
 
     def images(self, data: Images) -> Images:
-        """Returns noisy images of each camera: name -> (N, H, W, C)."""
+        """Returns noisy images of each camera: name -> (1, H, W, C)."""
         return {
             camera: {name: self._image(2 * number + 1, name, image) for name, image in each.items()}
             for number, (camera, each) in enumerate(data.items())
@@ -104,33 +108,30 @@ class NoiseSource:
     def _image(self, stream: int, name: str, image: Tensor) -> Tensor:
         height, width = image.shape[1:3]
         if name in _COLOURS:
-            normal = self._normal(stream, (height, width, 3), image.device)
+            normal = self._tensor(stream, (height, width, 3), image.device)
             return _coloured(image, self.noise.rgb_levels * normal)
         if name in _RANGES:
             # All textures derived from a camera's distances share one error.
-            normal = self._normal(stream + 1, (height, width, 1), image.device)
+            normal = self._tensor(stream + 1, (height, width, 1), image.device)
             return _ranged(image, self.noise.depth_at_1_m_m * normal)
         return image
 
-    def _normal(self, stream: int, shape: tuple[int, ...], device: torch.device) -> Tensor:
-        """Draws (N, *shape) from the standard normal distribution."""
-        seeds_and_steps = zip(self._seeds.tolist(), self._steps.tolist(), strict=True)
-        drawn = [
-            np.random.default_rng((seed, step, stream)).standard_normal(shape, dtype=np.float32)
-            for seed, step in seeds_and_steps
-        ]
-        return torch.from_numpy(np.stack(drawn)).to(device)
+    def _normal(self, stream: int, shape: tuple[int, ...]) -> Floats:
+        """Draws from the standard normal distribution."""
+        drawn = np.random.default_rng((self._seed, self._step, stream))
+        return drawn.standard_normal(shape, dtype=np.float32)
+
+    def _tensor(self, stream: int, shape: tuple[int, ...], device: torch.device) -> Tensor:
+        """Draws a tensor (1, *shape)."""
+        return torch.from_numpy(self._normal(stream, shape))[None].to(device)
 
     def get_state(self) -> dict[str, Tensor]:
-        """Returns each row's episode seed in words of 16 bits, (N, 4), and its step, (N,)."""
-        return {"seeds": words_of(self._seeds.tolist(), 4), "steps": self._steps.clone()}
+        """Returns the episode's seed in words of 16 bits, (1, 4), and the step, (1,)."""
+        return {"seeds": words_of([self._seed], 4), "steps": torch.tensor([self._step])}
 
-    def set_state(self, state: dict[str, Tensor], rows: Tensor) -> None:
-        """Restores a state of `get_state` for `rows` (R,)."""
-        chosen = rows.cpu()
-        self._seeds, self._steps = self._seeds.clone(), self._steps.clone()
-        self._seeds[chosen] = torch.tensor(joined(state["seeds"]))
-        self._steps[chosen] = state["steps"].cpu()
+    def set_state(self, state: Mapping[str, Tensor]) -> None:
+        """Restores a state of `get_state`."""
+        (self._seed,), self._step = joined(state["seeds"]), int(state["steps"][0])
 
 
 def _coloured(image: Tensor, levels: Tensor) -> Tensor:

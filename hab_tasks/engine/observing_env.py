@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,10 +14,10 @@ from hab_tasks.arrays import to_tensor
 from hab_tasks.engine.episode_simulation import EpisodeSimulation
 from hab_tasks.engine.image_source import WITHOUT_IMAGES, ImageSource, choose_source
 from hab_tasks.engine.marks import Marks
-from hab_tasks.engine.noise import NoiseSource, SensorNoise
+from hab_tasks.engine.noise import NoiseSource
 from hab_tasks.engine.ray_sensors import RaySensors
-from hab_tasks.engine.sensors import ARM_QPOS, ObsEntry, observed, scale_depth
-from hab_tasks.engine.simulation import check_rows
+from hab_tasks.engine.rows import read_entries
+from hab_tasks.engine.sensors import ObsEntry, observed, scale_depth
 from hab_tasks.engine.viewpoint import FIELD_OF_VIEW_RAD, FIRST_VIEW, Hit, Viewpoint
 from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.option_values import flag
@@ -45,7 +45,6 @@ class ObservingEnv(BaseEnv):
     cameras: ClassVar[tuple[str, ...]] = ("head", "arm")
     agent: MobileManipulator  # type: ignore[assignment]
     _simulation: EpisodeSimulation
-    _noise: NoiseSource | None
     _viewpoint: Viewpoint
     _hides_arm: bool
     _images_on_demand = False
@@ -59,12 +58,10 @@ class ObservingEnv(BaseEnv):
         cameras: Iterable[str] | None,
         size_px: int,
         hfov_rad: float,
-        noise: SensorNoise | Mapping[str, float] | None,
         invisible_arm: bool,
     ) -> None:
         """Validates and stores the camera options."""
         self._rig = CameraRig.of(self.cameras if cameras is None else cameras, size_px, hfov_rad)
-        self._sensor_noise = SensorNoise.of(noise)
         self._hides_arm = flag("invisible_arm", invisible_arm)
 
     def _set_entries(
@@ -80,21 +77,14 @@ class ObservingEnv(BaseEnv):
         self._felt = [e for e in entries if proprioception and e.proprioceptive]
         self._told = [e for e in entries if not e.proprioceptive]
 
-    def _set_backend(self, backend: str, num_envs: int, options: dict[str, Any]) -> str:
-        """Stores and returns ManiSkill's render_backend.
-
-        Args:
-            backend: The option.
-            num_envs: Batch size; rejected if this machine cannot simulate it.
-            options: ManiSkill's options, for its observation mode and simulation backend.
-        """
-        check_rows(num_envs, options.get("sim_backend"))
+    def _set_backend(self, backend: str, options: dict[str, Any]) -> str:
+        """Stores and returns ManiSkill's render_backend, chosen by ours and ManiSkill's options."""
         obs_mode = options.get("obs_mode") or "state"
         images = obs_mode not in WITHOUT_IMAGES
         if images and not self._rig.names:
             valid = f"some of {list(PLACES)} with obs_mode={obs_mode!r}, or obs_mode 'state'"
             raise OptionError.of_value("cameras", (), valid)
-        self._source = choose_source(backend, {**options, "num_envs": num_envs})
+        self._source = choose_source(backend, options)
         return self._source.renderer
 
     # Rendering -------------------------------------------------------------------------------
@@ -115,13 +105,11 @@ class ObservingEnv(BaseEnv):
     def _start_observing(self) -> None:
         """Hook after a new simulation was built, before its cameras are set up."""
         self._viewpoint, self._views, self._marks = Viewpoint(), {}, None
-        noise = self._sensor_noise
-        self._noise = None if noise is None else NoiseSource(noise, self.num_envs)
         # With rays, the renderer of a `render_mode` has no sensors.
         self.agent.rig = CameraRig(names=()) if self._source.casts_rays else self._rig
         if self._hides_arm and self.scene.can_render():
             self._hidden_objects.append(HiddenArm(self.agent.link))  # type: ignore[arg-type]
-        if self.render_mode is not None and self.scene.can_render() and not self.gpu_sim_enabled:
+        if self.render_mode is not None and self.scene.can_render():
             self._marks = Marks(self.scene)
             self._hidden_objects.append(self._marks)  # type: ignore[arg-type]
 
@@ -181,7 +169,7 @@ class ObservingEnv(BaseEnv):
     def render_views(self) -> dict[str, Tensor]:
         """Renders the robot's head and arm cameras in colour for humans.
 
-        Works in every observation mode, but requires a `render_mode`. CPU simulation only.
+        Works in every observation mode, but requires a `render_mode`.
 
         Returns:
             Name in `VIEWS` -> (N, 256, 256, 3) uint8.
@@ -207,8 +195,6 @@ class ObservingEnv(BaseEnv):
 
     def _aim(self) -> None:
         """Places the marks; moves the human-render camera if the hand is occluded."""
-        if self.gpu_sim_enabled:
-            return
         if self._marks is not None:
             self._marks.place(self._simulation)
         pose = self._viewpoint.follow(self._simulation, self._cast_ray)
@@ -217,7 +203,7 @@ class ObservingEnv(BaseEnv):
                 camera.local_pose = pose
 
     def _cast_ray(self, origin_m: Array, direction: Array, length_m: float) -> Hit | None:
-        """Returns the first hit of a ray in the CPU simulation."""
+        """Returns the first hit of a ray."""
         px: Any = self.scene.px
         hit = px.raycast(origin_m.astype(np.float32), direction.astype(np.float32), length_m)
         return None if hit is None else (float(hit.distance), hit.component.entity.name)
@@ -231,8 +217,8 @@ class ObservingEnv(BaseEnv):
 
     @property
     def noise(self) -> NoiseSource | None:
-        """Noise of the sensors, if any; of the current simulation."""
-        return self._noise
+        """Noise of the sensors, if any."""
+        return self._simulation.noise
 
     def leave_out_images(self) -> None:
         """Stops rendering images in observations; `look` renders them on demand.
@@ -272,18 +258,15 @@ class ObservingEnv(BaseEnv):
         return {name: group for name, group in flat.items() if len(group)}
 
     def _get_obs_agent(self) -> dict[str, Tensor]:
-        felt = self._values(self._felt)
-        if self._noise is not None and ARM_QPOS.name in felt:
-            felt[ARM_QPOS.name] = self._noise.joints(felt[ARM_QPOS.name])
-        return felt
+        return self._values(self._felt)
 
     def _get_obs_extra(self, info: dict[str, Any]) -> dict[str, Tensor]:
         return self._values(self._told)
 
     def _values(self, entries: list[ObsEntry]) -> dict[str, Tensor]:
-        world = self._simulation
-        now = world.snapshot, world.tracker.measures, world.goals
-        return {entry.name: to_tensor(entry.read(*now)) for entry in entries}
+        values = read_entries(entries, self._simulation.rows)
+        row = self._simulation.row
+        return {name: to_tensor(value[row : row + 1]) for name, value in values.items()}
 
     def _get_obs_sensor_data(self, apply_texture_transforms: bool = True) -> dict[str, Any]:
         if self._rays is not None:
@@ -293,8 +276,8 @@ class ObservingEnv(BaseEnv):
             # In CPU simulation, ManiSkill leaves images where a GPU rendered them.
             for images in data.values():
                 images |= {name: image.to(self.device) for name, image in images.items()}
-        if self._noise is not None:
-            data = self._noise.images(data)
+        if self.noise is not None:
+            data = self.noise.images(data)
         if self._scales_depth and self.obs_mode_struct.visual.depth and apply_texture_transforms:
             for images in data.values():
                 images["depth"] = scale_depth(images["depth"])

@@ -37,10 +37,10 @@ def with_columns(state: State) -> State:
 
 
 def from_flat(flat: Any, example: State) -> State:
-    """Inverts ManiSkill's `get_state`: returns nested tensors (R, C).
+    """Inverts ManiSkill's `get_state`: returns nested tensors (1, C).
 
     Args:
-        flat: (R, D), or (D,) for one row.
+        flat: (1, D) or (D,).
         example: The environment's state, whose names, order and widths it has.
 
     Raises:
@@ -86,14 +86,13 @@ def joined(words: Tensor) -> list[int]:
     return [sum(word << WORD_BITS * i for i, word in enumerate(row)) for row in rows]
 
 
-def shaped_like(state: State, example: State, count: int, device: Any) -> State:
+def shaped_like(state: State, example: State) -> State:
     """Inverts `with_columns`, also after a recorder has stored the state.
 
     Args:
-        state: Tensors or arrays of `count` rows; a single row may lack the first dimension.
-        example: Current state (N, ...) before `with_columns`; other entries are dropped.
-        count: Number of rows in `state`.
-        device: Device of the returned tensors, whose types are those of `example`.
+        state: Tensors or arrays of one row, which may lack the first dimension.
+        example: Current state (1, ...) before `with_columns`, with the types to return; other
+            entries are dropped.
 
     Raises:
         EpisodeError: An entry is missing or has another size, as in states of other versions.
@@ -106,10 +105,10 @@ def shaped_like(state: State, example: State, count: int, device: Any) -> State:
                 "options, or of another version of hab-tasks."
             )
         if isinstance(present, dict):
-            result[name] = shaped_like(state[name], present, count, device)
+            result[name] = shaped_like(state[name], present)
         else:
-            value = torch.as_tensor(state[name], device=device, dtype=present.dtype)
-            if value.numel() != count * present[:1].numel():
+            value = torch.as_tensor(state[name], dtype=present.dtype)
+            if value.numel() != present.numel():
                 raise EpisodeError(f"{name!r} of the state has another size. {START_ITS_EPISODE}")
-            result[name] = value.reshape(count, *present.shape[1:])
+            result[name] = value.reshape(present.shape)
     return result

@@ -5,26 +5,28 @@ from __future__ import annotations
 from functools import reduce
 from operator import add
 
-from hab_tasks.arrays import BatchArray, maximum, minimum
+import numpy as np
+
+from hab_tasks.arrays import Bools, Floats
 
 
-def force_penalty(force_n: BatchArray, weight: float, cap: float) -> BatchArray:
+def force_penalty(force_n: Floats, weight: float, cap: float) -> Floats:
     """Returns -min(weight * C_t, cap), (N,).
 
     The paper prints ``- max(0.001 C_t, 1.0)``. That penalty is never below 1 and so rewards
     collisions; Habitat's code takes the minimum (docs/deviations.md).
     """
-    return -minimum(weight * force_n, cap)
+    return -np.minimum(weight * force_n, cap)
 
 
-def total(terms: dict[str, BatchArray]) -> BatchArray:
+def total(terms: dict[str, Floats]) -> Floats:
     """Returns the sum of the terms, (N,)."""
     return reduce(add, terms.values())
 
 
 def weighted_by_completion_time(
-    success: BatchArray, distance_m: BatchArray, steps: BatchArray, ee_step_m: float
-) -> BatchArray:
+    success: Bools, distance_m: Floats, steps: Floats, ee_step_m: float
+) -> Floats:
     """Returns Success * oracle's time / agent's time, at most 1, (N,) (S F.2).
 
     The oracle's time is 2 * distance / maximum end-effector speed. The paper prints the inverted
@@ -37,10 +39,11 @@ def weighted_by_completion_time(
         ee_step_m: Maximum displacement of the end-effector per action.
     """
     oracle_steps = 2.0 * distance_m / ee_step_m
-    return success * minimum(oracle_steps / maximum(steps, 1.0), 1.0)
+    share: Floats = np.minimum(oracle_steps / np.maximum(steps, 1.0), 1.0)
+    return success * share
 
 
-def weighted_by_path(success: BatchArray, shortest_m: BatchArray, path_m: BatchArray) -> BatchArray:
+def weighted_by_path(success: Bools, shortest_m: Floats, path_m: Floats) -> Floats:
     """Returns Success * shortest / max(path, shortest), (N,): SPL of point navigation."""
-    longest_m = maximum(maximum(path_m, shortest_m), 1e-6)
+    longest_m = np.maximum(np.maximum(path_m, shortest_m), 1e-6)
     return success * shortest_m / longest_m

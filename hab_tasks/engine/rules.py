@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
 from operator import or_
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from torch import Tensor
 
-from hab_tasks.arrays import BatchArray
-from hab_tasks.engine.episode_rows import EpisodeRows
+from hab_tasks.arrays import Batch, Bools, Floats
 from hab_tasks.engine.rewards import total
 
-Groups = dict[str, dict[str, BatchArray]]
+if TYPE_CHECKING:
+    from hab_tasks.engine.rows import Rows
+
+Groups = dict[str, dict[str, Batch]]
 """Group -> name -> (N,)."""
 
 
@@ -31,12 +33,12 @@ class StepResult:
         extra: Further entries of `info`: name -> name -> (N,).
     """
 
-    success: BatchArray
-    failures: dict[str, BatchArray]
-    reward_terms: Callable[[dict[str, BatchArray]], dict[str, BatchArray]]
-    measures: Callable[[BatchArray], dict[str, BatchArray]]
+    success: Bools
+    failures: dict[str, Bools]
+    reward_terms: Callable[[dict[str, Bools]], dict[str, Floats]]
+    measures: Callable[[Bools], dict[str, Batch]]
     extra: Groups = field(default_factory=dict)
-    unpaid: dict[str, BatchArray] = field(default_factory=dict)
+    unpaid: dict[str, Floats] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,11 +54,11 @@ class Evaluation:
         unpaid: The other reward terms, zero (N,); the same dict in every step.
     """
 
-    success: BatchArray
-    fail: BatchArray
-    reward: BatchArray
+    success: Bools
+    fail: Bools
+    reward: Floats
     groups: Groups
-    unpaid: dict[str, BatchArray]
+    unpaid: dict[str, Floats]
 
 
 class Rules:
@@ -66,7 +68,7 @@ class Rules:
         rows: The episodes that they apply to.
     """
 
-    def __init__(self, rows: EpisodeRows) -> None:
+    def __init__(self, rows: Rows) -> None:
         """Applies to all episodes of `rows`."""
         self.rows = rows
 
@@ -74,11 +76,11 @@ class Rules:
         """Evaluates the current step; has no side effects."""
         raise NotImplementedError
 
-    def masked_gripper(self, gripper: BatchArray) -> BatchArray:
+    def masked_gripper(self, gripper: Floats) -> Floats:
         """Returns the gripper actions (N,) after masking."""
         raise NotImplementedError
 
-    def begin_rows(self, rows: Tensor) -> None:
+    def begin_rows(self, rows: Sequence[int]) -> None:
         """Hook after the episodes in `rows` (R,) have started."""
 
     def before_action(self) -> None:
@@ -91,7 +93,7 @@ class Rules:
         """Returns the state of the rules, if any: group -> name -> (N,)."""
         return {}
 
-    def set_state(self, state: dict[str, Any], rows: Tensor) -> None:
+    def set_state(self, state: Mapping[str, Any], rows: Sequence[int]) -> None:
         """Restores `rows` (R,) from a state of R rows, at the current snapshot."""
 
     def evaluate(self) -> Evaluation:

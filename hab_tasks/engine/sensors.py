@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Literal, get_args
 
 import numpy as np
@@ -12,14 +11,14 @@ import torch
 from torch import Tensor
 
 from hab_tasks.agent import TargetFrame
-from hab_tasks.arrays import BatchArray, cos, is_numpy, maximum, sin, stack
+from hab_tasks.arrays import Floats
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, REST_POSITION_M
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.measures import Measures
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.errors import OptionError, UnknownNameError
 
-Reader = Callable[[Snapshot, Measures, Goals], BatchArray]
+Reader = Callable[[Snapshot, Measures, Goals], Floats]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,50 +83,43 @@ def observed(
     return (*chosen, handle)
 
 
-def along_base_axes(s: Snapshot, point_m: BatchArray) -> BatchArray:
+def along_base_axes(s: Snapshot, point_m: Floats) -> Floats:
     """Returns the vector from the end-effector to a world point (N, 3) in base axes, (N, 3)."""
     return _from_ee(s, point_m, s.base_axes)
 
 
-def in_ee_frame(s: Snapshot, point_m: BatchArray) -> BatchArray:
+def in_ee_frame(s: Snapshot, point_m: Floats) -> Floats:
     """Maps a world point (N, 3) to the end-effector's frame (N, 3)."""
     return _from_ee(s, point_m, s.ee_axes)
 
 
-def _from_ee(s: Snapshot, point_m: BatchArray, axes: BatchArray) -> BatchArray:
+def _from_ee(s: Snapshot, point_m: Floats, axes: Floats) -> Floats:
     """Returns the vector from the end-effector to a point (N, 3) along axes (N, 3, 3), (N, 3)."""
     return ((point_m - s.ee_m)[:, None] @ axes)[:, 0]
 
 
-def in_base_frame(s: Snapshot, points_m: BatchArray) -> BatchArray:
+def in_base_frame(s: Snapshot, points_m: Floats) -> Floats:
     """Maps world points (N, P, 3) to the base frame (N, P, 3); heights are kept."""
     yaw = s.base[:, 2:]
-    cosine, sine = cos(yaw), sin(yaw)
+    cosine, sine = np.cos(yaw), np.sin(yaw)
     x, y = points_m[:, :, 0] - s.base[:, :1], points_m[:, :, 1] - s.base[:, 1:2]
-    return stack((cosine * x + sine * y, cosine * y - sine * x, points_m[:, :, 2]), axis=2)
+    return np.stack((cosine * x + sine * y, cosine * y - sine * x, points_m[:, :, 2]), axis=2)
 
 
-def _rest_from_ee(s: Snapshot, m: Measures, g: Goals) -> BatchArray:
-    rest = _REST if is_numpy(m.ee_in_base_m) else _rest(m.ee_in_base_m.device)
-    return rest - m.ee_in_base_m
+def _rest_from_ee(s: Snapshot, m: Measures, g: Goals) -> Floats:
+    return _REST - m.ee_in_base_m
 
 
 _REST = np.array(REST_POSITION_M, dtype=np.float32)
 
 
-@lru_cache(maxsize=4)
-def _rest(device: torch.device) -> Tensor:
-    return torch.tensor(REST_POSITION_M, device=device)
-
-
-def _ee_rotation(s: Snapshot, m: Measures, g: Goals) -> BatchArray:
+def _ee_rotation(s: Snapshot, m: Measures, g: Goals) -> Floats:
     # Row vectors times the base's axes: the axes of the hand in the base frame.
     return (s.ee_axes.swapaxes(1, 2)[:, :2] @ s.base_axes).reshape(-1, 6)
 
 
-def _is_holding(s: Snapshot, m: Measures, g: Goals) -> BatchArray:
-    holding = maximum(s.held, s.held_handle)[:, None] >= 0
-    return holding.astype(np.float32) if is_numpy(holding) else holding.float()
+def _is_holding(s: Snapshot, m: Measures, g: Goals) -> Floats:
+    return (np.maximum(s.held, s.held_handle)[:, None] >= 0).astype(np.float32)
 
 
 ARM_QPOS = ObsEntry(
@@ -227,9 +219,9 @@ PROPRIOCEPTION = (ARM_QPOS, EE_POSITION, EE_ROTATION, IS_HOLDING, REST_FROM_EE)
 def targets_in_base(objects: int) -> ObsEntry:
     """Returns the goal entry of a task: starts and goals of its objects (S H.3)."""
 
-    def read(s: Snapshot, m: Measures, g: Goals) -> BatchArray:
+    def read(s: Snapshot, m: Measures, g: Goals) -> Floats:
         count, objects = g.starts_m.shape[:2]
-        pairs = stack((g.starts_m, g.goals_m), axis=2).reshape(count, 2 * objects, 3)
+        pairs = np.stack((g.starts_m, g.goals_m), axis=2).reshape(count, 2 * objects, 3)
         return in_base_frame(s, pairs).reshape(count, 6 * objects)
 
     return ObsEntry(

@@ -10,12 +10,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from hab_tasks.arrays import BatchArray
-from hab_tasks.engine.episode_rows import EpisodeRows
+from hab_tasks.arrays import Bools, Floats
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.hab_env import HabEnv
 from hab_tasks.engine.measures import MEANINGS, Measures
 from hab_tasks.engine.requirements import Requirements
+from hab_tasks.engine.rows import Rows
 from hab_tasks.engine.rules import Rules, StepResult
 from hab_tasks.engine.sensors import HANDLE, ObsEntry
 from hab_tasks.engine.skill_config import configured
@@ -25,17 +25,17 @@ from hab_tasks.episodes.schema import Episode
 from hab_tasks.instructions import skill_instruction
 
 
-def free_gripper(gripper: BatchArray, m: Measures) -> BatchArray:
+def free_gripper(gripper: Floats, m: Measures) -> Floats:
     """Mask that keeps every gripper action (N,)."""
     return gripper
 
 
-def no_failures(s: Snapshot, m: Measures, g: Goals, c: Any) -> dict[str, BatchArray]:
+def no_failures(s: Snapshot, m: Measures, g: Goals, c: Any) -> dict[str, Bools]:
     """No failures: episodes end only with success or at the horizon."""
     return {}
 
 
-def no_scores(m: Measures, success: BatchArray, ee_step_m: float) -> dict[str, BatchArray]:
+def no_scores(m: Measures, success: Bools, ee_step_m: float) -> dict[str, Floats]:
     """No scores in addition to `Measures`."""
     return {}
 
@@ -72,15 +72,15 @@ class Skill:
     control_modes: tuple[str, ...]
     observation: tuple[ObsEntry, ...]
     measures: tuple[str, ...]
-    success: Callable[[Snapshot, Measures, Goals, Any], BatchArray]
-    reward_terms: Callable[..., dict[str, BatchArray]]
+    success: Callable[[Snapshot, Measures, Goals, Any], Bools]
+    reward_terms: Callable[..., dict[str, Floats]]
     bound: Callable[[Any], float]
     instruction: str | Callable[[Episode], str]
-    failures: Callable[[Snapshot, Measures, Goals, Any], dict[str, BatchArray]] = no_failures
-    mask_gripper: Callable[[BatchArray, Measures], BatchArray] = free_gripper
-    scores: Callable[[Measures, BatchArray, float], dict[str, BatchArray]] = no_scores
-    taken_back: Callable[[Measures, Any], BatchArray] | None = None
-    done_in_task: Callable[[Snapshot, Measures, Goals, Any], BatchArray] | None = None
+    failures: Callable[[Snapshot, Measures, Goals, Any], dict[str, Bools]] = no_failures
+    mask_gripper: Callable[[Floats, Measures], Floats] = free_gripper
+    scores: Callable[[Measures, Bools, float], dict[str, Floats]] = no_scores
+    taken_back: Callable[[Measures, Any], Floats] | None = None
+    done_in_task: Callable[[Snapshot, Measures, Goals, Any], Bools] | None = None
 
     @property
     def reward_bound(self) -> float:
@@ -90,7 +90,8 @@ class Skill:
     @property
     def score_names(self) -> tuple[str, ...]:
         """Names of its `scores`."""
-        zeros = Measures(**dict.fromkeys(MEANINGS, np.zeros(1, np.float32)))
+        nothing: dict[str, Any] = dict.fromkeys(MEANINGS, np.zeros(1, np.float32))
+        zeros = Measures(**nothing)
         return tuple(self.scores(zeros, np.zeros(1, bool), 1.0))
 
     def changed(self, changes: Mapping[str, float]) -> Skill:
@@ -98,15 +99,15 @@ class Skill:
         return replace(self, config=configured(self.name, self.config, changes))
 
     def task_reward_terms(
-        self, s: Snapshot, m: Measures, g: Goals, ends: dict[str, BatchArray]
-    ) -> dict[str, BatchArray]:
+        self, s: Snapshot, m: Measures, g: Goals, ends: dict[str, Bools]
+    ) -> dict[str, Floats]:
         """Returns the reward terms in a task, where episodes go on after a drop."""
         terms = self.reward_terms(s, m, g, self.config, ends)
         if self.taken_back is not None:
             terms["taken_back"] = -self.taken_back(m, self.config)
         return terms
 
-    def done(self, s: Snapshot, m: Measures, g: Goals) -> BatchArray:
+    def done(self, s: Snapshot, m: Measures, g: Goals) -> Bools:
         """Whether a task advances to its next skill, (N,) bool."""
         return (self.done_in_task or self.success)(s, m, g, self.config)
 
@@ -114,30 +115,26 @@ class Skill:
 class SkillRules(Rules):
     """Evaluates the functions of a skill."""
 
-    def __init__(self, skill: Skill, rows: EpisodeRows) -> None:
+    def __init__(self, skill: Skill, rows: Rows) -> None:
         """Applies `skill` to all episodes of `rows`."""
         super().__init__(rows)
         self._skill = skill
 
     def step_result(self) -> StepResult:
         """See `Rules`."""
-        skill, s, m, g = (
-            self._skill,
-            self.rows.snapshot,
-            self.rows.tracker.measures,
-            self.rows.goals,
-        )
+        skill, rows = self._skill, self.rows
+        s, m, g = rows.snapshot, rows.measures, rows.goals
         shown = m.scalars(skill.measures)
         return StepResult(
             success=skill.success(s, m, g, skill.config),
             failures=skill.failures(s, m, g, skill.config),
             reward_terms=partial(skill.reward_terms, s, m, g, skill.config),
-            measures=lambda success: shown | skill.scores(m, success, self.rows.ee_step_m),
+            measures=lambda success: shown | skill.scores(m, success, rows.ee_step_m),
         )
 
-    def masked_gripper(self, gripper: BatchArray) -> BatchArray:
+    def masked_gripper(self, gripper: Floats) -> Floats:
         """Applies the skill's mask."""
-        return self._skill.mask_gripper(gripper, self.rows.tracker.measures)
+        return self._skill.mask_gripper(gripper, self.rows.measures)
 
 
 class SkillEnv(HabEnv):
@@ -168,7 +165,7 @@ class SkillEnv(HabEnv):
         self.skill = self.skill.changed(changes)  # type: ignore[misc]
         self.reward_bound = self.skill.reward_bound  # type: ignore[misc]
 
-    def rules_of(self, rows: EpisodeRows) -> SkillRules:
+    def rules_of(self, rows: Rows) -> SkillRules:
         """Returns the rules of the skill."""
         return SkillRules(self.skill, rows)
 

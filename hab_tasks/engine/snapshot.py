@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 import sapien
-import torch
-from numpy.typing import NDArray
-from torch import Tensor
 
-from hab_tasks.arrays import BatchArray, cos, sin, stack
+from hab_tasks.arrays import Batch, Bools, Floats, Ints
 from hab_tasks.constants import CONTROL_HZ
-from hab_tasks.robots.grasp import Handle, SnapGrasp
+from hab_tasks.robots.grasp import SnapGrasp
+from hab_tasks.robots.handle import Handle
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.robots.robot import ROBOT
 from hab_tasks.simulator import rigid_body, sapien_object
@@ -40,19 +39,19 @@ class Snapshot:
         force_n: (N,) contact force on the robot, mean over the control step (see `ContactForce`).
     """
 
-    arm_qpos_rad: BatchArray
-    base: BatchArray
-    base_axes: BatchArray
-    ee_m: BatchArray
-    ee_in_base_m: BatchArray
-    ee_axes: BatchArray
-    objects_m: BatchArray
-    handles_m: BatchArray
-    joints: BatchArray
-    held: BatchArray
-    held_handle: BatchArray
-    lost: BatchArray
-    force_n: BatchArray
+    arm_qpos_rad: Floats
+    base: Floats
+    base_axes: Floats
+    ee_m: Floats
+    ee_in_base_m: Floats
+    ee_axes: Floats
+    objects_m: Floats
+    handles_m: Floats
+    joints: Floats
+    held: Ints
+    held_handle: Ints
+    lost: Bools
+    force_n: Floats
 
     @staticmethod
     def width(objects: int, articulations: int) -> int:
@@ -60,13 +59,11 @@ class Snapshot:
         return _FIXED + 3 * objects + 4 * articulations
 
     @staticmethod
-    def of_table(
-        table: NDArray[np.float32], objects: int, articulations: int, **others: BatchArray
-    ) -> Snapshot:
-        """Returns views of a table, which the CPU simulation reads row by row.
+    def of_table(table: Floats, objects: int, articulations: int, **others: Batch) -> Snapshot:
+        """Returns views of a table, which the simulations fill row by row.
 
         Args:
-            table: (N, `width`) rows of `SnapshotReader.read_row`.
+            table: (N, `width`) rows of `SnapshotReader.read`.
             objects: K, the number of objects.
             articulations: J, the number of doors and drawers.
             others: held, held_handle, lost and force_n.
@@ -86,65 +83,27 @@ class Snapshot:
             **others,
         )
 
+    def of_row(self, row: int) -> Snapshot:
+        """Returns the snapshot of one row, as a batch of one."""
+        return Snapshot(**{f.name: getattr(self, f.name)[row : row + 1] for f in fields(self)})
+
 
 _FIXED = 34
 """Columns of a table before the objects: robot, its base frame and the end-effector."""
 
 
 class SnapshotReader:
-    """Reads a `Snapshot` of the robot and of the required objects and handles."""
+    """Reads the robot, and the required objects and handles, of one simulation."""
 
     def __init__(self, agent: MobileManipulator, grasp: SnapGrasp) -> None:
-        self._agent, self._grasp = agent, grasp
-        self._on_cpu = not agent.scene.gpu_sim_enabled
         self._robot = sapien_object(agent.robot)
         self._ee_link = sapien_object(agent.ee_link)
         self._joints = agent.arm_index.tolist() + agent.base_index.tolist()
         self._bodies = [(rigid_body(a), rigid_body(a).cmass_local_pose) for a in grasp.objects]
         self._articulations = [_ArticulationReader(handle) for handle in grasp.handles]
 
-    def read(self, targets: BatchArray, handles: BatchArray, force_n: BatchArray) -> Snapshot:
-        """Reads all rows.
-
-        Args:
-            targets: (N, K) grasp indices of the objects.
-            handles: (N, J) grasp indices of the handles.
-            force_n: (N,) contact force of the step.
-        """
-        grasp = self._grasp
-        if self._on_cpu:
-            objects, articulations = targets.shape[1], handles.shape[1]
-            table = np.empty((1, Snapshot.width(objects, articulations)), dtype=np.float32)
-            self.read_row(targets[0].tolist(), handles[0].tolist(), table[0])
-            return Snapshot.of_table(
-                table,
-                objects,
-                articulations,
-                held=grasp.held.numpy(),
-                held_handle=grasp.held_handle.numpy(),
-                lost=grasp.lost.numpy(),
-                force_n=force_n,
-            )
-        numbers = self._read_batch(targets, handles)
-        arm, base, base_axes, ee, ee_in_base, axes, objects_m, handles_m, joints = numbers
-        return Snapshot(
-            arm_qpos_rad=arm,
-            base=base,
-            base_axes=base_axes,
-            ee_m=ee,
-            ee_in_base_m=ee_in_base,
-            ee_axes=axes,
-            objects_m=objects_m,
-            handles_m=handles_m,
-            joints=joints,
-            held=grasp.held,
-            held_handle=grasp.held_handle,
-            lost=grasp.lost,
-            force_n=force_n,
-        )
-
-    def read_row(self, targets: list[int], handles: list[int], now: NDArray[np.float32]) -> None:
-        """Reads the CPU simulation into one row `now` of a table (see `Snapshot.of_table`).
+    def read(self, targets: Sequence[int], handles: Sequence[int], now: Floats) -> None:
+        """Reads the simulation into one row `now` of a table (see `Snapshot.of_table`).
 
         Args:
             targets: (K,) grasp indices of the objects.
@@ -172,91 +131,58 @@ class SnapshotReader:
             now[number - articulations] = self._articulations[index].joint()
             at += 3
 
-    def _read_batch(self, targets: Tensor, handles: Tensor) -> tuple[Tensor, ...]:
-        agent, grasp = self._agent, self._grasp
-        qpos = agent.robot.get_qpos()
-        axes = agent.ee_link.pose.to_transformation_matrix()[:, :3, :3]
-        ee = agent.ee_link.pose.p + ROBOT.ee_offset_m * axes[:, :, 0]
-        rows = torch.arange(len(qpos), device=qpos.device)[:, None]
-        base = qpos[:, agent.base_index]
-        points = grasp.objects_com_m()[rows, targets]
-        grips, joints = base.new_zeros(*handles.shape, 3), base.new_zeros(*handles.shape)
-        for index in torch.unique(handles).tolist():
-            here = handles == index
-            grips = torch.where(here[..., None], grasp.handle_position_m(index)[:, None], grips)
-            joints = torch.where(here, self._articulations[index].batch_joint()[:, None], joints)
-        arm, in_base = qpos[:, agent.arm_index], world_to_base(base, ee)
-        return arm, base, axes_of_base(base), ee, in_base, axes, points, grips, joints
-
 
 class _ArticulationReader:
     """Reads the handle and the joint of a door or drawer."""
 
     def __init__(self, handle: Handle) -> None:
         self._link, self._offset = sapien_object(handle.link), sapien.Pose(list(handle.offset_m))
-        self._furniture = handle.furniture
         self._robot = sapien_object(handle.furniture)
         self._column = handle.column
 
     def handle_m(self) -> Any:
-        """Returns the handle (3,) in the world; CPU simulation."""
+        """Returns the handle (3,) in the world."""
         return (self._link.entity_pose * self._offset).p
 
     def joint(self) -> float:
-        """Returns the joint's position [m or rad]; CPU simulation."""
+        """Returns the joint's position [m or rad]."""
         return float(self._robot.qpos[self._column])
 
-    def batch_joint(self) -> Tensor:
-        """Returns the joint positions (N,) [m or rad]."""
-        return self._furniture.get_qpos()[:, self._column]
 
-
-def world_to_base(base: BatchArray, points_m: BatchArray) -> BatchArray:
+def world_to_base(base: Floats, points_m: Floats) -> Floats:
     """Maps world points (N, 3) to the base frames (N, 3: x, y, yaw); heights are kept."""
     offset = points_m[:, :2] - base[:, :2]
-    cosine, sine = cos(base[:, 2]), sin(base[:, 2])
+    cosine, sine = np.cos(base[:, 2]), np.sin(base[:, 2])
     x, y = offset[:, 0], offset[:, 1]
-    return stack((cosine * x + sine * y, cosine * y - sine * x, points_m[:, 2]), axis=1)
-
-
-def axes_of_base(base: BatchArray) -> BatchArray:
-    """Returns the axes of base frames (N, 3: x, y, yaw) in the world as columns, (N, 3, 3)."""
-    cosine, sine = cos(base[:, 2]), sin(base[:, 2])
-    zero = base[:, 2] * 0.0
-    rows = (cosine, -sine, zero, sine, cosine, zero, zero, zero, zero + 1.0)
-    return stack(rows, axis=1).reshape(-1, 3, 3)
+    return np.stack((cosine * x + sine * y, cosine * y - sine * x, points_m[:, 2]), axis=1)
 
 
 class ContactForce:
     """C_t: contact force on the robot's links in a control step, held object excluded.
 
     Magnitudes of all contact impulses on the robot [N s], summed over links and over the physics
-    steps of one action, divided by the action's duration [s]: a mean force [N]. On the GPU the
-    engine reports the net impulse per link, so opposite contacts on one link cancel.
+    steps of one action, divided by the action's duration [s]: a mean force [N].
     """
 
-    def __init__(self, agent: MobileManipulator, grasp: SnapGrasp) -> None:
-        self._agent, self._grasp = agent, grasp
+    def __init__(self, agent: MobileManipulator) -> None:
         self._px: Any = agent.scene.px
-        self._on_cpu = not agent.scene.gpu_sim_enabled
         self._links = {sapien_object(link) for link in agent.robot.links}
-        self._impulse_n_s = torch.zeros(agent.scene.num_envs, device=agent.device)
-        self._cpu_impulse_n_s = 0.0
+        self._impulse_n_s = 0.0
 
     def clear(self) -> None:
         """Starts a new control step."""
-        self._cpu_impulse_n_s = 0.0
-        if not self._on_cpu:
-            self._impulse_n_s = torch.zeros_like(self._impulse_n_s)
+        self._impulse_n_s = 0.0
 
     def add_physics_step(self) -> None:
         """Adds the contacts of the physics step that just ended."""
-        if not self._on_cpu:
-            self._add_batch()
-            return
-        contacts = self._px.get_contacts()
-        if contacts:
-            self._add_contacts(contacts)
+        links = self._links
+        for contact in self._px.get_contacts():
+            first, second = contact.bodies
+            # The engine filters contacts between held object and robot, so they are not included.
+            if first in links or second in links:
+                for point in contact.points:
+                    x, y, z = point.impulse.tolist()
+                    self._impulse_n_s += (x * x + y * y + z * z) ** 0.5
 
     def deepest_m(self) -> float:
         """Returns how deep the robot is in another body after the latest physics step [m]."""
@@ -269,27 +195,6 @@ class ContactForce:
         )
         return max(depths, default=0.0)
 
-    def newton(self) -> BatchArray:
-        """Returns the mean force (N,) [N] since `clear`."""
-        if self._on_cpu:
-            return np.array([self.row_newton()], dtype=np.float32)
+    def newton(self) -> float:
+        """Returns the mean force [N] since `clear`."""
         return self._impulse_n_s * CONTROL_HZ
-
-    def row_newton(self) -> float:
-        """Returns the mean force [N] since `clear` in the CPU simulation."""
-        return self._cpu_impulse_n_s * CONTROL_HZ
-
-    def _add_contacts(self, contacts: list[Any]) -> None:
-        links = self._links
-        for contact in contacts:
-            first, second = contact.bodies
-            # The engine filters contacts between held object and robot, so they are not included.
-            if first in links or second in links:
-                for point in contact.points:
-                    x, y, z = point.impulse.tolist()
-                    self._cpu_impulse_n_s += (x * x + y * y + z * z) ** 0.5
-
-    def _add_batch(self) -> None:
-        for link in self._agent.robot.links:
-            impulse = link.get_net_contact_impulses()
-            self._impulse_n_s = self._impulse_n_s + torch.linalg.norm(impulse, dim=-1)

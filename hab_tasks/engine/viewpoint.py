@@ -71,17 +71,17 @@ class Viewpoint:
         """Returns the camera's new pose in the base frame; None to keep the current one.
 
         Args:
-            world: The simulation; its first row is rendered.
+            world: The simulation.
             cast: Casts a ray against all bodies, open doors included.
         """
         snapshot = world.snapshot
         base = np.asarray(snapshot.base[0], dtype=float)
         hand_m = np.asarray(snapshot.ee_m[0], dtype=float)
         name = world.held_name()
-        new = world.episodes[0].id != self._episode
+        new = world.episode.id != self._episode
         if not new and _sees(self._chosen, base, hand_m, name, cast):
             return None
-        self._episode = world.episodes[0].id
+        self._episode = world.episode.id
         seeing = (i for i in range(len(CANDIDATES_M)) if _sees(i, base, hand_m, name, cast))
         found = next(seeing, None)
         if found is None:  # the first candidate outside walls, else the current one

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 
 from hab_tasks.constants import CONTROL_HZ, PLACE_RADIUS_M, SIM_HZ, SKILL_HORIZON_STEPS
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import RobotStart
 from hab_tasks.geometry import Array
-from hab_tasks.robots.follow_grasp import make_grasp
+from hab_tasks.robots.grasp import SnapGrasp
 
 GOAL_MARGIN_M = 0.03
 """Required margin to the goal, as the end of a fall varies by centimetres."""
@@ -31,21 +30,21 @@ def falls_to(sandbox: PlacementSandbox, robot: RobotStart, held: str, goal_com_m
     """
     agent = sandbox.stand_robot(robot.base, np.array(robot.arm_qpos_rad))
     names, movable = list(sandbox.scene_bodies.movable), list(sandbox.scene_bodies.movable.values())
-    grasp = make_grasp(agent.scene, agent.ee_link, movable, [], "objects")
-    grasp.attach(0, names.index(held))
-    idle = agent.controller.idle_action(torch.tensor([False]))
+    grasp = SnapGrasp(agent.scene, agent.ee_link, movable, [], "objects")
+    grasp.attach(names.index(held))
+    idle = agent.controller.idle_action(holding=False)
     near = False
     for _ in range(SKILL_HORIZON_STEPS):
-        agent.controller.set_action(idle)
+        agent.controller.set_entries(idle)
         grasp.command(agent.controller.gripper)
         for _ in range(PHYSICS_STEPS):
-            grasp.before_simulation_step()
+            grasp.before_physics_step()
             agent.scene.px.step()
         grasp.after_control_step()
         gap_m = float(np.linalg.norm(sandbox.com_m(held) - goal_com_m))
         near = gap_m < PLACE_RADIUS_M + GOAL_MARGIN_M
         if near or sandbox.asleep(held):
             break
-    grasp.reset(torch.zeros(1, dtype=torch.long))
+    grasp.reset()
     sandbox.send_robot_away()
     return near

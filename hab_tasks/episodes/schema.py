@@ -93,7 +93,7 @@ class Episode:
         handle: The door or drawer that the skill is about.
         navigation: The goal of Navigate.
         habitat: Further data of the Habitat file that the episode was read from; see
-            `hab_tasks.episodes.habitat.convert`.
+            `hab_authoring.habitat.convert`.
     """
 
     id: str

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hab_tasks.layouts.standing import FARTHEST_M, NEAREST_M
 from hab_tasks.navigation.navigation_map import NavigationMap
 from hab_tasks.privileged import Array
 from hab_tasks.scenes.floor import CELL_M
+
+NEAREST_M, FARTHEST_M = 0.45, 1.1
+"""Range of horizontal distances from the base to points that the arm can reach."""
 
 _AT_TARGET_M = 0.1
 """Walls within this distance of the target do not occlude it, as furniture is wall-mounted."""

@@ -15,6 +15,7 @@ from hab_tasks import option_values
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, CAMERA_HFOV_RAD, CAMERA_SIZE_PX
 from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.robots.robot import ROBOT
+from hab_tasks.simulator import sapien_object
 
 Point = tuple[float, float, float]
 
@@ -129,8 +130,7 @@ class HiddenArm:
         self._visuals = [
             component
             for name in hidden_links()
-            for body in link(name)._objs
-            for component in body.entity.components
+            for component in sapien_object(link(name)).entity.components
             if isinstance(component, sapien.render.RenderBodyComponent)
         ]
         self.hide_visual()

@@ -37,7 +37,7 @@ from mani_skill.agents.controllers.base_controller import BaseController, Contro
 from numpy.typing import NDArray
 from torch import Tensor
 
-from hab_tasks.constants import EE_STEP_M, JOINT_STEP_RAD, TARGET_STEP_RAD
+from hab_tasks.arrays import Floats
 from hab_tasks.errors import ActionError
 from hab_tasks.robots.arm_commands import commanded_arm
 from hab_tasks.robots.control_modes import (
@@ -56,7 +56,7 @@ from hab_tasks.robots.control_modes import (
 from hab_tasks.robots.joint_setter import JointSetter, base_way
 from hab_tasks.robots.kinematics import ArmKinematics
 from hab_tasks.robots.robot import ROBOT
-from hab_tasks.simulator import sapien_object, sapien_objects
+from hab_tasks.simulator import sapien_object
 
 Array = NDArray[Any]
 
@@ -72,10 +72,10 @@ class HabController(BaseController):
     """Converts a flat action to drive targets; keeps the commanded arm pose and gripper value.
 
     Attributes:
-        arm_target_rad: (N, 7) commanded arm pose.
-        gripper: (N,) last gripper entry; the environment passes it to the snap grasp.
-        base_target: (N, 3) commanded x, y [m] and yaw [rad], in modes with a base pose.
-        stopped: (N,) whether the last action was the stop action; numpy on the CPU.
+        arm_target_rad: (7,) commanded arm pose.
+        gripper: Last gripper entry; the environment passes it to the snap grasp.
+        base_target: (3,) commanded x, y [m] and yaw [rad], in modes with a base pose.
+        stopped: Whether the last action was the stop action.
     """
 
     config: HabControllerConfig
@@ -83,48 +83,31 @@ class HabController(BaseController):
     sets_target_qvel = True
 
     def _initialize_action_space(self) -> None:
-        low, high = action_bounds(self.config.arm, self.config.base)
-        self.single_action_space = spaces.Box(low, high, dtype=np.float32)
+        self._low, self._high = action_bounds(self.config.arm, self.config.base)
+        self.single_action_space = spaces.Box(self._low, self._high, dtype=np.float32)
         if self.config.base == "discrete":
             self.single_action_space = Cells(len(BASE_CELLS))
-        self._cpu_low, self._cpu_high = low, high
-        self._low = torch.as_tensor(low, device=self.device)
-        self._high = torch.as_tensor(high, device=self.device)
         self._kinematics = ArmKinematics()
-        count = self.scene.num_envs
-        self.arm_target_rad = torch.zeros(count, 7, device=self.device)
-        self.base_target = torch.zeros(count, 3, device=self.device)
-        self.gripper = torch.full((count,), -1.0, device=self.device)
-        self.stopped = np.zeros(count, dtype=bool)
-        if self.scene.gpu_sim_enabled:
-            self.stopped = torch.zeros(count, dtype=torch.bool, device=self.device)
-        self._cells = torch.tensor(BASE_CELLS, device=self.device)
-        index = {joint.name: i for i, joint in enumerate(self.articulation.active_joints)}
-        self._arm_index = torch.tensor(
-            [index[name] for name in ROBOT.arm_joints], device=self.device
-        )
-        self._base_index = torch.tensor(
-            [index[name] for name in ROBOT.base_joints], device=self.device
-        )
-        active = self.articulation.active_joints
-        self._arm_joints = [active[index[name]] for name in ROBOT.arm_joints]
-        self._base_joints = [active[index[name]] for name in ROBOT.base_joints]
-        self._on_cpu = not self.scene.gpu_sim_enabled
-        self._cpu_drives = [sapien_object(joint).set_drive_target for joint in self._arm_joints]
-        self._cpu_base_drives = [
-            sapien_object(j).set_drive_velocity_target for j in self._base_joints
-        ]
-        self._arm_setter = JointSetter(self.articulation, self._arm_joints, self._arm_index)
-        self._base_setter = JointSetter(self.articulation, self._base_joints, self._base_index)
-        self._cpu_robot, self._cpu_yaw = sapien_object(self.articulation), int(self._base_index[2])
+        self.arm_target_rad: Floats = np.zeros(7, dtype=np.float32)
+        self.base_target: Floats = np.zeros(3, dtype=np.float32)
+        self.gripper, self.stopped = -1.0, False
+        self._robot = sapien_object(self.articulation)
+        self._joints = [sapien_object(joint) for joint in self.articulation.active_joints]
+        names = [joint.name for joint in self.articulation.active_joints]
+        self._arm = [names.index(name) for name in ROBOT.arm_joints]
+        self._base = [names.index(name) for name in ROBOT.base_joints]
+        self._locked = {names.index(name): value for name, value in ROBOT.locked_qpos.items()}
+        self._arm_setter = JointSetter(self._robot, self._arm)
+        self._base_setter = JointSetter(self._robot, self._base)
+        self._arm_drives = [self._joints[i].set_drive_target for i in self._arm]
+        self._base_drives = [self._joints[i].set_drive_velocity_target for i in self._base]
 
     def set_drive_property(self) -> None:
         """Sets all joint drives. A base that actions do not control is held in place."""
         c = self.config
         if c.sets_joints:
             for link in self.articulation.links:
-                for body in sapien_objects(link):
-                    body.set_max_depenetration_velocity(PUSH_APART_M_S)
+                sapien_object(link).set_max_depenetration_velocity(PUSH_APART_M_S)
         for joint in self.articulation.active_joints:
             if joint.name in ROBOT.arm_joints:
                 joint.set_drive_properties(
@@ -138,218 +121,140 @@ class HabController(BaseController):
                 joint.set_drive_properties(c.lock_stiffness, c.lock_damping, 1000.0, mode="force")
 
     def reset(self) -> None:
-        """Sets the commanded pose of the rows being reset to the current pose."""
-        qpos = self.articulation.get_qpos()
-        rows = self.scene._reset_mask
-        self.arm_target_rad = torch.where(
-            rows[:, None], qpos[:, self._arm_index], self.arm_target_rad
-        )
-        base = qpos[:, self._base_index]
-        base = torch.cat((base[:, :2], within_a_turn(base[:, 2:])), dim=1)
-        self.base_target = torch.where(rows[:, None], base, self.base_target)
-        self.gripper = torch.where(rows, torch.full_like(self.gripper, -1.0), self.gripper)
-        targets = qpos.clone()
-        for i, joint in enumerate(self.articulation.active_joints):
-            if joint.name in ROBOT.locked_qpos:
-                targets[:, i] = ROBOT.locked_qpos[joint.name]
-        self.articulation.set_joint_drive_targets(targets, self.articulation.active_joints)
-        zeros = torch.zeros_like(qpos)
-        self.articulation.set_joint_drive_velocity_targets(zeros, self.articulation.active_joints)
+        """Sets the commanded pose to the current pose."""
+        qpos = self._robot.qpos
+        self.arm_target_rad, self.base_target = qpos[self._arm], qpos[self._base]
+        self.base_target[2] = within_a_turn(self.base_target[2])
+        self.gripper = -1.0
+        for index, joint in enumerate(self._joints):
+            joint.set_drive_target(self._locked.get(index, float(qpos[index])))
+            joint.set_drive_velocity_target(0.0)
 
     def set_action(self, action: Tensor) -> None:
-        """Sets drive targets from an action (N, A), or from N cells.
+        """Sets drive targets from an action (1, A), or from one cell.
 
         Raises:
             ActionError: Wrong shape, a non-finite entry, or an invalid cell.
         """
-        action = self.check(action)
-        if self._on_cpu:
-            self._set_entries(action[0].numpy())
-        else:
-            self._set_batch(torch.clamp(action, self._low, self._high))
+        self.set_entries(self.check(action))
 
-    def check(self, action: Tensor) -> Tensor:
-        """Validates an action, which may be N cells; returns its entries (N, A).
+    def check(self, action: Tensor) -> Array:
+        """Returns the entries (A,) of an action (1, A), or the cell (1,), if they are valid.
 
         Raises:
             ActionError: Wrong shape, a non-finite entry, or an invalid cell.
         """
         if self.config.base == "discrete":
-            action = self._velocities(action)
-        expected = (self.scene.num_envs, len(self._low))
+            return self._cell(action.numpy())
+        expected = (1, len(self._low))
         if tuple(action.shape) != expected:
             raise ActionError(f"Action of shape {tuple(action.shape)}; expected {expected}.")
+        entries = action[0].numpy()
         # The sum is finite only if every entry is, and takes one operation instead of three.
-        if not math.isfinite(float(action.sum(dtype=torch.float64))):
+        if not math.isfinite(float(entries.sum(dtype=np.float64))):
             raise ActionError(f"Action has a non-finite value: {action.tolist()}.")
-        if self.config.base == "pose":
-            action = torch.cat((action[:, :-1], within_a_turn(action[:, -1:])), dim=1)
-        return action
+        return entries
+
+    def _cell(self, cell: Array) -> Array:
+        """Returns a cell of shape (), (1,) or (1, 1) as (1,), if it is valid."""
+        if cell.size != 1 or cell.ndim > 2:
+            raise ActionError(f"Action of shape {cell.shape}; expected (1,).")
+        flat = cell.reshape(1)
+        number = float(flat[0])
+        if not (number.is_integer() and 0 <= number < len(BASE_CELLS)):
+            last = len(BASE_CELLS) - 1
+            raise ActionError(f"Action {flat.tolist()}; valid cells are 0 to {last}.")
+        return flat
 
     @property
     def action_size(self) -> int:
-        """Number of values of one row's action: its entries, or one cell."""
+        """Number of values of an action: its entries, or one cell."""
         return 1 if self.config.base == "discrete" else self.config.size
 
-    def idle_action(self, holding: Tensor) -> Tensor:
-        """Returns the action (N, A) that stands still and keeps the grasp.
+    def idle_action(self, holding: bool) -> Array:
+        """Returns the action (A,), or cell (1,), that stands still and keeps the grasp.
 
         Args:
-            holding: (N,) whether the hand holds an object or handle.
+            holding: Whether the hand holds an object or handle.
         """
-        count = len(holding)
         if self.config.base == "discrete":
-            return torch.full((count, 1), float(STOP_CELL), device=self.device)
-        action = torch.zeros(count, len(self._low), device=self.device)
+            return np.array([STOP_CELL], dtype=np.float32)
+        action = np.zeros(len(self._low), dtype=np.float32)
         size = ARM_SIZE[self.config.arm]
         if self.config.arm in ABSOLUTE_ARM:
-            action[:, :size] = self.arm_target_rad
+            action[:size] = self.arm_target_rad
         if self.config.base == "pose":
-            action[:, -3:] = self.base_target
+            action[-3:] = self.base_target
         if size:
-            action[:, size] = torch.where(holding, 1.0, -1.0)
+            action[size] = 1.0 if holding else -1.0
         return action
 
-    def _velocities(self, cells: Tensor) -> Tensor:
-        """Returns the base entries (N, 2) of cells (N,) or (N, 1)."""
-        flat = cells.reshape(-1)
-        count = self.scene.num_envs
-        if len(flat) != count or cells.dim() > 2:
-            raise ActionError(f"Action of shape {tuple(cells.shape)}; expected ({count},).")
-        index = flat.to(torch.long)
-        if bool((index != flat).any()) or not bool(
-            ((index >= 0) & (index < len(BASE_CELLS))).all()
-        ):
-            last = len(BASE_CELLS) - 1
-            raise ActionError(f"Action {flat.tolist()}; valid cells are 0 to {last}.")
-        return self._cells[index]
-
-    def set_row(self, action: Array) -> None:
-        """`set_action` for a valid action (A,) or cell (1,) in the CPU simulation."""
+    def set_entries(self, action: Array) -> None:
+        """Sets the targets of a valid action (A,) or cell (1,)."""
         if self.config.base == "discrete":
             action = _CELLS[int(action[0])]
         elif self.config.base == "pose":
             action = np.concatenate((action[:-1], within_a_turn(action[-1:])))
-        self._set_entries(action)
-
-    def _set_entries(self, action: Array) -> None:
-        """Sets the targets of one row in plain numbers, a third of the time of tensors."""
-        action = np.minimum(np.maximum(action, self._cpu_low), self._cpu_high)
+        action = np.minimum(np.maximum(action, self._low), self._high)
         size = ARM_SIZE[self.config.arm]
         if size:
-            self.gripper = torch.from_numpy(action[size : size + 1])
+            self.gripper = float(action[size])
             if self.config.arm == "joint_state":
                 qpos = self._arm_setter.values().astype(np.float64)
                 self._arm_setter.begin(self._arm_target(qpos, action[:size]) - qpos)
             else:
-                target = self.arm_target_rad[0].numpy().astype(np.float64)
-                qpos = self._arm_target(target, action[:size])
-                self.arm_target_rad = torch.from_numpy(qpos.astype(np.float32))[None]
-                for drive, value in zip(self._cpu_drives, qpos.tolist(), strict=True):
+                qpos = self._arm_target(self.arm_target_rad.astype(np.float64), action[:size])
+                self.arm_target_rad = qpos.astype(np.float32)
+                for drive, value in zip(self._arm_drives, qpos.tolist(), strict=True):
                     drive(value)
         if self.config.base == "pose":
             self._base_setter.begin(base_way(self._base_setter.values(), action[-3:]))
         elif self.config.base != "still":
-            self._drive_row(*action[-2:].tolist())
+            self._drive_base(*action[-2:].tolist())
 
     def move_joints(self, share: float) -> None:
-        """Sets the joints of modes that set them after a share of the action; CPU simulation."""
+        """Sets the joints of modes that set them, after a share of the action."""
         if self.config.arm == "joint_state":
             self._arm_setter.move(share)
-            self.arm_target_rad = torch.from_numpy(self._arm_setter.values())[None]
+            self.arm_target_rad = self._arm_setter.values()
         if self.config.base == "pose":
             self._base_setter.move(share)
-            base = self._base_setter.values()
-            base[2] = within_a_turn(base[2])
-            self.base_target = torch.from_numpy(base)[None]
+            self.base_target = self._base_setter.values()
+            self.base_target[2] = within_a_turn(self.base_target[2])
 
-    def _drive_row(self, linear: float, angular: float) -> None:
-        """Drives the base in the CPU simulation."""
-        still = abs(linear) <= STOP_SHARE and abs(angular) <= STOP_SHARE
-        self.stopped = np.array([still])
-        yaw = float(self._cpu_robot.qpos[self._cpu_yaw])
+    def _drive_base(self, linear: float, angular: float) -> None:
+        self.stopped = abs(linear) <= STOP_SHARE and abs(angular) <= STOP_SHARE
+        yaw = float(self._robot.qpos[self._base[2]])
         forward = ROBOT.base_linear_speed_m_s * linear
-        x, y, turning = self._cpu_base_drives
+        x, y, turning = self._base_drives
         x(forward * math.cos(yaw))
         y(forward * math.sin(yaw))
         turning(ROBOT.base_angular_speed_rad_s * angular)
 
-    def _set_batch(self, action: Tensor) -> None:
-        if self.config.sets_joints:
-            raise NotImplementedError("joint_state and ..._pose need the CPU simulation")
-        size = ARM_SIZE[self.config.arm]
-        if size:
-            self.arm_target_rad = self._batch_arm_target(action[:, :size])
-            self.gripper = action[:, size]
-            self._drive_arm()
-        if self.config.base != "still":
-            self.stopped = (action[:, -2:].abs() <= STOP_SHARE).all(dim=1)
-            self._drive_base(action[:, -2:])
-
     def get_state(self) -> dict[str, Tensor]:
-        """Returns the commanded arm pose (N, 7), gripper (N,) and, if any, base pose (N, 3)."""
-        state = {"arm_target_rad": self.arm_target_rad.clone(), "gripper": self.gripper.clone()}
+        """Returns the commanded arm pose (1, 7), gripper (1,) and, if any, base pose (1, 3)."""
+        state = {
+            "arm_target_rad": torch.tensor(self.arm_target_rad)[None],
+            "gripper": torch.tensor([self.gripper]),
+        }
         if self.config.base == "pose":
-            state["base_target"] = self.base_target.clone()
+            state["base_target"] = torch.tensor(self.base_target)[None]
         return state
 
-    def set_state(self, state: dict[str, Tensor], rows: Tensor | None = None) -> None:
-        """Restores a state of `get_state` for `rows` (R,) or for all."""
-        chosen = slice(None) if rows is None else rows
-        self.arm_target_rad, self.gripper = self.arm_target_rad.clone(), self.gripper.clone()
-        self.arm_target_rad[chosen] = state["arm_target_rad"]
-        self.gripper[chosen] = state["gripper"]
-        self._drive_arm()
+    def set_state(self, state: dict[str, Tensor]) -> None:
+        """Restores a state of `get_state`."""
+        self.arm_target_rad = state["arm_target_rad"][0].numpy().copy()
+        self.gripper = float(state["gripper"][0])
+        for drive, value in zip(self._arm_drives, self.arm_target_rad.tolist(), strict=True):
+            drive(value)
         if self.config.base == "pose":
-            self.base_target = self.base_target.clone()
-            self.base_target[chosen] = state["base_target"]
-            self.articulation.set_joint_drive_targets(
-                self.base_target, self._base_joints, self._base_index
-            )
+            self.base_target = state["base_target"][0].numpy().copy()
+            for index, value in zip(self._base, self.base_target.tolist(), strict=True):
+                self._joints[index].set_drive_target(value)
 
     def _arm_target(self, qpos: Array, arm: Array) -> Array:
         """Returns the commanded arm pose (7,) [rad] of an action's arm entries."""
         return commanded_arm(self.config.arm, qpos, arm, self._kinematics)
-
-    def _batch_arm_target(self, arm: Tensor) -> Tensor:
-        """`_arm_target` for (N, ...) rows on any device."""
-        if self.config.arm in ABSOLUTE_ARM:
-            low, high = (self.arm_target_rad + way for way in (-TARGET_STEP_RAD, TARGET_STEP_RAD))
-            return torch.minimum(torch.maximum(arm, low), high)
-        if self.config.arm == "joint_delta":
-            lower, upper = self._limits()
-            moved = self.arm_target_rad + JOINT_STEP_RAD * arm
-            return torch.minimum(torch.maximum(moved, lower), upper)
-        position, _ = self._kinematics.batch_position_and_jacobian(self.arm_target_rad)
-        low = torch.tensor(ROBOT.ee_lower_m, device=self.device)
-        high = torch.tensor(ROBOT.ee_upper_m, device=self.device)
-        goal = torch.minimum(torch.maximum(position + EE_STEP_M * arm, low), high)
-        return self._kinematics.batch_displace(self.arm_target_rad, goal)
-
-    def _limits(self) -> tuple[Tensor, Tensor]:
-        return (
-            torch.tensor(ROBOT.arm_lower_rad, device=self.device),
-            torch.tensor(ROBOT.arm_upper_rad, device=self.device),
-        )
-
-    def _drive_arm(self) -> None:
-        if self._on_cpu:
-            values = self.arm_target_rad[0].tolist()
-            for drive, value in zip(self._cpu_drives, values, strict=True):
-                drive(value)
-        else:
-            self.articulation.set_joint_drive_targets(
-                self.arm_target_rad, self._arm_joints, self._arm_index
-            )
-
-    def _drive_base(self, base: Tensor) -> None:
-        yaw = self.articulation.get_qpos()[:, self._base_index[2]]
-        forward = ROBOT.base_linear_speed_m_s * base[:, 0]
-        turning = ROBOT.base_angular_speed_rad_s * base[:, 1]
-        speeds = torch.stack((forward * torch.cos(yaw), forward * torch.sin(yaw), turning), dim=1)
-        self.articulation.set_joint_drive_velocity_targets(
-            speeds, self._base_joints, self._base_index
-        )
 
 
 @dataclass

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from torch import Tensor
 
+from hab_tasks.arrays import Batch
 from hab_tasks.option_values import whole
 from hab_tasks.robots.control import HabController
 
@@ -21,44 +23,36 @@ def checked_steps(steps: int) -> int:
 
 
 class ActionDelay:
-    """Queue of the last n actions of each row."""
+    """Queue of the last n actions of one robot."""
 
     def __init__(self, steps: int, controller: HabController) -> None:
         """Delays the actions of `controller` by `steps`, at least one."""
         self.steps, self._controller = steps, controller
-        count, size = controller.scene.num_envs, controller.action_size
-        self._queue = torch.zeros(count, steps, size, device=controller.device)
-        self._filled = torch.zeros(count, dtype=torch.long, device=controller.device)
+        self._queue: list[Batch] = []
 
-    def begin(self, rows: Tensor) -> None:
-        """Clears the queues of the rows (R,)."""
-        self._queue, self._filled = self._queue.clone(), self._filled.clone()
-        self._queue[rows], self._filled[rows] = 0.0, 0
+    def begin(self) -> None:
+        """Clears the queue."""
+        self._queue = []
 
-    def exchange(self, action: Tensor, holding: Tensor) -> Tensor:
-        """Queues an action (N, A), and returns the one that is due.
+    def exchange(self, action: Batch, holding: bool) -> Batch:
+        """Queues a valid action (A,), and returns the one that is due.
 
-        Args:
-            action: Validated now, so that errors are raised by the step that passes it.
-            holding: (N,) whether the hand holds an object or handle; the grasp is kept until the
-                first action is due.
-
-        Raises:
-            ActionError: Wrong shape, a non-finite entry, or an invalid cell.
+        Until the first action is due, the robot stands still and keeps its grasp: `holding` is
+        whether the hand holds an object or handle.
         """
-        self._controller.check(action)
-        idle = self._controller.idle_action(holding)
-        due = torch.where((self._filled >= self.steps)[:, None], self._queue[:, 0], idle)
-        latest = action.reshape(len(idle), 1, -1)
-        self._queue = torch.cat((self._queue[:, 1:], latest), dim=1)
-        self._filled = (self._filled + 1).clamp(max=self.steps)
-        return due
+        self._queue.append(np.array(action))  # the caller may reuse its memory
+        if len(self._queue) > self.steps:
+            return self._queue.pop(0)
+        return self._controller.idle_action(holding)
 
     def get_state(self) -> dict[str, Tensor]:
-        """Returns the queued actions (N, n, A) and their number (N,)."""
-        return {"queue": self._queue.clone(), "filled": self._filled.clone()}
+        """Returns the queued actions (1, n, A), the latest last, and their number (1,)."""
+        queue = torch.zeros(1, self.steps, self._controller.action_size)
+        for number, action in enumerate(self._queue):
+            queue[0, self.steps - len(self._queue) + number] = torch.as_tensor(action)
+        return {"queue": queue, "filled": torch.tensor([len(self._queue)])}
 
-    def set_state(self, state: dict[str, Tensor], rows: Tensor) -> None:
-        """Restores a state of `get_state` for `rows` (R,)."""
-        self._queue, self._filled = self._queue.clone(), self._filled.clone()
-        self._queue[rows], self._filled[rows] = state["queue"], state["filled"]
+    def set_state(self, state: dict[str, Tensor]) -> None:
+        """Restores a state of `get_state`."""
+        filled = int(state["filled"][0])
+        self._queue = list(state["queue"][0, self.steps - filled :].numpy().copy())

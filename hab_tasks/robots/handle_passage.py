@@ -19,7 +19,7 @@ from hab_tasks.scenes.collision_groups import FRONT, HELD_FRONT, set_groups
 
 
 class HandlePassage:
-    """The links that the hand of the one row of a CPU simulation passes through."""
+    """The links that the hand passes through."""
 
     def __init__(self, links: Sequence[Any], gap_m: Callable[[int], float]) -> None:
         """Creates the passage.

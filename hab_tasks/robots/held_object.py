@@ -1,9 +1,9 @@
-"""Moves held objects when joint states are set directly; CPU simulation."""
+"""Moves held objects when joint states are set directly."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import sapien
@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 from sapien.physx import PhysxArticulationLinkComponent, PhysxRigidDynamicComponent
 
 from hab_tasks.constants import SIM_HZ
+from hab_tasks.robots.handle import Handle
 from hab_tasks.robots.handle_tie import HANDLE_SPRING
 from hab_tasks.simulator import sapien_object
-
-if TYPE_CHECKING:
-    from hab_tasks.robots.grasp import Handle
 
 Vector = NDArray[np.float32]
 

@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-from mani_skill.utils.structs import Articulation, ArticulationJoint
 from numpy.typing import NDArray
-from torch import Tensor
 
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.robots.control_modes import within_a_turn
 from hab_tasks.robots.robot import ROBOT
-from hab_tasks.simulator import sapien_object
 
 BLOCKED_DEPTH_M = 0.01
 """Depth in another body at which joints that are set directly stop."""
@@ -28,19 +26,18 @@ _BASE_STEP_RAD = ROBOT.base_angular_speed_rad_s / CONTROL_HZ
 
 
 class JointSetter:
-    """Sets some of a robot's joints; the others are unaffected. CPU simulation only."""
+    """Sets some of a robot's joints; the others are unaffected."""
 
-    def __init__(
-        self, robot: Articulation, joints: Sequence[ArticulationJoint], index: Tensor
-    ) -> None:
-        """Sets `joints`, which have the indices `index` (J,) among the active joints."""
-        self._cpu_robot, self._columns = sapien_object(robot), index.tolist()
-        self._cpu_drives = [sapien_object(joint).set_drive_target for joint in joints]
-        self._start = self._way = np.zeros(len(joints))
+    def __init__(self, robot: Any, joints: Sequence[int]) -> None:
+        """Sets the `joints` (J,) among the active joints of a SAPIEN articulation."""
+        self._robot, self._columns = robot, list(joints)
+        active = robot.active_joints
+        self._drives = [active[column].set_drive_target for column in self._columns]
+        self._start = self._way = np.zeros(len(self._columns))
 
     def values(self) -> NDArray[np.float32]:
         """Returns the joints' positions (J,)."""
-        return self._cpu_robot.qpos[self._columns]
+        return self._robot.qpos[self._columns]
 
     def begin(self, way: NDArray[np.float64]) -> None:
         """Starts an action that moves the joints by `way` (J,)."""
@@ -49,11 +46,11 @@ class JointSetter:
     def move(self, share: float) -> None:
         """Sets the joints, at rest, after a share of the way."""
         values = self._start + share * self._way
-        positions, speeds = self._cpu_robot.qpos, self._cpu_robot.qvel
+        positions, speeds = self._robot.qpos, self._robot.qvel
         positions[self._columns], speeds[self._columns] = values, 0.0
-        self._cpu_robot.set_qpos(positions)
-        self._cpu_robot.set_qvel(speeds)
-        for drive, value in zip(self._cpu_drives, values.tolist(), strict=True):
+        self._robot.set_qpos(positions)
+        self._robot.set_qvel(speeds)
+        for drive, value in zip(self._drives, values.tolist(), strict=True):
             drive(value)
 
 

@@ -1,21 +1,14 @@
-"""Forward kinematics and Jacobian of Fetch's arm in the base frame, and the paper's IK step.
-
-A single row uses Pinocchio (3 us), a batch uses pytorch_kinematics (4 ms), which runs on any
-device. Both read the same URDF; a test compares them.
-"""
+"""Forward kinematics and Jacobian of Fetch's arm in the base frame, and the paper's IK step."""
 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no stubs
-import torch
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv  # pyright: ignore[reportAttributeAccessIssue]  # made at import
-from torch import Tensor
 
 from hab_tasks.robots.robot import ROBOT
 
@@ -78,7 +71,6 @@ class ArmKinematics:
     def __init__(self) -> None:
         self._model, self._ee = _shared_arm_model()
         self._data = self._model.createData()
-        self._chain: Any = None
 
     def position(self, qpos: Array) -> Array:
         """Returns the (3,) end-effector position [m] of one arm pose (7,) [rad]."""
@@ -121,44 +113,6 @@ class ArmKinematics:
         goal = np.minimum(np.maximum(position + step_m, lower_m), upper_m)
         return _damped_step(qpos, jacobian, goal - position, damping)
 
-    def batch_position_and_jacobian(self, qpos: Tensor) -> tuple[Tensor, Tensor]:
-        """`position_and_jacobian` for (N, 7) rows on any device: (N, 3) and (N, 3, 7)."""
-        chain = self._torch_chain().to(device=qpos.device, dtype=qpos.dtype)
-        torso = torch.full_like(qpos[:, :1], ROBOT.locked_qpos["torso_lift_joint"])
-        chain_qpos = torch.cat((torso, qpos), dim=1)
-        pose = chain.forward_kinematics(chain_qpos).get_matrix()
-        offset = torch.zeros(3, device=qpos.device, dtype=qpos.dtype)
-        offset[0] = ROBOT.ee_offset_m
-        position = pose[:, :3, 3] + pose[:, :3, :3] @ offset
-        jacobian = chain.jacobian(chain_qpos, locations=offset.expand(len(qpos), 3))
-        return position, jacobian[:, :3, 1:]
-
-    def batch_displace(self, qpos: Tensor, target_m: Tensor, damping: float = 0.02) -> Tensor:
-        """`displace` for (N, 7) rows and (N, 3) targets."""
-        position, jacobian = self.batch_position_and_jacobian(qpos)
-        lower = torch.tensor(ROBOT.arm_lower_rad, device=qpos.device, dtype=qpos.dtype)
-        upper = torch.tensor(ROBOT.arm_upper_rad, device=qpos.device, dtype=qpos.dtype)
-        error = target_m - position
-        wanted = qpos + _solve_batch(jacobian, error, damping)
-        moved = torch.minimum(torch.maximum(wanted, lower), upper)
-        left = error - (jacobian @ (moved - qpos).unsqueeze(-1)).squeeze(-1)
-        # The second solve excludes joints at a limit; without any, it only adds the residual of
-        # the first solve's damping.
-        free = (moved == wanted).unsqueeze(1)
-        stopped = ~free.squeeze(1).all(dim=1, keepdim=True)
-        again = moved + stopped * _solve_batch(jacobian * free, left, damping)
-        return torch.minimum(torch.maximum(again, lower), upper)
-
-    def _torch_chain(self) -> Any:
-        if self._chain is None:
-            # Takes seconds to load, and only batches need it.
-            import pytorch_kinematics as pk
-
-            self._chain = pk.build_serial_chain_from_urdf(
-                _arm_urdf(), ROBOT.ee_link, root_link_name="base_link"
-            )
-        return self._chain
-
 
 def _damped_step(qpos: Array, jacobian: Array, error_m: Array, damping: float) -> Array:
     """Solves once, and again without the joints that reached a limit, if any."""
@@ -182,10 +136,3 @@ def _solve(jacobian: Array, error_m: Array, damping: float) -> Array:
 @lru_cache(maxsize=16)
 def _damping_matrix(damping: float) -> Array:
     return damping**2 * _EYE
-
-
-def _solve_batch(jacobian: Tensor, error_m: Tensor, damping: float) -> Tensor:
-    gram = jacobian @ jacobian.transpose(1, 2)
-    gram = gram + damping**2 * torch.eye(3, device=gram.device, dtype=gram.dtype)
-    weights = torch.linalg.solve(gram, error_m.unsqueeze(-1))
-    return (jacobian.transpose(1, 2) @ weights).squeeze(-1)

@@ -1,4 +1,4 @@
-"""Nothing is grasped through furniture; CPU simulation."""
+"""Nothing is grasped through furniture."""
 
 from __future__ import annotations
 

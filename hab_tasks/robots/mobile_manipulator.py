@@ -18,7 +18,7 @@ from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.scenes.collision_groups import FLOOR_BIT, HAND, ROBOT, set_groups
 from hab_tasks.scenes.parsed_urdf import articulation_builder
 from hab_tasks.scenes.urdf import urdf_file
-from hab_tasks.simulator import sapien_objects
+from hab_tasks.simulator import sapien_object
 
 
 class MobileManipulator(BaseAgent):
@@ -75,13 +75,11 @@ class MobileManipulator(BaseAgent):
         fingers = [self.robot.joints_map[name].child_link for name in self.spec.finger_joints]
         for link in self.robot.links:
             is_hand = link is self.ee_link or link in fingers
-            for body in sapien_objects(link):
-                set_groups(body, HAND if is_hand else ROBOT)
-        for body in sapien_objects(self.base_link):
-            for shape in body.collision_shapes:
-                groups = shape.get_collision_groups()
-                groups[2] |= FLOOR_BIT
-                shape.set_collision_groups(groups)
+            set_groups(sapien_object(link), HAND if is_hand else ROBOT)
+        for shape in sapien_object(self.base_link).collision_shapes:
+            groups = shape.get_collision_groups()
+            groups[2] |= FLOOR_BIT
+            shape.set_collision_groups(groups)
         self.joint_index = {joint.name: i for i, joint in enumerate(self.robot.active_joints)}
         self.arm_index = self._indices(self.spec.arm_joints)
         self.base_index = self._indices(self.spec.base_joints)

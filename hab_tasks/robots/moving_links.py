@@ -13,7 +13,7 @@ MOVED = 1e-4
 
 
 class MovingLinks:
-    """Tracks the joints of all furniture in one scene (row 0)."""
+    """Tracks the joints of all furniture in one scene."""
 
     def __init__(self, furniture: list[Articulation]) -> None:
         self._furniture = [sapien_object(piece) for piece in furniture]

@@ -3,8 +3,7 @@
 A sleeping (kinematic) body has no contacts with furniture and takes no solver time, so a step costs
 the same with ten and with a hundred objects. A body becomes dynamic again before anything can touch
 it: near the arm, the held object, a moving door or drawer, or a displaced object. It is put to
-sleep again once it is at rest and out of reach. CPU simulation only; on the GPU, bodies cannot
-change between kinematic and dynamic at runtime.
+sleep again once it is at rest and out of reach.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from sapien.physx import PhysxRigidDynamicComponent
 
 from hab_tasks.robots.moving_links import MovingLinks
 from hab_tasks.scenes.collision_groups import FROZEN, MOVING, set_groups
-from hab_tasks.simulator import rigid_body
+from hab_tasks.simulator import rigid_body, sapien_object
 
 WAKE_DISTANCE_M = 0.1
 """Distance to a moving body at which a body is woken; the arm moves up to 10 cm per action."""
@@ -53,7 +52,7 @@ _BODY_RADIUS_M = 0.5
 
 
 class SleepingObjects:
-    """Puts loose objects of one scene (row 0) to sleep and wakes them.
+    """Puts loose objects of one scene to sleep and wakes them.
 
     Attributes:
         com_m: (K, 3) centres of mass in the world, current after `refresh`.
@@ -72,7 +71,7 @@ class SleepingObjects:
         self._bodies = [rigid_body(actor) for actor in objects]
         self._com = [body.cmass_local_pose for body in self._bodies]
         names = _ARM + _BODY if mobile else _ARM
-        self._watched = [links[name]._objs[0] for name in names]
+        self._watched = [sapien_object(links[name]) for name in names]
         between = [_ARM_RADIUS_M] * (len(_ARM) - 1)
         arm = [_ARM_RADIUS_M] * (len(_ARM) - 1) + [_HAND_RADIUS_M]
         self._link_radius_m = between + arm + [_BODY_RADIUS_M] * (len(names) - len(_ARM))

@@ -37,7 +37,7 @@ from hab_tasks.scenes.spec import (
 )
 from hab_tasks.scenes.urdf import joint_frictions, sapien_urdf
 from hab_tasks.scenes.visuals import visual_file
-from hab_tasks.simulator import rigid_bodies, sapien_objects
+from hab_tasks.simulator import rigid_body, sapien_object
 
 FLAT_HEIGHT_M = 0.05
 """Maximum height of flat bodies (floor, rugs, mats), which do not collide with the robot's base."""
@@ -50,14 +50,14 @@ FLOOR_COLOR = (0.55, 0.45, 0.36, 1.0)
 
 
 def parking_pose(index: int) -> Pose7:
-    """Returns the parking pose of object number `index` while it is not part of the episode."""
+    """Returns where object number `index` is built, before an episode places it."""
     row, column = divmod(index, 8)
     x, y = column * PARKING_SPACING_M, row * PARKING_SPACING_M
     return (x, y, PARKING_Z_M + 0.2, 1.0, 0.0, 0.0, 0.0)
 
 
 class BodyBuilder:
-    """Builds named bodies in all rows of one scene."""
+    """Builds named bodies in one scene."""
 
     def __init__(self, scene: ManiSkillScene) -> None:
         self.scene = scene
@@ -99,10 +99,9 @@ class BodyBuilder:
         self._see(builder, template, scale)
         actor = builder.build_dynamic(name)
         _check_shapes(actor, template.collision)
-        for body in rigid_bodies(actor):
-            set_groups(body, MOVING)
-            # Cooked hulls are slightly smaller than the mesh, so the mass is set explicitly.
-            body.mass = mass_kg
+        set_groups(rigid_body(actor), MOVING)
+        # Cooked hulls are slightly smaller than the mesh, so the mass is set explicitly.
+        rigid_body(actor).mass = mass_kg
         return actor
 
     def articulation(self, furniture: ArticulationInstance, group: int) -> Articulation:
@@ -117,24 +116,16 @@ class BodyBuilder:
             built = builder.build()
             stated = {link.name: len(link.collision_records) for link in builder.link_builders}
         for link in built.links:
-            if any(len(body.collision_shapes) < stated[link.name] for body in sapien_objects(link)):
+            if len(sapien_object(link).collision_shapes) < stated[link.name]:
                 words = f"link {link.name!r} has collision meshes that the engine cannot read"
                 raise DatasetError(f"{furniture.urdf_file}: {words}.")
         moving = {j.child_link.name for j in built.active_joints if j.child_link is not None}
         for link in built.links:
             # Slides are horizontal and hinges vertical, so gravity would only load them.
             link.disable_gravity = True
-            for body in sapien_objects(link):
-                set_groups(body, FRONT if link.name in moving else PASSIVE)
+            set_groups(sapien_object(link), FRONT if link.name in moving else PASSIVE)
         brake(built, joint_frictions(furniture.urdf_file))
         return built
-
-    def parking(self, count: int) -> Actor:
-        """Builds a slab under the floor on which parked objects sleep."""
-        builder = self._new((0.0, 0.0, PARKING_Z_M, 1.0, 0.0, 0.0, 0.0))
-        half = PARKING_SPACING_M * (count + 8)
-        builder.add_box_collision(sapien.Pose([0, 0, -0.05]), [half, half, 0.05])
-        return mark_flat(builder.build_static("parking"))
 
     def _new(self, pose: Pose7) -> Any:
         builder: Any = self.scene.create_actor_builder()
@@ -170,17 +161,17 @@ class BodyBuilder:
 
 def _check_shapes(actor: Actor, sources: tuple[CollisionSource, ...]) -> None:
     """Raises DatasetError for a body without collision shapes; the engine only logs it."""
-    if any(len(body.collision_shapes) < len(sources) for body in rigid_bodies(actor)):
+    if len(rigid_body(actor).collision_shapes) < len(sources):
         files = ", ".join(str(source.file) for source in sources if source.file is not None)
         raise DatasetError(f"{files}: the engine finds no shape in it to collide with.")
 
 
 def mark_flat(actor: Actor) -> Actor:
     """Sets a static actor's collision groups by its height: flat bodies ignore the base."""
-    for body in rigid_bodies(actor):
-        for shape in body.collision_shapes:
-            flat = _top_m(body, shape) < FLAT_HEIGHT_M
-            shape.set_collision_groups([*STATIC, FLOOR_BIT if flat else 0, 0])
+    body = rigid_body(actor)
+    for shape in body.collision_shapes:
+        flat = _top_m(body, shape) < FLAT_HEIGHT_M
+        shape.set_collision_groups([*STATIC, FLOOR_BIT if flat else 0, 0])
     return actor
 
 

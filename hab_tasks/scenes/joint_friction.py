@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from mani_skill.utils.structs import Articulation
 
-from hab_tasks.simulator import sapien_objects
+from hab_tasks.simulator import sapien_object
 
 BRAKE = 1e4
 """Damping [N s/m or N m s/rad] of the drive: below its limit, a load moves a joint by less than
@@ -59,6 +59,6 @@ def brake(furniture: Articulation, stated: dict[str, float]) -> None:
             0.0, BRAKE, force_limit=kind.of(stated.get(joint.name)), mode="force"
         )
         assert joint.child_link is not None
-        for body in sapien_objects(joint.child_link):
-            body.set_linear_damping(kind.damping_per_s)
-            body.set_angular_damping(kind.damping_per_s)
+        body = sapien_object(joint.child_link)
+        body.set_linear_damping(kind.damping_per_s)
+        body.set_angular_damping(kind.damping_per_s)

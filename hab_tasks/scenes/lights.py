@@ -27,7 +27,6 @@ class LayoutLights:
             return
         for lamp in self._lamps:
             lamp.remove_from_scene()
-        # One scene a row on the GPU, where lamps are added once and stay.
         self._lamps = [
             self._scene.add_point_light(list(light.position_m), list(light.color)).entity
             for light in lights[:MAX_LIGHTS]

@@ -2,8 +2,7 @@
 
 Layouts of one dataset share most of their furniture. A `BodyPool` builds each piece when a layout
 first needs it, and keeps it. To activate a layout, it adds the layout's bodies to the scene at
-their poses and removes all others. On the GPU, bodies cannot leave a running simulation, so each
-layout has its own pool.
+their poses and removes all others.
 
 The engine keeps state of earlier bodies in a scene (the order of contacts). For bitwise
 reproducible runs, start from a new simulation.
@@ -67,7 +66,6 @@ class BodyPool:
         self._entities: dict[Key, list[sapien.Entity]] = {}
         self._pose: dict[Key, Pose7] = {}
         self._shown: dict[Key, Body] = {}
-        self._parking: Actor | None = None
         self._read: dict[Hashable, CollisionBody] = {} if read is None else read
 
     def show(self, spec: SceneSpec, objects: Iterable[str]) -> SceneBodies:
@@ -97,8 +95,6 @@ class BodyPool:
             scene_bodies.pickables[instance] = self._loose(
                 instance, template, parking_pose(index), 1.0
             )
-        if self._scene.gpu_sim_enabled:
-            scene_bodies.parking = self._builder.parking(len(scene_bodies.pickables))
         return scene_bodies
 
     def leave(self) -> None:
@@ -178,7 +174,7 @@ class BodyPool:
     def _put(self, key: Key, built: Body, pose: Pose7) -> Pose7 | None:
         """Moves a body to its pose; returns the previous pose, None if unchanged."""
         before, self._pose[key] = self._pose.get(key), pose
-        if before is None or self._scene.gpu_sim_enabled:
+        if before is None:
             return None  # a new body is at its pose
         if before == pose and (_is_static(built) or isinstance(built, Articulation)):
             return None

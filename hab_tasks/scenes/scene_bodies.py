@@ -18,14 +18,11 @@ class SceneBodies:
         static: Object name -> static actor.
         loose: Object name -> dynamic actor that belongs to the layout.
         articulations: Furniture name -> articulation.
-        pickables: Object name -> actor of a movable object; on the GPU, where bodies cannot leave
-            the scene, also those of other rows' episodes.
-        parking: Slab under the floor for parked objects.
+        pickables: Object name -> actor of a movable object.
     """
 
     spec: SceneSpec
     stage: Actor | None = None
-    parking: Actor | None = None
     static: dict[str, Actor] = field(default_factory=dict)
     loose: dict[str, Actor] = field(default_factory=dict)
     articulations: dict[str, Articulation] = field(default_factory=dict)

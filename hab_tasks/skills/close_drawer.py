@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from hab_tasks.arrays import BatchArray
+from hab_tasks.arrays import Bools, Floats
 from hab_tasks.articulations import DRAWER
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
 from hab_tasks.engine.goals import Goals
@@ -43,14 +43,14 @@ class CloseDrawerConfig:
     rest_radius_m: float = REST_RADIUS_M
 
 
-def success(s: Snapshot, m: Measures, g: Goals, c: CloseDrawerConfig) -> BatchArray:
+def success(s: Snapshot, m: Measures, g: Goals, c: CloseDrawerConfig) -> Bools:
     """Drawer within 5 cm of closed, (N,) bool."""
     return DRAWER.is_closed(m.joint) & (m.ee_to_rest_m < c.rest_radius_m)
 
 
 def reward_terms(
-    s: Snapshot, m: Measures, g: Goals, c: CloseDrawerConfig, ends: dict[str, BatchArray]
-) -> dict[str, BatchArray]:
+    s: Snapshot, m: Measures, g: Goals, c: CloseDrawerConfig, ends: dict[str, Bools]
+) -> dict[str, Floats]:
     """Reward terms, each (N,) float32, in the equation's order."""
     w = c.weights
     return {

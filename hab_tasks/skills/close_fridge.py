@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from hab_tasks.arrays import BatchArray
+from hab_tasks.arrays import Bools, Floats
 from hab_tasks.articulations import FRIDGE
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
 from hab_tasks.engine.goals import Goals
@@ -41,24 +41,24 @@ class CloseFridgeConfig:
     rest_radius_m: float = REST_RADIUS_M
 
 
-def closed(s: Snapshot, m: Measures, g: Goals, c: CloseFridgeConfig) -> BatchArray:
+def closed(s: Snapshot, m: Measures, g: Goals, c: CloseFridgeConfig) -> Bools:
     """Door within 0.15 rad of closed and hand within the rest radius, (N,) bool."""
     return FRIDGE.is_closed(m.joint) & (m.ee_to_rest_m < c.rest_radius_m)
 
 
-def success(s: Snapshot, m: Measures, g: Goals, c: CloseFridgeConfig) -> BatchArray:
+def success(s: Snapshot, m: Measures, g: Goals, c: CloseFridgeConfig) -> Bools:
     """Closed, and the handle was grasped: not pushed by driving against the door, (N,) bool."""
     return closed(s, m, g, c) & (m.grabbed_before | m.holding_handle)
 
 
-def failures(s: Snapshot, m: Measures, g: Goals, c: CloseFridgeConfig) -> dict[str, BatchArray]:
+def failures(s: Snapshot, m: Measures, g: Goals, c: CloseFridgeConfig) -> dict[str, Bools]:
     """Failure conditions, each (N,) bool."""
     return {"left_region": outside(FRIDGE.closing_region, g.articulation_frame[:, 0], s.base)}
 
 
 def reward_terms(
-    s: Snapshot, m: Measures, g: Goals, c: CloseFridgeConfig, ends: dict[str, BatchArray]
-) -> dict[str, BatchArray]:
+    s: Snapshot, m: Measures, g: Goals, c: CloseFridgeConfig, ends: dict[str, Bools]
+) -> dict[str, Floats]:
     """Reward terms, each (N,) float32, in the equation's order."""
     w = c.weights
     return {

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hab_tasks.arrays import BatchArray, where
+from hab_tasks.arrays import Bools, Floats
 from hab_tasks.constants import NAVIGATE_HORIZON_STEPS
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.measures import Measures
@@ -94,41 +94,41 @@ class NavigateConfig:
     learned_stop: float = 1.0
 
 
-def arrived(s: Snapshot, m: Measures, g: Goals, c: NavigateConfig) -> BatchArray:
+def arrived(s: Snapshot, m: Measures, g: Goals, c: NavigateConfig) -> Bools:
     """Base within the goal radius and heading tolerance, (N,) bool."""
     return (m.base_to_goal_m < c.goal_radius_m) & (m.heading_error_rad < c.goal_heading_rad)
 
 
-def success(s: Snapshot, m: Measures, g: Goals, c: NavigateConfig) -> BatchArray:
+def success(s: Snapshot, m: Measures, g: Goals, c: NavigateConfig) -> Bools:
     """Arrived, and the current action is the stop action if it is learned, (N,) bool."""
     there = arrived(s, m, g, c)
     return there & m.stopped if c.learned_stop else there
 
 
 def reward_terms(
-    s: Snapshot, m: Measures, g: Goals, c: NavigateConfig, ends: dict[str, BatchArray]
-) -> dict[str, BatchArray]:
+    s: Snapshot, m: Measures, g: Goals, c: NavigateConfig, ends: dict[str, Bools]
+) -> dict[str, Floats]:
     """Reward terms, each (N,) float32, in the equation's order."""
     w = c.weights
     error, near = m.heading_error_rad, m.base_to_goal_m < c.heading_counts_within_m
     near_before = m.base_to_goal_m + m.base_to_goal_decrease_m < c.heading_counts_within_m
-    before = where(near_before, error + m.heading_error_decrease_rad, np.pi)
+    before = np.where(near_before, error + m.heading_error_decrease_rad, np.pi)
     return {
         "success": w.success * ends["success"],
         "distance": w.distance * m.base_to_goal_decrease_m,
         # Far from the goal the error counts as pi: to turn away out there and to come back and turn
         # again pays nothing (docs/deviations.md).
-        "heading": w.heading * (before - where(near, error, np.pi)),
+        "heading": w.heading * (before - np.where(near, error, np.pi)),
     }
 
 
-def mask_gripper(gripper: BatchArray, m: Measures) -> BatchArray:
+def mask_gripper(gripper: Floats, m: Measures) -> Floats:
     """Keeps the grasp: held objects stay held, and nothing else is grasped, (N,)."""
     holding = m.holding_target | m.holding_other | m.holding_handle
-    return where(holding, 1.0, -1.0)
+    return np.where(holding, 1.0, -1.0)
 
 
-def scores(m: Measures, success: BatchArray, ee_step_m: float) -> dict[str, BatchArray]:
+def scores(m: Measures, success: Bools, ee_step_m: float) -> dict[str, Floats]:
     """Success weighted by path length, (N,)."""
     return {"spl": weighted_by_path(success, m.base_to_goal_start_m, m.path_m)}
 

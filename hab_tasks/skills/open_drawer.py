@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hab_tasks.arrays import BatchArray
+from hab_tasks.arrays import Bools, Floats
 from hab_tasks.articulations import DRAWER
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
 from hab_tasks.engine.goals import Goals
@@ -119,14 +119,14 @@ class OpenDrawerConfig:
     rest_radius_m: float = REST_RADIUS_M
 
 
-def success(s: Snapshot, m: Measures, g: Goals, c: OpenDrawerConfig) -> BatchArray:
+def success(s: Snapshot, m: Measures, g: Goals, c: OpenDrawerConfig) -> Bools:
     """Drawer open by 90 % or more of its travel, (N,) bool."""
     return DRAWER.is_open(m.joint, m.joint_share) & (m.ee_to_rest_m < c.rest_radius_m)
 
 
 def reward_terms(
-    s: Snapshot, m: Measures, g: Goals, c: OpenDrawerConfig, ends: dict[str, BatchArray]
-) -> dict[str, BatchArray]:
+    s: Snapshot, m: Measures, g: Goals, c: OpenDrawerConfig, ends: dict[str, Bools]
+) -> dict[str, Floats]:
     """Reward terms, each (N,) float32, in the equation's order."""
     w = c.weights
     return {

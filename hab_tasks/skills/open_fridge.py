@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hab_tasks.arrays import BatchArray
+from hab_tasks.arrays import Bools, Floats
 from hab_tasks.articulations import FRIDGE, Rectangle
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
 from hab_tasks.engine.goals import Goals
@@ -74,7 +74,7 @@ class OpenFridgeStarts(Generator):
         return self.region
 
 
-def outside(region: Rectangle, frame: BatchArray, base: BatchArray) -> BatchArray:
+def outside(region: Rectangle, frame: Floats, base: Floats) -> Bools:
     """Whether bases have left a rectangle ahead of the furniture, (N,) bool.
 
     Args:
@@ -106,19 +106,19 @@ class OpenFridgeConfig:
     rest_radius_m: float = REST_RADIUS_M
 
 
-def success(s: Snapshot, m: Measures, g: Goals, c: OpenFridgeConfig) -> BatchArray:
+def success(s: Snapshot, m: Measures, g: Goals, c: OpenFridgeConfig) -> Bools:
     """Door open by more than 90 degrees, (N,) bool."""
     return FRIDGE.is_open(m.joint, m.joint_share) & (m.ee_to_rest_m < c.rest_radius_m)
 
 
-def failures(s: Snapshot, m: Measures, g: Goals, c: OpenFridgeConfig) -> dict[str, BatchArray]:
+def failures(s: Snapshot, m: Measures, g: Goals, c: OpenFridgeConfig) -> dict[str, Bools]:
     """Failure conditions, each (N,) bool."""
     return {"left_region": outside(FRIDGE.opening_region, g.articulation_frame[:, 0], s.base)}
 
 
 def reward_terms(
-    s: Snapshot, m: Measures, g: Goals, c: OpenFridgeConfig, ends: dict[str, BatchArray]
-) -> dict[str, BatchArray]:
+    s: Snapshot, m: Measures, g: Goals, c: OpenFridgeConfig, ends: dict[str, Bools]
+) -> dict[str, Floats]:
     """Reward terms, each (N,) float32, in the equation's order."""
     w = c.weights
     return {

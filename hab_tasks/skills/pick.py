@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hab_tasks.arrays import BatchArray, where
+from hab_tasks.arrays import Bools, Floats
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.measures import Measures
@@ -80,12 +80,12 @@ class PickConfig:
     force_limit_n: float = 5000.0
 
 
-def success(s: Snapshot, m: Measures, g: Goals, c: PickConfig) -> BatchArray:
+def success(s: Snapshot, m: Measures, g: Goals, c: PickConfig) -> Bools:
     """Target in the hand and hand within the rest radius, (N,) bool."""
     return m.holding_target & (m.ee_to_rest_m < c.rest_radius_m)
 
 
-def failures(s: Snapshot, m: Measures, g: Goals, c: PickConfig) -> dict[str, BatchArray]:
+def failures(s: Snapshot, m: Measures, g: Goals, c: PickConfig) -> dict[str, Bools]:
     """Failure conditions, each (N,) bool."""
     return {
         "force": m.force_total_n > c.force_limit_n,
@@ -95,8 +95,8 @@ def failures(s: Snapshot, m: Measures, g: Goals, c: PickConfig) -> dict[str, Bat
 
 
 def reward_terms(
-    s: Snapshot, m: Measures, g: Goals, c: PickConfig, ends: dict[str, BatchArray]
-) -> dict[str, BatchArray]:
+    s: Snapshot, m: Measures, g: Goals, c: PickConfig, ends: dict[str, Bools]
+) -> dict[str, Floats]:
     """Reward terms, each (N,) float32, in the equation's order."""
     w = c.weights
     holding = m.holding_target * 1.0
@@ -113,18 +113,18 @@ def reward_terms(
     }
 
 
-def taken_back(m: Measures, c: PickConfig) -> BatchArray:
+def taken_back(m: Measures, c: PickConfig) -> Floats:
     """What a drop in a task takes back: the reward for this grasp and for the way since, (N,)."""
     w = c.weights
     return m.dropped_now * (w.pickup + w.distance * m.ee_to_rest_gain_m)
 
 
-def mask_gripper(gripper: BatchArray, m: Measures) -> BatchArray:
+def mask_gripper(gripper: Floats, m: Measures) -> Floats:
     """Once the target is held it is not released until the skill ends (S E.2), (N,)."""
-    return where(m.holding_target, abs(gripper), gripper)
+    return np.where(m.holding_target, abs(gripper), gripper)
 
 
-def scores(m: Measures, success: BatchArray, ee_step_m: float) -> dict[str, BatchArray]:
+def scores(m: Measures, success: Bools, ee_step_m: float) -> dict[str, Floats]:
     """Success weighted by completion time (S F.2), (N,)."""
     distance_m = m.ee_to_object_start_m
     return {"sct": weighted_by_completion_time(success, distance_m, m.steps, ee_step_m)}

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hab_tasks.arrays import BatchArray, maximum, minimum, where
+from hab_tasks.arrays import Bools, Floats
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.measures import Measures
@@ -92,19 +92,19 @@ class PlaceConfig:
     force_limit_n: float = 7500.0
 
 
-def success(s: Snapshot, m: Measures, g: Goals, c: PlaceConfig) -> BatchArray:
+def success(s: Snapshot, m: Measures, g: Goals, c: PlaceConfig) -> Bools:
     """Object at rest at its goal and hand within the rest radius, (N,) bool."""
     return m.placed & (m.ee_to_rest_m < c.rest_radius_m)
 
 
-def failures(s: Snapshot, m: Measures, g: Goals, c: PlaceConfig) -> dict[str, BatchArray]:
+def failures(s: Snapshot, m: Measures, g: Goals, c: PlaceConfig) -> dict[str, Bools]:
     """Failure conditions, each (N,) bool."""
     return {"force": m.force_total_n > c.force_limit_n}
 
 
 def reward_terms(
-    s: Snapshot, m: Measures, g: Goals, c: PlaceConfig, ends: dict[str, BatchArray]
-) -> dict[str, BatchArray]:
+    s: Snapshot, m: Measures, g: Goals, c: PlaceConfig, ends: dict[str, Bools]
+) -> dict[str, Floats]:
     """Reward terms, each (N,) float32, in the equation's order."""
     w = c.weights
     holding = m.holding_target * 1.0
@@ -121,18 +121,18 @@ def reward_terms(
     }
 
 
-def taken_back(m: Measures, c: PlaceConfig) -> BatchArray:
+def taken_back(m: Measures, c: PlaceConfig) -> Floats:
     """What another grasp in a task takes back, (N,).
 
     The reward for the hand's way since the release, and how far the object got from its goal.
     """
-    way_m = m.ee_to_rest_gain_m - minimum(m.object_to_goal_gain_m, 0.0)
-    return c.weights.distance * m.picked_now * maximum(way_m, 0.0)
+    way_m = m.ee_to_rest_gain_m - np.minimum(m.object_to_goal_gain_m, 0.0)
+    return c.weights.distance * m.picked_now * np.maximum(way_m, 0.0)
 
 
-def mask_gripper(gripper: BatchArray, m: Measures) -> BatchArray:
+def mask_gripper(gripper: Floats, m: Measures) -> Floats:
     """Once the object is released at its goal nothing is grasped (S H.2), (N,)."""
-    return where(m.released | m.released_before, -abs(gripper) - 1.0, gripper)
+    return np.where(m.released | m.released_before, -abs(gripper) - 1.0, gripper)
 
 
 def reward_bound(c: PlaceConfig) -> float:

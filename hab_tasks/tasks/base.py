@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from hab_tasks.arrays import BatchArray, as_kind_of, concat, norm, stack
+import numpy as np
+
+from hab_tasks.arrays import Bools, Ints, norm
 from hab_tasks.articulations import ArticulationKind
 from hab_tasks.constants import PLACE_RADIUS_M
 from hab_tasks.engine.goals import Goals
@@ -80,15 +82,15 @@ class Facts:
     Skills, tasks and planning predicates share the thresholds.
     """
 
-    def __init__(self, task: Task, like: BatchArray) -> None:
-        """Prepares a task's conditions; `like` (N,) bool sets array type and device."""
+    def __init__(self, task: Task) -> None:
+        """Prepares a task's conditions."""
         self._task = task
         conditions = (*task.stages.values(), task.goal)
         needed = [_flags(condition, task) for condition in conditions]
-        self._free = ~as_kind_of(needed, like)
+        self._free = ~np.array(needed, dtype=bool)
         self.goal = len(needed) - 1
 
-    def read(self, s: Snapshot, g: Goals, tracker: Tracker) -> BatchArray:
+    def read(self, s: Snapshot, g: Goals, tracker: Tracker) -> Bools:
         """Returns the flags (N, 2 K + 2 J): held, placed, opened, closed.
 
         Args:
@@ -106,10 +108,10 @@ class Facts:
             closed = [
                 kind.is_closed(s.joints[:, j]) for j, kind in enumerate(self._task.articulations)
             ]
-            flags += [stack(opened, 1), stack(closed, 1)]
-        return concat(flags, 1)
+            flags += [np.stack(opened, 1), np.stack(closed, 1)]
+        return np.concatenate(flags, 1)
 
-    def holds(self, flags: BatchArray, condition: BatchArray | int | Condition) -> BatchArray:
+    def holds(self, flags: Bools, condition: Ints | int | Condition) -> Bools:
         """Whether conditions hold, (N,) bool.
 
         Args:
@@ -118,11 +120,10 @@ class Facts:
                 any other condition.
         """
         if isinstance(condition, Condition):
-            free = ~as_kind_of(_flags(condition, self._task), flags)
+            free = ~np.array(_flags(condition, self._task), dtype=bool)
         else:
             free = self._free[condition]
-        met: BatchArray = flags | free
-        return met.all(-1)
+        return np.logical_and.reduce(flags | free, axis=-1)
 
 
 def _flags(condition: Condition, task: Task) -> list[bool]:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
 from torch import Tensor
 
-from hab_tasks.arrays import BatchArray, as_kind_of, put_rows, to_tensor, zeros
+from hab_tasks.arrays import Bools, Ints, put_rows, to_tensors
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.measures import Focus, Measures, Tracker
 from hab_tasks.engine.skill_env import Skill
@@ -22,27 +26,27 @@ class Progress:
         succeeded: (N,) whether it succeeded in this step. The last part stays done, and pays once.
     """
 
-    _flags: BatchArray
-    _told: dict[str, Tensor]
+    _flags: Bools
+    _told: dict[str, Bools]
 
-    def __init__(self, task: Task, like: BatchArray) -> None:
-        """Starts all rows at the first part; `like` (N,) int sets array type and device."""
+    def __init__(self, task: Task, count: int) -> None:
+        """Starts all of `count` rows at the first part."""
         self._task = task
-        self.stages = zeros(len(like), like=like)
-        self.part = zeros(len(like), like=like)
+        self.stages: Ints = np.zeros(count, dtype=np.int64)
+        self.part: Ints = np.zeros(count, dtype=np.int64)
         self.done = self.succeeded = self.stages > 0
         self._everywhere = ~self.done
-        self._told_of: BatchArray | None = None
-        self._facts = Facts(task, self.done)
-        self._objects = as_kind_of([part.object for part in task.parts], like)
-        self._articulations = as_kind_of([part.articulation for part in task.parts], like)
+        self._told_of: Ints | None = None
+        self._facts = Facts(task)
+        self._objects: Ints = np.array([part.object for part in task.parts])
+        self._articulations: Ints = np.array([part.articulation for part in task.parts])
 
     @property
     def focus(self) -> Focus:
         """Focus of the current parts."""
         return Focus(object=self._objects[self.part], articulation=self._articulations[self.part])
 
-    def begin(self, rows: Tensor, s: Snapshot, g: Goals, tracker: Tracker) -> None:
+    def begin(self, rows: Sequence[int], s: Snapshot, g: Goals, tracker: Tracker) -> None:
         """Starts `rows` (R,) at the first part."""
         self.stages, self.part, self.done, self.succeeded = (
             put_rows(value, rows, 0)
@@ -79,48 +83,49 @@ class Progress:
             self.done = self.done | (skill.done(s, m, g) & here)
         self.succeeded = self.done & ~before
 
-    def success(self) -> BatchArray:
+    def success(self) -> Bools:
         """Whether the task's goal is reached, (N,) bool."""
         return self._facts.holds(self._flags, self._facts.goal)
 
-    def holds(self, condition: Condition) -> BatchArray:
+    def holds(self, condition: Condition) -> Bools:
         """Whether a condition holds in the current step, (N,) bool."""
         return self._facts.holds(self._flags, condition)
 
-    def reached(self) -> dict[str, Tensor]:
+    def reached(self) -> dict[str, Bools]:
         """Returns stage name -> (N,) bool, latched; cached until another stage is reached."""
         if self._told_of is not self.stages:
             names = enumerate(self._task.stages)
-            self._told = {name: to_tensor(self.stages > i) for i, name in names}
+            self._told = {name: self.stages > i for i, name in names}
             self._told_of = self.stages
         return self._told
 
-    def current(self) -> dict[str, BatchArray]:
+    def current(self) -> dict[str, Ints]:
         """Returns the current part: its ``number`` (N,)."""
         return {"number": self.part}
 
-    def doing(self) -> list[tuple[Skill, BatchArray]]:
+    def doing(self) -> list[tuple[Skill, Bools]]:
         """Returns each current skill with a mask of its rows (N,)."""
         skills = [self._task.parts[number].skill for number in self.part.tolist()]
         if len(skills) == 1:
             return [(skills[0], self._everywhere)]
         named = {skill.name: skill for skill in skills}
         return [
-            (skill, as_kind_of([other.name == name for other in skills], self.done))
+            (skill, np.array([other.name == name for other in skills]))
             for name, skill in named.items()
         ]
 
     def get_state(self) -> dict[str, Tensor]:
         """Returns copies of the complete state by name."""
-        return {
-            "stages": to_tensor(self.stages),
-            "part": to_tensor(self.part),
-            "done": to_tensor(self.done),
-            "succeeded": to_tensor(self.succeeded),
-        }
+        names = ("stages", "part", "done", "succeeded")
+        return to_tensors({name: getattr(self, name) for name in names})
 
     def set_state(
-        self, state: dict[str, Tensor], rows: Tensor, s: Snapshot, g: Goals, tracker: Tracker
+        self,
+        state: Mapping[str, Any],
+        rows: Sequence[int],
+        s: Snapshot,
+        g: Goals,
+        tracker: Tracker,
     ) -> None:
         """Restores `rows` (R,) from a state of R rows, at the current snapshot."""
         self.stages = put_rows(self.stages, rows, state["stages"])

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from torch import Tensor
 
 from hab_tasks.arrays import to_tensor
-from hab_tasks.engine.episode_rows import EpisodeRows
 from hab_tasks.engine.hab_env import HabEnv
 from hab_tasks.engine.requirements import Requirements
+from hab_tasks.engine.rows import Rows
 from hab_tasks.engine.sensors import PROPRIOCEPTION, handles_in_base, targets_in_base
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.errors import UnknownNameError
@@ -29,7 +29,6 @@ class TaskEnv(HabEnv):
     """
 
     task: ClassVar[Task]
-    _rules: TaskRules
 
     def __init_subclass__(cls) -> None:
         """Copies the task's attributes to the class."""
@@ -71,10 +70,11 @@ class TaskEnv(HabEnv):
         self.task = replace(self.task, parts=tuple(parts))  # type: ignore[misc]
         self.reward_bound = max(p.skill.reward_bound for p in self.task.parts)  # type: ignore[misc]
 
-    def rules_of(self, rows: EpisodeRows) -> TaskRules:
+    def rules_of(self, rows: Rows) -> TaskRules:
         """Returns the rules of the task."""
         return TaskRules(self.task, rows)
 
     def holds(self, condition: Condition) -> Tensor:
-        """Returns whether a condition holds now, by the rules of success, (N,)."""
-        return to_tensor(self._rules.progress.holds(condition))
+        """Returns whether a condition holds now, by the rules of success, (1,)."""
+        rules: Any = self.rules
+        return to_tensor(rules.progress.holds(condition)[self.here])

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 from torch import Tensor
 
-from hab_tasks.arrays import BatchArray
-from hab_tasks.engine.episode_rows import EpisodeRows
+from hab_tasks.arrays import Bools, Floats
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.measures import Measures
+from hab_tasks.engine.rows import Rows
 from hab_tasks.engine.rules import Rules, StepResult
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.navigation import poses_reaching
@@ -32,18 +33,18 @@ class TaskRules(Rules):
         progress: Progress of each row.
     """
 
-    _no_terms: dict[str, BatchArray] | None = None
-    _never: BatchArray
+    _no_terms: dict[str, Floats] | None = None
+    _never: Bools
 
-    def __init__(self, task: Task, rows: EpisodeRows) -> None:
+    def __init__(self, task: Task, rows: Rows) -> None:
         """Applies `task` to all episodes of `rows`."""
         super().__init__(rows)
         self._task = task
-        self.progress = Progress(task, rows.tracker.focus.object)
+        self.progress = Progress(task, len(rows.tracker.targets))
 
     def step_result(self) -> StepResult:
         """Evaluates the task's success and the reward of the current skill."""
-        progress, measures = self.progress, self.rows.tracker.measures
+        progress, measures = self.progress, self.rows.measures
         if self._no_terms is None:
             self._no_terms = self._zero_terms()
         return StepResult(
@@ -56,30 +57,30 @@ class TaskRules(Rules):
         )
 
     def _reward_terms(
-        self, s: Snapshot, m: Measures, g: Goals, ends: dict[str, BatchArray]
-    ) -> dict[str, BatchArray]:
+        self, s: Snapshot, m: Measures, g: Goals, ends: dict[str, Bools]
+    ) -> dict[str, Floats]:
         """Returns ``skill/term`` -> (N,) of the current skills."""
         never = self._never
         # Neither force nor region ends a task; wrong grasps and drops are penalised once (H.3).
-        events: dict[str, BatchArray] = {
+        events: dict[str, Bools] = {
             "force": never,
             "left_region": never,
             "wrong_object": m.picked_other_now,
             "dropped_object": m.dropped_now,
             "success": self.progress.succeeded,
         }
-        paid: dict[str, BatchArray] = {}
+        paid: dict[str, Floats] = {}
         for skill, here in self.progress.doing():
             terms = skill.task_reward_terms(s, m, g, events)
             paid |= {f"{skill.name}/{name}": term * here for name, term in terms.items()}
         return paid
 
-    def _zero_terms(self) -> dict[str, BatchArray]:
+    def _zero_terms(self) -> dict[str, Floats]:
         """Returns all reward terms of the task's skills as zeros (N,)."""
-        s, m, g = self.rows.snapshot, self.rows.tracker.measures, self.rows.goals
+        s, m, g = self.rows.snapshot, self.rows.measures, self.rows.goals
         zeros = s.force_n * 0.0
         self._never = zeros > 0
-        nothing: dict[str, BatchArray] = dict.fromkeys(("success", *_EVENTS), self._never)
+        nothing: dict[str, Bools] = dict.fromkeys(("success", *_EVENTS), self._never)
         skills = {part.skill.name: part.skill for part in self._task.parts}
         return {
             f"{name}/{term}": zeros
@@ -87,17 +88,17 @@ class TaskRules(Rules):
             for term in skill.task_reward_terms(s, m, g, nothing)
         }
 
-    def masked_gripper(self, gripper: BatchArray) -> BatchArray:
+    def masked_gripper(self, gripper: Floats) -> Floats:
         """Returns the gripper actions unchanged; tasks have no mask."""
         return gripper
 
     # Progress --------------------------------------------------------------------------------
 
-    def begin_rows(self, rows: Tensor) -> None:
+    def begin_rows(self, rows: Sequence[int]) -> None:
         """Starts at the first part."""
         here = self.rows
         self.progress.begin(rows, here.snapshot, here.goals, here.tracker)
-        self.turn_to_parts(rows.tolist())
+        self.turn_to_parts(rows)
         # Restart the tracker with the first part's focus, to clear the previous episode.
         here.tracker.begin(here.snapshot, rows)
 
@@ -110,9 +111,9 @@ class TaskRules(Rules):
     def after_action(self) -> None:
         """Updates the progress."""
         here = self.rows
-        self.progress.advance(here.snapshot, here.tracker.measures, here.goals, here.tracker)
+        self.progress.advance(here.snapshot, here.measures, here.goals, here.tracker)
 
-    def turn_to_parts(self, rows: list[int]) -> None:
+    def turn_to_parts(self, rows: Sequence[int]) -> None:
         """Sets focus and navigation goal of `rows` to those of the current parts."""
         here = self.rows
         for row in rows:
@@ -145,7 +146,7 @@ class TaskRules(Rules):
         """Returns the progress."""
         return {"progress": self.progress.get_state()}
 
-    def set_state(self, state: dict[str, Any], rows: Tensor) -> None:
+    def set_state(self, state: Mapping[str, Any], rows: Sequence[int]) -> None:
         """Restores the progress."""
         here = self.rows
         self.progress.set_state(state["progress"], rows, here.snapshot, here.goals, here.tracker)

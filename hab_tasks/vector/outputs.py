@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from hab_tasks.engine.hab_env import HabEnv
+from hab_tasks.engine.rows import Rows, read_entries
 from hab_tasks.engine.rules import Evaluation
-from hab_tasks.engine.sensors import ARM_QPOS, ObsEntry
+from hab_tasks.engine.sensors import ObsEntry
 from hab_tasks.vector.layout import (
     FINAL,
     REWARD,
@@ -23,7 +23,6 @@ from hab_tasks.vector.layout import (
     info_arrays,
     observation_arrays,
 )
-from hab_tasks.vector.row_group import RowGroup
 
 Array = NDArray[Any]
 
@@ -37,7 +36,7 @@ class GroupOutputs:
 
     def __init__(
         self,
-        group: RowGroup,
+        envs: Sequence[HabEnv],
         layout: RowLayout,
         arrays: Mapping[str, Array],
         info: Sequence[Path],
@@ -46,20 +45,20 @@ class GroupOutputs:
         """Writes to `arrays`, which hold this group's rows only.
 
         Args:
-            group: The rows.
+            envs: The environments of the rows, joined.
             layout: Their layout.
             arrays: Name (see `RowLayout.arrays`) -> (K, ...).
             info: Entries of `info`.
             max_steps: Number of steps after which an episode is truncated; None for no limit.
         """
-        self._group, self._max_steps = group, max_steps
-        first = group.envs[0]
+        first = envs[0]
+        self._envs, self._rows, self._max_steps = envs, first.rows, max_steps
         self._mode, self._bound = first.reward_mode, first.reward_bound
         self._reward, self._terminated = arrays[REWARD], arrays[TERMINATED]
         self._truncated = arrays[TRUNCATED]
         observation = observation_arrays(arrays, layout)
         self._info = info_arrays(arrays, info)
-        self._entries = _EntryWriter(first.entries, observation, group)
+        self._entries = _EntryWriter(first.entries, observation, self._rows)
         self._images = {p: a for p, a in observation.items() if p not in self._entries.paths}
         self._all, self._final = {}, {}
         if any(name.startswith(FINAL) for name in arrays):
@@ -67,12 +66,12 @@ class GroupOutputs:
             last_info = info_arrays(arrays, info, f"{FINAL}/")
             pairs = [(observation[path], last[path]) for path in observation]
             self._final = [*pairs, *((self._info[path], last_info[path]) for path in self._info)]
-        self.ended = np.zeros(len(group.envs), dtype=bool)
+        self.ended = np.zeros(len(envs), dtype=bool)
 
     def write_images(self, row: int, obs: Any = None) -> None:
         """Renders and writes the images of a row, or those of its observation `obs`."""
         if self._images:
-            shown = self._group.envs[row].get_obs({}) if obs is None else obs
+            shown = self._envs[row].get_obs({}) if obs is None else obs
             for path, array in self._images.items():
                 array[row] = entry(shown, path)[0]
 
@@ -83,17 +82,17 @@ class GroupOutputs:
 
     def add_step(self, rows: Sequence[int]) -> None:
         """Adds the rewards of one simulation step of `rows`, and writes their ends and info."""
-        result, chosen = self._group.evaluate(), self._index(rows)
+        result, chosen = self._rows.evaluate(), self._index(rows)
         self._reward[chosen] += self._rewards(result)[chosen]
         self._terminated[chosen] = (result.success | result.fail)[chosen]
         if self._max_steps is not None:
-            self._truncated[chosen] = self._group.steps[chosen] >= self._max_steps
+            self._truncated[chosen] = self._rows.steps[chosen] >= self._max_steps
         np.logical_or(self._terminated, self._truncated, out=self.ended)
         self._write_info(result, chosen)
 
     def write_info(self, rows: Sequence[int]) -> None:
         """Writes the info of `rows`."""
-        self._write_info(self._group.evaluate(), self._index(rows))
+        self._write_info(self._rows.evaluate(), self._index(rows))
 
     def write_entries(self) -> None:
         """Writes the state observation of all rows."""
@@ -101,7 +100,7 @@ class GroupOutputs:
 
     def write_reset(self) -> None:
         """Writes observations and info after resets of some rows."""
-        self._write_info(self._group.evaluate(), slice(None))
+        self._write_info(self._rows.evaluate(), slice(None))
         self._entries.write()
 
     def keep_final(self, rows: Sequence[int]) -> None:
@@ -121,12 +120,12 @@ class GroupOutputs:
 
     def _index(self, rows: Sequence[int]) -> slice | list[int]:
         """Returns an index of `rows` into the arrays; a slice, which is faster, for all rows."""
-        return slice(None) if len(rows) == len(self._group.envs) else list(rows)
+        return slice(None) if len(rows) == len(self._envs) else list(rows)
 
     def _write_info(self, result: Evaluation, rows: slice | list[int]) -> None:
         for path, array in self._info.items():
             if path == ("elapsed_steps",):
-                values = self._group.steps
+                values = self._rows.steps
             elif len(path) == 1:
                 values = getattr(result, path[0])
             else:
@@ -143,9 +142,9 @@ class _EntryWriter:
     """
 
     def __init__(
-        self, entries: Sequence[ObsEntry], observation: Mapping[Path, Array], group: RowGroup
+        self, entries: Sequence[ObsEntry], observation: Mapping[Path, Array], rows: Rows
     ) -> None:
-        self._group = group
+        self._rows = rows
         flat = next((path for path in ((), ("state",)) if path in observation), None)
         self.paths: list[Path] = [] if flat is None else [flat]
         self._targets: list[tuple[ObsEntry, Array]] = []
@@ -161,17 +160,6 @@ class _EntryWriter:
 
     def write(self) -> None:
         """Writes all rows."""
-        group = self._group
-        now = group.snapshot, group.tracker.measures, group.goals
+        values = read_entries([one for one, _ in self._targets], self._rows)
         for one, array in self._targets:
-            values = one.read(*now).reshape(array.shape)
-            array[:] = _noisy(values, group.envs) if one is ARM_QPOS else values
-
-
-def _noisy(values: Array, envs: Sequence[HabEnv]) -> Array:
-    """Returns joint angles (K, J) with each row's noise."""
-    if envs[0].noise is None:
-        return values
-    rows = zip(values, envs, strict=True)
-    noisy = [env.noise.joints(torch.tensor(row)[None])[0].numpy() for row, env in rows]  # pyright: ignore[reportOptionalMemberAccess]  # all have it or none
-    return np.stack(noisy)
+            array[:] = values[one.name].reshape(array.shape)

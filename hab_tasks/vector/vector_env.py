@@ -395,5 +395,5 @@ def _autoreset(mode: AutoresetMode | str) -> AutoresetMode:
 
 def _check_backend(backend: str | None) -> None:
     if (backend or "auto").partition(":")[0] not in ("auto", *CPU_SIM_BACKENDS):
-        valid = "'physx_cpu'; for GPU simulation use gymnasium.make(..., num_envs=N)"
+        valid = "'physx_cpu' or 'auto'"
         raise OptionError.of_value("sim_backend", backend, valid)

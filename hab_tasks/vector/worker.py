@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import traceback
+from collections.abc import Sequence
 from multiprocessing import reduction
 from multiprocessing.connection import Connection
 from typing import Any
@@ -13,6 +14,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from hab_tasks.engine.hab_env import HabEnv
+from hab_tasks.engine.rows import Rows
 from hab_tasks.episodes.source import shared_sources
 from hab_tasks.errors import HabError
 from hab_tasks.processes import begin_worker
@@ -30,7 +32,6 @@ from hab_tasks.vector.messages import (
     unpacked,
 )
 from hab_tasks.vector.outputs import GroupOutputs
-from hab_tasks.vector.row_group import RowGroup
 from hab_tasks.vector.shared_arrays import SharedArrays
 
 
@@ -57,9 +58,9 @@ def _serve(connection: Connection, setup: WorkerSetup) -> None:
     groups, first = [], 0
     for size, start in zip(setup.group_sizes, connect.starts, strict=True):
         arrays = {name: array[start : start + size] for name, array in shared.arrays.items()}
-        group = RowGroup(envs[first : first + size])
-        outputs = GroupOutputs(group, layout, arrays, connect.info, setup.max_steps)
-        groups.append(StepGroup(group, outputs, arrays[ACTION], start, setup))
+        mine = joined_rows(envs[first : first + size])
+        outputs = GroupOutputs(mine, layout, arrays, connect.info, setup.max_steps)
+        groups.append(StepGroup(mine, outputs, arrays[ACTION], start, setup))
         first += size
     connection.send_bytes(packed(Answer()))
     _answer(connection, groups)
@@ -77,15 +78,20 @@ def make_rows(setup: WorkerSetup) -> list[HabEnv]:
     return envs
 
 
+def joined_rows(envs: list[HabEnv]) -> list[HabEnv]:
+    """Joins environments made with the same options: one snapshot, measures and rules for all."""
+    Rows([env.simulation for env in envs], envs[0].rules_of)
+    return envs
+
+
 def local_group(setup: WorkerSetup) -> tuple[list[HabEnv], StepGroup, NDArray[Any]]:
     """Returns a worker's only group in this process, for measurements: rows, group, actions."""
     envs = make_rows(setup)
     layout, info = layout_of(envs[0]), (("success",),)
     specs = layout.arrays(len(envs), info, final=False)
     arrays = {name: np.zeros(spec.shape, spec.dtype) for name, spec in specs.items()}
-    group = RowGroup(envs)
-    outputs = GroupOutputs(group, layout, arrays, info, setup.max_steps)
-    return envs, StepGroup(group, outputs, arrays[ACTION], 0, setup), arrays[ACTION]
+    outputs = GroupOutputs(joined_rows(envs), layout, arrays, info, setup.max_steps)
+    return envs, StepGroup(envs, outputs, arrays[ACTION], 0, setup), arrays[ACTION]
 
 
 def layout_of(env: HabEnv) -> RowLayout:
@@ -127,43 +133,43 @@ class StepGroup:
 
     def __init__(
         self,
-        rows: RowGroup,
+        envs: Sequence[HabEnv],
         outputs: GroupOutputs,
         actions: np.ndarray,
         start: int,
         setup: WorkerSetup,
     ) -> None:
         """The group's first row is row `start` of the vector environment."""
-        self._rows, self._outputs, self._actions = rows, outputs, actions
+        self._envs, self._outputs, self._actions = envs, outputs, actions
         self._start, self._autoreset = start, setup.autoreset
         self._repeat = setup.action_repeat
 
     def step(self) -> None:
         """Steps all rows; those that ended are reset before or after it."""
-        rows, outputs = self._rows, self._outputs
+        outputs = self._outputs
         before = self._autoreset is AutoresetMode.NEXT_STEP
         restarted = np.flatnonzero(outputs.ended).tolist() if before else []
-        going = [row for row in range(len(rows.envs)) if row not in restarted]
+        going = [row for row in range(len(self._envs)) if row not in restarted]
         self._execute(going)
         for row in going:
             outputs.write_images(row)
         if restarted:
             for row in restarted:
-                outputs.write_images(row, rows.reset_row(row, None, None))
+                outputs.write_images(row, self._envs[row].reset()[0])
             outputs.write_info(restarted)
         outputs.write_entries()
         if self._autoreset is AutoresetMode.SAME_STEP and outputs.ended.any():
             ended = np.flatnonzero(outputs.ended).tolist()
             outputs.keep_final(ended)
             for row in ended:
-                outputs.write_images(row, rows.reset_row(row, None, None))
+                outputs.write_images(row, self._envs[row].reset()[0])
             outputs.write_reset()
 
     def _execute(self, going: list[int]) -> None:
         """Executes the actions of the rows `going`, each until its episode ends."""
         self._outputs.begin_step()
         for _ in range(self._repeat):
-            self._rows.step(self._actions, going)
+            self._envs[0].rows.step({row: self._actions[row] for row in going})
             self._outputs.add_step(going)
             going = [row for row in going if not self._outputs.ended[row]]
             if not going:
@@ -171,11 +177,12 @@ class StepGroup:
 
     def reset(self, message: ResetRows) -> None:
         """Resets those rows of the message that are in this group."""
-        mine = range(self._start, self._start + len(self._rows.envs))
+        mine = range(self._start, self._start + len(self._envs))
         chosen = [row for row in mine if row in message.seeds]
         for row in chosen:
             here = row - self._start
-            obs = self._rows.reset_row(here, message.seeds[row], message.options.get(row))
+            seed, options = message.seeds[row], message.options.get(row)
+            obs, _ = self._envs[here].reset(seed=seed, options=options)
             self._outputs.write_images(here, obs)
             self._outputs.ended[here] = False
         if chosen:
@@ -184,8 +191,8 @@ class StepGroup:
     def call(self, message: CallRows) -> list[Any]:
         """Returns the result of a call for each row."""
         values = []
-        for here in range(len(self._rows.envs)):
-            env = self._rows.lend(here)
+        for here, env in enumerate(self._envs):
+            env.elapsed_steps[:] = int(env.rows.steps[here])
             value = env.get_wrapper_attr(message.name)
             if callable(value):
                 value = value(*message.arguments, **message.named)

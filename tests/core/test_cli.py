@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 from refusals import refused_by_command
 
-from hab_tasks.cli import main
-from hab_tasks.commands import COMMANDS
+from hab_tasks.cli import COMMANDS, main
 from hab_tasks.episodes import read_episodes
 
 SCRIPT = Path(sys.executable).with_name("hab-tasks")
@@ -35,6 +34,17 @@ def test_help_lists_the_commands_and_shows_an_example_of_each(run):
         assert done.returncode == 0, command
         assert "Example:" in done.stdout, command
         assert f"hab-tasks {command}" in done.stdout, command
+
+
+def test_a_command_of_authors_names_what_to_install():
+    code = (
+        "from importlib import metadata; metadata.entry_points = lambda **_: ()\n"
+        "from hab_tasks.cli import main; raise SystemExit(main(['vary', '--count', '3']))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "pip install -e assets/authoring" in done.stderr
 
 
 def test_episodes_are_written_and_never_overwritten(run, tmp_path):

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
 from geodesics import geodesic_distance
 
 from hab_tasks.navigation import GeodesicDistances, NavigationMap
@@ -34,15 +33,11 @@ def geodesic(maps):
 
 
 def distances_m(geodesic, places):
-    """Distances (N,) [m] of places (N, 2), found with arrays; tensors must agree."""
-    places = np.array(places, dtype=np.float32)
-    arrays, tensors = geodesic.distance_m(places), geodesic.distance_m(torch.from_numpy(places))
-    assert arrays.dtype == np.float32
-    assert tensors.dtype == torch.float32
-    assert arrays.shape == tensors.shape == (len(places),)
-    # Sums of four products of float32, in another order.
-    assert np.allclose(tensors.numpy(), arrays, atol=1e-5)
-    return arrays
+    """Distances (N,) [m] of places (N, 2)."""
+    found = geodesic.distance_m(np.array(places, dtype=np.float32))
+    assert found.dtype == np.float32
+    assert found.shape == (len(places),)
+    return found
 
 
 def test_each_row_has_the_distances_of_its_own_map(maps, geodesic):
@@ -57,7 +52,7 @@ def test_each_row_has_the_distances_of_its_own_map(maps, geodesic):
         assert distances_m(geodesic, places) == pytest.approx(expected, abs=0.05)
 
 
-def test_a_new_goal_in_one_row_leaves_the_others_and_without_one_there_is_no_way(maps, geodesic):
+def test_a_new_goal_in_one_row_leaves_the_others(maps, geodesic):
     places = [(1.0, 1.0), (-8.0, 6.5), (2.5, 0.0)]
     before = distances_m(geodesic, places)
     geodesic.set_goal(1, maps[1], np.array((-8.0, 7.5)))
@@ -67,8 +62,6 @@ def test_a_new_goal_in_one_row_leaves_the_others_and_without_one_there_is_no_way
     geodesic.set_goal(2, floor((-20.0, -20.0, 5.0, 5.0)), np.array((0.0, 0.0)))
     again = distances_m(geodesic, places)
     assert again.tolist() == [before[0], after[1], pytest.approx(2.5, abs=0.03)]
-    geodesic.clear(1)
-    assert distances_m(geodesic, places).tolist() == [before[0], 0.0, again[2]]
 
 
 def test_in_walls_in_corners_and_outside_the_map_distances_are_finite(geodesic):

@@ -5,21 +5,15 @@ from functools import partial
 import numpy as np
 import pytest
 import sapien
-import torch
 from builders import box_actor
 from kitchen import GRASP, RELEASE, Kitchen, opening_direction
 
-from hab_tasks.robots.drive_grasp import DriveGrasp
-from hab_tasks.robots.follow_grasp import FollowGrasp
-from hab_tasks.robots.grasp import NOTHING
+from hab_tasks.robots.grasp import NOTHING, SnapGrasp
 from hab_tasks.scenes.collision_groups import HAND, set_groups
 from hab_tasks.scenes.markers import HANDLE_MARKERS
 
 DRAWER, FRIDGE = HANDLE_MARKERS[2], HANDLE_MARKERS[7]
 FINGERS = ("gripper_link", "l_gripper_finger_link", "r_gripper_finger_link")
-PULLING = partial(DriveGrasp, pulls_along=True)
-ROW = torch.zeros(1, dtype=torch.long)
-every_kind = pytest.mark.parametrize("kind", [DriveGrasp, FollowGrasp])
 
 
 def moved(kitchen, way_m):
@@ -36,23 +30,22 @@ def moved(kitchen, way_m):
 def test_a_held_handle_opens_drawer_and_door(marker):
     # 60 * 8 mm is 0.48 m of way; a drawer has half of that, a door opens by more than 0.3 rad.
     # 24 cm: all of a drawer's way, or 0.3 rad and more about a hinge less than 0.8 m away.
-    for kind, step_m, steps, opened in (
-        (DriveGrasp, 0.008, 60, 0.15),
-        (FollowGrasp, 0.008, 60, 0.15),
-        (PULLING, 0.02, 12, 0.23 if marker is DRAWER else 0.3),
+    for pulls_along, step_m, steps, opened in (
+        (False, 0.008, 60, 0.15),
+        (True, 0.02, 12, 0.23 if marker is DRAWER else 0.3),
     ):
-        kitchen = Kitchen(kind, marker)
+        kitchen = Kitchen(marker, pulls_along=pulls_along)
         before, direction = kitchen.position(), opening_direction(kitchen)
         start = kitchen.agent.robot._objs[0].get_qpos()[kitchen.agent.base_index.tolist()[:2]]
         kitchen.grasp.command(GRASP)
-        assert kitchen.grasp.held.tolist() == [NOTHING]
+        assert kitchen.grasp.held == NOTHING
         for _ in range(steps):
             kitchen.act(partial(moved, kitchen, step_m / 4 * direction))
             # The hand goes straight on; the door's handle goes round its hinge.
-            assert kind is not PULLING or kitchen.gap_m() < (5e-3 if marker is DRAWER else 0.06)
-        assert kitchen.grasp.held_handle.tolist() == [0]
-        assert kitchen.position() - before > opened, kind
-        if kind is PULLING:
+            assert not pulls_along or kitchen.gap_m() < (5e-3 if marker is DRAWER else 0.06)
+        assert kitchen.grasp.held_handle == 0
+        assert kitchen.position() - before > opened, pulls_along
+        if pulls_along:
             hand = kitchen.agent.robot._objs[0].get_qpos()[kitchen.agent.base_index.tolist()[:2]]
             assert np.allclose(hand - start, steps * step_m * direction, atol=1e-3)
             for _ in range(2):
@@ -62,10 +55,9 @@ def test_a_held_handle_opens_drawer_and_door(marker):
         assert not kitchen.grasp.holding
 
 
-@every_kind
-def test_a_hand_takes_what_its_skill_is_about_and_objects_before_handles(kind):
-    kitchen = Kitchen(kind, DRAWER)
-    hand = kitchen.grasp.ee_position_m()[0].numpy()  # on the marker
+def test_a_hand_takes_what_its_skill_is_about_and_objects_before_handles():
+    kitchen = Kitchen(DRAWER)
+    hand = kitchen.grasp.ee_position_m()  # on the marker
     box = box_actor(kitchen.scene, "late", (0.02,) * 3, tuple(np.add(hand, (0, 0, 0.12))))
     near, far = box.pose, sapien.Pose([0.0, 0.0, 30.0])
     for takes, held, handle, alone in (
@@ -75,15 +67,14 @@ def test_a_hand_takes_what_its_skill_is_about_and_objects_before_handles(kind):
     ):
         for place, found in ((near, (held, handle)), (far, (NOTHING, alone))):
             box.set_pose(place)
-            grasp = kind(kitchen.scene, kitchen.agent.ee_link, [box], [kitchen.handle], takes)
+            grasp = SnapGrasp(kitchen.scene, kitchen.agent.ee_link, [box], [kitchen.handle], takes)
             grasp.command(GRASP)
-            assert (int(grasp.held), int(grasp.held_handle)) == found, takes
+            assert (grasp.held, grasp.held_handle) == found, takes
             grasp.command(RELEASE)
 
 
-@every_kind
-def test_a_handle_taken_at_a_distance_does_not_jump(kind):
-    kitchen = Kitchen(kind, DRAWER)
+def test_a_handle_taken_at_a_distance_does_not_jump():
+    kitchen = Kitchen(DRAWER)
     moved(kitchen, 0.12 * opening_direction(kitchen))  # ahead of the closed drawer, into the room
     assert kitchen.gap_m() == pytest.approx(0.12, abs=1e-3)
     kitchen.grasp.command(GRASP)
@@ -95,23 +86,22 @@ def test_a_handle_taken_at_a_distance_does_not_jump(kind):
         assert after - before < 0.02
         before = after
     assert kitchen.position() == pytest.approx(0.12, abs=0.02)
-    assert kitchen.grasp.held_handle.tolist() == [0]
+    assert kitchen.grasp.held_handle == 0
 
 
-@every_kind
-def test_a_handle_out_of_reach_for_half_a_second_is_lost_and_far_away_at_once(kind):
-    kitchen = Kitchen(kind, DRAWER)
+def test_a_handle_out_of_reach_for_half_a_second_is_lost_and_far_away_at_once():
+    kitchen = Kitchen(DRAWER)
     x, y = opening_direction(kitchen)
     kitchen.grasp.command(GRASP)
     qpos = moved(kitchen, 0.2 * np.array([-y, x]))  # the drawer cannot follow to the side
     for step in range(15):  # 15 actions at 30 Hz are half a second
-        assert kitchen.grasp.held_handle.tolist() == [0], step
+        assert kitchen.grasp.held_handle == 0, step
         kitchen.agent.robot._objs[0].set_qpos(qpos)
         moved(kitchen, 0.0)
         kitchen.act()
-    assert kitchen.grasp.held_handle.tolist() == [NOTHING]
-    assert kitchen.grasp.lost.tolist() == [True]
-    kitchen = Kitchen(kind, DRAWER)
+    assert kitchen.grasp.held_handle == NOTHING
+    assert kitchen.grasp.lost
+    kitchen = Kitchen(DRAWER)
     before = kitchen.position()
     kitchen.grasp.command(GRASP)
     moved(kitchen, (-2.0, 0.0))
@@ -121,7 +111,7 @@ def test_a_handle_out_of_reach_for_half_a_second_is_lost_and_far_away_at_once(ki
 
 
 def test_the_spring_pulls_no_harder_than_its_limit():
-    kitchen = Kitchen(DriveGrasp, DRAWER)
+    kitchen = Kitchen(DRAWER)
     way_m = 0.14 * opening_direction(kitchen)
     kitchen.grasp.command(GRASP)
     moved(kitchen, way_m)
@@ -148,7 +138,7 @@ def touches(kitchen, way_m):
 
 
 def test_the_hand_passes_through_the_drawer_whose_handle_it_holds():
-    kitchen = Kitchen(DriveGrasp, DRAWER)
+    kitchen = Kitchen(DRAWER)
     for name in FINGERS:
         set_groups(kitchen.agent.robot.links_map[name]._objs[0], HAND)
     into_m = -0.1 * opening_direction(kitchen)  # the fingers in the front of the drawer
@@ -165,5 +155,5 @@ def test_the_hand_passes_through_the_drawer_whose_handle_it_holds():
     moved(kitchen, 3 * into_m)
     assert touches(kitchen, into_m)
     for state, free_again in ((held, False), (free, True)):
-        kitchen.grasp.set_state(state, ROW)
+        kitchen.grasp.set_state(state)
         assert touches(kitchen, into_m) == free_again

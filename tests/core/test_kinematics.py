@@ -1,7 +1,6 @@
-"""The arm's kinematics: derivatives, batch against single rows, and the IK step."""
+"""The arm's kinematics: derivatives and the IK step."""
 
 import numpy as np
-import torch
 
 from hab_tasks.constants import EE_STEP_M, REST_POSITION_M
 from hab_tasks.robots.kinematics import ArmKinematics
@@ -19,18 +18,6 @@ def test_jacobian_equals_central_differences():
         position, jacobian = ARM.position_and_jacobian(qpos)
         assert np.allclose(jacobian, np.stack(ways, axis=1) / 2e-6, atol=1e-6)
         assert np.allclose(position, ARM.position(qpos))
-
-
-def test_batch_equals_single_rows():
-    rows = torch.tensor(POSES)
-    positions, jacobians = ARM.batch_position_and_jacobian(rows)
-    targets = positions + torch.tensor([0.01, -0.005, 0.008], dtype=torch.float64)
-    moved = ARM.batch_displace(rows, targets)
-    for i, qpos in enumerate(POSES):
-        position, jacobian = ARM.position_and_jacobian(qpos)
-        assert np.allclose(positions[i], position, atol=1e-5)
-        assert np.allclose(jacobians[i], jacobian, atol=1e-5)
-        assert np.allclose(moved[i], ARM.displace(qpos, targets[i].numpy()), atol=1e-4)
 
 
 def test_a_step_from_rest_moves_the_hand_by_what_was_asked():
@@ -53,5 +40,3 @@ def test_a_step_stays_within_the_joints_limits_and_is_not_bent_by_them():
     assert ((after >= LOWER) & (after <= UPPER)).all()
     # Without the second solve the clipped joint's share is lost: 8 mm of the 15 upwards.
     assert np.linalg.norm(ARM.position(after) - goal) < 1e-3
-    batch = ARM.batch_displace(torch.from_numpy(qpos)[None], torch.from_numpy(goal)[None])
-    assert torch.allclose(batch[0], torch.from_numpy(after), atol=1e-6)

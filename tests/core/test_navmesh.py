@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import trimesh
 from faulty_data import navmesh_bytes
+from hab_authoring.layouts.checks import free_range
+from hab_authoring.layouts.standing import FloorPlan
 
-from hab_tasks.layouts.checks import free_range
-from hab_tasks.layouts.standing import FloorPlan
 from hab_tasks.scenes.floor import CELL_M, Footprint, largest_area, touched
 from hab_tasks.scenes.habitat.dataset import SceneDataset, embedded_dataset
 from hab_tasks.scenes.habitat.load import load_scene

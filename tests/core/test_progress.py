@@ -1,13 +1,11 @@
-"""Progress in a task: facts, stages, parts; for tensors and for numpy arrays."""
+"""Progress in a task: facts, stages, parts."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
-import pytest
+import numpy as np
 import torch
-from builders import as_arrays, measures, row, same, snapshot
+from builders import goals_of, measures, row, same, snapshot
 
-from hab_tasks.engine.goals import Goals
 from hab_tasks.registration import TASKS
 from hab_tasks.tasks.base import Facts
 from hab_tasks.tasks.compile import compile_task
@@ -42,12 +40,6 @@ def unfinished(count, **values):
     return measures(count, **{"base_to_goal_m": far, "ee_to_rest_m": far, "joint": far, **values})
 
 
-@pytest.fixture(params=["tensors", "arrays"])
-def make_harness(request):
-    """Factory of `ProgressHarness`."""
-    return lambda task, count: ProgressHarness(task, count, arrays=request.param == "arrays")
-
-
 def tracker_of(targets, moving=()):
     """What progress asks of a tracker: all objects rest, but those of some rows."""
     at_rest = targets >= 0
@@ -58,47 +50,41 @@ def tracker_of(targets, moving=()):
 class ProgressHarness:
     """The progress of a batch, advanced with given snapshots."""
 
-    def __init__(self, task, count, arrays):
+    def __init__(self, task, count):
         self.task, self.count = task, count
-        self.kind = as_arrays if arrays else lambda x: x
-        goals = Goals.empty(count, task.objects, len(task.articulations), "cpu")
-        if task.articulations:
-            upper = torch.tensor([0.3, 2.6]).expand(count, 2).contiguous()
-            goals = replace(goals, joint_upper=upper)
-        self.goals = self.kind(goals)
-        targets = torch.arange(FIRST, FIRST + task.objects).repeat(count, 1)
-        like = torch.zeros(count, dtype=torch.long)
-        self.targets, like = (x.numpy() if arrays else x for x in (targets, like))
+        upper = {"joint_upper": [(0.3, 2.6)] * count} if task.articulations else {}
+        self.goals = goals_of(count, task.objects, len(task.articulations), **upper)
+        self.targets = np.tile(np.arange(FIRST, FIRST + task.objects), (count, 1))
         self.tracker = tracker_of(self.targets)
-        self.progress = Progress(task, like)
-        self.begin(torch.arange(count), *[(None, ())] * count)
+        self.progress = Progress(task, count)
+        self.begin(range(count), *[(None, ())] * count)
 
     def begin(self, rows, *seen):
-        shot = self.kind(make_snapshot(self.task, *seen))
+        shot = make_snapshot(self.task, *seen)
         self.progress.begin(rows, shot, self.goals, self.tracker)
 
     def see(self, *seen, **values):
         """Advances one control step; returns the reached stages and the success flags."""
-        shot = self.kind(make_snapshot(self.task, *seen))
-        m = self.kind(unfinished(self.count, **values))
+        shot = make_snapshot(self.task, *seen)
+        m = unfinished(self.count, **values)
         self.progress.advance(shot, m, self.goals, self.tracker)
         return self.progress.stages.tolist(), self.progress.success().tolist()
 
     def go_to(self, *parts):
         """Sets the current parts of the rows."""
         state = self.progress.get_state() | {"part": torch.tensor(parts)}
-        self.restore(state, torch.arange(self.count))
+        self.restore(state, range(self.count))
 
     def restore(self, state, rows):
-        shot = self.kind(make_snapshot(self.task, *[(None, ())] * self.count))
+        shot = make_snapshot(self.task, *[(None, ())] * self.count)
         self.progress.set_state(state, rows, shot, self.goals, self.tracker)
 
 
 # Facts -----------------------------------------------------------------------------------------
 
 
-def test_facts_by_hand(make_harness):
-    harness = make_harness(SET_TABLE, 6)
+def test_facts_by_hand():
+    harness = ProgressHarness(SET_TABLE, 6)
     seen = (
         (None, (), CLOSED),
         (0, (0,), OPEN),  # held at its goal: not placed
@@ -107,8 +93,8 @@ def test_facts_by_hand(make_harness):
         (None, (1,), (0.049, 0.149)),
         (None, (0, 1), OPEN),  # still moving
     )
-    facts = Facts(SET_TABLE, harness.progress.done)
-    shot = harness.kind(make_snapshot(SET_TABLE, *seen))
+    facts = Facts(SET_TABLE)
+    shot = make_snapshot(SET_TABLE, *seen)
     flags = facts.read(shot, harness.goals, tracker_of(harness.targets, moving=[5]))
     # held bowl, apple; placed bowl, apple; open drawer, fridge; closed drawer, fridge
     assert flags.tolist() == [
@@ -124,8 +110,8 @@ def test_facts_by_hand(make_harness):
 # Stages ----------------------------------------------------------------------------------------
 
 
-def test_stages_are_reached_in_order_and_for_good(make_harness):
-    harness = make_harness(TIDY_HOUSE, 3)
+def test_stages_are_reached_in_order_and_for_good():
+    harness = ProgressHarness(TIDY_HOUSE, 3)
     nothing = (None, ())
     assert harness.see((0, ()), nothing, nothing)[0] == [1, 0, 0]
     assert harness.see(nothing, (0, ()), nothing)[0] == [1, 1, 0]  # row 0 has dropped it again
@@ -139,8 +125,8 @@ def test_stages_are_reached_in_order_and_for_good(make_harness):
     assert not any(any(reached[f"pick_{n}"]) for n in (3, 4, 5))
 
 
-def test_later_stages_need_earlier_placements_one_a_step(make_harness):
-    harness = make_harness(PREPARE_GROCERIES, 2)
+def test_later_stages_need_earlier_placements_one_a_step():
+    harness = ProgressHarness(PREPARE_GROCERIES, 2)
     harness.see((0, ()), (0, ()))
     harness.see((None, (0,)), (None, (0,)))
     # Row 1 has pushed the first object away from its goal.
@@ -148,14 +134,14 @@ def test_later_stages_need_earlier_placements_one_a_step(make_harness):
     assert harness.see((None, (0, 1)), (None, (1,)))[0] == [4, 2]
     assert harness.see((None, (0, 1)), (1, (0,)))[0] == [4, 3]
     # The drawer is open and the bowl in the hand in the same step.
-    harness = make_harness(SET_TABLE, 2)
+    harness = ProgressHarness(SET_TABLE, 2)
     seen = ((0, (), (0.3, 0.0)), (0, (), (0.1, 0.0)))
     assert harness.see(*seen)[0] == [1, 0]
     assert harness.see(*seen)[0] == [2, 0]
 
 
-def test_the_goal_is_that_of_the_moment_and_ends_the_stages(make_harness):
-    harness = make_harness(PREPARE_GROCERIES, 2)
+def test_the_goal_is_that_of_the_moment_and_ends_the_stages():
+    harness = ProgressHarness(PREPARE_GROCERIES, 2)
     for k in range(3):
         before = tuple(range(k))
         harness.see((k, before), (k, before))
@@ -171,8 +157,8 @@ def test_the_goal_is_that_of_the_moment_and_ends_the_stages(make_harness):
     assert success == [True, True]
 
 
-def test_a_doors_state_counts_for_the_goal(make_harness):
-    harness = make_harness(SET_TABLE, 4)
+def test_a_doors_state_counts_for_the_goal():
+    harness = ProgressHarness(SET_TABLE, 4)
     both = (None, (0, 1))
     success = harness.see((*both, CLOSED), (*both, (0.06, 0.0)), (*both, (0.0, 0.16)), both)[1]
     assert success == [True, False, False, True]
@@ -181,8 +167,8 @@ def test_a_doors_state_counts_for_the_goal(make_harness):
 # Parts -----------------------------------------------------------------------------------------
 
 
-def test_a_part_ends_when_its_own_skill_is_done(make_harness):
-    harness = make_harness(TIDY_HOUSE, 4)
+def test_a_part_ends_when_its_own_skill_is_done():
+    harness = ProgressHarness(TIDY_HOUSE, 4)
     # Rows 0 and 3 navigate, row 1 picks, row 2 places; all have arrived and hold their object at
     # rest, but for row 3.
     harness.go_to(0, 1, 3, 2)
@@ -203,9 +189,9 @@ def test_a_part_ends_when_its_own_skill_is_done(make_harness):
     assert harness.progress.done.tolist() == [True, True, True, False]
 
 
-def test_the_last_part_stays_and_succeeds_in_one_step_only(make_harness):
+def test_the_last_part_stays_and_succeeds_in_one_step_only():
     last = len(TIDY_HOUSE.parts) - 1
-    harness = make_harness(TIDY_HOUSE, 2)
+    harness = ProgressHarness(TIDY_HOUSE, 2)
     harness.go_to(last, 0)
     placed = {"placed": row(True, True), "ee_to_rest_m": row(0.0, 0.0)}
     succeeded = []
@@ -220,8 +206,8 @@ def test_the_last_part_stays_and_succeeds_in_one_step_only(make_harness):
 # Some rows, save and restore -------------------------------------------------------------------
 
 
-def advanced(make_harness, count=4):
-    harness = make_harness(TIDY_HOUSE, count)
+def advanced(count=4):
+    harness = ProgressHarness(TIDY_HOUSE, count)
     harness.go_to(*range(1, count + 1))
     harness.see(
         *[(0, ())] * count, holding_target=row(*[True] * count), ee_to_rest_m=row(*[0.0] * 4)
@@ -229,17 +215,17 @@ def advanced(make_harness, count=4):
     return harness
 
 
-def test_a_restored_state_goes_on_alike_and_leaves_other_rows(make_harness):
-    harness, other = advanced(make_harness), make_harness(TIDY_HOUSE, 4)
-    rows = torch.tensor([3, 1])
+def test_a_restored_state_goes_on_alike_and_leaves_other_rows():
+    harness, other = advanced(), ProgressHarness(TIDY_HOUSE, 4)
+    rows = [3, 1]
     state = harness.progress.get_state()
     kept = {name: value.clone() for name, value in state.items()}
     untouched = other.progress.get_state()
     other.restore({name: value[rows] for name, value in state.items()}, rows)
     for name, value in other.progress.get_state().items():
-        assert torch.equal(value[rows], state[name][rows]), name
-        assert torch.equal(value[[0, 2]], untouched[name][[0, 2]]), name
-    other.restore(state, torch.arange(4))
+        assert np.array_equal(value[rows], state[name][rows]), name
+        assert np.array_equal(value[[0, 2]], untouched[name][[0, 2]]), name
+    other.restore(state, range(4))
     for b in (harness, other):
         b.progress.move_on()
         b.see(*[(None, (0,))] * 4)

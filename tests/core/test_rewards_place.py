@@ -1,5 +1,6 @@
 """Success, failures and reward of Place on hand-made rows (App. H.2)."""
 
+import numpy as np
 import pytest
 import torch
 from builders import evaluate_rules, measures, row
@@ -28,7 +29,7 @@ def test_reward_success_and_failures():
     # Row 3 holds it again, at rest: no success, nothing paid.
     # Row 4: at rest and placed, but above 7,500 N: -1 (capped) - 10 = -11. Row 5 takes another: -5,
     # and 7,500 N are allowed. Row 6 still holds what it took before: it is paid for once.
-    assert torch.allclose(reward, row(0.2, 4.98, 20.05, 0.0, -11.0, -5.0, 0.0))
+    assert np.allclose(reward, row(0.2, 4.98, 20.05, 0.0, -11.0, -5.0, 0.0))
     assert success.tolist() == [number == 2 for number in range(7)]
     assert list(failures) == ["force"]
     assert failures["force"].tolist() == [number == 4 for number in range(7)]

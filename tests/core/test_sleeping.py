@@ -54,7 +54,7 @@ class RobotSim(FetchSim):
         return touched
 
     def target(self):
-        return self.agent.controller.arm_target_rad[0].numpy().copy()
+        return self.agent.controller.arm_target_rad.copy()
 
 
 def test_an_object_wakes_before_the_arm_touches_it():

@@ -37,7 +37,7 @@ def step_info(base, force_n=0.0):
         "robot": base.agent.robot.get_qpos()[0].numpy().copy(),
         "furniture": np.concatenate([np.zeros(0), *joints(base).values()]),
         "objects_m": np.stack([actor.pose.p[0].numpy().copy() for actor in objects]),
-        "touching": bool(base._simulation._grasp.holding) or float(force_n) > 0,
+        "touching": bool(base._simulation.grasp.holding) or float(force_n) > 0,
     }
 
 

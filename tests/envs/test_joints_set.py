@@ -8,8 +8,8 @@ from playing import held, put, still
 def in_hand(env):
     """The held object's pose (7,) in the hand."""
     base = env.unwrapped
-    grasp = base._simulation._grasp
-    pose = base.agent.ee_link.pose.inv() * grasp.objects[int(grasp.held[0])].pose
+    grasp = base._simulation.grasp
+    pose = base.agent.ee_link.pose.inv() * grasp.objects[grasp.held].pose
     return pose.raw_pose[0].numpy()
 
 

@@ -137,12 +137,10 @@ def test_recordings_of_the_real_rooms_replay(replica_cad, ycb, tmp_path):
     check_replay(tmp_path / "t.h5", 3, *options, atol=1e-2, velocity_atol=0.3)
 
 
-def test_rows_that_cannot_be_simulated_are_refused_with_advice(monkeypatch):
-    monkeypatch.setattr("hab_tasks.engine.simulation.has_gpu", lambda: False)
+def test_rows_that_cannot_be_simulated_are_refused_with_advice():
     advice = "gymnasium.make_vec('hab_tasks:HabPick-v1', num_envs=N)"
     for options, words in (
-        ({"num_envs": 2}, "num_envs is 2; it has to be 1 on this machine"),
-        ({"num_envs": 2, "sim_backend": "physx_cpu"}, "num_envs is 2; it has to be 1 with"),
+        ({"num_envs": 2}, "num_envs is 2; it has to be 1."),
         ({"sim_backend": "physx_cuda:0"}, "it has to be 'physx_cpu'"),
     ):
         refused_by_call(lambda o=options: gym.make("HabPick-v1", **o), words, advice)

@@ -85,7 +85,7 @@ def test_leaving_the_region_before_the_fridge_ends_the_episode(make, env_id):
     """0.933 to 1.833 m before the fridge, 0.6 m to either side."""
     env = start(make, env_id)
     base = env.unwrapped
-    fridge = base._simulation._grasp.handles[int(base._simulation.tracker.handles[0, 0])].furniture
+    fridge = base._simulation.grasp.handles[base.simulation.handles[0]].furniture
     pose = fridge.pose.to_transformation_matrix()[0].numpy()
     ahead = pose[:2, 0] / np.linalg.norm(pose[:2, 0])
     back = still(env)

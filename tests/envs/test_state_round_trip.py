@@ -28,7 +28,7 @@ def take(env):
     elif base.episode[0].held is None:
         put(env, base.episode[0].targets[0].object, (0.0, 0.0, -0.14))
         env.step(ee_grip(env))
-    assert bool(base._simulation._grasp.holding)
+    assert bool(base._simulation.grasp.holding)
 
 
 def assert_same_runs(first, second):
@@ -56,10 +56,10 @@ def test_the_continuation_equals_the_original(make, env_id, situation):
         play(env, actions(env, 5, seed=7, gripper=1.0))
     else:
         play(env, actions(env, 10, gripper=1.0 if env_id == "HabPlace-v1" else -1.0))
-    grasp = env.unwrapped._simulation._grasp
+    grasp = env.unwrapped._simulation.grasp
 
     def grasped():
-        index, handle = int(grasp.held[0]), int(grasp.held_handle[0])
+        index, handle = grasp.held, grasp.held_handle
         shapes = grasp.objects[index]._bodies[0].collision_shapes if index >= 0 else ()
         return index, handle, [tuple(shape.get_collision_groups()[:2]) for shape in shapes]
 

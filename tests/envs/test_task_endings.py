@@ -165,5 +165,5 @@ def test_what_is_shut_in_cannot_be_grasped(make, number):
         base.set_state_dict(state)
         ee = np.asarray(world.snapshot.ee_m)[0]
         assert np.allclose(ee, base.privileged()[0].object_com_m[name], atol=1e-3)
-        world._grasp.command(torch.ones(1))
+        world.grasp.command(1.0)
         assert held(env) == (name if open_share else None)

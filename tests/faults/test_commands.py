@@ -7,8 +7,7 @@ import pytest
 from hab_plans.cli import main as planner
 from refusals import check_each, refused_by_command
 
-from hab_tasks.cli import main
-from hab_tasks.commands import COMMANDS
+from hab_tasks.cli import COMMANDS, main
 
 EPISODES = "episodes --env HabPick-v1 --out out.json"
 VARY = "vary apartment --macro sc1 --out out"

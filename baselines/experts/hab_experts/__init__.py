@@ -41,8 +41,7 @@ def pick_action(env: SkillEnv) -> NDArray[np.float32]:
     It picks the target by feedback (`hab_experts.pick`).
     """
     simulation = env.simulation
-    (episode,) = simulation.episodes
-    target = episode.targets[0]
+    target = simulation.episode.targets[0]
     action = pick_motion(
         simulation.snapshot,
         holds=simulation.held_name() == target.object,
@@ -58,8 +57,7 @@ def place_action(env: SkillEnv) -> NDArray[np.float32]:
     It places the object by feedback (`hab_experts.place`).
     """
     simulation = env.simulation
-    (episode,) = simulation.episodes
-    target = episode.targets[0]
+    target = simulation.episode.targets[0]
     action = place_motion(
         simulation.snapshot,
         np.array(simulation.goals.goals_m[0, 0].tolist()),

@@ -1,0 +1,1 @@
+"""Tools of authors: layouts, light copies of datasets, figures, Habitat's episode files."""

@@ -1,0 +1,103 @@
+"""Constraint between the gripper and what it holds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import sapien
+from mani_skill.envs.scene import ManiSkillScene
+from sapien.physx import PhysxArticulationLinkComponent, PhysxRigidDynamicComponent
+
+from hab_tasks.arrays import Floats
+from hab_tasks.constants import SIM_HZ
+from hab_tasks.robots.handle import EE_FROM_LINK, Handle
+from hab_tasks.robots.handle_tie import HANDLE_SPRING
+from hab_tasks.robots.held_object import inertia_at, move_held_object, pull_along
+from hab_tasks.simulator import sapien_object
+
+HOLD_STIFFNESS_NM_RAD = 1e5
+HOLD_DAMPING_NM_S_RAD = 1e3
+
+
+class Tie:
+    """Holds one body: an object by a rigid joint, a handle by a force-limited spring.
+
+    Attributes:
+        pulls_along: Whether a held handle follows the hand kinematically instead of by a spring,
+            as the furniture's inertia would throw back an arm whose state is set directly.
+    """
+
+    def __init__(
+        self, scene: ManiSkillScene, hand: PhysxArticulationLinkComponent, *, pulls_along: bool
+    ) -> None:
+        """Ties nothing to the `hand` yet."""
+        self.pulls_along = pulls_along
+        self._scene, self._hand = scene.sub_scenes[0], hand
+        self._drive: Any = None
+        self._body: PhysxRigidDynamicComponent | None = None
+        self._handle: Handle | None = None
+        self._hand_before = sapien.Pose()
+        self._pulls_now, self._inertia = False, 0.0
+
+    def hold_object(self, body: PhysxRigidDynamicComponent, hand_from_object: sapien.Pose) -> None:
+        """Holds a body at its pose in the hand."""
+        self._body, self._hand_before = body, self._hand.entity_pose
+        drive = self._connect(hand_from_object, body.entity, sapien.Pose())
+        for lock in (drive.set_limit_x, drive.set_limit_y, drive.set_limit_z):
+            lock(0.0, 0.0)
+        # Zero angular limits do not hold against an articulation link (measured: 50 degrees).
+        drive.set_drive_property_slerp(HOLD_STIFFNESS_NM_RAD, HOLD_DAMPING_NM_S_RAD)
+        body.wake_up()
+
+    def hold_handle(self, handle: Handle, in_ee_m: Floats) -> None:
+        """Holds a handle at a position (3,) in the end-effector's frame."""
+        self._handle = handle
+        offset = sapien.Pose(list(handle.offset_m))
+        drive = self._connect(EE_FROM_LINK, sapien_object(handle.link).entity, offset)
+        if self.pulls_along:  # `pull_along` moves the furniture; the constraint has no spring
+            self._inertia = inertia_at(handle)
+            return
+        spring = HANDLE_SPRING
+        # SAPIEN's force limit is an impulse per physics step (measured).
+        most_n_s = spring.force_n / SIM_HZ
+        for pull in (
+            drive.set_drive_property_x,
+            drive.set_drive_property_y,
+            drive.set_drive_property_z,
+        ):
+            pull(spring.stiffness_n_m, spring.damping_n_s_m, most_n_s)
+        self.draw_in(in_ee_m)
+
+    def draw_in(self, in_ee_m: Floats) -> None:
+        """Sets the position (3,) of the held handle in the end-effector's frame."""
+        self._drive.set_drive_target(sapien.Pose(in_ee_m))
+
+    def release(self) -> None:
+        """Unties what is held."""
+        self._drive.entity.remove_component(self._drive)
+        self._drive = self._body = self._handle = None
+
+    def carry(self) -> None:
+        """Moves a held object with a hand whose state was set."""
+        if self._body is not None:
+            move_held_object(self._body, self._hand, self._hand_before)
+            self._hand_before = self._hand.entity_pose
+        self._pulls_now = self.pulls_along
+
+    def before_physics_step(self, in_ee_m: Floats) -> None:
+        """Moves the furniture of a handle, held at (3,), to a hand whose state was set."""
+        if self._pulls_now and self._handle is not None:
+            world_from_ee = self._hand.entity_pose * EE_FROM_LINK
+            place_m = np.asarray((world_from_ee * sapien.Pose(in_ee_m)).p)
+            pull_along(self._handle, place_m, self._inertia)
+            self._pulls_now = False
+
+    def after_control_step(self) -> None:
+        """Stores the hand's pose."""
+        if self._drive is not None:
+            self._hand_before = self._hand.entity_pose
+
+    def _connect(self, pose0: sapien.Pose, entity: sapien.Entity, pose1: sapien.Pose) -> Any:
+        self._drive = self._scene.create_drive(self._hand.entity, pose0, entity, pose1)
+        return self._drive

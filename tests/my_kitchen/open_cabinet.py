@@ -14,14 +14,10 @@ CABINET = ArticulationKind(
     open_at=None,
     open_share=0.4,
     closed_at=0.05,
-    opening_region=BEFORE,
-    closing_region=BEFORE,
+    **dict.fromkeys(("opening_region", "closing_region"), BEFORE),
 )
-HANDLE_M = (-0.3, 0.0, 0.03)
-add_kind(
-    CABINET,
-    HandleMarker(name=CABINET.marker, template="cabinet", link="left_door", offset_m=HANDLE_M),
-)
+PLACE = {"template": "cabinet", "link": "left_door", "offset_m": (-0.3, 0.0, 0.03)}
+add_kind(CABINET, HandleMarker(name=CABINET.marker, **PLACE))
 
 
 def success(s, m, g, c):

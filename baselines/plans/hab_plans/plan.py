@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass
 
-from hab_plans.errors import PlannerError
-from hab_plans.extension import ACTION_OF, ACTIONS
+from hab_plans.extension import ACTION_OF
 from hab_plans.problem import ROOM, SPAWN, spec_of, thing
 from hab_tasks.task_order import Interaction, container_at_goal, container_at_start, interactions
 from hab_tasks.task_spec import TaskSpec
@@ -70,28 +69,6 @@ class Plan:
     def to_json(self) -> str:
         """Returns the text of a plan file."""
         return json.dumps(asdict(self), indent=1) + "\n"
-
-    @staticmethod
-    def from_json(text: str) -> Plan:
-        """Parses the text of a plan file.
-
-        Raises:
-            PlannerError: Not a plan, or an unknown action.
-        """
-        try:
-            found = json.loads(text)
-            actions = tuple(
-                Action(name=action["name"], things=tuple(action["things"]))
-                for action in found["actions"]
-            )
-            task = str(found["task"])
-        except (ValueError, KeyError, TypeError) as error:
-            raise PlannerError(f"Not a plan file ({error!r}).") from error
-        valid = (*SKILLS, *ACTIONS)
-        unknown = sorted({action.name for action in actions}.difference(valid))
-        if unknown:
-            raise PlannerError(f"Unknown actions {unknown}. Valid: {', '.join(valid)}.")
-        return Plan(task=task, actions=actions)
 
 
 def plan_of(reference: str) -> Plan:

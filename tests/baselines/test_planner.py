@@ -68,17 +68,10 @@ def test_a_plan_is_written_and_never_overwritten(tmp_path, capsys):
     arguments = ["plan", "HabSetTable-v1", "--solve", "--out", str(file)]
     assert main(arguments) == 0
     assert "(:action navigate" in capsys.readouterr().out
-    assert Plan.from_json(file.read_text(encoding="utf-8")) == plan_of("HabSetTable-v1")
+    assert file.read_text(encoding="utf-8") == plan_of("HabSetTable-v1").to_json()
     file.write_text("mine", encoding="utf-8")
     assert main(arguments) == 2
     assert "--force" in capsys.readouterr().err
     assert file.read_text(encoding="utf-8") == "mine"
     assert main([*arguments, "--force"]) == 0
     assert file.read_text(encoding="utf-8") != "mine"
-
-
-def test_a_bad_plan_file_is_refused():
-    unknown = '{"task": "x", "actions": [{"name": "fly", "things": []}]}'
-    for text in ("", "[]", '{"task": "x"}', unknown):
-        with pytest.raises(PlannerError, match=r"Not a plan file|Unknown actions"):
-            Plan.from_json(text)

@@ -4,6 +4,7 @@ Only `hab_plans.solve` loads the planner; the plan implied by a task does not ne
 """
 
 from hab_plans.errors import NoPlanError, PlannerError
+from hab_plans.extension import register_action, register_provider
 from hab_plans.plan import Action, Plan, plan_of
 from hab_plans.problem import Atom, TaskProblem, problem_of
 
@@ -16,4 +17,6 @@ __all__ = [
     "TaskProblem",
     "plan_of",
     "problem_of",
+    "register_action",
+    "register_provider",
 ]

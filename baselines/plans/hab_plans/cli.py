@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar
 import tyro
 
 from hab_plans.plan import Plan, plan_of
-from hab_plans.problem import DOMAIN, problem_of
+from hab_plans.problem import domain, problem_of
 from hab_tasks.console import Command, run_script
 from hab_tasks.files import check_file, written_aside
 
@@ -49,7 +49,7 @@ class PlanCommand(Command):
             plan = solve(problem)
         else:
             plan = plan_of(self.env)
-        print(DOMAIN.read_text(encoding="utf-8"))
+        print(domain())
         print(problem.pddl())
         for number, action in enumerate(plan.actions, 1):
             print(f"{number:2d}. {action!s:60s} {action.skill}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass
 
-from hab_plans.errors import PlannerError
+from hab_plans.extension import ACTION_OF
 from hab_plans.problem import ROOM, SPAWN, spec_of, thing
 from hab_tasks.task_order import Interaction, container_at_goal, container_at_start, interactions
 from hab_tasks.task_spec import TaskSpec
@@ -39,8 +39,14 @@ class Action:
     @property
     def skill(self) -> str:
         """Name of the skill that executes the action."""
-        skill = SKILLS[self.name]
+        skills = {action: name for name, action in ACTION_OF.items()}
+        skill = skills.get(self.name) or SKILLS[self.name]
         return f"{skill}_{self.things[0]}" if skill in ("open", "close") else skill
+
+    @property
+    def verb(self) -> str:
+        """What is done: ``navigate``, ``pick``, ``place``, ``open`` or ``close``."""
+        return self.skill.partition("_")[0]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,27 +69,6 @@ class Plan:
     def to_json(self) -> str:
         """Returns the text of a plan file."""
         return json.dumps(asdict(self), indent=1) + "\n"
-
-    @staticmethod
-    def from_json(text: str) -> Plan:
-        """Parses the text of a plan file.
-
-        Raises:
-            PlannerError: Not a plan, or an unknown action.
-        """
-        try:
-            found = json.loads(text)
-            actions = tuple(
-                Action(name=action["name"], things=tuple(action["things"]))
-                for action in found["actions"]
-            )
-            task = str(found["task"])
-        except (ValueError, KeyError, TypeError) as error:
-            raise PlannerError(f"Not a plan file ({error!r}).") from error
-        unknown = sorted({action.name for action in actions} - SKILLS.keys())
-        if unknown:
-            raise PlannerError(f"Unknown actions {unknown}. Valid: {', '.join(SKILLS)}.")
-        return Plan(task=task, actions=actions)
 
 
 def plan_of(reference: str) -> Plan:
@@ -125,4 +110,5 @@ def _action(spec: TaskSpec, item: Interaction) -> tuple[str, Action]:
         things = (name, goal, other, f"{other}-goal", container)
         return goal, Action(name="place-inside", things=things)
     assert item.articulation is not None
-    return item.articulation, Action(name=item.kind, things=(item.articulation,))
+    name = ACTION_OF.get(f"{item.kind}_{item.articulation}", item.kind)
+    return item.articulation, Action(name=name, things=(item.articulation,))

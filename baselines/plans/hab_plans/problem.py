@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hab_plans.errors import PlannerError
+from hab_plans.extension import ACTIONS
 from hab_tasks.registration import TASKS, imported_id
 from hab_tasks.task_order import container_at_goal, container_at_start
 from hab_tasks.task_spec import TaskSpec
@@ -16,6 +17,13 @@ if TYPE_CHECKING:
     from hab_tasks.tasks.base import Condition, Task
 
 DOMAIN = Path(__file__).parent / "domain.pddl"
+
+
+def domain() -> str:
+    """Returns the planning domain in PDDL, with registered actions."""
+    base = DOMAIN.read_text(encoding="utf-8").rstrip()
+    return "\n\n".join((base.removesuffix(")"), *ACTIONS.values())) + ")\n" if ACTIONS else base
+
 
 Atom = tuple[str, ...]
 """A ground atom: predicate, then arguments."""

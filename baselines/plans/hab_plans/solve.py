@@ -13,7 +13,7 @@ from unified_planning.shortcuts import OneshotPlanner, SequentialSimulator
 
 from hab_plans.errors import NoPlanError, PlannerError
 from hab_plans.plan import Action, Plan
-from hab_plans.problem import DOMAIN, Atom, TaskProblem
+from hab_plans.problem import Atom, TaskProblem, domain
 
 PLANNER = "fast-downward-opt"
 
@@ -72,7 +72,7 @@ def replay(problem: TaskProblem, plan: Plan) -> tuple[frozenset[Atom], ...]:
 
 
 def _parsed(problem: TaskProblem) -> Any:
-    return PDDLReader().parse_problem_string(DOMAIN.read_text(encoding="utf-8"), problem.pddl())
+    return PDDLReader().parse_problem_string(domain(), problem.pddl())
 
 
 def _holding(parsed: Any, state: Any, problem: TaskProblem) -> frozenset[Atom]:

@@ -52,13 +52,13 @@ def stage_of(task: Task, action: Action) -> Stage:
     or, if it is only to be put there, at its goal (S H.2).
     """
     spec, articulation = task.spec, None
-    if action.name in ("open", "close"):
+    if action.verb in ("open", "close"):
         articulation = spec.articulations.index(action.things[0])
         number = _object_behind(spec, action)
         inside = container_at_start(spec, spec.targets[number]) == action.things[0]
     else:
         number = things(spec).index(action.things[0])
-        inside = action.name == "pick"
+        inside = action.verb == "pick"
     return Stage(
         action=action,
         skill=action.skill,
@@ -72,16 +72,16 @@ def stage_of(task: Task, action: Action) -> Stage:
 
 def _effect(action: Action, number: int) -> Condition:
     """Returns the condition that an action is for."""
-    if action.name in ("open", "close"):
-        return Condition(**{"opened" if action.name == "open" else "closed": (number,)})
-    return Condition(held=(number,)) if action.name == "pick" else Condition(placed=(number,))
+    if action.verb in ("open", "close"):
+        return Condition(**{"opened" if action.verb == "open" else "closed": (number,)})
+    return Condition(held=(number,)) if action.verb == "pick" else Condition(placed=(number,))
 
 
 def _object_behind(spec: TaskSpec, action: Action) -> int:
     """Returns the index of the object for which a door or drawer is opened or closed."""
     name = action.things[0]
     for item in interactions(spec):
-        if (item.kind, item.articulation) == (action.name, name):
+        if (item.kind, item.articulation) == (action.verb, name):
             return item.target
     users = [
         number

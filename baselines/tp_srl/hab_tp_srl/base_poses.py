@@ -75,7 +75,7 @@ def candidates(robot: Robot, stage: Stage, map_: NavigationMap, point_m: Array) 
         return [poses[faces], poses[~faces]]
     x, y, yaw = _spawn_frame(robot, stage.articulation)
     articulation = robot.scene.articulation(stage.articulation)
-    kind, opens = ARTICULATION_KINDS[articulation.kind], stage.action.name == "open"
+    kind, opens = ARTICULATION_KINDS[articulation.kind], stage.action.verb == "open"
     region = kind.opening_region if opens else kind.closing_region
     ahead, aside = (np.arange(low, high, CELL_M) for low, high in (region.x_m, region.y_m))
     local = np.stack(np.meshgrid(ahead, aside), axis=-1).reshape(-1, 2)

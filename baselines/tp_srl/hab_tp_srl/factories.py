@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 from hab_navigator.weights import is_navigator
 from hab_plans.executor import Executor, ExecutorConfig
+from hab_plans.extension import PROVIDERS, load_factory
 from hab_plans.motion import Motion
 from hab_plans.motion_log import MotionLog
 from hab_plans.plan import plan_of
@@ -16,21 +16,19 @@ from hab_plans.protocols import Team
 from hab_spa.motion.robot import Robot
 from hab_spa.scenes.scene import Scene
 
-from hab_tasks.agent import AgentSetup, AgentSpec
+from hab_tasks.agent import Agent, AgentSetup, AgentSpec
 from hab_tasks.processes import use_one_thread
 from hab_tasks.registration import imported_id
 from hab_tasks.tasks.base import Task
 from hab_tp_srl.agent import TpSrlAgent
+from hab_tp_srl.agent_policy import AgentPolicy
 from hab_tp_srl.hand_over import Resetting, ReturningNavigator
 from hab_tp_srl.navigators import LearnedNavigator, NavigatorPolicy, ReturningOracle
 from hab_tp_srl.options import SKILLS, TeamOptions, read_options
 from hab_tp_srl.policies import SkillPolicy
-from hab_tp_srl.providers import providers
+from hab_tp_srl.providers import Policies, providers
 from hab_tp_srl.scenes import GuidedScene, ObservedScene
 from hab_tp_srl.view import TaskView
-
-Policies = Mapping[str, SkillPolicy | None]
-"""Skill -> policy, or None for planning."""
 
 NavigationPolicy = SkillPolicy | NavigatorPolicy
 
@@ -71,7 +69,9 @@ def tp_srl(setup: AgentSetup) -> TpSrlAgent:
         team = Team(
             skills=providers(task, policies, scene.view, options.true_knowledge),
             navigator=navigator,
-            hand_over=Resetting(log=log, options=options, navigator=navigator),
+            hand_over=Resetting(
+                log=log, options=options, navigator=navigator, learned=_learned(policies)
+            ),
         )
         config = ExecutorConfig(attempts=1 + options.retries, replans=options.replans, goes_on=True)
         return Executor(log, team, config).run()
@@ -81,16 +81,27 @@ def tp_srl(setup: AgentSetup) -> TpSrlAgent:
 
 def skills_of(env_id: str, task: Task) -> tuple[str, ...]:
     """Returns the skills that a task's plans can need, other than navigation."""
-    used = {action.skill for action in plan_of(env_id).actions} - {"navigate"}
+    used = {action.skill for action in plan_of(env_id).interactions}
     used |= {f"open_{kind.name}" for kind in task.articulations}
-    return tuple(skill for skill in SKILLS if skill in used)
+    return tuple(skill for skill in (*SKILLS, *PROVIDERS) if skill in used)
 
 
 def _policies(setup: AgentSetup, options: TeamOptions) -> Policies:
     """Loads the policies; a file that several skills use is loaded for each."""
+    return {skill: _policy(setup, skill, by, options) for skill, by in options.skills.items()}
+
+
+def _policy(setup: AgentSetup, skill: str, by: Path | str | None, options: TeamOptions) -> Any:
+    """Loads who executes a skill."""
+    if isinstance(by, str):
+        own = load_factory(by)(setup) if PROVIDERS.get(skill) == by else None
+        return AgentPolicy(setup, skill, by) if own is None or isinstance(own, Agent) else own
+    return None if by is None else SkillPolicy(setup, skill, by, options.draws_actions)
+
+
+def _learned(policies: Policies) -> dict[str, SkillPolicy | AgentPolicy]:
     return {
-        skill: None if path is None else SkillPolicy(setup, skill, path, options.draws_actions)
-        for skill, path in options.skills.items()
+        skill: one for skill, one in policies.items() if isinstance(one, SkillPolicy | AgentPolicy)
     }
 
 
@@ -100,7 +111,8 @@ def _navigator(
     """Returns the navigator of an episode."""
     if navigate is None:
         return ReturningOracle()
-    stands = [name for name, one in policies.items() if one and one.control.base == "still"]
+    learned = _learned(policies).items()
+    stands = [name for name, policy in learned if policy.control.base == "still"]
     return LearnedNavigator(navigate, stands, view)
 
 
@@ -113,7 +125,7 @@ def _navigation(setup: AgentSetup, path: Path) -> NavigationPolicy:
 
 def _spec(options: TeamOptions, policies: Policies, navigate: NavigationPolicy | None) -> AgentSpec:
     """Returns the environment options that a team needs."""
-    learned = [policy for policy in (*policies.values(), navigate) if policy is not None]
+    learned = [*_learned(policies).values(), *([] if navigate is None else [navigate])]
     seeing = [policy for policy in learned if policy.sees_images]
     textures = {texture for policy in seeing for texture in policy.obs_mode.split("+")}
     paths, perfect = (*options.skills.values(), options.navigate), options.navigation == "perfect"
@@ -125,8 +137,9 @@ def _spec(options: TeamOptions, policies: Policies, navigate: NavigationPolicy |
         # Most parts need no images, and the navigator only some.
         looks="on demand" if seeing else "always",
         handle_position=not options.true_knowledge and any(p.sees_handles for p in learned),
-        rows=1 if None in policies.values() else ROWS,
-        files=tuple(str(path) for path in paths if path is not None),
+        rows=ROWS if len(_learned(policies)) == len(policies) else 1,
+        files=tuple(str(path) for path in paths if isinstance(path, Path))
+        + tuple(file for one in learned if isinstance(one, AgentPolicy) for file in one.files),
     )
 
 

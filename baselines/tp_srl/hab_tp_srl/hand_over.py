@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -45,11 +46,13 @@ class Resetting:
         log: The robot's motions.
         options: The agent's options.
         navigator: Moves the base.
+        learned: Skills by policies.
     """
 
     log: MotionLog[Robot]
     options: TeamOptions
     navigator: ReturningNavigator
+    learned: Collection[str]
 
     def prepare(self, stage: Stage, attempt: int) -> Motion:
         """Moves the arm to rest before a stage, and opens a hand that holds something else.
@@ -105,7 +108,7 @@ class Resetting:
         return None
 
     def _is_planned(self, stage: Stage) -> bool:
-        return self.options.skills[stage.skill] is None
+        return stage.skill not in self.learned
 
     def _needs_reset(self, stage: Stage) -> bool:
         gap_rad = np.abs(self.log.robot.scene.arm_qpos - np.array(ROBOT.rest_qpos_rad)).max()

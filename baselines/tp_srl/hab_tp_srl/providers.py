@@ -13,6 +13,7 @@ from hab_spa.tasks.planned_skills import SKILLS as PLANNED_SKILLS
 from hab_spa.tasks.planned_skills import PlannedSkill
 
 from hab_tasks.tasks.base import Task
+from hab_tp_srl.agent_policy import AgentPolicy
 from hab_tp_srl.base_poses import TURNING_M, start_pose
 from hab_tp_srl.ending import Ending
 from hab_tp_srl.policies import SkillPolicy
@@ -20,24 +21,32 @@ from hab_tp_srl.skill import learned
 from hab_tp_srl.training_starts import features
 from hab_tp_srl.view import TaskView
 
+Policies = Mapping[str, SkillPolicy | AgentPolicy | SkillProvider[Robot] | None]
+"""Skill -> policy, provider of another package, or None for planning."""
+
 
 def providers(
-    task: Task, policies: Mapping[str, SkillPolicy | None], view: TaskView, true_knowledge: bool
+    task: Task, policies: Policies, view: TaskView, true_knowledge: bool
 ) -> dict[str, SkillProvider[Robot]]:
     """Returns the providers of a task's skills, for the robot of one row.
 
     Args:
         task: The task.
-        policies: Skill -> policy, or None for planning.
+        policies: Who executes each skill.
         view: What the robot observes.
         true_knowledge: Whether learned skills have ground truth.
     """
-    return {
-        skill: PlannedPart(**vars(PLANNED_SKILLS[skill]), view=view)
-        if policy is None
-        else LearnedSkill(task=task, policy=policy, view=view, knows_effect=true_knowledge)
-        for skill, policy in policies.items()
-    }
+    found: dict[str, SkillProvider[Robot]] = {}
+    for skill, one in policies.items():
+        if one is None:
+            found[skill] = PlannedPart(**vars(PLANNED_SKILLS[skill]), view=view)
+        elif isinstance(one, SkillPolicy | AgentPolicy):
+            found[skill] = LearnedSkill(
+                task=task, policy=one, view=view, knows_effect=true_knowledge
+            )
+        else:
+            found[skill] = one
+    return found
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,7 +61,7 @@ class LearnedSkill:
     """
 
     task: Task
-    policy: SkillPolicy
+    policy: SkillPolicy | AgentPolicy
     view: TaskView
     knows_effect: bool
 

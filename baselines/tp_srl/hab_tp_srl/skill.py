@@ -16,7 +16,7 @@ from hab_tasks.robots.arm_commands import commanded_arm
 from hab_tasks.robots.control_modes import ARM_SIZE, BASE_CELLS, STOP_SHARE
 from hab_tasks.robots.kinematics import ArmKinematics
 from hab_tp_srl.ending import Ending
-from hab_tp_srl.policies import Decider, SkillPolicy, Turn
+from hab_tp_srl.policies import Decider, Turn
 from hab_tp_srl.view import TaskView
 
 _KINEMATICS = ArmKinematics()
@@ -38,7 +38,7 @@ class PolicyCommand(Command):
 def learned(
     robot: Robot,
     stage: Stage,
-    policy: SkillPolicy,
+    policy: Decider,
     view: TaskView,
     ending: Ending,
 ) -> Motion:

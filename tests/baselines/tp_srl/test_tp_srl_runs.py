@@ -252,22 +252,6 @@ def run_to_the_end(agent, env, obs, steps):
 
 
 @pytest.mark.slow
-def test_an_own_task_runs_with_learned_and_planned_skills(brief, weights):
-    """The task of the README, up to the end of its plan."""
-    names = ("place_blind", "open_fridge_blind", "close_fridge_blind")
-    options = {name.removesuffix("_blind"): str(weights[name]) for name in names}
-    options |= {"pick": "spa_priv", "knowledge": "true", "retries": "0"}
-    task = "my_tasks:ClearTable-v1"
-    agent = hab_tp_srl.tp_srl(agent_setup(task, options=options))
-    report, tried = run_to_the_end(agent, *make_env(agent.spec, task=task), 2500)
-    plan = [action.skill for action in plan_of(task).interactions]
-    assert tried == plan
-    assert report.failure == "open_fridge timeout"
-    assert any(entry["did"] == "pick" and entry.get("achieved") for entry in report.trace)
-    assert {name for name, _, _ in brief} == set(names)
-
-
-@pytest.mark.slow
 def test_a_policy_sees_the_images_of_its_rows(brief, weights, learned):
     options = {**learned, "pick": str(weights["pick_depth"])}
     agent = hab_tp_srl.tp_srl(agent_setup("HabTidyHouse-v1", options=options))

@@ -6,10 +6,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from hab_plans.executor import Executor, ExecutorConfig
+from hab_plans.extension import PROVIDERS, load_factory
 from hab_plans.motion import Motion
 from hab_plans.motion_log import MotionLog
+from hab_plans.plan import plan_of
 from hab_plans.problem import task_of
-from hab_plans.protocols import Navigator, Team
+from hab_plans.protocols import Navigator, SkillProvider, Team
 
 from hab_spa.agents.agent import SpaAgent
 from hab_spa.agents.modes import CONTROLLERS, control_mode
@@ -19,7 +21,7 @@ from hab_spa.scenes.seen_scene import SeenScene
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.tasks.hand_over import Folding
 from hab_spa.tasks.navigate import OracleNavigator, PolicyNavigator, navigator_of
-from hab_spa.tasks.planned_skills import SKILLS, PlannedSkill, guided
+from hab_spa.tasks.planned_skills import SKILLS, guided
 from hab_tasks.agent import AgentSetup, AgentSpec, check_options
 from hab_tasks.errors import OptionError
 from hab_tasks.registration import imported_id
@@ -39,10 +41,10 @@ def tp_spa_priv(setup: AgentSetup) -> SpaAgent:
         HabError: The environment is not a task, or an option is unknown.
     """
     env_id, config = _asked(setup)
-    navigator = navigator_of(setup)
+    navigator, own = navigator_of(setup), _own_skills(setup, env_id)
 
     def behave(robot: Robot) -> Motion:
-        return _run(env_id, robot, SKILLS, navigator, config)
+        return _run(env_id, robot, SKILLS, own, navigator, config)
 
     obs_mode = "state_dict"
     if isinstance(navigator, PolicyNavigator):
@@ -69,14 +71,14 @@ def tp_spa(setup: AgentSetup) -> SpaAgent:
         HabError: The environment is not a task, or an option is unknown.
     """
     env_id, config = _asked(setup)
-    navigator = navigator_of(setup)
+    navigator, own = navigator_of(setup), _own_skills(setup, env_id)
 
     def behave(robot: Robot) -> Motion:
         scene = robot.scene
         assert isinstance(scene, SeenScene)
         guide = Robot(scene.truth, robot.config, seed=robot.next_seed(), deadline=robot.deadline)
         skills = guided(guide, {"pick": pick_seen, "place": place_seen})
-        return _run(env_id, robot, skills, navigator, config)
+        return _run(env_id, robot, skills, own, navigator, config)
 
     spec = AgentSpec(
         name=_name("TP+SPA", setup),
@@ -92,13 +94,14 @@ def tp_spa(setup: AgentSetup) -> SpaAgent:
 def _run(
     env_id: str,
     robot: Robot,
-    skills: Mapping[str, PlannedSkill],
+    skills: Mapping[str, SkillProvider[Robot]],
+    own: Mapping[str, SkillProvider[Robot]],
     navigator: Navigator[Robot],
     config: ExecutorConfig,
 ) -> Motion:
     """Returns the execution of a task's plan in one episode."""
     log = MotionLog(env_id, robot)
-    team = Team(skills=skills, navigator=navigator, hand_over=Folding(log))
+    team = Team(skills={**skills, **own}, navigator=navigator, hand_over=Folding(log))
     return Executor(log, team, config).run()
 
 
@@ -113,6 +116,12 @@ def _asked(setup: AgentSetup) -> tuple[str, ExecutorConfig]:
     if not text.isdecimal():
         raise OptionError.of_value("option replan of the agent", text, "an integer >= 0")
     return env_id, replace(EXECUTION, replans=int(text))
+
+
+def _own_skills(setup: AgentSetup, env_id: str) -> dict[str, SkillProvider[Robot]]:
+    """Returns the registered providers of the task's skills."""
+    used = {action.skill for action in plan_of(env_id).interactions}
+    return {skill: load_factory(by)(setup) for skill, by in PROVIDERS.items() if skill in used}
 
 
 def _files(navigator: OracleNavigator | PolicyNavigator) -> tuple[str, ...]:

@@ -18,9 +18,10 @@ from hab_tasks.engine.hab_env import HabEnv
 from hab_tasks.engine.sensors import observed
 from hab_tasks.envs import ENVS
 from hab_tasks.errors import OptionError, UnknownNameError
-from hab_tasks.robots.cameras import PLACES, CameraRig
+from hab_tasks.robots.cameras import CameraRig, camera_pose
 from hab_tasks.robots.control import control_configs
 from hab_tasks.robots.control_modes import BASE_CELLS, action_bounds, nearest_mode
+from hab_tasks.robots.fetch import FETCH
 
 CAMERA_MATRICES = {"extrinsic_cv": (3, 4), "cam2world_gl": (4, 4), "intrinsic_cv": (3, 3)}
 """Shapes of the ``sensor_param`` entries of a camera."""
@@ -85,10 +86,10 @@ def agent_spaces(env_id: str, spec: AgentSpec) -> AgentSpaces:
 
 
 def _action_space(control_mode: str) -> spaces.Space:
-    config = control_configs()[control_mode]
+    config = control_configs(FETCH)[control_mode]
     if config.base == "discrete":
         return spaces.Discrete(len(BASE_CELLS))
-    low, high = action_bounds(config.arm, config.base)
+    low, high = action_bounds(FETCH, config.arm, config.base)
     return spaces.Box(low, high, dtype=np.float32)
 
 
@@ -131,19 +132,20 @@ def _image(height_px: int, width_px: int, channels: int, kind: Any) -> spaces.Bo
 
 def _cameras(env: type[HabEnv]) -> dict[str, CameraParameters]:
     """Returns the sensor cameras of an environment, in observation order."""
-    rig = CameraRig(names=tuple(name for name in PLACES if name in env.cameras))
+    rig = CameraRig(names=tuple(name for name in FETCH.cameras if name in env.cameras))
     focal_px = rig.size_px / 2 / math.tan(rig.hfov_rad / 2)
     middle_px = rig.size_px / 2
     intrinsics_px = np.array([[focal_px, 0, middle_px], [0, focal_px, middle_px], [0, 0, 1]])
     found = {}
     for name in rig.names:
-        link_from_camera = PLACES[name].pose().to_transformation_matrix().astype(np.float64)
+        place = FETCH.cameras[name]
+        link_from_camera = camera_pose(place).to_transformation_matrix().astype(np.float64)
         link_from_camera[:3, :3] = link_from_camera[:3, :3] @ _OPENCV_FROM_SAPIEN.T
         found[name] = CameraParameters(
             width_px=rig.size_px,
             height_px=rig.size_px,
             intrinsics_px=intrinsics_px,
-            link=PLACES[name].link,
+            link=place.link,
             link_from_camera=link_from_camera,
         )
     return found

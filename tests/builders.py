@@ -19,13 +19,14 @@ from mani_skill.utils.structs import Actor
 from mani_skill.utils.structs.types import SimConfig
 
 from hab_tasks.arrays import Floats, norm
+from hab_tasks.constants import REST_POSITION_M
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.measures import MEANINGS, Measures
 from hab_tasks.engine.rewards import total
 from hab_tasks.engine.skill_env import Skill
 from hab_tasks.engine.snapshot import Snapshot, world_to_base
 from hab_tasks.episodes import Episode
-from hab_tasks.robots.fetch import HabFetch
+from hab_tasks.robots.fetch.agent import HabFetch
 from hab_tasks.scenes.collision_groups import MOVING, set_groups
 
 TABLE_SIZE_M = (1.0, 0.8, 0.6)
@@ -193,7 +194,9 @@ def row(*values: float) -> np.ndarray:
 
 def goals_of(count: int, objects: int = 1, articulations: int = 0, **values: Any) -> Goals:
     """Goals of `count` rows that are zero, except for `values`."""
-    return replace(Goals.empty(count, objects, articulations), **arrays(values))
+    rest = np.tile(np.float32(REST_POSITION_M), (count, 1))
+    empty = replace(Goals.empty(count, objects, articulations), rest_m=rest)
+    return replace(empty, **arrays(values))
 
 
 def measures(count: int = 1, **values: Any) -> Measures:

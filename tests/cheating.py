@@ -12,14 +12,14 @@ from hab_tasks.articulations import DRAWER, FRIDGE
 from hab_tasks.constants import PLACE_RADIUS_M, REST_POSITION_M, REST_RADIUS_M
 from hab_tasks.robots.arm_commands import ee_step_m
 from hab_tasks.robots.control_modes import ABSOLUTE_ARM, STOP_CELL
+from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.kinematics import ArmKinematics
-from hab_tasks.robots.robot import ROBOT
 from hab_tasks.tasks.base import Condition
 
 REST = np.array(REST_POSITION_M)
-REST_RAD = np.array(ROBOT.rest_qpos_rad)
-KINEMATICS = ArmKinematics()
-REACH_M, _RAISED = 0.149, np.array((0.0, 0.0, ROBOT.base_height_m))
+REST_RAD = np.array(FETCH.rest_qpos_rad)
+KINEMATICS = ArmKinematics(FETCH)
+REACH_M, _RAISED = 0.149, np.array((0.0, 0.0, FETCH.base_height_m))
 
 
 class World:
@@ -262,7 +262,7 @@ def too_early(w, info):
     """The navigation is over sooner than the base drives there, or the robot went through it."""
     way_m = float(w.raw.measures.base_to_goal_start_m[0]) - 0.3
     arrived = bool(w.raw.rules.progress.done[0])
-    return arrived and (w.step < 30 * way_m / ROBOT.base_linear_speed_m_s - 2 or w.deepest_m > 0.02)
+    return arrived and (w.step < 30 * way_m / FETCH.base_linear_speed_m_s - 2 or w.deepest_m > 0.02)
 
 
 def picks(w, below_m):
@@ -273,7 +273,7 @@ def picks(w, below_m):
 
 def too_fast(w, info):
     """To within grasping distance and back; stretched, the arm is faster than at rest."""
-    least = max(2 * w.seen["way_m"] - REST_RADIUS_M, 0.0) / (1.5 * ee_step_m(w.config.arm))
+    least = max(2 * w.seen["way_m"] - REST_RADIUS_M, 0.0) / (1.5 * ee_step_m(FETCH, w.config.arm))
     return bool(info["success"][0]) and w.step < least
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import torch
 from builders import box_actor, cpu_scene, start_fetch
 
-from hab_tasks.robots.fetch import HabFetch
+from hab_tasks.robots.fetch.agent import HabFetch
 from hab_tasks.robots.grasp import SnapGrasp
 
 GRASP, RELEASE = 1.0, -1.0
@@ -34,7 +34,7 @@ class FetchSim:
         for actor in self.objects:
             actor._bodies[0].disable_gravity = floating
         self.controller = self.agent.controller
-        self.grasp = SnapGrasp(self.scene, self.agent.ee_link, self.objects, [])
+        self.grasp = SnapGrasp(self.agent, self.objects, [])
         self.speeds = [0.0]
 
     def act(self, action, gripper=RELEASE, *, steps=1):

@@ -5,7 +5,7 @@ import sapien
 import torch
 from builders import cpu_scene
 
-from hab_tasks.robots.fetch import HabFetch
+from hab_tasks.robots.fetch.agent import HabFetch
 from hab_tasks.robots.grasp import SnapGrasp
 from hab_tasks.robots.handle import Handle
 from hab_tasks.scenes.habitat.dataset import resolve_dataset
@@ -36,8 +36,7 @@ class Kitchen:
             offset_m=marker.offset_m,
         )
         self.furniture = furniture
-        ee_link, options = self.agent.ee_link, {"pulls_along": pulls_along}
-        self.grasp = SnapGrasp(self.scene, ee_link, [], [self.handle], **options)
+        self.grasp = SnapGrasp(self.agent, [], [self.handle], pulls_along=pulls_along)
         for link in self.agent.robot.links:  # only the constraint shall move the door
             for shape in link._objs[0].collision_shapes:
                 shape.set_collision_groups([0, 0, 0, 0])

@@ -7,7 +7,7 @@ from builders import ee_action
 from gymnasium import spaces
 
 from hab_tasks.envs import ENVS
-from hab_tasks.robots.control_modes import ABSOLUTE_ARM, ARM_SIZE, STOP_CELL
+from hab_tasks.robots.control_modes import ABSOLUTE_ARM, STOP_CELL
 
 FAMILIES = ("HabPick-v1", "HabOpenFridge-v1", "HabNavigate-v1", "HabSetTable-v1")
 """One of each kind: takes objects, takes handles, drives only, does everything."""
@@ -42,7 +42,7 @@ def actions(env, count, seed=0, gripper=None):
         drawn[:, :7] = arm(base) + 0.1 * drawn[:, :7]
     if config.base == "pose":
         drawn[:, -3:] = base.agent.controller.base_target + 0.02 * drawn[:, -3:]
-    size = ARM_SIZE[config.arm]
+    size = config.arm_size
     if gripper is not None and size:
         drawn[:, size] = gripper
     return list(np.clip(drawn, space.low, space.high))

@@ -10,6 +10,7 @@ from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import template_of
 from hab_tasks.episodes.source import EpisodeSource
 from hab_tasks.geometry import to_matrix
+from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.kinematics import ArmKinematics
 from hab_tasks.scenes.markers import HANDLE_MARKERS
 
@@ -173,7 +174,7 @@ class Replay:
     def ee_m(self):
         """The end-effector (3,) in the world; the base's frame is 5 mm above the floor."""
         x, y, yaw = self.episode.robot.base
-        ahead, side, up = ArmKinematics().position(np.array(self.episode.robot.arm_qpos_rad))
+        ahead, side, up = ArmKinematics(FETCH).position(np.array(self.episode.robot.arm_qpos_rad))
         c, s = math.cos(yaw), math.sin(yaw)
         return np.array([x + c * ahead - s * side, y + s * ahead + c * side, up + 0.005])
 

@@ -146,16 +146,17 @@ def continuous_control(env_id: str) -> str:
 def action_size(control_mode: str) -> int:
     """Returns the number of action entries of a control mode."""
     from hab_tasks.robots.control import control_configs
+    from hab_tasks.robots.fetch import FETCH
 
-    return control_configs()[control_mode].size
+    return control_configs(FETCH)[control_mode].size
 
 
 def gripper_entry(control_mode: str) -> int | None:
     """Returns the index of the gripper's action entry; None for modes without arm."""
     from hab_tasks.robots.control import control_configs
-    from hab_tasks.robots.control_modes import ARM_SIZE
+    from hab_tasks.robots.fetch import FETCH
 
-    return ARM_SIZE[control_configs()[control_mode].arm] or None
+    return control_configs(FETCH)[control_mode].arm_size or None
 
 
 def short_name(dataset: str) -> str:

@@ -10,7 +10,7 @@ import tyro
 
 from hab_tasks.commands.keyboard import key_table
 from hab_tasks.console import Command
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +21,7 @@ class Demo(Command):
 
 Without a display no window opens; --out still writes a video. Keys are read from the terminal. A
 held key keeps moving, slowly for half a second, then at full speed (the base at
-{ROBOT.base_linear_speed_m_s:g} m/s):
+{FETCH.base_linear_speed_m_s:g} m/s):
 {key_table()}
 
 Example:

@@ -17,7 +17,7 @@ import numpy as np
 
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.errors import HabError
-from hab_tasks.robots.control_modes import ARM_SIZE, BASE_CELLS
+from hab_tasks.robots.control_modes import BASE_CELLS
 
 if TYPE_CHECKING:
     from hab_tasks.robots.control import HabController
@@ -124,7 +124,7 @@ class Keyboard:
             return BASE_CELLS.index((wanted[0], wanted[1]))
         action = np.zeros(self._controller.config.size, dtype=np.float32)
         if self.moves_arm:
-            action[ARM_SIZE["ee"]] = 1.0 if self._grips else -1.0
+            action[self._controller.config.arm_size] = 1.0 if self._grips else -1.0
         if key is not None:
             action[key.entry - (2 if key.part == "base" else 0)] = share * key.value
         return action

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from hab_tasks.engine.requirements import Requirements
-from hab_tasks.episodes.schema import ARM_JOINT_COUNT, Episode
+from hab_tasks.episodes.schema import Episode
 from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import Pose7, apply
 from hab_tasks.option_values import LARGEST_SEED
+from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.scenes.meshes import mesh_bounds
 from hab_tasks.scenes.scene_bodies import SceneBodies
 from hab_tasks.scenes.spec import Stage
@@ -28,23 +29,28 @@ Limits = tuple[float, float]
 Area = tuple[float, float, float, float]
 
 
-def check_entries(episode: Episode, requirements: Requirements, file: Path | None = None) -> None:
+def check_entries(
+    episode: Episode, robot: RobotSpec, requirements: Requirements, file: Path | None = None
+) -> None:
     """Checks that an episode has the fields an environment requires, in any layout.
 
     Args:
         episode: The episode, from a file or from the caller.
+        robot: The robot of the environment.
         requirements: Requirements of the environment.
         file: File of the episode, for messages.
 
     Raises:
         EpisodeError: With the episode, the field and the valid values.
     """
-    for field, fault in _faults(episode, requirements):
+    for field, fault in _faults(episode, robot, requirements):
         where = episode.id if file is None else f"{file}: episode {episode.id!r}"
         raise EpisodeError(f"{where}, field {field}: {fault}.")
 
 
-def _faults(episode: Episode, requirements: Requirements) -> Iterator[tuple[str, str]]:
+def _faults(
+    episode: Episode, robot: RobotSpec, requirements: Requirements
+) -> Iterator[tuple[str, str]]:
     """Yields invalid fields, each with a description."""
     found, wanted = len(episode.targets), requirements.objects
     if found != wanted:
@@ -67,8 +73,9 @@ def _faults(episode: Episode, requirements: Requirements) -> Iterator[tuple[str,
         )
     if requirements.names_navigation_goal and episode.navigation is None:
         yield "navigation", "missing: the navigation goal of the base"
-    if len(episode.robot.arm_qpos_rad) != ARM_JOINT_COUNT:
-        yield "robot.arm_qpos_rad", f"expected {ARM_JOINT_COUNT} joints"
+    joints = len(robot.arm_joints)
+    if len(episode.robot.arm_qpos_rad) != joints:
+        yield "robot.arm_qpos_rad", f"expected {joints} joints"
     if not 0 <= episode.seed <= LARGEST_SEED:
         yield "seed", f"{episode.seed} is not within 0 to 2^63 - 1"
     for field, values in _coordinates(episode):

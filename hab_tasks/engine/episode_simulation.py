@@ -36,6 +36,7 @@ from hab_tasks.robots.grasp import NOTHING, SnapGrasp
 from hab_tasks.robots.joint_setter import BLOCKED_DEPTH_M
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.robots.sleeping import SleepingObjects
+from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.scenes.lights import LayoutLights
 from hab_tasks.scenes.pool import BodyPool
 from hab_tasks.scenes.scene_bodies import SceneBodies
@@ -53,6 +54,7 @@ class EpisodeSimulation:
     """Loads layouts, applies episodes and steps the physics of one row of `Rows`.
 
     Attributes:
+        robot: The robot.
         requirements: Requirements of the skill or task.
         source: Source of the episodes.
         maps: Navigation maps of the layouts.
@@ -84,6 +86,7 @@ class EpisodeSimulation:
 
     def __init__(
         self,
+        robot: RobotSpec,
         requirements: Requirements,
         source: EpisodeSource,
         num_episodes: int,
@@ -93,11 +96,12 @@ class EpisodeSimulation:
         noise: NoiseSource | None = None,
     ) -> None:
         """Runs episodes of `source`; with `prefetch`, preloads all its layouts."""
-        self.requirements, self.source, self._prefetch = requirements, source, prefetch
+        self.robot, self.requirements, self.source = robot, requirements, source
+        self._prefetch = prefetch
         whole("num_episodes", num_episodes, 1, UNLIMITED)
         flag("prefetch", prefetch)
         for episode in source.given:
-            check_entries(episode, requirements, source.file)
+            check_entries(episode, robot, requirements, source.file)
         self.maps = LayoutMaps(source.scene)
         self._sampler = EpisodeSampler(source, num_episodes)
         self._delay_steps, self.delay, self.noise = delay_steps, None, noise
@@ -132,14 +136,14 @@ class EpisodeSimulation:
     @property
     def ee_step_m(self) -> float:
         """Maximum displacement of the end-effector per action."""
-        return ee_step_m(self._agent.controller.config.arm)
+        return ee_step_m(self.robot, self._agent.controller.config.arm)
 
     # Choosing and building -------------------------------------------------------------------
 
     def choose(self, seed: int | None, wanted: Any) -> bool:
         """Chooses the next episode; returns whether nothing has been built yet."""
         if isinstance(wanted, Episode):
-            check_entries(wanted, self.requirements)
+            check_entries(wanted, self.robot, self.requirements)
         self._sampler.choose(seed, wanted)
         return self._shown is None
 
@@ -174,21 +178,14 @@ class EpisodeSimulation:
         agent, scene_bodies = self._agent, self.scene_bodies
         movable = list(scene_bodies.movable.values())
         self._names = list(scene_bodies.movable)
-        self.grasp = SnapGrasp(
-            self._scene,
-            agent.ee_link,
-            movable,
-            handles_of(scene_bodies),
-            self.requirements.takes,
-            pulls_along=agent.controller.config.arm == "joint_state",
-        )
+        is_set, takes = agent.controller.config.arm == "joint_state", self.requirements.takes
+        handles = handles_of(scene_bodies)
+        self.grasp = SnapGrasp(agent, movable, handles, takes, pulls_along=is_set)
         self._force = ContactForce(agent)
         self._reader = SnapshotReader(agent, self.grasp)
         self._setting = GoalSetting(self.requirements, scene_bodies, self.grasp)
-        links = dict(agent.robot.links_map)
-        mobile = agent.controller.config.base != "still"
         furniture = list(scene_bodies.articulations.values())
-        self._sleeping = SleepingObjects(movable, links, furniture, mobile)
+        self._sleeping = SleepingObjects(movable, agent, furniture)
         self.grasp.known_com_m = self._sleeping.com_m
         if self.requirements.takes == "any":
             containers = Containers(self.requirements.articulations, self.grasp)
@@ -225,7 +222,8 @@ class EpisodeSimulation:
 
     def goal_values(self, starts_m: Floats) -> dict[str, Any]:
         """Returns the episode's entries of `Goals`, with objects starting at (K, 3)."""
-        return self._setting.values(self.episode, starts_m.astype(float))
+        values = self._setting.values(self.episode, starts_m.astype(float))
+        return {**values, "rest_m": self.robot.rest_position_m}
 
     def act(self, action: Batch) -> None:
         """Sets the drive targets of a valid action (A,), or cell (1,), without stepping."""

@@ -24,6 +24,7 @@ class Goals:
         articulation_frame: (N, J, 3) x [m], y [m], yaw [rad] of the frame facing out of the
             furniture.
         base: (N, 3) x [m], y [m], yaw [rad] of the navigation goal.
+        rest_m: (N, 3) resting position of the end-effector, base frame.
     """
 
     starts_m: Floats
@@ -32,6 +33,7 @@ class Goals:
     joint_upper: Floats
     articulation_frame: Floats
     base: Floats
+    rest_m: Floats
 
     @staticmethod
     def empty(count: int, objects: int, articulations: int) -> Goals:
@@ -47,6 +49,7 @@ class Goals:
             joint_upper=zeros(articulations) + 1.0,
             articulation_frame=zeros(articulations, 3),
             base=zeros(3),
+            rest_m=zeros(3),
         )
 
     def of_row(self, row: int) -> Goals:

@@ -17,7 +17,6 @@ from hab_tasks.privileged import Array, ArticulationState, CollisionBody, Privil
 from hab_tasks.receptacles import CONTAINERS
 from hab_tasks.robots.grasp import NOTHING, SnapGrasp
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
-from hab_tasks.robots.robot import ROBOT
 from hab_tasks.scenes.pool import BodyPool
 from hab_tasks.scenes.scene_bodies import SceneBodies
 from hab_tasks.scenes.shapes import components, matrix, read_body
@@ -118,8 +117,8 @@ class GroundTruth:
 
     def _read_bodies(self) -> tuple[CollisionBody, ...]:
         """Returns all bodies; notes the poses of those that stand still, which are most."""
-        robot = self._agent.robot
-        self._links = [(f"{ROBOT.uid}/{link.name}", sapien_object(link)) for link in robot.links]
+        links, uid = self._agent.robot.links, self._agent.spec.uid
+        self._links = [(f"{uid}/{link.name}", sapien_object(link)) for link in links]
         for name, group, body in components(self._scene_bodies):
             if group in FIXED:
                 self._fixed[name] = matrix(body.entity_pose)

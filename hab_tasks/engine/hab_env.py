@@ -16,7 +16,6 @@ from gymnasium.envs.registration import EnvSpec
 from mani_skill.utils.structs.types import SimConfig
 from torch import Tensor
 
-import hab_tasks.robots.fetch  # noqa: F401  # registers the robot
 from hab_tasks.agent import TargetFrame
 from hab_tasks.arrays import Floats, shared_tensor, to_tensor
 from hab_tasks.constants import CAMERA_HFOV_RAD, CAMERA_SIZE_PX
@@ -36,7 +35,9 @@ from hab_tasks.option_values import entries, row_numbers, seeds
 from hab_tasks.registration import reference_of
 from hab_tasks.robots.control_modes import nearest_mode
 from hab_tasks.robots.delay import checked_steps
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
+from hab_tasks.robots.registry import agent_class, robot_of
+from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.scenes.physics import sim_config
 
 
@@ -80,13 +81,14 @@ class HabEnv(ObservingEnv):
         kwargs: ManiSkill's own arguments (obs_mode, reward_mode, control_mode, ...).
     """
 
-    SUPPORTED_ROBOTS: ClassVar[list[str]] = [ROBOT.uid]  # type: ignore[assignment]
+    SUPPORTED_ROBOTS = None  # type: ignore[assignment]  # those of `robots.registry`
     SUPPORTED_REWARD_MODES = ("dense", "normalized_dense", "sparse", "none")
     name: ClassVar[str]
     requirements: ClassVar[Requirements]
     horizon_steps: ClassVar[int]
     control_modes: ClassVar[tuple[str, ...]]
     reward_bound: ClassVar[float]
+    robot: RobotSpec
     score_names: ClassVar[tuple[str, ...]] = ()
     _unpaid: tuple[dict[str, Floats], dict[str, Tensor]] = ({}, {})
     _spec: EnvSpec | None = None
@@ -117,6 +119,7 @@ class HabEnv(ObservingEnv):
         render_backend: str = "auto",
         **kwargs: Any,
     ) -> None:
+        self.robot = _robot(kwargs.pop("robot_uids", None))
         check_inherited(self.name, inspect.signature(HabEnv.__init__).parameters, kwargs)
         self.configure(entries("skill_config", skill_config))
         self._set_entries(proprioception, target_frame, handle_position, depth)
@@ -125,12 +128,29 @@ class HabEnv(ObservingEnv):
         kwargs["control_mode"] = self._known_mode(kwargs.get("control_mode"))
         where: dict[str, Any] = {"scene_dataset": scene_dataset, "objects": objects, "scene": scene}
         which: dict[str, Any] = {"split": split, "file": episodes, "seed": episode_seed}
-        delay: dict[str, Any] = {"delay_steps": checked_steps(action_delay_steps)}
-        options = {"prefetch": prefetch, "noise": NoiseSource.of(sensor_noise), **delay}
-        source = open_source(EpisodeRequest(env_id=self.default_id(), novel=novel, **where | which))
-        self._simulation = EpisodeSimulation(self.requirements, source, num_episodes, **options)
+        which |= {"novel": novel, "env_id": self.default_id(), "robot": self.robot.uid}
+        options = prefetch, checked_steps(action_delay_steps), NoiseSource.of(sensor_noise)
+        self._simulation = self._simulate(EpisodeRequest(**where | which), num_episodes, *options)
         Rows([self._simulation], self.rules_of)
-        super().__init__(**{**kwargs, "robot_uids": ROBOT.uid})
+        super().__init__(**{**kwargs, "robot_uids": self.robot.uid})
+
+    def _simulate(
+        self,
+        request: EpisodeRequest,
+        num_episodes: int,
+        prefetch: bool,
+        delay_steps: int,
+        noise: NoiseSource | None,
+    ) -> EpisodeSimulation:
+        return EpisodeSimulation(
+            self.robot,
+            self.requirements,
+            open_source(request),
+            num_episodes,
+            prefetch=prefetch,
+            delay_steps=delay_steps,
+            noise=noise,
+        )
 
     @classmethod
     def _known_mode(cls, control_mode: str | None) -> str:
@@ -363,3 +383,11 @@ class HabEnv(ObservingEnv):
         self._simulation.thaw()
         super().set_state_dict(simulator)
         rows.set_state(row, kept)
+
+
+def _robot(uids: Any) -> RobotSpec:
+    """Returns the robot of ManiSkill's option, a uid or, in recorded options, a list of one."""
+    uid: Any = uids[0] if isinstance(uids, list | tuple) and len(uids) == 1 else uids
+    robot = FETCH if uid is None else robot_of(uid)
+    agent_class(robot)  # registers it with ManiSkill
+    return robot

@@ -11,7 +11,6 @@ from mani_skill.envs.utils.observations import parse_obs_mode_to_struct
 from mani_skill.envs.utils.system.backend import CPU_SIM_BACKENDS
 
 from hab_tasks.errors import OptionError, UnknownNameError
-from hab_tasks.robots.robot import ROBOT
 
 ADVICE = (
     "Several rows run on CPU cores: gymnasium.make_vec('hab_tasks:HabPick-v1', num_envs=N), about "
@@ -31,7 +30,7 @@ def check_inherited(env: str, own: Mapping[str, Any], options: Mapping[str, Any]
         options: The remaining options.
 
     Raises:
-        UnknownNameError: Unknown option, reward mode, render mode or robot.
+        UnknownNameError: Unknown option, reward mode or render mode.
         OptionError: Invalid observation mode, more than one row, or simulation on a GPU.
     """
     valid = [name for name in (*own, *INHERITED) if name not in ("self", "kwargs")]
@@ -46,7 +45,6 @@ def check_inherited(env: str, own: Mapping[str, Any], options: Mapping[str, Any]
             raise UnknownNameError(name, options[name], modes)
     _check_rows(options.get("num_envs", 1), options.get("sim_backend"))
     _check_obs_mode(options.get("obs_mode"))
-    _check_robot(options.get("robot_uids"))
 
 
 def _check_rows(num_envs: Any, sim_backend: str | None) -> None:
@@ -64,10 +62,3 @@ def _check_obs_mode(obs_mode: Any) -> None:
         parse_obs_mode_to_struct(obs_mode)
     except (AssertionError, AttributeError, TypeError) as error:
         raise OptionError.of_value("obs_mode", obs_mode, OBS_MODES) from error
-
-
-def _check_robot(uids: Any) -> None:
-    """Rejects other robots than the benchmark's, alone or in a list as in recorded options."""
-    one = uids[0] if isinstance(uids, list | tuple) and len(uids) == 1 else uids
-    if one not in (None, ROBOT.uid):
-        raise UnknownNameError("robot_uids", one, [ROBOT.uid])

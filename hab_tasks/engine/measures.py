@@ -29,15 +29,12 @@ from hab_tasks.arrays import (
 from hab_tasks.constants import (
     CONTROL_HZ,
     PLACE_RADIUS_M,
-    REST_POSITION_M,
     REST_SPEED_M_S,
     REST_STEPS,
 )
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.navigation.geodesic import GeodesicDistances
-
-_REST_M = np.array(REST_POSITION_M, dtype=np.float32)
 
 REST_STEP_M = REST_SPEED_M_S / CONTROL_HZ
 """Distance moved in one control step below which an object is at rest."""
@@ -267,7 +264,7 @@ class Tracker:
         """Distances of end-effector and object, and their decreases, vectorised."""
         object_m = self._of(s.objects_m, self.focus.object)
         goal_m = self._of(self.goals.goals_m, self.focus.object)
-        gaps = [object_m - s.ee_m, s.ee_in_base_m - _REST_M, object_m - goal_m]
+        gaps = [object_m - s.ee_m, s.ee_in_base_m - self.goals.rest_m, object_m - goal_m]
         names = _DISTANCES[:3]
         if self.handles.shape[1]:
             gaps.append(self._of(s.handles_m, self.focus.articulation) - s.ee_m)

@@ -23,8 +23,9 @@ from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.option_values import flag
 from hab_tasks.privileged import Array
 from hab_tasks.rendering import sensor_shader
-from hab_tasks.robots.cameras import PLACES, CameraRig, HiddenArm
+from hab_tasks.robots.cameras import CameraRig, HiddenArm
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
+from hab_tasks.robots.spec import RobotSpec
 
 RENDER_SIZE_PX = 512
 VIEW_SIZE_PX = 256
@@ -44,6 +45,7 @@ class ObservingEnv(BaseEnv):
 
     cameras: ClassVar[tuple[str, ...]] = ("head", "arm")
     agent: MobileManipulator  # type: ignore[assignment]
+    robot: RobotSpec
     _simulation: EpisodeSimulation
     _viewpoint: Viewpoint
     _hides_arm: bool
@@ -61,7 +63,9 @@ class ObservingEnv(BaseEnv):
         invisible_arm: bool,
     ) -> None:
         """Validates and stores the camera options."""
-        self._rig = CameraRig.of(self.cameras if cameras is None else cameras, size_px, hfov_rad)
+        self._rig = CameraRig.of(
+            self.robot, self.cameras if cameras is None else cameras, size_px, hfov_rad
+        )
         self._hides_arm = flag("invisible_arm", invisible_arm)
 
     def _set_entries(
@@ -82,7 +86,8 @@ class ObservingEnv(BaseEnv):
         obs_mode = options.get("obs_mode") or "state"
         images = obs_mode not in WITHOUT_IMAGES
         if images and not self._rig.names:
-            valid = f"some of {list(PLACES)} with obs_mode={obs_mode!r}, or obs_mode 'state'"
+            names = list(self.robot.cameras)
+            valid = f"some of {names} with obs_mode={obs_mode!r}, or obs_mode 'state'"
             raise OptionError.of_value("cameras", (), valid)
         self._source = choose_source(backend, options)
         return self._source.renderer
@@ -106,9 +111,9 @@ class ObservingEnv(BaseEnv):
         """Hook after a new simulation was built, before its cameras are set up."""
         self._viewpoint, self._views, self._marks = Viewpoint(), {}, None
         # With rays, the renderer of a `render_mode` has no sensors.
-        self.agent.rig = CameraRig(names=()) if self._source.casts_rays else self._rig
+        self.agent.rig = CameraRig() if self._source.casts_rays else self._rig
         if self._hides_arm and self.scene.can_render():
-            self._hidden_objects.append(HiddenArm(self.agent.link))  # type: ignore[arg-type]
+            self._hidden_objects.append(HiddenArm(self.robot, self.agent.link))  # type: ignore[arg-type]
         if self.render_mode is not None and self.scene.can_render():
             self._marks = Marks(self.scene)
             self._hidden_objects.append(self._marks)  # type: ignore[arg-type]
@@ -175,7 +180,7 @@ class ObservingEnv(BaseEnv):
             Name in `VIEWS` -> (N, 256, 256, 3) uint8.
         """
         if not self._views:
-            rig = CameraRig(names=VIEWS, size_px=VIEW_SIZE_PX, hfov_rad=self._rig.hfov_rad)
+            rig = CameraRig.of(self.robot, VIEWS, VIEW_SIZE_PX, self._rig.hfov_rad)
             configs = rig.configs(self.agent.link)
             self._views = {config.uid: Camera(config, self.scene) for config in configs}
         self._hide()

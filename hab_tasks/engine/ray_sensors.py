@@ -92,7 +92,7 @@ class RaySensors:
         update_camera_configs_from_dict(configs, copy.deepcopy(dict(changes)))
         self.cameras = {name: RayCamera(config) for name, config in configs.items()}
         self._simulation, self._agent = simulation, agent
-        self._hidden = hidden_links() if hides_arm else ()
+        self._hidden = hidden_links(agent.spec) if hides_arm else ()
         self._shown: object = None
 
     def images(self, wanted: CameraObsTextures) -> Images:

@@ -42,13 +42,14 @@ class Rows:
         self.simulations = tuple(simulations)
         first, count = simulations[0], len(simulations)
         requirements = first.requirements
-        self._sizes = requirements.objects, len(requirements.articulations)
+        arm = len(first.robot.arm_joints)
+        self._sizes = arm, requirements.objects, len(requirements.articulations)
         self.maps = first.maps
         for number, simulation in enumerate(simulations):
             simulation.rows, simulation.row = self, number
             simulation.maps = self.maps  # they differ in nothing, and take memory
         geodesic = GeodesicDistances(count) if requirements.navigates else None
-        self.tracker = Tracker(Goals.empty(count, *self._sizes), geodesic)
+        self.tracker = Tracker(Goals.empty(count, *self._sizes[1:]), geodesic)
         self._table = np.zeros((count, Snapshot.width(*self._sizes)), dtype=np.float32)
         self._held = np.full((2, count), NOTHING)
         self._lost = np.zeros(count, dtype=bool)
@@ -180,7 +181,9 @@ def read_entries(entries: Iterable[ObsEntry], rows: Rows) -> dict[str, Batch]:
     """Returns the entries of the state observation by name, (K, ...) each, with sensor noise."""
     now = rows.snapshot, rows.measures, rows.goals
     return {
-        entry.name: _noisy(entry.read(*now), rows) if entry is ARM_QPOS else entry.read(*now)
+        entry.name: _noisy(entry.read(*now), rows)
+        if entry.name == ARM_QPOS.name
+        else entry.read(*now)
         for entry in entries
     }
 

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from hab_tasks.agent import TargetFrame
 from hab_tasks.arrays import Floats
-from hab_tasks.constants import CAMERA_DEPTH_MAX_M, REST_POSITION_M
+from hab_tasks.constants import CAMERA_DEPTH_MAX_M
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.measures import Measures
 from hab_tasks.engine.snapshot import Snapshot
@@ -107,10 +107,7 @@ def in_base_frame(s: Snapshot, points_m: Floats) -> Floats:
 
 
 def _rest_from_ee(s: Snapshot, m: Measures, g: Goals) -> Floats:
-    return _REST - m.ee_in_base_m
-
-
-_REST = np.array(REST_POSITION_M, dtype=np.float32)
+    return g.rest_m - m.ee_in_base_m
 
 
 def _ee_rotation(s: Snapshot, m: Measures, g: Goals) -> Floats:

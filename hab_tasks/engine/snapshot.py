@@ -15,7 +15,6 @@ from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.robots.grasp import SnapGrasp
 from hab_tasks.robots.handle import Handle
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
-from hab_tasks.robots.robot import ROBOT
 from hab_tasks.simulator import rigid_body, sapien_object
 
 
@@ -54,32 +53,35 @@ class Snapshot:
     force_n: Floats
 
     @staticmethod
-    def width(objects: int, articulations: int) -> int:
+    def width(arm: int, objects: int, articulations: int) -> int:
         """Returns the number of columns of `of_table`."""
-        return _FIXED + 3 * objects + 4 * articulations
+        return arm + _FIXED + 3 * objects + 4 * articulations
 
     @staticmethod
-    def of_table(table: Floats, objects: int, articulations: int, **others: Batch) -> Snapshot:
+    def of_table(
+        table: Floats, arm: int, objects: int, articulations: int, **others: Batch
+    ) -> Snapshot:
         """Returns views of a table, which the simulations fill row by row.
 
         Args:
             table: (N, `width`) rows of `SnapshotReader.read`.
+            arm: A, the number of arm joints.
             objects: K, the number of objects.
             articulations: J, the number of doors and drawers.
             others: held, held_handle, lost and force_n.
         """
-        count = len(table)
+        count, fixed = len(table), table[:, arm:]
         ends = _FIXED + 3 * objects, _FIXED + 3 * (objects + articulations)
         return Snapshot(
-            arm_qpos_rad=table[:, :7],
-            base=table[:, 7:10],
-            base_axes=table[:, 25:34].reshape(count, 3, 3),
-            ee_m=table[:, 10:13],
-            ee_in_base_m=table[:, 22:25],
-            ee_axes=table[:, 13:22].reshape(count, 3, 3),
-            objects_m=table[:, _FIXED : ends[0]].reshape(count, objects, 3),
-            handles_m=table[:, ends[0] : ends[1]].reshape(count, articulations, 3),
-            joints=table[:, ends[1] :],
+            arm_qpos_rad=table[:, :arm],
+            base=fixed[:, :3],
+            base_axes=fixed[:, 18:27].reshape(count, 3, 3),
+            ee_m=fixed[:, 3:6],
+            ee_in_base_m=fixed[:, 15:18],
+            ee_axes=fixed[:, 6:15].reshape(count, 3, 3),
+            objects_m=fixed[:, _FIXED : ends[0]].reshape(count, objects, 3),
+            handles_m=fixed[:, ends[0] : ends[1]].reshape(count, articulations, 3),
+            joints=fixed[:, ends[1] :],
             **others,
         )
 
@@ -88,8 +90,8 @@ class Snapshot:
         return Snapshot(**{f.name: getattr(self, f.name)[row : row + 1] for f in fields(self)})
 
 
-_FIXED = 34
-"""Columns of a table before the objects: robot, its base frame and the end-effector."""
+_FIXED = 27
+"""Columns of a table between arm joints and objects: base, its frame and the end-effector."""
 
 
 class SnapshotReader:
@@ -99,6 +101,7 @@ class SnapshotReader:
         self._robot = sapien_object(agent.robot)
         self._ee_link = sapien_object(agent.ee_link)
         self._joints = agent.arm_index.tolist() + agent.base_index.tolist()
+        self._arm, self._ee_offset_m = len(agent.arm_index), agent.spec.ee_offset_m
         self._bodies = [(rigid_body(a), rigid_body(a).cmass_local_pose) for a in grasp.objects]
         self._articulations = [_ArticulationReader(handle) for handle in grasp.handles]
 
@@ -113,22 +116,22 @@ class SnapshotReader:
         qpos = self._robot.get_qpos()
         matrix = self._ee_link.entity_pose.to_transformation_matrix()
         articulations = len(handles)
-        now[:10] = qpos[self._joints]
-        now[10:13] = matrix[:3, 3] + ROBOT.ee_offset_m * matrix[:3, 0]
-        now[13:22] = matrix[:3, :3].reshape(-1)
-        base_x, base_y, yaw = now[7:10].tolist()
-        ee_x, ee_y, ee_z = now[10:13].tolist()
+        now[: len(self._joints)] = qpos[self._joints]
+        fixed = now[self._arm :]
+        fixed[3:6] = matrix[:3, 3] + self._ee_offset_m * matrix[:3, 0]
+        fixed[6:15] = matrix[:3, :3].reshape(-1)
+        base_x, base_y, yaw, ee_x, ee_y, ee_z = fixed[:6].tolist()
         x, y, cosine, sine = ee_x - base_x, ee_y - base_y, math.cos(yaw), math.sin(yaw)
         ee_in_base = cosine * x + sine * y, cosine * y - sine * x, ee_z
-        now[22:34] = *ee_in_base, cosine, -sine, 0.0, sine, cosine, 0.0, 0.0, 0.0, 1.0
+        fixed[15:27] = *ee_in_base, cosine, -sine, 0.0, sine, cosine, 0.0, 0.0, 0.0, 1.0
         at = _FIXED
         for index in targets:
             body, com = self._bodies[index]
-            now[at : at + 3] = (body.entity_pose * com).p
+            fixed[at : at + 3] = (body.entity_pose * com).p
             at += 3
         for number, index in enumerate(handles):
-            now[at : at + 3] = self._articulations[index].handle_m()
-            now[number - articulations] = self._articulations[index].joint()
+            fixed[at : at + 3] = self._articulations[index].handle_m()
+            fixed[number - articulations] = self._articulations[index].joint()
             at += 3
 
 

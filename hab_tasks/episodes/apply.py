@@ -11,7 +11,6 @@ from mani_skill.utils.structs import Actor
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.geometry import Pose7
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
-from hab_tasks.robots.robot import ROBOT
 from hab_tasks.scenes.scene_bodies import SceneBodies
 from hab_tasks.simulator import rigid_body
 
@@ -64,7 +63,7 @@ def _place(actor: Actor, pose: Pose7) -> None:
 def _apply_robot(episode: Episode, agent: MobileManipulator) -> None:
     qpos = agent.rest_qpos()[None]
     qpos[0, agent.base_index] = torch.tensor(episode.robot.base, device=agent.device)
-    for name, value in zip(ROBOT.arm_joints, episode.robot.arm_qpos_rad, strict=True):
+    for name, value in zip(agent.spec.arm_joints, episode.robot.arm_qpos_rad, strict=True):
         qpos[0, agent.joint_index[name]] = value
     agent.robot.set_qpos(qpos)
     agent.robot.set_qvel(torch.zeros_like(qpos))

@@ -30,7 +30,7 @@ def falls_to(sandbox: PlacementSandbox, robot: RobotStart, held: str, goal_com_m
     """
     agent = sandbox.stand_robot(robot.base, np.array(robot.arm_qpos_rad))
     names, movable = list(sandbox.scene_bodies.movable), list(sandbox.scene_bodies.movable.values())
-    grasp = SnapGrasp(agent.scene, agent.ee_link, movable, [], "objects")
+    grasp = SnapGrasp(agent, movable, [], "objects")
     grasp.attach(names.index(held))
     idle = agent.controller.idle_action(holding=False)
     near = False

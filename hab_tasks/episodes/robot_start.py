@@ -18,7 +18,7 @@ from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import Base, RobotStart
 from hab_tasks.geometry import Array, apply, planar
 from hab_tasks.robots.kinematics import ArmKinematics
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.spec import RobotSpec
 
 START_CLEARANCE_M = 0.015
 """Minimum clearance of the robot at the start of an episode."""
@@ -166,7 +166,7 @@ class RobotStarts:
                 reason = "robot too close to something at its start"
             elif self._hand_too_near(base, arm):
                 reason = "no place has the hand off its target"
-            elif end_m is not None and not in_workspace(base, end_m):
+            elif end_m is not None and not in_workspace(self._kinematics.robot, base, end_m):
                 reason = "the handle would have to leave the workspace"
             elif not reach or self.reaches(base, facing_m):
                 return _start(base, arm)
@@ -199,7 +199,7 @@ class RobotStarts:
         near = self._sandbox.floor().cells_around(
             target_m, noise.clearance_m, noise.nearest_m, noise.farthest_m
         )
-        rest = np.array(ROBOT.rest_qpos_rad)
+        rest = np.array(self._kinematics.robot.rest_qpos_rad)
         for cell in near[:: max(1, len(near) // noise.candidates)]:
             base = self._noisy_base(cell, target_m, np.zeros(6))
             if not self._sandbox.robot_touches(base, rest) and self.reaches(base, target_m):
@@ -208,15 +208,15 @@ class RobotStarts:
 
     def reaches(self, base: Base, target_m: Array) -> bool:
         """Whether a collision-free arm pose brings the hand within grasping range."""
-        noise = self.noise
+        noise, robot = self.noise, self._kinematics.robot
         slack = noise.reach_radius_m
-        if not in_workspace(base, target_m, slack):
+        if not in_workspace(robot, base, target_m, slack):
             return False
         local = in_base_frame(base, target_m)
         for _ in range(noise.reach_tries):
             direction = self._rng.normal(size=3)
             goal = local + slack * direction / np.linalg.norm(direction)
-            arm = self._solve(self._rng.uniform(ROBOT.arm_lower_rad, ROBOT.arm_upper_rad), goal)
+            arm = self._solve(self._rng.uniform(robot.arm_lower_rad, robot.arm_upper_rad), goal)
             if arm is not None and not self._sandbox.robot_touches(base, arm):
                 return True
         return False
@@ -236,7 +236,7 @@ class RobotStarts:
 
     def _noisy_arm(self, draw: Array) -> Array | None:
         """Returns the rest pose with a noisy end-effector; None beyond the joint limits."""
-        rest = np.array(ROBOT.rest_qpos_rad)
+        rest = np.array(self._kinematics.robot.rest_qpos_rad)
         return self._solve(rest, self._kinematics.position(rest) + self.noise.ee_m * draw)
 
     def _solve(self, arm: Array, goal_m: Array) -> Array | None:
@@ -245,10 +245,10 @@ class RobotStarts:
         return arm if close else None
 
 
-def in_workspace(base: Base, point_m: Array, slack_m: float = 0.0) -> bool:
+def in_workspace(robot: RobotSpec, base: Base, point_m: Array, slack_m: float = 0.0) -> bool:
     """Whether a world point (3,) is in the end-effector's workspace box, or near it."""
     local = in_base_frame(base, point_m)
-    low, high = np.array(ROBOT.ee_lower_m) - slack_m, np.array(ROBOT.ee_upper_m) + slack_m
+    low, high = np.array(robot.ee_lower_m) - slack_m, np.array(robot.ee_upper_m) + slack_m
     return bool((local >= low).all() and (local <= high).all())
 
 
@@ -261,7 +261,7 @@ def in_base_frame(base: Base, point_m: Array) -> Array:
 
 def ee_in_world(kinematics: ArmKinematics, base: Base, arm_qpos_rad: Array) -> Array:
     """Returns the end-effector point (3,) in the world."""
-    above_floor = np.array([0.0, 0.0, ROBOT.base_height_m])
+    above_floor = np.array([0.0, 0.0, kinematics.robot.base_height_m])
     return apply(planar(*base), kinematics.position(arm_qpos_rad)) + above_floor
 
 

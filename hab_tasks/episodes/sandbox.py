@@ -21,7 +21,9 @@ from hab_tasks.episodes.sandbox_robot import (
 from hab_tasks.episodes.schema import POSE_DIGITS, rounded, template_of
 from hab_tasks.geometry import Array, Pose7
 from hab_tasks.privileged import CollisionBody
+from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
+from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.scenes.floor import FreeFloor, body_points
 from hab_tasks.scenes.physics import bare_scene, renew_physics
 from hab_tasks.scenes.pool import BodyPool
@@ -63,6 +65,7 @@ class PlacementSandbox:
         spec: SceneSpec,
         templates: dict[str, ObjectTemplate],
         memory: LayoutMemory | None = None,
+        robot: RobotSpec = FETCH,
     ) -> None:
         """Builds the layout without movable objects, and settles its loose objects.
 
@@ -70,13 +73,14 @@ class PlacementSandbox:
             spec: The layout.
             templates: The movable objects by name.
             memory: Memory of earlier sandboxes with the same dataset and objects.
+            robot: The robot.
         """
         self.templates = templates
         self.memory = LayoutMemory() if memory is None else memory
         self._scene = bare_scene()
         self._pool = BodyPool(self._scene, templates, self.memory.bodies)
-        self._robot = SandboxRobot(self._scene)
-        self._agent = self._robot.agent
+        self._robot = SandboxRobot(self._scene, robot)
+        self._agent, self.robot = self._robot.agent, robot
         self._begin(spec)
 
     def begin_again(self, spec: SceneSpec) -> None:

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.geometry import Array
-from hab_tasks.robots.fetch import HabFetch
+from hab_tasks.robots.mobile_manipulator import MobileManipulator
+from hab_tasks.robots.registry import agent_class
+from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.simulator import sapien_object, set_up
 
 JointPositions = NDArray[np.float32]
@@ -30,10 +32,10 @@ class SandboxRobot:
         agent: ManiSkill's agent.
     """
 
-    def __init__(self, scene: ManiSkillScene) -> None:
+    def __init__(self, scene: ManiSkillScene, robot: RobotSpec) -> None:
         """Builds the robot in an empty scene."""
         self._scene = scene
-        self.agent = HabFetch(scene, CONTROL_HZ, "ee")
+        self.agent: MobileManipulator = agent_class(robot)(scene, CONTROL_HZ, "ee")
         set_up(scene)
         self._robot = sapien_object(self.agent.robot)
         links = [sapien_object(link) for link in self.agent.robot.links]

@@ -30,6 +30,8 @@ from hab_tasks.object_names import TRAIN_OBJECTS, UNSEEN_OBJECTS
 from hab_tasks.option_values import LARGEST_SEED, name, path, whole
 from hab_tasks.receptacles import UNSEEN_RECEPTACLES
 from hab_tasks.registration import TASKS, imported_id
+from hab_tasks.robots.fetch import FETCH
+from hab_tasks.robots.registry import robot_of
 from hab_tasks.scenes.habitat.dataset import SceneDataset, embedded_dataset, resolve_dataset
 from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.objects import load_objects
@@ -55,6 +57,7 @@ class EpisodeRequest:
         seed: Seed of the generated episodes.
         novel: ``objects`` or ``receptacles``: use those held out for evaluation (S E.1); None for
             the training objects and the skill's own receptacles.
+        robot: ManiSkill's uid of the robot.
     """
 
     env_id: str
@@ -65,6 +68,7 @@ class EpisodeRequest:
     file: str | Path | None = None
     seed: int = 0
     novel: str | None = None
+    robot: str = FETCH.uid
 
     def __post_init__(self) -> None:
         """Rejects values of a wrong type."""
@@ -98,6 +102,8 @@ class EpisodeSource:
         self.file = None if request.file is None else Path(request.file)
         self.env_id = imported_id(request.env_id)
         self.seed, self.novel = request.seed, request.novel
+        others = {self.novel, request.robot} - {None, FETCH.uid}
+        self._variant = "".join(f"+{one}" for one in sorted(map(str, others)))
         self.dataset, self.scene_id = dataset, request.scene
         self.objects = load_objects(request.objects)
         self.split = _split(dataset, request.split, request.scene)
@@ -114,8 +120,7 @@ class EpisodeSource:
 
     def _take_generated(self, folder: Path | None) -> None:
         dataset = self.dataset
-        scope = "-".join(part for part in (self.split, self.scene_id) if part)
-        scope += f"+{self.novel}" if self.novel else ""
+        scope = "-".join(part for part in (self.split, self.scene_id) if part) + self._variant
         self._make_generator, version = generator_of(self.env_id)
         self.made_from = made_from(dataset, self.objects, version)
         kind = self.made_from.objects
@@ -124,9 +129,7 @@ class EpisodeSource:
         self._embedded = _shipped_folder() / self._name if shipped else None
         # The fingerprint of a task covers starts and goals of its objects, not its instruction.
         task = TASKS.get(self.env_id)
-        spec = (
-            () if task is None else (task.targets, task.starts_open, task.clutter, task.clutter_on)
-        )
+        spec = task and (task.targets, task.starts_open, task.clutter, task.clutter_on) or ()
         key = stable_hash(*map(str, (SCHEMA, *astuple(self.made_from), *spec)))
         self._task = stable_hash(*map(str, spec)) if spec else None
         self._cached = f"episodes/{key:08x}/{self._name}"
@@ -268,10 +271,10 @@ class EpisodeSource:
         """Generates an episode, even if it already exists."""
         if self._generator is None:
             self._generator = self._new_generator()
-        scope = "" if self.novel is None else f"+{self.novel}"
+        split = self.split + self._variant
         return self._generator.generate(
-            f"{self.env_id}/{self.dataset.name}/{self.split}{scope}/{self.seed}/{index:05d}",
-            (stable_hash(self.dataset.name, self.split + scope, self.env_id), self.seed, index),
+            f"{self.env_id}/{self.dataset.name}/{split}/{self.seed}/{index:05d}",
+            (stable_hash(self.dataset.name, split, self.env_id), self.seed, index),
             self._first_layout(index),
         )
 
@@ -291,6 +294,7 @@ class EpisodeSource:
             templates=self.objects,
             names=UNSEEN_OBJECTS if self.novel == "objects" else TRAIN_OBJECTS,
             receptacles=UNSEEN_RECEPTACLES if self.novel == "receptacles" else None,
+            robot=robot_of(self._request.robot),
         )
         return self._make_generator(self.scene_ids(), self.scene, drawn)
 

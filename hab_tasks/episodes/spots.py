@@ -15,7 +15,6 @@ from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import ReceptacleRef
 from hab_tasks.geometry import Array, to_matrix
 from hab_tasks.receptacles import CHAIR, FRIDGE, SINK
-from hab_tasks.robots.robot import ROBOT
 from hab_tasks.scenes.spec import Receptacle
 
 MOST_OBJECTS = {CHAIR: 2, SINK: 2}
@@ -155,7 +154,7 @@ def unusable(sandbox: PlacementSandbox, spot: Spot) -> str | None:
     up = sandbox.world_from(spot.receptacle.body) @ to_matrix(spot.receptacle.body_from_box)
     if (up[:3, :3] @ np.array(spot.receptacle.up))[2] < UP_ALIGNMENT:
         return "not level"
-    if spot.center_m[2] > ROBOT.ee_upper_m[2]:
+    if spot.center_m[2] > sandbox.robot.ee_upper_m[2]:
         return "higher than the arm reaches"
     if sandbox.free_height_m(_corners(spot)) < min(LEAST_ROOM_M, spot.height_m) - ABOVE_BOARD_M:
         return "covered"

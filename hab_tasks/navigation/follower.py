@@ -12,7 +12,7 @@ from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.navigation.paths import descend
 from hab_tasks.privileged import Array
 from hab_tasks.robots.control_modes import BASE_CELLS, STOP_CELL
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 
 AHEAD_CELLS = 8
 """The follower aims at the point of its path so many cells (of 5 cm) ahead."""
@@ -37,7 +37,7 @@ ASIDE_RAD, FACED_ASIDE_RAD = 0.8, 1.2
 points to the goal, the second is enough. It then turns little at the goal, and a policy that
 imitates it keeps looking at what it will have to do with."""
 
-_STEP_RAD = ROBOT.base_angular_speed_rad_s / CONTROL_HZ
+_STEP_RAD = FETCH.base_angular_speed_rad_s / CONTROL_HZ
 _TURNS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 
 

@@ -12,12 +12,9 @@ from numpy.typing import NDArray
 from hab_tasks.constants import EE_STEP_M, JOINT_STEP_RAD, TARGET_STEP_RAD
 from hab_tasks.robots.control_modes import ABSOLUTE_ARM, ArmMode
 from hab_tasks.robots.kinematics import ArmKinematics
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.spec import RobotSpec
 
 Array = NDArray[Any]
-
-_EE_LOWER, _EE_UPPER = np.array(ROBOT.ee_lower_m), np.array(ROBOT.ee_upper_m)
-_ARM_LOWER, _ARM_UPPER = np.array(ROBOT.arm_lower_rad), np.array(ROBOT.arm_upper_rad)
 
 
 def commanded_arm(mode: ArmMode, qpos: Array, arm: Array, kinematics: ArmKinematics) -> Array:
@@ -33,18 +30,18 @@ def commanded_arm(mode: ArmMode, qpos: Array, arm: Array, kinematics: ArmKinemat
         return np.minimum(np.maximum(arm, qpos - TARGET_STEP_RAD), qpos + TARGET_STEP_RAD)
     if mode == "joint_delta":
         moved = qpos + JOINT_STEP_RAD * arm
-        return np.minimum(np.maximum(moved, _ARM_LOWER), _ARM_UPPER)
-    return kinematics.move(qpos, EE_STEP_M * arm, _EE_LOWER, _EE_UPPER)
+        return np.minimum(np.maximum(moved, kinematics.arm_lower_rad), kinematics.arm_upper_rad)
+    return kinematics.move(qpos, EE_STEP_M * arm)
 
 
 @cache
-def ee_step_m(mode: ArmMode) -> float:
+def ee_step_m(robot: RobotSpec, mode: ArmMode) -> float:
     """Returns the maximum displacement of the resting end-effector per action [m]."""
     if mode == "still":
         return 0.0
     if mode == "ee":
         return EE_STEP_M
     step_rad = JOINT_STEP_RAD if mode == "joint_delta" else TARGET_STEP_RAD
-    _, jacobian = ArmKinematics().position_and_jacobian(np.array(ROBOT.rest_qpos_rad))
+    _, jacobian = ArmKinematics(robot).position_and_jacobian(np.array(robot.rest_qpos_rad))
     corners = np.array(list(product((-1.0, 1.0), repeat=jacobian.shape[1])))
     return float(step_rad * np.linalg.norm(corners @ jacobian.T, axis=1).max())

@@ -1,4 +1,4 @@
-"""The paper's control of Fetch in one ManiSkill controller (S E.3, F.6, H.2).
+"""The paper's control of a robot in one ManiSkill controller (S E.3, F.6, H.2).
 
 Action layout: arm and gripper (1) if the arm is controlled, then base (2) if the base is.
 
@@ -27,7 +27,8 @@ drives; where that would push the robot more than 1 cm into something, they stay
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,6 @@ from hab_tasks.errors import ActionError
 from hab_tasks.robots.arm_commands import commanded_arm
 from hab_tasks.robots.control_modes import (
     ABSOLUTE_ARM,
-    ARM_SIZE,
     BASE_CELLS,
     STOP_CELL,
     STOP_SHARE,
@@ -51,11 +51,12 @@ from hab_tasks.robots.control_modes import (
     Cells,
     action_bounds,
     action_size,
+    arm_size,
     within_a_turn,
 )
 from hab_tasks.robots.joint_setter import JointSetter, base_way
 from hab_tasks.robots.kinematics import ArmKinematics
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.simulator import sapien_object
 
 Array = NDArray[Any]
@@ -83,20 +84,21 @@ class HabController(BaseController):
     sets_target_qvel = True
 
     def _initialize_action_space(self) -> None:
-        self._low, self._high = action_bounds(self.config.arm, self.config.base)
+        robot = self.config.robot
+        self._low, self._high = action_bounds(robot, self.config.arm, self.config.base)
         self.single_action_space = spaces.Box(self._low, self._high, dtype=np.float32)
         if self.config.base == "discrete":
             self.single_action_space = Cells(len(BASE_CELLS))
-        self._kinematics = ArmKinematics()
-        self.arm_target_rad: Floats = np.zeros(7, dtype=np.float32)
+        self._kinematics = ArmKinematics(robot)
+        self.arm_target_rad: Floats = np.zeros(len(robot.arm_joints), dtype=np.float32)
         self.base_target: Floats = np.zeros(3, dtype=np.float32)
         self.gripper, self.stopped = -1.0, False
         self._robot = sapien_object(self.articulation)
         self._joints = [sapien_object(joint) for joint in self.articulation.active_joints]
         names = [joint.name for joint in self.articulation.active_joints]
-        self._arm = [names.index(name) for name in ROBOT.arm_joints]
-        self._base = [names.index(name) for name in ROBOT.base_joints]
-        self._locked = {names.index(name): value for name, value in ROBOT.locked_qpos.items()}
+        self._arm = [names.index(name) for name in robot.arm_joints]
+        self._base = [names.index(name) for name in robot.base_joints]
+        self._locked = {names.index(name): value for name, value in robot.locked_qpos.items()}
         self._arm_setter = JointSetter(self._robot, self._arm)
         self._base_setter = JointSetter(self._robot, self._base)
         self._arm_drives = [self._joints[i].set_drive_target for i in self._arm]
@@ -109,12 +111,12 @@ class HabController(BaseController):
             for link in self.articulation.links:
                 sapien_object(link).set_max_depenetration_velocity(PUSH_APART_M_S)
         for joint in self.articulation.active_joints:
-            if joint.name in ROBOT.arm_joints:
+            if joint.name in c.robot.arm_joints:
                 joint.set_drive_properties(
                     c.arm_stiffness, c.arm_damping, c.arm_force_n, mode="force"
                 )
                 joint.set_friction(0.1)
-            elif joint.name in ROBOT.base_joints:
+            elif joint.name in c.robot.base_joints:
                 stiffness = c.base_stiffness if c.base in ("still", "pose") else 0.0
                 joint.set_drive_properties(stiffness, c.base_damping, c.base_force_n, mode="force")
             else:
@@ -180,7 +182,7 @@ class HabController(BaseController):
         if self.config.base == "discrete":
             return np.array([STOP_CELL], dtype=np.float32)
         action = np.zeros(len(self._low), dtype=np.float32)
-        size = ARM_SIZE[self.config.arm]
+        size = self.config.arm_size
         if self.config.arm in ABSOLUTE_ARM:
             action[:size] = self.arm_target_rad
         if self.config.base == "pose":
@@ -196,7 +198,7 @@ class HabController(BaseController):
         elif self.config.base == "pose":
             action = np.concatenate((action[:-1], within_a_turn(action[-1:])))
         action = np.minimum(np.maximum(action, self._low), self._high)
-        size = ARM_SIZE[self.config.arm]
+        size = self.config.arm_size
         if size:
             self.gripper = float(action[size])
             if self.config.arm == "joint_state":
@@ -208,7 +210,9 @@ class HabController(BaseController):
                 for drive, value in zip(self._arm_drives, qpos.tolist(), strict=True):
                     drive(value)
         if self.config.base == "pose":
-            self._base_setter.begin(base_way(self._base_setter.values(), action[-3:]))
+            self._base_setter.begin(
+                base_way(self.config.robot, self._base_setter.values(), action[-3:])
+            )
         elif self.config.base != "still":
             self._drive_base(*action[-2:].tolist())
 
@@ -225,11 +229,12 @@ class HabController(BaseController):
     def _drive_base(self, linear: float, angular: float) -> None:
         self.stopped = abs(linear) <= STOP_SHARE and abs(angular) <= STOP_SHARE
         yaw = float(self._robot.qpos[self._base[2]])
-        forward = ROBOT.base_linear_speed_m_s * linear
+        robot = self.config.robot
+        forward = robot.base_linear_speed_m_s * linear
         x, y, turning = self._base_drives
         x(forward * math.cos(yaw))
         y(forward * math.sin(yaw))
-        turning(ROBOT.base_angular_speed_rad_s * angular)
+        turning(robot.base_angular_speed_rad_s * angular)
 
     def get_state(self) -> dict[str, Tensor]:
         """Returns the commanded arm pose (1, 7), gripper (1,) and, if any, base pose (1, 3)."""
@@ -261,9 +266,7 @@ class HabController(BaseController):
 class HabControllerConfig(ControllerConfig):
     """Arm mode, base mode, and drive gains (see docs/deviations.md)."""
 
-    joint_names: list[str] = field(
-        default_factory=lambda: list(ROBOT.arm_joints + ROBOT.base_joints)
-    )
+    robot: RobotSpec
     arm: ArmMode = "ee"
     base: BaseMode = "still"
     arm_stiffness: float = 3e3
@@ -279,7 +282,12 @@ class HabControllerConfig(ControllerConfig):
     @property
     def size(self) -> int:
         """Number of entries of an action: arm and gripper, base."""
-        return action_size(self.arm, self.base)
+        return action_size(self.robot, self.arm, self.base)
+
+    @property
+    def arm_size(self) -> int:
+        """Number of entries of the arm, without the gripper."""
+        return arm_size(self.robot, self.arm)
 
     @property
     def sets_joints(self) -> bool:
@@ -287,14 +295,15 @@ class HabControllerConfig(ControllerConfig):
         return self.arm == "joint_state" or self.base == "pose"
 
 
-def control_configs() -> dict[str, HabControllerConfig]:
-    """Returns every control mode of `hab_fetch` by name."""
+def control_configs(robot: RobotSpec) -> dict[str, HabControllerConfig]:
+    """Returns every control mode of a robot by name."""
+    make = partial(HabControllerConfig, [*robot.arm_joints, *robot.base_joints], robot=robot)
     modes: dict[str, HabControllerConfig] = {}
     for arm in ("ee", "joint_delta", "joint_target", "joint_state"):
-        modes[arm] = HabControllerConfig(arm=arm, base="still")
-        modes[f"{arm}_base"] = HabControllerConfig(arm=arm, base="velocity")
+        modes[arm] = make(arm=arm, base="still")
+        modes[f"{arm}_base"] = make(arm=arm, base="velocity")
     for arm in ABSOLUTE_ARM:
-        modes[f"{arm}_pose"] = HabControllerConfig(arm=arm, base="pose")
-    modes["base"] = HabControllerConfig(arm="still", base="velocity")
-    modes["base_discrete"] = HabControllerConfig(arm="still", base="discrete")
+        modes[f"{arm}_pose"] = make(arm=arm, base="pose")
+    modes["base"] = make(arm="still", base="velocity")
+    modes["base_discrete"] = make(arm="still", base="discrete")
     return modes

@@ -10,20 +10,13 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.spec import RobotSpec
 
 ArmMode = Literal["ee", "joint_delta", "joint_target", "joint_state", "still"]
 BaseMode = Literal["still", "velocity", "discrete", "pose"]
 
 Bounds = NDArray[np.float32]
 
-ARM_SIZE: dict[str, int] = {
-    "ee": 3,
-    "joint_delta": 7,
-    "joint_target": 7,
-    "joint_state": 7,
-    "still": 0,
-}
 BASE_SIZE: dict[str, int] = {"still": 0, "velocity": 2, "discrete": 2, "pose": 3}
 
 ABSOLUTE_ARM = ("joint_target", "joint_state")
@@ -64,17 +57,22 @@ class Cells(spaces.Discrete):
         return int(super().sample(mask, probability))
 
 
-def action_size(arm: ArmMode, base: BaseMode) -> int:
+def arm_size(robot: RobotSpec, arm: ArmMode) -> int:
+    """Returns the number of entries of the arm, without the gripper."""
+    return {"ee": 3, "still": 0}.get(arm, len(robot.arm_joints))
+
+
+def action_size(robot: RobotSpec, arm: ArmMode, base: BaseMode) -> int:
     """Returns the number of entries: arm and gripper, base."""
-    return (ARM_SIZE[arm] + 1 if arm != "still" else 0) + BASE_SIZE[base]
+    return (arm_size(robot, arm) + 1 if arm != "still" else 0) + BASE_SIZE[base]
 
 
-def action_bounds(arm: ArmMode, base: BaseMode) -> tuple[Bounds, Bounds]:
+def action_bounds(robot: RobotSpec, arm: ArmMode, base: BaseMode) -> tuple[Bounds, Bounds]:
     """Returns the lower and upper bound of every entry, (A,) float32 each."""
-    size = action_size(arm, base)
+    size, joints = action_size(robot, arm, base), len(robot.arm_joints)
     low, high = -np.ones(size, dtype=np.float32), np.ones(size, dtype=np.float32)
     if arm in ABSOLUTE_ARM:
-        low[:7], high[:7] = ROBOT.arm_lower_rad, ROBOT.arm_upper_rad
+        low[:joints], high[:joints] = robot.arm_lower_rad, robot.arm_upper_rad
     if base == "pose":
         high[-3:] = WORLD_LIMIT_M, WORLD_LIMIT_M, math.pi
         low[-3:] = -high[-3:]

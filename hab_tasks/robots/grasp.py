@@ -14,16 +14,16 @@ from typing import Any
 import numpy as np
 import sapien
 import torch
-from mani_skill.envs.scene import ManiSkillScene
-from mani_skill.utils.structs import Actor, Link
+from mani_skill.utils.structs import Actor
 from torch import Tensor
 
 from hab_tasks.arrays import Bools, Floats
 from hab_tasks.constants import GRASP_RADIUS_M
-from hab_tasks.robots.handle import EE_FROM_LINK, Handle
+from hab_tasks.robots.handle import Handle
 from hab_tasks.robots.handle_passage import HandlePassage
 from hab_tasks.robots.handle_tie import HANDLE_SPRING
 from hab_tasks.robots.line_of_sight import LineOfSight
+from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.robots.tie import Tie
 from hab_tasks.scenes.collision_groups import HELD, MOVING, set_groups
 from hab_tasks.simulator import rigid_body, sapien_object
@@ -52,8 +52,7 @@ class SnapGrasp:
 
     def __init__(
         self,
-        scene: ManiSkillScene,
-        ee_link: Link,
+        agent: MobileManipulator,
         objects: list[Actor],
         handles: list[Handle],
         takes: str = "any",
@@ -68,7 +67,8 @@ class SnapGrasp:
         self.is_enclosed: Callable[[], Bools | None] = lambda: None
         self.known_com_m: Floats | None = None
         self.held, self.held_handle, self.lost = NOTHING, NOTHING, False
-        self._ee_link, self._hand = ee_link, sapien_object(ee_link)
+        self._ee_link, self._hand = agent.ee_link, sapien_object(agent.ee_link)
+        self._link_from_ee = agent.link_from_ee
         self._ee_from_object = sapien.Pose()
         self._handle_in_ee_m: Floats = np.zeros(3, dtype=np.float32)
         self._steps_apart = 0
@@ -76,8 +76,8 @@ class SnapGrasp:
         self._bodies = [(rigid_body(a), rigid_body(a).cmass_local_pose) for a in objects]
         self._links = [(sapien_object(h.link), sapien.Pose(list(h.offset_m))) for h in handles]
         self._passage = HandlePassage([link for link, _ in self._links], self._handle_gap_m)
-        self._sight = LineOfSight(scene, ee_link)
-        self._tie = Tie(scene, self._hand, pulls_along=pulls_along)
+        self._sight = LineOfSight(agent)
+        self._tie = Tie(agent, pulls_along=pulls_along)
 
     @property
     def holding(self) -> bool:
@@ -172,7 +172,7 @@ class SnapGrasp:
 
     def ee_position_m(self) -> Floats:
         """Returns the end-effector point (3,) in the world."""
-        return (self._hand.entity_pose * EE_FROM_LINK).p
+        return (self._hand.entity_pose * self._link_from_ee).p
 
     def objects_com_m(self) -> Floats:
         """Returns every object's centre of mass (K, 3) in the world."""
@@ -235,7 +235,7 @@ class SnapGrasp:
     def _place_in_ee_m(self, index: int) -> Floats:
         """Returns a handle's position (3,) in the end-effector's frame."""
         link, offset = self._links[index]
-        world_from_ee = self._hand.entity_pose * EE_FROM_LINK
+        world_from_ee = self._hand.entity_pose * self._link_from_ee
         return np.asarray((world_from_ee.inv() * (link.entity_pose * offset)).p)
 
     def _lose(self) -> None:

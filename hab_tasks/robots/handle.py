@@ -1,18 +1,13 @@
-"""A handle of a door or drawer, and the point of the hand that grasps."""
+"""A handle of a door or drawer."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
 
-import sapien
 from mani_skill.utils.structs import Articulation, Link
 
-from hab_tasks.robots.robot import ROBOT
 from hab_tasks.simulator import sapien_object
-
-EE_FROM_LINK = sapien.Pose([ROBOT.ee_offset_m, 0.0, 0.0])
-"""Pose of the end-effector point in the frame of its link."""
 
 
 @dataclass(frozen=True, kw_only=True)

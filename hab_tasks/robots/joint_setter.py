@@ -16,13 +16,10 @@ from numpy.typing import NDArray
 
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.robots.control_modes import within_a_turn
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.spec import RobotSpec
 
 BLOCKED_DEPTH_M = 0.01
 """Depth in another body at which joints that are set directly stop."""
-
-_BASE_STEP_M = ROBOT.base_linear_speed_m_s / CONTROL_HZ
-_BASE_STEP_RAD = ROBOT.base_angular_speed_rad_s / CONTROL_HZ
 
 
 class JointSetter:
@@ -54,9 +51,13 @@ class JointSetter:
             drive(value)
 
 
-def base_way(base: NDArray[np.float32], goal: NDArray[np.float32]) -> NDArray[np.float64]:
+def base_way(
+    robot: RobotSpec, base: NDArray[np.float32], goal: NDArray[np.float32]
+) -> NDArray[np.float64]:
     """Returns the displacement (3,) towards a base pose that the base's speeds allow."""
+    step_m = robot.base_linear_speed_m_s / CONTROL_HZ
+    step_rad = robot.base_angular_speed_rad_s / CONTROL_HZ
     way = np.subtract(goal, base, dtype=np.float64)
-    way[2] = min(max(within_a_turn(way[2]), -_BASE_STEP_RAD), _BASE_STEP_RAD)
-    way[:2] *= min(1.0, _BASE_STEP_M / max(math.hypot(way[0], way[1]), 1e-9))
+    way[2] = min(max(within_a_turn(way[2]), -step_rad), step_rad)
+    way[:2] *= min(1.0, step_m / max(math.hypot(way[0], way[1]), 1e-9))
     return way

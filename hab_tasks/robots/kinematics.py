@@ -1,8 +1,8 @@
-"""Forward kinematics and Jacobian of Fetch's arm in the base frame, and the paper's IK step."""
+"""Forward kinematics and Jacobian of a robot's arm in the base frame, and the paper's IK step."""
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cache, lru_cache
 from xml.etree import ElementTree
 
 import numpy as np
@@ -10,21 +10,19 @@ import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv  # pyright: ignore[reportAttributeAccessIssue]  # made at import
 
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.spec import RobotSpec
 
 Array = NDArray[np.float64]
 
-_LOWER = np.array(ROBOT.arm_lower_rad)
-_UPPER = np.array(ROBOT.arm_upper_rad)
 _EYE = np.eye(3)
 
 
-@lru_cache(maxsize=1)
-def _arm_urdf() -> str:
+@cache
+def _arm_urdf(robot: RobotSpec) -> str:
     """Returns the URDF with revolute instead of continuous arm joints, so that q is 7 angles."""
-    text = ROBOT.urdf_path().read_text()
-    ranges = zip(ROBOT.arm_lower_rad, ROBOT.arm_upper_rad, strict=True)
-    limits: dict[str | None, tuple[float, float]] = dict(zip(ROBOT.arm_joints, ranges, strict=True))
+    text = robot.urdf_path().read_text()
+    ranges = zip(robot.arm_lower_rad, robot.arm_upper_rad, strict=True)
+    limits: dict[str | None, tuple[float, float]] = dict(zip(robot.arm_joints, ranges, strict=True))
     root = ElementTree.fromstring(text)
     for joint in root.iter("joint"):
         if joint.get("name") in limits and joint.get("type") == "continuous":
@@ -35,41 +33,50 @@ def _arm_urdf() -> str:
                 limit = ElementTree.SubElement(joint, "limit", effort="10", velocity="1.5")
             limit.set("lower", str(low))
             limit.set("upper", str(high))
-        elif joint.get("name") in ROBOT.base_joints:
+        elif joint.get("name") in robot.base_joints:
             joint.set("type", "fixed")
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def arm_model() -> tuple[pin.Model, int]:
-    """Builds Fetch's arm with base, torso and head locked.
+def arm_model(robot: RobotSpec) -> tuple[pin.Model, int]:
+    """Builds a robot's arm with the other joints locked.
 
     Returns:
-        A Pinocchio model with 7 joints in the arm's order and its root at base_link, and the id of
+        A Pinocchio model with the arm's joints in order and its root at base_link, and the id of
         the frame ``ee`` (the end-effector point).
     """
-    full = pin.buildModelFromXML(_arm_urdf())
+    full = pin.buildModelFromXML(_arm_urdf(robot))
     q = pin.neutral(full)
-    for name, value in ROBOT.locked_qpos.items():
+    for name, value in robot.locked_qpos.items():
         q[full.joints[full.getJointId(name)].idx_q] = value
-    locked = [i for i, name in enumerate(full.names) if i > 0 and name not in ROBOT.arm_joints]
+    locked = [i for i, name in enumerate(full.names) if i > 0 and name not in robot.arm_joints]
     model = pin.buildReducedModel(full, locked, q)
-    link = model.frames[model.getFrameId(ROBOT.ee_link)]
-    offset = pin.SE3(np.eye(3), np.array([ROBOT.ee_offset_m, 0.0, 0.0]))
+    link = model.frames[model.getFrameId(robot.ee_link)]
+    offset = pin.SE3(np.eye(3), np.array([robot.ee_offset_m, 0.0, 0.0]))
     ee = pin.Frame(
-        "ee", link.parentJoint, model.getFrameId(ROBOT.ee_link), link.placement * offset,
+        "ee", link.parentJoint, model.getFrameId(robot.ee_link), link.placement * offset,
         pin.FrameType.OP_FRAME,
     )  # fmt: skip
     return model, model.addFrame(ee)
 
 
-_shared_arm_model = lru_cache(maxsize=1)(arm_model)
+_shared_arm_model = cache(arm_model)
 
 
 class ArmKinematics:
-    """End-effector position and Jacobian of the arm, in the base frame."""
+    """End-effector position and Jacobian of the arm, in the base frame.
 
-    def __init__(self) -> None:
-        self._model, self._ee = _shared_arm_model()
+    Attributes:
+        robot: The robot.
+        arm_lower_rad, arm_upper_rad: (7,) its limits.
+    """
+
+    def __init__(self, robot: RobotSpec) -> None:
+        self.robot = robot
+        self._model, self._ee = _shared_arm_model(robot)
+        self.arm_lower_rad = np.array(robot.arm_lower_rad)
+        self.arm_upper_rad = np.array(robot.arm_upper_rad)
+        self._ee_lower_m, self._ee_upper_m = np.array(robot.ee_lower_m), np.array(robot.ee_upper_m)
         self._data = self._model.createData()
 
     def position(self, qpos: Array) -> Array:
@@ -90,7 +97,7 @@ class ArmKinematics:
         dq = J^T (J J^T + damping^2 I)^-1 (target - position), then the joint limits.
         """
         position, jacobian = self.position_and_jacobian(qpos)
-        return _damped_step(qpos, jacobian, target_m - position, damping)
+        return self._damped_step(qpos, jacobian, target_m - position, damping)
 
     def approach(self, qpos: Array, target_m: Array, steps: int, damping: float) -> Array:
         """Returns the arm (7,) after a number of steps of `displace` towards a target (3,)."""
@@ -105,25 +112,23 @@ class ArmKinematics:
             qpos = self.displace(qpos, target_m, damping)
         return qpos
 
-    def move(
-        self, qpos: Array, step_m: Array, lower_m: Array, upper_m: Array, damping: float = 0.02
-    ) -> Array:
-        """`displace` by `step_m` (3,) from the current arm pose (7,), clipped to a box."""
+    def move(self, qpos: Array, step_m: Array, damping: float = 0.02) -> Array:
+        """`displace` by `step_m` (3,) from the current arm pose (7,), within the workspace box."""
         position, jacobian = self.position_and_jacobian(qpos)
-        goal = np.minimum(np.maximum(position + step_m, lower_m), upper_m)
-        return _damped_step(qpos, jacobian, goal - position, damping)
+        goal = np.minimum(np.maximum(position + step_m, self._ee_lower_m), self._ee_upper_m)
+        return self._damped_step(qpos, jacobian, goal - position, damping)
 
-
-def _damped_step(qpos: Array, jacobian: Array, error_m: Array, damping: float) -> Array:
-    """Solves once, and again without the joints that reached a limit, if any."""
-    wanted = qpos + _solve(jacobian, error_m, damping)
-    moved = np.minimum(np.maximum(wanted, _LOWER), _UPPER)
-    if moved.tobytes() == wanted.tobytes():
-        return moved
-    free = moved == wanted
-    left_m = error_m - jacobian @ (moved - qpos)
-    again = moved + _solve(jacobian * free, left_m, damping)
-    return np.minimum(np.maximum(again, _LOWER), _UPPER)
+    def _damped_step(self, qpos: Array, jacobian: Array, error_m: Array, damping: float) -> Array:
+        """Solves once, and again without the joints that reached a limit, if any."""
+        lower, upper = self.arm_lower_rad, self.arm_upper_rad
+        wanted = qpos + _solve(jacobian, error_m, damping)
+        moved = np.minimum(np.maximum(wanted, lower), upper)
+        if moved.tobytes() == wanted.tobytes():
+            return moved
+        free = moved == wanted
+        left_m = error_m - jacobian @ (moved - qpos)
+        again = moved + _solve(jacobian * free, left_m, damping)
+        return np.minimum(np.maximum(again, lower), upper)
 
 
 def _solve(jacobian: Array, error_m: Array, damping: float) -> Array:

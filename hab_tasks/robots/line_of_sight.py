@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from mani_skill.envs.scene import ManiSkillScene
-from mani_skill.utils.structs import Link
 from numpy.typing import NDArray
 from sapien.physx import PhysxRigidDynamicComponent
 
+from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.simulator import sapien_object
 
 FURNITURE_KG = 10.0
@@ -23,10 +22,10 @@ class LineOfSight:
     what stands on the table is in reach from below.
     """
 
-    def __init__(self, scene: ManiSkillScene, hand: Link) -> None:
-        """Looks from the `hand`'s robot, which blocks nothing."""
-        self._px: Any = scene.px
-        self._robot = sapien_object(hand).articulation
+    def __init__(self, agent: MobileManipulator) -> None:
+        """Looks from the hand of a robot, which blocks nothing."""
+        self._px: Any = agent.scene.px
+        self._robot = sapien_object(agent.ee_link).articulation
 
     def is_blocked(self, hand_m: NDArray[Any], object_m: NDArray[Any]) -> bool:
         """Whether furniture or a wall comes first on the way between two points (3,)."""

@@ -44,7 +44,7 @@ class MobileManipulator(BaseAgent):
 
     @property
     def _controller_configs(self) -> dict[str, HabControllerConfig]:  # type: ignore[override]
-        return control_configs()
+        return control_configs(self.spec)
 
     @property
     def _sensor_configs(self) -> list[CameraConfig]:  # type: ignore[override]
@@ -72,7 +72,8 @@ class MobileManipulator(BaseAgent):
     def _after_init(self) -> None:
         self.ee_link = self.link(self.spec.ee_link)
         self.base_link = self.link(self.spec.base_link)
-        fingers = [self.robot.joints_map[name].child_link for name in self.spec.finger_joints]
+        self.link_from_ee = sapien.Pose([self.spec.ee_offset_m, 0.0, 0.0])
+        fingers = [self.link(name) for name in self.spec.finger_links]
         for link in self.robot.links:
             is_hand = link is self.ee_link or link in fingers
             set_groups(sapien_object(link), HAND if is_hand else ROBOT)

@@ -9,10 +9,11 @@ sleep again once it is at rest and out of reach.
 from __future__ import annotations
 
 import numpy as np
-from mani_skill.utils.structs import Actor, Articulation, Link
+from mani_skill.utils.structs import Actor, Articulation
 from numpy.typing import NDArray
 from sapien.physx import PhysxRigidDynamicComponent
 
+from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.robots.moving_links import MovingLinks
 from hab_tasks.scenes.collision_groups import FROZEN, MOVING, set_groups
 from hab_tasks.simulator import rigid_body, sapien_object
@@ -34,20 +35,10 @@ RESTING_SPEED = 1e-4
 CHECK_EVERY_STEPS = 10
 """Maximum number of actions between searches for objects at rest."""
 
-_ARM = (
-    "shoulder_lift_link",
-    "upperarm_roll_link",
-    "elbow_flex_link",
-    "forearm_roll_link",
-    "wrist_flex_link",
-    "wrist_roll_link",
-    "gripper_link",
-)
 _ARM_RADIUS_M = 0.1
 _HAND_RADIUS_M = 0.14
 """Radius of spheres at the arm's joints and midway between them, which enclose the arm."""
 
-_BODY = ("torso_lift_link", "base_link")
 _BODY_RADIUS_M = 0.5
 
 
@@ -62,19 +53,21 @@ class SleepingObjects:
     def __init__(
         self,
         objects: list[Actor],
-        links: dict[str, Link],
+        agent: MobileManipulator,
         furniture: list[Articulation],
-        mobile: bool,
     ) -> None:
-        """Tracks the arm and the furniture, and the base if it is `mobile`."""
+        """Tracks the arm and the furniture, and the base if actions move it."""
         self._furniture = MovingLinks(furniture)
         self._bodies = [rigid_body(actor) for actor in objects]
         self._com = [body.cmass_local_pose for body in self._bodies]
-        names = _ARM + _BODY if mobile else _ARM
-        self._watched = [sapien_object(links[name]) for name in names]
-        between = [_ARM_RADIUS_M] * (len(_ARM) - 1)
-        arm = [_ARM_RADIUS_M] * (len(_ARM) - 1) + [_HAND_RADIUS_M]
-        self._link_radius_m = between + arm + [_BODY_RADIUS_M] * (len(names) - len(_ARM))
+        spec, mobile = agent.spec, agent.controller.config.base != "still"
+        arm_links = (*spec.arm_links[1:], spec.ee_link)
+        names = arm_links + spec.body_links if mobile else arm_links
+        self._watched = [sapien_object(agent.link(name)) for name in names]
+        self._arm = len(arm_links)
+        between = [_ARM_RADIUS_M] * (self._arm - 1)
+        arm = [_ARM_RADIUS_M] * (self._arm - 1) + [_HAND_RADIUS_M]
+        self._link_radius_m = between + arm + [_BODY_RADIUS_M] * (len(names) - self._arm)
         count = len(objects)
         heavy = np.array([body.mass >= HEAVY_KG for body in self._bodies], dtype=bool)
         self._margin_m = np.where(heavy, HEAVY_WAKE_DISTANCE_M, WAKE_DISTANCE_M).reshape(count, 1)
@@ -185,7 +178,7 @@ class SleepingObjects:
         self, links_m: NDArray[np.float64], held: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Returns centres (P, 3) and radii (P,) [m] of spheres around all bodies that may push."""
-        arm = links_m[: len(_ARM)]
+        arm = links_m[: self._arm]
         pushing = set(self._pushing(held)) | ({held} if held >= 0 else set())
         others = sorted(pushing & set(self._active))
         centers = ((arm[:-1] + arm[1:]) / 2, links_m, self.com_m[others])

@@ -1,4 +1,4 @@
-"""Robot specification used by the engine: links, joints, hand, rest pose and base."""
+"""Robot specification used by the engine: links, joints, hand, rest pose, base and cameras."""
 
 from __future__ import annotations
 
@@ -7,31 +7,51 @@ from dataclasses import dataclass
 from pathlib import Path
 
 Limits = tuple[float, ...]
+Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
+class CameraPlace:
+    """Mount of a camera.
+
+    Attributes:
+        link: The link it is mounted on.
+        position_m: Position in the link's frame.
+        target_m: Look-at point in the link's frame; None to look along the link's x axis.
+    """
+
+    link: str
+    position_m: Point
+    target_m: Point | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class RobotSpec:
     """Specification of a mobile manipulator. Importing one does not load the simulator.
 
     Attributes:
         uid: ManiSkill's robot uid, and prefix of its link names in the privileged state.
-        urdf: The URDF, in ManiSkill's asset folder.
+        urdf: The URDF, in ManiSkill's asset folder or absolute; an SRDF has to be beside it.
         arm_joints: The controlled arm joints, from the shoulder on.
         arm_links: Their child links, in the same order.
         arm_lower_rad: Lower limits; continuous joints are limited to one turn.
         arm_upper_rad: Upper limits.
-        rest_qpos_rad: Arm pose with the end-effector at `REST_POSITION_M` (within 0.1 mm).
+        rest_position_m: Resting end-effector in the base frame (E.3).
+        rest_qpos_rad: Arm pose with the end-effector there (within 0.1 mm).
         locked_qpos: Joints that the paper does not control -> position [m or rad].
         base_joints: Joints of x, y and yaw of the base.
         base_link: The link whose frame is the base frame.
         base_height_m: Height of that frame above the floor.
         base_linear_speed_m_s: Maximum linear speed.
         base_angular_speed_rad_s: Maximum angular speed.
+        body_links: Links of the base and of what it carries, near which objects are awake.
         finger_joints: The joints of the gripper.
+        finger_links: Their child links.
         ee_link: The link that carries the gripper.
         ee_offset_m: Offset of the end-effector point from `ee_link` along its x axis.
         ee_lower_m: Lower corner of the end-effector's workspace box in the base frame.
         ee_upper_m: Upper corner.
+        cameras: The sensor cameras by name.
     """
 
     uid: str
@@ -40,6 +60,7 @@ class RobotSpec:
     arm_links: tuple[str, ...]
     arm_lower_rad: Limits
     arm_upper_rad: Limits
+    rest_position_m: Point
     rest_qpos_rad: tuple[float, ...]
     locked_qpos: Mapping[str, float]
     base_joints: tuple[str, str, str]
@@ -47,11 +68,18 @@ class RobotSpec:
     base_height_m: float
     base_linear_speed_m_s: float
     base_angular_speed_rad_s: float
+    body_links: tuple[str, ...]
     finger_joints: tuple[str, ...]
+    finger_links: tuple[str, ...]
     ee_link: str
     ee_offset_m: float
-    ee_lower_m: tuple[float, float, float]
-    ee_upper_m: tuple[float, float, float]
+    ee_lower_m: Point
+    ee_upper_m: Point
+    cameras: Mapping[str, CameraPlace]
+
+    def __deepcopy__(self, memo: object) -> RobotSpec:
+        """Returns itself: ManiSkill copies the configurations of its controllers."""
+        return self
 
     def urdf_path(self) -> Path:
         """Returns the URDF of the installed ManiSkill."""

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 import sapien
-from mani_skill.envs.scene import ManiSkillScene
-from sapien.physx import PhysxArticulationLinkComponent, PhysxRigidDynamicComponent
+from sapien.physx import PhysxRigidDynamicComponent
 
 from hab_tasks.arrays import Floats
 from hab_tasks.constants import SIM_HZ
-from hab_tasks.robots.handle import EE_FROM_LINK, Handle
+from hab_tasks.robots.handle import Handle
 from hab_tasks.robots.handle_tie import HANDLE_SPRING
 from hab_tasks.robots.held_object import inertia_at, move_held_object, pull_along
+from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.simulator import sapien_object
 
 HOLD_STIFFNESS_NM_RAD = 1e5
@@ -28,12 +28,11 @@ class Tie:
             as the furniture's inertia would throw back an arm whose state is set directly.
     """
 
-    def __init__(
-        self, scene: ManiSkillScene, hand: PhysxArticulationLinkComponent, *, pulls_along: bool
-    ) -> None:
-        """Ties nothing to the `hand` yet."""
+    def __init__(self, agent: MobileManipulator, *, pulls_along: bool) -> None:
+        """Ties nothing to the robot's hand yet."""
         self.pulls_along = pulls_along
-        self._scene, self._hand = scene.sub_scenes[0], hand
+        self._scene, self._hand = agent.scene.sub_scenes[0], sapien_object(agent.ee_link)
+        self._link_from_ee = agent.link_from_ee
         self._drive: Any = None
         self._body: PhysxRigidDynamicComponent | None = None
         self._handle: Handle | None = None
@@ -54,7 +53,7 @@ class Tie:
         """Holds a handle at a position (3,) in the end-effector's frame."""
         self._handle = handle
         offset = sapien.Pose(list(handle.offset_m))
-        drive = self._connect(EE_FROM_LINK, sapien_object(handle.link).entity, offset)
+        drive = self._connect(self._link_from_ee, sapien_object(handle.link).entity, offset)
         if self.pulls_along:  # `pull_along` moves the furniture; the constraint has no spring
             self._inertia = inertia_at(handle)
             return
@@ -88,7 +87,7 @@ class Tie:
     def before_physics_step(self, in_ee_m: Floats) -> None:
         """Moves the furniture of a handle, held at (3,), to a hand whose state was set."""
         if self._pulls_now and self._handle is not None:
-            world_from_ee = self._hand.entity_pose * EE_FROM_LINK
+            world_from_ee = self._hand.entity_pose * self._link_from_ee
             place_m = np.asarray((world_from_ee * sapien.Pose(in_ee_m)).p)
             pull_along(self._handle, place_m, self._inertia)
             self._pulls_now = False

@@ -18,7 +18,7 @@ from hab_tasks.privileged import (
     CollisionShape,
     PrivilegedState,
 )
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 from hab_tasks.scenes import physics
 
 EMPTY_VERTICES = np.zeros((0, 3))
@@ -27,15 +27,15 @@ EMPTY_FACES = np.zeros((0, 3), dtype=np.int64)
 
 def fetch_without_visuals(folder: Path) -> Path:
     """Writes Fetch's URDF (and SRDF) without visuals, which need a Vulkan device."""
-    root = ElementTree.parse(ROBOT.urdf_path()).getroot()
+    root = ElementTree.parse(FETCH.urdf_path()).getroot()
     for link in root.iter("link"):
         for visual in link.findall("visual"):
             link.remove(visual)
     for mesh in root.iter("mesh"):
-        mesh.set("filename", str(ROBOT.urdf_path().parent / mesh.get("filename", "")))
+        mesh.set("filename", str(FETCH.urdf_path().parent / mesh.get("filename", "")))
     path = folder / "fetch.urdf"
     path.write_text(ElementTree.tostring(root, encoding="unicode"))
-    shutil.copy(ROBOT.urdf_path().with_suffix(".srdf"), folder / "fetch.srdf")
+    shutil.copy(FETCH.urdf_path().with_suffix(".srdf"), folder / "fetch.srdf")
     return path
 
 
@@ -67,12 +67,12 @@ class FetchScene:
     def set_arm(self, qpos: np.ndarray) -> None:
         """Puts the arm at `qpos` (7,) and every other joint at its locked value."""
         names = [joint.name for joint in self.robot.active_joints]
-        values = dict(ROBOT.locked_qpos) | dict(zip(ROBOT.arm_joints, qpos, strict=True))
+        values = dict(FETCH.locked_qpos) | dict(zip(FETCH.arm_joints, qpos, strict=True))
         self.robot.set_qpos(np.array([values.get(name, 0.0) for name in names]))
 
     def arm_qpos(self) -> np.ndarray:
         names = [joint.name for joint in self.robot.active_joints]
-        return self.robot.get_qpos()[[names.index(name) for name in ROBOT.arm_joints]].astype(float)
+        return self.robot.get_qpos()[[names.index(name) for name in FETCH.arm_joints]].astype(float)
 
     def add_box(self, name: str, group: str, position_m: tuple, size_m: tuple) -> None:
         """Adds a fixed or loose (group ``object``) box by its centre and full size."""
@@ -115,7 +115,7 @@ class FetchScene:
             world_from_body=poses,
             world_from_base=poses["hab_fetch/base_link"],
             arm_qpos=self.arm_qpos(),
-            locked_qpos=dict(ROBOT.locked_qpos),
+            locked_qpos=dict(FETCH.locked_qpos),
             held=held,
             object_com_m=com,
             targets=(target,),
@@ -136,7 +136,7 @@ def make_scene(tmp_path: Path) -> Callable[[], FetchScene]:
         path = fetch_without_visuals(tmp_path)
         robot = loader.load(str(path), srdf_file=str(path.with_suffix(".srdf")))
         made = FetchScene(scene, robot, {})
-        made.set_arm(np.array(ROBOT.rest_qpos_rad))
+        made.set_arm(np.array(FETCH.rest_qpos_rad))
         return made
 
     return make

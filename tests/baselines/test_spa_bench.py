@@ -7,7 +7,7 @@ from hab_eval.bench.options import BenchOptions
 from hab_spa.bench_plan import SUITE, PlanTiming, plan_rows, run_plan
 from hab_spa.planning.validity import Agreement, SimulatorCheck, StateDictCheck, agreement
 
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 
 
 def test_rows_hold_plans_beside_bounds_and_the_reference():
@@ -93,7 +93,7 @@ def test_both_ways_to_set_the_state_say_the_same_and_the_scene_stays(generated, 
         before = env.unwrapped.privileged()[0].world_from_body
         check = kind(env)
         said += [[check.is_free(pose) for pose in poses] for _ in range(2)]
-        assert check.is_free(np.array(ROBOT.rest_qpos_rad))
+        assert check.is_free(np.array(FETCH.rest_qpos_rad))
         if kind is SimulatorCheck and env_id == "HabPick-v1":
             after = env.unwrapped.privileged()[0].world_from_body
             still = [name for name in before if not name.startswith("hab_fetch/")]

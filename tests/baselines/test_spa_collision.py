@@ -7,10 +7,10 @@ from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
 from hab_spa.shapes import shape_bounds_m
 
 from hab_tasks.privileged import CollisionShape
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 from hab_tasks.scenes.coal_shapes import coal_shape
 
-REST = np.array(ROBOT.rest_qpos_rad)
+REST = np.array(FETCH.rest_qpos_rad)
 
 
 def physx_hits(scene) -> bool:

@@ -15,7 +15,8 @@ from hab_spa.sensing.octree import octrees
 from hab_spa.sensing.seen_map import MapConfig, SeenMap
 from hab_spa.sensing.voxels import VoxelConfig, VoxelMap
 
-from hab_tasks.robots.cameras import PLACES
+from hab_tasks.robots.cameras import camera_pose
+from hab_tasks.robots.fetch import FETCH
 
 LOOKS_DOWN = np.array(
     # Columns: the image's right, its down and its ahead; x ahead of the robot is up in the image.
@@ -53,7 +54,7 @@ def test_an_observation_gives_the_image_and_where_the_robot_is():
     base = np.eye(4)
     base[:2, :2] = ((0.0, -1.0), (1.0, 0.0))  # turned left by a quarter
     base[:3, 3] = 3.0, -2.0, 0.005
-    base_from_sapien = PLACES["head"].pose().to_transformation_matrix().astype(float)
+    base_from_sapien = camera_pose(FETCH.cameras["head"]).to_transformation_matrix().astype(float)
     camera = base @ base_from_sapien
     # SAPIEN's x, y, z are ahead, left, up; a depth image's are right, down, ahead.
     axes = np.stack((-camera[:3, 1], -camera[:3, 2], camera[:3, 0]))

@@ -10,9 +10,9 @@ from hab_spa.planning.path import TimingConfig, time_path
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.skills.pick import pick
 
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 
-REST = np.array(ROBOT.rest_qpos_rad)
+REST = np.array(FETCH.rest_qpos_rad)
 CORNER = np.array([np.zeros(7), np.eye(7)[0], np.eye(7)[0] + np.eye(7)[1] * 0.5])
 STEPS = 200
 

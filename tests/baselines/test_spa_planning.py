@@ -19,9 +19,9 @@ from hab_spa.planning.rrt import path_is_free
 from hab_spa.scenes.true_scene import TrueScene, face_centres_m, standing_at
 
 from hab_tasks.constants import GRASP_RADIUS_M
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 
-REST = np.array(ROBOT.rest_qpos_rad)
+REST = np.array(FETCH.rest_qpos_rad)
 POSES = np.random.default_rng(0).uniform(LOWER_RAD, UPPER_RAD, (200, 7))
 
 

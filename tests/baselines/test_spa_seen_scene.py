@@ -8,10 +8,10 @@ from hab_spa.planning.ik import BatchArm
 from hab_spa.scenes.known_positions import KnownPositions
 from hab_spa.scenes.seen_scene import SeenConfig, SeenScene
 
-from hab_tasks.robots.cameras import PLACES
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.cameras import camera_pose
+from hab_tasks.robots.fetch import FETCH
 
-REST = np.array(ROBOT.rest_qpos_rad)
+REST = np.array(FETCH.rest_qpos_rad)
 ASIDE = REST + np.array((0.6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 """The shoulder turned, so that the hand is about half a metre to the left."""
 
@@ -22,7 +22,7 @@ def observation(wall_m):
     """One row's images: a wall so far ahead of the head's camera, nothing before the hand's."""
     depth = np.ones((1, 128, 128, 1))
     depth[..., 0] = wall_m / 10.0
-    base_from_sapien = PLACES["head"].pose().to_transformation_matrix().astype(float)
+    base_from_sapien = camera_pose(FETCH.cameras["head"]).to_transformation_matrix().astype(float)
     axes = np.stack((-base_from_sapien[:3, 1], -base_from_sapien[:3, 2], base_from_sapien[:3, 0]))
     extrinsic = np.concatenate((axes, -axes @ base_from_sapien[:3, 3:]), axis=1)
     intrinsic = np.array(((FOCAL_PX, 0.0, 64.0), (0.0, FOCAL_PX, 64.0), (0.0, 0.0, 1.0)))
@@ -49,7 +49,7 @@ def test_only_what_was_seen_since_the_plan_is_in_the_way(scene):
     assert not scene.in_the_way(path)
     hand_m = BatchArm().ee_pose(ASIDE)[:3, 3]
     # How far ahead of the head's camera the hand will be: a wall there is where it goes.
-    camera = PLACES["head"].pose().to_transformation_matrix().astype(float)
+    camera = camera_pose(FETCH.cameras["head"]).to_transformation_matrix().astype(float)
     ahead_m = float(camera[:3, 0] @ (hand_m - camera[:3, 3]))
     scene.see(observation(wall_m=ahead_m), 0)
     assert scene.in_the_way(path)

@@ -13,7 +13,7 @@ from hab_tasks.engine.snapshot import world_to_base
 from hab_tasks.errors import ActionError
 from hab_tasks.robots.control import control_configs
 from hab_tasks.robots.control_modes import BASE_CELLS, STOP_CELL
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 
 
 def turned(mode, yaw):
@@ -41,7 +41,7 @@ def test_the_cells_are_the_papers():
 
 
 def test_action_spaces():
-    arm = (ROBOT.arm_lower_rad, ROBOT.arm_upper_rad)
+    arm = (FETCH.arm_lower_rad, FETCH.arm_upper_rad)
     for mode, (low, high), others in (
         ("ee_base", ((), ()), 6),
         ("joint_delta", ((), ()), 8),
@@ -102,7 +102,7 @@ def test_what_is_no_cell_is_refused():
 
 
 def test_the_idle_action_moves_nothing_and_keeps_what_is_held():
-    for mode in control_configs():
+    for mode in control_configs(FETCH):
         sim = FetchSim(mode)
         hand, base = hand_m(sim), sim.base()
         for holding in (True, False):

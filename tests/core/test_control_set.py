@@ -5,8 +5,8 @@ import math
 import numpy as np
 from fetch_sim import GRASP, RELEASE, FetchSim
 
+from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.grasp import NOTHING
-from hab_tasks.robots.robot import ROBOT
 
 SETTING = ("joint_state", "joint_state_base", "joint_target_pose", "joint_state_pose")
 BOX = ((0.03, 0.04, 0.05), (0.03, 0.02, -0.1))
@@ -19,7 +19,7 @@ def test_the_arm_gets_where_it_is_set_by_at_most_0_08_rad_an_action():
         for _ in range(5):
             # Around a pose that is clear of the body.
             drawn = rest + rng.uniform(-0.4, 0.4, 7)
-            goal = np.clip(drawn, ROBOT.arm_lower_rad, ROBOT.arm_upper_rad)
+            goal = np.clip(drawn, FETCH.arm_lower_rad, FETCH.arm_upper_rad)
             for _ in range(10):  # 0.8 rad / 0.08
                 action, before = sim.idle(), sim.idle()
                 action[:7] = goal

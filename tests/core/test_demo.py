@@ -10,6 +10,7 @@ import pytest
 from hab_tasks import rendering
 from hab_tasks.commands.keyboard import Keyboard
 from hab_tasks.robots.control import control_configs
+from hab_tasks.robots.fetch import FETCH
 
 STEP = re.compile(r"^ *(\d+)  reward ([+-][\d.]+)  (.*)$", re.MULTILINE)
 
@@ -71,7 +72,7 @@ def test_a_key_sets_one_entry_of_the_action_or_names_a_cell():
         ("base_discrete", "space", 7),
         ("base_discrete", "up", None),
     ):
-        board = Keyboard(SimpleNamespace(config=control_configs()[mode]), holding=False)
+        board = Keyboard(SimpleNamespace(config=control_configs(FETCH)[mode]), holding=False)
         found = board.action(key)
         assert (found.tolist() if isinstance(action, list) else found) == action, (mode, key)
 

@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from hab_tasks.robots.fetch import _fetch_urdf
-from hab_tasks.robots.fetch_spec import FETCH
+from hab_tasks.robots.fetch import FETCH
+from hab_tasks.robots.fetch.agent import _fetch_urdf
 from hab_tasks.scenes.fixed_links import merge_fixed_links
 
 CHAIN = """<robot name="r">

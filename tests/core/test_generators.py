@@ -14,8 +14,8 @@ from hab_tasks.episodes.robot_start import in_base_frame
 from hab_tasks.errors import GenerationError
 from hab_tasks.navigation import LayoutMaps, NavigationMap
 from hab_tasks.registration import ENTRY_POINTS
+from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.kinematics import ArmKinematics
-from hab_tasks.robots.robot import ROBOT
 
 REAL_IN_CI = ("HabPlace-v1", "HabOpenDrawer-v1", "HabNavigate-v1")
 
@@ -46,8 +46,8 @@ def test_starts_are_those_of_the_protocol(generated, env_id, dataset):
         # Places are drawn with this clearance; only then the noise comes on top.
         assert replay.off_floor_m(episode.robot.base) <= sc.BASE_NOISE_M + sc.CELL_M, episode.id
         arm = np.array(episode.robot.arm_qpos_rad)
-        assert ((arm >= ROBOT.arm_lower_rad) & (arm <= ROBOT.arm_upper_rad)).all()
-        off = np.abs(ArmKinematics().position(arm) - (0.5, 0.0, 1.0))
+        assert ((arm >= FETCH.arm_lower_rad) & (arm <= FETCH.arm_upper_rad)).all()
+        off = np.abs(ArmKinematics(FETCH).position(arm) - (0.5, 0.0, 1.0))
         # 5 cm of noise on each axis; the solver stops within 5 mm.
         assert (off <= 0.05 + 0.005).all(), episode.id
         CHECKS[env_id](replay, episode.robot.base)

@@ -67,7 +67,7 @@ def test_a_hand_takes_what_its_skill_is_about_and_objects_before_handles():
     ):
         for place, found in ((near, (held, handle)), (far, (NOTHING, alone))):
             box.set_pose(place)
-            grasp = SnapGrasp(kitchen.scene, kitchen.agent.ee_link, [box], [kitchen.handle], takes)
+            grasp = SnapGrasp(kitchen.agent, [box], [kitchen.handle], takes)
             grasp.command(GRASP)
             assert (grasp.held, grasp.held_handle) == found, takes
             grasp.command(RELEASE)

@@ -3,13 +3,13 @@
 import numpy as np
 
 from hab_tasks.constants import EE_STEP_M, REST_POSITION_M
+from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.kinematics import ArmKinematics
-from hab_tasks.robots.robot import ROBOT
 
-LOWER, UPPER = np.array(ROBOT.arm_lower_rad), np.array(ROBOT.arm_upper_rad)
-REST = np.array(ROBOT.rest_qpos_rad)
+LOWER, UPPER = np.array(FETCH.arm_lower_rad), np.array(FETCH.arm_upper_rad)
+REST = np.array(FETCH.rest_qpos_rad)
 POSES = np.random.default_rng(0).uniform(LOWER, UPPER, (20, 7))
-ARM = ArmKinematics()
+ARM = ArmKinematics(FETCH)
 
 
 def test_jacobian_equals_central_differences():

@@ -8,7 +8,6 @@ import torch
 from builders import StraightWays, goals_of, snapshot
 
 from hab_tasks.constants import REST_POSITION_M
-from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.measures import MEANINGS, Tracker
 
 N = 4
@@ -23,7 +22,7 @@ def goals(articulations=0, **values):
 
 def tracker_at(first, goals=None, geodesic=None):
     """A tracker whose row 0 is about object 0, row 1 about object 1 and so on."""
-    tracker = Tracker(goals or Goals.empty(N, 1, first.joints.shape[1]), geodesic)
+    tracker = Tracker(goals or goals_of(N, 1, first.joints.shape[1]), geodesic)
     tracker.targets = np.arange(N)[:, None]
     tracker.begin(first, ALL)
     return tracker

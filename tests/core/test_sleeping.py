@@ -7,7 +7,7 @@ import torch
 from builders import box_actor, cpu_scene, start_fetch
 from fetch_sim import HAND_M, FetchSim
 
-from hab_tasks.robots.fetch import HabFetch
+from hab_tasks.robots.fetch.agent import HabFetch
 from hab_tasks.robots.sleeping import SleepingObjects
 from hab_tasks.scenes.collision_groups import STATIC, set_groups
 from hab_tasks.scenes.habitat.dataset import resolve_dataset
@@ -22,13 +22,13 @@ NOBODY = -1
 class RobotSim(FetchSim):
     """The robot at rest, boxes on a table (top at `table_m`), everything frozen."""
 
-    def __init__(self, positions, *, mobile=False, mode="joint_target", table_m=0.7):
+    def __init__(self, positions, *, mode="joint_target", table_m=0.7):
         boxes = [(SMALL, np.subtract(position, HAND_M)) for position in positions]
         table = ((0.5, 2.0, 0.05), np.subtract((1.2, 0.0, table_m - 0.05), HAND_M))
         super().__init__(mode, boxes, [table], floating=False)
         set_groups(self.scene.actors["wall0"]._bodies[0], STATIC)
         self.boxes = self.objects
-        self.sleeping = SleepingObjects(self.boxes, dict(self.agent.robot.links_map), [], mobile)
+        self.sleeping = SleepingObjects(self.boxes, self.agent, [])
         self.sleeping.thaw_all()
         self.sleeping.freeze_all(np.ones(len(self.boxes), dtype=bool))
 
@@ -73,7 +73,7 @@ def test_an_object_wakes_before_the_arm_touches_it():
 
 
 def test_a_moving_base_wakes_what_stands_in_its_way():
-    sim = RobotSim([(0.9, 0.0, 0.031)], mobile=True, mode="joint_target_base", table_m=0.0)
+    sim = RobotSim([(0.9, 0.0, 0.031)], mode="joint_target_base", table_m=0.0)
     touched = False
     for _ in range(40):
         action = np.concatenate((sim.target(), (-1.0, 0.5, 0.0)))  # half a metre a second
@@ -134,8 +134,8 @@ class Counter:
         self.link = self.counter.links_map[MARKER.link]
         joints = [joint.name for joint in self.counter.active_joints]
         self.column = joints.index(self.link.joint.name)
-        furniture, links = list(built.articulations.values()), dict(self.agent.robot.links_map)
-        self.sleeping = SleepingObjects(self.boxes, links, furniture, mobile=False)
+        furniture = list(built.articulations.values())
+        self.sleeping = SleepingObjects(self.boxes, self.agent, furniture)
         self.sleeping.thaw_all()
         self.put_boxes()
         self.sleeping.freeze_all(np.ones(3, dtype=bool))

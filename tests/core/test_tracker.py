@@ -5,7 +5,6 @@ import pytest
 import torch
 from builders import StraightWays, goals_of, measures, row, same, snapshot
 
-from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.measures import Focus, Tracker
 from hab_tasks.skills.pick import PICK
 from hab_tasks.skills.place import PLACE
@@ -94,7 +93,7 @@ def test_a_new_focus_keeps_what_was_counted_and_is_no_change_of_distance():
 def test_what_the_new_object_has_not_done_is_forgotten():
     at_goal = snapshot(N, objects=K, articulations=J, held_handle=torch.zeros(N, dtype=torch.long))
     tracker = tracker_at(snapshot(N, objects=K, articulations=J))
-    tracker.goals = Goals.empty(N, K, J)
+    tracker.goals = goals_of(N, K, J)
     for _ in range(2):
         tracker.advance(at_goal, GOING)
     both = (tracker.measures.placed_before, tracker.measures.grabbed_before)
@@ -107,7 +106,7 @@ def test_what_the_new_object_has_not_done_is_forgotten():
 def test_placed_is_at_rest_for_ten_steps_and_placed_before_stays():
     # Row 0: gets to the goal in step 1, rests from step 11 on, is taken away in step 12. Row 1
     # starts there, row 2 moves there by 2 mm a step, 6 cm/s.
-    tracker = Tracker(Goals.empty(3, 1, 0))
+    tracker = Tracker(goals_of(3, 1, 0))
     tracker.targets += 7
     for step in range(14):
         points = torch.zeros(3, 1, 3)
@@ -122,7 +121,7 @@ def test_placed_is_at_rest_for_ten_steps_and_placed_before_stays():
 
 def test_what_a_drop_takes_back():
     # Hand 0.3 m from rest, grasped in step 1 on the way to 0.2 m, dropped in step 3 from 0.1 m.
-    tracker, seen = Tracker(Goals.empty(1, 1, 0)), []
+    tracker, seen = Tracker(goals_of(1, 1, 0)), []
     for step, (gap_m, held) in enumerate(((0.3, -1), (0.2, 0), (0.1, 0), (0.1, -1), (0.1, -1))):
         ee = torch.tensor([[0.5, 0.0, 1.0 - gap_m]])
         shot = snapshot(1, ee_in_base_m=ee, held=torch.tensor([held]))
@@ -141,7 +140,7 @@ def test_what_a_drop_takes_back():
 
 
 def test_a_handle_is_grabbed_for_the_first_time_once():
-    tracker = Tracker(Goals.empty(N, 1, 1))
+    tracker = Tracker(goals_of(N, 1, 1))
     # Row 0 lets go and grasps again, row 1 starts with it in the hand, row 2 takes another, row 3
     # none.
     holds = [[-1, 0, 2, -1], [0, 0, -1, -1], [-1, 0, 2, -1], [0, -1, 2, -1], [0, 0, -1, -1]]

@@ -10,6 +10,7 @@ from hab_tasks.agent_spaces import agent_setup, agent_spaces
 from hab_tasks.envs import ENVS
 from hab_tasks.errors import HabError, OptionError, UnknownNameError
 from hab_tasks.robots.control import control_configs
+from hab_tasks.robots.fetch import FETCH
 
 
 @pytest.mark.parametrize(
@@ -28,7 +29,7 @@ def test_spaces_of_states_and_actions(env_id):
     for mode in others:
         told = agent_spaces(env_id, AgentSpec(name="x", control_mode=mode)).action
         size = getattr(told, "shape", None)
-        assert size == (control_configs()[mode].size,) or mode == "base_discrete"
+        assert size == (control_configs(FETCH)[mode].size,) or mode == "base_discrete"
 
 
 @pytest.mark.render

@@ -14,7 +14,7 @@ from hab_tasks.engine.noise import SensorNoise
 from hab_tasks.engine.sensors import scale_depth
 from hab_tasks.envs import ENVS
 from hab_tasks.errors import OptionError, UnknownNameError
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 
 render = pytest.mark.render
 ALL = ("head", "arm", "third_person")
@@ -200,7 +200,7 @@ def test_the_third_person_camera_looks_over_the_shoulder(make):
 def arm_pixels(env, obs):
     """Camera -> how many of its pixels show shoulder, arm or gripper."""
     links = env.unwrapped.agent.robot.links_map
-    names = (*ROBOT.arm_links, "gripper_link", "l_gripper_finger_link", "r_gripper_finger_link")
+    names = (*FETCH.arm_links, "gripper_link", "l_gripper_finger_link", "r_gripper_finger_link")
     ids = torch.cat([links[name].per_scene_id for name in names])
     seen = {name: images["segmentation"] for name, images in obs["sensor_data"].items()}
     return {name: int(torch.isin(image, ids).sum()) for name, image in seen.items()}

@@ -16,9 +16,9 @@ from playing import actions, long, slow
 from refusals import refused_by_call
 
 from hab_tasks.engine import image_source
-from hab_tasks.robots.cameras import PLACES
+from hab_tasks.robots.fetch import FETCH
 
-EVERY_CAMERA = tuple(PLACES)
+EVERY_CAMERA = tuple(FETCH.cameras)
 
 
 def depth_m(obs):

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from hab_navigator.scan_matching import NEAR_M, OBSTACLE_M, match_shares
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, CAMERA_HFOV_RAD, CONTROL_HZ
 from hab_tasks.privileged import Array
-from hab_tasks.robots.cameras import PLACES
+from hab_tasks.robots.cameras import camera_pose
 from hab_tasks.robots.control_modes import BASE_CELLS
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 
 Bytes = NDArray[np.uint8]
 
@@ -66,8 +66,8 @@ class RobotMap:
 
     def __init__(self, repeat: int) -> None:
         """Creates an empty map for actions that are executed `repeat` times."""
-        self._turn_rad = ROBOT.base_angular_speed_rad_s * repeat / CONTROL_HZ
-        self._ahead_m = ROBOT.base_linear_speed_m_s * repeat / CONTROL_HZ
+        self._turn_rad = FETCH.base_angular_speed_rad_s * repeat / CONTROL_HZ
+        self._ahead_m = FETCH.base_linear_speed_m_s * repeat / CONTROL_HZ
         self._wanted, self._has_point = np.zeros(2), False  # m ahead and rad
         self._origin: Array | None = None
         self.pose, self.point_m = np.zeros(3), np.zeros(2)
@@ -184,9 +184,9 @@ def _rays() -> Array:
     slopes = np.tan(CAMERA_HFOV_RAD / 2) * (2 * (np.arange(RAYS_PX) + 0.5) / RAYS_PX - 1)
     right, down = np.meshgrid(slopes, slopes)
     in_camera = np.stack((np.ones_like(right), -right, -down), axis=-1)  # SAPIEN's axes
-    rotation = PLACES["head"].pose().to_transformation_matrix()[:3, :3]
+    rotation = camera_pose(FETCH.cameras["head"]).to_transformation_matrix()[:3, :3]
     return (in_camera @ rotation.T).astype(float)
 
 
 _DIRECTIONS = _rays()
-_CAMERA_M = np.array(PLACES["head"].position_m, dtype=np.float32)
+_CAMERA_M = np.array(FETCH.cameras["head"].position_m, dtype=np.float32)

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hab_tasks.constants import CONTROL_HZ, EE_STEP_M
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 
 Array = NDArray[np.float64]
 
 AHEAD = np.array((1.0, 0.0, 0.0))
-DRIVE_STEP_M = ROBOT.base_linear_speed_m_s / CONTROL_HZ
+DRIVE_STEP_M = FETCH.base_linear_speed_m_s / CONTROL_HZ
 
 SPACING_M = 0.01
 """Distance between the points of a stretch."""
@@ -35,9 +35,9 @@ REACHED_M = 0.01
 GRASPED_M = 0.04
 """The same before a grasp on a straight path: well within the snap grasp, and easier to learn."""
 
-NEAREST_M = ROBOT.ee_lower_m[0] + 0.04
+NEAREST_M = FETCH.ee_lower_m[0] + 0.04
 """Nearest to the base that the hand comes while it holds something and the base can drive; the
-controller keeps the hand beyond `ROBOT.ee_lower_m`."""
+controller keeps the hand beyond `FETCH.ee_lower_m`."""
 
 PULL_SPACING_M = 0.022
 """Distance between the points while the base drives back: one is passed in every step."""

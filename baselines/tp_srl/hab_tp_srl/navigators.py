@@ -19,6 +19,7 @@ from hab_spa.tasks.navigate import OracleNavigator
 from hab_tasks.agent import AgentSetup, of_rows
 from hab_tasks.constants import NAVIGATE_HORIZON_STEPS
 from hab_tasks.robots.control import HabControllerConfig, control_configs
+from hab_tasks.robots.fetch import FETCH
 from hab_tp_srl.policies import SkillPolicy, Turn
 from hab_tp_srl.skill import learned_navigation, turn_of
 from hab_tp_srl.view import TaskView
@@ -103,7 +104,7 @@ class NavigatorPolicy:
             PolicyFileError: The file cannot be used.
         """
         self._network, self._device = load(path)[0].to(setup.device), setup.device
-        self.control: HabControllerConfig = control_configs()["base_discrete"]
+        self.control: HabControllerConfig = control_configs(FETCH)["base_discrete"]
 
     def goes_on(self, turn: Turn) -> bool:
         """See `SkillPolicy.goes_on`; the next step is one in which it acts."""

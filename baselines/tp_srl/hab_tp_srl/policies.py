@@ -20,6 +20,7 @@ from hab_tasks.engine.skill_env import SkillEnv
 from hab_tasks.envs import ENVS
 from hab_tasks.registration import SKILLS, imported_id
 from hab_tasks.robots.control import HabControllerConfig, control_configs
+from hab_tasks.robots.fetch import FETCH
 from hab_tasks.skills.navigate import NAVIGATE_ID
 from hab_tp_srl.stillness import Stillness
 from hab_tp_srl.training_starts import start_ranges
@@ -112,7 +113,7 @@ class SkillPolicy:
         env_id = imported_id(self.recipe.env.reference)
         env = ENVS[env_id].env
         self.horizon_steps = env.horizon_steps
-        self.control: HabControllerConfig = control_configs()[self.recipe.env.control_mode]
+        self.control: HabControllerConfig = control_configs(FETCH)[self.recipe.env.control_mode]
         self._check(skill, env_id, path)
         self.starts = start_ranges(env_id) if env_id != NAVIGATE_ID else None
 

@@ -13,13 +13,14 @@ from hab_spa.motion.robot import Robot
 from numpy.typing import NDArray
 
 from hab_tasks.robots.arm_commands import commanded_arm
-from hab_tasks.robots.control_modes import ARM_SIZE, BASE_CELLS, STOP_SHARE
+from hab_tasks.robots.control_modes import BASE_CELLS, STOP_SHARE
+from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.kinematics import ArmKinematics
 from hab_tp_srl.ending import Ending
 from hab_tp_srl.policies import Decider, Turn
 from hab_tp_srl.view import TaskView
 
-_KINEMATICS = ArmKinematics()
+_KINEMATICS = ArmKinematics(FETCH)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -116,7 +117,7 @@ def command_of(robot: Robot, policy: Decider, action: NDArray[Any]) -> Command:
     """
     arm_rad, arm = None, policy.control.arm
     if arm != "still":
-        entries = action[: ARM_SIZE[arm]]
+        entries = action[: policy.control.arm_size]
         moved = commanded_arm(arm, robot.arm_target_rad, entries, _KINEMATICS)
         arm_rad = moved.astype(np.float32).astype(float)  # as the controller keeps it
     return robot.command(arm_rad, base=velocities(policy, action))
@@ -135,7 +136,7 @@ def velocities(policy: Decider, action: NDArray[Any]) -> tuple[float, float]:
 def _gripper(policy: Decider, action: NDArray[Any], now: float) -> float:
     """Returns the gripper entry of an action; the present one if it has none."""
     arm = policy.control.arm
-    return now if arm == "still" else float(action[ARM_SIZE[arm]])
+    return now if arm == "still" else float(action[policy.control.arm_size])
 
 
 def turn_of(robot: Robot, policy: Decider) -> Turn:

@@ -11,6 +11,7 @@ from hab_spa.shapes import Array
 from hab_tasks.constants import REST_POSITION_M
 from hab_tasks.episodes import Episode, EpisodeRequest, load_episodes
 from hab_tasks.registration import SKILLS
+from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.kinematics import ArmKinematics
 
 EPISODES = 500
@@ -20,7 +21,7 @@ PERCENTILES = (0.5, 99.5)
 SLACK = 0.05
 """Share of a range by which it is widened at both ends."""
 
-_KINEMATICS = ArmKinematics()
+_KINEMATICS = ArmKinematics(FETCH)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

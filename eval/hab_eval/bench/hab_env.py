@@ -17,7 +17,7 @@ from hab_eval.bench.process import BenchEnv, StepTiming, time_steps
 from hab_tasks.constants import EE_STEP_M, REST_POSITION_M
 from hab_tasks.envs import ENVS
 from hab_tasks.episodes import Episode, EpisodeRequest, load_episodes
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 
 CONTROLS = ("ee", "ee_base", "base")
 """An environment is measured in the first of these that it supports."""
@@ -164,7 +164,7 @@ def actions_of(control: str, motion: Motion, episode: Episode) -> Tensor:
         gripper = RELEASE if episode.held is None else HOLD
         parts += [motion.arm_steps_m() / EE_STEP_M, torch.full((motion.count, 1), gripper)]
     if control.endswith("base"):
-        largest = torch.tensor([ROBOT.base_linear_speed_m_s, ROBOT.base_angular_speed_rad_s])
+        largest = torch.tensor([FETCH.base_linear_speed_m_s, FETCH.base_angular_speed_rad_s])
         parts.append(motion.base_speeds() / largest)
     return torch.cat(parts, dim=1)
 

@@ -35,7 +35,9 @@ from hab_tasks.episodes.schema import (
 from hab_tasks.episodes.spots import Spot, find_spots
 from hab_tasks.errors import GenerationError
 from hab_tasks.geometry import Array, Pose7, pose, rotation_between
+from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.kinematics import ArmKinematics
+from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.scenes.spec import ObjectTemplate, SceneSpec
 
 ATTEMPTS = 200
@@ -59,11 +61,13 @@ class Objects:
         templates: Name -> template of all loaded objects.
         names: Names to sample clutter and targets from.
         receptacles: Receptacles of Pick, Place and Navigate; None for the skill's own.
+        robot: The robot that starts there.
     """
 
     templates: dict[str, ObjectTemplate]
     names: tuple[str, ...]
     receptacles: tuple[str, ...] | None = None
+    robot: RobotSpec = FETCH
 
 
 class Generator(ABC):
@@ -84,7 +88,7 @@ class Generator(ABC):
     ) -> None:
         """Samples layouts from `scenes`; `load` reads one."""
         self.scenes, self.load, self.objects = scenes, load, objects
-        self.kinematics = ArmKinematics()
+        self.kinematics = ArmKinematics(objects.robot)
         self.refused: Counter[str] = Counter()
         self.memory = LayoutMemory()
         self._sandbox: PlacementSandbox | None = None
@@ -147,7 +151,9 @@ class Generator(ABC):
         # One that was interrupted while it began again is not used any more.
         sandbox, self._sandbox = self._sandbox, None
         if sandbox is None:
-            sandbox = PlacementSandbox(spec, self.objects.templates, self.memory)
+            sandbox = PlacementSandbox(
+                spec, self.objects.templates, self.memory, self.objects.robot
+            )
         else:
             sandbox.begin_again(spec)
         self._sandbox = sandbox

@@ -23,7 +23,7 @@ from hab_tp_srl.view import TaskView
 
 from hab_tasks.agent_spaces import agent_setup
 from hab_tasks.robots.control_modes import BASE_CELLS
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 
 TASK = "HabSetTable-v1"
 STEPS = 3
@@ -148,7 +148,7 @@ def test_a_row_that_starts_again_forgets_its_episode(brief, handed_over):
 
 
 def test_the_arm_is_reset_before_a_skill(brief, handed_over):
-    rest = torch.tensor(ROBOT.rest_qpos_rad)
+    rest = torch.tensor(FETCH.rest_qpos_rad)
     for options, did in (({"reset_arm": "on"}, ["reset", "navigate"]), ({}, ["navigate"])):
         agent = handed_over(**options)
         env, obs = make_env(agent.spec)

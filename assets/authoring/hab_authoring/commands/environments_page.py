@@ -16,13 +16,12 @@ from hab_tasks.engine.skill_env import SkillEnv
 from hab_tasks.envs import ENVS, EnvEntry
 from hab_tasks.robots.control import HabControllerConfig, control_configs
 from hab_tasks.robots.control_modes import (
-    ARM_SIZE,
     BASE_CELLS,
     BASE_SIZE,
     STOP_CELL,
     STOP_SHARE,
 )
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 from hab_tasks.tasks.task_env import TaskEnv
 from hab_tasks.tasks.task_rules import SHOWN
 
@@ -211,7 +210,7 @@ def _observations() -> str:
 def _actions() -> tuple[str, str]:
     """Returns the table of all control modes, and its notes."""
     modes = dict.fromkeys(mode for entry in ENVS.values() for mode in entry.env.control_modes)
-    configs = control_configs()
+    configs = control_configs(FETCH)
     table = _table(
         ("control mode", "entries", "arm", "base"),
         [
@@ -219,7 +218,7 @@ def _actions() -> tuple[str, str]:
             for m, c in ((mode, configs[mode]) for mode in modes)
         ],
     )
-    linear, angular = ROBOT.base_linear_speed_m_s, ROBOT.base_angular_speed_rad_s
+    linear, angular = FETCH.base_linear_speed_m_s, FETCH.base_angular_speed_rad_s
     forward, turning = (_numbers(sorted({cell[i] for cell in BASE_CELLS})) for i in (0, 1))
     notes = f"""\
 - Gripper: >= 0 grasps, < 0 releases.
@@ -236,7 +235,7 @@ def _sizes(config: HabControllerConfig) -> str:
     """Returns the sizes of a control mode's action entries."""
     if config.base == "discrete":
         return f"0 to {len(BASE_CELLS) - 1}"
-    arm = [ARM_SIZE[config.arm], 1] if config.arm != "still" else []
+    arm = [config.arm_size, 1] if config.arm != "still" else []
     base = [] if config.base == "still" else [BASE_SIZE[config.base]]
     return " + ".join(map(str, [*arm, *base]))
 

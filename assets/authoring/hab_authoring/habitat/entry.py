@@ -35,7 +35,7 @@ from hab_tasks.episodes.schema import (
 )
 from hab_tasks.errors import EpisodeError, UnknownNameError
 from hab_tasks.geometry import WORLD_FROM_HABITAT, Array, Pose7, from_matrix, to_matrix
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 from hab_tasks.scenes.habitat.dataset import SceneDataset
 from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.spec import ObjectTemplate
@@ -224,7 +224,7 @@ class HabitatEntries:
             id=episode_id,
             scene_id=scene_id,
             seed=zlib.crc32(f"{scene_id}/{episode_id}".encode()) >> 1,
-            robot=RobotStart(base=read_base(entry, where), arm_qpos_rad=ROBOT.rest_qpos_rad),
+            robot=RobotStart(base=read_base(entry, where), arm_qpos_rad=FETCH.rest_qpos_rad),
             objects=objects,
             targets=self._targets(entry, layout, objects, where),
             joints=joints,

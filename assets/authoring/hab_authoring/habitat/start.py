@@ -19,8 +19,8 @@ from hab_tasks.episodes.robot_start import RobotStarts, StartNoise
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import Episode, EpisodeSet, RobotStart
 from hab_tasks.errors import GenerationError
+from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.kinematics import ArmKinematics
-from hab_tasks.robots.robot import ROBOT
 from hab_tasks.scenes.habitat.dataset import SceneDataset
 from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.spec import ObjectTemplate
@@ -64,12 +64,12 @@ def draw_starts(
 def _with_start(episode: Episode, sandbox: PlacementSandbox) -> Episode:
     pose_scene(sandbox, episode.objects, episode.joints)
     rng = np.random.default_rng(episode.seed)
-    starts = RobotStarts(sandbox, rng, ArmKinematics(), _AT_REST)
+    starts = RobotStarts(sandbox, rng, ArmKinematics(FETCH), _AT_REST)
     for _ in range(_TRIES):
         try:
             base = starts.anywhere().base
         except RejectedSampleError:
             continue
-        robot = RobotStart(base=base, arm_qpos_rad=ROBOT.rest_qpos_rad)
+        robot = RobotStart(base=base, arm_qpos_rad=FETCH.rest_qpos_rad)
         return replace(episode, robot=robot, habitat={**episode.habitat, START: list(base)})
     raise GenerationError(f"{episode.id}: no free floor for the robot in {episode.scene_id}.")

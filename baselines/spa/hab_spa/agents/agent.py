@@ -16,7 +16,7 @@ from hab_spa.shapes import Array
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.envs import ENVS
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 
 Behaviour = Callable[[Robot], Motion]
 
@@ -99,8 +99,8 @@ class SpaAgent:
 def driven(base: Array, forward: float, turning: float) -> Array:
     """Returns the base pose (3,) after a step of perfectly executed velocities."""
     x, y, yaw = base.tolist()
-    step_m = forward * ROBOT.base_linear_speed_m_s / CONTROL_HZ
-    turned = yaw + turning * ROBOT.base_angular_speed_rad_s / CONTROL_HZ
+    step_m = forward * FETCH.base_linear_speed_m_s / CONTROL_HZ
+    turned = yaw + turning * FETCH.base_angular_speed_rad_s / CONTROL_HZ
     return np.array((x + step_m * np.cos(yaw), y + step_m * np.sin(yaw), turned))
 
 

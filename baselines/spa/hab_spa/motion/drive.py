@@ -14,14 +14,14 @@ from hab_spa.motion.wheels import Wheels, WheelsConfig, angle
 from hab_spa.shapes import Array
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.navigation import NavigationMap, path_between
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 
 FARTHER = (1.0, 0.7, 1.5, 2.0)
 ASIDE_RAD = np.deg2rad((0.0, 20.0, -20.0, 40.0, -40.0, 60.0, -60.0))
 """Distances of turning points from the goal, relative to `before_m`, and their bearings."""
 
-STEP_M = ROBOT.base_linear_speed_m_s / CONTROL_HZ
-STEP_RAD = ROBOT.base_angular_speed_rad_s / CONTROL_HZ
+STEP_M = FETCH.base_linear_speed_m_s / CONTROL_HZ
+STEP_RAD = FETCH.base_angular_speed_rad_s / CONTROL_HZ
 
 
 @dataclass(frozen=True, kw_only=True)

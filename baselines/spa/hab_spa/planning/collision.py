@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from hab_spa.planning.shape_cache import ShapeCache
 from hab_spa.shapes import Array, box_distance_m, invert_pose, standing, within_body
 from hab_tasks.privileged import CollisionBody, PrivilegedState
+from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.kinematics import arm_model
-from hab_tasks.robots.robot import ROBOT
 
-FINGER_LINKS = tuple(name.replace("_joint", "_link") for name in ROBOT.finger_joints)
-MOVING_LINKS = (*ROBOT.arm_links, ROBOT.ee_link, *FINGER_LINKS)
+FINGER_LINKS = tuple(name.replace("_joint", "_link") for name in FETCH.finger_joints)
+MOVING_LINKS = (*FETCH.arm_links, FETCH.ee_link, *FINGER_LINKS)
 TORSO_JOINT = "torso_lift_joint"
 
 
@@ -87,18 +87,18 @@ class _SceneItem:
 @lru_cache(maxsize=1)
 def shared_arm_model() -> tuple[pin.Model, int]:
     """Returns the arm's model and the id of its frame ``ee``; built once, do not modify."""
-    return arm_model()
+    return arm_model(FETCH)
 
 
 @lru_cache(maxsize=1)
 def allowed_link_pairs() -> frozenset[frozenset[str]]:
     """Returns the link pairs that are not checked: adjacent links, and those of the SRDF."""
     pairs = set()
-    for joint in ElementTree.parse(ROBOT.urdf_path()).getroot().iter("joint"):
+    for joint in ElementTree.parse(FETCH.urdf_path()).getroot().iter("joint"):
         parent, child = joint.find("parent"), joint.find("child")
         if parent is not None and child is not None:
             pairs.add(frozenset((parent.get("link", ""), child.get("link", ""))))
-    srdf = ElementTree.parse(ROBOT.urdf_path().with_suffix(".srdf")).getroot()
+    srdf = ElementTree.parse(FETCH.urdf_path().with_suffix(".srdf")).getroot()
     for entry in srdf.iter("disable_collisions"):
         pairs.add(frozenset((entry.get("link1", ""), entry.get("link2", ""))))
     return frozenset(pairs)
@@ -109,7 +109,7 @@ class ArmCollision:
 
     Attributes:
         checks: Number of collision checks so far.
-        base_from_arm: (4, 4) pose of the arm model's root (torso as in `ROBOT.locked_qpos`) in
+        base_from_arm: (4, 4) pose of the arm model's root (torso as in `FETCH.locked_qpos`) in
             the base frame; differs from the identity when the torso stands elsewhere.
         arm_from_world: (4, 4) pose of the world in the frame of that root.
     """
@@ -140,7 +140,7 @@ class ArmCollision:
         self._scene: list[_SceneItem] = []
         self._moving: dict[str, list[_SceneItem]] = {}
         self.base_from_arm = np.eye(4)
-        self.base_from_arm[2, 3] = state.locked_qpos[TORSO_JOINT] - ROBOT.locked_qpos[TORSO_JOINT]
+        self.base_from_arm[2, 3] = state.locked_qpos[TORSO_JOINT] - FETCH.locked_qpos[TORSO_JOINT]
         self.arm_from_world = invert_pose(state.world_from_base @ self.base_from_arm)
         self._add_bodies(held)
         for obstacle in obstacles:
@@ -277,7 +277,7 @@ class ArmCollision:
             frame = self._model.frames[self._model.getFrameId(link)]
             joint, joint_from_body = frame.parentJoint, frame.placement.homogeneous
         elif kind == "held" or link in FINGER_LINKS:
-            gripper = self._model.frames[self._model.getFrameId(ROBOT.ee_link)]
+            gripper = self._model.frames[self._model.getFrameId(FETCH.ee_link)]
             joint = gripper.parentJoint
             joint_from_body = gripper.placement.homogeneous @ self._gripper_from(body.name)
         chosen = range(len(body.shapes)) if kind != "scene" else self._near(body, joint_from_body)
@@ -307,7 +307,7 @@ class ArmCollision:
 
     def _gripper_from(self, name: str) -> Array:
         poses = self._state.world_from_body
-        gripper = next(key for key in poses if key.rsplit("/", 1)[-1] == ROBOT.ee_link)
+        gripper = next(key for key in poses if key.rsplit("/", 1)[-1] == FETCH.ee_link)
         return invert_pose(poses[gripper]) @ poses[name]
 
     def _near(self, body: CollisionBody, arm_from_body: Array) -> NDArray[np.intp]:
@@ -358,7 +358,7 @@ class ArmCollision:
             paired[i, j] = paired[j, i] = meet
         self._geometry.setCollisionPairs(paired)
         data = self._geometry.createData()
-        rest = np.array(ROBOT.rest_qpos_rad)
+        rest = np.array(FETCH.rest_qpos_rad)
         pin.computeCollisions(self._model, self._data, self._geometry, data, rest, False)
         for pair, result in zip(self._geometry.collisionPairs, data.collisionResults, strict=True):
             if result.isCollision():

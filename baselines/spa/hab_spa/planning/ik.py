@@ -14,10 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from hab_spa.planning.collision import shared_arm_model
 from hab_spa.shapes import Array
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 
-LOWER_RAD = np.array(ROBOT.arm_lower_rad)
-UPPER_RAD = np.array(ROBOT.arm_upper_rad)
+LOWER_RAD = np.array(FETCH.arm_lower_rad)
+UPPER_RAD = np.array(FETCH.arm_upper_rad)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,9 +20,9 @@ from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD, BatchArm, IkConfig, Tool
 from hab_spa.results import GoalResult
 from hab_spa.shapes import Array, invert_pose
 from hab_tasks.constants import REST_POSITION_M
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 
-REST_RAD = np.array(ROBOT.rest_qpos_rad)
+REST_RAD = np.array(FETCH.rest_qpos_rad)
 WRIST_ROLL = 6
 
 JUDGE_SEED = 0

@@ -18,7 +18,7 @@ from hab_spa.planning.collision import MOVING_LINKS, ArmCollision, CollisionConf
 from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
 from hab_spa.shapes import Array
 from hab_tasks.privileged import PrivilegedState
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 from hab_tasks.simulator import sapien_object
 
 STEP_S = 1e-6
@@ -43,7 +43,7 @@ class SimulatorCheck:
         self._robot: Any = sapien_object(core.agent.robot)
         self._arm, self._qpos = core.agent.arm_index.tolist(), self._robot.get_qpos()
         links: Any = {link.name: sapien_object(link) for link in core.agent.robot.links}
-        self._hand = links[ROBOT.ee_link]
+        self._hand = links[FETCH.ee_link]
         self._moving = {links[name].entity.per_scene_id for name in MOVING_LINKS}
         self._held, self._hand_from_held = _held(scene, state), sapien.Pose()
         if self._held is not None:

@@ -30,7 +30,7 @@ from hab_spa.recording.dataset_stats import Stats, merge_stats, nested, stats_of
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.errors import OptionError
 from hab_tasks.robots.control import control_configs
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 
 try:
     import pyarrow as pa
@@ -122,12 +122,12 @@ def write_dataset(trajectory: Path, folder: Path) -> None:
 
 def action_names(control_mode: str) -> tuple[str, ...]:
     """Returns the names of the entries of a control mode's action."""
-    config = control_configs()[control_mode]
+    config = control_configs(FETCH)[control_mode]
     if config.base == "discrete":
         return ("cell",)
     arm = {"still": (), "ee": ("ee_x", "ee_y", "ee_z", "gripper")}
     base = {"still": (), "velocity": ("forward", "turn"), "pose": ("base_x", "base_y", "base_yaw")}
-    return (*arm.get(config.arm, (*ROBOT.arm_joints, "gripper")), *base[config.base])
+    return (*arm.get(config.arm, (*FETCH.arm_joints, "gripper")), *base[config.base])
 
 
 class _DataFiles:
@@ -263,7 +263,7 @@ def _write_meta(
     frames = sum(entry.length for entry in entries)
     info = {
         "codebase_version": VERSION,
-        "robot_type": ROBOT.uid,
+        "robot_type": FETCH.uid,
         "total_episodes": len(entries),
         "total_frames": frames,
         "total_tasks": len(tasks),

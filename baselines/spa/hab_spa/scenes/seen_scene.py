@@ -25,7 +25,7 @@ from hab_spa.shapes import Array, invert_pose
 from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.navigation import NavigationMap
 from hab_tasks.privileged import ArticulationState, PrivilegedState
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 
 CAMERAS = ("head", "arm")
 HELD_HALF_M = 0.03
@@ -291,7 +291,7 @@ class SeenScene:
         found = [np.zeros((0, 3))]
         for pose in path:
             there = own_poses(self.world_from_base, pose)
-            gripper_m = there[PREFIX + ROBOT.ee_link][:3, 3]
+            gripper_m = there[PREFIX + FETCH.ee_link][:3, 3]
             points_m = gripper_m + _GRID_M
             new = inside_robot(points_m, there, 0.0)
             new[new] = ~inside_robot(points_m[new], here, self.config.touch_margin_m)
@@ -339,7 +339,7 @@ class SeenScene:
             world_from_body=poses,
             world_from_base=self.world_from_base,
             arm_qpos=self.arm_qpos,
-            locked_qpos=ROBOT.locked_qpos,
+            locked_qpos=FETCH.locked_qpos,
             held=None if self._hand is None else HELD,
             object_com_m={},
             targets=(),

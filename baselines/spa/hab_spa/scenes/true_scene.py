@@ -16,7 +16,7 @@ from hab_spa.shapes import Array, body_bounds_m, invert_pose, standing
 from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.navigation import NavigationMap
 from hab_tasks.privileged import ArticulationState, PrivilegedState
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 
 
 class TrueScene:
@@ -149,10 +149,10 @@ class TrueScene:
     def _world_from_ee(self) -> Array:
         poses = self.state.world_from_body
         gripper = next(
-            pose for name, pose in poses.items() if name.rsplit("/", 1)[-1] == ROBOT.ee_link
+            pose for name, pose in poses.items() if name.rsplit("/", 1)[-1] == FETCH.ee_link
         )
         ee = gripper.copy()
-        ee[:3, 3] += gripper[:3, 0] * ROBOT.ee_offset_m
+        ee[:3, 3] += gripper[:3, 0] * FETCH.ee_offset_m
         return ee
 
 

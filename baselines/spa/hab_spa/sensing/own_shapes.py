@@ -15,9 +15,9 @@ from scipy.spatial.distance import cdist
 from hab_spa.planning.collision import shared_arm_model
 from hab_spa.shapes import Array
 from hab_tasks.privileged import CollisionBody, CollisionShape
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 
-PREFIX = f"{ROBOT.uid}/"
+PREFIX = f"{FETCH.uid}/"
 """Prefix of body names, as in the simulator."""
 
 
@@ -25,7 +25,7 @@ PREFIX = f"{ROBOT.uid}/"
 def own_bodies() -> tuple[CollisionBody, ...]:
     """Returns one body per link with collision meshes, of their convex hulls."""
     bodies = []
-    for link in ElementTree.parse(ROBOT.urdf_path()).getroot().iter("link"):
+    for link in ElementTree.parse(FETCH.urdf_path()).getroot().iter("link"):
         shapes = [_hull(collision) for collision in link.findall("collision")]
         if shapes:
             name = PREFIX + link.get("name", "")
@@ -105,9 +105,9 @@ def _hull(collision: ElementTree.Element) -> CollisionShape:
     mesh = collision.find("geometry/mesh")
     if mesh is None:
         raise ValueError(
-            f"{ROBOT.urdf_path()}: own_shapes.py supports only meshes as collision shapes."
+            f"{FETCH.urdf_path()}: own_shapes.py supports only meshes as collision shapes."
         )
-    loaded = trimesh.load_mesh(ROBOT.urdf_path().parent / mesh.get("filename", ""))
+    loaded = trimesh.load_mesh(FETCH.urdf_path().parent / mesh.get("filename", ""))
     hull = loaded.convex_hull
     return CollisionShape(
         kind="convex",

@@ -15,9 +15,9 @@ from hab_spa.motion.robot import Robot
 from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD, IkConfig
 from hab_spa.shapes import Array
 from hab_tasks.privileged import ArticulationState
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 
-REST_RAD = np.array(ROBOT.rest_qpos_rad)
+REST_RAD = np.array(FETCH.rest_qpos_rad)
 
 
 @dataclass(frozen=True, kw_only=True)

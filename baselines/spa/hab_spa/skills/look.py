@@ -16,8 +16,7 @@ from hab_spa.planning.ik import BatchArm
 from hab_spa.planning.joint_goal import apart, in_arm, near_rest
 from hab_spa.scenes.seen_scene import SeenScene
 from hab_spa.shapes import Array
-from hab_tasks.robots.cameras import PLACES
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 
 ASIDE_RAD = (
     (-0.93, -1.22, 0.15, 0.75, -0.01, 2.16, -0.01),
@@ -26,7 +25,9 @@ ASIDE_RAD = (
 )
 """Arm poses near the resting pose that do not occlude the head camera."""
 
-EE_FROM_CAMERA_M = np.array(PLACES["arm"].position_m) - np.array((ROBOT.ee_offset_m, 0.0, 0.0))
+EE_FROM_CAMERA_M = np.array(FETCH.cameras["arm"].position_m) - np.array(
+    (FETCH.ee_offset_m, 0.0, 0.0)
+)
 """Position of the hand camera in the end-effector's frame; it looks along x."""
 
 

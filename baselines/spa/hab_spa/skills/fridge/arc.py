@@ -17,7 +17,7 @@ from hab_spa.shapes import Array, invert_pose
 from hab_spa.skills.fridge.door import Door
 from hab_spa.skills.fridge.tow import TowConfig, with_base
 from hab_tasks.privileged import ArticulationState
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 
 ELBOW = 4
 """Index of the elbow joint in the arm model, from which the arm extends beyond the base."""
@@ -252,7 +252,7 @@ class Arcs:
         sufficient, complete = self._pull.is_sufficient(last), self._pull.is_complete(last)
         cost = config.detour * float(np.abs(goal - here).max())
         cost += path_rad(with_base(arc, bases, config.tow))
-        cost += float(np.abs(arc[-1] - ROBOT.rest_qpos_rad).max())
+        cost += float(np.abs(arc[-1] - FETCH.rest_qpos_rad).max())
         cost /= config.pace_rad
         if not complete:
             once, for_a_radian = config.again_steps

@@ -13,7 +13,7 @@ from hab_spa.skills.fridge.arc import ArcConfig, Arcs, DoorPath, Pull, best_firs
 from hab_spa.skills.fridge.door import Door
 from hab_spa.skills.fridge.tow import Free, tows
 from hab_tasks.privileged import ArticulationState
-from hab_tasks.robots.robot import ROBOT
+from hab_tasks.robots.fetch import FETCH
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,7 +130,7 @@ class DoorPathSearch:
         points_m = np.array([door.point(door.joint, *grasp) for grasp in self._pull.grasps_m])
         seed, here, arm = robot.next_seed(), robot.scene.arm_qpos, robot.kinematics
         goals = sample_reaching_goals(points_m, self.collision, arm, seed, config).goals
-        if np.abs(here - ROBOT.rest_qpos_rad).max() > self._config.resting_rad:
+        if np.abs(here - FETCH.rest_qpos_rad).max() > self._config.resting_rad:
             # After a pull, grasp poses near the current one need little motion.
             near = sample_reaching_goals(points_m, self.collision, arm, seed, config, here)
             goals = np.concatenate((goals, near.goals))

@@ -1,8 +1,10 @@
-"""Specification of Fetch."""
+"""Fetch: its specification. Its ManiSkill agent is in `hab_tasks.robots.fetch.agent`."""
 
 from __future__ import annotations
 
-from hab_tasks.robots.spec import RobotSpec
+from hab_tasks.constants import REST_POSITION_M
+from hab_tasks.robots.registry import register_robot
+from hab_tasks.robots.spec import CameraPlace, RobotSpec
 
 _ARM = (
     *("shoulder_pan", "shoulder_lift", "upperarm_roll", "elbow_flex"),
@@ -16,6 +18,7 @@ FETCH = RobotSpec(
     arm_links=tuple(f"{name}_link" for name in _ARM),
     arm_lower_rad=(-1.6056, -1.221, -3.14159, -2.251, -3.14159, -2.16, -3.14159),
     arm_upper_rad=(1.6056, 1.518, 3.14159, 2.251, 3.14159, 2.16, 3.14159),
+    rest_position_m=REST_POSITION_M,
     rest_qpos_rad=(-0.4885, -1.15, 0.4776, 0.9086, 0.2447, 2.05, -0.0135),  # gripper downwards
     locked_qpos={  # torso raised 0.15 m, head ahead, fingers open
         "torso_lift_joint": 0.15,
@@ -29,9 +32,24 @@ FETCH = RobotSpec(
     base_height_m=0.005,  # the base's mesh ends at z = 0 and must not rub on the floor
     base_linear_speed_m_s=1.0,
     base_angular_speed_rad_s=3.14,
+    body_links=("torso_lift_link", "base_link"),
     finger_joints=("l_gripper_finger_joint", "r_gripper_finger_joint"),
+    finger_links=("l_gripper_finger_link", "r_gripper_finger_link"),
     ee_link="gripper_link",
     ee_offset_m=0.08,  # 5 cm beyond the fingers
     ee_lower_m=(0.4, -0.7, 0.25),
     ee_upper_m=(1.2, 0.7, 1.5),
+    cameras={
+        "head": CameraPlace(
+            link="base_link", position_m=(0.17, 0.0, 1.2), target_m=(0.75, 0.0, 1.0)
+        ),
+        "arm": CameraPlace(link="gripper_link", position_m=(0.0, 0.0, 0.1)),
+        # Habitat's position: 0.5 m behind, 0.5 m to the left. Habitat looks at (1, -0.75, 0), on
+        # the floor to the right, which leaves the arm at the edge of the image.
+        "third_person": CameraPlace(
+            link="base_link", position_m=(-0.5, 0.5, 1.7), target_m=(1.0, 0.0, 0.75)
+        ),
+    },
 )
+
+register_robot(FETCH, "hab_tasks.robots.fetch.agent:HabFetch")

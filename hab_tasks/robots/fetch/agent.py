@@ -7,8 +7,8 @@ from xml.etree import ElementTree
 
 from mani_skill.agents.registration import register_agent
 
-from hab_tasks.robots.fetch_spec import FETCH
-from hab_tasks.robots.light_visuals import lighten
+from hab_tasks.robots.fetch import FETCH
+from hab_tasks.robots.fetch.light_visuals import lighten
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.scenes.fixed_links import merge_fixed_links
 from hab_tasks.scenes.urdf import remove_visuals

@@ -7,7 +7,9 @@ from pathlib import Path
 import gymnasium
 import hab_authoring
 import hab_eval
-import hab_planner
+import hab_experts
+import hab_navigator
+import hab_plans
 import hab_ppo
 import hab_spa
 import hab_tp_srl
@@ -15,7 +17,17 @@ import hab_tp_srl
 import hab_tasks
 
 (folder,) = map(Path, sys.argv[1:])
-for module in (hab_authoring, hab_eval, hab_planner, hab_ppo, hab_spa, hab_tasks, hab_tp_srl):
+for module in (
+    hab_authoring,
+    hab_eval,
+    hab_experts,
+    hab_navigator,
+    hab_plans,
+    hab_ppo,
+    hab_spa,
+    hab_tasks,
+    hab_tp_srl,
+):
     assert Path(str(module.__file__)).is_relative_to(folder), module.__file__
 env = gymnasium.make("hab_tasks:HabPick-v1")
 env.reset(seed=0)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import sys
+from collections.abc import Collection
 from pathlib import Path
 
 import gymnasium as gym
@@ -14,6 +15,7 @@ from gymnasium.envs.registration import WrapperSpec
 
 from hab_tasks.constants import NAVIGATE_HORIZON_STEPS, SKILL_HORIZON_STEPS
 from hab_tasks.errors import HabError, UnknownNameError
+from hab_tasks.receptacles import CONTAINERS
 from hab_tasks.task_spec import TaskSpec, TaskSpecError
 
 PACKAGE = "hab_tasks"
@@ -42,6 +44,9 @@ SKILLS: dict[str, tuple[str, int]] = {
 ENTRY_POINTS: dict[str, str] = {}
 """Environment id -> entry point of its class."""
 
+TASK_SKILLS: dict[str, str] = {}
+"""Skill of tasks -> environment id, for the skills of other packages."""
+
 TASKS: dict[str, TaskSpec] = {}
 """Task id -> declaration."""
 
@@ -55,24 +60,44 @@ def register_skills() -> None:
         _register(env_id, entry_point, horizon_steps, PACKAGE)
 
 
-def register_skill(env_id: str, entry_point: str, horizon_steps: int) -> None:
+def register_skill(
+    env_id: str,
+    entry_point: str,
+    horizon_steps: int,
+    *,
+    in_tasks: str | None = None,
+    behind: Collection[str] = (),
+) -> None:
     """Adds a user-defined skill to Gymnasium's registry.
 
     Call it on import of a module. ``gym.make("that_module:X-v1")`` then works anywhere, including
-    worker processes and every command. Navigate and the tasks only use the benchmark's skills.
+    worker processes and every command. Navigate only uses the benchmark's skills.
 
     Args:
         env_id: Environment id, ``X-v1``.
         entry_point: ``module:Class`` of its `hab_tasks.engine.skill_env.SkillEnv`.
         horizon_steps: Maximum episode length, equal to the skill's.
+        in_tasks: Name of the skill in tasks, ``open_x`` or ``close_x`` of a door or drawer ``x``;
+            its module adds the kind with `hab_tasks.scenes.markers.add_kind`.
+        behind: Receptacles for which a task has to open ``x`` (`hab_tasks.receptacles`).
 
     Raises:
-        HabError: The id is taken.
+        HabError: The id is taken, or a receptacle is behind another door.
     """
     if ENTRY_POINTS.get(env_id, entry_point) != entry_point or _is_foreign(env_id):
         raise HabError(f"{env_id}: {TAKEN}")
+    if in_tasks is not None:
+        TASK_SKILLS[in_tasks] = env_id
+        _enclose(behind, in_tasks.partition("_")[2])
     caller = sys._getframe(1).f_globals.get("__name__", PACKAGE)
     _register(env_id, entry_point, horizon_steps, caller)
+
+
+def _enclose(receptacles: Collection[str], door: str) -> None:
+    """Notes the door or drawer that encloses some receptacles."""
+    for name in receptacles:
+        if CONTAINERS.setdefault(name, door) != door:
+            raise HabError(f"{name} is behind {CONTAINERS[name]}; it cannot be behind {door} too.")
 
 
 def register_task(spec: TaskSpec) -> None:

@@ -18,7 +18,13 @@ from hab_tasks.object_names import ALL_OBJECTS, CATEGORIES
 from hab_tasks.receptacles import CONTAINERS, ENCLOSED_RECEPTACLES, OPEN_RECEPTACLES, PHRASES
 
 ARTICULATIONS = tuple(CONTAINERS.values())
-"""The doors and drawers that the skills open and close."""
+"""The doors and drawers that the benchmark's skills open and close."""
+
+
+def doors_and_drawers() -> tuple[str, ...]:
+    """Returns the same with those of registered skills."""
+    return tuple(dict.fromkeys(CONTAINERS.values()))
+
 
 MOST_OBJECTS = 64
 """Maximum number of targets and clutter objects together; a layout has no room for more."""
@@ -126,7 +132,7 @@ class TaskSpec:
         self._check_targets()
         self._check_values()
         for field in ("starts_open", "ends_closed"):
-            self._check_known(field, getattr(self, field), ARTICULATIONS)
+            self._check_known(field, getattr(self, field), doors_and_drawers())
         self._check_receptacles("clutter_on", self.clutter_on)
         if self.clutter and not self.clutter_on:
             self._refuse("clutter_on names no receptacle for the clutter")
@@ -228,7 +234,7 @@ class TaskSpec:
             for stage in stages or ():
                 self._checked_name("stage", stage)
         named = [stage for target in self.targets for stage in target.stage_names]
-        moved = [f"{verb}_{name}" for name in ARTICULATIONS for verb in ("open", "close")]
+        moved = [f"{verb}_{name}" for name in doors_and_drawers() for verb in ("open", "close")]
         self._check_different("stages", named + moved)
 
     def _checked_name(self, what: str, name: Any) -> str:

@@ -19,12 +19,8 @@ ROOT = Path(__file__).parents[1]
 TIERS = {"quick": ("slow", "long"), "slow": ("long",)}
 """Tier -> markers of the tests that it leaves out; slow is the tier of CI."""
 
-PACKAGES = (
-    "",
-    "eval",
-    "assets/authoring",
-    *(f"baselines/{name}" for name in ("ppo", "spa", "task_planner", "tp_srl")),
-)
+BASELINES = ("experts", "navigator", "plans", "ppo", "spa", "tp_srl")
+PACKAGES = ("", "eval", "assets/authoring", *(f"baselines/{name}" for name in BASELINES))
 
 NOT_FOUND = "NOT FOUND"
 
@@ -119,7 +115,7 @@ DEFECTS = (
            file="eval/hab_eval/submissions/replay.py",
            old='("success", "failure", "stages", "steps")', new='("stages", "steps")'),
     Defect(name="precondition", first="baselines/test_planner.py",
-           file="baselines/task_planner/hab_planner/domain.pddl",
+           file="baselines/plans/hab_plans/domain.pddl",
            old="(in ?x ?z) (is-open ?z))", new="(in ?x ?z))"),
     Defect(name="early_hand_over", first="baselines/tp_srl/test_tp_srl_parts.py",
            file="baselines/tp_srl/hab_tp_srl/ending.py",
@@ -174,7 +170,7 @@ class Copy:
 
     def _check_imports(self) -> None:
         """Prints where modules are imported from; raises if that is not the copy."""
-        code = "import hab_tasks, hab_eval, hab_ppo, hab_spa, hab_planner, hab_tp_srl, sys\n"
+        code = f"import hab_tasks, hab_eval, hab_{', hab_'.join(BASELINES)}, sys\n"
         code += "print(*(m.__file__ for n, m in sys.modules.items() if n.startswith('hab_') "
         code += "and '.' not in n), sep='\\n')"
         command = [self._python, "-c", code]

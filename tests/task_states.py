@@ -74,7 +74,7 @@ def skill_episode(env, env_id, stage):
     Args:
         env: The task's env.
         env_id: The skill's env.
-        stage: Stage of the task (`hab_tp_srl.stage`) whose skill it is.
+        stage: Stage of the task (`hab_plans.stage`) whose skill it is.
     """
     base = env.unwrapped
     episode, state, bodies = base.episode[0], base.privileged()[0], base.simulation.scene_bodies

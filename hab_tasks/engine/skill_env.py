@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -167,3 +168,15 @@ class SkillEnv(HabEnv):
     def rules_of(self, rows: Rows) -> SkillRules:
         """Returns the rules of the skill."""
         return SkillRules(self.skill, rows)
+
+    def ask(self, function: str, **named: Any) -> Any:
+        """Returns what a function says of this environment, e.g. the action of an expert.
+
+        In a vector environment, ``env.call("ask", "module:function")`` runs it in each worker.
+
+        Args:
+            function: ``module:function``; it gets the environment.
+            **named: Its other arguments.
+        """
+        module, _, name = function.partition(":")
+        return getattr(importlib.import_module(module), name)(self, **named)

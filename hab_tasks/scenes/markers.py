@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from hab_tasks.articulations import ARTICULATION_KINDS, ArticulationKind
 from hab_tasks.scenes.spec import Vector
 
 
@@ -38,7 +39,7 @@ def _drawer(number: int, link: str) -> HandleMarker:
     )
 
 
-HANDLE_MARKERS = (
+HANDLE_MARKERS = [
     _drawer(7, "drawer1_top"),
     _drawer(6, "drawer2_top"),
     _drawer(5, "drawer3"),
@@ -58,4 +59,15 @@ HANDLE_MARKERS = (
         link="top_door",
         offset_m=(0.10, 0.62, 0.2),
     ),
-)
+]
+
+
+def add_kind(kind: ArticulationKind, *markers: HandleMarker) -> None:
+    """Adds a kind of door or drawer with its handles, for a skill of another package.
+
+    Args:
+        kind: The kind; `kind.marker` is the name of the marker that tasks use.
+        markers: Its handles, one for each furniture template.
+    """
+    ARTICULATION_KINDS[kind.name] = kind
+    HANDLE_MARKERS.extend(marker for marker in markers if marker not in HANDLE_MARKERS)

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hab_tasks.arrays import Bools, Floats
 from hab_tasks.articulations import DRAWER
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
@@ -17,7 +14,6 @@ from hab_tasks.engine.sensors import OBJECT_START, PROPRIOCEPTION
 from hab_tasks.engine.skill_env import Skill, SkillEnv
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.robots.control_modes import ARM_MODES
-from hab_tasks.skills.drawer_follower import drawer_action
 from hab_tasks.skills.open_drawer import OpenDrawerStarts
 
 
@@ -130,12 +126,3 @@ class HabCloseDrawerEnv(SkillEnv):
     """
 
     skill = CLOSE_DRAWER
-
-    def drawer_action(self) -> NDArray[np.float32]:
-        """Returns the ``ee`` action of an expert that knows the drawer's axis, (1, 4).
-
-        It closes the drawer by feedback (`drawer_follower`); CPU simulation only.
-        """
-        (drawer,) = self.simulation.articulations()
-        action = drawer_action(self.simulation.snapshot, drawer, opens=False)
-        return action.astype(np.float32)[None]

@@ -5,9 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hab_tasks.arrays import Bools, Floats
 from hab_tasks.articulations import FRIDGE
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
@@ -18,7 +15,6 @@ from hab_tasks.engine.sensors import OBJECT_START, PROPRIOCEPTION
 from hab_tasks.engine.skill_env import Skill, SkillEnv
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.robots.control_modes import MOBILE_MODES
-from hab_tasks.skills.door_follower import door_action
 from hab_tasks.skills.open_fridge import OpenFridgeStarts, outside
 
 
@@ -142,12 +138,3 @@ class HabCloseFridgeEnv(SkillEnv):
     """
 
     skill = CLOSE_FRIDGE
-
-    def door_action(self) -> NDArray[np.float32]:
-        """Returns the ``ee_base`` action of an expert that knows the door's axis, (1, 6).
-
-        It closes the door by feedback (`door_follower`); CPU simulation only.
-        """
-        (door,) = self.simulation.articulations()
-        action = door_action(self.simulation.snapshot, door, opens=False)
-        return action.astype(np.float32)[None]

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hab_tasks.arrays import Bools, Floats, to_tensor
+from hab_tasks.arrays import Bools, Floats
 from hab_tasks.constants import NAVIGATE_HORIZON_STEPS
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.measures import Measures
@@ -24,7 +22,7 @@ from hab_tasks.episodes.rejection import RejectedSampleError
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import Episode, NavigationGoal, template_of
 from hab_tasks.instructions import navigation_instruction
-from hab_tasks.navigation import LayoutMaps, ShortestPathFollower
+from hab_tasks.navigation import LayoutMaps
 from hab_tasks.registration import SKILLS
 from hab_tasks.scenes.spec import SceneSpec
 
@@ -202,32 +200,3 @@ class HabNavigateEnv(SkillEnv):
 
     skill = NAVIGATE
     cameras = ("head",)
-
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
-        self._followers: dict[int, tuple[Episode, ShortestPathFollower]] = {}
-
-    def shortest_path_action(self, repeat: int = 1) -> NDArray[np.int64]:
-        """Returns the ``base_discrete`` action of an expert that knows the map and the goal, (N,).
-
-        It follows the shortest path from the current base pose (`ShortestPathFollower`), as
-        Habitat's follower does for imitation learning.
-
-        Args:
-            repeat: Number of steps for which each action is executed; the same in an episode.
-        """
-        bases = to_tensor(self.simulation.snapshot.base).cpu().numpy().astype(float)
-        actions = [self._follower(row, repeat).action(base) for row, base in enumerate(bases)]
-        return np.array(actions, dtype=np.int64)
-
-    def _follower(self, row: int, repeat: int) -> ShortestPathFollower:
-        """Returns the follower of a row's episode."""
-        episode = self.episode[row]
-        kept = self._followers.get(row)
-        if kept is None or kept[0] is not episode:
-            assert episode.navigation is not None
-            map_ = self.simulation.maps.of(episode.scene_id, episode.joints)
-            goal = np.array(episode.navigation.base)
-            kept = episode, ShortestPathFollower(map_, goal, repeat)
-            self._followers[row] = kept
-        return kept[1]

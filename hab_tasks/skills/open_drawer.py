@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hab_tasks.arrays import Bools, Floats
 from hab_tasks.articulations import DRAWER
@@ -40,7 +39,6 @@ from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import POSE_DIGITS, Episode, Rearrangement
 from hab_tasks.receptacles import DRAWER as DRAWER_RECEPTACLE
 from hab_tasks.robots.control_modes import ARM_MODES
-from hab_tasks.skills.drawer_follower import drawer_action
 
 OTHERS_OPEN = 0.5
 """Probability that another drawer is open, by 0 to 100 % of its travel."""
@@ -206,12 +204,3 @@ class HabOpenDrawerEnv(SkillEnv):
     """
 
     skill = OPEN_DRAWER
-
-    def drawer_action(self) -> NDArray[np.float32]:
-        """Returns the ``ee`` action of an expert that knows the drawer's axis, (1, 4).
-
-        It opens the drawer by feedback (`drawer_follower`); CPU simulation only.
-        """
-        (drawer,) = self.simulation.articulations()
-        action = drawer_action(self.simulation.snapshot, drawer, opens=True)
-        return action.astype(np.float32)[None]

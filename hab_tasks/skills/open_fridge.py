@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hab_tasks.arrays import Bools, Floats
 from hab_tasks.articulations import FRIDGE, Rectangle
@@ -31,7 +30,6 @@ from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import Episode, Rearrangement
 from hab_tasks.receptacles import FRIDGE as FRIDGE_RECEPTACLE
 from hab_tasks.robots.control_modes import MOBILE_MODES
-from hab_tasks.skills.door_follower import door_action
 
 MOST_IN_FRIDGE = 3
 
@@ -201,12 +199,3 @@ class HabOpenFridgeEnv(SkillEnv):
     """
 
     skill = OPEN_FRIDGE
-
-    def door_action(self) -> NDArray[np.float32]:
-        """Returns the ``ee_base`` action of an expert that knows the door's axis, (1, 6).
-
-        It opens the door by feedback (`door_follower`); CPU simulation only.
-        """
-        (door,) = self.simulation.articulations()
-        action = door_action(self.simulation.snapshot, door, opens=True)
-        return action.astype(np.float32)[None]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hab_tasks.arrays import Bools, Floats
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
@@ -30,7 +29,6 @@ from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import Episode, Rearrangement
 from hab_tasks.receptacles import PICK_RECEPTACLES
 from hab_tasks.robots.control_modes import ARM_MODES
-from hab_tasks.skills.pick_follower import pick_action
 
 CLUTTER = (2, 5)
 """Minimum and maximum number of clutter objects."""
@@ -203,18 +201,3 @@ class HabPickEnv(SkillEnv):
     """
 
     skill = PICK
-
-    def pick_action(self) -> NDArray[np.float32]:
-        """Returns the ``ee`` action of an expert that knows all objects, (1, 4).
-
-        It picks the target by feedback (`pick_follower`); CPU simulation only.
-        """
-        simulation = self.simulation
-        target = simulation.episode.targets[0]
-        action = pick_action(
-            simulation.snapshot,
-            holds=simulation.held_name() == target.object,
-            nearest=simulation.truth.nearest_object() == target.object,
-            fridge=simulation.truth.fridge_around(target.start),
-        )
-        return action.astype(np.float32)[None]

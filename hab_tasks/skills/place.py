@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hab_tasks.arrays import Bools, Floats
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
@@ -33,7 +32,6 @@ from hab_tasks.episodes.schema import Episode, Rearrangement, template_of
 from hab_tasks.receptacles import PLACE_RECEPTACLES
 from hab_tasks.robots.control_modes import ARM_MODES
 from hab_tasks.skills.pick import CLUTTER
-from hab_tasks.skills.place_follower import place_action
 
 
 class PlaceStarts(Generator):
@@ -209,19 +207,3 @@ class HabPlaceEnv(SkillEnv):
     """
 
     skill = PLACE
-
-    def place_action(self) -> NDArray[np.float32]:
-        """Returns the ``ee`` action of an expert that knows the object's place, (1, 4).
-
-        It places the object by feedback (`place_follower`); CPU simulation only.
-        """
-        simulation = self.simulation
-        episode = simulation.episode
-        target = episode.targets[0]
-        action = place_action(
-            simulation.snapshot,
-            np.array(simulation.goals.goals_m[0, 0].tolist()),
-            holds=simulation.held_name() == target.object,
-            fridge=simulation.truth.fridge_around(target.goal),
-        )
-        return action.astype(np.float32)[None]

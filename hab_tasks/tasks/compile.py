@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
+
 from hab_tasks.articulations import ARTICULATION_KINDS
 from hab_tasks.engine.skill_env import Skill
+from hab_tasks.errors import UnknownNameError
+from hab_tasks.registration import ENTRY_POINTS, TASK_SKILLS
 from hab_tasks.skills.close_drawer import CLOSE_DRAWER
 from hab_tasks.skills.close_fridge import CLOSE_FRIDGE
 from hab_tasks.skills.navigate import NAVIGATE
@@ -30,8 +34,13 @@ DESTINATIONS: dict[str, Destination] = {
 
 
 def compile_task(spec: TaskSpec) -> Task:
-    """Returns a task with its skills, stages and goal."""
+    """Returns a task with its skills, stages and goal.
+
+    Raises:
+        HabError: No skill opens or closes one of its doors or drawers.
+    """
     order = interactions(spec)
+    parts = tuple(part for item in order for part in _parts(spec, item))  # imports their kinds
     everything = tuple(range(len(spec.targets)))
     closed = tuple(
         spec.articulations.index(name)
@@ -42,18 +51,28 @@ def compile_task(spec: TaskSpec) -> Task:
         horizon_steps=spec.horizon_steps,
         objects=len(spec.targets),
         articulations=tuple(ARTICULATION_KINDS[name] for name in spec.articulations),
-        parts=tuple(part for item in order for part in _parts(spec, item)),
+        parts=parts,
         stages=_stages(spec, order),
         goal=Condition(placed=everything, closed=closed),
         spec=spec,
     )
 
 
+def _skill(name: str) -> Skill:
+    """Returns the skill of a part; imports that of another package."""
+    if name in SKILLS:
+        return SKILLS[name]
+    if name not in TASK_SKILLS:
+        raise UnknownNameError("skill of tasks", name, (*SKILLS, *TASK_SKILLS))
+    module, _, entry = ENTRY_POINTS[TASK_SKILLS[name]].partition(":")
+    return getattr(importlib.import_module(module), entry).skill
+
+
 def _parts(spec: TaskSpec, item: Interaction) -> tuple[Part, Part]:
     """Returns the parts of an interaction: navigation, then the skill."""
     name = item.articulation
     articulation = 0 if name is None else spec.articulations.index(name)
-    skill = SKILLS[item.stage if item.kind in ("open", "close") else item.kind]
+    skill = _skill(item.stage if item.kind in ("open", "close") else item.kind)
     return (
         Part(
             skill=NAVIGATE,

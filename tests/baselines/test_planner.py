@@ -1,10 +1,10 @@
 """The task planner: plans are valid, minimal and in task order; infeasible goals raise errors."""
 
 import pytest
-from hab_planner import Action, NoPlanError, Plan, PlannerError, plan_of, problem_of
-from hab_planner.cli import main
-from hab_planner.problem import task_of
-from hab_planner.solve import replay, solve
+from hab_plans import Action, NoPlanError, Plan, PlannerError, plan_of, problem_of
+from hab_plans.cli import main
+from hab_plans.problem import task_of
+from hab_plans.solve import replay, solve
 
 from hab_tasks.registration import TASKS
 
@@ -68,17 +68,10 @@ def test_a_plan_is_written_and_never_overwritten(tmp_path, capsys):
     arguments = ["plan", "HabSetTable-v1", "--solve", "--out", str(file)]
     assert main(arguments) == 0
     assert "(:action navigate" in capsys.readouterr().out
-    assert Plan.from_json(file.read_text(encoding="utf-8")) == plan_of("HabSetTable-v1")
+    assert file.read_text(encoding="utf-8") == plan_of("HabSetTable-v1").to_json()
     file.write_text("mine", encoding="utf-8")
     assert main(arguments) == 2
     assert "--force" in capsys.readouterr().err
     assert file.read_text(encoding="utf-8") == "mine"
     assert main([*arguments, "--force"]) == 0
     assert file.read_text(encoding="utf-8") != "mine"
-
-
-def test_a_bad_plan_file_is_refused():
-    unknown = '{"task": "x", "actions": [{"name": "fly", "things": []}]}'
-    for text in ("", "[]", '{"task": "x"}', unknown):
-        with pytest.raises(PlannerError, match=r"Not a plan file|Unknown actions"):
-            Plan.from_json(text)

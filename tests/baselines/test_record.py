@@ -16,7 +16,7 @@ from hab_spa.recording.lerobot_format import write_dataset
 from mani_skill.trajectory.dataset import load_h5_data
 from PIL import Image
 from pyarrow import parquet
-from refusals import check_each, refused_by_command
+from refusals import refused_by_command
 
 PICK = ("--agent", "hab_spa:spa_priv", "--env", "HabPick-v1")
 REPLAY = (sys.executable, "-m", "mani_skill.trajectory.replay_trajectory", "--traj-path")
@@ -104,21 +104,9 @@ def test_an_agent_that_raises_is_named_with_its_episode(tmp_path, monkeypatch, c
 
 
 def test_a_bad_value_is_told_in_one_line(tmp_path):
-    cases = {
-        "--most 3 --count 4": "most must be at least count, 4, got 3",
-        "--count 0": "episodes is 0; it has to be a whole number from 1",
-        "--option speed": "not of the form NAME=VALUE",
-        "--option speed=2": "'speed'",
-        "--split trian": "'trian'",
-    }
-
-    def check(case):
-        options, words = case
-        arguments = ["record", *PICK, "--out", tmp_path, *options.split()]
-        refused_by_command(main, arguments, "hab-spa: ", words)
-        assert not list(tmp_path.iterdir())
-
-    check_each({options: (options, words) for options, words in cases.items()}, check)
+    arguments = ["record", *PICK, "--out", tmp_path, "--most", "3", "--count", "4"]
+    refused_by_command(main, arguments, "hab-spa: ", "most must be at least count, 4, got 3")
+    assert not list(tmp_path.iterdir())
 
 
 # LeRobot's format ------------------------------------------------------------------------------

@@ -2,15 +2,14 @@
 
 import numpy as np
 import pytest
-import torch
-from hab_spa import Failure, spa_priv
+from hab_plans.motion import RELEASE
+from hab_spa import Failure
 from hab_spa.motion.follow import FollowConfig, Follower
-from hab_spa.motion.robot import RELEASE, Robot, SpaConfig
+from hab_spa.motion.robot import Robot, SpaConfig
 from hab_spa.planning.path import TimingConfig, time_path
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.skills.pick import pick
 
-from hab_tasks.agent import Agent, AgentSetup
 from hab_tasks.robots.robot import ROBOT
 
 REST = np.array(ROBOT.rest_qpos_rad)
@@ -67,22 +66,3 @@ def test_arm_that_does_not_move_is_an_execution_failure_after_planning_again(
     assert failure is Failure.EXECUTION
     # One motion plan at first, and one for each time that it tries again.
     assert stages.count("motion") == 1 + SpaConfig().retries
-
-
-def test_agent_keeps_the_contract_for_several_rows(table_scene):
-    agent = spa_priv(AgentSetup(env_id="hab_tasks:HabPick-v1"))
-    assert isinstance(agent, Agent)
-    assert agent.spec.privileged
-    assert agent.spec.control_mode == "joint_target"
-    agent.reset(torch.tensor([True, True]), [7, 7])
-    state = table_scene.privileged("target")
-    first = agent.act({"privileged": [state, state]})
-    assert first.shape == (2, 8)
-    assert first.dtype == torch.float32
-    torch.testing.assert_close(first[0], first[1])
-    agent.reset(torch.tensor([False, True]), [0, 8])
-    second = agent.act({"privileged": [state, state]})
-    assert not torch.equal(second[0], second[1])
-    for report in agent.report():
-        assert report.failure is None
-        assert set(report.timings_s) == {"target", "motion", "plan"}

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from hab_spa.planning.arm_plan import Ends, PlanConfig, plan_path
+from hab_plans.motion import Failure
+from hab_spa.planning.arm_plan import OmplPlanner, PlanConfig
 from hab_spa.planning.collision import ArmCollision, shared_arm_model
 from hab_spa.planning.escape import EscapeConfig, escape
 from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD, BatchArm
@@ -15,7 +16,6 @@ from hab_spa.planning.joint_goal import (
     sample_rest_goals,
 )
 from hab_spa.planning.rrt import path_is_free
-from hab_spa.results import Failure
 from hab_spa.scenes.true_scene import TrueScene, face_centres_m, standing_at
 
 from hab_tasks.constants import GRASP_RADIUS_M
@@ -83,8 +83,8 @@ def test_paths_into_a_shelf_are_free_edge_by_edge_and_depend_on_the_seed_only(sh
     results = []
     for seed in (5, 6, 5):
         collision, goals = sample(shelf_state, seed)
-        ends = [Ends(open=REST, tight=goal) for goal in goals.goals]
-        results.append(plan_path(collision, BatchArm(), ends, seed, PlanConfig()))
+        found = OmplPlanner().plan(REST, goals.goals, collision, seed=seed, limits=PlanConfig())
+        results.append(found)
     # Replayed on a model of its own, without clearance and at a finer resolution.
     replay = ArmCollision(shelf_state)
     replay.set_margin(0.0)
@@ -110,7 +110,7 @@ def test_time_limit_is_honoured_and_a_motion_plan_failure(table_scene):
     goal = REST + np.eye(7)[0] * 1.2
     # A fast machine makes the usual number of checks in less than that time.
     config = PlanConfig(time_limit_s=0.5, most_checks=10**9)
-    result = plan_path(collision, BatchArm(), [Ends(open=REST, tight=goal)], 0, config)
+    result = OmplPlanner().plan(REST, goal[None], collision, seed=0, limits=config)
     assert result.path is None
     assert result.failure is Failure.MOTION_PLAN
     assert 0.5 <= result.seconds < 30.0  # the machine may be busy

@@ -6,20 +6,23 @@ import numpy as np
 import pytest
 import torch
 from builders import same
+from hab_plans.motion import Failure
+from hab_plans.plan import plan_of
+from hab_plans.problem import task_of
+from hab_plans.protocols import BasePose, NavigationRequest
+from hab_plans.stage import stage_of
 from hab_spa.agents.agent import driven
 from hab_spa.motion.drive import DriveConfig, drive_to
 from hab_spa.motion.robot import Robot, SpaConfig
 from hab_spa.motion.wheels import angle
-from hab_spa.results import Failure
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.tasks.navigate import (
-    NavigationRequest,
+    OracleNavigator,
     PolicyNavigator,
     navigator_of,
     observation,
-    oracle,
 )
-from hab_spa.tasks.standing import TUCKED_QPOS_RAD, Standing, fold
+from hab_spa.tasks.standing import TUCKED_QPOS_RAD, fold
 
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec
 from hab_tasks.arrays import to_tensor
@@ -83,9 +86,9 @@ def joint_targets(command):
 
 def request_to(robot, pose):
     """To a base pose, the arm as it is."""
-    standing = None if pose is None else Standing(base=pose, arm_rad=robot.scene.arm_qpos)
-    point_m, map_ = np.array((1.0, 2.0, 0.5)), robot.scene.floor_map()
-    return NavigationRequest(point_m=point_m, map=map_, choose_base_pose=lambda: standing)
+    chosen = None if pose is None else BasePose(base=pose, arm_rad=robot.scene.arm_qpos)
+    stage = stage_of(task_of("HabTidyHouse-v1"), plan_of("HabTidyHouse-v1").interactions[0])
+    return NavigationRequest(stage=stage, tried=(), choose_base_pose=lambda: chosen)
 
 
 def test_perfect_navigation_is_the_oracles_way_in_base_poses(started):
@@ -97,9 +100,9 @@ def test_perfect_navigation_is_the_oracles_way_in_base_poses(started):
         pose = driven(robot.base, *command.base)
         return np.concatenate((command.arm_rad, [command.gripper], pose))
 
-    assert run(oracle(robot, request_to(robot, None)), None) is Failure.TARGET_PLAN
+    assert run(OracleNavigator().go(robot, request_to(robot, None)), None) is Failure.TARGET_PLAN
     assert robot.steps == 0
-    assert run(oracle(robot, request_to(robot, goal)), entries) is None
+    assert run(OracleNavigator().go(robot, request_to(robot, goal)), entries) is None
     np.testing.assert_allclose(robot.base, goal, atol=DriveConfig().arrived_rad)
     # 1.4 m take 42 steps of 1/30 m, and the turns as many.
     assert 42 < robot.steps < 200
@@ -108,7 +111,7 @@ def test_perfect_navigation_is_the_oracles_way_in_base_poses(started):
 def test_the_folded_arm_stays_over_the_base_and_a_robot_folds_it_first(started):
     env, robot, run = started("HabTidyHouse-v1", "joint_target_base")
     folded = np.array(TUCKED_QPOS_RAD)
-    assert run(fold(robot, Standing(base=robot.base, arm_rad=folded)), joint_targets) is None
+    assert run(fold(robot, BasePose(base=robot.base, arm_rad=folded)), joint_targets) is None
     np.testing.assert_allclose(robot.scene.arm_qpos, folded, atol=0.05)
     # Navigation takes the robot for a disc of 0.3 m; what the hand holds may stick out a little.
     ee_m = robot.kinematics.ee_pose(robot.scene.arm_qpos)[:2, 3]
@@ -152,7 +155,7 @@ def test_another_agent_drives_until_it_stops(started, monkeypatch):
         turns.append(command.base)
         return joint_targets(command)
 
-    assert run(navigator(robot, request_to(robot, None)), entries) is None
+    assert run(navigator.go(robot, request_to(robot, None)), entries) is None
     assert turns == [(0.0, 1.0), (0.0, 1.0), (0.0, 0.0)]
     assert angle(robot.base[2], before[2]) > 0.05
 

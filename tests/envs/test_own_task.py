@@ -12,8 +12,8 @@ from pathlib import Path
 
 import gymnasium as gym
 import pytest
-from hab_planner import plan_of, problem_of
-from hab_planner.solve import replay, solve
+from hab_plans import plan_of, problem_of
+from hab_plans.solve import replay, solve
 from playing import long, slow
 from refusals import refused_by_call
 

@@ -102,7 +102,7 @@ def test_an_expert_solves_its_skill(env_id, control_mode, method, where, count, 
         env.reset(options={"episode": number, "reconfigure": True})
         over = False
         while not over:
-            action = torch.from_numpy(getattr(env.unwrapped, method)())
+            action = torch.from_numpy(env.unwrapped.ask(f"hab_experts:{method}"))
             _, _, terminated, truncated, info = env.step(action)
             over = bool(terminated) or bool(truncated)
         solved += bool(info["success"])

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 import torch
-from hab_planner import plan_of, problem_of
-from hab_planner.observe import observed, start_from
-from hab_planner.problem import atoms_of
-from hab_planner.solve import solve
+from hab_plans import plan_of, problem_of
+from hab_plans.belief import believed
+from hab_plans.observe import observed, start_from
+from hab_plans.problem import atoms_of
+from hab_plans.solve import solve
 from hab_spa.scenes.true_scene import TrueScene
-from hab_spa.tasks.interactions import believed
 from playing import ee_grip, held, move_base, move_joint, put, slow, still
 
 from hab_tasks.constants import REST_STEPS

@@ -4,7 +4,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from hab_planner.cli import main as planner
+from hab_plans.cli import main as planner
 from refusals import check_each, refused_by_command
 
 from hab_tasks.cli import COMMANDS, main

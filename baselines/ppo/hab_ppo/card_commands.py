@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar
 
 import tyro
 
+from hab_ppo.extensions import extensions
 from hab_ppo.progress import say
 from hab_tasks.console import Command
 from hab_tasks.files import written_aside
@@ -28,10 +29,11 @@ Example:
 
     def run(self) -> int:
         """Writes the file of weights."""
-        from hab_ppo.navigation.weights import is_run, ship_navigator
-        from hab_ppo.shipping import ship
+        from hab_ppo import shipping
 
-        out = (ship_navigator if is_run(self.run_folder) else ship)(self.run_folder)
+        others = [found.load() for found in extensions("shipping").values()]
+        module = next((one for one in others if one.is_run(self.run_folder)), shipping)
+        out = module.ship(self.run_folder)
         say(f"wrote {out}, {out.stat().st_size / 1e6:.1f} MB; hab-ppo cards writes its card")
         return 0
 
@@ -56,25 +58,23 @@ Example:
 
         from hab_ppo.agent import WEIGHTS
         from hab_ppo.cards import card, draw_card_curve, shipped_names
-        from hab_ppo.navigation.card import card as navigator_card
-        from hab_ppo.navigation.weights import shipped_navigator
 
         records = read_submissions(self.submissions or default_submissions()).values()
         texts = {WEIGHTS / f"{name}.md": card(name, records) for name in shipped_names()}
-        navigator = shipped_navigator().with_suffix(".md")
-        if shipped_navigator().is_file():
-            texts[navigator] = navigator_card(records)
+        curves = set(texts)
+        for found in extensions("shipping").values():
+            texts |= found.load().cards(records)
         stale = []
         for path, text in texts.items():
             picture = path.with_suffix(".png")
-            there = path.is_file() and (path == navigator or picture.is_file())
+            there = path.is_file() and (path not in curves or picture.is_file())
             if there and path.read_text(encoding="utf-8") == text:
                 continue
             stale.append(path.stem)
             if not self.check:
                 with written_aside(path) as scratch:
                     scratch.write_text(text, encoding="utf-8")
-                if path != navigator:
+                if path in curves:
                     draw_card_curve(path.stem, picture)
         state = "out of date" if self.check else "written"
         say(f"{state}: {', '.join(stale)}" if stale else "all cards are up to date")

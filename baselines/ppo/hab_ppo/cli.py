@@ -11,8 +11,8 @@ import tyro
 
 from hab_ppo.card_commands import CardsCommand, ShipCommand
 from hab_ppo.demonstrate_command import DemonstrateCommand
+from hab_ppo.extensions import extensions
 from hab_ppo.limits import MOST_EPISODES, MOST_RANKS, MOST_ROWS
-from hab_ppo.navigator_command import NavigatorCommand
 from hab_ppo.train_command import TrainCommand
 from hab_tasks.console import Command, run_script
 from hab_tasks.errors import OptionError
@@ -136,7 +136,7 @@ class ListCommand(Command):
 
 COMMANDS: dict[str, type[Command]] = {
     "train": TrainCommand,
-    "navigator": NavigatorCommand,
+    **{name: found.load() for name, found in extensions("commands").items()},
     "demonstrate": DemonstrateCommand,
     "eval": EvalCommand,
     "plot": PlotCommand,

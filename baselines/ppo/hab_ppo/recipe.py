@@ -267,8 +267,7 @@ class Distillation:
     Attributes:
         teacher: Name of a recipe whose weights ship, or the path of weights or of a run's folder;
             None for an expert.
-        expert: Method of the environment that returns an expert's actions, such as
-            ``shortest_path_action`` of Navigate.
+        expert: Name of an expert in `hab_experts`, such as ``shortest_path_action``.
         rounds: Number of rounds; after each, the student is fitted to the data of all rounds.
         round_steps: Environment steps of a round.
         beta: Share of the first round's steps in which the teacher acts; in later rounds the

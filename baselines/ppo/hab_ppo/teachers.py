@@ -1,4 +1,4 @@
-"""Teachers of distillation: a trained policy, or an expert that the environment offers."""
+"""Teachers of distillation: a trained policy, or a scripted expert."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from inspect import signature
 from pathlib import Path
 from typing import Any, Protocol
 
+import hab_experts
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
@@ -48,29 +49,30 @@ class PolicyTeacher:
 
 
 class Expert:
-    """A method of the environment, which knows more than can be observed."""
+    """A scripted expert (`hab_experts`), which knows more than can be observed."""
 
-    def __init__(self, env: Any, method: str, repeat: int = 1) -> None:
-        """Teaches in a vector environment, which repeats actions, by the method of its rows."""
-        self._env, self._method = env, method
+    def __init__(self, env: Any, name: str, repeat: int = 1) -> None:
+        """Teaches in a vector environment, which repeats actions."""
+        self._env, self._function = env, f"{hab_experts.__name__}:{name}"
         self._named = {} if repeat == 1 else {"repeat": repeat}
 
     def labels(self, obs: Any, starts: Tensor) -> NDArray[Any]:
         """See `Teacher`."""
-        return np.concatenate(self._env.call(self._method, **self._named))
+        return np.concatenate(self._env.call("ask", self._function, **self._named))
 
 
-def check_expert(method: str, env: EnvConfig) -> None:
-    """Rejects an expert that an environment does not have.
+def check_expert(name: str, env: EnvConfig) -> None:
+    """Rejects an expert that does not master a skill.
 
     Raises:
-        RecipeError: It has no such method, or one that does not know of repeated actions.
+        RecipeError: There is no such expert, or one that does not know of repeated actions.
     """
-    expert = getattr(ENVS[imported_id(env.reference)].env, method, None)
-    if expert is None:
-        raise RecipeError(f"{env.env} has no expert {method}.")
-    if env.action_repeat > 1 and "repeat" not in signature(expert).parameters:
-        raise RecipeError(f"The expert {method} needs action_repeat 1, not {env.action_repeat}.")
+    skill = ENVS[imported_id(env.reference)].env.name
+    if skill not in hab_experts.SKILLS.get(name, ()):
+        raise RecipeError(f"{env.env} has no expert {name}.")
+    known = signature(getattr(hab_experts, name)).parameters
+    if env.action_repeat > 1 and "repeat" not in known:
+        raise RecipeError(f"The expert {name} needs action_repeat 1, not {env.action_repeat}.")
 
 
 def known_weights(name: str, option: str) -> Path:

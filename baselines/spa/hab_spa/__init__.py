@@ -8,7 +8,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from hab_spa.results import Failure
+from hab_plans.motion import Failure
 
 if TYPE_CHECKING:
     from hab_spa.agents.factories import spa_priv

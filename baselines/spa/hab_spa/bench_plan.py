@@ -21,7 +21,6 @@ from hab_eval.bench.rows import BenchRow, bound_row, make_row
 from hab_eval.bench.suite import PICK, Suite, WriteLine
 
 from hab_spa.motion.robot import SpaConfig
-from hab_spa.planning.arm_plan import Ends, plan_path
 from hab_spa.planning.collision import ArmCollision
 from hab_spa.planning.ik import BatchArm
 from hab_spa.planning.joint_goal import sample_reaching_goals
@@ -178,8 +177,7 @@ def _plan(scene: TrueScene, collision: ArmCollision, seed: int) -> None:
     points_m = scene.grasp_points_m(0)
     goals = sample_reaching_goals(points_m, collision, arm, seed, config.goal).goals
     if len(goals):
-        ends = [Ends(open=scene.arm_qpos, tight=goal) for goal in goals]
-        plan_path(collision, arm, ends, seed, config.plan)
+        config.planner.plan(scene.arm_qpos, goals, collision, seed=seed, limits=config.plan)
 
 
 def _check_s(collision: ArmCollision | SimulatorCheck, poses: Sequence[Array]) -> float:

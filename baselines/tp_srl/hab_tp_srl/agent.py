@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from hab_plans.motion import Command
 from hab_spa.agents.agent import SpaAgent
-from hab_spa.motion.robot import Command
 
 from hab_tasks.agent import AgentReport
-from hab_tp_srl.executor import fault
+from hab_tp_srl.fault import fault
 from hab_tp_srl.policies import Decider
 from hab_tp_srl.skill import PolicyCommand
 

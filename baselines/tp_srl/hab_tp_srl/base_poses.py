@@ -5,18 +5,18 @@ from __future__ import annotations
 from itertools import chain
 
 import numpy as np
+from hab_plans.belief import point_of
+from hab_plans.stage import Stage
 from hab_spa.motion.robot import Robot
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.shapes import Array
-from hab_spa.tasks.interactions import Hands, interaction
+from hab_spa.tasks.planned_skills import SKILLS as PLANNED_SKILLS
 from hab_spa.tasks.standing import spread
 
 from hab_tasks.articulations import ARTICULATION_KINDS
 from hab_tasks.episodes.robot_start import HAND_CLEARANCE_M, StartNoise
 from hab_tasks.navigation import NavigationMap, poses_reaching
-from hab_tasks.tasks.base import Task
 from hab_tp_srl.approach import faces_open_side, open_sides
-from hab_tp_srl.stage import Stage
 
 CANDIDATES = StartNoise().candidates
 APART_M = 0.12
@@ -29,22 +29,18 @@ CELL_M = 0.05
 """Spacing of the candidates in a spawn region."""
 
 
-def start_pose(
-    robot: Robot, task: Task, stage: Stage, map_: NavigationMap, tried: list[Array]
-) -> Array:
+def start_pose(robot: Robot, stage: Stage, map_: NavigationMap, tried: list[Array]) -> Array:
     """Returns a base pose (3,) like those at the start of a skill's training episodes.
 
     At it, the arm as it is now is free of collisions and, for an object, its place can be reached.
 
     Args:
         robot: The robot, with ground truth.
-        task: The task.
         stage: The stage.
         map_: The floor map.
         tried: Base poses tried before.
     """
-    item = interaction(task, stage.action, Hands())
-    point_m = item.point_m(robot)
+    point_m = point_of(robot.scene, stage)
     groups = candidates(robot, stage, map_, point_m)
     for other in tried:
         groups = [g[np.linalg.norm(g[:, :2] - other[:2], axis=1) >= APART_M] for g in groups]
@@ -55,7 +51,7 @@ def start_pose(
     if first is None:
         return poses[0] if len(poses) else _nearest(map_, point_m)
     if stage.skill == "pick" or (stage.skill == "place" and robot.scene.holding):
-        score = item.score(robot, map_)
+        score = PLANNED_SKILLS[stage.skill].score(robot, stage.number, map_)
         return next((pose for pose in chain((first,), free) if score(pose, 1) > 0), first)
     return first
 
@@ -79,7 +75,7 @@ def candidates(robot: Robot, stage: Stage, map_: NavigationMap, point_m: Array) 
         return [poses[faces], poses[~faces]]
     x, y, yaw = _spawn_frame(robot, stage.articulation)
     articulation = robot.scene.articulation(stage.articulation)
-    kind, opens = ARTICULATION_KINDS[articulation.kind], stage.action.name == "open"
+    kind, opens = ARTICULATION_KINDS[articulation.kind], stage.action.verb == "open"
     region = kind.opening_region if opens else kind.closing_region
     ahead, aside = (np.arange(low, high, CELL_M) for low, high in (region.x_m, region.y_m))
     local = np.stack(np.meshgrid(ahead, aside), axis=-1).reshape(-1, 2)

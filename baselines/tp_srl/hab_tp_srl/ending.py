@@ -9,13 +9,12 @@ truth, a skill ends by the success condition of its environment.
 
 from __future__ import annotations
 
-from hab_planner.problem import atoms_of
-from hab_spa.motion.robot import GRASP, RELEASE
+from hab_plans.belief import achieved
+from hab_plans.motion import GRASP, RELEASE
+from hab_plans.stage import Stage
 from hab_spa.scenes.scene import Scene
-from hab_spa.tasks.interactions import believed
 
 from hab_tasks.tasks.base import Task
-from hab_tp_srl.stage import Stage
 from hab_tp_srl.view import TaskView
 
 OPENED_M, CLOSED_M = 0.15, 0.045
@@ -103,8 +102,3 @@ class Ending:
     def _is_placed(self) -> bool:
         assert self._truth is not None
         return achieved(self._task, self._stage, self._truth)
-
-
-def achieved(task: Task, stage: Stage, scene: Scene) -> bool:
-    """Returns whether a stage's effect holds, as far as a scene knows."""
-    return atoms_of(task.spec, stage.effect) <= believed(task, scene)

@@ -3,26 +3,34 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
-from hab_planner.plan import plan_of
-from hab_planner.problem import task_of
-from hab_ppo.navigation.weights import is_navigator
-from hab_spa.motion.robot import Motion, Robot
+from hab_navigator.weights import is_navigator
+from hab_plans.executor import Executor, ExecutorConfig
+from hab_plans.extension import PROVIDERS, load_factory
+from hab_plans.motion import Motion
+from hab_plans.motion_log import MotionLog
+from hab_plans.plan import plan_of
+from hab_plans.problem import task_of
+from hab_plans.protocols import Team
+from hab_spa.motion.robot import Robot
 from hab_spa.scenes.scene import Scene
 
-from hab_tasks.agent import AgentSetup, AgentSpec
+from hab_tasks.agent import Agent, AgentSetup, AgentSpec
 from hab_tasks.processes import use_one_thread
 from hab_tasks.registration import imported_id
 from hab_tasks.tasks.base import Task
 from hab_tp_srl.agent import TpSrlAgent
-from hab_tp_srl.executor import Executor
-from hab_tp_srl.navigation import NavigatorPolicy
+from hab_tp_srl.agent_policy import AgentPolicy
+from hab_tp_srl.hand_over import Resetting, ReturningNavigator
+from hab_tp_srl.navigators import LearnedNavigator, NavigatorPolicy, ReturningOracle
 from hab_tp_srl.options import SKILLS, TeamOptions, read_options
 from hab_tp_srl.policies import SkillPolicy
+from hab_tp_srl.providers import Policies, providers
 from hab_tp_srl.scenes import GuidedScene, ObservedScene
-from hab_tp_srl.team import Team
 from hab_tp_srl.view import TaskView
+
+NavigationPolicy = SkillPolicy | NavigatorPolicy
 
 ROWS = 8
 """Episodes played at a time by a team without planned skills."""
@@ -45,77 +53,102 @@ def tp_srl(setup: AgentSetup) -> TpSrlAgent:
     task = task_of(env_id)
     use_one_thread()
     options = read_options(setup, skills_of(env_id, task))
-    team = _team(setup, options)
+    policies = _policies(setup, options)
+    navigate = None if options.navigate is None else _navigation(setup, options.navigate)
 
     def make_scene() -> Scene:
         view = TaskView(truth=options.true_knowledge, aims_object=options.aims_object)
         # Learned skills and the arm's reset use no more of a scene than this.
-        return GuidedScene(view) if team.privileged else cast(Scene, ObservedScene(view))
+        return GuidedScene(view) if options.privileged else cast(Scene, ObservedScene(view))
 
     def behave(robot: Robot) -> Motion:
         scene = robot.scene
         assert isinstance(scene, GuidedScene | ObservedScene)
-        return Executor(env_id, robot, team, scene.view, options).run()
+        log = MotionLog(env_id, robot, believes=options.privileged)
+        navigator = _navigator(policies, navigate, scene.view)
+        team = Team(
+            skills=providers(task, policies, scene.view, options.true_knowledge),
+            navigator=navigator,
+            hand_over=Resetting(
+                log=log, options=options, navigator=navigator, learned=_learned(policies)
+            ),
+        )
+        config = ExecutorConfig(attempts=1 + options.retries, replans=options.replans, goes_on=True)
+        return Executor(log, team, config).run()
 
-    return TpSrlAgent(setup, _spec(team, options), make_scene, behave)
+    return TpSrlAgent(setup, _spec(options, policies, navigate), make_scene, behave)
 
 
 def skills_of(env_id: str, task: Task) -> tuple[str, ...]:
     """Returns the skills that a task's plans can need, other than navigation."""
-    used = {action.skill for action in plan_of(env_id).actions} - {"navigate"}
+    used = {action.skill for action in plan_of(env_id).interactions}
     used |= {f"open_{kind.name}" for kind in task.articulations}
-    return tuple(skill for skill in SKILLS if skill in used)
+    return tuple(skill for skill in (*SKILLS, *PROVIDERS) if skill in used)
 
 
-def _team(setup: AgentSetup, options: TeamOptions) -> Team:
+def _policies(setup: AgentSetup, options: TeamOptions) -> Policies:
     """Loads the policies; a file that several skills use is loaded for each."""
-    policies = {
-        skill: None if path is None else SkillPolicy(setup, skill, path, options.draws_actions)
-        for skill, path in options.skills.items()
+    return {skill: _policy(setup, skill, by, options) for skill, by in options.skills.items()}
+
+
+def _policy(setup: AgentSetup, skill: str, by: Path | str | None, options: TeamOptions) -> Any:
+    """Loads who executes a skill."""
+    if isinstance(by, str):
+        own = load_factory(by)(setup) if PROVIDERS.get(skill) == by else None
+        return AgentPolicy(setup, skill, by) if own is None or isinstance(own, Agent) else own
+    return None if by is None else SkillPolicy(setup, skill, by, options.draws_actions)
+
+
+def _learned(policies: Policies) -> dict[str, SkillPolicy | AgentPolicy]:
+    return {
+        skill: one for skill, one in policies.items() if isinstance(one, SkillPolicy | AgentPolicy)
     }
-    navigate = None if options.navigate is None else _navigation(setup, options.navigate)
-    return Team(
-        policies=policies,
-        navigation=options.navigation,
-        navigate=navigate,
-        privileged=options.privileged,
-        true_knowledge=options.true_knowledge,
-    )
 
 
-def _navigation(setup: AgentSetup, path: Path) -> SkillPolicy | NavigatorPolicy:
+def _navigator(
+    policies: Policies, navigate: NavigationPolicy | None, view: TaskView
+) -> ReturningNavigator:
+    """Returns the navigator of an episode."""
+    if navigate is None:
+        return ReturningOracle()
+    learned = _learned(policies).items()
+    stands = [name for name, policy in learned if policy.control.base == "still"]
+    return LearnedNavigator(navigate, stands, view)
+
+
+def _navigation(setup: AgentSetup, path: Path) -> NavigationPolicy:
     """Loads the policy of learned navigation."""
     if is_navigator(path):
         return NavigatorPolicy(setup, path)
     return SkillPolicy(setup, "navigate", path)
 
 
-def _spec(team: Team, options: TeamOptions) -> AgentSpec:
+def _spec(options: TeamOptions, policies: Policies, navigate: NavigationPolicy | None) -> AgentSpec:
     """Returns the environment options that a team needs."""
-    learned = team.learned
+    learned = [*_learned(policies).values(), *([] if navigate is None else [navigate])]
     seeing = [policy for policy in learned if policy.sees_images]
     textures = {texture for policy in seeing for texture in policy.obs_mode.split("+")}
-    planned = None in team.policies.values()
-    paths = (*options.skills.values(), options.navigate)
+    paths, perfect = (*options.skills.values(), options.navigate), options.navigation == "perfect"
     return AgentSpec(
-        name=_name(team, options),
-        control_mode="joint_target_pose" if team.navigation == "perfect" else "joint_target_base",
+        name=_name(options),
+        control_mode="joint_target_pose" if perfect else "joint_target_base",
         obs_mode="+".join(sorted(textures)) or "state_dict",
-        privileged=team.privileged,
+        privileged=options.privileged,
         # Most parts need no images, and the navigator only some.
         looks="on demand" if seeing else "always",
-        handle_position=not team.true_knowledge and any(p.sees_handles for p in learned),
-        rows=1 if planned else ROWS,
-        files=tuple(str(path) for path in paths if path is not None),
+        handle_position=not options.true_knowledge and any(p.sees_handles for p in learned),
+        rows=ROWS if len(_learned(policies)) == len(policies) else 1,
+        files=tuple(str(path) for path in paths if isinstance(path, Path))
+        + tuple(file for one in learned if isinstance(one, AgentPolicy) for file in one.files),
     )
 
 
-def _name(team: Team, options: TeamOptions) -> str:
+def _name(options: TeamOptions) -> str:
     """Returns the displayed name; recovery and planned skills are part of it."""
-    parts = [f"{team.navigation} navigation"]
-    planned = [skill for skill, policy in team.policies.items() if policy is None]
+    parts = [f"{options.navigation} navigation"]
+    planned = [skill for skill, path in options.skills.items() if path is None]
     if planned:
-        everything = len(planned) == len(team.policies)
+        everything = len(planned) == len(options.skills)
         parts.append(f"{'all skills' if everything else ', '.join(planned)} by SPA-Priv")
     parts += ["aims by the object"] * options.aims_object
     parts += ["arm not reset"] * (not options.resets_arm)

@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from hab_navigator.weights import NAVIGATOR, shipped_navigator
+from hab_navigator.weights import WEIGHTS as NAVIGATOR_FILE
+from hab_plans.extension import PROVIDERS
 from hab_ppo.agent import shipped_weights, weights_file
-from hab_ppo.navigation.weights import NAVIGATOR, shipped_navigator
-from hab_ppo.navigation.weights import WEIGHTS as NAVIGATOR_FILE
 from hab_ppo.recipes import recipe_names
 
 from hab_tasks.agent import AgentSetup, check_options
@@ -34,7 +35,8 @@ class TeamOptions:
     """Options of TP+SRL.
 
     Attributes:
-        skills: Skill -> file of weights, or None for planning; the skills of the task only.
+        skills: Skill -> file of weights, ``module:factory`` of an agent or provider, or None for
+            planning; the skills of the task only.
         navigation: ``oracle``, ``perfect`` or ``learned``.
         navigate: File of weights for learned navigation; None otherwise.
         retries: Maximum further attempts of a stage that was not achieved.
@@ -46,7 +48,7 @@ class TeamOptions:
             the most likely ones.
     """
 
-    skills: Mapping[str, Path | None]
+    skills: Mapping[str, Path | str | None]
     navigation: str
     navigate: Path | None
     retries: int
@@ -57,9 +59,14 @@ class TeamOptions:
     draws_actions: bool
 
     @property
+    def recovers(self) -> bool:
+        """Whether anything is tried again."""
+        return self.retries > 0 or self.replans > 0
+
+    @property
     def privileged(self) -> bool:
         """Whether the agent needs ground truth."""
-        planned = None in self.skills.values()
+        planned = not all(isinstance(found, Path) for found in self.skills.values())
         return self.navigation != "learned" or self.true_knowledge or planned
 
 
@@ -82,7 +89,7 @@ def read_options(setup: AgentSetup, needed: tuple[str, ...]) -> TeamOptions:
         "reset_arm": RESETS,
         "actions": ACTIONS,
     }
-    free = (*SKILLS, "navigate", "retries", "replan")
+    free = (*SKILLS, *PROVIDERS, "navigate", "retries", "replan")
     check_options(setup, {**known, **dict.fromkeys(free)})
     navigation = options.get("navigation", "oracle")
     if "navigate" in options and navigation != "learned":
@@ -109,9 +116,12 @@ def read_options(setup: AgentSetup, needed: tuple[str, ...]) -> TeamOptions:
     return found
 
 
-def _executed_by(options: Mapping[str, str], skill: str, kind: str) -> Path | None:
-    """Returns the weights of a skill; None if it is planned."""
-    value = options.get(skill, PLANNED if kind == PLANNED else f"{skill}_{kind}")
+def _executed_by(options: Mapping[str, str], skill: str, kind: str) -> Path | str | None:
+    """Returns the weights of a skill or ``module:factory``; None if it is planned."""
+    default = PROVIDERS.get(skill, PLANNED if kind == PLANNED else f"{skill}_{kind}")
+    value = options.get(skill, default)
+    if ":" in value and not Path(value).exists():
+        return value
     return None if value == PLANNED else _weights(skill, value)
 
 

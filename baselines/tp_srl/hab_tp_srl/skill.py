@@ -7,16 +7,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from hab_spa.motion.robot import GRASP, RELEASE, Command, Motion, Robot
-from hab_spa.results import Failure
+from hab_plans.motion import GRASP, RELEASE, Command, Failure, Motion
+from hab_plans.stage import Stage
+from hab_spa.motion.robot import Robot
 from numpy.typing import NDArray
 
 from hab_tasks.robots.arm_commands import commanded_arm
 from hab_tasks.robots.control_modes import ARM_SIZE, BASE_CELLS, STOP_SHARE
 from hab_tasks.robots.kinematics import ArmKinematics
 from hab_tp_srl.ending import Ending
-from hab_tp_srl.policies import Decider, SkillPolicy, Turn
-from hab_tp_srl.stage import Stage
+from hab_tp_srl.policies import Decider, Turn
 from hab_tp_srl.view import TaskView
 
 _KINEMATICS = ArmKinematics()
@@ -38,7 +38,7 @@ class PolicyCommand(Command):
 def learned(
     robot: Robot,
     stage: Stage,
-    policy: SkillPolicy,
+    policy: Decider,
     view: TaskView,
     ending: Ending,
 ) -> Motion:

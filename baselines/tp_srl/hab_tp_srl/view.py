@@ -13,12 +13,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from hab_plans.stage import Stage
 from hab_spa.shapes import Array
 from numpy.typing import NDArray
 
 from hab_tasks.constants import REST_RADIUS_M
 from hab_tasks.privileged import PrivilegedState
-from hab_tp_srl.stage import Stage
 
 Entries = dict[tuple[str, str], NDArray[Any]]
 """(group, name) -> entry of a state observation, float32."""

@@ -85,7 +85,7 @@ class Rearrange(Generator):
         starts = self.starts(sandbox, rng)
         if not all(starts.stand(point) for point in points):
             raise RejectedSampleError("a start or goal is out of reach")
-        if set(ARTICULATIONS) - set(spec.starts_open):
+        if {*ARTICULATIONS, *spec.articulations} - set(spec.starts_open):
             objects = self._closed(sandbox, placer, objects)
             pose_scene(sandbox, objects, at_start)
         on = placer.on

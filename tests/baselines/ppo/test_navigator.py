@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 import torch
-from hab_ppo.navigation import fitting
-from hab_ppo.navigation.fitting import fit, misfit
-from hab_ppo.navigation.lessons import Lessons, from_middle, goal_bins, turned_goals
-from hab_ppo.navigation.navigator import REPEAT, Navigator
-from hab_ppo.navigation.network import HEADINGS, GoalNetwork
-from hab_ppo.navigation.robot_map import _CAMERA_M, _DIRECTIONS, CELLS, SEEN, VISITED, RobotMap
-from hab_ppo.navigation.seen_floor import SeenFloor
-from hab_ppo.navigation.views import SIDE, TOPS_SCALE, WHOLE, View, inputs
+from hab_navigator import fitting
+from hab_navigator.fitting import fit, misfit
+from hab_navigator.lessons import Lessons, from_middle, goal_bins, turned_goals
+from hab_navigator.navigator import REPEAT, Navigator
+from hab_navigator.network import HEADINGS, GoalNetwork
+from hab_navigator.robot_map import _CAMERA_M, _DIRECTIONS, CELLS, SEEN, VISITED, RobotMap
+from hab_navigator.seen_floor import SeenFloor
+from hab_navigator.views import SIDE, TOPS_SCALE, WHOLE, View, inputs
 
 from hab_tasks.robots.control_modes import BASE_CELLS, STOP_CELL
 

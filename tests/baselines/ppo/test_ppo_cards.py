@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import pytest
 import torch
+from hab_navigator import weights as navigator_weights
 from hab_ppo import agent, cards, checkpoint, shipping
 from hab_ppo.cards import NOT_EVALUATED, card, shipped_names
 from hab_ppo.checkpoint import Position, position_json
 from hab_ppo.cli import main
 from hab_ppo.config_json import to_json
-from hab_ppo.navigation import weights as navigator_weights
 from hab_ppo.network import new_policy
 from hab_ppo.observation import ObservationLayout
 from hab_ppo.recipes import find_recipe

@@ -10,20 +10,20 @@ import pytest
 import torch
 from hab_eval.cli import main as hab_eval
 from hab_eval.results import read_record
-from hab_ppo import NAVIGATORS, checkpoint
+from hab_navigator.weights import load
+from hab_ppo import checkpoint
 from hab_ppo.agent import spec_of
 from hab_ppo.cli import main
 from hab_ppo.distributed import Ranks
-from hab_ppo.navigation.weights import load
+from hab_ppo.extensions import extensions
 from hab_ppo.network import new_policy
 from hab_ppo.observation import Observation, ObservationLayout
 from hab_ppo.play import play
 from hab_ppo.progress import read_progress
 from hab_ppo.recipe import PAPER
 from hab_ppo.recipes import find_recipe, recipe_names
-from hab_ppo.trainer import LAST, Trainer, TrainPlan
+from hab_ppo.trainer import Trainer, TrainPlan
 from sockets import check_loopback
-from toy_examples import same_tensors
 from untrained import write_weights
 
 from hab_tasks.agent_spaces import agent_spaces
@@ -106,24 +106,6 @@ def test_a_recipe_is_trained_and_its_weights_play(name, tmp_path, capsys):
     assert f"was trained in {env}, not {other}" in capsys.readouterr().err
 
 
-def test_a_resumed_run_equals_one_that_was_never_interrupted(tmp_path):
-    recipe = find_recipe("pick_blind")
-    ppo = replace(recipe.preset.ppo, final_log_std=None, decays=False)  # the run is cut short
-    recipe = replace(
-        recipe,
-        env=replace(recipe.env, num_episodes=4),
-        preset=replace(recipe.preset, ppo=ppo, rows=4, rollout_steps=30),
-        total_steps=600,
-        evaluation_steps=200,
-        evaluation_episodes=2,
-    )
-    train(recipe, tmp_path / "whole")
-    train(replace(recipe, total_steps=400), tmp_path / "parts")
-    train(recipe, tmp_path / "parts", resume="exact.safetensors")
-    assert same_tensors(tmp_path / "whole" / LAST, tmp_path / "parts" / LAST)
-    assert read_progress(tmp_path / "whole")[-1]["steps"] >= 600
-
-
 def test_a_run_goes_on_after_a_rank_was_killed(tmp_path):
     out = tmp_path / "run"
     command = [sys.executable, "-m", "hab_ppo", "train", "pick_blind", "--ranks", "2"]
@@ -201,12 +183,12 @@ def test_learning_to_navigate_continues_after_its_last_round(tmp_path, capsys):
 
 @pytest.mark.parametrize(
     ("name", "episodes"),
-    [("navigator", "3"), *(pytest.param(n, "10", marks=long) for n in NAVIGATORS)],
+    [("navigator", "3"), *(pytest.param(n, "10", marks=long) for n in extensions("agents"))],
 )
 def test_navigators_solve_most_episodes(name, episodes, tmp_path):
-    arrives = ["--skill-config", "learned_stop=0"] if NAVIGATORS[name] == "never" else []
+    arrives = ["--skill-config", "learned_stop=0"] if name.endswith("without_stop") else []
     run = ["run", "--agent", f"hab_ppo:{name}", "--env", "HabNavigate-v1", "--episodes", episodes]
     assert hab_eval([*run, *arrives, "--seed", "3", "--out", str(tmp_path / "run")]) == 0
     summary = read_record(tmp_path / "run" / "run.json").summary
     # One stop finds fewer goals than several. The episodes and the agents are deterministic.
-    assert summary.success.mean >= (0.3 if NAVIGATORS[name] == "once" else 0.6)
+    assert summary.success.mean >= (0.3 if name.endswith("once") else 0.6)

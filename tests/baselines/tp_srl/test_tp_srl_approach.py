@@ -3,14 +3,14 @@
 import gymnasium as gym
 import numpy as np
 import pytest
-from hab_planner.plan import plan_of
-from hab_planner.problem import task_of
+from hab_plans.plan import plan_of
+from hab_plans.problem import task_of
+from hab_plans.stage import stage_of
 from hab_spa.motion.robot import Robot, SpaConfig
 from hab_spa.planning.shape_cache import ShapeCache
 from hab_spa.scenes.true_scene import TrueScene
 from hab_tp_srl.approach import SIDES, open_sides
 from hab_tp_srl.base_poses import candidates
-from hab_tp_srl.stage import stage_of
 
 from hab_tasks.receptacles import FRIDGE
 

@@ -3,9 +3,9 @@
 import gymnasium as gym
 import numpy as np
 import pytest
-from hab_planner.plan import plan_of
+from hab_plans.plan import plan_of
+from hab_plans.stage import stage_of
 from hab_spa.scenes.true_scene import TrueScene
-from hab_tp_srl.stage import stage_of
 from hab_tp_srl.view import TaskView
 from task_states import move_joint, move_object, observe, skill_episode, stand
 

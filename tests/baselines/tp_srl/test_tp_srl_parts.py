@@ -6,15 +6,15 @@ from types import SimpleNamespace
 import hab_tp_srl
 import numpy as np
 import pytest
-from hab_planner.plan import plan_of
-from hab_planner.problem import task_of
+from hab_plans.motion import GRASP, RELEASE
+from hab_plans.plan import plan_of
+from hab_plans.problem import task_of
+from hab_plans.stage import stage_of
 from hab_ppo.recipes import find_recipe
-from hab_spa.motion.robot import GRASP, RELEASE
 from hab_tp_srl.ending import Ending
-from hab_tp_srl.executor import fault
 from hab_tp_srl.factories import skills_of
+from hab_tp_srl.fault import fault
 from hab_tp_srl.options import SKILLS
-from hab_tp_srl.stage import stage_of
 from hab_tp_srl.stillness import Stillness
 from hab_tp_srl.view import TaskView
 from refusals import check_each, refused_by_call
@@ -28,7 +28,7 @@ TASK_IDS = ("HabTidyHouse-v1", "HabPrepareGroceries-v1", "HabSetTable-v1", "my_t
 def test_stages_are_the_parts_that_the_reward_of_a_task_follows():
     for task_id in TASK_IDS:
         task = task_of(task_id)
-        stages = [stage_of(task, a) for a in plan_of(task_id).actions if a.name != "navigate"]
+        stages = [stage_of(task, action) for action in plan_of(task_id).interactions]
         parts = [part for part in task.parts if part.skill.name != "navigate"]
         assert [stage.skill for stage in stages] == [part.skill.name for part in parts]
         assert [stage.object for stage in stages] == [part.object for part in parts]

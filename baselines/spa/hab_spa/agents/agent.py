@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import torch
+from hab_plans.motion import Command, Motion
 from torch import Tensor
 
-from hab_spa.motion.robot import Command, Motion, Robot, SpaConfig
+from hab_spa.motion.robot import Robot, SpaConfig
 from hab_spa.scenes.scene import Scene
 from hab_spa.shapes import Array
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec

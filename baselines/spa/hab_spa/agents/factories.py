@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from hab_plans.motion import Motion
+
 from hab_spa.agents.agent import Behaviour, SpaAgent
 from hab_spa.agents.modes import control_mode, skill_asked
 from hab_spa.motion.drive import DriveConfig, drive_to
-from hab_spa.motion.robot import Motion, Robot
+from hab_spa.motion.robot import Robot
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.skills.drawer import close_drawer, open_drawer
 from hab_spa.skills.fridge.skill import close_fridge, open_fridge

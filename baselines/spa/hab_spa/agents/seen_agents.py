@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from hab_plans.motion import Failure, Motion
+
 from hab_spa.agents.agent import Behaviour, SpaAgent
 from hab_spa.agents.modes import control_mode, skill_asked
 from hab_spa.motion.follow import FollowConfig
-from hab_spa.motion.robot import Motion, Robot, SpaConfig
+from hab_spa.motion.robot import Robot, SpaConfig
 from hab_spa.planning.arm_plan import PlanConfig
 from hab_spa.planning.joint_goal import GoalConfig
-from hab_spa.results import Failure
 from hab_spa.scenes.seen_scene import SeenScene
 from hab_spa.skills.look import LookConfig, look_around, look_closer
 from hab_spa.skills.pick import pick

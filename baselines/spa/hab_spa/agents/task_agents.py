@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
-from hab_planner.problem import task_of
+from hab_plans.executor import Executor, ExecutorConfig
+from hab_plans.extension import PROVIDERS, load_factory
+from hab_plans.motion import Motion
+from hab_plans.motion_log import MotionLog
+from hab_plans.plan import plan_of
+from hab_plans.problem import task_of
+from hab_plans.protocols import Navigator, SkillProvider, Team
 
 from hab_spa.agents.agent import SpaAgent
 from hab_spa.agents.modes import CONTROLLERS, control_mode
 from hab_spa.agents.seen_agents import pick_seen, place_seen, spa_config
-from hab_spa.motion.robot import Motion, Robot
+from hab_spa.motion.robot import Robot
 from hab_spa.scenes.seen_scene import SeenScene
 from hab_spa.scenes.true_scene import TrueScene
-from hab_spa.tasks.executor import Executor, TaskConfig
-from hab_spa.tasks.interactions import Hands
-from hab_spa.tasks.navigate import Navigator, PolicyNavigator, navigator_of
+from hab_spa.tasks.hand_over import Folding
+from hab_spa.tasks.navigate import OracleNavigator, PolicyNavigator, navigator_of
+from hab_spa.tasks.planned_skills import SKILLS, guided
 from hab_tasks.agent import AgentSetup, AgentSpec, check_options
 from hab_tasks.errors import OptionError
 from hab_tasks.registration import imported_id
+
+EXECUTION = ExecutorConfig(attempts=4, replans=6, watches=True)
 
 OPTIONS = {"navigation": None, "controller": CONTROLLERS, "policy": None, "replan": None}
 
@@ -32,18 +41,20 @@ def tp_spa_priv(setup: AgentSetup) -> SpaAgent:
         HabError: The environment is not a task, or an option is unknown.
     """
     env_id, config = _asked(setup)
-    navigator = navigator_of(setup)
+    navigator, own = navigator_of(setup), _own_skills(setup, env_id)
 
     def behave(robot: Robot) -> Motion:
-        return Executor(env_id, robot, navigator, config, Hands()).run()
+        return _run(env_id, robot, SKILLS, own, navigator, config)
 
-    # Only a learned navigator looks, and planned parts of the episode need no images.
-    looks = isinstance(navigator, PolicyNavigator) and navigator.spec.obs_mode != "state_dict"
+    obs_mode = "state_dict"
+    if isinstance(navigator, PolicyNavigator):
+        obs_mode = navigator.spec.obs_mode
     spec = AgentSpec(
         name=_name("TP+SPA-Priv", setup),
         control_mode=control_mode(env_id, setup.options),
-        obs_mode=navigator.spec.obs_mode if looks else "state_dict",
-        looks="on demand" if looks else "always",
+        obs_mode=obs_mode,
+        # Only a learned navigator looks, and planned parts of the episode need no images.
+        looks="always" if obs_mode == "state_dict" else "on demand",
         privileged=True,
         files=_files(navigator),
     )
@@ -60,14 +71,14 @@ def tp_spa(setup: AgentSetup) -> SpaAgent:
         HabError: The environment is not a task, or an option is unknown.
     """
     env_id, config = _asked(setup)
-    navigator = navigator_of(setup)
+    navigator, own = navigator_of(setup), _own_skills(setup, env_id)
 
     def behave(robot: Robot) -> Motion:
         scene = robot.scene
         assert isinstance(scene, SeenScene)
         guide = Robot(scene.truth, robot.config, seed=robot.next_seed(), deadline=robot.deadline)
-        hands = Hands(pick=pick_seen, place=place_seen)
-        return Executor(env_id, robot, navigator, config, hands, guide).run()
+        skills = guided(guide, {"pick": pick_seen, "place": place_seen})
+        return _run(env_id, robot, skills, own, navigator, config)
 
     spec = AgentSpec(
         name=_name("TP+SPA", setup),
@@ -80,20 +91,40 @@ def tp_spa(setup: AgentSetup) -> SpaAgent:
     return SpaAgent(setup, spec, SeenScene, behave, spa_config(setup))
 
 
-def _asked(setup: AgentSetup) -> tuple[str, TaskConfig]:
+def _run(
+    env_id: str,
+    robot: Robot,
+    skills: Mapping[str, SkillProvider[Robot]],
+    own: Mapping[str, SkillProvider[Robot]],
+    navigator: Navigator[Robot],
+    config: ExecutorConfig,
+) -> Motion:
+    """Returns the execution of a task's plan in one episode."""
+    log = MotionLog(env_id, robot)
+    team = Team(skills={**skills, **own}, navigator=navigator, hand_over=Folding(log))
+    return Executor(log, team, config).run()
+
+
+def _asked(setup: AgentSetup) -> tuple[str, ExecutorConfig]:
     """Returns the task's id and the executor's parameters."""
     check_options(setup, OPTIONS)
     env_id = imported_id(setup.env_id)
     task_of(env_id)
     text = setup.options.get("replan")
     if text is None:
-        return env_id, TaskConfig()
+        return env_id, EXECUTION
     if not text.isdecimal():
         raise OptionError.of_value("option replan of the agent", text, "an integer >= 0")
-    return env_id, replace(TaskConfig(), replans=int(text))
+    return env_id, replace(EXECUTION, replans=int(text))
 
 
-def _files(navigator: Navigator) -> tuple[str, ...]:
+def _own_skills(setup: AgentSetup, env_id: str) -> dict[str, SkillProvider[Robot]]:
+    """Returns the registered providers of the task's skills."""
+    used = {action.skill for action in plan_of(env_id).interactions}
+    return {skill: load_factory(by)(setup) for skill, by in PROVIDERS.items() if skill in used}
+
+
+def _files(navigator: OracleNavigator | PolicyNavigator) -> tuple[str, ...]:
     """Returns the files of a learned navigator."""
     return navigator.spec.files if isinstance(navigator, PolicyNavigator) else ()
 

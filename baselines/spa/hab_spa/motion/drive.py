@@ -7,10 +7,10 @@ from collections.abc import Generator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from hab_plans.motion import Command, Failure, Motion
 
-from hab_spa.motion.robot import Command, Motion, Robot
+from hab_spa.motion.robot import Robot
 from hab_spa.motion.wheels import Wheels, WheelsConfig, angle
-from hab_spa.results import Failure
 from hab_spa.shapes import Array
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.navigation import NavigationMap, path_between

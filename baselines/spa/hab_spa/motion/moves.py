@@ -6,12 +6,14 @@ import time
 from collections.abc import Callable, Generator
 from dataclasses import replace
 
+from hab_plans.motion import Command, Failure, Motion
+
 from hab_spa.motion.follow import Follower
-from hab_spa.motion.robot import Command, Motion, Robot
-from hab_spa.planning.arm_plan import Ends, PlanConfig, plan_path
+from hab_spa.motion.robot import Robot
+from hab_spa.planning.arm_plan import PlanConfig
 from hab_spa.planning.collision import ArmCollision
 from hab_spa.planning.path import TimingConfig, time_path_within
-from hab_spa.results import Failure, GoalResult
+from hab_spa.results import GoalResult
 from hab_spa.shapes import Array
 
 RETURN_SHARE, REACH_SHARE = 1.0, 0.5
@@ -94,11 +96,7 @@ def go(
     `collision` must be the current model; `plan` defaults to the robot's planner parameters. See
     `follow` for the other arguments.
     """
-    start = robot.scene.arm_qpos.copy()
-    ends = [Ends(open=start, tight=goal) for goal in goals]
-    plan = plan or robot.config.plan
-    result = plan_path(collision, robot.kinematics, ends, robot.next_seed(), plan)
-    robot.spend("motion", result.seconds)
+    result = robot.plan(goals, collision, plan)
     if result.path is None:
         return result.failure
     return (yield from follow(robot, result.path, share, intact, near_rad=near_rad))

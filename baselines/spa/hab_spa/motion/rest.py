@@ -7,15 +7,16 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from hab_plans.motion import Motion
+from hab_plans.protocols import PathResult
 
 from hab_spa.motion.moves import RETURN_SHARE, follow
-from hab_spa.motion.robot import Motion, Robot
-from hab_spa.planning.arm_plan import Ends, PlanConfig, plan_path
+from hab_spa.motion.robot import Robot
+from hab_spa.planning.arm_plan import PlanConfig
 from hab_spa.planning.collision import ArmCollision
 from hab_spa.planning.escape import escape
 from hab_spa.planning.joint_goal import sample_rest_goals
 from hab_spa.planning.path import TimingConfig
-from hab_spa.results import PathResult
 from hab_spa.shapes import Array
 
 TUCKED_QPOS_RAD = (-1.60, -1.22, 0.90, -0.61, 1.88, 2.14, 0.39)
@@ -75,9 +76,15 @@ def _way_back(robot: Robot, collision: ArmCollision, goals: Array, plan: PlanCon
     way_out = escape(collision, robot.kinematics, start, config.escape)
     if not len(way_out):
         way_out = start[None]
-    ends = [Ends(open=goal, tight=way_out[-1]) for goal in goals]
-    seed, touch_m = robot.next_seed(), config.escape.touch_m
-    result = plan_path(collision, robot.kinematics, ends, seed, plan, touch_m)
+    result = config.planner.plan(
+        way_out[-1],
+        goals,
+        collision,
+        seed=robot.next_seed(),
+        limits=plan,
+        touch_m=config.escape.touch_m,
+        backwards=True,
+    )
     if result.path is not None:
-        result = replace(result, path=np.concatenate((way_out, result.path[-2::-1])))
+        result = replace(result, path=np.concatenate((way_out, result.path[1:])))
     return replace(result, seconds=time.perf_counter() - began)

@@ -1,50 +1,25 @@
-"""The robot's interface for skills.
-
-A skill is a generator that yields one `Command` per control step and is resumed after the next
-observation. It returns None on success, else the failure.
-"""
+"""The robot's interface for skills, which are motions (`hab_plans.motion`)."""
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
+from hab_plans.motion import GRASP, RELEASE, Command, Failure
+from hab_plans.protocols import MotionPlanner, PathResult
 
 from hab_spa.motion.follow import FollowConfig
-from hab_spa.planning.arm_plan import PlanConfig
+from hab_spa.planning.arm_plan import OmplPlanner, PlanConfig
+from hab_spa.planning.collision import ArmCollision
 from hab_spa.planning.escape import EscapeConfig
 from hab_spa.planning.ik import BatchArm
 from hab_spa.planning.joint_goal import GoalConfig
 from hab_spa.planning.path import TimingConfig
 from hab_spa.planning.place_goal import PlacingConfig
-from hab_spa.results import Failure
 from hab_spa.scenes.scene import Scene
 from hab_spa.shapes import Array
-
-GRASP, RELEASE = 1.0, -1.0
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Command:
-    """Command of one control step.
-
-    Attributes:
-        arm_rad: (7,) joint targets.
-        gripper: `GRASP` or `RELEASE`.
-        base: Forward and turning velocity, relative to their maximum.
-        pose: (3,) base pose to set directly, in modes that support it; None for the current one.
-    """
-
-    arm_rad: Array
-    gripper: float
-    base: tuple[float, float] = (0.0, 0.0)
-    pose: Array | None = None
-
-
-Motion: TypeAlias = Generator[Command, None, Failure | None]
-"""A running skill."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +31,7 @@ class SpaConfig:
         grasp_steps: Maximum steps until a grasp holds.
         release_steps: Steps to wait after a release.
         goal, placing, plan, escape, timing, follow: Parameters of the stages.
+        planner: Plans the motions of the arm.
     """
 
     retries: int = 2
@@ -67,6 +43,7 @@ class SpaConfig:
     escape: EscapeConfig = field(default_factory=EscapeConfig)
     timing: TimingConfig = field(default_factory=TimingConfig)
     follow: FollowConfig = field(default_factory=FollowConfig)
+    planner: MotionPlanner[ArmCollision, PlanConfig] = field(default_factory=OmplPlanner)
 
 
 class Robot:
@@ -108,6 +85,11 @@ class Robot:
         return self.deadline - self.steps
 
     @property
+    def settle_steps(self) -> int:
+        """Steps beyond the deadline in which a motion may still come to rest."""
+        return self.config.follow.settle_steps
+
+    @property
     def arm_target_rad(self) -> Array:
         """The latest commanded arm pose (7,)."""
         return self._arm_rad
@@ -145,6 +127,22 @@ class Robot:
     def next_seed(self) -> int:
         """Returns the seed of the next search."""
         return int(self._seeds.integers(2**31 - 1))
+
+    def plan(
+        self, goals: Array, collision: ArmCollision, limits: PlanConfig | None = None
+    ) -> PathResult:
+        """Plans a path from the current arm pose to one of the goals (G, 7), best first.
+
+        Args:
+            goals: The goals, near obstacles.
+            collision: The current model.
+            limits: Parameters of the planner; the robot's by default.
+        """
+        start, limits = self.scene.arm_qpos.copy(), limits or self.config.plan
+        seed = self.next_seed()
+        result = self.config.planner.plan(start, goals, collision, seed=seed, limits=limits)
+        self.spend("motion", result.seconds)
+        return result
 
     def spend(self, stage: str, seconds: float) -> None:
         """Adds time spent on ``target`` or ``motion``."""

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import numpy as np
+from hab_plans.motion import Command
 
-from hab_spa.motion.robot import Command, Robot
+from hab_spa.motion.robot import Robot
 
 
 @dataclass(frozen=True, kw_only=True)

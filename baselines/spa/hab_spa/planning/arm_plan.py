@@ -12,15 +12,17 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import count, pairwise, product
 
 import numpy as np
+from hab_plans.motion import Failure
+from hab_plans.protocols import PathResult
 
 from hab_spa.planning.collision import ArmCollision
 from hab_spa.planning.escape import EscapeConfig, retreats
 from hab_spa.planning.ik import BatchArm
 from hab_spa.planning.rrt import Limit, RrtConfig, connect, edge_is_free, path_is_free, shorten
-from hab_spa.results import Failure, PathResult
 from hab_spa.shapes import Array
 
 
@@ -79,33 +81,42 @@ class _Attempt:
     checks: int
 
 
-def plan_path(
-    collision: ArmCollision,
-    arm: BatchArm,
-    ends: Sequence[Ends],
-    seed: int,
-    config: PlanConfig,
-    touch_m: float = 0.001,
-) -> PathResult:
-    """Plans a path from the open to the tight end of one of `ends`, preferably the first.
+class OmplPlanner:
+    """Plans by straight edges, retreats and OMPL's RRT-Connect."""
 
-    Pairs of shapes that are closer than the margin at an end may be as close along the path; all
-    other pairs keep the margin.
+    @cached_property
+    def _arm(self) -> BatchArm:
+        return BatchArm()
 
-    Args:
-        collision: Collision model; its margins are changed.
-        arm: Kinematics.
-        ends: Pairs of ends, best first.
-        seed: Random seed; the path is reproducible unless the time limit is reached.
-        config: Parameters.
-        touch_m: Tolerance for pairs that are too close at an end.
+    def plan(
+        self,
+        start: Array,
+        goals: Array,
+        world: ArmCollision,
+        *,
+        seed: int,
+        limits: PlanConfig,
+        touch_m: float = 0.001,
+        backwards: bool = False,
+    ) -> PathResult:
+        """See `MotionPlanner`; the path is reproducible unless the time limit is reached.
 
-    Raises:
-        ValueError: `ends` is empty.
-    """
-    if not ends:
-        raise ValueError("plan_path needs at least one pair of ends.")
-    return _Search(collision, arm, ends, config, touch_m).run(seed)
+        Pairs of shapes that are closer than the margin at an end may be as close along the path;
+        all other pairs keep the margin.
+
+        Raises:
+            ValueError: There are no goals.
+        """
+        if not len(goals):
+            raise ValueError("A motion planner needs at least one goal.")
+        if backwards:
+            ends = [Ends(open=goal, tight=start) for goal in goals]
+        else:
+            ends = [Ends(open=start, tight=goal) for goal in goals]
+        result = _Search(world, self._arm, ends, limits, touch_m).run(seed)
+        if backwards and result.path is not None:
+            result = replace(result, path=result.path[::-1])
+        return result
 
 
 def path_rad(path: Array) -> float:
@@ -114,7 +125,7 @@ def path_rad(path: Array) -> float:
 
 
 class _Search:
-    """The attempts of one call of `plan_path`."""
+    """The attempts of one call of `OmplPlanner.plan`."""
 
     def __init__(
         self,

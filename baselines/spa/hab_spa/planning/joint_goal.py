@@ -13,10 +13,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from hab_plans.motion import Failure
 
 from hab_spa.planning.collision import ArmCollision
 from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD, BatchArm, IkConfig, Tool
-from hab_spa.results import Failure, GoalResult
+from hab_spa.results import GoalResult
 from hab_spa.shapes import Array, invert_pose
 from hab_tasks.constants import REST_POSITION_M
 from hab_tasks.robots.robot import ROBOT

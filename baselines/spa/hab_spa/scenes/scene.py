@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Protocol
 
+from hab_plans.belief import Scene as Beliefs
+
 from hab_spa.planning.collision import ArmCollision
 from hab_spa.shapes import Array
 from hab_tasks.navigation import NavigationMap
-from hab_tasks.privileged import ArticulationState
 
 
-class Scene(Protocol):
+class Scene(Beliefs, Protocol):
     """The robot's model of the world at the current step."""
 
     def forget(self) -> None:
@@ -32,23 +33,6 @@ class Scene(Protocol):
         """(4, 4) pose of the base frame."""
         ...
 
-    @property
-    def holding(self) -> bool:
-        """Whether the hand holds an object."""
-        ...
-
-    def holds(self, number: int) -> bool:
-        """Whether the hand is believed to hold this object of the episode."""
-        ...
-
-    def object_m(self, number: int) -> Array:
-        """Returns the believed centre of mass (3,) of an object."""
-        ...
-
-    def goal_m(self, number: int) -> Array:
-        """Returns the goal (3,) of its centre of mass."""
-        ...
-
     def grasp_points_m(self, number: int, *, around: bool = False) -> Array:
         """Returns world points (P, 3) at which the hand can grasp an object.
 
@@ -58,10 +42,6 @@ class Scene(Protocol):
 
     def ee_from_held(self) -> Array:
         """Returns the held object's reference point (3,) in the end-effector's frame."""
-        ...
-
-    def articulation(self, number: int) -> ArticulationState:
-        """Returns a door or drawer of the episode."""
         ...
 
     def collision(

@@ -6,14 +6,14 @@ import time
 from dataclasses import dataclass, field
 
 import numpy as np
+from hab_plans.motion import GRASP, RELEASE, Failure, Motion
 
 from hab_spa.motion.moves import follow, wait
 from hab_spa.motion.rest import rest
-from hab_spa.motion.robot import GRASP, RELEASE, Motion, Robot
-from hab_spa.planning.arm_plan import Ends, PlanConfig, plan_path
+from hab_spa.motion.robot import Robot
+from hab_spa.planning.arm_plan import PlanConfig
 from hab_spa.planning.collision import ArmCollision
 from hab_spa.planning.path import TimingConfig
-from hab_spa.results import Failure
 from hab_spa.shapes import Array
 from hab_spa.skills.drawer_lines import HandleLines, Line, LineConfig
 from hab_tasks.articulations import DRAWER
@@ -182,10 +182,7 @@ def _reach(
     robot: Robot, collision: ArmCollision, lines: list[Line], config: DrawerConfig
 ) -> Motion:
     """Moves to the start of one of the lines, preferably the first."""
-    start = robot.scene.arm_qpos.copy()
-    ends = [Ends(open=start, tight=line.poses[0]) for line in lines]
-    result = plan_path(collision, robot.kinematics, ends, robot.next_seed(), config.plan)
-    robot.spend("motion", result.seconds)
+    result = robot.plan(np.stack([line.poses[0] for line in lines]), collision, config.plan)
     if result.path is None:
         return result.failure
     return (yield from follow(robot, result.path, config.reach_share))

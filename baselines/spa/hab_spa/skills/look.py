@@ -6,10 +6,11 @@ from collections.abc import Generator
 from dataclasses import dataclass, field
 
 import numpy as np
+from hab_plans.motion import Command
 
 from hab_spa.motion.moves import follow
-from hab_spa.motion.robot import Command, Robot
-from hab_spa.planning.arm_plan import Ends, PlanConfig, plan_path
+from hab_spa.motion.robot import Robot
+from hab_spa.planning.arm_plan import PlanConfig
 from hab_spa.planning.collision import ArmCollision
 from hab_spa.planning.ik import BatchArm
 from hab_spa.planning.joint_goal import apart, in_arm, near_rest
@@ -90,10 +91,7 @@ def _look_from(
     robot: Robot, scene: SeenScene, poses: Array, collision: ArmCollision, config: LookConfig
 ) -> Generator[Command, None, None]:
     """Moves the arm to one of the poses (P, 7), looking during the motion and at its end."""
-    start = scene.arm_qpos.copy()
-    ends = [Ends(open=start, tight=pose) for pose in poses]
-    result = plan_path(collision, robot.kinematics, ends, robot.next_seed(), config.plan)
-    robot.spend("motion", result.seconds)
+    result = robot.plan(poses, collision, config.plan)
     if result.path is None:
         return
     for step, command in enumerate(follow(robot, result.path, config.share)):

@@ -7,10 +7,11 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from hab_plans.motion import GRASP, RELEASE, Failure, Motion
 
 from hab_spa.motion.moves import go, sampled
 from hab_spa.motion.rest import rest
-from hab_spa.motion.robot import GRASP, RELEASE, Motion, Robot
+from hab_spa.motion.robot import Robot
 from hab_spa.planning.collision import ArmCollision
 from hab_spa.planning.escape import escape
 from hab_spa.planning.joint_goal import (
@@ -20,7 +21,6 @@ from hab_spa.planning.joint_goal import (
     sample_tight_goals,
     tight_search,
 )
-from hab_spa.results import Failure
 from hab_spa.shapes import Array, invert_pose
 
 

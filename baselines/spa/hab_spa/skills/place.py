@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Generator
 from dataclasses import replace
 
+from hab_plans.motion import RELEASE, Command, Failure, Motion
+
 from hab_spa.motion.moves import go, sampled, wait
 from hab_spa.motion.rest import rest
-from hab_spa.motion.robot import RELEASE, Command, Motion, Robot
+from hab_spa.motion.robot import Robot
 from hab_spa.planning.ik import Tool
 from hab_spa.planning.joint_goal import JUDGE_SEED, count_goals
 from hab_spa.planning.place_goal import lowering, sample_placing_goals
-from hab_spa.results import Failure
 from hab_spa.shapes import Array
 
 

@@ -1,1 +1,1 @@
-"""Rearrangement tasks: execution of task plans by skills and navigation."""
+"""Planned skills inside tasks: providers, navigators and hand-over for `hab_plans`."""

@@ -2,54 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import torch
 from hab_eval.load_agent import load_agent
+from hab_plans.belief import point_of
+from hab_plans.motion import Failure, Motion
+from hab_plans.protocols import BasePose, NavigationRequest
 
 from hab_spa.motion.drive import DriveConfig, drive_to
-from hab_spa.motion.robot import Motion, Robot
-from hab_spa.results import Failure
+from hab_spa.motion.robot import Robot
 from hab_spa.shapes import Array, invert_pose
-from hab_spa.tasks.standing import Standing, fold
+from hab_spa.tasks.standing import fold
 from hab_tasks.agent import AgentSetup, AgentSpec, TargetFrame
+from hab_tasks.constants import NAVIGATE_HORIZON_STEPS
 from hab_tasks.episodes.robot_start import in_base_frame
-from hab_tasks.navigation import NavigationMap
 from hab_tasks.robots.control import BASE_CELLS, STOP_SHARE
+from hab_tasks.skills.navigate import NAVIGATE_ID
 
-NAVIGATE_ID = "HabNavigate-v1"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class NavigationRequest:
-    """A navigation goal.
-
-    Attributes:
-        point_m: (3,) point to reach from the goal, in the world.
-        map: Ground-truth map of the floor.
-        choose_base_pose: Chooses a base pose; None if there is none. It may use more knowledge
-            than the robot has, so learned policies must not call it.
-    """
-
-    point_m: Array
-    map: NavigationMap
-    choose_base_pose: Callable[[], Standing | None]
+ORACLES = ("oracle", "perfect")
 
 
-Navigator = Callable[[Robot, NavigationRequest], Motion]
-
-
-def oracle(robot: Robot, request: NavigationRequest) -> Motion:
+@dataclass(frozen=True, kw_only=True)
+class OracleNavigator:
     """Follows the shortest path on the ground-truth map, with the simulated base drive."""
-    standing = request.choose_base_pose()
-    if standing is None:
-        return Failure.TARGET_PLAN
-    yield from fold(robot, standing)
-    robot.doing = "navigate"
-    return (yield from drive_to(robot, request.map, standing.base, DriveConfig()))
+
+    horizon_steps: int = NAVIGATE_HORIZON_STEPS
+
+    def go(self, robot: Robot, request: NavigationRequest) -> Motion:
+        """Drives to a base pose that was chosen with ground truth."""
+        pose = request.choose_base_pose()
+        if pose is None:
+            return Failure.TARGET_PLAN
+        yield from fold(robot, pose)
+        return (yield from self.drive(robot, pose))
+
+    def drive(self, robot: Robot, pose: BasePose) -> Motion:
+        """Drives to a base pose, with the arm as it is."""
+        robot.doing, config = "navigate", DriveConfig(turning_m=pose.turning_m)
+        return (yield from drive_to(robot, robot.scene.floor_map(), pose.base, config))
 
 
 class PolicyNavigator:
@@ -58,6 +51,8 @@ class PolicyNavigator:
     Attributes:
         spec: Spec of that agent.
     """
+
+    horizon_steps = NAVIGATE_HORIZON_STEPS
 
     def __init__(self, reference: str, setup: AgentSetup) -> None:
         """Loads the agent.
@@ -73,14 +68,13 @@ class PolicyNavigator:
         self._agent = load_agent(reference, replace(setup, env_id=NAVIGATE_ID, options=options))
         self.spec: AgentSpec = self._agent.spec
 
-    def __call__(self, robot: Robot, request: NavigationRequest) -> Motion:
+    def go(self, robot: Robot, request: NavigationRequest) -> Motion:
         """Drives; returns `Failure.EXECUTION` if the agent does not stop in time."""
-        robot.doing = "navigate by policy"
+        robot.doing, point_m = "navigate by policy", point_of(robot.scene, request.stage)
         self._agent.reset(torch.ones(1, dtype=torch.bool), [robot.next_seed()])
         while robot.steps_left > 0:
-            share = self._share(
-                self._agent.act(observation(robot, request.point_m, self.spec.target_frame))
-            )
+            seen = observation(robot, point_m, self.spec.target_frame)
+            share = self._share(self._agent.act(seen))
             yield robot.command(base=share)
             if max(abs(share[0]), abs(share[1])) <= STOP_SHARE:
                 return None
@@ -117,15 +111,13 @@ def observation(robot: Robot, point_m: Array, frame: TargetFrame) -> dict[str, A
     }
 
 
-def navigator_of(setup: AgentSetup) -> Navigator:
+def navigator_of(setup: AgentSetup) -> OracleNavigator | PolicyNavigator:
     """Returns the navigator of the option ``navigation``: oracle, perfect or ``module:factory``.
+
+    With ``perfect``, the agent's control mode is one of base poses.
 
     Raises:
         HabError: The agent ``module:factory`` cannot be loaded.
     """
     name = setup.options.get("navigation", "oracle")
-    return NAVIGATORS[name] if name in NAVIGATORS else PolicyNavigator(name, setup)
-
-
-NAVIGATORS: dict[str, Navigator] = {"oracle": oracle, "perfect": oracle}
-"""Option ``navigation`` -> navigator; ``perfect`` has another control mode, of base poses."""
+    return OracleNavigator() if name in ORACLES else PolicyNavigator(name, setup)

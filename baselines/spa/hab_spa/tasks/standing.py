@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from hab_plans.motion import Motion
+from hab_plans.protocols import BasePose
 
 from hab_spa.motion.moves import go
 from hab_spa.motion.rest import TUCKED_QPOS_RAD
-from hab_spa.motion.robot import Motion, Robot
+from hab_spa.motion.robot import Robot
 from hab_spa.shapes import Array
-from hab_spa.tasks.interactions import Interaction, Score
-from hab_tasks.navigation import NavigationMap
+
+Score = Callable[[Array, int], float]
+"""(base pose (3,), effort) -> number of solutions found from there; 0 if the pose is useless."""
 
 SAME_ARM_RAD = 0.1
 """Maximum joint error of an arm that is already in the required pose."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Standing:
-    """A base pose (3,) and the arm pose (7,) [rad] in which the robot drives there."""
-
-    base: Array
-    arm_rad: Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,28 +42,22 @@ class StandingConfig:
 
 
 def choose(
-    robot: Robot,
-    item: Interaction,
-    map_: NavigationMap,
-    tried: list[Standing],
-    config: StandingConfig,
-) -> Standing | None:
-    """Returns the best-scored base pose for an interaction, and appends it to `tried`.
+    robot: Robot, poses: Array, score: Score, tried: Sequence[BasePose], config: StandingConfig
+) -> BasePose | None:
+    """Returns the best-scored base pose for a skill.
 
     Args:
         robot: The robot, its arm at rest.
-        item: The interaction.
-        map_: The current floor map.
+        poses: Candidates (K, 3), best first.
+        score: Scores them.
         tried: Base poses that have failed.
         config: Parameters.
     """
-    poses = item.base_poses(robot, map_)
     for other in tried:
         poses = poses[np.linalg.norm(poses[:, :2] - other.base[:2], axis=1) >= config.apart_m]
     few = spread(np.array_split(poses, 2)[0], config.base_poses)
     more = spread(poses, config.more_base_poses)
     arms = (robot.scene.arm_qpos.copy(), np.array(TUCKED_QPOS_RAD))
-    score = item.score(robot, map_)
     for (some, effort), arm_rad in product(((few, 1), (more, 1), (more, config.effort)), arms):
         best, highest = None, 0.0
         for pose, value in _scored(robot, score, some, arm_rad, effort):
@@ -77,8 +66,7 @@ def choose(
             if highest >= config.enough_score:
                 break
         if best is not None:
-            tried.append(Standing(base=best, arm_rad=arm_rad))
-            return tried[-1]
+            return BasePose(base=best, arm_rad=arm_rad)
     return None
 
 
@@ -96,7 +84,7 @@ def _scored(
             yield pose, score(pose, effort)
 
 
-def fold(robot: Robot, standing: Standing) -> Motion:
+def fold(robot: Robot, standing: BasePose) -> Motion:
     """Moves the arm to the pose for driving to a base pose."""
     gap_rad = np.abs(robot.scene.arm_qpos - standing.arm_rad).max()
     if gap_rad <= SAME_ARM_RAD:

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from hab_plans.motion import Command
 
 from hab_spa.motion.drive import STEP_M, STEP_RAD
-from hab_spa.motion.robot import Command, Robot
+from hab_spa.motion.robot import Robot
 from hab_spa.motion.wheels import Wheels, WheelsConfig, angle
 from hab_spa.shapes import Array
 

@@ -7,12 +7,12 @@ from collections.abc import Callable, Generator
 from dataclasses import replace
 
 import numpy as np
+from hab_plans.motion import GRASP, RELEASE, Command, Failure, Motion
 
 from hab_spa.motion.moves import go, wait
 from hab_spa.motion.rest import TUCKED_QPOS_RAD, draw_out, rest
-from hab_spa.motion.robot import GRASP, RELEASE, Command, Motion, Robot
+from hab_spa.motion.robot import Robot
 from hab_spa.planning.path import time_path
-from hab_spa.results import Failure
 from hab_spa.shapes import Array
 from hab_spa.skills.fridge.arc import DoorPath
 from hab_spa.skills.fridge.base_poses import BasePoseSearch, SelectedBasePose

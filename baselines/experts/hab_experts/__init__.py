@@ -1,0 +1,114 @@
+"""Scripted experts: the actions of skills' environments that imitation learns from.
+
+Each is a function of a skill's environment, of which it knows all. Its action depends on the
+current state alone, so that it can label the states that another policy visits. In a vector
+environment, ``env.call("ask", "hab_experts:pick_action")`` returns the actions of all rows.
+"""
+
+from __future__ import annotations
+
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hab_experts.door import door_motion
+from hab_experts.drawer import drawer_motion
+from hab_experts.pick import pick_motion
+from hab_experts.place import place_motion
+from hab_tasks.engine.skill_env import SkillEnv
+from hab_tasks.episodes import Episode
+from hab_tasks.navigation import ShortestPathFollower
+
+SKILLS = {
+    "pick_action": ("pick",),
+    "place_action": ("place",),
+    "drawer_action": ("open_drawer", "close_drawer"),
+    "door_action": ("open_fridge", "close_fridge"),
+    "shortest_path_action": ("navigate",),
+}
+"""Expert -> the skills that it masters."""
+
+_followers: WeakKeyDictionary[SkillEnv, tuple[Episode, ShortestPathFollower]] = WeakKeyDictionary()
+"""Environment -> its episode and the follower of that."""
+
+
+def pick_action(env: SkillEnv) -> NDArray[np.float32]:
+    """Returns the ``ee`` action of an expert that knows all objects, (1, 4).
+
+    It picks the target by feedback (`hab_experts.pick`).
+    """
+    simulation = env.simulation
+    target = simulation.episode.targets[0]
+    action = pick_motion(
+        simulation.snapshot,
+        holds=simulation.held_name() == target.object,
+        nearest=simulation.truth.nearest_object() == target.object,
+        fridge=simulation.truth.fridge_around(target.start),
+    )
+    return action.astype(np.float32)[None]
+
+
+def place_action(env: SkillEnv) -> NDArray[np.float32]:
+    """Returns the ``ee`` action of an expert that knows the object's place, (1, 4).
+
+    It places the object by feedback (`hab_experts.place`).
+    """
+    simulation = env.simulation
+    target = simulation.episode.targets[0]
+    action = place_motion(
+        simulation.snapshot,
+        np.array(simulation.goals.goals_m[0, 0].tolist()),
+        holds=simulation.held_name() == target.object,
+        fridge=simulation.truth.fridge_around(target.goal),
+    )
+    return action.astype(np.float32)[None]
+
+
+def drawer_action(env: SkillEnv) -> NDArray[np.float32]:
+    """Returns the ``ee`` action of an expert that knows the drawer's axis, (1, 4).
+
+    It opens or closes the drawer by feedback (`hab_experts.drawer`).
+    """
+    (drawer,) = env.simulation.articulations()
+    action = drawer_motion(env.simulation.snapshot, drawer, opens=_opens(env))
+    return action.astype(np.float32)[None]
+
+
+def door_action(env: SkillEnv) -> NDArray[np.float32]:
+    """Returns the ``ee_base`` action of an expert that knows the door's axis, (1, 6).
+
+    It opens or closes the fridge's door by feedback (`hab_experts.door`).
+    """
+    (door,) = env.simulation.articulations()
+    action = door_motion(env.simulation.snapshot, door, opens=_opens(env))
+    return action.astype(np.float32)[None]
+
+
+def shortest_path_action(env: SkillEnv, repeat: int = 1) -> NDArray[np.int64]:
+    """Returns the ``base_discrete`` action of an expert that knows the map and the goal, (1,).
+
+    It follows the shortest path from the current base pose (`ShortestPathFollower`), as Habitat's
+    follower does for imitation learning.
+
+    Args:
+        env: Navigate.
+        repeat: Number of steps for which each action is executed; the same in an episode.
+    """
+    base = env.simulation.snapshot.base[0].astype(float)
+    return np.array([_follower(env, repeat).action(base)], dtype=np.int64)
+
+
+def _follower(env: SkillEnv, repeat: int) -> ShortestPathFollower:
+    """Returns the follower of the current episode."""
+    found, episode = _followers.get(env), env.simulation.episode
+    if found is None or found[0] is not episode:
+        assert episode.navigation is not None
+        map_ = env.simulation.maps.of(episode.scene_id, episode.joints)
+        goal = np.array(episode.navigation.base)
+        _followers[env] = found = episode, ShortestPathFollower(map_, goal, repeat)
+    return found[1]
+
+
+def _opens(env: SkillEnv) -> bool:
+    return env.skill.name.startswith("open")

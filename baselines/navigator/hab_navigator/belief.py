@@ -1,0 +1,97 @@
+"""What the robot believes of the goal pose: the network's distribution but for what was tried."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from hab_navigator.network import ASIDE_RAD, HEADINGS
+from hab_navigator.robot_map import CELL_M, RobotMap
+from hab_navigator.views import SIDE, middle_m
+from hab_tasks.privileged import Array
+
+FOUND_M = (0.15, 0.35)
+"""A stop at a place finds all goals within the first distance, and none beyond the second:
+Navigate's 0.3 m, but for where exactly the robot comes to stop."""
+
+EXCLUDED_M = (0.28, 0.33)
+"""Likewise a stop in vain, whose pose is known, excludes goals."""
+
+COVERED_RAD = 0.5
+"""Both with the heading so near to its own."""
+
+
+class GoalBelief:
+    """A distribution over cells and headings around the point to go to, in a map's frame.
+
+    Attributes:
+        places_m: (SIDE, SIDE, 2) the cells.
+        yaws_rad: (HEADINGS, SIDE, SIDE) the headings there.
+        found: (HEADINGS, SIDE, SIDE) share of the goals that a stop in a pose finds.
+    """
+
+    def __init__(self, map_: RobotMap) -> None:
+        """Believes nothing yet; the map has seen the point."""
+        self._middle_m = middle_m(map_)
+        self.places_m: Array = self._middle_m + _OFFSETS_M
+        gaps_m = map_.point_m - self.places_m
+        facing_rad = np.arctan2(gaps_m[..., 1], gaps_m[..., 0])
+        self.yaws_rad: NDArray[Any] = facing_rad + ASIDE_RAD * _BINS[:, None, None]
+        self._shares = np.zeros((HEADINGS, SIDE, SIDE))
+        self._left = np.ones_like(self._shares)
+        self.found = self._shares
+
+    def learn(self, shares: Array) -> None:
+        """Takes the network's distribution (HEADINGS, SIDE, SIDE)."""
+        self._shares = shares
+
+    def exclude(self, pose: Array) -> None:
+        """Excludes the goals that a stop in a pose (3,) would have found."""
+        near = _share(np.linalg.norm(self.places_m - pose[:2], axis=-1), EXCLUDED_M)
+        turns_rad = np.angle(np.exp(1j * (self.yaws_rad - pose[2])))
+        self._left *= 1.0 - near * _covered_share(turns_rad)
+
+    def forgive(self) -> None:
+        """Takes all exclusions back."""
+        self._left[:] = 1.0
+
+    def update(self, free: NDArray[np.bool_]) -> None:
+        """Computes `found` for cells (SIDE, SIDE) that are free or not; no goal is in others."""
+        self.found = ndimage.convolve(self._shares * self._left * free, _COVERED, mode="constant")
+
+    def cell_of(self, pose: Array) -> tuple[int, int] | None:
+        """Returns the cell of a pose (3,); None outside."""
+        x, y = np.floor((pose[:2] - self._middle_m) / CELL_M).astype(int) + SIDE // 2
+        return (int(x), int(y)) if 0 <= x < SIDE and 0 <= y < SIDE else None
+
+    def found_at(self, pose: Array) -> float:
+        """Returns the share of the goals that a stop in a pose (3,) finds."""
+        cell = self.cell_of(pose)
+        if cell is None:
+            return 0.0
+        ahead_rad = float(self.yaws_rad[HEADINGS // 2, cell[0], cell[1]])
+        heading = round(math.remainder(pose[2] - ahead_rad, 2 * math.pi) / ASIDE_RAD)
+        heading += HEADINGS // 2
+        return float(self.found[heading, cell[0], cell[1]]) if 0 <= heading < HEADINGS else 0.0
+
+
+def _share(gaps_m: Array, bounds_m: tuple[float, float]) -> Array:
+    """Returns 1 up to the first distance, 0 from the second on, and a line between them."""
+    return np.clip((bounds_m[1] - gaps_m) / (bounds_m[1] - bounds_m[0]), 0.0, 1.0)
+
+
+def _covered_share(turns_rad: Array) -> Array:
+    """Returns which share of the headings of bins, so far from a stop's heading, it finds."""
+    return np.clip((COVERED_RAD + ASIDE_RAD / 2 - np.abs(turns_rad)) / ASIDE_RAD, 0.0, 1.0)
+
+
+_STEPS_M = (np.arange(SIDE) - (SIDE - 1) / 2) * CELL_M
+_OFFSETS_M: Any = np.stack(np.meshgrid(_STEPS_M, _STEPS_M, indexing="ij"), axis=-1)
+_STEPS = np.arange(-3, 4)
+_DISC = _share(CELL_M * np.hypot(_STEPS[:, None], _STEPS[None]), FOUND_M)
+_COVERED = _covered_share(ASIDE_RAD * np.array((-1, 0, 1)))[:, None, None] * _DISC
+_BINS = np.arange(HEADINGS) - HEADINGS // 2

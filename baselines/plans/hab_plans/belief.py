@@ -1,0 +1,71 @@
+"""What a robot believes of the world, as atoms of the planning domain."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from hab_plans.problem import Atom, atoms_of
+from hab_plans.stage import Stage
+from hab_tasks.constants import PLACE_RADIUS_M
+from hab_tasks.privileged import Array, ArticulationState
+from hab_tasks.tasks.base import Condition, Task
+
+
+class Scene(Protocol):
+    """Beliefs about the objects, doors and drawers of an episode, by number."""
+
+    @property
+    def holding(self) -> bool:
+        """Whether the hand holds an object."""
+        ...
+
+    def holds(self, number: int) -> bool:
+        """Whether the hand is believed to hold this object of the episode."""
+        ...
+
+    def object_m(self, number: int) -> Array:
+        """Returns the believed centre of mass (3,) of an object."""
+        ...
+
+    def goal_m(self, number: int) -> Array:
+        """Returns the goal (3,) of its centre of mass."""
+        ...
+
+    def articulation(self, number: int) -> ArticulationState:
+        """Returns a door or drawer of the episode."""
+        ...
+
+
+def point_of(scene: Scene, stage: Stage) -> Array:
+    """Returns the point (3,) that the hand has to reach in a stage: an object, goal or handle."""
+    if stage.articulation is not None:
+        return scene.articulation(stage.articulation).handle_m
+    return scene.object_m(stage.object) if stage.skill == "pick" else scene.goal_m(stage.object)
+
+
+def achieved(task: Task, stage: Stage, scene: Scene) -> bool:
+    """Returns whether a stage's effect holds, as far as a scene knows."""
+    return atoms_of(task.spec, stage.effect) <= believed(task, scene)
+
+
+def believed(task: Task, scene: Scene) -> frozenset[Atom]:
+    """Returns the atoms that the robot believes to hold: held, placed, open and closed."""
+    objects = range(task.objects)
+    held = tuple(k for k in objects if scene.holds(k))
+    placed = tuple(k for k in objects if k not in held and _at_goal(scene, k))
+    opened, closed = [], []
+    for number, kind in enumerate(task.articulations):
+        articulation = scene.articulation(number)
+        lower, upper = articulation.limits
+        joint = np.array(articulation.joint)
+        share = np.array((articulation.joint - lower) / (upper - lower))
+        opened += [number] * bool(kind.is_open(joint, share))
+        closed += [number] * bool(kind.is_closed(joint))
+    condition = Condition(held=held, placed=placed, opened=tuple(opened), closed=tuple(closed))
+    return atoms_of(task.spec, condition)
+
+
+def _at_goal(scene: Scene, number: int) -> bool:
+    return bool(np.linalg.norm(scene.object_m(number) - scene.goal_m(number)) < PLACE_RADIUS_M)

@@ -1,0 +1,162 @@
+"""Execution of a task's plan, stage by stage, with navigation before each (S H.1, H.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Generic
+
+from hab_plans.belief import achieved
+from hab_plans.errors import NoPlanError
+from hab_plans.motion import Failure, Motion
+from hab_plans.motion_log import MotionLog, R
+from hab_plans.observe import start_given
+from hab_plans.plan import Action, Plan, plan_of
+from hab_plans.problem import Atom, problem_of
+from hab_plans.protocols import BasePose, NavigationRequest, SkillProvider, Team
+from hab_plans.stage import Stage, stage_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExecutorConfig:
+    """Parameters of plan execution.
+
+    Attributes:
+        attempts: Maximum attempts of a stage, each from another base pose.
+        replans: Maximum number of plans after the first, each from the believed state.
+        watches: Whether a stage ends when the believed state has changed otherwise than by its
+            effect, which needs another plan; base poses are then remembered for each state.
+        goes_on: Whether a skill also starts where navigation has failed, and the last plan goes on
+            after a stage that was not achieved, as the paper's do: a stage begins when the skill
+            before it has ended, whether by its own condition or at its horizon.
+    """
+
+    attempts: int = 1
+    replans: int = 0
+    watches: bool = False
+    goes_on: bool = False
+
+
+class Executor(Generic[R]):
+    """Executes the plan of one task with one robot."""
+
+    def __init__(self, log: MotionLog[R], team: Team[R], config: ExecutorConfig) -> None:
+        """Creates the executor of an episode.
+
+        Args:
+            log: Time limits and trace of the robot's motions.
+            team: Who executes what.
+            config: Parameters.
+        """
+        self._log, self._team, self._config = log, team, config
+        self._tried: dict[tuple[Action, frozenset[Atom] | None], list[BasePose]] = {}
+
+    def run(self) -> Motion:
+        """Executes the plan, and further ones from the believed state when a stage fails."""
+        log, config, robot = self._log, self._config, self._log.robot
+        plan: Plan | None = plan_of(log.env_id)
+        for number in range(1 + config.replans):
+            to_the_end = config.goes_on and number == config.replans
+            robot.failure = yield from self._carry_out(plan, number, to_the_end)
+            if log.over or to_the_end:
+                break
+            plan = self._next_plan()  # after the last action too: effects may have been undone
+            if plan is None:
+                break
+            if not plan.actions:
+                robot.failure = None
+                break
+        robot.doing = "done" if robot.failure is None else f"failed: {robot.failure.value}"
+        return robot.failure
+
+    def _next_plan(self) -> Plan | None:
+        """Returns a plan from the believed state; None if there is none that the team can do."""
+        from hab_plans.solve import solve  # a slow import, needed only after a failure
+
+        start = start_given(self._log.env_id, self._log.believed())
+        try:
+            plan = solve(problem_of(self._log.env_id).started(start))
+        except NoPlanError:
+            return None
+        known = {action.skill for action in plan.interactions} <= self._team.skills.keys()
+        return plan if known else None
+
+    def _carry_out(self, plan: Plan, number: int, to_the_end: bool) -> Motion:
+        """Executes the stages of a plan; returns the first failure."""
+        first: Failure | None = None
+        for place, action in enumerate(plan.interactions, 1):
+            if self._log.over:
+                return first or Failure.EXECUTION
+            stage = stage_of(self._log.task, action)
+            self._log.label = f"{place}/{len(plan.interactions)} {action}"
+            facts = {"plan": number, "stage": place, "skill": stage.skill}
+            failure = yield from self._stage(stage, facts)
+            first = first or failure
+            if failure is not None and not to_the_end:
+                break
+        return first
+
+    def _stage(self, stage: Stage, facts: dict[str, Any]) -> Motion:
+        """Tries a stage; returns None if it was achieved, as far as the robot knows."""
+        log, team = self._log, self._team
+        before = self._watched()
+        tried = self._tried.setdefault((stage.action, before), [])  # shared by successive plans
+        failure: Failure | None = Failure.EXECUTION  # if no time is left
+        for attempt in range(self._config.attempts):
+            yield from team.hand_over.prepare(stage, attempt)
+            if log.over:
+                break
+            now = {**facts, "attempt": attempt}
+            failure = yield from self._get_there(stage, tried, now)
+            if failure is Failure.TARGET_PLAN:  # there is no other base pose
+                tried.clear()  # the next plan may succeed from one of these
+                break
+            if failure is None or self._config.goes_on:
+                failure = yield from self._act(stage, now)
+            failure = self._judged(stage, failure)
+            if failure is None:
+                break
+            log.robot.failure = failure
+            if self._watched() != before:
+                break
+        return failure
+
+    def _get_there(self, stage: Stage, tried: list[BasePose], facts: dict[str, Any]) -> Motion:
+        """Navigates to where a stage's skill can start, and makes the arm ready."""
+        log, team, robot = self._log, self._team, self._log.robot
+        skill = team.skills[stage.skill]
+        if not skill.can_start(robot, stage):
+            return None
+
+        def choose() -> BasePose | None:
+            pose = skill.base_pose(robot, stage, tried)
+            if pose is not None:
+                tried.append(pose)
+            return pose
+
+        request = NavigationRequest(stage=stage, tried=tried, choose_base_pose=choose)
+        going = team.navigator.go(robot, request)
+        failure = yield from log.timed("navigate", going, team.navigator.horizon_steps, **facts)
+        if failure is not Failure.TARGET_PLAN:
+            yield from team.hand_over.arrive(stage, request)
+        return failure
+
+    def _act(self, stage: Stage, facts: dict[str, Any]) -> Motion:
+        """Runs a stage's skill."""
+        skill, robot = self._team.skills[stage.skill], self._log.robot
+        motion = skill.start(robot, stage)
+        facts |= {"by": skill.name, "start": skill.start_of(robot, stage)}
+        return (yield from self._log.timed(stage.skill, motion, skill.horizon_steps, **facts))
+
+    def _watched(self) -> frozenset[Atom] | None:
+        return self._log.believed() if self._config.watches else None
+
+    def _judged(self, stage: Stage, failure: Failure | None) -> Failure | None:
+        """Adds to the trace whether a stage was achieved; returns None if the robot thinks so."""
+        skill: SkillProvider[R] = self._team.skills[stage.skill]
+        effect, log = failure is None, self._log
+        if log.believes:
+            effect = achieved(log.task, stage, log.robot.scene)
+        log.robot.trace[-1]["achieved"] = effect
+        if skill.knows_effect:
+            return None if effect else failure or Failure.EXECUTION
+        return failure

@@ -1,0 +1,148 @@
+"""Planning problems of tasks: initial state and goal (S H.1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hab_plans.errors import PlannerError
+from hab_plans.extension import ACTIONS
+from hab_tasks.registration import TASKS, imported_id
+from hab_tasks.task_order import container_at_goal, container_at_start
+from hab_tasks.task_spec import TaskSpec
+
+if TYPE_CHECKING:
+    from hab_tasks.tasks.base import Condition, Task
+
+DOMAIN = Path(__file__).parent / "domain.pddl"
+
+
+def domain() -> str:
+    """Returns the planning domain in PDDL, with registered actions."""
+    base = DOMAIN.read_text(encoding="utf-8").rstrip()
+    return "\n\n".join((base.removesuffix(")"), *ACTIONS.values())) + ")\n" if ACTIONS else base
+
+
+Atom = tuple[str, ...]
+"""A ground atom: predicate, then arguments."""
+
+ROOM, SPAWN = "room", "spawn"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaskProblem:
+    """A STRIPS problem.
+
+    Attributes:
+        name: Name of the task.
+        things: Type -> names of the objects.
+        start: Initial state; all other atoms are false.
+        goal: Atoms of the goal.
+    """
+
+    name: str
+    things: dict[str, tuple[str, ...]]
+    start: frozenset[Atom]
+    goal: frozenset[Atom]
+
+    def pddl(self) -> str:
+        """Returns the problem as a PDDL file for `DOMAIN`."""
+        things = "\n".join(
+            f"    {' '.join(names)} - {k}" for k, names in self.things.items() if names
+        )
+        start, goal = (
+            "\n".join(f"    ({' '.join(atom)})" for atom in sorted(atoms))
+            for atoms in (self.start, self.goal)
+        )
+        return (
+            f"(define (problem {self.name})\n  (:domain home-assistant)\n"
+            f"  (:objects\n{things})\n  (:init\n{start})\n  (:goal (and\n{goal})))\n"
+        )
+
+    def started(self, atoms: frozenset[Atom]) -> TaskProblem:
+        """Returns the problem with another initial state, for replanning."""
+        return replace(self, start=atoms)
+
+
+def thing(name: str) -> str:
+    """Returns the PDDL name of a target."""
+    return name.replace("_", "-")
+
+
+def things(spec: TaskSpec) -> tuple[str, ...]:
+    """Returns the PDDL names of a task's targets, in order."""
+    return tuple(thing(target.name) for target in spec.targets)
+
+
+def spec_of(reference: str) -> TaskSpec:
+    """Returns the declaration of a task.
+
+    Args:
+        reference: Environment id, ``X-v1`` or ``module:X-v1``.
+
+    Raises:
+        PlannerError: Not the id of a task.
+        HabError: The module cannot be imported.
+    """
+    env_id = imported_id(reference) if ":" in reference else reference
+    if env_id not in TASKS:
+        raise PlannerError(f"{reference!r} is not a task. Valid: {', '.join(TASKS)}.")
+    return TASKS[env_id]
+
+
+def task_of(reference: str) -> Task:
+    """Returns a compiled task; raises as `spec_of` does."""
+    spec = spec_of(reference)
+    from hab_tasks.tasks.compile import compile_task  # loads the simulator
+
+    return compile_task(spec)
+
+
+@cache
+def problem_of(reference: str) -> TaskProblem:
+    """Returns the problem of a task: the initial state of S H.1, and the task's success as goal.
+
+    Raises:
+        PlannerError: Not the id of a task.
+    """
+    spec = spec_of(reference)
+    items = things(spec)
+    goals = {item: f"{item}-goal" for item in items}
+    start: set[Atom] = {("at-robot", SPAWN), ("hand-empty",), ("is-open", ROOM)}
+    for item, target in zip(items, spec.targets, strict=True):
+        start.add(("in", item, container_at_start(spec, target) or ROOM))
+        start.add(("goal-in", goals[item], container_at_goal(spec, target) or ROOM))
+        if target.inside is None:
+            start.add(("free-standing", goals[item]))
+        else:
+            start.add(("inside", goals[item], goals[thing(target.inside)]))
+    for name in spec.articulations:
+        opened = name in spec.starts_open
+        start |= {("articulated", name), ("is-open" if opened else "is-closed", name)}
+    done = {("at", item, goal) for item, goal in goals.items()}
+    return TaskProblem(
+        name=spec.name.replace("_", "-"),
+        things={
+            "item": items,
+            "goal": tuple(goals.values()),
+            "container": (*spec.articulations, ROOM),
+            "pose": (SPAWN,),
+        },
+        start=frozenset(start),
+        goal=frozenset(done | {("is-closed", name) for name in spec.ends_closed}),
+    )
+
+
+def atoms_of(spec: TaskSpec, condition: Condition) -> frozenset[Atom]:
+    """Returns the atoms of a condition, e.g. of a stage or of a task's success."""
+    items, names = things(spec), spec.articulations
+    return frozenset(
+        (
+            *(("holding", items[k]) for k in condition.held),
+            *(("at", items[k], f"{items[k]}-goal") for k in condition.placed),
+            *(("is-open", names[j]) for j in condition.opened),
+            *(("is-closed", names[j]) for j in condition.closed),
+        )
+    )

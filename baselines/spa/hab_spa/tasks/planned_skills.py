@@ -1,0 +1,132 @@
+"""Skills of a task by sense-plan-act, as providers of a plan's executor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+from hab_plans.motion import Motion
+from hab_plans.protocols import BasePose
+from hab_plans.stage import Stage
+
+from hab_spa.motion.robot import Robot
+from hab_spa.shapes import Array
+from hab_spa.skills.drawer import close_drawer, drawer_base_poses, drawer_score, open_drawer
+from hab_spa.skills.fridge.skill import close_fridge, fridge_base_poses, fridge_score, open_fridge
+from hab_spa.skills.pick import pick, pick_score
+from hab_spa.skills.place import place, place_score
+from hab_spa.tasks.standing import Score, StandingConfig, choose
+from hab_tasks.constants import SKILL_HORIZON_STEPS
+from hab_tasks.navigation import NavigationMap, poses_reaching
+
+NEAREST_M, FARTHEST_M = 0.4, 1.35
+"""Horizontal distance from the base at which the arm can pick or place."""
+
+
+SkillMotion = Callable[[Robot, int], Motion]
+"""(robot, number of the object, door or drawer) -> motion."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedSkill:
+    """A skill.
+
+    Attributes:
+        motion: Starts the skill.
+        base_poses: (robot, number, map) -> candidate base poses (K, 3), best first.
+        score: (robot, number, map) -> scoring function of base poses.
+        guide: Robot whose scene is used to choose base poses, e.g. with ground truth; None for the
+            robot that acts.
+        standing: Parameters of base pose selection.
+    """
+
+    motion: SkillMotion
+    base_poses: Callable[[Robot, int, NavigationMap], Array]
+    score: Callable[[Robot, int, NavigationMap], Score]
+    guide: Robot | None = None
+    standing: StandingConfig = field(default_factory=StandingConfig)
+
+    name = "spa_priv"
+    horizon_steps = SKILL_HORIZON_STEPS
+    knows_effect = True
+
+    def can_start(self, robot: Robot, stage: Stage) -> bool:
+        """Returns True: what cannot start fails by itself."""
+        return True
+
+    def base_pose(self, robot: Robot, stage: Stage, tried: Sequence[BasePose]) -> BasePose | None:
+        """Returns the base pose with the best score, apart from those tried."""
+        guide, number, map_ = self.guide or robot, stage.number, robot.scene.floor_map()
+        poses, score = self.base_poses(guide, number, map_), self.score(guide, number, map_)
+        return choose(guide, poses, score, tried, self.standing)
+
+    def start_of(self, robot: Robot, stage: Stage) -> None:
+        """Returns None: planning knows no training."""
+
+    def start(self, robot: Robot, stage: Stage) -> Motion:
+        """Returns the motion."""
+        return self.motion(robot, stage.number)
+
+
+def _around_object(robot: Robot, number: int, map_: NavigationMap) -> Array:
+    return poses_reaching(map_, robot.scene.object_m(number), NEAREST_M, FARTHEST_M)
+
+
+def _around_goal(robot: Robot, number: int, map_: NavigationMap) -> Array:
+    return poses_reaching(map_, robot.scene.goal_m(number), NEAREST_M, FARTHEST_M)
+
+
+def _drawer_score(robot: Robot, number: int, map_: NavigationMap, out: bool) -> Score:
+    return lambda base, _effort: drawer_score(robot, number, base, out)
+
+
+def _fridge_score(robot: Robot, number: int, map_: NavigationMap, out: bool) -> Score:
+    score = fridge_score(robot, number, map_, out)
+    return lambda base, _effort: score(base)
+
+
+PICK = PlannedSkill(
+    motion=pick,
+    base_poses=_around_object,
+    score=lambda robot, number, _map: partial(pick_score, robot, number),
+)
+PLACE = PlannedSkill(
+    motion=place,
+    base_poses=_around_goal,
+    score=lambda robot, number, _map: partial(place_score, robot, number),
+)
+SKILLS = {
+    "pick": PICK,
+    "place": PLACE,
+    **{
+        f"{verb}_drawer": PlannedSkill(
+            motion=motion, base_poses=drawer_base_poses, score=partial(_drawer_score, out=out)
+        )
+        for verb, motion, out in (("open", open_drawer, True), ("close", close_drawer, False))
+    },
+    **{
+        f"{verb}_fridge": PlannedSkill(
+            motion=motion,
+            base_poses=partial(fridge_base_poses, out=out),
+            score=partial(_fridge_score, out=out),
+        )
+        for verb, motion, out in (("open", open_fridge, True), ("close", close_fridge, False))
+    },
+}
+"""Skill -> provider, with ground truth."""
+
+
+def guided(
+    guide: Robot, motions: dict[str, Callable[[Robot, int], Motion]]
+) -> dict[str, PlannedSkill]:
+    """Returns the skills of a robot that senses, with a guide that has ground truth.
+
+    Args:
+        guide: The guide.
+        motions: Skill -> motion, where it is another one.
+    """
+    return {
+        name: replace(skill, guide=guide, motion=motions.get(name, skill.motion))
+        for name, skill in SKILLS.items()
+    }

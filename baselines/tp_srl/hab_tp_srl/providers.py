@@ -1,0 +1,138 @@
+"""Skills of TP+SRL as providers of the plan's executor: learned, or planned."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from hab_plans.motion import Failure, Motion
+from hab_plans.protocols import BasePose, SkillProvider
+from hab_plans.stage import Stage
+from hab_spa.motion.robot import Robot
+from hab_spa.tasks.planned_skills import SKILLS as PLANNED_SKILLS
+from hab_spa.tasks.planned_skills import PlannedSkill
+
+from hab_tasks.tasks.base import Task
+from hab_tp_srl.agent_policy import AgentPolicy
+from hab_tp_srl.base_poses import TURNING_M, start_pose
+from hab_tp_srl.ending import Ending
+from hab_tp_srl.policies import SkillPolicy
+from hab_tp_srl.skill import learned
+from hab_tp_srl.training_starts import features
+from hab_tp_srl.view import TaskView
+
+Policies = Mapping[str, SkillPolicy | AgentPolicy | SkillProvider[Robot] | None]
+"""Skill -> policy, provider of another package, or None for planning."""
+
+
+def providers(
+    task: Task, policies: Policies, view: TaskView, true_knowledge: bool
+) -> dict[str, SkillProvider[Robot]]:
+    """Returns the providers of a task's skills, for the robot of one row.
+
+    Args:
+        task: The task.
+        policies: Who executes each skill.
+        view: What the robot observes.
+        true_knowledge: Whether learned skills have ground truth.
+    """
+    found: dict[str, SkillProvider[Robot]] = {}
+    for skill, one in policies.items():
+        if one is None:
+            found[skill] = PlannedPart(**vars(PLANNED_SKILLS[skill]), view=view)
+        elif isinstance(one, SkillPolicy | AgentPolicy):
+            found[skill] = LearnedSkill(
+                task=task, policy=one, view=view, knows_effect=true_knowledge
+            )
+        else:
+            found[skill] = one
+    return found
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LearnedSkill:
+    """A skill by a policy.
+
+    Attributes:
+        task: The task.
+        policy: The policy.
+        view: What the robot observes.
+        knows_effect: Whether the policy has ground truth, and with it its true end.
+    """
+
+    task: Task
+    policy: SkillPolicy | AgentPolicy
+    view: TaskView
+    knows_effect: bool
+
+    @property
+    def name(self) -> str:
+        """Name of the policy."""
+        return self.policy.name
+
+    @property
+    def horizon_steps(self) -> int:
+        """Maximum number of steps."""
+        return self.policy.horizon_steps
+
+    def can_start(self, robot: Robot, stage: Stage) -> bool:
+        """Whether there is something in the hand to place."""
+        return _can_start(robot, stage)
+
+    def base_pose(self, robot: Robot, stage: Stage, tried: Sequence[BasePose]) -> BasePose:
+        """Returns a base pose from which the skill's training starts."""
+        others = [other.base for other in tried]
+        base = start_pose(robot, stage, robot.scene.floor_map(), others)
+        # The arm sticks out in front.
+        return BasePose(base=base, arm_rad=robot.scene.arm_qpos.copy(), turning_m=TURNING_M)
+
+    def start_of(self, robot: Robot, stage: Stage) -> str | None:
+        """Returns whether training knows a start like this one, for the trace.
+
+        Returns:
+            ``known`` or ``new``; None where training starts are unknown.
+        """
+        if self.policy.starts is None:
+            return None
+        entries = self.view.entries(stage, self.view.point(stage))
+        point_m = entries["extra", "point_in_base"].astype(float)
+        found = features(point_m, entries["agent", "ee_position"].astype(float))
+        return "known" if self.policy.starts.include(found) else "new"
+
+    def start(self, robot: Robot, stage: Stage) -> Motion:
+        """Returns the motion of the skill."""
+        self.view.begin(stage)
+        if not _can_start(robot, stage):
+            return _nothing_held()
+        ending = Ending(self.task, stage, self.view, robot.scene if self.knows_effect else None)
+        return learned(robot, stage, self.policy, self.view, ending)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedPart(PlannedSkill):
+    """A planned skill between learned ones.
+
+    Attributes:
+        view: What the learned ones observe; it has to know which skill begins.
+    """
+
+    view: TaskView
+
+    def can_start(self, robot: Robot, stage: Stage) -> bool:
+        """Whether there is something in the hand to place."""
+        return _can_start(robot, stage)
+
+    def start(self, robot: Robot, stage: Stage) -> Motion:
+        """Returns the motion of the skill."""
+        self.view.begin(stage)
+        return super().start(robot, stage) if _can_start(robot, stage) else _nothing_held()
+
+
+def _can_start(robot: Robot, stage: Stage) -> bool:
+    return stage.skill != "place" or robot.scene.holding
+
+
+def _nothing_held() -> Motion:
+    """Fails at once: there is nothing to place."""
+    yield from ()
+    return Failure.EXECUTION

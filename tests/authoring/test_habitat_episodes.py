@@ -102,9 +102,6 @@ def test_habitat_finds_all_that_it_looks_for():
     assert close(entry["markers"], MARKERS, 0.0)
 
 
-# Layouts ---------------------------------------------------------------------------------------
-
-
 def link_ids(file):
     return {link.name: link.id for link in urdf_links(file)}
 

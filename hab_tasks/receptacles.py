@@ -23,9 +23,6 @@ PICK_RECEPTACLES = (SOFA, FRIDGE, *COUNTER, TABLE_LIGHT, TABLE_DARK)
 PLACE_RECEPTACLES = (*PICK_RECEPTACLES, SINK)
 """Receptacles of Pick, and the sink (S H.2)."""
 
-SEEN_RECEPTACLES = (*COUNTER, SINK, TABLE_LIGHT, *CABINET, FRIDGE, TV_STAND, SOFA)
-"""Training receptacles of the generalisation study (S E.1)."""
-
 UNSEEN_RECEPTACLES = (TABLE_DARK, *SHELVES, CHAIR)
 """Held-out receptacles of the generalisation study (S E.1)."""
 

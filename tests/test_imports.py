@@ -56,6 +56,7 @@ ORDER = [
     {"__init__"},
     {"commands"},
     {"cli"},
+    {"__main__"},
 ]
 RANK = {name: rank for rank, row in enumerate(ORDER) for name in row}
 

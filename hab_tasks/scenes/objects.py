@@ -20,7 +20,7 @@ from hab_tasks.scenes.habitat.dataset import (
 )
 from hab_tasks.scenes.habitat.load import load_template
 from hab_tasks.scenes.mesh_checks import check_mesh
-from hab_tasks.scenes.meshes import parts_file, read_textured
+from hab_tasks.scenes.meshes import parts_file
 from hab_tasks.scenes.spec import CollisionSource, ObjectTemplate
 from hab_tasks.scenes.urdf import read_urdf
 from hab_tasks.scenes.urdf_checks import as_number
@@ -45,13 +45,6 @@ def load_objects(folder: str | Path | None) -> dict[str, ObjectTemplate]:
         return _embedded_objects()
     root = resolve_objects(folder)
     return _maniskill_objects(root) if (root / "models").is_dir() else _google_objects(root)
-
-
-def check_visuals(objects: dict[str, ObjectTemplate]) -> None:
-    """Raises DatasetError when a YCB object's mesh or texture cannot be drawn."""
-    for template in objects.values():
-        if template.visual_file is not None and template.visual_file.suffix == ".obj":
-            read_textured(template.visual_file)
 
 
 def _embedded_objects() -> dict[str, ObjectTemplate]:

@@ -156,9 +156,6 @@ def test_loose_things_rest_where_they_are_put(name):
         assert np.linalg.norm(np.subtract(sandbox.pose(loose)[:3], settled[loose][:3])) < 0.01
 
 
-# Micro-variations ------------------------------------------------------------------------------
-
-
 def test_all_layouts_are_there():
     # 5 macro layouts, 20 micro-variations of each, 6 dense flats: 5 + 100 + 6 = 111 (S A.2).
     assert len(DATASET.scene_files) == 111

@@ -13,9 +13,7 @@ from refusals import refused_by_command
 from hab_tasks.cli import main
 from hab_tasks.object_names import ALL_OBJECTS
 from hab_tasks.scenes.habitat import dataset as dataset_module
-from hab_tasks.scenes.habitat.dataset import (
-    SceneDataset,
-)
+from hab_tasks.scenes.habitat.dataset import SceneDataset
 
 
 @pytest.fixture
@@ -45,9 +43,6 @@ def page(done):
         elif line.strip():
             found[label] += " " + line.strip()
     return found
-
-
-# The page --------------------------------------------------------------------------------------
 
 
 def test_check_tells_what_is_there(run, tiny):
@@ -88,9 +83,6 @@ def test_check_tells_what_is_missing_and_what_is_done_about_it(run, tiny, tmp_pa
     assert "no LICENSE" in found["Missing: licence"]
 
 
-# Where ManiSkill downloads to -------------------------------------------------------------------
-
-
 def test_an_absent_dataset_names_maniskills_command_and_nothing_is_downloaded(
     asset_dir, monkeypatch
 ):
@@ -109,9 +101,6 @@ def test_an_absent_dataset_names_maniskills_command_and_nothing_is_downloaded(
     assert sorted(asset_dir.rglob("*")) == before
     words = "PATH of a ReplicaCAD folder, apartment, replica_"
     refused_by_command(main, ["check", "/nowhere/replica_cad"], words)
-
-
-# Trying layouts ---------------------------------------------------------------------------------
 
 
 def faults_with(root, template, translation, motion_type):

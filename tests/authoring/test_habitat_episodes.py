@@ -11,7 +11,7 @@ from builders import DRAWER_URDF, tiny_dataset
 from hab_authoring.habitat.convert import OWN_KEY, read_habitat
 from hab_authoring.habitat.entry import HabitatEntries
 from hab_authoring.habitat.fields import close, object_frame
-from hab_authoring.habitat.layout import HabitatLayout, urdf_link_ids
+from hab_authoring.habitat.layout import HabitatLayout, urdf_links
 from habitat_entries import (
     APARTMENT,
     DRAWER,
@@ -102,7 +102,8 @@ def test_habitat_finds_all_that_it_looks_for():
     assert close(entry["markers"], MARKERS, 0.0)
 
 
-# Layouts ---------------------------------------------------------------------------------------
+def link_ids(file):
+    return {link.name: link.id for link in urdf_links(file)}
 
 
 def numbered(names):
@@ -118,7 +119,7 @@ def test_links_are_numbered_depth_first_by_joint_name(tmp_path):
     file = tmp_path / "tree.urdf"
     file.write_text(f'<robot name="x">{text}</robot>')
     # b comes before z, and all that hangs on `right` before `left`.
-    assert urdf_link_ids(file) == numbered("base right tray left")
+    assert link_ids(file) == numbered("base right tray left")
 
 
 @pytest.mark.parametrize("which", ["apartment", pytest.param(None, marks=pytest.mark.assets)])
@@ -126,8 +127,8 @@ def test_ids_of_the_furniture(which, request):
     files = resolve_dataset(which or request.getfixturevalue("replica_cad")).urdf_files
     # In the order of the joints left_slide_bottom, left_slide_top, ..., right_slide_top.
     drawers = "drawer1_bottom drawer1_top drawer2_bottom drawer2_middle drawer2_top drawer4 drawer3"
-    assert urdf_link_ids(files["kitchen_counter"]) == numbered(f"root body {drawers}")
-    assert urdf_link_ids(files["fridge"]) == numbered("root body bottom_door top_door")
+    assert link_ids(files["kitchen_counter"]) == numbered(f"root body {drawers}")
+    assert link_ids(files["fridge"]) == numbered("root body bottom_door top_door")
 
 
 def test_the_nearest_receptacle_of_a_body_is_meant_unless_it_is_named(tmp_path):

@@ -122,9 +122,6 @@ def test_force_replaces_neither_the_source_nor_the_working_directory(tmp_path, s
             optimise.optimise(source, tmp_path / name, AssetOptions(), force=True)
 
 
-# Real data -------------------------------------------------------------------------------------
-
-
 @pytest.mark.assets
 @pytest.mark.parametrize(
     ("decimate", "triangles"),

@@ -10,13 +10,13 @@ import pytest
 from hab_authoring.layouts.checks import check_layout
 from hab_authoring.layouts.overlaps import extent
 from hab_authoring.layouts.vary import LayoutVarier, Variation
-from hab_authoring.layouts.write import write_scene
+from hab_authoring.layouts.write import write_layout_set, write_scene
 
 from hab_tasks.cli import main
 from hab_tasks.geometry import compose, inverse, to_matrix
 from hab_tasks.scenes.fields import read_json
 from hab_tasks.scenes.habitat.dataset import SceneDataset, resolve_dataset
-from hab_tasks.scenes.habitat.layout_set import LayoutSet, write_layout_set
+from hab_tasks.scenes.habitat.layout_set import LayoutSet
 from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.spec import SceneSpec
 

@@ -71,9 +71,6 @@ def test_kitchen_and_furniture_move_to_where_tasks_can_be_done_and_all_else_stay
     assert last.scene == read_json(wild.scene_file(max(wild.scene_files)))
 
 
-# The folder as a dataset --------------------------------------------------------------------------
-
-
 def test_the_folder_is_a_dataset_of_its_own_whose_layouts_take_turns(wild):
     assert wild.name == "apartment_wild_0"
     assert wild.resolve_split(None) == "test"

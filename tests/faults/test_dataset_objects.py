@@ -21,13 +21,14 @@ from faulty_data import (
     text,
     whole_dataset,
 )
+from hab_authoring.layouts.write import write_layout_set
 from PIL import Image
 from refusals import check_each, refused_by_call, refused_by_command
 
 from hab_tasks.cli import main
 from hab_tasks.object_names import ALL_OBJECTS
 from hab_tasks.scenes.habitat.dataset import SceneDataset, resolve_dataset
-from hab_tasks.scenes.habitat.layout_set import LayoutSet, write_layout_set
+from hab_tasks.scenes.habitat.layout_set import LayoutSet
 from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.meshes import textured_glb
 from hab_tasks.scenes.objects import load_objects

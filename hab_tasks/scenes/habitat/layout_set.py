@@ -5,13 +5,11 @@ Nothing of the dataset is copied. Such a folder is accepted wherever a dataset i
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from hab_tasks.errors import DatasetError
-from hab_tasks.files import written_aside
 from hab_tasks.scenes.fields import read_json
 
 FILE = "layouts.json"
@@ -65,10 +63,3 @@ def read_layout_set(file: Path) -> LayoutSet:
             f"{file}: damaged ({error}). Generate the layouts again with `hab-tasks vary --force`."
         ) from error
     return found
-
-
-def write_layout_set(layouts: LayoutSet, folder: Path) -> None:
-    """Writes ``layouts.json``, which makes the folder a dataset."""
-    with written_aside(folder / FILE) as scratch:
-        text = json.dumps({"format": FORMAT} | asdict(layouts), indent=2)
-        scratch.write_text(text + "\n", encoding="utf-8")

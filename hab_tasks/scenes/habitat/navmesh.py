@@ -1,8 +1,8 @@
 """Habitat's ``.navmesh`` files (Recast/Detour): the walkable polygons of a scene, y-up, metres.
 
 A file holds one tile: corners, convex polygons with their neighbours, and a finer mesh of
-triangles that gives the height inside each polygon. Recast rasterises the scene in cells of
-`cell_m`, takes off the agent's radius, drops regions below 1 m^2 and simplifies the outlines, so
+triangles that gives the height inside each polygon. Recast rasterises the scene in
+cells, takes off the agent's radius, drops regions below 1 m^2 and simplifies the outlines, so
 an edge is good to about a cell, and a height to `cell_height_m`.
 """
 
@@ -11,13 +11,10 @@ from __future__ import annotations
 import math
 import struct
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from hab_tasks.errors import DatasetError
 from hab_tasks.geometry import Array
@@ -28,7 +25,6 @@ _TILE = b"VAND"
 _SETTINGS_AT = 40
 _HEADER_BYTES = 100
 _LINK_BYTES = 12
-_OTHER_TILE = 0x8000
 _POLYGON = np.dtype(
     [
         ("link", "<u4"),
@@ -64,70 +60,34 @@ class Navmesh:
 
     Attributes:
         bounds: Bounding box of its source geometry.
-        cell_m: Size of Recast's cells, from `bounds.low` on.
         cell_height_m: Resolution of heights.
         agent_radius_m: Radius by which obstacles were inflated.
         agent_height_m: Required free height.
-        max_climb_m: Maximum height of a step.
-        corners_m: (V, 3) corners of all polygons.
-        polygons: Indices of each polygon's corners, in order.
-        islands: (P,) island of each polygon; island 0 is the largest.
         triangles_m: (T, 3, 3) triangles with heights inside the polygons.
-        triangle_polygons: (T,) the polygon that a triangle is in.
     """
 
     bounds: NavmeshBounds
-    cell_m: float
     cell_height_m: float
     agent_radius_m: float
     agent_height_m: float
-    max_climb_m: float
-    corners_m: Array
-    polygons: tuple[NDArray[np.int64], ...]
-    islands: NDArray[np.int64]
     triangles_m: Array
-    triangle_polygons: NDArray[np.int64]
 
-    @cached_property
-    def polygon_areas_m2(self) -> Array:
-        """Area (P,) of each polygon, seen from above."""
-        areas = []
-        for polygon in self.polygons:
-            x, z = self.corners_m[polygon][:, [0, 2]].T
-            areas.append(abs(x @ np.roll(z, -1) - z @ np.roll(x, -1)) / 2)
-        return np.array(areas)
-
-    def heights(
-        self, origin_m: Array, shape: tuple[int, int], cell_m: float, island: int | None = None
-    ) -> Array:
+    def heights(self, origin_m: Array, shape: tuple[int, int], cell_m: float) -> Array:
         """Rasterises the walkable surface.
 
         Args:
             origin_m: Middle (2,) of cell (0, 0): x and z.
             shape: Cells along x and z.
             cell_m: Their size.
-            island: Only this island; all of them when None.
 
         Returns:
             Height y [m] at the middle of each cell (X, Z), NaN where nothing is walkable; the
             lowest one where surfaces lie above one another.
         """
         grid = np.full(shape, np.inf)
-        for triangle, polygon in zip(self.triangles_m, self.triangle_polygons, strict=True):
-            if island is None or self.islands[polygon] == island:
-                _draw(grid, (triangle - [origin_m[0], 0, origin_m[1]]) / [cell_m, 1, cell_m])
+        for triangle in self.triangles_m:
+            _draw(grid, (triangle - [origin_m[0], 0, origin_m[1]]) / [cell_m, 1, cell_m])
         return np.where(np.isfinite(grid), grid, np.nan)
-
-    def contains(self, points_m: Array) -> NDArray[np.bool_]:
-        """Whether points (K, 2), x and z, lie on a walkable polygon."""
-        inside = np.zeros(len(points_m), dtype=bool)
-        for polygon in self.polygons:
-            at = self.corners_m[polygon][:, [0, 2]]
-            edge = np.roll(at, -1, axis=0) - at
-            to = points_m[:, None] - at
-            side = edge[:, 0] * to[..., 1] - edge[:, 1] * to[..., 0]
-            inside |= (side >= -1e-9).all(axis=1) | (side <= 1e-9).all(axis=1)
-        return inside
 
 
 def read_navmesh_bounds(file: Path) -> NavmeshBounds:
@@ -157,22 +117,15 @@ def read_navmesh(file: Path) -> Navmesh:
     if not all(0 <= size <= LARGEST for size in sizes_m) or not min(sizes_m[:3]) > 0:
         raise refused(file, "its cell and agent sizes", sizes_m, "numbers above 0")
     try:
-        corners, polygons, triangles, owners = _read_tile(data, at)
-        islands = _islands(polygons, corners)
+        triangles = _read_tile(data, at)
     except (ValueError, IndexError, struct.error, OverflowError) as error:
         raise DatasetError(f"{file}: cut short or damaged ({error}).") from error
     return Navmesh(
         bounds=bounds,
-        cell_m=round(cell, 6),
         cell_height_m=round(cell_height, 6),
         agent_radius_m=round(radius, 6),
         agent_height_m=round(height, 6),
-        max_climb_m=round(climb, 6),
-        corners_m=corners,
-        polygons=tuple(p["corners"][: p["count"]].astype(np.int64) for p in polygons),
-        islands=islands,
         triangles_m=triangles,
-        triangle_polygons=owners,
     )
 
 
@@ -192,8 +145,8 @@ def _bounds(file: Path, data: bytes, at: int) -> NavmeshBounds:
     return NavmeshBounds(low=values[:3], high=values[3:])
 
 
-def _read_tile(data: bytes, at: int) -> tuple[Array, NDArray, Array, NDArray[np.int64]]:
-    """Returns corners, polygons as stored, and the triangles (T, 3, 3) with their polygons."""
+def _read_tile(data: bytes, at: int) -> Array:
+    """Returns the triangles (T, 3, 3) of all polygons."""
     counts = struct.unpack_from("<6i", data, at + 24)
     if min(counts) < 0 or min(counts[:2]) < 1:
         raise ValueError(f"its numbers of polygons, corners and so on are {counts}")
@@ -218,27 +171,7 @@ def _read_tile(data: bytes, at: int) -> tuple[Array, NDArray, Array, NDArray[np.
         more = extra[detail["corner_at"] :][: detail["corners"]]
         chosen = indices[detail["triangle_at"] :][: detail["triangles"], :3]
         triangles.append(np.concatenate((own, more))[chosen])
-    owners = np.repeat(np.arange(polygon_count), [len(t) for t in triangles])
-    return corners, polygons, np.concatenate(triangles), owners
-
-
-def _islands(polygons: NDArray, corners: Array) -> NDArray[np.int64]:
-    """Numbers the connected groups of polygons, the largest area first."""
-    count = len(polygons)
-    edges = [
-        (index, int(other) - 1)
-        for index, polygon in enumerate(polygons)
-        for other in polygon["neighbours"][: polygon["count"]]
-        if other and not other & _OTHER_TILE
-    ]
-    start, end = np.array(edges, dtype=np.int64).reshape(-1, 2).T
-    graph = coo_array((np.ones(len(start)), (start, end)), shape=(count, count))
-    _, labels = connected_components(graph, directed=False)
-    areas = np.zeros(labels.max() + 1)
-    for label, polygon in zip(labels, polygons, strict=True):
-        x, z = corners[polygon["corners"][: polygon["count"]]][:, [0, 2]].T
-        areas[label] += abs(x @ np.roll(z, -1) - z @ np.roll(x, -1)) / 2
-    return np.argsort(np.argsort(-areas, kind="stable"))[labels]
+    return np.concatenate(triangles)
 
 
 def _draw(grid: Array, triangle: Array) -> None:

@@ -36,6 +36,7 @@ from hab_authoring.apartment import (
 )
 from hab_authoring.apartment.model import Dataset
 from hab_authoring.apartment.writer import write_dataset
+from hab_tasks.files import folder_written_aside
 
 NAME = "apartment"
 THEMES = (
@@ -107,24 +108,19 @@ def main() -> int:
     )
     args = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
-    args.out.parent.mkdir(parents=True, exist_ok=True)
-    place = None if args.check else args.out.resolve().parent
-    with tempfile.TemporaryDirectory(prefix=".apartment_", dir=place) as scratch:
-        made = Path(scratch) / NAME
+    if args.check:
+        with tempfile.TemporaryDirectory() as scratch:
+            write_dataset(make_dataset(), NAME, Path(scratch))
+            different = first_difference(Path(scratch), args.out)
+        if different is not None:
+            logger.error("%s differs from what the script makes", different)
+            return 1
+        logger.info("%s is up to date", args.out)
+        return 0
+    with folder_written_aside(args.out) as made:
         write_dataset(make_dataset(), NAME, made)
-        if args.check:
-            different = first_difference(made, args.out)
-            if different is not None:
-                logger.error("%s differs from what the script makes", different)
-                return 1
-            logger.info("%s is up to date", args.out)
-            return 0
         for name in sorted(filter(VARIATION.fullmatch, files_of(args.out))):
             shutil.copyfile(args.out / name, made / name)
-        # The old folder is removed only after the new one is complete.
-        if args.out.exists():
-            shutil.rmtree(args.out)
-        made.rename(args.out)
     logger.info("wrote %s", args.out)
     return 0
 

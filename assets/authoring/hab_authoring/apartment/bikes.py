@@ -5,8 +5,7 @@ import math
 import numpy as np
 
 from hab_authoring.apartment import shapes
-from hab_authoring.apartment.builder import Builder
-from hab_authoring.apartment.loose import finished
+from hab_authoring.apartment.builder import Builder, finished
 from hab_authoring.apartment.model import Box, ObjectModel, Vec3
 
 WHEEL_M, HUB_M = 0.335, 0.335  # radius, and height of the axle

@@ -3,8 +3,7 @@
 import numpy as np
 
 from hab_authoring.apartment import shapes
-from hab_authoring.apartment.builder import Builder
-from hab_authoring.apartment.loose import finished
+from hab_authoring.apartment.builder import Builder, finished
 from hab_authoring.apartment.model import Box, ObjectModel
 
 COVERS = (

@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from hab_authoring.apartment import shapes, solids
-from hab_authoring.apartment.builder import Builder
-from hab_authoring.apartment.loose import finished
+from hab_authoring.apartment.builder import Builder, finished
 from hab_authoring.apartment.model import Box, Convex, ObjectModel, Part, Receptacle
 
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hab_authoring.apartment import outlines, shapes, solids
-from hab_authoring.apartment.builder import Builder
-from hab_authoring.apartment.loose import finished
+from hab_authoring.apartment.builder import Builder, finished
 from hab_authoring.apartment.model import Array, Box, ObjectModel, Part
 
 SECTIONS = 9

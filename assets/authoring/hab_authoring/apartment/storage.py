@@ -1,8 +1,7 @@
 """Baskets, bins, boxes, the shoe rack and the closed furniture. Fronts face +z."""
 
 from hab_authoring.apartment import outlines, shapes, solids
-from hab_authoring.apartment.builder import Builder
-from hab_authoring.apartment.loose import finished, free_box
+from hab_authoring.apartment.builder import Builder, finished, free_box
 from hab_authoring.apartment.model import Box, ObjectModel, Receptacle
 
 P = "frl_apartment_"

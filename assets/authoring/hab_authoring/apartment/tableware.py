@@ -1,8 +1,7 @@
 """Tableware: bowls, cups, plates and the saucepan."""
 
 from hab_authoring.apartment import outlines, shapes, solids, vessels
-from hab_authoring.apartment.builder import Builder
-from hab_authoring.apartment.loose import finished
+from hab_authoring.apartment.builder import Builder, finished
 from hab_authoring.apartment.model import Box, ObjectModel, Vec3
 from hab_authoring.apartment.vessels import Vessel, curve
 

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hab_authoring.apartment import outlines, shapes, solids, vessels
-from hab_authoring.apartment.builder import Builder
-from hab_authoring.apartment.loose import finished, free_box
+from hab_authoring.apartment.builder import Builder, finished, free_box
 from hab_authoring.apartment.model import Box, ObjectModel, Receptacle
 from hab_authoring.apartment.vessels import Vessel
 

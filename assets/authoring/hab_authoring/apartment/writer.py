@@ -15,10 +15,11 @@ import trimesh
 from trimesh.exchange.gltf import export_glb
 from trimesh.visual import TextureVisuals
 
-from hab_authoring.apartment import inertia, lexicon, materials
+from hab_authoring.apartment import lexicon, materials
 from hab_authoring.apartment.model import (
     Array,
     Articulation,
+    Box,
     Convex,
     Dataset,
     Joint,
@@ -127,15 +128,14 @@ def _write_articulation(model: Articulation, out: Path) -> None:
 def _link_xml(link: Link) -> list[str]:
     if not link.boxes:
         return [f'  <link name="{link.name}"/>']
-    body = inertia.of_boxes(link.boxes, link.mass_kg)
+    center, tensor = _inertia(link.boxes, link.mass_kg)
     xx, yy, zz, xy, xz, yz = (
-        _number(v)
-        for v in (*np.diag(body.tensor), body.tensor[0, 1], body.tensor[0, 2], body.tensor[1, 2])
+        _number(v) for v in (*np.diag(tensor), tensor[0, 1], tensor[0, 2], tensor[1, 2])
     )
     lines = [
         f'  <link name="{link.name}">',
         "    <inertial>",
-        f'      <origin xyz="{_triple(body.center)}" rpy="0 0 0"/>',
+        f'      <origin xyz="{_triple(center)}" rpy="0 0 0"/>',
         f'      <mass value="{_number(link.mass_kg)}"/>',
         f'      <inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="{xy}" ixz="{xz}" iyz="{yz}"/>',
         "    </inertial>",
@@ -155,6 +155,21 @@ def _link_xml(link: Link) -> list[str]:
             "    </collision>",
         ]
     return [*lines, "  </link>"]
+
+
+def _inertia(boxes: list[Box], mass_kg: float) -> tuple[Array, Array]:
+    """Return the centre of mass (3,) m of boxes of one density, and their tensor (3, 3)."""
+    volumes = np.array([float(np.prod(box.size)) for box in boxes])
+    masses = mass_kg * volumes / volumes.sum()
+    centers = np.array([box.center for box in boxes])
+    center = masses @ centers / mass_kg
+    tensor = np.zeros((3, 3))
+    for mass, box in zip(masses, boxes, strict=True):
+        squares = np.asarray(box.size) ** 2
+        own = mass / 12 * np.diag(squares.sum() - squares)
+        arm = np.asarray(box.center) - center
+        tensor += own + mass * (float(arm @ arm) * np.eye(3) - np.outer(arm, arm))
+    return center, tensor
 
 
 def _joint_xml(joint: Joint) -> list[str]:

@@ -28,7 +28,8 @@ from hab_tasks.scenes.habitat.dataset import (
     SceneDataset,
     resolve_dataset,
 )
-from hab_tasks.scenes.objects import check_visuals, load_objects
+from hab_tasks.scenes.meshes import read_textured
+from hab_tasks.scenes.objects import load_objects
 
 if TYPE_CHECKING:
     from hab_authoring.commands.check import Check
@@ -66,7 +67,9 @@ def check_dataset(options: Check) -> int:
             missing.append(("YCB objects", f"{_names(lacking)} -> the folder is rejected"))
         else:
             objects = load_objects(options.objects)
-            check_visuals(objects)
+            for template in objects.values():  # read those of YCB, which loading does not
+                if template.visual_file is not None and template.visual_file.suffix == ".obj":
+                    read_textured(template.visual_file)
             masses = {name: objects[name].mass_kg for name in sorted(objects)}
             words = ", ".join(f"{name} {mass:.3f} kg" for name, mass in masses.items())
             present.append(("YCB objects", f"{len(masses)}: {words}"))

@@ -116,8 +116,7 @@ Example:
         self, dataset: SceneDataset, macro: str | None, made: Iterator[Made]
     ) -> Counter[str]:
         """Writes layouts as they are generated; returns the rejections by reason."""
-        from hab_authoring.layouts.write import write_scene
-        from hab_tasks.scenes.habitat.layout_set import write_layout_set
+        from hab_authoring.layouts.write import write_layout_set, write_scene
 
         macros: dict[str, str] = {}
         refused: Counter[str] = Counter()

@@ -54,18 +54,13 @@ class UrdfLink:
     root_from_link: Array
 
 
-def urdf_link_ids(file: Path) -> dict[str, int]:
-    """Returns link name -> Habitat's link id, in that order.
+@lru_cache(maxsize=256)
+def urdf_links(file: Path) -> tuple[UrdfLink, ...]:
+    """Returns the links of a URDF in Habitat's order, by their ids.
 
     Raises:
         DatasetError: The URDF is absent, damaged or not one tree.
     """
-    return {link.name: link.id for link in urdf_links(file)}
-
-
-@lru_cache(maxsize=256)
-def urdf_links(file: Path) -> tuple[UrdfLink, ...]:
-    """Returns the links of a URDF in Habitat's order; see `urdf_link_ids`."""
     check_urdf(file)
     robot = read_urdf(file)
     children: dict[str, list[ElementTree.Element]] = defaultdict(list)

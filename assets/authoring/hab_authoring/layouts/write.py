@@ -1,10 +1,11 @@
-"""Writes the poses of a layout to ``scene_instance.json``, converted from z-up to y-up."""
+"""Writes layouts: ``layouts.json``, and the poses of each in Habitat's format, y-up."""
 
 from __future__ import annotations
 
 import copy
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from hab_tasks.geometry import (
     to_matrix,
 )
 from hab_tasks.scenes.fields import read_json
+from hab_tasks.scenes.habitat import layout_set
 from hab_tasks.scenes.habitat.dataset import SceneDataset
 from hab_tasks.scenes.spec import ObjectInstance, SceneSpec
 
@@ -70,6 +72,13 @@ def write_scene(scene: Mapping[str, Any], folder: Path, scene_id: str) -> Path:
     with written_aside(path) as scratch:
         scratch.write_text(json.dumps(scene, indent=2) + "\n", encoding="utf-8")
     return path
+
+
+def write_layout_set(layouts: layout_set.LayoutSet, folder: Path) -> None:
+    """Writes ``layouts.json``, which makes the folder a dataset."""
+    with written_aside(folder / layout_set.FILE) as scratch:
+        text = json.dumps({"format": layout_set.FORMAT} | asdict(layouts), indent=2)
+        scratch.write_text(text + "\n", encoding="utf-8")
 
 
 def _template(entry: Mapping[str, Any]) -> str:

@@ -15,10 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hab_tasks.errors import DatasetError
-from hab_tasks.scenes.mesh_checks import check_mesh
+from hab_tasks.scenes.mesh_checks import COMPONENTS, WIDTHS, check_mesh
 
-_TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _UINT16, _UINT32 = 5123, 5125
 _ALIGNMENT_BYTES = 16
 _JSON, _BINARY = b"JSON", b"BIN\0"
@@ -47,8 +45,8 @@ class Glb:
     def array(self, accessor: int) -> NDArray[Any]:
         """Returns the values (count, width) of a plain accessor."""
         entry = self.document["accessors"][accessor]
-        kind = np.dtype(_TYPES[entry["componentType"]])
-        width, count = _WIDTHS[entry["type"]], entry["count"]
+        kind = np.dtype(COMPONENTS[entry["componentType"]])
+        width, count = WIDTHS[entry["type"]], entry["count"]
         view = self.document["bufferViews"][entry["bufferView"]]
         stride = view.get("byteStride", width * kind.itemsize)
         return np.ndarray(
@@ -70,7 +68,7 @@ class Glb:
     def add_indices(self, faces: NDArray[np.int64]) -> int:
         """Appends triangles (K, 3); returns the number of the accessor."""
         kind = _UINT16 if faces.max(initial=0) < 2**16 - 1 else _UINT32
-        values = faces.reshape(-1, 1).astype(_TYPES[kind])
+        values = faces.reshape(-1, 1).astype(COMPONENTS[kind])
         return self._add_accessor({"componentType": kind, "type": "SCALAR"}, values)
 
     def add_view(self, content: bytes) -> int:

@@ -1,9 +1,12 @@
-"""Progress of episode generation as plain lines, for logs."""
+"""Progress of commands: a bar on a terminal, plain lines in logs."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from tqdm import tqdm
 
 LINE_INTERVAL_S = 10.0
 
@@ -22,3 +25,19 @@ class GenerationLines:
             return
         self._last_line_s = now_s
         self._write(f"generated {done} of {total} episodes")
+
+
+@contextmanager
+def progress_bar(
+    unit: str, line: Callable[[int, int], None] | None = None
+) -> Iterator[Callable[[int, int], None]]:
+    """Yields a function that shows (done, all): a bar on a terminal, elsewhere it calls `line`."""
+    with tqdm(unit=unit, disable=None) as bar:
+
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+            if bar.disable and line is not None:
+                line(done, total)
+
+        yield show

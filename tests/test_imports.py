@@ -69,7 +69,8 @@ PACKAGES = [
     {"hab_tp_srl"},
 ]
 
-FOLDERS = {p.parent.name: p.parent for p in ROOT.glob("[!.]*/**/hab_*/__init__.py")}
+FOUND = (p.parent for p in ROOT.glob("[!.]*/**/hab_*/__init__.py") if "build" not in p.parts)
+FOLDERS = {folder.name: folder for folder in FOUND}
 FOLDERS["hab_tasks"] = ROOT / "hab_tasks"
 
 # The same for hab_spa.
@@ -90,7 +91,7 @@ SPA = ROOT / "baselines" / "spa" / "hab_spa"
 
 # The same for hab_authoring.
 AUTHORING_ORDER = [
-    {"__init__", "apartment", "inventory"},
+    {"__init__", "apartment", "inventory", "showroom"},
     {"habitat", "layouts"},
     {"figures", "pipeline"},
     {"commands"},

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, ClassVar
 
 import tyro
-from tqdm import tqdm
 
 from hab_tasks.console import Command
 from hab_tasks.errors import HabError
 from hab_tasks.executors import ExecutorChoice, open_executor
 from hab_tasks.files import check_file
+from hab_tasks.generation_lines import GenerationLines, progress_bar
 from hab_tasks.option_values import LARGEST_SEED, MOST_WORKERS, whole
 from hab_tasks.registration import imported_id
 
@@ -80,7 +78,11 @@ On a Ray cluster, from one of its nodes:
         journal = EpisodeJournal(journal_of(self.out), source.configuration())
         journal.open(resume=self.resume, force=self.force)
         source.restore(journal.entries, self.count)
-        with open_executor(self, self.workers) as executor, _progress(self.count) as show:
+        lines = GenerationLines(partial(print, flush=True))
+        with (
+            open_executor(self, self.workers) as executor,
+            progress_bar("episode", lines.show) as show,
+        ):
             source.prepare(self.count, executor, show, journal.append)
         source.save(self.count, self.out)
         journal.remove()
@@ -116,19 +118,3 @@ def check_ending(file: Path) -> None:
     """Raises HabError for an episode file without a valid suffix."""
     if not file.name.endswith(EPISODE_ENDINGS):
         raise HabError(f"--out {file}: an episode file must end in {' or '.join(EPISODE_ENDINGS)}.")
-
-
-@contextmanager
-def _progress(count: int) -> Iterator[Callable[[int, int], None]]:
-    """Yields a function that shows (episodes ready, `count`): as a bar on a terminal, or lines."""
-    from hab_tasks.generation_lines import GenerationLines
-
-    if not sys.stderr.isatty():
-        yield GenerationLines(lambda line: print(line, flush=True)).show
-        return
-    with tqdm(total=count, unit="episode") as bar:
-
-        def show(ready: int, _: int) -> None:
-            bar.update(ready - bar.n)
-
-        yield show

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from builders import DRAWER_URDF, box_glb, tiny_dataset, write_json, write_scene
 from hab_authoring.layouts.checks import Baseline, check_layout, free_range
+from hab_authoring.layouts.overlaps import bodies_of, depth_m, rearranged
 
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.scenes.floor import body_points
 from hab_tasks.scenes.habitat.dataset import SceneDataset, resolve_dataset
 from hab_tasks.scenes.habitat.load import load_scene
-from hab_tasks.scenes.layout_geometry import Layout, depth_m
+from hab_tasks.scenes.layout_geometry import Layout
 
 SCENE = "v3_sc0_staging_00"
 POST = "post_:0000"
@@ -78,14 +79,14 @@ def test_a_drawer_opens_until_it_meets_something(dataset_of):
     layout = layout_of(dataset)
     (slide,) = layout.joints
     assert (slide.kind, slide.lower, slide.upper) == ("slide", 0.0, pytest.approx(0.5))
-    found = free_range(slide, layout.bodies)
+    found = free_range(slide, bodies_of(layout))
     assert (found.lower, found.upper, found.blocker) == (0.0, pytest.approx(0.225), POST)
     assert check_layout(dataset, SCENE).reasons == (
         "blocked joint: chestOfDrawers_01_:0000 slide opens over [0.00, 0.23] m of [0.00, 0.50], "
         "then meets post_:0000",
     )
-    away = layout.moved({POST: shift(0.0, 0.3)})
-    assert free_range(slide, away.bodies).upper == pytest.approx(0.5)
+    away = rearranged(layout, {POST: shift(0.0, 0.3)})
+    assert free_range(slide, bodies_of(away)).upper == pytest.approx(0.5)
 
 
 def test_floor_behind_furniture_is_cut_off_and_its_receptacles_are_out_of_reach(dataset_of):
@@ -115,7 +116,7 @@ def test_handles_need_room():
     # The fridge faces +x: the table goes 1 m before it, in the middle of the spawn rectangle.
     x_m, y_m = np.subtract(fridge.world_from_root[:2], table.world_from_object[:2])
     motions = {table.name: shift(x_m + 1.0, y_m)}
-    kinds = {fault.kind for fault in baseline.cramped(layout.moved(motions), motions)}
+    kinds = {fault.kind for fault in baseline.cramped(rearranged(layout, motions), motions)}
     assert "no room at a handle" in kinds
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hab_authoring.layouts.checks import check_layout
+from hab_authoring.layouts.overlaps import extent
 from hab_authoring.layouts.vary import LayoutVarier, Variation
 from hab_authoring.layouts.write import write_scene
 
@@ -75,7 +76,7 @@ def found(request, tmp_path_factory) -> Made:
 
 def test_pieces_swap_and_others_are_perturbed_with_what_stands_on_them(found):
     pieces = {piece.name: piece for piece in found.varier.pieces}
-    rugs = [flat.box_m[1, 2] for flat in found.varier.flat.all]
+    rugs = [extent(flat).box_m[1, 2] for flat in found.varier.flat.all]
     for number, variation in enumerate(found.variations):
         motions = found.motions(number)
         swapped = [name for pair in variation.swapped for name in pair]

@@ -5,13 +5,14 @@ import pytest
 import trimesh
 from faulty_data import navmesh_bytes
 from hab_authoring.layouts.checks import free_range
+from hab_authoring.layouts.overlaps import Bodies, depth_m, extent
 from hab_authoring.layouts.standing import FloorPlan
 
 from hab_tasks.scenes.floor import CELL_M, Footprint, largest_area, touched
 from hab_tasks.scenes.habitat.dataset import SceneDataset, embedded_dataset
 from hab_tasks.scenes.habitat.load import load_scene
 from hab_tasks.scenes.habitat.navmesh import read_navmesh, read_navmesh_bounds
-from hab_tasks.scenes.layout_geometry import STAGE, Bodies, Layout, depth_m
+from hab_tasks.scenes.layout_geometry import STAGE, Layout
 from hab_tasks.scenes.walls import cut, walls_between, walls_in_mesh
 
 
@@ -129,7 +130,7 @@ def test_no_wall_reaches_into_furniture_or_stops_doors_and_drawers(layouts):
         inner = Bodies(stage[5:])  # after floor and outer walls
         assert 0 < len(inner.all) <= 40, scene
         for body in layout.placed.values():
-            near = inner.near(body.box_m) if body.piece != STAGE else []
+            near = inner.near(extent(body).box_m) if body.piece != STAGE else []
             assert all(depth_m(body, wall) <= 0.01 for wall in near), f"{scene}: {body.name}"
         for joint in layout.joints:
             found = free_range(joint, Bodies(stage))

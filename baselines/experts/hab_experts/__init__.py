@@ -16,7 +16,6 @@ from hab_experts.door import door_motion
 from hab_experts.drawer import drawer_motion
 from hab_experts.pick import pick_motion
 from hab_experts.place import place_motion
-from hab_tasks.arrays import to_tensor
 from hab_tasks.engine.skill_env import SkillEnv
 from hab_tasks.episodes import Episode
 from hab_tasks.navigation import ShortestPathFollower
@@ -30,9 +29,8 @@ SKILLS = {
 }
 """Expert -> the skills that it masters."""
 
-_Followers = dict[int, tuple[Episode, ShortestPathFollower]]
-_followers: WeakKeyDictionary[SkillEnv, _Followers] = WeakKeyDictionary()
-"""Environment -> row -> the follower of its episode."""
+_followers: WeakKeyDictionary[SkillEnv, tuple[Episode, ShortestPathFollower]] = WeakKeyDictionary()
+"""Environment -> its episode and the follower of that."""
 
 
 def pick_action(env: SkillEnv) -> NDArray[np.float32]:
@@ -88,7 +86,7 @@ def door_action(env: SkillEnv) -> NDArray[np.float32]:
 
 
 def shortest_path_action(env: SkillEnv, repeat: int = 1) -> NDArray[np.int64]:
-    """Returns the ``base_discrete`` action of an expert that knows the map and the goal, (N,).
+    """Returns the ``base_discrete`` action of an expert that knows the map and the goal, (1,).
 
     It follows the shortest path from the current base pose (`ShortestPathFollower`), as Habitat's
     follower does for imitation learning.
@@ -97,20 +95,18 @@ def shortest_path_action(env: SkillEnv, repeat: int = 1) -> NDArray[np.int64]:
         env: Navigate.
         repeat: Number of steps for which each action is executed; the same in an episode.
     """
-    bases = to_tensor(env.simulation.snapshot.base).cpu().numpy().astype(float)
-    actions = [_follower(env, row, repeat).action(base) for row, base in enumerate(bases)]
-    return np.array(actions, dtype=np.int64)
+    base = env.simulation.snapshot.base[0].astype(float)
+    return np.array([_follower(env, repeat).action(base)], dtype=np.int64)
 
 
-def _follower(env: SkillEnv, row: int, repeat: int) -> ShortestPathFollower:
-    """Returns the follower of a row's episode."""
-    kept, episode = _followers.setdefault(env, {}), env.episode[row]
-    found = kept.get(row)
+def _follower(env: SkillEnv, repeat: int) -> ShortestPathFollower:
+    """Returns the follower of the current episode."""
+    found, episode = _followers.get(env), env.simulation.episode
     if found is None or found[0] is not episode:
         assert episode.navigation is not None
         map_ = env.simulation.maps.of(episode.scene_id, episode.joints)
         goal = np.array(episode.navigation.base)
-        kept[row] = found = episode, ShortestPathFollower(map_, goal, repeat)
+        _followers[env] = found = episode, ShortestPathFollower(map_, goal, repeat)
     return found[1]
 
 

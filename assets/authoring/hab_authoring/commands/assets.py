@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import os
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
-from tqdm import tqdm
 
 from hab_authoring.pipeline.options import AssetOptions
 from hab_tasks.console import Command
+from hab_tasks.generation_lines import progress_bar
 
 if TYPE_CHECKING:
     from hab_authoring.pipeline.footprint import Footprint
@@ -70,7 +67,7 @@ Example:
             texture_px=self.texture_size,
             texture_format=self.texture_format,
         )
-        with _progress() as progress:
+        with progress_bar("mesh", _line) as progress:
             report = optimise(
                 dataset,
                 self.out,
@@ -97,15 +94,7 @@ def _sizes(footprint: Footprint) -> str:
     return f"{footprint.triangles} triangles, {meshes:.1f} MB, textures {textures:.1f} MB"
 
 
-@contextmanager
-def _progress() -> Iterator[Callable[[int, int], None]]:
-    """Yields a progress callback: a bar on a terminal, a few lines elsewhere."""
-    with tqdm(unit="mesh", disable=not sys.stderr.isatty()) as bar:
-
-        def show(done: int, count: int) -> None:
-            bar.total = count
-            bar.update(done - bar.n)
-            if bar.disable and done and done * LINES // count > (done - 1) * LINES // count:
-                print(f"{done} of {count} meshes", flush=True)
-
-        yield show
+def _line(done: int, count: int) -> None:
+    """Prints some of the lines of a log."""
+    if done and done * LINES // count > (done - 1) * LINES // count:
+        print(f"{done} of {count} meshes", flush=True)

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import tyro
-from tqdm import tqdm
 
 from hab_tasks.commands.episodes import check_ending
 from hab_tasks.console import Command
 from hab_tasks.files import check_file
+from hab_tasks.generation_lines import progress_bar
 from hab_tasks.registration import imported_id
 
 if TYPE_CHECKING:
@@ -69,9 +67,9 @@ Example:
         from hab_authoring.habitat.start import draw_starts
         from hab_tasks.episodes.schema import write_episodes
 
-        with _bar("episode") as progress:
+        with progress_bar("episode") as progress:
             made = read_habitat(self.source, dataset, objects, self.env, progress)
-        with _bar("start") as progress:
+        with progress_bar("start") as progress:
             made = draw_starts(made, dataset, objects, progress)
         write_episodes(made, self.out)
         print(f"wrote {len(made)} episodes ({made.split}) for {made.env} to {self.out}")
@@ -85,7 +83,7 @@ Example:
         from hab_authoring.habitat.convert import OWN_KEY, to_habitat
         from hab_tasks.episodes.schema import read_episodes, save_json
 
-        with _bar("episode") as progress:
+        with progress_bar("episode") as progress:
             raw = to_habitat(read_episodes(self.source), dataset, objects, progress)
         save_json(raw, self.out, sort_keys=False)
         print(f"wrote {len(raw['episodes'])} episodes in Habitat's format to {self.out}")
@@ -95,17 +93,6 @@ Example:
         beside = Counter(key for fields in (*own, raw.get(OWN_KEY, {})) for key in fields)
         print(f"  stored under {OWN_KEY!r}, which Habitat ignores: {_listed(beside)}")
         print("  dropped: nothing")
-
-
-@contextmanager
-def _bar(unit: str) -> Iterator[Callable[[int, int], None]]:
-    with tqdm(unit=unit, disable=not sys.stderr.isatty()) as bar:
-
-        def progress(ready: int, count: int) -> None:
-            bar.total = count
-            bar.update(ready - bar.n)
-
-        yield progress
 
 
 def _listed(counts: Mapping[str, int]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import textwrap
 from collections import Counter
 from collections.abc import Iterable
@@ -95,7 +94,7 @@ def _simulate(options: Check, dataset: SceneDataset, scenes: list[str]) -> int:
         check_layouts(dataset, scenes, min(options.workers, len(scenes))),
         total=len(scenes),
         unit="layout",
-        disable=not sys.stderr.isatty(),
+        disable=None,
     )
     for scene_id, faults in trials:
         by_kind = _by_kind(faults)

@@ -8,7 +8,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from hab_authoring.figures.frames import Arrow, Frame, draw_frames, photograph
+from hab_authoring.figures.frames import Arrow, Frame, draw_frames, photo_of
 from hab_tasks.engine.sensors import OBJECT_START
 
 FRAMES_PICTURE = "frames.png"
@@ -58,7 +58,7 @@ def draw_frames_picture(file: Path) -> None:
         target_m = now.objects_m[0, 0].astype(float)
         draw_frames(
             file,
-            photograph(base.scene.sub_scenes[0], eye_m, at_m),
+            photo_of(base.scene.sub_scenes[0], eye_m, at_m),
             (
                 Frame(name="base frame", world_from_frame=world_from_base, length_m=0.4),
                 Frame(name="hand's frame", world_from_frame=world_from_ee, length_m=0.2),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -51,7 +50,7 @@ Example:
         jobs |= self._episode_jobs(dataset)
         for name in jobs:
             check_file(self.out / name, force=self.force)
-        for name, draw in tqdm(jobs.items(), unit="figure", disable=not sys.stderr.isatty()):
+        for name, draw in tqdm(jobs.items(), unit="figure", disable=None):
             draw(self.out / name)
         for line in [f"wrote {self.out / name}" for name in jobs] + notes:
             print(line)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import statistics
-import sys
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -122,7 +121,7 @@ Example:
 
         macros: dict[str, str] = {}
         refused: Counter[str] = Counter()
-        bar = tqdm(made, total=self.count, unit="layout", disable=not sys.stderr.isatty())
+        bar = tqdm(made, total=self.count, unit="layout", disable=None)
         with folder_written_aside(self.out) as folder:
             for scene_id, source, scene, reasons in bar:
                 write_scene(scene, folder, scene_id)

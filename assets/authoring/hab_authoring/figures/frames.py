@@ -13,9 +13,9 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from PIL import Image
 
+from hab_authoring.showroom import photograph
 from hab_tasks.figure_style import BLUE, GREEN, ORANGE, VERMILION, new_figure, save
 from hab_tasks.geometry import Array
-from hab_tasks.rendering import use_default_shaders
 
 AXES = (("x", VERMILION), ("y", GREEN), ("z", BLUE))
 SIZE_PX, INCHES = (660, 540), 4.4
@@ -74,23 +74,13 @@ class Photo:
         return np.array((x / ahead, y / ahead))
 
 
-def photograph(scene: sapien.Scene, eye_m: Array, at_m: Array) -> Photo:
+def photo_of(scene: sapien.Scene, eye_m: Array, at_m: Array) -> Photo:
     """Renders a scene from a point (3,) towards another (3,)."""
-    use_default_shaders()
     camera = sapien.render.RenderCameraComponent(*SIZE_PX)
     camera.set_fovy(FIELD_RAD)
     camera.near, camera.far = 0.05, 50.0
-    entity = sapien.Entity()
-    entity.add_component(camera)
-    entity.pose = look_at(eye_m.tolist(), at_m.tolist()).sp
-    scene.add_entity(entity)
-    scene.update_render()
-    camera.take_picture()
-    color = camera.get_picture("Color")[..., :3]
-    eye_from_world = np.array(camera.get_extrinsic_matrix(), dtype=float)[:3]
+    image, eye_from_world = photograph(scene, camera, look_at(eye_m.tolist(), at_m.tolist()).sp)
     intrinsics = np.array(camera.get_intrinsic_matrix(), dtype=float)
-    scene.remove_entity(entity)
-    image = (255 * color.clip(0, 1)).round().astype(np.uint8)
     return Photo(image=image, eye_from_world=eye_from_world, intrinsics=intrinsics)
 
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from hab_authoring.figures.moved import moved_furniture
 from hab_authoring.figures.plan import aspect, draw_plan, outlines, room_box
-from hab_authoring.figures.showroom import Showroom
 from hab_authoring.inventory import macro_layouts, macro_of, micro_variations
 from hab_authoring.layouts.furnishing import COUNTER, CUPBOARD
+from hab_authoring.showroom import Showroom
 from hab_tasks.figure_style import new_figure, save
 from hab_tasks.scenes.habitat.dataset import SceneDataset
 from hab_tasks.scenes.habitat.load import load_scene
@@ -40,7 +40,7 @@ def draw_macros(dataset: SceneDataset, file: Path, backend: str) -> None:
         if showroom is None:
             draw_plan(axes, plan)
         else:
-            picture = showroom.picture(spec, *room_box(plan), PIXELS_PER_M)
+            picture = showroom.top_view(spec, *room_box(plan), PIXELS_PER_M)
             axes.imshow(picture, interpolation="lanczos")
         axes.set_axis_off()
         axes.set_title(spec.scene_id, fontsize=9)

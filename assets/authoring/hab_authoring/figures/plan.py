@@ -11,7 +11,7 @@ from matplotlib.collections import PolyCollection
 
 from hab_tasks.figure_style import EDGE, ORANGE
 from hab_tasks.geometry import Array
-from hab_tasks.scenes.floor import outline
+from hab_tasks.scenes.floor import footprints
 from hab_tasks.scenes.layout_geometry import STAGE, Layout
 from hab_tasks.scenes.spec import SceneSpec
 
@@ -40,12 +40,11 @@ def outlines(spec: SceneSpec) -> list[Outline]:
     """Returns the outlines of all bodies of a layout, doors and drawers closed."""
     found = []
     for body in Layout.of(spec).placed.values():
-        shapes = np.split(body.points_m[:2].T, body.shapes.starts[1:])
-        for corners, top_m in zip(shapes, body.high_m[:, 2], strict=False):
+        for shape in footprints(body.points_m, body.shapes.starts):
             piece = body.piece
             if piece == STAGE:
-                piece = "floor" if top_m < FLOOR_TOP_M else "wall"
-            found.append(Outline(piece=piece, corners_m=outline(corners), top_m=float(top_m)))
+                piece = "floor" if shape.high_m < FLOOR_TOP_M else "wall"
+            found.append(Outline(piece=piece, corners_m=shape.outline_m, top_m=shape.high_m))
     return found
 
 

@@ -7,6 +7,7 @@ A layout is checked on its own (`check_layout`), or against the macro layout tha
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
@@ -14,20 +15,20 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from hab_authoring.layouts.overlaps import (
+    Bodies,
+    bodies_of,
+    depth_m,
+    overlaps,
+    pieces_of,
+    swept_boxes_m,
+)
 from hab_authoring.layouts.standing import FloorPlan, HandleRoom, handle_room, reachable
 from hab_tasks.privileged import Array
 from hab_tasks.scenes.floor import CELL_M, FreeFloor
 from hab_tasks.scenes.habitat.dataset import SceneDataset
 from hab_tasks.scenes.habitat.load import load_scene
-from hab_tasks.scenes.layout_geometry import (
-    STAGE,
-    Bodies,
-    Joint,
-    Layout,
-    PosedBody,
-    depth_m,
-    overlaps,
-)
+from hab_tasks.scenes.layout_geometry import STAGE, Joint, Layout, PosedBody
 from hab_tasks.scenes.markers import FRIDGES
 
 MAX_DEPTH_M = 0.0101
@@ -120,7 +121,7 @@ def free_range(joint: Joint, others: Bodies, hinge_step_rad: float = HINGE_STEP_
     """
     near = [
         (body, other)
-        for body, box_m in zip(joint.members, joint.swept_boxes_m, strict=True)
+        for body, box_m in zip(joint.members, swept_boxes_m(joint), strict=True)
         for other in others.near(box_m)
         if other.piece != joint.piece
     ]
@@ -151,7 +152,7 @@ class Baseline:
                 is accepted; without this argument, floor cut off in the macro layout is.
         """
         self._needs = requirements
-        bodies = layout.bodies
+        bodies = bodies_of(layout)
         self.layout = layout
         self.plan = FloorPlan(layout)
         self._depths = {_pair(a, b): depth for a, b, depth in overlaps(bodies, bodies)}
@@ -165,18 +166,18 @@ class Baseline:
 
     def overlapping(self, layout: Layout, moved: Iterable[str]) -> Iterator[Fault]:
         """Yields overlaps of the `moved` pieces that are deeper than in the macro layout."""
-        for first, second, depth in overlaps(layout.of_pieces(moved), layout.bodies):
+        for first, second, depth in overlaps(pieces_of(layout, moved), bodies_of(layout)):
             if depth > max(MAX_DEPTH_M, self._depths.get(_pair(first, second), 0.0) + 1e-6):
                 yield _overlap(first, second, depth)
 
     def blocked(self, layout: Layout, moved: Iterable[str]) -> Iterator[Fault]:
         """Yields joints that open less than in the macro layout, and less than tasks require."""
         moved = set(moved)
-        movers = layout.of_pieces(moved)
+        movers = pieces_of(layout, moved)
         for joint in layout.joints:
             if self._needs.task_joints_only and not _in_tasks(layout, joint):
                 continue
-            others = layout.bodies if joint.piece in moved else movers
+            others = bodies_of(layout) if joint.piece in moved else movers
             own = self._ranges[_key(joint)]
             needed = min(own.upper, _needed(layout, joint, self._needs))
             found = free_range(joint, others)
@@ -202,8 +203,16 @@ class Baseline:
                 yield from _no_room(handle, room, self._needs, self._rooms[handle])
 
 
+def is_refused(counts: Counter[str], faults: Iterator[Fault]) -> bool:
+    """Whether there is a fault; counts the first by kind."""
+    fault = next(faults, None)
+    if fault is not None:
+        counts[fault.kind] += 1
+    return fault is not None
+
+
 def _own_faults(layout: Layout, requirements: Requirements) -> Iterator[Fault]:
-    bodies = layout.bodies
+    bodies = bodies_of(layout)
     for first, second, depth in overlaps(bodies, bodies):
         if first.name < second.name and depth > MAX_DEPTH_M:
             yield _overlap(first, second, depth)

@@ -12,11 +12,12 @@ from dataclasses import dataclass
 import coal  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 import numpy as np
 
+from hab_authoring.layouts.overlaps import depth_m, extent, pieces_of, solids
 from hab_authoring.layouts.standing import ROOM_DOORS
 from hab_tasks.geometry import to_matrix
 from hab_tasks.privileged import Array
 from hab_tasks.scenes.build import FLAT_HEIGHT_M
-from hab_tasks.scenes.layout_geometry import STAGE, Layout, PosedBody, depth_m
+from hab_tasks.scenes.layout_geometry import STAGE, Layout, PosedBody
 from hab_tasks.scenes.markers import FRIDGES
 
 COUNTER, CUPBOARD = "kitchen_counter", "kitchenCupboard_01"
@@ -120,7 +121,9 @@ def flat_bodies(layout: Layout) -> list[PosedBody]:
     return [
         body
         for body in layout.placed.values()
-        if body.piece != STAGE and len(body.low_m) and body.box_m[1, 2] < FLAT_HEIGHT_M
+        if body.piece != STAGE
+        and len(body.shapes.starts)
+        and extent(body).box_m[1, 2] < FLAT_HEIGHT_M
     ]
 
 
@@ -228,16 +231,13 @@ def _walls(
     pose[:2, 0], pose[:2, 1] = sides[0].normal, sides[1].normal
     at = coal.Transform3s(pose, np.array([*center, (bottom + top) / 2]))
     found: dict[int, tuple[float, Array]] = {}
-    for wall in layout.of_pieces([STAGE]).all:
+    for wall in pieces_of(layout, [STAGE]).all:
         for axis in (0, 1):
             # Narrower, so that the end of a wall beside the piece does not count as behind it.
             half = [side.half_m * (1.0 if i == axis else 0.8) for i, side in enumerate(sides[:2])]
             probe = coal.Box(2 * half[0], 2 * half[1], top - bottom)
             result = coal.DistanceResult()
-            geometry, world_from_wall = wall.shapes.geometries[0], wall.world_from_shape[0]
-            gap = coal.distance(
-                probe, at, geometry, world_from_wall, coal.DistanceRequest(), result
-            )
+            gap = coal.distance(probe, at, *solids(wall)[0], coal.DistanceRequest(), result)
             normal = np.asarray(result.normal)[:2]
             length = np.linalg.norm(normal)
             for index in (axis, axis + 2):
@@ -299,5 +299,5 @@ def _root(name: str, carriers: Mapping[str, str]) -> str:
 
 
 def _box(own: list[PosedBody]) -> Array:
-    boxes = np.stack([body.box_m for body in own])
+    boxes = np.stack([extent(body).box_m for body in own])
     return np.stack((boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)))

@@ -7,8 +7,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from hab_authoring.layouts.overlaps import Bodies, extent, overlaps
 from hab_tasks.privileged import Array
-from hab_tasks.scenes.layout_geometry import Bodies, PosedBody, overlaps
+from hab_tasks.scenes.layout_geometry import PosedBody
 
 SINK_M = 0.008
 """Maximum penetration of a piece into a rug."""
@@ -33,19 +34,19 @@ def settled(own: Iterable[PosedBody], motion: Array, rugs: Bodies, sink_m: float
         sink_m: Maximum penetration into rugs.
     """
     own = tuple(own)
-    low = min(body.box_m[0, 2] for body in own)
+    low = min(extent(body).box_m[0, 2] for body in own)
     carrying = [
         flat
         for flat in _met(own, _lifted(np.eye(4), -sink_m), rugs)
-        if abs(low - flat.box_m[1, 2]) < sink_m
+        if abs(low - extent(flat).box_m[1, 2]) < sink_m
     ]
-    lowered = -max((flat.box_m[1, 2] for flat in carrying), default=0.0)
+    lowered = -max((extent(flat).box_m[1, 2] for flat in carrying), default=0.0)
     met = _met(own, _lifted(motion, lowered), rugs)
     if any(flat in carrying for flat in met):
         return motion
     # Hulls of soft objects may extend below the floor; they are not lifted.
     bottom = max(low + lowered, 0.0)
-    raised = max((flat.box_m[1, 2] - sink_m - bottom for flat in met), default=0.0)
+    raised = max((extent(flat).box_m[1, 2] - sink_m - bottom for flat in met), default=0.0)
     return _lifted(motion, lowered + max(raised, 0.0))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,15 +14,8 @@ from hab_tasks.constants import BASE_RADIUS_M
 from hab_tasks.geometry import to_matrix
 from hab_tasks.navigation.reaching import FARTHEST_M, NEAREST_M
 from hab_tasks.privileged import Array
-from hab_tasks.scenes.floor import (
-    CELL_M,
-    HIGHEST_M,
-    LOWEST_M,
-    FreeFloor,
-    floor_between,
-    outline,
-)
-from hab_tasks.scenes.layout_geometry import STAGE, Layout, PosedBody
+from hab_tasks.scenes.floor import CELL_M, FreeFloor, floor_between
+from hab_tasks.scenes.layout_geometry import STAGE, Layout
 from hab_tasks.scenes.markers import FRIDGES, HANDLE_MARKERS
 from hab_tasks.scenes.spec import Receptacle
 
@@ -69,7 +62,7 @@ class FloorPlan:
         fixed = [body for body in layout.placed.values() if body.piece not in loose]
         self._outlines: dict[str, list[Array]] = {}
         for body in fixed:
-            self._outlines.setdefault(body.piece, []).extend(_outlines(body))
+            self._outlines.setdefault(body.piece, []).extend(body.outlines_m)
         ground = [body.points_m[:2].T for body in fixed if body.piece == STAGE]
         self._corners = np.concatenate(ground or [body.points_m[:2].T for body in fixed])
         walls = self._outlines.get(STAGE, [])
@@ -204,13 +197,3 @@ def _free_share(world_from_origin: Array, region: Rectangle, floor: FreeFloor) -
     left = np.array([-ahead[1], ahead[0]])
     points_m = world_from_origin[:2, 3] + np.outer(x, ahead) + np.outer(y, left)
     return float(lookup(floor.room, floor, points_m).mean())
-
-
-def _outlines(body: PosedBody) -> Iterable[Array]:
-    """Yields outlines (V, 2) of the shapes of a body that obstruct the base."""
-    ends = [*body.shapes.starts, body.points_m.shape[1]][1:]
-    for start, end, low, high in zip(
-        body.shapes.starts, ends, body.low_m[:, 2], body.high_m[:, 2], strict=True
-    ):
-        if high > LOWEST_M and low < HIGHEST_M:
-            yield outline(body.points_m[:2, start:end].T)

@@ -8,28 +8,26 @@ are rejected (`hab_authoring.layouts.checks.Baseline`).
 from __future__ import annotations
 
 import math
-import re
 import zlib
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 
-from hab_authoring.layouts.checks import Baseline, Fault
+from hab_authoring.inventory import macro_layouts, macro_of
+from hab_authoring.layouts.checks import Baseline, is_refused
 from hab_authoring.layouts.furnishing import Piece, find_pieces, flat_bodies
+from hab_authoring.layouts.overlaps import Bodies, pieces_of, rearranged
 from hab_authoring.layouts.settled import SINK_M, planar, settled
 from hab_authoring.layouts.write import moved_scene
 from hab_tasks.errors import GenerationError, UnknownNameError
-from hab_tasks.geometry import Pose7, from_matrix, to_matrix
 from hab_tasks.privileged import Array
 from hab_tasks.scenes.habitat.dataset import SceneDataset
 from hab_tasks.scenes.habitat.load import load_scene
-from hab_tasks.scenes.layout_geometry import Bodies, Layout
-
-MACRO = re.compile(r"^v3_(sc\d)_staging_00$")
+from hab_tasks.scenes.layout_geometry import Layout
 
 FREE_SPACE = "piece without free space"
 """Rejection reason: no attempt to swap or perturb found room for a piece."""
@@ -89,7 +87,7 @@ def macro_scene_id(dataset: SceneDataset, name: str) -> str:
     Raises:
         UnknownNameError: The dataset has no such macro layout.
     """
-    macros = {match[1]: s for s in dataset.scene_files if (match := MACRO.match(s))}
+    macros = {str(macro_of(s)): s for s in macro_layouts(dataset)}
     if name in macros.values():
         return name
     if name not in macros:
@@ -123,7 +121,7 @@ class LayoutVarier:
             arrangement = _Arrangement(self, rng, refused)
             if arrangement.find():
                 return Variation(
-                    scene=moved_scene(self.dataset, self.spec, arrangement.poses()),
+                    scene=moved_scene(self.dataset, self.spec, arrangement.motions),
                     swapped=tuple(arrangement.swapped),
                     perturbed=tuple(arrangement.perturbed),
                     rejections=refused,
@@ -143,7 +141,7 @@ class _Arrangement:
         self._of, self._rng, self._refused = varier, rng, refused
         self._config = varier.config
         self._layout = varier.layout
-        self._motions: dict[str, Array] = {}
+        self.motions: dict[str, Array] = {}
         self.swapped: list[tuple[str, str]] = []
         self.perturbed: list[str] = []
 
@@ -163,16 +161,7 @@ class _Arrangement:
         if not self.perturbed:
             self._refused[FREE_SPACE] += 1
             return False
-        return not self._refuse(self._of.baseline.cramped(self._layout, self._motions))
-
-    def poses(self) -> dict[str, Pose7]:
-        """Returns name -> new pose of everything that moved."""
-        items = {item.name: item.world_from_object for item in self._of.spec.objects}
-        items |= {item.name: item.world_from_root for item in self._of.spec.articulations}
-        return {
-            name: from_matrix(motion @ to_matrix(items[name]))
-            for name, motion in self._motions.items()
-        }
+        return not is_refused(self._refused, self._of.baseline.cramped(self._layout, self.motions))
 
     def _swap_some(self, count: int) -> None:
         pieces = [piece for piece in self._of.pieces if piece.swappable]
@@ -181,7 +170,7 @@ class _Arrangement:
         for first, second in pairs:
             if len(self.swapped) == count:
                 return
-            if first.name in self._motions or second.name in self._motions:
+            if first.name in self.motions or second.name in self.motions:
                 continue
             for _ in range(self._config.tries):
                 there, back = self._onto(first, second), self._onto(second, first)
@@ -217,25 +206,18 @@ class _Arrangement:
         return self._settled(piece, planar(piece.center_m, piece.center_m + shift, turn))
 
     def _settled(self, piece: Piece, motion: Array) -> Array:
-        own = self._of.layout.of_pieces([piece.name]).all
+        own = pieces_of(self._of.layout, [piece.name]).all
         return settled(own, motion, self._of.flat, self._config.sink_m)
 
     def _move(self, motions: Mapping[Piece, Array]) -> bool:
         """Moves pieces and their members if they fit; returns whether they did."""
         new = {name: motion for piece, motion in motions.items() for name in piece.members}
-        layout = self._layout.moved(new)
+        layout = rearranged(self._layout, new)
         baseline = self._of.baseline
-        if self._refuse(baseline.overlapping(layout, new)):
+        if is_refused(self._refused, baseline.overlapping(layout, new)):
             return False
-        if self._refuse(baseline.blocked(layout, new)):
+        if is_refused(self._refused, baseline.blocked(layout, new)):
             return False
         self._layout = layout
-        self._motions |= new
+        self.motions |= new
         return True
-
-    def _refuse(self, faults: Iterator[Fault]) -> bool:
-        """Whether there is a fault; counts the first."""
-        fault = next(faults, None)
-        if fault is not None:
-            self._refused[fault.kind] += 1
-        return fault is not None

@@ -20,19 +20,19 @@ from typing import Any
 import numpy as np
 
 from hab_authoring.inventory import macro_layouts
-from hab_authoring.layouts.checks import FRIDGE_HINGE, WILD, Baseline, Fault, free_range
+from hab_authoring.layouts.checks import FRIDGE_HINGE, WILD, Baseline, free_range, is_refused
 from hab_authoring.layouts.furnishing import COUNTER, Piece, find_pieces, flat_bodies
+from hab_authoring.layouts.overlaps import Bodies, bodies_of, pieces_of, rearranged
 from hab_authoring.layouts.settled import planar, settled
 from hab_authoring.layouts.standing import ROOM_DOORS, FloorPlan, narrowest_aisle_m
 from hab_authoring.layouts.wild_poses import PiecePose, PoseSampler, crowding
 from hab_authoring.layouts.write import moved_scene
 from hab_tasks.errors import GenerationError
-from hab_tasks.geometry import Pose7, from_matrix, to_matrix
 from hab_tasks.privileged import Array
 from hab_tasks.scenes.fields import read_json
 from hab_tasks.scenes.habitat.dataset import SceneDataset
 from hab_tasks.scenes.habitat.load import read_scene
-from hab_tasks.scenes.layout_geometry import Bodies, Joint, Layout
+from hab_tasks.scenes.layout_geometry import Joint, Layout
 from hab_tasks.scenes.markers import FRIDGES
 from hab_tasks.scenes.walls import inner_walls, walls_without
 
@@ -155,10 +155,10 @@ class WildVarier:
         layout = arrangement.layout
         joint = emptied.hinge(layout)
         return WildLayout(
-            scene=moved_scene(self.dataset, emptied.spec, arrangement.poses(), emptied.scene),
+            scene=moved_scene(self.dataset, emptied.spec, arrangement.motions, emptied.scene),
             macro=emptied.spec.scene_id,
             fridge=emptied.fridge.template,
-            door_rad=free_range(joint, layout.bodies, self.config.step_rad).upper,
+            door_rad=free_range(joint, bodies_of(layout), self.config.step_rad).upper,
             aisle_m=narrowest_aisle_m(emptied.baseline.plan.floor(arrangement.motions)),
             rejections=refused,
         )
@@ -240,7 +240,7 @@ class _Arrangement:
     def __post_init__(self) -> None:
         self.motions = dict(self.of.away)
         self._absent = set(self.motions)
-        self.layout: Layout = self.of.layout.moved(self.motions)
+        self.layout: Layout = rearranged(self.of.layout, self.motions)
         self._floor = self.of.baseline.plan.floor(self.motions)
 
     def find(self) -> bool:
@@ -249,17 +249,7 @@ class _Arrangement:
             if not self._put(piece):
                 self.refused[FULL] += 1
                 return False
-        return not self._refuse(self.of.baseline.cramped(self.layout, self.motions))
-
-    def poses(self) -> dict[str, Pose7]:
-        """Returns name -> new pose of everything that moved."""
-        items = {item.name: item.world_from_object for item in self.of.spec.objects}
-        items |= {item.name: item.world_from_root for item in self.of.spec.articulations}
-        return {
-            name: from_matrix(motion @ to_matrix(items[name]))
-            for name, motion in self.motions.items()
-            if not np.array_equal(motion, np.eye(4))
-        }
+        return not is_refused(self.refused, self.of.baseline.cramped(self.layout, self.motions))
 
     def _order(self) -> list[Piece]:
         """Returns the kitchen, then pieces in noisy order of decreasing size."""
@@ -317,34 +307,27 @@ class _Arrangement:
         """Puts a piece at a pose if it fits; returns whether it did."""
         turn = math.atan2(pose.back[1], pose.back[0]) - math.atan2(piece.back[1], piece.back[0])
         motion = planar(piece.center_m, pose.center_m, turn)
-        own = self.of.layout.of_pieces([piece.name]).all
+        own = pieces_of(self.of.layout, [piece.name]).all
         motion = settled(own, motion, self.of.flat)
         new = dict.fromkeys(piece.members, motion)
-        layout = self.of.layout.moved(self.motions | new)
+        layout = rearranged(self.of.layout, self.motions | new)
         baseline, absent = self.of.baseline, self._absent - set(piece.members)
-        if self._refuse(baseline.overlapping(layout, new)):
+        if is_refused(self.refused, baseline.overlapping(layout, new)):
             return False
         if self.of.fridge.name not in absent and self._door_stops(layout):
             return False
-        if self._refuse(baseline.blocked(layout, new)):
+        if is_refused(self.refused, baseline.blocked(layout, new)):
             return False
         floor = baseline.plan.floor(self.motions | new)
-        if self._refuse(baseline.crowded(layout, floor, absent)):
+        if is_refused(self.refused, baseline.crowded(layout, floor, absent)):
             return False
         self.layout, self._floor, self._absent = layout, floor, absent
         self.motions |= new
         return True
 
     def _door_stops(self, layout: Layout) -> bool:
-        found = free_range(self.of.hinge(layout), layout.bodies)
+        found = free_range(self.of.hinge(layout), bodies_of(layout))
         stops = found.upper < WILD.fridge_rad
         if stops:
             self.refused["blocked joint"] += 1
         return stops
-
-    def _refuse(self, faults: Iterator[Fault]) -> bool:
-        """Whether there is a fault; counts the first."""
-        fault = next(faults, None)
-        if fault is not None:
-            self.refused[fault.kind] += 1
-        return fault is not None

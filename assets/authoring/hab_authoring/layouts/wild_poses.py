@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from hab_authoring.layouts.furnishing import Piece
+from hab_authoring.layouts.overlaps import extent, pieces_of
 from hab_authoring.layouts.standing import FloorPlan, lookup
 from hab_tasks.constants import BASE_RADIUS_M
 from hab_tasks.privileged import Array
@@ -78,7 +79,7 @@ class PoseSampler:
 
     def __init__(self, layout: Layout, plan: FloorPlan) -> None:
         """Extracts the faces of the walls and the room between them."""
-        walls = [b.box_m for b in layout.of_pieces([STAGE]).all]
+        walls = [extent(b).box_m for b in pieces_of(layout, [STAGE]).all]
         walls = [b for b in walls if b[0, 2] < WALL_FROM_M and b[1, 2] > WALL_TO_M]
         self._faces = [face for box in walls for face in _faces(box)]
         self._tall = [f for box in walls if box[1, 2] > TALL_M for f in _faces(box)]
@@ -141,7 +142,7 @@ class PoseSampler:
             angles_rad: Range of angles at which the door is blocked.
             hinge_side: Whether the tall body is on the hinges' side, or on the other one.
         """
-        boxes = [b.box_m for b in layout.placed.values() if b.piece != piece.name]
+        boxes = [extent(b).box_m for b in layout.placed.values() if b.piece != piece.name]
         boxes = [b for b in boxes if b[0, 2] < DOOR_M[1] and b[1, 2] > DOOR_M[0]]
         corners = [
             (face, box, sign)

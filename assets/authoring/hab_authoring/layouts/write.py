@@ -8,11 +8,20 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from hab_tasks.files import written_aside
-from hab_tasks.geometry import WORLD_FROM_HABITAT, Pose7, compose, inverse
+from hab_tasks.geometry import (
+    WORLD_FROM_HABITAT,
+    Array,
+    compose,
+    from_matrix,
+    inverse,
+    to_matrix,
+)
 from hab_tasks.scenes.fields import read_json
 from hab_tasks.scenes.habitat.dataset import SceneDataset
-from hab_tasks.scenes.spec import SceneSpec
+from hab_tasks.scenes.spec import ObjectInstance, SceneSpec
 
 POSITION_DIGITS, ROTATION_DIGITS = 6, 9
 SCENE_SUFFIX = ".scene_instance.json"
@@ -21,15 +30,15 @@ SCENE_SUFFIX = ".scene_instance.json"
 def moved_scene(
     dataset: SceneDataset,
     spec: SceneSpec,
-    world_from: Mapping[str, Pose7],
+    motions: Mapping[str, Array],
     changed: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Returns the content of a scene file with new poses of some pieces.
+    """Returns the content of a scene file in which some pieces have moved.
 
     Args:
         dataset: Dataset of the scene.
         spec: The scene as loaded.
-        world_from: Handle of an object or of furniture -> new pose in the world.
+        motions: Handle of an object or of furniture -> motion (4, 4) in the world.
         changed: Content that it was loaded from instead of its file.
     """
     scene = copy.deepcopy(dict(changed or read_json(dataset.scene_file(spec.scene_id))))
@@ -37,8 +46,12 @@ def moved_scene(
     furniture = scene.get("articulated_object_instances", [])
     for items, own in ((spec.objects, entries), (spec.articulations, furniture)):
         for item, entry in zip(items, own, strict=True):
-            if item.name in world_from:
-                pose = compose(inverse(WORLD_FROM_HABITAT), world_from[item.name])
+            motion = motions.get(item.name)
+            if motion is not None and not np.array_equal(motion, np.eye(4)):
+                is_object = isinstance(item, ObjectInstance)
+                own_pose = item.world_from_object if is_object else item.world_from_root
+                moved = from_matrix(motion @ to_matrix(own_pose))
+                pose = compose(inverse(WORLD_FROM_HABITAT), moved)
                 entry["translation"] = [round(x, POSITION_DIGITS) + 0.0 for x in pose[:3]]
                 entry["rotation"] = _rotation(pose[3:])
     return scene

@@ -1,4 +1,4 @@
-"""Rendered top views of layouts, without ceiling and robot."""
+"""Rendered layouts without a robot: any view, and top views without the ceiling."""
 
 from __future__ import annotations
 
@@ -24,21 +24,33 @@ BELOW_M = 1.0
 
 
 class Showroom:
-    """Renders one layout after another from above.
+    """Renders one layout after another.
 
     Args:
         backend: ManiSkill's name of the render device.
+
+    Attributes:
+        scene: SAPIEN's scene.
     """
 
     def __init__(self, backend: str) -> None:
-        self._scene = bare_scene(backend)
-        self._pool = BodyPool(self._scene, {})
-        self._lights = LayoutLights(self._scene)
+        scene = bare_scene(backend)
+        self.scene = scene.sub_scenes[0]
+        self._pool = BodyPool(scene, {})
+        self._lights = LayoutLights(scene)
 
-    def picture(
+    def show(self, spec: SceneSpec) -> None:
+        """Activates a layout, doors and drawers closed."""
+        scene_bodies = self._pool.show(spec, ())
+        self._lights.show(spec.lights)
+        for furniture in scene_bodies.articulations.values():
+            # This also updates the link poses of new furniture in the engine.
+            furniture.set_qpos(torch.zeros_like(furniture.get_qpos()))
+
+    def top_view(
         self, spec: SceneSpec, low_m: Array, high_m: Array, pixels_per_m: float
     ) -> NDArray[np.uint8]:
-        """Returns an image (H, W, 3) of a layout, doors and drawers closed, y up.
+        """Returns an image (H, W, 3) of a layout from above, y up.
 
         Args:
             spec: The layout.
@@ -46,29 +58,35 @@ class Showroom:
             high_m: Upper corner (2,).
             pixels_per_m: Scale at the height of the cut.
         """
-        scene_bodies = self._pool.show(spec, ())
-        self._lights.show(spec.lights)
-        for furniture in scene_bodies.articulations.values():
-            # This also updates the link poses of new furniture in the engine.
-            furniture.set_qpos(torch.zeros_like(furniture.get_qpos()))
+        self.show(spec)
         width, height = (round(float(pixels_per_m * side)) for side in high_m - low_m)
-        use_default_shaders()
         camera = sapien.render.RenderCameraComponent(width, height)
         near_m = EYE_M - (UNCUT_M if spec.stage.visual_file is None else CUT_M)
         focal = pixels_per_m * near_m
         camera.set_perspective_parameters(
             near_m, EYE_M + BELOW_M, focal, focal, width / 2, height / 2, 0.0
         )
-        entity = sapien.Entity()
-        entity.add_component(camera)
-        entity.pose = _looking_down((low_m + high_m) / 2)
-        scene = self._scene.sub_scenes[0]
-        scene.add_entity(entity)
-        scene.update_render()
-        camera.take_picture()
-        color = camera.get_picture("Color")[..., :3]
-        scene.remove_entity(entity)
-        return (255 * color.clip(0, 1)).round().astype(np.uint8)
+        return photograph(self.scene, camera, _looking_down((low_m + high_m) / 2))[0]
+
+
+def photograph(
+    scene: sapien.Scene, camera: sapien.render.RenderCameraComponent, pose: sapien.Pose
+) -> tuple[NDArray[np.uint8], Array]:
+    """Returns what a new camera sees of a scene from a pose, (H, W, 3), and its eye_from_world.
+
+    That is (3, 4), x right, y down, z ahead.
+    """
+    use_default_shaders()
+    entity = sapien.Entity()
+    entity.add_component(camera)
+    entity.pose = pose
+    scene.add_entity(entity)
+    scene.update_render()
+    camera.take_picture()
+    color = camera.get_picture("Color")[..., :3]
+    eye_from_world = np.array(camera.get_extrinsic_matrix(), dtype=float)[:3]
+    scene.remove_entity(entity)
+    return (255 * color.clip(0, 1)).round().astype(np.uint8), eye_from_world
 
 
 def _looking_down(middle_m: Array) -> sapien.Pose:

@@ -10,6 +10,7 @@ from typing import Annotated, ClassVar
 
 import tyro
 from hab_ppo.limits import MOST_EPISODES, MOST_RANKS, MOST_ROWS
+from hab_ppo.progress import say
 
 from hab_tasks.console import Command
 from hab_tasks.files import check_folder
@@ -61,10 +62,8 @@ The same command continues an interrupted run after its last round. To play with
         whole("--rows", self.rows, 1, MOST_ROWS)
         whole("--workers", self.workers, 1, MOST_RANKS)
         whole("--seed", self.seed, 0, LARGEST_SEED)
-        from hab_ppo.progress import say
-
-        from hab_navigator.training import LESSONS, PLAYED, TrainingPlan, train
-        from hab_navigator.weights import WEIGHTS
+        # Loads the simulator, which --help does not need.
+        from hab_navigator.training import LESSONS, PLAYED, WEIGHTS, TrainingPlan, train
 
         files = (WEIGHTS, PLAYED)
         if self.force or not any((self.out / name).is_file() for name in files):

@@ -26,11 +26,15 @@ import numpy as np
 from hab_eval.bench.options import BenchOptions
 from hab_eval.bench.rows import BenchRow, make_row
 from hab_eval.bench.suite import PICK, Suite, WriteLine
+from mani_skill.utils.wrappers.gymnasium import CPUGymWrapper
+from torch import nn
 
 from hab_ppo.progress import read_progress
 from hab_ppo.recipe import NetworkConfig
 from hab_ppo.recipes.pick_blind import RECIPE as PICK_BLIND
 from hab_tasks.errors import RunStoppedError
+from hab_tasks.processes import use_one_thread
+from hab_tasks.vector.sb3 import SB3VecEnv
 
 RANKS, EPISODES, UPDATES = 2, 50, 3
 """Of the updates of a run, all but the first are timed."""
@@ -144,13 +148,12 @@ def stepped(env: Any, steps: int) -> float:
 
 def sb3_rows() -> Any:
     """Returns the rows of all ranks for Stable-Baselines3."""
-    from hab_tasks.vector.sb3 import SB3VecEnv
-
     return SB3VecEnv(vector_env("SameStep", obs_mode="state"))
 
 
 def sb3_processes() -> Any:
     """Returns a single environment in each of two processes, for Stable-Baselines3."""
+    # An optional package, as is sb3_contrib.
     from stable_baselines3.common.vec_env import SubprocVecEnv
 
     return SubprocVecEnv([make_single] * RANKS, start_method="spawn")
@@ -158,10 +161,6 @@ def sb3_processes() -> Any:
 
 def make_single() -> gym.Env[Any, Any]:
     """Makes a single environment in its process."""
-    from mani_skill.utils.wrappers.gymnasium import CPUGymWrapper
-
-    from hab_tasks.processes import use_one_thread
-
     use_one_thread()
     options: dict[str, Any] = env_options() | {"obs_mode": "state"}
     return CPUGymWrapper(gym.make(PICK_BLIND.env.reference, **options))
@@ -172,7 +171,6 @@ class Sb3Learner:
 
     def __init__(self, env: Any, steps: int) -> None:
         from sb3_contrib import RecurrentPPO  # pyright: ignore[reportMissingImports]
-        from torch import nn
 
         preset = RECURRENT.preset
         heads = list(preset.network.head_layers)

@@ -29,7 +29,7 @@ Example:
 
     def run(self) -> int:
         """Writes the file of weights."""
-        from hab_ppo import shipping
+        from hab_ppo import shipping  # loads torch
 
         others = [found.load() for found in extensions("shipping").values()]
         module = next((one for one in others if one.is_run(self.run_folder)), shipping)
@@ -54,13 +54,10 @@ Example:
 
     def run(self) -> int:
         """Writes or compares the cards."""
-        from hab_eval.leaderboard import default_submissions, read_submissions
+        from hab_ppo import cards  # loads the simulator
 
-        from hab_ppo.agent import WEIGHTS
-        from hab_ppo.cards import card, draw_card_curve, shipped_names
-
-        records = read_submissions(self.submissions or default_submissions()).values()
-        texts = {WEIGHTS / f"{name}.md": card(name, records) for name in shipped_names()}
+        records = cards.evaluations(self.submissions)
+        texts = cards.cards(records)
         curves = set(texts)
         for found in extensions("shipping").values():
             texts |= found.load().cards(records)
@@ -75,7 +72,7 @@ Example:
                 with written_aside(path) as scratch:
                     scratch.write_text(text, encoding="utf-8")
                 if path in curves:
-                    draw_card_curve(path.stem, picture)
+                    cards.draw_card_curve(path.stem, picture)
         state = "out of date" if self.check else "written"
         say(f"{state}: {', '.join(stale)}" if stale else "all cards are up to date")
         return int(self.check and bool(stale))

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from hab_eval.leaderboard import default_submissions, read_submissions
 from hab_eval.plain_text import markdown
 from hab_eval.results import RunRecord
 
@@ -24,6 +25,16 @@ NOT_EVALUATED = "No evaluation yet."
 def shipped_names() -> list[str]:
     """Returns the names of the policies whose weights ship."""
     return sorted(path.stem for path in WEIGHTS.glob("*.safetensors"))
+
+
+def evaluations(submissions: Path | None) -> list[RunRecord]:
+    """Returns the records in a folder; None for that of the leaderboard."""
+    return list(read_submissions(submissions or default_submissions()).values())
+
+
+def cards(records: Iterable[RunRecord]) -> dict[Path, str]:
+    """Returns the file and the text of each policy's card."""
+    return {WEIGHTS / f"{name}.md": card(name, records) for name in shipped_names()}
 
 
 def card(name: str, records: Iterable[RunRecord]) -> str:

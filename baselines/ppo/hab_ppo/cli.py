@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Annotated, ClassVar
 
 import tyro
+from hab_eval.stats import wilson_interval
 
 from hab_ppo.card_commands import CardsCommand, ShipCommand
 from hab_ppo.demonstrate_command import DemonstrateCommand
 from hab_ppo.extensions import extensions
 from hab_ppo.limits import MOST_EPISODES, MOST_RANKS, MOST_ROWS
+from hab_ppo.recipes import find_recipe, recipe_names
 from hab_ppo.train_command import TrainCommand
 from hab_tasks.console import Command, run_script
 from hab_tasks.errors import OptionError
@@ -57,13 +59,10 @@ class EvalCommand(Command):
         whole("--rows", self.rows, 1, MOST_ROWS)
         whole("--workers", self.workers, 1, MOST_RANKS)
         whole("--seed", self.seed, 0, LARGEST_SEED)
-        from hab_eval.stats import wilson_interval
-
-        from hab_ppo.agent import weights_file
-        from hab_ppo.play import play
+        from hab_ppo.play import play  # loads the simulator
 
         result = play(
-            weights_file(self.weights),
+            self.weights,
             split=self.split,
             episodes=self.episodes,
             seed=self.seed,
@@ -102,7 +101,7 @@ class PlotCommand(Command):
 
     def run(self) -> int:
         """Draws the picture."""
-        from hab_ppo.curves import draw_curves
+        from hab_ppo.curves import draw_curves  # loads the simulator
 
         if not self.runs:
             raise OptionError("Give at least one folder of a run.")
@@ -122,8 +121,6 @@ class ListCommand(Command):
 
     def run(self) -> int:
         """Prints a line for each recipe."""
-        from hab_ppo.recipes import find_recipe, recipe_names
-
         for name in recipe_names():
             recipe = find_recipe(name)
             config = recipe.env

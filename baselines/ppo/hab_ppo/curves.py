@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from matplotlib.figure import Figure  # without pyplot, and so without a display
+
 from hab_ppo import checkpoint
 from hab_ppo.errors import PolicyFileError
 from hab_ppo.plan import CLONED
@@ -97,8 +99,6 @@ def draw_success(training: Line, evaluated: Line, out: Path) -> None:
 
 
 def _figure(size_in: tuple[float, float]) -> Any:
-    from matplotlib.figure import Figure  # without pyplot, and so without a display
-
     return Figure(figsize=size_in, layout="constrained")
 
 

@@ -8,8 +8,10 @@ from typing import Annotated, ClassVar
 
 import tyro
 
+from hab_ppo.config_json import changed
 from hab_ppo.limits import MOST_EPISODES, MOST_RANKS
 from hab_ppo.progress import say
+from hab_ppo.recipes import find_recipe
 from hab_tasks.console import Command
 from hab_tasks.errors import OptionError
 from hab_tasks.files import check_file
@@ -58,14 +60,10 @@ class DemonstrateCommand(Command):
             whole("--episodes", self.episodes, 1, MOST_EPISODES)
         if not 0 <= self.noise <= 1:
             raise OptionError.of_value("--noise", self.noise, "from 0 to 1")
-        from hab_ppo.config_json import changed
-        from hab_ppo.recipes import find_recipe
-
         recipe = find_recipe(self.recipe)
         recipe = changed(recipe, env=changed(recipe.env, num_episodes=self.episodes))
         check_file(self.out, force=self.force)
-        from hab_ppo.demonstrations import DemonstrationPlan
-        from hab_ppo.warm_start import write_demonstrations
+        from hab_ppo.warm_start import DemonstrationPlan, write_demonstrations  # the simulator
 
         plan = DemonstrationPlan(
             recipe=recipe,

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from hab_ppo import checkpoint
-from hab_ppo.agent import recipe_of
+from hab_ppo.agent import recipe_of, weights_file
 from hab_ppo.evaluation import evaluate
 from hab_ppo.network import new_policy
 from hab_ppo.noise import ActionNoise
@@ -44,7 +44,7 @@ def play(path: Path, *, split: str, episodes: int, seed: int, rows: int, workers
     """Plays episodes with the weights of a file.
 
     Args:
-        path: File of weights.
+        path: A run's folder, or a file of weights.
         split: Split of the episodes.
         episodes: Their number.
         seed: Their seed.
@@ -52,6 +52,7 @@ def play(path: Path, *, split: str, episodes: int, seed: int, rows: int, workers
         workers: Number of processes.
     """
     use_one_thread()
+    path = weights_file(path)
     tensors, about = checkpoint.load(path)
     recipe = recipe_of(about, path)
     config = recipe.env

@@ -6,21 +6,20 @@ import shlex
 import shutil
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import Annotated, ClassVar
 
 import tyro
 
+from hab_ppo.config_json import changed
 from hab_ppo.launch import is_prepared, is_rank, launch
 from hab_ppo.limits import MOST_EPISODES, MOST_RANKS, MOST_ROWS, MOST_STEPS
-from hab_ppo.progress import say
+from hab_ppo.plan import DISTILLED_SO_FAR, EXACT, LAST, RECIPE, TrainPlan
+from hab_ppo.recipe import PRESETS, Recipe
+from hab_ppo.recipes import find_recipe
 from hab_tasks.console import EXIT_INTERRUPTED, Command
-from hab_tasks.errors import OptionError
+from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.files import check_folder
 from hab_tasks.option_values import LARGEST_SEED, whole
-
-if TYPE_CHECKING:
-    from hab_ppo.plan import TrainPlan
-    from hab_ppo.recipe import Recipe
 
 TRAIN_HELP = """Trains a policy by its recipe.
 
@@ -100,16 +99,9 @@ class TrainCommand(Command):
 
     def _check_launch(self, recipe: Recipe) -> None:
         """Rejects bad input here, once, and not in each rank."""
-        from hab_ppo.checkpoint import load
-        from hab_ppo.episodes import prepare_episodes
-        from hab_ppo.plan import check_same
-        from hab_ppo.warm_start import check_start
+        from hab_ppo import train_run  # loads the simulator, which --help does not need
 
-        plan = self._plan(recipe)
-        check_start(plan)
-        if plan.resume is not None:
-            check_same(plan, load(plan.out / plan.resume)[1])
-        prepare_episodes(recipe, self.ranks, say)  # also checks the environment's options
+        train_run.check(self._plan(recipe), self.ranks)
 
     def _arguments(self) -> list[str]:
         """Returns the arguments of a rank: those given, but for --force."""
@@ -130,8 +122,6 @@ class TrainCommand(Command):
         return shlex.join(["hab-ppo", *words[:where], *words[where + 2 :]])
 
     def _plan(self, recipe: Recipe) -> TrainPlan:
-        from hab_ppo.plan import EXACT, LAST, TrainPlan
-
         # A run that was interrupted before its first update has neither; it begins where it was.
         checkpoint = EXACT if self.exact else LAST
         resumes = (self.resume or is_prepared()) and (self.out / checkpoint).exists()
@@ -148,34 +138,13 @@ class TrainCommand(Command):
         )
 
     def _train(self, recipe: Recipe) -> int:
-        # Imported here: loading the simulator takes seconds, and --help does not need it.
-        from hab_ppo.distributed import Ranks
-        from hab_ppo.trainer import Trainer
-        from hab_ppo.warm_start import check_start
+        from hab_ppo import train_run  # loads the simulator, which --help does not need
 
-        if not is_rank():
-            check_start(self._plan(recipe))
-        ranks = Ranks()
-        if is_rank() and not is_prepared() and ranks.is_first:
-            self._check_out()
-        try:
-            end = Trainer(self._plan(recipe), ranks, say).run()
-        finally:
-            ranks.close()
-        if ranks.is_first and end.best_success is not None:
-            say(
-                f"{end.steps:,} steps in {end.seconds / 60:.1f} min; best {end.best_success:.0%} "
-                f"at {end.best_steps:,} steps, in {self.out / 'best.safetensors'}"
-            )
+        train_run.train(lambda: self._plan(recipe), self._check_out)
         return 0
 
     def _recipe(self) -> Recipe:
         """Returns the recipe with the options given."""
-        from hab_ppo.config_json import changed
-        from hab_ppo.recipe import PRESETS
-        from hab_ppo.recipes import find_recipe
-        from hab_tasks.errors import UnknownNameError
-
         self._check_numbers()
         recipe = find_recipe(self.recipe)
         if self.scratch:
@@ -226,8 +195,6 @@ class TrainCommand(Command):
 
     def _check_out(self) -> None:
         """Checks the output folder; with --force, empties it."""
-        from hab_ppo.plan import DISTILLED_SO_FAR, EXACT, RECIPE
-
         if self.resume:
             if not any((self.out / name).is_file() for name in (RECIPE, DISTILLED_SO_FAR)):
                 raise OptionError(f"--resume: there is no run in {self.out}.")

@@ -57,9 +57,7 @@ class RecordCommand(EpisodeOptions, ExecutorChoice, Command):
     def run(self) -> int:
         """Records demonstrations and prints the result of each episode."""
         # Imported here: loading the simulator takes seconds, and --help does not need it.
-        from hab_eval.results import EpisodeResult
-
-        from hab_spa.recording.record import RecordPlan, record
+        from hab_spa.recording.record import EpisodeResult, RecordPlan, record
 
         most = MOST_FOR_EACH * self.count if self.most is None else self.most
         plan = RecordPlan(

@@ -2,7 +2,6 @@
 
 import gymnasium as gym
 import numpy as np
-import pytest
 from hab_plans.plan import plan_of
 from hab_plans.stage import stage_of
 from hab_spa.scenes.true_scene import TrueScene
@@ -19,13 +18,13 @@ Places are found from float32 landmarks some metres away."""
 class Walk:
     """A task's env whose state is set; compares each skill's observation with its own env's."""
 
-    def __init__(self, where):
-        self.where, self.rng, self.envs = where, np.random.default_rng(5), {}
+    def __init__(self):
+        self.rng, self.envs = np.random.default_rng(5), {}
         mode = {"control_mode": "joint_target_base", "handle_position": True}
-        self.env = gym.make(f"hab_tasks:{TASK}", **PLAIN, **mode, **where)
+        self.env = gym.make(f"hab_tasks:{TASK}", **PLAIN, **mode)
         obs, _ = self.env.reset(seed=0)
         base = self.env.unwrapped
-        stages = [stage_of(base.task, a) for a in plan_of(TASK).actions if a.name != "navigate"]
+        stages = [stage_of(base.task, action) for action in plan_of(TASK).interactions]
         self.stages = {stage.skill: stage for stage in reversed(stages)}  # the first with each
         self.views = {truth: TaskView(truth=truth) for truth in (False, True)}
         self.see({**obs, "privileged": base.privileged()})
@@ -42,7 +41,7 @@ class Walk:
         if (env_id, frame) not in self.envs:
             handle = "Drawer" in env_id or "Fridge" in env_id
             options = {"target_frame": frame, "handle_position": handle}
-            env = gym.make(f"hab_tasks:{env_id}", **PLAIN, **options, **self.where)
+            env = gym.make(f"hab_tasks:{env_id}", **PLAIN, **options)
             self.envs[env_id, frame] = env
         episode = skill_episode(self.env, env_id, stage)
         obs, _ = self.envs[env_id, frame].reset(options={"episode": episode})
@@ -78,9 +77,9 @@ class Walk:
         assert self.state.held == self.state.targets[number]
 
 
-def walk_through(where):
+def test_each_skill_observes_in_a_task_what_its_own_environment_gives():
     """Goes through the states of SetTable in which its skills begin."""
-    walk = Walk(where)
+    walk = Walk()
     walk.stand_elsewhere()
     walk.compare("open_drawer")
     walk.compare("open_drawer", "HabNavigate-v1")
@@ -100,13 +99,3 @@ def walk_through(where):
     walk.compare("place", "HabNavigate-v1")
     for env in (walk.env, *walk.envs.values()):
         env.close()
-
-
-def test_each_skill_observes_in_a_task_what_its_own_environment_gives():
-    walk_through({})
-
-
-@pytest.mark.slow
-@pytest.mark.assets
-def test_the_same_in_the_real_replica_cad(replica_cad, ycb):
-    walk_through({"scene_dataset": str(replica_cad), "objects": str(ycb)})

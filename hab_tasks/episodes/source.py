@@ -129,7 +129,7 @@ class EpisodeSource:
         self._embedded = _shipped_folder() / self._name if shipped else None
         # The fingerprint of a task covers starts and goals of its objects, not its instruction.
         task = TASKS.get(self.env_id)
-        spec = task and (task.targets, task.starts_open, task.clutter, task.clutter_on) or ()
+        spec = (task and (task.targets, task.starts_open, task.clutter, task.clutter_on)) or ()
         key = stable_hash(*map(str, (SCHEMA, *astuple(self.made_from), *spec)))
         self._task = stable_hash(*map(str, spec)) if spec else None
         self._cached = f"episodes/{key:08x}/{self._name}"

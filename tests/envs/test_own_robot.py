@@ -5,9 +5,9 @@ from dataclasses import replace
 import gymnasium as gym
 import numpy as np
 import pytest
+from hab_eval import straight_line
 from mani_skill.agents.registration import register_agent
 
-from hab_eval import straight_line
 from hab_tasks.agent_spaces import agent_setup
 from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.fetch.agent import HabFetch

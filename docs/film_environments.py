@@ -18,7 +18,7 @@ WIDTH_PX, QUALITY = 960, 32
 SUBMISSIONS = {
     "HabPick-v1": "pick_blind-pick-apartment-seed2026",
     "HabPlace-v1": "place_blind-place-apartment-seed2026",
-    "HabOpenFridge-v1": "open_fridge_blind-open_fridge-apartment-seed97",
+    "HabOpenFridge-v1": "open_fridge_blind-open_fridge-apartment-seed2026",
     "HabCloseFridge-v1": "close_fridge_blind-close_fridge-apartment-seed2026",
     "HabOpenDrawer-v1": "open_drawer_blind-open_drawer-apartment-seed2026",
     "HabCloseDrawer-v1": "close_drawer_blind-close_drawer-apartment-seed2026",

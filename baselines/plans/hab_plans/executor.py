@@ -70,7 +70,7 @@ class Executor(Generic[R]):
 
     def _next_plan(self) -> Plan | None:
         """Returns a plan from the believed state; None if there is none that the team can do."""
-        from hab_plans.solve import solve  # a slow import, needed only after a failure
+        from hab_plans.solve import solve  # takes a second, after a failure only
 
         start = start_given(self._log.env_id, self._log.believed())
         try:

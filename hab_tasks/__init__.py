@@ -27,6 +27,6 @@ def __getattr__(name: str) -> Any:
     """Loads `ENVS`, and with it the simulator, on first access."""
     if name != "ENVS":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from hab_tasks.envs import ENVS
+    from hab_tasks.envs import ENVS  # loads the simulator
 
     return ENVS

@@ -6,9 +6,7 @@ import sys
 from collections.abc import Sequence
 from importlib.metadata import entry_points
 
-from hab_tasks.commands.demo import Demo
-from hab_tasks.commands.episodes import Episodes
-from hab_tasks.commands.list import List
+from hab_tasks.commands.options import Demo, Episodes, List
 from hab_tasks.console import EXIT_BAD_INPUT, Command, run_script, say
 
 PROGRAM = "hab-tasks"

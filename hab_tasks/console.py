@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import io
 import os
+import pkgutil
 import select
 import signal
 import sys
 import threading
-from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -30,27 +30,31 @@ IMPORT_POLL_S = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
-class Command(ABC):
+class Command:
     """Options of one subcommand.
 
-    Command modules do not import the simulator at module level, to keep `--help` fast.
+    The module of the options does not import the simulator, to keep `--help` fast; that of the
+    work imports what it needs.
 
     Attributes:
         help: Text of `--help`, with an example.
+        work: ``module:function`` that runs the command, given its options.
         verbose: Whether to print the traceback of a stopped run; an option of some subcommands.
     """
 
     help: ClassVar[str]
+    work: ClassVar[str]
     verbose = False
 
-    @abstractmethod
     def run(self) -> int:
-        """Runs the command; returns the exit status.
+        """Imports the work and does it; returns the exit status.
 
         Raises:
             HabError: Bad input.
             RunStoppedError: The run started and could not be finished.
         """
+        status: int = pkgutil.resolve_name(self.work)(self)
+        return status
 
     def advice(self) -> str:
         """Returns the message after Ctrl-C: what was kept, and how to resume."""
@@ -115,6 +119,12 @@ def _nobody_reads() -> bool:
         return False
     os.dup2(os.open(os.devnull, os.O_WRONLY), output)
     return True
+
+
+def tell(text: object) -> None:
+    """Writes a line to stdout at once, for who watches a log."""
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
 
 
 def say(program: str, message: object) -> None:

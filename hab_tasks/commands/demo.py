@@ -1,54 +1,246 @@
-"""`hab-tasks demo`: runs an environment with random actions or keyboard control."""
+"""`hab-tasks demo`: runs, displays and records an episode."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import os
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Any, cast
 
-import tyro
+import gymnasium as gym
+import imageio.v2 as imageio
+import numpy as np
 
-from hab_tasks.commands.keyboard import key_table
-from hab_tasks.console import Command
-from hab_tasks.robots.fetch import FETCH
+from hab_tasks.captions import with_words
+from hab_tasks.commands.keyboard import QUIT, Keyboard, keys_of
+from hab_tasks.commands.options import Demo
+from hab_tasks.constants import CONTROL_HZ
+from hab_tasks.engine.hab_env import HabEnv
+from hab_tasks.engine.marks import LEGEND
+from hab_tasks.episodes.source import UNLIMITED
+from hab_tasks.errors import HabError, RenderingUnavailableError, UnknownNameError
+from hab_tasks.files import check_file, written_aside
+from hab_tasks.option_values import LARGEST_RESET_SEED, whole
+from hab_tasks.registration import imported_id
+from hab_tasks.rendering import resolve_backend
+
+AGENTS = ("random", "keyboard")
+RANDOM_STEPS = 200
+MOST_STEPS = 1_000_000
+CAPTION_LINES = 5
 
 
-@dataclass(frozen=True, kw_only=True)
-class Demo(Command):
-    """Options of `hab-tasks demo`."""
+def run(options: Demo) -> int:
+    """Runs the episode; prints a line per action, then the result.
 
-    help: ClassVar[str] = f"""Runs one episode in a window or video, and prints its measures.
+    Raises:
+        HabError: Invalid options.
+    """
+    _check(options)
+    window = _window_works()
+    env = gym.make(
+        options.env,
+        obs_mode="none",
+        render_mode="human" if window else "rgb_array" if options.out else None,
+        scene_dataset=options.scene_dataset,
+        objects=options.objects,
+        num_episodes=max(50, options.episode + 1),
+    )
+    scene = cast(HabEnv, env.unwrapped)
+    with ExitStack() as ends:
+        ends.callback(env.close)
+        video = None if options.out is None else ends.enter_context(written_aside(options.out))
+        show = _Show(scene, window, video)
+        ends.callback(show.close)
+        env.reset(seed=options.seed, options={"episode": options.episode})
+        task = scene.instruction[0]
+        print(f"{options.env}, episode {scene.episode[0].id}\n{task}")
+        show.begin(f"{task} ({LEGEND})")
+        result = _play(options, env, scene, show)
+    _tell(result)
+    if options.out is not None:
+        print(f"{'video':<9} {options.out}")
+    return 0
 
-Without a display no window opens; --out still writes a video. Keys are read from the terminal. A
-held key keeps moving, slowly for half a second, then at full speed (the base at
-{FETCH.base_linear_speed_m_s:g} m/s):
-{key_table()}
 
-Example:
-  hab-tasks demo HabPick-v1 --agent random --steps 60 --out pick.mp4
-  hab-tasks demo HabTidyHouse-v1 --agent keyboard"""
+def _check(options: Demo) -> None:
+    imported_id(options.env)
+    if options.agent not in AGENTS:
+        raise UnknownNameError("agent", options.agent, AGENTS)
+    if options.steps is not None:
+        whole("--steps", options.steps, 1, MOST_STEPS)
+    whole("--episode", options.episode, 0, UNLIMITED - 1)
+    whole("--seed", options.seed, 0, LARGEST_RESET_SEED)
+    if options.out is not None:
+        if options.out.suffix != ".mp4":
+            raise HabError(f"--out {options.out}: a video must end in .mp4.")
+        check_file(options.out, force=options.force)
+        resolve_backend("auto", wants_images=True)
 
-    env: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="ENV")]
-    """Environment id; see `hab-tasks list`."""
-    agent: Annotated[str, tyro.conf.arg(metavar="NAME")] = "random"
-    """random or keyboard."""
-    episode: Annotated[int, tyro.conf.arg(metavar="I")] = 0
-    """Index of the episode."""
-    scene_dataset: Annotated[str, tyro.conf.arg(metavar="NAME|PATH")] = "apartment"
-    """`apartment` (included), or a ReplicaCAD folder."""
-    objects: Annotated[str | None, tyro.conf.arg(metavar="PATH")] = None
-    """A YCB folder, instead of the included objects."""
-    steps: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
-    """Maximum number of actions; default: 200 random ones, or the horizon with the keyboard."""
-    seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
-    """Seed of the random actions."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.mp4")] = None
-    """Output video."""
-    force: bool = False
-    """Replace FILE.mp4."""
 
-    def run(self) -> int:
-        """Runs the episode; prints a line per action, then the result."""
-        from hab_tasks.commands.playing import play
+def _play(options: Demo, env: gym.Env[Any, Any], scene: HabEnv, show: _Show) -> _Result:
+    """Acts until the episode ends, the actions are used up, or the user quits."""
+    result = _Result()
+    limit = options.steps or (RANDOM_STEPS if options.agent == "random" else None)
+    actions = _random(env, options.seed) if options.agent == "random" else _typed(scene, show)
+    try:
+        for action in actions:
+            _, reward, terminated, truncated, info = env.step(action)
+            result.add(float(cast(Any, reward)), info)
+            print(_line(result))
+            show.draw(result)
+            if bool(terminated) or bool(truncated):
+                result.end = "the episode is over" if terminated else "time is over"
+                break
+            if result.steps == limit or show.closed:
+                break
+    except KeyboardInterrupt:
+        result.end = "interrupted"
+    return result
 
-        return play(self)
+
+def _random(env: gym.Env[Any, Any], seed: int) -> Iterator[Any]:
+    env.action_space.seed(seed)
+    while True:
+        yield env.action_space.sample()
+
+
+def _typed(scene: HabEnv, show: _Show) -> Iterator[Any]:
+    """Yields the action of each key, repeated while it is held."""
+    keyboard = Keyboard(scene.agent.controller, bool(scene.measures.holding_target))
+    print(keyboard.table, flush=True)
+    for name, share in keys_of(sys.stdin, show.refresh):
+        if name == QUIT:
+            return
+        action = keyboard.action(name, share)
+        if action is None:
+            print(f"  {name!r} has no function in this control mode")
+            continue
+        yield action
+
+
+class _Result:
+    """Result of the episode so far."""
+
+    def __init__(self) -> None:
+        self.steps, self.total, self.last = 0, 0.0, 0.0
+        self.info: dict[str, Any] = {}
+        self.end = "stopped"
+
+    def add(self, reward: float, info: dict[str, Any]) -> None:
+        """Records the result of a step."""
+        self.steps += 1
+        self.total += reward
+        self.last, self.info = reward, info
+
+
+class _Show:
+    """Output to a window, a video, both, or neither."""
+
+    def __init__(self, scene: HabEnv, window: bool, video: Path | None) -> None:
+        self._scene, self._window, self._video = scene, window, video
+        self._viewer: Any = None
+        self._writer: Any = None
+        self._seen_from: Any = None
+        self._due_s, self._task = 0.0, ""
+
+    @property
+    def closed(self) -> bool:
+        """Whether the user has closed the window."""
+        return self._viewer is not None and self._viewer.closed
+
+    def begin(self, task: str) -> None:
+        """Renders the start; `task` is the caption of every frame."""
+        self._task = task
+        self.draw(_Result())
+
+    def draw(self, result: _Result) -> None:
+        """Renders the current step to window and video."""
+        if self._video is not None:
+            self._writer = self._writer or _writer(self._video)
+            frame = np.asarray(self._scene.render_rgb_array()[0].cpu(), dtype=np.uint8)
+            words = [self._task, *_stages(result.info)]
+            self._writer.append_data(with_words(frame, words, CAPTION_LINES))
+        if self._window:
+            self.refresh()
+            time.sleep(max(0.0, self._due_s - time.monotonic()))
+            self._due_s = time.monotonic() + 1.0 / CONTROL_HZ
+
+    def refresh(self) -> None:
+        """Renders the window; its camera follows the robot."""
+        if not self._window or self.closed:
+            return
+        self._viewer = self._scene.render_human()
+        camera = self._scene.scene.human_render_cameras["render_camera"].camera
+        position = camera.get_global_pose().sp.p
+        if self._seen_from is None or not np.allclose(position, self._seen_from, atol=1e-3):
+            self._scene.render_rgb_array()  # moves the camera to a clear view of the robot
+            pose = camera.get_global_pose().sp
+            self._viewer.set_camera_pose(pose)
+            self._seen_from = pose.p
+
+    def close(self) -> None:
+        """Finishes the video."""
+        if self._writer is not None:
+            self._writer.close()
+
+
+def _writer(file: Path) -> Any:
+    return imageio.get_writer(
+        file,
+        format="FFMPEG",  # pyright: ignore[reportArgumentType]  # the stub lacks plugin names
+        fps=CONTROL_HZ,
+        macro_block_size=2,
+    )
+
+
+def _window_works() -> bool:
+    """Returns whether a window can be opened; prints the reason if not."""
+    named = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if sys.platform.startswith("linux") and not named:
+        print("no display, so no window; use --out FILE.mp4 to write a video")
+        return False
+    try:
+        resolve_backend("auto", wants_images=True)
+    except RenderingUnavailableError as error:
+        print(f"no window can be opened. {error}")
+        return False
+    return True
+
+
+def _line(result: _Result) -> str:
+    """Returns a step's reward and measures; of the flags, only those that are true."""
+    said = []
+    for name, value in result.info["measures"].items():
+        number = value.item()
+        if isinstance(number, bool):
+            said += [name] if number else []
+        else:
+            said.append(f"{name} {number:.3f}")
+    return f"{result.steps:>4}  reward {result.last:+.3f}  {'  '.join(said)}"
+
+
+def _tell(result: _Result) -> None:
+    """Prints the result of the episode."""
+    info = result.info
+    failures = [name for name, failed in info.get("failures", {}).items() if failed.item()]
+    rows = {
+        "success": "yes" if info and info["success"].item() else "no",
+        "end": ", ".join([f"{result.end} after {result.steps} actions", *failures]),
+        "return": f"{result.total:.3f}",
+    }
+    for words in _stages(info):
+        rows["stages"] = words.removeprefix("stages: ")
+    for name, words in rows.items():
+        print(f"{name:<9} {words}")
+
+
+def _stages(info: dict[str, Any]) -> list[str]:
+    """Returns a line on the stages of a task; empty for a skill."""
+    stages = info.get("stages", {})
+    reached = [name for name, value in stages.items() if value.item()]
+    line = f"stages: {len(reached)} of {len(stages)} {' '.join(reached)}".strip()
+    return [line] if stages else []

@@ -7,6 +7,7 @@ but does not report the release. `HeldKey` bridges that delay.
 from __future__ import annotations
 
 import os
+import select
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -18,6 +19,10 @@ import numpy as np
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.errors import HabError
 from hab_tasks.robots.control_modes import BASE_CELLS
+
+if sys.platform != "win32":  # they are POSIX's
+    import termios
+    import tty
 
 if TYPE_CHECKING:
     from hab_tasks.robots.control import HabController
@@ -169,10 +174,6 @@ def _terminal(stream: TextIO, while_waiting: Callable[[], None]) -> Iterator[tup
     """Yields pressed and held keys, without waiting for the end of a line."""
     if sys.platform == "win32":
         raise HabError("--agent keyboard reads a POSIX terminal; on Windows, type into a pipe.")
-    import select
-    import termios
-    import tty
-
     terminal = stream.fileno()
     before = termios.tcgetattr(terminal)
     try:

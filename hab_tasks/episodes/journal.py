@@ -109,8 +109,3 @@ class EpisodeJournal:
             raw = mapping(json.loads(line))
             index = integer(raw["index"])
         self.entries[index] = made_from_json(raw, self._scenes, where)
-
-
-def journal_of(out: Path) -> Path:
-    """Returns the path of the journal of an episode file."""
-    return out.with_name(f"{out.name}.journal")

@@ -61,15 +61,16 @@ def open_executor(
     """
     choice.check_executor()
     if choice.executor == LOCAL:
+        # Loads torch, which the help of the commands with these options does without.
         from hab_tasks.executors.local import LocalExecutor
 
         yield LocalExecutor(workers)
         return
-    from hab_tasks.executors.ray_connection import connected
-    from hab_tasks.executors.ray_executor import RayExecutor
+    # Of an optional package's connection, which none but this choice needs.
+    from hab_tasks.executors import ray_connection, ray_executor
 
     if device not in ("cpu", "cuda"):
         raise OptionError(f"device {device!r}: Ray assigns the GPUs, so it has to be cpu or cuda.")
     gpus = int(device == "cuda")
-    with connected(choice.address, workers):
-        yield RayExecutor(workers, gpus=gpus)
+    with ray_connection.connected(choice.address, workers):
+        yield ray_executor.RayExecutor(workers, gpus=gpus)

@@ -59,6 +59,7 @@ class JobWorker:
         """Prepares this process and calls the task's `start`."""
         try:
             _adopt(origin)
+            # Loads torch, which only a worker with the versions and path of its origin should.
             from hab_tasks.processes import use_one_thread
 
             use_one_thread()

@@ -26,6 +26,7 @@ def kernel() -> Any:
     By default, numba writes compiled functions beside the source, which an installed package may
     forbid. They are written to ``NUMBA_CACHE_DIR`` if it is set, else to the cache folder.
     """
+    # Takes a second, for images only.
     from numba.core import config as numba_config
 
     config: Any = numba_config

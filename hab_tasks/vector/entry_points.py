@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any
 
 from hab_tasks.registration import MAIN
+from hab_tasks.vector.vector_env import HabVectorEnv
 
 
 def __getattr__(reference: str) -> Any:
@@ -13,6 +14,4 @@ def __getattr__(reference: str) -> Any:
     module, _, env_id = reference.rpartition(".")
     if not module or not env_id.partition("-v")[2].isdigit():
         raise AttributeError(f"module {__name__!r} has no attribute {reference!r}")
-    from hab_tasks.vector.vector_env import HabVectorEnv
-
     return partial(HabVectorEnv, env_id if module == MAIN else f"{module}:{env_id}")

@@ -10,11 +10,7 @@ from hab_spa.planning.arm_plan import OmplPlanner, PlanConfig
 from hab_spa.planning.collision import ArmCollision, shared_arm_model
 from hab_spa.planning.escape import EscapeConfig, escape
 from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD, BatchArm
-from hab_spa.planning.joint_goal import (
-    GoalConfig,
-    sample_reaching_goals,
-    sample_rest_goals,
-)
+from hab_spa.planning.joint_goal import GoalConfig, sample_reaching_goals, sample_rest_goals
 from hab_spa.planning.rrt import path_is_free
 from hab_spa.scenes.true_scene import TrueScene, face_centres_m, standing_at
 

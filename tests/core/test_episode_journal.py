@@ -6,7 +6,7 @@ import pytest
 from refusals import refused_by_call, refused_by_command
 
 from hab_tasks.cli import main
-from hab_tasks.episodes.journal import EpisodeJournal, journal_of
+from hab_tasks.episodes.journal import EpisodeJournal
 from hab_tasks.episodes.source import EpisodeRequest, open_source
 
 COMMAND = ("episodes", "--env", "HabOpenDrawer-v1", "--split", "train", "--seed", "11")
@@ -35,12 +35,12 @@ def test_an_interrupted_run_is_continued_when_asked(run, source, whole, tmp_path
     assert done.returncode == 0, done.stderr
     assert f"generated {COUNT} of {COUNT} episodes" in done.stdout
     assert out.read_bytes() == whole.read_bytes()
-    assert not journal_of(out).exists()
+    assert not (tmp_path / "out.json.journal").exists()
 
 
 def journal_with(source, tmp_path, count=COUNT):
     """A journal with the first episodes of the source."""
-    journal = EpisodeJournal(journal_of(tmp_path / "out.json"), source.configuration())
+    journal = EpisodeJournal(tmp_path / "out.json.journal", source.configuration())
     journal.open(resume=False, force=False)
     for index in range(count):
         journal.append(index, source.make(index))

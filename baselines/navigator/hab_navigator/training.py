@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,14 +13,19 @@ import torch
 from hab_eval.provenance import device, git_commit
 from hab_ppo import checkpoint
 from hab_ppo.errors import PolicyFileError
+from hab_ppo.limits import MOST_EPISODES, MOST_RANKS, MOST_ROWS
 from hab_ppo.progress import WriteLine
 
+from hab_navigator.command import NavigatorCommand
 from hab_navigator.fitting import fit, misfit
 from hab_navigator.lessons import Lessons
 from hab_navigator.network import GoalNetwork
 from hab_navigator.practice import Played, PracticePlan, practise
 from hab_navigator.weights import KIND, WEIGHTS, load, save
+from hab_tasks.console import tell
 from hab_tasks.episodes import EpisodeRequest, load_episodes
+from hab_tasks.files import check_folder
+from hab_tasks.option_values import LARGEST_SEED, whole
 from hab_tasks.processes import compute_threads, worker_pool
 from hab_tasks.skills.navigate import NAVIGATE_ID
 
@@ -74,6 +81,36 @@ class TrainingPlan:
     seed: int = 0
     out: Path = Path()
     command: str = ""
+
+
+def run(options: NavigatorCommand) -> int:
+    """Trains."""
+    for name in ("rounds", "episodes", "epochs", "training_episodes"):
+        whole(f"--{name.replace('_', '-')}", getattr(options, name), 1, MOST_EPISODES)
+    whole("--rows", options.rows, 1, MOST_ROWS)
+    whole("--workers", options.workers, 1, MOST_RANKS)
+    whole("--seed", options.seed, 0, LARGEST_SEED)
+    files = (WEIGHTS, PLAYED)
+    if options.force or not any((options.out / name).is_file() for name in files):
+        check_folder(options.out, force=options.force, mark=WEIGHTS)
+        for name in (WEIGHTS, LESSONS, PLAYED):
+            (options.out / name).unlink(missing_ok=True)
+    plan = TrainingPlan(
+        scene_dataset=options.scene_dataset,
+        objects=options.objects,
+        num_episodes=options.training_episodes,
+        rounds=options.rounds,
+        episodes=options.episodes,
+        epochs=options.epochs,
+        rows=options.rows,
+        workers=options.workers,
+        seed=options.seed,
+        out=options.out,
+        command=shlex.join(["hab-ppo", *sys.argv[1:]]),
+    )
+    train(plan, tell)
+    tell(f"wrote {options.out / WEIGHTS}")
+    return 0
 
 
 def train(plan: TrainingPlan, write_line: WriteLine) -> None:

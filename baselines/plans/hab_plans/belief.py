@@ -42,6 +42,7 @@ def point_of(scene: Scene, stage: Stage) -> Array:
     """Returns the point (3,) that the hand has to reach in a stage: an object, goal or handle."""
     if stage.articulation is not None:
         return scene.articulation(stage.articulation).handle_m
+    # A place is about where the object goes, wherever in the hand it is.
     return scene.object_m(stage.object) if stage.skill == "pick" else scene.goal_m(stage.object)
 
 
@@ -54,6 +55,7 @@ def believed(task: Task, scene: Scene) -> frozenset[Atom]:
     """Returns the atoms that the robot believes to hold: held, placed, open and closed."""
     objects = range(task.objects)
     held = tuple(k for k in objects if scene.holds(k))
+    # As in the success of a task: what is carried over its goal has not been placed.
     placed = tuple(k for k in objects if k not in held and _at_goal(scene, k))
     opened, closed = [], []
     for number, kind in enumerate(task.articulations):
@@ -61,6 +63,7 @@ def believed(task: Task, scene: Scene) -> frozenset[Atom]:
         lower, upper = articulation.limits
         joint = np.array(articulation.joint)
         share = np.array((articulation.joint - lower) / (upper - lower))
+        # What stands ajar is neither, so that a goal to close it remains to be done.
         opened += [number] * bool(kind.is_open(joint, share))
         closed += [number] * bool(kind.is_closed(joint))
     condition = Condition(held=held, placed=placed, opened=tuple(opened), closed=tuple(closed))

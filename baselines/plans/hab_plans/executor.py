@@ -55,6 +55,7 @@ class Executor(Generic[R]):
         log, config, robot = self._log, self._config, self._log.robot
         plan: Plan | None = plan_of(log.env_id)
         for number in range(1 + config.replans):
+            # With plans left, planning again mends more than going on with what has failed.
             to_the_end = config.goes_on and number == config.replans
             robot.failure = yield from self._carry_out(plan, number, to_the_end)
             if log.over or to_the_end:
@@ -62,6 +63,7 @@ class Executor(Generic[R]):
             plan = self._next_plan()  # after the last action too: effects may have been undone
             if plan is None:
                 break
+            # An empty plan: the goal is believed to hold, whatever the last stage reported.
             if not plan.actions:
                 robot.failure = None
                 break
@@ -70,13 +72,14 @@ class Executor(Generic[R]):
 
     def _next_plan(self) -> Plan | None:
         """Returns a plan from the believed state; None if there is none that the team can do."""
-        from hab_plans.solve import solve  # a slow import, needed only after a failure
+        from hab_plans.solve import solve  # takes a second, after a failure only
 
         start = start_given(self._log.env_id, self._log.believed())
         try:
             plan = solve(problem_of(self._log.env_id).started(start))
         except NoPlanError:
             return None
+        # A plan from another state may need a skill that this task's team lacks.
         known = {action.skill for action in plan.interactions} <= self._team.skills.keys()
         return plan if known else None
 
@@ -85,6 +88,7 @@ class Executor(Generic[R]):
         first: Failure | None = None
         for place, action in enumerate(plan.interactions, 1):
             if self._log.over:
+                # Without time for the remaining stages the task has failed, though no stage has.
                 return first or Failure.EXECUTION
             stage = stage_of(self._log.task, action)
             self._log.label = f"{place}/{len(plan.interactions)} {action}"
@@ -110,12 +114,14 @@ class Executor(Generic[R]):
             if failure is Failure.TARGET_PLAN:  # there is no other base pose
                 tried.clear()  # the next plan may succeed from one of these
                 break
+            # A skill may reach what the navigator did not; its end is what counts then.
             if failure is None or self._config.goes_on:
                 failure = yield from self._act(stage, now)
             failure = self._judged(stage, failure)
             if failure is None:
                 break
             log.robot.failure = failure
+            # Another attempt would start from what the stage was not planned for.
             if self._watched() != before:
                 break
         return failure
@@ -124,18 +130,21 @@ class Executor(Generic[R]):
         """Navigates to where a stage's skill can start, and makes the arm ready."""
         log, team, robot = self._log, self._team, self._log.robot
         skill = team.skills[stage.skill]
+        # E.g. to place with an empty hand: the way there would only cost time.
         if not skill.can_start(robot, stage):
             return None
 
         def choose() -> BasePose | None:
             pose = skill.base_pose(robot, stage, tried)
             if pose is not None:
+                # Also a pose that is then not reached: the next attempt is to differ.
                 tried.append(pose)
             return pose
 
         request = NavigationRequest(stage=stage, tried=tried, choose_base_pose=choose)
         going = team.navigator.go(robot, request)
         failure = yield from log.timed("navigate", going, team.navigator.horizon_steps, **facts)
+        # After a failed way too, as the skill may start where it ended.
         if failure is not Failure.TARGET_PLAN:
             yield from team.hand_over.arrive(stage, request)
         return failure
@@ -157,6 +166,7 @@ class Executor(Generic[R]):
         if log.believes:
             effect = achieved(log.task, stage, log.robot.scene)
         log.robot.trace[-1]["achieved"] = effect
+        # A robot that knows no effects takes the end of a skill for success, as the paper's do.
         if skill.knows_effect:
             return None if effect else failure or Failure.EXECUTION
         return failure

@@ -60,6 +60,7 @@ class MotionLog(Generic[R]):
     def _until(self, motion: Motion, deadline: int) -> Motion:
         """Runs a motion until it ends or exceeds its deadline."""
         robot = self.robot
+        # A motion sees the deadline itself, and uses the steps after it only to come to rest.
         while robot.steps < deadline + robot.settle_steps:
             try:
                 command = next(motion)
@@ -68,5 +69,6 @@ class MotionLog(Generic[R]):
             robot.doing = f"{self.label}: {robot.doing.rsplit(': ', 1)[-1]}"
             yield command
         motion.close()
+        # A motion that was cut off has left targets ahead of the arm, which would go on moving.
         robot.relax()
         return Failure.EXECUTION

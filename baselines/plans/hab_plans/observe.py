@@ -47,7 +47,9 @@ def start_given(env_id: str, seen: frozenset[Atom]) -> frozenset[Atom]:
     """
     problem = problem_of(env_id)
     changing = {"at", "placed", "holding", "hand-empty", "is-open", "is-closed"}
+    # The room is a container that is always open; doors and drawers are as seen.
     kept = {a for a in problem.start if a[0] not in changing or a == ("is-open", ROOM)}
+    # Conditions say only where an object is (`at`); the domain's `placed` follows.
     placed = {("placed", atom[1]) for atom in seen if atom[0] == "at"}
     empty = set() if any(atom[0] == "holding" for atom in seen) else {("hand-empty",)}
     return frozenset(kept | seen | placed | empty)

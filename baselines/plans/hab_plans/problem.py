@@ -117,6 +117,7 @@ def problem_of(reference: str) -> TaskProblem:
         if target.inside is None:
             start.add(("free-standing", goals[item]))
         else:
+            # Its goal moves with that object, which therefore has to be there first.
             start.add(("inside", goals[item], goals[thing(target.inside)]))
     for name in spec.articulations:
         opened = name in spec.starts_open

@@ -83,6 +83,7 @@ def _object_behind(spec: TaskSpec, action: Action) -> int:
     for item in interactions(spec):
         if (item.kind, item.articulation) == (action.verb, name):
             return item.target
+    # Only a plan made after a failure moves what the task's own plan leaves alone.
     users = [
         number
         for number, target in enumerate(spec.targets)

@@ -18,6 +18,7 @@ from hab_ppo.network import Policy, new_policy
 from hab_ppo.noise import RowNoise
 from hab_ppo.observation import ObservationLayout
 from hab_ppo.recipe import Recipe
+from hab_ppo.rows import binary_entries
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec, check_options
 from hab_tasks.processes import use_one_thread
 from hab_tasks.registration import imported_id
@@ -53,7 +54,7 @@ def load_policy(setup: AgentSetup, path: Path, env_id: str | None = None) -> Loa
     spaces = setup.spaces_of(imported_id(recipe.env.reference), spec_of(recipe))
     network = recipe.preset.network
     layout = ObservationLayout.of(spaces.observation, network.image_block_px)
-    policy = new_policy(layout, spaces.action, network, 0, recipe.binary_entries)
+    policy = new_policy(layout, spaces.action, network, 0, binary_entries(recipe))
     checkpoint.load_network(policy, tensors, path)
     return LoadedPolicy(policy.to(setup.device), recipe)
 

@@ -170,6 +170,7 @@ class Sb3Learner:
     """RecurrentPPO with the network and the update of `RECURRENT`."""
 
     def __init__(self, env: Any, steps: int) -> None:
+        # Optional, as above.
         from sb3_contrib import RecurrentPPO  # pyright: ignore[reportMissingImports]
 
         preset = RECURRENT.preset

@@ -16,10 +16,38 @@ from hab_eval.results import RunRecord
 
 from hab_ppo import checkpoint
 from hab_ppo.agent import WEIGHTS, recipe_of
+from hab_ppo.card_commands import CardsCommand
 from hab_ppo.curves import draw_success
+from hab_ppo.extensions import extensions
 from hab_ppo.recipe import Recipe
+from hab_tasks.console import tell
+from hab_tasks.files import written_aside
 
 NOT_EVALUATED = "No evaluation yet."
+
+
+def run(options: CardsCommand) -> int:
+    """Writes or compares the cards."""
+    records = evaluations(options.submissions)
+    texts = cards(records)
+    curves = set(texts)
+    for found in extensions("shipping").values():
+        texts |= found.load().cards(records)
+    stale = []
+    for path, text in texts.items():
+        picture = path.with_suffix(".png")
+        there = path.is_file() and (path not in curves or picture.is_file())
+        if there and path.read_text(encoding="utf-8") == text:
+            continue
+        stale.append(path.stem)
+        if not options.check:
+            with written_aside(path) as scratch:
+                scratch.write_text(text, encoding="utf-8")
+            if path in curves:
+                draw_card_curve(path.stem, picture)
+    state = "out of date" if options.check else "written"
+    tell(f"{state}: {', '.join(stale)}" if stale else "all cards are up to date")
+    return int(options.check and bool(stale))
 
 
 def shipped_names() -> list[str]:

@@ -12,7 +12,10 @@ from hab_ppo import checkpoint
 from hab_ppo.errors import PolicyFileError
 from hab_ppo.plan import CLONED
 from hab_ppo.progress import FILE, read_progress
-from hab_tasks.files import written_aside
+from hab_ppo.run_commands import PlotCommand
+from hab_tasks.console import tell
+from hab_tasks.errors import OptionError
+from hab_tasks.files import check_file, written_aside
 
 PANELS = (
     (("train/success", "eval/success"), "success"),
@@ -27,6 +30,18 @@ STAGE = "train/stage/"
 PANEL_IN, DPI = (4.0, 3.6), 120
 CARD_SIZE_IN, CARD_DPI = (6.0, 3.2), 90
 Line = Sequence[tuple[float, float]]
+
+
+def run(options: PlotCommand) -> int:
+    """Draws the picture."""
+    if not options.runs:
+        raise OptionError("Give at least one folder of a run.")
+    out = options.runs[0] / "curves.png" if options.out is None else options.out
+    # The default file is the run's own, and is drawn again as the run goes on.
+    check_file(out, force=options.force or options.out is None)
+    draw_curves(options.runs, out, minutes=options.minutes)
+    tell(f"wrote {out}")
+    return 0
 
 
 def draw_curves(runs: Sequence[Path], out: Path, *, minutes: bool = False) -> None:

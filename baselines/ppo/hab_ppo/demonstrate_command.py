@@ -8,14 +8,7 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from hab_ppo.config_json import changed
-from hab_ppo.limits import MOST_EPISODES, MOST_RANKS
-from hab_ppo.progress import say
-from hab_ppo.recipes import find_recipe
 from hab_tasks.console import Command
-from hab_tasks.errors import OptionError
-from hab_tasks.files import check_file
-from hab_tasks.option_values import LARGEST_SEED, whole
 
 HELP = """Makes demonstrations for a recipe: an agent's solved episodes, retimed and replayed.
 
@@ -29,6 +22,7 @@ class DemonstrateCommand(Command):
     """Options of `hab-ppo demonstrate`."""
 
     help: ClassVar[str] = HELP
+    work: ClassVar[str] = "hab_ppo.warm_start:run"
 
     recipe: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="NAME")]
     """A recipe of `hab-ppo list`, or `module:NAME`; its training episodes are played."""
@@ -50,28 +44,3 @@ class DemonstrateCommand(Command):
     """Replace FILE."""
     verbose: bool = False
     """Print the traceback of an error in an episode."""
-
-    def run(self) -> int:
-        """Makes the demonstrations."""
-        whole("--count", self.count, 1, MOST_EPISODES)
-        whole("--workers", self.workers, 1, MOST_RANKS)
-        whole("--seed", self.seed, 0, LARGEST_SEED)
-        if self.episodes is not None:
-            whole("--episodes", self.episodes, 1, MOST_EPISODES)
-        if not 0 <= self.noise <= 1:
-            raise OptionError.of_value("--noise", self.noise, "from 0 to 1")
-        recipe = find_recipe(self.recipe)
-        recipe = changed(recipe, env=changed(recipe.env, num_episodes=self.episodes))
-        check_file(self.out, force=self.force)
-        from hab_ppo.warm_start import DemonstrationPlan, write_demonstrations  # the simulator
-
-        plan = DemonstrationPlan(
-            recipe=recipe,
-            agent=self.agent,
-            count=self.count,
-            noise=self.noise,
-            seed=self.seed,
-            workers=self.workers,
-        )
-        write_demonstrations(self.out, plan, say)
-        return 0

@@ -7,6 +7,11 @@ import sys
 import uuid
 from collections.abc import Sequence
 
+from torch.distributed.elastic.multiprocessing.api import SignalException
+from torch.distributed.elastic.multiprocessing.errors import ChildFailedError
+from torch.distributed.launcher.api import LaunchConfig, elastic_launch
+
+from hab_ppo.loopback import use_loopback
 from hab_tasks.errors import RunStoppedError
 
 MOST_RESTARTS = 3
@@ -30,12 +35,6 @@ def launch(ranks: int, arguments: Sequence[str]) -> None:
     Raises:
         RunStoppedError: A rank failed.
     """
-    from torch.distributed.elastic.multiprocessing.api import SignalException
-    from torch.distributed.elastic.multiprocessing.errors import ChildFailedError
-    from torch.distributed.launcher.api import LaunchConfig, elastic_launch
-
-    from hab_ppo.loopback import use_loopback
-
     os.environ[PREPARED] = "1"
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     config = LaunchConfig(

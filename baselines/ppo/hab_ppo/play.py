@@ -8,16 +8,21 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from hab_eval.stats import wilson_interval
 
 from hab_ppo import checkpoint
 from hab_ppo.agent import recipe_of, weights_file
 from hab_ppo.evaluation import evaluate
+from hab_ppo.limits import MOST_EPISODES, MOST_RANKS, MOST_ROWS
 from hab_ppo.network import new_policy
 from hab_ppo.noise import ActionNoise
 from hab_ppo.observation import ObservationLayout
 from hab_ppo.recipe import Recipe
-from hab_ppo.rows import policy_rows
+from hab_ppo.rows import binary_entries, policy_rows
+from hab_ppo.run_commands import EvalCommand
+from hab_tasks.console import tell
 from hab_tasks.episodes import EpisodeRequest, load_episodes
+from hab_tasks.option_values import LARGEST_SEED, whole
 from hab_tasks.processes import use_one_thread
 
 
@@ -38,6 +43,29 @@ class Result:
     mean_return: float
     mean_steps: float
     steps_per_s: float
+
+
+def run(options: EvalCommand) -> int:
+    """Plays the episodes and prints the success rate."""
+    whole("--episodes", options.episodes, 1, MOST_EPISODES)
+    whole("--rows", options.rows, 1, MOST_ROWS)
+    whole("--workers", options.workers, 1, MOST_RANKS)
+    whole("--seed", options.seed, 0, LARGEST_SEED)
+    result = play(
+        options.weights,
+        split=options.split,
+        episodes=options.episodes,
+        seed=options.seed,
+        rows=options.rows,
+        workers=options.workers,
+    )
+    low, high = wilson_interval(result.successes, result.episodes)
+    tell(
+        f"success {result.successes / result.episodes:.1%} ({result.successes} of "
+        f"{result.episodes}, 95 % interval {low:.1%} to {high:.1%})"
+    )
+    tell(f"return {result.mean_return:.2f}, {result.mean_steps:.0f} steps (means)")
+    return 0
 
 
 def play(path: Path, *, split: str, episodes: int, seed: int, rows: int, workers: int) -> Result:
@@ -74,7 +102,7 @@ def play(path: Path, *, split: str, episodes: int, seed: int, rows: int, workers
     try:
         network, space = recipe.preset.network, env.single_action_space
         layout = ObservationLayout.of(env.single_observation_space, network.image_block_px)
-        policy = new_policy(layout, space, network, 0, recipe.binary_entries)
+        policy = new_policy(layout, space, network, 0, binary_entries(recipe))
         checkpoint.load_network(policy, tensors, path)
         began = time.perf_counter()
         scores = evaluate(env, policy, wanted, _noise(recipe, seed))

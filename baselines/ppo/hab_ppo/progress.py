@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-import sys
 import tempfile
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from torch.utils.tensorboard import SummaryWriter
 
 from hab_tasks.files import written_aside
 
@@ -115,8 +116,6 @@ class _Board:
 
     def __init__(self, folder: Path, first_step: int, write_line: WriteLine) -> None:
         """Continues the files before `first_step`; later scalars are dropped."""
-        from torch.utils.tensorboard import SummaryWriter  # takes a second
-
         self._folder, self._write_line = folder, write_line
         self._writer: SummaryWriter | None = None
         with self._tried():
@@ -149,12 +148,6 @@ class _Board:
                 f"{self._folder} cannot be written ({reason}); the run goes on without TensorBoard "
                 f"files, and {FILE} has the same numbers."
             )
-
-
-def say(text: str) -> None:
-    """Writes a line to the standard output at once."""
-    sys.stdout.write(f"{text}\n")
-    sys.stdout.flush()
 
 
 def read_progress(folder: Path) -> list[dict[str, Any]]:

@@ -338,16 +338,6 @@ class Recipe:
         return first + min(1.0, progress) * (last - first)
 
     @property
-    def binary_entries(self) -> tuple[int, ...]:
-        """Indices of the binary entries of the action: the gripper's, or none."""
-        if self.preset.network.gripper_persistence is None:
-            return ()
-        from hab_eval.environments import gripper_entry  # loads torch
-
-        entry = gripper_entry(self.env.control_mode)
-        return () if entry is None else (entry,)
-
-    @property
     def tuning(self) -> FineTuning | None:
         """How PPO continues from a clone; None if it starts from random weights."""
         start = self.warm_start or self.distill

@@ -12,9 +12,12 @@ from typing import Any
 
 from hab_ppo import checkpoint
 from hab_ppo.agent import WEIGHTS, weights_file
+from hab_ppo.card_commands import ShipCommand
 from hab_ppo.errors import PolicyFileError
+from hab_ppo.extensions import extensions
 from hab_ppo.plan import CLONED
 from hab_ppo.progress import read_progress
+from hab_tasks.console import tell
 
 CURVE_POINTS = 100
 """Most points of the training curve that are kept; evaluations are all kept."""
@@ -36,6 +39,15 @@ class Point:
     steps: int
     training: float | None
     evaluated: float | None
+
+
+def run(options: ShipCommand) -> int:
+    """Writes the file of weights."""
+    others = [found.load() for found in extensions("shipping").values()]
+    found = next((one for one in others if one.is_run(options.run_folder)), None)
+    out = (ship if found is None else found.ship)(options.run_folder)
+    tell(f"wrote {out}, {out.stat().st_size / 1e6:.1f} MB; hab-ppo cards writes its card")
+    return 0
 
 
 def ship(run: Path) -> Path:

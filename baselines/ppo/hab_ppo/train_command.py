@@ -11,12 +11,11 @@ from typing import Annotated, ClassVar
 import tyro
 
 from hab_ppo.config_json import changed
-from hab_ppo.launch import is_prepared, is_rank, launch
 from hab_ppo.limits import MOST_EPISODES, MOST_RANKS, MOST_ROWS, MOST_STEPS
-from hab_ppo.plan import DISTILLED_SO_FAR, EXACT, LAST, RECIPE, TrainPlan
+from hab_ppo.plan import DISTILLED_SO_FAR, EXACT, RECIPE
 from hab_ppo.recipe import PRESETS, Recipe
 from hab_ppo.recipes import find_recipe
-from hab_tasks.console import EXIT_INTERRUPTED, Command
+from hab_tasks.console import Command
 from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.files import check_folder
 from hab_tasks.option_values import LARGEST_SEED, whole
@@ -36,6 +35,7 @@ class TrainCommand(Command):
     """Options of `hab-ppo train`."""
 
     help: ClassVar[str] = TRAIN_HELP
+    work: ClassVar[str] = "hab_ppo.train_run:run"
 
     recipe: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="NAME")]
     """A recipe of `hab-ppo list`, or `module:NAME` for your own."""
@@ -82,28 +82,7 @@ class TrainCommand(Command):
     verbose: bool = False
     """Print the traceback of an error in an environment."""
 
-    def run(self) -> int:
-        """Trains in this process, or starts the ranks that do."""
-        recipe = self._recipe()
-        if is_rank():
-            try:
-                return self._train(recipe)
-            except KeyboardInterrupt:  # the launcher reports it, once
-                return EXIT_INTERRUPTED
-        self._check_out()
-        if self.ranks == 1:
-            return self._train(recipe)
-        self._check_launch(recipe)
-        launch(self.ranks, self._arguments())
-        return 0
-
-    def _check_launch(self, recipe: Recipe) -> None:
-        """Rejects bad input here, once, and not in each rank."""
-        from hab_ppo import train_run  # loads the simulator, which --help does not need
-
-        train_run.check(self._plan(recipe), self.ranks)
-
-    def _arguments(self) -> list[str]:
+    def arguments(self) -> list[str]:
         """Returns the arguments of a rank: those given, but for --force."""
         words = ["train", self.recipe]
         for field in fields(self):
@@ -114,36 +93,14 @@ class TrainCommand(Command):
             words += [option] if value is True else [option, str(value)]
         return words
 
-    def _command(self) -> str:
+    def command(self) -> str:
         """Returns the command of this run, without its folder and how it goes on."""
         fresh = replace(self, resume=False, exact=False, force=False, verbose=False)
-        words = fresh._arguments()
+        words = fresh.arguments()
         where = words.index("--out")
         return shlex.join(["hab-ppo", *words[:where], *words[where + 2 :]])
 
-    def _plan(self, recipe: Recipe) -> TrainPlan:
-        # A run that was interrupted before its first update has neither; it begins where it was.
-        checkpoint = EXACT if self.exact else LAST
-        resumes = (self.resume or is_prepared()) and (self.out / checkpoint).exists()
-        resume = checkpoint if resumes else None
-        return TrainPlan(
-            recipe=recipe,
-            out=self.out,
-            seed=self.seed,
-            resume=resume,
-            demonstrations=self.demonstrations,
-            teacher=self.teacher,
-            weights=self.weights,
-            command=self._command(),
-        )
-
-    def _train(self, recipe: Recipe) -> int:
-        from hab_ppo import train_run  # loads the simulator, which --help does not need
-
-        train_run.train(lambda: self._plan(recipe), self._check_out)
-        return 0
-
-    def _recipe(self) -> Recipe:
+    def resolved_recipe(self) -> Recipe:
         """Returns the recipe with the options given."""
         self._check_numbers()
         recipe = find_recipe(self.recipe)
@@ -193,7 +150,7 @@ class TrainCommand(Command):
         if self.exact and not self.resume:
             raise OptionError("--exact says from where --resume continues; give both.")
 
-    def _check_out(self) -> None:
+    def check_out(self) -> None:
         """Checks the output folder; with --force, empties it."""
         if self.resume:
             if not any((self.out / name).is_file() for name in (RECIPE, DISTILLED_SO_FAR)):

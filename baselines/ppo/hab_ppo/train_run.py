@@ -2,49 +2,77 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from hab_ppo.checkpoint import load
 from hab_ppo.distributed import Ranks
 from hab_ppo.episodes import prepare_episodes
-from hab_ppo.launch import is_prepared, is_rank
-from hab_ppo.plan import TrainPlan, check_same
-from hab_ppo.progress import say
+from hab_ppo.launch import is_prepared, is_rank, launch
+from hab_ppo.plan import EXACT, LAST, TrainPlan, check_same
+from hab_ppo.recipe import Recipe
+from hab_ppo.train_command import TrainCommand
 from hab_ppo.trainer import Trainer
 from hab_ppo.warm_start import check_start
+from hab_tasks.console import EXIT_INTERRUPTED, tell
 
 
-def check(plan: TrainPlan, ranks: int) -> None:
-    """Rejects bad input once, before the ranks start.
+def run(options: TrainCommand) -> int:
+    """Trains in this process, or starts the ranks that do.
 
     Raises:
         HabError: The run cannot start, or not continue, from the files given.
     """
+    recipe = options.resolved_recipe()
+    if is_rank():
+        try:
+            return _train(options, recipe)
+        except KeyboardInterrupt:  # the launcher reports it, once
+            return EXIT_INTERRUPTED
+    options.check_out()
+    if options.ranks == 1:
+        return _train(options, recipe)
+    _check(_plan(options, recipe), options.ranks)
+    launch(options.ranks, options.arguments())
+    return 0
+
+
+def _check(plan: TrainPlan, ranks: int) -> None:
+    """Rejects bad input here, once, and not in each rank."""
     check_start(plan)
     if plan.resume is not None:
         check_same(plan, load(plan.out / plan.resume)[1])
-    prepare_episodes(plan.recipe, ranks, say)  # also checks the environment's options
+    prepare_episodes(plan.recipe, ranks, tell)  # also checks the environment's options
 
 
-def train(make_plan: Callable[[], TrainPlan], check_out: Callable[[], None]) -> None:
-    """Trains as this process's rank.
+def _plan(options: TrainCommand, recipe: Recipe) -> TrainPlan:
+    # A run that was interrupted before its first update has neither; it begins where it was.
+    checkpoint = EXACT if options.exact else LAST
+    resumes = (options.resume or is_prepared()) and (options.out / checkpoint).exists()
+    return TrainPlan(
+        recipe=recipe,
+        out=options.out,
+        seed=options.seed,
+        resume=checkpoint if resumes else None,
+        demonstrations=options.demonstrations,
+        teacher=options.teacher,
+        weights=options.weights,
+        command=options.command(),
+    )
 
-    Args:
-        make_plan: Returns the plan; what it resumes from depends on the files in its folder.
-        check_out: Checks or empties the folder; called by the first of ranks launched elsewhere.
-    """
+
+def _train(options: TrainCommand, recipe: Recipe) -> int:
+    """Trains as this process's rank."""
     if not is_rank():
-        check_start(make_plan())
+        check_start(_plan(options, recipe))
     ranks = Ranks()
     if is_rank() and not is_prepared() and ranks.is_first:
-        check_out()
-    plan = make_plan()
+        options.check_out()
+    plan = _plan(options, recipe)  # what it resumes from depends on the files left in the folder
     try:
-        end = Trainer(plan, ranks, say).run()
+        end = Trainer(plan, ranks, tell).run()
     finally:
         ranks.close()
     if ranks.is_first and end.best_success is not None:
-        say(
+        tell(
             f"{end.steps:,} steps in {end.seconds / 60:.1f} min; best {end.best_success:.0%} "
             f"at {end.best_steps:,} steps, in {plan.out / 'best.safetensors'}"
         )
+    return 0

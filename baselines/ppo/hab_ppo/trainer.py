@@ -31,6 +31,7 @@ from hab_ppo.observation import ObservationLayout
 from hab_ppo.plan import BEST, EXACT, LAST, RECIPE, TrainPlan, check_same
 from hab_ppo.ppo import PPO
 from hab_ppo.progress import PARTS, Progress, Recent, WriteLine
+from hab_ppo.rows import binary_entries
 from hab_ppo.stages import stage_names
 from hab_ppo.warm_start import make_rows, start_policy
 from hab_tasks.files import written_aside
@@ -54,7 +55,7 @@ class Trainer:
         observed = self._env.single_observation_space
         layout = ObservationLayout.of(observed, preset.network.image_block_px)
         space = self._env.single_action_space
-        policy = new_policy(layout, space, preset.network, plan.seed, recipe.binary_entries)
+        policy = new_policy(layout, space, preset.network, plan.seed, binary_entries(recipe))
         policy = policy.to(ranks.device)
         guide = start_policy(plan, ranks, policy, self._write_line)
         self._learner = PPO(policy, preset.ppo, ranks, guide)

@@ -15,7 +15,8 @@ import numpy as np
 
 from hab_ppo import checkpoint
 from hab_ppo.cloning import Fit, clone
-from hab_ppo.config_json import to_json
+from hab_ppo.config_json import changed, to_json
+from hab_ppo.demonstrate_command import DemonstrateCommand
 from hab_ppo.demonstration_checks import check_sizes
 from hab_ppo.demonstration_file import DemonstrationFile, read_examples, write_examples
 from hab_ppo.demonstrations import DemonstrationPlan, demonstrate
@@ -25,11 +26,13 @@ from hab_ppo.episodes import training_episodes
 from hab_ppo.errors import RecipeError
 from hab_ppo.examples import Examples
 from hab_ppo.fine_tuning import Guide
+from hab_ppo.limits import MOST_EPISODES, MOST_RANKS
 from hab_ppo.network import Policy
 from hab_ppo.plan import CLONED, DEMONSTRATIONS, DISTILLED_SO_FAR, TrainPlan, check_same
 from hab_ppo.practice import Lesson, practise
 from hab_ppo.progress import WriteLine
 from hab_ppo.recipe import Distillation, Recipe
+from hab_ppo.recipes import find_recipe
 from hab_ppo.rows import policy_rows
 from hab_ppo.stages import info_keys
 from hab_ppo.teachers import (
@@ -40,6 +43,10 @@ from hab_ppo.teachers import (
     known_weights,
     load_teacher,
 )
+from hab_tasks.console import tell
+from hab_tasks.errors import OptionError
+from hab_tasks.files import check_file
+from hab_tasks.option_values import LARGEST_SEED, whole
 
 
 def check_start(plan: TrainPlan) -> None:
@@ -229,6 +236,30 @@ def _demonstrations(plan: TrainPlan, ranks: Ranks, write_line: WriteLine) -> Dem
         )
         write_demonstrations(path, wanted, write_line)
     return read_examples(path, recipe.env)
+
+
+def run(options: DemonstrateCommand) -> int:
+    """Makes the demonstrations."""
+    whole("--count", options.count, 1, MOST_EPISODES)
+    whole("--workers", options.workers, 1, MOST_RANKS)
+    whole("--seed", options.seed, 0, LARGEST_SEED)
+    if options.episodes is not None:
+        whole("--episodes", options.episodes, 1, MOST_EPISODES)
+    if not 0 <= options.noise <= 1:
+        raise OptionError.of_value("--noise", options.noise, "from 0 to 1")
+    recipe = find_recipe(options.recipe)
+    recipe = changed(recipe, env=changed(recipe.env, num_episodes=options.episodes))
+    check_file(options.out, force=options.force)
+    plan = DemonstrationPlan(
+        recipe=recipe,
+        agent=options.agent,
+        count=options.count,
+        noise=options.noise,
+        seed=options.seed,
+        workers=options.workers,
+    )
+    write_demonstrations(options.out, plan, tell)
+    return 0
 
 
 def write_demonstrations(path: Path, plan: DemonstrationPlan, write_line: WriteLine) -> None:

@@ -22,8 +22,9 @@ from hab_ppo.play import play
 from hab_ppo.progress import read_progress
 from hab_ppo.recipe import PAPER
 from hab_ppo.recipes import find_recipe, recipe_names
-from hab_ppo.trainer import Trainer, TrainPlan
+from hab_ppo.trainer import EXACT, LAST, Trainer, TrainPlan
 from sockets import check_loopback
+from toy_examples import same_tensors
 from untrained import write_weights
 
 from hab_tasks.agent_spaces import agent_spaces
@@ -66,11 +67,9 @@ def test_the_network_of_every_recipe_fits_its_environment():
             assert policy.lstm is not None or preset is not PAPER
 
 
-@pytest.mark.parametrize("repeat", [pytest.param(1, marks=long), 4])
-def test_an_agent_acts_as_the_policy_does_in_rows(repeat, tmp_path):
-    """Also where actions are repeated."""
+def test_an_agent_acts_as_the_policy_does_in_rows_where_actions_are_repeated(tmp_path):
     recipe = find_recipe("navigate_blind")
-    recipe = replace(recipe, draws_actions=False, env=replace(recipe.env, action_repeat=repeat))
+    recipe = replace(recipe, draws_actions=False, env=replace(recipe.env, action_repeat=4))
     weights, out = tmp_path / "weights.safetensors", tmp_path / "run"
     write_weights(recipe, weights)
     rows = play(weights, split="val", episodes=3, seed=0, rows=3, workers=1)
@@ -78,7 +77,7 @@ def test_an_agent_acts_as_the_policy_does_in_rows(repeat, tmp_path):
     run = ["run", *agent, "--env", recipe.env.env, "--episodes", "3", "--seed", "0"]
     assert hab_eval([*run, "--out", str(out)]) == 0
     summary = read_record(out / "run.json").summary
-    assert summary.mean_steps / repeat == pytest.approx(rows.mean_steps)  # 500 without success
+    assert summary.mean_steps / 4 == pytest.approx(rows.mean_steps)  # 500 without success
     assert summary.mean_return.mean == pytest.approx(rows.mean_return, abs=1e-4)
 
 
@@ -104,6 +103,29 @@ def test_a_recipe_is_trained_and_its_weights_play(name, tmp_path, capsys):
     other = "HabPlace-v1" if env == "HabPick-v1" else "HabPick-v1"
     assert hab_eval([*run, "--env", other, "--out", str(tmp_path / "other")]) == 2
     assert f"was trained in {env}, not {other}" in capsys.readouterr().err
+
+
+def test_a_run_that_was_stopped_and_resumed_equals_one_that_was_not(tmp_path, monkeypatch):
+    recipe = find_recipe("pick_blind")
+    preset = replace(recipe.preset, rows=4, rollout_steps=20)
+    recipe = replace(recipe, preset=preset, env=replace(recipe.env, num_episodes=2))
+    recipe = replace(recipe, total_steps=320, evaluation_steps=160, evaluation_episodes=1)
+    train(recipe, tmp_path / "whole")
+    update = Trainer._update
+
+    def interrupted(self):  # an update after the exact checkpoint, which is then done again
+        if self._position.update == 3:
+            raise KeyboardInterrupt
+        return update(self)
+
+    monkeypatch.setattr(Trainer, "_update", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        train(recipe, tmp_path / "parts")
+    monkeypatch.undo()
+    train(recipe, tmp_path / "parts", resume=EXACT)
+    assert same_tensors(tmp_path / "whole" / LAST, tmp_path / "parts" / LAST)
+    numbers = [[e["update"] for e in read_progress(tmp_path / run)] for run in ("whole", "parts")]
+    assert numbers == [[1, 2, 3, 4]] * 2
 
 
 def test_a_run_goes_on_after_a_rank_was_killed(tmp_path):

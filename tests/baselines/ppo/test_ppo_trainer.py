@@ -150,12 +150,8 @@ def test_an_interrupted_distillation_continues_after_its_last_round(toy, tmp_pat
 
 def test_bad_input_is_reported_in_one_line(tmp_path, monkeypatch):
     monkeypatch.setattr(teachers, "WEIGHTS", tmp_path / "nothing_ships")
-    names = {"DIR": tmp_path / "out", "FULL": tmp_path / "full", "DEMO": tmp_path / "demo"}
-    names |= {
-        "THESIS": tmp_path / "full" / "thesis.txt",
-        "OLD": tmp_path / "old",
-        "SMALL": tmp_path / "small",
-    }
+    names = {name: tmp_path / name.lower() for name in ("DIR", "FULL", "DEMO", "OLD", "SMALL")}
+    names["THESIS"] = names["FULL"] / "thesis.txt"
     names["FULL"].mkdir()
     names["THESIS"].write_text("mine")
     examples, env = random_examples([3], linear), find_recipe("close_drawer_blind").env

@@ -18,14 +18,7 @@ from hab_ppo.fine_tuning import Guide, Stage
 from hab_ppo.network import Chosen, new_policy
 from hab_ppo.observation import ObservationLayout
 from hab_ppo.ppo import PPO
-from hab_ppo.recipe import (
-    FAST,
-    Cloning,
-    Distillation,
-    EnvConfig,
-    FineTuning,
-    NetworkConfig,
-)
+from hab_ppo.recipe import FAST, Cloning, Distillation, EnvConfig, FineTuning, NetworkConfig
 from hab_ppo.teachers import PolicyTeacher, classroom
 from toy_examples import TOY, linear, random_examples
 from toy_vector import ToyVector, goals

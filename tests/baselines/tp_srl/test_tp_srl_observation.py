@@ -2,6 +2,7 @@
 
 import gymnasium as gym
 import numpy as np
+import pytest
 from hab_plans.plan import plan_of
 from hab_plans.stage import stage_of
 from hab_spa.scenes.true_scene import TrueScene
@@ -18,10 +19,10 @@ Places are found from float32 landmarks some metres away."""
 class Walk:
     """A task's env whose state is set; compares each skill's observation with its own env's."""
 
-    def __init__(self):
-        self.rng, self.envs = np.random.default_rng(5), {}
+    def __init__(self, data):
+        self.data, self.rng, self.envs = data, np.random.default_rng(5), {}
         mode = {"control_mode": "joint_target_base", "handle_position": True}
-        self.env = gym.make(f"hab_tasks:{TASK}", **PLAIN, **mode)
+        self.env = gym.make(f"hab_tasks:{TASK}", **PLAIN, **mode, **data)
         obs, _ = self.env.reset(seed=0)
         base = self.env.unwrapped
         stages = [stage_of(base.task, action) for action in plan_of(TASK).interactions]
@@ -41,7 +42,7 @@ class Walk:
         if (env_id, frame) not in self.envs:
             handle = "Drawer" in env_id or "Fridge" in env_id
             options = {"target_frame": frame, "handle_position": handle}
-            env = gym.make(f"hab_tasks:{env_id}", **PLAIN, **options)
+            env = gym.make(f"hab_tasks:{env_id}", **PLAIN, **options, **self.data)
             self.envs[env_id, frame] = env
         episode = skill_episode(self.env, env_id, stage)
         obs, _ = self.envs[env_id, frame].reset(options={"episode": episode})
@@ -77,9 +78,13 @@ class Walk:
         assert self.state.held == self.state.targets[number]
 
 
-def test_each_skill_observes_in_a_task_what_its_own_environment_gives():
+@pytest.mark.parametrize(
+    "real", [False, pytest.param(True, marks=[pytest.mark.assets, pytest.mark.slow])]
+)
+def test_each_skill_observes_in_a_task_what_its_own_environment_gives(real, request):
     """Goes through the states of SetTable in which its skills begin."""
-    walk = Walk()
+    names = {"scene_dataset": "replica_cad", "objects": "ycb"} if real else {}
+    walk = Walk({key: str(request.getfixturevalue(name)) for key, name in names.items()})
     walk.stand_elsewhere()
     walk.compare("open_drawer")
     walk.compare("open_drawer", "HabNavigate-v1")

@@ -236,26 +236,17 @@ def test_the_navigator_decides_every_four_steps_on_one_map_of_the_episode(tmp_pa
     assert looks[-1][0] is not map_
 
 
-def run_to_the_end(agent, env, obs, steps):
-    """Runs an agent of one row to the end of its plan; returns its report and the skills tried."""
-    agent.reset(torch.tensor([True]), [0])
-    for _ in range(steps):
-        if agent.spec.privileged:
-            obs = {**obs, "privileged": env.unwrapped.privileged()}
-        obs, *_ = env.step(agent.act(obs))
-        (report,) = agent.report()
-        if report.doing.startswith(("done", "failed")):
-            env.close()
-            stages = {entry["stage"]: entry["skill"] for entry in report.trace if "stage" in entry}
-            return report, [stages[number] for number in sorted(stages)]
-    return pytest.fail(f"still {report.doing} after {steps} steps")
-
-
 @pytest.mark.slow
 def test_a_policy_sees_the_images_of_its_rows(brief, weights, learned):
     options = {**learned, "pick": str(weights["pick_depth"])}
     agent = hab_tp_srl.tp_srl(agent_setup("HabTidyHouse-v1", options=options))
     env, obs = make_env(agent.spec, task="hab_tasks:HabTidyHouse-v1")
-    _, tried = run_to_the_end(agent, env, obs, 100)
-    assert tried == ["pick", "place"] * 5
+    agent.reset(torch.tensor([True]), [0])
+    for _ in range(50):
+        obs, *_ = env.step(agent.act(obs))
+    env.close()
+    (report,) = agent.report()
+    assert report.doing.startswith("failed")
+    stages = {entry["stage"]: entry["skill"] for entry in report.trace if "stage" in entry}
+    assert [stages[number] for number in sorted(stages)] == ["pick", "place"] * 5
     assert "pick_depth" in {name for name, _, _ in brief}

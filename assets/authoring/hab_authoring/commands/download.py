@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mani_skill import ASSET_DIR
+from mani_skill.utils import download_asset
 
 from hab_tasks.errors import HabError
 from hab_tasks.scenes.habitat.dataset import MANISKILL_ASSETS, maniskill_folder
@@ -25,9 +26,6 @@ def fetch(asset: str) -> Path:
             f"{folder}: not empty, but has no {part}/. ManiSkill would delete its content before "
             f"downloading {asset}; move it away first."
         )
-    # Imported here only: the import takes seconds, and no other code may download.
-    from mani_skill.utils import download_asset
-
     try:
         download_asset.download(download_asset.DATA_SOURCES[asset], non_interactive=True)
     except (OSError, ValueError) as error:

@@ -149,7 +149,7 @@ def _decompose(source: Path, pieces: list[trimesh.Trimesh], hulls: list[Points])
     if len(pieces) == 1 and _are_convex(pieces, hulls):
         return hulls
     mesh: Any = trimesh.util.concatenate(pieces)
-    # Many threads in each of many processes would compete.
+    # Many threads in each of many processes would compete; CoACD reads their number when imported.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     import coacd
 

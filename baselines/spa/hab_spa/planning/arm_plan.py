@@ -110,6 +110,7 @@ class OmplPlanner:
         if not len(goals):
             raise ValueError("A motion planner needs at least one goal.")
         if backwards:
+            # Leaving a tight place is reaching it, backwards: the search always ends there.
             ends = [Ends(open=goal, tight=start) for goal in goals]
         else:
             ends = [Ends(open=start, tight=goal) for goal in goals]
@@ -149,9 +150,11 @@ class _Search:
             spent = self._collision.checks - checks_before
             if spent >= enough or time.perf_counter() >= self._deadline_s:
                 break
+            # A seed by the attempt's number, so that none depends on the draws of those before it.
             path = self._attempt(attempt, seed + i)
             if path is None or (best is not None and path_rad(path) >= path_rad(best)):
                 continue
+            # From the first path on, more checks are spent in proportion to what there is to gain.
             if best is None:
                 before = self._collision.checks - checks_before
             too_long = path_rad(path) / self._config.good_rad - 1.0
@@ -169,6 +172,7 @@ class _Search:
         pairs = range(len(self._ends))
         for margin_m, retreats_, pair in product(margins_m, (False, True), pairs):
             yield _Attempt(margin_m, pair, retreats_, range_rad=0.0, checks=0)
+        # Once only, as its small range rarely pays in tight places (`PlanConfig`).
         yield _Attempt(margins_m[0], 0, False, config.range_rad, config.first_checks)
         for power in count():
             checks = config.first_checks * 2**power
@@ -176,6 +180,7 @@ class _Search:
                 roomy = sorted(pairs, key=lambda pair, m=margin_m: -self._retreat_steps(m, pair))
                 for pair in roomy[: config.roomy_ends]:
                     yield _Attempt(margin_m, pair, True, config.restart_range_rad, checks)
+            # Without a retreat too, one pair a round: where the hand backs out need not be the way.
             pair = power % len(pairs)
             yield _Attempt(margins_m[-1], pair, False, config.restart_range_rad, checks)
 
@@ -193,12 +198,14 @@ class _Search:
         else:
             path = self._connect(attempt, ends, seed)
         if path is not None and len(path) > 2:
+            # Shortcuts are checked coarsely, hence the finer check of the result.
             path = shorten(self._collision, path, seed, self._deadline_s, config)
         return path if path is not None and self._stands(path, attempt.pair) else None
 
     def _keep(self, margin_m: float, pair: int) -> None:
         """Sets the margin, reduced for pairs that are closer at an end."""
         if pair not in self._close:
+            # Contacts are told within the margin only, so the largest one finds all close pairs.
             self._collision.set_margin(max(self._config.margins_m))
             ends, close = self._ends[pair], {}
             for contact in (
@@ -226,6 +233,7 @@ class _Search:
                 if edge_is_free(self._collision, ends.open, retreat[i], resolution_rad):
                     paths.append(np.concatenate((ends.open[None], retreat[i::-1])))
                     break
+        # All directions are tried: straight edges are cheap, and a short path needs no improving.
         return min(paths, key=path_rad, default=None)
 
     def _connect(self, attempt: _Attempt, ends: Ends, seed: int) -> Array | None:
@@ -237,6 +245,7 @@ class _Search:
         retreat_paths = self._retreats(attempt)
         if not retreat_paths:
             return None
+        # The longest leads farthest out of the tight place.
         retreat = max(retreat_paths, key=len)
         path = connect(self._collision, ends.open, retreat[-1], seed, limit, config)
         return None if path is None else np.concatenate((path, retreat[-2::-1]))
@@ -244,6 +253,7 @@ class _Search:
     def _retreats(self, attempt: _Attempt) -> list[Array]:
         """Returns the retreats from the tight end; at larger margins, as far as they keep them."""
         least_m = min(self._config.margins_m)
+        # Inverse kinematics runs once, at the smallest margin; larger ones cut its lines short.
         if (least_m, attempt.pair) not in self._retreat_paths:
             self._keep(least_m, attempt.pair)
             tight = self._ends[attempt.pair].tight

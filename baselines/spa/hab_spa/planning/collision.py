@@ -138,6 +138,7 @@ class ArmCollision:
         self._data = self._model.createData()
         self._geometry = pin.GeometryModel()
         self._scene: list[_SceneItem] = []
+        # By body; what lies in a drawer is looked up in the initial state, once.
         self._moving: dict[str, list[_SceneItem]] = {}
         self.base_from_arm = np.eye(4)
         self.base_from_arm[2, 3] = state.locked_qpos[TORSO_JOINT] - FETCH.locked_qpos[TORSO_JOINT]
@@ -253,6 +254,7 @@ class ArmCollision:
             return
         self._margins_m[pair] = margin_m
         self._pairs.collisionRequests[pair].security_margin = margin_m
+        # The broad phase has data of its own, and would keep the old margin.
         self._broad.getGeometryData().collisionRequests[pair].security_margin = margin_m
 
     def _add_bodies(self, held: str | None) -> None:
@@ -273,6 +275,7 @@ class ArmCollision:
     def _add(self, body: CollisionBody, kind: str, link: str) -> None:
         """Adds a body's shapes to its joint: an arm joint, the wrist if held, or else the root."""
         joint, joint_from_body = 0, self.arm_from_world @ self._state.world_from_body[body.name]
+        # Fingers are placed as they are, like a held object: the model has the arm's joints only.
         if kind == "arm" and link not in FINGER_LINKS:
             frame = self._model.frames[self._model.getFrameId(link)]
             joint, joint_from_body = frame.parentJoint, frame.placement.homogeneous
@@ -343,6 +346,7 @@ class ArmCollision:
             if kind == "scene":
                 placed = world_from_arm * item.placement
                 self._scene.append(_SceneItem(body, item, placed, placed))
+        # NaN equals nothing, so that the first call sets every pair.
         self._margins_m = [float("nan")] * len(pairs)
         self.set_margin(self.config.margin_m)
 
@@ -361,6 +365,7 @@ class ArmCollision:
         rest = np.array(FETCH.rest_qpos_rad)
         pin.computeCollisions(self._model, self._data, self._geometry, data, rest, False)
         for pair, result in zip(self._geometry.collisionPairs, data.collisionResults, strict=True):
+            # Convex hulls overlap where links do not; the rest pose is known to be free.
             if result.isCollision():
                 paired[pair.first, pair.second] = paired[pair.second, pair.first] = False
         return paired

@@ -91,6 +91,7 @@ def retreats(
         path, last = [start], start
         steps = round(config.retreat_m / config.step_m)
         for i, qpos in enumerate(_line(arm, start, direction, steps, config), start=1):
+            # Small steps keep the hand on its line; a planner needs fewer waypoints.
             if i % config.retreat_stride:
                 continue
             if not edge_is_free(collision, last, qpos, config.resolution_rad):
@@ -113,6 +114,8 @@ def _out_of_contact(
     path = [start]
     steps = round(config.length_m / config.step_m)
     for qpos in _line(arm, start, direction, steps, config):
+        # On the way, contacts of the start may last and nothing else may touch; at the end of it,
+        # the full margin counts for all.
         collision.set_margin(0.0)
         collision.relax(start, config.touch_m)
         if not edge_is_free(collision, path[-1], qpos, config.resolution_rad):

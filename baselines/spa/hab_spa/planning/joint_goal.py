@@ -118,6 +118,7 @@ class Search:
             if self.tool is None:
                 found = _with_rest_roll(found)
             found = free_poses(found, collision, self.margins_m[-1])
+            # All are kept, as goals with small margins follow where roomy ones are too few.
             free = np.concatenate((free, found))
             roomy += len(free_poses(found, collision, self.margins_m[0]))
             if roomy >= self.enough or len(free) >= self.plenty * self.enough:
@@ -152,6 +153,7 @@ def sample_reaching_goals(
         starts = rng.uniform(LOWER_RAD, UPPER_RAD, (len(batch_m), 7))
         if near is not None:
             drawn = near + rng.normal(scale=config.tight_spread_rad, size=starts.shape)
+            # The others stay random: the pose near may be one from which nothing is found.
             starts[::2] = np.clip(drawn, LOWER_RAD, UPPER_RAD)[::2]
         return starts, batch_m
 
@@ -254,10 +256,12 @@ def found_by(
     """
     began, checks_before = time.perf_counter(), collision.checks
     poses, samples = search.run(collision, arm, config.ik)
+    # Stable, so that equal costs do not depend on the machine's sort.
     poses = poses[np.argsort(cost(poses), kind="stable")]
     chosen = np.zeros((0, 7))
     for margin_m in search.margins_m:
         chosen = np.concatenate((chosen, free_poses(poses, collision, margin_m)))
+        # Poses of the larger margin come again with the smaller one; `apart` drops them.
         goals = apart(chosen, config)
         if len(goals) == config.goals:
             break

@@ -100,6 +100,7 @@ def lowering(
         targets_m = np.tile(goal_m, (len(starts), 1))
         targets_m[:, 2] += rng.choice(placing.heights_m, len(starts))
         angle = rng.uniform(0.0, 2.0 * np.pi, len(starts))
+        # The root makes points even over the disc instead of crowded in its middle.
         aside_m = placing.aside_m * np.sqrt(rng.uniform(size=len(starts)))
         targets_m[:, :2] += aside_m[:, None] * np.stack((np.cos(angle), np.sin(angle)), axis=1)
         return starts, targets_m

@@ -88,6 +88,7 @@ def connect(
     if not problem.hasExactSolution():
         return None
     path: Any = problem.getSolutionPath()
+    # States are clipped to the limits; the ends have to be the poses asked for.
     return np.array([start, *_poses(path)[1:-1], goal])
 
 

@@ -23,6 +23,8 @@ from hab_eval.results import EpisodeResult
 from hab_eval.runner import run_episode
 from mani_skill.utils.wrappers.record import RecordEpisode
 
+from hab_spa.recording.options import RecordCommand
+from hab_tasks.console import tell
 from hab_tasks.envs import ENVS
 from hab_tasks.episodes import Episode, EpisodeRequest, open_source
 from hab_tasks.errors import OptionError, RunStoppedError
@@ -31,6 +33,11 @@ from hab_tasks.files import check_file, check_folder, replace_folder, scratch_fo
 from hab_tasks.option_values import MOST_WORKERS, whole
 from hab_tasks.processes import use_one_thread
 from hab_tasks.registration import imported_id, reference_of
+
+EXIT_TOO_FEW = 1
+
+MOST_FOR_EACH = 10
+"""Default maximum number of episodes per demonstration."""
 
 NAME = "trajectory"
 LEROBOT = "lerobot"
@@ -92,6 +99,32 @@ OnEpisode = Callable[[EpisodeResult], None]
 """Called after each episode."""
 
 
+def run(options: RecordCommand) -> int:
+    """Records demonstrations and prints the result of each episode."""
+    most = MOST_FOR_EACH * options.count if options.most is None else options.most
+    plan = RecordPlan(
+        config=options.config_of(options.count),
+        out=options.out,
+        most=most,
+        lerobot=options.lerobot,
+        force=options.force,
+        workers=options.workers,
+        executor=ExecutorChoice(executor=options.executor, address=options.address),
+    )
+
+    def print_result(result: EpisodeResult) -> None:
+        ended = "solved" if result.success else f"failed: {result.failure}"
+        tell(f"{result.id}: {ended}, {result.steps} steps")
+
+    recorded = record(plan, print_result)
+    for failure, number in sorted(recorded.failures.items()):
+        tell(f"{number} of {recorded.episodes} episodes failed: {failure}")
+    for file in recorded.files:
+        tell(f"wrote {file}")
+    tell(f"{recorded.demonstrations} of {options.count} demonstrations")
+    return 0 if recorded.demonstrations == options.count else EXIT_TOO_FEW
+
+
 def record(plan: RecordPlan, on_episode: OnEpisode) -> Recorded:
     """Runs episodes until enough have succeeded, and writes their trajectories.
 
@@ -103,10 +136,12 @@ def record(plan: RecordPlan, on_episode: OnEpisode) -> Recorded:
     """
     environments.check_env_id(plan.config.env)
     targets = _targets(plan)
-    if plan.lerobot:  # raises early if pyarrow is missing
+    if plan.lerobot:
+        # It needs pyarrow, which is optional; here it raises before the first episode.
         from hab_spa.recording import lerobot_format
     play = _play
     if plan.executor.is_remote:
+        # It is built on this module.
         from hab_spa.recording.distributed import play_distributed as play
     with scratch_folder(plan.out) as scratch:
         results = play(plan, scratch, on_episode)

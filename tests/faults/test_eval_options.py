@@ -5,9 +5,9 @@ import os
 
 import pytest
 import stub_runs  # first: it finds the stub
-from hab_eval import run_folder
 from hab_eval.cli import main
-from hab_eval.results import write_record
+from hab_eval.records.results import write_record
+from hab_eval.run import run_folder
 from refusals import check_each, refused_by_command
 from stub_runs import RUN, make_record
 

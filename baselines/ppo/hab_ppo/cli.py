@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, ClassVar
 
 import tyro
-from hab_eval.stats import wilson_interval
+from hab_eval.records.stats import wilson_interval
 
 from hab_ppo.card_commands import CardsCommand, ShipCommand
 from hab_ppo.demonstrate_command import DemonstrateCommand

@@ -342,7 +342,7 @@ class Recipe:
         """Indices of the binary entries of the action: the gripper's, or none."""
         if self.preset.network.gripper_persistence is None:
             return ()
-        from hab_eval.environments import gripper_entry  # loads torch
+        from hab_eval.run.environments import gripper_entry  # loads torch
 
         entry = gripper_entry(self.env.control_mode)
         return () if entry is None else (entry,)

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 
+from hab_eval.bench.hab_env import HabEnvFactory, control_of, motion_of
+from hab_eval.bench.object_counts import episodes_by_object_count
 from hab_eval.bench.options import BenchOptions
 from hab_eval.bench.process import BenchEnv, RemoteEnv, StepTiming
 from hab_eval.bench.rows import BenchRow, bound_row, make_row
 from hab_eval.bench.suite import TIDY_HOUSE, Suite, WriteLine
+from hab_tasks.episodes import EpisodeRequest
 
 COUNTS = (10, 30, 100)
 """Numbers of movable objects in the scene, including the target objects."""
@@ -19,10 +22,6 @@ SHARE_BOUND = 0.4
 
 def run_objects(options: BenchOptions, write_line: WriteLine) -> list[BenchRow]:
     """Measures HabTidyHouse-v1 with each of `COUNTS` objects in each scene."""
-    from hab_eval.bench.hab_env import HabEnvFactory
-    from hab_eval.bench.object_counts import episodes_by_object_count
-    from hab_tasks.episodes import EpisodeRequest
-
     rows: list[BenchRow] = []
     for (scene,) in options.groups:
         dataset = str(options.scene_dataset)
@@ -42,8 +41,6 @@ def measure(
     options: BenchOptions, env: BenchEnv, write_line: WriteLine
 ) -> dict[int, list[StepTiming]]:
     """Cycles through the episodes, one per number of objects; the first cycle is warm-up."""
-    from hab_eval.bench.hab_env import control_of, motion_of
-
     control = control_of(TIDY_HOUSE)
     timings: dict[int, list[StepTiming]] = {count: [] for count in COUNTS}
     for repeat in range(options.repeats + 1):

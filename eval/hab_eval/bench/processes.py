@@ -11,12 +11,15 @@ from typing import Any, Protocol
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode
+from mani_skill.utils.wrappers.gymnasium import CPUGymWrapper
 
+from hab_eval.bench.hab_env import HabEnvFactory, actions_of, control_of, motion_of
 from hab_eval.bench.options import BenchOptions
 from hab_eval.bench.process import RemoteEnv
 from hab_eval.bench.rows import BenchRow, make_row
 from hab_eval.bench.suite import PICK, Suite, WriteLine
 from hab_eval.errors import BenchError
+from hab_tasks.processes import use_one_thread
 
 CONTEXT = "spawn"
 """Start method of the processes; threads do not survive a fork."""
@@ -50,8 +53,6 @@ class SeparateProcesses:
 
     def run_steps(self, count: int, seed: int) -> float:
         """See `Vector`; the slowest process determines the time."""
-        from hab_eval.bench.hab_env import motion_of
-
         for env in self._envs:
             env.start_steps(motion_of(self._control, count, seed))
         timings = [env.finish_steps() for env in self._envs]
@@ -82,8 +83,6 @@ class VectorEnv:
 
     def run_steps(self, count: int, seed: int) -> float:
         """See `Vector`."""
-        from hab_eval.bench.hab_env import actions_of, motion_of
-
         size = self._env.num_envs
         motion = motion_of(self._control, count, seed)
         actions = actions_of(self._control, motion, self._episode).numpy()
@@ -106,8 +105,6 @@ class VectorEnv:
 
 def _factory(options: BenchOptions, env_id: str, scene: str) -> tuple[Any, str, Any]:
     """Returns the factory of an environment, its control mode and its episode."""
-    from hab_eval.bench.hab_env import HabEnvFactory, control_of
-
     factory = HabEnvFactory.of(options, env_id, (scene,), obs_mode="state")
     return factory, control_of(env_id), factory.episodes_in(scene)[0]
 
@@ -123,10 +120,6 @@ def _reporting_lost_processes() -> Iterator[None]:
 
 def _make(factory: Any) -> gym.Env[Any, Any]:
     """Creates one environment in its process, with Gymnasium's single-environment interface."""
-    from mani_skill.utils.wrappers.gymnasium import CPUGymWrapper
-
-    from hab_tasks.processes import use_one_thread
-
     use_one_thread()
     return CPUGymWrapper(factory.make_env())
 

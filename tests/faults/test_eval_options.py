@@ -39,7 +39,11 @@ WORDS = {
     "no_gpu": ((*RUN, "--out", "x", "--device", "cuda:9"), "'cuda:9' is not available", "cpu"),
     "option_text": ((*RUN, "--out", "x", "--option", "speed"), "NAME=VALUE"),
     "both": ((*RUN, "--out", "x", "--resume", "--force"), "--resume", "--force"),
-    "suite": (("bench", "--suite", "x", "--json", "y", "--scene-dataset", "z"), "'x'", "memory"),
+    "suite": (
+        ("bench", "--suite", "x", "--json", "y", "--scene-dataset", "z"),
+        "'x'",
+        "regressions",
+    ),
     "no_runs": (("failures", "--out", "x.png"), "at least one run"),
     "format": (("failures", "run.json", "--out", "x.pdf"), ".png"),
     "no_submissions": (("table", "--submissions", "/nowhere"), "/nowhere"),

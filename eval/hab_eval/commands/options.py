@@ -33,17 +33,15 @@ Example:
 Requires the real ReplicaCAD. Both environments run in the same scenes, alternating.
 
 Suites:
-  sim        steps/s with state observations, compared with ManiSkill
-  depth      steps/s with two depth cameras, compared with ManiSkill
-  reset      reset time within and between layouts, compared with ManiSkill
-  objects    time outside the physics engine with 10, 30 and 100 objects in the scene
-  processes  steps/s of two processes, compared with one
-  memory     memory of one process and of each additional one
-  vector     steps/s of 16 rows of the vector environment, compared with AsyncVectorEnv
-  rays       depth images computed on the CPU, compared with a software renderer
-  episodes   time per generated episode
-  plan       arm planning time of the SPA baseline, which must be installed
-  train      training steps of hab-ppo, which must be installed"""
+  sim          steps/s with state observations, compared with ManiSkill
+  depth        steps/s with two depth cameras, compared with ManiSkill
+  reset        reset time within and between layouts, compared with ManiSkill
+  vector       steps/s of 16 rows of the vector environment, compared with AsyncVectorEnv
+  rays         depth images computed on the CPU, compared with a software renderer
+  episodes     time per generated episode
+  plan         arm planning time of the SPA baseline, which must be installed
+  train        training steps of hab-ppo, which must be installed
+  regressions  settled claims: 10 to 100 objects, two processes, memory of a process"""
 
 
 @dataclass(frozen=True, kw_only=True)

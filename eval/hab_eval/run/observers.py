@@ -11,8 +11,7 @@ import imageio.v2 as imageio
 import numpy as np
 
 from hab_eval.records.video_names import video_name
-from hab_eval.run.film import Frame, compose, describe
-from hab_eval.run.step_info import StepInfo
+from hab_eval.run.film import Frame, StepInfo, compose, describe
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.files import written_aside
 

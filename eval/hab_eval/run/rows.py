@@ -18,9 +18,9 @@ from hab_eval.records.config import EvalConfig
 from hab_eval.records.results import EpisodeResult
 from hab_eval.run import environments
 from hab_eval.run.agent_checks import without_exit
+from hab_eval.run.film import StepInfo
 from hab_eval.run.observations import LazyObservation, agent_view
 from hab_eval.run.observers import Observer, VideoRecorder
-from hab_eval.run.step_info import StepInfo
 from hab_tasks.agent import AgentSpec
 from hab_tasks.errors import RunStoppedError
 

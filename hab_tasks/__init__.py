@@ -20,7 +20,7 @@ __all__ = ["ENVS", "Target", "TaskSpec", "__version__", "register_skill", "regis
 
 register_skills()
 for _spec in (TIDY_HOUSE, PREPARE_GROCERIES, SET_TABLE):
-    register_task(_spec)
+    register_task(_spec, __name__)
 
 
 def __getattr__(name: str) -> Any:

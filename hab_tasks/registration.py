@@ -70,8 +70,9 @@ def register_skill(
 ) -> None:
     """Adds a user-defined skill to Gymnasium's registry.
 
-    Call it on import of a module. ``gym.make("that_module:X-v1")`` then works anywhere, including
-    worker processes and every command. Navigate only uses the benchmark's skills.
+    Call it on import of the class's module or package. ``gym.make("module:X-v1")`` then works
+    anywhere, including worker processes and every command. Navigate only uses the benchmark's
+    skills.
 
     Args:
         env_id: Environment id, ``X-v1``.
@@ -89,8 +90,7 @@ def register_skill(
     if in_tasks is not None:
         TASK_SKILLS[in_tasks] = env_id
         _enclose(behind, in_tasks.partition("_")[2])
-    caller = sys._getframe(1).f_globals.get("__name__", PACKAGE)
-    _register(env_id, entry_point, horizon_steps, caller)
+    _register(env_id, entry_point, horizon_steps, entry_point.partition(":")[0])
 
 
 def _enclose(receptacles: Collection[str], door: str) -> None:
@@ -100,23 +100,19 @@ def _enclose(receptacles: Collection[str], door: str) -> None:
             raise HabError(f"{name} is behind {CONTAINERS[name]}; it cannot be behind {door} too.")
 
 
-def register_task(spec: TaskSpec) -> None:
+def register_task(spec: TaskSpec, module: str) -> None:
     """Adds a task to Gymnasium's registry, and makes it known to planners and commands.
 
-    Call it on import of a module. ``gym.make("that_module:X-v1")`` then works anywhere, including
+    Call it on import of a module. ``gym.make("module:X-v1")`` then works anywhere, including
     worker processes and every command.
 
     Args:
         spec: The task.
+        module: The module that calls this, ``__name__``.
 
     Raises:
         TaskSpecError: The id is taken, or `spec` is not a task.
     """
-    add_task(spec, sys._getframe(1).f_globals.get("__name__", PACKAGE))
-
-
-def add_task(spec: TaskSpec, module: str) -> None:
-    """Does what `register_task` does when `module` calls it."""
     if not isinstance(spec, TaskSpec):
         raise TaskSpecError(f"register_task: a TaskSpec is valid, not a {type(spec).__name__}.")
     if TASKS.get(spec.id) == spec:

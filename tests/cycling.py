@@ -55,13 +55,13 @@ def per_step(w, state, loop, *, grasps, loops=LOOPS, skipped=1):
     for step in range((skipped + loops) * len(loop)):
         if step == skipped * len(loop):
             before, after_first = potential(w), situation(w)
-        held = bool(w.sim.holding()[0])
+        held = w.sim.grasp.holding
         _, reward, ended, *_ = w.env.step(loop[step % len(loop)])
         if ended:
             return -np.inf
         if after_first is not None:
             total += float(reward[0])
-            taken += bool(w.sim.holding()[0]) and not held
+            taken += w.sim.grasp.holding and not held
     if situation(w) != after_first or (grasps and not taken):
         return -np.inf
     return (total - float(potential(w) - before)) / (loops * len(loop))

@@ -18,7 +18,7 @@ from hab_tasks.engine.rows import Rows
 from hab_tasks.episodes.source import shared_sources
 from hab_tasks.errors import HabError
 from hab_tasks.processes import begin_worker
-from hab_tasks.registration import MAIN, add_task
+from hab_tasks.registration import MAIN, register_task
 from hab_tasks.vector.layout import ACTION, RowLayout, info_types
 from hab_tasks.vector.messages import (
     STEP,
@@ -69,7 +69,7 @@ def _serve(connection: Connection, setup: WorkerSetup) -> None:
 def make_rows(setup: WorkerSetup) -> list[HabEnv]:
     """Returns the environments of all rows of a worker."""
     if setup.task is not None:
-        add_task(setup.task, MAIN)
+        register_task(setup.task, MAIN)
     with shared_sources(setup.episodes_folder):
         envs: list[Any] = [
             gym.make(setup.reference, **setup.options).unwrapped

@@ -62,7 +62,7 @@ def test_a_link_becomes_part_of_its_parent_unless_it_is_kept():
 
 def test_fetch_is_the_same_body():
     whole = pin.buildModelFromUrdf(str(FETCH.urdf_path()))
-    merged = pin.buildModelFromXML(_fetch_urdf(False))
+    merged = pin.buildModelFromXML(_fetch_urdf(FETCH, False))
     assert list(merged.names) == list(whole.names)
     qpos, models = pin.randomConfiguration(whole), (whole, merged)
     inertias = [pin.crba(model, model.createData(), qpos) for model in models]

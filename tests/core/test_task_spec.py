@@ -90,9 +90,9 @@ def test_tasks_that_cannot_be_are_refused_in_one_line():
         (lambda: spec(target(stages=("a", "a"))), "two stages are called 'a'"),
         (lambda: spec(id="Trial"), "a name and a version"),
         (lambda: spec(clutter_on=()), "names no receptacle for the clutter"),
-        (lambda: register_task(spec(id="HabSetTable-v1")), "another environment has this id"),
-        (lambda: register_task(spec(id="CartPole-v1")), "another environment has this id"),
-        (lambda: register_task(None), "a TaskSpec is valid, not a NoneType"),
+        (lambda: register_task(spec(id="HabSetTable-v1"), "me"), "another environment has this id"),
+        (lambda: register_task(spec(id="CartPole-v1"), "me"), "another environment has this id"),
+        (lambda: register_task(None, "me"), "a TaskSpec is valid, not a NoneType"),
         (lambda: spec(target(stages=("a",))), "stages of target 'thing' is ('a',); None or two"),
         (
             lambda: spec(target(stages=("close_fridge", "a"))),
@@ -129,7 +129,7 @@ def test_lists_and_numpys_numbers_are_taken():
 
 def test_an_environment_is_known_by_its_module_and_registered_once():
     before = dict(TASKS)
-    register_task(TASKS["HabSetTable-v1"])
+    register_task(TASKS["HabSetTable-v1"], __name__)
     assert before == TASKS
     assert imported_id("hab_tasks:HabPick-v1") == "HabPick-v1"
     assert reference_of("HabPick-v1") == "hab_tasks:HabPick-v1"

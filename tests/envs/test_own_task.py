@@ -66,7 +66,7 @@ import gymnasium, hab_tasks
 from my_tasks import CLEAR_TABLE as task
 if __name__ == "__main__":
     task = hab_tasks.TaskSpec(**{**vars(task), "id": "Here-v1", "targets": list(task.targets)})
-    hab_tasks.register_task(task)
+    hab_tasks.register_task(task, __name__)
     gymnasium.make("Here-v1", num_episodes=1).reset(seed=0)
     envs = gymnasium.make_vec("Here-v1", num_envs=2, num_workers=2, num_episodes=1)
     assert envs.reset(seed=0)[0].shape == (2, 32)

@@ -21,4 +21,4 @@ CLEAR = hab_tasks.TaskSpec(
     horizon_steps=700,
     clutter=0,
 )
-hab_tasks.register_task(CLEAR)
+hab_tasks.register_task(CLEAR, __name__)

@@ -13,4 +13,4 @@ CLEAR_TABLE = TaskSpec(
     ends_closed=("fridge",),
     horizon_steps=3000,
 )
-register_task(CLEAR_TABLE)
+register_task(CLEAR_TABLE, __name__)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cache
 from xml.etree import ElementTree
 
 from mani_skill.agents.registration import register_agent
@@ -10,6 +10,7 @@ from mani_skill.agents.registration import register_agent
 from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.fetch.light_visuals import lighten
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
+from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.scenes.fixed_links import merge_fixed_links
 from hab_tasks.scenes.urdf import remove_visuals
 
@@ -18,15 +19,15 @@ NEAR_PAIRS = (("head_pan_link", "shoulder_lift_link"), ("head_tilt_link", "shoul
 1.9 cm); the engine would check them for contacts in every step."""
 
 
-@lru_cache(maxsize=2)
-def _fetch_urdf(visuals: bool) -> str:
-    """Returns the URDF of Fetch, with light visuals or without visuals.
+@cache
+def _fetch_urdf(fetch: RobotSpec, visuals: bool) -> str:
+    """Returns the URDF of a Fetch, with light visuals or without visuals.
 
     Wheels have no collision shapes: they are inside the base's outline and touch only the floor.
     Wheels, laser and other parts on fixed joints are merged into the link that carries them: the
     engine would simulate 12 more links in every step.
     """
-    source = FETCH.urdf_path()
+    source = fetch.urdf_path()
     root = ElementTree.parse(source).getroot()
     if visuals:
         lighten(root, source.parent)
@@ -36,20 +37,21 @@ def _fetch_urdf(visuals: bool) -> str:
         if "wheel" in link.get("name", ""):
             for collision in link.findall("collision"):
                 link.remove(collision)
-    merge_fixed_links(root, keep={FETCH.ee_link})
+    merge_fixed_links(root, keep={fetch.ee_link})
     for mesh in root.iter("mesh"):
         mesh.set("filename", str((source.parent / mesh.get("filename", "")).resolve()))
     return ElementTree.tostring(root, encoding="unicode")
 
 
-@lru_cache(maxsize=1)
-def _ignored_pairs() -> str:
+@cache
+def _ignored_pairs(fetch: RobotSpec) -> str:
     """Returns the SRDF: link pairs without collision, `NEAR_PAIRS` included.
 
     Pairs with a merged link are left out; the engine ignores links next to each other by itself.
     """
-    root = ElementTree.parse(FETCH.urdf_path().with_suffix(".srdf")).getroot()
-    links = {link.get("name") for link in ElementTree.fromstring(_fetch_urdf(False)).iter("link")}
+    root = ElementTree.parse(fetch.urdf_path().with_suffix(".srdf")).getroot()
+    robot = ElementTree.fromstring(_fetch_urdf(fetch, visuals=False))
+    links = {link.get("name") for link in robot.iter("link")}
     for pair in root.findall("disable_collisions"):
         if not {pair.get("link1"), pair.get("link2")} <= links:
             root.remove(pair)
@@ -69,8 +71,8 @@ class HabFetch(MobileManipulator):
 
     def urdf(self, visuals: bool) -> str:
         """Returns ManiSkill's URDF without the collision shapes of the wheels."""
-        return _fetch_urdf(visuals)
+        return _fetch_urdf(self.spec, visuals)
 
     def srdf(self) -> str:
         """Returns ManiSkill's SRDF with `NEAR_PAIRS` added."""
-        return _ignored_pairs()
+        return _ignored_pairs(self.spec)

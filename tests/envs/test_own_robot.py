@@ -1,0 +1,65 @@
+"""A robot of a user in one file: a Fetch with another rest pose, another camera, a renamed hand."""
+
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from hab_eval import straight_line
+from mani_skill.agents.registration import register_agent
+
+from hab_tasks.agent_spaces import agent_setup
+from hab_tasks.robots.fetch import FETCH
+from hab_tasks.robots.fetch.agent import HabFetch
+from hab_tasks.robots.kinematics import ArmKinematics
+from hab_tasks.robots.registry import register_robot
+from hab_tasks.robots.spec import CameraPlace
+
+REST_M = (0.6, 0.1, 0.9)
+
+
+@register_agent()
+class LowFetch(HabFetch):
+    uid = "low_fetch"
+
+
+@pytest.fixture
+def low_fetch(tmp_path):
+    meshes = f'filename="{FETCH.urdf_path().parent}/'
+    for suffix in (".urdf", ".srdf"):
+        text = FETCH.urdf_path().with_suffix(suffix).read_text().replace('filename="', meshes)
+        (tmp_path / f"low{suffix}").write_text(text.replace('"gripper_link"', '"hand_link"'))
+    rest = ArmKinematics(FETCH).approach(np.array(FETCH.rest_qpos_rad), np.array(REST_M), 99, 0.02)
+    arm = CameraPlace(link="hand_link", position_m=(0.0, 0.0, 0.1))
+    side = CameraPlace(link="base_link", position_m=(0.2, -0.8, 1.5), target_m=(0.8, 0.0, 0.8))
+    LowFetch.spec = replace(
+        FETCH,
+        uid=LowFetch.uid,
+        urdf=str(tmp_path / "low.urdf"),
+        rest_position_m=REST_M,
+        rest_qpos_rad=tuple(rest.tolist()),
+        ee_link="hand_link",
+        cameras={"arm": arm, "side": side},
+    )
+    register_robot(LowFetch.spec, f"{__name__}:LowFetch")
+    return LowFetch.uid
+
+
+@pytest.mark.slow
+def test_it_plays_pick_from_its_own_starts(low_fetch):
+    options = {"obs_mode": "depth", "cameras": ["side"], "robot_uids": low_fetch}
+    env = gym.make("HabPick-v1", **options, split="val", num_episodes=3)
+    agent, won = straight_line(agent_setup("HabPick-v1")), []
+    for index in range(3):
+        obs, _ = env.reset(seed=0, options={"episode": index})
+        assert obs["sensor_data"]["side"]["depth"].float().std() > 0.01
+        assert obs["agent"]["rest_from_ee"].abs().max() < 0.06  # S H.2: noise of 5 cm
+        over = False
+        while not over:
+            obs, _, ended, truncated, info = env.step(agent.act(obs))
+            over = bool(ended) or bool(truncated)
+        won.append(bool(info["success"]))
+        hand_m = obs["agent"]["ee_position"] + obs["agent"]["rest_from_ee"]
+        assert hand_m[0].tolist() == pytest.approx(REST_M, abs=1e-5)
+    env.close()
+    assert sum(won) >= 2, won

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import imageio_ffmpeg
 from hab_authoring.commands.environments_page import video_name
-from hab_eval.leaderboard import default_submissions
-from hab_eval.results import read_record
+from hab_eval.records.leaderboard import default_submissions
+from hab_eval.records.results import read_record
 
 OUT = Path(__file__).parent
 WIDTH_PX, QUALITY = 960, 32

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from hab_eval.results import EpisodeResult, RunRecord, summarize, write_record
+from hab_eval.records.results import EpisodeResult, RunRecord, summarize, write_record
 from stub_runs import make_record
 
 CLEAN_COMMIT = "0123456789abcdef0123456789abcdef01234567"

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from hab_eval.results import EpisodeResult, RunRecord, summarize
+from hab_eval.records.results import EpisodeResult, RunRecord, summarize
 
 ROOT = Path(__file__).resolve().parents[1]
 STUBS = ROOT / "tests" / "eval"

@@ -90,6 +90,13 @@ SPA_ORDER = [
 ]
 SPA = ROOT / "baselines" / "spa" / "hab_spa"
 
+# The same for hab_eval.
+EVAL_ORDER = [
+    *({"errors"}, {"records"}, {"run"}, {"__init__"}, {"bench"}, {"site"}, {"commands"}),
+    *({"cli"}, {"__main__"}),
+]
+EVAL = ROOT / "eval" / "hab_eval"
+
 # The same for hab_authoring.
 AUTHORING_ORDER = [
     {"__init__", "apartment", "inventory", "showroom"},
@@ -202,7 +209,9 @@ def test_imports_inside_hab_tasks_go_one_way():
     assert not wrong
 
 
-@pytest.mark.parametrize(("folder", "order"), [(SPA, SPA_ORDER), (AUTHORING, AUTHORING_ORDER)])
+@pytest.mark.parametrize(
+    ("folder", "order"), [(SPA, SPA_ORDER), (EVAL, EVAL_ORDER), (AUTHORING, AUTHORING_ORDER)]
+)
 def test_imports_inside_a_package_go_one_way(folder, order):
     ranks = {name: rank for rank, row in enumerate(order) for name in row}
     wrong = []

@@ -1,50 +1,57 @@
 """Evaluation of agents on the Home Assistant Benchmark.
 
-Importing this package does not load the simulator; runs and benchmarks load it when needed.
+Importing this package loads neither torch nor the simulator: its names are imported when used.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hab_tasks.agent import Agent, AgentSetup
+    from hab_eval.records.config import EvalConfig
+    from hab_eval.records.results import RunRecord, read_record
+    from hab_eval.run.agents import (
+        close_hand,
+        do_nothing,
+        open_hand,
+        random_agent,
+        straight_line,
+    )
+    from hab_eval.run.evaluate import RunOptions, evaluate
+    from hab_eval.run.load_agent import load_agent
 
-__all__ = ["__version__", "close_hand", "do_nothing", "open_hand", "random_agent", "straight_line"]
+__all__ = [
+    "EvalConfig",
+    "RunOptions",
+    "RunRecord",
+    "__version__",
+    "close_hand",
+    "do_nothing",
+    "evaluate",
+    "load_agent",
+    "open_hand",
+    "random_agent",
+    "read_record",
+    "straight_line",
+]
 
 __version__ = "0.3.0"
 
-
-def random_agent(setup: AgentSetup) -> Agent:
-    """Returns the built-in baseline: uniform random actions, seeded per episode."""
-    from hab_eval.example_agent import RandomAgent
-
-    return RandomAgent(setup)
-
-
-def do_nothing(setup: AgentSetup) -> Agent:
-    """Returns an agent that stands still and keeps holding its object."""
-    from hab_eval.standing_agent import StandingAgent
-
-    return StandingAgent(setup, hand="keep")
+_MODULES = {
+    "records.config": ("EvalConfig",),
+    "records.results": ("RunRecord", "read_record"),
+    "run.agents": ("close_hand", "do_nothing", "open_hand", "random_agent", "straight_line"),
+    "run.evaluate": ("RunOptions", "evaluate"),
+    "run.load_agent": ("load_agent",),
+}
 
 
-def close_hand(setup: AgentSetup) -> Agent:
-    """Returns an agent that stands still and closes the gripper."""
-    from hab_eval.standing_agent import StandingAgent
-
-    return StandingAgent(setup, hand="close")
-
-
-def open_hand(setup: AgentSetup) -> Agent:
-    """Returns an agent that stands still and opens the gripper."""
-    from hab_eval.standing_agent import StandingAgent
-
-    return StandingAgent(setup, hand="open")
+def __getattr__(name: str) -> Any:
+    """Imports a public name on first access."""
+    for module, names in _MODULES.items():
+        if name in names:
+            return getattr(import_module(f"{__name__}.{module}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
-def straight_line(setup: AgentSetup) -> Agent:
-    """Returns an agent of Pick and Place whose hand goes straight to the point and to rest."""
-    from hab_eval.straight_agent import StraightAgent
-
-    return StraightAgent(setup)
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

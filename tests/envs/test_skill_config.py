@@ -2,7 +2,7 @@
 
 import gymnasium as gym
 import pytest
-from hab_eval.config import parse_numbers
+from hab_eval.records.config import parse_numbers
 from playing import actions, play
 
 from hab_tasks.engine.skill_config import config_values, configured

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import stub_hab
 import torch
-from hab_eval import isolation, runner
+from hab_eval.run import isolation, runner
 
 from hab_tasks.agent import AgentSetup
 

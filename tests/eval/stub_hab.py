@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import torch
-from hab_eval import environments
-from hab_eval.config import EvalConfig
-from hab_eval.environments import agent_seed
+from hab_eval.records.config import EvalConfig
+from hab_eval.run import environments
+from hab_eval.run.environments import agent_seed
 
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec, check_options
 from hab_tasks.errors import HabError, UnknownNameError
@@ -216,7 +216,6 @@ def check_env_id(env_id: str) -> None:
 def install() -> Callable[[], None]:
     """Puts the stub in the place of `hab_tasks`; returns how to undo it."""
     replaced = {
-        "env_ids": lambda: [ENV_ID, "HabOther-v1"],
         "check_env_id": check_env_id,
         "load_episode_set": load_episode_set,
         "make_env": lambda config, spec, *, split, render: StubEnv(render=render),

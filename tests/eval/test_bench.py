@@ -123,7 +123,7 @@ REFUSED = (
     ((*SIM, "--scene", "onee", "--scene", "one"), "Did you mean 'one'?"),
     ((*SIM, "--scene", "one", "--scene", "onee"), "Did you mean 'one'?"),
     ((*SIM, "--scene", "one", "--env", "HabStab-v1"), "Did you mean 'HabStub-v1'?"),
-    (("--suite", "objects", "--scene", "one", "--env", "HabStub-v1"), "does not support --env"),
+    (("--suite", "regressions", "--scene", "one", "--env", "HabStub-v1"), "does not support --env"),
     (("--suite", "reset", "--scene", "one"), "--scene at least twice"),
     ((*SIM, "--scene-dataset", "x"), "not a ReplicaCAD folder"),
     ((*SIM, "--json", "taken.json"), "--force"),

@@ -3,8 +3,8 @@
 import imageio.v2 as imageio
 import numpy as np
 import pytest
-from hab_eval.failures import PLANNING, categories, draw_failures, percent
-from hab_eval.results import write_record
+from hab_eval.records.failures import PLANNING, categories, draw_failures, percent
+from hab_eval.records.results import write_record
 from site_records import record_of
 
 

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from hab_eval.results import read_record
+from hab_eval.records.results import read_record
 from refusals import check_each
 from stub_runs import RUN, results_of
 

@@ -2,8 +2,8 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-from hab_eval.leaderboard import build_groups, to_html, to_markdown
-from hab_eval.results import summarize, write_record
+from hab_eval.records.leaderboard import build_groups, to_html, to_markdown
+from hab_eval.records.results import summarize, write_record
 from stub_runs import make_record
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 import stub_hab
 import torch
-from hab_eval import environments
-from hab_eval.config import EvalConfig
 from hab_eval.errors import AgentError
-from hab_eval.observations import agent_view, batched
-from hab_eval.runner import run_episode
+from hab_eval.records.config import EvalConfig
+from hab_eval.run import environments
+from hab_eval.run.observations import agent_view, batched
+from hab_eval.run.runner import run_episode
 
 from hab_tasks.agent import AgentSpec, of_rows
 from hab_tasks.errors import HabError

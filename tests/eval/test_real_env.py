@@ -4,11 +4,12 @@ import json
 from dataclasses import replace
 
 import pytest
-from hab_eval import environments, random_agent
+from hab_eval import random_agent
 from hab_eval.cli import main
-from hab_eval.config import EvalConfig
-from hab_eval.results import read_record
-from hab_eval.runner import run_episode
+from hab_eval.records.config import EvalConfig
+from hab_eval.records.results import read_record
+from hab_eval.run import environments
+from hab_eval.run.runner import run_episode
 from stub_runs import results_of
 
 from hab_tasks.agent import AgentReport, AgentSetup

@@ -2,7 +2,7 @@ import json
 from dataclasses import replace
 
 import pytest
-from hab_eval.results import read_record, summarize, write_record
+from hab_eval.records.results import read_record, summarize, write_record
 from stub_runs import make_record
 
 

@@ -7,8 +7,8 @@ import signal
 import imageio.v2 as imageio
 import numpy as np
 import pytest
-from hab_eval import provenance
-from hab_eval.results import read_record
+from hab_eval.records import provenance
+from hab_eval.records.results import read_record
 from refusals import check_each
 from stub_runs import RUN, journal_ids
 from stub_runs import results_of as episodes_of

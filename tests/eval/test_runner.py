@@ -5,8 +5,8 @@ import stub_hab
 import torch
 from hab_eval import random_agent
 from hab_eval.errors import AgentError
-from hab_eval.load_agent import load_agent
-from hab_eval.runner import run_episode
+from hab_eval.run.load_agent import load_agent
+from hab_eval.run.runner import run_episode
 
 from hab_tasks.agent import Agent, AgentReport, AgentSetup, check_options
 from hab_tasks.errors import UnknownNameError
@@ -61,8 +61,10 @@ def test_random_agent_repeats_itself_and_stays_in_bounds():
 def test_unknown_agents_name_the_nearest():
     with pytest.raises(AgentError, match="Did you mean 'hab_eval'"):
         load_agent("hab_evall:random_agent", SETUP)
-    with pytest.raises(AgentError, match=r"not in the package 'hab_eval'.*'hab_eval.runner'"):
-        load_agent("hab_eval.runer:x", SETUP)
+    with pytest.raises(
+        AgentError, match=r"not in the package 'hab_eval.run'.*'hab_eval.run.runner'"
+    ):
+        load_agent("hab_eval.run.runer:x", SETUP)
     with pytest.raises(UnknownNameError, match="Did you mean 'random_agent'"):
         load_agent("hab_eval:randomagent", SETUP)
     with pytest.raises(UnknownNameError, match="Did you mean 'constant'"):

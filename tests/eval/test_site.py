@@ -6,14 +6,15 @@ import re
 
 import pytest
 from hab_eval.errors import ResultError
-from hab_eval.results import write_record
-from hab_eval.site import comparison, paper
+from hab_eval.records import paper
+from hab_eval.records.results import write_record
+from hab_eval.records.video_names import highlights
+from hab_eval.site import comparison
 from hab_eval.site.agents import agent_pages, read_cards
 from hab_eval.site.breakdown import by_layout, by_receptacle, histogram, read_receptacles
 from hab_eval.site.comparison import comparison_sets
-from hab_eval.site.entries import kinds_of, make_entries
+from hab_eval.site.entries import counterparts, kinds_of, make_entries
 from hab_eval.site.markdown_files import rendered
-from hab_eval.video_names import highlights
 from PIL import Image
 from site_records import record_of, write_submissions
 
@@ -106,7 +107,7 @@ def test_the_papers_results_have_counterparts_on_the_same_protocol():
         "priv.json": record_of([None], **{**spa, "agent": "hab_spa:spa_priv"}),
     }
     entries = make_entries(records)
-    found = [[one.name for one in paper.counterparts(r, entries)] for r in paper.RESULTS]
+    found = [[one.name for one in counterparts(r, entries)] for r in paper.RESULTS]
     assert found == [["priv"], ["unseen"], ["seen"], [], []]
 
 

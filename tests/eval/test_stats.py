@@ -2,7 +2,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from hab_eval.stats import bootstrap_mean, exact_mcnemar, mean, wilson_interval
+from hab_eval.records.stats import bootstrap_mean, exact_mcnemar, mean, wilson_interval
 
 
 def test_wilson_interval_of_4_in_5_by_hand():

@@ -8,16 +8,16 @@ from dataclasses import replace
 import pytest
 import stub_runs
 from hab_eval.errors import ResultError
-from hab_eval.leaderboard import (
+from hab_eval.records.leaderboard import (
     Submissions,
     default_submissions,
     find_submissions,
     with_submission,
 )
-from hab_eval.provenance import COMMIT_SEPARATOR
-from hab_eval.results import write_record
+from hab_eval.records.provenance import COMMIT_SEPARATOR
+from hab_eval.records.results import write_record
+from hab_eval.records.status import again_table, best_table, rows_table
 from hab_eval.site.build import SiteOptions, build_site
-from hab_eval.status import again_table, best_table, rows_table
 from stub_runs import make_record
 
 from hab_tasks.registration import SKILLS, TASKS

@@ -4,12 +4,12 @@ import re
 from dataclasses import replace
 
 import pytest
-from hab_eval.agent_files import AgentFiles
-from hab_eval.leaderboard import default_submissions, read_submissions
-from hab_eval.results import read_record, summarize, write_record
-from hab_eval.submissions.naming import submission_name
-from hab_eval.submissions.replay import Replay, episode_differences
-from hab_eval.submissions.report import draw
+from hab_eval.records.agent_files import AgentFiles
+from hab_eval.records.leaderboard import default_submissions, read_submissions
+from hab_eval.records.results import read_record, summarize, write_record
+from hab_eval.records.submissions import submission_name
+from hab_eval.run.replay import Replay, episode_differences
+from hab_eval.run.replay_report import draw
 from refusals import check_each
 from site_records import record_of
 from stub_runs import RUN

@@ -5,9 +5,9 @@ import os
 
 import pytest
 import stub_runs  # first: it finds the stub
-from hab_eval import run_folder
 from hab_eval.cli import main
-from hab_eval.results import write_record
+from hab_eval.records.results import write_record
+from hab_eval.run import run_folder
 from refusals import check_each, refused_by_command
 from stub_runs import RUN, make_record
 
@@ -39,7 +39,11 @@ WORDS = {
     "no_gpu": ((*RUN, "--out", "x", "--device", "cuda:9"), "'cuda:9' is not available", "cpu"),
     "option_text": ((*RUN, "--out", "x", "--option", "speed"), "NAME=VALUE"),
     "both": ((*RUN, "--out", "x", "--resume", "--force"), "--resume", "--force"),
-    "suite": (("bench", "--suite", "x", "--json", "y", "--scene-dataset", "z"), "'x'", "memory"),
+    "suite": (
+        ("bench", "--suite", "x", "--json", "y", "--scene-dataset", "z"),
+        "'x'",
+        "regressions",
+    ),
     "no_runs": (("failures", "--out", "x.png"), "at least one run"),
     "format": (("failures", "run.json", "--out", "x.pdf"), ".png"),
     "no_submissions": (("table", "--submissions", "/nowhere"), "/nowhere"),

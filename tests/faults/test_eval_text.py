@@ -7,13 +7,13 @@ from dataclasses import replace
 from html.parser import HTMLParser
 
 import pytest
-from hab_eval import plain_text
-from hab_eval.failures import draw_failures, failure_table
-from hab_eval.leaderboard import build_groups, to_html, to_markdown
-from hab_eval.plain_text import figure_text, plain
-from hab_eval.progress import describe
-from hab_eval.report import leaderboard_tables, result_table
-from hab_eval.results import summarize, write_record
+from hab_eval.records import plain_text
+from hab_eval.records.failures import draw_failures, failure_table
+from hab_eval.records.leaderboard import build_groups, to_html, to_markdown
+from hab_eval.records.plain_text import figure_text, plain
+from hab_eval.records.report import leaderboard_tables, result_table
+from hab_eval.records.results import summarize, write_record
+from hab_eval.run.progress import describe
 from hab_eval.site.build import SiteOptions, build_site
 from markdown_it import MarkdownIt
 from matplotlib.backends.backend_agg import FigureCanvasAgg

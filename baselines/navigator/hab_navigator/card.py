@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from hab_eval.results import RunRecord
+from hab_eval.records.results import RunRecord
 from hab_ppo.cards import NOT_EVALUATED, result, table
 
 from hab_navigator.weights import NAVIGATOR, is_run, load, ship, shipped_navigator

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from hab_eval.provenance import device, git_commit
+from hab_eval.records.provenance import device, git_commit
 from hab_ppo import checkpoint
 from hab_ppo.errors import PolicyFileError
 from hab_ppo.limits import MOST_EPISODES, MOST_RANKS, MOST_ROWS

@@ -10,9 +10,9 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from hab_eval.leaderboard import default_submissions, read_submissions
-from hab_eval.plain_text import markdown
-from hab_eval.results import RunRecord
+from hab_eval.records.leaderboard import default_submissions, read_submissions
+from hab_eval.records.plain_text import markdown
+from hab_eval.records.results import RunRecord
 
 from hab_ppo import checkpoint
 from hab_ppo.agent import WEIGHTS, recipe_of

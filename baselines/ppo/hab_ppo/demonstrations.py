@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 import torch
-from hab_eval import environments
-from hab_eval.config import EvalConfig
-from hab_eval.load_agent import load_agent
-from hab_eval.runner import run_episode
+from hab_eval.records.config import EvalConfig
+from hab_eval.run import environments
+from hab_eval.run.load_agent import load_agent
+from hab_eval.run.runner import run_episode
 
 from hab_ppo.agent import spec_of
 from hab_ppo.demonstration_file import Followed

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from hab_eval.stats import wilson_interval
+from hab_eval.records.stats import wilson_interval
 
 from hab_ppo import checkpoint
 from hab_ppo.agent import recipe_of, weights_file

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import gymnasium as gym
-from hab_eval.environments import gripper_entry
+from hab_eval.run.environments import gripper_entry
 
 from hab_ppo.recipe import EnvConfig, Recipe
 

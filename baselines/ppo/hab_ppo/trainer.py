@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from hab_eval.provenance import device, git_commit
+from hab_eval.records.provenance import device, git_commit
 
 from hab_ppo import checkpoint
 from hab_ppo.checkpoint import Position

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import torch
 from gymnasium import spaces
-from hab_eval.load_agent import load_agent
+from hab_eval.run.load_agent import load_agent
 
 from hab_tasks.agent import Agent, AgentSetup, of_rows
 from hab_tasks.envs import ENVS

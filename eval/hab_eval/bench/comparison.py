@@ -9,10 +9,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from hab_eval.bench.hab_env import HabEnvFactory, control_of, motion_of
 from hab_eval.bench.layout import make_layout
 from hab_eval.bench.motion import Motion
 from hab_eval.bench.options import BenchOptions
 from hab_eval.bench.process import BenchEnv, RemoteEnv, StepTiming
+from hab_eval.bench.reference import ReferenceFactory
 from hab_eval.bench.rows import BenchRow, make_row
 from hab_eval.bench.suite import WriteLine
 
@@ -24,8 +26,6 @@ def reference(
     options: BenchOptions, scenes: tuple[str, ...], *, obs_mode: str
 ) -> Iterator[RemoteEnv]:
     """Starts the reference in its own process, on a copy of the scenes."""
-    from hab_eval.bench.reference import ReferenceFactory
-
     with tempfile.TemporaryDirectory(prefix="hab_bench_") as folder:
         make_layout(options.scene_dataset, scenes, Path(folder))
         factory = ReferenceFactory(scenes=scenes, obs_mode=obs_mode)
@@ -38,8 +38,6 @@ def hab_env(
     options: BenchOptions, env_id: str, scenes: tuple[str, ...], **settings: Any
 ) -> Iterator[RemoteEnv]:
     """Starts an environment of `hab_tasks` in its own process."""
-    from hab_eval.bench.hab_env import HabEnvFactory
-
     factory = HabEnvFactory.of(options, env_id, scenes, **settings)
     with closing(RemoteEnv(factory, {})) as env:
         yield env
@@ -47,8 +45,6 @@ def hab_env(
 
 def motions(env_id: str) -> tuple[str, Callable[[int, int], Motion]]:
     """Returns the control mode of an environment and a function (count, seed) -> `Motion`."""
-    from hab_eval.bench.hab_env import control_of, motion_of
-
     control = control_of(env_id)
     return control, partial(motion_of, control)
 

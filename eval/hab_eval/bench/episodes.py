@@ -10,8 +10,11 @@ from dataclasses import dataclass
 from hab_eval.bench.options import BenchOptions
 from hab_eval.bench.rows import BenchRow, bound_row
 from hab_eval.bench.suite import Suite, WriteLine
+from hab_tasks.envs import ENVS
 from hab_tasks.episodes import EpisodeRequest
 from hab_tasks.episodes.source import EpisodeSource, open_source
+from hab_tasks.processes import worker_pool
+from hab_tasks.registration import TASKS
 
 WORKERS = 2
 SPLIT = "train"
@@ -56,9 +59,6 @@ def generation_rows(
 
 def run_episodes(options: BenchOptions, write_line: WriteLine) -> list[BenchRow]:
     """Measures each environment, in the training layouts or in the given ones."""
-    from hab_tasks.envs import ENVS
-    from hab_tasks.registration import TASKS
-
     rows: list[BenchRow] = []
     for scene in [group[0] for group in options.groups] or [None]:
         for env_id in options.envs or tuple(ENVS):
@@ -79,8 +79,6 @@ def run_episodes(options: BenchOptions, write_line: WriteLine) -> list[BenchRow]
 
 def generate(request: EpisodeRequest, repeats: int, count: int) -> list[Generation]:
     """Generates `repeats` times `count` new episodes in workers that have warmed up."""
-    from hab_tasks.processes import worker_pool
-
     timings = []
     with worker_pool(WORKERS, _start, (request,)) as pool:
         warm = WORKERS * WARM_UP

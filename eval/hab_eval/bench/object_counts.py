@@ -1,4 +1,4 @@
-"""Episodes of suite objects: one start state with increasing numbers of objects."""
+"""Episodes of suite regressions: one start state with increasing numbers of objects."""
 
 from __future__ import annotations
 

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, Pipe
+from pathlib import Path
 from typing import Any, Protocol
 
 from torch import Tensor
@@ -240,3 +241,44 @@ def _serve(factory: Callable[[], StepsTimed], connection: Connection) -> None:
         connection.send(
             (False, f"{type(error).__name__}: {error} ({frame.filename}:{frame.lineno})")
         )
+
+
+BYTES_PER_KB, BYTES_PER_MB = 1024, 1e6
+"""The kernel reports units of 1024 bytes."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Memory:
+    """Memory of a process [MB].
+
+    Attributes:
+        rss_mb: Resident set size; shared pages count fully.
+        pss_mb: Proportional set size; pages shared by n processes count 1/n, so sums are valid.
+        uss_mb: Unique set size; private pages only, which are freed when the process ends.
+    """
+
+    rss_mb: float
+    pss_mb: float
+    uss_mb: float
+
+
+def read_memory(pid: int) -> Memory:
+    """Reads the memory of a process; Linux only."""
+    file = Path(f"/proc/{pid}/smaps_rollup")
+    try:
+        return parse_rollup(file.read_text(encoding="ascii"))
+    except OSError as error:
+        raise BenchError(
+            f"Memory is read on Linux only; {file} cannot be read: {error}."
+        ) from error
+
+
+def parse_rollup(text: str) -> Memory:
+    """Parses `smaps_rollup`: a line with addresses, then lines ``Name: number kB``."""
+    fields = (line.split() for line in text.splitlines()[1:])
+    kb = {words[0].rstrip(":"): int(words[1]) for words in fields}
+
+    def mb(*names: str) -> float:
+        return sum(kb[name] for name in names) * BYTES_PER_KB / BYTES_PER_MB
+
+    return Memory(rss_mb=mb("Rss"), pss_mb=mb("Pss"), uss_mb=mb("Private_Clean", "Private_Dirty"))

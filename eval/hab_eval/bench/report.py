@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from hab_eval import provenance
 from hab_eval.bench.rows import BenchRow
-from hab_eval.plain_text import markdown
-from hab_eval.schema import parse_json, read_dataclass, to_json
+from hab_eval.records import provenance
+from hab_eval.records.plain_text import markdown
+from hab_eval.records.schema import parse_json, read_dataclass, to_json
 from hab_tasks.files import check_file, written_aside
 
 COMMIT_DIGITS = 12

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from hab_eval import environments
 from hab_eval.bench.comparison import alternate, hab_env, motions, reference, step_rows
 from hab_eval.bench.options import BenchOptions
 from hab_eval.bench.rows import BenchRow
 from hab_eval.bench.suite import DENSE_SCENE, FIRST_SCENE, Suite, WriteLine
+from hab_tasks.envs import ENVS
 
 
 def run_sim(options: BenchOptions, write_line: WriteLine) -> list[BenchRow]:
     """Measures each environment with state observations in each scene."""
-    every = tuple(environments.env_ids())
+    every = tuple(ENVS)
     rows: list[BenchRow] = []
     for (scene,) in options.groups:
         with reference(options, (scene,), obs_mode="state") as reference_env:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from importlib.metadata import entry_points
 
-from hab_eval import environments
 from hab_eval.bench.layout import check_scenes
 from hab_eval.bench.options import BenchOptions
 from hab_eval.bench.rows import BenchRow
 from hab_eval.bench.suite import GROUP, Suite, WriteLine
 from hab_eval.errors import BenchError
+from hab_eval.run import environments
 from hab_tasks.errors import UnknownNameError
 
 

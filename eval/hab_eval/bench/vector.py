@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from hab_eval.bench.layout import make_layout
-from hab_eval.bench.memory import read_memory
 from hab_eval.bench.motion import Motion
 from hab_eval.bench.options import BenchOptions
-from hab_eval.bench.process import RemoteEnv
+from hab_eval.bench.process import RemoteEnv, read_memory
 from hab_eval.bench.rows import REFERENCE, BenchRow, bound_row, make_row
 from hab_eval.bench.suite import PICK, TIDY_HOUSE, Suite, WriteLine
 from hab_eval.bench.vector_envs import (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,11 +13,19 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.vector import AsyncVectorEnv
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode
+from mani_skill.utils.wrappers.gymnasium import CPUGymWrapper
 
+from hab_eval.bench.hab_env import control_of
 from hab_eval.bench.motion import Motion
 from hab_eval.bench.options import BenchOptions
-from hab_eval.bench.process import StepTiming
+from hab_eval.bench.process import StepTiming, engine_clock
+from hab_eval.bench.reference import Reference
+from hab_tasks.envs import ENVS
+from hab_tasks.episodes import EpisodeRequest, open_source
+from hab_tasks.processes import use_one_thread
+from hab_tasks.vector.messages import ResetRows, WorkerSetup
+from hab_tasks.vector.worker import local_group
 
 ROWS, WORKERS = 16, 2
 EPISODES = 64
@@ -47,9 +55,6 @@ class Case:
 @contextmanager
 def open_case(options: BenchOptions, env_id: str, scene: str) -> Iterator[Case]:
     """Generates a set of episodes, as before a training run, and yields the case."""
-    from hab_eval.bench.hab_env import control_of
-    from hab_tasks.episodes import EpisodeRequest, open_source
-
     data: dict[str, Any] = {"scene_dataset": options.scene_dataset, "objects": options.objects}
     with TemporaryDirectory(prefix="hab_bench_") as folder:
         source = open_source(EpisodeRequest(env_id=env_id, scene=scene, **data))
@@ -79,21 +84,12 @@ def in_async(case: Case) -> AsyncVectorEnv:
 
 def make_single(case: Case) -> gym.Env[Any, Any]:
     """Creates one environment in its process, with Gymnasium's single-environment interface."""
-    from mani_skill.utils.wrappers.gymnasium import CPUGymWrapper
-
-    from hab_tasks.processes import use_one_thread
-
     use_one_thread()
     return CPUGymWrapper(gym.make(f"hab_tasks:{case.env_id}", **case.settings))
 
 
 def make_reference(scene: str) -> gym.Env[Any, Any]:
     """Creates ManiSkill's environment in its process; MS_ASSET_DIR is the copied dataset."""
-    from mani_skill.utils.wrappers.gymnasium import CPUGymWrapper
-
-    from hab_eval.bench.reference import Reference
-    from hab_tasks.processes import use_one_thread
-
     use_one_thread()
     return CPUGymWrapper(Reference((scene,), "state").env)
 
@@ -161,12 +157,6 @@ class GroupLoop:
     """The rows of one worker in a process of its own, to time the engine within their steps."""
 
     def __init__(self, case: Case) -> None:
-        from gymnasium.vector import AutoresetMode
-
-        from hab_tasks.envs import ENVS
-        from hab_tasks.vector.messages import ResetRows, WorkerSetup
-        from hab_tasks.vector.worker import local_group
-
         self._rows = ROWS // WORKERS
         setup = WorkerSetup(
             reference=f"hab_tasks:{case.env_id}",
@@ -180,10 +170,6 @@ class GroupLoop:
 
     def run_steps(self, motion: Motion) -> StepTiming:
         """Times `motion.count` steps of all rows, and the engine in them."""
-        from contextlib import ExitStack
-
-        from hab_eval.bench.process import engine_clock
-
         space = self._envs[0].single_action_space
         with ExitStack() as clocks:
             durations = [clocks.enter_context(engine_clock(env.scene)) for env in self._envs]

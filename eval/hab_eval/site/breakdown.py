@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from hab_eval.errors import ResultError
-from hab_eval.results import EpisodeResult, RunRecord
-from hab_eval.stats import Estimate, rate
+from hab_eval.records.results import EpisodeResult, RunRecord
+from hab_eval.records.stats import Estimate, rate
 
 BINS = 20
 RECEPTACLE_PREFIX = "receptacle_aabb_"

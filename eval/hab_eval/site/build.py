@@ -14,8 +14,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from hab_eval.errors import ResultError
-from hab_eval.leaderboard import default_submissions, find_submissions
-from hab_eval.plain_text import plain
+from hab_eval.records.leaderboard import default_submissions, find_submissions
+from hab_eval.records.plain_text import plain
+from hab_eval.records.status import again_rows
 from hab_eval.site.agents import Card, agent_pages, read_cards
 from hab_eval.site.breakdown import Receptacles, read_receptacles
 from hab_eval.site.comparison import comparison_sets
@@ -25,7 +26,6 @@ from hab_eval.site.markdown_files import MarkdownFile
 from hab_eval.site.media import Video, copy_video, find_videos, write_picture
 from hab_eval.site.pages import Page, Site, all_pages
 from hab_eval.site.studies import read_studies
-from hab_eval.status import again_rows
 from hab_tasks.errors import OptionError
 from hab_tasks.files import check_folder, folder_written_aside
 

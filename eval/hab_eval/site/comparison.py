@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
-from hab_eval.leaderboard import group_title
+from hab_eval.records.leaderboard import group_title
+from hab_eval.records.stats import exact_mcnemar
 from hab_eval.site.entries import Entry, outcome_of, unique_slugs
-from hab_eval.stats import exact_mcnemar
 
 FEWEST_COMMON = 2
 MOST_COMPARED = 100

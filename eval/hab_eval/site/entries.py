@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 
-from hab_eval.environments import short_name
-from hab_eval.leaderboard import FEW_EPISODES, HANDLE_POSITION, scenes_of
-from hab_eval.results import EpisodeResult, RunRecord
-from hab_eval.stats import mean
-from hab_eval.video_names import UNSAFE
+from hab_eval.records import paper
+from hab_eval.records.config import short_name
+from hab_eval.records.leaderboard import FEW_EPISODES, HANDLE_POSITION, scenes_of
+from hab_eval.records.results import EpisodeResult, RunRecord
+from hab_eval.records.stats import mean
+from hab_eval.records.video_names import UNSAFE
 from hab_tasks.registration import ENTRY_POINTS
 
 LONGEST_SLUG = 120
@@ -147,3 +148,18 @@ def _rank(entry: Entry) -> tuple[object, ...]:
         record.seed,
         entry.name,
     )
+
+
+def counterparts(result: paper.PaperResult, entries: Sequence[Entry]) -> list[Entry]:
+    """Returns the submissions of a method on the same protocol, with default options."""
+    scene_dataset, objects, splits = paper.PROTOCOLS[result.layouts]
+    return [
+        entry
+        for entry in entries
+        if entry.record.agent == result.agent
+        and entry.record.env == paper.ENV
+        and entry.record.scene_dataset == scene_dataset
+        and entry.record.objects == objects
+        and entry.record.split in splits
+        and not entry.variants
+    ]

@@ -12,8 +12,8 @@ from pathlib import Path
 from PIL import Image
 
 from hab_eval.errors import ResultError
+from hab_eval.records.video_names import video_name
 from hab_eval.site.entries import Entry
-from hab_eval.video_names import video_name
 from hab_tasks.errors import OptionError
 
 PICTURE_WIDTH_PX = 1200

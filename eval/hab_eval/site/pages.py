@@ -8,13 +8,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hab_eval.leaderboard import FEW_EPISODES
-from hab_eval.site import paper
+from hab_eval.records import paper
+from hab_eval.records.leaderboard import FEW_EPISODES
+from hab_eval.records.status import AGAIN_COLUMNS
+from hab_eval.records.video_names import highlights
 from hab_eval.site.agents import AgentPage
 from hab_eval.site.breakdown import Receptacles, by_layout, by_receptacle, histogram
 from hab_eval.site.comparison import ComparisonSet
 from hab_eval.site.datasets import DatasetPage
-from hab_eval.site.entries import Entry, dataset_rank, env_rank, outcome_of
+from hab_eval.site.entries import Entry, counterparts, dataset_rank, env_rank, outcome_of
 from hab_eval.site.markdown_files import rendered
 from hab_eval.site.media import Video
 from hab_eval.site.reruns import (
@@ -25,8 +27,6 @@ from hab_eval.site.reruns import (
     verify_command,
 )
 from hab_eval.site.studies import Study
-from hab_eval.status import AGAIN_COLUMNS
-from hab_eval.video_names import highlights
 
 MOST_PAIRS = 10
 """Pairs of a set in the list of comparisons; the set's own page has all."""
@@ -69,7 +69,7 @@ class Site:
         receptacles: Receptacles of known episodes.
         videos: Name of a submission -> its videos.
         docs: Folder of the datasets' figures.
-        again: Submissions to be run again, as `hab_eval.status.again_rows`.
+        again: Submissions to be run again, as `hab_eval.records.status.again_rows`.
     """
 
     entries: Sequence[Entry]
@@ -153,7 +153,7 @@ def _run(site: Site, entry: Entry, partners: Partners) -> Page:
         "videos": videos,
         "shown_videos": [(video, episodes[video.index]) for video in shown],
         "outcomes": sorted({outcome_of(one) for one in episodes}),
-        "paper": [one for one in paper.RESULTS if paper.counterparts(one, [entry])],
+        "paper": [one for one in paper.RESULTS if counterparts(one, [entry])],
         "comparisons": partners.get(entry.name, ()),
         "agent_slug": site.agent_slugs[record.agent],
         "dataset_slug": next(d.slug for d in site.datasets if d.name == record.scene_dataset),
@@ -258,7 +258,7 @@ def _studies(site: Site) -> Page:
 
 
 def _paper(site: Site) -> Page:
-    rows = [(result, paper.counterparts(result, site.entries)) for result in paper.RESULTS]
+    rows = [(result, counterparts(result, site.entries)) for result in paper.RESULTS]
     return Page(
         path="paper.html",
         template="paper.html",

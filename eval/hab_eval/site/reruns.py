@@ -5,9 +5,9 @@ from __future__ import annotations
 import shlex
 from collections.abc import Collection
 
-from hab_eval.commands import command_of, dataset_options, vary_command
-from hab_eval.provenance import COMMIT_SEPARATOR
-from hab_eval.results import RunRecord
+from hab_eval.records.commands import command_of, dataset_options, vary_command
+from hab_eval.records.provenance import COMMIT_SEPARATOR
+from hab_eval.records.results import RunRecord
 from hab_eval.site.entries import OTHER_KIND, Entry
 
 WEIGHT_OPTIONS = ("weights", "policy", "checkpoint")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from hab_eval.leaderboard import read_submissions
+from hab_eval.records.leaderboard import read_submissions
 from hab_eval.site.entries import Entry, make_entries, unique_slugs
 from hab_eval.site.markdown_files import MarkdownFile, read_markdown, title_of
 

@@ -9,7 +9,7 @@ import psutil
 import pytest
 import torch
 from hab_eval.cli import main as hab_eval
-from hab_eval.results import read_record
+from hab_eval.records.results import read_record
 from hab_navigator.weights import load
 from hab_ppo import checkpoint
 from hab_ppo.agent import spec_of

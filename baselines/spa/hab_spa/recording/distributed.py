@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import h5py
-from hab_eval.results import EpisodeResult
+from hab_eval.records.results import EpisodeResult
 
 from hab_spa.recording.record import NAME, OnEpisode, Player, RecordPlan, annotate, play_until
 from hab_tasks.episodes import Episode

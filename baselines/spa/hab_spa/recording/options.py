@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, ClassVar
 
 import tyro
-from hab_eval.episode_options import EpisodeOptions
+from hab_eval.commands.options import EpisodeOptions
 
 from hab_tasks.console import Command
 from hab_tasks.executors import ExecutorChoice

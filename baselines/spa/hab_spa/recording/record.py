@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-from hab_eval import environments
-from hab_eval.config import EvalConfig
-from hab_eval.load_agent import load_agent
-from hab_eval.results import EpisodeResult
-from hab_eval.runner import run_episode
+from hab_eval.records.config import EvalConfig
+from hab_eval.records.results import EpisodeResult
+from hab_eval.run import environments
+from hab_eval.run.load_agent import load_agent
+from hab_eval.run.runner import run_episode
 from mani_skill.utils.wrappers.record import RecordEpisode
 
 from hab_spa.recording.options import RecordCommand

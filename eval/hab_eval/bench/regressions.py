@@ -1,0 +1,254 @@
+"""Suite regressions: settled claims about many objects, two processes and memory."""
+
+from __future__ import annotations
+
+import gc
+import os
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode
+from mani_skill.utils.wrappers.gymnasium import CPUGymWrapper
+
+from hab_eval.bench.hab_env import HabEnvFactory, actions_of, control_of, motion_of
+from hab_eval.bench.object_counts import episodes_by_object_count
+from hab_eval.bench.options import BenchOptions
+from hab_eval.bench.process import BenchEnv, Memory, RemoteEnv, StepTiming, read_memory
+from hab_eval.bench.rows import BenchRow, bound_row, make_row
+from hab_eval.bench.suite import PICK, TIDY_HOUSE, Suite, WriteLine
+from hab_eval.errors import BenchError
+from hab_tasks.episodes import EpisodeRequest
+from hab_tasks.processes import use_one_thread
+
+COUNTS = (10, 30, 100)
+"""Numbers of movable objects in the scene, including the target objects."""
+
+GROWTH_BOUND_PERCENT = 10.0
+SHARE_BOUND = 0.4
+
+FEW, MANY = 1, 3
+"""Sizes of the two vector environments whose memory is read."""
+
+PROCESS_BOUND_MB = 700.0
+FURTHER_BOUND_MB = 350.0
+
+
+def run_regressions(options: BenchOptions, write_line: WriteLine) -> list[BenchRow]:
+    """Measures objects, processes and memory in each scene."""
+    rows: list[BenchRow] = []
+    for (scene,) in options.groups:
+        for part in (run_objects, run_processes, run_memory):
+            rows += part(options, scene, write_line)
+    return rows
+
+
+def run_objects(options: BenchOptions, scene: str, write_line: WriteLine) -> list[BenchRow]:
+    """Measures HabTidyHouse-v1 with each of `COUNTS` objects."""
+    request = EpisodeRequest(
+        env_id=TIDY_HOUSE,
+        scene_dataset=str(options.scene_dataset),
+        objects=None if options.objects is None else str(options.objects),
+        scene=scene,
+    )
+    episodes = episodes_by_object_count(request, COUNTS)
+    factory = HabEnvFactory.of(options, TIDY_HOUSE, (scene,), episodes=episodes)
+    with closing(RemoteEnv(factory, {})) as env:
+        write_line(f"objects, scene {scene}: the environment is ready")
+        timings = time_objects(options, env, write_line)
+    return object_rows(("objects", scene, TIDY_HOUSE), timings)
+
+
+def time_objects(
+    options: BenchOptions, env: BenchEnv, write_line: WriteLine
+) -> dict[int, list[StepTiming]]:
+    """Cycles through the episodes, one per number of objects; the first cycle is warm-up."""
+    control = control_of(TIDY_HOUSE)
+    timings: dict[int, list[StepTiming]] = {count: [] for count in COUNTS}
+    for repeat in range(options.repeats + 1):
+        motion = motion_of(control, options.step_count, max(0, repeat - 1))
+        for count in COUNTS:
+            timings[count].append(env.run_steps(motion))
+            env.soft_reset()
+        if repeat:
+            shown = ", ".join(f"{timings[count][-1].outside_ms:.3f} ({count})" for count in COUNTS)
+            write_line(f"repeat {repeat} of {options.repeats}: outside physics {shown} ms/step")
+    return {count: found[1:] for count, found in timings.items()}
+
+
+def object_rows(
+    name: tuple[str, str, str], timings: Mapping[int, Sequence[StepTiming]]
+) -> list[BenchRow]:
+    """Returns the rows of timings: time outside the engine, physics share and growth."""
+    few, *_, many = sorted(timings)
+    outside = {count: [t.outside_ms for t in found] for count, found in timings.items()}
+    rows = []
+    for count in sorted(timings):
+        share = [timing.physics_share for timing in timings[count]]
+        time_name = (*name, f"{count}_objects_outside_physics")
+        share_name = (*name, f"{count}_objects_physics_share")
+        reference = f"{few} objects"
+        rows += [
+            make_row(time_name, outside[count], outside[few], unit="ms/step", reference=reference),
+            bound_row(share_name, share, SHARE_BOUND, unit="1"),
+        ]
+    # Per repeat, because the machine's speed varies between repeats.
+    growth = [100.0 * (b / a - 1.0) for a, b in zip(outside[few], outside[many], strict=True)]
+    variant = f"growth_{few}_to_{many}"
+    return [*rows, bound_row((*name, variant), growth, GROWTH_BOUND_PERCENT, unit="%")]
+
+
+def run_processes(options: BenchOptions, scene: str, write_line: WriteLine) -> list[BenchRow]:
+    """Compares HabPick-v1 in two processes of a vector environment with one."""
+    count = options.step_count
+    pairs = []
+    with (
+        closing(VectorEnv(options, PICK, scene, 1)) as one,
+        closing(VectorEnv(options, PICK, scene, 2)) as two,
+    ):
+        write_line(f"processes, scene {scene}: three processes are ready")
+        for vector in (one, two):  # warm-up
+            vector.run_steps(count, 0)
+        for repeat in range(options.repeats):
+            pairs.append((one.run_steps(count, repeat), two.run_steps(count, repeat)))
+            shown = "one process {:.1f} steps/s, two processes {:.1f}".format(*pairs[-1])
+            write_line(f"repeat {repeat + 1} of {options.repeats}: {shown}")
+    ones, twos = zip(*pairs, strict=True)
+    name = ("processes", scene, PICK, "two_in_vector_env")
+    return [make_row(name, twos, ones, unit="steps/s", reference="one process")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """Memory of a vector environment.
+
+    Attributes:
+        parent: Memory of the process that steps the environments.
+        workers: Memory of each environment's process.
+    """
+
+    parent: Memory
+    workers: tuple[Memory, ...]
+
+    @property
+    def pss_mb(self) -> float:
+        """Total memory of all processes."""
+        return self.parent.pss_mb + sum(worker.pss_mb for worker in self.workers)
+
+
+def run_memory(options: BenchOptions, scene: str, write_line: WriteLine) -> list[BenchRow]:
+    """Reads the memory of HabTidyHouse-v1 in vector environments of sizes `FEW` and `MANY`.
+
+    Readings alternate, each from new processes after reset and steps.
+    """
+    VectorEnv(options, TIDY_HOUSE, scene, FEW).close()  # warm-up: the parent's imports stay loaded
+    pairs = []
+    for repeat in range(options.repeats):
+        few, many = (_reading(options, scene, count, repeat) for count in (FEW, MANY))
+        pairs.append((few, many))
+        write_line(
+            f"repeat {repeat + 1} of {options.repeats}: resident {few.workers[0].rss_mb:.0f} MB"
+            f", each additional process {further_mb(few, many):.0f} MB"
+        )
+    return memory_rows(("memory", scene, TIDY_HOUSE), pairs)
+
+
+def _reading(options: BenchOptions, scene: str, count: int, seed: int) -> Reading:
+    with closing(VectorEnv(options, TIDY_HOUSE, scene, count)) as vector:
+        vector.run_steps(options.step_count, seed)
+        gc.collect()
+        workers = tuple(read_memory(pid) for pid in vector.pids())
+        return Reading(parent=read_memory(os.getpid()), workers=workers)
+
+
+def further_mb(few: Reading, many: Reading) -> float:
+    """Returns the total memory per additional environment [MB]."""
+    return (many.pss_mb - few.pss_mb) / (len(many.workers) - len(few.workers))
+
+
+def memory_rows(
+    name: tuple[str, str, str], pairs: Sequence[tuple[Reading, Reading]]
+) -> list[BenchRow]:
+    """Returns the rows of readings: one process, and each additional one."""
+    one = [few.workers[0] for few, _ in pairs]
+    resident = [memory.rss_mb for memory in one]
+    private = [sum(w.uss_mb for w in many.workers) / len(many.workers) for _, many in pairs]
+    further = [further_mb(few, many) for few, many in pairs]
+
+    def beside(variant: str, values: Sequence[float]) -> BenchRow:
+        return make_row((*name, variant), values, resident, unit="MB", reference="one_env_rss")
+
+    def bound(variant: str, values: Sequence[float], bound_mb: float) -> BenchRow:
+        return bound_row((*name, variant), values, bound_mb, unit="MB")
+
+    return [
+        bound("one_env_rss", resident, PROCESS_BOUND_MB),
+        beside("one_env_pss", [memory.pss_mb for memory in one]),
+        beside("one_env_uss", [memory.uss_mb for memory in one]),
+        bound("further_env_pss", further, FURTHER_BOUND_MB),
+        bound("further_env_uss", private, FURTHER_BOUND_MB),
+    ]
+
+
+class VectorEnv:
+    """Copies of an environment in one AsyncVectorEnv, with state observations."""
+
+    def __init__(self, options: BenchOptions, env_id: str, scene: str, count: int) -> None:
+        """Starts `count` processes."""
+        factory, self._control, self._episode = _factory(options, env_id, scene)
+        with _reporting_lost_processes():
+            self._env = AsyncVectorEnv(
+                [partial(_make, factory)] * count,
+                context="spawn",  # threads do not survive a fork
+                autoreset_mode=AutoresetMode.DISABLED,
+            )
+
+    def run_steps(self, count: int, seed: int) -> float:
+        """Resets all environments and steps each `count` times; returns their total steps/s."""
+        size = self._env.num_envs
+        motion = motion_of(self._control, count, seed)
+        actions = actions_of(self._control, motion, self._episode).numpy()
+        together = np.repeat(actions[:, None], size, axis=1)
+        with _reporting_lost_processes():
+            self._env.reset(seed=self._episode.seed, options={"episode": self._episode})
+            started = time.perf_counter()
+            for action in together:
+                self._env.step(action)
+            return size * count / (time.perf_counter() - started)
+
+    def pids(self) -> tuple[int, ...]:
+        """Returns the process ids of the environments."""
+        return tuple(int(process.pid or 0) for process in self._env.processes)
+
+    def close(self) -> None:
+        """Ends the processes."""
+        self._env.close()
+
+
+def _factory(options: BenchOptions, env_id: str, scene: str) -> tuple[Any, str, Any]:
+    """Returns the factory of an environment, its control mode and its episode."""
+    factory = HabEnvFactory.of(options, env_id, (scene,), obs_mode="state")
+    return factory, control_of(env_id), factory.episodes_in(scene)[0]
+
+
+@contextmanager
+def _reporting_lost_processes() -> Iterator[None]:
+    """Reports the end of a process, of which Gymnasium only reports a closed pipe."""
+    try:
+        yield
+    except (EOFError, ConnectionError) as error:
+        raise BenchError("A process of the vector environment ended; see above.") from error
+
+
+def _make(factory: Any) -> gym.Env[Any, Any]:
+    """Creates one environment in its process, with Gymnasium's single-environment interface."""
+    use_one_thread()
+    return CPUGymWrapper(factory.make_env())
+
+
+SUITE = Suite(name="regressions", run=run_regressions, steps=200)

@@ -1,0 +1,169 @@
+"""Options of the commands that play episodes and of benchmarks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import tyro
+
+from hab_eval.commands.work import WorkCommand
+from hab_eval.records.config import EvalConfig, parse_numbers, parse_options
+from hab_tasks.executors import ExecutorChoice
+
+RUN_HELP = """Evaluates an agent on a fixed set of episodes and writes run.json.
+
+Example:
+  hab-eval run --agent hab_eval:random_agent --env HabPick-v1 --episodes 10 --out runs/random
+
+After an interruption, the same command with --resume continues the run.
+
+On a Ray cluster (pip install 'ray>=2.30'), from one of its nodes:
+  hab-eval run --agent hab_eval:random_agent --env HabPick-v1 --episodes 1000 --workers 64 \\
+    --executor ray --address auto --out runs/random
+
+Episodes of a node that dies are played again on the others."""
+
+BENCH_HELP = """Benchmarks speed and memory against ManiSkill's own scene environment.
+
+Example:
+  hab-eval bench --suite sim --scene-dataset ~/data/replica_cad --json bench_sim.json
+
+Requires the real ReplicaCAD. Both environments run in the same scenes, alternating.
+
+Suites:
+  sim          steps/s with state observations, compared with ManiSkill
+  depth        steps/s with two depth cameras, compared with ManiSkill
+  reset        reset time within and between layouts, compared with ManiSkill
+  vector       steps/s of 16 rows of the vector environment, compared with AsyncVectorEnv
+  rays         depth images computed on the CPU, compared with a software renderer
+  episodes     time per generated episode
+  plan         arm planning time of the SPA baseline, which must be installed
+  train        training steps of hab-ppo, which must be installed
+  regressions  settled claims: 10 to 100 objects, two processes, memory of a process"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodeOptions:
+    """Agent and episodes; subclasses add the options of a command."""
+
+    agent: Annotated[str, tyro.conf.arg(metavar="MODULE:FACTORY")]
+    """Factory of the agent, e.g. hab_spa:spa_priv or hab_eval:random_agent."""
+    env: Annotated[str, tyro.conf.arg(metavar="ID")]
+    """Environment id, e.g. HabPick-v1; `hab-tasks list` prints all."""
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
+    """Output folder."""
+    scene_dataset: Annotated[str, tyro.conf.arg(metavar="NAME|PATH")] = "apartment"
+    """`apartment` (shipped) or a ReplicaCAD folder."""
+    objects: Annotated[str | None, tyro.conf.arg(metavar="PATH")] = None
+    """Folder of the YCB dataset; the shipped objects if not given."""
+    split: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
+    """Episode split; the evaluation split of the dataset if not given."""
+    seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
+    """Seed of the episodes and of the agent."""
+    novel: Annotated[str | None, tyro.conf.arg(metavar="WHAT")] = None
+    """Evaluate generalization to held-out `objects` or `receptacles`."""
+    option: Annotated[
+        tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE"), tyro.conf.UseAppendAction
+    ] = ()
+    """An agent option, e.g. navigation=learned; can be repeated."""
+
+    skill_config: Annotated[
+        tuple[str, ...], tyro.conf.arg(metavar="NAME=NUMBER"), tyro.conf.UseAppendAction
+    ] = ()
+    """A reward weight or threshold of the skill, e.g. force_limit_n=2500; can be repeated."""
+
+    def config_of(
+        self, episodes: int, step_timeout_s: float | None = None, *, isolated: bool = False
+    ) -> EvalConfig:
+        """Returns the evaluation's configuration.
+
+        Args:
+            episodes: Number of episodes.
+            step_timeout_s: Time limit for one call of the agent [s]; None for no limit.
+            isolated: Whether the agent runs in processes of its own.
+
+        Raises:
+            HabError: An agent option is not NAME=VALUE, or a value is out of range.
+        """
+        return EvalConfig(
+            agent=self.agent,
+            env=self.env,
+            scene_dataset=self.scene_dataset,
+            objects=self.objects,
+            split=self.split,
+            episodes=episodes,
+            seed=self.seed,
+            novel=self.novel,
+            options=parse_options(self.option),
+            skill_config=parse_numbers(self.skill_config),
+            step_timeout_s=step_timeout_s,
+            isolated=isolated,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunCommand(EpisodeOptions, ExecutorChoice, WorkCommand):
+    """Options of `hab-eval run`."""
+
+    help: ClassVar[str] = RUN_HELP
+    work: ClassVar[str] = "hab_eval.commands.run:run"
+
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
+    """Output folder for run.json, episodes.jsonl, config.json and videos."""
+    episodes: Annotated[int, tyro.conf.arg(metavar="N")] = 50
+    """Number of episodes."""
+    workers: Annotated[int, tyro.conf.arg(metavar="W")] = 1
+    """Number of worker processes; does not change results. A batched agent runs once, in the main
+    process; the workers then only step its environments."""
+    step_timeout: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
+    """Time limit for one call of the agent's act, reset or report; no limit if not given. An
+    episode that exceeds it fails (`agent timeout`), its process is replaced, and the run
+    continues."""
+    isolated: bool = False
+    """Run the agent in a process without environment, which knows neither the seed nor the
+    episodes; the leaderboard says so. Outcomes stay the same."""
+    device: Annotated[str, tyro.conf.arg(metavar="NAME")] = "cpu"
+    """Device of the agent's networks, e.g. cuda."""
+    video: Annotated[int, tyro.conf.arg(metavar="K")] = 0
+    """Record videos of the first K episodes; needs a Vulkan device (software is enough)."""
+    resume: bool = False
+    """Continue the run in --out."""
+    force: bool = False
+    """Replace the run in --out."""
+    verbose: bool = False
+    """Print a line for each episode, even with a progress bar, and the traceback of an error in an
+    episode."""
+
+    def advice(self) -> str:
+        """Returns how to continue an interrupted run."""
+        return f"Finished episodes are kept in {self.out}; continue with --resume."
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchCommand(WorkCommand):
+    """Options of `hab-eval bench`."""
+
+    help: ClassVar[str] = BENCH_HELP
+    work: ClassVar[str] = "hab_eval.commands.bench:run_bench"
+
+    suite: Annotated[str, tyro.conf.arg(metavar="NAME")]
+    """Benchmark suite, see above."""
+    json: Annotated[Path, tyro.conf.arg(metavar="FILE")]
+    """Output file."""
+    scene_dataset: Annotated[Path, tyro.conf.arg(metavar="PATH")]
+    """Folder of the real ReplicaCAD dataset; it is not modified."""
+    objects: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
+    """Folder of the YCB dataset; the shipped objects if not given."""
+    scene: Annotated[tuple[str, ...], tyro.conf.arg(metavar="ID"), tyro.conf.UseAppendAction] = ()
+    """A scene; can be repeated. The scenes of the suite if not given."""
+    env: Annotated[tuple[str, ...], tyro.conf.arg(metavar="ID"), tyro.conf.UseAppendAction] = ()
+    """Suite sim: an environment; can be repeated. All environments in the first scene and
+    HabPick-v1 in the others if not given."""
+    repeats: Annotated[int, tyro.conf.arg(metavar="N")] = 5
+    """Number of repeats, alternating with the reference; medians are reported."""
+    steps: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """Steps per repeat (suite plan: plans per repeat); the suite's number if not given."""
+    force: bool = False
+    """Overwrite FILE."""

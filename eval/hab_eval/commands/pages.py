@@ -1,0 +1,114 @@
+"""The work of `hab-eval table`, `submit` and `site`."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+
+from hab_eval.commands.record_options import SiteCommand, SubmitCommand, TableCommand
+from hab_eval.records.leaderboard import (
+    AGAIN_FILE,
+    default_submissions,
+    find_submissions,
+    leaderboard_texts,
+    with_submission,
+)
+from hab_eval.records.results import read_runs, write_record
+from hab_eval.records.submissions import (
+    check_name,
+    check_submission,
+    cleanliness,
+    submission_name,
+)
+from hab_eval.site.build import SiteOptions, build_site
+from hab_eval.site.result_tables import filled
+from hab_tasks.errors import OptionError
+from hab_tasks.files import check_file, written_aside
+
+EXIT_OUT_OF_DATE = 1
+
+
+def write_tables(options: TableCommand) -> int:
+    """Writes or checks the leaderboard."""
+    submissions = options.submissions or default_submissions()
+    benchmarks = options.benchmarks or submissions.parent.parent / "benchmarks"
+    target = options.out or submissions.parent / "LEADERBOARD.md"
+    found = find_submissions(submissions)
+    if not target.name:
+        raise OptionError(f"--out {target} is a folder; give a file name.")
+    if target.suffix == ".html":
+        raise OptionError(
+            f"--out {target} is the name of the web page; give a name that ends in .md."
+        )
+    texts = leaderboard_texts(found, target)
+    for path in options.pages:
+        link = os.path.relpath(target, path.parent)
+        texts[path] = filled(_text_of(path), found, benchmarks, link)
+    for path in () if options.check else texts:
+        check_file(path, force=True)  # both or none
+    for path, text in texts.items():
+        if not options.check:
+            with written_aside(path) as scratch:
+                scratch.write_text(text, encoding="utf-8")
+            print(f"wrote {path}")
+        elif not os.path.isfile(path) or path.read_bytes() != text.encode("utf-8"):
+            print(f"hab-eval: {path} is out of date; run hab-eval table.", file=sys.stderr)
+            return EXIT_OUT_OF_DATE
+    return 0
+
+
+def _text_of(page: Path) -> str:
+    try:
+        return page.read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        raise OptionError(f"--pages {page}: cannot be read ({error}).") from error
+
+
+def submit(options: SubmitCommand) -> int:
+    """Checks and copies the run, then writes the leaderboard."""
+    (record,) = read_runs([options.run_path])
+    check_submission(record, str(options.run_path))
+    folder = options.submissions or default_submissions()
+    stem = check_name(options.name) if options.name is not None else submission_name(record)
+    target = folder / f"{stem}.json"
+    found = with_submission(folder, target.name, record)
+    texts = leaderboard_texts(found, folder.parent / "LEADERBOARD.md")
+    if (folder.parent / AGAIN_FILE).is_file():
+        texts[folder.parent / AGAIN_FILE] = json.dumps(found.again, indent=1) + "\n"
+    _check_new(target, force=options.force)
+    for path in texts:
+        check_file(path, force=True)
+    write_record(target, record)
+    print(f"wrote {target}")
+    print(cleanliness(record))
+    for path, text in texts.items():
+        with written_aside(path) as scratch:
+            scratch.write_text(text, encoding="utf-8")
+        print(f"wrote {path}")
+    print("Tables within pages: hab-eval table --pages README.md --pages docs/status.md")
+    return 0
+
+
+def _check_new(target: Path, *, force: bool) -> None:
+    """Checks that a submission does not exist, or may be replaced."""
+    if target.exists() and not force:
+        raise OptionError(
+            f"{target} exists; give --force to replace it, or --name for another name."
+        )
+    check_file(target, force=force)
+
+
+def build(options: SiteCommand) -> int:
+    """Writes the site."""
+    site = SiteOptions(
+        out=options.out,
+        submissions=options.submissions,
+        videos=options.videos,
+        checkout=options.checkout,
+        force=options.force,
+    )
+    pages = build_site(site)
+    print(f"wrote {pages} pages; open {options.out / 'index.html'}")
+    return 0

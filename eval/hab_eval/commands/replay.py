@@ -1,0 +1,114 @@
+"""The work of `hab-eval verify` and `film`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from hab_eval.commands.record_options import FilmCommand, ReplayCommand, VerifyCommand
+from hab_eval.records.config import parse_options
+from hab_eval.records.plain_text import show
+from hab_eval.records.results import EpisodeResult, RunRecord, read_record
+from hab_eval.records.submissions import find_submission
+from hab_eval.records.video_names import highlights, video_name
+from hab_eval.run.evaluate import MOST_WORKERS
+from hab_eval.run.progress import make_reporter
+from hab_eval.run.replay import Difference, Replay, replay
+from hab_eval.run.replay_report import (
+    DIFFERENT,
+    closing_lines,
+    comparison_table,
+    draw,
+    level_of,
+)
+from hab_tasks.errors import OptionError
+from hab_tasks.files import check_file, scratch_folder
+from hab_tasks.option_values import whole
+
+EXIT_DIFFERENT = 1
+
+
+def verify(options: VerifyCommand) -> int:
+    """Repeats the episodes and prints the comparison."""
+    name, record = _read(options)
+    drawn = draw(len(record.episodes), options.episodes, options.sample_seed)
+    indices = _chosen(options, record) or drawn
+    repeated, differences = _repeat(options, _request(options, record, indices, None))
+    recorded = [record.episodes[index] for index in indices]
+    show(comparison_table(name, recorded, repeated))
+    for line in closing_lines(record, len(indices), differences):
+        print(line)
+    return 0 if level_of(differences) != DIFFERENT else EXIT_DIFFERENT
+
+
+def film(options: FilmCommand) -> int:
+    """Repeats and records the episodes."""
+    name, record = _read(options)
+    indices = _chosen(options, record) or highlights(record)
+    stems = {index: video_name(index, record.episodes[index].id) for index in indices}
+    folder = options.out / name
+    for stem in stems.values():
+        check_file(folder / f"{stem}.mp4", force=options.force)
+    with scratch_folder(options.out) as scratch:
+        _, differences = _repeat(options, _request(options, record, indices, scratch))
+        different = {one.episode for one in differences if not one.small}
+        for index, stem in stems.items():
+            if record.episodes[index].id not in different:
+                _move_video(scratch / f"{stem}.mp4", folder)
+                print(f"wrote {folder / f'{stem}.mp4'}")
+    for line in closing_lines(record, len(indices), differences):
+        print(line)
+    return 0 if level_of(differences) != DIFFERENT else EXIT_DIFFERENT
+
+
+def _read(options: ReplayCommand) -> tuple[str, RunRecord]:
+    """Returns the name and the content of the submission."""
+    path = find_submission(options.submission, options.submissions)
+    name = path.resolve().parent.name if path.name == "run.json" else path.stem
+    return name, read_record(path)
+
+
+def _chosen(options: ReplayCommand, record: RunRecord) -> tuple[int, ...]:
+    """Returns the indices given by --episode."""
+    for index in options.episode:
+        if not 0 <= index < len(record.episodes):
+            valid = f"from 0 to {len(record.episodes) - 1}"
+            raise OptionError.of_value("--episode", index, valid)
+    return tuple(sorted(set(options.episode)))
+
+
+def _request(
+    options: ReplayCommand, record: RunRecord, indices: Sequence[int], videos: Path | None
+) -> Replay:
+    """Returns which episodes to repeat, and how."""
+    whole("workers", options.workers, 1, MOST_WORKERS)
+    return Replay(
+        record=record,
+        indices=indices,
+        scene_dataset=options.scene_dataset,
+        objects=options.objects,
+        options=parse_options(options.option),
+        device=options.device,
+        workers=options.workers,
+        videos=videos,
+    )
+
+
+def _repeat(
+    options: ReplayCommand, request: Replay
+) -> tuple[list[EpisodeResult], list[Difference]]:
+    """Repeats the episodes, with progress."""
+    reporter = make_reporter(
+        terminal=sys.stderr.isatty(),
+        verbose=options.verbose,
+        write_line=lambda line: print(line, flush=True),
+    )
+    return replay(request, reporter)
+
+
+def _move_video(video: Path, folder: Path) -> None:
+    """Moves a video and its first frame; both are on the same disk."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for path in (video.with_suffix(".png"), video):
+        path.replace(folder / path.name)

@@ -1,0 +1,1 @@
+"""Records of runs: files, submissions and tables; nothing here plays episodes."""

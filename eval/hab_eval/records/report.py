@@ -1,0 +1,56 @@
+"""Result tables for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from rich.table import Table
+
+from hab_eval.records.leaderboard import Group
+from hab_eval.records.plain_text import add_row, plain
+from hab_eval.records.results import RunRecord
+from hab_eval.records.stats import Estimate
+
+
+def result_table(record: RunRecord) -> Table:
+    """Returns the summary of one run."""
+    summary = record.summary
+    table = Table(title=plain(f"{record.agent_name} on {record.env}, {record.scene_dataset}"))
+    table.add_column("measure")
+    table.add_column("value")
+    for name, value in record.options.items():
+        add_row(table, f"option {name}", value)
+    add_row(table, "success", _percent(summary.success))
+    for name, stage in summary.stages.items():
+        add_row(table, f"stage {name}", _percent(stage))
+    for name, score in summary.scores.items():
+        add_row(table, name.upper(), _percent(score))
+    for name, count in summary.failures.items():
+        add_row(table, f"failure: {name}", f"{count} of {summary.success.n}")
+    mean_return = summary.mean_return
+    low, high = mean_return.ci95
+    add_row(table, "return", f"{mean_return.mean:.3f} [{low:.3f}, {high:.3f}]")
+    add_row(table, "steps", f"{summary.mean_steps:.1f}")
+    for name, duration in summary.timings_s.items():
+        add_row(table, f"time: {name}", f"{duration.mean:.3f} s mean, {duration.max:.3f} s max")
+    add_row(table, "seconds per step", f"{summary.seconds_per_step:.4f}")
+    return table
+
+
+def leaderboard_tables(groups: Iterable[Group]) -> list[Table]:
+    """Returns one table per group of the leaderboard."""
+    return [_group_table(group) for group in groups]
+
+
+def _group_table(group: Group) -> Table:
+    table = Table(title=plain(group.title), caption=plain(group.note) or None)
+    for column in group.columns:
+        table.add_column(column, overflow="fold")
+    for row in group.rows:
+        add_row(table, *row)
+    return table
+
+
+def _percent(estimate: Estimate) -> str:
+    low, high = (100.0 * bound for bound in estimate.ci95)
+    return f"{100.0 * estimate.mean:.1f} % [{low:.1f}, {high:.1f}] of {estimate.n}"

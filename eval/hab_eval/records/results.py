@@ -1,0 +1,351 @@
+"""The result file `run.json`: schema, aggregates, validation and atomic writing.
+
+Aggregates are computed from the episodes. A file whose summary does not match its episodes is
+rejected, so that leaderboard rows can be trusted.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import mmap
+import os
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from hab_eval.errors import ResultError
+from hab_eval.records.agent_files import AgentFiles
+from hab_eval.records.config import MOST_EPISODES
+from hab_eval.records.schema import (
+    MAY_BE_ABSENT,
+    NOT_EMPTY,
+    NOT_NEGATIVE,
+    parse_json,
+    read_dataclass,
+    to_json,
+)
+from hab_eval.records.stats import Estimate, bootstrap_mean, mean, rate
+from hab_tasks.errors import OptionError, shown
+from hab_tasks.files import written_aside
+
+SCHEMA_VERSION = 1
+SUMMARY_TOLERANCE = 1e-6
+"""Relative tolerance: the last digits of bootstrap percentiles differ between NumPy versions."""
+
+AGENT_TIMEOUT = "agent timeout"
+"""Failure category: a call of the agent took longer than `step_timeout_s`."""
+
+Timings = Mapping[str, float]
+
+SHORTEST_EPISODE_BYTES = 90
+"""The keys of an episode with their shortest values, in a record and in a journal."""
+
+EPISODE = re.compile(rb'"failure"\s*:\s*[n"]')
+"""What each episode of a file has once: null or a name; timings and scores are numbers."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodeResult:
+    """One finished episode. Only `seconds` may differ between two runs with the same seed.
+
+    Attributes:
+        id: The episode's id in its set.
+        scene: Scene id.
+        success: Whether the episode ended in success.
+        stages: Whether each stage of a task was reached; {} for a skill.
+        steps: Control steps taken.
+        failure: None on success, else the environment's category, else the agent's, else timeout;
+            `AGENT_TIMEOUT` if a call of the agent exceeded the time limit.
+        episode_return: Undiscounted sum of rewards (``return`` in JSON).
+        scores: ``sct`` of Pick, ``spl`` of Navigate (`HabEnv.score_names`); absent in older files.
+        seconds: Wall time of agent and simulator [s], without resets and video.
+    """
+
+    id: str = field(metadata=NOT_EMPTY)
+    scene: str
+    success: bool
+    stages: dict[str, bool]
+    steps: int = field(metadata=NOT_NEGATIVE)
+    failure: str | None = field(metadata=NOT_EMPTY)
+    episode_return: float = field(metadata={"key": "return"})
+    scores: dict[str, float] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
+    seconds: float = field(metadata=NOT_NEGATIVE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FinishedEpisode:
+    """Result and agent report of an episode: one line of `episodes.jsonl`.
+
+    Attributes:
+        episode: The result.
+        timings_s: Durations reported by the agent [s].
+        trace: Log of the agent's beliefs and actions; written to `traces.jsonl` instead.
+    """
+
+    episode: EpisodeResult
+    timings_s: dict[str, float] = field(metadata=NOT_NEGATIVE)
+    trace: tuple[dict[str, Any], ...] = field(default=(), metadata=MAY_BE_ABSENT)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Duration:
+    """A duration reported once per episode: mean and maximum over `n` episodes [s]."""
+
+    mean: float
+    max: float
+    n: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Summary:
+    """Aggregates of the episodes."""
+
+    success: Estimate
+    stages: dict[str, Estimate]
+    failures: dict[str, int]
+    mean_return: Estimate = field(metadata={"key": "return"})
+    scores: dict[str, Estimate] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
+    mean_steps: float
+    seconds_per_step: float
+    timings_s: dict[str, Duration]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRecord:
+    """One evaluation: configuration, environment, software, and the result of each episode.
+
+    Attributes:
+        schema: Version of this schema.
+        agent: ``module:factory``.
+        agent_name: Display name.
+        privileged: Whether the agent read the simulator's ground-truth state.
+        control_mode: Control mode of the agent's spec.
+        obs_mode: Observation mode of the agent's spec.
+        target_frame: Frame of the observed target (an option of the environment).
+        handle_position: Whether the agent observed the position of the handle.
+        env: Environment id.
+        scene_dataset: Name of the scene dataset.
+        objects: Name of the object folder, None for the shipped objects.
+        split: Episode split, with ``+objects`` or ``+receptacles`` if these are held out.
+        seed: Seed of the episode set and of the agent.
+        options: Agent options; absent in older files.
+        skill_config: Reward weights and thresholds that replace the skills' defaults.
+        step_timeout_s: Time limit for one call of the agent [s]; None for no limit.
+        isolated: Whether the agent ran in processes of its own, without an environment.
+        agent_files: The agent's code and weights; None in older files.
+        versions: Package -> version.
+        git: Commit of the sources, with ``-dirty`` if they were edited; all commits, joined by
+            " then ", if the run was resumed on another; None outside a checkout.
+        device: Processor and graphics card.
+        episodes: In the order of the episode set.
+        timings_s: Episode id -> durations reported by the agent [s]; not part of `episodes`,
+            which are identical in two runs with the same seed.
+        summary: Computed from `episodes` and `timings_s`.
+    """
+
+    schema: int
+    agent: str = field(metadata=NOT_EMPTY)
+    agent_name: str = field(metadata=NOT_EMPTY)
+    privileged: bool
+    control_mode: str
+    obs_mode: str
+    target_frame: str = field(default="base", metadata=MAY_BE_ABSENT)
+    handle_position: bool = field(default=False, metadata=MAY_BE_ABSENT)
+    env: str = field(metadata=NOT_EMPTY)
+    scene_dataset: str = field(metadata=NOT_EMPTY)
+    objects: str | None
+    split: str
+    seed: int = field(metadata=NOT_NEGATIVE)
+    options: dict[str, str] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
+    skill_config: dict[str, float] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
+    step_timeout_s: float | None = field(default=None, metadata=MAY_BE_ABSENT)
+    isolated: bool = field(default=False, metadata=MAY_BE_ABSENT)
+    agent_files: AgentFiles | None = field(default=None, metadata=MAY_BE_ABSENT)
+    versions: dict[str, str]
+    git: str | None
+    device: str
+    episodes: tuple[EpisodeResult, ...]
+    timings_s: dict[str, dict[str, float]] = field(metadata=NOT_NEGATIVE)
+    summary: Summary
+
+
+def summarize(
+    episodes: Sequence[EpisodeResult], timings_s: Mapping[str, Mapping[str, float]]
+) -> Summary:
+    """Computes the aggregates; needs at least one episode."""
+    stage_names = sorted({name for episode in episodes for name in episode.stages})
+    score_names = sorted({name for episode in episodes for name in episode.scores})
+    failures = Counter(episode.failure for episode in episodes if episode.failure is not None)
+    steps = sum(episode.steps for episode in episodes)
+    return Summary(
+        success=rate([episode.success for episode in episodes]),
+        stages={
+            name: rate([episode.stages.get(name, False) for episode in episodes])
+            for name in stage_names
+        },
+        failures=dict(sorted(failures.items(), key=lambda item: (-item[1], item[0]))),
+        mean_return=bootstrap_mean([episode.episode_return for episode in episodes]),
+        scores={
+            name: bootstrap_mean([episode.scores.get(name, 0.0) for episode in episodes])
+            for name in score_names
+        },
+        mean_steps=steps / len(episodes),
+        seconds_per_step=math.fsum(episode.seconds for episode in episodes) / max(steps, 1),
+        timings_s=_durations(timings_s),
+    )
+
+
+def write_record(path: Path, record: RunRecord) -> None:
+    """Writes `run.json` atomically."""
+    with written_aside(path) as scratch, scratch.open("w", encoding="utf-8") as file:
+        json.dump(to_json(record), file, indent=1, allow_nan=False)
+        file.write("\n")
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def read_record(path: Path) -> RunRecord:
+    """Reads and validates `run.json`."""
+    check_size(path)
+    data = parse_json(path)
+    version = data.get("schema") if isinstance(data, dict) else None
+    if version != SCHEMA_VERSION:
+        raise ResultError(f"{path}: schema {shown(version)}, this version reads {SCHEMA_VERSION}.")
+    if isinstance(episodes := data.get("episodes"), list):
+        check_count(len(episodes), path)
+    record = read_dataclass(RunRecord, data, where=str(path))
+    _check(record, path)
+    return record
+
+
+def check_finished(finished: FinishedEpisode, where: str) -> None:
+    """Checks that the journal line of an episode can be read back.
+
+    Raises:
+        ResultError: It cannot; the message names `where`, the field and the value.
+    """
+    line = to_json(replace(finished, trace=()))
+    check_episode(read_dataclass(FinishedEpisode, line, where).episode, where)
+
+
+def check_episode(episode: EpisodeResult, where: str) -> None:
+    """Checks that an episode has either succeeded or failed.
+
+    Raises:
+        ResultError: Both or neither.
+    """
+    if episode.success != (episode.failure is None):
+        raise ResultError(
+            f"{where}: episode {episode.id!r} has success {episode.success} and failure "
+            f"{episode.failure!r:.80}; exactly one of the two is expected."
+        )
+
+
+def _check_stages(episodes: Sequence[EpisodeResult], path: Path) -> None:
+    """Checks that all episodes have the same stages; one that never started has none."""
+    staged = [episode for episode in episodes if episode.stages]
+    for episode in staged:
+        if episode.stages.keys() != staged[0].stages.keys():
+            raise ResultError(
+                f"{path}: episode {episode.id!r} has stages {shown(list(episode.stages))}, and "
+                f"episode {staged[0].id!r} has {shown(list(staged[0].stages))}."
+            )
+
+
+def _durations(timings_s: Mapping[str, Mapping[str, float]]) -> dict[str, Duration]:
+    """Aggregates each duration over the episodes that report it."""
+    names = sorted({name for one in timings_s.values() for name in one})
+    found = {name: [one[name] for one in timings_s.values() if name in one] for name in names}
+    return {
+        name: Duration(mean=mean(values), max=max(values), n=len(values))
+        for name, values in found.items()
+    }
+
+
+def _check(record: RunRecord, path: Path) -> None:
+    """Checks the consistency of a record."""
+    if not record.episodes:
+        raise ResultError(f"{path}: episodes is empty.")
+    counts = Counter(episode.id for episode in record.episodes)
+    twice = [name for name, count in counts.items() if count > 1]
+    if twice:
+        raise ResultError(f"{path}: episode {twice[0]!r} appears {counts[twice[0]]} times.")
+    foreign = record.timings_s.keys() - counts.keys()
+    if foreign:
+        raise ResultError(f"{path}: timings_s: unknown episode {shown(min(foreign))}.")
+    for episode in record.episodes:
+        check_episode(episode, str(path))
+    _check_stages(record.episodes, path)
+    expected = to_json(summarize(record.episodes, record.timings_s))
+    different = _first_difference(expected, to_json(record.summary), "summary")
+    if different:
+        raise ResultError(f"{path}: {different} does not follow from the episodes.")
+
+
+def _first_difference(expected: object, found: object, where: str) -> str | None:
+    """Returns the path of the first difference between two JSON values, None if equal."""
+    if isinstance(expected, dict) and isinstance(found, dict):
+        if expected.keys() != found.keys():
+            return where
+        pairs = [(expected[key], found[key], f"{where}.{key}") for key in expected]
+    elif isinstance(expected, list) and isinstance(found, list):
+        if len(expected) != len(found):
+            return where
+        pairs = [
+            (a, b, f"{where}[{i}]") for i, (a, b) in enumerate(zip(expected, found, strict=True))
+        ]
+    elif isinstance(expected, float) and isinstance(found, (int, float)):
+        same = math.isclose(expected, found, rel_tol=SUMMARY_TOLERANCE, abs_tol=1e-12)
+        return None if same else where
+    else:
+        return None if expected == found else where
+    return next((hit for pair in pairs if (hit := _first_difference(*pair))), None)
+
+
+def read_runs(paths: Sequence[Path]) -> list[RunRecord]:
+    """Reads finished runs, each given as its folder or its `run.json`."""
+    if not paths:
+        raise OptionError("failures needs at least one run: its folder or its run.json.")
+    return [_read(path) for path in paths]
+
+
+def _read(path: Path) -> RunRecord:
+    """Reads one run."""
+    if not os.path.isdir(path):  # unlike Path.is_dir, False for an invalid name
+        return read_record(path)
+    file = path / "run.json"
+    if not file.is_file():
+        raise ResultError(f"{file}: not found; finish the run with --resume.")
+    return read_record(file)
+
+
+def check_size(path: Path) -> None:
+    """Checks the number of episodes of a large record or journal without parsing it.
+
+    A file that cannot be read passes; its reader reports it.
+
+    Raises:
+        ResultError: There are more than `MOST_EPISODES`.
+    """
+    with contextlib.suppress(OSError):
+        if not os.path.isfile(path):  # unlike Path.is_file, False for an invalid name
+            return
+        if path.stat().st_size > MOST_EPISODES * SHORTEST_EPISODE_BYTES:
+            check_count(_count(path), path)
+
+
+def check_count(count: int, path: Path) -> None:
+    """Checks a number of episodes; `path` is named in the error."""
+    if count > MOST_EPISODES:
+        raise ResultError(f"{path}: {count} episodes; at most {MOST_EPISODES} are valid.")
+
+
+def _count(path: Path) -> int:
+    """Returns the number of episodes; the system reads the file in pages."""
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as text:
+        return sum(1 for _ in EPISODE.finditer(text))

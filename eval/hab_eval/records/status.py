@@ -1,0 +1,164 @@
+"""Tables of docs/status.md and README.md: who solves which environment, and what is run again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+from hab_eval.records import paper
+from hab_eval.records.leaderboard import (
+    PRIVILEGED_MARK,
+    Submissions,
+    factory_name,
+    group_title,
+    scenes_of,
+    short_label,
+)
+from hab_eval.records.plain_text import markdown
+from hab_eval.records.results import RunRecord
+from hab_tasks.registration import ENTRY_POINTS
+
+REFERENCES = "hab_eval:"
+"""Agents of this package act without looking; they are references, not results."""
+
+LEARNED = ("hab_ppo:", "hab_tp_srl:")
+NONE, AGAIN = "none", "to be run again"
+
+PAPER_MISSING = "not printed"
+"""The paper prints rates of Pick; those of the other skills and of tasks are bars of figures."""
+
+HANDLE_MARK = "‡"
+FIRST_DATASET = "apartment"
+
+AGAIN_COLUMNS = ("agent", "rows", "environments", "datasets", "last run")
+
+
+def best_table(submissions: Submissions, leaderboard: str) -> str:
+    """Returns the best agents of every environment, with a link to their commands.
+
+    Without true state: the agent reads its observations only. Rows of the apartment come before
+    those of other datasets.
+    """
+    lines = [
+        ("environment", "without true state", "learned", "any agent", "paper"),
+        ("---",) * 5,
+    ]
+    for env in _environments(submissions.all.values()):
+        chosen = (
+            _best(submissions, env, lambda record: not record.privileged),
+            _best(submissions, env, lambda record: record.agent.startswith(LEARNED)),
+            _best(submissions, env, lambda record: True),
+        )
+        cells = (_best_cell(one, leaderboard) for one in chosen)
+        lines.append((env, *cells, _paper_cell(env)))
+    return _text(lines)
+
+
+def rows_table(submissions: Submissions, leaderboard: str) -> str:
+    """Returns every current submission: agent, success, dataset, split and version."""
+    lines = [
+        ("environment", "agent", "success % (95 % interval)", "n", "dataset", "split", "version"),
+        ("---",) * 7,
+    ]
+    environments = _environments(submissions.current.values())
+    ranked = sorted(
+        submissions.current.values(),
+        key=lambda one: (environments.index(one.env), -one.summary.success.mean, one.seed),
+    )
+    for record in ranked:
+        success = record.summary.success
+        low, high = (100.0 * bound for bound in success.ci95)
+        lines.append(
+            (
+                record.env,
+                f"[{markdown(short_label(record))}]({link(record, leaderboard)})",
+                f"{100.0 * success.mean:.1f} [{low:.1f}, {high:.1f}]",
+                str(success.n),
+                markdown(scenes_of(record)),
+                markdown(record.split),
+                markdown(record.versions.get("hab-tasks", "?")),
+            )
+        )
+    return _text(lines)
+
+
+def again_table(submissions: Submissions, leaderboard: str) -> str:
+    """Returns the submissions to be run again as a table; `leaderboard` is not used."""
+    del leaderboard
+    lines = [AGAIN_COLUMNS, ("---",) * len(AGAIN_COLUMNS)]
+    return _text([*lines, *(tuple(map(markdown, row)) for row in again_rows(submissions))])
+
+
+def again_rows(submissions: Submissions) -> list[tuple[str, ...]]:
+    """Returns the submissions to be run again, a row per agent."""
+    by_agent: dict[str, list[tuple[str, RunRecord]]] = {}
+    for name, date in submissions.again.items():
+        record = submissions.all[name]
+        by_agent.setdefault(factory_name(record), []).append((date, record))
+    rows = []
+    for agent in sorted(by_agent):
+        dates, records = zip(*by_agent[agent], strict=True)
+        names = [env.removeprefix("Hab").removesuffix("-v1") for env in _environments(records)]
+        environments = f"all {len(names)}" if len(names) == len(ENTRY_POINTS) else ", ".join(names)
+        datasets = sorted({record.scene_dataset for record in records})
+        rows.append((agent, str(len(records)), environments, ", ".join(datasets), max(dates)))
+    return rows
+
+
+TABLES = {"best": best_table, "rows": rows_table, "again": again_table}
+"""Name in a page's mark -> table."""
+
+
+def link(record: RunRecord, leaderboard: str) -> str:
+    """Returns the link to the table and the commands of a row's environment and dataset."""
+    heading = group_title(record).lower().replace(" ", "-")
+    return f"{leaderboard}#{''.join(c for c in heading if c.isalnum() or c in '-_')}"
+
+
+def _best(
+    submissions: Submissions, env: str, counts: Callable[[RunRecord], bool]
+) -> RunRecord | str:
+    """Returns the best current row, else why there is none."""
+    own = {
+        name: record
+        for name, record in submissions.all.items()
+        if record.env == env and not record.agent.startswith(REFERENCES) and counts(record)
+    }
+    current = [record for name, record in own.items() if name not in submissions.again]
+    if current:
+        return max(current, key=_goodness)
+    return AGAIN if own else NONE
+
+
+def _goodness(record: RunRecord) -> tuple[bool, float, int]:
+    success = record.summary.success
+    return record.scene_dataset == FIRST_DATASET, success.mean, success.n
+
+
+def _paper_cell(env: str) -> str:
+    """Returns the best rate that the paper prints for unseen layouts."""
+    if env != paper.ENV:
+        return PAPER_MISSING
+    unseen = [one for one in paper.RESULTS if one.layouts == "unseen"]
+    best = max(unseen, key=lambda one: float(one.percent))
+    return f"{best.percent} % ({best.method}; {best.source})"
+
+
+def _best_cell(best: RunRecord | str, leaderboard: str) -> str:
+    if isinstance(best, str):
+        return best
+    name = markdown(factory_name(best))
+    marks = PRIVILEGED_MARK * best.privileged + HANDLE_MARK * best.handle_position
+    mark = f" {marks}" if marks else ""
+    success = best.summary.success
+    percent = f"{100.0 * success.mean:.1f} % (n = {success.n})"
+    return f"[{name}{mark}]({link(best, leaderboard)}): {percent}"
+
+
+def _environments(records: Iterable[RunRecord]) -> list[str]:
+    """Returns the environments of some rows; the registered ones first, in their order."""
+    order = {env: number for number, env in enumerate(ENTRY_POINTS)}
+    return sorted({one.env for one in records}, key=lambda env: (order.get(env, len(order)), env))
+
+
+def _text(lines: Sequence[Sequence[str]]) -> str:
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)

@@ -1,0 +1,157 @@
+"""The built-in agents; `RandomAgent` is the shortest complete example of `hab_tasks.agent.Agent`.
+
+Those that stand still must not solve any episode: their success on the leaderboard is zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import torch
+from torch import Tensor
+
+from hab_eval.run import environments
+from hab_tasks.agent import Agent, AgentReport, AgentSetup, AgentSpec, check_options
+from hab_tasks.constants import EE_STEP_M
+from hab_tasks.errors import UnknownNameError
+from hab_tasks.registration import imported_id
+
+Hand = Literal["keep", "close", "open"]
+
+NAMES: dict[Hand, str] = {
+    "keep": "Do nothing",
+    "close": "Close the hand only",
+    "open": "Open the hand only",
+}
+
+POINTS = {"HabPick-v1": "object_start_from_ee", "HabPlace-v1": "object_goal_from_ee"}
+"""Environment -> observation of the point to go to."""
+
+NEAR_M = {"HabPick-v1": 0.12, "HabPlace-v1": 0.05}
+"""Distance from the point at which the hand grasps or releases: a grasp reaches 15 cm."""
+
+
+class RandomAgent:
+    """Samples actions uniformly from [-1, 1], with one generator per row."""
+
+    def __init__(self, setup: AgentSetup) -> None:
+        check_options(setup, {})
+        control_mode = environments.continuous_control(setup.env_id)
+        self.spec = AgentSpec(name="Random", control_mode=control_mode)
+        self._size = environments.action_size(self.spec.control_mode)
+        self._generators: list[torch.Generator] = []
+
+    def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
+        """Seeds the generators of the rows in `mask` (N,) bool."""
+        if len(self._generators) != len(mask):
+            self._generators = [torch.Generator() for _ in seeds]
+        for row in mask.nonzero().flatten().tolist():
+            self._generators[row].manual_seed(seeds[row])
+
+    def act(self, obs: Mapping[str, Any]) -> Tensor:
+        """Returns uniform actions (N, A) float32; ignores the observation."""
+        rows = [torch.rand(self._size, generator=own) for own in self._generators]
+        return 2.0 * torch.stack(rows) - 1.0
+
+    def report(self) -> list[AgentReport]:
+        """Returns empty reports."""
+        return [AgentReport() for _ in self._generators]
+
+
+class StandingAgent:
+    """Moves neither arm nor base; keeps the gripper as it is, or closes or opens it."""
+
+    def __init__(self, setup: AgentSetup, hand: Hand) -> None:
+        check_options(setup, {})
+        control_mode = environments.continuous_control(setup.env_id)
+        self.spec = AgentSpec(name=NAMES[hand], control_mode=control_mode)
+        self._hand = hand
+        self._still = torch.zeros(1, environments.action_size(control_mode))
+        self._entry = environments.gripper_entry(control_mode)
+
+    def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
+        """Sets the number of rows; the agent has no other state."""
+        self._still = self._still[:1].repeat(len(mask), 1)
+
+    def act(self, obs: Mapping[str, Any]) -> Tensor:
+        """Returns zeros (N, A) float32 except for the gripper; zero velocity is the stop action."""
+        action = self._still.clone()
+        if self._entry is not None:
+            action[:, self._entry] = self._gripper(obs)
+        return action
+
+    def report(self) -> list[AgentReport]:
+        """Returns empty reports."""
+        return [AgentReport() for _ in self._still]
+
+    def _gripper(self, obs: Mapping[str, Any]) -> Tensor | float:
+        """Returns the gripper entry (N,): >= 0 grasps if the gripper is empty, < 0 releases."""
+        if self._hand != "keep":
+            return 1.0 if self._hand == "close" else -1.0
+        holding = torch.as_tensor(obs["agent"]["is_holding"]).reshape(len(self._still))
+        return torch.where(holding > 0.5, 1.0, -1.0)
+
+
+class StraightAgent:
+    """Moves the hand straight to the point, grasps or releases there, and straight to rest."""
+
+    def __init__(self, setup: AgentSetup) -> None:
+        """Checks environment and options.
+
+        Raises:
+            UnknownNameError: The environment is neither Pick nor Place, or there are options.
+        """
+        check_options(setup, {})
+        env_id = imported_id(setup.env_id)
+        if env_id not in POINTS:
+            raise UnknownNameError("environment of straight_line", env_id, POINTS)
+        self.spec = AgentSpec(name="Straight line", control_mode="ee")
+        self._point, self._near_m = POINTS[env_id], NEAR_M[env_id]
+        self._fetches = env_id == "HabPick-v1"
+        self._rows = 1
+
+    def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
+        """Sets the number of rows; the agent has no other state."""
+        self._rows = len(mask)
+
+    def act(self, obs: Mapping[str, Any]) -> Tensor:
+        """Returns actions (N, 4) float32: shares of the hand's maximum step, and the gripper."""
+        point_m = torch.as_tensor(obs["extra"][self._point])
+        rest_m = torch.as_tensor(obs["agent"]["rest_from_ee"])
+        holding = torch.as_tensor(obs["agent"]["is_holding"]).reshape(-1) > 0.5
+        near = point_m.norm(dim=1) < self._near_m
+        over = holding == self._fetches  # has or has placed its object
+        move = torch.where(over[:, None], rest_m, point_m) / EE_STEP_M
+        move = move / move.norm(dim=1, keepdim=True).clamp(min=1.0)
+        closed = (holding | near) if self._fetches else (holding & ~near)
+        return torch.cat((move, torch.where(closed, 1.0, -1.0)[:, None]), dim=1)
+
+    def report(self) -> list[AgentReport]:
+        """Returns empty reports."""
+        return [AgentReport() for _ in range(self._rows)]
+
+
+def random_agent(setup: AgentSetup) -> Agent:
+    """Returns the built-in baseline: uniform random actions, seeded per episode."""
+    return RandomAgent(setup)
+
+
+def do_nothing(setup: AgentSetup) -> Agent:
+    """Returns an agent that stands still and keeps holding its object."""
+    return StandingAgent(setup, hand="keep")
+
+
+def close_hand(setup: AgentSetup) -> Agent:
+    """Returns an agent that stands still and closes the gripper."""
+    return StandingAgent(setup, hand="close")
+
+
+def open_hand(setup: AgentSetup) -> Agent:
+    """Returns an agent that stands still and opens the gripper."""
+    return StandingAgent(setup, hand="open")
+
+
+def straight_line(setup: AgentSetup) -> Agent:
+    """Returns an agent of Pick and Place whose hand goes straight to the point and to rest."""
+    return StraightAgent(setup)

@@ -1,0 +1,149 @@
+"""Interface to the environments and episodes of `hab_tasks`.
+
+What loads the simulator is imported inside the functions: a run's agent may be in a process
+without it, and tests of the evaluator play an environment of their own.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, get_args
+
+import gymnasium
+
+import hab_tasks
+from hab_eval.records.config import EvalConfig
+from hab_tasks.agent import AgentSetup, AgentSpaces, AgentSpec, Looks
+from hab_tasks.errors import UnknownNameError
+from hab_tasks.registration import ENTRY_POINTS, imported_id, reference_of
+from hab_tasks.robots.fetch import FETCH
+
+if TYPE_CHECKING:
+    from hab_tasks.episodes import Episode, EpisodeSet
+    from hab_tasks.executors import Executor
+    from hab_tasks.robots.control import HabControllerConfig
+
+SIMULATOR = "hab_tasks.engine.hab_env"
+"""Module that loads the simulator."""
+
+CountCallback = Callable[[int, int], None]
+"""Called with (done, total) while episodes are generated."""
+
+
+def agent_seed(seed: int) -> int:
+    """Returns the seed that an agent gets instead of an episode's or a run's.
+
+    An agent that knew the episode's seed could generate the episode and know every pose.
+    """
+    return int.from_bytes(hashlib.sha256(f"agent {seed}".encode()).digest()[:4], "big") >> 1
+
+
+def check_env_id(env_id: str) -> None:
+    """Imports the module of `env_id`; raises `HabError` unless it is an environment."""
+    imported_id(env_id)
+
+
+def worker_imports(config: EvalConfig) -> list[str]:
+    """Returns the modules that every worker process of an evaluation needs."""
+    return [SIMULATOR] if config.env.rpartition(":")[2] in ENTRY_POINTS else []
+
+
+def setup_of(config: EvalConfig, device: str = "cpu") -> AgentSetup:
+    """Returns the setup that the agent's factory receives.
+
+    Args:
+        config: The evaluation's configuration.
+        device: Device of the agent's networks.
+    """
+    return make_setup(config.env, agent_seed(config.seed), config.options, device)
+
+
+def make_setup(env_id: str, seed: int, options: Mapping[str, str], device: str) -> AgentSetup:
+    """Returns a setup with spaces; its `seed` is the agent's, see `agent_seed`."""
+
+    def spaces_of(env_id: str, spec: AgentSpec) -> AgentSpaces:
+        from hab_tasks.agent_spaces import agent_spaces  # loads the simulator, if asked for
+
+        return agent_spaces(env_id, spec)
+
+    return AgentSetup(env_id=env_id, seed=seed, options=options, device=device, spaces_of=spaces_of)
+
+
+def load_episode_set(
+    config: EvalConfig, progress: CountCallback | None, workers: int | Executor
+) -> EpisodeSet:
+    """Returns the episode set of `config`; `workers`, or an executor, generate missing ones."""
+    from hab_tasks.episodes import EpisodeRequest, load_episodes  # loads the simulator
+
+    request = EpisodeRequest(
+        env_id=config.env,
+        scene_dataset=config.scene_dataset,
+        objects=config.objects,
+        split=config.split,
+        seed=config.seed,
+        novel=config.novel,
+    )
+    return load_episodes(request, config.episodes, progress, workers)
+
+
+def make_env(
+    config: EvalConfig, spec: AgentSpec, *, split: str, render: bool, num_episodes: int = 1
+) -> gymnasium.Env[Any, Any]:
+    """Creates the environment for an agent's spec, with `num_episodes` episodes by index.
+
+    Creation shows one of them: of more than the run has, it might have to be generated.
+    """
+    if spec.looks not in get_args(Looks):
+        raise UnknownNameError("looks of the agent", spec.looks, get_args(Looks))
+    env = gymnasium.make(
+        reference_of(imported_id(config.env)),
+        num_envs=1,
+        scene_dataset=config.scene_dataset,
+        objects=config.objects,
+        split=split,
+        num_episodes=num_episodes,
+        episode_seed=config.seed,
+        novel=config.novel,
+        obs_mode=spec.obs_mode,
+        control_mode=spec.control_mode,
+        target_frame=spec.target_frame,
+        handle_position=spec.handle_position,
+        skill_config=config.skill_config,
+        reward_mode="dense",
+        render_mode="rgb_array" if render else None,
+        render_backend="auto",
+    )
+    if spec.looks == "on demand":
+        base: Any = env.unwrapped
+        base.leave_out_images()
+    return env
+
+
+def instruction_of(env_id: str, episode: Episode) -> str:
+    """Returns the instruction of an episode and the legend of its markers."""
+    from hab_tasks.engine.marks import LEGEND  # loads the simulator
+
+    return f"{hab_tasks.ENVS[env_id].env.instruct(episode)} ({LEGEND})"
+
+
+def continuous_control(env_id: str) -> str:
+    """Returns an environment's first control mode with continuous actions."""
+    modes = hab_tasks.ENVS[env_id].env.control_modes
+    return next(mode for mode in modes if not mode.endswith("_discrete"))
+
+
+def action_size(control_mode: str) -> int:
+    """Returns the number of action entries of a control mode."""
+    return _control(control_mode).size
+
+
+def gripper_entry(control_mode: str) -> int | None:
+    """Returns the index of the gripper's action entry; None for modes without arm."""
+    return _control(control_mode).arm_size or None
+
+
+def _control(control_mode: str) -> HabControllerConfig:
+    from hab_tasks.robots.control import control_configs  # loads the simulator
+
+    return control_configs(FETCH)[control_mode]

@@ -1,1 +1,0 @@
-"""Submissions to the leaderboard: checks, repetition of episodes, and videos."""

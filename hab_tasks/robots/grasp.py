@@ -195,8 +195,10 @@ class SnapGrasp:
                     self.attach(index)
                     return
         if self.takes != "objects":
-            handles_m = np.array([self.handle_m(i) for i in range(len(self.handles))])
-            for index in _in_range(ee_m, handles_m.reshape(-1, 3))[:1]:
+            # In plain numbers, as a hand that wants to grasp asks in every step.
+            gaps_m = [math.dist(ee_m, self.handle_m(i)) for i in range(len(self.handles))]
+            if min(gaps_m, default=math.inf) <= GRASP_RADIUS_M:
+                index = gaps_m.index(min(gaps_m))
                 self._hold_handle(index, self._place_in_ee_m(index))
 
     def _is_hidden(self, index: int, ee_m: Floats) -> bool:

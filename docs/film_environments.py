@@ -22,7 +22,7 @@ SUBMISSIONS = {
     "HabCloseFridge-v1": "close_fridge_blind-close_fridge-apartment-seed2026",
     "HabOpenDrawer-v1": "open_drawer_blind-open_drawer-apartment-seed2026",
     "HabCloseDrawer-v1": "close_drawer_blind-close_drawer-apartment-seed2026",
-    "HabNavigate-v1": "spa_priv-navigate-apartment-seed16",
+    "HabNavigate-v1": "spa_priv-navigate-apartment-seed2026",
     "HabTidyHouse-v1": "tp_spa_priv-tidy_house-apartment-seed5",
     "HabPrepareGroceries-v1": "tp_spa_priv-prepare_groceries-apartment-seed5",
     "HabSetTable-v1": "tp_srl-set_table-apartment-seed81",

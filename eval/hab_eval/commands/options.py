@@ -8,8 +8,8 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from hab_eval.commands.work import WorkCommand
 from hab_eval.records.config import EvalConfig, parse_numbers, parse_options
+from hab_tasks.console import Command
 from hab_tasks.executors import ExecutorChoice
 
 RUN_HELP = """Evaluates an agent on a fixed set of episodes and writes run.json.
@@ -104,7 +104,7 @@ class EpisodeOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunCommand(EpisodeOptions, ExecutorChoice, WorkCommand):
+class RunCommand(EpisodeOptions, ExecutorChoice, Command):
     """Options of `hab-eval run`."""
 
     help: ClassVar[str] = RUN_HELP
@@ -142,7 +142,7 @@ class RunCommand(EpisodeOptions, ExecutorChoice, WorkCommand):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BenchCommand(WorkCommand):
+class BenchCommand(Command):
     """Options of `hab-eval bench`."""
 
     help: ClassVar[str] = BENCH_HELP

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from hab_eval.commands.work import WorkCommand
+from hab_tasks.console import Command
 
 TABLE_HELP = """Generates LEADERBOARD.md and its web page from the submissions.
 
@@ -65,7 +65,7 @@ than recorded is not kept. The exit status is that of `verify`."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class TableCommand(WorkCommand):
+class TableCommand(Command):
     """Options of `hab-eval table`."""
 
     help: ClassVar[str] = TABLE_HELP
@@ -87,7 +87,7 @@ class TableCommand(WorkCommand):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FailuresCommand(WorkCommand):
+class FailuresCommand(Command):
     """Options of `hab-eval failures`."""
 
     help: ClassVar[str] = FAILURES_HELP
@@ -102,7 +102,7 @@ class FailuresCommand(WorkCommand):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SiteCommand(WorkCommand):
+class SiteCommand(Command):
     """Options of `hab-eval site`."""
 
     help: ClassVar[str] = SITE_HELP
@@ -122,7 +122,7 @@ class SiteCommand(WorkCommand):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SubmitCommand(WorkCommand):
+class SubmitCommand(Command):
     """Options of `hab-eval submit`."""
 
     help: ClassVar[str] = SUBMIT_HELP
@@ -139,7 +139,7 @@ class SubmitCommand(WorkCommand):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReplayCommand(WorkCommand):
+class ReplayCommand(Command):
     """Options of the commands that repeat episodes of a submission."""
 
     submission: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SUBMISSION")]

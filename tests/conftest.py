@@ -79,9 +79,9 @@ def _rare_garbage_collection():
 @pytest.fixture(autouse=True, scope="session")
 def _one_worker_server():
     """One server forks the workers of all tests; it imports the simulator once."""
-    from hab_tasks.processes import start_worker_server
+    from hab_tasks.io.pool import start_server
 
-    start_worker_server("hab_tasks.vector.worker")
+    start_server("hab_tasks.vector.worker")
 
 
 @pytest.fixture

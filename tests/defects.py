@@ -78,7 +78,7 @@ DEFECTS = (
            old="            scratch.replace(target)",
            new="            shutil.copyfile(scratch, target)"),
     Defect(name="shared_memory", first="vector/test_shared_arrays.py",
-           file="hab_tasks/vector/shared_arrays.py",
+           file="hab_tasks/io/shared_arrays.py",
            old="            os.close(self.file)\n            self.file = -1",
            new="            self.file = -1"),
     Defect(name="held_object", first="baselines/test_spa_collision.py",

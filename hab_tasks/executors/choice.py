@@ -11,6 +11,7 @@ import tyro
 
 from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.executors.executor import Executor
+from hab_tasks.executors.local import LocalExecutor
 
 LOCAL, RAY = "local", "ray"
 EXECUTORS = (LOCAL, RAY)
@@ -61,9 +62,6 @@ def open_executor(
     """
     choice.check_executor()
     if choice.executor == LOCAL:
-        # Loads torch, which the help of the commands with these options does without.
-        from hab_tasks.executors.local import LocalExecutor
-
         yield LocalExecutor(workers)
         return
     # Of an optional package's connection, which none but this choice needs.

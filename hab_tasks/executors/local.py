@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import as_completed
-from typing import Any
+from collections.abc import Generator, Sequence
 
 from hab_tasks.executors.executor import J, R, Task
-from hab_tasks.processes import worker_pool
+from hab_tasks.io.pool import WorkerPool
 
 
 class LocalExecutor:
@@ -23,24 +21,7 @@ class LocalExecutor:
     def run(self, task: Task[J, R], jobs: Sequence[J]) -> Generator[tuple[int, R], None, None]:
         """Yields (index of the job, result) in order of completion; see `Executor`."""
         if self.in_process(len(jobs)):
-            work = task.start(*task.arguments)
-            for index, job in enumerate(jobs):
-                yield index, work(job)
+            yield from enumerate(map(task.start(*task.arguments), jobs))
             return
-        count = min(self.workers, len(jobs))
-        with worker_pool(count, _start, (task.start, task.arguments)) as pool:
-            waiting = {pool.submit(_work, job): index for index, job in enumerate(jobs)}
-            for done in as_completed(waiting):
-                yield waiting.pop(done), done.result()
-
-
-_worker_function: Callable[[Any], Any]
-
-
-def _start(start: Callable[..., Callable[[Any], Any]], arguments: tuple[Any, ...]) -> None:
-    global _worker_function
-    _worker_function = start(*arguments)
-
-
-def _work(job: Any) -> Any:
-    return _worker_function(job)
+        with WorkerPool(min(self.workers, len(jobs)), task.start, task.arguments) as pool:
+            yield from pool.run(jobs)

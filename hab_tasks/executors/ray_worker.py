@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 import sys
-import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from hab_tasks.errors import HabError, RunStoppedError
+from hab_tasks.errors import HabError, reported
 
 PACKAGES = ("hab-tasks", "mani-skill", "sapien", "torch", "numpy")
 """Packages whose versions affect results."""
@@ -60,12 +59,12 @@ class JobWorker:
         try:
             _adopt(origin)
             # Loads torch, which only a worker with the versions and path of its origin should.
-            from hab_tasks.processes import use_one_thread
+            from hab_tasks.io.threads import use_one_thread
 
             use_one_thread()
             self._work = start(*arguments)
         except Exception as error:
-            return _failed("A worker could not start", error)
+            return Failed(error=reported("A worker could not start", error))
         return Done()
 
     def work(self, name: str, job: Any) -> Done | Failed:
@@ -73,7 +72,7 @@ class JobWorker:
         try:
             return Done(value=self._work(job))
         except Exception as error:
-            return _failed(f"{name} stopped the run", error)
+            return Failed(error=reported(f"{name} stopped the run", error))
 
 
 def _adopt(origin: Origin) -> None:
@@ -103,12 +102,3 @@ def _version(package: str) -> str:
         return version(package)
     except PackageNotFoundError:
         return "missing"
-
-
-def _failed(what: str, error: Exception) -> Failed:
-    """Returns an error as one that can be pickled."""
-    if isinstance(error, HabError):
-        return Failed(error=error)
-    message = f"{what}: {type(error).__name__}: {error}"
-    details = "".join(traceback.format_exception(error))
-    return Failed(error=RunStoppedError(message, details=details))

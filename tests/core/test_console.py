@@ -13,7 +13,7 @@ import pytest
 
 from hab_tasks.console import Command, run_script
 from hab_tasks.errors import HabError, RunStoppedError
-from hab_tasks.processes import start_worker_server
+from hab_tasks.io.pool import start_server
 
 
 def interrupt():
@@ -82,7 +82,7 @@ def test_a_limit_that_is_too_low_is_named_with_its_value(capsys, monkeypatch):
         assert run_script("prog", {"end": End}, ["end", "--how", "limit"]) == code
         assert capsys.readouterr().err == f"prog: {line}\n"
     with pytest.raises(HabError, match=FILES):
-        start_worker_server()
+        start_server()
     found[resource.RLIMIT_AS] = resource.RLIM_INFINITY
     monkeypatch.setitem(ENDINGS, "limit", (lambda: fail(cause),))
     with pytest.raises(ImportError):  # some other fault: the traceback helps

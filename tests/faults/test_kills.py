@@ -139,7 +139,7 @@ def content(file):
 def is_worker(pid):
     """Whether a process is a worker, or the server that forks them."""
     try:
-        return b"forkserver" in Path(f"/proc/{pid}/cmdline").read_bytes()
+        return b"serve_forks" in Path(f"/proc/{pid}/cmdline").read_bytes()
     except FileNotFoundError:
         return False
 

@@ -20,7 +20,7 @@ from hab_ppo.observation import ObservationLayout
 from hab_ppo.recipe import Recipe
 from hab_ppo.rows import binary_entries
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec, check_options
-from hab_tasks.processes import use_one_thread
+from hab_tasks.io.threads import use_one_thread
 from hab_tasks.registration import imported_id
 
 WEIGHTS = Path(__file__).parent / "weights"

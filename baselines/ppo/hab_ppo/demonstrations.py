@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import traceback
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -36,16 +36,14 @@ from hab_tasks.agent import Agent, AgentSetup
 from hab_tasks.agent_spaces import agent_setup
 from hab_tasks.episodes import Episode
 from hab_tasks.errors import OptionError, RunStoppedError
-from hab_tasks.processes import use_one_thread, worker_pool
+from hab_tasks.io.pool import WorkerPool, in_order
+from hab_tasks.io.threads import use_one_thread
 
 FIRST_EPISODES = 25
 """An agent that has no demonstration after so many episodes is given up."""
 
 MOST_REPLAYS = 4
 """Replays of a path until one succeeds: straight, as it is, then varied."""
-
-AHEAD = 4
-"""Episodes that are played at a time, for each process."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,18 +191,8 @@ def _attempts(plan: DemonstrationPlan, most: int) -> Iterator[Iterator[Attempt]]
         finally:
             studio.close()
         return
-    with worker_pool(plan.workers, _start_worker, (plan,)) as pool:
-        yield _ahead(pool, most, AHEAD * plan.workers)
-
-
-def _ahead(pool: Any, most: int, ahead: int) -> Iterator[Attempt]:
-    """Yields the attempts of a pool in order, with some played ahead of those asked for."""
-    waiting = [pool.submit(_attempt_in_worker, number) for number in range(min(ahead, most))]
-    for number in range(most):
-        attempt = waiting.pop(0).result()
-        if number + ahead < most:
-            waiting.append(pool.submit(_attempt_in_worker, number + ahead))
-        yield attempt
+    with WorkerPool(plan.workers, _start_worker, (plan,)) as pool:
+        yield in_order(pool.run(range(most)))
 
 
 class Studio:
@@ -307,16 +295,8 @@ class _Recording(gym.Wrapper[Any, Any, Any, Any]):
         self._points.append(np.asarray(obs["agent"]["ee_position"][0]).astype(float))
 
 
-_worker_studio: Studio
-
-
-def _start_worker(plan: DemonstrationPlan) -> None:
-    global _worker_studio
-    _worker_studio = Studio(plan)
-
-
-def _attempt_in_worker(number: int) -> Attempt:
-    return _worker_studio.attempt(number)
+def _start_worker(plan: DemonstrationPlan) -> Callable[[int], Attempt]:
+    return Studio(plan).attempt
 
 
 def _version(path: list[Stretch], replays: int, drawn: np.random.Generator) -> list[Stretch]:

@@ -25,7 +25,7 @@ from hab_ppo.observation import Observation
 from hab_ppo.progress import WriteLine
 from hab_ppo.recipe import Distillation
 from hab_ppo.teachers import Teacher
-from hab_tasks.processes import compute_threads
+from hab_tasks.io.threads import compute_threads
 
 COUNTS = "counts"
 

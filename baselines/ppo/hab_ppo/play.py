@@ -22,8 +22,8 @@ from hab_ppo.rows import binary_entries, policy_rows
 from hab_ppo.run_commands import EvalCommand
 from hab_tasks.console import tell
 from hab_tasks.episodes import EpisodeRequest, load_episodes
+from hab_tasks.io.threads import use_one_thread
 from hab_tasks.option_values import LARGEST_SEED, whole
-from hab_tasks.processes import use_one_thread
 
 
 @dataclass(frozen=True, kw_only=True)

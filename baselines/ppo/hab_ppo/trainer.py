@@ -35,7 +35,7 @@ from hab_ppo.rows import binary_entries
 from hab_ppo.stages import stage_names
 from hab_ppo.warm_start import make_rows, start_policy
 from hab_tasks.files import written_aside
-from hab_tasks.processes import use_one_thread
+from hab_tasks.io.threads import use_one_thread
 
 COLLAPSE_SHARE = 0.5
 """A run whose success falls below this share of its best is reported."""

@@ -17,7 +17,7 @@ from hab_spa.motion.robot import Robot
 from hab_spa.scenes.scene import Scene
 
 from hab_tasks.agent import Agent, AgentSetup, AgentSpec
-from hab_tasks.processes import use_one_thread
+from hab_tasks.io.threads import use_one_thread
 from hab_tasks.registration import imported_id
 from hab_tasks.tasks.base import Task
 from hab_tp_srl.agent import TpSrlAgent

@@ -32,8 +32,8 @@ from hab_eval.run.workers import run_agent
 from hab_tasks.agent import Agent, AgentSpec
 from hab_tasks.errors import FileError, HabError, OptionError, RunStoppedError
 from hab_tasks.executors import Executor, ExecutorChoice, open_executor
+from hab_tasks.io.threads import use_one_thread
 from hab_tasks.option_values import whole
-from hab_tasks.processes import use_one_thread
 
 if TYPE_CHECKING:
     from hab_tasks.episodes import EpisodeSet

@@ -20,7 +20,7 @@ from hab_eval.run.rows import Job, RolloutPlan
 from hab_eval.run.workers import run_agent
 from hab_tasks.agent import Agent, AgentSpec
 from hab_tasks.errors import OptionError, shown
-from hab_tasks.processes import use_one_thread
+from hab_tasks.io.threads import use_one_thread
 
 RETURN_TOLERANCE = 0.01
 """Relative tolerance of returns, and in a unit of reward, of equal outcomes and steps."""

@@ -10,12 +10,10 @@ of an episode does not depend on its worker (see `rows.LocalRows`).
 from __future__ import annotations
 
 import contextlib
-import signal
-import traceback
 from collections import defaultdict
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from multiprocessing.connection import Connection, Pipe, wait
+from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from hab_eval.records.results import FinishedEpisode
@@ -35,44 +33,32 @@ from hab_eval.run.time_limit import (
 )
 from hab_tasks.agent import Agent, AgentSpec
 from hab_tasks.errors import HabError, RunStoppedError
-from hab_tasks.processes import Worker, begin_worker, start_worker_server
-
-STOP_TIMEOUT_S = 5.0
+from hab_tasks.io.pool import Worker, end_all, received_file, start_server
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Failure:
-    """Error of a worker as text, because not every exception can be pickled.
+class _Worker(Worker):
+    """A worker process, its isolated agent, its current episodes.
 
     Attributes:
-        details: Traceback; None for bad input, where the message is enough.
+        agent: Process of its agent, if it is isolated.
+        episode_ids: Episodes that it plays.
+        job: The only one of them, of a worker with its own agent.
+        clock: Clock of the agent's calls.
+        ended: Whether it was killed at the time limit.
     """
 
-    message: str
-    details: str | None
-
-
-@dataclass(kw_only=True)
-class _Worker:
-    """A worker process, the parent's end of its pipe, its isolated agent, its current episodes."""
-
-    process: Worker
-    connection: Connection
-    agent: Worker | None = None
-    episode_ids: tuple[str, ...] = ()
-    job: Job | None = None
-    clock: CallClock = field(default_factory=CallClock)
-    ended: bool = False
+    def __init__(self, function: Callable[..., None], *arguments: Any) -> None:
+        self.agent: Worker | None = None
+        self.episode_ids: tuple[str, ...] = ()
+        self.job: Job | None = None
+        self.clock = CallClock()
+        self.ended = False
+        super().__init__(function, *arguments)
 
     @property
     def processes(self) -> tuple[Worker, ...]:
         """The worker, and the agent's process if it has one."""
-        return (self.process,) if self.agent is None else (self.process, self.agent)
-
-    @property
-    def pids(self) -> list[int]:
-        """Their ids."""
-        return [process.pid for process in self.processes if process.pid is not None]
+        return (self,) if self.agent is None else (self, self.agent)
 
     def give(self, job: Job | None) -> None:
         """Sends the next job, if any."""
@@ -100,41 +86,16 @@ class _Worker:
         if call is None or limit_s is None or self.job is None or call_s <= limit_s:
             self.clock.call = None if isinstance(answer, CallEnded) else call
             return None
-        for process in self.processes:
-            process.kill()
-            process.join()
+        end_all(self.processes)
         self.ended = True
         return call.timed_out(call_s, self.job[1])
 
-    def send(self, message: Any) -> None:
-        """Sends a message; raises the error that the worker reported before it ended."""
-        try:
-            self.connection.send(message)
-        except OSError:
-            while True:  # what it sent before is still in the pipe, in the end an error
-                self.receive()
-
-    def receive(self) -> Any:
-        """Receives a message; raises the error that the worker reported."""
-        try:
-            answer = self.connection.recv()
-        except (EOFError, OSError) as error:
-            raise self._died() from error
-        if isinstance(answer, _Failure):
-            if answer.details is None:
-                raise HabError(answer.message)
-            raise RunStoppedError(answer.message, details=answer.details)
-        return answer
-
-    def _died(self) -> RunStoppedError:
-        """Returns the error for a worker that ended without a message."""
-        self.process.join(STOP_TIMEOUT_S)
-        code = self.process.exitcode
-        how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
-        ids = ", ".join(map(repr, self.episode_ids))
+    def death(self) -> HabError:
+        """Returns an error that names the episodes."""
+        ended, ids = self.ending(), ", ".join(map(repr, self.episode_ids))
         return RunStoppedError(
             f"Episode{'s' * (len(self.episode_ids) > 1)} {ids} stopped the run: its worker process "
-            f"{self.process.pid} ended with {how}."
+            f"{ended.pid} {ended.how}."
         )
 
 
@@ -211,8 +172,8 @@ def run_batched(
     """Runs the jobs with the agent in this process and its environments in `count` workers."""
     rows = min(agent.spec.rows, len(jobs))
     shares = [len(range(first, rows, count)) for first in range(min(count, rows))]
-    start_worker_server(__name__, *worker_imports(plan.config))
-    workers = [_start(_serve_rows, plan, agent.spec, share) for share in shares]
+    start_server(__name__, *worker_imports(plan.config))
+    workers = [_Worker(_serve_rows, plan, agent.spec, share) for share in shares]
     try:
         groups: list[RowGroup] = [
             _RemoteRows(worker=worker, count=share, watched=plan.videos > 0)
@@ -220,7 +181,7 @@ def run_batched(
         ]
         yield from play(agent, groups, iter(jobs))
     finally:
-        _stop(workers)
+        end_all([process for worker in workers for process in worker.processes])
 
 
 def run_parallel(
@@ -231,7 +192,7 @@ def run_parallel(
     A worker whose agent exceeds the time limit of a call is replaced.
     """
     limit_s = plan.config.step_timeout_s
-    start_worker_server(__name__, *worker_imports(plan.config))
+    start_server(__name__, *worker_imports(plan.config))
     workers = [_start_player(plan) for _ in range(min(count, len(jobs)))]
     queue, watch = iter(jobs), StopWatch()
     try:
@@ -240,83 +201,37 @@ def run_parallel(
         while busy := [(n, worker) for n, worker in enumerate(workers) if worker.job is not None]:
             wait_s = None if limit_s is None else TICK_S
             ready = wait([worker.connection for _, worker in busy], wait_s)
-            watch.tick((worker.clock, worker.pids) for _, worker in busy)
+            watch.tick((one.clock, [p.pid for p in one.processes]) for _, one in busy)
             for number, worker in busy:
                 finished = worker.take(limit_s, ready=worker.connection in ready)
                 if finished is None:
                     continue
                 job = next(queue, None)
                 if worker.ended and job is not None:
-                    worker.connection.close()
                     workers[number] = _start_player(plan)
                 workers[number].give(job)
                 yield finished
     finally:
-        _stop(workers)
+        end_all([process for worker in workers for process in worker.processes])
 
 
 def _start_player(plan: RolloutPlan) -> _Worker:
     """Starts a worker that has its own agent, in a second process if it is isolated."""
-    if not plan.config.isolated:
-        return _start(_serve_episodes, plan, None)
-    agent = start_agent(plan.config, plan.device)
-    worker = _start(_serve_episodes, plan, agent.connection)
-    agent.connection.close()  # so that the agent ends with the worker
-    worker.agent = agent.process
+    worker = _Worker(_serve_episodes, plan)
+    if plan.config.isolated:
+        worker.agent = start_agent(plan.config, plan.device)
+        worker.send_file(worker.agent.connection.fileno())
+        worker.agent.connection.close()  # so that the agent ends with the worker
     return worker
 
 
-def _start(serve: Callable[..., None], *arguments: Any) -> _Worker:
-    """Starts a worker."""
-    ours, theirs = Pipe()
-    process = Worker(target=_serve, args=(theirs, serve, *arguments), daemon=True)
-    process.start()
-    theirs.close()  # so that the pipe ends when the worker does
-    return _Worker(process=process, connection=ours)
-
-
-def _stop(workers: Sequence[_Worker]) -> None:
-    """Terminates all workers."""
-    for worker in workers:
-        worker.connection.close()
-    processes = [process for worker in workers for process in worker.processes]
-    for process in processes:
-        process.terminate()
-    for process in processes:
-        process.join(STOP_TIMEOUT_S)
-        if process.is_alive():
-            process.kill()
-            process.join()
-
-
-def _serve(connection: Connection, serve: Callable[..., None], *arguments: Any) -> None:
-    """Main function of a worker; runs until the parent closes the pipe or ends the process."""
-    begin_worker()
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    try:
-        serve(connection, *arguments)
-        return
-    except RunStoppedError as error:
-        failure = _Failure(message=str(error), details=error.details)
-    except HabError as error:
-        failure = _Failure(message=str(error), details=None)
-    except Exception as error:
-        message = f"A worker could not start: {type(error).__name__}: {error}"
-        failure = _Failure(message=message, details=traceback.format_exc())
-    # The parent has closed the pipe at the end of a run, or was killed.
-    with contextlib.suppress(ConnectionError):
-        connection.send(failure)
-
-
-def _serve_episodes(
-    connection: Connection, plan: RolloutPlan, agent_connection: Connection | None
-) -> None:
+def _serve_episodes(connection: Connection, plan: RolloutPlan) -> None:
     """Runs the episodes that the parent sends, with its own agent."""
     agent: Agent
-    if agent_connection is None:
-        agent = load_agent(plan.config.agent, setup_of(plan.config, plan.device))
+    if plan.config.isolated:
+        agent = IsolatedAgent(Connection(received_file(connection)), plan.config.agent)
     else:
-        agent = IsolatedAgent(agent_connection, plan.config.agent)
+        agent = load_agent(plan.config.agent, setup_of(plan.config, plan.device))
     rows = make_rows(plan, agent.spec, 1)
     jobs = iter(connection.recv, None)  # ends with an EOFError
     timed = plan.config.step_timeout_s is not None

@@ -30,8 +30,8 @@ from hab_tasks.episodes import Episode, EpisodeRequest, open_source
 from hab_tasks.errors import OptionError, RunStoppedError
 from hab_tasks.executors import ExecutorChoice
 from hab_tasks.files import check_file, check_folder, replace_folder, scratch_folder
+from hab_tasks.io.threads import use_one_thread
 from hab_tasks.option_values import MOST_WORKERS, whole
-from hab_tasks.processes import use_one_thread
 from hab_tasks.registration import imported_id, reference_of
 
 EXIT_TOO_FEW = 1

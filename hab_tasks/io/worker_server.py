@@ -151,9 +151,9 @@ def _call(connection: Connection) -> None:
         os.environ.clear()
         os.environ.update(variables)
         _prepare(data)
-        importlib.import_module(THREADS).use_one_thread()
         np.random.seed()  # noqa: NPY002, all have forked the same state
         function, arguments = pickle.loads(call)
+        importlib.import_module(THREADS).use_one_thread()
         function(connection, *arguments)
         code = 0
     except BaseException as error:

@@ -11,6 +11,12 @@ from typing import Any
 
 from hab_ppo.errors import RecipeError
 
+MOST_RANKS = 256
+MOST_ROWS = 4096
+MOST_EPISODES = 1_000_000
+MOST_STEPS = 10**12
+"""Largest values of the commands' options."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class EnvConfig:

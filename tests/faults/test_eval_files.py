@@ -8,10 +8,11 @@ import pytest
 import stub_runs  # first: it finds the stub
 from hab_eval.cli import main
 from hab_eval.records.results import FinishedEpisode, read_record
-from hab_eval.records.schema import to_json
 from hab_eval.run.run_folder import RunFolder
 from refusals import check_each, refused_by_call, refused_by_command
 from stub_runs import make_record
+
+from hab_tasks.typed_values import to_json
 
 NAN, INF, HUGE = math.nan, math.inf, 10**400
 SURROGATE = "half \ud800 of a pair"

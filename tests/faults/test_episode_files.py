@@ -65,7 +65,6 @@ WHOLE = (
     (put_whole("12", "made_from", "dataset"), "made_from"),
     (put_whole("8", "made_from", "generator"), '"8"'),
     (put_whole([1e30, *POSE[1:]], "scenes", "*", "frl_apartment_bowl_01_:0000"), "frl_"),
-    (put_whole(POSE[:6], "scenes", "*", "frl_apartment_bowl_01_:0000"), "scenes"),
     (lambda raw: raw["episodes"].append(first(raw)), "twice"),
 )
 ENTRY = (
@@ -81,13 +80,9 @@ ENTRY = (
     *((put(value, "targets"), "targets") for value in ([], [3])),
     (put("ghost", "targets", 0, "object"), "ghost"),
     (put(["table"], "targets", 0, "start"), "targets"),
-    (put(["a", "b", "c"], "targets", 0, "goal"), "targets"),
     (put([0.0] * 7, "targets", 0, "world_from_goal"), "targets"),
     (put("ghost", "held"), "ghost"),
-    *((put(value, "handle"), "handle") for value in ("f", {"furniture": "f"})),
-    (put({"furniture": 1, "joint": "j", "marker": "m"}, "handle"), "handle"),
     (put({"furniture": "f", "joint": "j", "marker": "m", "colour": "c"}, "handle"), "handle"),
-    (put({"skill": "X", "base": [0.0, 1.0]}, "navigation"), "navigation"),
     (put({}, "navigation"), "navigation"),
     (put({"fridge_:0000": {"hinge": NAN}}, "joints"), "joints"),
     (put({"fridge_:0000": 0.5}, "joints"), "joints"),

@@ -34,8 +34,6 @@ SUMMARY_TOLERANCE = 1e-6
 AGENT_TIMEOUT = "agent timeout"
 """Failure category: a call of the agent took longer than `step_timeout_s`."""
 
-Timings = Mapping[str, float]
-
 SHORTEST_EPISODE_BYTES = 90
 """The keys of an episode with their shortest values, in a record and in a journal."""
 

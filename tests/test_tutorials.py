@@ -128,8 +128,8 @@ def test_tutorials_import_public_names():
     nodes = [node for code in codes for node in ast.walk(ast.parse(code))]
     names = {a.name for node in nodes if isinstance(node, ast.Import) for a in node.names}
     assert not [n for n in names if n.startswith("hab_") and n not in public]
-    froms = {(n.module, a.name) for n in nodes if isinstance(n, ast.ImportFrom) for a in n.names}
-    hidden = [f for f in froms if f[0].startswith("hab_") and f[1] not in public.get(f[0], ())]
+    taken = {(n.module, a.name) for n in nodes if isinstance(n, ast.ImportFrom) for a in n.names}
+    hidden = [f for f in taken if f[0].startswith("hab_") and f[1] not in public.get(f[0], ())]
     assert not hidden, "export them from the package, or use what it exports"
 
 

@@ -14,12 +14,11 @@ import gymnasium as gym
 import imageio.v2 as imageio
 import numpy as np
 
-from hab_tasks.captions import with_words
+from hab_tasks.captions import LEGEND, with_words
 from hab_tasks.commands.keyboard import QUIT, Keyboard, keys_of
 from hab_tasks.commands.options import Demo
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.engine.hab_env import HabEnv
-from hab_tasks.engine.marks import LEGEND
 from hab_tasks.episodes.source import UNLIMITED
 from hab_tasks.errors import HabError, RenderingUnavailableError, UnknownNameError
 from hab_tasks.files import check_file, written_aside

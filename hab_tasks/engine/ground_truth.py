@@ -143,17 +143,6 @@ class GroundTruth:
         """Returns x, y [m] and yaw [rad] of the frame facing out of the furniture of a kind."""
         return np.array(frame_of(self._grasp.handles[self._number(kind)]))
 
-    def spawn_frame(self, kind: ArticulationKind) -> Array:
-        """Returns x, y [m] and yaw [rad] of the frame of a kind's spawn regions.
-
-        It is that of the furniture or, of a drawer, that of its link.
-        """
-        handle = self._grasp.handles[self._number(kind)]
-        if not self.articulation(kind).slides:
-            return np.array(frame_of(handle))
-        pose = matrix(sapien_object(handle.link).entity_pose)
-        return np.array((*pose[:2, 3], np.arctan2(pose[1, 0], pose[0, 0])))
-
     def articulation(self, kind: ArticulationKind) -> ArticulationState:
         """Returns the current state of the door or drawer of a kind."""
         return self._articulation(kind.name, self._number(kind))

@@ -92,10 +92,6 @@ class Measures:
         """Returns the named measures, for `info`."""
         return {name: getattr(self, name) for name in names}
 
-    def of_row(self, row: int) -> Measures:
-        """Returns the measures of one row, as a batch of one."""
-        return Measures(**{name: getattr(self, name)[row : row + 1] for name in MEANINGS})
-
 
 MEANINGS: dict[str, tuple[str, str]] = {
     name: hint.__metadata__ for name, hint in get_type_hints(Measures, include_extras=True).items()

@@ -202,7 +202,7 @@ BAD = {
     "name": (["name_to_receptacle", "024_bowl_:0001"], DRAWER[:-1], f"Did you mean '{DRAWER}'"),
     "start": (["start_position"], [0, 0], "malformed"),
     "turn": (["start_rotation"], [0, 0, 0, 0], "four zeros"),
-    "ours": (["info"], {OWN_KEY: {"seed": "x"}}, "malformed"),
+    "ours": (["info"], {OWN_KEY: {"seed": "x"}}, "a value of type int"),
 }
 
 

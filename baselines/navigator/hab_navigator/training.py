@@ -14,8 +14,8 @@ import torch
 from hab_eval.records.provenance import device, git_commit
 from hab_ppo import checkpoint
 from hab_ppo.errors import PolicyFileError
-from hab_ppo.limits import MOST_EPISODES, MOST_RANKS, MOST_ROWS
 from hab_ppo.progress import WriteLine
+from hab_ppo.recipe import MOST_EPISODES, MOST_RANKS, MOST_ROWS
 
 from hab_navigator.command import NavigatorCommand
 from hab_navigator.fitting import fit, misfit

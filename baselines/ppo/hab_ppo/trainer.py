@@ -21,7 +21,6 @@ from hab_eval.records.provenance import device, git_commit
 from hab_ppo import checkpoint
 from hab_ppo.checkpoint import Position
 from hab_ppo.collect import Collector
-from hab_ppo.config_json import to_json
 from hab_ppo.distributed import Ranks
 from hab_ppo.episodes import prepare_episodes
 from hab_ppo.evaluation import evaluate
@@ -38,6 +37,7 @@ from hab_ppo.warm_start import make_rows, start_policy
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.files import written_aside
 from hab_tasks.io.threads import use_one_thread
+from hab_tasks.typed_values import to_json
 
 COLLAPSE_SHARE = 0.5
 """A run whose success falls below this share of its best is reported."""

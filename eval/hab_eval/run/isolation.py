@@ -24,7 +24,7 @@ from torch import Tensor
 
 from hab_eval.errors import AgentError
 from hab_eval.records.config import EvalConfig
-from hab_eval.records.schema import parse_json_text, read_dataclass, to_json
+from hab_eval.records.schema import read_dataclass
 from hab_eval.run.agent_checks import (
     check_actions,
     check_report,
@@ -39,6 +39,7 @@ from hab_eval.run.packing import ObsPacker, ObsUnpacker
 from hab_tasks.agent import Agent, AgentReport, AgentSpec, of_rows
 from hab_tasks.errors import HabError, RunStoppedError
 from hab_tasks.io.pool import Worker
+from hab_tasks.typed_values import parse_json, to_json
 
 ACTIONS, JSON = b"A", b"J"
 """First byte of an answer."""
@@ -236,7 +237,7 @@ def _answer(connection: Connection, value: Any) -> None:
 def _parse(answer: bytes, reference: str) -> Any:
     """Returns an answer in JSON; raises the error that it tells of."""
     try:
-        value = parse_json_text(answer[1:].decode())
+        value = parse_json(answer[1:].decode())
     except ValueError as error:
         raise AgentError(f"The process of the agent {reference} sent no JSON: {error}") from error
     if isinstance(value, dict) and "refused" in value:

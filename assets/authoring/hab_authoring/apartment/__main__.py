@@ -1,6 +1,6 @@
 """Generate the `apartment` dataset.
 
-Run `python assets/tools/apartment --out assets/apartment`; with `--check` it only compares.
+Run `python -m hab_authoring.apartment --out assets/apartment`; with `--check` it only compares.
 Micro-variations (`v3_sc*_staging_01` and up) are generated elsewhere: existing ones are kept, and
 `--check` ignores them.
 """

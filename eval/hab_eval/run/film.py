@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,28 +10,10 @@ from PIL import Image
 
 from hab_tasks.captions import Frame, with_words
 from hab_tasks.constants import CONTROL_HZ
+from hab_tasks.engine.rollout import StepInfo
 
 LINES = 7
 """Number of caption lines."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class StepInfo:
-    """State of an episode after a reset or a step.
-
-    Attributes:
-        step: Steps taken.
-        info: The latest `info` of the environment.
-        doing: The agent's current activity (`AgentReport.doing`).
-        reward: Reward of the last step.
-        episode_return: Sum of the rewards so far.
-    """
-
-    step: int
-    info: Mapping[str, Any]
-    doing: str
-    reward: float
-    episode_return: float
 
 
 def compose(views: Sequence[Frame], lines: Sequence[str]) -> Frame:

@@ -108,6 +108,21 @@ def batched(values: Sequence[Any]) -> Any:
     return [item for value in values for item in value]  # ground-truth states: lists of one entry
 
 
+class AgentView:
+    """Observations of an environment as an agent with a spec receives them."""
+
+    def __init__(self, spec: AgentSpec) -> None:
+        """Takes the agent's spec."""
+        self._spec, self._last = spec, None
+
+    def __call__(self, env: gym.Env[Any, Any], obs: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Returns the observation after a reset or step; the one before can be read no more."""
+        if isinstance(self._last, LazyObservation):
+            self._last.expire()
+        self._last = agent_view(env, self._spec, obs)
+        return self._last
+
+
 def agent_view(
     env: gym.Env[Any, Any], spec: AgentSpec, obs: Mapping[str, Any]
 ) -> Mapping[str, Any]:

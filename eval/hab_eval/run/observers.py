@@ -1,44 +1,25 @@
-"""Rollout observers, such as the video recorder."""
+"""The video recorder, an observer of rollouts."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import imageio.v2 as imageio
 import numpy as np
 
 from hab_eval.records.video_names import video_name
-from hab_eval.run.film import Frame, StepInfo, compose, describe
+from hab_eval.run.film import Frame, compose, describe
 from hab_tasks.constants import CONTROL_HZ
+from hab_tasks.engine.rollout import Job, Outcome, StepInfo
 from hab_tasks.files import written_aside
 
 if TYPE_CHECKING:
     import gymnasium as gym
 
     from hab_tasks.episodes import Episode
-
-
-class Observer(Protocol):
-    """Receives the events of a rollout; must not affect it."""
-
-    def start(self, index: int, episode: Episode, step_info: StepInfo) -> None:
-        """Called after the reset of episode number `index` of the set."""
-        ...
-
-    def step(self, step_info: StepInfo) -> None:
-        """Called after every step."""
-        ...
-
-    def end(self) -> None:
-        """Called once after the last step."""
-        ...
-
-    def abort(self) -> None:
-        """Called instead of `end` if the episode was not finished."""
-        ...
 
 
 class _AbortedError(Exception):
@@ -68,13 +49,14 @@ class VideoRecorder:
         self._file = ExitStack()
         self._writer: Any = None
 
-    def start(self, index: int, episode: Episode, step_info: StepInfo) -> None:
+    def reset(self, job: Job, seen: StepInfo) -> None:
         """Opens `video_<index>_<episode id>.mp4` and writes its first frame, also as PNG."""
+        index, episode, _ = job
         if index >= self._count:
             return
         self._episode_id, self._instruction = episode.id, self._instruct(episode)
         target = self._folder / f"{video_name(index, episode.id)}.mp4"
-        frame = self._frame(step_info)
+        frame = self._frame(seen)
         with written_aside(target.with_suffix(".png")) as scratch:
             imageio.imwrite(scratch, frame)
         # yuv420p needs frame sizes that are multiples of two.
@@ -87,26 +69,22 @@ class VideoRecorder:
         self._file.callback(self._writer.close)
         self._writer.append_data(frame)
 
-    def step(self, step_info: StepInfo) -> None:
+    def step(self, seen: StepInfo) -> None:
         """Appends one frame."""
         if self._writer is not None:
-            self._writer.append_data(self._frame(step_info))
+            self._writer.append_data(self._frame(seen))
 
-    def end(self) -> None:
-        """Finishes the file."""
-        self._writer = None
-        self._file.close()
-
-    def abort(self) -> None:
-        """Removes the unfinished file."""
+    def end(self, outcome: Outcome | None) -> None:
+        """Finishes the file, or removes an unfinished one."""
         self._writer = None
         with suppress(_AbortedError), self._file:
-            raise _AbortedError
+            if outcome is None:
+                raise _AbortedError
 
-    def _frame(self, step_info: StepInfo) -> Frame:
+    def _frame(self, seen: StepInfo) -> Frame:
         """Returns a frame with the robot's cameras, the render camera and a caption."""
         base: Any = self._env.unwrapped
         rendered: Any = self._env.render()
         pictures = [*base.render_views().values(), rendered]
         views = [np.asarray(picture[0].cpu(), dtype=np.uint8) for picture in pictures]
-        return compose(views, describe(self._episode_id, self._instruction, step_info))
+        return compose(views, describe(self._episode_id, self._instruction, seen))

@@ -1,38 +1,33 @@
-"""Batch rows in this process: each is an environment that runs one episode at a time."""
+"""Batch rows: each is an environment that runs one episode at a time, here or in workers."""
 
 from __future__ import annotations
 
+import contextlib
 import gc
-import time
 import traceback
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-import torch
 from torch import Tensor
 
 from hab_eval.records.config import EvalConfig
 from hab_eval.records.results import EpisodeResult
 from hab_eval.run import environments
 from hab_eval.run.agent_checks import without_exit
-from hab_eval.run.film import StepInfo
-from hab_eval.run.observations import LazyObservation, agent_view
-from hab_eval.run.observers import Observer, VideoRecorder
+from hab_eval.run.observations import AgentView, batched
+from hab_eval.run.observers import VideoRecorder
 from hab_tasks.agent import AgentSpec
+from hab_tasks.engine.env_row import EnvRow
+from hab_tasks.engine.rollout import Job, Observer, Outcome
 from hab_tasks.errors import RunStoppedError
 
 if TYPE_CHECKING:
     import gymnasium as gym
 
     from hab_tasks.episodes import Episode
-
-Job = tuple[int, "Episode"]
-"""An episode with its index in the set."""
-
-UNNAMED_FAILURE = "environment"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,12 +74,11 @@ class Turn:
 
     Attributes:
         obs: Observation.
-        result: Result of the episode if it is over, from the environment alone: `failure` is the
-            environment's category or None, and `seconds` does not include the agent.
+        result: Outcome of the episode if it is over; its `seconds` do not include the agent.
     """
 
     obs: Any
-    result: EpisodeResult | None = None
+    result: Outcome | None = None
 
 
 class RowGroup(Protocol):
@@ -118,31 +112,16 @@ class RowGroup(Protocol):
 
 
 @dataclass(kw_only=True)
-class _Row:
-    """An environment and its current episode."""
-
-    env: gym.Env[Any, Any]
-    observers: Sequence[Observer]
-    episode: Episode | None = None
-    steps: int = 0
-    episode_return: float = 0.0
-    seconds: float = 0.0
-    obs: Any = None
-    info: Mapping[str, Any] = field(default_factory=dict)
-    result: EpisodeResult | None = None
-
-
-@dataclass(kw_only=True)
 class LocalRows:
     """Batch rows in this process, stepped one after another."""
 
     spec: AgentSpec
-    rows: list[_Row] = field(default_factory=list)
+    rows: list[EnvRow] = field(default_factory=list)
     _calls: Mapping[int, Call] = field(default_factory=dict)
 
     def add(self, env: gym.Env[Any, Any], observers: Sequence[Observer] = ()) -> None:
         """Adds a row."""
-        self.rows.append(_Row(env=env, observers=observers))
+        self.rows.append(EnvRow(env, observers, view=AgentView(self.spec)))
 
     @property
     def count(self) -> int:
@@ -160,20 +139,17 @@ class LocalRows:
 
     def receive(self) -> dict[int, Turn]:
         """Executes the calls."""
-        return {number: self._turn(self.rows[number], c) for number, c in self._calls.items()}
+        return {number: _turn(self.rows[number], call) for number, call in self._calls.items()}
 
     def partial_result(self) -> EpisodeResult | None:
         """Returns the preliminary result of the only row's episode; None before the first."""
         (row,) = self.rows
-        return row.result if row.episode is None else _result(row, row.info)
+        return None if row.job is None else result_of(row.job, row.outcome())
 
     def abort(self) -> None:
         """Removes unfinished videos."""
         for row in self.rows:
-            if row.episode is not None:
-                for observer in row.observers:
-                    observer.abort()
-                row.episode = None
+            row.abort()
 
     def close(self) -> None:
         """Frees the simulators."""
@@ -182,54 +158,67 @@ class LocalRows:
             row.env.close()
         gc.unfreeze()  # frozen objects count as leaked when Python ends
 
-    def _turn(self, row: _Row, call: Call) -> Turn:
+
+def _turn(row: EnvRow, call: Call) -> Turn:
+    row.doing = call.doing
+    job = call.job if isinstance(call, Start) else row.job
+    assert job is not None
+    with naming_episodes([job]):
         if isinstance(call, Start):
-            row.episode = call.job[1]
-        assert row.episode is not None
-        try:
-            with without_exit():  # rendering on demand may run the agent's own code
-                return self._start(row, call) if isinstance(call, Start) else self._step(row, call)
-        except Exception as error:
-            raise episode_error([row.episode], error) from error
+            row.start({0: job})
+            return Turn(obs=row.observe())
+        outcome = row.step(call.action).get(0)
+        return Turn(obs=row.observe(), result=outcome)
 
-    def _start(self, row: _Row, call: Start) -> Turn:
-        """Starts an episode.
 
-        The scene is rebuilt for every episode, so that outcomes depend neither on the earlier
-        episodes of the process nor on the number of workers.
-        """
-        index, episode = call.job
-        row.steps, row.episode_return, row.result = 0, 0.0, None
-        options = {"episode": episode, "reconfigure": True}
-        obs, row.info = row.env.reset(seed=episode.seed, options=options)
-        step_info = _step_info(row, row.info, call.doing, 0.0)
-        for observer in row.observers:
-            observer.start(index, episode, step_info)
-        started = time.perf_counter()
-        row.obs = agent_view(row.env, self.spec, obs)
-        row.seconds = time.perf_counter() - started
-        return Turn(obs=row.obs)
+class GroupedRows:
+    """Rows of several groups, which work at the same time.
 
-    def _step(self, row: _Row, call: Step) -> Turn:
-        """Steps the environment; returns the result if the episode is over."""
-        started = time.perf_counter()
-        if isinstance(row.obs, LazyObservation):
-            row.obs.expire()
-        obs, reward, terminated, truncated, row.info = row.env.step(call.action)
-        row.obs = agent_view(row.env, self.spec, obs)
-        row.seconds += time.perf_counter() - started
-        value = float(torch.as_tensor(reward).reshape(-1)[0])
-        row.steps += 1
-        row.episode_return += value
-        for observer in row.observers:
-            observer.step(_step_info(row, row.info, call.doing, value))
-        over = _first(terminated) or _first(truncated)
-        row.result = _result(row, row.info) if over else None
-        if over:
-            for observer in row.observers:
-                observer.end()
-            row.episode = None
-        return Turn(obs=row.obs, result=row.result)
+    Attributes:
+        count: Number of rows.
+        watched: Whether observers need the agent's current activity.
+        doing: That activity, in each row.
+    """
+
+    def __init__(self, groups: Sequence[RowGroup]) -> None:
+        """Joins groups."""
+        self._groups = groups
+        self.count = sum(group.count for group in groups)
+        self.watched = any(group.watched for group in groups)
+        self.doing, self._obs = [""] * self.count, [None] * self.count
+
+    def start(self, jobs: Mapping[int, Job]) -> None:
+        """See `Rows`."""
+        self._exchange({n: Start(job=job, doing=self.doing[n]) for n, job in jobs.items()})
+
+    def observe(self) -> Any:
+        """See `Rows`."""
+        return batched(self._obs)
+
+    def step(self, actions: Tensor, rows: Collection[int]) -> dict[int, Outcome]:
+        """See `Rows`."""
+        calls = {n: Step(action=actions[n : n + 1], doing=self.doing[n]) for n in sorted(rows)}
+        turns = self._exchange(calls)
+        return {n: turn.result for n, turn in turns.items() if turn.result is not None}
+
+    def abort(self) -> None:
+        """See `Rows`."""
+        for group in self._groups:
+            group.abort()
+
+    def _exchange(self, calls: Mapping[int, Call]) -> dict[int, Turn]:
+        """Sends each group the calls of its rows, then collects the answers."""
+        first, sent = 0, []
+        for group in self._groups:
+            own = {n - first: call for n, call in calls.items() if 0 <= n - first < group.count}
+            if own:
+                group.send(own)
+                sent.append((first, group))
+            first += group.count
+        turns = {start + n: turn for start, group in sent for n, turn in group.receive().items()}
+        for n, turn in turns.items():
+            self._obs[n] = turn.obs
+        return turns
 
 
 def make_rows(plan: RolloutPlan, spec: AgentSpec, count: int) -> LocalRows:
@@ -257,45 +246,30 @@ def episode_error(episodes: Iterable[Episode], error: Exception) -> RunStoppedEr
     )
 
 
-def _step_info(row: _Row, info: Mapping[str, Any], doing: str, reward: float) -> StepInfo:
-    """Returns the information for observers."""
-    return StepInfo(
-        step=row.steps, info=info, doing=doing, reward=reward, episode_return=row.episode_return
-    )
+def job_of(index: int, episode: Episode) -> Job:
+    """Returns the job of an episode; its seed does not tell the agent that of the episode."""
+    return Job(index, episode, environments.agent_seed(episode.seed))
 
 
-def _result(row: _Row, info: Mapping[str, Any]) -> EpisodeResult:
+@contextlib.contextmanager
+def naming_episodes(jobs: Iterable[Job]) -> Generator[None, None, None]:
+    """Converts exceptions into errors that name the episodes of `jobs`.
+
+    Raises:
+        RunStoppedError: The agent or an environment raised.
+    """
+    try:
+        with without_exit():  # also in an environment: rendering on demand may run agents' code
+            yield
+    except Exception as error:
+        ids = ", ".join(repr(job.episode.id) for job in jobs)
+        which = "Episodes" if ", " in ids else "Episode"
+        raise RunStoppedError(
+            f"{which} {ids} stopped the run: {type(error).__name__}: {error}",
+            details="".join(traceback.format_exception(error)),
+        ) from error
+
+
+def result_of(job: Job, outcome: Outcome) -> EpisodeResult:
     """Returns the result of an episode, from the environment alone."""
-    assert row.episode is not None
-    success = _first(info.get("success", False))  # absent before the first step
-    return EpisodeResult(
-        id=row.episode.id,
-        scene=row.episode.scene_id,
-        success=success,
-        stages={name: _first(value) for name, value in info.get("stages", {}).items()},
-        steps=row.steps,
-        failure=None if success else _failure(info),
-        episode_return=row.episode_return,
-        scores=_scores(row.env, info),
-        seconds=row.seconds,
-    )
-
-
-def _scores(env: gym.Env[Any, Any], info: Mapping[str, Any]) -> dict[str, float]:
-    """Returns the environment's scores; {} before the first step."""
-    measures = info.get("measures", {})
-    names = getattr(env.unwrapped, "score_names", ())
-    return {name: float(measures[name].reshape(-1)[0]) for name in names if name in measures}
-
-
-def _failure(info: Mapping[str, Any]) -> str | None:
-    """Returns the environment's failure category, None if there is none."""
-    named = [name for name, value in info.get("failures", {}).items() if _first(value)]
-    if named:
-        return named[0]
-    return UNNAMED_FAILURE if _first(info.get("fail", False)) else None
-
-
-def _first(value: Any) -> bool:
-    """Returns the only row of an (N,) flag; Gymnasium's wrappers may return plain bools."""
-    return bool(torch.as_tensor(value).reshape(-1)[0])
+    return EpisodeResult(id=job.episode.id, scene=job.episode.scene_id, **vars(outcome))

@@ -23,7 +23,7 @@ from hab_eval.run.environments import setup_of, worker_imports
 from hab_eval.run.isolation import IsolatedAgent, start_agent
 from hab_eval.run.load_agent import load_agent
 from hab_eval.run.packing import ObsPacker, ObsUnpacker, packed, unpacked
-from hab_eval.run.rows import Call, Job, RolloutPlan, RowGroup, Step, Turn, make_rows
+from hab_eval.run.rows import Call, RolloutPlan, RowGroup, Step, Turn, make_rows
 from hab_eval.run.runner import play
 from hab_eval.run.time_limit import (
     TICK_S,
@@ -34,6 +34,7 @@ from hab_eval.run.time_limit import (
     TimedAgent,
 )
 from hab_tasks.agent import Agent, AgentSpec
+from hab_tasks.engine.rollout import Job
 from hab_tasks.errors import HabError, RunStoppedError
 from hab_tasks.processes import Worker, begin_worker, start_worker_server
 

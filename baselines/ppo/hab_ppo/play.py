@@ -113,7 +113,7 @@ def play(path: Path, *, split: str, episodes: int, seed: int, rows: int, workers
     return Result(
         successes=sum(score.success for score in scores),
         episodes=len(scores),
-        mean_return=float(np.mean([score.total_reward for score in scores])),
+        mean_return=float(np.mean([score.episode_return for score in scores])),
         mean_steps=float(np.mean(steps)),
         steps_per_s=sum(steps) / seconds,
     )

@@ -22,7 +22,7 @@ from hab_ppo.play import play
 from hab_ppo.progress import read_progress
 from hab_ppo.recipe import PAPER
 from hab_ppo.recipes import find_recipe, recipe_names
-from hab_ppo.trainer import EXACT, LAST, Trainer, TrainPlan
+from hab_ppo.trainer import EXACT, LAST, Trainer, TrainPlan, train_rank
 from sockets import check_loopback
 from toy_examples import same_tensors
 from untrained import write_weights
@@ -49,7 +49,7 @@ SHORT = ("--rows", "4", "--rollout-steps", "10", "--episodes", "2", "--evaluatio
 def train(recipe, out, **options):
     out.mkdir(exist_ok=True)
     lines = []
-    Trainer(TrainPlan(recipe=recipe, out=out, **options), Ranks(), lines.append).run()
+    train_rank(TrainPlan(recipe=recipe, out=out, **options), Ranks(), lines.append)
     return lines
 
 

@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
+from itertools import islice
 from pathlib import Path
 from typing import Any, cast
 
@@ -89,7 +90,7 @@ def _play(options: Demo, env: gym.Env[Any, Any], show: _Show) -> str:
 
     row = EnvRow(env, [show], restart=restart)
     try:
-        outcome = play_one(row, _Player(actions, show, limit), Job(options.episode))
+        outcome = play_one(row, _Player(islice(actions, limit), show), Job(options.episode))
     except KeyboardInterrupt:
         if row.job is None:
             raise  # there is nothing to tell
@@ -102,16 +103,15 @@ def _play(options: Demo, env: gym.Env[Any, Any], show: _Show) -> str:
 class _Player:
     """Executes actions until there are no more."""
 
-    def __init__(self, actions: Iterator[Any], show: _Show, limit: int | None) -> None:
-        self._actions, self._show, self._limit = actions, show, limit
+    def __init__(self, actions: Iterator[Any], show: _Show) -> None:
+        self._actions, self._show = actions, show
 
     def reset(self, mask: Any, seeds: Any) -> None:
         """Does nothing: it plays one episode."""
 
     def act(self, obs: Any) -> Any:
         """Returns the next action."""
-        over = self._show.closed or self._show.seen.step == self._limit
-        action = None if over else next(self._actions, None)
+        action = None if self._show.closed else next(self._actions, None)
         if action is None:
             raise EndRolloutError
         return action

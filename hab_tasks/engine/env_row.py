@@ -12,12 +12,13 @@ import numpy as np
 from hab_tasks.engine.rollout import Job, Observer, Outcome, StepInfo
 
 Env = gym.Env[Any, Any]
+Restart = Callable[[Env, Job], tuple[Any, dict[str, Any]]]
 
 
-def _anew(env: Env, job: Job) -> tuple[Any, dict[str, Any]]:
+def anew(env: Env, job: Job) -> tuple[Any, dict[str, Any]]:
     """Starts an episode in a scene built anew.
 
-    So outcomes depend neither on the earlier episodes of the process nor on its number.
+    So outcomes depend neither on earlier episodes of the process nor on the number of workers.
     """
     options = {"episode": job.episode, "reconfigure": True}
     return env.reset(seed=job.episode.seed, options=options)
@@ -42,7 +43,7 @@ class EnvRow:
         observers: Sequence[Observer] = (),
         *,
         view: Callable[[Env, Any], Any] = lambda env, obs: obs,
-        restart: Callable[[Env, Job], tuple[Any, dict[str, Any]]] = _anew,
+        restart: Restart = anew,
     ) -> None:
         """Creates a row; the agent gets the `view` of an observation, `restart` resets."""
         self.env, self.observers, self._view, self._restart = env, observers, view, restart

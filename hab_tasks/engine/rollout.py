@@ -106,15 +106,12 @@ class Observer(Protocol):
 
     def reset(self, job: Job, seen: StepInfo) -> None:
         """Called after the reset of an episode."""
-        ...
 
     def step(self, seen: StepInfo) -> None:
         """Called after every step."""
-        ...
 
     def end(self, outcome: Outcome | None) -> None:
         """Called after the last step; without an outcome if the episode was not finished."""
-        ...
 
 
 class Actor(Protocol):
@@ -122,11 +119,9 @@ class Actor(Protocol):
 
     def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
         """See `Agent.reset`."""
-        ...
 
     def act(self, obs: Any) -> Any:
         """See `Agent.act`; actions (N, ...) of any type that the rows take."""
-        ...
 
 
 class Rows(Protocol):
@@ -139,11 +134,9 @@ class Rows(Protocol):
 
     def start(self, jobs: Mapping[int, Job]) -> None:
         """Starts episodes, by the number of the row."""
-        ...
 
     def observe(self) -> Any:
         """Returns the observation of all rows."""
-        ...
 
     def step(self, actions: Any, rows: Collection[int]) -> Mapping[int, Outcome]:
         """Steps some rows with their actions of (N, ...); returns the outcomes of what ended."""
@@ -151,7 +144,6 @@ class Rows(Protocol):
 
     def abort(self) -> None:
         """Aborts the unfinished episodes."""
-        ...
 
 
 def play(

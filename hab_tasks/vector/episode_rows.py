@@ -22,6 +22,7 @@ class VectorRows:
         count: Number of rows.
         fresh: (N,) bool, rows that show the first observation of an episode.
         over: (N,) bool, rows that show the last observation of one.
+        last: (N,) reward, terminated and truncated of the last step.
     """
 
     def __init__(self, env: Any, seeds: Sequence[int] | None = None) -> None:
@@ -41,7 +42,6 @@ class VectorRows:
         self._shown = self._shown or [episodes[n % len(episodes)] for n in range(self.count)]
         for row, job in jobs.items():
             self._shown[row] = job.episode
-            self._return[row], self._steps[row] = 0.0, 0
 
     def observe(self) -> Any:
         """See `Rows`."""
@@ -58,7 +58,9 @@ class VectorRows:
 
     def step(self, actions: Any, rows: Collection[int]) -> dict[int, Outcome]:
         """See `Rows`."""
-        self._obs, reward, terminated, truncated, info = self._env.step(actions)
+        self._obs, *self.last, info = self._env.step(actions)
+        reward, terminated, truncated = self.last
+        self._return[self.fresh], self._steps[self.fresh] = 0.0, 0
         self._return += reward
         self._steps += ~self.over
         self.fresh, self.over = self.over, terminated | truncated

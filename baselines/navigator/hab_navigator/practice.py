@@ -17,7 +17,7 @@ from hab_navigator.lessons import Lessons
 from hab_navigator.navigator import REPEAT, Navigator, goal_in_map
 from hab_navigator.network import GoalNetwork
 from hab_navigator.weights import load
-from hab_tasks.engine.rollout import EndRolloutError, Job, play
+from hab_tasks.engine.rollout import EndRolloutError, Job, flag, play
 from hab_tasks.robots.control_modes import STOP_CELL
 from hab_tasks.skills.navigate import NAVIGATE_ID
 from hab_tasks.vector.episode_rows import VectorRows
@@ -127,8 +127,20 @@ class _Practice:
         self._rows |= {number: _Row(self._network, episodes[number][0]) for number in fresh}
         actions = np.full(self._vector.count, STOP_CELL)
         for number in np.flatnonzero(~self._vector.over & (self._left > 0)).tolist():
-            actions[number] = _act(self._rows[number], number, obs, self.played)
+            actions[number] = self._action(number, obs)
         return actions
+
+    def _action(self, number: int, obs: Any) -> int:
+        """Returns a row's action; now and then keeps a lesson."""
+        row = self._rows[number]
+        point_m = np.asarray(obs["extra"]["point_in_base"][number])
+        holding = flag(obs["agent"]["is_holding"][number] > 0, 0)
+        action = row.navigator.action(obs["sensor_data"]["head"]["depth"][number], point_m, holding)
+        row.actions += 1
+        if (row.actions + number) % EVERY_ACTIONS == 0:
+            lesson = Lessons.of(row.navigator, float(point_m[2]), holding, row.goal)
+            self.played.lessons.append(lesson)
+        return action
 
     def end(self, number: int, solved: bool) -> None:
         """Counts an episode, unless the row has played enough."""
@@ -145,15 +157,3 @@ def _play(env: Any, network: GoalNetwork, plan: PracticePlan) -> Played:
     for ended in play(rows, practice, map(Job, count())):
         practice.end(ended.row, ended.outcome.success)
     return practice.played
-
-
-def _act(row: _Row, number: int, obs: Any, played: Played) -> int:
-    """Returns a row's action; now and then keeps a lesson."""
-    point_m = np.asarray(obs["extra"]["point_in_base"][number])
-    holding = bool(np.asarray(obs["agent"]["is_holding"][number]).reshape(-1)[0] > 0)
-    action = row.navigator.action(obs["sensor_data"]["head"]["depth"][number], point_m, holding)
-    row.actions += 1
-    if (row.actions + number) % EVERY_ACTIONS == 0:
-        lesson = Lessons.of(row.navigator, float(point_m[2]), holding, row.goal)
-        played.lessons.append(lesson)
-    return action

@@ -21,7 +21,7 @@ from hab_ppo.network import Policy
 from hab_ppo.noise import ActionNoise, Noise
 from hab_ppo.replay import SETTLING_STEPS
 from hab_ppo.retiming import Follower, Stretch
-from hab_tasks.engine.rollout import Job, play
+from hab_tasks.engine.rollout import Job, flag, play
 from hab_tasks.episodes import Episode
 from hab_tasks.vector.episode_rows import VectorRows
 
@@ -67,7 +67,7 @@ class _Pupil(Student):
         labels, valid = np.zeros((count, size), np.float32), np.zeros(count, dtype=bool)
         for row, teacher in self._teachers.items():
             ee_m = np.asarray(obs["agent"]["ee_position"][row], dtype=float)
-            holding = bool(np.asarray(obs["agent"]["is_holding"][row]).reshape(-1)[0] > 0)
+            holding = flag(obs["agent"]["is_holding"][row] > 0, 0)
             label = teacher.label(ee_m, holding, size)
             if label is not None:
                 labels[row], valid[row] = label, True

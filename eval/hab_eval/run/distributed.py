@@ -65,7 +65,7 @@ def _start_player(plan: RolloutPlan) -> Callable[[Job], FinishedEpisode]:
     rows = make_rows(plan, agent.spec, 1)
 
     def play_one(job: Job) -> FinishedEpisode:
-        (finished,) = play(agent, [rows], iter([job]))
+        (finished,) = play(agent, rows, iter([job]))
         return finished
 
     return play_one

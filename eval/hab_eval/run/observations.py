@@ -113,24 +113,18 @@ class AgentView:
 
     def __init__(self, spec: AgentSpec) -> None:
         """Takes the agent's spec."""
-        self._spec, self._last = spec, None
+        self._spec = spec
+        self._last: Mapping[str, Any] = {}
 
     def __call__(self, env: gym.Env[Any, Any], obs: Mapping[str, Any]) -> Mapping[str, Any]:
         """Returns the observation after a reset or step; the one before can be read no more."""
         if isinstance(self._last, LazyObservation):
             self._last.expire()
-        self._last = agent_view(env, self._spec, obs)
+        base: Any = env.unwrapped
+        readers: dict[str, Reader] = {}
+        if self._spec.privileged:
+            readers["privileged"] = lambda: {"privileged": base.privileged()}
+        if self._spec.looks == "on demand":
+            readers |= dict.fromkeys(IMAGES, base.look)
+        self._last = LazyObservation(obs, readers) if readers else obs
         return self._last
-
-
-def agent_view(
-    env: gym.Env[Any, Any], spec: AgentSpec, obs: Mapping[str, Any]
-) -> Mapping[str, Any]:
-    """Returns the observation as an agent with this spec receives it."""
-    base: Any = env.unwrapped
-    readers: dict[str, Reader] = {}
-    if spec.privileged:
-        readers["privileged"] = lambda: {"privileged": base.privileged()}
-    if spec.looks == "on demand":
-        readers |= dict.fromkeys(IMAGES, base.look)
-    return LazyObservation(obs, readers) if readers else obs

@@ -1,4 +1,4 @@
-"""Batch rows: each is an environment that runs one episode at a time, here or in workers."""
+"""Rows of an evaluation: each is an environment that runs one episode at a time."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import contextlib
 import gc
 import traceback
 from collections.abc import Collection, Generator, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from torch import Tensor
 
@@ -17,16 +17,14 @@ from hab_eval.records.config import EvalConfig
 from hab_eval.records.results import EpisodeResult
 from hab_eval.run import environments
 from hab_eval.run.agent_checks import without_exit
+from hab_eval.run.film import VideoRecorder
 from hab_eval.run.observations import AgentView, batched
-from hab_eval.run.observers import VideoRecorder
 from hab_tasks.agent import AgentSpec
 from hab_tasks.engine.env_row import EnvRow
-from hab_tasks.engine.rollout import Job, Observer, Outcome
+from hab_tasks.engine.rollout import Job, Outcome
 from hab_tasks.errors import RunStoppedError
 
 if TYPE_CHECKING:
-    import gymnasium as gym
-
     from hab_tasks.episodes import Episode
 
 
@@ -49,97 +47,44 @@ class RolloutPlan:
     device: str = "cpu"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Start:
-    """Request to start an episode in a row; `doing` is the agent's current activity."""
-
-    job: Job
-    doing: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class Step:
-    """Request to step a row with an action (1, A); `doing` is the agent's current activity."""
-
-    action: Tensor
-    doing: str
-
-
-Call = Start | Step
-
-
-@dataclass(frozen=True, kw_only=True)
-class Turn:
-    """A row's answer to a call.
+class LocalRows:
+    """Rows in this process, stepped one after another.
 
     Attributes:
-        obs: Observation.
-        result: Outcome of the episode if it is over; its `seconds` do not include the agent.
+        rows: The rows.
+        count: Their number.
+        watched: Whether any has observers, who need the agent's current activity.
+        doing: That activity, by row.
     """
 
-    obs: Any
-    result: Outcome | None = None
+    def __init__(self, rows: Sequence[EnvRow]) -> None:
+        """Joins rows."""
+        self.rows, self.count = rows, len(rows)
+        self.watched = any(row.observers for row in rows)
+        self.doing = [""] * self.count
 
+    def start(self, jobs: Mapping[int, Job]) -> None:
+        """See `Rows`."""
+        for number, job in jobs.items():
+            self.rows[number].doing = self.doing[number]
+            with naming_episodes([job]):
+                self.rows[number].start({0: job})
 
-class RowGroup(Protocol):
-    """Batch rows in one process."""
+    def observe(self) -> Any:
+        """See `Rows`."""
+        return batched([row.observe() for row in self.rows])
 
-    @property
-    def count(self) -> int:
-        """Number of rows."""
-        ...
-
-    @property
-    def watched(self) -> bool:
-        """Whether observers need the agent's current activity."""
-        ...
-
-    def send(self, calls: Mapping[int, Call]) -> None:
-        """Sends calls to some of the rows, by their number within this group."""
-        ...
-
-    def receive(self) -> dict[int, Turn]:
-        """Returns the answers to the last calls.
-
-        Raises:
-            RunStoppedError: An environment raised; the message has the episode.
-        """
-        ...
-
-    def abort(self) -> None:
-        """Aborts the unfinished episodes."""
-        ...
-
-
-@dataclass(kw_only=True)
-class LocalRows:
-    """Batch rows in this process, stepped one after another."""
-
-    spec: AgentSpec
-    rows: list[EnvRow] = field(default_factory=list)
-    _calls: Mapping[int, Call] = field(default_factory=dict)
-
-    def add(self, env: gym.Env[Any, Any], observers: Sequence[Observer] = ()) -> None:
-        """Adds a row."""
-        self.rows.append(EnvRow(env, observers, view=AgentView(self.spec)))
-
-    @property
-    def count(self) -> int:
-        """Number of rows."""
-        return len(self.rows)
-
-    @property
-    def watched(self) -> bool:
-        """Whether any row has observers."""
-        return any(row.observers for row in self.rows)
-
-    def send(self, calls: Mapping[int, Call]) -> None:
-        """Stores the calls."""
-        self._calls = calls
-
-    def receive(self) -> dict[int, Turn]:
-        """Executes the calls."""
-        return {number: _turn(self.rows[number], call) for number, call in self._calls.items()}
+    def step(self, actions: Tensor, rows: Collection[int]) -> dict[int, Outcome]:
+        """See `Rows`."""
+        ended = {}
+        for number in sorted(rows):
+            row = self.rows[number]
+            row.doing = self.doing[number]
+            with naming_episodes([row.job]):
+                outcome = row.step(actions[number : number + 1]).get(0)
+            if outcome is not None:
+                ended[number] = outcome
+        return ended
 
     def partial_result(self) -> EpisodeResult | None:
         """Returns the preliminary result of the only row's episode; None before the first."""
@@ -159,81 +104,19 @@ class LocalRows:
         gc.unfreeze()  # frozen objects count as leaked when Python ends
 
 
-def _turn(row: EnvRow, call: Call) -> Turn:
-    row.doing = call.doing
-    job = call.job if isinstance(call, Start) else row.job
-    assert job is not None
-    with naming_episodes([job]):
-        if isinstance(call, Start):
-            row.start({0: job})
-            return Turn(obs=row.observe())
-        outcome = row.step(call.action).get(0)
-        return Turn(obs=row.observe(), result=outcome)
-
-
-class GroupedRows:
-    """Rows of several groups, which work at the same time.
-
-    Attributes:
-        count: Number of rows.
-        watched: Whether observers need the agent's current activity.
-        doing: That activity, in each row.
-    """
-
-    def __init__(self, groups: Sequence[RowGroup]) -> None:
-        """Joins groups."""
-        self._groups = groups
-        self.count = sum(group.count for group in groups)
-        self.watched = any(group.watched for group in groups)
-        self.doing, self._obs = [""] * self.count, [None] * self.count
-
-    def start(self, jobs: Mapping[int, Job]) -> None:
-        """See `Rows`."""
-        self._exchange({n: Start(job=job, doing=self.doing[n]) for n, job in jobs.items()})
-
-    def observe(self) -> Any:
-        """See `Rows`."""
-        return batched(self._obs)
-
-    def step(self, actions: Tensor, rows: Collection[int]) -> dict[int, Outcome]:
-        """See `Rows`."""
-        calls = {n: Step(action=actions[n : n + 1], doing=self.doing[n]) for n in sorted(rows)}
-        turns = self._exchange(calls)
-        return {n: turn.result for n, turn in turns.items() if turn.result is not None}
-
-    def abort(self) -> None:
-        """See `Rows`."""
-        for group in self._groups:
-            group.abort()
-
-    def _exchange(self, calls: Mapping[int, Call]) -> dict[int, Turn]:
-        """Sends each group the calls of its rows, then collects the answers."""
-        first, sent = 0, []
-        for group in self._groups:
-            own = {n - first: call for n, call in calls.items() if 0 <= n - first < group.count}
-            if own:
-                group.send(own)
-                sent.append((first, group))
-            first += group.count
-        turns = {start + n: turn for start, group in sent for n, turn in group.receive().items()}
-        for n, turn in turns.items():
-            self._obs[n] = turn.obs
-        return turns
-
-
 def make_rows(plan: RolloutPlan, spec: AgentSpec, count: int) -> LocalRows:
     """Creates the environments of `count` rows in this process."""
     # ManiSkill collects garbage whenever it builds a scene, i.e. before each episode. Scanning all
     # imported objects would take most of a reset.
     gc.freeze()
-    rows = LocalRows(spec=spec)
+    rows = []
     for _ in range(count):
         render = plan.videos > 0
         env = environments.make_env(plan.config, spec, split=plan.split, render=render)
         instruct = partial(environments.instruction_of, plan.config.env)
         film = VideoRecorder(env, plan.out, count=plan.videos, instruct=instruct)
-        rows.add(env, [film] if render else [])
-    return rows
+        rows.append(EnvRow(env, [film] if render else [], view=AgentView(spec)))
+    return LocalRows(rows)
 
 
 def episode_error(episodes: Iterable[Episode], error: Exception) -> RunStoppedError:
@@ -252,7 +135,7 @@ def job_of(index: int, episode: Episode) -> Job:
 
 
 @contextlib.contextmanager
-def naming_episodes(jobs: Iterable[Job]) -> Generator[None, None, None]:
+def naming_episodes(jobs: Iterable[Job | None]) -> Generator[None, None, None]:
     """Converts exceptions into errors that name the episodes of `jobs`.
 
     Raises:
@@ -262,7 +145,7 @@ def naming_episodes(jobs: Iterable[Job]) -> Generator[None, None, None]:
         with without_exit():  # also in an environment: rendering on demand may run agents' code
             yield
     except Exception as error:
-        ids = ", ".join(repr(job.episode.id) for job in jobs)
+        ids = ", ".join(repr(job.episode.id) for job in jobs if job is not None)
         which = "Episodes" if ", " in ids else "Episode"
         raise RunStoppedError(
             f"{which} {ids} stopped the run: {type(error).__name__}: {error}",

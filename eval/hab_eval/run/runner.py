@@ -1,30 +1,24 @@
 """Evaluation of an agent in N batch rows, by the episode loop of `hab_tasks.engine.rollout`.
 
-N is 1 for most agents. Rows are in this process or in workers (`hab_eval.run.workers`), behind the
-interface of `hab_eval.run.rows`.
+N is 1 for most agents. Rows are in this process or in workers (`hab_eval.run.workers`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from torch import Tensor
 
 from hab_eval.records.results import FinishedEpisode, check_finished
 from hab_eval.run.agent_checks import check_actions, check_report, check_reports
-from hab_eval.run.rows import (
-    GroupedRows,
-    LocalRows,
-    RowGroup,
-    job_of,
-    naming_episodes,
-    result_of,
-)
+from hab_eval.run.observations import AgentView
+from hab_eval.run.rows import LocalRows, job_of, naming_episodes, result_of
 from hab_tasks.agent import Agent, AgentReport
 from hab_tasks.engine import rollout
-from hab_tasks.engine.rollout import Ended, Job, Observer
+from hab_tasks.engine.env_row import EnvRow, Restart, anew
+from hab_tasks.engine.rollout import Ended, Job, Observer, Rows
 from hab_tasks.errors import RunStoppedError
 
 if TYPE_CHECKING:
@@ -41,23 +35,35 @@ def run_episode(
     index: int,
     episode: Episode,
     observers: Sequence[Observer] = (),
+    restart: Restart = anew,
 ) -> FinishedEpisode:
     """Runs one episode in a given environment and returns its result.
 
     Raises:
         Exception: Raised by the agent or the environment.
     """
-    rows = LocalRows(spec=agent.spec)
-    rows.add(env, observers)
+    row = EnvRow(env, observers, view=AgentView(agent.spec), restart=restart)
     try:
-        (finished,) = play(agent, [rows], iter([job_of(index, episode)]))
+        (finished,) = play(agent, LocalRows([row]), iter([job_of(index, episode)]))
     except RunStoppedError as error:
         raise error.__cause__ or error from None
     return finished
 
 
+class TellingRows(Rows, Protocol):
+    """Rows whose observers may need the agent's current activity.
+
+    Attributes:
+        watched: Whether they do.
+        doing: The activity, by row.
+    """
+
+    watched: bool
+    doing: list[str]
+
+
 def play(
-    agent: Agent, groups: Sequence[RowGroup], jobs: Iterator[Job]
+    agent: Agent, rows: TellingRows, jobs: Iterator[Job]
 ) -> Generator[FinishedEpisode, None, None]:
     """Assigns jobs to free rows and yields results as episodes finish.
 
@@ -66,7 +72,6 @@ def play(
     Raises:
         RunStoppedError: The agent or an environment raised; the message has the episodes.
     """
-    rows = GroupedRows(groups)
     checked = _CheckedAgent(agent, rows)
     for ended in rollout.play(rows, checked, jobs, naming_episodes):
         with naming_episodes([ended.job]):
@@ -77,7 +82,7 @@ def play(
 class _CheckedAgent:
     """An agent whose answers are checked; observers of the rows learn what it is doing."""
 
-    def __init__(self, agent: Agent, rows: GroupedRows) -> None:
+    def __init__(self, agent: Agent, rows: TellingRows) -> None:
         self._agent, self._rows = agent, rows
 
     def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:

@@ -205,10 +205,10 @@ class Trainer:
         noise = None
         if self._recipe.draws_actions:
             noise = ActionNoise(self._generator(3, ranks.device))
-        scores = evaluate(self._env, policy, mine, noise, stages=self._stages) if mine else []
-        rows = [(1.0, one.success, one.total_reward, *one.stages) for one in scores]
         sums = torch.zeros(1 + len(names), dtype=torch.float64)
-        for row in rows:
+        for one in evaluate(self._env, policy, mine, noise):
+            stages = (one.stages[name] for name in self._stages)
+            row = (1.0, one.success, one.episode_return, *stages)
             sums += torch.tensor(row, dtype=torch.float64)
         count, *totals = ranks.sum(sums).tolist()
         return {name: total / count for name, total in zip(names, totals, strict=True)}

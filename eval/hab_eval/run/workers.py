@@ -4,24 +4,26 @@ An agent of one row runs in every worker, with its own environment (`run_paralle
 several rows runs once, in the parent, and the workers step the environments (`run_batched`).
 
 Only the parent assigns episodes and writes results, so each episode runs exactly once. The outcome
-of an episode does not depend on its worker (see `rows.LocalRows`).
+of an episode does not depend on its worker (see `hab_tasks.engine.env_row.anew`).
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections import defaultdict
-from collections.abc import Callable, Generator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Generator, Mapping, Sequence
+from itertools import accumulate
 from multiprocessing.connection import Connection, wait
 from typing import Any
+
+from torch import Tensor
 
 from hab_eval.records.results import FinishedEpisode
 from hab_eval.run.environments import setup_of, worker_imports
 from hab_eval.run.isolation import IsolatedAgent, start_agent
 from hab_eval.run.load_agent import load_agent
+from hab_eval.run.observations import batched
 from hab_eval.run.packing import ObsPacker, ObsUnpacker, packed, unpacked
-from hab_eval.run.rows import Call, Job, RolloutPlan, RowGroup, Step, Turn, make_rows
+from hab_eval.run.rows import RolloutPlan, make_rows
 from hab_eval.run.runner import play
 from hab_eval.run.time_limit import (
     TICK_S,
@@ -32,6 +34,7 @@ from hab_eval.run.time_limit import (
     TimedAgent,
 )
 from hab_tasks.agent import Agent, AgentSpec
+from hab_tasks.engine.rollout import Job, Outcome
 from hab_tasks.errors import HabError, RunStoppedError
 from hab_tasks.io.pool import Worker, end_all, received_file, start_server
 
@@ -99,36 +102,62 @@ class _Worker(Worker):
         )
 
 
-@dataclass(kw_only=True)
 class _RemoteRows:
-    """Rows in a worker; observations and actions travel as numpy arrays."""
+    """Rows in workers; observations and actions travel as numpy arrays.
 
-    worker: _Worker
-    count: int
-    watched: bool
-    _playing: dict[int, str] = field(default_factory=dict)
-    _unpackers: defaultdict[int, ObsUnpacker] = field(
-        default_factory=lambda: defaultdict(ObsUnpacker)
-    )
+    Attributes:
+        count: Number of rows.
+        watched: Whether observers need the agent's current activity.
+        doing: That activity, by row.
+    """
 
-    def send(self, calls: Mapping[int, Call]) -> None:
-        """Sends the calls to the worker."""
-        self._playing |= {n: c.job[1].id for n, c in calls.items() if not isinstance(c, Step)}
-        self.worker.episode_ids = tuple(self._playing.values())
-        self.worker.send({number: _packed_call(call) for number, call in calls.items()})
+    def __init__(self, workers: Sequence[_Worker], shares: Sequence[int], *, watched: bool) -> None:
+        """Takes workers, and the number of rows of each."""
+        self._workers = list(zip(workers, accumulate(shares, initial=0), shares, strict=False))
+        self.count, self.watched = sum(shares), watched
+        self.doing, self._obs = [""] * self.count, [None] * self.count
+        self._unpackers = [ObsUnpacker() for _ in range(self.count)]
+        self._playing: dict[int, str] = {}
 
-    def receive(self) -> dict[int, Turn]:
-        """Waits for the worker's answers."""
-        answers: dict[int, Turn] = self.worker.receive()
-        for number, turn in answers.items():
-            if turn.result is not None:
-                del self._playing[number]
-        return {
-            n: replace(turn, obs=self._unpackers[n].unpack(turn.obs)) for n, turn in answers.items()
-        }
+    def start(self, jobs: Mapping[int, Job]) -> None:
+        """See `Rows`."""
+        self._playing |= {row: job.episode.id for row, job in jobs.items()}
+        self._exchange(jobs, None, ())
+
+    def observe(self) -> Any:
+        """See `Rows`."""
+        return batched(self._obs)
+
+    def step(self, actions: Tensor, rows: Collection[int]) -> dict[int, Outcome]:
+        """See `Rows`."""
+        ended = self._exchange({}, actions, rows)
+        for row in ended:
+            del self._playing[row]
+        return ended
 
     def abort(self) -> None:
-        """Does nothing: the worker aborts its rows when it ends."""
+        """Does nothing: a worker aborts its rows when it ends."""
+
+    def _exchange(
+        self, jobs: Mapping[int, Job], actions: Tensor | None, rows: Collection[int]
+    ) -> dict[int, Outcome]:
+        """Sends each worker what its rows do, then collects the answers."""
+        asked, ended = [], {}
+        for worker, first, count in self._workers:
+            share = range(first, first + count)
+            own_jobs = {row - first: jobs[row] for row in share if row in jobs}
+            own_rows = [row - first for row in share if row in rows]
+            if own_jobs or own_rows:
+                own_actions = None if actions is None else packed(actions[first : first + count])
+                worker.episode_ids = tuple(self._playing[n] for n in share if n in self._playing)
+                worker.send((self.doing[first : first + count], own_jobs, own_actions, own_rows))
+                asked.append((worker, first))
+        for worker, first in asked:
+            seen, outcomes = worker.receive()
+            for row, obs in seen.items():
+                self._obs[first + row] = self._unpackers[first + row].unpack(obs)
+            ended |= {first + row: outcome for row, outcome in outcomes.items()}
+        return ended
 
 
 def run_agent(
@@ -161,7 +190,7 @@ def run_inline(
     """Runs the jobs in this process."""
     rows = make_rows(plan, agent.spec, min(agent.spec.rows, len(jobs)))
     try:
-        yield from play(agent, [rows], iter(jobs))
+        yield from play(agent, rows, iter(jobs))
     finally:
         rows.close()
 
@@ -175,11 +204,8 @@ def run_batched(
     start_server(__name__, *worker_imports(plan.config))
     workers = [_Worker(_serve_rows, plan, agent.spec, share) for share in shares]
     try:
-        groups: list[RowGroup] = [
-            _RemoteRows(worker=worker, count=share, watched=plan.videos > 0)
-            for worker, share in zip(workers, shares, strict=True)
-        ]
-        yield from play(agent, groups, iter(jobs))
+        remote = _RemoteRows(workers, shares, watched=plan.videos > 0)
+        yield from play(agent, remote, iter(jobs))
     finally:
         end_all([process for worker in workers for process in worker.processes])
 
@@ -237,26 +263,17 @@ def _serve_episodes(connection: Connection, plan: RolloutPlan) -> None:
     timed = plan.config.step_timeout_s is not None
     player = TimedAgent(agent, rows, connection.send) if timed else agent
     with contextlib.closing(rows):
-        for finished in play(player, [rows], jobs):
+        for finished in play(player, rows, jobs):
             connection.send(finished)
 
 
 def _serve_rows(connection: Connection, plan: RolloutPlan, spec: AgentSpec, count: int) -> None:
     """Executes the calls that the parent sends."""
-    packers = [ObsPacker() for _ in range(count)]
     with contextlib.closing(make_rows(plan, spec, count)) as rows:
+        packers = [ObsPacker() for _ in rows.rows]
         while True:
-            calls: dict[int, Any] = connection.recv()
-            rows.send({number: _unpacked_call(call) for number, call in calls.items()})
-            turns = rows.receive()
-            connection.send(
-                {n: replace(turn, obs=packers[n].pack(turn.obs)) for n, turn in turns.items()}
-            )
-
-
-def _packed_call(call: Call) -> Any:
-    return replace(call, action=packed(call.action)) if isinstance(call, Step) else call
-
-
-def _unpacked_call(call: Any) -> Call:
-    return replace(call, action=unpacked(call.action)) if isinstance(call, Step) else call
+            rows.doing, jobs, actions, numbers = connection.recv()
+            rows.start(jobs)
+            ended = rows.step(unpacked(actions), numbers)
+            seen = {n: packers[n].pack(rows.rows[n].observe()) for n in (*jobs, *numbers)}
+            connection.send((seen, ended))

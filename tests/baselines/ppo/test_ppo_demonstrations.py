@@ -112,6 +112,7 @@ class PointEnv:
     """A hand without inertia that has to hold and be back at the start."""
 
     action_space = spaces.Box(-1, 1, (4,), np.float32)
+    unwrapped = None
 
     def reset(self, seed, options):
         self.ee_m, self.holding, self.executed = np.zeros(3), False, []

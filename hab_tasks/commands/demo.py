@@ -24,7 +24,7 @@ from hab_tasks.engine.hab_env import HabEnv
 from hab_tasks.engine.rollout import EndRolloutError, Job, Outcome, StepInfo, play_one
 from hab_tasks.episodes.source import UNLIMITED
 from hab_tasks.errors import HabError, RenderingUnavailableError, UnknownNameError
-from hab_tasks.files import check_file, written_aside
+from hab_tasks.io.files import check_file, written_aside
 from hab_tasks.option_values import LARGEST_RESET_SEED, whole
 from hab_tasks.registration import imported_id
 from hab_tasks.rendering import resolve_backend

@@ -27,7 +27,6 @@ from hab_tasks.episodes.schema import Episode
 from hab_tasks.episodes.source import UNLIMITED, EpisodeSource
 from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import Pose7
-from hab_tasks.navigation import LayoutMaps
 from hab_tasks.option_values import flag, whole
 from hab_tasks.privileged import ArticulationState, PrivilegedState
 from hab_tasks.robots.arm_commands import ee_step_m
@@ -37,9 +36,10 @@ from hab_tasks.robots.joint_setter import BLOCKED_DEPTH_M
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.robots.sleeping import SleepingObjects
 from hab_tasks.robots.spec import RobotSpec
-from hab_tasks.scenes.lights import LayoutLights
-from hab_tasks.scenes.pool import BodyPool
-from hab_tasks.scenes.scene_bodies import SceneBodies
+from hab_tasks.world.navigation import LayoutMaps
+from hab_tasks.world.scenes.lights import LayoutLights
+from hab_tasks.world.scenes.pool import BodyPool
+from hab_tasks.world.scenes.scene_bodies import SceneBodies
 
 if TYPE_CHECKING:
     from hab_tasks.engine.rows import Rows

@@ -17,10 +17,10 @@ from hab_tasks.privileged import Array, ArticulationState, CollisionBody, Privil
 from hab_tasks.receptacles import CONTAINERS
 from hab_tasks.robots.grasp import NOTHING, SnapGrasp
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
-from hab_tasks.scenes.pool import BodyPool
-from hab_tasks.scenes.scene_bodies import SceneBodies
-from hab_tasks.scenes.shapes import components, matrix, read_body
 from hab_tasks.simulator import sapien_object
+from hab_tasks.world.scenes.pool import BodyPool
+from hab_tasks.world.scenes.scene_bodies import SceneBodies
+from hab_tasks.world.scenes.shapes import components, matrix, read_body
 
 FIXED = ("stage", "static")
 """Groups of bodies that do not move."""

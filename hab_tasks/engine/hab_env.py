@@ -37,7 +37,7 @@ from hab_tasks.robots.control_modes import nearest_mode
 from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.registry import agent_class, robot_of
 from hab_tasks.robots.spec import RobotSpec
-from hab_tasks.scenes.physics import sim_config
+from hab_tasks.world.scenes.physics import sim_config
 
 
 class HabEnv(ObservingEnv):

@@ -34,7 +34,7 @@ from hab_tasks.constants import (
 )
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.snapshot import Snapshot
-from hab_tasks.navigation.geodesic import GeodesicDistances
+from hab_tasks.world.navigation.geodesic import GeodesicDistances
 
 REST_STEP_M = REST_SPEED_M_S / CONTROL_HZ
 """Distance moved in one control step below which an object is at rest."""

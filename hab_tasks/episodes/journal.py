@@ -15,7 +15,7 @@ from hab_tasks.episodes.generators.base import Made
 from hab_tasks.episodes.made_files import Scenes, made_from_json, made_to_json
 from hab_tasks.episodes.schema import SCHEMA
 from hab_tasks.errors import EpisodeError, FileError
-from hab_tasks.files import check_file
+from hab_tasks.io.files import check_file
 from hab_tasks.typed_values import parse_json, read_value
 
 Configuration = dict[str, str | int | None]

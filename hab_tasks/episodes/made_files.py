@@ -8,13 +8,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from hab_tasks.cache import DAMAGED
 from hab_tasks.episodes.fields import Pose
 from hab_tasks.episodes.generators.base import Made
 from hab_tasks.episodes.schema import Episode, with_loose
 from hab_tasks.errors import EpisodeError, FileError
-from hab_tasks.files import written_aside
 from hab_tasks.geometry import Pose7
+from hab_tasks.io.cache import DAMAGED
+from hab_tasks.io.files import written_aside
 from hab_tasks.typed_values import read_value
 
 Scenes = dict[str, dict[str, Pose7]]

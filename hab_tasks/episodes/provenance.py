@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from hab_tasks.errors import EpisodeError
-from hab_tasks.scenes.habitat.dataset import SceneDataset, embedded_dataset
-from hab_tasks.scenes.spec import ObjectTemplate
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset, embedded_dataset
+from hab_tasks.world.scenes.spec import ObjectTemplate
 
 EMBEDDED, YCB = "embedded", "ycb"
 

@@ -18,8 +18,8 @@ from typing import Any
 from hab_tasks.episodes.fields import Pose, load_json
 from hab_tasks.episodes.provenance import MadeFrom
 from hab_tasks.errors import EpisodeError
-from hab_tasks.files import written_aside
 from hab_tasks.geometry import Pose7
+from hab_tasks.io.files import written_aside
 from hab_tasks.typed_values import read_value
 
 SCHEMA = 3

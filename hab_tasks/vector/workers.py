@@ -10,8 +10,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from hab_tasks.cache import temporary_folder
 from hab_tasks.errors import HabError, RunStoppedError, WorkerError
+from hab_tasks.io.cache import temporary_folder
 from hab_tasks.io.pool import Worker, end_all
 from hab_tasks.io.shared_arrays import ArraySpec, SharedArrays
 from hab_tasks.registration import declared_here

@@ -30,11 +30,11 @@ from refusals import check_each, refused_by_call
 from hab_tasks.episodes.schema import Episode, Rearrangement, RobotStart
 from hab_tasks.geometry import IDENTITY, pose, to_matrix
 from hab_tasks.robots.fetch import FETCH
-from hab_tasks.scenes.habitat.dataset import resolve_dataset
-from hab_tasks.scenes.habitat.load import load_scene
-from hab_tasks.scenes.meshes import mesh_bounds
-from hab_tasks.scenes.objects import load_objects
-from hab_tasks.scenes.spec import Receptacle
+from hab_tasks.world.scenes.habitat.dataset import resolve_dataset
+from hab_tasks.world.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.meshes import mesh_bounds
+from hab_tasks.world.scenes.objects import load_objects
+from hab_tasks.world.scenes.spec import Receptacle
 
 IN_DRAWER = (DRAWER, "kitchen_counter_:0000/drawer3")
 

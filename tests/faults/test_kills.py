@@ -18,7 +18,7 @@ import pytest
 from killed import session_of
 from textured import textured_dataset
 
-from hab_tasks.files import ASIDE
+from hab_tasks.io.files import ASIDE
 
 BIN = Path(sys.executable).parent
 KILLS = int(os.environ.get("HAB_KILLS", "1"))

@@ -17,9 +17,9 @@ from hab_navigator.network import GoalNetwork
 from hab_navigator.robot_map import RobotMap, turned
 from hab_navigator.seen_floor import SeenFloor
 from hab_navigator.views import View, inputs
-from hab_tasks.navigation import ShortestPathFollower
 from hab_tasks.privileged import Array
 from hab_tasks.robots.control_modes import STOP_CELL
+from hab_tasks.world.navigation import ShortestPathFollower
 
 REPEAT = 4
 """Steps for which each action is executed."""

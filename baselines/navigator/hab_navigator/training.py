@@ -23,9 +23,9 @@ from hab_navigator.lessons import Lessons
 from hab_navigator.network import GoalNetwork
 from hab_navigator.practice import Played, PracticePlan, practise
 from hab_navigator.weights import KIND, WEIGHTS, load, save
-from hab_tasks.console import tell
 from hab_tasks.episodes import EpisodeRequest, load_episodes
-from hab_tasks.files import check_folder
+from hab_tasks.io.console import tell
+from hab_tasks.io.files import check_folder
 from hab_tasks.io.pool import WorkerPool, in_order
 from hab_tasks.io.threads import compute_threads
 from hab_tasks.option_values import LARGEST_SEED, whole

@@ -21,8 +21,8 @@ from hab_ppo.curves import draw_success
 from hab_ppo.extensions import extensions
 from hab_ppo.recipe import Recipe
 from hab_ppo.recipes import RECIPE_FILES
-from hab_tasks.console import tell
-from hab_tasks.files import written_aside
+from hab_tasks.io.console import tell
+from hab_tasks.io.files import written_aside
 
 NOT_EVALUATED = "No evaluation yet."
 

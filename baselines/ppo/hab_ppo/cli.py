@@ -16,7 +16,7 @@ from hab_ppo.commands import (
 from hab_ppo.extensions import extensions
 from hab_ppo.recipes import find_recipe, recipe_names
 from hab_ppo.train_command import TrainCommand
-from hab_tasks.console import Command, run_script
+from hab_tasks.io.console import Command, run_script
 
 DESCRIPTION = "Recurrent PPO and DD-PPO for the skills of the Home Assistant Benchmark."
 

@@ -13,9 +13,9 @@ from hab_ppo.commands import PlotCommand
 from hab_ppo.errors import PolicyFileError
 from hab_ppo.plan import CLONED
 from hab_ppo.progress import FILE, read_progress
-from hab_tasks.console import tell
 from hab_tasks.errors import OptionError
-from hab_tasks.files import check_file, written_aside
+from hab_tasks.io.console import tell
+from hab_tasks.io.files import check_file, written_aside
 
 PANELS = (
     (("train/success", "eval/success"), "success"),

@@ -17,9 +17,9 @@ from hab_ppo.noise import ActionNoise
 from hab_ppo.observation import ObservationLayout
 from hab_ppo.recipe import MOST_EPISODES, MOST_RANKS, MOST_ROWS, Recipe
 from hab_ppo.rows import binary_entries, policy_rows
-from hab_tasks.console import tell
 from hab_tasks.engine.rollout import Outcome
 from hab_tasks.episodes import EpisodeRequest, load_episodes
+from hab_tasks.io.console import tell
 from hab_tasks.io.threads import use_one_thread
 from hab_tasks.option_values import LARGEST_SEED, whole
 

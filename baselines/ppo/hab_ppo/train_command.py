@@ -21,9 +21,9 @@ from hab_ppo.recipe import (
     changed,
 )
 from hab_ppo.recipes import find_recipe
-from hab_tasks.console import Command
 from hab_tasks.errors import OptionError, UnknownNameError
-from hab_tasks.files import check_folder
+from hab_tasks.io.console import Command
+from hab_tasks.io.files import check_folder
 from hab_tasks.option_values import LARGEST_SEED, whole
 
 TRAIN_HELP = """Trains a policy by its recipe.

@@ -11,7 +11,7 @@ from hab_ppo.recipe import Recipe
 from hab_ppo.train_command import TrainCommand
 from hab_ppo.trainer import train_rank
 from hab_ppo.warm_start import check_start
-from hab_tasks.console import EXIT_INTERRUPTED, tell
+from hab_tasks.io.console import EXIT_INTERRUPTED, tell
 
 
 def run(options: TrainCommand) -> int:

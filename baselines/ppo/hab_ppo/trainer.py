@@ -35,7 +35,7 @@ from hab_ppo.rows import binary_entries
 from hab_ppo.stages import stage_names
 from hab_ppo.warm_start import make_rows, start_policy
 from hab_tasks.episodes.schema import Episode
-from hab_tasks.files import written_aside
+from hab_tasks.io.files import written_aside
 from hab_tasks.io.threads import use_one_thread
 from hab_tasks.typed_values import to_json
 

@@ -41,9 +41,9 @@ from hab_ppo.teachers import (
     known_weights,
     load_teacher,
 )
-from hab_tasks.console import tell
 from hab_tasks.errors import OptionError
-from hab_tasks.files import check_file
+from hab_tasks.io.console import tell
+from hab_tasks.io.files import check_file
 from hab_tasks.option_values import LARGEST_SEED, whole
 from hab_tasks.typed_values import to_json
 

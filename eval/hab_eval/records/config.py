@@ -13,7 +13,7 @@ from hab_eval.records.agent_files import AgentFiles
 from hab_eval.records.provenance import join_commits
 from hab_eval.records.schema import parse_json, read_dataclass
 from hab_tasks.errors import OptionError, shown
-from hab_tasks.files import written_aside
+from hab_tasks.io.files import written_aside
 from hab_tasks.option_values import whole
 from hab_tasks.typed_values import LARGEST_INT, is_text
 

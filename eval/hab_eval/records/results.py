@@ -24,7 +24,7 @@ from hab_eval.records.config import MOST_EPISODES
 from hab_eval.records.schema import parse_json, read_dataclass
 from hab_eval.records.stats import Estimate, bootstrap_mean, mean, rate
 from hab_tasks.errors import OptionError, shown
-from hab_tasks.files import written_aside
+from hab_tasks.io.files import written_aside
 from hab_tasks.typed_values import Count, Name, Seconds, to_json
 
 SCHEMA_VERSION = 1

@@ -17,7 +17,7 @@ from hab_eval.run.runner import play
 from hab_tasks.agent import AgentSpec
 from hab_tasks.engine.rollout import Job
 from hab_tasks.errors import OptionError
-from hab_tasks.executors import Executor, Task
+from hab_tasks.io.executors import Executor, Task
 
 
 def check_distributed(config: EvalConfig, spec: AgentSpec, videos: int) -> None:

@@ -22,7 +22,7 @@ from hab_tasks.robots.fetch import FETCH
 
 if TYPE_CHECKING:
     from hab_tasks.episodes import Episode, EpisodeSet
-    from hab_tasks.executors import Executor
+    from hab_tasks.io.executors import Executor
     from hab_tasks.robots.control import HabControllerConfig
 
 SIMULATOR = "hab_tasks.engine.hab_env"

@@ -32,7 +32,7 @@ from hab_eval.run.run_lock import locked
 from hab_eval.run.workers import run_agent
 from hab_tasks.agent import Agent, AgentSpec
 from hab_tasks.errors import FileError, HabError, OptionError, RunStoppedError
-from hab_tasks.executors import Executor, ExecutorChoice, open_executor
+from hab_tasks.io.executors import Executor, ExecutorChoice, open_executor
 from hab_tasks.io.threads import use_one_thread
 from hab_tasks.option_values import whole
 

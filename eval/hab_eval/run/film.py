@@ -15,7 +15,7 @@ from hab_eval.records.video_names import video_name
 from hab_tasks.captions import Frame, with_words
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.engine.rollout import Job, Outcome, StepInfo
-from hab_tasks.files import written_aside
+from hab_tasks.io.files import written_aside
 
 if TYPE_CHECKING:
     import gymnasium as gym

@@ -20,7 +20,7 @@ from hab_eval.records.results import FinishedEpisode, check_episode, check_size
 from hab_eval.records.schema import read_dataclass
 from hab_eval.run.run_lock import LOCK
 from hab_tasks.errors import FileError, shown
-from hab_tasks.files import ASIDE, check_folder, written_aside
+from hab_tasks.io.files import ASIDE, check_folder, written_aside
 from hab_tasks.typed_values import name_episode, parse_json, to_json
 
 UNFINISHED = f"{ASIDE}*"

@@ -36,7 +36,7 @@ from hab_authoring.apartment import (
 )
 from hab_authoring.apartment.model import Dataset
 from hab_authoring.apartment.writer import write_dataset
-from hab_tasks.files import folder_written_aside
+from hab_tasks.io.files import folder_written_aside
 
 NAME = "apartment"
 THEMES = (

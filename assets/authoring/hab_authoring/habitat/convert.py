@@ -42,9 +42,9 @@ from hab_tasks.episodes.provenance import MadeFrom, check_made_from, made_from
 from hab_tasks.episodes.schema import Episode, EpisodeSet
 from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import Pose7
-from hab_tasks.scenes.habitat.dataset import SPLIT_MACROS, SceneDataset
-from hab_tasks.scenes.spec import ObjectTemplate
 from hab_tasks.typed_values import read_value
+from hab_tasks.world.scenes.habitat.dataset import SPLIT_MACROS, SceneDataset
+from hab_tasks.world.scenes.spec import ObjectTemplate
 
 Progress = Callable[[int, int], None]
 _SET_FIELDS = ("env", "split", "seed", "rejections")

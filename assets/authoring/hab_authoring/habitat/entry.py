@@ -36,10 +36,10 @@ from hab_tasks.episodes.schema import (
 from hab_tasks.errors import EpisodeError, UnknownNameError
 from hab_tasks.geometry import WORLD_FROM_HABITAT, Array, Pose7, from_matrix, to_matrix
 from hab_tasks.robots.fetch import FETCH
-from hab_tasks.scenes.habitat.dataset import SceneDataset
-from hab_tasks.scenes.habitat.load import load_scene
-from hab_tasks.scenes.spec import ObjectTemplate
 from hab_tasks.typed_values import number, read_value
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset
+from hab_tasks.world.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.spec import ObjectTemplate
 
 OWN_KEY = "hab_tasks"
 """Key of the data that Habitat's format has no field for; ignored by Habitat."""

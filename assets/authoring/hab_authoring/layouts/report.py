@@ -14,9 +14,9 @@ from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.errors import HabError
 from hab_tasks.geometry import Array
 from hab_tasks.io.pool import WorkerPool, in_order
-from hab_tasks.scenes.floor import body_points
-from hab_tasks.scenes.habitat.dataset import SceneDataset
-from hab_tasks.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.floor import body_points
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset
+from hab_tasks.world.scenes.habitat.load import load_scene
 
 MOVED_M = 0.01
 WATCH_S = 2.0

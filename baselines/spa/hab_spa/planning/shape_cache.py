@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hab_spa.shapes import Array, box_distance_m, shape_bounds_m
 from hab_tasks.privileged import CollisionBody, PrivilegedState
-from hab_tasks.scenes.coal_shapes import CoalShape, coal_shape
+from hab_tasks.world.scenes.coal_shapes import CoalShape, coal_shape
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -24,13 +24,13 @@ from hab_eval.run.runner import run_episode
 from mani_skill.utils.wrappers.record import RecordEpisode
 
 from hab_spa.recording.options import RecordCommand
-from hab_tasks.console import tell
 from hab_tasks.engine.rollout import Job
 from hab_tasks.envs import ENVS
 from hab_tasks.episodes import Episode, EpisodeRequest, open_source
 from hab_tasks.errors import OptionError, RunStoppedError
-from hab_tasks.executors import ExecutorChoice
-from hab_tasks.files import check_file, check_folder, replace_folder, scratch_folder
+from hab_tasks.io.console import tell
+from hab_tasks.io.executors import ExecutorChoice
+from hab_tasks.io.files import check_file, check_folder, replace_folder, scratch_folder
 from hab_tasks.io.threads import use_one_thread
 from hab_tasks.option_values import MOST_WORKERS, whole
 from hab_tasks.registration import imported_id, reference_of

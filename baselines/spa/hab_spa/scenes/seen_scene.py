@@ -23,9 +23,9 @@ from hab_spa.sensing.own_shapes import PREFIX, inside_robot, own_bodies, own_pos
 from hab_spa.sensing.seen_map import MapConfig, SeenMap
 from hab_spa.shapes import Array, invert_pose
 from hab_tasks.constants import GRASP_RADIUS_M
-from hab_tasks.navigation import NavigationMap
 from hab_tasks.privileged import ArticulationState, PrivilegedState
 from hab_tasks.robots.fetch import FETCH
+from hab_tasks.world.navigation import NavigationMap
 
 CAMERAS = ("head", "arm")
 HELD_HALF_M = 0.03

@@ -14,9 +14,9 @@ from hab_spa.planning.joint_goal import GraspConfig, sphere_m
 from hab_spa.planning.shape_cache import ShapeCache
 from hab_spa.shapes import Array, body_bounds_m, invert_pose, standing
 from hab_tasks.constants import GRASP_RADIUS_M
-from hab_tasks.navigation import NavigationMap
 from hab_tasks.privileged import ArticulationState, PrivilegedState
 from hab_tasks.robots.fetch import FETCH
+from hab_tasks.world.navigation import NavigationMap
 
 
 class TrueScene:

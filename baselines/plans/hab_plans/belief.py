@@ -74,8 +74,9 @@ def believed(task: Task, scene: Scene) -> frozenset[Atom]:
     return atoms_of(task.spec, condition)
 
 
-def opening_of(articulation: ArticulationState, kind: ArticulationKind) -> Opening:
-    """Returns whether a door or drawer in a known state is open."""
+def known_opening(scene: Scene, number: int, kind: ArticulationKind) -> Opening:
+    """Returns whether a door or drawer is open; `Scene.opening` where its state is known."""
+    articulation = scene.articulation(number)
     lower, upper = articulation.limits
     joint = np.array(articulation.joint, dtype=np.float32)
     share = np.array((articulation.joint - lower) / (upper - lower), dtype=np.float32)

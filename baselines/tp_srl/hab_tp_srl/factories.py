@@ -61,21 +61,13 @@ def tp_srl(setup: AgentSetup) -> TpSrlAgent:
     """
     env_id = imported_id(setup.env_id)
     task = task_of(env_id)
-    spec = task.spec
     use_one_thread()
     options = read_options(setup, skills_of(env_id, task))
     policies = _policies(setup, options)
     navigate = None if options.navigate is None else _navigation(setup, options.navigate)
 
     def make_scene() -> Scene:
-        view = TaskView(
-            truth=options.true_knowledge,
-            aims_object=options.aims_object,
-            openings=[
-                "open" if name in spec.starts_open else "closed" for name in spec.articulations
-            ],
-            feels=options.feels,
-        )
+        view = _view(task, options)
         # Learned skills and the arm's reset use no more of a scene than this.
         return GuidedScene(view) if options.privileged else cast(Scene, ObservedScene(view))
 
@@ -112,6 +104,17 @@ def from_sensors(setup: AgentSetup) -> TpSrlAgent:
         HabError: As `tp_srl`.
     """
     return tp_srl(replace(setup, options={**FROM_SENSORS, **setup.options}))
+
+
+def _view(task: Task, options: TeamOptions) -> TaskView:
+    """Returns the view of a robot in a task."""
+    spec = task.spec
+    return TaskView(
+        truth=options.true_knowledge,
+        aims_object=options.aims_object,
+        openings=["open" if one in spec.starts_open else "closed" for one in spec.articulations],
+        feels=options.feels,
+    )
 
 
 def skills_of(env_id: str, task: Task) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from hab_plans.belief import Opening, opening_of
+from hab_plans.belief import known_opening
 from numpy.typing import NDArray
 
 from hab_spa.planning.collision import ArmCollision, within
@@ -23,7 +23,6 @@ from hab_spa.sensing.octree import octrees
 from hab_spa.sensing.own_shapes import PREFIX, inside_robot, own_bodies, own_poses
 from hab_spa.sensing.seen_map import MapConfig, SeenMap
 from hab_spa.shapes import Array, invert_pose
-from hab_tasks.articulations import ArticulationKind
 from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.privileged import ArticulationState, PrivilegedState
 from hab_tasks.robots.fetch import FETCH
@@ -33,9 +32,8 @@ CAMERAS = ("head", "arm")
 HELD_HALF_M = 0.03
 """Maximum half size of the held object at the highest risk level."""
 
-_SIDE_M = np.arange(-0.2, 0.2, 0.014)
-_GRID_M = np.stack(np.meshgrid(_SIDE_M, _SIDE_M, _SIDE_M), axis=-1).reshape(-1, 3)
-"""Points around the gripper, candidates for the position of an obstacle that was felt."""
+_GRID_M = np.stack(np.meshgrid(*[np.arange(-0.2, 0.2, 0.014)] * 3), axis=-1).reshape(-1, 3)
+"""Points around the gripper where an obstacle that was felt may be."""
 
 SHOULDER_M = np.array((0.033, 0.0, 0.88))
 """Approximate position of the shoulder in the base frame."""
@@ -90,8 +88,7 @@ class SeenScene:
             also, obstacles that were only felt are free, and the held object is small.
         truth: Ground-truth scene, from the privileged group.
 
-    The state of doors and drawers, and the floor map of oracle navigation, come from the
-    observation's privileged group, if there is one: S App. D is silent on them.
+    Doors, drawers and oracle navigation's floor are of the privileged group (S App. D is silent).
     """
 
     def __init__(self, config: SeenConfig | None = None) -> None:
@@ -108,8 +105,7 @@ class SeenScene:
         self._hand: HeldBox | None = None
         self._wanted: int | None = None
         self._held: int | None = None
-        self._was_holding = False
-        self.risk_level = 0
+        self._was_holding, self.risk_level = False, 0
         self._steps = 0
 
     def see(self, obs: Mapping[str, Any], row: int) -> None:
@@ -205,9 +201,7 @@ class SeenScene:
         """Returns a door or drawer of the episode."""
         return self.truth.articulation(number)
 
-    def opening(self, number: int, kind: ArticulationKind) -> Opening:
-        """Returns whether a door or drawer of a kind is open."""
-        return opening_of(self.articulation(number), kind)
+    opening = known_opening
 
     def floor_map(self, joints: Mapping[int, float] | None = None) -> NavigationMap:
         """Returns the ground-truth floor map, for oracle navigation."""

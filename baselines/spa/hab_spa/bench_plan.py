@@ -19,12 +19,12 @@ import numpy as np
 from hab_eval.bench.options import BenchOptions
 from hab_eval.bench.rows import BenchRow, bound_row, make_row
 from hab_eval.bench.suite import PICK, Suite, WriteLine
+from numpy.typing import NDArray
 
 from hab_spa.motion.robot import SpaConfig
 from hab_spa.planning.collision import ArmCollision
 from hab_spa.planning.ik import BatchArm
 from hab_spa.planning.joint_goal import sample_reaching_goals
-from hab_spa.planning.shape_cache import ShapeCache
 from hab_spa.planning.validity import Agreement, SimulatorCheck, StateDictCheck, agreement
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.shapes import Array
@@ -70,10 +70,16 @@ class _Recorder(ArmCollision):
         self.poses: list[Array] = []
         super().__init__(*args, **settings)
 
-    def is_free(self, qpos: Array) -> bool:
+    def free_until(self, poses: Array) -> int:
         """See `ArmCollision`."""
-        self.poses.append(np.array(qpos))
-        return super().is_free(qpos)
+        free = super().free_until(poses)
+        self.poses += list(poses[: free + 1])
+        return free
+
+    def are_free(self, poses: Array) -> NDArray[np.bool_]:
+        """See `ArmCollision`."""
+        self.poses += list(poses)
+        return super().are_free(poses)
 
 
 def run_plan(options: BenchOptions, write_line: WriteLine) -> list[BenchRow]:
@@ -149,11 +155,11 @@ def _reset(env: Any, episode: Episode) -> None:
 def _time_plan(env: Any, episode: Episode) -> PlanTiming:
     """Times a plan, then its checks by each method; the simulator last, as its state changes."""
     _reset(env, episode)
-    scene, cache = TrueScene(), ShapeCache()
+    scene = TrueScene()
     state = env.unwrapped.privileged()[0]
     scene.see({"privileged": [state]}, 0)
-    make = lambda kind: kind(state, held=state.held, cache=cache)  # noqa: E731
-    make(ArmCollision)  # fills the shape cache, which persists across the episodes of a layout
+    make = lambda kind: kind(state, held=state.held)  # noqa: E731
+    make(ArmCollision)  # prepares shapes, which persist across the episodes of a layout
     began = time.perf_counter()
     model = make(ArmCollision)
     _plan(scene, model, episode.seed)

@@ -304,8 +304,7 @@ def rest_distance(poses: Array) -> Array:
 def free_poses(poses: Array, collision: ArmCollision, margin_m: float) -> Array:
     """Returns the arm poses (B, 7) that keep a margin."""
     collision.set_margin(margin_m)
-    keep = np.array([collision.is_free(pose) for pose in poses], dtype=bool)
-    return poses[keep]
+    return poses[collision.are_free(poses)]
 
 
 def apart(poses: Array, config: GoalConfig) -> Array:

@@ -14,8 +14,9 @@ import numpy as np
 import sapien
 import torch
 
-from hab_spa.planning.collision import MOVING_LINKS, ArmCollision, CollisionConfig
+from hab_spa.planning.collision import ArmCollision, CollisionConfig
 from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
+from hab_spa.planning.items import MOVING_LINKS
 from hab_spa.shapes import Array
 from hab_tasks.privileged import PrivilegedState
 from hab_tasks.robots.fetch import FETCH

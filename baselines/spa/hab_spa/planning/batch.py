@@ -57,6 +57,43 @@ class Shapes(NamedTuple):
     margin_m: NDArray[np.float64]
 
 
+EMPTY = Shapes(
+    chain=np.zeros((7, 13)),
+    box_m=np.zeros((6, 0)),
+    place=np.zeros((0, 12)),
+    local_m=np.zeros((0, 9)),
+    span=np.zeros((0, 4), dtype=np.int64),
+    vertices_m=np.zeros((3, 0)),
+    group_m=np.zeros((0, 4)),
+    member=np.zeros((0, 3), dtype=np.int64),
+    own=np.zeros((0, 2), dtype=np.int64),
+    margin_m=np.zeros((0, 0)),
+)
+
+
+class Scratch(NamedTuple):
+    """Arrays that the kernel writes.
+
+    Attributes:
+        joints: (9, 12) poses of the root and the joints.
+        placed: (N, 12) poses of the shapes.
+        w, weight: (4, 3) a simplex and the weights (4,) of its corners.
+        near: (S,) whether a static shape is near.
+        todo: (P, 2) pairs that are near.
+        pose: (1, 7) an arm pose.
+        reach_m: (1,) the largest margin.
+    """
+
+    joints: Floats
+    placed: Floats
+    w: Floats
+    weight: Floats
+    near: NDArray[np.uint8]
+    todo: Ints
+    pose: Floats
+    reach_m: Floats
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Outlines:
     """Shapes of a body, or several, in each shape's frame.
@@ -186,19 +223,36 @@ def kernel() -> Any:
 
 def _compile(module: Any) -> None:
     """Checks no poses in an empty model, which compiles the kernel or reads it from the cache."""
-    empty = Shapes(
-        chain=np.zeros((7, 13)),
-        box_m=np.zeros((6, 0)),
-        place=np.zeros((0, 12)),
-        local_m=np.zeros((0, 9)),
-        span=np.zeros((0, 4), dtype=np.int64),
-        vertices_m=np.zeros((3, 0)),
-        group_m=np.zeros((0, 4)),
-        member=np.zeros((0, 3), dtype=np.int64),
-        own=np.zeros((0, 2), dtype=np.int64),
-        margin_m=np.zeros((0, 0)),
-    )
     module.decide(
-        empty, np.zeros((1, 7)), np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.uint8)
+        EMPTY, np.zeros((1, 7)), np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.uint8)
     )
-    module.check(empty, np.zeros((0, 7)), True, np.zeros(0, dtype=np.uint8))
+    module.check(EMPTY, np.zeros((0, 7)), True, np.zeros(0, dtype=np.uint8))
+
+
+@lru_cache(maxsize=1)
+def ik_kernel() -> Any:
+    """Returns the module `hab_spa.planning.ik_kernel`, compiled."""
+    return load("hab_spa.planning.ik_kernel", _compile_ik)
+
+
+def _compile_ik(module: Any) -> None:
+    """Moves no poses."""
+    chain, limits, none = np.zeros((7, 13)), np.zeros((2, 7)), np.zeros((0, 3))
+    poses, numbers = np.zeros((0, 7)), np.zeros(0)
+    module.solve(chain, limits, np.zeros(9), poses, none, np.zeros(4), numbers)
+    module.track(chain, limits, np.zeros(3), poses, np.zeros((0, 12)), numbers, 3)
+    module.positions(chain, np.zeros(3), poses, none)
+
+
+@lru_cache(maxsize=1)
+def search_kernel() -> Any:
+    """Returns the module `hab_spa.planning.search_kernel`, compiled."""
+    return load("hab_spa.planning.search_kernel", _compile_search)
+
+
+def _compile_search(module: Any) -> None:
+    """Searches in an empty model, from and to nowhere."""
+    trees, parents = np.zeros((2, 0, 7)), np.zeros((2, 0), dtype=np.int64)
+    none, checks = np.zeros((0, 3)), np.zeros(1, dtype=np.int64)
+    module.connect(EMPTY, trees, parents, none, 1.0, 1.0, 0, checks)
+    module.shorten(EMPTY, np.zeros((0, 7)), 0, none, 1, 1.0, 1.0, checks)

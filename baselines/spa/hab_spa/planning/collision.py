@@ -127,6 +127,16 @@ class ArmCollision:
         self.checks += first
         return first
 
+    @property
+    def shapes(self) -> batch.Shapes:
+        """The arrays of the compiled kernel."""
+        return self._shapes
+
+    def are_clear(self, poses: Array) -> bool:
+        """Whether all arm poses (B, 7) are free by the kernel's answer alone."""
+        self.checks += len(poses)
+        return bool((self._answers(poses) == batch.FREE).all())
+
     def are_free(self, poses: Array) -> NDArray[np.bool_]:
         """Whether arm poses (B, 7) [rad] keep every pair's margin, (B,)."""
         self.checks += len(poses)

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from hab_spa.planning.batch import BOX, FREE, HIT, NO_PAIR, Floats, Ints, Point, Shapes
+from hab_spa.planning.batch import BOX, FREE, HIT, NO_PAIR, Floats, Ints, Point, Scratch, Shapes
 from hab_spa.planning.gjk import CLOSER_M, SLACK_M, dot, fast, gjk, inlined, out_of, to, turned
 
 compiled = njit(cache=True, nogil=True, error_model="numpy")
@@ -35,7 +35,7 @@ def _joined(first: Floats, i: int, second: Floats, j: int, out: Floats, k: int) 
 
 
 @inlined
-def _kinematics(chain: Floats, poses: Floats, b: int, joints: Floats) -> None:
+def kinematics(chain: Floats, poses: Floats, b: int, joints: Floats) -> None:
     """Writes the poses (8, 12) of root and joints; the last row of `joints` is scratch."""
     for j in range(7):
         _joined(joints, j, chain, j, joints, 8)
@@ -75,17 +75,9 @@ def _gap2(local_m: Floats, i: int, placed: Floats, centre: Point) -> float:
 
 
 @inlined
-def _pair(
-    shapes: Shapes,
-    placed: Floats,
-    moving: int,
-    other: int,
-    margin_m: float,
-    w: Floats,
-    weight: Floats,
-) -> int:
+def _pair(shapes: Shapes, work: Scratch, moving: int, other: int, margin_m: float) -> int:
     """Decides one pair: by spheres against boxes, then by GJK."""
-    local_m = shapes.local_m
+    local_m, placed = shapes.local_m, work.placed
     radius_m = local_m[moving, 6] + local_m[other, 6]
     over_m = max(margin_m, 0.0) + SLACK_M + radius_m
     here = _centre(local_m, moving, placed)
@@ -107,7 +99,7 @@ def _pair(
         return HIT
     if dot(v, v) < 1e-12:
         v = (1.0, 0.0, 0.0)
-    return gjk(shapes, placed, moving, other, margin_m, v, w, weight)
+    return gjk(shapes, placed, moving, other, margin_m, v, work.w, work.weight)
 
 
 @fast
@@ -123,17 +115,11 @@ def _near(
 
 
 @inlined
-def _candidates(
-    shapes: Shapes,
-    joints: Floats,
-    placed: Floats,
-    reach_m: float,
-    near: NDArray[np.uint8],
-    todo: Ints,
-) -> int:
+def _candidates(shapes: Shapes, work: Scratch) -> int:
     """Writes the pairs (P, 2) whose bounding spheres and boxes are within reach; returns P."""
     statics, margin_m, count = shapes.box_m.shape[1], shapes.margin_m, 0
-    own, local_m = shapes.own, shapes.local_m
+    own, local_m, near, todo = shapes.own, shapes.local_m, work.near, work.todo
+    joints, placed, reach_m = work.joints, work.placed, work.reach_m[0]
     for g in range(len(shapes.member) - 1, -1, -1):  # the hand, which collides most, first
         x, y, z = shapes.group_m[g, 0], shapes.group_m[g, 1], shapes.group_m[g, 2]
         x, y, z = out_of(joints, shapes.member[g, 0], x, y, z)
@@ -156,24 +142,45 @@ def _candidates(
 
 
 @inlined
-def _pose(shapes: Shapes, count: int, todo: Ints, placed: Floats, w: Floats, weight: Floats) -> int:
-    """Decides candidate pairs up to the first hit."""
-    statics, answer = shapes.box_m.shape[1], FREE
+def answer(shapes: Shapes, poses: Floats, b: int, work: Scratch) -> int:
+    """Checks an arm pose of (B, 7): `HIT`, `FREE` or `UNSURE`."""
+    statics, found = shapes.box_m.shape[1], FREE
+    _place(shapes, poses, b, work)
+    count = _candidates(shapes, work)
     for p in range(count):
-        i, j = todo[p, 0], todo[p, 1]
-        said = _pair(shapes, placed, i, j, shapes.margin_m[i - statics, j], w, weight)
+        i, j = work.todo[p, 0], work.todo[p, 1]
+        said = _pair(shapes, work, i, j, shapes.margin_m[i - statics, j])
         if said == HIT:
             return HIT
-        answer = max(answer, said)
-    return answer
+        found = max(found, said)
+    return found
+
+
+@inlined
+def _place(shapes: Shapes, poses: Floats, b: int, work: Scratch) -> None:
+    """Writes the poses of joints and moving shapes at an arm pose."""
+    kinematics(shapes.chain, poses, b, work.joints)
+    for i in range(shapes.box_m.shape[1], len(work.placed)):
+        _joined(work.joints, shapes.span[i, 3], shapes.place, i, work.placed, i)
 
 
 @njit(nogil=True, error_model="numpy")
-def _scratch(shapes: Shapes) -> tuple[Floats, Floats, Floats, Floats]:
-    """Returns poses of joints (9, 12) and shapes (N, 12), a simplex (4, 3) and weights (4,)."""
-    joints, placed = np.zeros((9, 12)), shapes.place.copy()
+def scratch(shapes: Shapes) -> Scratch:
+    """Returns the scratch of a model."""
+    joints, reach_m = np.zeros((9, 12)), np.full(1, SLACK_M)
     joints[0, 0] = joints[0, 4] = joints[0, 8] = 1.0
-    return joints, placed, np.empty((4, 3)), np.empty(4)
+    if shapes.margin_m.size:
+        reach_m[0] += max(0.0, shapes.margin_m.max())
+    return Scratch(
+        joints,
+        shapes.place.copy(),
+        np.empty((4, 3)),
+        np.empty(4),
+        np.empty(shapes.box_m.shape[1], dtype=np.uint8),
+        np.empty((shapes.margin_m.size, 2), dtype=np.int64),
+        np.empty((1, 7)),
+        reach_m,
+    )
 
 
 @compiled
@@ -189,19 +196,9 @@ def check(shapes: Shapes, poses: Floats, until_other: bool, answers: NDArray[np.
     Returns:
         The number of poses checked.
     """
-    statics = shapes.box_m.shape[1]
-    near = np.empty(statics, dtype=np.uint8)
-    todo = np.empty((shapes.margin_m.size, 2), dtype=np.int64)
-    joints, placed, w, weight = _scratch(shapes)
-    reach_m = SLACK_M
-    if shapes.margin_m.size:
-        reach_m += max(0.0, shapes.margin_m.max())
+    work = scratch(shapes)
     for b in range(len(poses)):
-        _kinematics(shapes.chain, poses, b, joints)
-        for i in range(statics, len(placed)):
-            _joined(joints, shapes.span[i, 3], shapes.place, i, placed, i)
-        count = _candidates(shapes, joints, placed, reach_m, near, todo)
-        answers[b] = _pose(shapes, count, todo, placed, w, weight)
+        answers[b] = answer(shapes, poses, b, work)
         if until_other and answers[b] != FREE:
             return b + 1
     return len(poses)
@@ -210,11 +207,8 @@ def check(shapes: Shapes, poses: Floats, until_other: bool, answers: NDArray[np.
 @compiled
 def decide(shapes: Shapes, poses: Floats, pairs: Ints, answers: NDArray[np.uint8]) -> None:
     """Decides pairs (P, 2) of shapes, the first of each moving, at the first arm pose."""
-    joints, placed, w, weight = _scratch(shapes)
-    statics = shapes.box_m.shape[1]
-    _kinematics(shapes.chain, poses, 0, joints)
-    for i in range(statics, len(placed)):
-        _joined(joints, shapes.span[i, 3], shapes.place, i, placed, i)
+    work, statics = scratch(shapes), shapes.box_m.shape[1]
+    _place(shapes, poses, 0, work)
     for p in range(len(pairs)):
         i, j = pairs[p, 0], pairs[p, 1]
-        answers[p] = _pair(shapes, placed, i, j, shapes.margin_m[i - statics, j], w, weight)
+        answers[p] = _pair(shapes, work, i, j, shapes.margin_m[i - statics, j])

@@ -91,6 +91,7 @@ class OmplPlanner:
 
     Attributes:
         connect, shorten: Run RRT-Connect and simplify its path; see `rrt`.
+        first_free: Finds a pose that a straight edge reaches.
         effort: Multiple of the limits' maximum number of checks.
     """
 
@@ -98,6 +99,7 @@ class OmplPlanner:
 
     connect = staticmethod(rrt.connect)
     shorten = staticmethod(rrt.shorten)
+    first_free = staticmethod(rrt.first_free)
 
     @cached_property
     def _arm(self) -> BatchArm:
@@ -150,6 +152,7 @@ class BatchedPlanner(OmplPlanner):
 
     connect = staticmethod(batched.connect)
     shorten = staticmethod(batched.shorten)
+    first_free = staticmethod(batched.first_free)
 
     @cached_property
     def _arm(self) -> BatchArm:
@@ -277,10 +280,9 @@ class _Search:
             return np.stack((ends.open, ends.tight)) if free else None
         paths = []
         for retreat in self._retreats(attempt):
-            for i in range(1, len(retreat)):
-                if edge_is_free(self._collision, ends.open, retreat[i], resolution_rad):
-                    paths.append(np.concatenate((ends.open[None], retreat[i::-1])))
-                    break
+            i = self._planner.first_free(self._collision, ends.open, retreat[1:], resolution_rad)
+            if i is not None:
+                paths.append(np.concatenate((ends.open[None], retreat[i + 1 :: -1])))
         # All directions are tried: straight edges are cheap, and a short path needs no improving.
         return min(paths, key=path_rad, default=None)
 

@@ -223,10 +223,9 @@ def kernel() -> Any:
 
 def _compile(module: Any) -> None:
     """Checks no poses in an empty model, which compiles the kernel or reads it from the cache."""
-    module.decide(
-        EMPTY, np.zeros((1, 7)), np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.uint8)
-    )
-    module.check(EMPTY, np.zeros((0, 7)), True, np.zeros(0, dtype=np.uint8))
+    pairs, answers = np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.uint8)
+    module.undecided(EMPTY, np.zeros((1, 7)), pairs, answers)
+    module.check(EMPTY, np.zeros((0, 7)), True, answers)
 
 
 @lru_cache(maxsize=1)
@@ -255,4 +254,5 @@ def _compile_search(module: Any) -> None:
     trees, parents = np.zeros((2, 0, 7)), np.zeros((2, 0), dtype=np.int64)
     none, checks = np.zeros((0, 3)), np.zeros(1, dtype=np.int64)
     module.connect(EMPTY, trees, parents, none, 1.0, 1.0, 0, checks)
+    module.first_free(EMPTY, np.zeros((1, 7)), np.zeros((0, 7)), 1.0, checks)
     module.shorten(EMPTY, np.zeros((0, 7)), 0, none, 1, 1.0, 1.0, checks)

@@ -45,6 +45,18 @@ def connect(
     return np.concatenate((ways[0], ways[1][-2::-1]))
 
 
+def first_free(
+    collision: ArmCollision, start: Array, goals: Array, resolution_rad: float
+) -> int | None:
+    """As `rrt.first_free`, but for edges that coal has to confirm."""
+    checks = np.zeros(1, dtype=np.int64)
+    found = search_kernel().first_free(
+        collision.shapes, start[None], np.ascontiguousarray(goals), resolution_rad, checks
+    )
+    collision.checks += int(checks[0])
+    return None if found < 0 else found
+
+
 def _way(tree: Array, parent: Array, node: int) -> Array:
     """Returns the poses (K, 7) from the root of a tree to a node."""
     numbers = [node]

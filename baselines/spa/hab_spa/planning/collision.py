@@ -167,10 +167,12 @@ class ArmCollision:
 
     def _undecided(self, qpos: Array, *answers: int) -> list[int]:
         """Returns the pairs that the kernel answers in one of some ways."""
-        given = np.empty(len(self._pairs), dtype=np.uint8)
+        pairs = np.empty((len(self._pairs), 2), dtype=np.int64)
+        given = np.empty(len(pairs), dtype=np.uint8)
         qpos = np.ascontiguousarray(qpos[None], dtype=np.float64)
-        batch.kernel().decide(self._shapes, qpos, self._ranked, given)
-        return np.flatnonzero(np.isin(given, answers)).tolist()
+        found = batch.kernel().undecided(self._shapes, qpos, pairs, given)
+        pairs = pairs[:found][np.isin(given[:found], answers)]
+        return sorted(self._number[pairs[:, 0] - self._statics, pairs[:, 1]].tolist())
 
     def set_margin(self, margin_m: float, less: Mapping[int, float] | None = None) -> None:
         """Sets the margin of pairs with the scene; pairs within the robot have none.
@@ -291,26 +293,27 @@ class ArmCollision:
             own=np.zeros((0, 2), dtype=np.int64),
             margin_m=np.full((len(items.joint) - statics, len(items.joint)), batch.NO_PAIR),
         )
-        self._choose_pairs(moving, statics)
-
-    def _choose_pairs(self, moving: NDArray[np.bool_], statics: int) -> None:
-        """Chooses the pairs (P, 2) that are checked, and finds them in the kernel's arrays."""
-        scene = self._items.role == "scene"
+        self._statics = statics
+        scene = items.role == "scene"
         with_scene = np.logical_and.outer(moving, scene)
-        pairs = self._own_pairs()
-        pairs = np.concatenate((pairs, np.argwhere(np.triu(with_scene | with_scene.T, 1))))
+        with_scene = np.argwhere(np.triu(with_scene | with_scene.T, 1))
+        self._use_pairs(np.concatenate((self._own_pairs(), with_scene)))
+
+    def _use_pairs(self, pairs: NDArray[np.int64]) -> None:
+        """Sets the pairs (P, 2) that are checked."""
         self._pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
-        self._with_scene = scene[self._pairs].any(axis=1)
+        self._with_scene = (self._items.role == "scene")[self._pairs].any(axis=1)
         octree = np.array([isinstance(source, Obstacle) for source in self._items.source])
         self._with_octree = octree[self._pairs].any(axis=1)
-        self._ranked = self._ranks(self._pairs)
-        self._entries = self._ranked[:, 0] - statics, self._ranked[:, 1]
-        own = self._ranked[(self._ranked >= statics).all(axis=1)]
+        # The kernel numbers static shapes first, and moving ones lead a pair.
+        ranks = np.sort(self._rank[self._pairs], axis=1)[:, ::-1]
+        self._entries = ranks[:, 0] - self._statics, ranks[:, 1]
+        self._number = np.zeros(self._shapes.margin_m.shape, dtype=np.int64)
+        self._number[self._entries] = np.arange(len(ranks))
+        own = np.ascontiguousarray(ranks[ranks[:, 1] >= self._statics])
+        self._shapes.margin_m[:] = batch.NO_PAIR
         self._shapes = self._shapes._replace(own=own)
-
-    def _ranks(self, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Returns pairs (P, 2) by the kernel's numbers, a moving shape first."""
-        return np.ascontiguousarray(np.sort(self._rank[pairs], axis=1)[:, ::-1])
+        self._set_margins(np.zeros(len(ranks)))
 
     def _own_pairs(self) -> NDArray[np.int64]:
         """Returns the self-collision pairs (P, 2), without pairs in contact at the rest pose."""
@@ -319,13 +322,13 @@ class ArmCollision:
         paired = np.logical_and.outer(arm, own) & (items.link[:, None] != items.link)
         pairs = np.argwhere(np.triu(paired | paired.T, 1))
         pairs = pairs[[frozenset(both) not in allowed for both in items.link[pairs].tolist()]]
+        self._use_pairs(pairs)
         # Convex hulls overlap where links do not; the rest pose is known to be free.
-        rest, answers = np.array(FETCH.rest_qpos_rad), np.empty(len(pairs), dtype=np.uint8)
-        ranked = self._ranks(pairs)
-        self._shapes.margin_m[ranked[:, 0] - self._shapes.box_m.shape[1], ranked[:, 1]] = 0.0
-        batch.kernel().decide(self._shapes, rest[None], ranked, answers)
-        free = answers == batch.FREE
-        for pair in np.flatnonzero(answers == batch.UNSURE):
-            free[pair] = not self._coal.collides(rest, *pairs[pair], 0.0)
-        self._shapes.margin_m[:] = batch.NO_PAIR
-        return pairs[free]
+        rest = np.array(FETCH.rest_qpos_rad)
+        touching = [
+            pair
+            for pair in self._undecided(rest, batch.UNSURE)
+            if self._coal.collides(rest, *self._pairs[pair], 0.0)
+        ]
+        touching += self._undecided(rest, batch.HIT)
+        return np.delete(self._pairs, touching, axis=0)

@@ -71,7 +71,7 @@ class GoalConfig:
     judge_starts: int = 120
     seeded_starts: int = 2400
     seeded_points: int = 60
-    seeded_round: int = 100
+    seeded_round: int = 120
     ik: IkConfig = field(default_factory=IkConfig)
 
 
@@ -309,6 +309,8 @@ def seeded_goals(
         poses, reached = arm.solve(starts[chosen], targets_m[chosen], config.ik)
         poses = _with_rest_roll(poses[reached])
         found = np.concatenate((found, poses))
+        # The others differ in the roll only, and are farther from rest.
+        poses = poses[: len(poses) // 2]
         roomy = np.concatenate((roomy, free_poses(poses, collision, config.margins_m[0])))
         goals = apart(roomy[np.argsort(cost(roomy), kind="stable")], config)
         if len(goals) == config.goals:

@@ -205,10 +205,18 @@ def check(shapes: Shapes, poses: Floats, until_other: bool, answers: NDArray[np.
 
 
 @compiled
-def decide(shapes: Shapes, poses: Floats, pairs: Ints, answers: NDArray[np.uint8]) -> None:
-    """Decides pairs (P, 2) of shapes, the first of each moving, at the first arm pose."""
-    work, statics = scratch(shapes), shapes.box_m.shape[1]
+def undecided(shapes: Shapes, poses: Floats, pairs: Ints, answers: NDArray[np.uint8]) -> int:
+    """Writes the pairs (P, 2) that are not `FREE` at the first arm pose, and their answers (P,).
+
+    Returns:
+        Their number.
+    """
+    work, statics, found = scratch(shapes), shapes.box_m.shape[1], 0
     _place(shapes, poses, 0, work)
-    for p in range(len(pairs)):
-        i, j = pairs[p, 0], pairs[p, 1]
-        answers[p] = _pair(shapes, work, i, j, shapes.margin_m[i - statics, j])
+    for p in range(_candidates(shapes, work)):
+        i, j = work.todo[p, 0], work.todo[p, 1]
+        said = _pair(shapes, work, i, j, shapes.margin_m[i - statics, j])
+        if said != FREE:
+            pairs[found, 0], pairs[found, 1], answers[found] = i, j, said
+            found += 1
+    return found

@@ -61,6 +61,14 @@ def edge_is_free(
     return collision.free_until(poses) == len(poses)
 
 
+def first_free(
+    collision: ArmCollision, start: Array, goals: Array, resolution_rad: float
+) -> int | None:
+    """Returns the first of the goals (G, 7) to which the straight edge from an arm pose is free."""
+    edges = (edge_is_free(collision, start, goal, resolution_rad) for goal in goals)
+    return next((number for number, free in enumerate(edges) if free), None)
+
+
 def path_is_free(collision: ArmCollision, path: Array, resolution_rad: float) -> bool:
     """Whether all edges of a path (K, 7) are free."""
     edges = [_along(first, second, resolution_rad) for first, second in pairwise(path)]

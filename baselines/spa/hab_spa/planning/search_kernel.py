@@ -134,6 +134,20 @@ def connect(
     return -1, -1
 
 
+@compiled
+def first_free(
+    shapes: Shapes, start: Floats, goals: Floats, resolution: float, checks: Ints
+) -> int:
+    """Returns the first of some poses (G, 7) that the edge from (1, 7) reaches; -1 if none."""
+    work = scratch(shapes)
+    if answer(shapes, start, 0, work) != FREE:
+        return -1
+    for i in range(len(goals)):
+        if _is_free(shapes, start, 0, goals, i, resolution, work, checks):
+            return i
+    return -1
+
+
 @called
 def _cut(
     shapes: Shapes, path: Floats, size: int, draw: Floats, d: int, joint: int, resolution: float,

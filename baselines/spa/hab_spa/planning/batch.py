@@ -175,8 +175,11 @@ def rows_of(poses: Array) -> Array:
 
 def boxes_of(local_m: Array, root_from_shape: Array) -> Array:
     """Returns the bounding boxes (6, S) in the root frame."""
-    corners = corners_m(local_m, root_from_shape)
-    return np.concatenate((corners.min(axis=1), corners.max(axis=1)), axis=1).T.copy()
+    turn = root_from_shape[:, :3, :3]
+    middle = (0.5 * (local_m[:, None, :3] + local_m[:, None, 3:6]) * turn).sum(axis=2)
+    half = (0.5 * (local_m[:, None, 3:6] - local_m[:, None, :3]) * np.abs(turn)).sum(axis=2)
+    middle, half = middle + root_from_shape[:, :3, 3], half + local_m[:, 6:7]
+    return np.concatenate((middle - half, middle + half), axis=1).T.copy()
 
 
 def groups_of(bodies: Sequence[str], joint: NDArray[np.int64], local_m: Array, place: Array) -> Any:

@@ -4,7 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from hab_eval.bench.options import BenchOptions
-from hab_spa.bench_plan import SUITE, PlanTiming, plan_rows, run_plan
+from hab_spa.bench_plan import SUITE, PlanSplit, PlanTiming, plan_rows, run_plan, split_rows
 from hab_spa.planning.validity import Agreement, SimulatorCheck, StateDictCheck, agreement
 
 from hab_tasks.robots.fetch import FETCH
@@ -12,7 +12,9 @@ from hab_tasks.robots.fetch import FETCH
 
 def test_rows_hold_plans_beside_bounds_and_the_reference():
     costs = {"checks": 1000, "check_s": 5e-5, "joints_check_s": 5e-4, "state_check_s": 1e-3}
-    timings = [PlanTiming(seconds=seconds, **costs) for seconds in (0.1, 0.2, 0.3)]
+    parts = {"model_s": 0.0, "ik_s": 0.0, "search_s": 0.0, "simplify_s": 0.0}
+    splits = [PlanSplit(goals_s=seconds, **parts) for seconds in (0.1, 0.2, 0.3)]
+    timings = [PlanTiming(splits={"ompl": split, "batched": split}, **costs) for split in splits]
     agreed = Agreement(poses=200, touching=80, disagreements=4, far=1)
     rows = {row.name: row for row in plan_rows(("plan", "apartment", "Env"), timings, agreed)}
     found = {name.split("/")[-1]: row for name, row in rows.items()}
@@ -25,6 +27,8 @@ def test_rows_hold_plans_beside_bounds_and_the_reference():
     assert found["check_state"].ratio == pytest.approx(0.05)
     assert found["validity"].value == pytest.approx(98.0)
     assert found["validity_near"].value == pytest.approx(75.0)
+    rows = {row.name: row for row in split_rows(("plan", "apartment", "Env"), timings)}
+    assert rows["plan/apartment/Env/batched_goals_median"].ratio == pytest.approx(1.0)
 
 
 @pytest.fixture

@@ -11,9 +11,10 @@ from hab_plans.motion import GRASP, RELEASE, Command, Failure
 from hab_plans.protocols import MotionPlanner, PathResult
 
 from hab_spa.motion.follow import FollowConfig
-from hab_spa.planning.arm_plan import PLANNERS, OmplPlanner, PlanConfig
+from hab_spa.planning.arm_plan import PLANNERS, BatchedPlanner, OmplPlanner, PlanConfig
+from hab_spa.planning.batch import search_kernel
 from hab_spa.planning.collision import ArmCollision
-from hab_spa.planning.compiled_arm import CompiledArm
+from hab_spa.planning.compiled_arm import CompiledArm, pose_table
 from hab_spa.planning.escape import EscapeConfig
 from hab_spa.planning.ik import BatchArm
 from hab_spa.planning.joint_goal import GoalConfig
@@ -57,8 +58,10 @@ class SpaConfig:
         """
         if name not in PLANNERS:
             raise UnknownNameError("planner", name, PLANNERS)
-        kinematics = CompiledArm if name == "batched" else BatchArm
-        return replace(self, planner=PLANNERS[name](), kinematics=kinematics)
+        if name == "ompl":
+            return replace(self, planner=OmplPlanner(), kinematics=BatchArm)
+        search_kernel(), pose_table()  # compiled or read here, not in the first plan
+        return replace(self, planner=BatchedPlanner(), kinematics=CompiledArm)
 
 
 class Robot:

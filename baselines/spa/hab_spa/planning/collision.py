@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from hab_spa.planning import batch
 from hab_spa.planning.coal_model import CoalModel, Contact
-from hab_spa.planning.items import Obstacle, collect
+from hab_spa.planning.items import Items, Obstacle, collect
 from hab_spa.shapes import Array, invert_pose, standing, within_body
 from hab_tasks.privileged import PrivilegedState
 from hab_tasks.robots.fetch import FETCH
@@ -126,6 +126,15 @@ class ArmCollision:
                 return first - 1
         self.checks += first
         return first
+
+    @property
+    def items(self) -> Items:
+        """The shapes, with their current poses."""
+        return self._items
+
+    def pairs(self) -> tuple[NDArray[np.int64], Array]:
+        """Returns the pairs (P, 2) of shapes that are checked, and their margins (P,) [m]."""
+        return self._pairs, self._margins_m
 
     @property
     def shapes(self) -> batch.Shapes:

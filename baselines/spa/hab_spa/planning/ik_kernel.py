@@ -59,6 +59,22 @@ def _move(
         q[b, j] = min(max(total, limits[0, j]), limits[1, j])
 
 
+@inlined
+def _righting(joints: Floats, tool: Floats, jacobian: Floats, error: Floats) -> float:
+    """Writes the rows of the rotation about x and y that turns a tool upright; returns its tilt."""
+    x = joints[7, 0] * tool[3] + joints[7, 1] * tool[4] + joints[7, 2] * tool[5]
+    y = joints[7, 3] * tool[3] + joints[7, 4] * tool[4] + joints[7, 5] * tool[5]
+    z = joints[7, 6] * tool[3] + joints[7, 7] * tool[4] + joints[7, 8] * tool[5]
+    across = sqrt(x * x + y * y)
+    tilt = atan2(across, z)
+    turn = tool[6] * tilt / max(across, 1e-9) * min(1.0, tool[8] / max(tilt, 1e-9))
+    error[3], error[4] = turn * y, -turn * x
+    for j in range(7):
+        jacobian[3, j] *= tool[6]
+        jacobian[4, j] *= tool[6]
+    return tilt
+
+
 @compiled
 def solve(
     chain: Floats, limits: Floats, tool: Floats, q: Floats, targets_m: Floats, settings: Floats,
@@ -84,7 +100,6 @@ def solve(
     )
     joints[0, 0] = joints[0, 4] = joints[0, 8] = 1.0
     steps, damping, step_m, near_m = settings[0], settings[1], settings[2], 0.5 * settings[3]
-    weight, tilt_rad, step_rad = tool[6], tool[7], tool[8]
     for b in range(len(q)):
         for step in range(int(steps) + 1):
             kinematics(chain, q, b, joints)
@@ -100,19 +115,9 @@ def solve(
             for i in range(3):
                 error[i] *= scale
             _jacobian(chain, joints, point, jacobian)
-            if weight > 0.0:
-                # The rotation about x and y that turns the upright direction up.
-                x = joints[7, 0] * tool[3] + joints[7, 1] * tool[4] + joints[7, 2] * tool[5]
-                y = joints[7, 3] * tool[3] + joints[7, 4] * tool[4] + joints[7, 5] * tool[5]
-                z = joints[7, 6] * tool[3] + joints[7, 7] * tool[4] + joints[7, 8] * tool[5]
-                across = sqrt(x * x + y * y)
-                tilt = atan2(across, z)
-                done = done and tilt < tilt_rad
-                turn = weight * tilt / max(across, 1e-9) * min(1.0, step_rad / max(tilt, 1e-9))
-                error[3], error[4], rows = turn * y, -turn * x, 5
-                for j in range(7):
-                    jacobian[3, j] *= weight
-                    jacobian[4, j] *= weight
+            if tool[6] > 0.0:
+                tilt, rows = _righting(joints, tool, jacobian, error), 5
+                done = done and tilt < tool[7]
             if done or step == int(steps):
                 break
             _move(jacobian, error, rows, damping, gram, q, b, limits)

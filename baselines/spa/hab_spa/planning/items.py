@@ -99,30 +99,25 @@ def collect(
     """
     bodies = [body for body in state.bodies if body.shapes and body.name in state.world_from_body]
     roles = [_role(body, held) for body in bodies]
+    if "arm" not in roles:
+        raise ValueError("collision model: the arm has no shapes; rebuild the scene.")
     placed = [
         _placed(state, *entry, model, arm_from_world) for entry in zip(bodies, roles, strict=True)
     ]
-    known = [outlines(body) for body in bodies]
-    seen = [_seen(obstacle) for obstacle in obstacles]
-    counts = [len(outline.kind) for outline in (*known, *seen)]
-    body_pose = np.array([pose for _, pose in placed] + [arm_from_world] * len(seen))
-    pose = np.repeat(body_pose, counts, axis=0)
-    pose = pose @ np.concatenate([outline.body_from_shape for outline in (*known, *seen)])
-    local_m = np.concatenate([outline.local_m for outline in (*known, *seen)])
-    role = np.repeat([*roles, *["scene"] * len(seen)], counts)
-    if "arm" not in role or not np.isfinite(pose).all():
-        problem = "a pose is not finite" if "arm" in role else "the arm has no shapes"
-        raise ValueError(f"collision model: {problem}; reset the environment.")
-    shoulder_m = model.jointPlacements[1].translation - pose[:, :3, 3]
-    shoulder_m = (pose[:, :3, :3].transpose(0, 2, 1) @ shoulder_m[:, :, None])[:, :, 0]
-    radius_m = local_m[:, 6:7]
-    gap_m = box_distance_m(shoulder_m, local_m[:, :3] - radius_m, local_m[:, 3:6] + radius_m)
-    chosen = np.flatnonzero((role != "scene") | (gap_m < reach_m))
+    placed += [(0, arm_from_world)] * len(obstacles)
+    known = [*map(outlines, bodies), *map(_seen, obstacles)]
+    counts = [len(outline.kind) for outline in known]
+    pose = np.repeat([pose for _, pose in placed], counts, axis=0)
+    pose = pose @ np.concatenate([outline.body_from_shape for outline in known])
+    local_m = np.concatenate([outline.local_m for outline in known])
+    role = np.repeat([*roles, *["scene"] * len(obstacles)], counts)
+    if not np.isfinite(pose).all():
+        raise ValueError("collision model: a pose is not finite; reset the environment.")
+    chosen = np.flatnonzero((role != "scene") | _near(local_m, pose, model, reach_m))
     sources = [(body, i) for body in bodies for i in range(len(body.shapes))] + list(obstacles)
-    vertices_m = [own for outline in (*known, *seen) for own in outline.vertices_m]
+    vertices_m = [own for outline in known for own in outline.vertices_m]
     names = np.repeat([*(b.name for b in bodies), *(o.name for o in obstacles)], counts)
-    joints = np.repeat([*(joint for joint, _ in placed), *[0] * len(seen)], counts)
-    names = names[chosen]
+    joints, names = np.repeat([joint for joint, _ in placed], counts), names[chosen]
     return Items(
         source=[sources[number] for number in chosen],
         body=names,
@@ -131,9 +126,18 @@ def collect(
         joint=joints[chosen],
         pose=pose[chosen],
         local_m=local_m[chosen],
-        kind=np.concatenate([outline.kind for outline in (*known, *seen)])[chosen],
+        kind=np.concatenate([outline.kind for outline in known])[chosen],
         vertices_m=[vertices_m[number] for number in chosen],
     )
+
+
+def _near(local_m: Array, pose: Array, model: pin.Model, reach_m: float) -> NDArray[np.bool_]:
+    """Whether the bounding box of each shape (S,) is within reach of the shoulder."""
+    shoulder_m = model.jointPlacements[1].translation - pose[:, :3, 3]
+    shoulder_m = (pose[:, :3, :3].transpose(0, 2, 1) @ shoulder_m[:, :, None])[:, :, 0]
+    radius_m = local_m[:, 6:7]
+    lower_m, upper_m = local_m[:, :3] - radius_m, local_m[:, 3:6] + radius_m
+    return box_distance_m(shoulder_m, lower_m, upper_m) < reach_m
 
 
 def _link(name: str) -> str:

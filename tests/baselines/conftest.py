@@ -178,9 +178,9 @@ def drawer_at() -> Callable[..., ArticulationState]:
 def shelf_state(make_scene: Callable[[], FetchScene]) -> PrivilegedState:
     """A target in a box that is open towards the robot."""
     scene = make_scene()
-    scene.add_box("floor", "static", (0.95, 0.0, 0.79), (0.5, 0.7, 0.02))
-    scene.add_box("roof", "static", (0.95, 0.0, 1.21), (0.5, 0.7, 0.02))
-    scene.add_box("left", "static", (0.95, 0.36, 1.0), (0.5, 0.02, 0.44))
-    scene.add_box("right", "static", (0.95, -0.36, 1.0), (0.5, 0.02, 0.44))
+    for name, height_m in (("floor", 0.79), ("roof", 1.21)):
+        scene.add_box(name, "static", (0.95, 0.0, height_m), (0.5, 0.7, 0.02))
+    for name, y_m in (("left", 0.36), ("right", -0.36)):
+        scene.add_box(name, "static", (0.95, y_m, 1.0), (0.5, 0.02, 0.44))
     scene.add_box("target", "object", (0.9, 0.05, 0.851), (0.07, 0.07, 0.10))
     return scene.privileged("target")

@@ -1,6 +1,7 @@
 """Goals and paths of the arm: every edge is checked by replay; and its kinematics."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pinocchio as pin
@@ -56,12 +57,10 @@ def test_goals_grasp_the_target_and_are_free(table_scene):
 def test_blocked_target_is_a_target_plan_failure(make_scene):
     scene = make_scene()
     scene.add_box("target", "object", (0.8, 0.0, 0.8), (0.05, 0.05, 0.05))
-    for axis in range(3):
-        for side in (-1, 1):
-            position, size = np.array([0.8, 0.0, 0.8]), np.full(3, 0.4)
-            position[axis] += side * 0.1
-            size[axis] = 0.1
-            scene.add_box(f"wall{axis}{side:+}", "static", tuple(position), tuple(size))
+    for axis, side in product(range(3), (-0.1, 0.1)):
+        position, size = np.array([0.8, 0.0, 0.8]), np.full(3, 0.4)
+        position[axis], size[axis] = position[axis] + side, 0.1
+        scene.add_box(f"wall{axis}{side:+}", "static", tuple(position), tuple(size))
     _, result = sample(scene.privileged("target"), config=GoalConfig(starts_per_point=250))
     assert result.failure is Failure.TARGET_PLAN
     assert result.goals.shape == (0, 7)
@@ -184,9 +183,6 @@ def test_compiled_kinematics_agree_with_numpy():
         poses, found = compiled.solve(POSES, targets_m, IkConfig(), tool)
         np.testing.assert_allclose(poses, expected, atol=1e-9)
         np.testing.assert_array_equal(found, reached)
-    hands = np.stack([numpy.ee_pose(pose + 0.1) for pose in POSES])
-    arms = [arm.track_poses(POSES, hands, 4, np.full(200, 0.05)) for arm in (numpy, compiled)]
-    np.testing.assert_allclose(*arms, atol=1e-9)
 
 
 def test_batch_agrees_with_pinocchio():

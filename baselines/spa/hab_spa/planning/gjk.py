@@ -8,9 +8,9 @@ from numba import njit
 
 from hab_spa.planning.batch import FREE, HIT, HULL, OUTER, UNSURE, Floats, Point, Shapes
 
-SLACK_M, CLOSER_M = 2e-5, 1e-3
+SLACK_M, CLOSER_M = 2e-5, 2e-3
 """Coal is asked about distances above the margin by less than the one, below it by the other: it
-is exact to a micrometre, but overestimates the distances of some hulls by up to 0.8 mm."""
+is exact to a micrometre, but overestimates the distances of some hulls by a millimetre."""
 
 STEPS = 40
 """Maximum number of GJK iterations; most pairs need 2 to 6."""

@@ -60,7 +60,8 @@ class SpaConfig:
             raise UnknownNameError("planner", name, PLANNERS)
         if name == "ompl":
             return replace(self, planner=OmplPlanner(), kinematics=BatchArm)
-        search_kernel(), pose_table()  # compiled or read here, not in the first plan
+        search_kernel()  # compiled or read here, not in the first plan
+        pose_table()
         return replace(self, planner=BatchedPlanner(), kinematics=CompiledArm)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hab_spa.planning import rrt
 from hab_spa.planning.batch import search_kernel
@@ -57,7 +58,7 @@ def first_free(
     return None if found < 0 else found
 
 
-def _way(tree: Array, parent: Array, node: int) -> Array:
+def _way(tree: Array, parent: NDArray[np.int64], node: int) -> Array:
     """Returns the poses (K, 7) from the root of a tree to a node."""
     numbers = [node]
     while numbers[-1]:

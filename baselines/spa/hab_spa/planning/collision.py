@@ -157,7 +157,7 @@ class ArmCollision:
         """Returns all pairs of shapes closer than their margin at an arm pose (7,)."""
         found = []
         for pair in self._undecided(qpos, batch.HIT, batch.UNSURE):
-            first, second = self._pairs[pair]
+            first, second = self._pair(pair)
             if self._coal.collides(qpos, first, second, self._margins_m[pair]):
                 gap_m = self._coal.distance_m(qpos, first, second)
                 names = self._items.name(first), self._items.name(second)
@@ -170,9 +170,12 @@ class ArmCollision:
             return answer == batch.FREE
         margins_m = self._margins_m
         return not any(
-            self._coal.collides(qpos, *self._pairs[pair], margins_m[pair])
+            self._coal.collides(qpos, *self._pair(pair), margins_m[pair])
             for pair in self._undecided(qpos, batch.UNSURE)
         )
+
+    def _pair(self, pair: int) -> tuple[int, int]:
+        return int(self._pairs[pair, 0]), int(self._pairs[pair, 1])
 
     def _undecided(self, qpos: Array, *answers: int) -> list[int]:
         """Returns the pairs that the kernel answers in one of some ways."""
@@ -288,7 +291,10 @@ class ArmCollision:
         vertices_m, ranges = batch.packed([items.vertices_m[number] for number in order])
         joint = items.joint[order]
         spheres_m, members = batch.groups_of(
-            items.body[order][statics:], joint[statics:], local_m[statics:], place[statics:]
+            items.body[order][statics:].tolist(),
+            joint[statics:],
+            local_m[statics:],
+            place[statics:],
         )
         self._shapes = batch.Shapes(
             chain=batch.chain_of(self._model),
@@ -337,7 +343,7 @@ class ArmCollision:
         touching = [
             pair
             for pair in self._undecided(rest, batch.UNSURE)
-            if self._coal.collides(rest, *self._pairs[pair], 0.0)
+            if self._coal.collides(rest, *self._pair(pair), 0.0)
         ]
         touching += self._undecided(rest, batch.HIT)
         return np.delete(self._pairs, touching, axis=0)

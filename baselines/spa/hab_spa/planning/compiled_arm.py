@@ -6,7 +6,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from hab_spa.planning.batch import chain_of, ik_kernel, rows_of
 from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD, BatchArm, IkConfig, Tool
@@ -71,7 +71,7 @@ class PoseTable:
 
     def __init__(self, arm: CompiledArm, count: int = TABLE_POSES) -> None:
         self._poses = np.random.default_rng(0).uniform(LOWER_RAD, UPPER_RAD, (count, 7))
-        self._tree = cKDTree(arm.positions_m(self._poses))
+        self._tree = KDTree(arm.positions_m(self._poses))
 
     def near(self, points_m: Array, count: int) -> tuple[Array, Array]:
         """Returns the poses nearest to points (P, 3) in the arm's root frame.

@@ -149,7 +149,7 @@ def answer(shapes: Shapes, poses: Floats, b: int, work: Scratch) -> int:
     count = _candidates(shapes, work)
     for p in range(count):
         i, j = work.todo[p, 0], work.todo[p, 1]
-        said = _pair(shapes, work, i, j, shapes.margin_m[i - statics, j])
+        said = _pair(shapes, work, i, j, float(shapes.margin_m[i - statics, j]))
         if said == HIT:
             return HIT
         found = max(found, said)
@@ -215,7 +215,7 @@ def undecided(shapes: Shapes, poses: Floats, pairs: Ints, answers: NDArray[np.ui
     _place(shapes, poses, 0, work)
     for p in range(_candidates(shapes, work)):
         i, j = work.todo[p, 0], work.todo[p, 1]
-        said = _pair(shapes, work, i, j, shapes.margin_m[i - statics, j])
+        said = _pair(shapes, work, i, j, float(shapes.margin_m[i - statics, j]))
         if said != FREE:
             pairs[found, 0], pairs[found, 1], answers[found] = i, j, said
             found += 1

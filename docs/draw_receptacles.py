@@ -12,10 +12,10 @@ from matplotlib.patches import Polygon
 from hab_tasks.figure_style import new_figure, save
 from hab_tasks.geometry import Array, to_matrix
 from hab_tasks.receptacles import PHRASES
-from hab_tasks.scenes.habitat.dataset import resolve_dataset
-from hab_tasks.scenes.habitat.load import load_scene
-from hab_tasks.scenes.layout_geometry import Layout
-from hab_tasks.scenes.spec import Receptacle
+from hab_tasks.world.scenes.habitat.dataset import resolve_dataset
+from hab_tasks.world.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.layout_geometry import Layout
+from hab_tasks.world.scenes.spec import Receptacle
 
 FILE = Path(__file__).with_name("receptacles.png")
 SCENE, WIDTH_IN, COLOUR = "v3_sc0_staging_00", 3.6, "#0072b2"

@@ -20,7 +20,7 @@ from hab_tasks.envs import ENVS
 from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.robots.cameras import CameraRig, camera_pose
 from hab_tasks.robots.control import control_configs
-from hab_tasks.robots.control_modes import BASE_CELLS, action_bounds, nearest_mode
+from hab_tasks.robots.control_modes import action_space, nearest_mode
 from hab_tasks.robots.fetch import FETCH
 
 CAMERA_MATRICES = {"extrinsic_cv": (3, 4), "cam2world_gl": (4, 4), "intrinsic_cv": (3, 3)}
@@ -80,17 +80,9 @@ def agent_spaces(env_id: str, spec: AgentSpec) -> AgentSpaces:
     else:
         cameras = _cameras(env)
         observation = _nested({**entries, **_image_spaces(spec.obs_mode, cameras)})
-    return AgentSpaces(
-        observation=observation, action=_action_space(spec.control_mode), cameras=cameras
-    )
-
-
-def _action_space(control_mode: str) -> spaces.Space:
-    config = control_configs(FETCH)[control_mode]
-    if config.base == "discrete":
-        return spaces.Discrete(len(BASE_CELLS))
-    low, high = action_bounds(FETCH, config.arm, config.base)
-    return spaces.Box(low, high, dtype=np.float32)
+    control = control_configs(FETCH)[spec.control_mode]
+    action = action_space(FETCH, control.arm, control.base)
+    return AgentSpaces(observation=observation, action=action, cameras=cameras)
 
 
 def _state_spaces(env: type[HabEnv], spec: AgentSpec) -> dict[str, dict[str, spaces.Space]]:

@@ -8,12 +8,15 @@ the first dimension; tensors are made where an observation or `info` leaves the 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeAlias
+from dataclasses import fields
+from typing import Any, TypeAlias, TypeVar, cast
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+
+T = TypeVar("T")
 
 Floats: TypeAlias = NDArray[np.floating[Any]]
 """Float32, but for a product of bools and a weight, which is float64."""
@@ -46,6 +49,12 @@ def put_rows(values: Batch, rows: Sequence[int], new: Any) -> Batch:
     changed = values.copy()
     changed[list(rows)] = new
     return changed
+
+
+def of_row(batch: T, row: int) -> T:
+    """Returns one row of a dataclass of batches, as batches of one."""
+    names = [field.name for field in fields(cast(Any, batch))]
+    return type(batch)(**{name: getattr(batch, name)[row : row + 1] for name in names})
 
 
 def to_tensor(x: Batch) -> Tensor:

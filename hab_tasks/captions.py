@@ -10,6 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+LEGEND = "arrows: orange target, green goal, blue handle"
+"""Colours of the markers of a task."""
+
 Frame = NDArray[np.uint8]
 
 FONT_PX = 18

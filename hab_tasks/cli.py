@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from importlib.metadata import entry_points
 
 from hab_tasks.commands.options import Demo, Episodes, List
-from hab_tasks.console import EXIT_BAD_INPUT, Command, run_script, say
+from hab_tasks.io.console import EXIT_BAD_INPUT, Command, run_script, say
 
 PROGRAM = "hab-tasks"
 DESCRIPTION = "Environments, datasets and episodes of hab-tasks."

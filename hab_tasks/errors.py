@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import json
 import math
+import traceback
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Self
@@ -122,10 +123,31 @@ class RunStoppedError(HabError):
 
 
 class WorkerError(HabError):
-    """A worker process was killed, usually for lack of memory."""
+    """A worker process ended, usually killed for lack of memory.
 
-    def __init__(self) -> None:
+    Attributes:
+        pid: Its process id; None if it could not start.
+        how: How it ended.
+    """
+
+    def __init__(self, pid: int | None, exit_code: int | None) -> None:
+        self.pid, self.how = pid, f"ended with exit code {exit_code}"
+        if exit_code is not None and exit_code < 0:
+            self.how = f"was killed by signal {-exit_code}, possibly for lack of memory"
         super().__init__(
-            "A worker process was killed, possibly for lack of memory; nothing was written. Run "
-            "the same command again, with fewer --workers if necessary."
+            f"A worker process {self.how}; nothing was written. Run the same command again, with "
+            "fewer --workers if necessary."
         )
+
+
+def reported(what: str, error: BaseException) -> HabError:
+    """Returns an error as one that can be pickled.
+
+    Args:
+        what: What has failed, for the message of a RunStoppedError.
+        error: A HabError is returned itself, others as a RunStoppedError with the traceback.
+    """
+    if isinstance(error, HabError):
+        return error
+    details = "".join(traceback.format_exception(error))
+    return RunStoppedError(f"{what}: {type(error).__name__}: {error}", details=details)

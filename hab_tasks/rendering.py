@@ -13,7 +13,7 @@ from mani_skill.render.shaders import PREBUILT_SHADER_CONFIGS, ShaderConfig, set
 from hab_tasks.errors import RenderingUnavailableError, UnknownNameError
 
 RAYS = "rays"
-"""Depth on the CPU along each pixel's ray, without a renderer (`hab_tasks.raycast`)."""
+"""Depth on the CPU along each pixel's ray, without a renderer (`hab_tasks.world.raycast`)."""
 
 BACKENDS = ("auto", "none", "cpu", "gpu", RAYS)
 

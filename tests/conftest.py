@@ -79,9 +79,9 @@ def _rare_garbage_collection():
 @pytest.fixture(autouse=True, scope="session")
 def _one_worker_server():
     """One server forks the workers of all tests; it imports the simulator once."""
-    from hab_tasks.processes import start_worker_server
+    from hab_tasks.io.pool import start_server
 
-    start_worker_server("hab_tasks.vector.worker")
+    start_server("hab_tasks.vector.worker")
 
 
 @pytest.fixture
@@ -90,7 +90,7 @@ def persistent_contacts(monkeypatch):
     import dataclasses
 
     from hab_tasks.engine import hab_env
-    from hab_tasks.scenes import physics
+    from hab_tasks.world.scenes import physics
 
     config = physics.sim_config()
     contacts = dataclasses.replace(config.scene_config, enable_pcm=True)
@@ -106,7 +106,7 @@ def persistent_contacts(monkeypatch):
 def run(tmp_path, monkeypatch, capfd):
     """Runs `hab-tasks` in this process, as starting Python costs seconds; with an empty cache."""
     from hab_tasks.cli import main
-    from hab_tasks.scenes.habitat import load
+    from hab_tasks.world.scenes.habitat import load
 
     monkeypatch.setenv("HAB_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setattr(load, "_said", set())

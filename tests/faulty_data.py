@@ -15,8 +15,8 @@ from builders import table_config, tiny_dataset, tiny_scene, write_json, write_s
 from refusals import refused_by_call, refused_by_command
 
 from hab_tasks.cli import main
-from hab_tasks.scenes.habitat.dataset import SceneDataset
-from hab_tasks.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset
+from hab_tasks.world.scenes.habitat.load import load_scene
 
 SCENE_ID = "v3_sc0_staging_00"
 SCENE = f"configs/scenes/{SCENE_ID}.scene_instance.json"

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hab_tasks.scenes.floor import CELL_M
+from hab_tasks.world.scenes.floor import CELL_M
 
 CORNERS = np.array([(0, 0), (0, 1), (1, 0), (1, 1)])
 

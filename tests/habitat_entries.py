@@ -9,8 +9,8 @@ from transforms3d.axangles import axangle2mat
 from transforms3d.quaternions import axangle2quat
 
 from hab_tasks.episodes.schema import EpisodeSet, save_json
-from hab_tasks.scenes.habitat.dataset import resolve_dataset
-from hab_tasks.scenes.objects import load_objects
+from hab_tasks.world.scenes.habitat.dataset import resolve_dataset
+from hab_tasks.world.scenes.objects import load_objects
 
 APARTMENT, OBJECTS = resolve_dataset("apartment"), load_objects(None)
 SCENE = "v3_sc0_staging_00"

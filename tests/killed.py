@@ -8,14 +8,14 @@ from pathlib import Path
 
 FILE = """
     from pathlib import Path
-    from hab_tasks.files import written_aside
+    from hab_tasks.io.files import written_aside
     with written_aside(Path({path!r})) as scratch:
         scratch.write_text("half")
         os.kill(os.getpid(), signal.SIGKILL)
 """
 FOLDER = """
     from pathlib import Path
-    from hab_tasks.files import folder_written_aside
+    from hab_tasks.io.files import folder_written_aside
     with folder_written_aside(Path({path!r})) as scratch:
         (scratch / "half").write_text("half")
         os.kill(os.getpid(), signal.SIGKILL)

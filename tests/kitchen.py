@@ -8,9 +8,9 @@ from builders import cpu_scene
 from hab_tasks.robots.fetch.agent import HabFetch
 from hab_tasks.robots.grasp import SnapGrasp
 from hab_tasks.robots.handle import Handle
-from hab_tasks.scenes.habitat.dataset import resolve_dataset
-from hab_tasks.scenes.habitat.load import load_scene
-from hab_tasks.scenes.pool import BodyPool
+from hab_tasks.world.scenes.habitat.dataset import resolve_dataset
+from hab_tasks.world.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.pool import BodyPool
 
 GRASP, RELEASE = 1.0, -1.0
 

@@ -12,7 +12,7 @@ from hab_tasks.episodes.source import EpisodeSource
 from hab_tasks.geometry import to_matrix
 from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.kinematics import ArmKinematics
-from hab_tasks.scenes.markers import HANDLE_MARKERS
+from hab_tasks.world.scenes.markers import HANDLE_MARKERS
 
 AABB = "receptacle_aabb_"
 SOFA = AABB + "Sofa_frl_apartment_sofa"

@@ -36,7 +36,7 @@ SHIPPED = [p for p in FILES if p.relative_to(ROOT).parts[0] != "tests"]
 
 # Forked processes, and their test: numpy seeds its global state when it is imported, before a fork.
 FORKED = {
-    "hab_tasks/processes.py": "np.random.seed",
+    "hab_tasks/io/worker_server.py": "np.random.seed",
     "tests/worker_jobs.py": "np.random.random",
 }
 

@@ -5,6 +5,7 @@ block runs if the line before it is ``<!-- run -->``; pages that have such block
 Console scripts are called in this process, as loading the simulator for each takes seconds.
 """
 
+import ast
 import importlib
 import re
 import shlex
@@ -119,6 +120,17 @@ def case_of(page):
 def test_the_code_of_a_page_runs(page, working_directory):
     assert list(steps_of(page)), "no code on the page"
     play(page)
+
+
+def test_tutorials_import_public_names():
+    public = {p: importlib.import_module(p).__all__ for p in ("hab_tasks", "hab_eval", "hab_ppo")}
+    codes = [code for page in PAGES for _, kind, _, code in steps_of(page) if kind == "python"]
+    nodes = [node for code in codes for node in ast.walk(ast.parse(code))]
+    names = {a.name for node in nodes if isinstance(node, ast.Import) for a in node.names}
+    assert not [n for n in names if n.startswith("hab_") and n not in public]
+    taken = {(n.module, a.name) for n in nodes if isinstance(n, ast.ImportFrom) for a in n.names}
+    hidden = [f for f in taken if f[0].startswith("hab_") and f[1] not in public.get(f[0], ())]
+    assert not hidden, "export them from the package, or use what it exports"
 
 
 def test_every_tutorial_is_listed():

@@ -10,7 +10,7 @@ from PIL import Image
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from hab_tasks.scenes.habitat.dataset import SceneDataset
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset
 
 
 def sphere(subdivisions: int = 4) -> tuple[Surface, np.ndarray]:

@@ -2,11 +2,11 @@
 
 from hab_ppo import checkpoint
 from hab_ppo.agent import spec_of
-from hab_ppo.config_json import to_json
 from hab_ppo.network import new_policy
 from hab_ppo.observation import ObservationLayout
 
 from hab_tasks.agent_spaces import agent_spaces
+from hab_tasks.typed_values import to_json
 
 
 def write_weights(recipe, path):

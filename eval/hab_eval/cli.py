@@ -13,7 +13,7 @@ from hab_eval.commands.record_options import (
     TableCommand,
     VerifyCommand,
 )
-from hab_tasks.console import Command, run_script
+from hab_tasks.io.console import Command, run_script
 
 DESCRIPTION = "Evaluation, leaderboard, results site and benchmarks of hab-tasks."
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
+from itertools import islice
 from pathlib import Path
 from typing import Any, cast
 
@@ -14,15 +15,16 @@ import gymnasium as gym
 import imageio.v2 as imageio
 import numpy as np
 
-from hab_tasks.captions import with_words
+from hab_tasks.captions import LEGEND, with_words
 from hab_tasks.commands.keyboard import QUIT, Keyboard, keys_of
 from hab_tasks.commands.options import Demo
 from hab_tasks.constants import CONTROL_HZ
+from hab_tasks.engine.env_row import EnvRow
 from hab_tasks.engine.hab_env import HabEnv
-from hab_tasks.engine.marks import LEGEND
+from hab_tasks.engine.rollout import EndRolloutError, Job, Outcome, StepInfo, play_one
 from hab_tasks.episodes.source import UNLIMITED
 from hab_tasks.errors import HabError, RenderingUnavailableError, UnknownNameError
-from hab_tasks.files import check_file, written_aside
+from hab_tasks.io.files import check_file, written_aside
 from hab_tasks.option_values import LARGEST_RESET_SEED, whole
 from hab_tasks.registration import imported_id
 from hab_tasks.rendering import resolve_backend
@@ -53,14 +55,10 @@ def run(options: Demo) -> int:
     with ExitStack() as ends:
         ends.callback(env.close)
         video = None if options.out is None else ends.enter_context(written_aside(options.out))
-        show = _Show(scene, window, video)
+        show = _Show(options.env, scene, window, video)
         ends.callback(show.close)
-        env.reset(seed=options.seed, options={"episode": options.episode})
-        task = scene.instruction[0]
-        print(f"{options.env}, episode {scene.episode[0].id}\n{task}")
-        show.begin(f"{task} ({LEGEND})")
-        result = _play(options, env, scene, show)
-    _tell(result)
+        end = _play(options, env, show)
+    _tell(show.seen, end)
     if options.out is not None:
         print(f"{'video':<9} {options.out}")
     return 0
@@ -81,25 +79,41 @@ def _check(options: Demo) -> None:
         resolve_backend("auto", wants_images=True)
 
 
-def _play(options: Demo, env: gym.Env[Any, Any], scene: HabEnv, show: _Show) -> _Result:
-    """Acts until the episode ends, the actions are used up, or the user quits."""
-    result = _Result()
+def _play(options: Demo, env: gym.Env[Any, Any], show: _Show) -> str:
+    """Acts until the episode ends, the actions are used up, or the user quits; returns which."""
     limit = options.steps or (RANDOM_STEPS if options.agent == "random" else None)
-    actions = _random(env, options.seed) if options.agent == "random" else _typed(scene, show)
+    actions = _random(env, options.seed) if options.agent == "random" else _typed(show)
+
+    def restart(env: gym.Env[Any, Any], job: Job) -> tuple[Any, dict[str, Any]]:
+        return env.reset(seed=options.seed, options={"episode": job.index})
+
+    row = EnvRow(env, [show], restart=restart)
     try:
-        for action in actions:
-            _, reward, terminated, truncated, info = env.step(action)
-            result.add(float(cast(Any, reward)), info)
-            print(_line(result))
-            show.draw(result)
-            if bool(terminated) or bool(truncated):
-                result.end = "the episode is over" if terminated else "time is over"
-                break
-            if result.steps == limit or show.closed:
-                break
+        outcome = play_one(row, _Player(islice(actions, limit), show), Job(options.episode))
     except KeyboardInterrupt:
-        result.end = "interrupted"
-    return result
+        if row.job is None:
+            raise  # there is nothing to tell
+        return "interrupted"
+    if outcome is None:
+        return "stopped"
+    return "the episode is over" if outcome.success or outcome.failure else "time is over"
+
+
+class _Player:
+    """Executes actions until there are no more."""
+
+    def __init__(self, actions: Iterator[Any], show: _Show) -> None:
+        self._actions, self._show = actions, show
+
+    def reset(self, mask: Any, seeds: Any) -> None:
+        """Does nothing: it plays one episode."""
+
+    def act(self, obs: Any) -> Any:
+        """Returns the next action."""
+        action = None if self._show.closed else next(self._actions, None)
+        if action is None:
+            raise EndRolloutError
+        return action
 
 
 def _random(env: gym.Env[Any, Any], seed: int) -> Iterator[Any]:
@@ -108,8 +122,9 @@ def _random(env: gym.Env[Any, Any], seed: int) -> Iterator[Any]:
         yield env.action_space.sample()
 
 
-def _typed(scene: HabEnv, show: _Show) -> Iterator[Any]:
+def _typed(show: _Show) -> Iterator[Any]:
     """Yields the action of each key, repeated while it is held."""
+    scene = show.scene
     keyboard = Keyboard(scene.agent.controller, bool(scene.measures.holding_target))
     print(keyboard.table, flush=True)
     for name, share in keys_of(sys.stdin, show.refresh):
@@ -122,26 +137,18 @@ def _typed(scene: HabEnv, show: _Show) -> Iterator[Any]:
         yield action
 
 
-class _Result:
-    """Result of the episode so far."""
-
-    def __init__(self) -> None:
-        self.steps, self.total, self.last = 0, 0.0, 0.0
-        self.info: dict[str, Any] = {}
-        self.end = "stopped"
-
-    def add(self, reward: float, info: dict[str, Any]) -> None:
-        """Records the result of a step."""
-        self.steps += 1
-        self.total += reward
-        self.last, self.info = reward, info
-
-
 class _Show:
-    """Output to a window, a video, both, or neither."""
+    """Output to the console, and to a window, a video, both, or neither.
 
-    def __init__(self, scene: HabEnv, window: bool, video: Path | None) -> None:
-        self._scene, self._window, self._video = scene, window, video
+    Attributes:
+        scene: The environment.
+        seen: The last step.
+    """
+
+    seen: StepInfo
+
+    def __init__(self, env_id: str, scene: HabEnv, window: bool, video: Path | None) -> None:
+        self._env_id, self.scene, self._window, self._video = env_id, scene, window, video
         self._viewer: Any = None
         self._writer: Any = None
         self._seen_from: Any = None
@@ -152,17 +159,27 @@ class _Show:
         """Whether the user has closed the window."""
         return self._viewer is not None and self._viewer.closed
 
-    def begin(self, task: str) -> None:
-        """Renders the start; `task` is the caption of every frame."""
-        self._task = task
-        self.draw(_Result())
+    def reset(self, job: Job, seen: StepInfo) -> None:
+        """Tells the task, which is also the caption of every frame, and shows the start."""
+        task = self.scene.instruction[0]
+        print(f"{self._env_id}, episode {self.scene.episode[0].id}\n{task}")
+        self._task = f"{task} ({LEGEND})"
+        self._draw(seen)
 
-    def draw(self, result: _Result) -> None:
-        """Renders the current step to window and video."""
+    def step(self, seen: StepInfo) -> None:
+        """Tells and shows a step."""
+        print(_line(seen))
+        self._draw(seen)
+
+    def end(self, outcome: Outcome | None) -> None:
+        """The last frame is there already."""
+
+    def _draw(self, seen: StepInfo) -> None:
+        self.seen = seen
         if self._video is not None:
             self._writer = self._writer or _writer(self._video)
-            frame = np.asarray(self._scene.render_rgb_array()[0].cpu(), dtype=np.uint8)
-            words = [self._task, *_stages(result.info)]
+            frame = np.asarray(self.scene.render_rgb_array()[0].cpu(), dtype=np.uint8)
+            words = [self._task, *_stages(seen.info)]
             self._writer.append_data(with_words(frame, words, CAPTION_LINES))
         if self._window:
             self.refresh()
@@ -173,11 +190,11 @@ class _Show:
         """Renders the window; its camera follows the robot."""
         if not self._window or self.closed:
             return
-        self._viewer = self._scene.render_human()
-        camera = self._scene.scene.human_render_cameras["render_camera"].camera
+        self._viewer = self.scene.render_human()
+        camera = self.scene.scene.human_render_cameras["render_camera"].camera
         position = camera.get_global_pose().sp.p
         if self._seen_from is None or not np.allclose(position, self._seen_from, atol=1e-3):
-            self._scene.render_rgb_array()  # moves the camera to a clear view of the robot
+            self.scene.render_rgb_array()  # moves the camera to a clear view of the robot
             pose = camera.get_global_pose().sp
             self._viewer.set_camera_pose(pose)
             self._seen_from = pose.p
@@ -211,26 +228,26 @@ def _window_works() -> bool:
     return True
 
 
-def _line(result: _Result) -> str:
+def _line(seen: StepInfo) -> str:
     """Returns a step's reward and measures; of the flags, only those that are true."""
     said = []
-    for name, value in result.info["measures"].items():
+    for name, value in seen.info["measures"].items():
         number = value.item()
         if isinstance(number, bool):
             said += [name] if number else []
         else:
             said.append(f"{name} {number:.3f}")
-    return f"{result.steps:>4}  reward {result.last:+.3f}  {'  '.join(said)}"
+    return f"{seen.step:>4}  reward {seen.reward:+.3f}  {'  '.join(said)}"
 
 
-def _tell(result: _Result) -> None:
+def _tell(seen: StepInfo, end: str) -> None:
     """Prints the result of the episode."""
-    info = result.info
+    info = seen.info
     failures = [name for name, failed in info.get("failures", {}).items() if failed.item()]
     rows = {
-        "success": "yes" if info and info["success"].item() else "no",
-        "end": ", ".join([f"{result.end} after {result.steps} actions", *failures]),
-        "return": f"{result.total:.3f}",
+        "success": "yes" if info.get("success") else "no",
+        "end": ", ".join([f"{end} after {seen.step} actions", *failures]),
+        "return": f"{seen.episode_return:.3f}",
     }
     for words in _stages(info):
         rows["stages"] = words.removeprefix("stages: ")
@@ -238,7 +255,7 @@ def _tell(result: _Result) -> None:
         print(f"{name:<9} {words}")
 
 
-def _stages(info: dict[str, Any]) -> list[str]:
+def _stages(info: Mapping[str, Any]) -> list[str]:
     """Returns a line on the stages of a task; empty for a skill."""
     stages = info.get("stages", {})
     reached = [name for name, value in stages.items() if value.item()]

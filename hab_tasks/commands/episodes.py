@@ -10,9 +10,9 @@ from hab_tasks.episodes import EpisodeRequest, open_source
 from hab_tasks.episodes.journal import EpisodeJournal
 from hab_tasks.episodes.source import UNLIMITED
 from hab_tasks.errors import HabError
-from hab_tasks.executors import open_executor
-from hab_tasks.files import check_file
 from hab_tasks.generation_lines import GenerationLines, progress_bar
+from hab_tasks.io.executors import open_executor
+from hab_tasks.io.files import check_file
 from hab_tasks.option_values import LARGEST_SEED, MOST_WORKERS, whole
 from hab_tasks.registration import imported_id
 

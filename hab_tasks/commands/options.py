@@ -9,8 +9,8 @@ from typing import Annotated, ClassVar
 import tyro
 
 from hab_tasks.commands.keyboard import key_table
-from hab_tasks.console import Command
-from hab_tasks.executors import ExecutorChoice
+from hab_tasks.io.console import Command
+from hab_tasks.io.executors import ExecutorChoice
 from hab_tasks.robots.fetch import FETCH
 
 

@@ -10,9 +10,9 @@ from hab_tasks.arrays import Bools, Floats
 from hab_tasks.articulations import ArticulationKind
 from hab_tasks.robots.grasp import SnapGrasp
 from hab_tasks.robots.handle import Handle
-from hab_tasks.scenes.floor import body_points
-from hab_tasks.scenes.shapes import read_body
 from hab_tasks.simulator import sapien_object
+from hab_tasks.world.scenes.floor import body_points
+from hab_tasks.world.scenes.shapes import read_body
 
 
 class Containers:

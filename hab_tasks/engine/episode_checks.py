@@ -14,10 +14,10 @@ from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import Pose7, apply
 from hab_tasks.option_values import LARGEST_SEED
 from hab_tasks.robots.spec import RobotSpec
-from hab_tasks.scenes.meshes import mesh_bounds
-from hab_tasks.scenes.scene_bodies import SceneBodies
-from hab_tasks.scenes.spec import Stage
 from hab_tasks.simulator import sapien_object
+from hab_tasks.world.scenes.meshes import mesh_bounds
+from hab_tasks.world.scenes.scene_bodies import SceneBodies
+from hab_tasks.world.scenes.spec import Stage
 
 FARTHEST_M = 1000.0
 """Largest valid coordinate; beyond it, float32 resolves less than 0.1 mm."""

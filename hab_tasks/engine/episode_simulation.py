@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from mani_skill.envs.scene import ManiSkillScene
 
-from hab_tasks.arrays import Batch, Floats
+from hab_tasks.arrays import Batch, Floats, of_row
 from hab_tasks.constants import CONTROL_HZ, SIM_HZ
 from hab_tasks.engine.containers import Containers
 from hab_tasks.engine.episode_checks import check_entries, check_in_layout
@@ -18,7 +18,7 @@ from hab_tasks.engine.episode_sampler import ActiveLayout, EpisodeSampler
 from hab_tasks.engine.goal_setting import GoalSetting, handles_of
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.ground_truth import GroundTruth
-from hab_tasks.engine.noise import NoiseSource
+from hab_tasks.engine.noise import NoiseSource, SensorNoise
 from hab_tasks.engine.recorded_state import START_ITS_EPISODE
 from hab_tasks.engine.requirements import Requirements
 from hab_tasks.engine.snapshot import ContactForce, Snapshot, SnapshotReader
@@ -27,19 +27,19 @@ from hab_tasks.episodes.schema import Episode
 from hab_tasks.episodes.source import UNLIMITED, EpisodeSource
 from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import Pose7
-from hab_tasks.navigation import LayoutMaps
 from hab_tasks.option_values import flag, whole
 from hab_tasks.privileged import ArticulationState, PrivilegedState
 from hab_tasks.robots.arm_commands import ee_step_m
-from hab_tasks.robots.delay import ActionDelay
+from hab_tasks.robots.delay import ActionDelay, checked_steps
 from hab_tasks.robots.grasp import NOTHING, SnapGrasp
 from hab_tasks.robots.joint_setter import BLOCKED_DEPTH_M
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.robots.sleeping import SleepingObjects
 from hab_tasks.robots.spec import RobotSpec
-from hab_tasks.scenes.lights import LayoutLights
-from hab_tasks.scenes.pool import BodyPool
-from hab_tasks.scenes.scene_bodies import SceneBodies
+from hab_tasks.world.navigation import LayoutMaps
+from hab_tasks.world.scenes.lights import LayoutLights
+from hab_tasks.world.scenes.pool import BodyPool
+from hab_tasks.world.scenes.scene_bodies import SceneBodies
 
 if TYPE_CHECKING:
     from hab_tasks.engine.rows import Rows
@@ -90,10 +90,9 @@ class EpisodeSimulation:
         requirements: Requirements,
         source: EpisodeSource,
         num_episodes: int,
-        *,
-        prefetch: bool = False,
-        delay_steps: int = 0,
-        noise: NoiseSource | None = None,
+        prefetch: bool,
+        delay_steps: int,
+        noise: SensorNoise | Mapping[str, float] | None,
     ) -> None:
         """Runs episodes of `source`; with `prefetch`, preloads all its layouts."""
         self.robot, self.requirements, self.source = robot, requirements, source
@@ -104,7 +103,8 @@ class EpisodeSimulation:
             check_entries(episode, robot, requirements, source.file)
         self.maps = LayoutMaps(source.scene)
         self._sampler = EpisodeSampler(source, num_episodes)
-        self._delay_steps, self.delay, self.noise = delay_steps, None, noise
+        self._delay_steps, self.delay = checked_steps(delay_steps), None
+        self.noise = NoiseSource.of(noise)
         self._shown: ActiveLayout | None = None
         self._loose: dict[str, Pose7] = {}
 
@@ -126,12 +126,12 @@ class EpisodeSimulation:
     @property
     def snapshot(self) -> Snapshot:
         """The latest snapshot, a batch of one."""
-        return self.rows.snapshot.of_row(self.row)
+        return of_row(self.rows.snapshot, self.row)
 
     @property
     def goals(self) -> Goals:
         """The goals of the episode, a batch of one."""
-        return self.rows.goals.of_row(self.row)
+        return of_row(self.rows.goals, self.row)
 
     @property
     def ee_step_m(self) -> float:

@@ -11,9 +11,9 @@ from hab_tasks.errors import EpisodeError
 from hab_tasks.privileged import Array
 from hab_tasks.robots.grasp import SnapGrasp
 from hab_tasks.robots.handle import Handle
-from hab_tasks.scenes.markers import HANDLE_MARKERS
-from hab_tasks.scenes.scene_bodies import SceneBodies
 from hab_tasks.simulator import rigid_body, sapien_object
+from hab_tasks.world.scenes.markers import HANDLE_MARKERS
+from hab_tasks.world.scenes.scene_bodies import SceneBodies
 
 
 class GoalSetting:

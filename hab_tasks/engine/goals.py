@@ -52,10 +52,6 @@ class Goals:
             rest_m=zeros(3),
         )
 
-    def of_row(self, row: int) -> Goals:
-        """Returns the goals of one row, as a batch of one."""
-        return Goals(**{f.name: getattr(self, f.name)[row : row + 1] for f in fields(self)})
-
     def state(self) -> dict[str, Tensor]:
         """Returns copies of all entries by name."""
         return {f.name: to_tensor(getattr(self, f.name)) for f in fields(self)}

@@ -17,10 +17,10 @@ from hab_tasks.privileged import Array, ArticulationState, CollisionBody, Privil
 from hab_tasks.receptacles import CONTAINERS
 from hab_tasks.robots.grasp import NOTHING, SnapGrasp
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
-from hab_tasks.scenes.pool import BodyPool
-from hab_tasks.scenes.scene_bodies import SceneBodies
-from hab_tasks.scenes.shapes import components, matrix, read_body
 from hab_tasks.simulator import sapien_object
+from hab_tasks.world.scenes.pool import BodyPool
+from hab_tasks.world.scenes.scene_bodies import SceneBodies
+from hab_tasks.world.scenes.shapes import components, matrix, read_body
 
 FIXED = ("stage", "static")
 """Groups of bodies that do not move."""
@@ -142,17 +142,6 @@ class GroundTruth:
     def front(self, kind: ArticulationKind) -> Array:
         """Returns x, y [m] and yaw [rad] of the frame facing out of the furniture of a kind."""
         return np.array(frame_of(self._grasp.handles[self._number(kind)]))
-
-    def spawn_frame(self, kind: ArticulationKind) -> Array:
-        """Returns x, y [m] and yaw [rad] of the frame of a kind's spawn regions.
-
-        It is that of the furniture or, of a drawer, that of its link.
-        """
-        handle = self._grasp.handles[self._number(kind)]
-        if not self.articulation(kind).slides:
-            return np.array(frame_of(handle))
-        pose = matrix(sapien_object(handle.link).entity_pose)
-        return np.array((*pose[:2, 3], np.arctan2(pose[1, 0], pose[0, 0])))
 
     def articulation(self, kind: ArticulationKind) -> ArticulationState:
         """Returns the current state of the door or drawer of a kind."""

@@ -17,12 +17,12 @@ from mani_skill.utils.structs.types import SimConfig
 from torch import Tensor
 
 from hab_tasks.agent import TargetFrame
-from hab_tasks.arrays import Floats, shared_tensor, to_tensor
+from hab_tasks.arrays import Floats, of_row, shared_tensor, to_tensor
 from hab_tasks.constants import CAMERA_HFOV_RAD, CAMERA_SIZE_PX
 from hab_tasks.engine.episode_simulation import EpisodeSimulation
 from hab_tasks.engine.inherited_options import check_inherited
 from hab_tasks.engine.measures import Measures
-from hab_tasks.engine.noise import NoiseSource, SensorNoise
+from hab_tasks.engine.noise import SensorNoise
 from hab_tasks.engine.observing_env import ObservingEnv
 from hab_tasks.engine.recorded_state import from_flat, shaped_like, with_columns, words_of
 from hab_tasks.engine.requirements import Requirements
@@ -34,11 +34,10 @@ from hab_tasks.errors import ActionError, EpisodeError, UnknownNameError
 from hab_tasks.option_values import entries, row_numbers, seeds
 from hab_tasks.registration import reference_of
 from hab_tasks.robots.control_modes import nearest_mode
-from hab_tasks.robots.delay import checked_steps
 from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.registry import agent_class, robot_of
 from hab_tasks.robots.spec import RobotSpec
-from hab_tasks.scenes.physics import sim_config
+from hab_tasks.world.scenes.physics import sim_config
 
 
 class HabEnv(ObservingEnv):
@@ -127,30 +126,12 @@ class HabEnv(ObservingEnv):
         kwargs["render_backend"] = self._set_backend(render_backend, kwargs)
         kwargs["control_mode"] = self._known_mode(kwargs.get("control_mode"))
         where: dict[str, Any] = {"scene_dataset": scene_dataset, "objects": objects, "scene": scene}
-        which: dict[str, Any] = {"split": split, "file": episodes, "seed": episode_seed}
-        which |= {"novel": novel, "env_id": self.default_id(), "robot": self.robot.uid}
-        options = prefetch, checked_steps(action_delay_steps), NoiseSource.of(sensor_noise)
-        self._simulation = self._simulate(EpisodeRequest(**where | which), num_episodes, *options)
+        of: Any = {"split": split, "file": episodes, "seed": episode_seed, "novel": novel}
+        request = EpisodeRequest(**where, **of, env_id=self.default_id(), robot=self.robot.uid)
+        options = open_source(request), num_episodes, prefetch, action_delay_steps, sensor_noise
+        self._simulation = EpisodeSimulation(self.robot, self.requirements, *options)
         Rows([self._simulation], self.rules_of)
         super().__init__(**{**kwargs, "robot_uids": self.robot.uid})
-
-    def _simulate(
-        self,
-        request: EpisodeRequest,
-        num_episodes: int,
-        prefetch: bool,
-        delay_steps: int,
-        noise: NoiseSource | None,
-    ) -> EpisodeSimulation:
-        return EpisodeSimulation(
-            self.robot,
-            self.requirements,
-            open_source(request),
-            num_episodes,
-            prefetch=prefetch,
-            delay_steps=delay_steps,
-            noise=noise,
-        )
 
     @classmethod
     def _known_mode(cls, control_mode: str | None) -> str:
@@ -230,7 +211,7 @@ class HabEnv(ObservingEnv):
     @property
     def measures(self) -> Measures:
         """The measures after the latest control step, a batch of one."""
-        return self.rows.measures.of_row(self._simulation.row)
+        return of_row(self.rows.measures, self._simulation.row)
 
     def privileged(self) -> list[Any]:
         """Returns the true state, one (see `hab_tasks.privileged`)."""

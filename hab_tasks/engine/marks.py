@@ -17,8 +17,6 @@ TARGET_COLOR = (0.9, 0.2, 0.0)
 GOAL_COLOR = (0.0, 0.6, 0.05)
 HANDLE_COLOR = (0.0, 0.15, 0.9)
 
-LEGEND = "arrows: orange target, green goal, blue handle"
-
 _TIP_M = {TARGET_COLOR: 0.13, GOAL_COLOR: 0.05, HANDLE_COLOR: 0.04}
 """Height of an arrow's tip above the marked point; the centre of a tall object is 11 cm below its
 top."""

@@ -34,7 +34,7 @@ from hab_tasks.constants import (
 )
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.snapshot import Snapshot
-from hab_tasks.navigation.geodesic import GeodesicDistances
+from hab_tasks.world.navigation.geodesic import GeodesicDistances
 
 REST_STEP_M = REST_SPEED_M_S / CONTROL_HZ
 """Distance moved in one control step below which an object is at rest."""
@@ -91,10 +91,6 @@ class Measures:
     def scalars(self, names: tuple[str, ...]) -> dict[str, Batch]:
         """Returns the named measures, for `info`."""
         return {name: getattr(self, name) for name in names}
-
-    def of_row(self, row: int) -> Measures:
-        """Returns the measures of one row, as a batch of one."""
-        return Measures(**{name: getattr(self, name)[row : row + 1] for name in MEANINGS})
 
 
 MEANINGS: dict[str, tuple[str, str]] = {

@@ -1,4 +1,4 @@
-"""Depth sensors of an environment without a renderer; see `hab_tasks.raycast`."""
+"""Depth sensors of an environment without a renderer; see `hab_tasks.world.raycast`."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from torch import Tensor
 
 from hab_tasks.engine.episode_simulation import EpisodeSimulation
 from hab_tasks.engine.noise import Images
-from hab_tasks.raycast.scene import Pinhole, RayBody, RayImage, RayScene, cv_from_world
 from hab_tasks.robots.cameras import CameraRig, hidden_links
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
-from hab_tasks.scenes.visuals import (
+from hab_tasks.simulator import sapien_object
+from hab_tasks.world.raycast.scene import Pinhole, RayBody, RayImage, RayScene, cv_from_world
+from hab_tasks.world.scenes.visuals import (
     furniture_visuals,
     stage_visuals,
     template_visuals,
     urdf_visuals,
 )
-from hab_tasks.simulator import sapien_object
 
 _GL_FROM_CV = np.diag([1.0, -1.0, -1.0, 1.0])
 """OpenGL's camera frame: x right, y up, z backwards."""

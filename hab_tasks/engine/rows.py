@@ -19,8 +19,8 @@ from hab_tasks.engine.rules import Evaluation, Rules
 from hab_tasks.engine.sensors import ARM_QPOS, ObsEntry
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.episodes.schema import Episode
-from hab_tasks.navigation import GeodesicDistances
 from hab_tasks.robots.grasp import NOTHING
+from hab_tasks.world.navigation import GeodesicDistances
 
 
 class Rows:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -84,10 +84,6 @@ class Snapshot:
             joints=fixed[:, ends[1] :],
             **others,
         )
-
-    def of_row(self, row: int) -> Snapshot:
-        """Returns the snapshot of one row, as a batch of one."""
-        return Snapshot(**{f.name: getattr(self, f.name)[row : row + 1] for f in fields(self)})
 
 
 _FIXED = 27

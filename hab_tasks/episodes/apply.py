@@ -11,8 +11,8 @@ from mani_skill.utils.structs import Actor
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.geometry import Pose7
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
-from hab_tasks.scenes.scene_bodies import SceneBodies
 from hab_tasks.simulator import rigid_body
+from hab_tasks.world.scenes.scene_bodies import SceneBodies
 
 
 def apply_episode(

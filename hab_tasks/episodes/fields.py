@@ -9,11 +9,18 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from hab_tasks.errors import EpisodeError, UnknownNameError
 from hab_tasks.geometry import Pose7
-from hab_tasks.typed_values import number, sequence
+
+
+def _can_turn(pose: Pose7) -> str:
+    size = math.hypot(*pose[3:])
+    return "" if 0 < size < math.inf else "a pose whose quaternion is neither zero nor too large"
+
+
+Pose = Annotated[Pose7, _can_turn]
 
 LARGEST_BYTES = 256 * 2**20
 """Maximum uncompressed size of an episode file: some hundred thousand episodes."""
@@ -52,13 +59,3 @@ def naming(where: str, name: str) -> Iterator[None]:
         raise EpisodeError(f"{where}, field {name}: {error}") from error
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         raise EpisodeError(f"{where}, field {name}: malformed ({error}).") from error
-
-
-def read_pose(value: Any) -> Pose7:
-    """Returns a pose from its JSON form. Raises TypeError or ValueError for anything else."""
-    numbers = tuple(number(x) for x in sequence(value))
-    if len(numbers) != 7:
-        raise ValueError(f"a pose needs 7 numbers, found {len(numbers)}")
-    if not 0 < math.hypot(*numbers[3:]) < math.inf:
-        raise ValueError("a pose whose quaternion is zero or too large")
-    return numbers  # type: ignore[return-value]

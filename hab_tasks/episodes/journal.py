@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
-from hab_tasks.episodes.fields import naming
 from hab_tasks.episodes.generators.base import Made
 from hab_tasks.episodes.made_files import Scenes, made_from_json, made_to_json
 from hab_tasks.episodes.schema import SCHEMA
 from hab_tasks.errors import EpisodeError, FileError
-from hab_tasks.files import check_file
-from hab_tasks.typed_values import integer, mapping
+from hab_tasks.io.files import check_file
+from hab_tasks.typed_values import parse_json, read_value
 
 Configuration = dict[str, str | int | None]
 
@@ -91,8 +91,8 @@ class EpisodeJournal:
         return whole.split(b"\n") if whole else []
 
     def _read(self, lines: list[bytes]) -> None:
-        with naming(str(self.file), "line 1"):
-            before = mapping(json.loads(lines[0]))
+        first = self._parsed(lines[0], "line 1")
+        before = read_value(dict[str, Any], first, f"{self.file}: line 1", EpisodeError)
         now = self._configuration
         different = [
             f"{name}: {before.get(name)!r} before, {now.get(name)!r} now"
@@ -102,10 +102,12 @@ class EpisodeJournal:
         if different:
             raise EpisodeError(f"{self.file} belongs to another run: {'; '.join(different)}.")
         for number, line in enumerate(lines[1:], start=2):
-            self._read_entry(line, f"{self.file}: line {number}")
+            raw, where = self._parsed(line, f"line {number}"), f"{self.file}: line {number}"
+            index, made = made_from_json(raw, self._scenes, where)
+            self.entries[index] = made
 
-    def _read_entry(self, line: bytes, where: str) -> None:
-        with naming(where, "index"):
-            raw = mapping(json.loads(line))
-            index = integer(raw["index"])
-        self.entries[index] = made_from_json(raw, self._scenes, where)
+    def _parsed(self, line: bytes, where: str) -> Any:
+        try:
+            return parse_json(line)
+        except ValueError as error:
+            raise EpisodeError(f"{self.file}: {where} is not JSON ({error}).") from error

@@ -10,7 +10,7 @@ from collections.abc import Callable, Hashable, Iterable, Sequence
 from typing import Any, TypeVar
 
 from hab_tasks.privileged import Array, CollisionBody
-from hab_tasks.scenes.floor import BodyOutline, FreeFloor, body_outline, floor_of
+from hab_tasks.world.scenes.floor import BodyOutline, FreeFloor, body_outline, floor_of
 
 T = TypeVar("T")
 

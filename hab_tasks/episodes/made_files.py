@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from hab_tasks.cache import DAMAGED
-from hab_tasks.episodes.fields import naming, read_pose
+from hab_tasks.episodes.fields import Pose
 from hab_tasks.episodes.generators.base import Made
-from hab_tasks.episodes.schema import read_episode
-from hab_tasks.errors import FileError
-from hab_tasks.files import written_aside
+from hab_tasks.episodes.schema import Episode, with_loose
+from hab_tasks.errors import EpisodeError, FileError
 from hab_tasks.geometry import Pose7
-from hab_tasks.typed_values import integer, mapping
+from hab_tasks.io.cache import DAMAGED
+from hab_tasks.io.files import written_aside
+from hab_tasks.typed_values import read_value
 
 Scenes = dict[str, dict[str, Pose7]]
 """Layout -> poses of its loose objects."""
@@ -32,19 +32,27 @@ def made_to_json(made: Made, known: Scenes) -> dict[str, Any]:
     return raw
 
 
-def made_from_json(raw: dict[str, Any], known: Scenes, where: str) -> Made:
-    """Reads the result of `made_to_json`; adds loose objects to `known`.
+@dataclass(frozen=True, kw_only=True)
+class _Entry:
+    """What `made_to_json` returns, with the index that a journal adds."""
+
+    episode: Episode
+    rejections: dict[str, int]
+    loose: dict[str, Pose] | None = None
+    index: int = 0
+
+
+def made_from_json(raw: Any, known: Scenes, where: str) -> tuple[int, Made]:
+    """Returns index and episode of the result of `made_to_json`; adds loose objects to `known`.
 
     Raises:
         EpisodeError: A field is missing or malformed.
     """
-    with naming(where, "rejections, loose"):
-        entry = mapping(raw["episode"])
-        rejections = {name: integer(n) for name, n in mapping(raw["rejections"]).items()}
-        if "loose" in raw:
-            poses = mapping(raw["loose"]).items()
-            known[entry["scene_id"]] = {name: read_pose(pose) for name, pose in poses}
-    return Made(episode=read_episode(entry, known, where), rejections=Counter(rejections))
+    entry = read_value(_Entry, raw, where, EpisodeError)
+    if entry.loose is not None:
+        known[entry.episode.scene_id] = entry.loose
+    episode = with_loose(entry.episode, known, where)
+    return entry.index, Made(episode=episode, rejections=Counter(entry.rejections))
 
 
 class SharedEpisodes:
@@ -58,7 +66,7 @@ class SharedEpisodes:
         """Returns an episode that another process has generated, None without one."""
         file = self._file(index)
         try:
-            return made_from_json(json.loads(file.read_bytes()), {}, str(file))
+            return made_from_json(json.loads(file.read_bytes()), {}, str(file))[1]
         except DAMAGED:  # absent, as a rule
             return None
 

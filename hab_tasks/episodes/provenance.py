@@ -6,15 +6,26 @@ import logging
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated
 
 from hab_tasks.errors import EpisodeError
-from hab_tasks.scenes.habitat.dataset import SceneDataset, embedded_dataset
-from hab_tasks.scenes.spec import ObjectTemplate
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset, embedded_dataset
+from hab_tasks.world.scenes.spec import ObjectTemplate
 
 EMBEDDED, YCB = "embedded", "ycb"
 
 logger = logging.getLogger(__name__)
+
+
+def _is_digest(value: str) -> str:
+    return "" if len(value) == 8 else "8 hexadecimal digits"
+
+
+def _is_kind(value: str) -> str:
+    return "" if value in (EMBEDDED, YCB) else f"{EMBEDDED} or {YCB}"
+
+
+Digest = Annotated[str, _is_digest]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,9 +39,9 @@ class MadeFrom:
         generator: Version of the generator; None for episodes from other sources.
     """
 
-    dataset: str
-    objects: str
-    masses: str
+    dataset: Digest
+    objects: Annotated[str, _is_kind]
+    masses: Digest
     generator: int | None
 
 
@@ -53,19 +64,6 @@ def made_from(
         masses=f"{stable_hash(*masses):08x}",
         generator=generator,
     )
-
-
-def read_made_from(raw: Any) -> MadeFrom:
-    """Reads the provenance in a file. Raises TypeError or ValueError if it is malformed."""
-    found = MadeFrom(**raw)
-    digests = (found.dataset, found.masses)
-    if not all(isinstance(digest, str) and len(digest) == 8 for digest in digests):
-        raise ValueError("dataset and masses need 8 hexadecimal digits")
-    if found.objects not in (EMBEDDED, YCB):
-        raise ValueError(f"objects {found.objects!r} instead of {EMBEDDED} or {YCB}")
-    if found.generator is not None and not isinstance(found.generator, int):
-        raise ValueError(f"generator {found.generator!r} is no version")
-    return found
 
 
 def check_made_from(

@@ -24,14 +24,14 @@ from hab_tasks.privileged import CollisionBody
 from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.robots.spec import RobotSpec
-from hab_tasks.scenes.floor import FreeFloor, body_points
-from hab_tasks.scenes.physics import bare_scene, renew_physics
-from hab_tasks.scenes.pool import BodyPool
-from hab_tasks.scenes.rays import bounding_ball, distance_along
-from hab_tasks.scenes.scene_bodies import SceneBodies
-from hab_tasks.scenes.shapes import components, matrix
-from hab_tasks.scenes.spec import ObjectTemplate, SceneSpec
 from hab_tasks.simulator import sapien_object
+from hab_tasks.world.scenes.floor import FreeFloor, body_points
+from hab_tasks.world.scenes.physics import bare_scene, renew_physics
+from hab_tasks.world.scenes.pool import BodyPool
+from hab_tasks.world.scenes.rays import bounding_ball, distance_along
+from hab_tasks.world.scenes.scene_bodies import SceneBodies
+from hab_tasks.world.scenes.shapes import components, matrix
+from hab_tasks.world.scenes.spec import ObjectTemplate, SceneSpec
 
 LOOSE_SETTLE_S = 5.0
 

@@ -10,16 +10,17 @@ from __future__ import annotations
 import gzip
 import json
 from collections import Counter
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from hab_tasks.episodes.fields import load_json, naming, read_pose
-from hab_tasks.episodes.provenance import MadeFrom, read_made_from
+from hab_tasks.episodes.fields import Pose, load_json
+from hab_tasks.episodes.provenance import MadeFrom
 from hab_tasks.errors import EpisodeError
-from hab_tasks.files import written_aside
 from hab_tasks.geometry import Pose7
-from hab_tasks.typed_values import integer, mapping, number, sequence, text
+from hab_tasks.io.files import written_aside
+from hab_tasks.typed_values import read_value
 
 SCHEMA = 3
 POSE_DIGITS = 6
@@ -56,7 +57,7 @@ class Rearrangement:
     object: str
     start: ReceptacleRef | None = None
     goal: ReceptacleRef | None = None
-    world_from_goal: Pose7 | None = None
+    world_from_goal: Pose | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,13 +101,13 @@ class Episode:
     scene_id: str
     seed: int
     robot: RobotStart
-    objects: dict[str, Pose7]
+    objects: dict[str, Pose]
     targets: tuple[Rearrangement, ...] = ()
     held: str | None = None
     handle: HandleRef | None = None
     navigation: NavigationGoal | None = None
     joints: dict[str, dict[str, float]] = field(default_factory=dict)
-    loose: dict[str, Pose7] = field(default_factory=dict)
+    loose: dict[str, Pose] = field(default_factory=dict)
     habitat: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -174,126 +175,43 @@ def read_episodes(file: Path) -> EpisodeSet:
         EpisodeError: Absent, damaged, of another schema version, or with an invalid field.
     """
     raw = load_json(file)
-    version = raw.get("schema") if isinstance(raw, dict) else None
+    version = raw.pop("schema", None) if isinstance(raw, dict) else None
     if version != SCHEMA:
         raise EpisodeError(
             f"{file}: episode schema {version!r}; this version reads {SCHEMA}. "
             "Generate it again with `hab-tasks episodes`."
         )
-    where = str(file)
-    with naming(where, "scenes"):
-        scenes = {
-            scene: {name: read_pose(pose) for name, pose in mapping(poses).items()}
-            for scene, poses in mapping(raw["scenes"]).items()
-        }
-    with naming(where, "episodes"):
-        entries = list(enumerate(sequence(raw["episodes"])))
-    with naming(where, "made_from"):
-        origin = read_made_from(raw["made_from"])
-    twice = [name for name, count in Counter(_id(e, i) for i, e in entries).items() if count > 1]
+    scenes = read_value(
+        dict[str, dict[str, Pose]], raw.pop("scenes", None), f"{file}: scenes", EpisodeError
+    )
+    found = read_value(EpisodeSet, raw, str(file), EpisodeError)
+    counts = Counter(episode.id for episode in found.episodes)
+    twice = [name for name, count in counts.items() if count > 1]
     if twice:
         raise EpisodeError(f"{file}: episode {twice[0]!r} appears twice.")
-    with naming(where, "env, scene_dataset, split, seed, rejections"):
-        return EpisodeSet(
-            env=text(raw["env"]),
-            scene_dataset=text(raw["scene_dataset"]),
-            split=text(raw["split"]),
-            seed=integer(raw["seed"]),
-            made_from=origin,
-            episodes=tuple(
-                read_episode(entry, scenes, f"{where}: episode {_id(entry, index)!r}")
-                for index, entry in entries
-            ),
-            rejections={k: integer(v) for k, v in mapping(raw.get("rejections", {})).items()},
-            habitat=mapping(raw.get("habitat", {})),
-        )
+    whole = tuple(with_loose(e, scenes, f"{file}: episode {e.id!r}") for e in found.episodes)
+    return replace(found, episodes=whole)
 
 
-def read_episode(entry: Any, scenes: dict[str, dict[str, Pose7]], where: str) -> Episode:
-    """Returns one entry of an episode file.
+def with_loose(episode: Episode, scenes: Mapping[str, dict[str, Pose7]], where: str) -> Episode:
+    """Returns an episode that was read from JSON with the loose objects of its layout.
 
     Args:
-        entry: The entry.
+        episode: The episode.
         scenes: Scene id -> the loose objects of all its episodes.
         where: File and episode, for messages.
 
     Raises:
-        EpisodeError: A field is missing or malformed.
+        EpisodeError: The layout is not among the scenes, an object not among the episode's, or
+            the arm has another number of joints.
     """
-    with naming(where, "scene_id"):
-        scene_id = text(mapping(entry)["scene_id"])
-        loose = scenes[scene_id]
-    with naming(where, "robot"):
-        robot = _robot(entry["robot"])
-    with naming(where, "objects"):
-        objects = {k: read_pose(v) for k, v in mapping(entry["objects"]).items()}
-    with naming(where, "targets"):
-        targets = tuple(_rearrangement(target, objects) for target in sequence(entry["targets"]))
-    with naming(where, "held"):
-        held = None if entry.get("held") is None else _among(entry["held"], objects)
-    with naming(where, "handle"):
-        handle = entry.get("handle")
-        if handle is not None:
-            handle = HandleRef(**{k: text(v) for k, v in mapping(handle).items()})
-    with naming(where, "navigation"):
-        goal = entry.get("navigation")
-        if goal is not None:
-            goal = NavigationGoal(skill=text(mapping(goal)["skill"]), base=_base(goal["base"]))
-    with naming(where, "joints"):
-        joints = {
-            furniture: {joint: number(q) for joint, q in mapping(positions).items()}
-            for furniture, positions in mapping(entry["joints"]).items()
-        }
-    with naming(where, "id, seed, habitat"):
-        return Episode(
-            id=text(entry["id"]),
-            scene_id=scene_id,
-            seed=integer(entry["seed"]),
-            robot=robot,
-            objects=objects,
-            targets=targets,
-            held=held,
-            handle=handle,
-            navigation=goal,
-            joints=joints,
-            loose=loose,
-            habitat=mapping(entry.get("habitat", {})),
-        )
-
-
-def _id(entry: Any, index: int) -> Any:
-    named = entry.get("id") if isinstance(entry, dict) else None
-    return named if isinstance(named, str) else index
-
-
-def _among(name: Any, objects: dict[str, Pose7]) -> str:
-    if text(name) not in objects:
-        raise ValueError(f"{name!r} is not among the objects")
-    return name
-
-
-def _robot(entry: dict[str, Any]) -> RobotStart:
-    arm = tuple(number(x) for x in sequence(entry["arm_qpos_rad"]))
-    if len(arm) != ARM_JOINT_COUNT:
-        raise ValueError(f"arm_qpos_rad with {len(arm)} joints, expected {ARM_JOINT_COUNT}")
-    return RobotStart(base=_base(entry["base"]), arm_qpos_rad=arm)
-
-
-def _rearrangement(entry: dict[str, Any], objects: dict[str, Pose7]) -> Rearrangement:
-    start, goal, pose = entry.get("start"), entry.get("goal"), entry.get("world_from_goal")
-    return Rearrangement(
-        object=_among(entry["object"], objects),
-        start=None if start is None else _receptacle(start),
-        goal=None if goal is None else _receptacle(goal),
-        world_from_goal=None if pose is None else read_pose(pose),
-    )
-
-
-def _receptacle(values: Any) -> ReceptacleRef:
-    name, body = sequence(values)
-    return text(name), text(body)
-
-
-def _base(values: Any) -> Base:
-    x, y, yaw = (number(value) for value in sequence(values))
-    return x, y, yaw
+    if episode.scene_id not in scenes:
+        raise EpisodeError(f"{where}: scene_id {episode.scene_id!r} is not among the scenes.")
+    held = () if episode.held is None else (episode.held,)
+    for name in (*(target.object for target in episode.targets), *held):
+        if name not in episode.objects:
+            raise EpisodeError(f"{where}: {name!r} is not among the objects.")
+    if (count := len(episode.robot.arm_qpos_rad)) != ARM_JOINT_COUNT:
+        joints = f"arm_qpos_rad with {count} joints, expected {ARM_JOINT_COUNT}"
+        raise EpisodeError(f"{where}: robot: {joints}.")
+    return replace(episode, loose=scenes[episode.scene_id])

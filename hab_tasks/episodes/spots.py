@@ -15,7 +15,7 @@ from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import ReceptacleRef
 from hab_tasks.geometry import Array, to_matrix
 from hab_tasks.receptacles import CHAIR, FRIDGE, SINK
-from hab_tasks.scenes.spec import Receptacle
+from hab_tasks.world.scenes.spec import Receptacle
 
 MOST_OBJECTS = {CHAIR: 2, SINK: 2}
 """Maximum number of objects per receptacle (Habitat's generator)."""

@@ -33,7 +33,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from gymnasium import spaces
 from mani_skill.agents.controllers.base_controller import BaseController, ControllerConfig
 from numpy.typing import NDArray
 from torch import Tensor
@@ -48,9 +47,9 @@ from hab_tasks.robots.control_modes import (
     STOP_SHARE,
     ArmMode,
     BaseMode,
-    Cells,
     action_bounds,
     action_size,
+    action_space,
     arm_size,
     within_a_turn,
 )
@@ -86,9 +85,7 @@ class HabController(BaseController):
     def _initialize_action_space(self) -> None:
         robot = self.config.robot
         self._low, self._high = action_bounds(robot, self.config.arm, self.config.base)
-        self.single_action_space = spaces.Box(self._low, self._high, dtype=np.float32)
-        if self.config.base == "discrete":
-            self.single_action_space = Cells(len(BASE_CELLS))
+        self.single_action_space = action_space(robot, self.config.arm, self.config.base)
         self._kinematics = ArmKinematics(robot)
         self.arm_target_rad: Floats = np.zeros(len(robot.arm_joints), dtype=np.float32)
         self.base_target: Floats = np.zeros(3, dtype=np.float32)

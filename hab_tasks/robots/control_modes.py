@@ -79,6 +79,14 @@ def action_bounds(robot: RobotSpec, arm: ArmMode, base: BaseMode) -> tuple[Bound
     return low, high
 
 
+def action_space(robot: RobotSpec, arm: ArmMode, base: BaseMode) -> spaces.Space[Any]:
+    """Returns the space of the actions: of cells in a discrete mode, else of their entries."""
+    if base == "discrete":
+        return Cells(len(BASE_CELLS))
+    low, high = action_bounds(robot, arm, base)
+    return spaces.Box(low, high, dtype=np.float32)
+
+
 def nearest_mode(name: object, modes: Sequence[str]) -> str | None:
     """Returns the mode that does most nearly what a control mode of ManiSkill does.
 

@@ -25,8 +25,8 @@ from hab_tasks.robots.handle_tie import HANDLE_SPRING
 from hab_tasks.robots.line_of_sight import LineOfSight
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.robots.tie import Tie
-from hab_tasks.scenes.collision_groups import HELD, MOVING, set_groups
 from hab_tasks.simulator import rigid_body, sapien_object
+from hab_tasks.world.scenes.collision_groups import HELD, MOVING, set_groups
 
 HOLD_TOLERANCE_M = 0.09
 """Displacement at which a held object is lost (Habitat's hold threshold)."""

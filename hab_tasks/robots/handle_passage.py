@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from hab_tasks.constants import GRASP_RADIUS_M
-from hab_tasks.scenes.collision_groups import FRONT, HELD_FRONT, set_groups
+from hab_tasks.world.scenes.collision_groups import FRONT, HELD_FRONT, set_groups
 
 
 class HandlePassage:

@@ -15,8 +15,8 @@ from sapien.physx import PhysxRigidDynamicComponent
 
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.robots.moving_links import MovingLinks
-from hab_tasks.scenes.collision_groups import FROZEN, MOVING, set_groups
 from hab_tasks.simulator import rigid_body, sapien_object
+from hab_tasks.world.scenes.collision_groups import FROZEN, MOVING, set_groups
 
 WAKE_DISTANCE_M = 0.1
 """Distance to a moving body at which a body is woken; the arm moves up to 10 cm per action."""

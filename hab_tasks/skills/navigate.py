@@ -22,9 +22,9 @@ from hab_tasks.episodes.rejection import RejectedSampleError
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import Episode, NavigationGoal, template_of
 from hab_tasks.instructions import navigation_instruction
-from hab_tasks.navigation import LayoutMaps
 from hab_tasks.registration import SKILLS
-from hab_tasks.scenes.spec import SceneSpec
+from hab_tasks.world.navigation import LayoutMaps
+from hab_tasks.world.scenes.spec import SceneSpec
 
 NAVIGATE_ID = "HabNavigate-v1"
 

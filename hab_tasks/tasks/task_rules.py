@@ -15,10 +15,10 @@ from hab_tasks.engine.measures import Measures
 from hab_tasks.engine.rows import Rows
 from hab_tasks.engine.rules import Rules, StepResult
 from hab_tasks.engine.snapshot import Snapshot
-from hab_tasks.navigation import poses_reaching
 from hab_tasks.skills.navigate import NAVIGATE
 from hab_tasks.tasks.base import Task
 from hab_tasks.tasks.progress import Progress
+from hab_tasks.world.navigation import poses_reaching
 
 _EVENTS = ("force", "left_region", "wrong_object", "dropped_object")
 """Failures of the skills; they do not end a task."""

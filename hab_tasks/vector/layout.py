@@ -11,7 +11,7 @@ from gymnasium import spaces
 from torch import Tensor
 
 from hab_tasks.errors import OptionError, UnknownNameError
-from hab_tasks.vector.shared_arrays import ArraySpec
+from hab_tasks.io.shared_arrays import ArraySpec
 
 Path = tuple[str, ...]
 """Keys that lead to an entry of a nested dict; () for the value itself."""

@@ -1,23 +1,20 @@
 """Messages between a vector environment and its workers.
 
-Steps are two bytes each way; observations, actions and results are in shared memory. Everything
-else (start, resets, calls) is pickled, between processes of one program only.
+A step is the number of its group, each way; observations, actions and results are in shared memory.
+Any other answer is None, or the values of `CallRows`.
 """
 
 from __future__ import annotations
 
 import pathlib
-import pickle
 from dataclasses import dataclass
 from typing import Any
 
 from gymnasium.vector import AutoresetMode
 
+from hab_tasks.io.shared_arrays import ArraySpec
 from hab_tasks.task_spec import TaskSpec
 from hab_tasks.vector.layout import Path
-from hab_tasks.vector.shared_arrays import ArraySpec
-
-STEP, OTHER = b"s", b"o"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,33 +83,3 @@ class CallRows:
     name: str
     arguments: tuple[Any, ...] = ()
     named: dict[str, Any]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Answer:
-    """Result of a message other than a step.
-
-    Attributes:
-        value: The result.
-        error: The error instead, if it is due to the caller's input.
-        crash: Description of any other error, after which the worker ends.
-    """
-
-    value: Any = None
-    error: Exception | None = None
-    crash: str | None = None
-
-
-def packed(message: Any) -> bytes:
-    """Returns the bytes of a message other than a step."""
-    return OTHER + pickle.dumps(message)
-
-
-def unpacked(data: bytes) -> Any:
-    """Returns the message of these bytes."""
-    return pickle.loads(data[1:])
-
-
-def step_message(group: int) -> bytes:
-    """Returns the request for, or the end of, a step of a group."""
-    return STEP + bytes([group])

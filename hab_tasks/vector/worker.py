@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import traceback
 from collections.abc import Sequence
-from multiprocessing import reduction
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -17,44 +15,26 @@ from hab_tasks.engine.hab_env import HabEnv
 from hab_tasks.engine.rows import Rows
 from hab_tasks.episodes.source import shared_sources
 from hab_tasks.errors import HabError
-from hab_tasks.processes import begin_worker
+from hab_tasks.io.pool import received_file
+from hab_tasks.io.shared_arrays import SharedArrays
 from hab_tasks.registration import MAIN, register_task
 from hab_tasks.vector.layout import ACTION, RowLayout, info_types
 from hab_tasks.vector.messages import (
-    STEP,
-    Answer,
     CallRows,
     Connect,
     ResetRows,
     WorkerSetup,
-    packed,
-    step_message,
-    unpacked,
 )
 from hab_tasks.vector.outputs import GroupOutputs
-from hab_tasks.vector.shared_arrays import SharedArrays
 
 
 def run_worker(connection: Connection, setup: WorkerSetup) -> None:
     """Builds the rows, and answers messages until the connection is closed."""
-    begin_worker()
-    try:
-        _serve(connection, setup)
-    except (EOFError, OSError):
-        return  # the parent has closed the connection, or ended
-    except HabError as error:
-        connection.send_bytes(packed(Answer(error=error)))
-    except Exception as error:
-        text = f"{type(error).__name__}: {error}\n{traceback.format_exc()}"
-        connection.send_bytes(packed(Answer(crash=text)))
-
-
-def _serve(connection: Connection, setup: WorkerSetup) -> None:
     envs = make_rows(setup)
     layout = layout_of(envs[0])
-    connection.send_bytes(packed(Answer(value=layout)))
-    connect: Connect = unpacked(connection.recv_bytes())
-    shared = SharedArrays(connect.specs, reduction.recv_handle(connection))
+    connection.send(layout)
+    connect: Connect = connection.recv()
+    shared = SharedArrays(connect.specs, received_file(connection))
     groups, first = [], 0
     for size, start in zip(setup.group_sizes, connect.starts, strict=True):
         arrays = {name: array[start : start + size] for name, array in shared.arrays.items()}
@@ -62,7 +42,7 @@ def _serve(connection: Connection, setup: WorkerSetup) -> None:
         outputs = GroupOutputs(mine, layout, arrays, connect.info, setup.max_steps)
         groups.append(StepGroup(mine, outputs, arrays[ACTION], start, setup))
         first += size
-    connection.send_bytes(packed(Answer()))
+    connection.send(None)
     _answer(connection, groups)
 
 
@@ -106,18 +86,15 @@ def layout_of(env: HabEnv) -> RowLayout:
 def _answer(connection: Connection, groups: list[StepGroup]) -> None:
     """Answers messages until the connection is closed."""
     while True:
-        data = connection.recv_bytes()
-        if data[:1] == STEP:
-            groups[data[1]].step()
-            connection.send_bytes(step_message(data[1]))
+        message = connection.recv()
+        if isinstance(message, int):
+            groups[message].step()
+            connection.send(message)
             continue
-        message = unpacked(data)
         try:
-            value = _value_of(message, groups)
+            connection.send(_value_of(message, groups))
         except HabError as error:
-            connection.send_bytes(packed(Answer(error=error)))
-        else:
-            connection.send_bytes(packed(Answer(value=value)))
+            connection.send(error)
 
 
 def _value_of(message: ResetRows | CallRows, groups: list[StepGroup]) -> Any:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from apartment_solids import ROOT, collision_of, load, object_config, part, pieces
 
-from hab_tasks.scenes.habitat.load import load_template
+from hab_tasks.world.scenes.habitat.load import load_template
 
 CONFIGS = sorted((ROOT / "configs/objects").glob("*.object_config.json"))
 TEMPLATES = [p for p in CONFIGS if not p.name[:3].isdigit()]

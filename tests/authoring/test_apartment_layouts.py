@@ -10,8 +10,8 @@ from hab_authoring.layouts.checks import check_layout
 from hab_authoring.layouts.vary import LayoutVarier
 
 from hab_tasks.episodes.sandbox import PlacementSandbox
-from hab_tasks.scenes.habitat.dataset import SPLIT_MACROS, resolve_dataset
-from hab_tasks.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.habitat.dataset import SPLIT_MACROS, resolve_dataset
+from hab_tasks.world.scenes.habitat.load import load_scene
 
 DATASET = resolve_dataset("apartment")
 MACROS = [f"v3_sc{k}_staging_00" for k in range(5)]

@@ -12,8 +12,8 @@ from refusals import refused_by_command
 
 from hab_tasks.cli import main
 from hab_tasks.object_names import ALL_OBJECTS
-from hab_tasks.scenes.habitat import dataset as dataset_module
-from hab_tasks.scenes.habitat.dataset import SceneDataset
+from hab_tasks.world.scenes.habitat import dataset as dataset_module
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset
 
 
 @pytest.fixture

@@ -25,8 +25,8 @@ from hab_tasks.episodes.schema import (
     write_episodes,
 )
 from hab_tasks.errors import RenderingUnavailableError
-from hab_tasks.scenes.habitat.dataset import SceneDataset
-from hab_tasks.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset
+from hab_tasks.world.scenes.habitat.load import load_scene
 
 MACRO = "v3_sc0_staging_00"
 PREFIX = "receptacle_aabb_"

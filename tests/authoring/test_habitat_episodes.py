@@ -30,11 +30,11 @@ from refusals import check_each, refused_by_call
 from hab_tasks.episodes.schema import Episode, Rearrangement, RobotStart
 from hab_tasks.geometry import IDENTITY, pose, to_matrix
 from hab_tasks.robots.fetch import FETCH
-from hab_tasks.scenes.habitat.dataset import resolve_dataset
-from hab_tasks.scenes.habitat.load import load_scene
-from hab_tasks.scenes.meshes import mesh_bounds
-from hab_tasks.scenes.objects import load_objects
-from hab_tasks.scenes.spec import Receptacle
+from hab_tasks.world.scenes.habitat.dataset import resolve_dataset
+from hab_tasks.world.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.meshes import mesh_bounds
+from hab_tasks.world.scenes.objects import load_objects
+from hab_tasks.world.scenes.spec import Receptacle
 
 IN_DRAWER = (DRAWER, "kitchen_counter_:0000/drawer3")
 
@@ -202,7 +202,7 @@ BAD = {
     "name": (["name_to_receptacle", "024_bowl_:0001"], DRAWER[:-1], f"Did you mean '{DRAWER}'"),
     "start": (["start_position"], [0, 0], "malformed"),
     "turn": (["start_rotation"], [0, 0, 0, 0], "four zeros"),
-    "ours": (["info"], {OWN_KEY: {"seed": "x"}}, "malformed"),
+    "ours": (["info"], {OWN_KEY: {"seed": "x"}}, "a value of type int"),
 }
 
 

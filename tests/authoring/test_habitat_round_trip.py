@@ -26,8 +26,8 @@ from hab_tasks.episodes.schema import (
 )
 from hab_tasks.geometry import IDENTITY, to_matrix
 from hab_tasks.registration import TASKS
-from hab_tasks.scenes.habitat.dataset import embedded_dataset
-from hab_tasks.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.habitat.dataset import embedded_dataset
+from hab_tasks.world.scenes.habitat.load import load_scene
 
 SHIPPED = sorted((embedded_dataset().parent / "episodes").glob("*.json.gz"))
 

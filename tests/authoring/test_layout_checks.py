@@ -7,10 +7,10 @@ from hab_authoring.layouts.checks import Baseline, check_layout, free_range
 from hab_authoring.layouts.overlaps import bodies_of, depth_m, rearranged
 
 from hab_tasks.episodes.sandbox import PlacementSandbox
-from hab_tasks.scenes.floor import body_points
-from hab_tasks.scenes.habitat.dataset import SceneDataset, resolve_dataset
-from hab_tasks.scenes.habitat.load import load_scene
-from hab_tasks.scenes.layout_geometry import Layout
+from hab_tasks.world.scenes.floor import body_points
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset, resolve_dataset
+from hab_tasks.world.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.layout_geometry import Layout
 
 SCENE = "v3_sc0_staging_00"
 POST = "post_:0000"

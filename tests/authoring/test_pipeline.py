@@ -16,10 +16,10 @@ from PIL import Image
 from textured import box_at, textured_dataset
 
 from hab_tasks.errors import DatasetError, HabError
-from hab_tasks.scenes.habitat.dataset import SceneDataset
-from hab_tasks.scenes.habitat.load import load_scene
-from hab_tasks.scenes.meshes import mesh_bounds, parts_volume
-from hab_tasks.scenes.objects import load_objects
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset
+from hab_tasks.world.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.meshes import mesh_bounds, parts_volume
+from hab_tasks.world.scenes.objects import load_objects
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from hab_authoring.pipeline.collision import MAX_PARTS, write_parts
 from hab_authoring.pipeline.options import AssetOptions
 from textured import box_at
 
-from hab_tasks.scenes.meshes import parts_volume
+from hab_tasks.world.scenes.meshes import parts_volume
 
 
 @pytest.fixture(autouse=True)

@@ -14,11 +14,11 @@ from hab_authoring.layouts.write import write_layout_set, write_scene
 
 from hab_tasks.cli import main
 from hab_tasks.geometry import compose, inverse, to_matrix
-from hab_tasks.scenes.fields import read_json
-from hab_tasks.scenes.habitat.dataset import SceneDataset, resolve_dataset
-from hab_tasks.scenes.habitat.layout_set import LayoutSet
-from hab_tasks.scenes.habitat.load import load_scene
-from hab_tasks.scenes.spec import SceneSpec
+from hab_tasks.world.scenes.fields import read_json
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset, resolve_dataset
+from hab_tasks.world.scenes.habitat.layout_set import LayoutSet
+from hab_tasks.world.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.spec import SceneSpec
 
 MACRO = "v3_sc0_staging_00"
 KITCHEN = {"fridge_:0000", "kitchen_counter_:0000", "kitchenCupboard_01_:0000", "door2_:0000"}

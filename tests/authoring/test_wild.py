@@ -13,11 +13,11 @@ from refusals import refused_by_call, refused_by_command
 from hab_tasks.cli import main
 from hab_tasks.episodes.source import EpisodeRequest, open_source
 from hab_tasks.registration import ENTRY_POINTS
-from hab_tasks.scenes.fields import read_json
-from hab_tasks.scenes.habitat.dataset import SceneDataset, resolve_dataset
-from hab_tasks.scenes.habitat.load import load_scene
-from hab_tasks.scenes.layout_geometry import Layout
-from hab_tasks.scenes.markers import FRIDGES
+from hab_tasks.world.scenes.fields import read_json
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset, resolve_dataset
+from hab_tasks.world.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.layout_geometry import Layout
+from hab_tasks.world.scenes.markers import FRIDGES
 
 COUNT = 2
 

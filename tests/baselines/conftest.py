@@ -19,7 +19,7 @@ from hab_tasks.privileged import (
     PrivilegedState,
 )
 from hab_tasks.robots.fetch import FETCH
-from hab_tasks.scenes import physics
+from hab_tasks.world.scenes import physics
 
 EMPTY_VERTICES = np.zeros((0, 3))
 EMPTY_FACES = np.zeros((0, 3), dtype=np.int64)

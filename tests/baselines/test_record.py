@@ -73,8 +73,8 @@ def test_only_what_was_solved_is_kept(tmp_path, monkeypatch, capsys):
     """The second of three episodes counts as failed: the first and the third are kept."""
     play = module.run_episode
 
-    def flaky(env, agent, number, episode):
-        finished = play(env, agent, number, episode)
+    def flaky(env, agent, number, episode, restart):
+        finished = play(env, agent, number, episode, restart=restart)
         if number != 1:
             return finished
         failed = dataclasses.replace(finished.episode, success=False, failure="motion plan")
@@ -93,7 +93,7 @@ def test_only_what_was_solved_is_kept(tmp_path, monkeypatch, capsys):
 
 
 def test_an_agent_that_raises_is_named_with_its_episode(tmp_path, monkeypatch, capsys):
-    def broken(env, agent, number, episode):
+    def broken(*_, **__):
         raise ValueError("no idea")
 
     monkeypatch.setattr(module, "run_episode", broken)

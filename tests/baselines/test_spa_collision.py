@@ -9,7 +9,7 @@ from hab_spa.shapes import shape_bounds_m
 
 from hab_tasks.privileged import CollisionShape
 from hab_tasks.robots.fetch import FETCH
-from hab_tasks.scenes.coal_shapes import coal_shape
+from hab_tasks.world.scenes.coal_shapes import coal_shape
 
 REST = np.array(FETCH.rest_qpos_rad)
 

@@ -11,9 +11,9 @@ from typing import ClassVar
 
 import pytest
 
-from hab_tasks.console import Command, run_script
 from hab_tasks.errors import HabError, RunStoppedError
-from hab_tasks.processes import start_worker_server
+from hab_tasks.io.console import Command, run_script
+from hab_tasks.io.pool import start_server
 
 
 def interrupt():
@@ -82,7 +82,7 @@ def test_a_limit_that_is_too_low_is_named_with_its_value(capsys, monkeypatch):
         assert run_script("prog", {"end": End}, ["end", "--how", "limit"]) == code
         assert capsys.readouterr().err == f"prog: {line}\n"
     with pytest.raises(HabError, match=FILES):
-        start_worker_server()
+        start_server()
     found[resource.RLIMIT_AS] = resource.RLIM_INFINITY
     monkeypatch.setitem(ENDINGS, "limit", (lambda: fail(cause),))
     with pytest.raises(ImportError):  # some other fault: the traceback helps
@@ -98,9 +98,7 @@ def test_a_command_without_enough_memory_ends_in_a_line():
 
 
 def test_characters_that_a_locale_lacks_are_escaped():
-    code = (
-        "import sys; from hab_tasks.console import run_script; sys.exit(run_script('p', {}, ['†']))"
-    )
+    code = "import hab_tasks.io.console as c; raise SystemExit(c.run_script('p', {}, ['†']))"
     environment = {**os.environ, "PYTHONIOENCODING": "latin-1"}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True)
     assert (done.returncode, b"Traceback" in done.stderr) == (2, False)

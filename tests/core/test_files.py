@@ -12,7 +12,7 @@ from killed import FILE, FOLDER, killed_while_writing
 from refusals import refused_by_call
 
 from hab_tasks.errors import FileError
-from hab_tasks.files import (
+from hab_tasks.io.files import (
     ASIDE,
     STALE_S,
     check_file,

@@ -8,7 +8,7 @@ import pytest
 
 from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.fetch.agent import _fetch_urdf
-from hab_tasks.scenes.fixed_links import merge_fixed_links
+from hab_tasks.world.scenes.fixed_links import merge_fixed_links
 
 CHAIN = """<robot name="r">
   <link name="a">

@@ -12,10 +12,10 @@ from start_checks import SKILLS, TASKS, Replay
 from hab_tasks.episodes.generators import base
 from hab_tasks.episodes.robot_start import in_base_frame
 from hab_tasks.errors import GenerationError
-from hab_tasks.navigation import LayoutMaps, NavigationMap
 from hab_tasks.registration import ENTRY_POINTS
 from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.kinematics import ArmKinematics
+from hab_tasks.world.navigation import LayoutMaps, NavigationMap
 
 REAL_IN_CI = ("HabPlace-v1", "HabOpenDrawer-v1", "HabNavigate-v1")
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from builders import DRAWER_URDF, cpu_scene
 
-from hab_tasks.scenes.build import BodyBuilder
-from hab_tasks.scenes.habitat.dataset import resolve_dataset
-from hab_tasks.scenes.habitat.load import load_scene
-from hab_tasks.scenes.joint_friction import HINGE, SLIDE
-from hab_tasks.scenes.urdf import joint_frictions
+from hab_tasks.world.scenes.build import BodyBuilder
+from hab_tasks.world.scenes.habitat.dataset import resolve_dataset
+from hab_tasks.world.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.joint_friction import HINGE, SLIDE
+from hab_tasks.world.scenes.urdf import joint_frictions
 
 
 def pushed(scene, furniture, effort, speed=0.0):

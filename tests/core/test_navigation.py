@@ -7,16 +7,16 @@ import pytest
 from geodesics import geodesic_distance
 
 from hab_tasks.errors import GenerationError
-from hab_tasks.navigation import (
+from hab_tasks.privileged import CollisionBody, CollisionShape
+from hab_tasks.world.navigation import (
     NavigationMap,
     path_between,
     poses_reaching,
 )
-from hab_tasks.privileged import CollisionBody, CollisionShape
-from hab_tasks.scenes.floor import CELL_M
-from hab_tasks.scenes.habitat.dataset import SceneDataset
-from hab_tasks.scenes.habitat.load import load_scene
-from hab_tasks.scenes.layout_geometry import Layout
+from hab_tasks.world.scenes.floor import CELL_M
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset
+from hab_tasks.world.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.layout_geometry import Layout
 
 FLOOR = ((0, 0, -0.1), (6, 4, 0))
 WALL = ((3, 0, 0), (3.1, 2.5, 2.7))

@@ -8,12 +8,12 @@ from hab_authoring.layouts.checks import free_range
 from hab_authoring.layouts.overlaps import Bodies, depth_m, extent
 from hab_authoring.layouts.standing import FloorPlan
 
-from hab_tasks.scenes.floor import CELL_M, Footprint, largest_area, touched
-from hab_tasks.scenes.habitat.dataset import SceneDataset, embedded_dataset
-from hab_tasks.scenes.habitat.load import load_scene
-from hab_tasks.scenes.habitat.navmesh import read_navmesh, read_navmesh_bounds
-from hab_tasks.scenes.layout_geometry import STAGE, Layout
-from hab_tasks.scenes.walls import cut, walls_between, walls_in_mesh
+from hab_tasks.world.scenes.floor import CELL_M, Footprint, largest_area, touched
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset, embedded_dataset
+from hab_tasks.world.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.habitat.navmesh import read_navmesh, read_navmesh_bounds
+from hab_tasks.world.scenes.layout_geometry import STAGE, Layout
+from hab_tasks.world.scenes.walls import cut, walls_between, walls_in_mesh
 
 
 @pytest.fixture

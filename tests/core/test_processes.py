@@ -1,20 +1,35 @@
-"""Worker processes end with their parent."""
+"""Worker processes have what their parent has, and end with it."""
 
 import contextlib
 import os
 import signal
 import subprocess
 import sys
-import threading
 import time
-from multiprocessing import Pipe
+from functools import partial
 from pathlib import Path
 
 import pytest
-from worker_jobs import pid_soon, surroundings
+from worker_jobs import call, call_once, surroundings
 
-from hab_tasks.errors import WorkerError
-from hab_tasks.processes import Worker, worker_pool
+from hab_tasks.errors import RunStoppedError, WorkerError
+from hab_tasks.io.pool import Worker, WorkerPool, in_order
+
+SCRIPT = """
+from hab_tasks.io.pool import WorkerPool
+def start(): return abs
+if {guard}:
+    with WorkerPool(1, start) as pool: print(*pool.run([-3]))
+"""
+
+
+def pool_of(workers):
+    return WorkerPool(workers, partial, (call,))
+
+
+def results(*jobs):
+    with pool_of(1) as pool:
+        return list(in_order(pool.run(jobs)))
 
 
 def test_a_worker_has_what_its_parent_has_when_it_starts(tmp_path, monkeypatch, capfd):
@@ -23,8 +38,7 @@ def test_a_worker_has_what_its_parent_has_when_it_starts(tmp_path, monkeypatch, 
         monkeypatch.setenv("HAB_TEST_VALUE", value)
         (tmp_path / value).mkdir()
         monkeypatch.chdir(tmp_path / value)
-        with worker_pool(1) as pool:
-            seen.append(pool.submit(surroundings).result())
+        seen += results((surroundings,))
         assert capfd.readouterr() == (f"out {value}\n", f"err {value}\n")
     assert [one[:2] for one in seen] == [(v, str(tmp_path / v)) for v in ("first", "second")]
     assert seen[0][2] == seen[1][2] != os.getpid()  # one server
@@ -32,67 +46,60 @@ def test_a_worker_has_what_its_parent_has_when_it_starts(tmp_path, monkeypatch, 
 
 
 def server_pid():
-    with worker_pool(1) as pool:
-        return pool.submit(os.getppid).result()
+    return results((os.getppid,))[0]
 
 
 def test_a_killed_worker_or_server_is_told_and_the_next_pool_has_another_server():
     server, pids = server_pid(), []
 
     def work(victim):
-        with worker_pool(1) as pool:
-            pids.append(pool.submit(os.getpid).result())
-            os.kill(victim or pids[-1], signal.SIGKILL)
-            pool.submit(time.sleep, 60).result()
+        with pool_of(1) as pool:
+            for _, pid in pool.run([(os.getpid,), (time.sleep, 60)]):
+                pids.append(pid)
+                os.kill(victim or pid, signal.SIGKILL)
 
     for victim in (None, server):
-        with pytest.raises(WorkerError, match="worker process was killed"):
+        with pytest.raises(WorkerError, match="worker process was killed by signal 9"):
             work(victim)
     wait_until_gone(*pids)
     assert server_pid() != server
-    queue = Pipe()[0]
-    queue.close()  # as a pool does when a worker is killed
-    with pytest.raises(WorkerError):
-        Worker(target=print, args=(queue,)).start()
+    with pytest.raises(RunStoppedError, match="process failed: ZeroDivisionError"):
+        results((divmod, 1, 0))
 
 
 def test_a_forked_process_has_its_own_workers():
-    server = server_pid()
+    worker, server = Worker(call_once), server_pid()
     forked = os.fork()
     if not forked:
         code = 1
         with contextlib.suppress(BaseException):
+            worker.end()  # which stays the parent's
             code = 0 if server_pid() != server else 2
         os._exit(code)
     assert os.waitstatus_to_exitcode(os.waitpid(forked, 0)[1]) == 0
+    worker.send((os.getpid,))
+    assert (worker.receive(), worker.exit_code(5.0)) == (worker.pid, 0)
+    worker.end()
 
 
-def test_workers_start_where_the_path_of_the_temporary_folder_is_long(tmp_path):
-    """A socket's path has at most 104 bytes; this folder alone has more."""
-    folder = tmp_path / ("long" * 25)
-    folder.mkdir()
-    code = (
-        "import os\nfrom hab_tasks.processes import worker_pool\n"
-        "with worker_pool(1) as pool: print(pool.submit(os.getpid).result())"
-    )
-    variables = {**os.environ, "TMPDIR": str(folder)}
-    command = [sys.executable, "-c", code]
-    ended = subprocess.run(command, capture_output=True, text=True, env=variables, check=False)
-    assert (ended.returncode, ended.stderr) == (0, "")
-    assert int(ended.stdout) > 0
-    assert not list(folder.iterdir())
+def test_workers_import_the_main_script_and_python_s_own_modules(tmp_path):
+    (tmp_path / "re.py").write_text("raise ImportError")  # beside the script, so first in the path
+    script, found = tmp_path / "script.py", []
+    for guard in ("__name__ == '__main__'", "True"):
+        script.write_text(SCRIPT.format(guard=guard))
+        ended = subprocess.run([sys.executable, str(script)], capture_output=True, text=True)
+        found.append((ended.returncode, ended.stdout, "HabError: Workers import" in ended.stderr))
+    assert found == [(0, "(0, 3)\n", False), (1, "", True)]
 
 
-def test_workers_end_when_something_is_raised(tmp_path):
+def test_workers_end_when_something_is_raised():
     pids = []
 
     def interrupted():
-        with worker_pool(2, os.chdir, (tmp_path,)) as pool:
-            assert pool.submit(os.getcwd).result() == str(tmp_path), "its start is called"
-            pids.append(pool.submit(os.getpid).result())
-            for _ in range(8):
-                pool.submit(time.sleep, 60)
-            raise KeyboardInterrupt
+        with pool_of(2) as pool:
+            for _, pid in pool.run([(os.getpid,), *[(time.sleep, 60)] * 8]):
+                pids.append(pid)
+                raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         interrupted()
@@ -100,24 +107,12 @@ def test_workers_end_when_something_is_raised(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("victim", [0, 1])
-def test_a_worker_killed_at_the_end_does_not_block_the_others(victim):
-    started = time.monotonic()
-    with worker_pool(2) as pool:
-        pids = sorted(set(pool.map(pid_soon, [1.0] * 4)))
-        assert len(pids) == 2
-        # One of the two waits for work and holds the lock for which the other one waits.
-        for pid in pids:
-            os.kill(pid, signal.SIGSTOP)
-        threading.Timer(1.0, os.kill, (pids[victim], signal.SIGKILL)).start()
-        threading.Timer(1.5, continued, (pids[1 - victim],)).start()
+def test_a_worker_that_is_stopped_ends_too():
+    with pool_of(2) as pool:
+        jobs = [(time.sleep, 1.0), (time.sleep, 1.0), (os.getpid,), (os.getpid,)]
+        pids = {pid for _, pid in pool.run(jobs) if pid is not None}
+        os.kill(max(pids), signal.SIGSTOP)
     wait_until_gone(*pids)
-    assert time.monotonic() - started < 60
-
-
-def continued(pid):
-    with contextlib.suppress(ProcessLookupError):
-        os.kill(pid, signal.SIGCONT)
 
 
 def wait_until_gone(*pids):

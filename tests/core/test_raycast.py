@@ -3,11 +3,11 @@
 import numpy as np
 import sapien
 
-from hab_tasks.raycast.compiled import kernel
-from hab_tasks.raycast.library import in_clusters
-from hab_tasks.raycast.meshes import Mesh, mesh_of
-from hab_tasks.raycast.scene import Pinhole, cv_from_world
-from hab_tasks.scenes.visuals import Visual
+from hab_tasks.world.raycast.compiled import kernel
+from hab_tasks.world.raycast.library import in_clusters
+from hab_tasks.world.raycast.meshes import Mesh, mesh_of
+from hab_tasks.world.raycast.scene import Pinhole, cv_from_world
+from hab_tasks.world.scenes.visuals import Visual
 
 WIDTH_PX, HEIGHT_PX, FOCAL_PX, NEAR_M, FAR_M = 40, 24, 20.0, 0.5, 6.0
 ACTOR = 7

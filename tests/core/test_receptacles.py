@@ -9,9 +9,9 @@ from builders import box_glb, tiny_dataset, tiny_scene, write_json, write_scene
 
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.spots import find_spots, receptacles_named, spot_of, unusable, widest
-from hab_tasks.scenes.habitat.dataset import SceneDataset, resolve_dataset
-from hab_tasks.scenes.habitat.load import load_scene
-from hab_tasks.scenes.objects import load_objects
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset, resolve_dataset
+from hab_tasks.world.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.objects import load_objects
 
 TEMPLATES = load_objects(None)
 SCENE = "v3_sc0_staging_00"

@@ -5,7 +5,7 @@ import sapien
 import trimesh
 from sapien.physx import PhysxRigidDynamicComponent
 
-from hab_tasks.scenes import physics
+from hab_tasks.world.scenes import physics
 
 RADIUS_M, LENGTH_M, SIDES = 0.034, 0.1, 20
 """The embedded soup can."""

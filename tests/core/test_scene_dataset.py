@@ -9,11 +9,11 @@ import pytest
 from builders import cpu_scene, table_config, tiny_dataset, tiny_scene, write_json, write_scene
 
 from hab_tasks.errors import DatasetError, UnknownNameError
-from hab_tasks.scenes.habitat import load
-from hab_tasks.scenes.habitat.dataset import SPLIT_MACROS, SceneDataset
-from hab_tasks.scenes.habitat.load import load_scene
-from hab_tasks.scenes.objects import load_objects
-from hab_tasks.scenes.pool import BodyPool
+from hab_tasks.world.scenes.habitat import load
+from hab_tasks.world.scenes.habitat.dataset import SPLIT_MACROS, SceneDataset
+from hab_tasks.world.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.objects import load_objects
+from hab_tasks.world.scenes.pool import BodyPool
 
 SCENE = "v3_sc0_staging_00"
 TABLE = "configs/objects/table.object_config.json"

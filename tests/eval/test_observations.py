@@ -8,7 +8,7 @@ import torch
 from hab_eval.errors import AgentError
 from hab_eval.records.config import EvalConfig
 from hab_eval.run import environments
-from hab_eval.run.observations import agent_view, batched
+from hab_eval.run.observations import AgentView, batched
 from hab_eval.run.runner import run_episode
 
 from hab_tasks.agent import AgentSpec, of_rows
@@ -20,7 +20,7 @@ DEPTH = AgentSpec(name="Looker", control_mode="ee", obs_mode="depth", looks="on 
 
 def test_images_are_rendered_once_and_only_when_read():
     env = stub_hab.StubEnv(render=False)
-    seen, missed = (agent_view(env, DEPTH, {"agent": 1}) for _ in range(2))
+    seen, missed = (AgentView(DEPTH)(env, {"agent": 1}) for _ in range(2))
     assert list(seen) == ["agent", "sensor_param", "sensor_data"]
     assert "privileged" not in seen
     assert seen["agent"] == 1
@@ -80,7 +80,7 @@ class Eye:
 def test_of_a_batch_only_those_rows_are_rendered_that_are_read():
     eyes = [Eye(number) for number in range(3)]
     agents = [{"agent": torch.full((1, 2), eye.number)} for eye in eyes]
-    obs = batched([agent_view(eye, DEPTH, one) for eye, one in zip(eyes, agents, strict=True)])
+    obs = batched([AgentView(DEPTH)(eye, one) for eye, one in zip(eyes, agents, strict=True)])
     assert list(obs) == ["agent", "sensor_param", "sensor_data"]
     assert obs["agent"].tolist() == [[0, 0], [1, 1], [2, 2]]
     assert of_rows(obs, [2])["agent"].tolist() == [[2, 2]]
@@ -123,7 +123,7 @@ def test_pictures_on_demand_are_those_of_every_step(obs_mode):
     for step in range(7):
         assert set(obs) == {"agent", "extra"}
         if step in (0, 6):
-            seen = agent_view(demand, spec, obs)
+            seen = AgentView(spec)(demand, obs)
             assert seen.keys() == rendered.keys()
             for name in rendered:
                 torch.testing.assert_close(seen[name], rendered[name], rtol=0, atol=0)

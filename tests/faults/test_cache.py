@@ -12,9 +12,9 @@ from builders import box_glb
 from faulty_data import NAVMESH, cut, folder, pipe, read_as_env, text, whole_dataset
 from refusals import check_each
 
-from hab_tasks import cache
-from hab_tasks.cache import cache_dir, cached
-from hab_tasks.scenes import mesh_checks, meshes
+from hab_tasks.io import cache
+from hab_tasks.io.cache import cache_dir, cached
+from hab_tasks.world.scenes import mesh_checks, meshes
 
 
 @pytest.fixture(autouse=True)

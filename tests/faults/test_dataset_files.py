@@ -32,7 +32,7 @@ from faulty_data import (
 )
 from refusals import check_each
 
-from hab_tasks.scenes.habitat.load import MOST_FURNITURE
+from hab_tasks.world.scenes.habitat.load import MOST_FURNITURE
 
 FILES = (CONFIG, SCENE, TABLE, STAGE, LIGHTS, LEXICON, AO)
 CONTENTS = {

@@ -30,7 +30,7 @@ from faulty_data import (
 from refusals import check_each, refused_by_call, refused_by_command
 
 from hab_tasks.cli import main
-from hab_tasks.scenes.pool import BodyPool
+from hab_tasks.world.scenes.pool import BodyPool
 
 
 def entry(kind, number, **values) -> Damage:

@@ -27,11 +27,11 @@ from refusals import check_each, refused_by_call, refused_by_command
 
 from hab_tasks.cli import main
 from hab_tasks.object_names import ALL_OBJECTS
-from hab_tasks.scenes.habitat.dataset import SceneDataset, resolve_dataset
-from hab_tasks.scenes.habitat.layout_set import LayoutSet
-from hab_tasks.scenes.habitat.load import load_scene
-from hab_tasks.scenes.meshes import textured_glb
-from hab_tasks.scenes.objects import load_objects
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset, resolve_dataset
+from hab_tasks.world.scenes.habitat.layout_set import LayoutSet
+from hab_tasks.world.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.meshes import textured_glb
+from hab_tasks.world.scenes.objects import load_objects
 
 CAN = ALL_OBJECTS[0]
 CAN_URDF = f"""<robot name="can"><link name="can">

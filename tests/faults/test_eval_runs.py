@@ -130,7 +130,7 @@ def children_of(pid):
     """Ids of the worker processes of a process, which are those of its server."""
     try:
         found = direct_children(pid)
-        servers = [c for c in found if "forkserver" in Path(f"/proc/{c}/cmdline").read_text()]
+        servers = [c for c in found if "serve_forks" in Path(f"/proc/{c}/cmdline").read_text()]
         return [worker for server in servers for worker in direct_children(server)]
     except OSError:  # one of them has just ended
         return []

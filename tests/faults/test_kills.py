@@ -18,7 +18,7 @@ import pytest
 from killed import session_of
 from textured import textured_dataset
 
-from hab_tasks.files import ASIDE
+from hab_tasks.io.files import ASIDE
 
 BIN = Path(sys.executable).parent
 KILLS = int(os.environ.get("HAB_KILLS", "1"))
@@ -139,7 +139,7 @@ def content(file):
 def is_worker(pid):
     """Whether a process is a worker, or the server that forks them."""
     try:
-        return b"forkserver" in Path(f"/proc/{pid}/cmdline").read_bytes()
+        return b"serve_forks" in Path(f"/proc/{pid}/cmdline").read_bytes()
     except FileNotFoundError:
         return False
 

@@ -2,11 +2,15 @@
 
 from dataclasses import dataclass
 
-from hab_tasks.engine.requirements import Requirements
-from hab_tasks.engine.sensors import OBJECT_START, PROPRIOCEPTION
-from hab_tasks.engine.skill_env import Skill, SkillEnv
-from hab_tasks.robots.control_modes import ARM_MODES
-from hab_tasks.skills.pick import PickStarts
+from hab_tasks import (
+    ARM_MODES,
+    OBJECT_START,
+    PROPRIOCEPTION,
+    PickStarts,
+    Requirements,
+    Skill,
+    SkillEnv,
+)
 
 
 @dataclass(frozen=True, kw_only=True)

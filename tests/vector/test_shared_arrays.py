@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from hab_tasks.vector.shared_arrays import (
+from hab_tasks.io.shared_arrays import (
     ALIGNMENT_BYTES,
     ArraySpec,
     SharedArrays,

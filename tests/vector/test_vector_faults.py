@@ -21,7 +21,7 @@ PARENT = """
     if __name__ == "__main__":
         env = gym.make_vec("hab_tasks:HabPick-v1", num_envs=2, num_workers=2)
         env.reset(seed=0)
-        print(*[p.pid for p in __import__("multiprocessing").active_children()], flush=True)
+        print(*env.unwrapped.worker_pids, flush=True)
         env.action_space.seed(0)
         while True:
             env.step(env.action_space.sample())

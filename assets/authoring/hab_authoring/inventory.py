@@ -10,26 +10,26 @@ from pathlib import Path
 from hab_tasks.errors import UnknownNameError
 from hab_tasks.geometry import IDENTITY
 from hab_tasks.object_names import ALL_OBJECTS
-from hab_tasks.scenes.build import BodyBuilder
-from hab_tasks.scenes.fields import is_present, read_fields
-from hab_tasks.scenes.habitat.dataset import (
+from hab_tasks.world.scenes.build import BodyBuilder
+from hab_tasks.world.scenes.fields import is_present, read_fields
+from hab_tasks.world.scenes.habitat.dataset import (
     SPLIT_MACROS,
     SceneDataset,
     embedded_dataset,
     resolve_objects,
 )
-from hab_tasks.scenes.habitat.lamps import read_lamps
-from hab_tasks.scenes.habitat.load import (
+from hab_tasks.world.scenes.habitat.lamps import read_lamps
+from hab_tasks.world.scenes.habitat.load import (
     articulated_receptacles,
     load_scene,
     load_template,
     read_category,
 )
-from hab_tasks.scenes.habitat.navmesh import read_navmesh
-from hab_tasks.scenes.physics import bare_scene
-from hab_tasks.scenes.spec import ArticulationInstance, Stage
-from hab_tasks.scenes.urdf import check_urdf
-from hab_tasks.scenes.walls import NAVMESHES
+from hab_tasks.world.scenes.habitat.navmesh import read_navmesh
+from hab_tasks.world.scenes.physics import bare_scene
+from hab_tasks.world.scenes.spec import ArticulationInstance, Stage
+from hab_tasks.world.scenes.urdf import check_urdf
+from hab_tasks.world.scenes.walls import NAVMESHES
 
 COMPLETE = (
     *(f"apt_{number}" for number in range(6)),

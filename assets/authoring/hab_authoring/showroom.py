@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from hab_tasks.geometry import Array
 from hab_tasks.rendering import use_default_shaders
-from hab_tasks.scenes.lights import LayoutLights
-from hab_tasks.scenes.physics import bare_scene
-from hab_tasks.scenes.pool import BodyPool
-from hab_tasks.scenes.spec import SceneSpec
+from hab_tasks.world.scenes.lights import LayoutLights
+from hab_tasks.world.scenes.physics import bare_scene
+from hab_tasks.world.scenes.pool import BodyPool
+from hab_tasks.world.scenes.spec import SceneSpec
 
 EYE_M = 40.0
 """Camera height, large enough that walls do not occlude their surroundings."""

@@ -18,7 +18,7 @@ from hab_experts.pick import pick_motion
 from hab_experts.place import place_motion
 from hab_tasks.engine.skill_env import SkillEnv
 from hab_tasks.episodes import Episode
-from hab_tasks.navigation import ShortestPathFollower
+from hab_tasks.world.navigation import ShortestPathFollower
 
 SKILLS = {
     "pick_action": ("pick",),

@@ -15,7 +15,7 @@ from hab_navigator.navigator import REPEAT, Navigator, Stops
 from hab_navigator.weights import NAVIGATOR, WEIGHTS, load, shipped_navigator
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec, check_options
 from hab_tasks.errors import OptionError
-from hab_tasks.processes import use_one_thread
+from hab_tasks.io.threads import use_one_thread
 from hab_tasks.registration import imported_id
 from hab_tasks.robots.control_modes import STOP_CELL
 from hab_tasks.skills.navigate import NAVIGATE_ID

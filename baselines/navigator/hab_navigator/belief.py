@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from hab_navigator.near_space import SIDES
 from hab_navigator.network import ASIDE_RAD, HEADINGS
 from hab_navigator.robot_map import CELL_M, RobotMap
 from hab_navigator.views import SIDE, middle_m
@@ -21,8 +23,38 @@ Navigate's 0.3 m, but for where exactly the robot comes to stop."""
 EXCLUDED_M = (0.28, 0.33)
 """Likewise a stop in vain, whose pose is known, excludes goals."""
 
+TRIED_SHARE = 0.9
+"""Share of its worth that a place loses at which the next skill was tried in vain."""
+
+HAND_M = 0.12
+"""Room that the hand's way needs on all sides."""
+
+BLOCKED_SHARE = 0.1
+"""Worth of a place from which something seen is in the hand's way, as a share."""
+
 COVERED_RAD = 0.5
 """Both with the heading so near to its own."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reach:
+    """Where the point may be, in the base frame, for the skill that follows.
+
+    Attributes:
+        distance_m: Its least and greatest distance.
+        bearing_rad: Its least and greatest bearing, counterclockwise from ahead.
+        level: Whether the hand comes to it level, not from above.
+    """
+
+    distance_m: tuple[float, float]
+    bearing_rad: tuple[float, float]
+    level: bool
+
+    def includes(self, distances_m: Array, bearings_rad: Array) -> NDArray[np.bool_]:
+        """Whether the skill can start where the point is at distances and bearings (broadcast)."""
+        (near_m, far_m), (right_rad, left_rad) = self.distance_m, self.bearing_rad
+        near = (distances_m >= near_m) & (distances_m <= far_m)
+        return near & (bearings_rad >= right_rad) & (bearings_rad <= left_rad)
 
 
 class GoalBelief:
@@ -34,14 +66,26 @@ class GoalBelief:
         found: (HEADINGS, SIDE, SIDE) share of the goals that a stop in a pose finds.
     """
 
-    def __init__(self, map_: RobotMap) -> None:
-        """Believes nothing yet; the map has seen the point."""
+    def __init__(self, map_: RobotMap, reach: Reach | None = None) -> None:
+        """Believes nothing yet; the map has seen the point.
+
+        Args:
+            map_: The map.
+            reach: Where the next skill can start; None for any pose.
+        """
         self._middle_m = middle_m(map_)
         self.places_m: Array = self._middle_m + _OFFSETS_M
         gaps_m = map_.point_m - self.places_m
         facing_rad = np.arctan2(gaps_m[..., 1], gaps_m[..., 0])
         self.yaws_rad: NDArray[Any] = facing_rad + ASIDE_RAD * _BINS[:, None, None]
         self._shares = np.zeros((HEADINGS, SIDE, SIDE))
+        bearings_rad: Array = np.zeros(self.yaws_rad.shape) - ASIDE_RAD * _BINS[:, None, None]
+        distances_m = np.linalg.norm(gaps_m, axis=-1)
+        self._reach, self._suits = reach, np.ones_like(self._shares)
+        if reach is not None:
+            self._suits[:] = reach.includes(distances_m, bearings_rad)
+        sides = np.round(np.arctan2(-gaps_m[..., 1], -gaps_m[..., 0]) / (2 * math.pi) * SIDES)
+        self._sides, self._open = sides.astype(int) % SIDES, np.ones(SIDES)
         self._left = np.ones_like(self._shares)
         self.found = self._shares
 
@@ -49,11 +93,17 @@ class GoalBelief:
         """Takes the network's distribution (HEADINGS, SIDE, SIDE)."""
         self._shares = shares
 
+    def see(self, clearances_m: Array) -> None:
+        """Takes into account how much room the hand's way has from each side (SIDES,)."""
+        room = np.clip(clearances_m / HAND_M, BLOCKED_SHARE, 1.0)
+        self._open = ndimage.convolve1d(room, (0.25, 0.5, 0.25), mode="wrap")
+
     def exclude(self, pose: Array) -> None:
         """Excludes the goals that a stop in a pose (3,) would have found."""
         near = _share(np.linalg.norm(self.places_m - pose[:2], axis=-1), EXCLUDED_M)
         turns_rad = np.angle(np.exp(1j * (self.yaws_rad - pose[2])))
-        self._left *= 1.0 - near * _covered_share(turns_rad)
+        tried = near * _covered_share(turns_rad)
+        self._left *= 1.0 - TRIED_SHARE * tried if self._reach is not None else 1.0 - tried
 
     def forgive(self) -> None:
         """Takes all exclusions back."""
@@ -61,7 +111,12 @@ class GoalBelief:
 
     def update(self, free: NDArray[np.bool_]) -> None:
         """Computes `found` for cells (SIDE, SIDE) that are free or not; no goal is in others."""
-        self.found = ndimage.convolve(self._shares * self._left * free, _COVERED, mode="constant")
+        goals = self._shares * self._left * free
+        self.found = (
+            self._open[self._sides]
+            * self._suits
+            * ndimage.convolve(goals, _COVERED, mode="constant")
+        )
 
     def cell_of(self, pose: Array) -> tuple[int, int] | None:
         """Returns the cell of a pose (3,); None outside."""

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from hab_tasks.console import Command
+from hab_tasks.io.console import Command
 
 
 @dataclass(frozen=True, kw_only=True)

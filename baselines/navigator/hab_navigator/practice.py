@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
 
 from hab_navigator.lessons import Lessons
 from hab_navigator.navigator import REPEAT, Navigator, goal_in_map
 from hab_navigator.network import GoalNetwork
 from hab_navigator.weights import load
+from hab_tasks.engine.rollout import EndRolloutError, Job, flag, play
 from hab_tasks.robots.control_modes import STOP_CELL
 from hab_tasks.skills.navigate import NAVIGATE_ID
+from hab_tasks.vector.episode_rows import VectorRows
 
 EVERY_ACTIONS = 12
 """A lesson is taken every so many actions, and the first time after so many as the row's number."""
@@ -100,38 +106,54 @@ def practise(plan: PracticePlan) -> Played:
     return played
 
 
+class _Practice:
+    """Acts in each row as its navigator does, until each has played its episodes."""
+
+    def __init__(self, env: Any, rows: VectorRows, network: GoalNetwork, each: int) -> None:
+        self._env, self._vector, self._network = env, rows, network
+        self._rows: dict[int, _Row] = {}
+        self._left = np.full(rows.count, each)
+        self.played = Played()
+
+    def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
+        """Does nothing: the rows tell which episodes have started."""
+
+    def act(self, obs: Any) -> NDArray[np.int64]:
+        """Returns an action per row."""
+        if not self._left.any():
+            raise EndRolloutError
+        fresh = np.flatnonzero(self._vector.fresh).tolist()
+        episodes = self._env.get_attr("episode") if fresh else ()
+        self._rows |= {number: _Row(self._network, episodes[number][0]) for number in fresh}
+        actions = np.full(self._vector.count, STOP_CELL)
+        for number in np.flatnonzero(~self._vector.over & (self._left > 0)).tolist():
+            actions[number] = self._action(number, obs)
+        return actions
+
+    def _action(self, number: int, obs: Any) -> int:
+        """Returns a row's action; now and then keeps a lesson."""
+        row = self._rows[number]
+        point_m = np.asarray(obs["extra"]["point_in_base"][number])
+        holding = flag(obs["agent"]["is_holding"][number] > 0, 0)
+        action = row.navigator.action(obs["sensor_data"]["head"]["depth"][number], point_m, holding)
+        row.actions += 1
+        if (row.actions + number) % EVERY_ACTIONS == 0:
+            lesson = Lessons.of(row.navigator, float(point_m[2]), holding, row.goal)
+            self.played.lessons.append(lesson)
+        return action
+
+    def end(self, number: int, solved: bool) -> None:
+        """Counts an episode, unless the row has played enough."""
+        if self._left[number]:
+            skill = self._rows[number].episode.navigation.skill
+            self.played.solved.setdefault(skill, []).append(solved)
+            self._left[number] -= 1
+
+
 def _play(env: Any, network: GoalNetwork, plan: PracticePlan) -> Played:
-    played = Played()
     seeds = np.random.default_rng(plan.seed).integers(2**31, size=plan.rows).tolist()
-    obs, _ = env.reset(seed=seeds, options={"reconfigure": True})
-    rows = [_Row(network, one[0]) for one in env.get_attr("episode")]
-    left = np.full(plan.rows, plan.each)
-    ended = np.zeros(plan.rows, dtype=bool)
-    while left.any():
-        actions = np.full(plan.rows, STOP_CELL)
-        for number, row in enumerate(rows):
-            if not ended[number] and left[number]:
-                actions[number] = _act(row, number, obs, played)
-        obs, _, terminated, truncated, info = env.step(actions)
-        before, ended = ended, np.asarray(terminated | truncated)
-        if before.any():  # these have started anew
-            episodes = env.get_attr("episode")
-            for number in np.flatnonzero(before):
-                rows[number] = _Row(network, episodes[number][0])
-        for number in np.flatnonzero(ended & (left > 0)):
-            skill = rows[number].episode.navigation.skill
-            played.solved.setdefault(skill, []).append(bool(info["success"][number]))
-            left[number] -= 1
-    return played
-
-
-def _act(row: _Row, number: int, obs: Any, played: Played) -> int:
-    """Returns a row's action; now and then keeps a lesson."""
-    point_m = np.asarray(obs["extra"]["point_in_base"][number])
-    holding = bool(np.asarray(obs["agent"]["is_holding"][number]).reshape(-1)[0] > 0)
-    action = row.navigator.action(obs["sensor_data"]["head"]["depth"][number], point_m, holding)
-    row.actions += 1
-    if (row.actions + number) % EVERY_ACTIONS == 0:
-        lesson = Lessons.of(row.navigator, float(point_m[2]), holding, row.goal)
-        played.lessons.append(lesson)
-    return action
+    rows = VectorRows(env, seeds)
+    practice = _Practice(env, rows, network, plan.each)
+    for ended in play(rows, practice, map(Job, count())):
+        practice.end(ended.row, ended.outcome.success)
+    return practice.played

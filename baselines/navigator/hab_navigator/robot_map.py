@@ -9,11 +9,13 @@ pose of the base is known.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hab_navigator.near_space import NearSpace
 from hab_navigator.scan_matching import NEAR_M, OBSTACLE_M, match_shares
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, CAMERA_HFOV_RAD, CONTROL_HZ
 from hab_tasks.privileged import Array
@@ -62,6 +64,7 @@ class RobotMap:
         point_m: (2,) the point to go to.
         tops: (C, C) height of what is in each cell, in 1/255 of `HIGHEST_M`.
         seen: (C, C) what is known of each cell.
+        near: The space around the point.
     """
 
     def __init__(self, repeat: int) -> None:
@@ -70,6 +73,7 @@ class RobotMap:
         self._ahead_m = FETCH.base_linear_speed_m_s * repeat / CONTROL_HZ
         self._wanted, self._has_point = np.zeros(2), False  # m ahead and rad
         self._origin: Array | None = None
+        self.near: NearSpace | None = None
         self.pose, self.point_m = np.zeros(3), np.zeros(2)
         self.tops: Bytes = np.zeros((CELLS, CELLS), dtype=np.uint8)
         self.seen: Bytes = np.zeros((CELLS, CELLS), dtype=np.uint8)
@@ -91,7 +95,7 @@ class RobotMap:
             base: (3,) x, y [m] and yaw [rad] of the base in any frame that stays the same; None if
                 it is not known. Needed to look for another point than at first.
         """
-        points_m, distances_m = _surfaces(np.asarray(depth))
+        points_m, distances_m = surfaces(np.asarray(depth), RAYS_PX)
         point_m = np.asarray(point_in_base_m[:2], dtype=float)
         if base is not None:
             self._stand(base)
@@ -100,9 +104,12 @@ class RobotMap:
             self._move(point_m, points_m[matched, :2])
         if not self._has_point:
             self._has_point, self.point_m = True, self.pose[:2] + turned(point_m, self.pose[2])
+            self.near = NearSpace(np.append(self.point_m, point_in_base_m[2]))
         self._wanted = np.zeros(2)
         is_floor = points_m[:, 2] < FLOOR_M + FLOOR_RISE * distances_m
         points_m[:, :2] = turned(points_m[:, :2], self.pose[2]) + self.pose[:2]
+        assert self.near is not None
+        self.near.add(points_m)
         cells = cells_of(points_m[:, :2])
         heights = np.where(is_floor, 0.0, 255.0 * points_m[:, 2] / HIGHEST_M)
         flat = cells[:, 0] * CELLS + cells[:, 1]
@@ -163,12 +170,17 @@ def cells_of(points_m: NDArray[Any]) -> NDArray[np.intp]:
     return np.clip(cells, 0, CELLS - 1)
 
 
-def _surfaces(depth: Array) -> tuple[Array, Array]:
-    """Returns the surfaces in an image (P, 3) in the base frame, and their depths (P,) [m]."""
-    stride = depth.shape[0] // RAYS_PX
+def surfaces(depth: Array, rays_px: int) -> tuple[Array, Array]:
+    """Returns the surfaces in an image (P, 3) in the base frame, and their depths (P,) [m].
+
+    Args:
+        depth: (H, W, 1) depth image of the head camera as shares of its range.
+        rays_px: Rows and columns of the image that are used.
+    """
+    stride = depth.shape[0] // rays_px
     first = stride // 2
     distances_m = CAMERA_DEPTH_MAX_M * depth[first::stride, first::stride, 0]
-    in_base_m = distances_m[..., None] * _DIRECTIONS + _CAMERA_M
+    in_base_m = distances_m[..., None] * _rays(rays_px) + _CAMERA_M
     # 0 where nothing is seen within the range.
     kept = (distances_m > 0.0) & (distances_m < 0.99 * CAMERA_DEPTH_MAX_M)
     kept &= in_base_m[..., 2] < HIGHEST_M
@@ -179,14 +191,14 @@ def _surfaces(depth: Array) -> tuple[Array, Array]:
     return in_base_m[kept], distances_m[kept]
 
 
-def _rays() -> Array:
+@cache
+def _rays(rays_px: int) -> Array:
     """Returns the rays through the pixels (P, P, 3) in the base frame; x forward, y left."""
-    slopes = np.tan(CAMERA_HFOV_RAD / 2) * (2 * (np.arange(RAYS_PX) + 0.5) / RAYS_PX - 1)
+    slopes = np.tan(CAMERA_HFOV_RAD / 2) * (2 * (np.arange(rays_px) + 0.5) / rays_px - 1)
     right, down = np.meshgrid(slopes, slopes)
     in_camera = np.stack((np.ones_like(right), -right, -down), axis=-1)  # SAPIEN's axes
     rotation = camera_pose(FETCH.cameras["head"]).to_transformation_matrix()[:3, :3]
     return (in_camera @ rotation.T).astype(float)
 
 
-_DIRECTIONS = _rays()
 _CAMERA_M = np.array(FETCH.cameras["head"].position_m, dtype=np.float32)

@@ -6,6 +6,7 @@ import shlex
 import sys
 import time
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,8 @@ import torch
 from hab_eval.records.provenance import device, git_commit
 from hab_ppo import checkpoint
 from hab_ppo.errors import PolicyFileError
-from hab_ppo.limits import MOST_EPISODES, MOST_RANKS, MOST_ROWS
 from hab_ppo.progress import WriteLine
+from hab_ppo.recipe import MOST_EPISODES, MOST_RANKS, MOST_ROWS
 
 from hab_navigator.command import NavigatorCommand
 from hab_navigator.fitting import fit, misfit
@@ -22,11 +23,12 @@ from hab_navigator.lessons import Lessons
 from hab_navigator.network import GoalNetwork
 from hab_navigator.practice import Played, PracticePlan, practise
 from hab_navigator.weights import KIND, WEIGHTS, load, save
-from hab_tasks.console import tell
 from hab_tasks.episodes import EpisodeRequest, load_episodes
-from hab_tasks.files import check_folder
+from hab_tasks.io.console import tell
+from hab_tasks.io.files import check_folder
+from hab_tasks.io.pool import WorkerPool, in_order
+from hab_tasks.io.threads import compute_threads
 from hab_tasks.option_values import LARGEST_SEED, whole
-from hab_tasks.processes import compute_threads, worker_pool
 from hab_tasks.skills.navigate import NAVIGATE_ID
 
 LESSONS = "lessons.safetensors"
@@ -202,8 +204,8 @@ def _practised(plan: TrainingPlan, number: int) -> Played:
         )
         for worker in range(plan.workers)
     ]
-    with worker_pool(plan.workers) as pool:
-        return Played.joined(list(pool.map(practise, plans)))
+    with WorkerPool(plan.workers, partial, (practise,)) as pool:
+        return Played.joined(list(in_order(pool.run(plans))))
 
 
 def _entry(

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
 from hab_plans.problem import Atom, atoms_of
 from hab_plans.stage import Stage
+from hab_tasks.articulations import ArticulationKind
 from hab_tasks.constants import PLACE_RADIUS_M
 from hab_tasks.privileged import Array, ArticulationState
 from hab_tasks.tasks.base import Condition, Task
+
+Opening = Literal["open", "closed", "ajar"]
+"""What stands ajar is neither open nor closed, so that a goal to close it remains to be done."""
 
 
 class Scene(Protocol):
@@ -37,6 +41,10 @@ class Scene(Protocol):
         """Returns a door or drawer of the episode."""
         ...
 
+    def opening(self, number: int, kind: ArticulationKind) -> Opening:
+        """Returns whether a door or drawer of a kind is open."""
+        ...
+
 
 def point_of(scene: Scene, stage: Stage) -> Array:
     """Returns the point (3,) that the hand has to reach in a stage: an object, goal or handle."""
@@ -59,15 +67,21 @@ def believed(task: Task, scene: Scene) -> frozenset[Atom]:
     placed = tuple(k for k in objects if k not in held and _at_goal(scene, k))
     opened, closed = [], []
     for number, kind in enumerate(task.articulations):
-        articulation = scene.articulation(number)
-        lower, upper = articulation.limits
-        joint = np.array(articulation.joint)
-        share = np.array((articulation.joint - lower) / (upper - lower))
-        # What stands ajar is neither, so that a goal to close it remains to be done.
-        opened += [number] * bool(kind.is_open(joint, share))
-        closed += [number] * bool(kind.is_closed(joint))
+        opening = scene.opening(number, kind)
+        opened += [number] * (opening == "open")
+        closed += [number] * (opening == "closed")
     condition = Condition(held=held, placed=placed, opened=tuple(opened), closed=tuple(closed))
     return atoms_of(task.spec, condition)
+
+
+def opening_of(articulation: ArticulationState, kind: ArticulationKind) -> Opening:
+    """Returns whether a door or drawer in a known state is open."""
+    lower, upper = articulation.limits
+    joint = np.array(articulation.joint, dtype=np.float32)
+    share = np.array((articulation.joint - lower) / (upper - lower), dtype=np.float32)
+    if kind.is_open(joint, share):
+        return "open"
+    return "closed" if kind.is_closed(joint) else "ajar"
 
 
 def _at_goal(scene: Scene, number: int) -> bool:

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from hab_tasks.console import Command, run_script
+from hab_tasks.io.console import Command, run_script
 
 PLAN_HELP = """Prints the planning domain, a task's problem and its plan.
 

@@ -25,6 +25,8 @@ class ExecutorConfig:
         replans: Maximum number of plans after the first, each from the believed state.
         watches: Whether a stage ends when the believed state has changed otherwise than by its
             effect, which needs another plan; base poses are then remembered for each state.
+        leaves: Whether a stage that was not achieved is left to the next plan, and the others that
+            are possible without it go on, unless the hand still holds what it should place.
         goes_on: Whether a skill also starts where navigation has failed, and the last plan goes on
             after a stage that was not achieved, as the paper's do: a stage begins when the skill
             before it has ended, whether by its own condition or at its horizon.
@@ -33,6 +35,7 @@ class ExecutorConfig:
     attempts: int = 1
     replans: int = 0
     watches: bool = False
+    leaves: bool = False
     goes_on: bool = False
 
 
@@ -91,13 +94,29 @@ class Executor(Generic[R]):
                 # Without time for the remaining stages the task has failed, though no stage has.
                 return first or Failure.EXECUTION
             stage = stage_of(self._log.task, action)
+            if self._config.leaves and not self._is_possible(action):
+                continue
             self._log.label = f"{place}/{len(plan.interactions)} {action}"
             facts = {"plan": number, "stage": place, "skill": stage.skill}
             failure = yield from self._stage(stage, facts)
             first = first or failure
-            if failure is not None and not to_the_end:
+            if failure is not None and not to_the_end and not self._leaves():
                 break
         return first
+
+    def _leaves(self) -> bool:
+        """Whether the next stage comes after one that was not achieved."""
+        return self._config.leaves and not self._log.robot.scene.holding
+
+    def _is_possible(self, action: Action) -> bool:
+        """Whether the robot believes that it holds what it is to place, and its place is open."""
+        believed = self._log.believed()
+        closed = {
+            atom[1] for atom in start_given(self._log.env_id, believed) if atom[0] == "is-closed"
+        }
+        if action.verb == "place" and ("holding", action.things[0]) not in believed:
+            return False
+        return action.verb not in ("pick", "place") or action.things[-1] not in closed
 
     def _stage(self, stage: Stage, facts: dict[str, Any]) -> Motion:
         """Tries a stage; returns None if it was achieved, as far as the robot knows."""

@@ -6,8 +6,8 @@ from hab_plans.cli import PlanCommand
 from hab_plans.plan import plan_of
 from hab_plans.problem import domain, problem_of
 from hab_plans.solve import solve
-from hab_tasks.console import tell
-from hab_tasks.files import check_file, written_aside
+from hab_tasks.io.console import tell
+from hab_tasks.io.files import check_file, written_aside
 
 
 def run(options: PlanCommand) -> int:

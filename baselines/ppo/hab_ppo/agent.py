@@ -12,7 +12,6 @@ import torch
 from torch import Tensor
 
 from hab_ppo import checkpoint
-from hab_ppo.config_json import from_json
 from hab_ppo.errors import PolicyFileError
 from hab_ppo.network import Policy, new_policy
 from hab_ppo.noise import RowNoise
@@ -20,10 +19,14 @@ from hab_ppo.observation import ObservationLayout
 from hab_ppo.recipe import Recipe
 from hab_ppo.rows import binary_entries
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec, check_options
-from hab_tasks.processes import use_one_thread
+from hab_tasks.io.threads import use_one_thread
 from hab_tasks.registration import imported_id
+from hab_tasks.typed_values import read_value
 
 WEIGHTS = Path(__file__).parent / "weights"
+REMOVED = {"map_memory": False, "mirrors": False, "stop_weight": 1.0}
+"""Entries of recipes that earlier versions had, with the values in weights that ship."""
+
 ROWS = 16
 """Episodes played at a time."""
 
@@ -122,10 +125,15 @@ def recipe_of(about: Mapping[str, Any], path: Path) -> Recipe:
     Raises:
         PolicyFileError: It is not of this version.
     """
-    try:
-        return from_json(Recipe, about["recipe"])
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise PolicyFileError(f"{path} has no recipe of this version: {error}.") from error
+    where = f"{path} has no recipe of this version: recipe"
+    return read_value(Recipe, _without_removed(about.get("recipe")), where, PolicyFileError)
+
+
+def _without_removed(value: Any) -> Any:
+    if not isinstance(value, dict):
+        return value
+    kept = {k: v for k, v in value.items() if k not in REMOVED or v != REMOVED[k]}
+    return {key: _without_removed(entry) for key, entry in kept.items()}
 
 
 def spec_of(recipe: Recipe) -> AgentSpec:

@@ -31,9 +31,9 @@ from torch import nn
 
 from hab_ppo.progress import read_progress
 from hab_ppo.recipe import NetworkConfig
-from hab_ppo.recipes.pick_blind import RECIPE as PICK_BLIND
+from hab_ppo.recipes.pick import PICK_BLIND
 from hab_tasks.errors import RunStoppedError
-from hab_tasks.processes import use_one_thread
+from hab_tasks.io.threads import use_one_thread
 from hab_tasks.vector.sb3 import SB3VecEnv
 
 RANKS, EPISODES, UPDATES = 2, 50, 3

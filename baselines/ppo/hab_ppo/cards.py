@@ -16,12 +16,13 @@ from hab_eval.records.results import RunRecord
 
 from hab_ppo import checkpoint
 from hab_ppo.agent import WEIGHTS, recipe_of
-from hab_ppo.card_commands import CardsCommand
+from hab_ppo.commands import CardsCommand
 from hab_ppo.curves import draw_success
 from hab_ppo.extensions import extensions
 from hab_ppo.recipe import Recipe
-from hab_tasks.console import tell
-from hab_tasks.files import written_aside
+from hab_ppo.recipes import RECIPE_FILES
+from hab_tasks.io.console import tell
+from hab_tasks.io.files import written_aside
 
 NOT_EVALUATED = "No evaluation yet."
 
@@ -99,10 +100,11 @@ def _facts(recipe: Recipe, path: Path) -> list[str]:
     options = [f"`{env.obs_mode}`", f"`target_frame={env.target_frame}`"]
     options += ["`handle_position=True`"] if env.handle_position else []
     size = path.stat().st_size / 1e6
+    file = Path(str(RECIPE_FILES[recipe.name].__file__)).name
     return [
         f"- Run: `hab-eval run --agent hab_ppo:{recipe.name} --env {env.env} --out DIR`",
         f"- Observes {', '.join(options)}; acts in `{env.control_mode}`",
-        f"- Recipe: [`{recipe.name}`](../recipes/{recipe.name}.py); weights: {size:.1f} MB",
+        f"- Recipe: [`{recipe.name}`](../recipes/{file}); weights: {size:.1f} MB",
     ]
 
 

@@ -19,7 +19,7 @@ from torch import Tensor
 from hab_ppo.errors import PolicyFileError
 from hab_ppo.network import Policy
 from hab_ppo.ppo import PPO
-from hab_tasks.files import written_aside
+from hab_tasks.io.files import written_aside
 
 FORMAT = 1
 """Version of both kinds of file."""

@@ -6,13 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from hab_ppo.card_commands import CardsCommand, ShipCommand
-from hab_ppo.demonstrate_command import DemonstrateCommand
+from hab_ppo.commands import (
+    CardsCommand,
+    DemonstrateCommand,
+    EvalCommand,
+    PlotCommand,
+    ShipCommand,
+)
 from hab_ppo.extensions import extensions
 from hab_ppo.recipes import find_recipe, recipe_names
-from hab_ppo.run_commands import EvalCommand, PlotCommand
 from hab_ppo.train_command import TrainCommand
-from hab_tasks.console import Command, run_script
+from hab_tasks.io.console import Command, run_script
 
 DESCRIPTION = "Recurrent PPO and DD-PPO for the skills of the Home Assistant Benchmark."
 

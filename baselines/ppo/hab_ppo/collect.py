@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from hab_ppo.distributed import Ranks
@@ -16,7 +17,8 @@ from hab_ppo.network import Policy
 from hab_ppo.noise import ActionNoise
 from hab_ppo.observation import Observation
 from hab_ppo.rollout import Rollout
-from hab_ppo.stages import reached
+from hab_tasks.engine.rollout import Outcome
+from hab_tasks.vector.episode_rows import VectorRows
 
 EPISODE_SUMS = ("episodes", "successes", "return", "length")
 """Sums over finished episodes; how many of them reached each stage of a task follows."""
@@ -77,13 +79,9 @@ class Collector:
 
     def reset(self, seeds: list[int]) -> None:
         """Starts new episodes in all rows, in simulations built anew."""
-        rows = self.env.num_envs
-        obs, _ = self.env.reset(seed=seeds, options={"reconfigure": True})
-        self._obs = self._read(obs)
-        self._starts = torch.ones(rows, dtype=torch.bool)
-        self._ended = torch.zeros(rows, dtype=torch.bool)
-        self._memory = self._policy.no_memory(rows)
-        self._return, self._length = np.zeros(rows), np.zeros(rows)
+        self._rows = VectorRows(self.env, seeds)
+        self._obs = self._policy.layout.read(self._rows.observe())
+        self._memory = self._policy.no_memory(self._rows.count)
 
     def collect(self, update: int, generator: torch.Generator) -> tuple[Rollout, Tensor]:
         """Plays a rollout, with actions drawn from `generator`.
@@ -91,10 +89,10 @@ class Collector:
         Returns:
             The rollout, and `EPISODE_SUMS` (4 + S,) over the episodes that ended in it.
         """
-        policy, rows = self._policy, self.env.num_envs
+        policy, rows = self._policy, self._rows
         noise = ActionNoise(generator, self._correlation)
         rollout = Rollout.empty(
-            self._steps, rows, policy.layout, policy.head.stored, policy.config.lstm_size
+            self._steps, rows.count, policy.layout, policy.head.stored, policy.config.lstm_size
         )
         rollout.memory = self._memory
         sums = np.zeros(len(EPISODE_SUMS) + len(self._stages))
@@ -105,19 +103,19 @@ class Collector:
                 acted = policy.act(*self._inputs, noise)
                 actions = policy.head.to_env(acted.actions)
                 rollout.put(step, obs)
-                rollout.starts[step], rollout.valid[step] = self._starts, ~self._ended
+                rollout.starts[step] = torch.from_numpy(rows.fresh)
+                rollout.valid[step] = torch.from_numpy(~rows.over)
                 rollout.actions[step], rollout.values[step] = acted.actions, acted.values
                 rollout.log_probs[step], self._memory = acted.log_probs, acted.memory
             with self.clock("env"):
-                raw, reward, terminated, truncated, info = self.env.step(actions)
+                ended = rows.step(actions, range(rows.count))
             with self.clock("inference"):
-                sums += self._count(reward, terminated | truncated, info)
-                self._obs = self._read(raw)
+                sums += self._sums(list(ended.values()))
+                self._obs = policy.layout.read(rows.observe())
+                reward, terminated, truncated = rows.last
                 rollout.rewards[step] = torch.from_numpy(np.asarray(reward, np.float32))
                 rollout.terminated[step] = torch.from_numpy(terminated)
                 rollout.truncated[step] = torch.from_numpy(truncated & ~terminated)
-                self._starts = self._ended
-                self._ended = rollout.terminated[step] | rollout.truncated[step]
             step += 1
         if step == self._steps:
             self._ranks.finish_rollout(update)
@@ -133,18 +131,14 @@ class Collector:
     def _inputs(self) -> tuple[Observation, Tensor, Tensor]:
         """Observations, memory and starts of episodes, on the policy's device."""
         device = self._ranks.device
-        return self._seen.to(device), self._memory, self._starts.to(device)
+        starts = torch.from_numpy(self._rows.fresh)
+        return self._seen.to(device), self._memory, starts.to(device)
 
-    def _read(self, obs: Any) -> Observation:
-        return self._policy.layout.read(obs)
-
-    def _count(self, reward: Any, ended: Any, info: Any) -> Any:
-        """Returns the sums over the episodes that this step ended."""
-        playing = ~self._ended.numpy()
-        self._return += reward
-        self._length += playing
-        totals = info["success"][ended], self._return[ended], self._length[ended]
-        stages = reached(info, self._stages)[ended].sum(axis=0)
-        sums = np.array([ended.sum(), *(total.sum() for total in totals), *stages], dtype=float)
-        self._return[ended] = self._length[ended] = 0.0
-        return sums
+    def _sums(self, outcomes: Sequence[Outcome]) -> NDArray[np.float64]:
+        """Returns the sums over the episodes that a step has ended."""
+        values = [
+            (1, one.success, one.episode_return, one.steps, *map(one.stages.get, self._stages))
+            for one in outcomes
+        ]
+        size = len(EPISODE_SUMS) + len(self._stages)
+        return np.array(values, dtype=float).reshape(-1, size).T.copy().sum(axis=1)

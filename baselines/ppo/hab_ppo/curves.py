@@ -9,13 +9,13 @@ from typing import Any
 from matplotlib.figure import Figure  # without pyplot, and so without a display
 
 from hab_ppo import checkpoint
+from hab_ppo.commands import PlotCommand
 from hab_ppo.errors import PolicyFileError
 from hab_ppo.plan import CLONED
 from hab_ppo.progress import FILE, read_progress
-from hab_ppo.run_commands import PlotCommand
-from hab_tasks.console import tell
 from hab_tasks.errors import OptionError
-from hab_tasks.files import check_file, written_aside
+from hab_tasks.io.console import tell
+from hab_tasks.io.files import check_file, written_aside
 
 PANELS = (
     (("train/success", "eval/success"), "success"),

@@ -11,12 +11,12 @@ import torch
 from torch import Tensor
 
 from hab_ppo import checkpoint
-from hab_ppo.config_json import to_json
 from hab_ppo.demonstration_checks import find_fault
 from hab_ppo.errors import PolicyFileError
 from hab_ppo.examples import Examples
 from hab_ppo.recipe import EnvConfig
 from hab_ppo.retiming import Stretch
+from hab_tasks.typed_values import to_json
 
 KIND = "demonstrations"
 

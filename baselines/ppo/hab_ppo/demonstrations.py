@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import traceback
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -34,18 +34,17 @@ from hab_ppo.replay import DRIVING_MODE, MODES, Disturbance, replay
 from hab_ppo.retiming import Recorded, Stretch, straight, stretches, varied, within_workspace
 from hab_tasks.agent import Agent, AgentSetup
 from hab_tasks.agent_spaces import agent_setup
+from hab_tasks.engine.rollout import Job, Outcome, StepInfo
 from hab_tasks.episodes import Episode
 from hab_tasks.errors import OptionError, RunStoppedError
-from hab_tasks.processes import use_one_thread, worker_pool
+from hab_tasks.io.pool import WorkerPool, in_order
+from hab_tasks.io.threads import use_one_thread
 
 FIRST_EPISODES = 25
 """An agent that has no demonstration after so many episodes is given up."""
 
 MOST_REPLAYS = 4
 """Replays of a path until one succeeds: straight, as it is, then varied."""
-
-AHEAD = 4
-"""Episodes that are played at a time, for each process."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,18 +192,8 @@ def _attempts(plan: DemonstrationPlan, most: int) -> Iterator[Iterator[Attempt]]
         finally:
             studio.close()
         return
-    with worker_pool(plan.workers, _start_worker, (plan,)) as pool:
-        yield _ahead(pool, most, AHEAD * plan.workers)
-
-
-def _ahead(pool: Any, most: int, ahead: int) -> Iterator[Attempt]:
-    """Yields the attempts of a pool in order, with some played ahead of those asked for."""
-    waiting = [pool.submit(_attempt_in_worker, number) for number in range(min(ahead, most))]
-    for number in range(most):
-        attempt = waiting.pop(0).result()
-        if number + ahead < most:
-            waiting.append(pool.submit(_attempt_in_worker, number + ahead))
-        yield attempt
+    with WorkerPool(plan.workers, _start_worker, (plan,)) as pool:
+        yield in_order(pool.run(range(most)))
 
 
 class Studio:
@@ -217,10 +206,10 @@ class Studio:
         self._episodes = training_episodes(recipe, 1, lambda line: None)
         self._agent: Agent = load_agent(plan.agent, _setup(plan))
         config, spec = plan.config(), self._agent.spec
-        env = environments.make_env(
+        self._stage = environments.make_env(
             config, spec, split=recipe.env.split, render=False, num_episodes=most
         )
-        self._stage = _Recording(env, environments.gripper_entry(spec.control_mode))
+        self._path = _PathRecorder(environments.gripper_entry(spec.control_mode))
         self._env: Any = gym.make(recipe.env.reference, num_envs=1, **recipe.env.options())
         self._drives = recipe.env.control_mode == DRIVING_MODE
         spaces = _setup(plan).spaces(spec_of(recipe))
@@ -244,10 +233,10 @@ class Studio:
             ) from error
 
     def _attempted(self, number: int, episode: Episode) -> Attempt:
-        result = run_episode(self._stage, self._agent, number, episode).episode
+        result = run_episode(self._stage, self._agent, number, episode, [self._path]).episode
         if not result.success:
             return Attempt(agent_failure=str(result.failure))
-        path, failure = stretches(self._stage.recorded()), None
+        path, failure = stretches(self._path.recorded()), None
         if self._drives:
             path = within_workspace(path)
         for replays in range(MOST_REPLAYS):
@@ -268,32 +257,28 @@ class Studio:
         self._env.close()
 
 
-class _Recording(gym.Wrapper[Any, Any, Any, Any]):
+class _PathRecorder:
     """Records the hand's path and the gripper's and the base's entries of an episode."""
 
-    def __init__(self, env: gym.Env[Any, Any], gripper: int | None) -> None:
-        super().__init__(env)
+    def __init__(self, gripper: int | None) -> None:
         if gripper is None:
             raise OptionError("The agent does not control the gripper, so it shows no path.")
         self._gripper = gripper
         self._points: list[Any] = []
         self._actions: list[Any] = []
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
-        """Starts an episode and its recording."""
-        obs, info = self.env.reset(seed=seed, options=options)
+    def reset(self, job: Job, seen: StepInfo) -> None:
+        """Starts a recording."""
         self._points, self._actions = [], []
-        self._see(obs)
-        return obs, info
+        self._see(seen)
 
-    def step(self, action: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Steps and records."""
-        self._actions.append(np.asarray(action, dtype=float).reshape(-1))
-        obs, reward, terminated, truncated, info = self.env.step(action)
-        self._see(obs)
-        return obs, reward, terminated, truncated, info
+    def step(self, seen: StepInfo) -> None:
+        """Records a step."""
+        self._actions.append(np.asarray(seen.action, dtype=float).reshape(-1))
+        self._see(seen)
+
+    def end(self, outcome: Outcome | None) -> None:
+        """Keeps the recording."""
 
     def recorded(self) -> Recorded:
         """Returns the last episode."""
@@ -303,20 +288,12 @@ class _Recording(gym.Wrapper[Any, Any, Any, Any]):
             drives = np.zeros((len(actions), 2))
         return Recorded(np.stack(self._points), actions[:, self._gripper], drives)
 
-    def _see(self, obs: Any) -> None:
-        self._points.append(np.asarray(obs["agent"]["ee_position"][0]).astype(float))
+    def _see(self, seen: StepInfo) -> None:
+        self._points.append(np.asarray(seen.obs["agent"]["ee_position"][0]).astype(float))
 
 
-_worker_studio: Studio
-
-
-def _start_worker(plan: DemonstrationPlan) -> None:
-    global _worker_studio
-    _worker_studio = Studio(plan)
-
-
-def _attempt_in_worker(number: int) -> Attempt:
-    return _worker_studio.attempt(number)
+def _start_worker(plan: DemonstrationPlan) -> Callable[[int], Attempt]:
+    return Studio(plan).attempt
 
 
 def _version(path: list[Stretch], replays: int, drawn: np.random.Generator) -> list[Stretch]:

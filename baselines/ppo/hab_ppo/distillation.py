@@ -7,17 +7,20 @@ all rounds, and after each round it fits the student to all of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import itertools
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from safetensors.torch import load, save
 from torch import Tensor
 
 from hab_ppo.cloning import Fit, clone
 from hab_ppo.distributed import Ranks
+from hab_ppo.evaluation import Student
 from hab_ppo.examples import Examples, compact
 from hab_ppo.network import Policy
 from hab_ppo.noise import ActionNoise
@@ -25,7 +28,9 @@ from hab_ppo.observation import Observation
 from hab_ppo.progress import WriteLine
 from hab_ppo.recipe import Distillation
 from hab_ppo.teachers import Teacher
-from hab_tasks.processes import compute_threads
+from hab_tasks.engine.rollout import EndRolloutError, Job, Outcome, play
+from hab_tasks.io.threads import compute_threads
+from hab_tasks.vector.episode_rows import VectorRows
 
 COUNTS = "counts"
 
@@ -43,6 +48,12 @@ class Visits:
     parts: list[Examples] = field(default_factory=list)
     episodes: int = 0
     successes: int = 0
+
+    def count(self, outcome: Outcome, parts: list[Examples]) -> None:
+        """Counts an episode that has ended, and keeps its states."""
+        self.episodes += 1
+        self.successes += outcome.success
+        self.parts += parts
 
     @classmethod
     def joined(cls, several: Sequence[Visits]) -> Visits:
@@ -133,6 +144,38 @@ def newest(parts: list[Examples], most_mb: int) -> list[Examples]:
     return parts[first:]
 
 
+class _Taught(Student):
+    """Acts as the student or as its teacher, who labels every state, for a number of steps."""
+
+    def __init__(
+        self,
+        student: Policy,
+        rows: VectorRows,
+        teacher: Teacher,
+        drawn: np.random.Generator,
+        *,
+        noise: ActionNoise,
+        steps: int,
+        beta: float,
+    ) -> None:
+        super().__init__(student, rows, noise)
+        self._teacher, self._drawn, self._left, self._beta = teacher, drawn, steps, beta
+        self.recorder = Recorder(rows.count)
+
+    def act(self, obs: Any) -> NDArray[Any]:
+        """Returns actions as the environment takes them, (N, ...)."""
+        if self._left <= 0:
+            raise EndRolloutError
+        rows, seen = self.rows, self.policy.layout.read(obs)
+        chosen = self.choose(seen)
+        labels = self._teacher.labels(obs, torch.from_numpy(rows.fresh))
+        leads = self._drawn.random(rows.count) < self._beta
+        self.recorder.put(seen, labels, ~rows.over)
+        self._left -= int((~rows.over).sum())
+        leads = leads.reshape(rows.count, *[1] * (labels.ndim - 1))
+        return np.where(leads, labels, chosen).astype(labels.dtype)
+
+
 def visit(
     student: Policy, teacher: Teacher, env: Any, steps: int, beta: float, seed: list[int]
 ) -> Visits:
@@ -146,32 +189,17 @@ def visit(
         beta: Share of the steps in which the teacher's action is executed.
         seed: Seed of the round.
     """
-    drawn, rows = np.random.default_rng(seed), env.num_envs
+    drawn = np.random.default_rng(seed)
     device = student.state_normalizer.mean.device
     generator = torch.Generator(device=device).manual_seed(int(drawn.integers(2**31)))
+    rows = VectorRows(env, drawn.integers(2**31, size=env.num_envs).tolist())
     noise = ActionNoise(generator)
-    seeds = [int(one) for one in drawn.integers(2**31, size=rows)]
-    obs, _ = env.reset(seed=seeds, options={"reconfigure": True})
-    recorder, result = Recorder(rows), Visits()
-    starts, ended = torch.ones(rows, dtype=torch.bool), np.zeros(rows, dtype=bool)
-    memory = student.no_memory(rows)
-    taken = 0
-    while taken < steps:
-        seen = student.layout.read(obs)
-        acted = student.choose(seen.to(device), memory, starts.to(device), noise)
-        memory, labels = acted.memory, teacher.labels(obs, starts)
-        leads = (drawn.random(rows) < beta).reshape(rows, *[1] * (labels.ndim - 1))
-        actions = np.where(leads, labels, student.head.to_env(acted.actions))
-        recorder.put(seen, labels, ~ended)
-        taken += int((~ended).sum())
-        starts = torch.from_numpy(ended.copy())
-        obs, _, terminated, truncated, info = env.step(actions.astype(labels.dtype))
-        ended = terminated | truncated
-        result.episodes += int(ended.sum())
-        result.successes += int(info["success"][ended].sum())
-        result.parts += recorder.ended(ended)
-    result.parts += recorder.ended(np.ones(rows, dtype=bool))
-    return result
+    taught = _Taught(student, rows, teacher, drawn, noise=noise, steps=steps, beta=beta)
+    visits = Visits()
+    for ended in play(rows, taught, map(Job, itertools.count())):
+        visits.count(ended.outcome, taught.recorder.ended([ended.row]))
+    visits.parts += taught.recorder.ended(range(rows.count))
+    return visits
 
 
 class Recorder:
@@ -189,10 +217,10 @@ class Recorder:
             self._seen[row].append(Observation(seen.state[row : row + 1], shown))
             self._labels[row].append(labels[row].copy())
 
-    def ended(self, ended: Any) -> list[Examples]:
-        """Returns the episodes of the rows in `ended`, and forgets them."""
+    def ended(self, rows: Iterable[int]) -> list[Examples]:
+        """Returns the episodes of `rows`, and forgets them."""
         parts = []
-        for row in np.flatnonzero(ended):
+        for row in rows:
             if self._seen[row]:
                 parts.append(Examples.of(self._seen[row], np.stack(self._labels[row])))
             self._seen[row], self._labels[row] = [], []

@@ -16,12 +16,11 @@ from gymnasium import spaces
 from torch import Tensor, nn
 
 from hab_ppo.actions import action_head
+from hab_ppo.layers import RowEncoder, RowLinear, run_lstm
 from hab_ppo.noise import Noise
 from hab_ppo.normalizer import RunningNormalizer
 from hab_ppo.observation import Observation, ObservationLayout
 from hab_ppo.recipe import NetworkConfig
-from hab_ppo.row_layers import RowEncoder, RowLinear
-from hab_ppo.sequences import run_lstm
 
 HOLDING = ("agent", "is_holding")
 """Path of the observation that is positive while the gripper holds something."""

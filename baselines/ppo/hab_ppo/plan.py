@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hab_ppo.config_json import to_json
 from hab_ppo.errors import RecipeError
 from hab_ppo.recipe import Recipe
+from hab_tasks.typed_values import to_json
 
 RECIPE = "recipe.json"
 """The resolved recipe, in the run's folder."""
@@ -56,7 +55,7 @@ def check_same(plan: TrainPlan, about: Mapping[str, Any]) -> None:
     Raises:
         RecipeError: The description `about` is of another run.
     """
-    recipe, found = json.loads(json.dumps(to_json(plan.recipe))), about["recipe"]
+    recipe, found = to_json(plan.recipe), about["recipe"]
     different = [
         name
         for name in sorted(recipe.keys() | found.keys())

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,37 +10,18 @@ from hab_eval.records.stats import wilson_interval
 
 from hab_ppo import checkpoint
 from hab_ppo.agent import recipe_of, weights_file
+from hab_ppo.commands import EvalCommand
 from hab_ppo.evaluation import evaluate
-from hab_ppo.limits import MOST_EPISODES, MOST_RANKS, MOST_ROWS
 from hab_ppo.network import new_policy
 from hab_ppo.noise import ActionNoise
 from hab_ppo.observation import ObservationLayout
-from hab_ppo.recipe import Recipe
+from hab_ppo.recipe import MOST_EPISODES, MOST_RANKS, MOST_ROWS, Recipe
 from hab_ppo.rows import binary_entries, policy_rows
-from hab_ppo.run_commands import EvalCommand
-from hab_tasks.console import tell
+from hab_tasks.engine.rollout import Outcome
 from hab_tasks.episodes import EpisodeRequest, load_episodes
+from hab_tasks.io.console import tell
+from hab_tasks.io.threads import use_one_thread
 from hab_tasks.option_values import LARGEST_SEED, whole
-from hab_tasks.processes import use_one_thread
-
-
-@dataclass(frozen=True, kw_only=True)
-class Result:
-    """Result of an evaluation.
-
-    Attributes:
-        successes: Number of solved episodes.
-        episodes: Number of episodes.
-        mean_return: Mean sum of rewards.
-        mean_steps: Mean length.
-        steps_per_s: Steps of counted episodes per second.
-    """
-
-    successes: int
-    episodes: int
-    mean_return: float
-    mean_steps: float
-    steps_per_s: float
 
 
 def run(options: EvalCommand) -> int:
@@ -51,7 +30,7 @@ def run(options: EvalCommand) -> int:
     whole("--rows", options.rows, 1, MOST_ROWS)
     whole("--workers", options.workers, 1, MOST_RANKS)
     whole("--seed", options.seed, 0, LARGEST_SEED)
-    result = play(
+    played = play(
         options.weights,
         split=options.split,
         episodes=options.episodes,
@@ -59,17 +38,21 @@ def run(options: EvalCommand) -> int:
         rows=options.rows,
         workers=options.workers,
     )
-    low, high = wilson_interval(result.successes, result.episodes)
+    successes, count = sum(one.success for one in played), len(played)
+    low, high = wilson_interval(successes, count)
     tell(
-        f"success {result.successes / result.episodes:.1%} ({result.successes} of "
-        f"{result.episodes}, 95 % interval {low:.1%} to {high:.1%})"
+        f"success {successes / count:.1%} ({successes} of {count}, 95 % interval {low:.1%} to "
+        f"{high:.1%})"
     )
-    tell(f"return {result.mean_return:.2f}, {result.mean_steps:.0f} steps (means)")
+    mean_return = np.mean([one.episode_return for one in played])
+    tell(f"return {mean_return:.2f}, {np.mean([one.steps for one in played]):.0f} steps (means)")
     return 0
 
 
-def play(path: Path, *, split: str, episodes: int, seed: int, rows: int, workers: int) -> Result:
-    """Plays episodes with the weights of a file.
+def play(
+    path: Path, *, split: str, episodes: int, seed: int, rows: int, workers: int
+) -> list[Outcome]:
+    """Plays episodes with the weights of a file; returns their outcomes in order.
 
     Args:
         path: A run's folder, or a file of weights.
@@ -104,19 +87,9 @@ def play(path: Path, *, split: str, episodes: int, seed: int, rows: int, workers
         layout = ObservationLayout.of(env.single_observation_space, network.image_block_px)
         policy = new_policy(layout, space, network, 0, binary_entries(recipe))
         checkpoint.load_network(policy, tensors, path)
-        began = time.perf_counter()
-        scores = evaluate(env, policy, wanted, _noise(recipe, seed))
-        seconds = time.perf_counter() - began
+        return evaluate(env, policy, wanted, _noise(recipe, seed))
     finally:
         env.close()
-    steps = [score.steps for score in scores]
-    return Result(
-        successes=sum(score.success for score in scores),
-        episodes=len(scores),
-        mean_return=float(np.mean([score.total_reward for score in scores])),
-        mean_steps=float(np.mean(steps)),
-        steps_per_s=sum(steps) / seconds,
-    )
 
 
 def _noise(recipe: Recipe, seed: int) -> ActionNoise | None:

@@ -12,16 +12,18 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from hab_ppo.distillation import Recorder, Visits
-from hab_ppo.evaluation import evaluate
+from hab_ppo.evaluation import Student
 from hab_ppo.examples import Examples
 from hab_ppo.network import Policy
-from hab_ppo.noise import ActionNoise
-from hab_ppo.observation import Observation
+from hab_ppo.noise import ActionNoise, Noise
 from hab_ppo.replay import SETTLING_STEPS
 from hab_ppo.retiming import Follower, Stretch
+from hab_tasks.engine.rollout import Job, flag, play
 from hab_tasks.episodes import Episode
+from hab_tasks.vector.episode_rows import VectorRows
 
 
 class Lesson(NamedTuple):
@@ -44,31 +46,39 @@ class _Teacher:
         return None if self._left < 0 or self._follower.has_lost else action
 
 
-class _Class:
-    """Labels every state that is visited in the lessons."""
+class _Pupil(Student):
+    """Plays lessons; every state that it visits gets the label of the lesson's path."""
 
-    def __init__(self, lessons: Sequence[Lesson], rows: int, size: int) -> None:
-        """Creates the teachers of `lessons`; labels have `size` entries."""
-        self._teachers = [_Teacher(lesson.path) for lesson in lessons]
-        self._recorder, self._size = Recorder(rows), size
-        self.parts: list[Examples] = []
+    def __init__(
+        self, student: Policy, rows: VectorRows, noise: Noise, lessons: Sequence[Lesson]
+    ) -> None:
+        super().__init__(student, rows, noise)
+        self._lessons, self.recorder = lessons, Recorder(rows.count)
+        self._teachers: dict[int, _Teacher] = {}
 
-    def before_step(self, playing: Sequence[int | None], obs: Any, seen: Observation) -> None:
-        """Labels the states of the rows whose path tells what to do."""
-        labels = np.zeros((len(playing), self._size), np.float32)
-        valid = np.zeros(len(playing), dtype=bool)
-        for row, number in enumerate(playing):
-            if number is not None:
-                ee_m = np.asarray(obs["agent"]["ee_position"][row], dtype=float)
-                holding = bool(np.asarray(obs["agent"]["is_holding"][row]).reshape(-1)[0] > 0)
-                label = self._teachers[number].label(ee_m, holding, self._size)
-                if label is not None:
-                    labels[row], valid[row] = label, True
-        self._recorder.put(seen, labels, valid)
+    def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
+        """Starts lessons, whose numbers are the seeds."""
+        for row in np.flatnonzero(mask).tolist():
+            self._teachers[row] = _Teacher(self._lessons[seeds[row]].path)
 
-    def after_step(self, ended: NDArray[np.bool_]) -> None:
-        """Keeps the episodes that ended."""
-        self.parts += self._recorder.ended(ended)
+    def act(self, obs: Any) -> NDArray[Any]:
+        """Labels the states of the rows whose path tells what to do; acts as the student."""
+        count, size = self.rows.count, self.policy.head.size
+        labels, valid = np.zeros((count, size), np.float32), np.zeros(count, dtype=bool)
+        for row, teacher in self._teachers.items():
+            ee_m = np.asarray(obs["agent"]["ee_position"][row], dtype=float)
+            holding = flag(obs["agent"]["is_holding"][row] > 0, 0)
+            label = teacher.label(ee_m, holding, size)
+            if label is not None:
+                labels[row], valid[row] = label, True
+        seen = self.policy.layout.read(obs)
+        self.recorder.put(seen, labels, valid)
+        return self.choose(seen)
+
+    def end(self, row: int) -> list[Examples]:
+        """Ends the lesson of a row; returns its examples."""
+        del self._teachers[row]
+        return self.recorder.ended([row])
 
 
 def practise(student: Policy, lessons: Sequence[Lesson], env: Any, seed: list[int]) -> Visits:
@@ -83,9 +93,9 @@ def practise(student: Policy, lessons: Sequence[Lesson], env: Any, seed: list[in
     """
     generator = torch.Generator(device=student.state_normalizer.mean.device)
     generator.manual_seed(int(np.random.default_rng(seed).integers(2**31)))
-    lesson = _Class(lessons, env.num_envs, student.head.size)
-    episodes = [one.episode for one in lessons]
-    scores = evaluate(env, student, episodes, ActionNoise(generator), lesson)
-    return Visits(
-        parts=lesson.parts, episodes=len(scores), successes=sum(score.success for score in scores)
-    )
+    rows, visits = VectorRows(env), Visits()
+    pupil = _Pupil(student, rows, ActionNoise(generator), lessons)
+    jobs = (Job(number, lesson.episode, number) for number, lesson in enumerate(lessons))
+    for ended in play(rows, pupil, jobs):
+        visits.count(ended.outcome, pupil.end(ended.row))
+    return visits

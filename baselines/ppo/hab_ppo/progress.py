@@ -12,7 +12,7 @@ from typing import Any
 
 from torch.utils.tensorboard import SummaryWriter
 
-from hab_tasks.files import written_aside
+from hab_tasks.io.files import written_aside
 
 WriteLine = Callable[[str], None]
 

@@ -7,9 +7,17 @@ learner of S App. C, `FAST` one tuned for the wall time on two CPU cores.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import Any, TypeVar
 
 from hab_ppo.errors import RecipeError
+
+T = TypeVar("T")
+
+MOST_RANKS = 256
+MOST_ROWS = 4096
+MOST_EPISODES = 1_000_000
+MOST_STEPS = 10**12
+"""Largest values of the commands' options."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -342,3 +350,9 @@ class Recipe:
         """How PPO continues from a clone; None if it starts from random weights."""
         start = self.warm_start or self.distill
         return None if start is None else start.tuning
+
+
+def changed(config: T, **values: Any) -> T:
+    """Returns a config with those of the values that are not None."""
+    given = {name: value for name, value in values.items() if value is not None}
+    return replace(config, **given)  # pyright: ignore[reportArgumentType, reportCallIssue]

@@ -6,17 +6,20 @@ there (DART, arXiv 1703.09327). So the examples contain states beside the path, 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from hab_ppo.examples import Examples
 from hab_ppo.observation import Observation, ObservationLayout
 from hab_ppo.retiming import Follower, Stretch
+from hab_tasks.engine.env_row import EnvRow
+from hab_tasks.engine.rollout import EndRolloutError, Job, flag, play_one
 from hab_tasks.episodes import Episode
 
 DRIVING_MODE = "ee_base"
@@ -75,6 +78,32 @@ class Replayed(NamedTuple):
     examples: Examples
 
 
+class _Follower:
+    """Follows a path with disturbed actions; keeps what it sees, with the clean ones."""
+
+    def __init__(
+        self, layout: ObservationLayout, path: list[Stretch], disturbance: Disturbance, size: int
+    ) -> None:
+        self._layout, self._disturbance, self._size = layout, disturbance, size
+        self._follower, self._left = Follower(path), SETTLING_STEPS
+        self.seen: list[Observation] = []
+        self.labels: list[NDArray[np.float32]] = []
+
+    def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
+        """Does nothing: it plays one episode."""
+
+    def act(self, obs: Any) -> Tensor:
+        """Returns what is executed, (1, A)."""
+        if not self._left:
+            raise EndRolloutError
+        ee_m = np.asarray(obs["agent"]["ee_position"][0], dtype=float)
+        label = self._follower.act(ee_m, flag(obs["agent"]["is_holding"] > 0, 0))
+        self.labels.append(label[: self._size].astype(np.float32))
+        self.seen.append(self._layout.read(obs))
+        self._left -= self._follower.finished
+        return torch.from_numpy(self._disturbance.executed(self.labels[-1]))[None]
+
+
 def replay(
     env: gym.Env[Any, Any],
     layout: ObservationLayout,
@@ -91,33 +120,10 @@ def replay(
         path: The path.
         disturbance: Noise on the executed actions.
     """
-    follower, size = Follower(path), int(np.prod(env.action_space.shape or ()))
     disturbance.start(path[0].gripper)
-    obs, info = env.reset(seed=episode.seed, options={"episode": episode, "reconfigure": True})
-    seen: list[Observation] = []
-    labels: list[NDArray[np.float32]] = []
-    left, over, failure = SETTLING_STEPS, False, ENDED
-    while left and not over:
-        ee_m = np.asarray(obs["agent"]["ee_position"][0], dtype=float)
-        holding = bool(np.asarray(obs["agent"]["is_holding"]).reshape(-1)[0] > 0)
-        label = follower.act(ee_m, holding)[:size].astype(np.float32)
-        seen.append(layout.read(obs))
-        labels.append(label)
-        executed = torch.from_numpy(disturbance.executed(label))[None]
-        obs, _, terminated, truncated, info = env.step(executed)
-        over = _first(terminated) or _first(truncated)
-        left -= follower.finished
-    if over:
-        failure = None if _first(info["success"]) else _failure(info)
-    return Replayed(failure, Examples.of(seen, np.stack(labels)))
-
-
-def _failure(info: Mapping[str, Any]) -> str:
-    """Returns the environment's failure category of an episode that was not solved."""
-    named = [name for name, value in info.get("failures", {}).items() if _first(value)]
-    return named[0] if named else TIMEOUT
-
-
-def _first(value: Any) -> bool:
-    """Returns the only row of a flag."""
-    return bool(np.asarray(value).reshape(-1)[0])
+    follower = _Follower(layout, path, disturbance, int(np.prod(env.action_space.shape or ())))
+    outcome = play_one(EnvRow(env), follower, Job(0, episode))
+    examples = Examples.of(follower.seen, np.stack(follower.labels))
+    if outcome is None:
+        return Replayed(ENDED, examples)
+    return Replayed(None if outcome.success else outcome.failure or TIMEOUT, examples)

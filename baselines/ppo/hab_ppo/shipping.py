@@ -12,12 +12,12 @@ from typing import Any
 
 from hab_ppo import checkpoint
 from hab_ppo.agent import WEIGHTS, weights_file
-from hab_ppo.card_commands import ShipCommand
+from hab_ppo.commands import ShipCommand
 from hab_ppo.errors import PolicyFileError
 from hab_ppo.extensions import extensions
 from hab_ppo.plan import CLONED
 from hab_ppo.progress import read_progress
-from hab_tasks.console import tell
+from hab_tasks.io.console import tell
 
 CURVE_POINTS = 100
 """Most points of the training curve that are kept; evaluations are all kept."""

@@ -2,12 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
-
 from hab_ppo.recipe import EnvConfig
 from hab_tasks.envs import ENVS
 from hab_tasks.registration import imported_id
@@ -23,9 +17,3 @@ def stage_names(env: EnvConfig) -> tuple[str, ...]:
 def info_keys(env: EnvConfig) -> tuple[str, ...]:
     """Returns the entries of `info` that a run needs."""
     return ("success", "stages") if stage_names(env) else ("success",)
-
-
-def reached(info: Mapping[str, Any], names: Sequence[str]) -> NDArray[np.bool_]:
-    """Returns which stages the episodes of N rows have reached, (N, S)."""
-    columns = [np.asarray(info["stages"][name]) for name in names]
-    return np.stack(columns, axis=1) if columns else np.zeros((len(info["success"]), 0), bool)

@@ -10,14 +10,20 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from hab_ppo.config_json import changed
-from hab_ppo.limits import MOST_EPISODES, MOST_RANKS, MOST_ROWS, MOST_STEPS
 from hab_ppo.plan import DISTILLED_SO_FAR, EXACT, RECIPE
-from hab_ppo.recipe import PRESETS, Recipe
+from hab_ppo.recipe import (
+    MOST_EPISODES,
+    MOST_RANKS,
+    MOST_ROWS,
+    MOST_STEPS,
+    PRESETS,
+    Recipe,
+    changed,
+)
 from hab_ppo.recipes import find_recipe
-from hab_tasks.console import Command
 from hab_tasks.errors import OptionError, UnknownNameError
-from hab_tasks.files import check_folder
+from hab_tasks.io.console import Command
+from hab_tasks.io.files import check_folder
 from hab_tasks.option_values import LARGEST_SEED, whole
 
 TRAIN_HELP = """Trains a policy by its recipe.

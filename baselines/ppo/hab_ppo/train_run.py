@@ -9,9 +9,9 @@ from hab_ppo.launch import is_prepared, is_rank, launch
 from hab_ppo.plan import EXACT, LAST, TrainPlan, check_same
 from hab_ppo.recipe import Recipe
 from hab_ppo.train_command import TrainCommand
-from hab_ppo.trainer import Trainer
+from hab_ppo.trainer import train_rank
 from hab_ppo.warm_start import check_start
-from hab_tasks.console import EXIT_INTERRUPTED, tell
+from hab_tasks.io.console import EXIT_INTERRUPTED, tell
 
 
 def run(options: TrainCommand) -> int:
@@ -67,7 +67,7 @@ def _train(options: TrainCommand, recipe: Recipe) -> int:
         options.check_out()
     plan = _plan(options, recipe)  # what it resumes from depends on the files left in the folder
     try:
-        end = Trainer(plan, ranks, tell).run()
+        end = train_rank(plan, ranks, tell)
     finally:
         ranks.close()
     if ranks.is_first and end.best_success is not None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,7 +21,6 @@ from hab_eval.records.provenance import device, git_commit
 from hab_ppo import checkpoint
 from hab_ppo.checkpoint import Position
 from hab_ppo.collect import Collector
-from hab_ppo.config_json import to_json
 from hab_ppo.distributed import Ranks
 from hab_ppo.episodes import prepare_episodes
 from hab_ppo.evaluation import evaluate
@@ -34,44 +34,72 @@ from hab_ppo.progress import PARTS, Progress, Recent, WriteLine
 from hab_ppo.rows import binary_entries
 from hab_ppo.stages import stage_names
 from hab_ppo.warm_start import make_rows, start_policy
-from hab_tasks.files import written_aside
-from hab_tasks.processes import use_one_thread
+from hab_tasks.episodes.schema import Episode
+from hab_tasks.io.files import written_aside
+from hab_tasks.io.threads import use_one_thread
+from hab_tasks.typed_values import to_json
 
 COLLAPSE_SHARE = 0.5
 """A run whose success falls below this share of its best is reported."""
 
 
-class Trainer:
-    """One rank of a run."""
+def train_rank(plan: TrainPlan, ranks: Ranks, write_line: WriteLine) -> Position:
+    """Builds the parts of a run, as one of its ranks, and trains; returns where the run ended."""
+    use_one_thread()
+    recipe, preset = plan.recipe, plan.recipe.preset
+    write_line = write_line if ranks.is_first else lambda line: None
+    with ranks.first_on_machine() as workers:
+        episodes = prepare_episodes(recipe, workers, write_line)
+    env = make_rows(recipe, preset.rows, 1)
+    layout = ObservationLayout.of(env.single_observation_space, preset.network.image_block_px)
+    space = env.single_action_space
+    policy = new_policy(layout, space, preset.network, plan.seed, binary_entries(recipe))
+    policy = policy.to(ranks.device)
+    guide = start_policy(plan, ranks, policy, write_line)
+    learner = PPO(policy, preset.ppo, ranks, guide)
+    position = _restored(plan, ranks, learner) if plan.resume else Position()
+    return Trainer(plan, ranks, env, learner, episodes, position, write_line).run()
 
-    def __init__(self, plan: TrainPlan, ranks: Ranks, write_line: WriteLine) -> None:
-        use_one_thread()
+
+def _restored(plan: TrainPlan, ranks: Ranks, learner: PPO) -> Position:
+    """Sets a learner to a checkpoint, read by the first rank; returns its position."""
+    path = plan.out / str(plan.resume)
+    data = ranks.from_first(checkpoint.read(path) if ranks.is_first else b"")
+    tensors, about = checkpoint.parse(data, path)
+    check_same(plan, about)
+    checkpoint.load_learner(learner, tensors, path)
+    return Position(**about["position"])
+
+
+class Trainer:
+    """One rank of a run, from a position to the end."""
+
+    def __init__(
+        self,
+        plan: TrainPlan,
+        ranks: Ranks,
+        env: Any,
+        learner: PPO,
+        episodes: Sequence[Episode],
+        position: Position,
+        write_line: WriteLine,
+    ) -> None:
+        """Takes the parts of a run: its rows, its learner, and the episodes of its evaluations."""
         self._plan, self._recipe, self._ranks = plan, plan.recipe, ranks
-        self._write_line = write_line if ranks.is_first else lambda line: None
-        recipe, preset = self._recipe, self._recipe.preset
-        with ranks.first_on_machine() as workers:
-            self._episodes = prepare_episodes(recipe, workers, self._write_line)
-        self._env = make_rows(recipe, preset.rows, 1)
-        observed = self._env.single_observation_space
-        layout = ObservationLayout.of(observed, preset.network.image_block_px)
-        space = self._env.single_action_space
-        policy = new_policy(layout, space, preset.network, plan.seed, binary_entries(recipe))
-        policy = policy.to(ranks.device)
-        guide = start_policy(plan, ranks, policy, self._write_line)
-        self._learner = PPO(policy, preset.ppo, ranks, guide)
-        self._stages = stage_names(recipe.env)
+        self._env, self._learner, self._episodes = env, learner, episodes
+        self._position, self._write_line = position, write_line
+        preset, self._stages = plan.recipe.preset, stage_names(plan.recipe.env)
         self._collector = Collector(
-            self._env,
-            policy,
+            env,
+            learner.policy,
             ranks,
             preset.rollout_steps,
             preset.ppo.noise_correlation,
             self._stages,
         )
         self._recent = Recent(self._stages)
-        self._position = self._restored() if plan.resume else Position()
         self._origin = {"command": plan.command, "device": device(), "git": git_commit()}
-        self._began_s = time.perf_counter() - self._position.seconds
+        self._began_s = time.perf_counter() - position.seconds
 
     def run(self) -> Position:
         """Trains to the end; returns where the run ended."""
@@ -177,10 +205,10 @@ class Trainer:
         noise = None
         if self._recipe.draws_actions:
             noise = ActionNoise(self._generator(3, ranks.device))
-        scores = evaluate(self._env, policy, mine, noise, stages=self._stages) if mine else []
-        rows = [(1.0, one.success, one.total_reward, *one.stages) for one in scores]
         sums = torch.zeros(1 + len(names), dtype=torch.float64)
-        for row in rows:
+        for one in evaluate(self._env, policy, mine, noise):
+            stages = (one.stages[name] for name in self._stages)
+            row = (1.0, one.success, one.episode_return, *stages)
             sums += torch.tensor(row, dtype=torch.float64)
         count, *totals = ranks.sum(sums).tolist()
         return {name: total / count for name, total in zip(names, totals, strict=True)}
@@ -229,15 +257,6 @@ class Trainer:
     def _save(self, name: str) -> None:
         tensors = checkpoint.learner_tensors(self._learner)
         checkpoint.save(self._plan.out / name, tensors, self._about())
-
-    def _restored(self) -> Position:
-        """Sets the learner to a checkpoint, read by the first rank; returns its position."""
-        path = self._plan.out / str(self._plan.resume)
-        data = self._ranks.from_first(checkpoint.read(path) if self._ranks.is_first else b"")
-        tensors, about = checkpoint.parse(data, path)
-        check_same(self._plan, about)
-        checkpoint.load_learner(self._learner, tensors, path)
-        return Position(**about["position"])
 
     def _write_recipe(self) -> None:
         about = {"seed": self._plan.seed, "ranks": self._ranks.size, **to_json(self._recipe)}

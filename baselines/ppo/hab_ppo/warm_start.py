@@ -15,8 +15,7 @@ import numpy as np
 
 from hab_ppo import checkpoint
 from hab_ppo.cloning import Fit, clone
-from hab_ppo.config_json import changed, to_json
-from hab_ppo.demonstrate_command import DemonstrateCommand
+from hab_ppo.commands import DemonstrateCommand
 from hab_ppo.demonstration_checks import check_sizes
 from hab_ppo.demonstration_file import DemonstrationFile, read_examples, write_examples
 from hab_ppo.demonstrations import DemonstrationPlan, demonstrate
@@ -26,12 +25,11 @@ from hab_ppo.episodes import training_episodes
 from hab_ppo.errors import RecipeError
 from hab_ppo.examples import Examples
 from hab_ppo.fine_tuning import Guide
-from hab_ppo.limits import MOST_EPISODES, MOST_RANKS
 from hab_ppo.network import Policy
 from hab_ppo.plan import CLONED, DEMONSTRATIONS, DISTILLED_SO_FAR, TrainPlan, check_same
 from hab_ppo.practice import Lesson, practise
 from hab_ppo.progress import WriteLine
-from hab_ppo.recipe import Distillation, Recipe
+from hab_ppo.recipe import MOST_EPISODES, MOST_RANKS, Distillation, Recipe, changed
 from hab_ppo.recipes import find_recipe
 from hab_ppo.rows import policy_rows
 from hab_ppo.stages import info_keys
@@ -43,10 +41,11 @@ from hab_ppo.teachers import (
     known_weights,
     load_teacher,
 )
-from hab_tasks.console import tell
 from hab_tasks.errors import OptionError
-from hab_tasks.files import check_file
+from hab_tasks.io.console import tell
+from hab_tasks.io.files import check_file
 from hab_tasks.option_values import LARGEST_SEED, whole
+from hab_tasks.typed_values import to_json
 
 
 def check_start(plan: TrainPlan) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from hab_spa.recording.options import RecordCommand
-from hab_tasks.console import Command, run_script
+from hab_tasks.io.console import Command, run_script
 
 COMMANDS: dict[str, type[Command]] = {"record": RecordCommand}
 

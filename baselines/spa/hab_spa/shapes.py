@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hab_tasks.privileged import CollisionBody, CollisionShape
-from hab_tasks.scenes.coal_shapes import PLANE_HALF_SIZE_M
+from hab_tasks.world.scenes.coal_shapes import PLANE_HALF_SIZE_M
 
 Array = NDArray[np.float64]
 

@@ -9,9 +9,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hab_tp_srl.factories import tp_srl
+    from hab_tp_srl.factories import from_sensors, tp_srl
 
-__all__ = ["tp_srl"]
+__all__ = ["from_sensors", "tp_srl"]
 
 
 def __getattr__(name: str) -> Any:

@@ -15,7 +15,7 @@ from hab_spa.tasks.standing import spread
 
 from hab_tasks.articulations import ARTICULATION_KINDS
 from hab_tasks.episodes.robot_start import HAND_CLEARANCE_M, StartNoise
-from hab_tasks.navigation import NavigationMap, poses_reaching
+from hab_tasks.world.navigation import NavigationMap, poses_reaching
 from hab_tp_srl.approach import faces_open_side, open_sides
 
 CANDIDATES = StartNoise().candidates

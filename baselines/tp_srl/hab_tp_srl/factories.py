@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,7 +18,7 @@ from hab_spa.motion.robot import Robot
 from hab_spa.scenes.scene import Scene
 
 from hab_tasks.agent import Agent, AgentSetup, AgentSpec
-from hab_tasks.processes import use_one_thread
+from hab_tasks.io.threads import use_one_thread
 from hab_tasks.registration import imported_id
 from hab_tasks.tasks.base import Task
 from hab_tp_srl.agent import TpSrlAgent
@@ -31,6 +32,15 @@ from hab_tp_srl.scenes import GuidedScene, ObservedScene
 from hab_tp_srl.view import TaskView
 
 NavigationPolicy = SkillPolicy | NavigatorPolicy
+
+FROM_SENSORS = {
+    "skills": "depth",
+    "navigation": "learned",
+    "aim": "object",
+    "retries": "3",
+    "replan": "5",
+}
+"""Options of `from_sensors`."""
 
 ROWS = 8
 """Episodes played at a time by a team without planned skills."""
@@ -51,32 +61,57 @@ def tp_srl(setup: AgentSetup) -> TpSrlAgent:
     """
     env_id = imported_id(setup.env_id)
     task = task_of(env_id)
+    spec = task.spec
     use_one_thread()
     options = read_options(setup, skills_of(env_id, task))
     policies = _policies(setup, options)
     navigate = None if options.navigate is None else _navigation(setup, options.navigate)
 
     def make_scene() -> Scene:
-        view = TaskView(truth=options.true_knowledge, aims_object=options.aims_object)
+        view = TaskView(
+            truth=options.true_knowledge,
+            aims_object=options.aims_object,
+            openings=[
+                "open" if name in spec.starts_open else "closed" for name in spec.articulations
+            ],
+            feels=options.feels,
+        )
         # Learned skills and the arm's reset use no more of a scene than this.
         return GuidedScene(view) if options.privileged else cast(Scene, ObservedScene(view))
 
     def behave(robot: Robot) -> Motion:
         scene = robot.scene
         assert isinstance(scene, GuidedScene | ObservedScene)
-        log = MotionLog(env_id, robot, believes=options.privileged)
+        log = MotionLog(env_id, robot, believes=options.privileged or options.feels)
         navigator = _navigator(policies, navigate, scene.view)
         team = Team(
-            skills=providers(task, policies, scene.view, options.true_knowledge),
+            skills=providers(task, policies, scene.view, options.true_knowledge, options.feels),
             navigator=navigator,
             hand_over=Resetting(
                 log=log, options=options, navigator=navigator, learned=_learned(policies)
             ),
         )
-        config = ExecutorConfig(attempts=1 + options.retries, replans=options.replans, goes_on=True)
+        config = ExecutorConfig(
+            attempts=1 + options.retries,
+            replans=options.replans,
+            leaves=options.feels,
+            goes_on=True,
+        )
         return Executor(log, team, config).run()
 
     return TpSrlAgent(setup, _spec(options, policies, navigate), make_scene, behave)
+
+
+def from_sensors(setup: AgentSetup) -> TpSrlAgent:
+    """Returns TP+SRL that reads nothing but its sensors and what the task tells at the start.
+
+    Options are those of `tp_srl`; these are its own: depth policies, learned navigation, and plans
+    made again from what the robot has felt and seen.
+
+    Raises:
+        HabError: As `tp_srl`.
+    """
+    return tp_srl(replace(setup, options={**FROM_SENSORS, **setup.options}))
 
 
 def skills_of(env_id: str, task: Task) -> tuple[str, ...]:
@@ -111,9 +146,7 @@ def _navigator(
     """Returns the navigator of an episode."""
     if navigate is None:
         return ReturningOracle()
-    learned = _learned(policies).items()
-    stands = [name for name, policy in learned if policy.control.base == "still"]
-    return LearnedNavigator(navigate, stands, view)
+    return LearnedNavigator(navigate, _learned(policies), view)
 
 
 def _navigation(setup: AgentSetup, path: Path) -> NavigationPolicy:

@@ -63,7 +63,7 @@ class Resetting:
         """
         log, options = self.log, self.options
         if not rests(log.robot) and (options.recovers or self._is_planned(stage)):
-            if log.believes:
+            if options.privileged:
                 yield from fold_arm(log)
             else:
                 yield from log.timed("rest", self._reset(), SKILL_HORIZON_STEPS)
@@ -85,7 +85,7 @@ class Resetting:
         steps = navigator.horizon_steps
         yield from log.timed("navigate", navigator.back_off(robot), steps)
         yield from self._reset_arm(stage)
-        if self._needs_reset(stage) and log.believes:
+        if self._needs_reset(stage) and self.options.privileged:
             yield from fold_arm(log)
             yield from self._reset_arm(stage)
         yield from log.timed("navigate", navigator.go_again(robot, request), steps)
@@ -96,7 +96,7 @@ class Resetting:
         scene = self.log.robot.scene
         if stage.skill == "place" or not scene.holding:
             return False
-        if stage.skill == "pick" and self.options.true_knowledge:
+        if stage.skill == "pick" and (self.options.true_knowledge or self.options.feels):
             return not scene.holds(stage.object)
         # After a pick that timed out, it may be the target.
         return stage.skill != "pick" or attempt == 0

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from hab_navigator.belief import Reach
 from hab_navigator.navigator import REPEAT, Navigator
 from hab_navigator.weights import load
 from hab_plans.motion import Motion
 from hab_plans.plan import Action
 from hab_plans.protocols import NavigationRequest
+from hab_plans.stage import Stage
 from hab_spa.motion.drive import DriveConfig, leave, reverse
 from hab_spa.motion.robot import Robot
 from hab_spa.tasks.navigate import OracleNavigator
@@ -20,6 +22,7 @@ from hab_tasks.agent import AgentSetup, of_rows
 from hab_tasks.constants import NAVIGATE_HORIZON_STEPS
 from hab_tasks.robots.control import HabControllerConfig, control_configs
 from hab_tasks.robots.fetch import FETCH
+from hab_tp_srl.agent_policy import AgentPolicy
 from hab_tp_srl.policies import SkillPolicy, Turn
 from hab_tp_srl.skill import learned_navigation, turn_of
 from hab_tp_srl.view import TaskView
@@ -50,16 +53,19 @@ class LearnedNavigator:
     """Drives by a policy in one episode, with what the policy keeps between stages."""
 
     def __init__(
-        self, policy: SkillPolicy | NavigatorPolicy, stands: Collection[str], view: TaskView
+        self,
+        policy: SkillPolicy | NavigatorPolicy,
+        learned: Mapping[str, SkillPolicy | AgentPolicy],
+        view: TaskView,
     ) -> None:
         """Starts an episode.
 
         Args:
             policy: The policy.
-            stands: Skills in which the base stands still, after which the policy can go on.
+            learned: The skills between which it drives.
             view: What the robot observes.
         """
-        self._policy, self._stands, self._view = policy, stands, view
+        self._policy, self._learned, self._view = policy, learned, view
         self._turns: dict[Action, Turn] = {}
         self._last: Turn | None = None
         self.horizon_steps = policy.horizon_steps
@@ -68,11 +74,24 @@ class LearnedNavigator:
         """Drives to where the policy stops; a further attempt may go on with the last one."""
         stage = request.stage
         turn = self._turns.get(stage.action)
-        if turn is None or stage.skill not in self._stands or not self._policy.goes_on(turn):
+        if turn is None or not self._stands(stage.skill) or not self._policy.goes_on(turn):
             turn = turn_of(robot, self._policy)
             turn.before = self._last
+            turn.reach = self._reach(stage)
             self._turns[stage.action] = self._last = turn
         return learned_navigation(robot, stage, turn, self._view)
+
+    def _stands(self, skill: str) -> bool:
+        """Whether the base stands still in a skill, after which the policy can go on."""
+        policy = self._learned.get(skill)
+        return policy is not None and policy.control.base == "still"
+
+    def _reach(self, stage: Stage) -> Reach | None:
+        """Returns where a skill can start, as far as its training tells."""
+        policy = self._learned.get(stage.skill)
+        if policy is None or policy.starts is None:
+            return None
+        return policy.starts.reach(level=stage.handles_object and stage.drawer is None)
 
     def back_off(self, robot: Robot) -> Motion:
         """Drives straight back until something is in the way, without a map."""
@@ -118,7 +137,7 @@ class NavigatorPolicy:
                 # A stop ends the skill, so that it must be at the goal.
                 last = None if turn.before is None else turn.before.memory
                 map_ = None if last is None else last.map
-                turn.memory = Navigator(self._network, self._device, "once", map_)
+                turn.memory = Navigator(self._network, self._device, "once", map_, turn.reach)
                 turn.before = None
             if turn.age % REPEAT == 0:
                 images = of_rows(obs, [row])["sensor_data"]

@@ -64,6 +64,11 @@ class TeamOptions:
         return self.retries > 0 or self.replans > 0
 
     @property
+    def feels(self) -> bool:
+        """Whether the agent plans again from what its hand has felt."""
+        return self.replans > 0 and not self.privileged
+
+    @property
     def privileged(self) -> bool:
         """Whether the agent needs ground truth."""
         planned = not all(isinstance(found, Path) for found in self.skills.values())
@@ -108,11 +113,6 @@ def read_options(setup: AgentSetup, needed: tuple[str, ...]) -> TeamOptions:
         resets_arm=options.get("reset_arm", "on") == "on",
         draws_actions=options.get("actions") == "drawn",
     )
-    if found.replans and not found.privileged:
-        raise OptionError(
-            "Option replan needs to know where things are: add --option knowledge=true, or "
-            "navigation=oracle."
-        )
     return found
 
 

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 import torch
+from hab_navigator.belief import Reach
 from hab_ppo.agent import load_policy
 from hab_ppo.errors import PolicyFileError
 from hab_ppo.noise import RowNoise
@@ -63,6 +64,7 @@ class Turn:
         base: (3,) x, y [m] and yaw [rad] of the base in this step, in a frame that does not move;
             for navigation only.
         before: The last navigation of this episode.
+        reach: Where the skill after a navigation can start; None for any pose.
         memory: (2, H) state of the LSTM, or what else the policy keeps; None at the start of the
             skill.
         random: Draws actions.
@@ -75,6 +77,7 @@ class Turn:
     entries: Entries = field(default_factory=dict)
     base: NDArray[np.float64] | None = None
     before: Turn | None = None
+    reach: Reach | None = None
     memory: Any = None
     random: np.random.Generator | None = None
     stillness: Stillness = field(default_factory=Stillness)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from hab_plans.motion import Failure, Motion
+from hab_plans.motion import RELEASE, Failure, Motion
 from hab_plans.protocols import BasePose, SkillProvider
 from hab_plans.stage import Stage
 from hab_spa.motion.robot import Robot
@@ -21,12 +21,19 @@ from hab_tp_srl.skill import learned
 from hab_tp_srl.training_starts import features
 from hab_tp_srl.view import TaskView
 
+MOST_DOUBTS = 2
+"""After so many picks that look wrong, what is seen there is taken for something else."""
+
+LEAST_SEEN, STILL_THERE = 10, 0.5
+"""An object of which so many pixels, and such a share of those before a pick, are still seen where
+it was has not been picked."""
+
 Policies = Mapping[str, SkillPolicy | AgentPolicy | SkillProvider[Robot] | None]
 """Skill -> policy, provider of another package, or None for planning."""
 
 
 def providers(
-    task: Task, policies: Policies, view: TaskView, true_knowledge: bool
+    task: Task, policies: Policies, view: TaskView, true_knowledge: bool, feels: bool
 ) -> dict[str, SkillProvider[Robot]]:
     """Returns the providers of a task's skills, for the robot of one row.
 
@@ -35,14 +42,21 @@ def providers(
         policies: Who executes each skill.
         view: What the robot observes.
         true_knowledge: Whether learned skills have ground truth.
+        feels: Whether the robot knows their effects by touch.
     """
     found: dict[str, SkillProvider[Robot]] = {}
     for skill, one in policies.items():
         if one is None:
             found[skill] = PlannedPart(**vars(PLANNED_SKILLS[skill]), view=view)
         elif isinstance(one, SkillPolicy | AgentPolicy):
+            put = policies.get("place")
             found[skill] = LearnedSkill(
-                task=task, policy=one, view=view, knows_effect=true_knowledge
+                task=task,
+                policy=one,
+                view=view,
+                truth=true_knowledge,
+                feels=feels,
+                put=put if isinstance(put, SkillPolicy) else None,
             )
         else:
             found[skill] = one
@@ -57,18 +71,27 @@ class LearnedSkill:
         task: The task.
         policy: The policy.
         view: What the robot observes.
-        knows_effect: Whether the policy has ground truth, and with it its true end.
+        truth: Whether the policy has ground truth, and with it its true end.
+        feels: Whether the robot knows its effect by touch and sight.
+        put: Policy that puts back what was picked by mistake.
     """
 
     task: Task
     policy: SkillPolicy | AgentPolicy
     view: TaskView
-    knows_effect: bool
+    truth: bool
+    feels: bool
+    put: SkillPolicy | None = None
 
     @property
     def name(self) -> str:
         """Name of the policy."""
         return self.policy.name
+
+    @property
+    def knows_effect(self) -> bool:
+        """Whether the robot notices that the effect does not hold."""
+        return self.truth or self.feels
 
     @property
     def horizon_steps(self) -> int:
@@ -104,8 +127,33 @@ class LearnedSkill:
         self.view.begin(stage)
         if not _can_start(robot, stage):
             return _nothing_held()
-        ending = Ending(self.task, stage, self.view, robot.scene if self.knows_effect else None)
-        return learned(robot, stage, self.policy, self.view, ending)
+        ending = Ending(self.task, stage, self.view, robot.scene if self.truth else None)
+        return self._run(robot, stage, ending)
+
+    def _run(self, robot: Robot, stage: Stage, ending: Ending) -> Motion:
+        view, point_m = self.view, self.view.point(stage)
+        checks = self.feels and stage.skill == "pick" and stage.drawer is None
+        checks = checks and self.policy.sees_images
+        seen_before = view.seen_at(point_m) if checks else 0
+        failure = yield from learned(robot, stage, self.policy, view, ending, point_m)
+        view.end(stage, failure is None)
+        held = view.felt.held
+        if checks and held is not None and view.felt.doubts[held] < MOST_DOUBTS:
+            seen = view.seen_at(point_m)
+            if seen >= LEAST_SEEN and seen > STILL_THERE * seen_before:
+                yield from self._put_back(robot, stage)
+                return Failure.EXECUTION
+        return failure
+
+    def _put_back(self, robot: Robot, stage: Stage) -> Motion:
+        """Puts what is not the target back to where the hand took it."""
+        view = self.view
+        point_m = view.felt.take_for_other()
+        if isinstance(self.put, SkillPolicy):
+            placing = replace(stage, skill="place", at="goal")
+            ending = Ending(self.task, placing, view, None)
+            yield from learned(robot, placing, self.put, view, ending, point_m)
+        robot.gripper = RELEASE
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from hab_plans.belief import Opening
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.shapes import Array
 
+from hab_tasks.articulations import ArticulationKind
 from hab_tp_srl.view import TaskView
 
 
@@ -66,6 +68,22 @@ class ObservedScene:
     def holding(self) -> bool:
         """Whether the hand holds anything."""
         return self.view.holding
+
+    def holds(self, number: int) -> bool:
+        """Whether the hand is believed to hold an object."""
+        return self.view.felt.held == number
+
+    def object_m(self, number: int) -> Array:
+        """Returns the believed place (3,) of an object."""
+        return self.view.felt.places_m[number]
+
+    def goal_m(self, number: int) -> Array:
+        """Returns the goal (3,) of an object."""
+        return self.view.goal_m(number)
+
+    def opening(self, number: int, kind: ArticulationKind) -> Opening:
+        """Returns whether a door or drawer is believed to be open."""
+        return self.view.felt.openings[number]
 
     def in_the_way(self, path: Array) -> bool:
         """Returns False: obstacles are not known."""

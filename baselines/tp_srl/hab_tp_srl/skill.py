@@ -10,6 +10,7 @@ import numpy as np
 from hab_plans.motion import GRASP, RELEASE, Command, Failure, Motion
 from hab_plans.stage import Stage
 from hab_spa.motion.robot import Robot
+from hab_spa.shapes import Array
 from numpy.typing import NDArray
 
 from hab_tasks.robots.arm_commands import commanded_arm
@@ -42,6 +43,7 @@ def learned(
     policy: Decider,
     view: TaskView,
     ending: Ending,
+    point_m: Array,
 ) -> Motion:
     """Runs a learned skill to its own end.
 
@@ -51,6 +53,7 @@ def learned(
         policy: The skill's policy.
         view: What the robot observes.
         ending: The skill's end.
+        point_m: (3,) the point that it is about, in the view's frame.
 
     Returns:
         `Failure.TIMEOUT` if the skill does not end within its horizon, `Failure.EXECUTION` if it
@@ -58,7 +61,7 @@ def learned(
     """
     # As at the reset of the skill's environment: the commanded pose is the present one.
     robot.relax()
-    turn, point_m = turn_of(robot, policy), view.point(stage)
+    turn = turn_of(robot, policy)
 
     def result() -> Command:
         robot.gripper = ending.gripper(_gripper(policy, turn.action, robot.gripper))

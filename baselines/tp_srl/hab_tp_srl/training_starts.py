@@ -6,6 +6,7 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
+from hab_navigator.belief import Reach
 from hab_spa.shapes import Array
 
 from hab_tasks.constants import REST_POSITION_M
@@ -21,6 +22,9 @@ PERCENTILES = (0.5, 99.5)
 SLACK = 0.05
 """Share of a range by which it is widened at both ends."""
 
+SHY_M = 0.1
+"""A base is sent so far into a range of distances, as it does not stop exactly there."""
+
 _KINEMATICS = ArmKinematics(FETCH)
 
 
@@ -35,6 +39,19 @@ class StartRanges:
 
     low: Array
     high: Array
+
+    def reach(self, level: bool) -> Reach:
+        """Returns where the point may be when the skill starts.
+
+        Args:
+            level: Whether the hand comes to it level, not from above.
+        """
+        (near_m, right_rad), (far_m, left_rad) = self.low[:2].tolist(), self.high[:2].tolist()
+        return Reach(
+            distance_m=(near_m + SHY_M, far_m - SHY_M),
+            bearing_rad=(right_rad, left_rad),
+            level=level,
+        )
 
     def include(self, found: Array) -> bool:
         """Whether all features (4,) of a start are in their ranges."""

@@ -9,25 +9,43 @@ drawer is carried with it, as ``handles_in_base`` shows or, without this entry, 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from hab_navigator.robot_map import surfaces
+from hab_plans.belief import Opening
 from hab_plans.stage import Stage
 from hab_spa.shapes import Array
 from numpy.typing import NDArray
 
+from hab_tasks.agent import of_rows
 from hab_tasks.constants import REST_RADIUS_M
 from hab_tasks.privileged import PrivilegedState
+from hab_tp_srl.felt import FeltBeliefs
+
+AT_M, BELOW_M = 0.07, 0.01
+"""Surfaces so near to an object's centre, or so far below it, are its own."""
 
 Entries = dict[tuple[str, str], NDArray[Any]]
 """(group, name) -> entry of a state observation, float32."""
 
 
 class TaskView:
-    """What the robot of one row observes in a task."""
+    """What the robot of one row observes in a task.
 
-    def __init__(self, *, truth: bool, aims_object: bool = False) -> None:
+    Attributes:
+        felt: What it believes without ground truth.
+    """
+
+    def __init__(
+        self,
+        *,
+        truth: bool,
+        aims_object: bool = False,
+        openings: Sequence[Opening] = (),
+        feels: bool = False,
+    ) -> None:
         """Creates a view.
 
         Args:
@@ -35,8 +53,11 @@ class TaskView:
                 of the task's observation.
             aims_object: Whether Place observes its goal from the held object, as it was when it was
                 grasped, instead of from the hand.
+            openings: Which doors and drawers are open at the start of an episode.
+            feels: Whether it notices where an object was let go, and looks for it there.
         """
         self._truth, self._aims_object = truth, aims_object
+        self._openings, self._feels, self._held = openings, feels, False
         self._obs: Mapping[str, Any] = {}
         self._row = 0
         self._located: tuple[float, float, float] | None = None
@@ -45,6 +66,8 @@ class TaskView:
     def forget(self) -> None:
         """Starts a new episode."""
         self._starts_m: Array | None = None
+        self._held = False
+        self.felt = FeltBeliefs(np.zeros((0, 3)), np.zeros((0, 3)), self._openings)
         self._pulled_m: dict[int, Array] = {}
         self._moving: int | None = None
         self._hand_m: Array | None = None
@@ -62,8 +85,13 @@ class TaskView:
             places_m = self._to_frame(self._first_m)
             self._starts_m, self._goals_m = places_m[:, 0], places_m[:, 1]
             self._handles_m = self._handles()
+            self.felt = FeltBeliefs(self._starts_m, self._goals_m, self._openings)
         self._pull()
         self._take()
+        if self._feels and self.holding != self._held:
+            self._held = not self._held
+            hand_m = self._to_frame(self._felt("ee_position").astype(float))
+            self.felt.feel(self._held, hand_m)
 
     def begin(self, stage: Stage) -> None:
         """Notes that a skill begins.
@@ -73,6 +101,27 @@ class TaskView:
         """
         self._moving, self._hand_m = stage.articulation, None
         self._reached_m = self.point(stage) if stage.skill == "pick" else None
+        self.felt.begin(stage)
+
+    def end(self, stage: Stage, ended: bool) -> None:
+        """Notes that a skill has ended, by its own condition or not."""
+        pulled_m = None
+        if stage.articulation in self._pulled_m:
+            pulled_m = float(np.linalg.norm(self._pulled_m[stage.articulation]))
+        self.felt.end(stage, ended, pulled_m)
+
+    def seen_at(self, point_m: Array) -> int:
+        """Returns how many pixels of the head's depth image show a surface at a point (3,)."""
+        depth = np.asarray(of_rows(self._obs, [self._row])["sensor_data"]["head"]["depth"][0])
+        points_m, _ = surfaces(depth, len(depth))
+        gaps_m = points_m - self._in_base(point_m)
+        # What it stands on is below its middle, and seen whether it is there or not.
+        above = (gaps_m[:, 2] > -BELOW_M) & (gaps_m[:, 2] < AT_M)
+        return int((above & (np.hypot(gaps_m[:, 0], gaps_m[:, 1]) < AT_M)).sum())
+
+    def goal_m(self, number: int) -> Array:
+        """Returns the goal (3,) of an object, in the frame of `point`."""
+        return self._goals_m[number]
 
     @property
     def holding(self) -> bool:
@@ -105,6 +154,8 @@ class TaskView:
             return self._goals_m[stage.object]
         if self._state is not None and stage.skill == "pick":
             return self._state.object_com_m[self._state.targets[stage.object]]
+        if stage.skill == "pick" and self.felt.moved[stage.object]:
+            return self.felt.places_m[stage.object]
         point_m = self._starts_m[stage.object]
         return point_m if stage.drawer is None else point_m + self._moved_m(stage.drawer)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from hab_eval.bench.options import BenchOptions
@@ -12,8 +12,8 @@ from hab_eval.bench.rows import BenchRow, bound_row
 from hab_eval.bench.suite import Suite, WriteLine
 from hab_tasks.envs import ENVS
 from hab_tasks.episodes import EpisodeRequest
-from hab_tasks.episodes.source import EpisodeSource, open_source
-from hab_tasks.processes import worker_pool
+from hab_tasks.episodes.source import open_source
+from hab_tasks.io.pool import WorkerPool
 from hab_tasks.registration import TASKS
 
 WORKERS = 2
@@ -80,32 +80,29 @@ def run_episodes(options: BenchOptions, write_line: WriteLine) -> list[BenchRow]
 def generate(request: EpisodeRequest, repeats: int, count: int) -> list[Generation]:
     """Generates `repeats` times `count` new episodes in workers that have warmed up."""
     timings = []
-    with worker_pool(WORKERS, _start, (request,)) as pool:
+    with WorkerPool(WORKERS, _timed_source, (request,)) as pool:
         warm = WORKERS * WARM_UP
-        list(pool.map(_cpu_s, range(warm)))
+        list(pool.run(range(warm)))
         for repeat in range(repeats):
             first = warm + repeat * count
             started = time.perf_counter()
-            cpu_s = sum(pool.map(_cpu_s, range(first, first + count)))
+            cpu_s = sum(each_s for _, each_s in pool.run(range(first, first + count)))
             wall_s = time.perf_counter() - started
             timings.append(Generation(episodes=count, cpu_s=cpu_s, wall_s=wall_s))
     return timings
 
 
-_source: EpisodeSource
-
-
-def _start(request: EpisodeRequest) -> None:
-    global _source
+def _timed_source(request: EpisodeRequest) -> Callable[[int], float]:
+    """Returns a function that generates an episode and returns the CPU time."""
     logging.disable(logging.WARNING)  # already logged by the parent
-    _source = open_source(request)
+    source = open_source(request)
 
+    def make(index: int) -> float:
+        started = time.process_time()
+        source.make(index)
+        return time.process_time() - started
 
-def _cpu_s(index: int) -> float:
-    """Generates an episode; returns the CPU time."""
-    started = time.process_time()
-    _source.make(index)
-    return time.process_time() - started
+    return make
 
 
 SUITE = Suite(name="episodes", run=run_episodes, steps=40, groups=(), takes_envs=True)

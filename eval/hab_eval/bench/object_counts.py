@@ -14,11 +14,11 @@ from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.spots import Spot
 from hab_tasks.geometry import Pose7
 from hab_tasks.object_names import TRAIN_OBJECTS
-from hab_tasks.scenes.floor import CELL_M
-from hab_tasks.scenes.habitat.dataset import resolve_dataset
-from hab_tasks.scenes.habitat.load import load_scene
-from hab_tasks.scenes.objects import load_objects
-from hab_tasks.scenes.spec import Receptacle
+from hab_tasks.world.scenes.floor import CELL_M
+from hab_tasks.world.scenes.habitat.dataset import resolve_dataset
+from hab_tasks.world.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.objects import load_objects
+from hab_tasks.world.scenes.spec import Receptacle
 
 PATCH_CELLS = 6
 """Edge length of the square floor patches for additional objects [cells]."""

@@ -7,11 +7,10 @@ reference. The parent alternates between them; they never run at the same time.
 from __future__ import annotations
 
 import time
-import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from multiprocessing.connection import Connection, Pipe
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -20,7 +19,7 @@ from torch import Tensor
 from hab_eval.bench.motion import Motion
 from hab_eval.errors import BenchError
 from hab_tasks.constants import CONTROL_HZ
-from hab_tasks.processes import NewProcess, set_variables, use_one_thread
+from hab_tasks.io.pool import Worker
 
 START_TIMEOUT_S = 600.0
 STOP_TIMEOUT_S = 10.0
@@ -147,25 +146,14 @@ def engine_clock(scene: Any) -> Iterator[list[float]]:
 class RemoteEnv:
     """A `BenchEnv` in another process."""
 
-    def __init__(
-        self,
-        factory: Callable[[], StepsTimed],
-        variables: Mapping[str, str],
-        *,
-        has_children: bool = False,
-    ) -> None:
+    def __init__(self, factory: Callable[[], StepsTimed], variables: Mapping[str, str]) -> None:
         """Starts the process.
 
         Args:
             factory: Creates the environment in the process; picklable.
             variables: Environment variables of the process, set before its imports.
-            has_children: Whether it starts processes of its own.
         """
-        self._connection, child = Pipe()
-        self._process = NewProcess(target=_serve, args=(factory, child), daemon=not has_children)
-        with set_variables(variables):
-            self._process.start()
-        child.close()
+        self._worker = Worker(_serve, factory, variables=variables)
         self._receive()
 
     def run_steps(self, motion: Motion) -> StepTiming:
@@ -175,7 +163,7 @@ class RemoteEnv:
 
     def start_steps(self, motion: Motion) -> None:
         """Starts `run_steps` without waiting for it."""
-        self._connection.send(("run_steps", (motion,)))
+        self._worker.send(("run_steps", (motion,)))
 
     def finish_steps(self) -> StepTiming:
         """Waits for the result of `start_steps`."""
@@ -196,51 +184,30 @@ class RemoteEnv:
     @property
     def pid(self) -> int:
         """The process id."""
-        return int(self._process.pid or 0)
+        return self._worker.pid
 
     def close(self) -> None:
         """Ends the process."""
-        self._connection.close()
-        self._process.join(STOP_TIMEOUT_S)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join()
+        self._worker.end(STOP_TIMEOUT_S)
 
     def _ask(self, method: str) -> Any:
-        self._connection.send((method, ()))
+        self._worker.send((method, ()))
         return self._receive()
 
     def _receive(self) -> Any:
         """Waits for an answer; raises the error of the process."""
-        if not self._connection.poll(START_TIMEOUT_S):
+        if not self._worker.connection.poll(START_TIMEOUT_S):
             raise BenchError(f"No answer from a bench process within {START_TIMEOUT_S:.0f} s.")
-        try:
-            ok, answer = self._connection.recv()
-        except EOFError as error:
-            self._process.join(STOP_TIMEOUT_S)
-            code = self._process.exitcode
-            raise BenchError(f"A bench process ended with exit code {code}.") from error
-        if not ok:
-            raise BenchError(answer)
-        return answer
+        return self._worker.receive()
 
 
-def _serve(factory: Callable[[], StepsTimed], connection: Connection) -> None:
+def _serve(connection: Connection, factory: Callable[[], StepsTimed]) -> None:
     """Main function of the process: answers calls until the parent closes the pipe."""
-    use_one_thread()
-    try:
-        with closing(factory()) as env:
-            connection.send((True, None))
-            while True:
-                method, arguments = connection.recv()
-                connection.send((True, getattr(env, method)(*arguments)))
-    except (EOFError, ConnectionError):
-        return  # the parent closed the pipe or was killed
-    except Exception as error:
-        frame = traceback.extract_tb(error.__traceback__)[-1]
-        connection.send(
-            (False, f"{type(error).__name__}: {error} ({frame.filename}:{frame.lineno})")
-        )
+    with closing(factory()) as env:
+        connection.send(None)
+        while True:
+            method, arguments = connection.recv()
+            connection.send(getattr(env, method)(*arguments))
 
 
 BYTES_PER_KB, BYTES_PER_MB = 1024, 1e6

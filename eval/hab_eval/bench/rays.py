@@ -22,7 +22,7 @@ from hab_eval.bench.process import RemoteEnv, StepTiming
 from hab_eval.bench.rows import BenchRow, bound_row, make_row
 from hab_eval.bench.suite import DENSE_SCENE, FIRST_SCENE, PICK, Suite, WriteLine
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M
-from hab_tasks.processes import worker_pool
+from hab_tasks.io.pool import WorkerPool, in_order
 
 RENDERER = "software renderer"
 HOLDING = "HabPlace-v1"
@@ -156,9 +156,9 @@ def _accuracy_rows(
 ) -> list[BenchRow]:
     """Compares images in all scenes, with the robot and a held object, pixel by pixel."""
     medians_mm, far_off_percent = [], []
-    differ = partial(differences_mm, options.scene_dataset, options.objects)
-    with worker_pool(1) as pool:
-        for scene, found in zip(scenes, pool.map(differ, scenes), strict=True):
+    arguments = (differences_mm, options.scene_dataset, options.objects)
+    with WorkerPool(1, partial, arguments) as pool:
+        for scene, found in zip(scenes, in_order(pool.run(scenes)), strict=True):
             medians_mm += [float(np.median(view)) for view in found]
             far_off_percent += [100.0 * float(np.mean(view > FAR_OFF_MM)) for view in found]
             write_line(f"{scene}: {len(found)} views compared with the renderer")

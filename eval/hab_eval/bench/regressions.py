@@ -24,7 +24,7 @@ from hab_eval.bench.rows import BenchRow, bound_row, make_row
 from hab_eval.bench.suite import PICK, TIDY_HOUSE, Suite, WriteLine
 from hab_eval.errors import BenchError
 from hab_tasks.episodes import EpisodeRequest
-from hab_tasks.processes import use_one_thread
+from hab_tasks.io.threads import use_one_thread
 
 COUNTS = (10, 30, 100)
 """Numbers of movable objects in the scene, including the target objects."""

@@ -11,8 +11,9 @@ from pathlib import Path
 from hab_eval.bench.rows import BenchRow
 from hab_eval.records import provenance
 from hab_eval.records.plain_text import markdown
-from hab_eval.records.schema import parse_json, read_dataclass, to_json
-from hab_tasks.files import check_file, written_aside
+from hab_eval.records.schema import parse_json, read_dataclass
+from hab_tasks.io.files import check_file, written_aside
+from hab_tasks.typed_values import to_json
 
 COMMIT_DIGITS = 12
 

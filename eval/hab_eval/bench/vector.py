@@ -144,7 +144,7 @@ def _mani_skill(options: BenchOptions, case: Case, write_line: WriteLine) -> Ben
         make_layout(options.scene_dataset, (case.scene,), Path(folder))
         loop, variables = partial(ReferenceLoop, case.scene), {"MS_ASSET_DIR": folder}
         with (
-            closing(RemoteEnv(loop, variables, has_children=True)) as other,
+            closing(RemoteEnv(loop, variables)) as other,
             closing(native(case, ROWS)) as ours,
         ):
             ours.reset(seed=0)

@@ -23,7 +23,7 @@ from hab_eval.bench.process import StepTiming, engine_clock
 from hab_eval.bench.reference import Reference
 from hab_tasks.envs import ENVS
 from hab_tasks.episodes import EpisodeRequest, open_source
-from hab_tasks.processes import use_one_thread
+from hab_tasks.io.threads import use_one_thread
 from hab_tasks.vector.messages import ResetRows, WorkerSetup
 from hab_tasks.vector.worker import local_group
 

@@ -8,7 +8,7 @@ from hab_eval.bench.rows import row_table
 from hab_eval.bench.suites import find_suite, run_suite
 from hab_eval.commands.options import BenchCommand
 from hab_eval.records.plain_text import show
-from hab_tasks.files import check_file
+from hab_tasks.io.files import check_file
 
 
 def run_bench(options: BenchCommand) -> int:

@@ -9,8 +9,8 @@ from typing import Annotated, ClassVar
 import tyro
 
 from hab_eval.records.config import EvalConfig, parse_numbers, parse_options
-from hab_tasks.console import Command
-from hab_tasks.executors import ExecutorChoice
+from hab_tasks.io.console import Command
+from hab_tasks.io.executors import ExecutorChoice
 
 RUN_HELP = """Evaluates an agent on a fixed set of episodes and writes run.json.
 

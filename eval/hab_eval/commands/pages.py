@@ -25,7 +25,7 @@ from hab_eval.records.submissions import (
 from hab_eval.site.build import SiteOptions, build_site
 from hab_eval.site.result_tables import filled
 from hab_tasks.errors import OptionError
-from hab_tasks.files import check_file, written_aside
+from hab_tasks.io.files import check_file, written_aside
 
 EXIT_OUT_OF_DATE = 1
 

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from hab_tasks.console import Command
+from hab_tasks.io.console import Command
 
 TABLE_HELP = """Generates LEADERBOARD.md and its web page from the submissions.
 

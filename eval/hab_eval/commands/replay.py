@@ -23,7 +23,7 @@ from hab_eval.run.replay_report import (
     level_of,
 )
 from hab_tasks.errors import OptionError
-from hab_tasks.files import check_file, scratch_folder
+from hab_tasks.io.files import check_file, scratch_folder
 from hab_tasks.option_values import whole
 
 EXIT_DIFFERENT = 1

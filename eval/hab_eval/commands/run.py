@@ -15,7 +15,7 @@ from hab_eval.records.plain_text import show
 from hab_eval.records.report import leaderboard_tables, result_table
 from hab_eval.run.evaluate import RunOptions, evaluate
 from hab_eval.run.progress import make_reporter
-from hab_tasks.executors import ExecutorChoice
+from hab_tasks.io.executors import ExecutorChoice
 
 
 def run(options: RunCommand) -> int:

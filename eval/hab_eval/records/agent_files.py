@@ -10,13 +10,13 @@ import importlib
 import sys
 import sysconfig
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from importlib import util
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 
 from hab_eval.records.provenance import commit_of, join_commits
-from hab_eval.records.schema import NOT_EMPTY
+from hab_tasks.typed_values import Name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +31,7 @@ class AgentFiles:
             file in a package begins with the package's, ``hab_ppo/weights/pick_blind.safetensors``.
     """
 
-    code: str = field(metadata=NOT_EMPTY)
+    code: Name
     git: str | None
     data: dict[str, str]
 

@@ -11,10 +11,11 @@ from pathlib import Path
 from hab_eval.errors import ResultError
 from hab_eval.records.agent_files import AgentFiles
 from hab_eval.records.provenance import join_commits
-from hab_eval.records.schema import LARGEST_INT, MAY_BE_ABSENT, is_text, parse_json, read_dataclass
+from hab_eval.records.schema import parse_json, read_dataclass
 from hab_tasks.errors import OptionError, shown
-from hab_tasks.files import written_aside
+from hab_tasks.io.files import written_aside
 from hab_tasks.option_values import whole
+from hab_tasks.typed_values import LARGEST_INT, is_text
 
 MOST_EPISODES = 100_000
 """All episodes of a run are kept in memory, 10 to 20 kB each."""
@@ -53,10 +54,10 @@ class EvalConfig:
     episodes: int = 50
     seed: int = 0
     novel: str | None = None
-    options: dict[str, str] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
-    skill_config: dict[str, float] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
-    step_timeout_s: float | None = field(default=None, metadata=MAY_BE_ABSENT)
-    isolated: bool = field(default=False, metadata=MAY_BE_ABSENT)
+    options: dict[str, str] = field(default_factory=dict)
+    skill_config: dict[str, float] = field(default_factory=dict)
+    step_timeout_s: float | None = None
+    isolated: bool = False
 
     def __post_init__(self) -> None:
         whole("episodes", self.episodes, 1, MOST_EPISODES)

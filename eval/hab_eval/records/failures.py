@@ -24,7 +24,7 @@ from hab_tasks.figure_style import (
     new_figure,
     save,
 )
-from hab_tasks.files import check_file
+from hab_tasks.io.files import check_file
 
 PLANNING = ("target plan", "motion plan", "execution")
 """Categories of the paper (S App. I.1, Fig. 25); shown first."""

@@ -21,17 +21,11 @@ from typing import Any
 from hab_eval.errors import ResultError
 from hab_eval.records.agent_files import AgentFiles
 from hab_eval.records.config import MOST_EPISODES
-from hab_eval.records.schema import (
-    MAY_BE_ABSENT,
-    NOT_EMPTY,
-    NOT_NEGATIVE,
-    parse_json,
-    read_dataclass,
-    to_json,
-)
+from hab_eval.records.schema import parse_json, read_dataclass
 from hab_eval.records.stats import Estimate, bootstrap_mean, mean, rate
 from hab_tasks.errors import OptionError, shown
-from hab_tasks.files import written_aside
+from hab_tasks.io.files import written_aside
+from hab_tasks.typed_values import Count, Name, Seconds, to_json
 
 SCHEMA_VERSION = 1
 SUMMARY_TOLERANCE = 1e-6
@@ -39,8 +33,6 @@ SUMMARY_TOLERANCE = 1e-6
 
 AGENT_TIMEOUT = "agent timeout"
 """Failure category: a call of the agent took longer than `step_timeout_s`."""
-
-Timings = Mapping[str, float]
 
 SHORTEST_EPISODE_BYTES = 90
 """The keys of an episode with their shortest values, in a record and in a journal."""
@@ -66,15 +58,15 @@ class EpisodeResult:
         seconds: Wall time of agent and simulator [s], without resets and video.
     """
 
-    id: str = field(metadata=NOT_EMPTY)
+    id: Name
     scene: str
     success: bool
     stages: dict[str, bool]
-    steps: int = field(metadata=NOT_NEGATIVE)
-    failure: str | None = field(metadata=NOT_EMPTY)
+    steps: Count
+    failure: Name | None
     episode_return: float = field(metadata={"key": "return"})
-    scores: dict[str, float] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
-    seconds: float = field(metadata=NOT_NEGATIVE)
+    scores: dict[str, float] = field(default_factory=dict)
+    seconds: Seconds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,8 +80,8 @@ class FinishedEpisode:
     """
 
     episode: EpisodeResult
-    timings_s: dict[str, float] = field(metadata=NOT_NEGATIVE)
-    trace: tuple[dict[str, Any], ...] = field(default=(), metadata=MAY_BE_ABSENT)
+    timings_s: dict[str, Seconds]
+    trace: tuple[dict[str, Any], ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +101,7 @@ class Summary:
     stages: dict[str, Estimate]
     failures: dict[str, int]
     mean_return: Estimate = field(metadata={"key": "return"})
-    scores: dict[str, Estimate] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
+    scores: dict[str, Estimate] = field(default_factory=dict)
     mean_steps: float
     seconds_per_step: float
     timings_s: dict[str, Duration]
@@ -149,28 +141,28 @@ class RunRecord:
     """
 
     schema: int
-    agent: str = field(metadata=NOT_EMPTY)
-    agent_name: str = field(metadata=NOT_EMPTY)
+    agent: Name
+    agent_name: Name
     privileged: bool
     control_mode: str
     obs_mode: str
-    target_frame: str = field(default="base", metadata=MAY_BE_ABSENT)
-    handle_position: bool = field(default=False, metadata=MAY_BE_ABSENT)
-    env: str = field(metadata=NOT_EMPTY)
-    scene_dataset: str = field(metadata=NOT_EMPTY)
+    target_frame: str = "base"
+    handle_position: bool = False
+    env: Name
+    scene_dataset: Name
     objects: str | None
     split: str
-    seed: int = field(metadata=NOT_NEGATIVE)
-    options: dict[str, str] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
-    skill_config: dict[str, float] = field(default_factory=dict, metadata=MAY_BE_ABSENT)
-    step_timeout_s: float | None = field(default=None, metadata=MAY_BE_ABSENT)
-    isolated: bool = field(default=False, metadata=MAY_BE_ABSENT)
-    agent_files: AgentFiles | None = field(default=None, metadata=MAY_BE_ABSENT)
+    seed: Count
+    options: dict[str, str] = field(default_factory=dict)
+    skill_config: dict[str, float] = field(default_factory=dict)
+    step_timeout_s: float | None = None
+    isolated: bool = False
+    agent_files: AgentFiles | None = None
     versions: dict[str, str]
     git: str | None
     device: str
     episodes: tuple[EpisodeResult, ...]
-    timings_s: dict[str, dict[str, float]] = field(metadata=NOT_NEGATIVE)
+    timings_s: dict[str, dict[str, Seconds]]
     summary: Summary
 
 

@@ -15,9 +15,9 @@ import torch
 from torch import Tensor
 
 from hab_eval.errors import AgentError
-from hab_eval.records.schema import LARGEST_NUMBER, is_text
 from hab_tasks.agent import Agent, AgentReport, AgentSpec
 from hab_tasks.errors import HabError, RunStoppedError, shown
+from hab_tasks.typed_values import LARGEST_NUMBER, is_text
 
 OBS_MODES = ("state", "state_dict", "sensor_data", "pointcloud", "none")
 OBS_PARTS = ("rgb", "depth", "segmentation", "position", "normal", "albedo")

@@ -12,11 +12,12 @@ from hab_eval.records.config import EvalConfig
 from hab_eval.records.results import FinishedEpisode
 from hab_eval.run.environments import setup_of
 from hab_eval.run.load_agent import load_agent
-from hab_eval.run.rows import Job, RolloutPlan, make_rows
+from hab_eval.run.rows import RolloutPlan, make_rows
 from hab_eval.run.runner import play
 from hab_tasks.agent import AgentSpec
+from hab_tasks.engine.rollout import Job
 from hab_tasks.errors import OptionError
-from hab_tasks.executors import Executor, Task
+from hab_tasks.io.executors import Executor, Task
 
 
 def check_distributed(config: EvalConfig, spec: AgentSpec, videos: int) -> None:
@@ -64,7 +65,7 @@ def _start_player(plan: RolloutPlan) -> Callable[[Job], FinishedEpisode]:
     rows = make_rows(plan, agent.spec, 1)
 
     def play_one(job: Job) -> FinishedEpisode:
-        (finished,) = play(agent, [rows], iter([job]))
+        (finished,) = play(agent, rows, iter([job]))
         return finished
 
     return play_one

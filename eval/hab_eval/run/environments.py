@@ -15,13 +15,14 @@ import gymnasium
 import hab_tasks
 from hab_eval.records.config import EvalConfig
 from hab_tasks.agent import AgentSetup, AgentSpaces, AgentSpec, Looks
+from hab_tasks.captions import LEGEND
 from hab_tasks.errors import UnknownNameError
 from hab_tasks.registration import ENTRY_POINTS, imported_id, reference_of
 from hab_tasks.robots.fetch import FETCH
 
 if TYPE_CHECKING:
     from hab_tasks.episodes import Episode, EpisodeSet
-    from hab_tasks.executors import Executor
+    from hab_tasks.io.executors import Executor
     from hab_tasks.robots.control import HabControllerConfig
 
 SIMULATOR = "hab_tasks.engine.hab_env"
@@ -74,9 +75,7 @@ def load_episode_set(
     config: EvalConfig, progress: CountCallback | None, workers: int | Executor
 ) -> EpisodeSet:
     """Returns the episode set of `config`; `workers`, or an executor, generate missing ones."""
-    from hab_tasks.episodes import EpisodeRequest, load_episodes  # loads the simulator
-
-    request = EpisodeRequest(
+    request = hab_tasks.EpisodeRequest(
         env_id=config.env,
         scene_dataset=config.scene_dataset,
         objects=config.objects,
@@ -84,7 +83,7 @@ def load_episode_set(
         seed=config.seed,
         novel=config.novel,
     )
-    return load_episodes(request, config.episodes, progress, workers)
+    return hab_tasks.load_episodes(request, config.episodes, progress, workers)
 
 
 def make_env(
@@ -122,8 +121,6 @@ def make_env(
 
 def instruction_of(env_id: str, episode: Episode) -> str:
     """Returns the instruction of an episode and the legend of its markers."""
-    from hab_tasks.engine.marks import LEGEND  # loads the simulator
-
     return f"{hab_tasks.ENVS[env_id].env.instruct(episode)} ({LEGEND})"
 
 

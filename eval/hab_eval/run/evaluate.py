@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
+from itertools import starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -25,15 +26,15 @@ from hab_eval.records.results import (
 from hab_eval.run import environments
 from hab_eval.run.distributed import check_distributed, run_distributed
 from hab_eval.run.isolation import opened_agent
-from hab_eval.run.rows import Job, RolloutPlan
+from hab_eval.run.rows import RolloutPlan, job_of
 from hab_eval.run.run_folder import RunFolder, check_free, open_folder
 from hab_eval.run.run_lock import locked
 from hab_eval.run.workers import run_agent
 from hab_tasks.agent import Agent, AgentSpec
 from hab_tasks.errors import FileError, HabError, OptionError, RunStoppedError
-from hab_tasks.executors import Executor, ExecutorChoice, open_executor
+from hab_tasks.io.executors import Executor, ExecutorChoice, open_executor
+from hab_tasks.io.threads import use_one_thread
 from hab_tasks.option_values import whole
-from hab_tasks.processes import use_one_thread
 
 if TYPE_CHECKING:
     from hab_tasks.episodes import EpisodeSet
@@ -230,8 +231,8 @@ def _run_missing(
     finished: Mapping[str, FinishedEpisode],
 ) -> Generator[FinishedEpisode, None, None]:
     """Runs the unfinished episodes, in this process or in workers."""
-    numbered = enumerate(episodes.episodes)
-    jobs: Sequence[Job] = [job for job in numbered if job[1].id not in finished]
+    numbered = starmap(job_of, enumerate(episodes.episodes))
+    jobs = [job for job in numbered if job[1].id not in finished]
     plan = RolloutPlan(
         config=config,
         split=episodes.split,

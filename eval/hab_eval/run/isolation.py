@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import contextlib
 import json
-import signal
 import struct
 import sys
 import traceback
 from collections.abc import Callable, Generator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from multiprocessing.connection import Connection, Pipe
+from multiprocessing.connection import Connection
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,7 @@ from torch import Tensor
 
 from hab_eval.errors import AgentError
 from hab_eval.records.config import EvalConfig
-from hab_eval.records.schema import parse_json_text, read_dataclass, to_json
+from hab_eval.records.schema import read_dataclass
 from hab_eval.run.agent_checks import (
     check_actions,
     check_report,
@@ -39,7 +38,8 @@ from hab_eval.run.observations import LazyBatch, LazyObservation
 from hab_eval.run.packing import ObsPacker, ObsUnpacker
 from hab_tasks.agent import Agent, AgentReport, AgentSpec, of_rows
 from hab_tasks.errors import HabError, RunStoppedError
-from hab_tasks.processes import Worker, begin_worker
+from hab_tasks.io.pool import Worker
+from hab_tasks.typed_values import parse_json, to_json
 
 ACTIONS, JSON = b"A", b"J"
 """First byte of an answer."""
@@ -50,38 +50,14 @@ DTYPES = "?bBhilqefd"
 HEAD = struct.Struct("=cII")
 """Dtype, rows and entries of actions."""
 
-STOP_TIMEOUT_S = 5.0
-
 _Ask = Callable[[str, Sequence[int]], Mapping[str, Any]]
 """Reads a group of the observation of some rows from the evaluator."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class AgentProcess:
-    """An agent's process, and the evaluator's end of its pipe."""
-
-    process: Worker
-    connection: Connection
-
-    def stop(self) -> None:
-        """Ends the process."""
-        self.connection.close()
-        self.process.terminate()
-        self.process.join(STOP_TIMEOUT_S)
-        if self.process.is_alive():
-            self.process.kill()
-            self.process.join()
-
-
-def start_agent(config: EvalConfig, device: str) -> AgentProcess:
+def start_agent(config: EvalConfig, device: str) -> Worker:
     """Starts a process that loads the agent."""
-    ours, theirs = Pipe()
     seed = agent_seed(config.seed)
-    arguments = (theirs, config.agent, config.env, seed, config.options, device)
-    process = Worker(target=_serve, args=arguments, name="agent", daemon=True)
-    process.start()
-    theirs.close()  # so that the pipe ends when the process does
-    return AgentProcess(process=process, connection=ours)
+    return Worker(_serve, config.agent, config.env, seed, config.options, device)
 
 
 @contextlib.contextmanager
@@ -98,7 +74,7 @@ def opened_agent(config: EvalConfig, device: str) -> Generator[Agent, None, None
     try:
         yield IsolatedAgent(process.connection, config.agent)
     finally:
-        process.stop()
+        process.end()
 
 
 class IsolatedAgent:
@@ -199,8 +175,6 @@ def _serve(
     device: str,
 ) -> None:
     """Main function of an agent's process; runs until the evaluator closes the pipe."""
-    begin_worker()
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     sys.argv[1:] = []  # the run's seed is among them
     with contextlib.suppress(EOFError, ConnectionError):
         try:
@@ -263,7 +237,7 @@ def _answer(connection: Connection, value: Any) -> None:
 def _parse(answer: bytes, reference: str) -> Any:
     """Returns an answer in JSON; raises the error that it tells of."""
     try:
-        value = parse_json_text(answer[1:].decode())
+        value = parse_json(answer[1:].decode())
     except ValueError as error:
         raise AgentError(f"The process of the agent {reference} sent no JSON: {error}") from error
     if isinstance(value, dict) and "refused" in value:

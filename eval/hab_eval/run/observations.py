@@ -108,14 +108,23 @@ def batched(values: Sequence[Any]) -> Any:
     return [item for value in values for item in value]  # ground-truth states: lists of one entry
 
 
-def agent_view(
-    env: gym.Env[Any, Any], spec: AgentSpec, obs: Mapping[str, Any]
-) -> Mapping[str, Any]:
-    """Returns the observation as an agent with this spec receives it."""
-    base: Any = env.unwrapped
-    readers: dict[str, Reader] = {}
-    if spec.privileged:
-        readers["privileged"] = lambda: {"privileged": base.privileged()}
-    if spec.looks == "on demand":
-        readers |= dict.fromkeys(IMAGES, base.look)
-    return LazyObservation(obs, readers) if readers else obs
+class AgentView:
+    """Observations of an environment as an agent with a spec receives them."""
+
+    def __init__(self, spec: AgentSpec) -> None:
+        """Takes the agent's spec."""
+        self._spec = spec
+        self._last: Mapping[str, Any] = {}
+
+    def __call__(self, env: gym.Env[Any, Any], obs: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Returns the observation after a reset or step; the one before can be read no more."""
+        if isinstance(self._last, LazyObservation):
+            self._last.expire()
+        base: Any = env.unwrapped
+        readers: dict[str, Reader] = {}
+        if self._spec.privileged:
+            readers["privileged"] = lambda: {"privileged": base.privileged()}
+        if self._spec.looks == "on demand":
+            readers |= dict.fromkeys(IMAGES, base.look)
+        self._last = LazyObservation(obs, readers) if readers else obs
+        return self._last

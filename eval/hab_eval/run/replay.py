@@ -16,11 +16,11 @@ from hab_eval.records.results import EpisodeResult, RunRecord
 from hab_eval.run import environments
 from hab_eval.run.evaluate import Reporter, check_device
 from hab_eval.run.isolation import opened_agent
-from hab_eval.run.rows import Job, RolloutPlan
+from hab_eval.run.rows import RolloutPlan, job_of
 from hab_eval.run.workers import run_agent
 from hab_tasks.agent import Agent, AgentSpec
 from hab_tasks.errors import OptionError, shown
-from hab_tasks.processes import use_one_thread
+from hab_tasks.io.threads import use_one_thread
 
 RETURN_TOLERANCE = 0.01
 """Relative tolerance of returns, and in a unit of reward, of equal outcomes and steps."""
@@ -138,8 +138,9 @@ def _repeated(
     """Plays the episodes."""
     record = request.record
     episodes = environments.load_episode_set(config, reporter.generating, request.workers)
-    jobs: list[Job] = [(index, episodes.episodes[index]) for index in request.indices]
-    for index, episode in jobs:
+    jobs = [job_of(index, episodes.episodes[index]) for index in request.indices]
+    for index in request.indices:
+        episode = episodes.episodes[index]
         _check_same_episode(record.episodes[index], episode.id, episode.scene_id)
     plan = RolloutPlan(
         config=config,

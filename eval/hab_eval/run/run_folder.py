@@ -17,10 +17,11 @@ from hab_eval.records.config import (
     write_config,
 )
 from hab_eval.records.results import FinishedEpisode, check_episode, check_size
-from hab_eval.records.schema import name_episode, parse_json_text, read_dataclass, to_json
+from hab_eval.records.schema import read_dataclass
 from hab_eval.run.run_lock import LOCK
 from hab_tasks.errors import FileError, shown
-from hab_tasks.files import ASIDE, check_folder, written_aside
+from hab_tasks.io.files import ASIDE, check_folder, written_aside
+from hab_tasks.typed_values import name_episode, parse_json, to_json
 
 UNFINISHED = f"{ASIDE}*"
 """Temporary files left by a killed run; the next run removes them."""
@@ -212,6 +213,6 @@ def _traced(line: str, where: str) -> str:
 
 def _parse_line(line: str, where: str) -> Any:
     try:
-        return parse_json_text(line)
+        return parse_json(line)
     except ValueError as error:
         raise ResultError(f"{where}: cannot be read as JSON: {error}") from error

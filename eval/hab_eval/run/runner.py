@@ -1,26 +1,24 @@
-"""The rollout loop: an agent acts in N batch rows, each running one episode after another.
+"""Evaluation of an agent in N batch rows, by the episode loop of `hab_tasks.engine.rollout`.
 
-N is 1 for most agents. Videos are recorded by observers of the rows. Rows are in this process
-(`hab_eval.run.rows`) or in workers (`hab_eval.run.workers`), behind the same interface.
+N is 1 for most agents. Rows are in this process or in workers (`hab_eval.run.workers`).
 """
 
 from __future__ import annotations
 
-import contextlib
-import time
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Protocol
 
-import torch
+from torch import Tensor
 
 from hab_eval.records.results import FinishedEpisode, check_finished
-from hab_eval.run.agent_checks import check_actions, check_report, check_reports, without_exit
-from hab_eval.run.environments import agent_seed
-from hab_eval.run.observations import batched
-from hab_eval.run.observers import Observer
-from hab_eval.run.rows import Call, Job, LocalRows, RowGroup, Start, Step, Turn, episode_error
-from hab_tasks.agent import Agent
+from hab_eval.run.agent_checks import check_actions, check_report, check_reports
+from hab_eval.run.observations import AgentView
+from hab_eval.run.rows import LocalRows, job_of, naming_episodes, result_of
+from hab_tasks.agent import Agent, AgentReport
+from hab_tasks.engine import rollout
+from hab_tasks.engine.env_row import EnvRow, Restart, anew
+from hab_tasks.engine.rollout import Ended, Job, Observer, Rows
 from hab_tasks.errors import RunStoppedError
 
 if TYPE_CHECKING:
@@ -31,39 +29,41 @@ if TYPE_CHECKING:
 TIMEOUT = "timeout"
 
 
-@dataclass(kw_only=True)
-class _RowState:
-    """State of a row in the loop; `episode` is None when the row is free."""
-
-    episode: Episode | None = None
-    seed: int = 0
-    obs: Any = None
-    act_s: float = 0.0
-
-
 def run_episode(
     env: gym.Env[Any, Any],
     agent: Agent,
     index: int,
     episode: Episode,
     observers: Sequence[Observer] = (),
+    restart: Restart = anew,
 ) -> FinishedEpisode:
     """Runs one episode in a given environment and returns its result.
 
     Raises:
         Exception: Raised by the agent or the environment.
     """
-    rows = LocalRows(spec=agent.spec)
-    rows.add(env, observers)
+    row = EnvRow(env, observers, view=AgentView(agent.spec), restart=restart)
     try:
-        (finished,) = play(agent, [rows], iter([(index, episode)]))
+        (finished,) = play(agent, LocalRows([row]), iter([job_of(index, episode)]))
     except RunStoppedError as error:
         raise error.__cause__ or error from None
     return finished
 
 
+class TellingRows(Rows, Protocol):
+    """Rows whose observers may need the agent's current activity.
+
+    Attributes:
+        watched: Whether they do.
+        doing: The activity, by row.
+    """
+
+    watched: bool
+    doing: list[str]
+
+
 def play(
-    agent: Agent, groups: Sequence[RowGroup], jobs: Iterator[Job]
+    agent: Agent, rows: TellingRows, jobs: Iterator[Job]
 ) -> Generator[FinishedEpisode, None, None]:
     """Assigns jobs to free rows and yields results as episodes finish.
 
@@ -72,98 +72,45 @@ def play(
     Raises:
         RunStoppedError: The agent or an environment raised; the message has the episodes.
     """
-    rows = [_RowState() for group in groups for _ in range(group.count)]
-    watched = any(group.watched for group in groups)
-    try:
-        while calls := _next_calls(agent, rows, jobs, watched):
-            for number, turn in _exchange(groups, calls).items():
-                rows[number].obs = turn.obs
-                if turn.result is not None:
-                    yield _finish(agent, rows, number, turn)
-    finally:
-        for group in groups:
-            group.abort()
+    checked = _CheckedAgent(agent, rows)
+    for ended in rollout.play(rows, checked, jobs, naming_episodes):
+        with naming_episodes([ended.job]):
+            finished = _finished(ended, checked.reports()[ended.row], agent.spec.name)
+        yield finished
 
 
-def _next_calls(
-    agent: Agent, rows: Sequence[_RowState], jobs: Iterator[Job], watched: bool
-) -> dict[int, Call]:
-    """Returns an action for every running row and a new episode for every free row."""
-    playing = [number for number, row in enumerate(rows) if row.episode is not None]
-    calls: dict[int, Call] = dict(_act(agent, rows, playing, watched)) if playing else {}
-    started: dict[int, Job] = {}
-    for number, row in enumerate(rows):
-        job = next(jobs, None) if row.episode is None else None
-        if job is not None:
-            started[number] = job
-            row.episode, row.seed, row.act_s = job[1], agent_seed(job[1].seed), 0.0
-    if started:
-        mask = torch.tensor([number in started for number in range(len(rows))])
-        with _naming_episodes(job[1] for job in started.values()):
-            agent.reset(mask, [row.seed for row in rows])
-            doing = _doing(agent, rows, watched)
-        for number, job in started.items():
-            calls[number] = Start(job=job, doing=doing[number])
-    return calls
+class _CheckedAgent:
+    """An agent whose answers are checked; observers of the rows learn what it is doing."""
+
+    def __init__(self, agent: Agent, rows: TellingRows) -> None:
+        self._agent, self._rows = agent, rows
+
+    def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
+        """See `Agent`."""
+        self._agent.reset(mask, seeds)
+        self._tell()
+
+    def act(self, obs: Any) -> Tensor:
+        """See `Agent`."""
+        actions = check_actions(self._agent.act(obs), self._rows.count)
+        self._tell()
+        return actions
+
+    def reports(self) -> Sequence[AgentReport]:
+        """Returns a report per row."""
+        return check_reports(self._agent.report(), self._rows.count, self._agent.spec.name)
+
+    def _tell(self) -> None:
+        if self._rows.watched:
+            self._rows.doing = [report.doing for report in self.reports()]
 
 
-def _act(
-    agent: Agent, rows: Sequence[_RowState], playing: Sequence[int], watched: bool
-) -> dict[int, Step]:
-    """Queries the agent's actions for all rows; returns those of the running rows."""
-    started = time.perf_counter()
-    with _naming_episodes(_episodes(rows)):
-        actions = check_actions(agent.act(batched([row.obs for row in rows])), len(rows))
-        seconds = (time.perf_counter() - started) / len(playing)
-        doing = _doing(agent, rows, watched)
-    for number in playing:
-        rows[number].act_s += seconds
-    return {n: Step(action=actions[n : n + 1], doing=doing[n]) for n in playing}
-
-
-def _doing(agent: Agent, rows: Sequence[_RowState], watched: bool) -> list[str]:
-    """Returns the agent's current activity in each row; empty if no observer needs it."""
-    if not watched:
-        return [""] * len(rows)
-    return [one.doing for one in check_reports(agent.report(), len(rows), agent.spec.name)]
-
-
-def _exchange(groups: Sequence[RowGroup], calls: Mapping[int, Call]) -> dict[int, Turn]:
-    """Sends each group the calls of its rows, then collects the answers."""
-    first, sent = 0, []
-    for group in groups:
-        own = {n - first: call for n, call in calls.items() if 0 <= n - first < group.count}
-        if own:
-            group.send(own)
-            sent.append((first, group))
-        first += group.count
-    return {start + n: turn for start, group in sent for n, turn in group.receive().items()}
-
-
-def _finish(agent: Agent, rows: Sequence[_RowState], number: int, turn: Turn) -> FinishedEpisode:
-    """Merges the agent's report into the environment's result and frees the row."""
-    assert turn.result is not None
-    row, name = rows[number], agent.spec.name
-    with _naming_episodes(_episodes([row])):
-        report = check_reports(agent.report(), len(rows), name)[number]
-        said, timings_s = check_report(report, name)
-        failure = None if turn.result.success else turn.result.failure or said or TIMEOUT
-        result = replace(turn.result, failure=failure, seconds=turn.result.seconds + row.act_s)
-        finished = FinishedEpisode(episode=result, timings_s=timings_s, trace=tuple(report.trace))
-        check_finished(finished, "The result")
-    row.episode = None
+def _finished(ended: Ended, report: AgentReport, name: str) -> FinishedEpisode:
+    """Merges the agent's report into the environment's result."""
+    said, timings_s = check_report(report, name)
+    result = result_of(ended.job, ended.outcome)
+    failure = None if result.success else result.failure or said or TIMEOUT
+    result = replace(result, failure=failure)
+    finished = FinishedEpisode(episode=result, timings_s=timings_s, trace=tuple(report.trace))
+    check_finished(finished, "The result")
     return finished
-
-
-@contextlib.contextmanager
-def _naming_episodes(episodes: Iterable[Episode]) -> Generator[None, None, None]:
-    """Converts exceptions of the agent into errors that name the episodes."""
-    try:
-        with without_exit():
-            yield
-    except Exception as error:
-        raise episode_error(episodes, error) from error
-
-
-def _episodes(rows: Sequence[_RowState]) -> Iterator[Episode]:
-    return (row.episode for row in rows if row.episode is not None)

@@ -4,26 +4,26 @@ An agent of one row runs in every worker, with its own environment (`run_paralle
 several rows runs once, in the parent, and the workers step the environments (`run_batched`).
 
 Only the parent assigns episodes and writes results, so each episode runs exactly once. The outcome
-of an episode does not depend on its worker (see `rows.LocalRows`).
+of an episode does not depend on its worker (see `hab_tasks.engine.env_row.anew`).
 """
 
 from __future__ import annotations
 
 import contextlib
-import signal
-import traceback
-from collections import defaultdict
-from collections.abc import Callable, Generator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from multiprocessing.connection import Connection, Pipe, wait
+from collections.abc import Callable, Collection, Generator, Mapping, Sequence
+from itertools import accumulate
+from multiprocessing.connection import Connection, wait
 from typing import Any
+
+from torch import Tensor
 
 from hab_eval.records.results import FinishedEpisode
 from hab_eval.run.environments import setup_of, worker_imports
 from hab_eval.run.isolation import IsolatedAgent, start_agent
 from hab_eval.run.load_agent import load_agent
+from hab_eval.run.observations import batched
 from hab_eval.run.packing import ObsPacker, ObsUnpacker, packed, unpacked
-from hab_eval.run.rows import Call, Job, RolloutPlan, RowGroup, Step, Turn, make_rows
+from hab_eval.run.rows import RolloutPlan, make_rows
 from hab_eval.run.runner import play
 from hab_eval.run.time_limit import (
     TICK_S,
@@ -34,45 +34,34 @@ from hab_eval.run.time_limit import (
     TimedAgent,
 )
 from hab_tasks.agent import Agent, AgentSpec
+from hab_tasks.engine.rollout import Job, Outcome
 from hab_tasks.errors import HabError, RunStoppedError
-from hab_tasks.processes import Worker, begin_worker, start_worker_server
-
-STOP_TIMEOUT_S = 5.0
+from hab_tasks.io.pool import Worker, end_all, received_file, start_server
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Failure:
-    """Error of a worker as text, because not every exception can be pickled.
+class _Worker(Worker):
+    """A worker process, its isolated agent, its current episodes.
 
     Attributes:
-        details: Traceback; None for bad input, where the message is enough.
+        agent: Process of its agent, if it is isolated.
+        episode_ids: Episodes that it plays.
+        job: The only one of them, of a worker with its own agent.
+        clock: Clock of the agent's calls.
+        ended: Whether it was killed at the time limit.
     """
 
-    message: str
-    details: str | None
-
-
-@dataclass(kw_only=True)
-class _Worker:
-    """A worker process, the parent's end of its pipe, its isolated agent, its current episodes."""
-
-    process: Worker
-    connection: Connection
-    agent: Worker | None = None
-    episode_ids: tuple[str, ...] = ()
-    job: Job | None = None
-    clock: CallClock = field(default_factory=CallClock)
-    ended: bool = False
+    def __init__(self, function: Callable[..., None], *arguments: Any) -> None:
+        self.agent: Worker | None = None
+        self.episode_ids: tuple[str, ...] = ()
+        self.job: Job | None = None
+        self.clock = CallClock()
+        self.ended = False
+        super().__init__(function, *arguments)
 
     @property
     def processes(self) -> tuple[Worker, ...]:
         """The worker, and the agent's process if it has one."""
-        return (self.process,) if self.agent is None else (self.process, self.agent)
-
-    @property
-    def pids(self) -> list[int]:
-        """Their ids."""
-        return [process.pid for process in self.processes if process.pid is not None]
+        return (self,) if self.agent is None else (self, self.agent)
 
     def give(self, job: Job | None) -> None:
         """Sends the next job, if any."""
@@ -100,74 +89,75 @@ class _Worker:
         if call is None or limit_s is None or self.job is None or call_s <= limit_s:
             self.clock.call = None if isinstance(answer, CallEnded) else call
             return None
-        for process in self.processes:
-            process.kill()
-            process.join()
+        end_all(self.processes)
         self.ended = True
         return call.timed_out(call_s, self.job[1])
 
-    def send(self, message: Any) -> None:
-        """Sends a message; raises the error that the worker reported before it ended."""
-        try:
-            self.connection.send(message)
-        except OSError:
-            while True:  # what it sent before is still in the pipe, in the end an error
-                self.receive()
-
-    def receive(self) -> Any:
-        """Receives a message; raises the error that the worker reported."""
-        try:
-            answer = self.connection.recv()
-        except (EOFError, OSError) as error:
-            raise self._died() from error
-        if isinstance(answer, _Failure):
-            if answer.details is None:
-                raise HabError(answer.message)
-            raise RunStoppedError(answer.message, details=answer.details)
-        return answer
-
-    def _died(self) -> RunStoppedError:
-        """Returns the error for a worker that ended without a message."""
-        self.process.join(STOP_TIMEOUT_S)
-        code = self.process.exitcode
-        how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
-        ids = ", ".join(map(repr, self.episode_ids))
+    def death(self) -> HabError:
+        """Returns an error that names the episodes."""
+        ended, ids = self.ending(), ", ".join(map(repr, self.episode_ids))
         return RunStoppedError(
             f"Episode{'s' * (len(self.episode_ids) > 1)} {ids} stopped the run: its worker process "
-            f"{self.process.pid} ended with {how}."
+            f"{ended.pid} {ended.how}."
         )
 
 
-@dataclass(kw_only=True)
 class _RemoteRows:
-    """Rows in a worker; observations and actions travel as numpy arrays."""
+    """Rows in workers; observations and actions travel as numpy arrays.
 
-    worker: _Worker
-    count: int
-    watched: bool
-    _playing: dict[int, str] = field(default_factory=dict)
-    _unpackers: defaultdict[int, ObsUnpacker] = field(
-        default_factory=lambda: defaultdict(ObsUnpacker)
-    )
+    Attributes:
+        count: Number of rows.
+        watched: Whether observers need the agent's current activity.
+        doing: That activity, by row.
+    """
 
-    def send(self, calls: Mapping[int, Call]) -> None:
-        """Sends the calls to the worker."""
-        self._playing |= {n: c.job[1].id for n, c in calls.items() if not isinstance(c, Step)}
-        self.worker.episode_ids = tuple(self._playing.values())
-        self.worker.send({number: _packed_call(call) for number, call in calls.items()})
+    def __init__(self, workers: Sequence[_Worker], shares: Sequence[int], *, watched: bool) -> None:
+        """Takes workers, and the number of rows of each."""
+        self._workers = list(zip(workers, accumulate(shares, initial=0), shares, strict=False))
+        self.count, self.watched = sum(shares), watched
+        self.doing, self._obs = [""] * self.count, [None] * self.count
+        self._unpackers = [ObsUnpacker() for _ in range(self.count)]
+        self._playing: dict[int, str] = {}
 
-    def receive(self) -> dict[int, Turn]:
-        """Waits for the worker's answers."""
-        answers: dict[int, Turn] = self.worker.receive()
-        for number, turn in answers.items():
-            if turn.result is not None:
-                del self._playing[number]
-        return {
-            n: replace(turn, obs=self._unpackers[n].unpack(turn.obs)) for n, turn in answers.items()
-        }
+    def start(self, jobs: Mapping[int, Job]) -> None:
+        """See `Rows`."""
+        self._playing |= {row: job.episode.id for row, job in jobs.items()}
+        self._exchange(jobs, None, ())
+
+    def observe(self) -> Any:
+        """See `Rows`."""
+        return batched(self._obs)
+
+    def step(self, actions: Tensor, rows: Collection[int]) -> dict[int, Outcome]:
+        """See `Rows`."""
+        ended = self._exchange({}, actions, rows)
+        for row in ended:
+            del self._playing[row]
+        return ended
 
     def abort(self) -> None:
-        """Does nothing: the worker aborts its rows when it ends."""
+        """Does nothing: a worker aborts its rows when it ends."""
+
+    def _exchange(
+        self, jobs: Mapping[int, Job], actions: Tensor | None, rows: Collection[int]
+    ) -> dict[int, Outcome]:
+        """Sends each worker what its rows do, then collects the answers."""
+        asked, ended = [], {}
+        for worker, first, count in self._workers:
+            share = range(first, first + count)
+            own_jobs = {row - first: jobs[row] for row in share if row in jobs}
+            own_rows = [row - first for row in share if row in rows]
+            if own_jobs or own_rows:
+                own_actions = None if actions is None else packed(actions[first : first + count])
+                worker.episode_ids = tuple(self._playing[n] for n in share if n in self._playing)
+                worker.send((self.doing[first : first + count], own_jobs, own_actions, own_rows))
+                asked.append((worker, first))
+        for worker, first in asked:
+            seen, outcomes = worker.receive()
+            for row, obs in seen.items():
+                self._obs[first + row] = self._unpackers[first + row].unpack(obs)
+            ended |= {first + row: outcome for row, outcome in outcomes.items()}
+        return ended
 
 
 def run_agent(
@@ -200,7 +190,7 @@ def run_inline(
     """Runs the jobs in this process."""
     rows = make_rows(plan, agent.spec, min(agent.spec.rows, len(jobs)))
     try:
-        yield from play(agent, [rows], iter(jobs))
+        yield from play(agent, rows, iter(jobs))
     finally:
         rows.close()
 
@@ -211,16 +201,13 @@ def run_batched(
     """Runs the jobs with the agent in this process and its environments in `count` workers."""
     rows = min(agent.spec.rows, len(jobs))
     shares = [len(range(first, rows, count)) for first in range(min(count, rows))]
-    start_worker_server(__name__, *worker_imports(plan.config))
-    workers = [_start(_serve_rows, plan, agent.spec, share) for share in shares]
+    start_server(__name__, *worker_imports(plan.config))
+    workers = [_Worker(_serve_rows, plan, agent.spec, share) for share in shares]
     try:
-        groups: list[RowGroup] = [
-            _RemoteRows(worker=worker, count=share, watched=plan.videos > 0)
-            for worker, share in zip(workers, shares, strict=True)
-        ]
-        yield from play(agent, groups, iter(jobs))
+        remote = _RemoteRows(workers, shares, watched=plan.videos > 0)
+        yield from play(agent, remote, iter(jobs))
     finally:
-        _stop(workers)
+        end_all([process for worker in workers for process in worker.processes])
 
 
 def run_parallel(
@@ -231,7 +218,7 @@ def run_parallel(
     A worker whose agent exceeds the time limit of a call is replaced.
     """
     limit_s = plan.config.step_timeout_s
-    start_worker_server(__name__, *worker_imports(plan.config))
+    start_server(__name__, *worker_imports(plan.config))
     workers = [_start_player(plan) for _ in range(min(count, len(jobs)))]
     queue, watch = iter(jobs), StopWatch()
     try:
@@ -240,108 +227,53 @@ def run_parallel(
         while busy := [(n, worker) for n, worker in enumerate(workers) if worker.job is not None]:
             wait_s = None if limit_s is None else TICK_S
             ready = wait([worker.connection for _, worker in busy], wait_s)
-            watch.tick((worker.clock, worker.pids) for _, worker in busy)
+            watch.tick((one.clock, [p.pid for p in one.processes]) for _, one in busy)
             for number, worker in busy:
                 finished = worker.take(limit_s, ready=worker.connection in ready)
                 if finished is None:
                     continue
                 job = next(queue, None)
                 if worker.ended and job is not None:
-                    worker.connection.close()
                     workers[number] = _start_player(plan)
                 workers[number].give(job)
                 yield finished
     finally:
-        _stop(workers)
+        end_all([process for worker in workers for process in worker.processes])
 
 
 def _start_player(plan: RolloutPlan) -> _Worker:
     """Starts a worker that has its own agent, in a second process if it is isolated."""
-    if not plan.config.isolated:
-        return _start(_serve_episodes, plan, None)
-    agent = start_agent(plan.config, plan.device)
-    worker = _start(_serve_episodes, plan, agent.connection)
-    agent.connection.close()  # so that the agent ends with the worker
-    worker.agent = agent.process
+    worker = _Worker(_serve_episodes, plan)
+    if plan.config.isolated:
+        worker.agent = start_agent(plan.config, plan.device)
+        worker.send_file(worker.agent.connection.fileno())
+        worker.agent.connection.close()  # so that the agent ends with the worker
     return worker
 
 
-def _start(serve: Callable[..., None], *arguments: Any) -> _Worker:
-    """Starts a worker."""
-    ours, theirs = Pipe()
-    process = Worker(target=_serve, args=(theirs, serve, *arguments), daemon=True)
-    process.start()
-    theirs.close()  # so that the pipe ends when the worker does
-    return _Worker(process=process, connection=ours)
-
-
-def _stop(workers: Sequence[_Worker]) -> None:
-    """Terminates all workers."""
-    for worker in workers:
-        worker.connection.close()
-    processes = [process for worker in workers for process in worker.processes]
-    for process in processes:
-        process.terminate()
-    for process in processes:
-        process.join(STOP_TIMEOUT_S)
-        if process.is_alive():
-            process.kill()
-            process.join()
-
-
-def _serve(connection: Connection, serve: Callable[..., None], *arguments: Any) -> None:
-    """Main function of a worker; runs until the parent closes the pipe or ends the process."""
-    begin_worker()
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    try:
-        serve(connection, *arguments)
-        return
-    except RunStoppedError as error:
-        failure = _Failure(message=str(error), details=error.details)
-    except HabError as error:
-        failure = _Failure(message=str(error), details=None)
-    except Exception as error:
-        message = f"A worker could not start: {type(error).__name__}: {error}"
-        failure = _Failure(message=message, details=traceback.format_exc())
-    # The parent has closed the pipe at the end of a run, or was killed.
-    with contextlib.suppress(ConnectionError):
-        connection.send(failure)
-
-
-def _serve_episodes(
-    connection: Connection, plan: RolloutPlan, agent_connection: Connection | None
-) -> None:
+def _serve_episodes(connection: Connection, plan: RolloutPlan) -> None:
     """Runs the episodes that the parent sends, with its own agent."""
     agent: Agent
-    if agent_connection is None:
-        agent = load_agent(plan.config.agent, setup_of(plan.config, plan.device))
+    if plan.config.isolated:
+        agent = IsolatedAgent(Connection(received_file(connection)), plan.config.agent)
     else:
-        agent = IsolatedAgent(agent_connection, plan.config.agent)
+        agent = load_agent(plan.config.agent, setup_of(plan.config, plan.device))
     rows = make_rows(plan, agent.spec, 1)
     jobs = iter(connection.recv, None)  # ends with an EOFError
     timed = plan.config.step_timeout_s is not None
     player = TimedAgent(agent, rows, connection.send) if timed else agent
     with contextlib.closing(rows):
-        for finished in play(player, [rows], jobs):
+        for finished in play(player, rows, jobs):
             connection.send(finished)
 
 
 def _serve_rows(connection: Connection, plan: RolloutPlan, spec: AgentSpec, count: int) -> None:
     """Executes the calls that the parent sends."""
-    packers = [ObsPacker() for _ in range(count)]
     with contextlib.closing(make_rows(plan, spec, count)) as rows:
+        packers = [ObsPacker() for _ in rows.rows]
         while True:
-            calls: dict[int, Any] = connection.recv()
-            rows.send({number: _unpacked_call(call) for number, call in calls.items()})
-            turns = rows.receive()
-            connection.send(
-                {n: replace(turn, obs=packers[n].pack(turn.obs)) for n, turn in turns.items()}
-            )
-
-
-def _packed_call(call: Call) -> Any:
-    return replace(call, action=packed(call.action)) if isinstance(call, Step) else call
-
-
-def _unpacked_call(call: Any) -> Call:
-    return replace(call, action=unpacked(call.action)) if isinstance(call, Step) else call
+            rows.doing, jobs, actions, numbers = connection.recv()
+            rows.start(jobs)
+            ended = rows.step(unpacked(actions), numbers)
+            seen = {n: packers[n].pack(rows.rows[n].observe()) for n in (*jobs, *numbers)}
+            connection.send((seen, ended))

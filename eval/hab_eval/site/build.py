@@ -27,7 +27,7 @@ from hab_eval.site.media import Video, copy_video, find_videos, write_picture
 from hab_eval.site.pages import Page, Site, all_pages
 from hab_eval.site.studies import read_studies
 from hab_tasks.errors import OptionError
-from hab_tasks.files import check_folder, folder_written_aside
+from hab_tasks.io.files import check_folder, folder_written_aside
 
 MARK = "site.json"
 """File by which `--force` recognises a site."""

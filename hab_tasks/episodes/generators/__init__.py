@@ -7,7 +7,7 @@ from importlib import import_module
 from hab_tasks.episodes.generators.base import Generator, Made, Objects
 from hab_tasks.episodes.generators.rearrange import Rearrange
 from hab_tasks.registration import ENTRY_POINTS, TASKS
-from hab_tasks.scenes.spec import SceneSpec
+from hab_tasks.world.scenes.spec import SceneSpec
 
 MakeGenerator = Callable[[Sequence[str], Callable[[str], SceneSpec], Objects], Generator]
 

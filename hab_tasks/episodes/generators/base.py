@@ -38,7 +38,7 @@ from hab_tasks.geometry import Array, Pose7, pose, rotation_between
 from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.kinematics import ArmKinematics
 from hab_tasks.robots.spec import RobotSpec
-from hab_tasks.scenes.spec import ObjectTemplate, SceneSpec
+from hab_tasks.world.scenes.spec import ObjectTemplate, SceneSpec
 
 ATTEMPTS = 200
 LAYOUTS = 20

@@ -29,8 +29,8 @@ from hab_tasks.episodes.schema import Episode, Rearrangement
 from hab_tasks.episodes.spots import Spot, widest
 from hab_tasks.geometry import Pose7
 from hab_tasks.receptacles import CONTAINERS, DRAWER
-from hab_tasks.scenes.spec import SceneSpec
 from hab_tasks.task_spec import ARTICULATIONS, TaskSpec
+from hab_tasks.world.scenes.spec import SceneSpec
 
 LEAST_MOVE_M = 0.5
 """Minimum distance between a start and its goal (Habitat's generator)."""

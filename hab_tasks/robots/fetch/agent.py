@@ -11,8 +11,8 @@ from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.fetch.light_visuals import lighten
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.robots.spec import RobotSpec
-from hab_tasks.scenes.fixed_links import merge_fixed_links
-from hab_tasks.scenes.urdf import remove_visuals
+from hab_tasks.world.scenes.fixed_links import merge_fixed_links
+from hab_tasks.world.scenes.urdf import remove_visuals
 
 NEAR_PAIRS = (("head_pan_link", "shoulder_lift_link"), ("head_tilt_link", "shoulder_lift_link"))
 """Link pairs within 2 cm of each other in the resting pose that never touch (minimum distance

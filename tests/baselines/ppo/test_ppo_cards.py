@@ -11,7 +11,6 @@ from hab_ppo import agent, cards, checkpoint, shipping
 from hab_ppo.cards import NOT_EVALUATED, card, shipped_names
 from hab_ppo.checkpoint import Position, position_json
 from hab_ppo.cli import main
-from hab_ppo.config_json import to_json
 from hab_ppo.network import new_policy
 from hab_ppo.observation import ObservationLayout
 from hab_ppo.recipes import find_recipe
@@ -20,6 +19,7 @@ from stub_runs import make_record
 from toy_vector import ToyVector
 
 from hab_tasks.agent_spaces import agent_setup
+from hab_tasks.typed_values import to_json
 
 
 @pytest.fixture

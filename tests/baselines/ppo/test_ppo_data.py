@@ -8,12 +8,12 @@ import torch
 from gymnasium import spaces
 from hab_ppo.collect import Collector
 from hab_ppo.distributed import Ranks
+from hab_ppo.layers import RowLinear
 from hab_ppo.network import new_policy
 from hab_ppo.normalizer import Moments, RunningNormalizer
 from hab_ppo.observation import ObservationLayout, averaged
 from hab_ppo.recipe import NetworkConfig
 from hab_ppo.rollout import Rollout, discounted_returns, gae
-from hab_ppo.row_layers import RowLinear
 from torch.nn import functional
 from toy_vector import ToyVector
 

@@ -1,6 +1,5 @@
 """Retiming, replay and practice of paths, and the commands that use them."""
 
-from contextlib import contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -8,10 +7,8 @@ import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
-from hab_ppo import checkpoint, demonstrations
-from hab_ppo.cli import main
+from hab_ppo import checkpoint
 from hab_ppo.demonstration_file import Followed, read_examples, write_examples
-from hab_ppo.demonstrations import Attempt, DemonstrationPlan, demonstrate
 from hab_ppo.errors import PolicyFileError
 from hab_ppo.examples import Examples
 from hab_ppo.network import new_policy
@@ -21,7 +18,6 @@ from hab_ppo.recipe import NetworkConfig
 from hab_ppo.recipes import find_recipe
 from hab_ppo.replay import Disturbance, replay
 from hab_ppo.retiming import (
-    GRASP_STEPS,
     Follower,
     Recorded,
     Stretch,
@@ -93,25 +89,11 @@ def test_the_follower_reaches_the_point_of_a_grasp_stands_and_goes_on():
     assert follower.finished
 
 
-def test_a_follower_goes_on_without_a_point_or_a_grasp_that_it_cannot_have():
-    follower = Follower([Stretch(points_m=line(1, 2, 3), gripper=-1.0)])
-    for _ in range(60):
-        follower.act(np.array([0.0, 0.1, 0.0]), False)
-    assert follower.finished
-    path = [Stretch(points_m=line(0), gripper=-1.0), Stretch(points_m=line(5), gripper=1.0)]
-    follower = Follower(path)
-    moved = [follower.act(np.zeros(3), False)[:3].any() for _ in range(GRASP_STEPS + 2)]
-    assert not any(moved[:GRASP_STEPS])
-    assert moved[-1]
-    assert follower.has_lost
-    follower.act(np.zeros(3), True)
-    assert not follower.has_lost
-
-
 class PointEnv:
     """A hand without inertia that has to hold and be back at the start."""
 
     action_space = spaces.Box(-1, 1, (4,), np.float32)
+    unwrapped = None
 
     def reset(self, seed, options):
         self.ee_m, self.holding, self.executed = np.zeros(3), False, []
@@ -278,26 +260,3 @@ def _check_damaged(file, env):
     for size in (0, 5, 100, len(whole) - 1):
         file.write_bytes(whole[:size])
         refused_by_call(lambda: read_examples(file, env), str(file), "not a file")
-
-
-def test_demonstrations_are_counted_by_failure(tmp_path, capsys, monkeypatch):
-    attempts = []
-
-    @contextmanager
-    def given(plan, most):
-        yield iter(attempts[:most])
-
-    monkeypatch.setattr(demonstrations, "load_agent", lambda *_: None)
-    monkeypatch.setattr(demonstrations, "training_episodes", lambda *_: ())
-    monkeypatch.setattr(demonstrations, "_attempts", given)
-    arrays = (np.zeros((3, 2), np.float32), None, np.zeros((3, 4), np.float32))
-    good = Attempt(None, None, arrays, Followed(0, []))
-    attempts += [Attempt("timeout"), good, Attempt(None, "force"), good, good]
-    plan = DemonstrationPlan(recipe=find_recipe("pick_blind"), agent="a:b", count=2)
-    told = "solved 3 of 4 episodes (1 timeout), 2 of 3 replays succeeded (1 force)"
-    assert told in demonstrate(plan, [].append).summary()
-    attempts[:] = [Attempt("timeout")] * 100
-    out = tmp_path / "demonstrations.safetensors"
-    assert main(["demonstrate", "pick_blind", "--out", str(out)]) == 1
-    assert "solved 0 of 25 episodes" in capsys.readouterr().err
-    assert not out.exists()

@@ -17,7 +17,7 @@ from hab_ppo.plan import CLONED
 from hab_ppo.progress import read_progress
 from hab_ppo.recipe import Cloning, Distillation, FineTuning, NetworkConfig, WarmStart
 from hab_ppo.recipes import find_recipe
-from hab_ppo.trainer import BEST, EXACT, LAST, Trainer, TrainPlan
+from hab_ppo.trainer import BEST, EXACT, LAST, Trainer, TrainPlan, train_rank
 from refusals import check_each, refused_by_call, refused_by_command
 from toy_examples import TOY, linear, random_examples, replace_simulator, same_tensors
 from toy_vector import ToyVector
@@ -53,7 +53,7 @@ def toy(monkeypatch):
 
     def train(out, recipe=TOY, **options):
         out.mkdir(exist_ok=True)
-        return Trainer(TrainPlan(recipe=recipe, out=out, **options), Ranks(), lines.append).run()
+        return train_rank(TrainPlan(recipe=recipe, out=out, **options), Ranks(), lines.append)
 
     train.lines = lines
     return train

@@ -181,12 +181,13 @@ def test_a_skill_that_a_task_cannot_run_is_told(learned, tmp_path):
         write_weights(replace(pick, env=replace(pick.env, **changes)), path)
         refused_by_call(lambda: team(**{**learned, "pick": str(path)}), message)
     refused_by_call(lambda: team("HabPick-v1"), "not a task")
-    refused_by_call(lambda: team(**learned, replan="1"), "needs to know where things are")
 
 
 def test_the_spec_says_what_a_team_needs(weights, learned):
     spec = team("HabSetTable-v1", **learned).spec
     assert (spec.privileged, spec.handle_position, spec.obs_mode) == (False, True, "state_dict")
+    blind = dict.fromkeys(("skills", "navigation"), "blind") | learned
+    assert not hab_tp_srl.from_sensors(agent_setup("HabSetTable-v1", options=blind)).spec.privileged
     mixed = team(**{**learned, "place": "spa_priv", "pick": str(weights["pick_depth"])}).spec
     assert (mixed.privileged, mixed.rows, mixed.handle_position) == (True, 1, False)
     assert (mixed.obs_mode, mixed.looks) == ("depth", "on demand")

@@ -1,6 +1,6 @@
 """Generate the `apartment` dataset.
 
-Run `python assets/tools/apartment --out assets/apartment`; with `--check` it only compares.
+Run `python -m hab_authoring.apartment --out assets/apartment`; with `--check` it only compares.
 Micro-variations (`v3_sc*_staging_01` and up) are generated elsewhere: existing ones are kept, and
 `--check` ignores them.
 """
@@ -36,7 +36,7 @@ from hab_authoring.apartment import (
 )
 from hab_authoring.apartment.model import Dataset
 from hab_authoring.apartment.writer import write_dataset
-from hab_tasks.files import folder_written_aside
+from hab_tasks.io.files import folder_written_aside
 
 NAME = "apartment"
 THEMES = (

@@ -7,7 +7,7 @@ from hab_authoring.pipeline.footprint import Footprint
 from hab_authoring.pipeline.optimise import OBJECTS_FOLDER, optimise
 from hab_authoring.pipeline.options import AssetOptions
 from hab_tasks.generation_lines import progress_bar
-from hab_tasks.scenes.habitat.dataset import resolve_dataset
+from hab_tasks.world.scenes.habitat.dataset import resolve_dataset
 
 LINES = 10
 """Number of progress lines when stdout is not a terminal."""

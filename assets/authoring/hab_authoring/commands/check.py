@@ -22,14 +22,14 @@ from hab_authoring.inventory import (
 from hab_authoring.layouts.report import check_layouts
 from hab_tasks.errors import HabError
 from hab_tasks.option_values import MOST_WORKERS, whole
-from hab_tasks.scenes.habitat.dataset import (
+from hab_tasks.world.scenes.habitat.dataset import (
     REPLICA_CAD_NAMES,
     SPLIT_MACROS,
     SceneDataset,
     resolve_dataset,
 )
-from hab_tasks.scenes.meshes import read_textured
-from hab_tasks.scenes.objects import load_objects
+from hab_tasks.world.scenes.meshes import read_textured
+from hab_tasks.world.scenes.objects import load_objects
 
 EXIT_FAULTS = 1
 OVERLAP = "overlap"

@@ -12,12 +12,12 @@ from hab_authoring.habitat.entry import START
 from hab_authoring.habitat.start import draw_starts
 from hab_tasks.commands.episodes import check_ending
 from hab_tasks.episodes.schema import read_episodes, save_json, write_episodes
-from hab_tasks.files import check_file
 from hab_tasks.generation_lines import progress_bar
+from hab_tasks.io.files import check_file
 from hab_tasks.registration import imported_id
-from hab_tasks.scenes.habitat.dataset import SceneDataset, resolve_dataset
-from hab_tasks.scenes.objects import load_objects
-from hab_tasks.scenes.spec import ObjectTemplate
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset, resolve_dataset
+from hab_tasks.world.scenes.objects import load_objects
+from hab_tasks.world.scenes.spec import ObjectTemplate
 
 
 def run(options: Convert) -> int:

@@ -12,7 +12,7 @@ from hab_authoring.commands.environment_pictures import (
 )
 from hab_authoring.commands.environments_page import PAGE, page
 from hab_authoring.commands.options import Docs
-from hab_tasks.files import check_file, written_aside
+from hab_tasks.io.files import check_file, written_aside
 from hab_tasks.registration import ENTRY_POINTS
 from hab_tasks.rendering import resolve_backend
 

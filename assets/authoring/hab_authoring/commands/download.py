@@ -8,7 +8,7 @@ from mani_skill import ASSET_DIR
 from mani_skill.utils import download_asset
 
 from hab_tasks.errors import HabError
-from hab_tasks.scenes.habitat.dataset import MANISKILL_ASSETS, maniskill_folder
+from hab_tasks.world.scenes.habitat.dataset import MANISKILL_ASSETS, maniskill_folder
 
 
 def fetch(asset: str) -> Path:

@@ -15,9 +15,9 @@ from hab_authoring.figures.rearrangement import draw_episodes, figure_name
 from hab_authoring.inventory import macro_layouts, micro_variations
 from hab_tasks.episodes import read_episodes
 from hab_tasks.errors import EpisodeError, HabError, RenderingUnavailableError
-from hab_tasks.files import check_file
+from hab_tasks.io.files import check_file
 from hab_tasks.rendering import resolve_backend
-from hab_tasks.scenes.habitat.dataset import SceneDataset, resolve_dataset
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset, resolve_dataset
 
 Draw = Callable[[Path], None]
 

@@ -16,10 +16,10 @@ from hab_authoring.layouts.vary import LayoutVarier, macro_scene_id
 from hab_authoring.layouts.wild import MIRRORED, WildLayout, WildVarier
 from hab_authoring.layouts.write import write_layout_set, write_scene
 from hab_tasks.errors import HabError
-from hab_tasks.files import check_folder, folder_written_aside
+from hab_tasks.io.files import check_folder, folder_written_aside
 from hab_tasks.option_values import LARGEST_SEED, whole
-from hab_tasks.scenes.habitat.dataset import SceneDataset, embedded_dataset, resolve_dataset
-from hab_tasks.scenes.habitat.layout_set import FILE, LayoutSet
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset, embedded_dataset, resolve_dataset
+from hab_tasks.world.scenes.habitat.layout_set import FILE, LayoutSet
 
 WILD_SPLIT = "test"
 MOST_LAYOUTS = 100_000

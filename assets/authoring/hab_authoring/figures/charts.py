@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from hab_authoring.figures.statistics import category_counts, furniture_counts
 from hab_authoring.inventory import macro_layouts, micro_variations
 from hab_tasks.figure_style import BLUE, EDGE, bare, new_figure, save
-from hab_tasks.scenes.habitat.dataset import SceneDataset
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset
 
 PALE = "#D8DCE0"
 BAR_HEIGHT_IN = 0.22

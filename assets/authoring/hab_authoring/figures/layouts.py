@@ -10,9 +10,9 @@ from hab_authoring.inventory import macro_layouts, macro_of, micro_variations
 from hab_authoring.layouts.furnishing import COUNTER, CUPBOARD
 from hab_authoring.showroom import Showroom
 from hab_tasks.figure_style import new_figure, save
-from hab_tasks.scenes.habitat.dataset import SceneDataset
-from hab_tasks.scenes.habitat.load import load_scene
-from hab_tasks.scenes.markers import FRIDGES
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset
+from hab_tasks.world.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.markers import FRIDGES
 
 PIXELS_PER_M = 60.0
 VIEW_IN, SHEET_IN = 2.4, 0.95

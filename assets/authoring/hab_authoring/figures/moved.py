@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 from transforms3d.quaternions import qconjugate, qmult
 
 from hab_tasks.geometry import Array, Pose7
-from hab_tasks.scenes.spec import SceneSpec
+from hab_tasks.world.scenes.spec import SceneSpec
 
 MOVED_M = 0.05
 TURNED_RAD = math.radians(5.0)

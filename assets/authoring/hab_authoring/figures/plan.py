@@ -11,9 +11,9 @@ from matplotlib.collections import PolyCollection
 
 from hab_tasks.figure_style import EDGE, ORANGE
 from hab_tasks.geometry import Array
-from hab_tasks.scenes.floor import footprints
-from hab_tasks.scenes.layout_geometry import STAGE, Layout
-from hab_tasks.scenes.spec import SceneSpec
+from hab_tasks.world.scenes.floor import footprints
+from hab_tasks.world.scenes.layout_geometry import STAGE, Layout
+from hab_tasks.world.scenes.spec import SceneSpec
 
 FLOOR, WALL, PIECE = "#F4F1EA", "#5F6368", "#C3C9CF"
 FLAT, FLAT_MARKED = "#E6E5E2", "#F9E3B4"

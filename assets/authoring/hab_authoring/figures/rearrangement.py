@@ -19,8 +19,8 @@ from hab_authoring.figures.statistics import EpisodeStatistics, episode_statisti
 from hab_tasks.episodes.schema import EpisodeSet
 from hab_tasks.figure_style import BLUE, ORANGE, bare, new_figure, save
 from hab_tasks.geometry import Array
-from hab_tasks.scenes.habitat.dataset import SceneDataset
-from hab_tasks.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset
+from hab_tasks.world.scenes.habitat.load import load_scene
 
 PAPER_FIGURES = {
     "HabTidyHouse-v1": "fig20_tidy_house.png",

@@ -15,9 +15,9 @@ from hab_authoring.inventory import macro_of, micro_variations
 from hab_tasks.episodes.schema import Episode, EpisodeSet, template_of
 from hab_tasks.geometry import Array
 from hab_tasks.object_names import ALL_OBJECTS
-from hab_tasks.scenes.fields import read_json
-from hab_tasks.scenes.habitat.dataset import SceneDataset
-from hab_tasks.scenes.habitat.load import read_category
+from hab_tasks.world.scenes.fields import read_json
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset
+from hab_tasks.world.scenes.habitat.load import read_category
 
 IN_GRASP = "In the grasp"
 

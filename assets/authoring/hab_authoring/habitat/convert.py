@@ -37,13 +37,14 @@ from pathlib import Path
 from typing import Any
 
 from hab_authoring.habitat.entry import OWN_KEY, HabitatEntries
-from hab_tasks.episodes.fields import load_json, naming, read_pose
-from hab_tasks.episodes.provenance import check_made_from, made_from, read_made_from
+from hab_tasks.episodes.fields import Pose, load_json, naming
+from hab_tasks.episodes.provenance import MadeFrom, check_made_from, made_from
 from hab_tasks.episodes.schema import Episode, EpisodeSet
 from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import Pose7
-from hab_tasks.scenes.habitat.dataset import SPLIT_MACROS, SceneDataset
-from hab_tasks.scenes.spec import ObjectTemplate
+from hab_tasks.typed_values import read_value
+from hab_tasks.world.scenes.habitat.dataset import SPLIT_MACROS, SceneDataset
+from hab_tasks.world.scenes.spec import ObjectTemplate
 
 Progress = Callable[[int, int], None]
 _SET_FIELDS = ("env", "split", "seed", "rejections")
@@ -85,10 +86,8 @@ def read_habitat(
     entries = HabitatEntries(dataset, objects)
     with naming(str(file), OWN_KEY):
         own = dict(raw.get(OWN_KEY) or {})
-        loose = {
-            str(scene): {str(k): read_pose(p) for k, p in poses.items()}
-            for scene, poses in own.get("scenes", {}).items()
-        }
+    where, kind = f"{file}: {OWN_KEY}", dict[str, dict[str, Pose]]
+    loose = read_value(kind, own.get("scenes", {}), f"{where}: scenes", EpisodeError)
     episodes = []
     for index, entry in enumerate(raw["episodes"]):
         name = entry.get("episode_id", index) if isinstance(entry, dict) else index
@@ -99,7 +98,7 @@ def read_habitat(
     origin = made_from(dataset, objects)
     with naming(str(file), OWN_KEY):
         if "made_from" in own:
-            stated = read_made_from(own["made_from"])
+            stated = read_value(MadeFrom, own["made_from"], f"{where}: made_from", EpisodeError)
             check_made_from(str(file), dataset.name, stated, dataset, origin)
             origin = stated
         return EpisodeSet(

@@ -30,16 +30,16 @@ from hab_tasks.episodes.schema import (
     Rearrangement,
     ReceptacleRef,
     RobotStart,
-    read_episode,
     template_of,
+    with_loose,
 )
 from hab_tasks.errors import EpisodeError, UnknownNameError
 from hab_tasks.geometry import WORLD_FROM_HABITAT, Array, Pose7, from_matrix, to_matrix
 from hab_tasks.robots.fetch import FETCH
-from hab_tasks.scenes.habitat.dataset import SceneDataset
-from hab_tasks.scenes.habitat.load import load_scene
-from hab_tasks.scenes.spec import ObjectTemplate
-from hab_tasks.typed_values import number
+from hab_tasks.typed_values import number, read_value
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset
+from hab_tasks.world.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.spec import ObjectTemplate
 
 OWN_KEY = "hab_tasks"
 """Key of the data that Habitat's format has no field for; ignored by Habitat."""
@@ -331,7 +331,7 @@ def _missing(episode: Episode, parsed: Episode) -> dict[str, Any]:
 def _with_missing(parsed: Episode, missing: dict[str, Any], where: str) -> Episode:
     """Adds the data of `_missing` to an episode read from Habitat's fields."""
     rest = dict(missing)
-    raw = asdict(parsed)
+    raw = asdict(replace(parsed, loose={}))
     if "arm_qpos_rad" in rest:
         raw["robot"]["arm_qpos_rad"] = rest.pop("arm_qpos_rad")
     handles = rest.pop("handles", {})
@@ -341,7 +341,8 @@ def _with_missing(parsed: Episode, missing: dict[str, Any], where: str) -> Episo
     if "receptacles" in rest:
         for target, pair in zip(raw["targets"], rest.pop("receptacles"), strict=True):
             target["start"], target["goal"] = pair
-    return read_episode(raw | rest, {parsed.scene_id: parsed.loose}, where)
+    episode = read_value(Episode, raw | rest, where, EpisodeError)
+    return with_loose(episode, {parsed.scene_id: parsed.loose}, where)
 
 
 def _place(layout: HabitatLayout, receptacle: ReceptacleRef | None) -> list[Any]:

@@ -13,10 +13,10 @@ from transforms3d import quaternions
 from hab_tasks.episodes.fields import naming
 from hab_tasks.episodes.schema import Base, template_of
 from hab_tasks.geometry import Array, rotation_between
-from hab_tasks.scenes.habitat.load import HABITAT_UP
-from hab_tasks.scenes.meshes import mesh_bounds
-from hab_tasks.scenes.spec import ObjectTemplate
 from hab_tasks.typed_values import number
+from hab_tasks.world.scenes.habitat.load import HABITAT_UP
+from hab_tasks.world.scenes.meshes import mesh_bounds
+from hab_tasks.world.scenes.spec import ObjectTemplate
 
 RIGID = 1e-3
 """Tolerance of rotation matrices; Habitat writes five digits."""

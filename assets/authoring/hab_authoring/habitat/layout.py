@@ -22,9 +22,9 @@ from transforms3d import euler
 from hab_tasks.episodes.schema import ReceptacleRef
 from hab_tasks.errors import DatasetError, UnknownNameError
 from hab_tasks.geometry import Array, to_matrix
-from hab_tasks.scenes.markers import HANDLE_MARKERS
-from hab_tasks.scenes.spec import Receptacle, SceneSpec
-from hab_tasks.scenes.urdf import check_urdf, read_urdf
+from hab_tasks.world.scenes.markers import HANDLE_MARKERS
+from hab_tasks.world.scenes.spec import Receptacle, SceneSpec
+from hab_tasks.world.scenes.urdf import check_urdf, read_urdf
 
 HABITAT_MARKERS = (
     "cab_push_point_7",

@@ -21,9 +21,9 @@ from hab_tasks.episodes.schema import Episode, EpisodeSet, RobotStart
 from hab_tasks.errors import GenerationError
 from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.kinematics import ArmKinematics
-from hab_tasks.scenes.habitat.dataset import SceneDataset
-from hab_tasks.scenes.habitat.load import load_scene
-from hab_tasks.scenes.spec import ObjectTemplate
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset
+from hab_tasks.world.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.spec import ObjectTemplate
 
 _AT_REST = StartNoise(ee_m=0.0)
 _TRIES = 10

@@ -14,8 +14,8 @@ import coal  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 import numpy as np
 
 from hab_tasks.privileged import Array
-from hab_tasks.scenes.coal_shapes import coal_shape
-from hab_tasks.scenes.layout_geometry import Joint, Layout, PosedBody, RigidShapes
+from hab_tasks.world.scenes.coal_shapes import coal_shape
+from hab_tasks.world.scenes.layout_geometry import Joint, Layout, PosedBody, RigidShapes
 
 _REQUEST = coal.CollisionRequest()
 _REQUEST.enable_contact = True

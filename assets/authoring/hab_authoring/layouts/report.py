@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 
@@ -13,10 +13,10 @@ from hab_authoring.layouts.checks import check_layout
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.errors import HabError
 from hab_tasks.geometry import Array
-from hab_tasks.processes import worker_pool
-from hab_tasks.scenes.floor import body_points
-from hab_tasks.scenes.habitat.dataset import SceneDataset
-from hab_tasks.scenes.habitat.load import load_scene
+from hab_tasks.io.pool import WorkerPool, in_order
+from hab_tasks.world.scenes.floor import body_points
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset
+from hab_tasks.world.scenes.habitat.load import load_scene
 
 MOVED_M = 0.01
 WATCH_S = 2.0
@@ -73,13 +73,13 @@ def check_layouts(
     if workers == 1:
         yield from ((scene_id, layout_faults(dataset, scene_id)) for scene_id in scenes)
         return
-    # This process has already issued the warnings.
-    with worker_pool(workers, logging.disable, (logging.WARNING,)) as pool:
-        yield from zip(scenes, pool.map(partial(_faults, dataset.root), scenes), strict=True)
+    with WorkerPool(workers, _quiet_check, (dataset.root,)) as pool:
+        yield from zip(scenes, in_order(pool.run(scenes)), strict=True)
 
 
-def _faults(root: Path, scene_id: str) -> tuple[str, ...]:
-    return layout_faults(SceneDataset(root), scene_id)
+def _quiet_check(root: Path) -> Callable[[str], tuple[str, ...]]:
+    logging.disable(logging.WARNING)  # issued by the parent already
+    return partial(layout_faults, SceneDataset(root))
 
 
 def _corners(sandbox: PlacementSandbox) -> dict[str, Array]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from hab_authoring.layouts.overlaps import Bodies, extent, overlaps
 from hab_tasks.privileged import Array
-from hab_tasks.scenes.layout_geometry import PosedBody
+from hab_tasks.world.scenes.layout_geometry import PosedBody
 
 SINK_M = 0.008
 """Maximum penetration of a piece into a rug."""

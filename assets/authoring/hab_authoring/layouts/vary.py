@@ -25,9 +25,9 @@ from hab_authoring.layouts.settled import SINK_M, planar, settled
 from hab_authoring.layouts.write import moved_scene
 from hab_tasks.errors import GenerationError, UnknownNameError
 from hab_tasks.privileged import Array
-from hab_tasks.scenes.habitat.dataset import SceneDataset
-from hab_tasks.scenes.habitat.load import load_scene
-from hab_tasks.scenes.layout_geometry import Layout
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset
+from hab_tasks.world.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.layout_geometry import Layout
 
 FREE_SPACE = "piece without free space"
 """Rejection reason: no attempt to swap or perturb found room for a piece."""

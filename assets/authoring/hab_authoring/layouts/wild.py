@@ -29,12 +29,12 @@ from hab_authoring.layouts.wild_poses import PiecePose, PoseSampler, crowding
 from hab_authoring.layouts.write import moved_scene
 from hab_tasks.errors import GenerationError
 from hab_tasks.privileged import Array
-from hab_tasks.scenes.fields import read_json
-from hab_tasks.scenes.habitat.dataset import SceneDataset
-from hab_tasks.scenes.habitat.load import read_scene
-from hab_tasks.scenes.layout_geometry import Joint, Layout
-from hab_tasks.scenes.markers import FRIDGES
-from hab_tasks.scenes.walls import inner_walls, walls_without
+from hab_tasks.world.scenes.fields import read_json
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset
+from hab_tasks.world.scenes.habitat.load import read_scene
+from hab_tasks.world.scenes.layout_geometry import Joint, Layout
+from hab_tasks.world.scenes.markers import FRIDGES
+from hab_tasks.world.scenes.walls import inner_walls, walls_without
 
 MIRRORED = "fridge_mirrored"
 _AWAY = np.eye(4)

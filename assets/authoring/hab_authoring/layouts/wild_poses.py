@@ -16,8 +16,8 @@ from hab_authoring.layouts.overlaps import extent, pieces_of
 from hab_authoring.layouts.standing import FloorPlan, lookup
 from hab_tasks.constants import BASE_RADIUS_M
 from hab_tasks.privileged import Array
-from hab_tasks.scenes.floor import CELL_M, FreeFloor
-from hab_tasks.scenes.layout_geometry import STAGE, Layout
+from hab_tasks.world.scenes.floor import CELL_M, FreeFloor
+from hab_tasks.world.scenes.layout_geometry import STAGE, Layout
 
 AISLE_M = 2 * BASE_RADIUS_M + 0.05
 """Target width of aisles; the floor map has cells of 5 cm."""

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from hab_tasks.files import written_aside
 from hab_tasks.geometry import (
     WORLD_FROM_HABITAT,
     Array,
@@ -20,10 +19,11 @@ from hab_tasks.geometry import (
     inverse,
     to_matrix,
 )
-from hab_tasks.scenes.fields import read_json
-from hab_tasks.scenes.habitat import layout_set
-from hab_tasks.scenes.habitat.dataset import SceneDataset
-from hab_tasks.scenes.spec import ObjectInstance, SceneSpec
+from hab_tasks.io.files import written_aside
+from hab_tasks.world.scenes.fields import read_json
+from hab_tasks.world.scenes.habitat import layout_set
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset
+from hab_tasks.world.scenes.spec import ObjectInstance, SceneSpec
 
 POSITION_DIGITS, ROTATION_DIGITS = 6, 9
 SCENE_SUFFIX = ".scene_instance.json"

@@ -26,7 +26,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from hab_authoring.pipeline.options import AssetOptions
 from hab_tasks.errors import DatasetError
-from hab_tasks.scenes.meshes import read_mesh
+from hab_tasks.world.scenes.meshes import read_mesh
 
 MAX_PARTS = 20
 

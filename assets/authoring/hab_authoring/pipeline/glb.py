@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hab_tasks.errors import DatasetError
-from hab_tasks.scenes.mesh_checks import COMPONENTS, WIDTHS, check_mesh
+from hab_tasks.world.scenes.mesh_checks import COMPONENTS, WIDTHS, check_mesh
 
 _UINT16, _UINT32 = 5123, 5125
 _ALIGNMENT_BYTES = 16

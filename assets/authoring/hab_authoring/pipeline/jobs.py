@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
-from hab_tasks.cache import cache_dir, cached_file, find, read_cached, run_dir, use_run_dir
 from hab_tasks.errors import DatasetError, HabError, WorkerError
-from hab_tasks.processes import worker_pool
-from hab_tasks.scenes.mesh_checks import check_mesh
+from hab_tasks.io.cache import cache_dir, cached_file, find, read_cached, run_dir, use_run_dir
+from hab_tasks.io.pool import WorkerPool
+from hab_tasks.world.scenes.mesh_checks import check_mesh
 
 Progress = Callable[[int, int], None]
 """Called with the number of finished computations, and of all."""
@@ -78,10 +77,9 @@ def _in_parallel(jobs: list[Job], workers: int) -> Iterator[None]:
         return
     try:
         # If the cache is not writable, results are written to a folder that this process removes.
-        with worker_pool(min(workers, len(jobs)), _start_worker, (run_dir(),)) as pool:
-            futures: dict[Future[None], Job] = {pool.submit(_run, job): job for job in jobs}
-            for future in as_completed(futures):
-                yield future.result()
+        with WorkerPool(min(workers, len(jobs)), _start_worker, (run_dir(),)) as pool:
+            for _ in pool.run(jobs):
+                yield
     except WorkerError as error:
         left = [str(job.source) for job in jobs if not job.result.exists()]
         raise DatasetError(
@@ -90,9 +88,10 @@ def _in_parallel(jobs: list[Job], workers: int) -> Iterator[None]:
         ) from error
 
 
-def _start_worker(run_dir: Path) -> None:
+def _start_worker(run_dir: Path) -> Callable[[Job], None]:
     os.environ["OMP_NUM_THREADS"] = "1"
     use_run_dir(run_dir)
+    return _run
 
 
 def _check_result(path: Path) -> bool:

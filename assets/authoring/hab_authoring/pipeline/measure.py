@@ -29,11 +29,11 @@ from hab_authoring.pipeline.footprint import footprint
 from hab_authoring.pipeline.views import HeadCamera, base_poses
 from hab_tasks.errors import DatasetError, HabError, RenderingUnavailableError
 from hab_tasks.rendering import ADVICE, software_vulkan_works
-from hab_tasks.scenes.fields import read_json
-from hab_tasks.scenes.habitat.dataset import SceneDataset, resolve_dataset
-from hab_tasks.scenes.habitat.load import load_scene, load_template
-from hab_tasks.scenes.urdf import read_urdf
-from hab_tasks.scenes.urdf_checks import mesh_file
+from hab_tasks.world.scenes.fields import read_json
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset, resolve_dataset
+from hab_tasks.world.scenes.habitat.load import load_scene, load_template
+from hab_tasks.world.scenes.urdf import read_urdf
+from hab_tasks.world.scenes.urdf_checks import mesh_file
 
 logger = logging.getLogger(__name__)
 

@@ -18,9 +18,9 @@ from hab_authoring.pipeline.jobs import Progress, Tally, run_jobs
 from hab_authoring.pipeline.options import AssetOptions
 from hab_authoring.pipeline.plan import CopyPlan, plan_dataset, plan_objects
 from hab_tasks.errors import HabError, UnknownNameError
-from hab_tasks.files import check_folder, folder_written_aside
+from hab_tasks.io.files import check_folder, folder_written_aside
 from hab_tasks.option_values import MOST_WORKERS, whole
-from hab_tasks.scenes.habitat.dataset import SceneDataset
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset
 
 OBJECTS_FOLDER = "ycb"
 """Folder of the YCB copy in the copy of the dataset."""

@@ -7,13 +7,13 @@ import numpy as np
 from hab_authoring.showroom import Showroom
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, CAMERA_HFOV_RAD, CAMERA_SIZE_PX
 from hab_tasks.geometry import Array, Pose7, planar
-from hab_tasks.navigation import NavigationMap
 from hab_tasks.rendering import use_default_shaders
 from hab_tasks.robots.cameras import camera_pose
 from hab_tasks.robots.fetch import FETCH
-from hab_tasks.scenes.build import to_sapien
-from hab_tasks.scenes.layout_geometry import Layout
-from hab_tasks.scenes.spec import SceneSpec
+from hab_tasks.world.navigation import NavigationMap
+from hab_tasks.world.scenes.build import to_sapien
+from hab_tasks.world.scenes.layout_geometry import Layout
+from hab_tasks.world.scenes.spec import SceneSpec
 
 NEAR_M = 0.01
 

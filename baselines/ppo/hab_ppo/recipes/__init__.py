@@ -1,17 +1,31 @@
-"""The recipes: one file each, named after its policy, holding `RECIPE`."""
+"""The recipes, one file a skill or a pair of them."""
 
 from __future__ import annotations
 
 from importlib import import_module
-from pkgutil import iter_modules
+from types import ModuleType
 
 from hab_ppo.recipe import Recipe
+from hab_ppo.recipes import drawers, fridge, navigate, pick, place
 from hab_tasks.errors import HabError, UnknownNameError
+
+
+def _recipes(module: ModuleType) -> dict[str, Recipe]:
+    """Returns the recipes of a module by the names of its constants."""
+    return {key: value for key, value in vars(module).items() if isinstance(value, Recipe)}
+
+
+RECIPE_FILES = {
+    recipe.name: module
+    for module in (pick, place, drawers, fridge, navigate)
+    for recipe in _recipes(module).values()
+}
+"""The module of each recipe, which holds it under its name in capitals."""
 
 
 def recipe_names() -> list[str]:
     """Returns the names of all recipes."""
-    return sorted(module.name for module in iter_modules(__path__))
+    return sorted(RECIPE_FILES)
 
 
 def find_recipe(name: str) -> Recipe:
@@ -23,14 +37,13 @@ def find_recipe(name: str) -> Recipe:
     """
     module, separator, attribute = name.partition(":")
     if not separator:
-        if name not in recipe_names():
+        if name not in RECIPE_FILES:
             raise UnknownNameError("recipe", name, recipe_names())
-        return import_module(f"{__name__}.{name}").RECIPE
+        return getattr(RECIPE_FILES[name], name.upper())
     try:
-        loaded = import_module(module)
+        found = _recipes(import_module(module))
     except (ImportError, ValueError) as error:
         raise HabError(f"Recipe {name!r}: the module cannot be imported ({error}).") from error
-    found = {key: value for key, value in vars(loaded).items() if isinstance(value, Recipe)}
     if attribute not in found:
         raise UnknownNameError(f"recipe of {module}", attribute, found)
     return found[attribute]

@@ -13,8 +13,8 @@ from hab_spa.motion.robot import Robot
 from hab_spa.motion.wheels import Wheels, WheelsConfig, angle
 from hab_spa.shapes import Array
 from hab_tasks.constants import CONTROL_HZ
-from hab_tasks.navigation import NavigationMap, path_between
 from hab_tasks.robots.fetch import FETCH
+from hab_tasks.world.navigation import NavigationMap, path_between
 
 FARTHER = (1.0, 0.7, 1.5, 2.0)
 ASIDE_RAD = np.deg2rad((0.0, 20.0, -20.0, 40.0, -40.0, 60.0, -60.0))

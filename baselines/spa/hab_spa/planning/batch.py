@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hab_spa.shapes import Array, shape_bounds_m
 from hab_tasks.privileged import CollisionBody, CollisionShape
-from hab_tasks.raycast.compiled import load
+from hab_tasks.world.raycast.compiled import load
 
 HIT, FREE, UNSURE = 0, 1, 2
 HULL, BOX, OUTER = 0, 1, 2

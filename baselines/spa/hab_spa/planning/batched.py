@@ -74,7 +74,7 @@ def shorten(
         return rrt.shorten(collision, path, seed, deadline_s, config)
     room, checks = np.empty((MOST_VERTICES, DIMENSION)), np.zeros(1, dtype=np.int64)
     room[: len(path)] = path
-    draws = np.random.default_rng(seed).uniform(size=(config.passes * config.shortcuts // 2, 3))
+    draws = np.random.default_rng(seed).uniform(size=(config.passes * config.shortcuts, 3))
     size = search_kernel().shorten(
         collision.shapes,
         room,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hab_spa.shapes import Array
 from hab_tasks.privileged import CollisionBody
-from hab_tasks.scenes.coal_shapes import CoalShape, coal_shape
+from hab_tasks.world.scenes.coal_shapes import CoalShape, coal_shape
 
 _shapes: WeakKeyDictionary[CollisionBody, list[CoalShape]] = WeakKeyDictionary()
 

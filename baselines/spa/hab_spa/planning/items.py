@@ -15,7 +15,7 @@ from hab_spa.planning.coal_model import coal_shapes
 from hab_spa.shapes import Array, box_distance_m, invert_pose
 from hab_tasks.privileged import CollisionBody, PrivilegedState
 from hab_tasks.robots.fetch import FETCH
-from hab_tasks.scenes.coal_shapes import CoalShape
+from hab_tasks.world.scenes.coal_shapes import CoalShape
 
 FINGER_LINKS = tuple(name.replace("_joint", "_link") for name in FETCH.finger_joints)
 MOVING_LINKS = (*FETCH.arm_links, FETCH.ee_link, *FINGER_LINKS)

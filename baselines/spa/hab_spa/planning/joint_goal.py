@@ -71,7 +71,7 @@ class GoalConfig:
     judge_starts: int = 120
     seeded_starts: int = 2400
     seeded_points: int = 60
-    seeded_round: int = 120
+    seeded_round: int = 240
     ik: IkConfig = field(default_factory=IkConfig)
 
 

@@ -20,8 +20,8 @@ from hab_eval.records.results import EpisodeResult
 
 from hab_spa.recording.record import NAME, OnEpisode, Player, RecordPlan, annotate, play_until
 from hab_tasks.episodes import Episode
-from hab_tasks.executors import Task, open_executor
-from hab_tasks.files import make_scratch_folder
+from hab_tasks.io.executors import Task, open_executor
+from hab_tasks.io.files import make_scratch_folder
 
 
 @dataclass(frozen=True, kw_only=True)

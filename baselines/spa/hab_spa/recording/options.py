@@ -9,8 +9,8 @@ from typing import Annotated, ClassVar
 import tyro
 from hab_eval.commands.options import EpisodeOptions
 
-from hab_tasks.console import Command
-from hab_tasks.executors import ExecutorChoice
+from hab_tasks.io.console import Command
+from hab_tasks.io.executors import ExecutorChoice
 
 RECORD_HELP = """Records the successful episodes of an agent as a ManiSkill trajectory.
 

@@ -24,14 +24,15 @@ from hab_eval.run.runner import run_episode
 from mani_skill.utils.wrappers.record import RecordEpisode
 
 from hab_spa.recording.options import RecordCommand
-from hab_tasks.console import tell
+from hab_tasks.engine.rollout import Job
 from hab_tasks.envs import ENVS
 from hab_tasks.episodes import Episode, EpisodeRequest, open_source
 from hab_tasks.errors import OptionError, RunStoppedError
-from hab_tasks.executors import ExecutorChoice
-from hab_tasks.files import check_file, check_folder, replace_folder, scratch_folder
+from hab_tasks.io.console import tell
+from hab_tasks.io.executors import ExecutorChoice
+from hab_tasks.io.files import check_file, check_folder, replace_folder, scratch_folder
+from hab_tasks.io.threads import use_one_thread
 from hab_tasks.option_values import MOST_WORKERS, whole
-from hab_tasks.processes import use_one_thread
 from hab_tasks.registration import imported_id, reference_of
 
 EXIT_TOO_FEW = 1
@@ -169,16 +170,9 @@ def describe_task(env_id: str, episode: Episode) -> str:
     return ENVS[env_id].env.instruct(episode)
 
 
-class _Numbered(gym.Wrapper[Any, Any, Any, Any]):
-    """Resets by episode index, which can be stored in a file and replayed."""
-
-    number = 0
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
-        """Starts episode `number`, replacing the episode in the options."""
-        return self.env.reset(seed=seed, options={**(options or {}), "episode": self.number})
+def _numbered(env: gym.Env[Any, Any], job: Job) -> tuple[Any, dict[str, Any]]:
+    """Starts an episode by its index, which can be stored in a file and replayed."""
+    return env.reset(seed=job.episode.seed, options={"episode": job.index, "reconfigure": True})
 
 
 def _targets(plan: RecordPlan) -> list[Path]:
@@ -234,7 +228,6 @@ class Player:
             save_on_reset=False,
             source_desc=f"{self._agent.spec.name} ({config.agent}), recorded by hab-spa record",
         )
-        self._env = _Numbered(self._recorder)
 
     def play(self, number: int) -> EpisodeResult:
         """Plays an episode; keeps its trajectory if it succeeds.
@@ -242,16 +235,16 @@ class Player:
         Raises:
             RunStoppedError: The agent or the environment raised.
         """
-        episode, self._env.number = self.source.get(number), number
+        episode, recorder = self.source.get(number), self._recorder
         try:
-            result = run_episode(self._env, self._agent, number, episode).episode
+            result = run_episode(recorder, self._agent, number, episode, restart=_numbered).episode
         except Exception as error:
             raise RunStoppedError(
                 f"Episode {episode.id!r} stopped the recording: {type(error).__name__}: "
                 f"{str(error).rstrip('.')}. Nothing was written; --verbose shows the traceback.",
                 details=traceback.format_exc(),
             ) from error
-        self._recorder.flush_trajectory(save=result.success)
+        recorder.flush_trajectory(save=result.success)
         return result
 
     def close(self) -> None:

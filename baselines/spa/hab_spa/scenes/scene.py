@@ -9,7 +9,7 @@ from hab_plans.belief import Scene as Beliefs
 
 from hab_spa.planning.collision import ArmCollision
 from hab_spa.shapes import Array
-from hab_tasks.navigation import NavigationMap
+from hab_tasks.world.navigation import NavigationMap
 
 
 class Scene(Beliefs, Protocol):

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from hab_plans.belief import Opening, opening_of
 from numpy.typing import NDArray
 
 from hab_spa.planning.collision import ArmCollision, within
@@ -21,10 +22,11 @@ from hab_spa.sensing.octree import octrees
 from hab_spa.sensing.own_shapes import PREFIX, inside_robot, own_bodies, own_poses
 from hab_spa.sensing.seen_map import MapConfig, SeenMap
 from hab_spa.shapes import Array, invert_pose
+from hab_tasks.articulations import ArticulationKind
 from hab_tasks.constants import GRASP_RADIUS_M
-from hab_tasks.navigation import NavigationMap
 from hab_tasks.privileged import ArticulationState, PrivilegedState
 from hab_tasks.robots.fetch import FETCH
+from hab_tasks.world.navigation import NavigationMap
 
 CAMERAS = ("head", "arm")
 HELD_HALF_M = 0.03
@@ -201,6 +203,10 @@ class SeenScene:
     def articulation(self, number: int) -> ArticulationState:
         """Returns a door or drawer of the episode."""
         return self.truth.articulation(number)
+
+    def opening(self, number: int, kind: ArticulationKind) -> Opening:
+        """Returns whether a door or drawer of a kind is open."""
+        return opening_of(self.articulation(number), kind)
 
     def floor_map(self, joints: Mapping[int, float] | None = None) -> NavigationMap:
         """Returns the ground-truth floor map, for oracle navigation."""

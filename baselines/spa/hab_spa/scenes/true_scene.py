@@ -7,15 +7,17 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from hab_plans.belief import Opening, opening_of
 from numpy.typing import NDArray
 
 from hab_spa.planning.collision import ArmCollision, within
 from hab_spa.planning.joint_goal import GraspConfig, sphere_m
 from hab_spa.shapes import Array, body_bounds_m, invert_pose, standing
+from hab_tasks.articulations import ArticulationKind
 from hab_tasks.constants import GRASP_RADIUS_M
-from hab_tasks.navigation import NavigationMap
 from hab_tasks.privileged import ArticulationState, PrivilegedState
 from hab_tasks.robots.fetch import FETCH
+from hab_tasks.world.navigation import NavigationMap
 
 
 class TrueScene:
@@ -95,6 +97,10 @@ class TrueScene:
     def articulation(self, number: int) -> ArticulationState:
         """Returns a door or drawer of the episode."""
         return self.state.articulations[number]
+
+    def opening(self, number: int, kind: ArticulationKind) -> Opening:
+        """Returns whether a door or drawer of a kind is open."""
+        return opening_of(self.articulation(number), kind)
 
     def collision(
         self,

@@ -17,8 +17,8 @@ from hab_spa.planning.path import TimingConfig
 from hab_spa.shapes import Array
 from hab_spa.skills.drawer_lines import HandleLines, Line, LineConfig
 from hab_tasks.articulations import DRAWER
-from hab_tasks.navigation import NavigationMap
 from hab_tasks.privileged import ArticulationState
+from hab_tasks.world.navigation import NavigationMap
 
 MAX_SCORE = 12
 """Maximum of `drawer_score`: many grasps move the drawer all the way."""

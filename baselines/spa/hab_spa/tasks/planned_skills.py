@@ -18,7 +18,7 @@ from hab_spa.skills.pick import pick, pick_score
 from hab_spa.skills.place import place, place_score
 from hab_spa.tasks.standing import Score, StandingConfig, choose
 from hab_tasks.constants import SKILL_HORIZON_STEPS
-from hab_tasks.navigation import NavigationMap, poses_reaching
+from hab_tasks.world.navigation import NavigationMap, poses_reaching
 
 NEAREST_M, FARTHEST_M = 0.4, 1.35
 """Horizontal distance from the base at which the arm can pick or place."""

@@ -20,7 +20,7 @@ from hab_spa.skills.fridge.door import Door
 from hab_spa.skills.fridge.door_paths import DoorPathConfig, DoorPathSearch
 from hab_spa.skills.fridge.maneuver import BaseManeuver, base_maneuvers
 from hab_tasks.articulations import Rectangle
-from hab_tasks.navigation import NavigationMap
+from hab_tasks.world.navigation import NavigationMap
 
 
 @dataclass(frozen=True, kw_only=True)

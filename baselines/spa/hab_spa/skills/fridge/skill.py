@@ -21,7 +21,7 @@ from hab_spa.skills.fridge.exit import ExitConfig, wider
 from hab_spa.skills.fridge.maneuver import drive
 from hab_spa.skills.fridge.tow import rolling, with_base, without_base
 from hab_tasks.articulations import FRIDGE_CLOSED_RAD, FRIDGE_OPEN_RAD, Rectangle
-from hab_tasks.navigation import NavigationMap
+from hab_tasks.world.navigation import NavigationMap
 
 MAX_SCORE = 12
 """Maximum of `fridge_score`."""

@@ -1,6 +1,0 @@
-"""Executors: run independent jobs in worker processes of this machine or of a Ray cluster."""
-
-from hab_tasks.executors.choice import ExecutorChoice, open_executor
-from hab_tasks.executors.executor import Executor, Task
-
-__all__ = ["Executor", "ExecutorChoice", "Task", "open_executor"]

@@ -1,0 +1,1 @@
+"""Files, shared memory and worker processes."""

@@ -1,0 +1,1 @@
+"""The world: scenes, their floor, and rays through them."""

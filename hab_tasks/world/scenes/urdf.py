@@ -1,0 +1,127 @@
+"""URDF copies that SAPIEN can load: commas removed, absolute mesh paths, optional visuals.
+
+ReplicaCAD's URDFs contain ``scale="1, 1, 1"``, which numpy 2 rejects. The copies are temporary; the
+dataset is unchanged. Without a renderer SAPIEN cannot create materials, so copies for headless use
+have no visuals.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import lru_cache
+from pathlib import Path
+from xml.etree import ElementTree
+
+from hab_tasks.errors import DatasetError
+from hab_tasks.io.cache import temporary_folder
+from hab_tasks.world.scenes.fields import read_bytes
+from hab_tasks.world.scenes.meshes import check_any_mesh
+from hab_tasks.world.scenes.urdf_checks import check_robot, mesh_file
+
+_NUMERIC = ("xyz", "rpy", "scale", "size", "value", "rgba")
+_READ = {
+    "robot": ("link", "joint", "material"),
+    "joint": ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic"),
+}
+"""Elements passed to SAPIEN; faults in other, unused elements would make it fail."""
+
+
+@lru_cache(maxsize=512)
+def check_urdf(file: Path) -> None:
+    """Raises DatasetError for a URDF that cannot be built, or a mesh of it that is damaged."""
+    root = read_urdf(file)
+    mend_numbers(root)
+    check_robot(file, root)
+    for mesh in root.iter("mesh"):
+        check_any_mesh(mesh_file(file, mesh))
+
+
+@contextmanager
+def urdf_file(text: str, stem: str) -> Iterator[Path]:
+    """Yields a temporary file ``STEM.urdf`` with this text."""
+    folder = temporary_folder()
+    try:
+        path = folder / f"{stem}.urdf"
+        path.write_text(text, encoding="utf-8")
+        yield path
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@lru_cache(maxsize=512)
+def sapien_urdf(file: Path, visuals: bool) -> str:
+    """Returns the text of a URDF as SAPIEN can load it, with or without visual meshes."""
+    check_urdf(file)
+    root = read_urdf(file)
+    mend_numbers(root)
+    for parent in (root, *root.findall("joint")):
+        for element in [e for e in parent if e.tag not in _READ[parent.tag]]:
+            parent.remove(element)
+    for dynamics in root.iter("dynamics"):
+        dynamics.attrib.setdefault("damping", "0")  # required by ManiSkill
+    for mesh in root.iter("mesh"):
+        mesh.set("filename", str(mesh_file(file, mesh)))
+    if not visuals:
+        remove_visuals(root)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def mend_numbers(root: ElementTree.Element) -> None:
+    """Replaces commas between numbers by blanks, in place."""
+    for element in root.iter():
+        for attribute in _NUMERIC:
+            if element.get(attribute) is not None:
+                element.set(
+                    attribute, " ".join(element.get(attribute, "").replace(",", " ").split())
+                )
+
+
+def remove_visuals(root: ElementTree.Element) -> None:
+    """Deletes every visual, in place."""
+    for link in root.iter("link"):
+        for visual in link.findall("visual"):
+            link.remove(visual)
+
+
+def joint_limits(file: Path) -> dict[str, tuple[float, float]]:
+    """Returns joint name -> (lower, upper) [m or rad] of the movable joints, before scaling."""
+    limits = {}
+    for joint in read_urdf(file).iter("joint"):
+        limit = joint.find("limit")
+        if joint.get("type") in ("revolute", "prismatic") and limit is not None:
+            limits[joint.get("name", "")] = (
+                float(limit.get("lower", 0)),
+                float(limit.get("upper", 0)),
+            )
+    return limits
+
+
+@lru_cache(maxsize=512)
+def joint_frictions(file: Path) -> dict[str, float]:
+    """Returns joint name -> friction [N or N m] of the joints that state one."""
+    stated = {}
+    for joint in read_urdf(file).iter("joint"):
+        dynamics = joint.find("dynamics")
+        if dynamics is not None and dynamics.get("friction") is not None:
+            stated[joint.get("name", "")] = float(dynamics.get("friction", 0))
+    return stated
+
+
+@lru_cache(maxsize=512)
+def link_names(file: Path) -> tuple[str, ...]:
+    """Returns the names of a URDF's links."""
+    return tuple(link.get("name", "") for link in read_urdf(file).findall("link"))
+
+
+def read_urdf(file: Path) -> ElementTree.Element:
+    """Reads a URDF without validation of its content.
+
+    Raises:
+        DatasetError: It is absent or no XML.
+    """
+    try:
+        return ElementTree.fromstring(read_bytes(file))
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise DatasetError(f"{file}: not a valid URDF ({error}).") from error

@@ -69,9 +69,9 @@ class GoalConfig:
     tight_enough: int = 20
     tight_spread_rad: float = 0.5
     judge_starts: int = 120
-    seeded_starts: int = 2400
+    seeded_starts: int = 4800
     seeded_points: int = 60
-    seeded_round: int = 240
+    seeded_round: int = 480
     ik: IkConfig = field(default_factory=IkConfig)
 
 

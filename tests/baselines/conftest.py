@@ -172,3 +172,15 @@ def drawer_at() -> Callable[..., ArticulationState]:
         )
 
     return make
+
+
+@pytest.fixture
+def shelf_state(make_scene: Callable[[], FetchScene]) -> PrivilegedState:
+    """A target in a box that is open towards the robot."""
+    scene = make_scene()
+    for name, height_m in (("floor", 0.79), ("roof", 1.21)):
+        scene.add_box(name, "static", (0.95, 0.0, height_m), (0.5, 0.7, 0.02))
+    for name, y_m in (("left", 0.36), ("right", -0.36)):
+        scene.add_box(name, "static", (0.95, y_m, 1.0), (0.5, 0.02, 0.44))
+    scene.add_box("target", "object", (0.9, 0.05, 0.851), (0.07, 0.07, 0.10))
+    return scene.privileged("target")

@@ -4,7 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from hab_eval.bench.options import BenchOptions
-from hab_spa.bench_plan import SUITE, PlanTiming, plan_rows, run_plan
+from hab_spa.bench_plan import SUITE, PlanSplit, PlanTiming, plan_rows, run_plan, split_rows
 from hab_spa.planning.validity import Agreement, SimulatorCheck, StateDictCheck, agreement
 
 from hab_tasks.robots.fetch import FETCH
@@ -12,7 +12,9 @@ from hab_tasks.robots.fetch import FETCH
 
 def test_rows_hold_plans_beside_bounds_and_the_reference():
     costs = {"checks": 1000, "check_s": 5e-5, "joints_check_s": 5e-4, "state_check_s": 1e-3}
-    timings = [PlanTiming(seconds=seconds, **costs) for seconds in (0.1, 0.2, 0.3)]
+    parts = {"model_s": 0.0, "ik_s": 0.0, "search_s": 0.0, "simplify_s": 0.0}
+    splits = [PlanSplit(goals_s=seconds, **parts) for seconds in (0.1, 0.2, 0.3)]
+    timings = [PlanTiming(splits={"ompl": split, "batched": split}, **costs) for split in splits]
     agreed = Agreement(poses=200, touching=80, disagreements=4, far=1)
     rows = {row.name: row for row in plan_rows(("plan", "apartment", "Env"), timings, agreed)}
     found = {name.split("/")[-1]: row for name, row in rows.items()}
@@ -25,6 +27,8 @@ def test_rows_hold_plans_beside_bounds_and_the_reference():
     assert found["check_state"].ratio == pytest.approx(0.05)
     assert found["validity"].value == pytest.approx(98.0)
     assert found["validity_near"].value == pytest.approx(75.0)
+    rows = {row.name: row for row in split_rows(("plan", "apartment", "Env"), timings)}
+    assert rows["plan/apartment/Env/batched_goals_median"].ratio == pytest.approx(1.0)
 
 
 @pytest.fixture
@@ -86,16 +90,14 @@ def test_both_ways_to_set_the_state_say_the_same_and_the_scene_stays(generated, 
     _, episodes = generated("HabPick-v1")
     env, said = make("HabPick-v1"), []
     poses = np.random.default_rng(0).uniform(-1.5, 1.5, (200, 7))
-    for kind in (SimulatorCheck, StateDictCheck):
+    for kind in (StateDictCheck, SimulatorCheck):
         env.reset(seed=episodes[0].seed, options={"episode": episodes[0]})
-        before = env.unwrapped.privileged()[0].world_from_body
-        check = kind(env)
+        before, check = env.unwrapped.privileged()[0].world_from_body, kind(env)
         said += [[check.is_free(pose) for pose in poses] for _ in range(2)]
         assert check.is_free(np.array(FETCH.rest_qpos_rad))
-        if kind is SimulatorCheck:
-            after = env.unwrapped.privileged()[0].world_from_body
-            still = [name for name in before if not name.startswith("hab_fetch/")]
-            assert max(np.abs(before[name] - after[name]).max() for name in still) < 0.001
+    after = env.unwrapped.privileged()[0].world_from_body
+    still = [name for name in before if not name.startswith("hab_fetch/")]
+    assert max(np.abs(before[name] - after[name]).max() for name in still) < 0.001
     env.close()
     assert said == [said[0]] * 4
     assert 20 < sum(said[0]) < 180

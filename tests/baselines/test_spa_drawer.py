@@ -71,6 +71,6 @@ def test_lines_take_the_handle_all_the_way_clear_of_the_drawer_and_depend_on_the
             arm_from_world = tray.collision().arm_from_world
             wanted_m = arm_from_world[:3, :3] @ wanted_m + arm_from_world[:3, 3]
             assert np.linalg.norm(hand_m - wanted_m) < 0.005
-            model = ArmCollision(shifted(tray.state, -0.02 * step), cache=tray.shapes)
+            model = ArmCollision(shifted(tray.state, -0.02 * step))
             model.set_margin(0.0)
             assert model.is_free(pose)

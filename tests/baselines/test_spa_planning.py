@@ -1,43 +1,37 @@
 """Goals and paths of the arm: every edge is checked by replay; and its kinematics."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from hab_plans.motion import Failure
-from hab_spa.planning.arm_plan import OmplPlanner, PlanConfig
+from hab_spa.motion.robot import SpaConfig
+from hab_spa.planning.arm_plan import PLANNERS, OmplPlanner, PlanConfig
 from hab_spa.planning.collision import ArmCollision, shared_arm_model
+from hab_spa.planning.compiled_arm import CompiledArm
 from hab_spa.planning.escape import EscapeConfig, escape
-from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD, BatchArm
+from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD, BatchArm, IkConfig, Tool
 from hab_spa.planning.joint_goal import GoalConfig, sample_reaching_goals, sample_rest_goals
 from hab_spa.planning.rrt import path_is_free
 from hab_spa.scenes.true_scene import TrueScene, face_centres_m, standing_at
 
 from hab_tasks.constants import GRASP_RADIUS_M
+from hab_tasks.errors import UnknownNameError
 from hab_tasks.robots.fetch import FETCH
 
 REST = np.array(FETCH.rest_qpos_rad)
 POSES = np.random.default_rng(0).uniform(LOWER_RAD, UPPER_RAD, (200, 7))
 
 
-@pytest.fixture
-def shelf_state(make_scene):
-    """A target in a box that is open towards the robot."""
-    scene = make_scene()
-    scene.add_box("floor", "static", (0.95, 0.0, 0.79), (0.5, 0.7, 0.02))
-    scene.add_box("roof", "static", (0.95, 0.0, 1.21), (0.5, 0.7, 0.02))
-    scene.add_box("left", "static", (0.95, 0.36, 1.0), (0.5, 0.02, 0.44))
-    scene.add_box("right", "static", (0.95, -0.36, 1.0), (0.5, 0.02, 0.44))
-    scene.add_box("target", "object", (0.9, 0.05, 0.851), (0.07, 0.07, 0.10))
-    return scene.privileged("target")
-
-
-def sample(state, seed=0, config=None):
+def sample(state, seed=0, config=None, arm=None):
     scene = TrueScene()
     scene.see({"privileged": [state]}, 0)
     collision, points_m = scene.collision(), scene.grasp_points_m(0)
-    goals = sample_reaching_goals(points_m, collision, BatchArm(), seed, config or GoalConfig())
+    goals = sample_reaching_goals(
+        points_m, collision, arm or BatchArm(), seed, config or GoalConfig()
+    )
     return collision, goals
 
 
@@ -63,23 +57,22 @@ def test_goals_grasp_the_target_and_are_free(table_scene):
 def test_blocked_target_is_a_target_plan_failure(make_scene):
     scene = make_scene()
     scene.add_box("target", "object", (0.8, 0.0, 0.8), (0.05, 0.05, 0.05))
-    for axis in range(3):
-        for side in (-1, 1):
-            position, size = np.array([0.8, 0.0, 0.8]), np.full(3, 0.4)
-            position[axis] += side * 0.1
-            size[axis] = 0.1
-            scene.add_box(f"wall{axis}{side:+}", "static", tuple(position), tuple(size))
+    for axis, side in product(range(3), (-0.1, 0.1)):
+        position, size = np.array([0.8, 0.0, 0.8]), np.full(3, 0.4)
+        position[axis], size[axis] = position[axis] + side, 0.1
+        scene.add_box(f"wall{axis}{side:+}", "static", tuple(position), tuple(size))
     _, result = sample(scene.privileged("target"), config=GoalConfig(starts_per_point=250))
     assert result.failure is Failure.TARGET_PLAN
     assert result.goals.shape == (0, 7)
     assert result.samples == 250 * 6
 
 
-def test_paths_into_a_shelf_are_free_edge_by_edge_and_depend_on_the_seed_only(shelf_state):
-    results = []
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_paths_into_a_shelf_are_free_edge_by_edge_and_depend_on_the_seed_only(shelf_state, planner):
+    config, results = SpaConfig().planned_by(planner), []
     for seed in (5, 6, 5):
-        collision, goals = sample(shelf_state, seed)
-        found = OmplPlanner().plan(REST, goals.goals, collision, seed=seed, limits=PlanConfig())
+        collision, goals = sample(shelf_state, seed, arm=config.kinematics())
+        found = config.planner.plan(REST, goals.goals, collision, seed=seed, limits=config.plan)
         results.append(found)
     # Replayed on a model of its own, without clearance and at a finer resolution.
     replay = ArmCollision(shelf_state)
@@ -99,8 +92,9 @@ def test_time_limit_is_honoured_and_a_motion_plan_failure(table_scene):
     class Split(ArmCollision):
         """The shoulder cannot pass through a band of its range: the ends are not connected."""
 
-        def is_free(self, qpos):
-            return abs(qpos[0] - 0.3) > 0.1 and super().is_free(qpos)
+        def free_until(self, poses):
+            free = super().free_until(poses)
+            return next((i for i in range(free) if abs(poses[i, 0] - 0.3) <= 0.1), free)
 
     collision = Split(table_scene.privileged("target"))
     goal = REST + np.eye(7)[0] * 1.2
@@ -108,8 +102,22 @@ def test_time_limit_is_honoured_and_a_motion_plan_failure(table_scene):
     config = PlanConfig(time_limit_s=0.5, most_checks=10**9)
     result = OmplPlanner().plan(REST, goal[None], collision, seed=0, limits=config)
     assert result.path is None
-    assert result.failure is Failure.MOTION_PLAN
+    assert (result.failure, result.stopped_by) == (Failure.MOTION_PLAN, "time")
     assert 0.5 <= result.seconds < 30.0  # the machine may be busy
+
+
+def test_bad_input_of_planners_is_told_in_one_line(table_scene):
+    state = table_scene.privileged("target")
+    with pytest.raises(UnknownNameError, match=r"Unknown planner 'prm'.*batched"):
+        SpaConfig().planned_by("prm")
+    for goal in (REST + np.eye(7)[1] * 9.0, REST * np.nan):
+        with pytest.raises(ValueError, match=r"goal 0: joint \w+ at \S+ rad is beyond"):
+            OmplPlanner().plan(REST, goal[None], ArmCollision(state), seed=0, limits=PlanConfig())
+    lost = {**state.world_from_body, "target": np.full((4, 4), np.nan)}
+    with pytest.raises(ValueError, match="a pose is not finite"):
+        ArmCollision(replace(state, world_from_body=lost))
+    with pytest.raises(ValueError, match="the arm has no shapes"):
+        ArmCollision(replace(state, bodies=()))
 
 
 def test_a_model_whose_robot_is_put_elsewhere_is_the_model_of_there(table_scene):
@@ -165,6 +173,16 @@ def test_rest_goals_near_a_blocked_rest_pose_bring_the_hand_near_rest(make_scene
 
 
 # Kinematics of the arm -------------------------------------------------------------------------
+
+
+def test_compiled_kinematics_agree_with_numpy():
+    numpy, compiled = BatchArm(), CompiledArm()
+    targets_m = compiled.positions_m(POSES[::-1])
+    for tool in (None, Tool(point_m=np.array((0.1, 0.0, 0.02)), up=np.eye(3)[2])):
+        expected, reached = numpy.solve(POSES, targets_m, IkConfig(), tool)
+        poses, found = compiled.solve(POSES, targets_m, IkConfig(), tool)
+        np.testing.assert_allclose(poses, expected, atol=1e-9)
+        np.testing.assert_array_equal(found, reached)
 
 
 def test_batch_agrees_with_pinocchio():

@@ -173,12 +173,16 @@ class PathResult:
         failure: `Failure.MOTION_PLAN` if none was found.
         seconds: Computing time [s].
         checks: Number of collision checks.
+        simplify_s: Share of the computing time for shortening the path [s].
+        stopped_by: Limit that ended a search without a path: ``checks`` or ``time``.
     """
 
     path: Array | None
     failure: Failure | None
     seconds: float
     checks: int
+    simplify_s: float = 0.0
+    stopped_by: str | None = None
 
 
 class MotionPlanner(Protocol[W, C]):

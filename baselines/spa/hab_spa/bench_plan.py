@@ -1,16 +1,17 @@
 """Suite plan of ``hab-eval bench``: planning time of the arm, and speed-up by its collision model.
 
 A plan consists of the steps of Pick before it moves: collision model, joint goals and a path. The
-reference is the same search with collision checks in the simulator (`hab_spa.planning.validity`),
-by ManiSkill's `set_state_dict`; a second reference sets only the arm's joints. All three agree on
-the poses, so their searches are identical. The time of a reference is therefore computed: number
-of checks, times its time per check on poses of the same search, plus the plan's remaining time.
+planner ``batched`` is compared with OMPL in alternation, in total and by step. Another reference is
+OMPL's search with collision checks in the simulator (`hab_spa.planning.validity`), by ManiSkill's
+`set_state_dict`; a second one sets only the arm's joints. All three agree on the poses, so their
+searches are identical. The time of these references is therefore computed: number of checks, times
+its time per check on poses of the same search, plus the plan's remaining time.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,25 +20,50 @@ import numpy as np
 from hab_eval.bench.options import BenchOptions
 from hab_eval.bench.rows import BenchRow, bound_row, make_row
 from hab_eval.bench.suite import PICK, Suite, WriteLine
+from numpy.typing import NDArray
 
 from hab_spa.motion.robot import SpaConfig
+from hab_spa.planning.arm_plan import PLANNERS
 from hab_spa.planning.collision import ArmCollision
-from hab_spa.planning.ik import BatchArm
+from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
 from hab_spa.planning.joint_goal import sample_reaching_goals
-from hab_spa.planning.shape_cache import ShapeCache
-from hab_spa.planning.validity import Agreement, SimulatorCheck, StateDictCheck, agreement
+from hab_spa.planning.validity import (
+    Agreement,
+    SimulatorCheck,
+    StateDictCheck,
+    agreement,
+    kernel_agreement,
+)
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.shapes import Array
 from hab_tasks.episodes import Episode, EpisodeRequest, load_episodes
+from hab_tasks.privileged import PrivilegedState
 
 MEDIAN_BOUND_S, MOST_BOUND_S, SPEEDUP_BOUND, AGREEMENT_BOUND_PERCENT = 0.3, 2.0, 20.0, 99.0
+BATCHED_MEDIAN_BOUND_S, BATCHED_MOST_BOUND_S, CHECKS_BOUND = 0.009, 0.04, 1e6
 MOST_PERCENTILE = 95
 TIMED_CHECKS = 100
 """Number of poses of each plan for which the references' checks are timed."""
 
-VALIDITY_POSES = 2000
+VALIDITY_POSES, BATCH_POSES, COAL_POSES = 2000, 20_000, 100_000
 STATE = "validity by ManiSkill's set_state_dict and a step: checks x measured s per check"
 JOINTS = "validity by setting the arm's joints and a step: checks x measured s per check"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanSplit:
+    """Seconds of one plan by one planner: `ik_s` is part of goals, `simplify_s` of the search."""
+
+    model_s: float
+    goals_s: float
+    ik_s: float
+    search_s: float
+    simplify_s: float
+
+    @property
+    def total_s(self) -> float:
+        """Planning time."""
+        return self.model_s + self.goals_s + self.search_s
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,18 +71,23 @@ class PlanTiming:
     """Timing of one arm plan.
 
     Attributes:
-        seconds: Planning time.
+        splits: Planner -> its steps.
         checks: Number of collision checks.
         check_s: Time of one check by the collision model.
         joints_check_s: Time of one check by setting the arm's joints in the simulator.
         state_check_s: Time of one check by setting the simulator's whole state.
     """
 
-    seconds: float
+    splits: Mapping[str, PlanSplit]
     checks: int
     check_s: float
     joints_check_s: float
     state_check_s: float
+
+    @property
+    def seconds(self) -> float:
+        """Planning time of OMPL [s]."""
+        return self.splits["ompl"].total_s
 
     def with_checks_of(self, check_s: float) -> float:
         """Returns the planning time [s] for another time per check [s]."""
@@ -70,10 +101,16 @@ class _Recorder(ArmCollision):
         self.poses: list[Array] = []
         super().__init__(*args, **settings)
 
-    def is_free(self, qpos: Array) -> bool:
+    def free_until(self, poses: Array) -> int:
         """See `ArmCollision`."""
-        self.poses.append(np.array(qpos))
-        return super().is_free(qpos)
+        free = super().free_until(poses)
+        self.poses += list(poses[: free + 1])
+        return free
+
+    def are_free(self, poses: Array) -> NDArray[np.bool_]:
+        """See `ArmCollision`."""
+        self.poses += list(poses)
+        return super().are_free(poses)
 
 
 def run_plan(options: BenchOptions, write_line: WriteLine) -> list[BenchRow]:
@@ -85,9 +122,11 @@ def run_plan(options: BenchOptions, write_line: WriteLine) -> list[BenchRow]:
             episodes = load_episodes(request, options.step_count).episodes
             timings = [_time_plan(env, episode) for episode in episodes]
             write_line(f"suite plan, {name}: {len(timings)} plans")
+            rows += split_rows(("plan", name, PICK), timings)
             _reset(env, episodes[0])
+            rows += batch_rows(("plan", name, PICK), env.unwrapped.privileged()[0])
             agreed = agreement(env, VALIDITY_POSES, seed=0)
-            rows += plan_rows((("plan", name, PICK)), timings, agreed)
+            rows += plan_rows(("plan", name, PICK), timings, agreed)
         finally:
             env.close()
     return rows
@@ -98,7 +137,7 @@ def plan_rows(
 ) -> list[BenchRow]:
     """Returns the rows of timings and of the agreement with the simulator."""
     seconds = [timing.seconds for timing in timings]
-    most_s = float(np.percentile(seconds, MOST_PERCENTILE))
+    most_s = _most(seconds)
     by_state_s = [timing.with_checks_of(timing.state_check_s) for timing in timings]
     by_joints_s = [timing.with_checks_of(timing.joints_check_s) for timing in timings]
     speedups = [by_s / s for by_s, s in zip(by_state_s, seconds, strict=True)]
@@ -147,37 +186,98 @@ def _reset(env: Any, episode: Episode) -> None:
 
 
 def _time_plan(env: Any, episode: Episode) -> PlanTiming:
-    """Times a plan, then its checks by each method; the simulator last, as its state changes."""
+    """Times plans, then checks by each method; the simulator last, as its state changes."""
     _reset(env, episode)
-    scene, cache = TrueScene(), ShapeCache()
+    scene = TrueScene()
     state = env.unwrapped.privileged()[0]
     scene.see({"privileged": [state]}, 0)
-    make = lambda kind: kind(state, held=state.held, cache=cache)  # noqa: E731
-    make(ArmCollision)  # fills the shape cache, which persists across the episodes of a layout
-    began = time.perf_counter()
-    model = make(ArmCollision)
-    _plan(scene, model, episode.seed)
-    seconds = time.perf_counter() - began
+    make = lambda kind: kind(state, held=state.held)  # noqa: E731
+    make(ArmCollision)  # prepares shapes, which persist across the episodes of a layout
+    splits = {
+        name: _split(scene, lambda: make(ArmCollision), SpaConfig().planned_by(name), episode.seed)
+        for name in PLANNERS
+    }
     recorder = make(_Recorder)
-    _plan(scene, recorder, episode.seed)
+    _split(scene, lambda: recorder, SpaConfig(), episode.seed)
     asked = np.linspace(0, len(recorder.poses) - 1, TIMED_CHECKS).astype(int)
     poses = [recorder.poses[i] for i in asked] if recorder.poses else []
     return PlanTiming(
-        seconds=seconds,
+        splits=splits,
         checks=len(recorder.poses),
-        check_s=_check_s(model, poses),
+        check_s=_check_s(make(ArmCollision), poses),
         joints_check_s=_check_s(SimulatorCheck(env), poses),
         state_check_s=_check_s(StateDictCheck(env), poses),
     )
 
 
-def _plan(scene: TrueScene, collision: ArmCollision, seed: int) -> None:
+def _split(
+    scene: TrueScene, make: Callable[[], ArmCollision], config: SpaConfig, seed: int
+) -> PlanSplit:
     """Plans a path to the episode's object, as Pick does."""
-    config, arm = SpaConfig(), BatchArm()
+    arm, spent_s, found = config.kinematics(), [0.0], None
+    solve = arm.solve
+
+    def timed(*args: Any, **settings: Any) -> Any:
+        before = time.perf_counter()
+        result = solve(*args, **settings)
+        spent_s[0] += time.perf_counter() - before
+        return result
+
+    arm.solve = timed
+    began = time.perf_counter()
+    collision = make()
+    made = time.perf_counter()
     points_m = scene.grasp_points_m(0)
     goals = sample_reaching_goals(points_m, collision, arm, seed, config.goal).goals
+    sampled = time.perf_counter()
     if len(goals):
-        config.planner.plan(scene.arm_qpos, goals, collision, seed=seed, limits=config.plan)
+        found = config.planner.plan(scene.arm_qpos, goals, collision, seed=seed, limits=config.plan)
+    return PlanSplit(
+        model_s=made - began,
+        goals_s=sampled - made,
+        ik_s=spent_s[0],
+        search_s=time.perf_counter() - sampled,
+        simplify_s=0.0 if found is None else found.simplify_s,
+    )
+
+
+def batch_rows(name: tuple[str, str, str], state: PrivilegedState) -> list[BenchRow]:
+    """Returns the rate of checks in batches, and their agreement with coal."""
+    model = ArmCollision(state, held=state.held)
+    poses = np.random.default_rng(0).uniform(LOWER_RAD, UPPER_RAD, (BATCH_POSES, 7))
+    model.are_free(poses)
+    began = time.perf_counter()
+    model.are_free(poses)
+    rate = BATCH_POSES / (time.perf_counter() - began)
+    count, others, false_free = kernel_agreement(model, COAL_POSES, seed=0)
+    agree = 100.0 * (1.0 - others / count)
+    return [
+        bound_row((*name, "batch_checks"), [rate], CHECKS_BOUND, unit="checks/s"),
+        bound_row((*name, "coal"), [agree], 100.0, unit=f"% of {count} poses agree"),
+        bound_row((*name, "false_free"), [100.0 - 100.0 * false_free / count], 100.0, unit="% not"),
+    ]
+
+
+def split_rows(name: tuple[str, str, str], timings: Sequence[PlanTiming]) -> list[BenchRow]:
+    """Returns the rows of the planner ``batched``, in total and by step, compared with OMPL."""
+    rows = []
+    for part in ("total", "model", "goals", "ik", "search", "simplify"):
+        ours, reference = (
+            [1e3 * getattr(timing.splits[planner], f"{part}_s") for timing in timings]
+            for planner in ("batched", "ompl")
+        )
+        for kind, of in (("median", np.median), ("percentile_95", _most), ("mean", np.mean)):
+            pair = [[max(float(of(times)), 1e-6)] for times in (ours, reference)]
+            label = f"batched_{part}_{kind}"
+            rows.append(make_row((*name, label), *pair, unit="ms/plan", reference="planner ompl"))
+    seconds = [timing.splits["batched"].total_s for timing in timings]
+    bounds = ("batched_median", seconds, BATCHED_MEDIAN_BOUND_S), (
+        *("batched_percentile_95", [_most(seconds)]), BATCHED_MOST_BOUND_S)  # fmt: skip
+    return rows + [bound_row((*name, row), s, bound, unit="s/plan") for row, s, bound in bounds]
+
+
+def _most(values: Sequence[float]) -> float:
+    return float(np.percentile(values, MOST_PERCENTILE))
 
 
 def _check_s(collision: ArmCollision | SimulatorCheck, poses: Sequence[Array]) -> float:

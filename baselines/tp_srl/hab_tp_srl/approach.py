@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import coal  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 import numpy as np
-from hab_spa.planning.shape_cache import ShapeCache
+from hab_spa.planning.coal_model import coal_shapes
 from hab_spa.shapes import Array
 from numpy.typing import NDArray
 
@@ -24,16 +24,15 @@ LENGTH_M, RISE_M = 0.6, 0.06
 second one if no side is open to the first."""
 
 
-def open_sides(state: PrivilegedState, point_m: Array, cache: ShapeCache) -> NDArray[np.bool_]:
+def open_sides(state: PrivilegedState, point_m: Array) -> NDArray[np.bool_]:
     """Returns the sides (SIDES,) from which no furniture or wall is in the hand's way.
 
     Args:
         state: The scene. Loose objects and the robot do not count.
         point_m: (3,) the place, in the world.
-        cache: Cache of shapes.
     """
     centre_m = point_m + np.array((0.0, 0.0, RISE_M))
-    near = _shapes_near(state, centre_m, cache)
+    near = _shapes_near(state, centre_m)
     free = np.zeros(SIDES, dtype=bool)
     for radius_m in RADII_M:
         if not free.any():
@@ -61,7 +60,7 @@ def _free_of(near: Sequence[Placed], centre_m: Array, capsule: coal.Capsule) -> 
     return free
 
 
-def _shapes_near(state: PrivilegedState, centre_m: Array, cache: ShapeCache) -> list[Placed]:
+def _shapes_near(state: PrivilegedState, centre_m: Array) -> list[Placed]:
     """Returns the shapes of furniture and walls around a point, with their poses."""
     ball, found = coal.Sphere(RADII_M[0] + LENGTH_M), []
     here = coal.Transform3s(np.eye(3), centre_m)
@@ -69,7 +68,7 @@ def _shapes_near(state: PrivilegedState, centre_m: Array, cache: ShapeCache) -> 
         fixed = body.group != "robot" and body.name not in state.object_com_m
         if not fixed or body.name not in state.world_from_body:
             continue
-        for shape, made in zip(body.shapes, cache.shapes(state, body), strict=True):
+        for shape, made in zip(body.shapes, coal_shapes(body), strict=True):
             pose = state.world_from_body[body.name] @ shape.body_from_shape @ made[1]
             placed = coal.Transform3s(pose[:3, :3], pose[:3, 3])
             if _touch(ball, here, made[0], placed):

@@ -70,7 +70,7 @@ def candidates(robot: Robot, stage: Stage, map_: NavigationMap, point_m: Array) 
         if stage.drawer is not None:  # the hand comes from above
             return [poses]
         assert isinstance(robot.scene, TrueScene)
-        free = open_sides(robot.scene.state, point_m, robot.scene.shapes)
+        free = open_sides(robot.scene.state, point_m)
         faces = faces_open_side(free, poses)
         return [poses[faces], poses[~faces]]
     x, y, yaw = _spawn_frame(robot, stage.articulation)

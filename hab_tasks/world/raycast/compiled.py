@@ -1,11 +1,13 @@
-"""Loads the compiled kernel; numba compiles it once per machine, into the cache folder."""
+"""Loads compiled kernels; numba compiles them once per machine, into the cache folder."""
 
 from __future__ import annotations
 
 import logging
 import os
 import shutil
+from collections.abc import Callable
 from functools import lru_cache
+from hashlib import blake2b
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -21,29 +23,46 @@ FOLDER = "numba"
 
 @lru_cache(maxsize=1)
 def kernel() -> Any:
-    """Returns the module `hab_tasks.world.raycast.kernel`, compiled.
+    """Returns the module `hab_tasks.world.raycast.kernel`, compiled."""
+    return load("hab_tasks.world.raycast.kernel", _compile)
+
+
+def load(name: str, call: Callable[[Any], object]) -> Any:
+    """Imports a module of compiled functions.
 
     By default, numba writes compiled functions beside the source, which an installed package may
     forbid. They are written to ``NUMBA_CACHE_DIR`` if it is set, else to the cache folder.
+
+    Args:
+        name: The module.
+        call: Calls its functions, which compiles them or reads them from the cache.
     """
-    # Takes a second, for images only.
+    # Takes a second, for images and plans only.
     from numba.core import config as numba_config
 
     config: Any = numba_config
     before = config.CACHE_DIR
     folder = Path(before) if _is_writable(before) else writable_dir(FOLDER)
-    config.CACHE_DIR = str(folder)
+    config.CACHE_DIR = str(folder / _digest(name))
     try:
-        module = import_module("hab_tasks.world.raycast.kernel")
+        module = import_module(name)
     finally:
         config.CACHE_DIR = before  # it applies to the user's functions as well
     try:
-        _compile(module)
+        call(module)
     except Exception as error:  # a damaged entry raises anything that pickle raises
         logger.warning("%s: damaged cache entry (%s); it is recomputed.", folder, error)
-        shutil.rmtree(module.cast.stats.cache_path, ignore_errors=True)
-        _compile(module)
+        functions = (entry for entry in vars(module).values() if hasattr(entry, "stats"))
+        shutil.rmtree(next(functions).stats.cache_path, ignore_errors=True)
+        call(module)
     return module
+
+
+def _digest(name: str) -> str:
+    """Returns a digest of a module's folder: numba misses changes of the modules it imports."""
+    package = import_module(name.rpartition(".")[0])
+    sources = sorted(Path(str(package.__file__)).parent.glob("*.py"))
+    return blake2b(b"".join(path.read_bytes() for path in sources), digest_size=8).hexdigest()
 
 
 def _is_writable(folder: str) -> bool:

@@ -7,7 +7,6 @@ from hab_plans.plan import plan_of
 from hab_plans.problem import task_of
 from hab_plans.stage import stage_of
 from hab_spa.motion.robot import Robot, SpaConfig
-from hab_spa.planning.shape_cache import ShapeCache
 from hab_spa.scenes.true_scene import TrueScene
 from hab_tp_srl.approach import SIDES, open_sides
 from hab_tp_srl.base_poses import candidates
@@ -45,7 +44,7 @@ def test_the_hand_comes_through_the_opening_only(make_scene, opening_m, degrees)
     fetch.add_box("apple", "object", tuple(INSIDE_M), (0.06, 0.06, 0.06))
     if opening_m:
         add_cupboard(fetch, opening_m)
-    free = open_sides(fetch.privileged("apple"), INSIDE_M, ShapeCache())
+    free = open_sides(fetch.privileged("apple"), INSIDE_M)
     assert [360 * side // SIDES for side in np.flatnonzero(free)] == degrees
 
 

@@ -11,6 +11,7 @@ from hab_plans.motion import Command, Motion
 from torch import Tensor
 
 from hab_spa.motion.robot import Robot, SpaConfig
+from hab_spa.planning.batch import kernel
 from hab_spa.scenes.scene import Scene
 from hab_spa.shapes import Array
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec
@@ -41,6 +42,7 @@ class SpaAgent:
             behave: Starts the motion of a row's robot in an episode.
             config: Parameters; the paper's by default.
         """
+        kernel()  # compiled or read here, not in the first plan
         self.spec = spec
         self._config, self._behave = config or SpaConfig(), behave
         self._horizon_steps = ENVS[setup.env_id].env.horizon_steps

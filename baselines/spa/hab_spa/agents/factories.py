@@ -5,7 +5,7 @@ from __future__ import annotations
 from hab_plans.motion import Motion
 
 from hab_spa.agents.agent import Behaviour, SpaAgent
-from hab_spa.agents.modes import control_mode, skill_asked
+from hab_spa.agents.modes import control_mode, planned, skill_asked
 from hab_spa.motion.drive import DriveConfig, drive_to
 from hab_spa.motion.robot import Robot
 from hab_spa.scenes.true_scene import TrueScene
@@ -42,7 +42,7 @@ SKILLS: dict[str, Behaviour] = {
 def spa_priv(setup: AgentSetup) -> SpaAgent:
     """Returns SPA-Priv: sense-plan-act in one skill, with the ground-truth scene geometry.
 
-    Option: ``controller`` (``real`` or ``perfect``).
+    Options: ``controller`` (``real`` or ``perfect``), ``planner`` (``ompl`` or ``batched``).
 
     Raises:
         UnknownNameError: The environment is not a supported skill, or an option is unknown.
@@ -50,4 +50,4 @@ def spa_priv(setup: AgentSetup) -> SpaAgent:
     env_id, skill = skill_asked(setup, "SPA-Priv", SKILLS)
     mode = control_mode(env_id, setup.options)
     spec = AgentSpec(name="SPA-Priv", control_mode=mode, privileged=True)
-    return SpaAgent(setup, spec, TrueScene, skill)
+    return SpaAgent(setup, spec, TrueScene, skill, planned(setup))

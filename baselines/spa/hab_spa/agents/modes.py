@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TypeVar
 
+from hab_spa.motion.robot import SpaConfig
+from hab_spa.planning.arm_plan import PLANNERS
 from hab_tasks.agent import AgentSetup, check_options
 from hab_tasks.envs import ENVS
 from hab_tasks.errors import UnknownNameError
@@ -22,11 +24,16 @@ def skill_asked(setup: AgentSetup, agent: str, skills: Mapping[str, T]) -> tuple
     Raises:
         UnknownNameError: The environment is not a supported skill, or an option is unknown.
     """
-    check_options(setup, {"controller": CONTROLLERS})
+    check_options(setup, {"controller": CONTROLLERS, "planner": PLANNERS})
     env_id = imported_id(setup.env_id)
     if env_id not in skills:
         raise UnknownNameError(f"environment of {agent}", env_id, skills)
     return env_id, skills[env_id]
+
+
+def planned(setup: AgentSetup, config: SpaConfig | None = None) -> SpaConfig:
+    """Returns parameters, the paper's by default, with the planner of the option ``planner``."""
+    return (config or SpaConfig()).planned_by(setup.options.get("planner", "ompl"))
 
 
 def control_mode(env_id: str, options: Mapping[str, str]) -> str:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from hab_plans.motion import Failure, Motion
 
 from hab_spa.agents.agent import Behaviour, SpaAgent
-from hab_spa.agents.modes import control_mode, skill_asked
+from hab_spa.agents.modes import control_mode, planned, skill_asked
 from hab_spa.motion.follow import FollowConfig
 from hab_spa.motion.robot import Robot, SpaConfig
 from hab_spa.planning.arm_plan import PlanConfig
@@ -37,10 +37,11 @@ MOST_RISK_LEVEL = 2
 
 
 def spa_config(setup: AgentSetup) -> SpaConfig:
-    """Returns the parameters of SPA for the option ``controller``."""
+    """Returns the parameters of SPA for the options ``controller`` and ``planner``."""
     perfect = setup.options.get("controller") == "perfect"
     # There is no contact feedback when joint states are set directly.
-    return replace(SPA_CONFIG, follow=FollowConfig()) if perfect else SPA_CONFIG
+    config = replace(SPA_CONFIG, follow=FollowConfig()) if perfect else SPA_CONFIG
+    return planned(setup, config)
 
 
 def pick_seen(robot: Robot, number: int) -> Motion:
@@ -88,7 +89,7 @@ SKILLS: dict[str, Behaviour] = {
 def spa(setup: AgentSetup) -> SpaAgent:
     """Returns SPA: sense-plan-act in one skill, with perception from depth images.
 
-    Option: ``controller`` (``real`` or ``perfect``).
+    Options: ``controller`` (``real`` or ``perfect``), ``planner`` (``ompl`` or ``batched``).
 
     Raises:
         UnknownNameError: The environment is not a supported skill, or an option is unknown.

@@ -14,9 +14,10 @@ from hab_plans.problem import task_of
 from hab_plans.protocols import Navigator, SkillProvider, Team
 
 from hab_spa.agents.agent import SpaAgent
-from hab_spa.agents.modes import CONTROLLERS, control_mode
+from hab_spa.agents.modes import CONTROLLERS, control_mode, planned
 from hab_spa.agents.seen_agents import pick_seen, place_seen, spa_config
 from hab_spa.motion.robot import Robot
+from hab_spa.planning.arm_plan import PLANNERS
 from hab_spa.scenes.seen_scene import SeenScene
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.tasks.hand_over import Folding
@@ -28,14 +29,18 @@ from hab_tasks.registration import imported_id
 
 EXECUTION = ExecutorConfig(attempts=4, replans=6, watches=True)
 
-OPTIONS = {"navigation": None, "controller": CONTROLLERS, "policy": None, "replan": None}
+OPTIONS = {
+    **{"navigation": None, "policy": None, "replan": None},
+    **{"controller": CONTROLLERS, "planner": PLANNERS},
+}
 
 
 def tp_spa_priv(setup: AgentSetup) -> SpaAgent:
     """Returns TP+SPA-Priv: executes the task's plan with the ground-truth scene geometry.
 
     Options: ``navigation`` (``oracle``, ``perfect`` or ``module:factory``), ``policy`` (a file,
-    for the latter), ``controller`` (``real`` or ``perfect``), ``replan`` (maximum number).
+    for the latter), ``controller`` (``real`` or ``perfect``), ``planner`` (``ompl`` or
+    ``batched``), ``replan`` (maximum number).
 
     Raises:
         HabError: The environment is not a task, or an option is unknown.
@@ -58,7 +63,7 @@ def tp_spa_priv(setup: AgentSetup) -> SpaAgent:
         privileged=True,
         files=_files(navigator),
     )
-    return SpaAgent(setup, spec, TrueScene, behave)
+    return SpaAgent(setup, spec, TrueScene, behave, planned(setup))
 
 
 def tp_spa(setup: AgentSetup) -> SpaAgent:

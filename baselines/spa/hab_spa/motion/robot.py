@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -11,8 +11,10 @@ from hab_plans.motion import GRASP, RELEASE, Command, Failure
 from hab_plans.protocols import MotionPlanner, PathResult
 
 from hab_spa.motion.follow import FollowConfig
-from hab_spa.planning.arm_plan import OmplPlanner, PlanConfig
+from hab_spa.planning.arm_plan import PLANNERS, BatchedPlanner, OmplPlanner, PlanConfig
+from hab_spa.planning.batch import search_kernel
 from hab_spa.planning.collision import ArmCollision
+from hab_spa.planning.compiled_arm import CompiledArm, pose_table
 from hab_spa.planning.escape import EscapeConfig
 from hab_spa.planning.ik import BatchArm
 from hab_spa.planning.joint_goal import GoalConfig
@@ -20,6 +22,7 @@ from hab_spa.planning.path import TimingConfig
 from hab_spa.planning.place_goal import PlacingConfig
 from hab_spa.scenes.scene import Scene
 from hab_spa.shapes import Array
+from hab_tasks.errors import UnknownNameError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +35,7 @@ class SpaConfig:
         release_steps: Steps to wait after a release.
         goal, placing, plan, escape, timing, follow: Parameters of the stages.
         planner: Plans the motions of the arm.
+        kinematics: Class of its kinematics.
     """
 
     retries: int = 2
@@ -44,6 +48,21 @@ class SpaConfig:
     timing: TimingConfig = field(default_factory=TimingConfig)
     follow: FollowConfig = field(default_factory=FollowConfig)
     planner: MotionPlanner[ArmCollision, PlanConfig] = field(default_factory=OmplPlanner)
+    kinematics: type[BatchArm] = BatchArm
+
+    def planned_by(self, name: str) -> SpaConfig:
+        """Returns the parameters with a planner by name.
+
+        Raises:
+            UnknownNameError: There is no such planner.
+        """
+        if name not in PLANNERS:
+            raise UnknownNameError("planner", name, PLANNERS)
+        if name == "ompl":
+            return replace(self, planner=OmplPlanner(), kinematics=BatchArm)
+        search_kernel()  # compiled or read here, not in the first plan
+        pose_table()
+        return replace(self, planner=BatchedPlanner(), kinematics=CompiledArm)
 
 
 class Robot:
@@ -68,7 +87,7 @@ class Robot:
 
     def __init__(self, scene: Scene, config: SpaConfig, *, seed: int, deadline: int) -> None:
         """Starts an episode, after `scene` has processed its first observation."""
-        self.scene, self.config, self.kinematics = scene, config, BatchArm()
+        self.scene, self.config, self.kinematics = scene, config, config.kinematics()
         self.gripper = GRASP if scene.holding else RELEASE
         self.steps, self.deadline, self.doing = 0, deadline, ""
         self.timings_s = {"target": 0.0, "motion": 0.0, "plan": 0.0}

@@ -19,11 +19,16 @@ import numpy as np
 from hab_plans.motion import Failure
 from hab_plans.protocols import PathResult
 
+from hab_spa.planning import batched, rrt
 from hab_spa.planning.collision import ArmCollision
+from hab_spa.planning.compiled_arm import CompiledArm
 from hab_spa.planning.escape import EscapeConfig, retreats
-from hab_spa.planning.ik import BatchArm
-from hab_spa.planning.rrt import Limit, RrtConfig, connect, edge_is_free, path_is_free, shorten
+from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD, BatchArm
+from hab_spa.planning.rrt import Limit, RrtConfig, edge_is_free, path_is_free
 from hab_spa.shapes import Array
+from hab_tasks.robots.fetch import FETCH
+
+LIMIT_SLACK_RAD = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +87,19 @@ class _Attempt:
 
 
 class OmplPlanner:
-    """Plans by straight edges, retreats and OMPL's RRT-Connect."""
+    """Plans by straight edges, retreats and OMPL's RRT-Connect.
+
+    Attributes:
+        connect, shorten: Run RRT-Connect and simplify its path; see `rrt`.
+        first_free: Finds a pose that a straight edge reaches.
+        effort: Multiple of the limits' maximum number of checks.
+    """
+
+    effort = 1
+
+    connect = staticmethod(rrt.connect)
+    shorten = staticmethod(rrt.shorten)
+    first_free = staticmethod(rrt.first_free)
 
     @cached_property
     def _arm(self) -> BatchArm:
@@ -105,19 +122,45 @@ class OmplPlanner:
         all other pairs keep the margin.
 
         Raises:
-            ValueError: There are no goals.
+            ValueError: There are no goals, or one is not finite or beyond the limits.
         """
         if not len(goals):
             raise ValueError("A motion planner needs at least one goal.")
+        within = (goals > LOWER_RAD - LIMIT_SLACK_RAD) & (goals < UPPER_RAD + LIMIT_SLACK_RAD)
+        if not within.all():
+            goal, joint = np.argwhere(~within)[0]
+            raise ValueError(
+                f"goal {goal}: joint {FETCH.arm_joints[joint]} at {goals[goal, joint]:.3f} rad is "
+                f"beyond {LOWER_RAD[joint]:.3f} to {UPPER_RAD[joint]:.3f} rad."
+            )
         if backwards:
             # Leaving a tight place is reaching it, backwards: the search always ends there.
             ends = [Ends(open=goal, tight=start) for goal in goals]
         else:
             ends = [Ends(open=start, tight=goal) for goal in goals]
-        result = _Search(world, self._arm, ends, limits, touch_m).run(seed)
+        limits = replace(limits, most_checks=self.effort * limits.most_checks)
+        result = _Search(self, world, self._arm, ends, limits, touch_m).run(seed)
         if backwards and result.path is not None:
             result = replace(result, path=result.path[::-1])
         return result
+
+
+class BatchedPlanner(OmplPlanner):
+    """As `OmplPlanner`, with compiled searches and kinematics; its checks are cheaper."""
+
+    effort = 3
+
+    connect = staticmethod(batched.connect)
+    shorten = staticmethod(batched.shorten)
+    first_free = staticmethod(batched.first_free)
+
+    @cached_property
+    def _arm(self) -> BatchArm:
+        return CompiledArm()
+
+
+PLANNERS = {"ompl": OmplPlanner, "batched": BatchedPlanner}
+"""Option ``planner``."""
 
 
 def path_rad(path: Array) -> float:
@@ -130,25 +173,29 @@ class _Search:
 
     def __init__(
         self,
+        planner: OmplPlanner,
         collision: ArmCollision,
         arm: BatchArm,
         ends: Sequence[Ends],
         config: PlanConfig,
         touch_m: float,
     ) -> None:
-        self._collision, self._arm, self._ends = collision, arm, ends
+        self._planner, self._collision, self._arm, self._ends = planner, collision, arm, ends
         self._config, self._touch_m = config, touch_m
         self._deadline_s = time.perf_counter() + config.time_limit_s
         self._retreat_paths: dict[tuple[float, int], list[Array]] = {}
         self._close: dict[int, dict[int, float]] = {}
+        self._simplify_s = 0.0
 
     def run(self, seed: int) -> PathResult:
         """Runs attempts until one succeeds, and more if its path is long."""
         began, checks_before, before = time.perf_counter(), self._collision.checks, 0
-        best, enough = None, self._config.most_checks
+        best, enough, stopped_by = None, self._config.most_checks, "checks"
         for i, attempt in enumerate(self._attempts()):
             spent = self._collision.checks - checks_before
-            if spent >= enough or time.perf_counter() >= self._deadline_s:
+            late = time.perf_counter() >= self._deadline_s
+            if spent >= enough or late:
+                stopped_by = "time" if late else "checks"
                 break
             # A seed by the attempt's number, so that none depends on the draws of those before it.
             path = self._attempt(attempt, seed + i)
@@ -164,6 +211,8 @@ class _Search:
             failure=Failure.MOTION_PLAN if best is None else None,
             seconds=time.perf_counter() - began,
             checks=self._collision.checks - checks_before,
+            simplify_s=self._simplify_s,
+            stopped_by=stopped_by if best is None else None,
         )
 
     def _attempts(self) -> Iterator[_Attempt]:
@@ -199,7 +248,9 @@ class _Search:
             path = self._connect(attempt, ends, seed)
         if path is not None and len(path) > 2:
             # Shortcuts are checked coarsely, hence the finer check of the result.
-            path = shorten(self._collision, path, seed, self._deadline_s, config)
+            began = time.perf_counter()
+            path = self._planner.shorten(self._collision, path, seed, self._deadline_s, config)
+            self._simplify_s += time.perf_counter() - began
         return path if path is not None and self._stands(path, attempt.pair) else None
 
     def _keep(self, margin_m: float, pair: int) -> None:
@@ -229,10 +280,9 @@ class _Search:
             return np.stack((ends.open, ends.tight)) if free else None
         paths = []
         for retreat in self._retreats(attempt):
-            for i in range(1, len(retreat)):
-                if edge_is_free(self._collision, ends.open, retreat[i], resolution_rad):
-                    paths.append(np.concatenate((ends.open[None], retreat[i::-1])))
-                    break
+            i = self._planner.first_free(self._collision, ends.open, retreat[1:], resolution_rad)
+            if i is not None:
+                paths.append(np.concatenate((ends.open[None], retreat[i + 1 :: -1])))
         # All directions are tried: straight edges are cheap, and a short path needs no improving.
         return min(paths, key=path_rad, default=None)
 
@@ -241,13 +291,15 @@ class _Search:
         limit = Limit(checks=attempt.checks, deadline_s=self._deadline_s)
         config = replace(self._config.rrt, range_rad=attempt.range_rad)
         if not attempt.retreats:
-            return connect(self._collision, ends.open, ends.tight, seed, limit, config)
+            return self._planner.connect(
+                self._collision, ends.open, ends.tight, seed, limit, config
+            )
         retreat_paths = self._retreats(attempt)
         if not retreat_paths:
             return None
         # The longest leads farthest out of the tight place.
         retreat = max(retreat_paths, key=len)
-        path = connect(self._collision, ends.open, retreat[-1], seed, limit, config)
+        path = self._planner.connect(self._collision, ends.open, retreat[-1], seed, limit, config)
         return None if path is None else np.concatenate((path, retreat[-2::-1]))
 
     def _retreats(self, attempt: _Attempt) -> list[Array]:

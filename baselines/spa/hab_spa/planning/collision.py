@@ -9,23 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from itertools import product
+from functools import cached_property, lru_cache
 from xml.etree import ElementTree
 
-import coal  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 from numpy.typing import NDArray
 
-from hab_spa.planning.shape_cache import ShapeCache
-from hab_spa.shapes import Array, box_distance_m, invert_pose, standing, within_body
-from hab_tasks.privileged import CollisionBody, PrivilegedState
+from hab_spa.planning import batch
+from hab_spa.planning.coal_model import CoalModel, Contact
+from hab_spa.planning.items import Items, Obstacle, collect
+from hab_spa.shapes import Array, invert_pose, standing, within_body
+from hab_tasks.privileged import PrivilegedState
 from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.kinematics import arm_model
 
-FINGER_LINKS = tuple(name.replace("_joint", "_link") for name in FETCH.finger_joints)
-MOVING_LINKS = (*FETCH.arm_links, FETCH.ee_link, *FINGER_LINKS)
 TORSO_JOINT = "torso_lift_joint"
 
 
@@ -45,43 +43,6 @@ class CollisionConfig:
 def within(reach_m: float | None) -> CollisionConfig:
     """Returns the default parameters with another reach; None for the default reach."""
     return CollisionConfig() if reach_m is None else CollisionConfig(reach_m=reach_m)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Contact:
-    """Two shapes closer than their margin; `distance_m` is negative when they penetrate."""
-
-    pair: int
-    first: str
-    second: str
-    distance_m: float
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Obstacle:
-    """An obstacle that is not a body of the simulator, e.g. one seen by a camera.
-
-    Attributes:
-        name: Name in reports of contacts.
-        geometry: Geometry of Coal, in the world frame.
-        lower_m: Lower corner (3,) of its bounding box in the world.
-        upper_m: Upper corner (3,) of its bounding box in the world.
-    """
-
-    name: str
-    geometry: coal.CollisionGeometry
-    lower_m: Array
-    upper_m: Array
-
-
-@dataclass(eq=False)
-class _SceneItem:
-    """A shape of the scene: its body, and its world pose in the initial state and now."""
-
-    body: str
-    geometry: pin.GeometryObject
-    stated: pin.SE3
-    placed: pin.SE3
 
 
 @lru_cache(maxsize=1)
@@ -107,6 +68,8 @@ def allowed_link_pairs() -> frozenset[frozenset[str]]:
 class ArmCollision:
     """Checks arm poses for collisions, for one scene and one held object.
 
+    A compiled kernel answers where it is certain, coal elsewhere (`CoalModel`).
+
     Attributes:
         checks: Number of collision checks so far.
         base_from_arm: (4, 4) pose of the arm model's root (torso as in `FETCH.locked_qpos`) in
@@ -119,7 +82,6 @@ class ArmCollision:
         state: PrivilegedState,
         held: str | None = None,
         config: CollisionConfig | None = None,
-        cache: ShapeCache | None = None,
         obstacles: Sequence[Obstacle] = (),
     ) -> None:
         """Builds the model.
@@ -128,48 +90,101 @@ class ArmCollision:
             state: The robot and the bodies around it.
             held: Name of the body that moves with the gripper.
             config: Parameters.
-            cache: Cache of shapes.
             obstacles: Additional obstacles.
+
+        Raises:
+            ValueError: A shape or pose is not finite, or the arm has no shapes.
         """
         self.config = config or CollisionConfig()
         self.checks = 0
-        self._state, self._cache = state, cache or ShapeCache()
-        self._model, _ = shared_arm_model()
-        self._data = self._model.createData()
-        self._geometry = pin.GeometryModel()
-        self._scene: list[_SceneItem] = []
+        self._state, (self._model, _) = state, shared_arm_model()
         # By body; what lies in a drawer is looked up in the initial state, once.
-        self._moving: dict[str, list[_SceneItem]] = {}
+        self._moving: dict[str, NDArray[np.intp]] = {}
         self.base_from_arm = np.eye(4)
         self.base_from_arm[2, 3] = state.locked_qpos[TORSO_JOINT] - FETCH.locked_qpos[TORSO_JOINT]
         self.arm_from_world = invert_pose(state.world_from_base @ self.base_from_arm)
-        self._add_bodies(held)
-        for obstacle in obstacles:
-            self._add_obstacle(obstacle)
-        self._finish()
+        reach_m = self.config.reach_m
+        self._items = collect(state, held, obstacles, self._model, self.arm_from_world, reach_m)
+        self._scene = np.flatnonzero(self._items.role == "scene")
+        self._stated = invert_pose(self.arm_from_world) @ self._items.pose[self._scene]
+        self._placed = self._stated.copy()
+        self._make_shapes()
+        self.set_margin(self.config.margin_m)
 
     def is_free(self, qpos: Array) -> bool:
         """Whether the arm pose (7,) [rad] keeps every pair's margin."""
-        self.checks += 1
-        return not pin.computeCollisions(self._model, self._data, self._broad, qpos, True)
+        return self.free_until(qpos[None]) == 1
+
+    def free_until(self, poses: Array) -> int:
+        """Returns the number of arm poses (B, 7) [rad] before the first that is not free."""
+        first = 0
+        while first < len(poses):
+            answers = self._answers(poses[first:], until_other=True)
+            first += len(answers)
+            if not self._confirmed(answers[-1], poses[first - 1]):
+                self.checks += first
+                return first - 1
+        self.checks += first
+        return first
+
+    @property
+    def items(self) -> Items:
+        """The shapes, with their current poses."""
+        return self._items
+
+    def pairs(self) -> tuple[NDArray[np.int64], Array]:
+        """Returns the pairs (P, 2) of shapes that are checked, and their margins (P,) [m]."""
+        return self._pairs, self._margins_m
+
+    @property
+    def shapes(self) -> batch.Shapes:
+        """The arrays of the compiled kernel."""
+        return self._shapes
+
+    def are_clear(self, poses: Array) -> bool:
+        """Whether all arm poses (B, 7) are free by the kernel's answer alone."""
+        self.checks += len(poses)
+        return bool((self._answers(poses) == batch.FREE).all())
+
+    def are_free(self, poses: Array) -> NDArray[np.bool_]:
+        """Whether arm poses (B, 7) [rad] keep every pair's margin, (B,)."""
+        self.checks += len(poses)
+        answers = self._answers(poses)
+        pairs = zip(answers, poses, strict=True)
+        return np.array([self._confirmed(*both) for both in pairs], dtype=bool)
 
     def contacts(self, qpos: Array) -> list[Contact]:
         """Returns all pairs of shapes closer than their margin at an arm pose (7,)."""
-        pin.computeCollisions(self._model, self._data, self._geometry, self._pairs, qpos, False)
         found = []
-        for i, pair in enumerate(self._geometry.collisionPairs):
-            if self._pairs.collisionResults[i].isCollision():
-                pin.computeDistance(self._geometry, self._pairs, i)
-                objects = self._geometry.geometryObjects
-                found.append(
-                    Contact(
-                        pair=i,
-                        first=objects[pair.first].name,
-                        second=objects[pair.second].name,
-                        distance_m=float(self._pairs.distanceResults[i].min_distance),
-                    )
-                )
+        for pair in self._undecided(qpos, batch.HIT, batch.UNSURE):
+            first, second = self._pair(pair)
+            if self._coal.collides(qpos, first, second, self._margins_m[pair]):
+                gap_m = self._coal.distance_m(qpos, first, second)
+                names = self._items.name(first), self._items.name(second)
+                found.append(Contact(pair=pair, first=names[0], second=names[1], distance_m=gap_m))
         return found
+
+    def _confirmed(self, answer: int, qpos: Array) -> bool:
+        """Whether an arm pose is free, by the kernel's answer or else by coal."""
+        if answer != batch.UNSURE:
+            return answer == batch.FREE
+        margins_m = self._margins_m
+        return not any(
+            self._coal.collides(qpos, *self._pair(pair), margins_m[pair])
+            for pair in self._undecided(qpos, batch.UNSURE)
+        )
+
+    def _pair(self, pair: int) -> tuple[int, int]:
+        return int(self._pairs[pair, 0]), int(self._pairs[pair, 1])
+
+    def _undecided(self, qpos: Array, *answers: int) -> list[int]:
+        """Returns the pairs that the kernel answers in one of some ways."""
+        pairs = np.empty((len(self._pairs), 2), dtype=np.int64)
+        given = np.empty(len(pairs), dtype=np.uint8)
+        qpos = np.ascontiguousarray(qpos[None], dtype=np.float64)
+        found = batch.kernel().undecided(self._shapes, qpos, pairs, given)
+        pairs = pairs[:found][np.isin(given[:found], answers)]
+        return sorted(self._number[pairs[:, 0] - self._statics, pairs[:, 1]].tolist())
 
     def set_margin(self, margin_m: float, less: Mapping[int, float] | None = None) -> None:
         """Sets the margin of pairs with the scene; pairs within the robot have none.
@@ -178,10 +193,10 @@ class ArmCollision:
             margin_m: The margin [m].
             less: Pair -> upper bound of its margin [m].
         """
-        for i, with_scene in enumerate(self._with_scene):
-            self._set_pair_margin(i, margin_m if with_scene else 0.0)
-        for i, pair_m in (less or {}).items():
-            self._set_pair_margin(i, min(pair_m, self._margins_m[i]))
+        margins_m = np.where(self._with_scene, margin_m, 0.0)
+        for pair, pair_m in (less or {}).items():
+            margins_m[pair] = min(pair_m, margins_m[pair])
+        self._set_margins(margins_m)
 
     def relax(self, qpos: Array, touch_m: float = 0.001) -> list[Contact]:
         """Lowers the margins violated at an arm pose (7,), so that the pose is free.
@@ -193,9 +208,10 @@ class ArmCollision:
         Returns:
             The violated contacts.
         """
-        contacts = self.contacts(qpos)
+        contacts, margins_m = self.contacts(qpos), self._margins_m.copy()
         for contact in contacts:
-            self._set_pair_margin(contact.pair, contact.distance_m - touch_m)
+            margins_m[contact.pair] = contact.distance_m - touch_m
+        self._set_margins(margins_m)
         return contacts
 
     def move(self, name: str, motion: Array) -> bool:
@@ -209,13 +225,12 @@ class ArmCollision:
             Whether the model contains the body.
         """
         if name not in self._moving:
-            names = {name, *self._lying_in(name)}
-            self._moving[name] = [item for item in self._scene if item.body in names]
-        items, moved = self._moving[name], pin.SE3(motion)
-        for item in items:
-            item.placed = moved * item.stated
-        self._place(items)
-        return bool(items)
+            names = [name, *self._lying_in(name)]
+            self._moving[name] = np.flatnonzero(np.isin(self._items.body[self._scene], names))
+        chosen = self._moving[name]
+        self._placed[chosen] = motion @ self._stated[chosen]
+        self._place(chosen)
+        return bool(len(chosen))
 
     def arm_from_world_at(self, base: Array) -> Array:
         """Returns the pose (4, 4) of the world in the arm's root frame at a base pose (3,)."""
@@ -230,13 +245,15 @@ class ArmCollision:
         arm_from_world = self.arm_from_world_at(base)
         if not np.array_equal(arm_from_world, self.arm_from_world):
             self.arm_from_world = arm_from_world
-            self._place(self._scene)
+            self._place(np.arange(len(self._scene)))
 
-    def _place(self, items: Sequence[_SceneItem]) -> None:
-        """Updates the placements of shapes in the arm's root frame."""
-        arm_from_world = pin.SE3(self.arm_from_world)
-        for item in items:
-            item.geometry.placement = arm_from_world * item.placed
+    def _place(self, chosen: NDArray[np.intp]) -> None:
+        """Updates the placements of scene shapes in the arm's root frame."""
+        items, numbers = self._items, self._scene[chosen]
+        items.pose[numbers] = self.arm_from_world @ self._placed[chosen]
+        ranks = self._rank[numbers]
+        self._shapes.place[ranks] = batch.rows_of(items.pose[numbers])
+        self._shapes.box_m[:, ranks] = batch.boxes_of(items.local_m[numbers], items.pose[numbers])
 
     def _lying_in(self, name: str) -> list[str]:
         """Returns the loose objects whose centre of mass is in a body's bounding box."""
@@ -247,125 +264,86 @@ class ArmCollision:
         lies = within_body(body, self._state.world_from_body[name], np.array(points_m))
         return [other for other, lies_in in zip(names, lies, strict=True) if lies_in]
 
-    def _set_pair_margin(self, pair: int, margin_m: float) -> None:
-        if self._with_octree[pair]:
-            margin_m = max(margin_m, 0.0)  # Coal supports no negative margins for octrees
-        if self._margins_m[pair] == margin_m:
-            return
-        self._margins_m[pair] = margin_m
-        self._pairs.collisionRequests[pair].security_margin = margin_m
-        # The broad phase has data of its own, and would keep the old margin.
-        self._broad.getGeometryData().collisionRequests[pair].security_margin = margin_m
+    def _set_margins(self, margins_m: Array) -> None:
+        """Sets the margins (P,) of all pairs."""
+        # Coal supports no negative margins for octrees.
+        self._margins_m = np.where(self._with_octree, np.maximum(margins_m, 0.0), margins_m)
+        self._shapes.margin_m[self._entries] = self._margins_m
 
-    def _add_bodies(self, held: str | None) -> None:
-        self._kinds: list[str] = []
-        self._links: list[str] = []
-        self._bodies: list[str] = []
-        for body in self._state.bodies:
-            if body.name not in self._state.world_from_body:
-                continue
-            link = body.name.rsplit("/", 1)[-1]
-            if body.name == held:
-                self._add(body, "held", link)
-            elif body.group != "robot":
-                self._add(body, "scene", link)
-            else:
-                self._add(body, "arm" if link in MOVING_LINKS else "robot", link)
+    def _answers(self, poses: Array, *, until_other: bool = False) -> NDArray[np.uint8]:
+        """Returns the kernel's answers for arm poses (B, 7), or for the first ones of them."""
+        answers = np.empty(len(poses), dtype=np.uint8)
+        poses = np.ascontiguousarray(poses, dtype=np.float64)
+        return answers[: batch.kernel().check(self._shapes, poses, until_other, answers)]
 
-    def _add(self, body: CollisionBody, kind: str, link: str) -> None:
-        """Adds a body's shapes to its joint: an arm joint, the wrist if held, or else the root."""
-        joint, joint_from_body = 0, self.arm_from_world @ self._state.world_from_body[body.name]
-        # Fingers are placed as they are, like a held object: the model has the arm's joints only.
-        if kind == "arm" and link not in FINGER_LINKS:
-            frame = self._model.frames[self._model.getFrameId(link)]
-            joint, joint_from_body = frame.parentJoint, frame.placement.homogeneous
-        elif kind == "held" or link in FINGER_LINKS:
-            gripper = self._model.frames[self._model.getFrameId(FETCH.ee_link)]
-            joint = gripper.parentJoint
-            joint_from_body = gripper.placement.homogeneous @ self._gripper_from(body.name)
-        chosen = range(len(body.shapes)) if kind != "scene" else self._near(body, joint_from_body)
-        shapes = self._cache.shapes(self._state, body) if len(chosen) else []
-        for i in chosen:
-            geometry, shape_offset = shapes[i]
-            joint_from_shape = joint_from_body @ body.shapes[i].body_from_shape
-            placement = pin.SE3(joint_from_shape @ shape_offset)
-            item = pin.GeometryObject(f"{body.name}#{i}", joint, placement, geometry)
-            self._add_item(item, kind, link, body.name)
+    @cached_property
+    def _coal(self) -> CoalModel:
+        items = self._items
+        return CoalModel(self._model, items.geometries(), items.joint, items.pose)
 
-    def _add_obstacle(self, obstacle: Obstacle) -> None:
-        """Adds a static obstacle if it is within reach."""
-        shoulder_m = self._shoulder_in(self.arm_from_world)
-        gap_m = box_distance_m(shoulder_m, obstacle.lower_m, obstacle.upper_m)
-        if gap_m >= self.config.reach_m:
-            return
-        placement = pin.SE3(self.arm_from_world)
-        item = pin.GeometryObject(obstacle.name, 0, placement, obstacle.geometry)
-        self._add_item(item, "scene", obstacle.name, obstacle.name)
-
-    def _add_item(self, item: pin.GeometryObject, kind: str, link: str, body: str) -> None:
-        self._geometry.addGeometryObject(item)
-        self._kinds.append(kind)
-        self._links.append(link)
-        self._bodies.append(body)
-
-    def _gripper_from(self, name: str) -> Array:
-        poses = self._state.world_from_body
-        gripper = next(key for key in poses if key.rsplit("/", 1)[-1] == FETCH.ee_link)
-        return invert_pose(poses[gripper]) @ poses[name]
-
-    def _near(self, body: CollisionBody, arm_from_body: Array) -> NDArray[np.intp]:
-        """Returns the numbers of a body's shapes that are within reach of the shoulder."""
-        if not body.shapes:
-            return np.zeros(0, dtype=np.intp)
-        shoulder_m, reach_m = self._shoulder_in(arm_from_body), self.config.reach_m
-        return np.flatnonzero(self._cache.within(self._state, body, shoulder_m, reach_m))
-
-    def _shoulder_in(self, arm_from_frame: Array) -> Array:
-        """Returns the shoulder (3,) in a frame whose pose in the arm's root is given."""
-        shoulder_m = self._model.jointPlacements[1].translation
-        return arm_from_frame[:3, :3].T @ (shoulder_m - arm_from_frame[:3, 3])
-
-    def _finish(self) -> None:
-        """Defines the collision pairs and builds the broad phase."""
-        kinds = np.array(self._kinds)
-        moving = np.isin(kinds, ("arm", "held"))
-        with_scene = np.logical_and.outer(moving, kinds == "scene")
-        self._geometry.setCollisionPairs(self._own_pairs() | with_scene | with_scene.T)
-        pairs = self._geometry.collisionPairs
-        self._with_scene = ["scene" in (kinds[p.first], kinds[p.second]) for p in pairs]
-        octrees = [isinstance(g.geometry, coal.OcTree) for g in self._geometry.geometryObjects]
-        self._with_octree = [octrees[p.first] or octrees[p.second] for p in pairs]
-        self._pairs = self._geometry.createData()
-        self._broad = pin.BroadPhaseManager_SSaPCollisionManager(
-            self._model, self._geometry, self._geometry.createData()
+    def _make_shapes(self) -> None:
+        """Makes the kernel's arrays, and chooses the pairs that are checked."""
+        items, moving = self._items, np.isin(self._items.role, ("arm", "held"))
+        order = np.argsort(moving, kind="stable")
+        self._rank = np.argsort(order, kind="stable")
+        statics = int((~moving).sum())
+        place, local_m = items.pose[order], items.local_m[order]
+        vertices_m, ranges = batch.packed([items.vertices_m[number] for number in order])
+        joint = items.joint[order]
+        spheres_m, members = batch.groups_of(
+            items.body[order][statics:].tolist(),
+            joint[statics:],
+            local_m[statics:],
+            place[statics:],
         )
-        world_from_arm = pin.SE3(invert_pose(self.arm_from_world))
-        for body, kind, item in zip(
-            self._bodies, kinds, self._geometry.geometryObjects, strict=True
-        ):
-            if kind == "scene":
-                placed = world_from_arm * item.placement
-                self._scene.append(_SceneItem(body, item, placed, placed))
-        # NaN equals nothing, so that the first call sets every pair.
-        self._margins_m = [float("nan")] * len(pairs)
-        self.set_margin(self.config.margin_m)
-
-    def _own_pairs(self) -> NDArray[np.bool_]:
-        """Returns the self-collision pairs (S, S), without pairs in contact at the rest pose."""
-        allowed, kinds, links = allowed_link_pairs(), self._kinds, self._links
-        paired = np.zeros((len(kinds), len(kinds)), dtype=bool)
-        arm, own = (
-            [i for i, k in enumerate(kinds) if k in of] for of in (("arm",), ("arm", "robot"))
+        self._shapes = batch.Shapes(
+            chain=batch.chain_of(self._model),
+            box_m=batch.boxes_of(local_m[:statics], place[:statics]),
+            place=batch.rows_of(place),
+            local_m=local_m,
+            span=np.column_stack((ranges, items.kind[order], joint)),
+            vertices_m=vertices_m,
+            group_m=spheres_m,
+            member=members,
+            own=np.zeros((0, 2), dtype=np.int64),
+            margin_m=np.full((len(items.joint) - statics, len(items.joint)), batch.NO_PAIR),
         )
-        for i, j in product(arm, own):
-            meet = links[i] != links[j] and frozenset((links[i], links[j])) not in allowed
-            paired[i, j] = paired[j, i] = meet
-        self._geometry.setCollisionPairs(paired)
-        data = self._geometry.createData()
+        self._statics = statics
+        scene = items.role == "scene"
+        with_scene = np.logical_and.outer(moving, scene)
+        with_scene = np.argwhere(np.triu(with_scene | with_scene.T, 1))
+        self._use_pairs(np.concatenate((self._own_pairs(), with_scene)))
+
+    def _use_pairs(self, pairs: NDArray[np.int64]) -> None:
+        """Sets the pairs (P, 2) that are checked."""
+        self._pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+        self._with_scene = (self._items.role == "scene")[self._pairs].any(axis=1)
+        octree = np.array([isinstance(source, Obstacle) for source in self._items.source])
+        self._with_octree = octree[self._pairs].any(axis=1)
+        # The kernel numbers static shapes first, and moving ones lead a pair.
+        ranks = np.sort(self._rank[self._pairs], axis=1)[:, ::-1]
+        self._entries = ranks[:, 0] - self._statics, ranks[:, 1]
+        self._number = np.zeros(self._shapes.margin_m.shape, dtype=np.int64)
+        self._number[self._entries] = np.arange(len(ranks))
+        own = np.ascontiguousarray(ranks[ranks[:, 1] >= self._statics])
+        self._shapes.margin_m[:] = batch.NO_PAIR
+        self._shapes = self._shapes._replace(own=own)
+        self._set_margins(np.zeros(len(ranks)))
+
+    def _own_pairs(self) -> NDArray[np.int64]:
+        """Returns the self-collision pairs (P, 2), without pairs in contact at the rest pose."""
+        items, allowed = self._items, allowed_link_pairs()
+        arm, own = items.role == "arm", np.isin(items.role, ("arm", "robot"))
+        paired = np.logical_and.outer(arm, own) & (items.link[:, None] != items.link)
+        pairs = np.argwhere(np.triu(paired | paired.T, 1))
+        pairs = pairs[[frozenset(both) not in allowed for both in items.link[pairs].tolist()]]
+        self._use_pairs(pairs)
+        # Convex hulls overlap where links do not; the rest pose is known to be free.
         rest = np.array(FETCH.rest_qpos_rad)
-        pin.computeCollisions(self._model, self._data, self._geometry, data, rest, False)
-        for pair, result in zip(self._geometry.collisionPairs, data.collisionResults, strict=True):
-            # Convex hulls overlap where links do not; the rest pose is known to be free.
-            if result.isCollision():
-                paired[pair.first, pair.second] = paired[pair.second, pair.first] = False
-        return paired
+        touching = [
+            pair
+            for pair in self._undecided(rest, batch.UNSURE)
+            if self._coal.collides(rest, *self._pair(pair), 0.0)
+        ]
+        touching += self._undecided(rest, batch.HIT)
+        return np.delete(self._pairs, touching, axis=0)

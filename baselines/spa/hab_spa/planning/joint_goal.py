@@ -16,6 +16,7 @@ import numpy as np
 from hab_plans.motion import Failure
 
 from hab_spa.planning.collision import ArmCollision
+from hab_spa.planning.compiled_arm import CompiledArm
 from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD, BatchArm, IkConfig, Tool
 from hab_spa.results import GoalResult
 from hab_spa.shapes import Array, invert_pose
@@ -49,6 +50,9 @@ class GoalConfig:
         tight_enough: As `enough`, in confined spaces.
         tight_spread_rad: Standard deviation of these starts around the resting pose.
         judge_starts: Starts for scoring a base pose.
+        seeded_starts: With `CompiledArm`, starts from its table, over all points ...
+        seeded_points: ... of which at most these are used ...
+        seeded_round: ... and starts per round.
         ik: Parameters of inverse kinematics.
     """
 
@@ -65,6 +69,9 @@ class GoalConfig:
     tight_enough: int = 20
     tight_spread_rad: float = 0.5
     judge_starts: int = 120
+    seeded_starts: int = 4800
+    seeded_points: int = 60
+    seeded_round: int = 480
     ik: IkConfig = field(default_factory=IkConfig)
 
 
@@ -160,6 +167,10 @@ def sample_reaching_goals(
     def cost(poses: Array) -> Array:
         return rest_distance(poses) if near is None else np.linalg.norm(poses - near, axis=1)
 
+    if isinstance(arm, CompiledArm) and len(points_m):
+        found = seeded_goals(points_m, collision, arm, seed, config, cost)
+        if found.failure is None:
+            return found
     search = Search(
         draw=draw,
         rounds=config.starts_per_point // config.round_starts if len(points_m) else 0,
@@ -173,6 +184,10 @@ def sample_tight_goals(
     points_m: Array, collision: ArmCollision, arm: BatchArm, seed: int, config: GoalConfig
 ) -> GoalResult:
     """Samples as `sample_reaching_goals`, by `tight_search`."""
+    if isinstance(arm, CompiledArm) and len(points_m):
+        found = seeded_goals(points_m, collision, arm, seed, config, rest_distance)
+        if found.failure is None:
+            return found
     search = tight_search(points_m, seed, config)
     return found_by(search, collision, arm, config, rest_distance)
 
@@ -256,15 +271,7 @@ def found_by(
     """
     began, checks_before = time.perf_counter(), collision.checks
     poses, samples = search.run(collision, arm, config.ik)
-    # Stable, so that equal costs do not depend on the machine's sort.
-    poses = poses[np.argsort(cost(poses), kind="stable")]
-    chosen = np.zeros((0, 7))
-    for margin_m in search.margins_m:
-        chosen = np.concatenate((chosen, free_poses(poses, collision, margin_m)))
-        # Poses of the larger margin come again with the smaller one; `apart` drops them.
-        goals = apart(chosen, config)
-        if len(goals) == config.goals:
-            break
+    goals = _roomiest(poses, collision, search.margins_m, config, cost)
     return GoalResult(
         goals=goals,
         failure=None if len(goals) else Failure.TARGET_PLAN,
@@ -272,6 +279,71 @@ def found_by(
         samples=samples,
         checks=collision.checks - checks_before,
     )
+
+
+def seeded_goals(
+    points_m: Array,
+    collision: ArmCollision,
+    arm: CompiledArm,
+    seed: int,
+    config: GoalConfig,
+    cost: Callable[[Array], Array],
+) -> GoalResult:
+    """Returns goals as `found_by`, from a table of arm poses near the points, cheapest first.
+
+    The search ends with enough goals of the largest margin, so that few poses are checked.
+    """
+    began, checks_before = time.perf_counter(), collision.checks
+    rng = np.random.default_rng(seed)
+    if len(points_m) > config.seeded_points:
+        points_m = points_m[rng.choice(len(points_m), config.seeded_points, replace=False)]
+    count = config.seeded_starts // len(points_m)
+    starts, targets_m = arm.starts.near(in_arm(points_m, collision), count)
+    starts, targets_m = starts[keep := rng.random(len(starts)) < 0.5], targets_m[keep]
+    order = np.argsort(cost(starts), kind="stable")
+    found, roomy = np.zeros((0, 7)), np.zeros((0, 7))
+    samples = 0
+    for first in range(0, len(order), config.seeded_round):
+        chosen = order[first : first + config.seeded_round]
+        samples += len(chosen)
+        poses, reached = arm.solve(starts[chosen], targets_m[chosen], config.ik)
+        poses = _with_rest_roll(poses[reached])
+        found = np.concatenate((found, poses))
+        # The others differ in the roll only, and are farther from rest.
+        poses = poses[: len(poses) // 2]
+        roomy = np.concatenate((roomy, free_poses(poses, collision, config.margins_m[0])))
+        goals = apart(roomy[np.argsort(cost(roomy), kind="stable")], config)
+        if len(goals) == config.goals:
+            break
+    else:
+        goals = _roomiest(found, collision, config.margins_m, config, cost)
+    return GoalResult(
+        goals=goals,
+        failure=None if len(goals) else Failure.TARGET_PLAN,
+        seconds=time.perf_counter() - began,
+        samples=samples,
+        checks=collision.checks - checks_before,
+    )
+
+
+def _roomiest(
+    poses: Array,
+    collision: ArmCollision,
+    margins_m: tuple[float, ...],
+    config: GoalConfig,
+    cost: Callable[[Array], Array],
+) -> Array:
+    """Returns goals (G, 7): those with the largest margin, lowest cost first."""
+    # Stable, so that equal costs do not depend on the machine's sort.
+    poses = poses[np.argsort(cost(poses), kind="stable")]
+    chosen = goals = np.zeros((0, 7))
+    for margin_m in margins_m:
+        chosen = np.concatenate((chosen, free_poses(poses, collision, margin_m)))
+        # Poses of the larger margin come again with the smaller one; `apart` drops them.
+        goals = apart(chosen, config)
+        if len(goals) == config.goals:
+            break
+    return goals
 
 
 def sphere_m(centre_m: Array, radius_m: float, count: int) -> Array:
@@ -304,8 +376,7 @@ def rest_distance(poses: Array) -> Array:
 def free_poses(poses: Array, collision: ArmCollision, margin_m: float) -> Array:
     """Returns the arm poses (B, 7) that keep a margin."""
     collision.set_margin(margin_m)
-    keep = np.array([collision.is_free(pose) for pose in poses], dtype=bool)
-    return poses[keep]
+    return poses[collision.are_free(poses)]
 
 
 def apart(poses: Array, config: GoalConfig) -> Array:

@@ -57,15 +57,29 @@ def edge_is_free(
     collision: ArmCollision, first: Array, second: Array, resolution_rad: float
 ) -> bool:
     """Whether the straight edge between two arm poses (7,) is free, including its ends."""
-    count = max(1, int(np.ceil(np.linalg.norm(second - first) / resolution_rad)))
-    return all(collision.is_free(first + (second - first) * (i / count)) for i in range(count + 1))
+    poses = _along(first, second, resolution_rad)
+    return collision.free_until(poses) == len(poses)
+
+
+def first_free(
+    collision: ArmCollision, start: Array, goals: Array, resolution_rad: float
+) -> int | None:
+    """Returns the first of the goals (G, 7) to which the straight edge from an arm pose is free."""
+    edges = (edge_is_free(collision, start, goal, resolution_rad) for goal in goals)
+    return next((number for number, free in enumerate(edges) if free), None)
 
 
 def path_is_free(collision: ArmCollision, path: Array, resolution_rad: float) -> bool:
     """Whether all edges of a path (K, 7) are free."""
-    return all(
-        edge_is_free(collision, first, second, resolution_rad) for first, second in pairwise(path)
-    )
+    edges = [_along(first, second, resolution_rad) for first, second in pairwise(path)]
+    poses = np.concatenate(edges) if edges else np.zeros((0, DIMENSION))
+    return collision.free_until(poses) == len(poses)
+
+
+def _along(first: Array, second: Array, resolution_rad: float) -> Array:
+    """Returns the arm poses (K, 7) to check along an edge, including its ends."""
+    count = max(1, int(np.ceil(np.linalg.norm(second - first) / resolution_rad)))
+    return first + (second - first) * (np.arange(count + 1) / count)[:, None]
 
 
 def connect(

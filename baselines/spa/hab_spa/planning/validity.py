@@ -11,11 +11,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 import sapien
 import torch
 
-from hab_spa.planning.collision import MOVING_LINKS, ArmCollision, CollisionConfig
+from hab_spa.planning.collision import ArmCollision, CollisionConfig, shared_arm_model
 from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
+from hab_spa.planning.items import MOVING_LINKS
 from hab_spa.shapes import Array
 from hab_tasks.privileged import PrivilegedState
 from hab_tasks.robots.fetch import FETCH
@@ -162,6 +164,54 @@ def agreement(env: Any, count: int, seed: int) -> Agreement:
             disagreements += 1
             far += not _nearly(model, pose)
     return Agreement(poses=count, touching=touching, disagreements=disagreements, far=far)
+
+
+class BroadPhaseCheck:
+    """Collision checks of all pairs of a model by Pinocchio and coal, without the kernel."""
+
+    def __init__(self, model: ArmCollision) -> None:
+        """Takes the current placements and margins of a model."""
+        items, self._arm = model.items, shared_arm_model()[0]
+        geometry, paired = pin.GeometryModel(), np.zeros((len(items.joint),) * 2, dtype=bool)
+        for number, (shape, offset) in enumerate(items.geometries()):
+            joint, pose = int(items.joint[number]), pin.SE3(items.pose[number] @ offset)
+            geometry.addGeometryObject(pin.GeometryObject(str(number), joint, pose, shape))
+        pairs, margins_m = model.pairs()
+        paired[tuple(pairs.T)] = True
+        geometry.setCollisionPairs(paired | paired.T)
+        data = geometry.createData()
+        for request, margin_m in zip(data.collisionRequests, margins_m, strict=True):
+            request.security_margin = float(margin_m)
+        self._data, self._kept = self._arm.createData(), geometry
+        self._broad = pin.BroadPhaseManager_SSaPCollisionManager(self._arm, geometry, data)
+
+    def is_free(self, qpos: Array) -> bool:
+        """Whether the arm pose (7,) [rad] keeps every pair's margin."""
+        return not pin.computeCollisions(self._arm, self._data, self._broad, qpos, True)
+
+
+def kernel_agreement(model: ArmCollision, count: int, seed: int) -> tuple[int, int, int]:
+    """Compares the model with coal on all pairs, on random poses and as many near contact.
+
+    Args:
+        model: The model, at its current margins.
+        count: Number of random poses.
+        seed: Their seed.
+
+    Returns:
+        Numbers of poses, of different answers, and of poses that only the model calls free.
+    """
+    poses = np.random.default_rng(seed).uniform(LOWER_RAD, UPPER_RAD, (count, 7))
+    free = model.are_free(poses)
+    clear, blocked = (poses[which][: min(free.sum(), (~free).sum())] for which in (free, ~free))
+    for _ in range(10):  # within millimetres of contact
+        middle = 0.5 * (clear + blocked)
+        is_free = model.are_free(middle)[:, None]
+        clear, blocked = np.where(is_free, middle, clear), np.where(is_free, blocked, middle)
+    poses = np.concatenate((poses, clear, blocked))
+    exact = BroadPhaseCheck(model)
+    ours, theirs = model.are_free(poses), np.array([exact.is_free(pose) for pose in poses])
+    return len(poses), int((ours != theirs).sum()), int((ours & ~theirs).sum())
 
 
 def _nearly(model: ArmCollision, pose: Array) -> bool:

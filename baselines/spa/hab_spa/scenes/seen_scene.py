@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from hab_spa.planning.collision import ArmCollision, within
 from hab_spa.planning.ik import BatchArm
 from hab_spa.planning.joint_goal import GraspConfig, sphere_m
-from hab_spa.planning.shape_cache import ShapeCache
 from hab_spa.scenes.known_positions import KnownPositions
 from hab_spa.scenes.true_scene import TrueScene, standing_at
 from hab_spa.sensing.cloud import DepthView, world_from_base
@@ -94,7 +93,7 @@ class SeenScene:
     def __init__(self, config: SeenConfig | None = None) -> None:
         """Creates the scene of one row."""
         self.config = config or SeenConfig()
-        self._arm, self._cache, self.truth = BatchArm(), ShapeCache(), TrueScene()
+        self._arm, self.truth = BatchArm(), TrueScene()
         self.forget()
 
     def forget(self) -> None:
@@ -252,13 +251,7 @@ class SeenScene:
                 centres_m[~self._cleared(centres_m, size_m, here, without)], size_m, config.cell_m
             )
         ]
-        return ArmCollision(
-            there,
-            held=there.held,
-            config=within(reach_m),
-            cache=self._cache,
-            obstacles=obstacles,
-        )
+        return ArmCollision(there, held=there.held, config=within(reach_m), obstacles=obstacles)
 
     def taking(self, number: int, world_from_ee: Array) -> None:
         """Returns None: the extent of the object is known only after the grasp."""

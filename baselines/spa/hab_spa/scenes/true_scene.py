@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from hab_spa.planning.collision import ArmCollision, within
 from hab_spa.planning.joint_goal import GraspConfig, sphere_m
-from hab_spa.planning.shape_cache import ShapeCache
 from hab_spa.shapes import Array, body_bounds_m, invert_pose, standing
 from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.privileged import ArticulationState, PrivilegedState
@@ -21,21 +20,17 @@ from hab_tasks.world.navigation import NavigationMap
 
 
 class TrueScene:
-    """Scene from the observation's privileged group; see `hab_spa.scenes.scene.Scene`.
-
-    Attributes:
-        shapes: Cache of shapes.
-    """
+    """Scene from the observation's privileged group; see `hab_spa.scenes.scene.Scene`."""
 
     def __init__(self, config: GraspConfig | None = None) -> None:
-        """Creates the scene of one row; shapes are cached across episodes."""
-        self._config, self.shapes = config or GraspConfig(), ShapeCache()
+        """Creates the scene of one row."""
+        self._config = config or GraspConfig()
         self._floor: tuple[PrivilegedState, NavigationMap] | None = None
         self._obs: Mapping[str, Any] = {}
         self._row = 0
 
     def forget(self) -> None:
-        """Starts a new episode; there is nothing to reset, as shapes stay cached."""
+        """Starts a new episode; there is nothing to reset."""
 
     def see(self, obs: Mapping[str, Any], row: int) -> None:
         """Notes an observation; the ground-truth state of its row is read when it is needed."""
@@ -116,7 +111,7 @@ class TrueScene:
         if without is not None:
             poses = {n: pose for n, pose in state.world_from_body.items() if n != without}
             state = replace(state, world_from_body=poses)
-        return ArmCollision(state, held=state.held, config=within(reach_m), cache=self.shapes)
+        return ArmCollision(state, held=state.held, config=within(reach_m))
 
     def taking(self, number: int, world_from_ee: Array) -> ArmCollision:
         """Returns the collision model with an object grasped at an end-effector pose (4, 4)."""
@@ -124,7 +119,7 @@ class TrueScene:
         # The model needs the object's pose relative to the current hand.
         poses[name] = self._world_from_ee() @ invert_pose(world_from_ee) @ poses[name]
         state = replace(self.state, world_from_body=poses)
-        return ArmCollision(state, held=name, cache=self.shapes)
+        return ArmCollision(state, held=name)
 
     def in_the_way(self, path: Array) -> bool:
         """Returns False: all obstacles were known when the path was planned."""

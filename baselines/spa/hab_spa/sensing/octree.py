@@ -5,7 +5,7 @@ from __future__ import annotations
 import coal  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 import numpy as np
 
-from hab_spa.planning.collision import Obstacle
+from hab_spa.planning.items import Obstacle
 from hab_spa.shapes import Array
 
 

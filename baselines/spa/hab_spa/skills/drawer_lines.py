@@ -185,7 +185,7 @@ class HandleLines:
         collision = self._moving if station else self.collision
         self._move(station)
         collision.set_margin(margin_m)
-        return np.array([collision.is_free(pose) for pose in poses], dtype=bool)
+        return collision.are_free(poses)
 
     def _handle_m(self, station: int) -> Array:
         """Returns the handle's position (3,) after `station` steps, in the arm's root frame."""

@@ -82,7 +82,7 @@ def look_closer(
     poses = poses[_shows(robot.kinematics, poses, object_m, config)]
     poses = poses[np.argsort(np.abs(poses - scene.arm_qpos).max(axis=1))]
     collision.set_margin(config.margin_m)
-    free = np.array([pose for pose in poses if collision.is_free(pose)]).reshape(-1, 7)
+    free = poses[collision.are_free(poses)]
     if len(free):
         goals = apart(free, robot.config.goal)
         yield from _look_from(robot, scene, goals, collision, config)

@@ -200,9 +200,10 @@ class Arcs:
             reached, _ = self._arm.position_and_jacobian(poses)
             missed_m = np.linalg.norm(reached - goals[:, :3, 3], axis=1)
             on = missed_m <= self._config.missed_m
-            for entry in np.nonzero(on)[0]:
-                collision.stand_at(tows[towed[going[entry]], number])
-                on[entry] = collision.is_free(poses[entry])
+            for tow in np.unique(towed[going[on]]):
+                collision.stand_at(tows[tow, number])
+                own = on & (towed[going] == tow)
+                on[own] = collision.are_free(poses[own])
             going, poses = going[on], poses[on]
             for entry, pose in zip(going, poses, strict=True):
                 arcs[entry].append(pose)

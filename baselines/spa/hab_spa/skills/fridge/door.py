@@ -38,13 +38,13 @@ class Door:
         along = np.array((-out[1], out[0]))
         along *= np.sign(along @ gap)
         self._axes = np.stack((along, out))
+        self._turns: dict[float, Array] = {}
         self.handle_m = self._axes @ gap
         self.edge_m = float(self.handle_m[0]) + HANDLE_TO_EDGE_M
 
     def point(self, joint: float, along_m: float, out_m: float) -> Array:
         """Returns the world point (3,), at the handle's height, of a point in the door's frame."""
-        turn = self._articulation.moved(joint)[:2, :2] @ self._articulation.moved(0.0)[:2, :2].T
-        offset = turn @ (np.array((along_m, out_m)) @ self._axes)
+        offset = self._turn(joint) @ (np.array((along_m, out_m)) @ self._axes)
         return np.append(
             self._articulation.axis_point_m[:2] + offset, self._articulation.handle_m[2]
         )
@@ -55,9 +55,15 @@ class Door:
 
     def beside(self, points_m: Array, joint: float) -> Array:
         """Returns world points (..., 2) in the door's frame, as (along, out) (..., 2)."""
-        turn = self._articulation.moved(joint)[:2, :2] @ self._articulation.moved(0.0)[:2, :2].T
         gap = np.asarray(points_m)[..., :2] - self._articulation.axis_point_m[:2]
-        return gap @ turn @ self._axes.T
+        return gap @ self._turn(joint) @ self._axes.T
+
+    def _turn(self, joint: float) -> Array:
+        """Returns the rotation (2, 2) from the closed door; searches ask for few joints, often."""
+        if joint not in self._turns:
+            turn, closed = (self._articulation.moved(j)[:2, :2] for j in (joint, 0.0))
+            self._turns[joint] = turn @ closed.T
+        return self._turns[joint]
 
     def gap_m(self, points_m: Array, joint: float) -> Array:
         """Returns the distances (...) of points (..., 2) from the door for a joint position."""

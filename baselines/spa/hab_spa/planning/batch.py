@@ -1,0 +1,261 @@
+"""Arrays of a collision model for the compiled kernel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no stubs
+from numpy.typing import NDArray
+
+from hab_spa.shapes import Array, shape_bounds_m
+from hab_tasks.privileged import CollisionBody, CollisionShape
+from hab_tasks.world.raycast.compiled import load
+
+HIT, FREE, UNSURE = 0, 1, 2
+HULL, BOX, OUTER = 0, 1, 2
+"""Kinds of shapes: vertices, bounding box, and a bounding box that contains the actual shape."""
+
+NO_PAIR = -1e9
+"""Margin of pairs that are not checked."""
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Point = tuple[float, float, float]
+
+
+class Shapes(NamedTuple):
+    """Shapes of a collision model: S static ones, then M moving ones; N = S + M.
+
+    Attributes:
+        chain: (7, 13) the joints: placement (rotation by rows, translation) and axis 0, 1 or 2.
+        box_m: (6, S) bounding boxes of static shapes in the arm's root frame.
+        place: (N, 12) poses of static shapes in the root frame, of moving ones in their joint's.
+        local_m: (N, 9) bounding box in the shape's frame, radius around vertices, half diagonal,
+            radius of the sphere within, around the box's centre.
+        span: (N, 4) int64: first vertex, the one after the last, kind, joint.
+        vertices_m: (3, V) in the shapes' frames.
+        group_m: (G, 4) bounding spheres of the moving bodies, in their joint's frame.
+        member: (G, 3) int64: joint, first moving shape, the one after the last.
+        own: (P, 2) int64 pairs of moving shapes, counted in N.
+        margin_m: (M, N) margins of pairs; `NO_PAIR` where there is none.
+    """
+
+    chain: NDArray[np.float64]
+    box_m: NDArray[np.float64]
+    place: NDArray[np.float64]
+    local_m: NDArray[np.float64]
+    span: NDArray[np.int64]
+    vertices_m: NDArray[np.float64]
+    group_m: NDArray[np.float64]
+    member: NDArray[np.int64]
+    own: NDArray[np.int64]
+    margin_m: NDArray[np.float64]
+
+
+EMPTY = Shapes(
+    chain=np.zeros((7, 13)),
+    box_m=np.zeros((6, 0)),
+    place=np.zeros((0, 12)),
+    local_m=np.zeros((0, 9)),
+    span=np.zeros((0, 4), dtype=np.int64),
+    vertices_m=np.zeros((3, 0)),
+    group_m=np.zeros((0, 4)),
+    member=np.zeros((0, 3), dtype=np.int64),
+    own=np.zeros((0, 2), dtype=np.int64),
+    margin_m=np.zeros((0, 0)),
+)
+
+
+class Scratch(NamedTuple):
+    """Arrays that the kernel writes.
+
+    Attributes:
+        joints: (9, 12) poses of the root and the joints.
+        placed: (N, 12) poses of the shapes.
+        w, weight: (4, 3) a simplex and the weights (4,) of its corners.
+        near: (S,) whether a static shape is near.
+        todo: (P, 2) pairs that are near.
+        pose: (1, 7) an arm pose.
+        reach_m: (1,) the largest margin.
+    """
+
+    joints: Floats
+    placed: Floats
+    w: Floats
+    weight: Floats
+    near: NDArray[np.uint8]
+    todo: Ints
+    pose: Floats
+    reach_m: Floats
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Outlines:
+    """Shapes of a body, or several, in each shape's frame.
+
+    Attributes:
+        body_from_shape: (S, 4, 4) poses.
+        local_m: (S, 9) bounding box of the vertices, radius around them, half diagonal of the box,
+            radius of a sphere around its centre within the vertices, or -1.
+        kind: (S,) kinds of shapes.
+        vertices_m: Vertices (V, 3) of each; empty for boxes.
+    """
+
+    body_from_shape: Array
+    local_m: Array
+    kind: NDArray[np.int64]
+    vertices_m: list[Array]
+
+
+_outlines: WeakKeyDictionary[CollisionBody, Outlines] = WeakKeyDictionary()
+
+
+def outlines(body: CollisionBody) -> Outlines:
+    """Returns the shapes of a body; computed once, shared by all scenes that contain it.
+
+    Raises:
+        ValueError: A shape is not finite.
+    """
+    if body not in _outlines:
+        local_m = np.array([_local_m(shape) for shape in body.shapes]).reshape(-1, 9)
+        poses = np.array([shape.body_from_shape for shape in body.shapes]).reshape(-1, 4, 4)
+        if not (np.isfinite(local_m).all() and np.isfinite(poses).all()):
+            raise ValueError(f"{body.name}: a collision shape is not finite; rebuild the scene.")
+        kinds = {"convex": HULL, "cylinder": OUTER}
+        _outlines[body] = Outlines(
+            body_from_shape=poses,
+            local_m=local_m,
+            kind=np.array([kinds.get(shape.kind, BOX) for shape in body.shapes], dtype=np.int64),
+            vertices_m=[shape.vertices_m for shape in body.shapes],
+        )
+    return _outlines[body]
+
+
+def _local_m(shape: CollisionShape) -> Array:
+    """Returns a shape's bounding box and radii (9,); a capsule is a segment with a radius."""
+    radius = 0.0
+    lower, upper = shape_bounds_m(shape)
+    if shape.kind in ("sphere", "capsule"):
+        radius = float(shape.half_size_m[0])
+        lower, upper = lower + radius, upper - radius
+    inner = -1.0
+    if shape.kind == "convex":
+        a, b, c = shape.vertices_m[shape.faces].transpose(1, 0, 2)
+        normals = np.cross(b - a, c - a)
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        # Of either orientation: the centre is outside if it is beyond a face.
+        inside = ((shape.vertices_m.mean(axis=0) - a) * normals).sum(axis=1)
+        depth = ((lower + upper) / 2 - a) * normals * np.sign(inside)[:, None]
+        inner = max(-1.0, float(depth.sum(axis=1).min()))
+    elif shape.kind != "cylinder":
+        inner = float((upper - lower).min() / 2)
+    return np.array((*lower, *upper, radius, np.linalg.norm(upper - lower) / 2, inner))
+
+
+def corners_m(local_m: Array, frame_from_shape: Array) -> Array:
+    """Returns the corners (S, 8, 3) of bounding boxes (S, 9) with their radius, in a frame."""
+    radius_m = local_m[:, 6:7]
+    bounds = np.stack((local_m[:, :3] - radius_m, local_m[:, 3:6] + radius_m))  # (2, S, 3)
+    which = np.array(np.meshgrid(*[(0, 1)] * 3)).reshape(3, 8).T
+    corners = bounds[which[:, :, None], np.arange(len(local_m)), np.arange(3)[:, None]]
+    corners = corners.transpose(2, 0, 1)  # (S, 8, 3)
+    turned = corners @ frame_from_shape[:, :3, :3].transpose(0, 2, 1)
+    return turned + frame_from_shape[:, None, :3, 3]
+
+
+def rows_of(poses: Array) -> Array:
+    """Returns poses (S, 4, 4) as rows (S, 12): rotation by rows, translation."""
+    return np.concatenate((poses[:, :3, :3].reshape(-1, 9), poses[:, :3, 3]), axis=1)
+
+
+def boxes_of(local_m: Array, root_from_shape: Array) -> Array:
+    """Returns the bounding boxes (6, S) in the root frame."""
+    turn = root_from_shape[:, :3, :3]
+    middle = (0.5 * (local_m[:, None, :3] + local_m[:, None, 3:6]) * turn).sum(axis=2)
+    half = (0.5 * (local_m[:, None, 3:6] - local_m[:, None, :3]) * np.abs(turn)).sum(axis=2)
+    middle, half = middle + root_from_shape[:, :3, 3], half + local_m[:, 6:7]
+    return np.concatenate((middle - half, middle + half), axis=1).T.copy()
+
+
+def groups_of(bodies: Sequence[str], joint: NDArray[np.int64], local_m: Array, place: Array) -> Any:
+    """Returns the bounding spheres (G, 4) of moving bodies and their members (G, 3).
+
+    Args:
+        bodies: Body of each moving shape, in order.
+        joint: (M,) joint of each.
+        local_m: (M, 9) as in `Outlines`.
+        place: (M, 4, 4) poses in their joints' frames.
+    """
+    corners = corners_m(local_m, place)
+    starts = [i for i in range(len(bodies)) if i == 0 or bodies[i] != bodies[i - 1]]
+    spheres, members = [], []
+    for first, last in zip(starts, [*starts[1:], len(bodies)], strict=True):
+        points = corners[first:last].reshape(-1, 3)
+        centre = (points.min(axis=0) + points.max(axis=0)) / 2
+        spheres.append((*centre, np.linalg.norm(points - centre, axis=1).max()))
+        members.append((joint[first], first, last))
+    return np.array(spheres).reshape(-1, 4), np.array(members, dtype=np.int64).reshape(-1, 3)
+
+
+def packed(vertices_m: Sequence[Array]) -> tuple[Array, NDArray[np.int64]]:
+    """Returns vertices (3, V) of all shapes, and the first and the one after the last of each."""
+    ends = np.cumsum([0, *(len(vertices) for vertices in vertices_m)])
+    joined = np.concatenate((np.zeros((0, 3)), *vertices_m)).T
+    return np.ascontiguousarray(joined), np.stack((ends[:-1], ends[1:]), axis=1)
+
+
+def chain_of(model: pin.Model) -> Array:
+    """Returns the joints (7, 13) of the arm: placements and axes."""
+    rows = []
+    for joint, placement in list(zip(model.joints, model.jointPlacements, strict=True))[1:]:
+        axis = "XYZ".index(joint.shortname()[-1])
+        rows.append((*placement.rotation.ravel(), *placement.translation, axis))
+    return np.array(rows)
+
+
+@lru_cache(maxsize=1)
+def kernel() -> Any:
+    """Returns the module `hab_spa.planning.kernel`, compiled."""
+    return load("hab_spa.planning.kernel", _compile)
+
+
+def _compile(module: Any) -> None:
+    """Checks no poses in an empty model, which compiles the kernel or reads it from the cache."""
+    pairs, answers = np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.uint8)
+    module.undecided(EMPTY, np.zeros((1, 7)), pairs, answers)
+    module.check(EMPTY, np.zeros((0, 7)), True, answers)
+
+
+@lru_cache(maxsize=1)
+def ik_kernel() -> Any:
+    """Returns the module `hab_spa.planning.ik_kernel`, compiled."""
+    return load("hab_spa.planning.ik_kernel", _compile_ik)
+
+
+def _compile_ik(module: Any) -> None:
+    """Moves no poses."""
+    chain, limits, none = np.zeros((7, 13)), np.zeros((2, 7)), np.zeros((0, 3))
+    poses, numbers = np.zeros((0, 7)), np.zeros(0)
+    module.solve(chain, limits, np.zeros(9), poses, none, np.zeros(4), numbers)
+    module.track(chain, limits, np.zeros(3), poses, np.zeros((0, 12)), numbers, 3)
+    module.positions(chain, np.zeros(3), poses, none)
+
+
+@lru_cache(maxsize=1)
+def search_kernel() -> Any:
+    """Returns the module `hab_spa.planning.search_kernel`, compiled."""
+    return load("hab_spa.planning.search_kernel", _compile_search)
+
+
+def _compile_search(module: Any) -> None:
+    """Searches in an empty model, from and to nowhere."""
+    trees, parents = np.zeros((2, 0, 7)), np.zeros((2, 0), dtype=np.int64)
+    none, checks = np.zeros((0, 3)), np.zeros(1, dtype=np.int64)
+    module.connect(EMPTY, trees, parents, none, 1.0, 1.0, 0, checks)
+    module.first_free(EMPTY, np.zeros((1, 7)), np.zeros((0, 7)), 1.0, checks)
+    module.shorten(EMPTY, np.zeros((0, 7)), 0, none, 1, 1.0, 1.0, checks)

@@ -1,0 +1,222 @@
+"""Collision checks of arm poses in batches, compiled by numba.
+
+A check sorts out shapes that are far apart by bounding boxes and spheres; GJK (Gilbert, Johnson,
+Keerthi 1988) bounds the distance of the others from both sides. Free and colliding are said only
+where a bound clears the margin by some slack; else the answer is `UNSURE`, and coal decides
+(`hab_spa.planning.collision`).
+"""
+
+from __future__ import annotations
+
+from math import cos, sin
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from hab_spa.planning.batch import BOX, FREE, HIT, NO_PAIR, Floats, Ints, Point, Scratch, Shapes
+from hab_spa.planning.gjk import CLOSER_M, SLACK_M, dot, fast, gjk, inlined, out_of, to, turned
+
+compiled = njit(cache=True, nogil=True, error_model="numpy")
+
+
+@inlined
+def _joined(first: Floats, i: int, second: Floats, j: int, out: Floats, k: int) -> None:
+    """Writes the pose `first[i]` after `second[j]` to `out[k]`, rows of 12."""
+    for row in range(3):
+        a, b, c = first[i, 3 * row], first[i, 3 * row + 1], first[i, 3 * row + 2]
+        for column in range(3):
+            out[k, 3 * row + column] = (
+                a * second[j, column] + b * second[j, 3 + column] + c * second[j, 6 + column]
+            )
+        out[k, 9 + row] = (
+            a * second[j, 9] + b * second[j, 10] + c * second[j, 11] + first[i, 9 + row]
+        )
+
+
+@inlined
+def kinematics(chain: Floats, poses: Floats, b: int, joints: Floats) -> None:
+    """Writes the poses (8, 12) of root and joints; the last row of `joints` is scratch."""
+    for j in range(7):
+        _joined(joints, j, chain, j, joints, 8)
+        axis = int(chain[j, 12])
+        u, v = (axis + 1) % 3, (axis + 2) % 3
+        c, s = cos(poses[b, j]), sin(poses[b, j])
+        for row in range(3):
+            across, along = joints[8, 3 * row + u], joints[8, 3 * row + v]
+            joints[j + 1, 3 * row + axis] = joints[8, 3 * row + axis]
+            joints[j + 1, 3 * row + u] = c * across + s * along
+            joints[j + 1, 3 * row + v] = c * along - s * across
+            joints[j + 1, 9 + row] = joints[8, 9 + row]
+
+
+@inlined
+def _centre(local_m: Floats, i: int, placed: Floats) -> Point:
+    """Returns the centre of a shape's bounding box."""
+    return out_of(
+        placed,
+        i,
+        0.5 * (local_m[i, 0] + local_m[i, 3]),
+        0.5 * (local_m[i, 1] + local_m[i, 4]),
+        0.5 * (local_m[i, 2] + local_m[i, 5]),
+    )
+
+
+@inlined
+def _gap2(local_m: Floats, i: int, placed: Floats, centre: Point) -> float:
+    """Returns the squared distance of a point from a shape's bounding box."""
+    x, y, z = turned(
+        placed, i, centre[0] - placed[i, 9], centre[1] - placed[i, 10], centre[2] - placed[i, 11]
+    )
+    dx = max(local_m[i, 0] - x, x - local_m[i, 3], 0.0)
+    dy = max(local_m[i, 1] - y, y - local_m[i, 4], 0.0)
+    dz = max(local_m[i, 2] - z, z - local_m[i, 5], 0.0)
+    return dx * dx + dy * dy + dz * dz
+
+
+@inlined
+def _pair(shapes: Shapes, work: Scratch, moving: int, other: int, margin_m: float) -> int:
+    """Decides one pair: by spheres against boxes, then by GJK."""
+    local_m, placed = shapes.local_m, work.placed
+    radius_m = local_m[moving, 6] + local_m[other, 6]
+    over_m = max(margin_m, 0.0) + SLACK_M + radius_m
+    here = _centre(local_m, moving, placed)
+    gap2, reach_m = _gap2(local_m, other, placed, here), over_m + local_m[moving, 7]
+    if gap2 > reach_m * reach_m:
+        return FREE
+    # A sphere inside the moving shape, from its centre.
+    inner_m = local_m[moving, 8] + radius_m + margin_m - CLOSER_M
+    certain = margin_m >= 0.0 and inner_m > 0.0
+    if certain and shapes.span[other, 2] == BOX and gap2 < inner_m * inner_m:
+        return HIT
+    there = _centre(local_m, other, placed)
+    reach_m = over_m + local_m[other, 7]
+    if _gap2(local_m, moving, placed, there) > reach_m * reach_m:
+        return FREE
+    v = to(there, here)
+    inner_m += max(local_m[other, 8], -1.0)
+    if margin_m >= 0.0 and inner_m > 0.0 and dot(v, v) < inner_m * inner_m:
+        return HIT
+    if dot(v, v) < 1e-12:
+        v = (1.0, 0.0, 0.0)
+    return gjk(shapes, placed, moving, other, margin_m, v, work.w, work.weight)
+
+
+@fast
+def _near(
+    box_m: Floats, x: float, y: float, z: float, reach2: float, near: NDArray[np.uint8]
+) -> None:
+    """Writes whether each box (6, S) is within reach of a point."""
+    for s in range(box_m.shape[1]):
+        dx = max(box_m[0, s] - x, x - box_m[3, s], 0.0)
+        dy = max(box_m[1, s] - y, y - box_m[4, s], 0.0)
+        dz = max(box_m[2, s] - z, z - box_m[5, s], 0.0)
+        near[s] = dx * dx + dy * dy + dz * dz < reach2
+
+
+@inlined
+def _candidates(shapes: Shapes, work: Scratch) -> int:
+    """Writes the pairs (P, 2) whose bounding spheres and boxes are within reach; returns P."""
+    statics, margin_m, count = shapes.box_m.shape[1], shapes.margin_m, 0
+    own, local_m, near, todo = shapes.own, shapes.local_m, work.near, work.todo
+    joints, placed, reach_m = work.joints, work.placed, work.reach_m[0]
+    for g in range(len(shapes.member) - 1, -1, -1):  # the hand, which collides most, first
+        x, y, z = shapes.group_m[g, 0], shapes.group_m[g, 1], shapes.group_m[g, 2]
+        x, y, z = out_of(joints, shapes.member[g, 0], x, y, z)
+        _near(shapes.box_m, x, y, z, (shapes.group_m[g, 3] + reach_m) ** 2, near)
+        for s in range(statics):
+            if not near[s]:
+                continue
+            for m in range(shapes.member[g, 1], shapes.member[g, 2]):
+                if margin_m[m, s] != NO_PAIR:
+                    todo[count, 0], todo[count, 1] = statics + m, s
+                    count += 1
+    for p in range(len(own)):
+        i, j = own[p, 0], own[p, 1]
+        gap = to(_centre(local_m, i, placed), _centre(local_m, j, placed))
+        reach = local_m[i, 6] + local_m[i, 7] + local_m[j, 6] + local_m[j, 7] + reach_m
+        if dot(gap, gap) < reach * reach:
+            todo[count, 0], todo[count, 1] = i, j
+            count += 1
+    return count
+
+
+@inlined
+def answer(shapes: Shapes, poses: Floats, b: int, work: Scratch) -> int:
+    """Checks an arm pose of (B, 7): `HIT`, `FREE` or `UNSURE`."""
+    statics, found = shapes.box_m.shape[1], FREE
+    _place(shapes, poses, b, work)
+    count = _candidates(shapes, work)
+    for p in range(count):
+        i, j = work.todo[p, 0], work.todo[p, 1]
+        said = _pair(shapes, work, i, j, float(shapes.margin_m[i - statics, j]))
+        if said == HIT:
+            return HIT
+        found = max(found, said)
+    return found
+
+
+@inlined
+def _place(shapes: Shapes, poses: Floats, b: int, work: Scratch) -> None:
+    """Writes the poses of joints and moving shapes at an arm pose."""
+    kinematics(shapes.chain, poses, b, work.joints)
+    for i in range(shapes.box_m.shape[1], len(work.placed)):
+        _joined(work.joints, shapes.span[i, 3], shapes.place, i, work.placed, i)
+
+
+@njit(nogil=True, error_model="numpy")
+def scratch(shapes: Shapes) -> Scratch:
+    """Returns the scratch of a model."""
+    joints, reach_m = np.zeros((9, 12)), np.full(1, SLACK_M)
+    joints[0, 0] = joints[0, 4] = joints[0, 8] = 1.0
+    if shapes.margin_m.size:
+        reach_m[0] += max(0.0, shapes.margin_m.max())
+    return Scratch(
+        joints,
+        shapes.place.copy(),
+        np.empty((4, 3)),
+        np.empty(4),
+        np.empty(shapes.box_m.shape[1], dtype=np.uint8),
+        np.empty((shapes.margin_m.size, 2), dtype=np.int64),
+        np.empty((1, 7)),
+        reach_m,
+    )
+
+
+@compiled
+def check(shapes: Shapes, poses: Floats, until_other: bool, answers: NDArray[np.uint8]) -> int:
+    """Checks arm poses (B, 7); writes `HIT`, `FREE` or `UNSURE` (B,) uint8.
+
+    Args:
+        shapes: The model.
+        poses: Arm poses [rad].
+        until_other: Whether to stop at the first pose that is not free.
+        answers: The answers.
+
+    Returns:
+        The number of poses checked.
+    """
+    work = scratch(shapes)
+    for b in range(len(poses)):
+        answers[b] = answer(shapes, poses, b, work)
+        if until_other and answers[b] != FREE:
+            return b + 1
+    return len(poses)
+
+
+@compiled
+def undecided(shapes: Shapes, poses: Floats, pairs: Ints, answers: NDArray[np.uint8]) -> int:
+    """Writes the pairs (P, 2) that are not `FREE` at the first arm pose, and their answers (P,).
+
+    Returns:
+        Their number.
+    """
+    work, statics, found = scratch(shapes), shapes.box_m.shape[1], 0
+    _place(shapes, poses, 0, work)
+    for p in range(_candidates(shapes, work)):
+        i, j = work.todo[p, 0], work.todo[p, 1]
+        said = _pair(shapes, work, i, j, float(shapes.margin_m[i - statics, j]))
+        if said != FREE:
+            pairs[found, 0], pairs[found, 1], answers[found] = i, j, said
+            found += 1
+    return found

@@ -67,14 +67,6 @@ def test_cells_are_cloned_by_cross_entropy():
     assert right.float().mean() > 0.95
 
 
-def test_the_stages_of_fine_tuning():
-    config = FineTuning(critic_updates=2, kl_weight=0.8, kl_steps=1000)
-    guide = Guide(new_policy(LAYOUT, SPACE, PLAIN, seed=0), config)
-    assert guide.stage(1, 900) == Stage(critic_only=True)
-    assert guide.stage(2, 250).kl_weight == pytest.approx(0.6)
-    assert guide.stage(9, 2000) == Stage()
-
-
 def learner_of(network):
     policy = new_policy(LAYOUT, SPACE, network, seed=1)
     learner = PPO(policy, FAST.ppo, Ranks(), Guide(policy, FineTuning()))

@@ -200,8 +200,7 @@ def test_the_arm_feels_when_it_is_held_up():
 def test_spa_picks_from_depth_alone(tmp_path):
     out = tmp_path / "run"
     options = ["--agent", "hab_spa:spa", "--env", "HabPick-v1", "--episodes", "3"]
-    code = main(["run", *options, "--out", str(out)])
-    assert code in (0, None)
+    assert main(["run", *options, "--out", str(out)]) in (0, None)
     record = json.loads((out / "run.json").read_text())
     assert record["privileged"] is False
     assert sum(episode["success"] for episode in record["episodes"]) >= 2

@@ -114,10 +114,9 @@ def test_bad_input_of_planners_is_told_in_one_line(table_scene):
         with pytest.raises(ValueError, match=r"goal 0: joint \w+ at \S+ rad is beyond"):
             OmplPlanner().plan(REST, goal[None], ArmCollision(state), seed=0, limits=PlanConfig())
     lost = {**state.world_from_body, "target": np.full((4, 4), np.nan)}
-    with pytest.raises(ValueError, match="a pose is not finite"):
-        ArmCollision(replace(state, world_from_body=lost))
-    with pytest.raises(ValueError, match="the arm has no shapes"):
-        ArmCollision(replace(state, bodies=()))
+    for part, reason in (({"world_from_body": lost}, "pose is not"), ({"bodies": ()}, "no shapes")):
+        with pytest.raises(ValueError, match=reason):
+            ArmCollision(replace(state, **part))
 
 
 def test_a_model_whose_robot_is_put_elsewhere_is_the_model_of_there(table_scene):
@@ -150,8 +149,7 @@ def test_held_object_escapes_from_the_table_and_comes_to_rest(table_scene):
     assert len(way) > 1
     fresh = ArmCollision(state, held="target")
     assert fresh.is_free(way[-1])
-    heights_m = [arm.ee_pose(pose)[2, 3] for pose in way]
-    assert np.all(np.diff(heights_m) > 0.005)
+    assert np.all(np.diff([arm.ee_pose(pose)[2, 3] for pose in way]) > 0.005)
     rest = sample_rest_goals(fresh, arm, 0, GoalConfig())
     np.testing.assert_array_equal(rest.goals, REST[None])
 

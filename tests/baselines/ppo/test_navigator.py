@@ -10,7 +10,7 @@ from hab_navigator.fitting import fit, misfit
 from hab_navigator.lessons import Lessons, from_middle, goal_bins, turned_goals
 from hab_navigator.navigator import REPEAT, Navigator
 from hab_navigator.network import HEADINGS, GoalNetwork
-from hab_navigator.robot_map import _CAMERA_M, _DIRECTIONS, CELLS, SEEN, VISITED, RobotMap
+from hab_navigator.robot_map import _CAMERA_M, CELLS, RAYS_PX, SEEN, VISITED, RobotMap, _rays
 from hab_navigator.seen_floor import SeenFloor
 from hab_navigator.views import SIDE, TOPS_SCALE, WHOLE, View, inputs
 
@@ -45,7 +45,7 @@ def wall_ahead(distance_m):
 def corner(yaw_rad, y_m):
     """The depth image of walls 2 m ahead and 1.5 m to the left of a base that was then moved."""
     rotation = np.array([[np.cos(yaw_rad), -np.sin(yaw_rad)], [np.sin(yaw_rad), np.cos(yaw_rad)]])
-    rays, start = _DIRECTIONS[..., :2] @ rotation.T, rotation @ _CAMERA_M[:2] + [0.0, y_m]
+    rays, start = _rays(RAYS_PX)[..., :2] @ rotation.T, rotation @ _CAMERA_M[:2] + [0.0, y_m]
     away_m = (np.array([2.0, 1.5]) - start) / np.maximum(rays, 1e-3)
     depth_m = np.minimum(away_m.min(axis=2), 10.0)
     return np.kron(depth_m, np.ones((2, 2)))[..., None].astype(np.float32) / 10.0

@@ -157,10 +157,20 @@ def to_markdown(groups: Sequence[Group]) -> str:
         lines += [markdown(group.note), ""] if group.note else []
         lines += _short_table(group)
         # Indented code, which no character of a command can end.
-        lines += ["", *(f"    {plain(command)}" for command in group.commands)]
+        lines += ["", *(f"    {plain(command)}" for command in _merged(group.commands))]
     if not groups:
         lines += ["", EMPTY]
     return "\n".join(lines) + "\n"
+
+
+def _merged(commands: Sequence[str]) -> list[str]:
+    """Returns commands, those that differ in the agent only as one: ``--agent a|b|c``."""
+    agents: dict[tuple[str, str], list[str]] = {}
+    for command in commands:
+        before, _, after = command.partition(" --agent ")
+        agent, _, after = after.partition(" ")
+        agents.setdefault((before, after), []).append(agent)
+    return [f"{a} --agent {'|'.join(names)} {b}" for (a, b), names in agents.items()]
 
 
 def to_html(groups: Sequence[Group]) -> str:

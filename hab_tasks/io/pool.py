@@ -16,6 +16,7 @@ import pickle
 import signal
 import socket
 import subprocess
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -33,6 +34,9 @@ R = TypeVar("R")
 
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """Variables with which libraries start no threads when they are imported."""
+
+CLEAN_UP_S = 1.0
+"""Time in which a process that has to end removes its scratch files."""
 
 END_S = 5.0
 """Time in which a process that was killed, or whose pipe is at its end, is gone."""
@@ -158,10 +162,12 @@ def end_all(workers: Sequence[Worker], within_s: float = 0.0) -> None:
     for worker in workers:
         worker.connection.close()
     mine = [worker for worker in workers if worker._owner == os.getpid()]
-    for worker in mine:
-        if worker.exit_code(within_s) is None:
-            with suppress(ProcessLookupError):
-                os.kill(worker.pid, signal.SIGKILL)
+    for number, waits_s in ((signal.SIGTERM, within_s), (signal.SIGKILL, CLEAN_UP_S)):
+        deadline = time.monotonic() + waits_s
+        for worker in mine:
+            if worker.exit_code(max(0.0, deadline - time.monotonic())) is None:
+                with suppress(ProcessLookupError):
+                    os.kill(worker.pid, number)
     for worker in mine:
         worker.exit_code(END_S)
         worker._status.close()

@@ -150,12 +150,16 @@ def _call(connection: Connection) -> None:
         variables, data, call = connection.recv()
         os.environ.clear()
         os.environ.update(variables)
+        signal.signal(signal.SIGTERM, _terminate)
         _prepare(data)
         np.random.seed()  # noqa: NPY002, all have forked the same state
         function, arguments = pickle.loads(call)
         importlib.import_module(THREADS).use_one_thread()
         function(connection, *arguments)
         code = 0
+    except _TerminatedError:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        os.kill(os.getpid(), signal.SIGTERM)
     except BaseException as error:
         with suppress(OSError):  # the parent has closed the pipe, or was killed
             connection.send(reported("A worker process failed", error))
@@ -164,6 +168,14 @@ def _call(connection: Connection) -> None:
             with suppress(OSError, ValueError, AttributeError):
                 stream.flush()
         os._exit(code)
+
+
+class _TerminatedError(BaseException):
+    """Lets a process that is to end remove its scratch files first."""
+
+
+def _terminate(*_: object) -> None:
+    raise _TerminatedError
 
 
 def _prepare(data: dict[str, Any]) -> None:

@@ -21,7 +21,7 @@ RISE_M = 0.06
 """The hand's way is a level line this far above the point."""
 
 WAY_M = (0.15, 0.65)
-"""It is looked at from so near to the point, which has a surface itself, to so far."""
+"""Part of the way that counts, by distance from the point; nearer is the object itself."""
 
 
 class NearSpace:

@@ -14,7 +14,7 @@ from hab_plans.stage import Stage
 from hab_spa.shapes import Array
 
 DROP_M, BESIDE_M = 0.3, 0.15
-"""What is let go up to so far above its goal, and so far beside it (S H.2), lies there."""
+"""An object released up to so far above its goal, and so far beside it, falls to it (S H.2)."""
 
 PULLED_M = {"drawer": 0.25, "fridge": 0.6}
 """A hand that has pulled a handle at least so far has opened the drawer or the door."""
@@ -26,7 +26,7 @@ class FeltBeliefs:
     Positions are in the resting frame of `TaskView`.
 
     Attributes:
-        held: Index of the object in the hand; None if it holds none, or what was not told.
+        held: Index of the object in the hand; None if it is empty or holds another one.
         places_m: (K, 3) where the objects are.
         openings: Whether each door and drawer is open.
         doubts: How often another object was picked in place of each.
@@ -53,7 +53,7 @@ class FeltBeliefs:
         self._reaching = stage.object if stage.skill == "pick" else None
 
     def feel(self, holding: bool, hand_m: Array) -> None:
-        """Takes a step into account.
+        """Notes a change of what the hand feels: a grasp or a release.
 
         Args:
             holding: Whether anything is in the hand.

@@ -1,6 +1,7 @@
 """Functions that tests send to worker processes, which find them by this module's name."""
 
 import os
+import signal
 import sys
 
 import numpy as np
@@ -21,3 +22,11 @@ def call(job):
 
 def call_once(connection):
     connection.send(call(connection.recv()))
+
+
+def signal_at_end():
+    class Output:
+        def flush(self):
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    sys.stdout = Output()

@@ -144,8 +144,16 @@ def serve_call() -> None:
 
 
 def _call(connection: Connection) -> None:
-    """Does what the parent has sent, and ends the process; reports an error."""
+    """Does what the parent has sent; ends the process, wherever a signal to end interrupts it."""
     code = 1
+    try:
+        code = _exit_code(connection)
+    finally:
+        os._exit(code)
+
+
+def _exit_code(connection: Connection) -> int:
+    """Does what the parent has sent; returns 0, or 1 after an error, which it reports."""
     try:
         variables, data, call = connection.recv()
         os.environ.clear()
@@ -156,7 +164,7 @@ def _call(connection: Connection) -> None:
         function, arguments = pickle.loads(call)
         importlib.import_module(THREADS).use_one_thread()
         function(connection, *arguments)
-        code = 0
+        return 0
     except _TerminatedError:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         os.kill(os.getpid(), signal.SIGTERM)
@@ -167,7 +175,7 @@ def _call(connection: Connection) -> None:
         for stream in (sys.stdout, sys.stderr):
             with suppress(OSError, ValueError, AttributeError):
                 stream.flush()
-        os._exit(code)
+    return 1
 
 
 class _TerminatedError(BaseException):

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from worker_jobs import call, call_once, surroundings
+from worker_jobs import call, call_once, signal_at_end, surroundings
 
 from hab_tasks.errors import RunStoppedError, WorkerError
 from hab_tasks.io.pool import Worker, WorkerPool, in_order
@@ -104,6 +104,13 @@ def test_workers_end_when_something_is_raised():
     with pytest.raises(KeyboardInterrupt):
         interrupted()
     wait_until_gone(*pids)
+
+
+def test_a_worker_told_to_end_while_it_ends_prints_nothing(capfd):
+    worker = Worker(call_once)
+    worker.connection.send((signal_at_end,))
+    worker.end(10)
+    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.slow

@@ -50,11 +50,7 @@ def agent_setup(
         device: Torch device of its networks.
     """
     return AgentSetup(
-        env_id=env_id,
-        seed=seed,
-        options=dict(options or {}),
-        device=device,
-        spaces_of=agent_spaces,
+        env_id=env_id, seed=seed, options=dict(options or {}), device=device, spaces_of=agent_spaces
     )
 
 

@@ -67,10 +67,7 @@ def _faults(
     if episode.held is not None and episode.held not in episode.objects:
         yield "held", f"{episode.held!r} is not among the objects"
     if requirements.names_articulation and episode.handle is None:
-        yield (
-            "handle",
-            f"missing: the handle of the {requirements.articulations[0].name}",
-        )
+        yield ("handle", f"missing: the handle of the {requirements.articulations[0].name}")
     if requirements.names_navigation_goal and episode.navigation is None:
         yield "navigation", "missing: the navigation goal of the base"
     joints = len(robot.arm_joints)

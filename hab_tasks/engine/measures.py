@@ -26,12 +26,7 @@ from hab_tasks.arrays import (
     row_mask,
     to_tensors,
 )
-from hab_tasks.constants import (
-    CONTROL_HZ,
-    PLACE_RADIUS_M,
-    REST_SPEED_M_S,
-    REST_STEPS,
-)
+from hab_tasks.constants import CONTROL_HZ, PLACE_RADIUS_M, REST_SPEED_M_S, REST_STEPS
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.world.navigation.geodesic import GeodesicDistances

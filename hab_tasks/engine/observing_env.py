@@ -56,11 +56,7 @@ class ObservingEnv(BaseEnv):
     _marks: Marks | None
 
     def _set_sensors(
-        self,
-        cameras: Iterable[str] | None,
-        size_px: int,
-        hfov_rad: float,
-        invisible_arm: bool,
+        self, cameras: Iterable[str] | None, size_px: int, hfov_rad: float, invisible_arm: bool
     ) -> None:
         """Validates and stores the camera options."""
         self._rig = CameraRig.of(

@@ -12,12 +12,7 @@ import sapien
 
 from hab_tasks.constants import SIM_HZ
 from hab_tasks.episodes.layout_memory import BodyState, LayoutMemory, body_states
-from hab_tasks.episodes.sandbox_robot import (
-    TOUCH_DEPTH_M,
-    JointPositions,
-    SandboxRobot,
-    set_joints,
-)
+from hab_tasks.episodes.sandbox_robot import TOUCH_DEPTH_M, JointPositions, SandboxRobot, set_joints
 from hab_tasks.episodes.schema import POSE_DIGITS, rounded, template_of
 from hab_tasks.geometry import Array, Pose7
 from hab_tasks.privileged import CollisionBody

@@ -51,10 +51,7 @@ class SleepingObjects:
     """
 
     def __init__(
-        self,
-        objects: list[Actor],
-        agent: MobileManipulator,
-        furniture: list[Articulation],
+        self, objects: list[Actor], agent: MobileManipulator, furniture: list[Articulation]
     ) -> None:
         """Tracks the arm and the furniture, and the base if actions move it."""
         self._furniture = MovingLinks(furniture)

@@ -24,10 +24,7 @@ PREPARE_GROCERIES = TaskSpec(
             stages=("pick_fridge_2", "place_table"),
         ),
         Target(
-            name="to_fridge",
-            start=COUNTER,
-            goal=(FRIDGE,),
-            stages=("pick_counter", "place_fridge"),
+            name="to_fridge", start=COUNTER, goal=(FRIDGE,), stages=("pick_counter", "place_fridge")
         ),
     ),
     starts_open=("fridge", "drawer"),

@@ -120,12 +120,7 @@ class Progress:
         return to_tensors({name: getattr(self, name) for name in names})
 
     def set_state(
-        self,
-        state: Mapping[str, Any],
-        rows: Sequence[int],
-        s: Snapshot,
-        g: Goals,
-        tracker: Tracker,
+        self, state: Mapping[str, Any], rows: Sequence[int], s: Snapshot, g: Goals, tracker: Tracker
     ) -> None:
         """Restores `rows` (R,) from a state of R rows, at the current snapshot."""
         self.stages = put_rows(self.stages, rows, state["stages"])

@@ -19,12 +19,7 @@ from hab_tasks.io.pool import received_file
 from hab_tasks.io.shared_arrays import SharedArrays
 from hab_tasks.registration import MAIN, register_task
 from hab_tasks.vector.layout import ACTION, RowLayout, info_types
-from hab_tasks.vector.messages import (
-    CallRows,
-    Connect,
-    ResetRows,
-    WorkerSetup,
-)
+from hab_tasks.vector.messages import CallRows, Connect, ResetRows, WorkerSetup
 from hab_tasks.vector.outputs import GroupOutputs
 
 

@@ -25,13 +25,7 @@ from hab_tasks.episodes.robot_start import (
     ee_in_world,
 )
 from hab_tasks.episodes.sandbox import PlacementSandbox
-from hab_tasks.episodes.schema import (
-    Episode,
-    HandleRef,
-    Rearrangement,
-    RobotStart,
-    rounded,
-)
+from hab_tasks.episodes.schema import Episode, HandleRef, Rearrangement, RobotStart, rounded
 from hab_tasks.episodes.spots import Spot, find_spots
 from hab_tasks.errors import GenerationError
 from hab_tasks.geometry import Array, Pose7, pose, rotation_between
@@ -138,10 +132,7 @@ class Generator(ABC):
                     refused[str(reason)] += 1
                     continue
                 made = replace(
-                    episode,
-                    id=episode_id,
-                    seed=int(rng.integers(2**31)),
-                    loose=sandbox.settled,
+                    episode, id=episode_id, seed=int(rng.integers(2**31)), loose=sandbox.settled
                 )
                 return Made(episode=made, rejections=refused)
         raise GenerationError(f"{episode_id}: no start state found; rejected: {dict(refused)}.")

@@ -173,13 +173,7 @@ def _draw(
 
 @_inlined
 def _draw_clipped(
-    faces: Any,
-    corners: Any,
-    lens: Any,
-    two_sided: int,
-    inverse_depth: Any,
-    actors: Any,
-    actor: int,
+    faces: Any, corners: Any, lens: Any, two_sided: int, inverse_depth: Any, actors: Any, actor: int
 ) -> None:
     """Draws the visible faces of a cluster, cut off at the near plane."""
     shape = np.empty((4, 3))

@@ -30,12 +30,7 @@ from hab_tasks.world.scenes.collision_groups import (
 from hab_tasks.world.scenes.joint_friction import brake
 from hab_tasks.world.scenes.meshes import parts_volume
 from hab_tasks.world.scenes.parsed_urdf import articulation_builder
-from hab_tasks.world.scenes.spec import (
-    ArticulationInstance,
-    CollisionSource,
-    ObjectTemplate,
-    Stage,
-)
+from hab_tasks.world.scenes.spec import ArticulationInstance, CollisionSource, ObjectTemplate, Stage
 from hab_tasks.world.scenes.urdf import joint_frictions, sapien_urdf
 from hab_tasks.world.scenes.visuals import visual_file
 

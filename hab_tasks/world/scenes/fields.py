@@ -39,12 +39,7 @@ def is_number(value: object) -> bool:
 
 
 def check_number(
-    file: Path,
-    location: str,
-    value: Any,
-    *,
-    above: float = -math.inf,
-    least: float = -math.inf,
+    file: Path, location: str, value: Any, *, above: float = -math.inf, least: float = -math.inf
 ) -> float:
     """Returns a number that is finite, larger than `above` and at least `least`.
 

@@ -199,10 +199,7 @@ def floor_between(
 
 
 def touched(
-    outlines: Iterable[Array],
-    corner_m: Array,
-    shape: tuple[int, int],
-    depth_m: float = 0.001,
+    outlines: Iterable[Array], corner_m: Array, shape: tuple[int, int], depth_m: float = 0.001
 ) -> NDArray[np.bool_]:
     """Marks the cells (X, Y) that a shape reaches into, of a map that starts at `corner_m`.
 

@@ -48,10 +48,7 @@ HANDLE_MARKERS = [
     _drawer(2, "drawer2_middle"),
     _drawer(1, "drawer2_bottom"),
     HandleMarker(
-        name="fridge_push_point",
-        template="fridge",
-        link="top_door",
-        offset_m=(0.10, -0.62, 0.2),
+        name="fridge_push_point", template="fridge", link="top_door", offset_m=(0.10, -0.62, 0.2)
     ),
     HandleMarker(
         name="fridge_push_point",

@@ -13,11 +13,7 @@ from pathlib import Path
 from hab_tasks.errors import DatasetError
 from hab_tasks.object_names import ALL_OBJECTS
 from hab_tasks.world.scenes.fields import Fields, check_number, is_present, read_fields
-from hab_tasks.world.scenes.habitat.dataset import (
-    SceneDataset,
-    embedded_dataset,
-    resolve_objects,
-)
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset, embedded_dataset, resolve_objects
 from hab_tasks.world.scenes.habitat.load import load_template
 from hab_tasks.world.scenes.mesh_checks import check_mesh
 from hab_tasks.world.scenes.meshes import parts_file

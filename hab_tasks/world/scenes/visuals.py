@@ -56,9 +56,7 @@ def stage_visuals(stage: Stage) -> Visuals:
         return (Visual(kind="mesh", file=stage.visual_file),)
     return tuple(
         Visual(
-            kind="box",
-            body_from_visual=(*source.center_m, *IDENTITY[3:]),
-            size=source.half_size_m,
+            kind="box", body_from_visual=(*source.center_m, *IDENTITY[3:]), size=source.half_size_m
         )
         for source in stage.collision
     )

@@ -27,7 +27,7 @@ from hab_tasks.tasks.tidy_house import TIDY_HOUSE
 if TYPE_CHECKING:
     from hab_tasks.agent import Agent, AgentReport, AgentSetup, AgentSpec, check_options
     from hab_tasks.agent_spaces import agent_setup
-    from hab_tasks.engine.requirements import Requirements
+    from hab_tasks.engine.goals import Requirements
     from hab_tasks.engine.sensors import OBJECT_START, PROPRIOCEPTION, ObsEntry
     from hab_tasks.engine.skill_env import Skill, SkillEnv
     from hab_tasks.envs import ENVS

@@ -151,3 +151,10 @@ def reported(what: str, error: BaseException) -> HabError:
         return error
     details = "".join(traceback.format_exception(error))
     return RunStoppedError(f"{what}: {type(error).__name__}: {error}", details=details)
+
+
+class RejectedSampleError(HabError):
+    """A rejected candidate; another one is sampled.
+
+    The message is the counted reason. Episode files store it, so changing it changes the files.
+    """

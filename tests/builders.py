@@ -27,7 +27,7 @@ from hab_tasks.engine.skill_env import Skill
 from hab_tasks.engine.snapshot import Snapshot, world_to_base
 from hab_tasks.episodes import Episode
 from hab_tasks.robots.fetch.agent import HabFetch
-from hab_tasks.world.scenes.collision_groups import MOVING, set_groups
+from hab_tasks.world.scenes.physics import MOVING, set_groups
 
 TABLE_SIZE_M = (1.0, 0.8, 0.6)
 """The tiny dataset's table: x, y (up) and z extents; its origin is its middle."""

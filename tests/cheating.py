@@ -10,7 +10,7 @@ from playing import move_base, move_joint, move_object
 
 from hab_tasks.articulations import DRAWER, FRIDGE
 from hab_tasks.constants import PLACE_RADIUS_M, REST_POSITION_M, REST_RADIUS_M
-from hab_tasks.robots.arm_commands import ee_step_m
+from hab_tasks.robots.control import ee_step_m
 from hab_tasks.robots.control_modes import ABSOLUTE_ARM, STOP_CELL
 from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.kinematics import ArmKinematics

@@ -81,7 +81,7 @@ def _one_worker_server():
     """One server forks the workers of all tests; it imports the simulator once."""
     from hab_tasks.io.pool import start_server
 
-    start_server("hab_tasks.vector.worker")
+    start_server("hab_tasks.vector.workers")
 
 
 @pytest.fixture
@@ -106,10 +106,10 @@ def persistent_contacts(monkeypatch):
 def run(tmp_path, monkeypatch, capfd):
     """Runs `hab-tasks` in this process, as starting Python costs seconds; with an empty cache."""
     from hab_tasks.cli import main
-    from hab_tasks.world.scenes.habitat import load
+    from hab_tasks.io import cache
 
     monkeypatch.setenv("HAB_CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(load, "_said", set())
+    monkeypatch.setattr(cache, "_said", set())
 
     def run(*arguments):
         try:

@@ -49,7 +49,7 @@ class Defect:
 # fmt: off
 DEFECTS = (
     Defect(name="reward_sign", first="core/test_rewards_doors.py",
-           file="hab_tasks/skills/close_fridge.py",
+           file="hab_tasks/skills/close_drawer.py",
            old='"joint": -w.joint', new='"joint": w.joint'),
     Defect(name="success_radius", first="core/test_measures.py", file="hab_tasks/constants.py",
            old="PLACE_RADIUS_M = 0.15", new="PLACE_RADIUS_M = 0.2"),
@@ -59,7 +59,7 @@ DEFECTS = (
     Defect(name="target_frame", first="core/test_sensors.py", file="hab_tasks/engine/sensors.py",
            old="cosine * x + sine * y, cosine * y - sine * x, points_m",
            new="cosine * x - sine * y, cosine * y + sine * x, points_m"),
-    Defect(name="row_seed", first="vector/test_vector_rows.py", file="hab_tasks/vector/worker.py",
+    Defect(name="row_seed", first="vector/test_vector_rows.py", file="hab_tasks/vector/workers.py",
            old="options = message.seeds[row], ", new="options = None, "),
     Defect(name="contact_force", first="envs/test_pick_endings.py",
            file="hab_tasks/engine/snapshot.py",

@@ -26,10 +26,10 @@ ORDER = [
         "arrays",
         "simulator",
     },
-    {"limits", "options"},
+    {"limits"},
     {"io"},
     {"task_spec", "typed_values"},
-    {"articulations", "task_order", "registration"},
+    {"articulations", "registration"},
     {
         "geometry",
         "rendering",

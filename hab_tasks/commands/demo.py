@@ -19,9 +19,8 @@ from hab_tasks.captions import LEGEND, with_words
 from hab_tasks.commands.keyboard import QUIT, Keyboard, keys_of
 from hab_tasks.commands.options import Demo
 from hab_tasks.constants import CONTROL_HZ
-from hab_tasks.engine.env_row import EnvRow
 from hab_tasks.engine.hab_env import HabEnv
-from hab_tasks.engine.rollout import EndRolloutError, Job, Outcome, StepInfo, play_one
+from hab_tasks.engine.rollout import EndRolloutError, EnvRow, Job, Outcome, StepInfo, play_one
 from hab_tasks.episodes.source import UNLIMITED
 from hab_tasks.errors import HabError, RenderingUnavailableError, UnknownNameError
 from hab_tasks.io.files import check_file, written_aside

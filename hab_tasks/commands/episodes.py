@@ -7,7 +7,7 @@ from pathlib import Path
 
 from hab_tasks.commands.options import Episodes
 from hab_tasks.episodes import EpisodeRequest, open_source
-from hab_tasks.episodes.journal import EpisodeJournal
+from hab_tasks.episodes.made_files import EpisodeJournal
 from hab_tasks.episodes.source import UNLIMITED
 from hab_tasks.errors import HabError
 from hab_tasks.generation_lines import GenerationLines, progress_bar

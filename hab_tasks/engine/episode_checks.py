@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hab_tasks.engine.requirements import Requirements
+from hab_tasks.engine.goals import Requirements
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import Pose7, apply

@@ -12,15 +12,12 @@ from mani_skill.envs.scene import ManiSkillScene
 
 from hab_tasks.arrays import Batch, Floats, of_row
 from hab_tasks.constants import CONTROL_HZ, SIM_HZ
-from hab_tasks.engine.containers import Containers
 from hab_tasks.engine.episode_checks import check_entries, check_in_layout
 from hab_tasks.engine.episode_sampler import ActiveLayout, EpisodeSampler
-from hab_tasks.engine.goal_setting import GoalSetting, handles_of
-from hab_tasks.engine.goals import Goals
+from hab_tasks.engine.goals import Goals, GoalSetting, Requirements, handles_of
 from hab_tasks.engine.ground_truth import GroundTruth
 from hab_tasks.engine.noise import NoiseSource, SensorNoise
 from hab_tasks.engine.recorded_state import START_ITS_EPISODE
-from hab_tasks.engine.requirements import Requirements
 from hab_tasks.engine.snapshot import ContactForce, Snapshot, SnapshotReader
 from hab_tasks.episodes.apply import apply_episode
 from hab_tasks.episodes.schema import Episode
@@ -29,15 +26,16 @@ from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import Pose7
 from hab_tasks.option_values import flag, whole
 from hab_tasks.privileged import ArticulationState, PrivilegedState
-from hab_tasks.robots.arm_commands import ee_step_m
+from hab_tasks.robots.control import ee_step_m
 from hab_tasks.robots.delay import ActionDelay, checked_steps
 from hab_tasks.robots.grasp import NOTHING, SnapGrasp
+from hab_tasks.robots.hidden_objects import Containers
 from hab_tasks.robots.joint_setter import BLOCKED_DEPTH_M
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.robots.sleeping import SleepingObjects
 from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.world.navigation import LayoutMaps
-from hab_tasks.world.scenes.lights import LayoutLights
+from hab_tasks.world.scenes.build import LayoutLights
 from hab_tasks.world.scenes.pool import BodyPool
 from hab_tasks.world.scenes.scene_bodies import SceneBodies
 
@@ -188,7 +186,8 @@ class EpisodeSimulation:
         self._sleeping = SleepingObjects(movable, agent, furniture)
         self.grasp.known_com_m = self._sleeping.com_m
         if self.requirements.takes == "any":
-            containers = Containers(self.requirements.articulations, self.grasp)
+            kinds, com_m = self.requirements.articulations, self.grasp.objects_com_m
+            containers = Containers(kinds, handles, com_m)
             self.grasp.is_enclosed = containers.is_enclosed
         key = f"{layout}#{next(_shows)}"
         self.truth = GroundTruth(key, self._pool, scene_bodies, agent, self.grasp)

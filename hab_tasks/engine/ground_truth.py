@@ -10,8 +10,7 @@ import sapien
 
 from hab_tasks.arrays import norm
 from hab_tasks.articulations import FRIDGE, ArticulationKind
-from hab_tasks.engine.goal_setting import frame_of
-from hab_tasks.engine.goals import Goals
+from hab_tasks.engine.goals import Goals, frame_of
 from hab_tasks.episodes.schema import Episode, ReceptacleRef
 from hab_tasks.privileged import Array, ArticulationState, CollisionBody, PrivilegedState
 from hab_tasks.receptacles import CONTAINERS
@@ -19,8 +18,7 @@ from hab_tasks.robots.grasp import NOTHING, SnapGrasp
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.simulator import sapien_object
 from hab_tasks.world.scenes.pool import BodyPool
-from hab_tasks.world.scenes.scene_bodies import SceneBodies
-from hab_tasks.world.scenes.shapes import components, matrix, read_body
+from hab_tasks.world.scenes.scene_bodies import SceneBodies, components, matrix, read_body
 
 FIXED = ("stage", "static")
 """Groups of bodies that do not move."""

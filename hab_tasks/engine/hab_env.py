@@ -20,12 +20,12 @@ from hab_tasks.agent import TargetFrame
 from hab_tasks.arrays import Floats, of_row, shared_tensor, to_tensor
 from hab_tasks.constants import CAMERA_HFOV_RAD, CAMERA_SIZE_PX
 from hab_tasks.engine.episode_simulation import EpisodeSimulation
+from hab_tasks.engine.goals import Requirements
 from hab_tasks.engine.inherited_options import check_inherited
 from hab_tasks.engine.measures import Measures
 from hab_tasks.engine.noise import SensorNoise
 from hab_tasks.engine.observing_env import ObservingEnv
 from hab_tasks.engine.recorded_state import from_flat, shaped_like, with_columns, words_of
-from hab_tasks.engine.requirements import Requirements
 from hab_tasks.engine.rows import Rows
 from hab_tasks.engine.rules import Rules
 from hab_tasks.episodes.schema import Episode
@@ -35,8 +35,7 @@ from hab_tasks.option_values import entries, row_numbers, seeds
 from hab_tasks.registration import reference_of
 from hab_tasks.robots.control_modes import nearest_mode
 from hab_tasks.robots.fetch import FETCH
-from hab_tasks.robots.registry import agent_class, robot_of
-from hab_tasks.robots.spec import RobotSpec
+from hab_tasks.robots.spec import RobotSpec, agent_class, robot_of
 from hab_tasks.world.scenes.physics import sim_config
 
 
@@ -124,7 +123,7 @@ class HabEnv(ObservingEnv):
         self._set_entries(proprioception, target_frame, handle_position, depth)
         self._set_sensors(cameras, camera_size_px, camera_hfov_rad, invisible_arm)
         kwargs["render_backend"] = self._set_backend(render_backend, kwargs)
-        kwargs["control_mode"] = self._known_mode(kwargs.get("control_mode"))
+        kwargs["control_mode"] = self.known_mode(kwargs.get("control_mode"))
         where: dict[str, Any] = {"scene_dataset": scene_dataset, "objects": objects, "scene": scene}
         of: Any = {"split": split, "file": episodes, "seed": episode_seed, "novel": novel}
         request = EpisodeRequest(**where, **of, env_id=self.default_id(), robot=self.robot.uid)
@@ -134,8 +133,12 @@ class HabEnv(ObservingEnv):
         super().__init__(**{**kwargs, "robot_uids": self.robot.uid})
 
     @classmethod
-    def _known_mode(cls, control_mode: str | None) -> str:
-        """Returns a valid control mode; the skill's first one for None."""
+    def known_mode(cls, control_mode: str | None) -> str:
+        """Returns a valid control mode; the skill's first one for None.
+
+        Raises:
+            UnknownNameError: With the nearest of the valid modes.
+        """
         modes = cls.control_modes
         if control_mode is not None and control_mode not in modes:
             near = nearest_mode(control_mode, modes)

@@ -1,9 +1,10 @@
-"""Validation of ManiSkill's options before the environment is built."""
+"""Validation of ManiSkill's options, and the choice of rays on the CPU or a renderer for images."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from mani_skill.envs.sapien_env import BaseEnv
@@ -11,6 +12,7 @@ from mani_skill.envs.utils.observations import parse_obs_mode_to_struct
 from mani_skill.envs.utils.system.backend import CPU_SIM_BACKENDS
 
 from hab_tasks.errors import OptionError, UnknownNameError
+from hab_tasks.rendering import RAYS, resolve_backend
 
 ADVICE = (
     "Several rows run on CPU cores: gymnasium.make_vec('hab_tasks:HabPick-v1', num_envs=N), about "
@@ -37,20 +39,18 @@ def check_inherited(env: str, own: Mapping[str, Any], options: Mapping[str, Any]
     for name in options:
         if name not in INHERITED:
             raise UnknownNameError(f"option of {env}", name, valid)
-    for name, modes in (
-        ("reward_mode", BaseEnv.SUPPORTED_REWARD_MODES),
-        ("render_mode", RENDER_MODES),
-    ):
+    known = {"reward_mode": BaseEnv.SUPPORTED_REWARD_MODES, "render_mode": RENDER_MODES}
+    for name, modes in known.items():
         if options.get(name) not in (None, *modes):
             raise UnknownNameError(name, options[name], modes)
-    _check_rows(options.get("num_envs", 1), options.get("sim_backend"))
+    if options.get("num_envs", 1) != 1:
+        raise OptionError.of_value("num_envs", options["num_envs"], f"1. {ADVICE}")
+    check_backend(options.get("sim_backend"))
     _check_obs_mode(options.get("obs_mode"))
 
 
-def _check_rows(num_envs: Any, sim_backend: str | None) -> None:
-    """Rejects batches, and simulation on a GPU."""
-    if num_envs != 1:
-        raise OptionError.of_value("num_envs", num_envs, f"1. {ADVICE}")
+def check_backend(sim_backend: str | None) -> None:
+    """Raises OptionError for simulation on a GPU."""
     if (sim_backend or "auto").partition(":")[0] not in (*CPU_SIM_BACKENDS, "auto"):
         raise OptionError.of_value("sim_backend", sim_backend, f"'physx_cpu' or 'auto'. {ADVICE}")
 
@@ -62,3 +62,66 @@ def _check_obs_mode(obs_mode: Any) -> None:
         parse_obs_mode_to_struct(obs_mode)
     except (AssertionError, AttributeError, TypeError) as error:
         raise OptionError.of_value("obs_mode", obs_mode, OBS_MODES) from error
+
+
+WITHOUT_IMAGES = ("state", "state_dict", "none")
+"""Observation modes without images."""
+
+_RENDERED_ONLY = ("shader_pack", "shader_config", "use_stereo_depth")
+"""Entries of `sensor_configs` that need a renderer."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageSource:
+    """What computes an environment's images.
+
+    Attributes:
+        renderer: ManiSkill's render_backend; ``none`` opens no graphics device.
+        casts_rays: Whether rays compute the observed images.
+    """
+
+    renderer: str
+    casts_rays: bool = False
+
+
+def choose_source(backend: str, options: Mapping[str, Any]) -> ImageSource:
+    """Returns the source of an environment's images.
+
+    Args:
+        backend: ``auto`` casts rays for observations of depth without colour, and renders
+            everything else; ``rays`` never renders observations; other names are the
+            renderer's.
+        options: ManiSkill's options: `obs_mode`, `render_mode` and `sensor_configs`.
+
+    Raises:
+        UnknownNameError: Unknown backend.
+        OptionError: Rays were requested for what only a renderer delivers.
+        RenderingUnavailableError: A renderer is needed, but there is no Vulkan device.
+    """
+    obs_mode, render_mode = options.get("obs_mode") or "state", options.get("render_mode")
+    images = obs_mode not in WITHOUT_IMAGES
+    # ManiSkill's point clouds have colours where available.
+    valid = _needs_renderer(obs_mode, options, (backend, obs_mode) != (RAYS, "pointcloud"))
+    if backend == RAYS:
+        if valid:
+            raise OptionError.of_value("render_backend", backend, valid)
+    elif backend != "auto" or not images or valid:
+        return ImageSource(renderer=resolve_backend(backend, images or render_mode is not None))
+    humans = render_mode not in (None, "sensors")
+    return ImageSource(renderer=resolve_backend("auto", humans), casts_rays=images)
+
+
+def _needs_renderer(obs_mode: str, options: Mapping[str, Any], colour: bool) -> str:
+    """Returns what is valid where rays cannot compute the observed images, "" where they can."""
+    configs = options.get("sensor_configs") or {}
+    for config in (configs, *(c for c in configs.values() if isinstance(c, Mapping))):
+        for name in _RENDERED_ONLY:
+            if name in config:
+                return f"'auto', 'cpu' or 'gpu' with {name!r} in sensor_configs"
+    seen = parse_obs_mode_to_struct(obs_mode).visual
+    if (seen.rgb and colour) or seen.normal or seen.albedo:
+        return (
+            f"'auto', 'cpu' or 'gpu' with obs_mode={obs_mode!r}, which needs a renderer; rays "
+            "deliver depth, position and segmentation"
+        )
+    return ""

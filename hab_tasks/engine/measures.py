@@ -29,7 +29,7 @@ from hab_tasks.arrays import (
 from hab_tasks.constants import CONTROL_HZ, PLACE_RADIUS_M, REST_SPEED_M_S, REST_STEPS
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.snapshot import Snapshot
-from hab_tasks.world.navigation.geodesic import GeodesicDistances
+from hab_tasks.world.navigation.layout_maps import GeodesicDistances
 
 REST_STEP_M = REST_SPEED_M_S / CONTROL_HZ
 """Distance moved in one control step below which an object is at rest."""
@@ -291,10 +291,8 @@ class Tracker:
         """Grasp of the handle, and joint position."""
         focus = self.focus.articulation
         joint = self._of(s.joints, focus)
-        lower, upper = (
-            self._of(self.goals.joint_lower, focus),
-            self._of(self.goals.joint_upper, focus),
-        )
+        goals = self.goals
+        lower, upper = self._of(goals.joint_lower, focus), self._of(goals.joint_upper, focus)
         holding = s.held_handle == self._of(self.handles, focus)
         before = last.grabbed_before | last.holding_handle
         return {
@@ -336,23 +334,14 @@ _DECREASE = {name: f"{name.removesuffix('_m')}_decrease_m" for name in _DISTANCE
 
 _CHANGES = (
     *_DECREASE.values(),
-    "base_to_goal_decrease_m",
-    "heading_error_decrease_rad",
-    "joint_increase",
-    "picked_now",
-    "picked_other_now",
-    "dropped_now",
-    "grabbed_now",
+    *("base_to_goal_decrease_m", "heading_error_decrease_rad", "joint_increase"),
+    *("picked_now", "picked_other_now", "dropped_now", "grabbed_now"),
 )
 """Measures of changes within a step; zero in the first step."""
 
 _SINCE_THE_START = (
-    "force_total_n",
-    "steps",
-    "path_m",
-    "stopped",
-    "ee_to_object_start_m",
-    "base_to_goal_start_m",
+    *("force_total_n", "steps", "path_m", "stopped"),
+    *("ee_to_object_start_m", "base_to_goal_start_m"),
 )
 """Measures of the whole episode, independent of the focus."""
 

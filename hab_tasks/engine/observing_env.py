@@ -12,13 +12,12 @@ from torch import Tensor
 
 from hab_tasks.arrays import to_tensor
 from hab_tasks.engine.episode_simulation import EpisodeSimulation
-from hab_tasks.engine.image_source import WITHOUT_IMAGES, ImageSource, choose_source
-from hab_tasks.engine.marks import Marks
+from hab_tasks.engine.inherited_options import WITHOUT_IMAGES, ImageSource, choose_source
 from hab_tasks.engine.noise import NoiseSource
 from hab_tasks.engine.ray_sensors import RaySensors
 from hab_tasks.engine.rows import read_entries
 from hab_tasks.engine.sensors import ObsEntry, observed, scale_depth
-from hab_tasks.engine.viewpoint import FIELD_OF_VIEW_RAD, FIRST_VIEW, Hit, Viewpoint
+from hab_tasks.engine.viewpoint import FIELD_OF_VIEW_RAD, FIRST_VIEW, Hit, Marks, Viewpoint
 from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.option_values import flag
 from hab_tasks.privileged import Array

@@ -41,7 +41,7 @@ class RayCamera(Camera):
         self.entity = config.mount
         local: Any = config.pose
         self._mount_from_camera = local.sp
-        self.pinhole = _pinhole(config)
+        self.pinhole = pinhole_of(config)
 
     def cv_from_world(self) -> np.ndarray:
         """Returns the world's current pose (4, 4) in the camera's frame: x right, y down."""
@@ -140,7 +140,7 @@ class RaySensors:
                 yield RayBody(visuals=of_link[link.name], entity=sapien_object(link).entity)
 
 
-def _pinhole(config: CameraConfig) -> Pinhole:
+def pinhole_of(config: CameraConfig) -> Pinhole:
     """Returns ManiSkill's intrinsic parameters; a field of view is the vertical one."""
     size = float(config.width), float(config.height)
     if config.intrinsic is None:

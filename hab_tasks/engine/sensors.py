@@ -83,6 +83,20 @@ def observed(
     return (*chosen, handle)
 
 
+def observation_doc(entries: Sequence[ObsEntry], cameras: Sequence[str]) -> str:
+    """Returns the observation of an environment in words and a table, for its docstring."""
+    rows = [
+        ("entry", "group", "shape", "unit", "meaning"),
+        *((e.name, e.group, "x".join(map(str, e.shape)), e.unit, e.meaning) for e in entries),
+        (", ".join(cameras), "sensor_data", "128²", "0..1", "depth, 1 at 10 m; uint8 with ``rgb``"),
+    ]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    rule = "  ".join("=" * width for width in widths)
+    head, *lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+    about = "(``state_dict``: ``agent`` and ``extra``; ``state`` is their concatenation)"
+    return "\n".join([f"**Observation** {about}:\n", rule, head, rule, *lines, rule])
+
+
 def along_base_axes(s: Snapshot, point_m: Floats) -> Floats:
     """Returns the vector from the end-effector to a world point (N, 3) in base axes, (N, 3)."""
     return _from_ee(s, point_m, s.base_axes)

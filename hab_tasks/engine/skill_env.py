@@ -3,26 +3,68 @@
 from __future__ import annotations
 
 import importlib
+import inspect
+import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 
 from hab_tasks.arrays import Bools, Floats
-from hab_tasks.engine.goals import Goals
+from hab_tasks.engine.goals import Goals, Requirements
 from hab_tasks.engine.hab_env import HabEnv
 from hab_tasks.engine.measures import MEANINGS, Measures
-from hab_tasks.engine.requirements import Requirements
 from hab_tasks.engine.rows import Rows
 from hab_tasks.engine.rules import Rules, StepResult
-from hab_tasks.engine.sensors import HANDLE, ObsEntry
-from hab_tasks.engine.skill_config import configured
+from hab_tasks.engine.sensors import HANDLE, ObsEntry, observation_doc
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.episodes.generators.base import Generator
 from hab_tasks.episodes.schema import Episode
+from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.instructions import skill_instruction
+
+
+def config_values(config: Any) -> dict[str, float]:
+    """Returns the values of a configuration by name: ``weights.force``, ``force_limit_n``."""
+    found: dict[str, float] = {}
+    for field in fields(config):
+        value = getattr(config, field.name)
+        if is_dataclass(value):
+            found |= {f"{field.name}.{name}": v for name, v in config_values(value).items()}
+        else:
+            found[field.name] = value
+    return found
+
+
+def configured(skill: str, config: Any, changes: Mapping[str, float]) -> Any:
+    """Returns a configuration with overrides.
+
+    Args:
+        skill: Name of the skill, for messages.
+        config: Its configuration, a frozen dataclass.
+        changes: Name, as in `config_values` -> value.
+
+    Raises:
+        UnknownNameError: Unknown name.
+        OptionError: A value is not a finite number from 0.
+    """
+    known = config_values(config)
+    for name, value in changes.items():
+        if name not in known:
+            raise UnknownNameError(f"name in skill_config of {skill}", name, known)
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not number or not math.isfinite(value) or value < 0.0:
+            option = f"skill_config {name!r} of {skill}"
+            raise OptionError.of_value(option, value, "a finite number from 0")
+        config = _with(config, name.split("."), float(value))
+    return config
+
+
+def _with(config: Any, path: list[str], value: float) -> Any:
+    first, *rest = path
+    return replace(config, **{first: _with(getattr(config, first), rest, value) if rest else value})
 
 
 def free_gripper(gripper: Floats, m: Measures) -> Floats:
@@ -143,16 +185,17 @@ class SkillEnv(HabEnv):
     skill: ClassVar[Skill]
 
     def __init_subclass__(cls) -> None:
-        """Copies the skill's attributes to the class."""
+        """Copies the skill's attributes to the class, and fills the fields of its docstring."""
         skill = cls.skill
-        cls.name, cls.requirements, cls.horizon_steps = (
-            skill.name,
-            skill.requirements,
-            skill.horizon_steps,
-        )
+        cls.name, cls.requirements = skill.name, skill.requirements
+        cls.horizon_steps = skill.horizon_steps
         cls.control_modes, cls.observation = skill.control_modes, skill.observation
         cls.reward_bound, cls.score_names = skill.reward_bound, skill.score_names
         cls.handle = HANDLE if skill.requirements.articulations else None
+        if cls.__doc__ is not None:
+            text = inspect.cleandoc(cls.__doc__).replace("{horizon}", f"{cls.horizon_steps} steps")
+            table = observation_doc(cls.observation, cls.cameras)
+            cls.__doc__ = text.replace("{observation}", table)
 
     @classmethod
     def instruct(cls, episode: Episode) -> str:

@@ -1,4 +1,4 @@
-"""Placement of objects on receptacles, followed by settling; objects that fall are rejected."""
+"""Placement of objects on receptacles, followed by settling; release of a held object."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from transforms3d import quaternions
 
+from hab_tasks.constants import CONTROL_HZ, PLACE_RADIUS_M, SIM_HZ, SKILL_HORIZON_STEPS
 from hab_tasks.episodes.sandbox import PlacementSandbox
-from hab_tasks.episodes.schema import ReceptacleRef, rounded, template_of
+from hab_tasks.episodes.schema import ReceptacleRef, RobotStart, rounded, template_of
 from hab_tasks.episodes.spots import MOST_OBJECTS, Spot
 from hab_tasks.geometry import Array, Pose7, pose, rotation_between
 from hab_tasks.receptacles import FRIDGE
+from hab_tasks.robots.grasp import SnapGrasp
 
 Disc = tuple[Array, float]
 """Centre (3,) and radius [m] of a disc on a surface."""
@@ -47,14 +49,6 @@ class Settling:
     restarts: int = 3
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Wish:
-    """Candidate spots of an object, and discs to avoid: points (3,) with radii [m]."""
-
-    spots: tuple[Spot, ...]
-    avoid: tuple[Disc, ...] = ()
-
-
 class Placer:
     """Places objects on spots, one after another.
 
@@ -69,7 +63,7 @@ class Placer:
         self._sandbox, self._rng, self._settling = sandbox, rng, settling
         self._taken: dict[ReceptacleRef, dict[str, Disc]] = {}
         self._lying: dict[ReceptacleRef, list[Disc]] = {}
-        self._wishes: dict[str, _Wish] = {}
+        self._asked: dict[str, tuple[Sequence[Spot], Sequence[Disc]]] = {}
         self._spots: dict[str, Spot] = {}
         self._inside: dict[str, str] = {}
         self.placed: dict[str, Pose7] = {}
@@ -80,7 +74,7 @@ class Placer:
 
         Returns whether there was room. The object avoids the discs of `avoid`.
         """
-        self._wishes[name] = _Wish(spots=tuple(spots), avoid=tuple(avoid))
+        self._asked[name] = spots, avoid
         order = self._rng.permutation(len(spots))
         return any(self._put_on(name, spots[int(index)], avoid) for index in order)
 
@@ -111,11 +105,8 @@ class Placer:
         found = []
         for name in self._sandbox.scene_bodies.loose:
             low, high = self._sandbox.box_m(name)
-            if (
-                name != spot.receptacle.body
-                and low[2] < face_m + spot.height_m
-                and high[2] > face_m
-            ):
+            level = low[2] < face_m + spot.height_m and high[2] > face_m
+            if level and name != spot.receptacle.body:
                 middle = (low + high) / 2
                 disc = np.array([middle[0], middle[1], face_m]), math.dist(low[:2], high[:2]) / 2
                 found.append(disc)
@@ -160,18 +151,14 @@ class Placer:
                 return stable
             for name in fallen:
                 if name not in self._inside:
-                    self._put_again(name)
+                    del self._taken[self.on[name]][name]
+                    if not self.put(name, *self._asked[name]):
+                        self._sandbox.place(name, AWAY)
+                        del self.placed[name]
             for name, container in self._inside.items():
                 if {name, container} & set(fallen) and container in self.placed:
                     self.put_into(name, container)
         return self._run()
-
-    def _put_again(self, name: str) -> None:
-        wish = self._wishes[name]
-        del self._taken[self.on[name]][name]
-        if not self.put(name, wish.spots, wish.avoid):
-            self._sandbox.place(name, AWAY)
-            del self.placed[name]
 
     def _run(self) -> dict[str, Pose7]:
         names = tuple(sorted(self.placed))
@@ -194,3 +181,43 @@ class Placer:
         offset = self._sandbox.com_m(name) - spot.center_m
         beside = np.abs(offset @ spot.axes) - spot.half_m
         return bool((beside < limits.beside_m).all() and -limits.below_m < offset[2])
+
+
+GOAL_MARGIN_M = 0.03
+"""Required margin to the goal, as the end of a fall varies by centimetres."""
+
+PHYSICS_STEPS = SIM_HZ // CONTROL_HZ
+
+
+def falls_to(sandbox: PlacementSandbox, robot: RobotStart, held: str, goal_com_m: Array) -> bool:
+    """Whether a released object reaches its goal before it comes to rest.
+
+    The robot opens its hand in the first action, as in an episode, and stands still. The object
+    starts at its start pose; the poses of it and of other objects are not restored.
+
+    Args:
+        sandbox: The start state.
+        robot: Start pose of the robot.
+        held: The held object.
+        goal_com_m: Goal position (3,) of the object's centre of mass.
+    """
+    agent = sandbox.stand_robot(robot.base, np.array(robot.arm_qpos_rad))
+    names, movable = list(sandbox.scene_bodies.movable), list(sandbox.scene_bodies.movable.values())
+    grasp = SnapGrasp(agent, movable, [], "objects")
+    grasp.attach(names.index(held))
+    idle = agent.controller.idle_action(holding=False)
+    near = False
+    for _ in range(SKILL_HORIZON_STEPS):
+        agent.controller.set_entries(idle)
+        grasp.command(agent.controller.gripper)
+        for _ in range(PHYSICS_STEPS):
+            grasp.before_physics_step()
+            agent.scene.px.step()
+        grasp.after_control_step()
+        gap_m = float(np.linalg.norm(sandbox.com_m(held) - goal_com_m))
+        near = gap_m < PLACE_RADIUS_M + GOAL_MARGIN_M
+        if near or sandbox.asleep(held):
+            break
+    grasp.reset()
+    sandbox.send_robot_away()
+    return near

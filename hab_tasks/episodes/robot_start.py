@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from hab_tasks.articulations import Rectangle
-from hab_tasks.episodes.rejection import RejectedSampleError
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import Base, RobotStart
+from hab_tasks.errors import RejectedSampleError
 from hab_tasks.geometry import Array, apply, planar
 from hab_tasks.robots.kinematics import ArmKinematics
 from hab_tasks.robots.spec import RobotSpec

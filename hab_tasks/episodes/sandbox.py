@@ -20,12 +20,10 @@ from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.simulator import sapien_object
-from hab_tasks.world.scenes.floor import FreeFloor, body_points
+from hab_tasks.world.scenes.floor import FreeFloor, body_points, bounding_ball, distance_along
 from hab_tasks.world.scenes.physics import bare_scene, renew_physics
 from hab_tasks.world.scenes.pool import BodyPool
-from hab_tasks.world.scenes.rays import bounding_ball, distance_along
-from hab_tasks.world.scenes.scene_bodies import SceneBodies
-from hab_tasks.world.scenes.shapes import components, matrix
+from hab_tasks.world.scenes.scene_bodies import SceneBodies, components, matrix
 from hab_tasks.world.scenes.spec import ObjectTemplate, SceneSpec
 
 LOOSE_SETTLE_S = 5.0

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.geometry import Array
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
-from hab_tasks.robots.registry import agent_class
-from hab_tasks.robots.spec import RobotSpec
+from hab_tasks.robots.spec import RobotSpec, agent_class
 from hab_tasks.simulator import sapien_object, set_up
 
 JointPositions = NDArray[np.float32]

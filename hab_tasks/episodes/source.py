@@ -24,14 +24,13 @@ from hab_tasks.episodes.provenance import check_made_from, made_from, stable_has
 from hab_tasks.episodes.schema import SCHEMA, Episode, EpisodeSet, read_episodes, write_episodes
 from hab_tasks.errors import EpisodeError, OptionError, UnknownNameError
 from hab_tasks.io.cache import read_cached, write_cached
-from hab_tasks.io.executors import Executor, Task
-from hab_tasks.io.executors.local import LocalExecutor
+from hab_tasks.io.executors import Executor, LocalExecutor, Task
 from hab_tasks.object_names import TRAIN_OBJECTS, UNSEEN_OBJECTS
 from hab_tasks.option_values import LARGEST_SEED, name, path, whole
 from hab_tasks.receptacles import UNSEEN_RECEPTACLES
 from hab_tasks.registration import TASKS, imported_id
 from hab_tasks.robots.fetch import FETCH
-from hab_tasks.robots.registry import robot_of
+from hab_tasks.robots.spec import robot_of
 from hab_tasks.world.scenes.habitat.dataset import SceneDataset, embedded_dataset, resolve_dataset
 from hab_tasks.world.scenes.habitat.load import load_scene
 from hab_tasks.world.scenes.objects import load_objects

@@ -98,31 +98,16 @@ def find_spots(sandbox: PlacementSandbox, names: tuple[str, ...]) -> list[Spot]:
     receptacles = receptacles_named(sandbox, names)
     opened = [_open(sandbox, receptacle) for receptacle in receptacles]
     key = (sandbox.spec.scene_id, names, repr(opened), sandbox.state())
-    found = sandbox.memory.recall(key, lambda: _usable(sandbox, receptacles, opened))
-    if found.floor_mapped:
+
+    def usable() -> tuple[list[Spot], bool]:
+        found = [spot_of(sandbox, *both) for both in zip(receptacles, opened, strict=True)]
+        spots = [spot for spot in found if unusable(sandbox, spot) is None]
+        return spots, sandbox.floor_known()
+
+    spots, floor_mapped = sandbox.memory.recall(key, usable)
+    if floor_mapped:
         sandbox.floor()
-    return list(found.spots)
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Found:
-    """Usable receptacles, and whether finding them mapped the floor."""
-
-    spots: tuple[Spot, ...]
-    floor_mapped: bool
-
-
-def _usable(
-    sandbox: PlacementSandbox,
-    receptacles: list[Receptacle],
-    opened: list[dict[str, dict[str, float]]],
-) -> _Found:
-    found = [
-        spot_of(sandbox, receptacle, joints)
-        for receptacle, joints in zip(receptacles, opened, strict=True)
-    ]
-    spots = tuple(spot for spot in found if unusable(sandbox, spot) is None)
-    return _Found(spots=spots, floor_mapped=sandbox.floor_known())
+    return list(spots)
 
 
 def receptacles_named(sandbox: PlacementSandbox, names: tuple[str, ...]) -> list[Receptacle]:

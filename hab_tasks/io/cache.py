@@ -97,7 +97,7 @@ def read_cached(name: str, read: Callable[[Path], T]) -> T | None:
         return read(path)
     except DAMAGED as error:
         reason = " ".join(str(error).split()).removeprefix(f"{path}: ")
-        _say_once(f"{path}: damaged cache entry ({reason}); it is recomputed.")
+        warn_once(f"{path}: damaged cache entry ({reason}); it is recomputed.")
         _remove(path)
         return None
 
@@ -156,13 +156,14 @@ def cached_file(name: str, write: Write, check: Callable[[Path], object] | None 
 
 
 def _say_unwritable(cause: OSError) -> None:
-    _say_once(
+    warn_once(
         f"{cache_dir()}: the cache is not writable ({cause.strerror or cause}); entries are "
         "kept for this run only. Set HAB_CACHE_DIR to a writable folder."
     )
 
 
-def _say_once(message: str) -> None:
+def warn_once(message: str) -> None:
+    """Logs a warning, once in this process."""
     if message not in _said:
         _said.add(message)
         logger.warning(message)

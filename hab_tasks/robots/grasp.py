@@ -19,14 +19,12 @@ from torch import Tensor
 
 from hab_tasks.arrays import Bools, Floats
 from hab_tasks.constants import GRASP_RADIUS_M
-from hab_tasks.robots.handle import Handle
-from hab_tasks.robots.handle_passage import HandlePassage
-from hab_tasks.robots.handle_tie import HANDLE_SPRING
-from hab_tasks.robots.line_of_sight import LineOfSight
+from hab_tasks.robots.handle import HANDLE_SPRING, Handle, HandlePassage
+from hab_tasks.robots.hidden_objects import LineOfSight
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.robots.tie import Tie
 from hab_tasks.simulator import rigid_body, sapien_object
-from hab_tasks.world.scenes.collision_groups import HELD, MOVING, set_groups
+from hab_tasks.world.scenes.physics import HELD, MOVING, set_groups
 
 HOLD_TOLERANCE_M = 0.09
 """Displacement at which a held object is lost (Habitat's hold threshold)."""

@@ -1,13 +1,20 @@
-"""A handle of a door or drawer."""
+"""Handles of doors and drawers: spring to the hand, and contacts with it while held."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+import torch
 from mani_skill.utils.structs import Articulation, Link
+from numpy.typing import NDArray
+from torch import Tensor
 
+from hab_tasks.constants import CONTROL_HZ, EE_STEP_M, GRASP_RADIUS_M
 from hab_tasks.simulator import sapien_object
+from hab_tasks.world.scenes.physics import FRONT, HELD_FRONT, set_groups
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,3 +38,81 @@ class Handle:
         """Limits of the handle's joint [m or rad]."""
         lower, upper = sapien_object(self.furniture).active_joints[self.column].limits[0].tolist()
         return lower, upper
+
+
+LOST_STEPS = CONTROL_HZ // 2
+"""Steps out of reach after which a handle is lost: half a second."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HandleSpring:
+    """Parameters of the spring.
+
+    Attributes:
+        stiffness_n_m, damping_n_s_m: Stiffness and damping per axis.
+        force_n: Maximum force per axis; about the load capacity of Fetch's arm at half reach.
+        draw_in_m: Step per action by which a handle grasped at a distance is drawn in; equal to
+            the hand's maximum step.
+        reach_m: Distance to the hand from which a handle counts as out of reach.
+        lost_steps: Number of actions out of reach after which it is lost.
+    """
+
+    stiffness_n_m: float = 3000.0
+    damping_n_s_m: float = 150.0
+    force_n: float = 200.0
+    draw_in_m: float = EE_STEP_M
+    reach_m: float = GRASP_RADIUS_M
+    lost_steps: int = LOST_STEPS
+
+    def drawn_in(self, place_m: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Returns the handle's target position (3,) in the hand one action later."""
+        distance_m = float(np.linalg.norm(place_m))
+        if distance_m <= self.draw_in_m:
+            return np.zeros(3, dtype=np.float32)
+        return (place_m * (1.0 - self.draw_in_m / distance_m)).astype(np.float32)
+
+
+HANDLE_SPRING = HandleSpring()
+
+
+class HandlePassage:
+    """The links that the hand passes through."""
+
+    def __init__(self, links: Sequence[Any], gap_m: Callable[[int], float]) -> None:
+        """Creates the passage.
+
+        Args:
+            links: The link's body of each handle.
+            gap_m: Returns the distance of a handle, by its index, to the hand [m].
+        """
+        self._links, self._gap_m = links, gap_m
+        self._open: set[int] = set()
+
+    def open(self, index: int) -> None:
+        """Lets the hand pass the link of handle `index`."""
+        self._open.add(index)
+        set_groups(self._links[index], HELD_FRONT)
+
+    def close_behind(self, held: int) -> None:
+        """Restores the contacts with all links but the held one's that the hand has left."""
+        for index in sorted(self._open):
+            if index != held and self._gap_m(index) > GRASP_RADIUS_M:
+                self._close(index)
+
+    def close(self) -> None:
+        """Restores all contacts."""
+        for index in sorted(self._open):
+            self._close(index)
+
+    def _close(self, index: int) -> None:
+        self._open.discard(index)
+        set_groups(self._links[index], FRONT)
+
+    def state(self) -> Tensor:
+        """Returns which links the hand passes through, (1, H) bool."""
+        return torch.tensor([[index in self._open for index in range(len(self._links))]])
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the hand passes through any link."""
+        return bool(self._open)

@@ -16,9 +16,8 @@ from hab_tasks.robots.cameras import CameraRig
 from hab_tasks.robots.control import HabController, HabControllerConfig, control_configs
 from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.simulator import sapien_object
-from hab_tasks.world.scenes.collision_groups import FLOOR_BIT, HAND, ROBOT, set_groups
-from hab_tasks.world.scenes.parsed_urdf import articulation_builder
-from hab_tasks.world.scenes.urdf import urdf_file
+from hab_tasks.world.scenes.physics import FLOOR_BIT, HAND, ROBOT, set_groups
+from hab_tasks.world.scenes.urdf import articulation_builder, urdf_file
 
 
 class MobileManipulator(BaseAgent):

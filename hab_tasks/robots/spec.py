@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from typing import Any
+
+from hab_tasks.errors import UnknownNameError
 
 Limits = tuple[float, ...]
 Point = tuple[float, float, float]
@@ -86,3 +90,29 @@ class RobotSpec:
         import mani_skill  # takes seconds, which would slow down --help
 
         return Path(mani_skill.PACKAGE_ASSET_DIR) / self.urdf
+
+
+_robots: dict[str, tuple[RobotSpec, str]] = {}
+"""Uid -> specification, and ``module:Class`` of the agent."""
+
+
+def register_robot(spec: RobotSpec, agent: str) -> None:
+    """Makes a robot known; `agent` is ``module:Class`` of its `MobileManipulator`."""
+    _robots[spec.uid] = spec, agent
+
+
+def robot_of(uid: str) -> RobotSpec:
+    """Returns the specification of a robot.
+
+    Raises:
+        UnknownNameError: No such robot is registered.
+    """
+    if uid not in _robots:
+        raise UnknownNameError("robot_uids", uid, list(_robots))
+    return _robots[uid][0]
+
+
+def agent_class(spec: RobotSpec) -> Any:
+    """Imports and returns the class of a robot's ManiSkill agent."""
+    module, _, name = _robots[spec.uid][1].partition(":")
+    return getattr(import_module(module), name)

@@ -7,14 +7,13 @@ from dataclasses import dataclass, field
 from hab_tasks.arrays import Bools, Floats
 from hab_tasks.articulations import DRAWER
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
-from hab_tasks.engine.goals import Goals
+from hab_tasks.engine.goals import Goals, Requirements
 from hab_tasks.engine.measures import Measures
-from hab_tasks.engine.requirements import Requirements
 from hab_tasks.engine.sensors import OBJECT_START, PROPRIOCEPTION
 from hab_tasks.engine.skill_env import Skill, SkillEnv
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.robots.control_modes import ARM_MODES
-from hab_tasks.skills.open_drawer import OpenDrawerStarts
+from hab_tasks.skills.open_drawer import HANDLE_MEASURES, OpenDrawerStarts
 
 
 class CloseDrawerStarts(OpenDrawerStarts):
@@ -27,8 +26,8 @@ class CloseDrawerStarts(OpenDrawerStarts):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CloseDrawerWeights:
-    """Weights of the reward in the order of the equation (S H.2)."""
+class CloseWeights:
+    """Weights of the reward of closing in the order of the equation (S H.2)."""
 
     success: float = 10.0
     handle: float = 1.0
@@ -36,20 +35,20 @@ class CloseDrawerWeights:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CloseDrawerConfig:
-    """Thresholds of Close drawer (S H.2)."""
+class CloseConfig:
+    """Thresholds of Close drawer and Close fridge (S H.2)."""
 
-    weights: CloseDrawerWeights = field(default_factory=CloseDrawerWeights)
+    weights: CloseWeights = field(default_factory=CloseWeights)
     rest_radius_m: float = REST_RADIUS_M
 
 
-def success(s: Snapshot, m: Measures, g: Goals, c: CloseDrawerConfig) -> Bools:
+def success(s: Snapshot, m: Measures, g: Goals, c: CloseConfig) -> Bools:
     """Drawer within 5 cm of closed, (N,) bool."""
     return DRAWER.is_closed(m.joint) & (m.ee_to_rest_m < c.rest_radius_m)
 
 
 def reward_terms(
-    s: Snapshot, m: Measures, g: Goals, c: CloseDrawerConfig, ends: dict[str, Bools]
+    s: Snapshot, m: Measures, g: Goals, c: CloseConfig, ends: dict[str, Bools]
 ) -> dict[str, Floats]:
     """Reward terms, each (N,) float32, in the equation's order."""
     w = c.weights
@@ -61,8 +60,8 @@ def reward_terms(
     }
 
 
-def reward_bound(c: CloseDrawerConfig) -> float:
-    """Maximum reward of a step: success, 0.25 m of hand motion, 0.5 m of drawer motion."""
+def reward_bound(c: CloseConfig) -> float:
+    """Maximum reward of a step: success, 0.25 m of hand motion, 0.5 m or rad of the joint."""
     w = c.weights
     return w.success + 0.25 * w.handle + 0.5 * w.joint
 
@@ -71,20 +70,12 @@ CLOSE_DRAWER = Skill(
     name="close_drawer",
     starts=CloseDrawerStarts,
     instruction="Close the drawer.",
-    config=CloseDrawerConfig(),
+    config=CloseConfig(),
     requirements=Requirements(articulations=(DRAWER,), names_articulation=True, takes="handles"),
     horizon_steps=SKILL_HORIZON_STEPS,
     control_modes=ARM_MODES,
     observation=(*PROPRIOCEPTION, OBJECT_START),
-    measures=(
-        "ee_to_handle_m",
-        "ee_to_rest_m",
-        "joint",
-        "joint_share",
-        "holding_handle",
-        "force_n",
-        "force_total_n",
-    ),
+    measures=(*HANDLE_MEASURES, "force_n", "force_total_n"),
     success=success,
     reward_terms=reward_terms,
     bound=reward_bound,
@@ -98,19 +89,7 @@ class HabCloseDrawerEnv(SkillEnv):
     the robot in a spawn region of 0.15 m x 0.75 m in front of it, facing the handle. Noise: 20 deg
     on the base heading, 0.05 m on the end-effector (S H.2).
 
-    **Observation** (``state_dict``: ``agent`` and ``extra``; ``state`` is their concatenation):
-
-    ====================  ===========  =====  ======  ==============================================
-    entry                 group        shape  unit    meaning
-    ====================  ===========  =====  ======  ==============================================
-    arm_qpos              agent        7      rad     arm joints, shoulder to wrist
-    ee_position           agent        3      m       end-effector in the base frame
-    ee_rotation           agent        6      1       x, then y axis of the end-effector, base frame
-    is_holding            agent        1      0 or 1  whether the gripper holds anything
-    rest_from_ee          agent        3      m       end-effector to resting position, base frame
-    object_start_from_ee  extra        3      m       end-effector to the object in the drawer
-    head, arm             sensor_data  128²   0..1    depth, 1 at 10 m; uint8 with ``rgb``
-    ====================  ===========  =====  ======  ==============================================
+    {observation}
 
     **Action**: ``ee`` 3 + 1, ``joint_delta``, ``joint_target``, ``joint_state`` 7 + 1
     (`hab_tasks.robots.control`). Only handles can be grasped.
@@ -122,7 +101,7 @@ class HabCloseDrawerEnv(SkillEnv):
 
     **Failure**: none; contact forces are not limited.
 
-    **Horizon**: 200 steps. **Versions**: v1, initial version.
+    **Horizon**: {horizon}. **Versions**: v1, initial version.
     """
 
     skill = CLOSE_DRAWER

@@ -9,18 +9,17 @@ import numpy as np
 
 from hab_tasks.arrays import Bools, Floats
 from hab_tasks.constants import NAVIGATE_HORIZON_STEPS
-from hab_tasks.engine.goals import Goals
+from hab_tasks.engine.goals import Goals, Requirements
 from hab_tasks.engine.measures import Measures
-from hab_tasks.engine.requirements import Requirements
 from hab_tasks.engine.rewards import weighted_by_path
 from hab_tasks.engine.sensors import IS_HOLDING, POINT
 from hab_tasks.engine.skill_env import Skill, SkillEnv
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.episodes.generators import starts_of
 from hab_tasks.episodes.generators.base import Generator, Objects, pose_scene
-from hab_tasks.episodes.rejection import RejectedSampleError
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import Episode, NavigationGoal, template_of
+from hab_tasks.errors import RejectedSampleError
 from hab_tasks.instructions import navigation_instruction
 from hab_tasks.registration import SKILLS
 from hab_tasks.world.navigation import LayoutMaps
@@ -149,12 +148,8 @@ NAVIGATE = Skill(
     control_modes=("base_discrete", "base"),
     observation=(IS_HOLDING, POINT),
     measures=(
-        "base_to_goal_m",
-        "heading_error_rad",
-        "stopped",
-        "path_m",
-        "force_n",
-        "force_total_n",
+        *("base_to_goal_m", "heading_error_rad", "stopped", "path_m"),
+        *("force_n", "force_total_n"),
     ),
     success=success,
     reward_terms=reward_terms,
@@ -172,15 +167,7 @@ class HabNavigateEnv(SkillEnv):
     **Start**: the robot at a random free pose with random heading; doors, drawers and objects as
     in a start state of one of the other six skills, whose base pose is the goal (S H.2).
 
-    **Observation** (``state_dict``: ``agent`` and ``extra``; ``state`` is their concatenation):
-
-    ====================  ===========  =====  ======  ==============================================
-    entry                 group        shape  unit    meaning
-    ====================  ===========  =====  ======  ==============================================
-    is_holding            agent        1      0 or 1  whether the gripper holds anything
-    point_in_base         extra        3      m       start or goal of the object, base frame
-    head                  sensor_data  128²   0..1    depth, 1 at 10 m; uint8 with ``rgb``
-    ====================  ===========  =====  ======  ==============================================
+    {observation}
 
     The goal pose of the base is not observed.
 
@@ -195,7 +182,7 @@ class HabNavigateEnv(SkillEnv):
 
     **Failure**: none; contact forces are not limited.
 
-    **Horizon**: 500 steps. **Versions**: v1, initial version.
+    **Horizon**: {horizon}. **Versions**: v1, initial version.
     """
 
     skill = NAVIGATE

@@ -9,9 +9,8 @@ import numpy as np
 from hab_tasks.arrays import Bools, Floats
 from hab_tasks.articulations import DRAWER
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
-from hab_tasks.engine.goals import Goals
+from hab_tasks.engine.goals import Goals, Requirements
 from hab_tasks.engine.measures import Measures
-from hab_tasks.engine.requirements import Requirements
 from hab_tasks.engine.sensors import OBJECT_START, PROPRIOCEPTION
 from hab_tasks.engine.skill_env import Skill, SkillEnv
 from hab_tasks.engine.snapshot import Snapshot
@@ -33,10 +32,10 @@ from hab_tasks.episodes.generators.furniture import (
     slides,
 )
 from hab_tasks.episodes.placing import Placer
-from hab_tasks.episodes.rejection import RejectedSampleError
 from hab_tasks.episodes.robot_start import KeepOff
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import POSE_DIGITS, Episode, Rearrangement
+from hab_tasks.errors import RejectedSampleError
 from hab_tasks.receptacles import DRAWER as DRAWER_RECEPTACLE
 from hab_tasks.robots.control_modes import ARM_MODES
 
@@ -139,10 +138,13 @@ def reward_terms(
 
 
 def reward_bound(c: OpenDrawerConfig) -> float:
-    """Maximum reward of a step: success, grab, 0.25 m of hand and 0.5 m of drawer motion."""
+    """Maximum reward of a step: success, grab, 0.25 m of hand motion, 0.5 m or rad of the joint."""
     w = c.weights
     return w.success + w.grabbed + 0.25 * w.handle + 0.5 * w.joint
 
+
+HANDLE_MEASURES = ("ee_to_handle_m", "ee_to_rest_m", "joint", "joint_share", "holding_handle")
+"""Measures of all skills of doors and drawers."""
 
 OPEN_DRAWER = Skill(
     name="open_drawer",
@@ -153,16 +155,7 @@ OPEN_DRAWER = Skill(
     horizon_steps=SKILL_HORIZON_STEPS,
     control_modes=ARM_MODES,
     observation=(*PROPRIOCEPTION, OBJECT_START),
-    measures=(
-        "ee_to_handle_m",
-        "ee_to_rest_m",
-        "joint",
-        "joint_share",
-        "holding_handle",
-        "grabbed_now",
-        "force_n",
-        "force_total_n",
-    ),
+    measures=(*HANDLE_MEASURES, "grabbed_now", "force_n", "force_total_n"),
     success=success,
     reward_terms=reward_terms,
     bound=reward_bound,
@@ -176,19 +169,7 @@ class HabOpenDrawerEnv(SkillEnv):
     region of 0.15 m x 0.75 m in front of it, facing the handle. Noise: 20 deg on the base heading,
     0.05 m on the end-effector (S H.2).
 
-    **Observation** (``state_dict``: ``agent`` and ``extra``; ``state`` is their concatenation):
-
-    ====================  ===========  =====  ======  ==============================================
-    entry                 group        shape  unit    meaning
-    ====================  ===========  =====  ======  ==============================================
-    arm_qpos              agent        7      rad     arm joints, shoulder to wrist
-    ee_position           agent        3      m       end-effector in the base frame
-    ee_rotation           agent        6      1       x, then y axis of the end-effector, base frame
-    is_holding            agent        1      0 or 1  whether the gripper holds anything
-    rest_from_ee          agent        3      m       end-effector to resting position, base frame
-    object_start_from_ee  extra        3      m       end-effector to the object in the drawer
-    head, arm             sensor_data  128²   0..1    depth, 1 at 10 m; uint8 with ``rgb``
-    ====================  ===========  =====  ======  ==============================================
+    {observation}
 
     **Action**: ``ee`` 3 + 1, ``joint_delta``, ``joint_target``, ``joint_state`` 7 + 1
     (`hab_tasks.robots.control`). Only handles can be grasped.
@@ -200,7 +181,7 @@ class HabOpenDrawerEnv(SkillEnv):
 
     **Failure**: none; contact forces are not limited.
 
-    **Horizon**: 200 steps. **Versions**: v1, initial version.
+    **Horizon**: {horizon}. **Versions**: v1, initial version.
     """
 
     skill = OPEN_DRAWER

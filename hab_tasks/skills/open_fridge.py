@@ -8,10 +8,9 @@ import numpy as np
 
 from hab_tasks.arrays import Bools, Floats
 from hab_tasks.articulations import FRIDGE, Rectangle
-from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
-from hab_tasks.engine.goals import Goals
+from hab_tasks.constants import SKILL_HORIZON_STEPS
+from hab_tasks.engine.goals import Goals, Requirements
 from hab_tasks.engine.measures import Measures
-from hab_tasks.engine.requirements import Requirements
 from hab_tasks.engine.sensors import OBJECT_START, PROPRIOCEPTION
 from hab_tasks.engine.skill_env import Skill, SkillEnv
 from hab_tasks.engine.snapshot import Snapshot, world_to_base
@@ -24,12 +23,14 @@ from hab_tasks.episodes.generators.base import (
 )
 from hab_tasks.episodes.generators.furniture import find_articulation, handles_m, level_frame
 from hab_tasks.episodes.placing import Placer
-from hab_tasks.episodes.rejection import RejectedSampleError
 from hab_tasks.episodes.robot_start import KeepOff
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import Episode, Rearrangement
+from hab_tasks.errors import RejectedSampleError
 from hab_tasks.receptacles import FRIDGE as FRIDGE_RECEPTACLE
 from hab_tasks.robots.control_modes import MOBILE_MODES
+from hab_tasks.skills import open_drawer
+from hab_tasks.skills.open_drawer import HANDLE_MEASURES, OpenDrawerConfig, OpenDrawerWeights
 
 MOST_IN_FRIDGE = 3
 
@@ -88,22 +89,17 @@ def outside(region: Rectangle, frame: Floats, base: Floats) -> Bools:
 
 
 @dataclass(frozen=True, kw_only=True)
-class OpenFridgeWeights:
+class OpenFridgeWeights(OpenDrawerWeights):
     """Weights of the reward in the order of the equation (S H.2)."""
 
-    success: float = 10.0
-    grabbed: float = 5.0
-    handle: float = 1.0
-    joint: float = 1.0
     left_region: float = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class OpenFridgeConfig:
+class OpenFridgeConfig(OpenDrawerConfig):
     """Thresholds of Open fridge (S H.2)."""
 
     weights: OpenFridgeWeights = field(default_factory=OpenFridgeWeights)
-    rest_radius_m: float = REST_RADIUS_M
 
 
 def success(s: Snapshot, m: Measures, g: Goals, c: OpenFridgeConfig) -> Bools:
@@ -119,22 +115,9 @@ def failures(s: Snapshot, m: Measures, g: Goals, c: OpenFridgeConfig) -> dict[st
 def reward_terms(
     s: Snapshot, m: Measures, g: Goals, c: OpenFridgeConfig, ends: dict[str, Bools]
 ) -> dict[str, Floats]:
-    """Reward terms, each (N,) float32, in the equation's order."""
-    w = c.weights
-    return {
-        "success": w.success * ends["success"],
-        "grabbed": w.grabbed * m.grabbed_now,
-        "handle": w.handle * m.ee_to_handle_decrease_m,
-        # The goal is the joint's upper limit, so the distance to it changes as the joint does.
-        "joint": w.joint * m.joint_increase,
-        "left_region": -w.left_region * ends["left_region"],
-    }
-
-
-def reward_bound(c: OpenFridgeConfig) -> float:
-    """Maximum reward of a step: success, grab, 0.25 m of hand and 0.5 rad of door motion."""
-    w = c.weights
-    return w.success + w.grabbed + 0.25 * w.handle + 0.5 * w.joint
+    """Reward terms of Open drawer and the penalty, each (N,) float32, in the equation's order."""
+    left_region = -c.weights.left_region * ends["left_region"]
+    return {**open_drawer.reward_terms(s, m, g, c, ends), "left_region": left_region}
 
 
 OPEN_FRIDGE = Skill(
@@ -146,20 +129,11 @@ OPEN_FRIDGE = Skill(
     horizon_steps=SKILL_HORIZON_STEPS,
     control_modes=MOBILE_MODES,
     observation=(*PROPRIOCEPTION, OBJECT_START),
-    measures=(
-        "ee_to_handle_m",
-        "ee_to_rest_m",
-        "joint",
-        "joint_share",
-        "holding_handle",
-        "grabbed_now",
-        "force_n",
-        "force_total_n",
-    ),
+    measures=(*HANDLE_MEASURES, "grabbed_now", "force_n", "force_total_n"),
     success=success,
     failures=failures,
     reward_terms=reward_terms,
-    bound=reward_bound,
+    bound=open_drawer.reward_bound,
 )
 
 
@@ -169,19 +143,7 @@ class HabOpenFridgeEnv(SkillEnv):
     **Start**: the door closed; the robot in a spawn region of 0.9 m x 1.2 m in front of the fridge,
     facing the handle. Noise: 20 deg on the base heading, 0.05 m on the end-effector (S H.2).
 
-    **Observation** (``state_dict``: ``agent`` and ``extra``; ``state`` is their concatenation):
-
-    ====================  ===========  =====  ======  ==============================================
-    entry                 group        shape  unit    meaning
-    ====================  ===========  =====  ======  ==============================================
-    arm_qpos              agent        7      rad     arm joints, shoulder to wrist
-    ee_position           agent        3      m       end-effector in the base frame
-    ee_rotation           agent        6      1       x, then y axis of the end-effector, base frame
-    is_holding            agent        1      0 or 1  whether the gripper holds anything
-    rest_from_ee          agent        3      m       end-effector to resting position, base frame
-    object_start_from_ee  extra        3      m       end-effector to the object behind the door
-    head, arm             sensor_data  128²   0..1    depth, 1 at 10 m; uint8 with ``rgb``
-    ====================  ===========  =====  ======  ==============================================
+    {observation}
 
     **Action**: ``ee_base`` 3 + 1 + 2; ``joint_delta_base``, ``joint_target_base`` and
     ``joint_state_base`` 7 + 1 + 2; ``joint_target_pose`` and ``joint_state_pose`` 7 + 1 + 3
@@ -195,7 +157,7 @@ class HabOpenFridgeEnv(SkillEnv):
 
     **Failure**: the base leaves its spawn region; contact forces are not limited.
 
-    **Horizon**: 200 steps. **Versions**: v1, initial version.
+    **Horizon**: {horizon}. **Versions**: v1, initial version.
     """
 
     skill = OPEN_FRIDGE

@@ -8,9 +8,8 @@ import numpy as np
 
 from hab_tasks.arrays import Bools, Floats
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
-from hab_tasks.engine.goals import Goals
+from hab_tasks.engine.goals import Goals, Requirements
 from hab_tasks.engine.measures import Measures
-from hab_tasks.engine.requirements import Requirements
 from hab_tasks.engine.rewards import force_penalty, weighted_by_completion_time
 from hab_tasks.engine.sensors import OBJECT_START, PROPRIOCEPTION
 from hab_tasks.engine.skill_env import Skill, SkillEnv
@@ -23,10 +22,10 @@ from hab_tasks.episodes.generators.base import (
     start_state,
 )
 from hab_tasks.episodes.placing import Placer
-from hab_tasks.episodes.rejection import RejectedSampleError
 from hab_tasks.episodes.robot_start import KeepOff
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import Episode, Rearrangement
+from hab_tasks.errors import RejectedSampleError
 from hab_tasks.receptacles import PICK_RECEPTACLES
 from hab_tasks.robots.control_modes import ARM_MODES
 
@@ -146,14 +145,8 @@ PICK = Skill(
     control_modes=(*ARM_MODES, "ee_base"),
     observation=(*PROPRIOCEPTION, OBJECT_START),
     measures=(
-        "ee_to_object_m",
-        "ee_to_rest_m",
-        "holding_target",
-        "holding_other",
-        "picked_now",
-        "dropped_now",
-        "force_n",
-        "force_total_n",
+        *("ee_to_object_m", "ee_to_rest_m", "holding_target", "holding_other"),
+        *("picked_now", "dropped_now", "force_n", "force_total_n"),
     ),
     success=success,
     failures=failures,
@@ -173,19 +166,7 @@ class HabPickEnv(SkillEnv):
     heading, 0.1 m on the base position, 0.05 m on the end-effector (S H.2). If the receptacle is
     the fridge, its door is open.
 
-    **Observation** (``state_dict``: ``agent`` and ``extra``; ``state`` is their concatenation):
-
-    ====================  ===========  =====  ======  ==============================================
-    entry                 group        shape  unit    meaning
-    ====================  ===========  =====  ======  ==============================================
-    arm_qpos              agent        7      rad     arm joints, shoulder to wrist
-    ee_position           agent        3      m       end-effector in the base frame
-    ee_rotation           agent        6      1       x, then y axis of the end-effector, base frame
-    is_holding            agent        1      0 or 1  whether the gripper holds anything
-    rest_from_ee          agent        3      m       end-effector to resting position, base frame
-    object_start_from_ee  extra        3      m       end-effector to start position, base frame
-    head, arm             sensor_data  128²   0..1    depth, 1 at 10 m; uint8 with ``rgb``
-    ====================  ===========  =====  ======  ==============================================
+    {observation}
 
     **Action**: ``ee`` 3 + 1, ``joint_delta``, ``joint_target``, ``joint_state`` 7 + 1,
     ``ee_base`` 3 + 1 + 2 (`hab_tasks.robots.control`). The gripper cannot release the target.
@@ -197,7 +178,7 @@ class HabPickEnv(SkillEnv):
 
     **Failure**: accumulated force above 5,000 N, another object grasped, target dropped.
 
-    **Horizon**: 200 steps. **Versions**: v1, initial version.
+    **Horizon**: {horizon}. **Versions**: v1, initial version.
     """
 
     skill = PICK

@@ -9,9 +9,8 @@ import numpy as np
 
 from hab_tasks.arrays import Bools, Floats
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
-from hab_tasks.engine.goals import Goals
+from hab_tasks.engine.goals import Goals, Requirements
 from hab_tasks.engine.measures import Measures
-from hab_tasks.engine.requirements import Requirements
 from hab_tasks.engine.rewards import force_penalty
 from hab_tasks.engine.sensors import OBJECT_GOAL, PROPRIOCEPTION
 from hab_tasks.engine.skill_env import Skill, SkillEnv
@@ -23,12 +22,11 @@ from hab_tasks.episodes.generators.base import (
     put_all,
     start_state,
 )
-from hab_tasks.episodes.placing import Placer
-from hab_tasks.episodes.rehearsal import falls_to
-from hab_tasks.episodes.rejection import RejectedSampleError
+from hab_tasks.episodes.placing import Placer, falls_to
 from hab_tasks.episodes.robot_start import KeepOff
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import Episode, Rearrangement, template_of
+from hab_tasks.errors import RejectedSampleError
 from hab_tasks.receptacles import PLACE_RECEPTACLES
 from hab_tasks.robots.control_modes import ARM_MODES
 from hab_tasks.skills.pick import CLUTTER
@@ -151,14 +149,8 @@ PLACE = Skill(
     control_modes=(*ARM_MODES, "ee_base"),
     observation=(*PROPRIOCEPTION, OBJECT_GOAL),
     measures=(
-        "object_to_goal_m",
-        "ee_to_rest_m",
-        "holding_target",
-        "holding_other",
-        "picked_other_now",
-        "placed",
-        "force_n",
-        "force_total_n",
+        *("object_to_goal_m", "ee_to_rest_m", "holding_target", "holding_other"),
+        *("picked_other_now", "placed", "force_n", "force_total_n"),
     ),
     success=success,
     failures=failures,
@@ -177,19 +169,7 @@ class HabPlaceEnv(SkillEnv):
     Noise: 20 deg on the base heading, 0.1 m on the base position, 0.05 m on the end-effector
     (S H.2).
 
-    **Observation** (``state_dict``: ``agent`` and ``extra``; ``state`` is their concatenation):
-
-    ====================  ===========  =====  ======  ==============================================
-    entry                 group        shape  unit    meaning
-    ====================  ===========  =====  ======  ==============================================
-    arm_qpos              agent        7      rad     arm joints, shoulder to wrist
-    ee_position           agent        3      m       end-effector in the base frame
-    ee_rotation           agent        6      1       x, then y axis of the end-effector, base frame
-    is_holding            agent        1      0 or 1  whether the gripper holds anything
-    rest_from_ee          agent        3      m       end-effector to resting position, base frame
-    object_goal_from_ee   extra        3      m       end-effector to goal position, base frame
-    head, arm             sensor_data  128²   0..1    depth, 1 at 10 m; uint8 with ``rgb``
-    ====================  ===========  =====  ======  ==============================================
+    {observation}
 
     **Action**: ``ee`` 3 + 1, ``joint_delta``, ``joint_target``, ``joint_state`` 7 + 1,
     ``ee_base`` 3 + 1 + 2 (`hab_tasks.robots.control`). Once the object is released at its goal,
@@ -203,7 +183,7 @@ class HabPlaceEnv(SkillEnv):
 
     **Failure**: accumulated force above 7,500 N.
 
-    **Horizon**: 200 steps. **Versions**: v1, initial version.
+    **Horizon**: {horizon}. **Versions**: v1, initial version.
     """
 
     skill = PLACE

@@ -15,6 +15,8 @@ from hab_tasks.engine.skill_env import Skill
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.tasks.base import Condition, Facts, Task
 
+_STATE = ("stages", "part", "done", "succeeded")
+
 
 class Progress:
     """Progress of each row; advances once per control step.
@@ -48,10 +50,8 @@ class Progress:
 
     def begin(self, rows: Sequence[int], s: Snapshot, g: Goals, tracker: Tracker) -> None:
         """Starts `rows` (R,) at the first part."""
-        self.stages, self.part, self.done, self.succeeded = (
-            put_rows(value, rows, 0)
-            for value in (self.stages, self.part, self.done, self.succeeded)
-        )
+        for name in _STATE:
+            setattr(self, name, put_rows(getattr(self, name), rows, 0))
         self._flags = self._facts.read(s, g, tracker)
 
     def move_on(self) -> list[int]:
@@ -116,15 +116,12 @@ class Progress:
 
     def get_state(self) -> dict[str, Tensor]:
         """Returns copies of the complete state by name."""
-        names = ("stages", "part", "done", "succeeded")
-        return to_tensors({name: getattr(self, name) for name in names})
+        return to_tensors({name: getattr(self, name) for name in _STATE})
 
     def set_state(
         self, state: Mapping[str, Any], rows: Sequence[int], s: Snapshot, g: Goals, tracker: Tracker
     ) -> None:
         """Restores `rows` (R,) from a state of R rows, at the current snapshot."""
-        self.stages = put_rows(self.stages, rows, state["stages"])
-        self.part = put_rows(self.part, rows, state["part"])
-        self.done = put_rows(self.done, rows, state["done"])
-        self.succeeded = put_rows(self.succeeded, rows, state["succeeded"])
+        for name in _STATE:
+            setattr(self, name, put_rows(getattr(self, name), rows, state[name]))
         self._flags = self._facts.read(s, g, tracker)

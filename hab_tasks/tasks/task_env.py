@@ -9,8 +9,8 @@ from typing import Any, ClassVar
 from torch import Tensor
 
 from hab_tasks.arrays import to_tensor
+from hab_tasks.engine.goals import Requirements
 from hab_tasks.engine.hab_env import HabEnv
-from hab_tasks.engine.requirements import Requirements
 from hab_tasks.engine.rows import Rows
 from hab_tasks.engine.sensors import PROPRIOCEPTION, handles_in_base, targets_in_base
 from hab_tasks.episodes.schema import Episode

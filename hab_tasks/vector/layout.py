@@ -1,28 +1,29 @@
-"""Layout of what a vector environment exchanges with its workers: actions, observations, info."""
+"""What a vector environment exchanges with its workers: arrays in shared memory, and messages.
+
+A step is the number of its group, each way. Any other answer is None, or the values of `CallRows`.
+"""
 
 from __future__ import annotations
 
+import pathlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
+from gymnasium.vector import AutoresetMode
 from torch import Tensor
 
 from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.io.shared_arrays import ArraySpec
+from hab_tasks.task_spec import TaskSpec
 
 Path = tuple[str, ...]
 """Keys that lead to an entry of a nested dict; () for the value itself."""
 
-ACTION, REWARD, TERMINATED, TRUNCATED, FINAL = (
-    "action",
-    "reward",
-    "terminated",
-    "truncated",
-    "final",
-)
+ACTION, REWARD, FINAL = "action", "reward", "final"
+TERMINATED, TRUNCATED = "terminated", "truncated"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,16 +67,15 @@ class RowLayout:
             info: Entries of `info`.
             final: Whether the last observation and info of an episode are kept as well.
         """
-        action = self.action_space
-        shape = action.shape or (1,)
+        action, boxes = self.action_space, leaves(self.observation_space)
         outputs = {
-            **{_name("obs", p): (box.shape, box.dtype) for p, box in self.observations().items()},
+            **{_name("obs", path): (box.shape, box.dtype) for path, box in boxes.items()},
             **{_name("info", path): ((), self.info[path]) for path in info},
         }
         if final:
             outputs |= {f"{FINAL}/{name}": of for name, of in list(outputs.items())}
         entries = {
-            ACTION: (shape, action.dtype),
+            ACTION: (action.shape or (1,), action.dtype),
             REWARD: ((), "float32"),
             TERMINATED: ((), "bool"),
             TRUNCATED: ((), "bool"),
@@ -86,10 +86,6 @@ class RowLayout:
             for name, (one, dtype) in entries.items()
         }
 
-    def observations(self) -> dict[Path, spaces.Box]:
-        """Returns the boxes of the observation by their path."""
-        return leaves(self.observation_space)
-
 
 def _name(kind: str, path: Path) -> str:
     return "\t".join((kind, *path))
@@ -99,7 +95,7 @@ def observation_arrays(
     arrays: Mapping[str, Any], layout: RowLayout, prefix: str = ""
 ) -> dict[Path, Any]:
     """Returns the arrays of the observation by their path."""
-    return {path: arrays[prefix + _name("obs", path)] for path in layout.observations()}
+    return {path: arrays[prefix + _name("obs", path)] for path in leaves(layout.observation_space)}
 
 
 def info_arrays(
@@ -150,3 +146,71 @@ def info_types(info: Mapping[str, Any], path: Path = ()) -> dict[Path, str]:
         elif isinstance(value, Tensor):
             found[(*path, name)] = value.numpy().dtype.str
     return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkerSetup:
+    """What a worker builds.
+
+    Attributes:
+        reference: The environment, ``module:X-v1``.
+        options: Options of `gymnasium.make`.
+        group_sizes: Number of its rows in each group.
+        max_steps: Number of steps after which an episode is truncated; None for no limit.
+        autoreset: When rows are reset.
+        action_repeat: Number of steps for which an action is executed.
+        episodes_folder: Where the workers share the episodes they generate.
+        task: A task that the main script declares.
+    """
+
+    reference: str
+    options: dict[str, Any]
+    group_sizes: tuple[int, ...]
+    max_steps: int | None
+    autoreset: AutoresetMode
+    action_repeat: int = 1
+    episodes_folder: pathlib.Path | None = None
+    task: TaskSpec | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Connect:
+    """The shared arrays; the descriptor of their file follows.
+
+    Attributes:
+        specs: Arrays of all rows.
+        info: Entries of `info`.
+        starts: First row of each of the worker's groups.
+    """
+
+    specs: dict[str, ArraySpec]
+    info: tuple[Path, ...]
+    starts: tuple[int, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResetRows:
+    """Resets rows of the worker.
+
+    Attributes:
+        seeds: Row -> its seed, None to continue with the row's own.
+        options: Row -> options of the reset.
+    """
+
+    seeds: dict[int, int | None]
+    options: dict[int, dict[str, Any]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CallRows:
+    """Calls a method of every row's environment, or reads an attribute.
+
+    Attributes:
+        name: Its name.
+        arguments: Positional arguments.
+        named: Keyword arguments.
+    """
+
+    name: str
+    arguments: tuple[Any, ...] = ()
+    named: dict[str, Any]

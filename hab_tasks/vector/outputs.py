@@ -60,7 +60,7 @@ class GroupOutputs:
         self._info = info_arrays(arrays, info)
         self._entries = _EntryWriter(first.entries, observation, self._rows)
         self._images = {p: a for p, a in observation.items() if p not in self._entries.paths}
-        self._all, self._final = {}, {}
+        self._final = []
         if any(name.startswith(FINAL) for name in arrays):
             last = observation_arrays(arrays, layout, f"{FINAL}/")
             last_info = info_arrays(arrays, info, f"{FINAL}/")

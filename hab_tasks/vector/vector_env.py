@@ -11,9 +11,9 @@ import numpy as np
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
-from mani_skill.envs.utils.system.backend import CPU_SIM_BACKENDS
 from numpy.typing import NDArray
 
+from hab_tasks.engine.inherited_options import check_backend
 from hab_tasks.errors import ActionError, OptionError, UnknownNameError
 from hab_tasks.option_values import entries, flag, names, seeds, whole
 from hab_tasks.vector.layout import (
@@ -22,12 +22,14 @@ from hab_tasks.vector.layout import (
     REWARD,
     TERMINATED,
     TRUNCATED,
+    CallRows,
     Path,
+    ResetRows,
+    WorkerSetup,
     info_arrays,
     nested,
     observation_arrays,
 )
-from hab_tasks.vector.messages import CallRows, ResetRows, WorkerSetup
 from hab_tasks.vector.workers import WorkerTeam
 
 Array = NDArray[Any]
@@ -43,9 +45,29 @@ class HabVectorEnv(VectorEnv[Any, Any, Any]):
     Row i equals the single environment reset with seed ``seed + i``, bit for bit, for any number of
     workers. Observations, rewards and `info` are numpy arrays with one entry for each row.
 
+    Args:
+        reference: The environment, ``module:X-v1``.
+        num_envs: Number of rows.
+        num_workers: Number of processes; None for the number of cores, at most one per row.
+        num_groups: Number of groups that step independently (see `async_step`).
+        info_keys: Entries of `info`: ``success``, ``measures``, ``measures.force_n``, ...
+        autoreset_mode: When a row whose episode ended is reset, as in Gymnasium.
+        copy: Whether each result is a copy; if not, the next step overwrites it.
+        max_episode_steps: Number of steps after which an episode is truncated; None for no
+            limit.
+        action_repeat: Number of steps for which an action is executed, fewer if the episode
+            ends; the reward is their sum, and only the last one is observed and rendered.
+        options: Options of the single environment.
+
     Attributes:
         groups: Rows that can be stepped together, (num_groups,) arrays of row numbers.
         autoreset_mode: When a row whose episode ended is reset.
+
+    Raises:
+        OptionError: Invalid number of rows, workers, groups or steps.
+        UnknownNameError: Unknown entry of `info_keys`, or unknown option.
+        SharedMemoryError: Not enough shared memory.
+        VectorWorkerError: A worker process was killed.
     """
 
     def __init__(
@@ -62,28 +84,6 @@ class HabVectorEnv(VectorEnv[Any, Any, Any]):
         action_repeat: int = 1,
         **options: Any,
     ) -> None:
-        """Starts the workers.
-
-        Args:
-            reference: The environment, ``module:X-v1``.
-            num_envs: Number of rows.
-            num_workers: Number of processes; None for the number of cores, at most one per row.
-            num_groups: Number of groups that step independently (see `async_step`).
-            info_keys: Entries of `info`: ``success``, ``measures``, ``measures.force_n``, ...
-            autoreset_mode: When a row whose episode ended is reset, as in Gymnasium.
-            copy: Whether each result is a copy; if not, the next step overwrites it.
-            max_episode_steps: Number of steps after which an episode is truncated; None for no
-                limit.
-            action_repeat: Number of steps for which an action is executed, fewer if the episode
-                ends; the reward is their sum, and only the last one is observed and rendered.
-            options: Options of the single environment.
-
-        Raises:
-            OptionError: Invalid number of rows, workers, groups or steps.
-            UnknownNameError: Unknown entry of `info_keys`, or unknown option.
-            SharedMemoryError: Not enough shared memory.
-            VectorWorkerError: A worker process was killed.
-        """
         self.num_envs = whole("num_envs", num_envs, 1, MOST_ROWS, "rows")
         workers = _worker_count(num_workers, self.num_envs)
         per_worker = np.array_split(np.arange(self.num_envs), workers)
@@ -92,13 +92,10 @@ class HabVectorEnv(VectorEnv[Any, Any, Any]):
         self._copy = flag("copy", copy)
         self.autoreset_mode = _autoreset(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        _check_backend(options.get("sim_backend"))
+        check_backend(options.get("sim_backend"))
         self.render_mode = options.get("render_mode")
-        keys = names("info_keys", info_keys, ["success", "measures"])
         parts = [np.array_split(rows, num_groups) for rows in per_worker]
-        self.groups = tuple(
-            np.concatenate([part[number] for part in parts]) for number in range(num_groups)
-        )
+        self.groups = tuple(map(np.concatenate, zip(*parts, strict=True)))
         setup = WorkerSetup(
             reference=reference,
             options=options,
@@ -109,7 +106,7 @@ class HabVectorEnv(VectorEnv[Any, Any, Any]):
         )
         setups = [replace(setup, group_sizes=tuple(map(len, part))) for part in parts]
         self._team = WorkerTeam(setups, [tuple(int(rows[0]) for rows in part) for part in parts])
-        self._connect(keys)
+        self._connect(names("info_keys", info_keys, ["success", "measures"]))
 
     def _connect(self, info_keys: Sequence[str]) -> None:
         """Shares the arrays with the workers."""
@@ -391,9 +388,3 @@ def _autoreset(mode: AutoresetMode | str) -> AutoresetMode:
     if mode not in found:
         raise UnknownNameError("autoreset_mode", mode, [one.value for one in AutoresetMode])
     return found[mode]
-
-
-def _check_backend(backend: str | None) -> None:
-    if (backend or "auto").partition(":")[0] not in ("auto", *CPU_SIM_BACKENDS):
-        valid = "'physx_cpu' or 'auto'"
-        raise OptionError.of_value("sim_backend", backend, valid)

@@ -15,8 +15,7 @@ from hab_authoring.layouts.write import write_layout_set, write_scene
 from hab_tasks.cli import main
 from hab_tasks.geometry import compose, inverse, to_matrix
 from hab_tasks.world.scenes.fields import read_json
-from hab_tasks.world.scenes.habitat.dataset import SceneDataset, resolve_dataset
-from hab_tasks.world.scenes.habitat.layout_set import LayoutSet
+from hab_tasks.world.scenes.habitat.dataset import LayoutSet, SceneDataset, resolve_dataset
 from hab_tasks.world.scenes.habitat.load import load_scene
 from hab_tasks.world.scenes.spec import SceneSpec
 

@@ -6,7 +6,7 @@ import pytest
 from refusals import refused_by_call, refused_by_command
 
 from hab_tasks.cli import main
-from hab_tasks.episodes.journal import EpisodeJournal
+from hab_tasks.episodes.made_files import EpisodeJournal
 from hab_tasks.episodes.source import EpisodeRequest, open_source
 
 COMMAND = ("episodes", "--env", "HabOpenDrawer-v1", "--split", "train", "--seed", "11")

@@ -13,8 +13,7 @@ from start_checks import TASKS, Replay
 
 from hab_tasks.episodes import EpisodeRequest, load_episodes, open_source, read_episodes
 from hab_tasks.episodes.generators import starts_of
-from hab_tasks.episodes.rejection import RejectedSampleError
-from hab_tasks.errors import GenerationError
+from hab_tasks.errors import GenerationError, RejectedSampleError
 from hab_tasks.registration import ENTRY_POINTS
 
 ENV, SEED = "HabPick-v1", 77

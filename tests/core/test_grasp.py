@@ -6,7 +6,7 @@ import sapien
 from fetch_sim import GRASP, HAND_M, RELEASE, FetchSim
 
 from hab_tasks.robots.grasp import NOTHING
-from hab_tasks.world.scenes.collision_groups import HELD, MOVING
+from hab_tasks.world.scenes.physics import HELD, MOVING
 
 SMALL = (0.02, 0.02, 0.02)
 SWING = 0.02 * np.array([1, 1, -1, 1, 1, -1, 1])

@@ -7,7 +7,7 @@ from builders import DRAWER_URDF, cpu_scene
 from hab_tasks.world.scenes.build import BodyBuilder
 from hab_tasks.world.scenes.habitat.dataset import resolve_dataset
 from hab_tasks.world.scenes.habitat.load import load_scene
-from hab_tasks.world.scenes.joint_friction import HINGE, SLIDE
+from hab_tasks.world.scenes.physics import HINGE, SLIDE
 from hab_tasks.world.scenes.urdf import joint_frictions
 
 

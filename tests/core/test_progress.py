@@ -7,8 +7,7 @@ import torch
 from builders import goals_of, measures, row, same, snapshot
 
 from hab_tasks.registration import TASKS
-from hab_tasks.tasks.base import Facts
-from hab_tasks.tasks.compile import compile_task
+from hab_tasks.tasks.base import Facts, compile_task
 from hab_tasks.tasks.progress import Progress
 
 TIDY_HOUSE, PREPARE_GROCERIES, SET_TABLE = map(compile_task, TASKS.values())

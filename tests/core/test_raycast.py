@@ -4,8 +4,7 @@ import numpy as np
 import sapien
 
 from hab_tasks.world.raycast.compiled import kernel
-from hab_tasks.world.raycast.library import in_clusters
-from hab_tasks.world.raycast.meshes import Mesh, mesh_of
+from hab_tasks.world.raycast.library import Mesh, in_clusters, mesh_of
 from hab_tasks.world.raycast.scene import Pinhole, cv_from_world
 from hab_tasks.world.scenes.visuals import Visual
 

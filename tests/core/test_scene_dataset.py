@@ -9,7 +9,7 @@ import pytest
 from builders import cpu_scene, table_config, tiny_dataset, tiny_scene, write_json, write_scene
 
 from hab_tasks.errors import DatasetError, UnknownNameError
-from hab_tasks.world.scenes.habitat import load
+from hab_tasks.io import cache
 from hab_tasks.world.scenes.habitat.dataset import SPLIT_MACROS, SceneDataset
 from hab_tasks.world.scenes.habitat.load import load_scene
 from hab_tasks.world.scenes.objects import load_objects
@@ -23,7 +23,7 @@ TABLE = "configs/objects/table.object_config.json"
 def root(tmp_path, monkeypatch):
     """A tiny dataset, a cache of its own, and nothing said yet."""
     monkeypatch.setenv("HAB_CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(load, "_said", set())
+    monkeypatch.setattr(cache, "_said", set())
     return tiny_dataset(tmp_path / "tiny")
 
 

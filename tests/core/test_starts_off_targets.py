@@ -5,7 +5,7 @@ import pytest
 from start_checks import SKILLS, TASKS, Replay
 
 from hab_tasks.episodes.generators.furniture import handles_m
-from hab_tasks.episodes.rehearsal import falls_to
+from hab_tasks.episodes.placing import falls_to
 from hab_tasks.episodes.robot_start import HAND_CLEARANCE_M
 from hab_tasks.geometry import apply
 

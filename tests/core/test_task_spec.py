@@ -17,8 +17,7 @@ from hab_tasks.receptacles import (
     TABLE_LIGHT,
 )
 from hab_tasks.registration import TASKS, imported_id, reference_of
-from hab_tasks.task_order import interactions
-from hab_tasks.task_spec import MOST_OBJECTS
+from hab_tasks.task_spec import MOST_OBJECTS, interactions
 
 
 def target(**changes):

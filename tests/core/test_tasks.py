@@ -2,8 +2,7 @@
 
 from hab_tasks.articulations import DRAWER, FRIDGE
 from hab_tasks.registration import TASKS as SPECS
-from hab_tasks.tasks.base import Condition
-from hab_tasks.tasks.compile import compile_task
+from hab_tasks.tasks.base import Condition, compile_task
 
 TIDY_HOUSE, PREPARE_GROCERIES, SET_TABLE = map(compile_task, SPECS.values())
 BOWL, APPLE = 0, 1

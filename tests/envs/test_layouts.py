@@ -10,7 +10,7 @@ from builders import go_above_and_grasp, same
 from playing import actions, move_joint, record
 
 from hab_tasks.episodes import EpisodeRequest, open_source
-from hab_tasks.world.scenes.lights import MAX_LIGHTS
+from hab_tasks.world.scenes.build import MAX_LIGHTS
 
 LAYOUTS = ("v3_sc0_staging_00", "v3_sc3_staging_00", "apt_0")
 """Two that are staged, with other furniture and lamps, and one full of loose objects."""

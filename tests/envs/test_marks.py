@@ -5,7 +5,7 @@ import pytest
 import torch
 from playing import still
 
-from hab_tasks.engine.marks import marked_points
+from hab_tasks.engine.viewpoint import marked_points
 
 
 @pytest.mark.render

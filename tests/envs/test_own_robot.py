@@ -12,8 +12,7 @@ from hab_tasks.agent_spaces import agent_setup
 from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.fetch.agent import HabFetch
 from hab_tasks.robots.kinematics import ArmKinematics
-from hab_tasks.robots.registry import register_robot
-from hab_tasks.robots.spec import CameraPlace
+from hab_tasks.robots.spec import CameraPlace, register_robot
 
 REST_M = (0.6, 0.1, 0.9)
 

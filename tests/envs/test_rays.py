@@ -15,7 +15,7 @@ from builders import same
 from playing import actions, long, slow
 from refusals import refused_by_call
 
-from hab_tasks.engine import image_source
+from hab_tasks.engine.inherited_options import choose_source
 from hab_tasks.robots.fetch import FETCH
 
 EVERY_CAMERA = tuple(FETCH.cameras)
@@ -142,7 +142,7 @@ def test_auto_renders_only_what_rays_cannot_see(monkeypatch):
     monkeypatch.setattr("hab_tasks.rendering.software_vulkan_works", lambda: True)
     for gpu, options, expected in AUTO:
         monkeypatch.setattr("hab_tasks.rendering.gpu_renders", lambda found=gpu: found)
-        source = image_source.choose_source("auto", options)
+        source = choose_source("auto", options)
         assert (source.renderer, source.casts_rays) == expected, (gpu, options)
 
 

@@ -5,7 +5,7 @@ import pytest
 from hab_eval.records.config import parse_numbers
 from playing import actions, play
 
-from hab_tasks.engine.skill_config import config_values, configured
+from hab_tasks.engine.skill_env import config_values, configured
 from hab_tasks.envs import ENVS
 from hab_tasks.errors import HabError, OptionError, UnknownNameError
 from hab_tasks.skills.pick import PICK

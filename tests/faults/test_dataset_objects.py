@@ -27,8 +27,7 @@ from refusals import check_each, refused_by_call, refused_by_command
 
 from hab_tasks.cli import main
 from hab_tasks.object_names import ALL_OBJECTS
-from hab_tasks.world.scenes.habitat.dataset import SceneDataset, resolve_dataset
-from hab_tasks.world.scenes.habitat.layout_set import LayoutSet
+from hab_tasks.world.scenes.habitat.dataset import LayoutSet, SceneDataset, resolve_dataset
 from hab_tasks.world.scenes.habitat.load import load_scene
 from hab_tasks.world.scenes.meshes import textured_glb
 from hab_tasks.world.scenes.objects import load_objects
@@ -143,9 +142,9 @@ LAYOUTS = {
     "format": (put("format", value=99), "format 99"),
     "dataset nowhere": (put("dataset", value="/nowhere"), "/nowhere"),
     "templates": (put("templates", value=1), "has changed"),
-    "wild": (put("wild", value="no"), "damaged (wild)"),
+    "wild": (put("wild", value="no"), "wild: expected"),
     "macro unknown": (put("macros", value={"mine_001": "v3_sc0_staging_O0"}), SCENE_ID),
-    "layout elsewhere": (put("macros", value={"../data/x": SCENE_ID}), "damaged (macros)"),
+    "layout elsewhere": (put("macros", value={"../data/x": SCENE_ID}), "macros: expected"),
     "layout absent": (put("macros", value={"mine_002": SCENE_ID}), "mine_002"),
     "unknown field": (put("colour", value="red"), "colour"),
 }

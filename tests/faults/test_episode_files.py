@@ -15,7 +15,7 @@ from refusals import check_each, refused_by_call, refused_by_command
 import hab_tasks
 from hab_tasks.cli import main
 from hab_tasks.envs import ENVS
-from hab_tasks.episodes.fields import LARGEST_BYTES
+from hab_tasks.episodes.schema import LARGEST_BYTES
 
 SHIPPED = Path(hab_tasks.__file__).parents[1] / "assets" / "episodes"
 GONE = object()

@@ -18,12 +18,12 @@ from hab_tasks.world.scenes.habitat.dataset import (
     embedded_dataset,
     resolve_objects,
 )
-from hab_tasks.world.scenes.habitat.lamps import read_lamps
 from hab_tasks.world.scenes.habitat.load import (
     articulated_receptacles,
     load_scene,
     load_template,
     read_category,
+    read_lamps,
 )
 from hab_tasks.world.scenes.habitat.navmesh import read_navmesh
 from hab_tasks.world.scenes.physics import bare_scene

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hab_tasks.geometry import Array
 from hab_tasks.rendering import use_default_shaders
-from hab_tasks.world.scenes.lights import LayoutLights
+from hab_tasks.world.scenes.build import LayoutLights
 from hab_tasks.world.scenes.physics import bare_scene
 from hab_tasks.world.scenes.pool import BodyPool
 from hab_tasks.world.scenes.spec import SceneSpec

@@ -7,8 +7,13 @@ from dataclasses import asdict, dataclass
 
 from hab_plans.extension import ACTION_OF
 from hab_plans.problem import ROOM, SPAWN, spec_of, thing
-from hab_tasks.task_order import Interaction, container_at_goal, container_at_start, interactions
-from hab_tasks.task_spec import TaskSpec
+from hab_tasks.task_spec import (
+    Interaction,
+    TaskSpec,
+    container_at_goal,
+    container_at_start,
+    interactions,
+)
 
 SKILLS = {
     "navigate": "navigate",

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 from hab_plans.errors import PlannerError
 from hab_plans.extension import ACTIONS
 from hab_tasks.registration import TASKS, imported_id
-from hab_tasks.task_order import container_at_goal, container_at_start
-from hab_tasks.task_spec import TaskSpec
+from hab_tasks.task_spec import TaskSpec, container_at_goal, container_at_start
 
 if TYPE_CHECKING:
     from hab_tasks.tasks.base import Condition, Task
@@ -95,7 +94,7 @@ def spec_of(reference: str) -> TaskSpec:
 def task_of(reference: str) -> Task:
     """Returns a compiled task; raises as `spec_of` does."""
     spec = spec_of(reference)
-    from hab_tasks.tasks.compile import compile_task  # loads the simulator
+    from hab_tasks.tasks.base import compile_task  # loads the simulator
 
     return compile_task(spec)
 

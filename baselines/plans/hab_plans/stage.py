@@ -7,8 +7,7 @@ from typing import Literal
 
 from hab_plans.plan import Action
 from hab_plans.problem import things
-from hab_tasks.task_order import container_at_goal, container_at_start, interactions
-from hab_tasks.task_spec import TaskSpec
+from hab_tasks.task_spec import TaskSpec, container_at_goal, container_at_start, interactions
 from hab_tasks.tasks.base import Condition, Task
 
 

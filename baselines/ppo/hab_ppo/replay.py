@@ -18,8 +18,7 @@ from torch import Tensor
 from hab_ppo.examples import Examples
 from hab_ppo.observation import Observation, ObservationLayout
 from hab_ppo.retiming import Follower, Stretch
-from hab_tasks.engine.env_row import EnvRow
-from hab_tasks.engine.rollout import EndRolloutError, Job, flag, play_one
+from hab_tasks.engine.rollout import EndRolloutError, EnvRow, Job, flag, play_one
 from hab_tasks.episodes import Episode
 
 DRIVING_MODE = "ee_base"

@@ -13,7 +13,7 @@ from hab_spa.motion.robot import Robot
 from hab_spa.shapes import Array
 from numpy.typing import NDArray
 
-from hab_tasks.robots.arm_commands import commanded_arm
+from hab_tasks.robots.control import commanded_arm
 from hab_tasks.robots.control_modes import BASE_CELLS, STOP_SHARE
 from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.kinematics import ArmKinematics

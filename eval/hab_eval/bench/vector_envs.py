@@ -24,8 +24,8 @@ from hab_eval.bench.reference import Reference
 from hab_tasks.envs import ENVS
 from hab_tasks.episodes import EpisodeRequest, open_source
 from hab_tasks.io.threads import use_one_thread
-from hab_tasks.vector.messages import ResetRows, WorkerSetup
-from hab_tasks.vector.worker import local_group
+from hab_tasks.vector.layout import ResetRows, WorkerSetup
+from hab_tasks.vector.workers import local_group
 
 ROWS, WORKERS = 16, 2
 EPISODES = 64

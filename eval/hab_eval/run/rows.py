@@ -20,8 +20,7 @@ from hab_eval.run.agent_checks import without_exit
 from hab_eval.run.film import VideoRecorder
 from hab_eval.run.observations import AgentView, batched
 from hab_tasks.agent import AgentSpec
-from hab_tasks.engine.env_row import EnvRow
-from hab_tasks.engine.rollout import Job, Outcome
+from hab_tasks.engine.rollout import EnvRow, Job, Outcome
 from hab_tasks.errors import RunStoppedError
 
 if TYPE_CHECKING:

@@ -17,8 +17,7 @@ from hab_eval.run.observations import AgentView
 from hab_eval.run.rows import LocalRows, job_of, naming_episodes, result_of
 from hab_tasks.agent import Agent, AgentReport
 from hab_tasks.engine import rollout
-from hab_tasks.engine.env_row import EnvRow, Restart, anew
-from hab_tasks.engine.rollout import Ended, Job, Observer, Rows
+from hab_tasks.engine.rollout import Ended, EnvRow, Job, Observer, Restart, Rows, anew
 from hab_tasks.errors import RunStoppedError
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ An agent of one row runs in every worker, with its own environment (`run_paralle
 several rows runs once, in the parent, and the workers step the environments (`run_batched`).
 
 Only the parent assigns episodes and writes results, so each episode runs exactly once. The outcome
-of an episode does not depend on its worker (see `hab_tasks.engine.env_row.anew`).
+of an episode does not depend on its worker (see `hab_tasks.engine.rollout.anew`).
 """
 
 from __future__ import annotations

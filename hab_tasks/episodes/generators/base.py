@@ -16,7 +16,6 @@ from transforms3d import quaternions
 
 from hab_tasks.episodes.layout_memory import LayoutMemory
 from hab_tasks.episodes.placing import Placer, Settling
-from hab_tasks.episodes.rejection import RejectedSampleError
 from hab_tasks.episodes.robot_start import (
     NOTHING_NEAR,
     KeepOff,
@@ -27,7 +26,7 @@ from hab_tasks.episodes.robot_start import (
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import Episode, HandleRef, Rearrangement, RobotStart, rounded
 from hab_tasks.episodes.spots import Spot, find_spots
-from hab_tasks.errors import GenerationError
+from hab_tasks.errors import GenerationError, RejectedSampleError
 from hab_tasks.geometry import Array, Pose7, pose, rotation_between
 from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.kinematics import ArmKinematics

@@ -22,11 +22,11 @@ from hab_tasks.episodes.generators.base import (
 )
 from hab_tasks.episodes.generators.furniture import carried, find_articulation, handles_m, slides
 from hab_tasks.episodes.placing import AWAY, Placer
-from hab_tasks.episodes.rejection import RejectedSampleError
 from hab_tasks.episodes.robot_start import KeepOff
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import Episode, Rearrangement
 from hab_tasks.episodes.spots import Spot, widest
+from hab_tasks.errors import RejectedSampleError
 from hab_tasks.geometry import Pose7
 from hab_tasks.receptacles import CONTAINERS, DRAWER
 from hab_tasks.task_spec import ARTICULATIONS, TaskSpec

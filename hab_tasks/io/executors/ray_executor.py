@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from typing import Any, Generic
 
 from hab_tasks.errors import RunStoppedError
-from hab_tasks.io.executors.executor import J, R, Task
+from hab_tasks.io.executors import J, R, Task
 from hab_tasks.io.executors.ray_connection import imported_ray
 from hab_tasks.io.executors.ray_worker import Failed, JobWorker, this_origin
 

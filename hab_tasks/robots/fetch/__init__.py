@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from hab_tasks.constants import REST_POSITION_M
-from hab_tasks.robots.registry import register_robot
-from hab_tasks.robots.spec import CameraPlace, RobotSpec
+from hab_tasks.robots.spec import CameraPlace, RobotSpec, register_robot
 
 _ARM = (
     *("shoulder_pan", "shoulder_lift", "upperarm_roll", "elbow_flex"),

@@ -1,11 +1,9 @@
 """Navigation: maps of the free floor, geodesic distances, paths, base poses for reaching."""
 
 from hab_tasks.world.navigation.follower import ShortestPathFollower
-from hab_tasks.world.navigation.geodesic import GeodesicDistances
-from hab_tasks.world.navigation.layout_maps import LayoutMaps
+from hab_tasks.world.navigation.layout_maps import GeodesicDistances, LayoutMaps
 from hab_tasks.world.navigation.navigation_map import NavigationMap
-from hab_tasks.world.navigation.paths import path_between
-from hab_tasks.world.navigation.reaching import poses_reaching
+from hab_tasks.world.navigation.paths import path_between, poses_reaching
 
 __all__ = [
     "GeodesicDistances",

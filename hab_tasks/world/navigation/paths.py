@@ -1,4 +1,4 @@
-"""Shortest paths of the base, simplified to few straight segments."""
+"""Shortest paths of the base, and base poses from which the arm reaches a target."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from hab_tasks.privileged import Array
 from hab_tasks.world.navigation.navigation_map import NavigationMap
+from hab_tasks.world.scenes.floor import CELL_M
 
 _STEPS = np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)])
 _LENGTHS = np.linalg.norm(_STEPS, axis=1)
@@ -59,3 +60,55 @@ def descend(field: Array, start: NDArray[np.int64], most: int | None = None) -> 
         cell = around[int(slope.argmax())]
         passed.append(cell)
     return np.array(passed, dtype=np.int64).reshape(-1, 2) - 1
+
+
+NEAREST_M, FARTHEST_M = 0.45, 1.1
+"""Range of horizontal distances from the base to points that the arm can reach."""
+
+_AT_TARGET_M = 0.1
+"""Walls within this distance of the target do not occlude it, as furniture is wall-mounted."""
+
+
+def poses_reaching(
+    map_: NavigationMap,
+    target_m: Array,
+    nearest_m: float = NEAREST_M,
+    farthest_m: float = FARTHEST_M,
+) -> Array:
+    """Returns base poses from which a receptacle, an object or a handle can be reached.
+
+    The line from base to target crosses free floor and then only the furniture that carries the
+    target: no wall, and no gap behind other furniture.
+
+    Args:
+        map_: The layout.
+        target_m: The target (2,) or (3,) in the world.
+        nearest_m: Minimum horizontal distance from the base to the target.
+        farthest_m: Maximum distance.
+
+    Returns:
+        (K, 3): x, y and the yaw [rad] that faces the target, nearest first.
+    """
+    target = np.asarray(target_m, dtype=float)[:2]
+    bases = map_.positions(np.argwhere(map_.free))
+    gap = target - bases
+    distance = np.linalg.norm(gap, axis=1)
+    near = np.flatnonzero((distance >= nearest_m) & (distance <= farthest_m))
+    near = near[np.argsort(distance[near], kind="stable")]
+    near = near[_in_sight(map_, bases[near], target, distance[near])]
+    yaw = np.arctan2(gap[near, 1], gap[near, 0])
+    return np.column_stack((bases[near], yaw))
+
+
+def _in_sight(
+    map_: NavigationMap, bases_m: Array, target_m: Array, distance_m: Array
+) -> NDArray[np.bool_]:
+    """Whether only the target's furniture is on the line from bases (K, 2)."""
+    count = 1 + int(np.ceil(2 * distance_m.max(initial=0.0) / CELL_M))
+    share = np.linspace(0.0, 1.0, 1 + count)
+    line = bases_m[:, None] + share[:, None] * (target_m - bases_m)[:, None]
+    x, y = np.moveaxis(map_.cells_of(line), -1, 0)
+    taken = map_.floor.clearance_m[x, y] == 0
+    wall = map_.walls[x, y] & ((1 - share) * distance_m[:, None] > _AT_TARGET_M)
+    left_again = taken[:, :-1] & ~taken[:, 1:]
+    return ~wall.any(axis=1) & ~left_again.any(axis=1)

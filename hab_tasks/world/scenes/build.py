@@ -18,20 +18,25 @@ from sapien.physx import PhysxMaterial
 from hab_tasks.errors import DatasetError
 from hab_tasks.geometry import Pose7, apply
 from hab_tasks.simulator import rigid_body, sapien_object
-from hab_tasks.world.scenes.collision_groups import (
+from hab_tasks.world.scenes.meshes import parts_volume
+from hab_tasks.world.scenes.physics import (
     FLOOR_BIT,
     FRONT,
     FURNITURE_BIT,
     MOVING,
     PASSIVE,
     STATIC,
+    brake,
     set_groups,
 )
-from hab_tasks.world.scenes.joint_friction import brake
-from hab_tasks.world.scenes.meshes import parts_volume
-from hab_tasks.world.scenes.parsed_urdf import articulation_builder
-from hab_tasks.world.scenes.spec import ArticulationInstance, CollisionSource, ObjectTemplate, Stage
-from hab_tasks.world.scenes.urdf import joint_frictions, sapien_urdf
+from hab_tasks.world.scenes.spec import (
+    ArticulationInstance,
+    CollisionSource,
+    ObjectTemplate,
+    PointLight,
+    Stage,
+)
+from hab_tasks.world.scenes.urdf import articulation_builder, joint_frictions, sapien_urdf
 from hab_tasks.world.scenes.visuals import visual_file
 
 FLAT_HEIGHT_M = 0.05
@@ -200,3 +205,30 @@ def to_sapien(pose: Pose7) -> sapien.Pose:
 
 def _at(source: CollisionSource, scale: float = 1.0) -> sapien.Pose:
     return sapien.Pose([scale * x for x in source.center_m])
+
+
+MAX_LIGHTS = 12
+
+
+class LayoutLights:
+    """Lighting of the scene: ambient light, a soft sky, and the layout's lamps."""
+
+    def __init__(self, scene: ManiSkillScene) -> None:
+        """Adds the lights shared by all layouts."""
+        scene.set_ambient_light([0.35, 0.35, 0.35])
+        scene.add_directional_light([0.3, 0.5, -1.0], [0.9, 0.9, 0.85])
+        self._scene = scene
+        self._lamps: list[sapien.Entity] = []
+        self._shown: tuple[PointLight, ...] = ()
+
+    def show(self, lights: tuple[PointLight, ...]) -> None:
+        """Replaces the lamps by these, at most `MAX_LIGHTS`."""
+        if lights == self._shown:
+            return
+        for lamp in self._lamps:
+            lamp.remove_from_scene()
+        self._lamps = [
+            self._scene.add_point_light(list(light.position_m), list(light.color)).entity
+            for light in lights[:MAX_LIGHTS]
+        ]
+        self._shown = lights

@@ -1,6 +1,8 @@
 """Mesh files: bounds, convex parts and light copies, kept in the cache by content.
 
-The user's dataset is never written to.
+The user's dataset is never written to. Decimation preserves textures: it moves vertices across the
+seams of a texture atlas, which smears it, so every remaining triangle is assigned to the atlas
+chart nearest to its centre, and its corners take the coordinates of the chart's nearest vertices.
 """
 
 from __future__ import annotations
@@ -11,16 +13,20 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
+import fast_simplification
 import numpy as np
 import trimesh
-from PIL import Image
-from scipy.spatial import QhullError
+from PIL import Image, ImageDraw
+from scipy import ndimage
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree, QhullError
+from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from hab_tasks.errors import DatasetError
 from hab_tasks.io.cache import cached, cached_file
 from hab_tasks.world.scenes.fields import read_bytes
-from hab_tasks.world.scenes.light_mesh import decimate_textured, fill_background
 from hab_tasks.world.scenes.mesh_checks import LARGEST_M, check_mesh
 
 TEXTURE_SIZE_PX = 512
@@ -171,3 +177,66 @@ def _loaded(file: Path, load: Callable[[Path], Any]) -> Any:
     if is_empty or bounds is None or not (np.abs(bounds) <= LARGEST_M).all():
         raise DatasetError(f"{file}: holds no mesh, or one that is not finite.")
     return found
+
+
+_APART_M = 100.0
+"""Distance put between charts so that a search stays within one of them."""
+
+
+def decimate_textured(mesh: Any, triangles: int) -> Any:
+    """Returns a copy of a textured trimesh mesh with at most about `triangles` faces.
+
+    Args:
+        mesh: A mesh whose `visual` has `uv` and `material`, vertices doubled along seams.
+        triangles: Target number of faces; a mesh with fewer is returned unchanged.
+    """
+    if len(mesh.faces) <= triangles:
+        return mesh
+    welded = trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
+    corners_m: Any = welded.vertices.astype(np.float32)
+    simplified = fast_simplification.simplify(
+        corners_m,
+        welded.faces.astype(np.int32),
+        target_reduction=1.0 - triangles / len(welded.faces),
+    )
+    points, faces = simplified[:2]
+    vertices, uv = np.asarray(mesh.vertices), np.asarray(mesh.visual.uv)
+    charts = _charts(np.asarray(mesh.faces), len(vertices))
+    _, nearest_face = KDTree(vertices[mesh.faces].mean(axis=1)).query(points[faces].mean(axis=1))
+    face_chart = charts[np.asarray(mesh.faces)[nearest_face, 0]]
+    corners = points[faces].reshape(-1, 3)
+    tree = KDTree(np.column_stack((vertices, _APART_M * charts)))
+    _, nearest = tree.query(np.column_stack((corners, _APART_M * np.repeat(face_chart, 3))))
+    light = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
+    smooth = trimesh.Trimesh(points, faces, process=False).vertex_normals[faces].reshape(-1, 3)
+    light.vertex_normals = smooth
+    light.visual = TextureVisuals(uv=uv[nearest], material=mesh.visual.material)
+    return light
+
+
+def fill_background(image: Image.Image, mesh: Any) -> Image.Image:
+    """Returns the texture with the colour of the nearest chart wherever no triangle of `mesh` lies.
+
+    Scanned atlases are black between their charts; shrunk or decimated, that black bleeds in.
+    """
+    pixels = np.asarray(image)
+    height, width = pixels.shape[:2]
+    covered = Image.new("1", (width, height), 0)
+    draw = ImageDraw.Draw(covered)
+    uv = np.asarray(mesh.visual.uv) * (1.0, -1.0) + (0.0, 1.0)
+    for triangle in (uv * (width, height))[mesh.faces]:
+        draw.polygon([tuple(corner) for corner in triangle], fill=1)
+    # A chart's outermost pixels are half background already.
+    inside: Any = ndimage.binary_erosion(np.asarray(covered), iterations=2)
+    nearest: Any = ndimage.distance_transform_edt(
+        ~inside, return_distances=False, return_indices=True
+    )
+    return Image.fromarray(pixels[nearest[0], nearest[1]])
+
+
+def _charts(faces: Any, count: int) -> Any:
+    """Returns the chart number of every vertex: vertices joined by faces share one."""
+    edges = np.concatenate((faces[:, [0, 1]], faces[:, [1, 2]]))
+    ones = np.ones(len(edges), dtype=bool)
+    graph = coo_matrix((ones, (edges[:, 0], edges[:, 1])), shape=(count, count))
+    return connected_components(graph, directed=False)[1]

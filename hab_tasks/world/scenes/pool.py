@@ -26,8 +26,7 @@ from hab_tasks.privileged import CollisionBody
 from hab_tasks.simulator import sapien_object
 from hab_tasks.world.scenes.build import BodyBuilder, mark_flat, parking_pose, to_sapien
 from hab_tasks.world.scenes.physics import use_settings
-from hab_tasks.world.scenes.scene_bodies import SceneBodies
-from hab_tasks.world.scenes.shapes import components, read_body
+from hab_tasks.world.scenes.scene_bodies import SceneBodies, components, read_body
 from hab_tasks.world.scenes.spec import ArticulationInstance, ObjectTemplate, SceneSpec
 
 MOST_KEPT = 2000

@@ -30,10 +30,9 @@ from hab_tasks.io.cache import cached
 from hab_tasks.world.scenes.fields import check_numbers, read_fields
 from hab_tasks.world.scenes.floor import CELL_M, LOWEST_M, Footprint, footprints, touched
 from hab_tasks.world.scenes.habitat.dataset import SceneDataset
-from hab_tasks.world.scenes.habitat.navmesh import Navmesh, read_navmesh
+from hab_tasks.world.scenes.habitat.navmesh import WALL_HEIGHT_M, Navmesh, read_navmesh
 from hab_tasks.world.scenes.meshes import content_key, read_mesh
 from hab_tasks.world.scenes.spec import CollisionSource, SceneSpec
-from hab_tasks.world.scenes.stage import WALL_HEIGHT_M
 
 NAVMESHES = "navmeshes_default"
 """The published set for the thinnest agent (radius 0.1 m), which shows walls best."""

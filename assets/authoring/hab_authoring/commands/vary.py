@@ -18,8 +18,13 @@ from hab_authoring.layouts.write import write_layout_set, write_scene
 from hab_tasks.errors import HabError
 from hab_tasks.io.files import check_folder, folder_written_aside
 from hab_tasks.option_values import LARGEST_SEED, whole
-from hab_tasks.world.scenes.habitat.dataset import SceneDataset, embedded_dataset, resolve_dataset
-from hab_tasks.world.scenes.habitat.layout_set import FILE, LayoutSet
+from hab_tasks.world.scenes.habitat.dataset import (
+    LAYOUTS_FILE,
+    LayoutSet,
+    SceneDataset,
+    embedded_dataset,
+    resolve_dataset,
+)
 
 WILD_SPLIT = "test"
 MOST_LAYOUTS = 100_000
@@ -42,7 +47,7 @@ def run(options: Vary) -> int:
     macros = None if macro is None else [macro]
     if options.extend is not None:
         macros = macros_of_split(dataset, options.extend)
-    check_folder(options.out, force=options.force, mark=FILE)
+    check_folder(options.out, force=options.force, mark=LAYOUTS_FILE)
     wild: list[WildLayout] = []
     if macro is None or options.wild:
         made = _wild(options, dataset, macros, wild)

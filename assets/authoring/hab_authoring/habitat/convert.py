@@ -37,9 +37,8 @@ from pathlib import Path
 from typing import Any
 
 from hab_authoring.habitat.entry import OWN_KEY, HabitatEntries
-from hab_tasks.episodes.fields import Pose, load_json, naming
 from hab_tasks.episodes.provenance import MadeFrom, check_made_from, made_from
-from hab_tasks.episodes.schema import Episode, EpisodeSet
+from hab_tasks.episodes.schema import Episode, EpisodeSet, Pose, load_json, naming
 from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import Pose7
 from hab_tasks.typed_values import read_value

@@ -24,12 +24,12 @@ from hab_authoring.habitat.fields import (
     target_order,
 )
 from hab_authoring.habitat.layout import HabitatLayout
-from hab_tasks.episodes.fields import naming
 from hab_tasks.episodes.schema import (
     Episode,
     Rearrangement,
     ReceptacleRef,
     RobotStart,
+    naming,
     template_of,
     with_loose,
 )

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from transforms3d import quaternions
 
-from hab_tasks.episodes.fields import naming
-from hab_tasks.episodes.schema import Base, template_of
+from hab_tasks.episodes.schema import Base, naming, template_of
 from hab_tasks.geometry import Array, rotation_between
 from hab_tasks.typed_values import number
 from hab_tasks.world.scenes.habitat.load import HABITAT_UP

@@ -14,11 +14,10 @@ import numpy as np
 from hab_authoring.habitat.convert import Progress
 from hab_authoring.habitat.entry import START
 from hab_tasks.episodes.generators.base import pose_scene
-from hab_tasks.episodes.rejection import RejectedSampleError
 from hab_tasks.episodes.robot_start import RobotStarts, StartNoise
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import Episode, EpisodeSet, RobotStart
-from hab_tasks.errors import GenerationError
+from hab_tasks.errors import GenerationError, RejectedSampleError
 from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.kinematics import ArmKinematics
 from hab_tasks.world.scenes.habitat.dataset import SceneDataset

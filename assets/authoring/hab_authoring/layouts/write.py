@@ -21,8 +21,12 @@ from hab_tasks.geometry import (
 )
 from hab_tasks.io.files import written_aside
 from hab_tasks.world.scenes.fields import read_json
-from hab_tasks.world.scenes.habitat import layout_set
-from hab_tasks.world.scenes.habitat.dataset import SceneDataset
+from hab_tasks.world.scenes.habitat.dataset import (
+    LAYOUTS_FILE,
+    LAYOUTS_FORMAT,
+    LayoutSet,
+    SceneDataset,
+)
 from hab_tasks.world.scenes.spec import ObjectInstance, SceneSpec
 
 POSITION_DIGITS, ROTATION_DIGITS = 6, 9
@@ -74,10 +78,10 @@ def write_scene(scene: Mapping[str, Any], folder: Path, scene_id: str) -> Path:
     return path
 
 
-def write_layout_set(layouts: layout_set.LayoutSet, folder: Path) -> None:
+def write_layout_set(layouts: LayoutSet, folder: Path) -> None:
     """Writes ``layouts.json``, which makes the folder a dataset."""
-    with written_aside(folder / layout_set.FILE) as scratch:
-        text = json.dumps({"format": layout_set.FORMAT} | asdict(layouts), indent=2)
+    with written_aside(folder / LAYOUTS_FILE) as scratch:
+        text = json.dumps({"format": LAYOUTS_FORMAT} | asdict(layouts), indent=2)
         scratch.write_text(text + "\n", encoding="utf-8")
 
 

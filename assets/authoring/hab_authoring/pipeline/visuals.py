@@ -18,7 +18,7 @@ from hab_authoring.pipeline.glb import Glb, read_glb
 from hab_authoring.pipeline.options import AssetOptions
 from hab_authoring.pipeline.textures import ktx2, png, shrink
 from hab_tasks.errors import DatasetError
-from hab_tasks.world.scenes.light_mesh import fill_background
+from hab_tasks.world.scenes.meshes import fill_background
 
 FALLBACK_PX = 64
 """Size of the PNG for programs that cannot read compressed textures."""

@@ -2,7 +2,7 @@
 
 A dataset folder contains ``*.scene_dataset_config.json``,
 ``configs/{scenes,objects,stages,lighting}`` and ``urdf/*/``. Templates are identified by file stem,
-so both folder layouts are supported. A folder of layouts only (see `layout_set`) uses the other
+so both folder layouts are supported. A folder of layouts only (see `LayoutSet`) uses the other
 files of the dataset it names.
 """
 
@@ -11,16 +11,17 @@ from __future__ import annotations
 import re
 import zlib
 from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
+from typing import Annotated
 
 from mani_skill import ASSET_DIR
 
 from hab_tasks.errors import DatasetError, UnknownNameError
-from hab_tasks.world.scenes.fields import Fields, read_bytes, read_fields
-from hab_tasks.world.scenes.habitat import layout_set
-from hab_tasks.world.scenes.habitat.layout_set import read_layout_set
+from hab_tasks.typed_values import read_value
+from hab_tasks.world.scenes.fields import Fields, read_bytes, read_fields, read_json
 
 SPLIT_MACROS = {"train": ("sc0", "sc1", "sc2"), "val": ("sc3",), "test": ("sc4",)}
 """Macro layouts of each split (S E.1 and ReplicaCAD's own splits)."""
@@ -44,6 +45,53 @@ _DYNAMICS = re.compile(rb"<dynamics\b[^>]*>")
 """Joint friction and damping, which do not affect the placement of furniture."""
 
 _MACRO = re.compile(r"^v3_(sc\d)_staging_\d\d$")
+
+
+LAYOUTS_FILE = "layouts.json"
+"""File of a folder of layouts of another dataset, which it names; nothing of that is copied."""
+
+LAYOUTS_FORMAT = 1
+
+
+def _are_names(macros: dict[str, str]) -> str:
+    return "" if all(name == Path(name).name for name in macros) else "names of layouts"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LayoutSet:
+    """Content of ``layouts.json``.
+
+    Attributes:
+        name: Name of the set, used as a dataset name.
+        dataset: Name or absolute path of the dataset of its furniture, stages and navmeshes.
+        templates: `SceneDataset.templates` of that dataset when the layouts were generated.
+        split: Split of the layouts in `macros`.
+        wild: Whether they were generated with ``--wild``, which requires less clearance.
+        macros: Scene id of each layout -> its macro layout.
+        extends: Whether the other layouts of `dataset` also belong to the set, in their splits.
+    """
+
+    name: str
+    dataset: str
+    templates: int
+    split: str
+    wild: bool
+    macros: Annotated[dict[str, str], _are_names]
+    extends: bool = False
+
+
+def read_layout_set(file: Path) -> LayoutSet:
+    """Reads ``layouts.json``.
+
+    Raises:
+        DatasetError: It is damaged, or of another version.
+    """
+    data = read_json(file)
+    version = data.pop("format", None)
+    if version != LAYOUTS_FORMAT:
+        raise DatasetError(f"{file}: format {version}, and {LAYOUTS_FORMAT} is what can be read.")
+    where = f"{file}: damaged; generate the layouts again with `hab-tasks vary --force`"
+    return read_value(LayoutSet, data, where, DatasetError)
 
 
 def embedded_dataset() -> Path:
@@ -123,8 +171,8 @@ class SceneDataset:
         """
         self.root = root.resolve()
         self.layouts, self.source = None, self
-        if (self.root / layout_set.FILE).exists():
-            self._open_layouts(self.root / layout_set.FILE)
+        if (self.root / LAYOUTS_FILE).exists():
+            self._open_layouts(self.root / LAYOUTS_FILE)
             return
         configs = sorted(self.root.glob("*.scene_dataset_config.json"))
         if not configs:
@@ -142,7 +190,7 @@ class SceneDataset:
         if layouts.split not in SPLIT_MACROS:
             raise DatasetError(f"{file}: unknown split {layouts.split!r}.")
         try:
-            if (Path(layouts.dataset).expanduser() / layout_set.FILE).exists():
+            if (Path(layouts.dataset).expanduser() / LAYOUTS_FILE).exists():
                 raise DatasetError("it holds layouts only")
             source = resolve_dataset(layouts.dataset)
         except (UnknownNameError, DatasetError) as error:

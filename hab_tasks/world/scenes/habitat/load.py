@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from collections import Counter
 from collections.abc import Mapping
@@ -11,12 +10,14 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from hab_tasks.errors import DatasetError, UnknownNameError
-from hab_tasks.geometry import IDENTITY, WORLD_FROM_HABITAT, Pose7, compose, pose
+from hab_tasks.geometry import IDENTITY, WORLD_FROM_HABITAT, Pose7, apply, compose, pose
+from hab_tasks.io.cache import warn_once
 from hab_tasks.world.scenes.fields import Fields, is_present, read_fields
 from hab_tasks.world.scenes.habitat.dataset import SceneDataset
-from hab_tasks.world.scenes.habitat.lamps import read_lamps
-from hab_tasks.world.scenes.habitat.navmesh import NavmeshBounds, read_navmesh_bounds
+from hab_tasks.world.scenes.habitat.navmesh import NavmeshBounds, read_navmesh_bounds, shell
 from hab_tasks.world.scenes.meshes import check_any_mesh, mesh_bounds
 from hab_tasks.world.scenes.spec import (
     ArticulationInstance,
@@ -29,11 +30,8 @@ from hab_tasks.world.scenes.spec import (
     Stage,
     Vector,
 )
-from hab_tasks.world.scenes.stage import shell
 from hab_tasks.world.scenes.urdf import check_urdf, link_names
 from hab_tasks.world.scenes.walls import inner_walls
-
-logger = logging.getLogger(__name__)
 
 HABITAT_UP: Vector = (0.0, 1.0, 0.0)
 DEFAULT_FRICTION = 0.5
@@ -50,8 +48,6 @@ SAME_PLACE = 1e-3
 MOST_FURNITURE = 64
 """Maximum number of articulated pieces in a layout; ReplicaCAD has 6. With hundreds at one
 position, a physics step takes minutes."""
-
-_said: set[str] = set()
 
 
 def load_scene(dataset: SceneDataset, scene_id: str) -> SceneSpec:
@@ -85,7 +81,7 @@ def read_scene(
     stage = _stage(dataset, scene_id, scene.part("stage_instance"))
     if missing:
         absent = ", ".join(_absent_templates(dataset))
-        _say_once(
+        warn_once(
             f"{dataset.source.root}: objects without files are skipped wherever they occur: "
             f"{absent}."
         )
@@ -180,7 +176,7 @@ def _collision(config: Fields, visual: Path) -> CollisionSource:
             check_any_mesh(asset)
             return CollisionSource(kind="convex_parts", file=asset)
         words = "its collision_asset is absent; its bounding box is used instead."
-        _say_once(f"{config.file}: {words}")
+        warn_once(f"{config.file}: {words}")
     center, half = mesh_bounds(visual)
     return CollisionSource(kind="box", center_m=center, half_size_m=half)
 
@@ -296,7 +292,7 @@ def _stage(dataset: SceneDataset, scene_id: str, entry: Fields) -> Stage:
     if is_present(visual):
         check_any_mesh(visual)
     else:
-        _say_once(
+        warn_once(
             f"{dataset.source.root}: stage meshes absent; floor and walls are boxes made from the "
             "navmesh files (stairs are wall as well)."
         )
@@ -320,7 +316,7 @@ def _stage_collision(
         return (CollisionSource(kind="convex_parts", file=file),)
     # Planning and the free floor need convex parts, which a scan's triangles are not.
     if is_present(visual):
-        _say_once(f"{dataset.source.root}: stage meshes without collision_asset collide as boxes.")
+        warn_once(f"{dataset.source.root}: stage meshes without collision_asset collide as boxes.")
     return shell(_stage_bounds(dataset, scene_id, visual))
 
 
@@ -342,7 +338,7 @@ def _lights(dataset: SceneDataset, scene: Fields) -> tuple[PointLight, ...]:
         error = UnknownNameError("lighting", name, dataset.lighting_files)
         if dataset.lighting_files:
             raise DatasetError(f"{scene.file}: default_lighting: {error}")
-        _say_once(f"{dataset.source.root}: no lighting_config files; layouts have no lamps.")
+        warn_once(f"{dataset.source.root}: no lighting_config files; layouts have no lamps.")
         return ()
     return read_lamps(dataset.lighting_files[name])
 
@@ -354,7 +350,23 @@ def _world_pose(entry: Fields) -> Pose7:
     return compose(WORLD_FROM_HABITAT, local)
 
 
-def _say_once(message: str) -> None:
-    if message not in _said:
-        _said.add(message)
-        logger.warning(message)
+@lru_cache(maxsize=64)
+def read_lamps(file: Path) -> tuple[PointLight, ...]:
+    """Returns the point lights that shine.
+
+    Raises:
+        DatasetError: The file is damaged.
+    """
+    config = read_fields(file).part("lights", optional=True)
+    lamps = []
+    for key in config.values:
+        lamp = config.part(key)
+        intensity = lamp.number("intensity", 1.0)
+        # ReplicaCAD takes light away with negative lamps; the renderer here has no such thing.
+        if lamp.text("type", "point") != "point" or intensity <= 0:
+            continue
+        x, y, z = map(float, apply(WORLD_FROM_HABITAT, np.array(lamp.vector("position"))))
+        red, green, blue = lamp.vector("color", (1.0, 1.0, 1.0))
+        color = (intensity * red, intensity * green, intensity * blue)
+        lamps.append(PointLight(position_m=(x, y, z), color=color))
+    return tuple(lamps)

@@ -3,7 +3,8 @@
 A file holds one tile: corners, convex polygons with their neighbours, and a finer mesh of
 triangles that gives the height inside each polygon. Recast rasterises the scene in
 cells, takes off the agent's radius, drops regions below 1 m^2 and simplifies the outlines, so
-an edge is good to about a cell, and a height to `cell_height_m`.
+an edge is good to about a cell, and a height to `cell_height_m`. The bounds in it are those of the
+stage mesh, whose substitute `shell` is; `hab_tasks.world.scenes.walls` computes the inner walls.
 """
 
 from __future__ import annotations
@@ -19,31 +20,16 @@ import numpy as np
 from hab_tasks.errors import DatasetError
 from hab_tasks.geometry import Array
 from hab_tasks.world.scenes.fields import LARGEST, read_bytes, refused
-from hab_tasks.world.scenes.spec import Vector
+from hab_tasks.world.scenes.spec import CollisionSource, Vector
 
 _TILE = b"VAND"
 _SETTINGS_AT = 40
 _HEADER_BYTES = 100
 _LINK_BYTES = 12
-_POLYGON = np.dtype(
-    [
-        ("link", "<u4"),
-        ("corners", "<u2", 6),
-        ("neighbours", "<u2", 6),
-        ("flags", "<u2"),
-        ("count", "u1"),
-        ("area", "u1"),
-    ]
-)
-_DETAIL = np.dtype(
-    [
-        ("corner_at", "<u4"),
-        ("triangle_at", "<u4"),
-        ("corners", "u1"),
-        ("triangles", "u1"),
-        ("pad", "<u2"),
-    ]
-)
+_POLYGON = np.dtype("<u4, (6,)<u2, (6,)<u2, <u2, u1, u1")
+_POLYGON.names = ("link", "corners", "neighbours", "flags", "count", "area")
+_DETAIL = np.dtype("<u4, <u4, u1, u1, <u2")
+_DETAIL.names = ("corner_at", "triangle_at", "corners", "triangles", "pad")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,3 +175,25 @@ def _draw(grid: Array, triangle: Array) -> None:
     height = a[1] + u * (b[1] - a[1]) + v * (c[1] - a[1])
     part = grid[low[0] : high[0], low[1] : high[1]]
     part[inside] = np.minimum(part, height)[inside]
+
+
+WALL_HEIGHT_M = 2.7
+WALL_THICKNESS_M = 0.1
+
+
+def shell(bounds: NavmeshBounds) -> tuple[CollisionSource, ...]:
+    """Returns floor and four outer walls as boxes in the y-up stage frame, floor at y = 0."""
+    low, high, t = bounds.low, bounds.high, WALL_THICKNESS_M
+    cx, cz = (low[0] + high[0]) / 2, (low[2] + high[2]) / 2
+    hx, hz = (high[0] - low[0]) / 2, (high[2] - low[2]) / 2
+    wall_y, half_y = WALL_HEIGHT_M / 2, WALL_HEIGHT_M / 2
+    boxes = [
+        ((cx, -t / 2, cz), (hx + t, t / 2, hz + t)),
+        ((low[0] - t / 2, wall_y, cz), (t / 2, half_y, hz + t)),
+        ((high[0] + t / 2, wall_y, cz), (t / 2, half_y, hz + t)),
+        ((cx, wall_y, low[2] - t / 2), (hx, half_y, t / 2)),
+        ((cx, wall_y, high[2] + t / 2), (hx, half_y, t / 2)),
+    ]
+    return tuple(
+        CollisionSource(kind="box", center_m=center, half_size_m=half) for center, half in boxes
+    )

@@ -159,12 +159,7 @@ def check_options(setup: AgentSetup, known: Mapping[str, Collection[str] | None]
 
 
 def of_rows(obs: Mapping[str, Any], rows: Sequence[int]) -> Mapping[str, Any]:
-    """Returns the observation of some rows; images on demand are rendered for these only.
-
-    Args:
-        obs: Argument of `Agent.act`.
-        rows: Numbers of the rows.
-    """
+    """Returns the observation of some rows; images on demand are rendered for these only."""
     own = getattr(obs, "of_rows", None)
     return _indexed(obs, list(rows)) if own is None else own(rows)
 

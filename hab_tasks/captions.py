@@ -23,10 +23,8 @@ MARGIN_PX = 10
 def with_words(picture: Frame, lines: Sequence[str], room: int) -> Frame:
     """Returns an image (H, W, 3) with a caption of `room` lines on a black strip below.
 
-    Args:
-        picture: The image.
-        lines: The caption; long lines are wrapped, and overflow is cut off.
-        room: Number of lines; constant within a video, so that all frames have one size.
+    Long lines are wrapped, and overflow is cut off. `room` is constant within a video, so that all
+    frames have one size.
     """
     width = picture.shape[1]
     words = Image.new("RGB", (width, room * LINE_PX))

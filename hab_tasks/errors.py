@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 import difflib
 import json
 import math
@@ -24,14 +25,7 @@ class HabError(Exception):
     """
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _remade, (type(self), self.args, self.__dict__)
-
-
-def _remade(kind: type[HabError], args: tuple[Any, ...], state: dict[str, Any]) -> HabError:
-    """Unpickles an error from its message and attributes, without calling `__init__`."""
-    error = kind.__new__(kind, *args)
-    error.__dict__.update(state)
-    return error
+        return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
 
 
 class UnknownNameError(HabError):

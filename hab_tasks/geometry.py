@@ -16,6 +16,9 @@ Pose7 = tuple[float, float, float, float, float, float, float]
 
 IDENTITY: Pose7 = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
+BOX_CORNERS = np.array(np.meshgrid((-1, 1), (-1, 1), (-1, 1))).reshape(3, 8).T
+"""(8, 3) signs of the corners of a box."""
+
 WORLD_FROM_HABITAT: Pose7 = (0.0, 0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)
 """Rotation from Habitat's y-up data to the z-up world; applied once, on loading a scene."""
 

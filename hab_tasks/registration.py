@@ -89,15 +89,12 @@ def register_skill(
         raise HabError(f"{env_id}: {TAKEN}")
     if in_tasks is not None:
         TASK_SKILLS[in_tasks] = env_id
-        _enclose(behind, in_tasks.partition("_")[2])
+        door = in_tasks.partition("_")[2]
+        for name in behind:
+            if CONTAINERS.setdefault(name, door) != door:
+                words = f"behind {CONTAINERS[name]}; it cannot be behind {door} too."
+                raise HabError(f"{name} is {words}")
     _register(env_id, entry_point, horizon_steps, entry_point.partition(":")[0])
-
-
-def _enclose(receptacles: Collection[str], door: str) -> None:
-    """Notes the door or drawer that encloses some receptacles."""
-    for name in receptacles:
-        if CONTAINERS.setdefault(name, door) != door:
-            raise HabError(f"{name} is behind {CONTAINERS[name]}; it cannot be behind {door} too.")
 
 
 def register_task(spec: TaskSpec, module: str) -> None:

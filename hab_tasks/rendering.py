@@ -55,10 +55,7 @@ def resolve_backend(backend: str, wants_images: bool) -> str:
 def sensor_shader(sensor_configs: dict[str, Any], backend: str, rgb: bool) -> dict[str, Any]:
     """Returns camera settings that use `DEPTH_SHADER` on CPU renderers if colour is not needed.
 
-    Args:
-        sensor_configs: The caller's settings; an explicit shader is kept.
-        backend: The resolved render backend.
-        rgb: Whether observations contain more than depth, position and segmentation.
+    An explicit shader of the caller is kept. `rgb`: more than depth, position and segmentation.
     """
     if backend != "cpu" or rgb or "shader_pack" in sensor_configs:
         return sensor_configs

@@ -22,7 +22,6 @@ from hab_tasks.arrays import Floats, norm
 from hab_tasks.constants import REST_POSITION_M
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.measures import MEANINGS, Measures
-from hab_tasks.engine.rewards import total
 from hab_tasks.engine.skill_env import Skill
 from hab_tasks.engine.snapshot import Snapshot, world_to_base
 from hab_tasks.episodes import Episode
@@ -228,7 +227,7 @@ def evaluate_rules(
     reached = skill.success(s, m, g, skill.config)
     success = reached & ~reduce(or_, failures.values(), reached & False)
     terms = skill.reward_terms(s, m, g, skill.config, {"success": success, **failures})
-    return Evaluated(success, failures, terms, total(terms), skill.scores(m, success, 0.015))
+    return Evaluated(success, failures, terms, sum(terms.values()), skill.scores(m, success, 0.015))
 
 
 class StraightWays:

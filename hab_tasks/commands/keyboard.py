@@ -113,9 +113,7 @@ class Keyboard:
     def action(self, name: str, share: float = 1.0) -> Any | None:
         """Returns the action (A,) or the discrete cell of a key; None for an inactive key.
 
-        Args:
-            name: Name of the key.
-            share: Share of full speed; ignored for cells.
+        `share` is that of full speed; it is ignored for cells.
         """
         key = KEYS.get(name)
         if name == GRIP and self.moves_arm:

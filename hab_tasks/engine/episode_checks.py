@@ -11,7 +11,7 @@ import numpy as np
 from hab_tasks.engine.goals import Requirements
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.errors import EpisodeError
-from hab_tasks.geometry import Pose7, apply
+from hab_tasks.geometry import BOX_CORNERS, Pose7, apply
 from hab_tasks.option_values import LARGEST_SEED
 from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.simulator import sapien_object
@@ -34,14 +34,8 @@ def check_entries(
 ) -> None:
     """Checks that an episode has the fields an environment requires, in any layout.
 
-    Args:
-        episode: The episode, from a file or from the caller.
-        robot: The robot of the environment.
-        requirements: Requirements of the environment.
-        file: File of the episode, for messages.
-
     Raises:
-        EpisodeError: With the episode, the field and the valid values.
+        EpisodeError: With the `file`, the episode, the field and the valid values.
     """
     for field, fault in _faults(episode, robot, requirements):
         where = episode.id if file is None else f"{file}: episode {episode.id!r}"
@@ -95,11 +89,7 @@ def _coordinates(episode: Episode) -> Iterator[tuple[str, Iterable[float]]]:
 
 
 def check_in_layout(episode: Episode, scene_bodies: SceneBodies) -> None:
-    """Checks that the objects, joints and poses of an episode exist in its layout.
-
-    Args:
-        episode: The episode to start.
-        scene_bodies: The active layout.
+    """Checks that the objects, joints and poses of an episode exist in its active layout.
 
     Raises:
         EpisodeError: With the episode, the field and the valid values.
@@ -176,6 +166,5 @@ def _corners(
     world_from_stage: Pose7, center_m: Iterable[float], half_m: Iterable[float]
 ) -> np.ndarray:
     """Returns the xy coordinates (8, 2) of a box's corners."""
-    signs = np.array(np.meshgrid((-1, 1), (-1, 1), (-1, 1))).reshape(3, 8).T
-    points = np.array(tuple(center_m)) + signs * np.array(tuple(half_m))
+    points = np.array(tuple(center_m)) + BOX_CORNERS * np.array(tuple(half_m))
     return np.array([apply(world_from_stage, point) for point in points])[:, :2]

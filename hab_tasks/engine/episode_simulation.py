@@ -27,7 +27,7 @@ from hab_tasks.geometry import Pose7
 from hab_tasks.option_values import flag, whole
 from hab_tasks.privileged import ArticulationState, PrivilegedState
 from hab_tasks.robots.control import ee_step_m
-from hab_tasks.robots.delay import ActionDelay, checked_steps
+from hab_tasks.robots.delay import LONGEST_STEPS, ActionDelay
 from hab_tasks.robots.grasp import NOTHING, SnapGrasp
 from hab_tasks.robots.hidden_objects import Containers
 from hab_tasks.robots.joint_setter import BLOCKED_DEPTH_M
@@ -101,7 +101,8 @@ class EpisodeSimulation:
             check_entries(episode, robot, requirements, source.file)
         self.maps = LayoutMaps(source.scene)
         self._sampler = EpisodeSampler(source, num_episodes)
-        self._delay_steps, self.delay = checked_steps(delay_steps), None
+        self._delay_steps = whole("action_delay_steps", delay_steps, 0, LONGEST_STEPS, "steps")
+        self.delay: ActionDelay | None = None
         self.noise = NoiseSource.of(noise)
         self._shown: ActiveLayout | None = None
         self._loose: dict[str, Pose7] = {}

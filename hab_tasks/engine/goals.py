@@ -130,12 +130,7 @@ class GoalSetting:
         raise EpisodeError(f"{episode.id}: no handle {marker} in {episode.scene_id}.")
 
     def values(self, episode: Episode, starts_m: Array) -> dict[str, Array]:
-        """Returns the entries of `Goals` of one row.
-
-        Args:
-            episode: Episode of the row.
-            starts_m: (K, 3) current centres of mass of the objects.
-        """
+        """Returns a row's entries of `Goals`, its objects' centres of mass being at (K, 3)."""
         goals = np.array(starts_m)
         for number, target in enumerate(episode.targets):
             if target.world_from_goal is not None:

@@ -79,11 +79,8 @@ class GroundTruth:
     ) -> PrivilegedState:
         """Returns the current state.
 
-        Args:
-            episode: The current episode.
-            goals: Its goals, a batch of one.
-            kinds: Its doors and drawers.
-            handles: Indices of their handles in the grasp.
+        `goals` is a batch of one; `handles` are the indices in the grasp of those of the doors and
+        drawers `kinds`.
         """
         shown, agent = self._scene_bodies, self._agent
         if not self._bodies:

@@ -26,10 +26,7 @@ INHERITED = tuple(inspect.signature(BaseEnv.__init__).parameters)[1:]
 def check_inherited(env: str, own: Mapping[str, Any], options: Mapping[str, Any]) -> None:
     """Rejects options unknown to ManiSkill, and values on which it would fail later.
 
-    Args:
-        env: Name of the environment, for messages.
-        own: The parameters of the environment itself, by name.
-        options: The remaining options.
+    `own` are the parameters of the environment itself.
 
     Raises:
         UnknownNameError: Unknown option, reward mode or render mode.

@@ -172,12 +172,7 @@ class Tracker:
         self.measures = select_rows(chosen, replace(self._still(snapshot), **kept), last)
 
     def advance(self, snapshot: Snapshot, stopped: Bools) -> None:
-        """Advances by one control step.
-
-        Args:
-            snapshot: Snapshot after the step.
-            stopped: (N,) whether the action was the stop action.
-        """
+        """Advances by one control step; `stopped` (N,): the action was the stop action."""
         last = self.measures
         self._watch_objects(snapshot)
         values: dict[str, Batch] = self._absent | self._distances(snapshot, last)

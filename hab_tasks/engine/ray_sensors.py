@@ -79,15 +79,7 @@ class RaySensors:
         changes: Mapping[str, Any],
         hides_arm: bool,
     ) -> None:
-        """Mounts the cameras.
-
-        Args:
-            simulation: The CPU simulation.
-            agent: Its robot.
-            rig: The cameras.
-            changes: ManiSkill's `sensor_configs`.
-            hides_arm: Whether the cameras look through the arm.
-        """
+        """Mounts the cameras of a rig, with the `changes` of ManiSkill's `sensor_configs`."""
         configs = {config.uid: config for config in rig.configs(agent.link)}
         update_camera_configs_from_dict(configs, copy.deepcopy(dict(changes)))
         self.cameras = {name: RayCamera(config) for name, config in configs.items()}

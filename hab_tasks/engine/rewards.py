@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from functools import reduce
-from operator import add
-
 import numpy as np
 
 from hab_tasks.arrays import Bools, Floats
@@ -17,11 +14,6 @@ def force_penalty(force_n: Floats, weight: float, cap: float) -> Floats:
     collisions; Habitat's code takes the minimum (docs/deviations.md).
     """
     return -np.minimum(weight * force_n, cap)
-
-
-def total(terms: dict[str, Floats]) -> Floats:
-    """Returns the sum of the terms, (N,)."""
-    return reduce(add, terms.values())
 
 
 def weighted_by_completion_time(

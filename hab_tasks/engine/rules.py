@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
-from operator import or_
+from operator import add, or_
 from typing import TYPE_CHECKING, Any
 
 from torch import Tensor
 
 from hab_tasks.arrays import Batch, Bools, Floats
-from hab_tasks.engine.rewards import total
 
 if TYPE_CHECKING:
     from hab_tasks.engine.rows import Rows
@@ -109,5 +108,9 @@ class Rules:
             **result.extra,
         }
         return Evaluation(
-            success=success, fail=fail, reward=total(terms), groups=groups, unpaid=result.unpaid
+            success=success,
+            fail=fail,
+            reward=reduce(add, terms.values()),
+            groups=groups,
+            unpaid=result.unpaid,
         )

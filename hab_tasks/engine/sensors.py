@@ -58,11 +58,7 @@ def observed(
 ) -> tuple[ObsEntry, ...]:
     """Returns the entries of an environment under its options.
 
-    Args:
-        entries: The entries under default options.
-        handle: Entry added by `handle_position`; None for environments without door or drawer.
-        target_frame: The option, ``base`` or ``ee``.
-        handle_position: The option.
+    `handle` is the entry that `handle_position` adds, None without a door or drawer.
 
     Raises:
         UnknownNameError: Unknown frame.

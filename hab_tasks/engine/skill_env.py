@@ -39,12 +39,7 @@ def config_values(config: Any) -> dict[str, float]:
 
 
 def configured(skill: str, config: Any, changes: Mapping[str, float]) -> Any:
-    """Returns a configuration with overrides.
-
-    Args:
-        skill: Name of the skill, for messages.
-        config: Its configuration, a frozen dataclass.
-        changes: Name, as in `config_values` -> value.
+    """Returns a configuration with overrides by name, as in `config_values`.
 
     Raises:
         UnknownNameError: Unknown name.
@@ -65,21 +60,6 @@ def configured(skill: str, config: Any, changes: Mapping[str, float]) -> Any:
 def _with(config: Any, path: list[str], value: float) -> Any:
     first, *rest = path
     return replace(config, **{first: _with(getattr(config, first), rest, value) if rest else value})
-
-
-def free_gripper(gripper: Floats, m: Measures) -> Floats:
-    """Mask that keeps every gripper action (N,)."""
-    return gripper
-
-
-def no_failures(s: Snapshot, m: Measures, g: Goals, c: Any) -> dict[str, Bools]:
-    """No failures: episodes end only with success or at the horizon."""
-    return {}
-
-
-def no_scores(m: Measures, success: Bools, ee_step_m: float) -> dict[str, Floats]:
-    """No scores in addition to `Measures`."""
-    return {}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,9 +98,9 @@ class Skill:
     reward_terms: Callable[..., dict[str, Floats]]
     bound: Callable[[Any], float]
     instruction: str | Callable[[Episode], str]
-    failures: Callable[[Snapshot, Measures, Goals, Any], dict[str, Bools]] = no_failures
-    mask_gripper: Callable[[Floats, Measures], Floats] = free_gripper
-    scores: Callable[[Measures, Bools, float], dict[str, Floats]] = no_scores
+    failures: Callable[[Snapshot, Measures, Goals, Any], dict[str, Bools]] = lambda s, m, g, c: {}
+    mask_gripper: Callable[[Floats, Measures], Floats] = lambda gripper, m: gripper
+    scores: Callable[[Measures, Bools, float], dict[str, Floats]] = lambda m, success, ee_step_m: {}
     taken_back: Callable[[Measures, Any], Floats] | None = None
     done_in_task: Callable[[Snapshot, Measures, Goals, Any], Bools] | None = None
 

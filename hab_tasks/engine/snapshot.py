@@ -102,12 +102,9 @@ class SnapshotReader:
         self._articulations = [_ArticulationReader(handle) for handle in grasp.handles]
 
     def read(self, targets: Sequence[int], handles: Sequence[int], now: Floats) -> None:
-        """Reads the simulation into one row `now` of a table (see `Snapshot.of_table`).
+        """Reads the simulation into one row `now` (`Snapshot.width`,) of a table.
 
-        Args:
-            targets: (K,) grasp indices of the objects.
-            handles: (J,) grasp indices of the handles.
-            now: (`Snapshot.width`,) the row.
+        `targets` (K,) and `handles` (J,) are grasp indices.
         """
         qpos = self._robot.get_qpos()
         matrix = self._ee_link.entity_pose.to_transformation_matrix()

@@ -17,6 +17,7 @@ from mani_skill.utils.sapien_utils import look_at
 from hab_tasks.engine.episode_simulation import EpisodeSimulation
 from hab_tasks.geometry import apply, planar
 from hab_tasks.privileged import Array
+from hab_tasks.robots.cameras import HiddenVisuals
 
 Hit = tuple[float, str]
 """Distance [m] of a ray's hit, and the name of the body."""
@@ -62,9 +63,7 @@ class Viewpoint:
     def follow(self, world: EpisodeSimulation, cast: CastRay) -> sapien.Pose | None:
         """Returns the camera's new pose in the base frame; None to keep the current one.
 
-        Args:
-            world: The simulation.
-            cast: Casts a ray against all bodies, open doors included.
+        `cast` casts a ray against all bodies, open doors included.
         """
         snapshot = world.snapshot
         base = np.asarray(snapshot.base[0], dtype=float)
@@ -87,12 +86,7 @@ class Viewpoint:
 
 
 def in_world(candidate: int, base: Array) -> Array:
-    """Returns a candidate's position (3,) in the world.
-
-    Args:
-        candidate: Index in `CANDIDATES_M`.
-        base: (3,) x [m], y [m], yaw [rad].
-    """
+    """Returns a candidate's position (3,) in the world, at a base (3,): x, y [m], yaw [rad]."""
     return _to_world(np.array(CANDIDATES_M[candidate]), base)
 
 
@@ -148,18 +142,17 @@ _SHAFT_M, _SHAFT_RADIUS_M = 0.5, 0.012
 _APART_M = 1e-3
 
 
-class Marks:
+class Marks(HiddenVisuals):
     """Arrows over targets, goals and handles.
 
-    They are visual only: no collision shapes, and not part of the simulation state. ManiSkill calls
-    `hide_visual` of its `_hidden_objects` before it renders sensors, and `show_visual` before it
-    renders for humans.
+    They are visual only: no collision shapes, and not part of the simulation state.
     """
 
     def __init__(self, scene: ManiSkillScene) -> None:
         """Adds the arrows to the first sub-scene."""
         self._scene = scene.sub_scenes[0]
-        self._arrows: list[tuple[sapien.Entity, sapien.render.RenderBodyComponent]] = []
+        self._arrows: list[sapien.Entity] = []
+        self._visuals = []
         self._colors: list[tuple[float, float, float]] = []
 
     def place(self, world: EpisodeSimulation) -> None:
@@ -168,24 +161,16 @@ class Marks:
         colors = [color for color, _ in points]
         if colors != self._colors:
             self._make(colors)
-        for (entity, _), (color, point_m) in zip(self._arrows, points, strict=True):
+        for entity, (color, point_m) in zip(self._arrows, points, strict=True):
             entity.set_pose(sapien.Pose([*point_m[:2], point_m[2] + _TIP_M[color]]))
 
-    def hide_visual(self) -> None:
-        """Hides the arrows."""
-        for _, visual in self._arrows:
-            visual.visibility = 0.0
-
-    def show_visual(self) -> None:
-        """Shows the arrows."""
-        for _, visual in self._arrows:
-            visual.visibility = 1.0
-
     def _make(self, colors: list[tuple[float, float, float]]) -> None:
-        for entity, _ in self._arrows:
+        for entity in self._arrows:
             entity.remove_from_scene()
-        self._arrows, self._colors = [_arrow(color) for color in colors], colors
-        for entity, _ in self._arrows:
+        made = [_arrow(color) for color in colors]
+        self._arrows, self._visuals = [entity for entity, _ in made], [visual for _, visual in made]
+        self._colors = colors
+        for entity in self._arrows:
             self._scene.add_entity(entity)
 
 

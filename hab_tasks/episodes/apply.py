@@ -21,13 +21,9 @@ def apply_episode(
     agent: MobileManipulator,
     in_place: frozenset[str] = frozenset(),
 ) -> None:
-    """Sets furniture, objects and robot to the start state, at rest.
+    """Sets furniture, objects and robot to the start state of a checked episode, at rest.
 
-    Args:
-        episode: The episode, already checked against the layout.
-        scene_bodies: The layout of `episode.scene_id`, with the episode's objects.
-        agent: The robot.
-        in_place: Loose objects that are already at their start poses.
+    Loose objects in `in_place` are already at their start poses.
     """
     _apply_joints(episode, scene_bodies)
     _apply_objects(episode, scene_bodies, in_place)

@@ -190,16 +190,10 @@ PHYSICS_STEPS = SIM_HZ // CONTROL_HZ
 
 
 def falls_to(sandbox: PlacementSandbox, robot: RobotStart, held: str, goal_com_m: Array) -> bool:
-    """Whether a released object reaches its goal before it comes to rest.
+    """Whether a released object reaches its goal (3,), by its centre of mass, before it rests.
 
     The robot opens its hand in the first action, as in an episode, and stands still. The object
     starts at its start pose; the poses of it and of other objects are not restored.
-
-    Args:
-        sandbox: The start state.
-        robot: Start pose of the robot.
-        held: The held object.
-        goal_com_m: Goal position (3,) of the object's centre of mass.
     """
     agent = sandbox.stand_robot(robot.base, np.array(robot.arm_qpos_rad))
     names, movable = list(sandbox.scene_bodies.movable), list(sandbox.scene_bodies.movable.values())

@@ -71,12 +71,8 @@ def check_made_from(
 ) -> None:
     """Rejects episodes of another dataset or with other objects; warns if these have changed.
 
-    Args:
-        where: File or other source of the episodes, for messages.
-        name: Scene dataset of the episodes.
-        given: Provenance of the episodes.
-        dataset: Scene dataset in use.
-        now: Provenance of episodes generated with it.
+    `where` is the source of the episodes for messages, `name` their scene dataset and `given` their
+    provenance; `now` is that of episodes generated with `dataset`.
 
     Raises:
         EpisodeError: The scene dataset has another name, or the objects are of another kind.

@@ -62,11 +62,7 @@ class PlacementSandbox:
     ) -> None:
         """Builds the layout without movable objects, and settles its loose objects.
 
-        Args:
-            spec: The layout.
-            templates: The movable objects by name.
-            memory: Memory of earlier sandboxes with the same dataset and objects.
-            robot: The robot.
+        `memory` is that of earlier sandboxes with the same dataset and objects.
         """
         self.templates = templates
         self.memory = LayoutMemory() if memory is None else memory
@@ -122,6 +118,12 @@ class PlacementSandbox:
         qpos = self._furniture[furniture].qpos.copy()
         qpos[index] = value
         set_joints(self._furniture[furniture], qpos)
+
+    def open_joints(self, joints: dict[str, dict[str, float]]) -> None:
+        """Sets furniture -> joint -> position [m or rad]; other joints are unchanged."""
+        for furniture, positions in joints.items():
+            for joint, value in positions.items():
+                self.set_joint(furniture, joint, value)
 
     def joint_limits(self, furniture: str, joint: str) -> tuple[float, float]:
         """Returns the (lower, upper) limits of a joint [m or rad]."""

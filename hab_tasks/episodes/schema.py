@@ -245,11 +245,6 @@ def read_episodes(file: Path) -> EpisodeSet:
 def with_loose(episode: Episode, scenes: Mapping[str, dict[str, Pose7]], where: str) -> Episode:
     """Returns an episode that was read from JSON with the loose objects of its layout.
 
-    Args:
-        episode: The episode.
-        scenes: Scene id -> the loose objects of all its episodes.
-        where: File and episode, for messages.
-
     Raises:
         EpisodeError: The layout is not among the scenes, an object not among the episode's, or
             the arm has another number of joints.

@@ -71,11 +71,8 @@ class Spot:
     ) -> Array | None:
         """Samples a point (3,) on the surface with room for a disc; None if none was found.
 
-        Args:
-            rng: The episode's generator.
-            radius_m: Radius of the disc.
-            taken: Centres (3,) and radii [m] of occupied discs.
-            inner: Usable share of the half extents (Habitat: half of the fridge's shelf).
+        The disc avoids those of `taken`: centres (3,) and radii [m]. `inner` is the usable share of
+        the half extents (Habitat: half of the fridge's shelf).
         """
         room = inner * self.half_m - radius_m
         if (room < 0).any():
@@ -167,9 +164,7 @@ def opening_joints(
 
 def _open(sandbox: PlacementSandbox, receptacle: Receptacle) -> dict[str, dict[str, float]]:
     joints = opening_joints(sandbox, receptacle)
-    for furniture, positions in joints.items():
-        for joint, value in positions.items():
-            sandbox.set_joint(furniture, joint, value)
+    sandbox.open_joints(joints)
     return joints
 
 

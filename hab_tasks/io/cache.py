@@ -82,11 +82,9 @@ def find(name: str) -> Path | None:
 
 
 def read_cached(name: str, read: Callable[[Path], T]) -> T | None:
-    """Reads an entry with `read`; returns None if it is absent or damaged. Removes damaged ones.
+    """Reads an entry; returns None if it is absent or damaged. Removes damaged ones.
 
-    Args:
-        name: Path of the entry relative to the folder.
-        read: Reader; raises one of `DAMAGED` for a damaged entry.
+    `read` raises one of `DAMAGED` for a damaged entry.
     """
     path = find(name)
     if path is None:

@@ -37,12 +37,7 @@ PLAIN_WORDS = {
 def check_options(
     program: str, commands: Mapping[str, type], arguments: Sequence[str] | None
 ) -> None:
-    """Reports unknown CLI options and subcommands with the nearest match, before parsing.
-
-    Args:
-        program: Name of the console script.
-        commands: Subcommand -> dataclass of its options.
-        arguments: Arguments after the program's name.
+    """Reports unknown CLI options and subcommands, before parsing.
 
     Raises:
         UnknownNameError: With the valid names and the nearest match.
@@ -63,13 +58,7 @@ def check_options(
 def parse_command(
     program: str, commands: Mapping[str, Any], arguments: Sequence[str], description: str
 ) -> Any:
-    """Returns the parsed options of the subcommand.
-
-    Args:
-        program: Name of the console script.
-        commands: Subcommand -> dataclass of its options, whose `help` is the text of `--help`.
-        arguments: Arguments after the program's name.
-        description: Description of a program with several subcommands.
+    """Returns the parsed options of the subcommand; their `help` is the text of `--help`.
 
     Raises:
         HabError: An unknown or missing option, or a value of the wrong type.

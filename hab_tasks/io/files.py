@@ -143,10 +143,6 @@ def _refusing_room(path: Path, scratch: Path) -> Iterator[None]:
 def check_file(path: Path, *, force: bool) -> None:
     """Checks that a file can be written, before its content is computed.
 
-    Args:
-        path: The file; its folders need not exist yet.
-        force: Whether an existing file may be replaced.
-
     Raises:
         FileError: It exists and `force` is False, it is not a regular file, or its folder is not
             writable.
@@ -161,10 +157,7 @@ def check_file(path: Path, *, force: bool) -> None:
 def check_folder(path: Path, *, force: bool, mark: str) -> None:
     """Checks that a folder can be written, before its content is computed.
 
-    Args:
-        path: The folder; it need not exist yet.
-        force: Whether files in it may be replaced.
-        mark: Name of a file that the command writes to each of its folders.
+    `mark` is a file that the command writes to each of its folders.
 
     Raises:
         FileError: It is not empty and `force` is False, it was not created by the command, it is

@@ -65,11 +65,7 @@ class CameraRig:
         return cls(places=robot.cameras, names=ordered, size_px=size_px, hfov_rad=hfov_rad)
 
     def configs(self, link: Callable[[str], Link]) -> list[CameraConfig]:
-        """Returns ManiSkill's settings of the cameras.
-
-        Args:
-            link: Looks up a robot link by name.
-        """
+        """Returns ManiSkill's settings of the cameras; `link` looks up a robot link by name."""
         return [
             CameraConfig(
                 uid=name,
@@ -90,13 +86,29 @@ def hidden_links(robot: RobotSpec) -> tuple[str, ...]:
     return (*robot.arm_links, robot.ee_link, *robot.finger_links)
 
 
-class HiddenArm:
-    """Hides the arm from all but the human-render camera (S F.3); collisions are unaffected.
+class HiddenVisuals:
+    """Visuals that only the human-render camera sees.
 
     ManiSkill calls `hide_visual` of its `_hidden_objects` before it renders sensors, and
     `show_visual` before it renders for humans. On a GPU, objects that were hidden when the renderer
     was set up stay hidden.
     """
+
+    _visuals: list[sapien.render.RenderBodyComponent]
+
+    def hide_visual(self) -> None:
+        """Hides them."""
+        for visual in self._visuals:
+            visual.visibility = 0.0
+
+    def show_visual(self) -> None:
+        """Shows them."""
+        for visual in self._visuals:
+            visual.visibility = 1.0
+
+
+class HiddenArm(HiddenVisuals):
+    """Hides the arm from all but the human-render camera (S F.3); collisions are unaffected."""
 
     def __init__(self, robot: RobotSpec, link: Callable[[str], Link]) -> None:
         """Hides shoulder, arm, gripper and fingers; `link` looks up a link by name."""
@@ -107,13 +119,3 @@ class HiddenArm:
             if isinstance(component, sapien.render.RenderBodyComponent)
         ]
         self.hide_visual()
-
-    def hide_visual(self) -> None:
-        """Hides the arm."""
-        for visual in self._visuals:
-            visual.visibility = 0.0
-
-    def show_visual(self) -> None:
-        """Shows the arm."""
-        for visual in self._visuals:
-            visual.visibility = 1.0

@@ -164,11 +164,7 @@ class HabController(BaseController):
             joint.set_drive_velocity_target(0.0)
 
     def set_action(self, action: Tensor) -> None:
-        """Sets drive targets from an action (1, A), or from one cell.
-
-        Raises:
-            ActionError: Wrong shape, a non-finite entry, or an invalid cell.
-        """
+        """Sets drive targets from an action (1, A), or from one cell; raises as `check` does."""
         self.set_entries(self.check(action))
 
     def check(self, action: Tensor) -> Array:
@@ -205,11 +201,7 @@ class HabController(BaseController):
         return 1 if self.config.base == "discrete" else self.config.size
 
     def idle_action(self, holding: bool) -> Array:
-        """Returns the action (A,), or cell (1,), that stands still and keeps the grasp.
-
-        Args:
-            holding: Whether the hand holds an object or handle.
-        """
+        """Returns the action (A,), or cell (1,), that stands still and keeps the grasp, if any."""
         if self.config.base == "discrete":
             return np.array([STOP_CELL], dtype=np.float32)
         action = np.zeros(len(self._low), dtype=np.float32)

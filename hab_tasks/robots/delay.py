@@ -7,19 +7,10 @@ import torch
 from torch import Tensor
 
 from hab_tasks.arrays import Batch
-from hab_tasks.option_values import whole
 from hab_tasks.robots.control import HabController
 
 LONGEST_STEPS = 1000
-
-
-def checked_steps(steps: int) -> int:
-    """Validates a delay [steps].
-
-    Raises:
-        OptionError: Not an integer, negative, or longer than `LONGEST_STEPS`.
-    """
-    return whole("action_delay_steps", steps, 0, LONGEST_STEPS, "steps")
+"""Maximum of the option `action_delay_steps`."""
 
 
 class ActionDelay:

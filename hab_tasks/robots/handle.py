@@ -79,12 +79,7 @@ class HandlePassage:
     """The links that the hand passes through."""
 
     def __init__(self, links: Sequence[Any], gap_m: Callable[[int], float]) -> None:
-        """Creates the passage.
-
-        Args:
-            links: The link's body of each handle.
-            gap_m: Returns the distance of a handle, by its index, to the hand [m].
-        """
+        """Takes the link of each handle, and a function from its index to its distance [m]."""
         self._links, self._gap_m = links, gap_m
         self._open: set[int] = set()
 

@@ -135,9 +135,7 @@ class SleepingObjects:
     def freeze_all(self, present: NDArray[np.bool_], placed: list[int] | None = None) -> None:
         """Puts bodies at rest to sleep at the start of an episode; moving bodies stay awake.
 
-        Args:
-            present: (K,) whether the object is part of the episode.
-            placed: Objects moved since the last call; None for all.
+        `present` (K,): part of the episode; `placed`: moved since the last call, None for all.
         """
         self.present, self._checks_left = present.copy(), 0
         self._furniture.look_again()
@@ -161,9 +159,8 @@ class SleepingObjects:
     def before_step(self, held: int, touching: bool) -> None:
         """Wakes objects that the robot, a door or a displaced object could touch in this action.
 
-        Args:
-            held: Index of the held object, -1 for none.
-            touching: Whether the robot had contacts in the last action, or holds a handle.
+        `held` is the index of the held object, -1 for none; `touching` is whether the robot had
+        contacts in the last action, or holds a handle.
         """
         if not self._bodies:
             return

@@ -24,10 +24,7 @@ def move_held_object(
 ) -> None:
     """Moves a body rigidly with the hand, and sets its velocity to the hand's.
 
-    Args:
-        body: The held body; it keeps its current pose in the hand, even if displaced.
-        hand: The hand, at its new pose.
-        before: Previous pose of the hand.
+    It keeps its current pose in the hand, even if displaced; `before` is the hand's previous pose.
     """
     moved = hand.entity_pose * before.inv()
     body.entity.set_pose(moved * body.entity_pose)
@@ -38,17 +35,11 @@ def move_held_object(
 
 
 def pull_along(handle: Handle, hand_m: Vector, inertia: float) -> None:
-    """Sets the velocity of a door or drawer that brings its handle to its position in the hand.
+    """Sets the velocity of a door or drawer that brings its handle to `hand_m` (3,) in the world.
 
-    It gets there in one physics step, as far as joint limits and force allow.
-
-    The joint's velocity is set rather than its position, so that the content of a drawer moves with
-    it and obstacles of a door are pushed, with at most the spring's force.
-
-    Args:
-        handle: The held handle.
-        hand_m: (3,) target position of the handle in the world.
-        inertia: `inertia_at` the handle.
+    It gets there in one physics step, as far as joint limits and force allow. The joint's velocity
+    is set rather than its position, so that the content of a drawer moves with it and obstacles of
+    a door are pushed, with at most the spring's force; `inertia` is `inertia_at` the handle.
     """
     furniture, column = sapien_object(handle.furniture), handle.column
     lower, upper = handle.limits
@@ -80,12 +71,7 @@ def inertia_at(handle: Handle) -> float:
 
 
 def joint_way(handle: Handle, hand_m: Vector) -> float:
-    """Returns the joint displacement [m or rad] that moves a handle closest to a point.
-
-    Args:
-        handle: The held handle.
-        hand_m: (3,) the point in the world.
-    """
+    """Returns the joint's way [m or rad] that moves a handle closest to a world point (3,)."""
     link: Any = sapien_object(handle.link)
     point = (link.entity_pose * sapien.Pose(list(handle.offset_m))).p
     joint = link.joint

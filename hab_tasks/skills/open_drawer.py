@@ -14,13 +14,7 @@ from hab_tasks.engine.measures import Measures
 from hab_tasks.engine.sensors import OBJECT_START, PROPRIOCEPTION
 from hab_tasks.engine.skill_env import Skill, SkillEnv
 from hab_tasks.engine.snapshot import Snapshot
-from hab_tasks.episodes.generators.base import (
-    Generator,
-    open_joints,
-    pose_scene,
-    put_all,
-    start_state,
-)
+from hab_tasks.episodes.generators.base import Generator, pose_scene, put_all, start_state
 from hab_tasks.episodes.generators.furniture import (
     LayoutArticulation,
     carried,
@@ -57,7 +51,7 @@ class OpenDrawerStarts(Generator):
         articulation = find_articulation(sandbox, DRAWER.marker)
         handles = self.draw(rng, 1)
         sandbox.show(handles)
-        open_joints(sandbox, spot.joints)
+        sandbox.open_joints(spot.joints)
         placer = Placer(sandbox, rng, self.settling)
         put_all(placer, handles, [spot])
         objects = placer.settle()

@@ -14,13 +14,7 @@ from hab_tasks.engine.measures import Measures
 from hab_tasks.engine.sensors import OBJECT_START, PROPRIOCEPTION
 from hab_tasks.engine.skill_env import Skill, SkillEnv
 from hab_tasks.engine.snapshot import Snapshot, world_to_base
-from hab_tasks.episodes.generators.base import (
-    Generator,
-    open_joints,
-    pose_scene,
-    put_all,
-    start_state,
-)
+from hab_tasks.episodes.generators.base import Generator, pose_scene, put_all, start_state
 from hab_tasks.episodes.generators.furniture import find_articulation, handles_m, level_frame
 from hab_tasks.episodes.placing import Placer
 from hab_tasks.episodes.robot_start import KeepOff
@@ -47,7 +41,7 @@ class OpenFridgeStarts(Generator):
         articulation = find_articulation(sandbox, FRIDGE.marker)
         handles = self.draw(rng, int(rng.integers(1, MOST_IN_FRIDGE + 1)))
         sandbox.show(handles)
-        open_joints(sandbox, spot.joints)
+        sandbox.open_joints(spot.joints)
         placer = Placer(sandbox, rng, self.settling)
         put_all(placer, handles, [spot])
         objects = placer.settle()

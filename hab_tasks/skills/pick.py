@@ -14,13 +14,7 @@ from hab_tasks.engine.rewards import force_penalty, weighted_by_completion_time
 from hab_tasks.engine.sensors import OBJECT_START, PROPRIOCEPTION
 from hab_tasks.engine.skill_env import Skill, SkillEnv
 from hab_tasks.engine.snapshot import Snapshot
-from hab_tasks.episodes.generators.base import (
-    Generator,
-    open_joints,
-    pose_scene,
-    put_all,
-    start_state,
-)
+from hab_tasks.episodes.generators.base import Generator, pose_scene, put_all, start_state
 from hab_tasks.episodes.placing import Placer
 from hab_tasks.episodes.robot_start import KeepOff
 from hab_tasks.episodes.sandbox import PlacementSandbox
@@ -41,7 +35,7 @@ class PickStarts(Generator):
         spot = self.draw_spot(sandbox, rng, self.objects.receptacles or PICK_RECEPTACLES)
         handles = self.draw(rng, 1 + int(rng.integers(CLUTTER[0], CLUTTER[1] + 1)))
         sandbox.show(handles)
-        open_joints(sandbox, spot.joints)
+        sandbox.open_joints(spot.joints)
         placer = Placer(sandbox, rng, self.settling)
         if not put_all(placer, handles, [spot]):
             raise RejectedSampleError("no room on the receptacle")

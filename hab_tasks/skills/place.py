@@ -15,13 +15,7 @@ from hab_tasks.engine.rewards import force_penalty
 from hab_tasks.engine.sensors import OBJECT_GOAL, PROPRIOCEPTION
 from hab_tasks.engine.skill_env import Skill, SkillEnv
 from hab_tasks.engine.snapshot import Snapshot
-from hab_tasks.episodes.generators.base import (
-    Generator,
-    open_joints,
-    pose_scene,
-    put_all,
-    start_state,
-)
+from hab_tasks.episodes.generators.base import Generator, pose_scene, put_all, start_state
 from hab_tasks.episodes.placing import Placer, falls_to
 from hab_tasks.episodes.robot_start import KeepOff
 from hab_tasks.episodes.sandbox import PlacementSandbox
@@ -41,7 +35,7 @@ class PlaceStarts(Generator):
         handles = self.draw(rng, 1 + int(rng.integers(CLUTTER[0], CLUTTER[1] + 1)))
         held = handles[0]
         sandbox.show(handles)
-        open_joints(sandbox, spot.joints)
+        sandbox.open_joints(spot.joints)
         placer = Placer(sandbox, rng, self.settling)
         if not placer.put(held, [spot]):
             raise RejectedSampleError("no room on the receptacle")

@@ -101,13 +101,7 @@ class Facts:
         self.goal = len(needed) - 1
 
     def read(self, s: Snapshot, g: Goals, tracker: Tracker) -> Bools:
-        """Returns the flags (N, 2 K + 2 J): held, placed, opened, closed.
-
-        Args:
-            s: Current snapshot.
-            g: Goals of the episodes.
-            tracker: Which objects are targets, and which are at rest.
-        """
+        """Returns the flags (N, 2 K + 2 J): held, placed, opened, closed."""
         held = s.held[:, None] == tracker.targets
         gap_m = norm(s.objects_m - g.goals_m)
         flags = [held, (gap_m < PLACE_RADIUS_M) & ~held & tracker.at_rest()]

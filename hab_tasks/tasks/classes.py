@@ -51,12 +51,7 @@ ACTION = (
 
 
 def docstring(spec: TaskSpec, observation: Sequence[ObsEntry]) -> str:
-    """Returns the docstring of a task's environment class.
-
-    Args:
-        spec: The task.
-        observation: Entries of the state observation.
-    """
+    """Returns the docstring of a task's environment class."""
     order = interactions(spec)
     skills = listed([item.stage.replace("_", " ") if item.kind in ("open", "close") else item.kind
                      for item in order])  # fmt: skip

@@ -64,14 +64,7 @@ class Progress:
         return [row for row, went in enumerate(going.tolist()) if went]
 
     def advance(self, s: Snapshot, m: Measures, g: Goals, tracker: Tracker) -> None:
-        """Advances by one control step.
-
-        Args:
-            s: Snapshot after the step.
-            m: Measures of the step.
-            g: Goals of the episodes.
-            tracker: Which objects are targets, and which are at rest.
-        """
+        """Advances by one control step, with the snapshot and the measures after it."""
         self._flags = self._facts.read(s, g, tracker)
         # The entry after the last stage is the goal; it must not count as a stage.
         reached = self._facts.holds(self._flags, self.stages)

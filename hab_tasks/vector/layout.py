@@ -60,12 +60,9 @@ class RowLayout:
         return tuple(chosen)
 
     def arrays(self, count: int, info: Iterable[Path], *, final: bool) -> dict[str, ArraySpec]:
-        """Returns the shared arrays of `count` rows.
+        """Returns the shared arrays of `count` rows, with the entries `info`.
 
-        Args:
-            count: Number of rows.
-            info: Entries of `info`.
-            final: Whether the last observation and info of an episode are kept as well.
+        With `final`, the last observation and info of an episode are kept as well.
         """
         action, boxes = self.action_space, leaves(self.observation_space)
         outputs = {

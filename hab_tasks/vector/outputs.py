@@ -42,14 +42,9 @@ class GroupOutputs:
         info: Sequence[Path],
         max_steps: int | None,
     ) -> None:
-        """Writes to `arrays`, which hold this group's rows only.
+        """Writes to `arrays` (see `RowLayout.arrays`), (K, ...) each, of the joined environments.
 
-        Args:
-            envs: The environments of the rows, joined.
-            layout: Their layout.
-            arrays: Name (see `RowLayout.arrays`) -> (K, ...).
-            info: Entries of `info`.
-            max_steps: Number of steps after which an episode is truncated; None for no limit.
+        An episode is truncated after `max_steps`, if not None.
         """
         first = envs[0]
         self._envs, self._rows, self._max_steps = envs, first.rows, max_steps

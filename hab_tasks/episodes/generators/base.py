@@ -186,11 +186,7 @@ class Generator(ABC):
     def in_hand(self, com_m: Array, up: Array, robot: RobotStart, yaw_rad: float) -> Pose7:
         """Returns the upright pose that puts an object's centre of mass at the end-effector.
 
-        Args:
-            com_m: The centre of mass (3,) in the object's frame.
-            up: The object's upright axis (3,).
-            robot: Start pose of the robot.
-            yaw_rad: Yaw of the object.
+        `com_m` (3,) and the upright axis `up` (3,) are in the object's frame.
         """
         turn = quaternions.axangle2quat([0.0, 0.0, 1.0], yaw_rad)
         q = quaternions.qmult(turn, rotation_between(up, np.array([0.0, 0.0, 1.0])))
@@ -223,7 +219,7 @@ def pose_scene(
 ) -> None:
     """Sets objects to their settled poses, and furniture to these joint positions."""
     sandbox.show(objects)
-    open_joints(sandbox, joints)
+    sandbox.open_joints(joints)
     for name, at in objects.items():
         sandbox.place(name, at)
 
@@ -238,13 +234,6 @@ def refuse_unrest(sandbox: PlacementSandbox, episode: Episode) -> None:
     pose_scene(sandbox, resting, episode.joints)
     if sandbox.restless(resting):
         raise RejectedSampleError("an object moves by itself")
-
-
-def open_joints(sandbox: PlacementSandbox, joints: dict[str, dict[str, float]]) -> None:
-    """Sets furniture joints; other joints are unchanged."""
-    for furniture, positions in joints.items():
-        for joint, value in positions.items():
-            sandbox.set_joint(furniture, joint, value)
 
 
 def start_state(

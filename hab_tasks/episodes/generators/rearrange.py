@@ -15,7 +15,6 @@ from hab_tasks.episodes.generators.base import (
     Generator,
     Objects,
     instances,
-    open_joints,
     pose_scene,
     put_all,
     start_state,
@@ -68,7 +67,7 @@ class Rearrange(Generator):
         sandbox.show(handles)
         at_start = self._open_at_start(sandbox, spots.values())
         joints = _merged([*(spot.joints for spot in spots.values()), at_start])
-        open_joints(sandbox, joints)
+        sandbox.open_joints(joints)
         placer = Placer(sandbox, rng, self.settling)
         self._put_targets(placer, targets, list(spots.values()))
         self._put_goals(placer, targets, ghosts, list(spots.values()))

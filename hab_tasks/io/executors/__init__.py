@@ -109,10 +109,7 @@ def open_executor(
 ) -> Iterator[Executor]:
     """Yields the chosen executor; a Ray cluster is connected within the context.
 
-    Args:
-        choice: The executor.
-        workers: Number of worker processes.
-        device: Torch device that the jobs use; on Ray, each worker on cuda reserves a GPU.
+    On Ray, each worker whose jobs use the torch device cuda reserves a GPU.
 
     Raises:
         OptionError: Ray is not installed, or there is no cluster at the address.

@@ -12,7 +12,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Generic
+from typing import Any, Generic, NamedTuple
 
 from hab_tasks.errors import RunStoppedError
 from hab_tasks.io.executors import J, R, Task
@@ -52,8 +52,7 @@ class RayExecutor:
             crew.end()
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Call:
+class _Call(NamedTuple):
     """A call of a worker: its start if `index` is None, else a job."""
 
     worker: Any
@@ -82,11 +81,8 @@ class _Crew(Generic[J, R]):
         """Yields (index, result) until all jobs are finished."""
         exceptions = self.ray.exceptions
         lost = (
-            exceptions.RayActorError,
-            exceptions.NodeDiedError,
-            exceptions.ObjectLostError,
-            exceptions.OutOfMemoryError,
-            exceptions.WorkerCrashedError,
+            *(exceptions.RayActorError, exceptions.NodeDiedError, exceptions.ObjectLostError),
+            *(exceptions.OutOfMemoryError, exceptions.WorkerCrashedError),
         )
         while self._unfinished:
             self._start_missing()
@@ -120,13 +116,13 @@ class _Crew(Generic[J, R]):
         index = self._queue.popleft()
         job = self.jobs[index]
         reference = worker.work.remote(self.task.name(job), job)
-        self._calls[reference] = _Call(worker=worker, index=index)
+        self._calls[reference] = _Call(worker, index)
 
     def _start_missing(self) -> None:
         """Starts workers until there is one for each unfinished job, or `workers`."""
         while len(self._calls) < min(self.workers, self._unfinished):
             worker = self.actor.remote()
-            self._calls[worker.start.remote(*self._start)] = _Call(worker=worker, index=None)
+            self._calls[worker.start.remote(*self._start)] = _Call(worker, None)
 
     def _ended(self) -> list[Any]:
         """Waits for calls to end; returns some of them.

@@ -30,12 +30,7 @@ _GREY = np.array([0.6, 0.6, 0.6])
 
 
 def lighten(root: ElementTree.Element, folder: Path) -> None:
-    """Replaces every visual mesh in a URDF tree by a decimated copy, in place.
-
-    Args:
-        root: The URDF; mesh file names are relative to `folder`.
-        folder: Folder of the URDF's meshes.
-    """
+    """Replaces every visual mesh in a URDF tree, with paths from `folder`, by a decimated copy."""
     for visual in root.iter("visual"):
         mesh = visual.find("geometry/mesh")
         if mesh is None:

@@ -27,12 +27,7 @@ class LayoutMaps:
         self._maps: OrderedDict[str, NavigationMap] = OrderedDict()
 
     def of(self, scene_id: str, joints: Mapping[str, Mapping[str, float]]) -> NavigationMap:
-        """Returns the map of a layout.
-
-        Args:
-            scene_id: The layout.
-            joints: Furniture -> joint -> position [m or rad].
-        """
+        """Returns the map of a layout with these joints: furniture -> joint -> [m or rad]."""
         opened = {
             (furniture, joint): value
             for furniture, values in joints.items()

@@ -65,13 +65,7 @@ class NavigationMap:
         world_from_body: dict[str, Array],
         radius_m: float = BASE_RADIUS_M,
     ) -> NavigationMap:
-        """Maps a layout from collision bodies at their current poses.
-
-        Args:
-            bodies: All obstacles.
-            world_from_body: Body name -> pose (4, 4).
-            radius_m: Radius of the base.
-        """
+        """Maps a layout from all obstacles, at poses (4, 4) by body name."""
         bodies = list(bodies)
         floor = free_floor(bodies, world_from_body, radius_m)
         stage = [body for body in bodies if body.group == "stage"]
@@ -85,12 +79,9 @@ class NavigationMap:
         joints: Mapping[tuple[str, str], float] | None = None,
         radius_m: float = BASE_RADIUS_M,
     ) -> NavigationMap:
-        """Maps a layout without a simulator.
+        """Maps a layout without a simulator; its loose objects are ignored.
 
-        Args:
-            layout: The layout; its loose objects are ignored.
-            joints: Open doors and drawers: (furniture, joint) -> position [m or rad].
-            radius_m: Radius of the base.
+        `joints` are open doors and drawers: (furniture, joint) -> position [m or rad].
         """
         loose = {item.name for item in layout.spec.objects if item.dynamic}
         bodies = [b for b in layout.opened(joints or {}).values() if b.piece not in loose]

@@ -31,11 +31,8 @@ def load(name: str, call: Callable[[Any], object]) -> Any:
     """Imports a module of compiled functions.
 
     By default, numba writes compiled functions beside the source, which an installed package may
-    forbid. They are written to ``NUMBA_CACHE_DIR`` if it is set, else to the cache folder.
-
-    Args:
-        name: The module.
-        call: Calls its functions, which compiles them or reads them from the cache.
+    forbid. They are written to ``NUMBA_CACHE_DIR`` if it is set, else to the cache folder. `call`
+    calls the functions, which compiles them or reads them from the cache.
     """
     # Takes a second, for images and plans only.
     from numba.core import config as numba_config

@@ -16,7 +16,7 @@ from mani_skill.utils.structs import Actor, Articulation
 from sapien.physx import PhysxMaterial
 
 from hab_tasks.errors import DatasetError
-from hab_tasks.geometry import Pose7, apply
+from hab_tasks.geometry import BOX_CORNERS, Pose7, apply
 from hab_tasks.simulator import rigid_body, sapien_object
 from hab_tasks.world.scenes.meshes import parts_volume
 from hab_tasks.world.scenes.physics import (
@@ -178,8 +178,7 @@ def mark_flat(actor: Actor) -> Actor:
 def _top_m(body: sapien.physx.PhysxRigidBaseComponent, shape: Any) -> float:
     """Height [m] of a shape's highest point in the world."""
     if hasattr(shape, "half_size"):
-        signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
-        points = signs * np.asarray(shape.half_size)
+        points = BOX_CORNERS * np.asarray(shape.half_size)
     else:
         points = np.asarray(shape.vertices) * np.asarray(shape.scale)
     world = body.entity.pose * shape.local_pose

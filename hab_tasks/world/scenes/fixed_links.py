@@ -50,14 +50,10 @@ class Inertial:
 
 
 def merge_fixed_links(root: ElementTree.Element, keep: Collection[str] = ()) -> None:
-    """Merges every link on a fixed joint into its parent, in place.
+    """Merges every link of a URDF on a fixed joint into its parent, in place, but those to `keep`.
 
     The parent gets its mass, visuals and collision shapes; joints to further links start at the
     parent.
-
-    Args:
-        root: A URDF.
-        keep: Names of links that stay.
     """
     links = {link.get("name"): link for link in root.findall("link")}
     for joint in root.findall("joint"):

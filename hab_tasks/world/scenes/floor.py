@@ -18,6 +18,7 @@ from scipy import ndimage
 from scipy.spatial import ConvexHull, QhullError
 
 from hab_tasks.constants import BASE_RADIUS_M
+from hab_tasks.geometry import BOX_CORNERS
 from hab_tasks.privileged import Array, CollisionBody, CollisionShape
 
 CELL_M = 0.05
@@ -44,13 +45,7 @@ class FreeFloor:
     _kept: dict[float, Array] = field(default_factory=dict, init=False, repr=False)
 
     def cells_by_distance(self, point_m: Array, clearance_m: float, nearest_m: float) -> Array:
-        """Returns usable positions (K, 2), nearest to `point_m` (2,) first.
-
-        Args:
-            point_m: The point in the world.
-            clearance_m: Minimum clearance of a position.
-            nearest_m: Minimum distance of a position to the point.
-        """
+        """Returns usable positions (K, 2) from `nearest_m` on, nearest to `point_m` (2,) first."""
         positions = self._positions(clearance_m)
         distance = np.linalg.norm(positions - point_m[:2], axis=1)
         order = np.argsort(distance, kind="stable")
@@ -119,13 +114,9 @@ def free_floor(
     radius_m: float = BASE_RADIUS_M,
     heights_m: tuple[float, float] = (LOWEST_M, HIGHEST_M),
 ) -> FreeFloor:
-    """Maps the free floor between `bodies`.
+    """Maps the free floor between stage mesh and furniture, at poses (4, 4) by body name.
 
-    Args:
-        bodies: Stage mesh and furniture.
-        world_from_body: Body name -> pose (4, 4).
-        radius_m: Radius of the base.
-        heights_m: Height range of obstacles.
+    `radius_m` is that of the base, `heights_m` the height range of obstacles.
     """
     parts = [body_outline(body, world_from_body[body.name], heights_m) for body in bodies]
     return floor_of(parts, radius_m)
@@ -164,12 +155,7 @@ def floor_of(parts: Iterable[BodyOutline], radius_m: float = BASE_RADIUS_M) -> F
 
 
 def footprints(points_m: Array, starts: Iterable[int] = (0,)) -> Iterator[Footprint]:
-    """Yields the footprints of shapes.
-
-    Args:
-        points_m: (3, P) corners of all shapes, height last.
-        starts: Index of each shape's first corner.
-    """
+    """Yields the footprints of shapes with corners (3, P), which start at these indices."""
     for shape in np.split(points_m, list(starts)[1:], axis=1):
         if shape.shape[1]:
             low, high = float(shape[2].min()), float(shape[2].max())
@@ -179,13 +165,7 @@ def footprints(points_m: Array, starts: Iterable[int] = (0,)) -> Iterator[Footpr
 def floor_between(
     outlines: Iterable[Array], corners: Array, radius_m: float = BASE_RADIUS_M
 ) -> FreeFloor:
-    """Maps the free floor between obstacles.
-
-    Args:
-        outlines: Convex polygons (V, 2) of the obstacles in the world.
-        corners: (C, 2) points that the map has to cover.
-        radius_m: Radius of the base.
-    """
+    """Maps the free floor between convex polygons (V, 2), covering the points `corners` (C, 2)."""
     corner = corners.min(axis=0)
     columns, rows = (int(n) for n in np.ceil((corners.max(axis=0) - corner) / CELL_M))
     blocked = np.pad(touched(outlines, corner, (columns, rows)), 1, constant_values=True)
@@ -234,19 +214,18 @@ def largest_area(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
 @lru_cache(maxsize=8192)
 def body_points(shape: CollisionShape) -> Array:
     """Returns the shape's corner points in the body frame as homogeneous columns (4, K)."""
-    if shape.kind == "convex":
-        points = shape.vertices_m
-    else:
-        half = shape.half_size_m
-        if shape.kind in ("capsule", "cylinder"):
-            half = np.array([half[0] + half[1], half[0], half[0]])
-        elif shape.kind == "sphere":
-            half = np.full(3, half[0])
-        signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
-        points = signs * half
+    points = shape.vertices_m if shape.kind == "convex" else BOX_CORNERS * _half_size_m(shape)
     corners = shape.body_from_shape @ np.vstack((points.T, np.ones(len(points))))
     corners.flags.writeable = False
     return corners
+
+
+def _half_size_m(shape: CollisionShape) -> Array:
+    """Returns half the size (3,) of the box around a shape that is not convex."""
+    half = shape.half_size_m
+    if shape.kind in ("capsule", "cylinder"):
+        return np.array([half[0] + half[1], half[0], half[0]])
+    return np.full(3, half[0]) if shape.kind == "sphere" else half
 
 
 def outline(points: Array) -> Array:
@@ -295,18 +274,12 @@ def _planes(shape: CollisionShape) -> tuple[Array, Array]:
         normals, a = (normals / length[:, None])[length > 0], a[length > 0]
         offsets = np.einsum("fi,fi->f", normals, a)
         inward = (normals @ shape.vertices_m.mean(axis=0)) > offsets
-        normals, offsets = (
-            np.where(inward[:, None], -normals, normals),
-            np.where(inward, -offsets, offsets),
-        )
+        normals = np.where(inward[:, None], -normals, normals)
+        offsets = np.where(inward, -offsets, offsets)
     elif shape.kind == "plane":
         return np.zeros((0, 3)), np.zeros(0)
     else:
-        half = shape.half_size_m
-        if shape.kind in ("capsule", "cylinder"):
-            half = np.array([half[0] + half[1], half[0], half[0]])
-        elif shape.kind == "sphere":
-            half = np.full(3, half[0])
+        half = _half_size_m(shape)
         normals, offsets = np.concatenate((np.eye(3), -np.eye(3))), np.concatenate((half, half))
     turned = normals @ rotation.T
     return turned, offsets + turned @ position

@@ -186,9 +186,7 @@ _APART_M = 100.0
 def decimate_textured(mesh: Any, triangles: int) -> Any:
     """Returns a copy of a textured trimesh mesh with at most about `triangles` faces.
 
-    Args:
-        mesh: A mesh whose `visual` has `uv` and `material`, vertices doubled along seams.
-        triangles: Target number of faces; a mesh with fewer is returned unchanged.
+    Its `visual` has `uv` and `material`, and its vertices are doubled along seams.
     """
     if len(mesh.faces) <= triangles:
         return mesh

@@ -52,11 +52,7 @@ def use_settings(config: SimConfig) -> None:
 
 
 def bare_scene(renderer: str = "none") -> ManiSkillScene:
-    """Returns an empty CPU scene without an environment.
-
-    Args:
-        renderer: ManiSkill's name of the render device, or ``none``.
-    """
+    """Returns an empty CPU scene without an environment; `renderer` is ManiSkill's name or none."""
     config = sim_config()
     backend = parse_sim_and_render_backend("physx_cpu", renderer)
     systems: list[Any] = [_new_system(config)]
@@ -158,12 +154,7 @@ HINGE = JointFriction(usual=0.8, least=0.3, damping_per_s=2.5)
 
 
 def brake(furniture: Articulation, stated: dict[str, float]) -> None:
-    """Sets friction and damping of every joint of a piece of furniture.
-
-    Args:
-        furniture: The built furniture.
-        stated: Joint name -> friction in its URDF [N or N m].
-    """
+    """Sets friction and damping of every joint; `stated`: joint name -> friction [N or N m]."""
     for joint in furniture.active_joints:
         kind = SLIDE if joint.type[0] == "prismatic" else HINGE
         joint.set_friction(0.0)

@@ -51,12 +51,9 @@ class BodyPool:
         templates: dict[str, ObjectTemplate],
         read: dict[Hashable, CollisionBody] | None = None,
     ) -> None:
-        """Creates an empty pool.
+        """Creates an empty pool of bodies in `scene`.
 
-        Args:
-            scene: The scene to build in.
-            templates: The movable objects by name.
-            read: Collision bodies read before, in pools of the same dataset and objects.
+        `read` has collision bodies of earlier pools of the same dataset and objects.
         """
         self._scene, self._templates = scene, templates
         self._builder = BodyBuilder(scene)
@@ -70,12 +67,8 @@ class BodyPool:
     def show(self, spec: SceneSpec, objects: Iterable[str]) -> SceneBodies:
         """Activates a layout with movable objects; removes all other bodies from the scene.
 
-        Args:
-            spec: The layout.
-            objects: Names of the movable objects, ``template_:NNNN``.
-
         Raises:
-            EpisodeError: An object of a template that was not loaded.
+            EpisodeError: An object (``template_:NNNN``) of a template that was not loaded.
         """
         self._clear()
         scene_bodies = self.scene_bodies = SceneBodies(spec=spec)

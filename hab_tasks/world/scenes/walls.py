@@ -77,14 +77,10 @@ class WallMap:
 def inner_walls(
     dataset: SceneDataset, spec: SceneSpec, read: Callable[[str], SceneSpec]
 ) -> tuple[CollisionSource, ...]:
-    """Returns the inner walls of a layout as boxes in the y-up stage frame.
+    """Returns the inner walls of a layout in a shell, as boxes in the y-up stage frame.
 
-    They are cached by layout and navmeshes or mesh.
-
-    Args:
-        dataset: Where the layout is from.
-        spec: The layout, in a shell.
-        read: Reads any layout of the dataset's source, in a shell.
+    They are cached by layout and navmeshes or mesh; `read` reads any layout of the dataset's
+    source, in a shell.
     """
     mesh = spec.stage.visual_file
     source = content_key(mesh) if mesh else _navmeshes_key(dataset.source.root / NAVMESHES)
@@ -118,9 +114,7 @@ def walls_between(
 ) -> WallMap:
     """Returns the walls that the layouts of one stage have in common.
 
-    Args:
-        navmeshes: One of each layout, all of one size of agent.
-        furniture: What stands in each of them.
+    Each has a navmesh, all of one size of agent, and furniture.
     """
     bounds = navmeshes[0].bounds
     corner, shape = _grid(np.array(bounds.low)[[0, 2]], np.array(bounds.high)[[0, 2]])
@@ -201,11 +195,9 @@ def cover(left: Cells, allowed: Cells, block: Rectangle) -> list[Rectangle]:
 
 
 def furniture_of(spec: SceneSpec, but: Collection[str] = ()) -> list[Footprint]:
-    """Returns the shapes of furniture, closed, and loose objects in the y-up stage frame.
+    """Returns the shapes of closed furniture, and loose objects, in the y-up stage frame.
 
-    Args:
-        spec: The layout.
-        but: Handles that are left out.
+    Pieces named in `but` are left out.
     """
     # Geometry needs the engine and its collision library, which a cached layout does without.
     from hab_tasks.world.scenes.layout_geometry import STAGE, Layout

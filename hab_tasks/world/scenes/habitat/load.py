@@ -69,10 +69,7 @@ def read_scene(
 ) -> SceneSpec:
     """Reads a layout; a stage without convex parts has only floor and outer walls.
 
-    Args:
-        dataset: Where it is from.
-        scene_id: Which layout.
-        changed: Content that replaces its file.
+    `changed` replaces the content of its file.
     """
     file = dataset.scene_file(scene_id)
     scene = read_fields(file) if changed is None else Fields(file, changed)
@@ -80,12 +77,14 @@ def read_scene(
     articulations = _articulations(dataset, scene)
     stage = _stage(dataset, scene_id, scene.part("stage_instance"))
     if missing:
-        absent = ", ".join(_absent_templates(dataset))
+        known = sorted(dataset.object_files.items())
+        absent = ", ".join(name for name, file in known if load_template(file) is None)
         warn_once(
             f"{dataset.source.root}: objects without files are skipped wherever they occur: "
             f"{absent}."
         )
-    receptacles = [r for instance in objects for r in _placed_receptacles(instance)]
+    placed = ((r, item) for item in objects for r in item.template.receptacles)
+    receptacles = [_scaled(r, item.name, item.scale) for r, item in placed]
     for instance in articulations:
         receptacles.extend(articulated_receptacles(instance))
     return SceneSpec(
@@ -211,12 +210,6 @@ def _template_name(entry: Fields, suffix: str, known: Mapping[str, Path]) -> str
     return name
 
 
-def _absent_templates(dataset: SceneDataset) -> list[str]:
-    return sorted(
-        name for name, file in dataset.object_files.items() if load_template(file) is None
-    )
-
-
 def _articulations(dataset: SceneDataset, scene: Fields) -> list[ArticulationInstance]:
     instances, counts = [], Counter()
     entries = scene.parts("articulated_object_instances", optional=True)
@@ -249,10 +242,6 @@ def _check_apart(entry: Fields, instances: list[ArticulationInstance]) -> None:
         if same and math.dist(other.world_from_root, last.world_from_root) < SAME_PLACE:
             words = f"{last.template} stands where another {last.template} stands"
             raise DatasetError(f"{entry.file}: {entry.location}: {words}.")
-
-
-def _placed_receptacles(instance: ObjectInstance) -> list[Receptacle]:
-    return [_scaled(r, instance.name, instance.scale) for r in instance.template.receptacles]
 
 
 def articulated_receptacles(instance: ArticulationInstance) -> list[Receptacle]:

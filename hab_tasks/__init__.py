@@ -13,12 +13,16 @@ Public names; those that need torch or the simulator are imported when they are 
 - episodes: `Episode`, `EpisodeSet`, `EpisodeRequest`, `load_episodes`
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from hab_tasks import receptacles
 from hab_tasks.errors import HabError
-from hab_tasks.registration import register_skill, register_skills, register_task
+from hab_tasks.registration import (
+    names_on_demand,
+    register_skill,
+    register_skills,
+    register_task,
+)
 from hab_tasks.task_spec import Target, TaskSpec
 from hab_tasks.tasks.prepare_groceries import PREPARE_GROCERIES
 from hab_tasks.tasks.set_table import SET_TABLE
@@ -68,28 +72,22 @@ __all__ = [
     "register_task",
 ]
 
-_MODULES = {
-    "agent": ("Agent", "AgentReport", "AgentSetup", "AgentSpec", "check_options"),
-    "agent_spaces": ("agent_setup",),
-    "engine.requirements": ("Requirements",),
-    "engine.sensors": ("OBJECT_START", "PROPRIOCEPTION", "ObsEntry"),
-    "engine.skill_env": ("Skill", "SkillEnv"),
-    "envs": ("ENVS",),
-    "episodes": ("Episode", "EpisodeRequest", "EpisodeSet", "load_episodes"),
-    "robots.control_modes": ("ARM_MODES", "MOBILE_MODES"),
-    "skills.pick": ("PickStarts",),
-    "vector.sb3": ("SB3VecEnv",),
-}
-"""Module -> its public names."""
+__getattr__, __dir__ = names_on_demand(
+    __name__,
+    {
+        "agent": ("Agent", "AgentReport", "AgentSetup", "AgentSpec", "check_options"),
+        "agent_spaces": ("agent_setup",),
+        "engine.goals": ("Requirements",),
+        "engine.sensors": ("OBJECT_START", "PROPRIOCEPTION", "ObsEntry"),
+        "engine.skill_env": ("Skill", "SkillEnv"),
+        "envs": ("ENVS",),
+        "episodes": ("Episode", "EpisodeRequest", "EpisodeSet", "load_episodes"),
+        "robots.control_modes": ("ARM_MODES", "MOBILE_MODES"),
+        "skills.pick": ("PickStarts",),
+        "vector.sb3": ("SB3VecEnv",),
+    },
+)
 
 register_skills()
 for _spec in (TIDY_HOUSE, PREPARE_GROCERIES, SET_TABLE):
     register_task(_spec, __name__)
-
-
-def __getattr__(name: str) -> Any:
-    """Imports a public name on first access."""
-    for module, names in _MODULES.items():
-        if name in names:
-            return getattr(import_module(f"{__name__}.{module}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

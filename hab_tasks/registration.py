@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 from gymnasium.envs.registration import WrapperSpec
@@ -52,6 +53,23 @@ TASKS: dict[str, TaskSpec] = {}
 
 _modules: dict[str, str] = {}
 """Id -> module that registers it on import."""
+
+
+def names_on_demand(
+    package: str, modules: Mapping[str, Collection[str]]
+) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+    """Returns ``__getattr__`` and ``__dir__`` of a package that imports its names when used.
+
+    `modules`: module, relative to the package -> public names.
+    """
+    found = {name: module for module, names in modules.items() for name in names}
+
+    def load(name: str) -> Any:
+        if name not in found:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        return getattr(importlib.import_module(f"{package}.{found[name]}"), name)
+
+    return load, lambda: sorted({*vars(sys.modules[package]), *found})
 
 
 def register_skills() -> None:

@@ -3,8 +3,9 @@
 Importing this package loads neither torch nor the simulator: its names are imported when used.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from hab_tasks.registration import names_on_demand
 
 if TYPE_CHECKING:
     from hab_eval.records.config import EvalConfig
@@ -36,22 +37,13 @@ __all__ = [
 
 __version__ = "0.3.0"
 
-_MODULES = {
-    "records.config": ("EvalConfig",),
-    "records.results": ("RunRecord", "read_record"),
-    "run.agents": ("close_hand", "do_nothing", "open_hand", "random_agent", "straight_line"),
-    "run.evaluate": ("RunOptions", "evaluate"),
-    "run.load_agent": ("load_agent",),
-}
-
-
-def __getattr__(name: str) -> Any:
-    """Imports a public name on first access."""
-    for module, names in _MODULES.items():
-        if name in names:
-            return getattr(import_module(f"{__name__}.{module}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = names_on_demand(
+    __name__,
+    {
+        "records.config": ("EvalConfig",),
+        "records.results": ("RunRecord", "read_record"),
+        "run.agents": ("close_hand", "do_nothing", "open_hand", "random_agent", "straight_line"),
+        "run.evaluate": ("RunOptions", "evaluate"),
+        "run.load_agent": ("load_agent",),
+    },
+)

@@ -70,9 +70,9 @@ class TeamOptions:
 
     @property
     def privileged(self) -> bool:
-        """Whether the agent needs ground truth."""
-        planned = not all(isinstance(found, Path) for found in self.skills.values())
-        return self.navigation != "learned" or self.true_knowledge or planned
+        """Whether the agent needs ground truth; agents of skills have to do without."""
+        planned = {None, *PROVIDERS.values()} & {*self.skills.values()}
+        return self.navigation != "learned" or self.true_knowledge or bool(planned)
 
 
 def read_options(setup: AgentSetup, needed: tuple[str, ...]) -> TeamOptions:

@@ -229,15 +229,18 @@ def blocks_of(
         kinds: (S,) kinds of shapes.
         half_m: (S,) half the edge of each shape's voxels.
     """
-    spheres, first = [], []
+    spheres, first, count = [np.zeros((0, 4))], [], 0
     for centres_m, kind, half in zip(vertices_m, kinds, half_m, strict=True):
-        first.append(len(spheres))
-        for start in range(0, len(centres_m) if kind == VOXELS else 0, BLOCK):
-            block_m = centres_m[start : start + BLOCK]
-            middle = (block_m.min(axis=0) + block_m.max(axis=0)) / 2
-            radius = np.linalg.norm(block_m - middle, axis=1).max() + half * 3**0.5
-            spheres.append((*middle, radius))
-    return np.array(spheres).reshape(-1, 4).T.copy(), np.array(first, dtype=np.int64)
+        first.append(count)
+        if kind != VOXELS:
+            continue
+        starts = np.arange(0, len(centres_m), BLOCK)
+        lower = np.minimum.reduceat(centres_m, starts) - half
+        upper = np.maximum.reduceat(centres_m, starts) + half
+        radius = np.linalg.norm(upper - lower, axis=1, keepdims=True) / 2
+        spheres.append(np.hstack(((lower + upper) / 2, radius)))
+        count += len(starts)
+    return np.ascontiguousarray(np.concatenate(spheres).T), np.array(first, dtype=np.int64)
 
 
 def chain_of(model: pin.Model) -> Array:

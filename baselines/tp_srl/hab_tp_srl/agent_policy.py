@@ -25,19 +25,22 @@ class AgentPolicy:
 
     starts = None
 
-    def __init__(self, setup: AgentSetup, skill: str, reference: str) -> None:
+    def __init__(
+        self, setup: AgentSetup, skill: str, reference: str, options: Mapping[str, str]
+    ) -> None:
         """Loads the agent.
 
         Args:
             setup: Setup of the task's agent; its options are not passed on.
             skill: Name of the skill in tasks.
             reference: ``module:factory``.
+            options: Options of the agent.
 
         Raises:
             HabError: The agent cannot be loaded, or it cannot act in a task.
         """
         named = {ENVS[env_id].env.name: env_id for env_id in SKILLS} | TASK_SKILLS
-        inner = replace(setup, env_id=named[skill], options={})
+        inner = replace(setup, env_id=named[skill], options=dict(options))
         self._make = partial(load_agent, reference, inner)
         self._agents: list[Agent] = [self._make()]
         spec = self._agents[0].spec

@@ -18,12 +18,11 @@ from hab_tasks.registration import SKILLS, TASK_SKILLS
 from hab_tasks.robots.control import HabControllerConfig, control_configs
 from hab_tasks.robots.fetch import FETCH
 from hab_tp_srl.policies import ARMS, BASES, TASK_ENTRIES, Turn
+from hab_tp_srl.training_starts import start_ranges
 
 
 class AgentPolicy:
     """Runs an agent of its own for each row; the attributes are those of `SkillPolicy`."""
-
-    starts = None
 
     def __init__(
         self, setup: AgentSetup, skill: str, reference: str, options: Mapping[str, str]
@@ -47,6 +46,7 @@ class AgentPolicy:
         self.name, self.obs_mode, self.files = spec.name, spec.obs_mode, spec.files
         self.sees_images = not spec.obs_mode.startswith("state")
         self.horizon_steps = ENVS[inner.env_id].env.horizon_steps
+        self.starts = start_ranges(inner.env_id)
         self.control: HabControllerConfig = control_configs(FETCH)[spec.control_mode]
         space = cast(spaces.Dict, setup.spaces_of(inner.env_id, spec).observation)
         self._entries = [(g, name) for g in ("agent", "extra") for name in cast(Any, space[g])]

@@ -78,7 +78,8 @@ def agent_spaces(env_id: str, spec: AgentSpec) -> AgentSpaces:
 def _state(env: type[HabEnv], spec: AgentSpec) -> dict[str, dict[str, Any]]:
     """Returns zeros (1, ...) for the non-empty groups of ``agent`` and ``extra``."""
     groups: dict[str, dict[str, Any]] = {"agent": {}, "extra": {}}
-    for entry in observed(env.observation, env.handle, spec.target_frame, spec.handle_position):
+    options = spec.target_frame, spec.handle_position
+    for entry in observed(env.observation, env.handle, FETCH, *options):
         groups[entry.group][entry.name] = np.zeros((1, *entry.shape), dtype=np.float32)
     return {name: group for name, group in groups.items() if group}
 

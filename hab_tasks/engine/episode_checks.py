@@ -66,7 +66,10 @@ def _faults(
         yield "navigation", "missing: the navigation goal of the base"
     joints = len(robot.arm_joints)
     if len(episode.robot.arm_qpos_rad) != joints:
-        yield "robot.arm_qpos_rad", f"expected {joints} joints"
+        yield (
+            "robot.arm_qpos_rad",
+            f"{len(episode.robot.arm_qpos_rad)} joints, expected {joints} of {robot.uid}",
+        )
     if not 0 <= episode.seed <= LARGEST_SEED:
         yield "seed", f"{episode.seed} is not within 0 to 2^63 - 1"
     for field, values in _coordinates(episode):

@@ -72,7 +72,7 @@ class ObservingEnv(BaseEnv):
         self._scales_depth = depth == "m"
         flag("proprioception", proprioception)
         flag("handle_position", handle_position)
-        entries = observed(self.observation, self.handle, target_frame, handle_position)
+        entries = observed(self.observation, self.handle, self.robot, target_frame, handle_position)
         self._felt = [e for e in entries if proprioception and e.proprioceptive]
         self._told = [e for e in entries if not e.proprioceptive]
 

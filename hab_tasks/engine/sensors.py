@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -17,6 +17,8 @@ from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.measures import Measures
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.errors import OptionError, UnknownNameError
+from hab_tasks.robots.fetch import FETCH
+from hab_tasks.robots.spec import RobotSpec
 
 Reader = Callable[[Snapshot, Measures, Goals], Floats]
 
@@ -53,10 +55,11 @@ class ObsEntry:
 def observed(
     entries: Sequence[ObsEntry],
     handle: ObsEntry | None,
+    robot: RobotSpec,
     target_frame: str = "base",
     handle_position: bool = False,
 ) -> tuple[ObsEntry, ...]:
-    """Returns the entries of an environment under its options.
+    """Returns the entries of an environment with this robot under its options.
 
     `handle` is the entry that `handle_position` adds, None without a door or drawer.
 
@@ -64,7 +67,8 @@ def observed(
         UnknownNameError: Unknown frame.
         OptionError: The environment does not support the option.
     """
-    chosen = tuple(entries)
+    arm = replace(ARM_QPOS, shape=(len(robot.arm_joints),))
+    chosen = tuple(arm if entry is ARM_QPOS else entry for entry in entries)
     if target_frame not in get_args(TargetFrame):
         raise UnknownNameError("target_frame", target_frame, get_args(TargetFrame))
     if target_frame == "ee":
@@ -131,7 +135,7 @@ def _is_holding(s: Snapshot, m: Measures, g: Goals) -> Floats:
 
 ARM_QPOS = ObsEntry(
     name="arm_qpos",
-    shape=(7,),
+    shape=(len(FETCH.arm_joints),),
     unit="rad",
     meaning="arm joints, shoulder to wrist",
     read=lambda s, m, g: s.arm_qpos_rad,

@@ -75,8 +75,6 @@ SCHEMA = 3
 POSE_DIGITS = 6
 """Poses are rounded to a micrometre, in memory and in files, so that both give the same start."""
 
-ARM_JOINT_COUNT = 7
-
 ReceptacleRef = tuple[str, str]
 """Name of a receptacle, and the body (object name or ``articulation/link``) that carries it."""
 
@@ -86,7 +84,7 @@ Base = tuple[float, float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class RobotStart:
-    """Start state of the robot: base and arm joints (7,) [rad]."""
+    """Start state of the robot: base, and its `arm_joints` [rad] in their order."""
 
     base: Base
     arm_qpos_rad: tuple[float, ...]
@@ -246,8 +244,7 @@ def with_loose(episode: Episode, scenes: Mapping[str, dict[str, Pose7]], where: 
     """Returns an episode that was read from JSON with the loose objects of its layout.
 
     Raises:
-        EpisodeError: The layout is not among the scenes, an object not among the episode's, or
-            the arm has another number of joints.
+        EpisodeError: The layout is not among the scenes, or an object not among the episode's.
     """
     if episode.scene_id not in scenes:
         raise EpisodeError(f"{where}: scene_id {episode.scene_id!r} is not among the scenes.")
@@ -255,7 +252,4 @@ def with_loose(episode: Episode, scenes: Mapping[str, dict[str, Pose7]], where: 
     for name in (*(target.object for target in episode.targets), *held):
         if name not in episode.objects:
             raise EpisodeError(f"{where}: {name!r} is not among the objects.")
-    if (count := len(episode.robot.arm_qpos_rad)) != ARM_JOINT_COUNT:
-        joints = f"arm_qpos_rad with {count} joints, expected {ARM_JOINT_COUNT}"
-        raise EpisodeError(f"{where}: robot: {joints}.")
     return replace(episode, loose=scenes[episode.scene_id])

@@ -19,6 +19,7 @@ from hab_tasks.engine.sensors import (
 )
 from hab_tasks.envs import ENVS
 from hab_tasks.errors import OptionError
+from hab_tasks.robots.fetch import FETCH
 
 QUARTER = math.pi / 2
 
@@ -89,5 +90,5 @@ def test_each_environment_has_the_options_that_make_sense():
         cases = {(): [default], ("ee",): [in_ee], ("base", True): [default, handle]}
         for options, expected in cases.items():
             with pytest.raises(OptionError) if None in expected else nullcontext():
-                entries = observed(env.observation, env.handle, *options)
+                entries = observed(env.observation, env.handle, FETCH, *options)
                 assert [e.name for e in entries if e.group == "extra"] == expected, env_id

@@ -20,10 +20,10 @@ from hab_tasks.receptacles import CONTAINERS
 from hab_tasks.task_spec import TaskSpec, TaskSpecError
 
 PACKAGE = "hab_tasks"
-VECTOR_ENTRY_POINTS = f"{PACKAGE}.vector.entry_points"
+VECTOR_ENTRY_POINTS = f"{PACKAGE}.vector"
 """Module with one entry point of `gymnasium.make_vec` for each environment."""
 
-TASK_CLASSES = f"{PACKAGE}.tasks.classes"
+TASK_CLASSES = f"{PACKAGE}.tasks.task_env"
 """Module that creates the classes of tasks on first access."""
 
 MAIN = "__main__"

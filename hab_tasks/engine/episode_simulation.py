@@ -12,14 +12,13 @@ from mani_skill.envs.scene import ManiSkillScene
 
 from hab_tasks.arrays import Batch, Floats, of_row
 from hab_tasks.constants import CONTROL_HZ, SIM_HZ
-from hab_tasks.engine.episode_checks import check_entries, check_in_layout
 from hab_tasks.engine.episode_sampler import ActiveLayout, EpisodeSampler
+from hab_tasks.engine.episode_start import apply_episode, check_entries, check_in_layout
 from hab_tasks.engine.goals import Goals, GoalSetting, Requirements, handles_of
 from hab_tasks.engine.ground_truth import GroundTruth
 from hab_tasks.engine.noise import NoiseSource, SensorNoise
 from hab_tasks.engine.recorded_state import START_ITS_EPISODE
 from hab_tasks.engine.snapshot import ContactForce, Snapshot, SnapshotReader
-from hab_tasks.episodes.apply import apply_episode
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.episodes.source import UNLIMITED, EpisodeSource
 from hab_tasks.errors import EpisodeError

@@ -8,7 +8,7 @@ from builders import goals_of, measures, row, same, snapshot
 
 from hab_tasks.registration import TASKS
 from hab_tasks.tasks.base import Facts, compile_task
-from hab_tasks.tasks.progress import Progress
+from hab_tasks.tasks.task_rules import Progress
 
 TIDY_HOUSE, PREPARE_GROCERIES, SET_TABLE = map(compile_task, TASKS.values())
 

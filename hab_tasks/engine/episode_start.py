@@ -1,20 +1,25 @@
-"""Validation of an episode against its environment and its layout."""
+"""Start of an episode: validation against its environment and layout, and its start state."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import sapien
+import torch
+from mani_skill.utils.structs import Actor
 
 from hab_tasks.engine.goals import Requirements
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import BOX_CORNERS, Pose7, apply
 from hab_tasks.option_values import LARGEST_SEED
+from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.robots.spec import RobotSpec
-from hab_tasks.simulator import sapien_object
+from hab_tasks.simulator import rigid_body, sapien_object
 from hab_tasks.world.scenes.meshes import mesh_bounds
 from hab_tasks.world.scenes.scene_bodies import SceneBodies
 from hab_tasks.world.scenes.spec import Stage
@@ -66,10 +71,7 @@ def _faults(
         yield "navigation", "missing: the navigation goal of the base"
     joints = len(robot.arm_joints)
     if len(episode.robot.arm_qpos_rad) != joints:
-        yield (
-            "robot.arm_qpos_rad",
-            f"{len(episode.robot.arm_qpos_rad)} joints, expected {joints} of {robot.uid}",
-        )
+        yield "robot.arm_qpos_rad", f"{len(episode.robot.arm_qpos_rad)} joints, expected {joints}"
     if not 0 <= episode.seed <= LARGEST_SEED:
         yield "seed", f"{episode.seed} is not within 0 to 2^63 - 1"
     for field, values in _coordinates(episode):
@@ -171,3 +173,53 @@ def _corners(
     """Returns the xy coordinates (8, 2) of a box's corners."""
     points = np.array(tuple(center_m)) + BOX_CORNERS * np.array(tuple(half_m))
     return np.array([apply(world_from_stage, point) for point in points])[:, :2]
+
+
+def apply_episode(
+    episode: Episode,
+    scene_bodies: SceneBodies,
+    agent: MobileManipulator,
+    in_place: frozenset[str] = frozenset(),
+) -> None:
+    """Sets furniture, objects and robot to the start state of a checked episode, at rest.
+
+    Loose objects in `in_place` are already at their start poses.
+    """
+    _apply_joints(episode, scene_bodies)
+    _apply_objects(episode, scene_bodies, in_place)
+    _apply_robot(episode, agent)
+
+
+def _apply_joints(episode: Episode, scene_bodies: SceneBodies) -> None:
+    for name, furniture in scene_bodies.articulations.items():
+        index = {joint.name: i for i, joint in enumerate(furniture.active_joints)}
+        qpos = torch.zeros(1, len(index), device=furniture.device)
+        for joint, value in episode.joints.get(name, {}).items():
+            qpos[0, index[joint]] = value
+        furniture.set_qpos(qpos)
+        furniture.set_qvel(torch.zeros_like(qpos))
+
+
+def _apply_objects(episode: Episode, scene_bodies: SceneBodies, in_place: frozenset[str]) -> None:
+    for name, actor in scene_bodies.pickables.items():
+        _place(actor, episode.objects[name])
+    starts = {o.name: o.world_from_object for o in scene_bodies.spec.objects if o.dynamic}
+    for name, actor in scene_bodies.loose.items():
+        if name not in in_place:
+            _place(actor, episode.loose.get(name, starts[name]))
+
+
+def _place(actor: Actor, pose: Pose7) -> None:
+    body: Any = rigid_body(actor)
+    body.entity.pose = sapien.Pose(list(pose[:3]), list(pose[3:]))
+    if not body.kinematic:
+        body.linear_velocity = body.angular_velocity = (0.0, 0.0, 0.0)
+
+
+def _apply_robot(episode: Episode, agent: MobileManipulator) -> None:
+    qpos = agent.rest_qpos()[None]
+    qpos[0, agent.base_index] = torch.tensor(episode.robot.base, device=agent.device)
+    for name, value in zip(agent.spec.arm_joints, episode.robot.arm_qpos_rad, strict=True):
+        qpos[0, agent.joint_index[name]] = value
+    agent.robot.set_qpos(qpos)
+    agent.robot.set_qvel(torch.zeros_like(qpos))

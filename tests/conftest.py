@@ -147,10 +147,7 @@ def generated(tmp_path_factory):
 
     @functools.cache
     def make(
-        env_id: str,
-        dataset: str = "apartment",
-        novel: str | None = None,
-        scene: str | None = None,
+        env_id: str, dataset: str = "apartment", novel: str | None = None, scene: str | None = None
     ):
         real = {"scene_dataset": DATA / "replica_cad", "objects": DATA / "ycb"}
         options = real if dataset == "real" else {"scene_dataset": dataset}

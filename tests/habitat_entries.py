@@ -118,7 +118,7 @@ ENTRIES = {
     "unknown_fields": set_table(viewpoints=[[1, 2.5]], markers=MARKERS[:1], note="kept"),
     "no_targets": set_table(targets={}, target_receptacles=[], goal_receptacles=[], info={}),
     "later_target_first": set_table(
-        targets={k: set_table()["targets"][k] for k in ("013_apple_:0000", "024_bowl_:0001")},
+        targets={k: set_table()["targets"][k] for k in ("013_apple_:0000", "024_bowl_:0001")}
     ),
 }
 

@@ -118,9 +118,7 @@ def test_a_door_and_its_handle():
     # (0.5 + 0.5) / 2 = 0.5; (1 + 0.5) / 2 = 0.75
     assert tracker.measures.joint_share.tolist() == [0.0, 0.5, 0.75, 1.0]
     moved = replace(
-        first,
-        joints=np.array([[-0.25], [0.0], [1.0], [1.5]]),
-        held_handle=np.array([0, 0, -1, 3]),
+        first, joints=np.array([[-0.25], [0.0], [1.0], [1.5]]), held_handle=np.array([0, 0, -1, 3])
     )
     tracker.advance(moved, GOING)
     m = tracker.measures

@@ -8,11 +8,7 @@ from geodesics import geodesic_distance
 
 from hab_tasks.errors import GenerationError
 from hab_tasks.privileged import CollisionBody, CollisionShape
-from hab_tasks.world.navigation import (
-    NavigationMap,
-    path_between,
-    poses_reaching,
-)
+from hab_tasks.world.navigation import NavigationMap, path_between, poses_reaching
 from hab_tasks.world.scenes.floor import CELL_M
 from hab_tasks.world.scenes.habitat.dataset import SceneDataset
 from hab_tasks.world.scenes.habitat.load import load_scene

@@ -9,13 +9,7 @@ from refusals import refused_by_call
 from hab_tasks import Target, TaskSpec, register_task
 from hab_tasks.errors import HabError
 from hab_tasks.object_names import ALL_OBJECTS, CATEGORIES
-from hab_tasks.receptacles import (
-    DRAWER,
-    ENCLOSED_RECEPTACLES,
-    FRIDGE,
-    SOFA,
-    TABLE_LIGHT,
-)
+from hab_tasks.receptacles import DRAWER, ENCLOSED_RECEPTACLES, FRIDGE, SOFA, TABLE_LIGHT
 from hab_tasks.registration import TASKS, imported_id, reference_of
 from hab_tasks.task_spec import MOST_OBJECTS, interactions
 

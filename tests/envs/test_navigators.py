@@ -16,12 +16,7 @@ from hab_spa.motion.drive import DriveConfig, drive_to
 from hab_spa.motion.robot import Robot, SpaConfig
 from hab_spa.motion.wheels import angle
 from hab_spa.scenes.true_scene import TrueScene
-from hab_spa.tasks.navigate import (
-    OracleNavigator,
-    PolicyNavigator,
-    navigator_of,
-    observation,
-)
+from hab_spa.tasks.navigate import OracleNavigator, PolicyNavigator, navigator_of, observation
 from hab_spa.tasks.standing import TUCKED_QPOS_RAD, fold
 
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec

@@ -4,12 +4,7 @@ import os
 
 import pytest
 
-from hab_tasks.io.shared_arrays import (
-    ALIGNMENT_BYTES,
-    ArraySpec,
-    SharedArrays,
-    SharedMemoryError,
-)
+from hab_tasks.io.shared_arrays import ALIGNMENT_BYTES, ArraySpec, SharedArrays, SharedMemoryError
 
 
 def test_arrays_are_shared_and_aligned_until_they_are_closed():

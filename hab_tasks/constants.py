@@ -6,7 +6,10 @@ SIM_HZ = 120
 """Physics rate [Hz] (design decision: Habitat's ctrl_freq)."""
 
 CONTROL_HZ = 30
-"""Action rate [Hz]: four physics steps per action."""
+"""Action rate [Hz]."""
+
+PHYSICS_STEPS = SIM_HZ // CONTROL_HZ
+"""Physics steps of one action."""
 
 GRASP_RADIUS_M = 0.15
 """Maximum distance of the end-effector to a snapped object or handle (S E.3)."""

@@ -11,7 +11,7 @@ import torch
 from mani_skill.envs.scene import ManiSkillScene
 
 from hab_tasks.arrays import Batch, Floats, of_row
-from hab_tasks.constants import CONTROL_HZ, SIM_HZ
+from hab_tasks.constants import PHYSICS_STEPS
 from hab_tasks.engine.episode_sampler import ActiveLayout, EpisodeSampler
 from hab_tasks.engine.episode_start import apply_episode, check_entries, check_in_layout
 from hab_tasks.engine.goals import Goals, GoalSetting, Requirements, handles_of
@@ -40,9 +40,6 @@ from hab_tasks.world.scenes.scene_bodies import SceneBodies
 
 if TYPE_CHECKING:
     from hab_tasks.engine.rows import Rows
-
-PHYSICS_STEPS = SIM_HZ // CONTROL_HZ
-"""Physics steps of one action."""
 
 _shows = count()
 

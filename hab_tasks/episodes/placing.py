@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from transforms3d import quaternions
 
-from hab_tasks.constants import CONTROL_HZ, PLACE_RADIUS_M, SIM_HZ, SKILL_HORIZON_STEPS
+from hab_tasks.constants import PHYSICS_STEPS, PLACE_RADIUS_M, SKILL_HORIZON_STEPS
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import ReceptacleRef, RobotStart, rounded, template_of
 from hab_tasks.episodes.spots import MOST_OBJECTS, Spot
@@ -185,8 +185,6 @@ class Placer:
 
 GOAL_MARGIN_M = 0.03
 """Required margin to the goal, as the end of a fall varies by centimetres."""
-
-PHYSICS_STEPS = SIM_HZ // CONTROL_HZ
 
 
 def falls_to(sandbox: PlacementSandbox, robot: RobotStart, held: str, goal_com_m: Array) -> bool:

@@ -92,8 +92,6 @@ def ee_step_m(robot: RobotSpec, mode: ArmMode) -> float:
     return float(step_rad * np.linalg.norm(corners @ jacobian.T, axis=1).max())
 
 
-Array = NDArray[Any]
-
 _CELLS = np.array(BASE_CELLS, dtype=np.float32)
 
 

@@ -40,10 +40,6 @@ class Handle:
         return lower, upper
 
 
-LOST_STEPS = CONTROL_HZ // 2
-"""Steps out of reach after which a handle is lost: half a second."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class HandleSpring:
     """Parameters of the spring.
@@ -54,7 +50,7 @@ class HandleSpring:
         draw_in_m: Step per action by which a handle grasped at a distance is drawn in; equal to
             the hand's maximum step.
         reach_m: Distance to the hand from which a handle counts as out of reach.
-        lost_steps: Number of actions out of reach after which it is lost.
+        lost_steps: Number of actions out of reach after which it is lost: half a second.
     """
 
     stiffness_n_m: float = 3000.0
@@ -62,7 +58,7 @@ class HandleSpring:
     force_n: float = 200.0
     draw_in_m: float = EE_STEP_M
     reach_m: float = GRASP_RADIUS_M
-    lost_steps: int = LOST_STEPS
+    lost_steps: int = CONTROL_HZ // 2
 
     def drawn_in(self, place_m: NDArray[np.float32]) -> NDArray[np.float32]:
         """Returns the handle's target position (3,) in the hand one action later."""

@@ -7,12 +7,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no stubs
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv  # pyright: ignore[reportAttributeAccessIssue]  # made at import
 
+from hab_tasks.geometry import Array
 from hab_tasks.robots.spec import RobotSpec
-
-Array = NDArray[np.float64]
 
 _EYE = np.eye(3)
 

@@ -11,11 +11,10 @@ import numpy as np
 import sapien
 from numpy.typing import NDArray
 
+from hab_tasks.geometry import Array
 from hab_tasks.world.raycast.compiled import kernel
 from hab_tasks.world.raycast.library import library
 from hab_tasks.world.scenes.visuals import Visuals
-
-Array = NDArray[np.float64]
 
 CV_FROM_SAPIEN = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 """SAPIEN's cameras look along x, with y to the left and z up."""

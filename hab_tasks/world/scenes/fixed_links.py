@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from hab_tasks.geometry import Array
 
 _AXES = ("x", "y", "z")
 

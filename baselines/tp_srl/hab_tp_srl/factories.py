@@ -37,6 +37,8 @@ FROM_SENSORS = {
     "skills": "depth",
     "navigation": "learned",
     "aim": "object",
+    "pick": "spa+pick_depth",
+    "place": "spa+place_depth",
     "retries": "3",
     "replan": "5",
 }

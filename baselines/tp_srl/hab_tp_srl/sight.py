@@ -62,8 +62,9 @@ class Look:
         """
         around = np.linalg.norm(self.points_m - near_m, axis=-1) < AROUND_M
         nearer = (self.depth_m < before.depth_m - CHANGED_M) & ~self.own & around
-        parts, count = ndimage.label(nearer, np.ones((3, 3)))
-        found_m = [self.points_m[parts == part] for part in range(1, count + 1)]
+        parts: NDArray[np.int32] = np.zeros(nearer.shape, dtype=np.int32)
+        ndimage.label(nearer, np.ones((3, 3)), output=parts)
+        found_m = [self.points_m[parts == part] for part in range(1, parts.max() + 1)]
         middles_m = [
             (one_m.min(axis=0) + one_m.max(axis=0)) / 2 for one_m in found_m if len(one_m) >= LEAST
         ]

@@ -76,6 +76,7 @@ class EpisodeSource:
         self.rejections: Counter[str] = Counter()
         self._generator: generators.Generator | None = None
         self._episodes: dict[int, Episode] = {}
+        self._included: dict[int, Episode] = {}
         self._scenes: dict[str, SceneSpec] = {}
         self._folder, self._set_read, self.saved = folder, (0, 0), 0
         if self.file is not None:
@@ -91,7 +92,7 @@ class EpisodeSource:
         kind = self.made_from.objects
         self._name = f"{self.env_id}.{dataset.name}.{kind}.{scope}.{self.seed}.json.gz"
         shipped = dataset.root == embedded_dataset().resolve()
-        self._embedded = _shipped_folder() / self._name if shipped else None
+        embedded = _shipped_folder() / self._name if shipped else None
         # The fingerprint of a task covers starts and goals of its objects, not its instruction.
         task = TASKS.get(self.env_id)
         spec = (task and (task.targets, task.starts_open, task.clutter, task.clutter_on)) or ()
@@ -99,10 +100,10 @@ class EpisodeSource:
         self._task = stable_hash(*map(str, spec)) if spec else None
         self._cached = f"episodes/{key:08x}/{self._name}"
         self.making, self._key = f"{self._cached}.making", stable_hash(self._cached)
+        if embedded is not None and embedded.exists():
+            self._take(read_episodes(embedded))
+            self._included = dict(self._episodes)
         self._read_set()
-        # The cache may have more episodes than the package; those of the package take precedence.
-        if self._embedded is not None and self._embedded.exists():
-            self._take(read_episodes(self._embedded))
 
     def holds(self, count: int) -> bool:
         """Returns whether the first `count` episodes were read."""
@@ -172,9 +173,11 @@ class EpisodeSource:
             before, self._set_read = self._set_read, (found.st_ino, found.st_mtime_ns)
             if self._set_read != before:
                 kept = read_cached(self._cached, read_episodes)
-                if kept is not None:
+                # The cache may have more episodes than the package, which takes precedence.
+                if kept is not None and len(kept) > len(self._included):
                     self.saved = len(kept)
                     self._take(kept)
+                    self._episodes |= self._included
 
     def restore(self, made: Mapping[int, Made], count: int) -> None:
         """Takes those of the first `count` episodes that an earlier process generated."""

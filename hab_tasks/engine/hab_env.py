@@ -28,8 +28,9 @@ from hab_tasks.engine.observing_env import ObservingEnv
 from hab_tasks.engine.recorded_state import from_flat, shaped_like, with_columns, words_of
 from hab_tasks.engine.rows import Rows
 from hab_tasks.engine.rules import Rules
+from hab_tasks.episodes.request import EpisodeRequest
 from hab_tasks.episodes.schema import Episode
-from hab_tasks.episodes.source import EpisodeRequest, open_source
+from hab_tasks.episodes.source import open_source
 from hab_tasks.errors import ActionError, EpisodeError, UnknownNameError
 from hab_tasks.option_values import entries, row_numbers, seeds
 from hab_tasks.registration import reference_of
@@ -79,7 +80,7 @@ class HabEnv(ObservingEnv):
         kwargs: ManiSkill's own arguments (obs_mode, reward_mode, control_mode, ...).
     """
 
-    SUPPORTED_ROBOTS = None  # type: ignore[assignment]  # those of `robots.registry`
+    SUPPORTED_ROBOTS = None  # type: ignore[assignment]  # those of `robots.spec`
     SUPPORTED_REWARD_MODES = ("dense", "normalized_dense", "sparse", "none")
     name: ClassVar[str]
     requirements: ClassVar[Requirements]
@@ -195,6 +196,10 @@ class HabEnv(ObservingEnv):
     def simulation(self) -> EpisodeSimulation:
         """The simulation of the episodes."""
         return self._simulation
+
+    def draw_from(self, first: int) -> None:
+        """Draws further episodes from the `first` of its `num_episodes`, which may still grow."""
+        self._simulation.draw_from(first)
 
     @property
     def rows(self) -> Rows:

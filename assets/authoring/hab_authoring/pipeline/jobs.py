@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hab_tasks.errors import DatasetError, HabError, WorkerError
-from hab_tasks.io.cache import cache_dir, cached_file, find, read_cached, run_dir, use_run_dir
+from hab_tasks.io.cache import cache_dir, cached_file, find, read_cached, run_dir
 from hab_tasks.io.pool import WorkerPool
 from hab_tasks.world.scenes.mesh_checks import check_mesh
 
@@ -76,8 +76,8 @@ def _in_parallel(jobs: list[Job], workers: int) -> Iterator[None]:
     if not jobs:
         return
     try:
-        # If the cache is not writable, results are written to a folder that this process removes.
-        with WorkerPool(min(workers, len(jobs)), _start_worker, (run_dir(),)) as pool:
+        run_dir()  # where workers write if the cache is not writable; this process removes it
+        with WorkerPool(min(workers, len(jobs)), _start_worker) as pool:
             for _ in pool.run(jobs):
                 yield
     except WorkerError as error:
@@ -88,9 +88,8 @@ def _in_parallel(jobs: list[Job], workers: int) -> Iterator[None]:
         ) from error
 
 
-def _start_worker(run_dir: Path) -> Callable[[Job], None]:
+def _start_worker() -> Callable[[Job], None]:
     os.environ["OMP_NUM_THREADS"] = "1"
-    use_run_dir(run_dir)
     return _run
 
 

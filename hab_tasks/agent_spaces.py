@@ -40,14 +40,7 @@ TEXTURES: dict[str, tuple[int, type[np.generic]]] = {
 def agent_setup(
     env_id: str, *, seed: int = 0, options: Mapping[str, str] | None = None, device: str = "cpu"
 ) -> AgentSetup:
-    """Returns the setup passed to an agent's factory.
-
-    Args:
-        env_id: Environment id, with or without ``hab_tasks:``.
-        seed: The run's seed.
-        options: The agent's own options.
-        device: Torch device of its networks.
-    """
+    """Returns the setup passed to an agent's factory; the id may have a prefix ``hab_tasks:``."""
     return AgentSetup(
         env_id=env_id, seed=seed, options=dict(options or {}), device=device, spaces_of=agent_spaces
     )

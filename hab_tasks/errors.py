@@ -105,11 +105,7 @@ class OptionError(HabError, ValueError):
 
 
 class RunStoppedError(HabError):
-    """A run that stopped early, not because of bad input.
-
-    Attributes:
-        details: Traceback of the cause, or "".
-    """
+    """A run that stopped early, not because of bad input; the cause's traceback, or ""."""
 
     def __init__(self, message: str, *, details: str = "") -> None:
         super().__init__(message)
@@ -117,12 +113,7 @@ class RunStoppedError(HabError):
 
 
 class WorkerError(HabError):
-    """A worker process ended, usually killed for lack of memory.
-
-    Attributes:
-        pid: Its process id; None if it could not start.
-        how: How it ended.
-    """
+    """A worker process ended, usually killed for lack of memory; no pid if it could not start."""
 
     def __init__(self, pid: int | None, exit_code: int | None) -> None:
         self.pid, self.how = pid, f"ended with exit code {exit_code}"
@@ -135,11 +126,9 @@ class WorkerError(HabError):
 
 
 def reported(what: str, error: BaseException) -> HabError:
-    """Returns an error as one that can be pickled.
+    """Returns a HabError itself, and others as a RunStoppedError that `what` has failed.
 
-    Args:
-        what: What has failed, for the message of a RunStoppedError.
-        error: A HabError is returned itself, others as a RunStoppedError with the traceback.
+    It can be pickled, and has the traceback.
     """
     if isinstance(error, HabError):
         return error

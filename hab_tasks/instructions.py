@@ -17,10 +17,7 @@ def object_words(handle: str) -> str:
 def skill_instruction(template: str, episode: Episode) -> str:
     """Returns the instruction of a skill's episode.
 
-    Args:
-        template: A sentence with ``{object}``, ``{start}`` (from the sofa) or ``{goal}`` (on the
-            sofa).
-        episode: The episode.
+    The template has ``{object}``, ``{start}`` (from the sofa) or ``{goal}`` (on the sofa).
     """
     if not episode.targets:
         return template

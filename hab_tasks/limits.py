@@ -10,14 +10,10 @@ from hab_tasks.errors import HabError
 
 
 class _Limit(NamedTuple):
-    """A limit of each process.
+    """A limit of each process: how the shell names it, and its number in `resource`.
 
-    Attributes:
-        option: How the shell names it.
-        kind: Its number in `resource`.
-        unit: Bytes or files in the shell's unit.
-        needed: Smallest value with which everything was run, in the shell's unit.
-        signs: What errors say when it is reached.
+    `unit` is bytes or files in the shell's unit, in which `needed` is the smallest value with which
+    everything was run; `signs` are what errors say when it is reached.
     """
 
     option: str

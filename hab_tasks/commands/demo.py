@@ -137,12 +137,7 @@ def _typed(show: _Show) -> Iterator[Any]:
 
 
 class _Show:
-    """Output to the console, and to a window, a video, both, or neither.
-
-    Attributes:
-        scene: The environment.
-        seen: The last step.
-    """
+    """Output to the console, and to a window, a video, both, or neither; `seen` is the last step."""
 
     seen: StepInfo
 

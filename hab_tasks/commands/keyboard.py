@@ -45,15 +45,7 @@ QUIT, WAIT, GRIP = "q", "space", "g"
 
 @dataclass(frozen=True, kw_only=True)
 class Key:
-    """A key that moves the robot.
-
-    Attributes:
-        name: Name of the key.
-        part: ``arm`` or ``base``.
-        entry: Index of the entry of that part's action.
-        value: Value of the entry.
-        meaning: One line for the table.
-    """
+    """A key that sets an entry of the action of a part, ``arm`` or ``base``."""
 
     name: str
     part: str
@@ -115,10 +107,10 @@ class Keyboard:
 
         `share` is that of full speed; it is ignored for cells.
         """
-        key = KEYS.get(name)
+        key, moved = KEYS.get(name), {"arm": self.moves_arm, "base": self.moves_base}
         if name == GRIP and self.moves_arm:
             self._grips = not self._grips
-        elif name != WAIT and (key is None or not self._moves(key.part)):
+        elif name != WAIT and (key is None or not moved[key.part]):
             return None
         if self._controller.config.base == "discrete":
             wanted = [0.0, 0.0]
@@ -131,9 +123,6 @@ class Keyboard:
         if key is not None:
             action[key.entry - (2 if key.part == "base" else 0)] = share * key.value
         return action
-
-    def _moves(self, part: str) -> bool:
-        return self.moves_arm if part == "arm" else self.moves_base
 
 
 class HeldKey:
@@ -158,10 +147,8 @@ class HeldKey:
 def keys_of(stream: TextIO, while_waiting: Callable[[], None]) -> Iterator[tuple[str, float]]:
     """Yields the key and its share of full speed for every action.
 
-    Args:
-        stream: A terminal, on which a held key is yielded on every iteration; or any other stream,
-            of which each character is one action at full speed.
-        while_waiting: Called at intervals while no key is held.
+    In a terminal, a held key is yielded on every iteration; of any other stream, each character is
+    one action at full speed. `while_waiting` is called at intervals while no key is held.
     """
     if stream.isatty():
         return _terminal(stream, while_waiting)

@@ -38,11 +38,9 @@ class EpisodeSampler:
         self._drawn = min(first, self._num_episodes)
 
     def choose(self, seed: int | None, wanted: Any) -> None:
-        """Chooses the next episode.
+        """Chooses the next episode: `wanted`, its index in the set, or None for any.
 
-        Args:
-            seed: Determines this episode, and those of later choices without a seed.
-            wanted: An `Episode`, its index in the set, or None.
+        The seed determines this episode, and those of later choices without a seed.
 
         Raises:
             EpisodeError: The set has no episode of this index.

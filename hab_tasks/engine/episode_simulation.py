@@ -99,7 +99,8 @@ class EpisodeSimulation:
         self._sampler = EpisodeSampler(source, num_episodes)
         self._delay_steps = whole("action_delay_steps", delay_steps, 0, LONGEST_STEPS, "steps")
         self.delay: ActionDelay | None = None
-        self.noise = NoiseSource.of(noise)
+        known = SensorNoise.of(noise)
+        self.noise = None if known is None else NoiseSource(known)
         self._shown: ActiveLayout | None = None
         self._loose: dict[str, Pose7] = {}
 

@@ -312,7 +312,7 @@ class HabEnv(ObservingEnv):
 
     def evaluate(self) -> dict[str, Any]:
         """Returns success, failures, measures and reward terms; has no side effects."""
-        result, here = self.rows.evaluate(), self.here
+        result, here = self.rows.rules.evaluate(), self.here
         info: dict[str, Any] = {
             "success": shared_tensor(result.success[here]),
             "fail": shared_tensor(result.fail[here]),

@@ -70,12 +70,7 @@ _RENDERED_ONLY = ("shader_pack", "shader_config", "use_stereo_depth")
 
 @dataclass(frozen=True, kw_only=True)
 class ImageSource:
-    """What computes an environment's images.
-
-    Attributes:
-        renderer: ManiSkill's render_backend; ``none`` opens no graphics device.
-        casts_rays: Whether rays compute the observed images.
-    """
+    """ManiSkill's render_backend, ``none`` without a graphics device, and whether rays are cast."""
 
     renderer: str
     casts_rays: bool = False

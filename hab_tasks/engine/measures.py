@@ -192,29 +192,19 @@ class Tracker:
     def get_state(self) -> dict[str, Tensor]:
         """Returns the complete state by name, (N, ...)."""
         state = {name: getattr(self.measures, name) for name in MEANINGS}
-        others = {
-            "focus_object": self.focus.object,
-            "focus_articulation": self.focus.articulation,
-            "targets": self.targets,
-            "handles": self.handles,
-            "still_steps": self.still_steps,
-            "objects_m": self._objects_m,
-        }
-        return to_tensors(state | others)
+        focus = {f"focus_{name}": value for name, value in vars(self.focus).items()}
+        others = {name: getattr(self, attribute) for name, attribute in _STATE.items()}
+        return to_tensors(state | focus | others)
 
     def set_state(self, state: Mapping[str, Any], rows: Sequence[int]) -> None:
         """Restores `rows` (R,) from a state of R rows."""
         self.measures = Measures(
             **{n: put_rows(getattr(self.measures, n), rows, state[n]) for n in MEANINGS}
         )
-        self.focus = Focus(
-            object=put_rows(self.focus.object, rows, state["focus_object"]),
-            articulation=put_rows(self.focus.articulation, rows, state["focus_articulation"]),
-        )
-        self.targets = put_rows(self.targets, rows, state["targets"])
-        self.handles = put_rows(self.handles, rows, state["handles"])
-        self.still_steps = put_rows(self.still_steps, rows, state["still_steps"])
-        self._objects_m = put_rows(self._objects_m, rows, state["objects_m"])
+        focus = vars(self.focus).items()
+        self.focus = Focus(**{n: put_rows(v, rows, state[f"focus_{n}"]) for n, v in focus})
+        for name, attribute in _STATE.items():
+            setattr(self, attribute, put_rows(getattr(self, attribute), rows, state[name]))
 
     def at_rest(self) -> Bools:
         """Returns which objects (N, K) have been at rest since they left the hand."""
@@ -326,6 +316,9 @@ class Tracker:
 
 _DISTANCES = ("ee_to_object_m", "ee_to_rest_m", "object_to_goal_m", "ee_to_handle_m")
 _DECREASE = {name: f"{name.removesuffix('_m')}_decrease_m" for name in _DISTANCES}
+
+_STATE = {n: n for n in ("targets", "handles", "still_steps")} | {"objects_m": "_objects_m"}
+"""Entry of the state, beside measures and focus -> attribute of `Tracker`."""
 
 _CHANGES = (
     *_DECREASE.values(),

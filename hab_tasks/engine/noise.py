@@ -46,10 +46,7 @@ class SensorNoise:
 
     @classmethod
     def of(cls, noise: SensorNoise | Mapping[str, float] | None) -> SensorNoise | None:
-        """Returns the noise of an option's value.
-
-        Args:
-            noise: A `SensorNoise`; a mapping of its attributes, as in JSON; None for no noise.
+        """Returns the noise of an option's value: a mapping of attributes, as in JSON, or None.
 
         Raises:
             UnknownNameError: The mapping has an unknown attribute.
@@ -79,12 +76,6 @@ class NoiseSource:
         """Starts at step 0 of an episode with seed 0."""
         self.noise = noise
         self._seed, self._step = 0, 0
-
-    @classmethod
-    def of(cls, noise: SensorNoise | Mapping[str, float] | None) -> NoiseSource | None:
-        """Returns the source of an option's value (see `SensorNoise.of`), None without noise."""
-        known = SensorNoise.of(noise)
-        return None if known is None else cls(known)
 
     def begin(self, seed: int) -> None:
         """Restarts with the seed of an episode."""
@@ -144,12 +135,10 @@ def _coloured(image: Tensor, levels: Tensor) -> Tensor:
 
 
 def _ranged(image: Tensor, per_m: Tensor) -> Tensor:
-    """Moves points along their rays by `per_m` (N, H, W, 1) times the square of their depth.
+    """Moves points along their rays by `per_m` (N, H, W, 1) [m] times the square of their depth.
 
-    Args:
-        image: Depth (N, H, W, 1), or position (N, H, W, 3 or 4; z backwards) with its extra
-            channel. Integers are millimetres, floats metres. Zero (no return) stays zero.
-        per_m: Error [m] at 1 m.
+    The image is depth (N, H, W, 1), or position (N, H, W, 3 or 4; z backwards) with its extra
+    channel. Integers are millimetres, floats metres. Zero (no return) stays zero.
     """
     depth = image if image.shape[-1] == 1 else -image[..., 2:3]
     depth_m = depth if image.is_floating_point() else depth / 1000.0

@@ -65,11 +65,7 @@ class RayCamera(Camera):
 
 
 class RaySensors:
-    """The sensor cameras of an environment.
-
-    Attributes:
-        cameras: Cameras by name.
-    """
+    """The sensor cameras of an environment, by name."""
 
     def __init__(
         self,
@@ -90,12 +86,9 @@ class RaySensors:
     def images(self, wanted: CameraObsTextures) -> Images:
         """Returns the current images in ManiSkill's formats.
 
-        Args:
-            wanted: The requested images; only depth, position and segmentation are delivered.
-
         Returns:
             Camera -> ``depth`` (1, H, W, 1) [mm], ``position`` (1, H, W, 3) [mm] with x right, y
-            up, z backwards, ``segmentation`` (1, H, W, 1); all int16, 0 where nothing is seen.
+            up, z backwards, ``segmentation`` (1, H, W, 1), as wanted; int16, 0 where nothing is.
         """
         if self._shown is not self._simulation.shown:
             self._scene = RayScene(list(self._bodies()))

@@ -37,11 +37,9 @@ def with_columns(state: State) -> State:
 
 
 def from_flat(flat: Any, example: State) -> State:
-    """Inverts ManiSkill's `get_state`: returns nested tensors (1, C).
+    """Inverts ManiSkill's `get_state`: returns nested tensors (1, C) of a state (1, D) or (D,).
 
-    Args:
-        flat: (1, D) or (D,).
-        example: The environment's state, whose names, order and widths it has.
+    `example` is a state of the environment with its names, order and widths.
 
     Raises:
         EpisodeError: It is not as wide as the example, or of other bodies.
@@ -89,10 +87,8 @@ def joined(words: Tensor) -> list[int]:
 def shaped_like(state: State, example: State) -> State:
     """Inverts `with_columns`, also after a recorder has stored the state.
 
-    Args:
-        state: Tensors or arrays of one row, which may lack the first dimension.
-        example: Current state (1, ...) before `with_columns`, with the types to return; other
-            entries are dropped.
+    The state of one row may lack the first dimension. `example` (1, ...) has the types to return;
+    other entries are dropped.
 
     Raises:
         EpisodeError: An entry is missing or has another size, as in states of other versions.

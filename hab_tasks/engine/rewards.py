@@ -21,14 +21,9 @@ def weighted_by_completion_time(
 ) -> Floats:
     """Returns Success * oracle's time / agent's time, at most 1, (N,) (S F.2).
 
-    The oracle's time is 2 * distance / maximum end-effector speed. The paper prints the inverted
+    The oracle's time is 2 * distance / maximum end-effector speed, with the initial distance (N,)
+    of the end-effector to its goal and `ee_step_m` per action. The paper prints the inverted
     fraction (docs/deviations.md).
-
-    Args:
-        success: (N,) bool.
-        distance_m: (N,) initial distance of the end-effector to its goal.
-        steps: (N,) number of actions so far.
-        ee_step_m: Maximum displacement of the end-effector per action.
     """
     oracle_steps = 2.0 * distance_m / ee_step_m
     share: Floats = np.minimum(oracle_steps / np.maximum(steps, 1.0), 1.0)

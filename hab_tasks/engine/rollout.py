@@ -218,9 +218,6 @@ class EnvRow:
     """A row with an environment of its own.
 
     Attributes:
-        count: Number of rows.
-        env: The environment.
-        observers: What sees its episodes.
         job: The current or last episode; None before the first.
         doing: The agent's current activity, for the observers.
     """

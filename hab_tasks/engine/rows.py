@@ -15,7 +15,7 @@ from hab_tasks.arrays import Batch, Floats
 from hab_tasks.engine.episode_simulation import EpisodeSimulation
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.measures import Measures, Tracker
-from hab_tasks.engine.rules import Evaluation, Rules
+from hab_tasks.engine.rules import Rules
 from hab_tasks.engine.sensors import ARM_QPOS, ObsEntry
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.episodes.schema import Episode
@@ -103,8 +103,7 @@ class Rows:
     def step(self, actions: Mapping[int, Batch | None]) -> None:
         """Executes one control step in some rows; the others are to be reset.
 
-        Args:
-            actions: Row -> valid action (A,) or cell (1,); None keeps the drive targets.
+        An action is valid, (A,), or a cell (1,); None keeps the drive targets.
         """
         simulations = self.simulations
         for row, action in actions.items():
@@ -125,10 +124,6 @@ class Rows:
             noise = simulations[row].noise
             if noise is not None:
                 noise.advance()
-
-    def evaluate(self) -> Evaluation:
-        """Evaluates the rules for all rows; has no side effects."""
-        return self.rules.evaluate()
 
     # State -----------------------------------------------------------------------------------
 

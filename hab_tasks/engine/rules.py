@@ -61,11 +61,7 @@ class Evaluation:
 
 
 class Rules:
-    """Rules of one skill or task.
-
-    Attributes:
-        rows: The episodes that they apply to.
-    """
+    """Rules of one skill or task for the episodes of `rows`."""
 
     def __init__(self, rows: Rows) -> None:
         """Applies to all episodes of `rows`."""

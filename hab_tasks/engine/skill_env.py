@@ -193,13 +193,9 @@ class SkillEnv(HabEnv):
         return SkillRules(self.skill, rows)
 
     def ask(self, function: str, **named: Any) -> Any:
-        """Returns what a function says of this environment, e.g. the action of an expert.
+        """Returns what ``module:function`` says of this environment, e.g. the action of an expert.
 
         In a vector environment, ``env.call("ask", "module:function")`` runs it in each worker.
-
-        Args:
-            function: ``module:function``; it gets the environment.
-            **named: Its other arguments.
         """
         module, _, name = function.partition(":")
         return getattr(importlib.import_module(module), name)(self, **named)

@@ -61,14 +61,9 @@ class Snapshot:
     def of_table(
         table: Floats, arm: int, objects: int, articulations: int, **others: Batch
     ) -> Snapshot:
-        """Returns views of a table, which the simulations fill row by row.
+        """Returns views of a table (N, `width`), which `SnapshotReader.read` fills row by row.
 
-        Args:
-            table: (N, `width`) rows of `SnapshotReader.read`.
-            arm: A, the number of arm joints.
-            objects: K, the number of objects.
-            articulations: J, the number of doors and drawers.
-            others: held, held_handle, lost and force_n.
+        `others` are held, held_handle, lost and force_n.
         """
         count, fixed = len(table), table[:, arm:]
         ends = _FIXED + 3 * objects, _FIXED + 3 * (objects + articulations)

@@ -93,14 +93,17 @@ def in_world(candidate: int, base: Array) -> Array:
 def _sees(candidate: int, base: Array, hand_m: Array, held: str | None, cast: CastRay) -> bool:
     """Returns whether the hand is in view and not occluded."""
     camera_m = in_world(candidate, base)
-    ahead = _unit(_to_world(np.array(LOOK_AT_M), base) - camera_m)
+    ahead = _to_world(np.array(LOOK_AT_M), base) - camera_m
+    ahead = ahead / np.linalg.norm(ahead)
     way_m = hand_m - camera_m
     distance_m = float(np.linalg.norm(way_m))
     in_picture = float(ahead @ way_m) > distance_m * np.cos(0.45 * FIELD_OF_VIEW_RAD)
     if not in_picture or not _stands_free(candidate, base, cast):
         return False
     hit = cast(camera_m, way_m / distance_m, distance_m)
-    return hit is None or hit[0] > distance_m - _SKIN_M or _is_hand(hit[1], held)
+    if hit is None or hit[0] > distance_m - _SKIN_M:
+        return True
+    return hit[1] == held or any(part in hit[1] for part in _HAND)
 
 
 def _stands_free(candidate: int, base: Array, cast: CastRay) -> bool:
@@ -117,16 +120,8 @@ def _stands_free(candidate: int, base: Array, cast: CastRay) -> bool:
     return True
 
 
-def _is_hand(name: str, held: str | None) -> bool:
-    return name == held or any(part in name for part in _HAND)
-
-
 def _to_world(point_m: Array, base: Array) -> Array:
     return apply(planar(*base.tolist()), point_m)
-
-
-def _unit(vector: Array) -> Array:
-    return vector / np.linalg.norm(vector)
 
 
 TARGET_COLOR = (0.9, 0.2, 0.0)

@@ -105,12 +105,7 @@ VERSION = 1
 
 
 class EpisodeJournal:
-    """The journal of one episode file.
-
-    Attributes:
-        file: Path of the journal.
-        entries: Episodes in the journal, by index.
-    """
+    """The journal of one episode file, and its episodes (`entries`) by index."""
 
     def __init__(self, file: Path, configuration: Configuration) -> None:
         """Keeps episodes that are generated with this configuration."""

@@ -50,12 +50,7 @@ class Settling:
 
 
 class Placer:
-    """Places objects on spots, one after another.
-
-    Attributes:
-        placed: Handle -> pose of each placed object.
-        on: Handle -> its receptacle.
-    """
+    """Places objects on spots, one after another; has their poses and receptacles by name."""
 
     def __init__(
         self, sandbox: PlacementSandbox, rng: np.random.Generator, settling: Settling = Settling()

@@ -87,9 +87,7 @@ NOTHING_NEAR = KeepOff(points_m=np.empty((0, 3)))
 class RobotStarts:
     """Samples start poses in the current layout of a sandbox.
 
-    Attributes:
-        noise: Start noise.
-        refused: Reason -> number of rejected collision-free poses.
+    `refused` counts rejected collision-free poses by reason.
     """
 
     def __init__(
@@ -138,15 +136,10 @@ class RobotStarts:
         reach: bool,
         end_m: Array | None = None,
     ) -> RobotStart:
-        """Returns a start in a spawn region, facing a point (3,).
+        """Returns a start in a spawn region, noise included, facing a point (3,).
 
-        Args:
-            world_from_frame: (4, 4) the region's frame; its x axis points into the room.
-            region: The spawn region; it contains the base, noise included.
-            facing_m: The point that the robot faces.
-            reach: Whether the arm must reach that point.
-            end_m: A point (3,) that must be in the end-effector's workspace, because the hand has
-                to move something there; None for none.
+        The x axis of the region's frame (4, 4) points into the room. With `reach`, the arm must
+        reach that point; `end_m` (3,) is in the workspace, as the hand has to move something there.
 
         Raises:
             RejectedSampleError: The region has no free pose.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -25,11 +24,7 @@ TOUCH_DEPTH_M = 0.001
 
 
 class SandboxRobot:
-    """The robot, built as the first body of a simulation.
-
-    Attributes:
-        agent: ManiSkill's agent.
-    """
+    """The robot, built as the first body of a simulation, as ManiSkill's `agent`."""
 
     def __init__(self, scene: ManiSkillScene, robot: RobotSpec) -> None:
         """Builds the robot in an empty scene."""
@@ -84,9 +79,4 @@ class SandboxRobot:
 def set_joints(articulation: Any, qpos: JointPositions) -> None:
     """Sets the joints of a SAPIEN articulation, at rest."""
     articulation.set_qpos(qpos)
-    articulation.set_qvel(_still(len(qpos)))
-
-
-@lru_cache(maxsize=64)
-def _still(joints: int) -> JointPositions:
-    return np.zeros(joints, dtype=np.float32)
+    articulation.set_qvel(np.zeros_like(qpos))

@@ -48,12 +48,7 @@ class SharedMemoryError(HabError):
 
 
 class SharedArrays:
-    """Named arrays in one block of shared memory.
-
-    Attributes:
-        arrays: Name -> array.
-        file: Descriptor of the anonymous file, for other processes.
-    """
+    """Named arrays in one block of shared memory, an anonymous file of this descriptor."""
 
     def __init__(self, specs: Mapping[str, ArraySpec], file: int | None = None) -> None:
         """Creates zeroed arrays, or maps those of another process.

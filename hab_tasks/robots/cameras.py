@@ -30,14 +30,7 @@ LARGEST_SIZE_PX = 8192
 
 @dataclass(frozen=True, kw_only=True)
 class CameraRig:
-    """Sensor cameras of a robot; square images with equal settings.
-
-    Attributes:
-        places: The robot's cameras.
-        names: Names of those of the rig.
-        size_px: Image width and height.
-        hfov_rad: Field of view, horizontal and vertical.
-    """
+    """Sensor cameras of a robot, some of its `places`; square images with equal settings."""
 
     places: Mapping[str, CameraPlace] = field(default_factory=dict)
     names: tuple[str, ...] = ()

@@ -63,13 +63,9 @@ Array = NDArray[Any]
 
 
 def commanded_arm(mode: ArmMode, qpos: Array, arm: Array, kinematics: ArmKinematics) -> Array:
-    """Returns the commanded arm pose (7,) [rad] after an action.
+    """Returns the commanded arm pose (7,) [rad] after an action with these arm entries.
 
-    Args:
-        mode: Meaning of the arm's entries, other than ``still``.
-        qpos: (7,) arm pose commanded before [rad], float64; ``joint_state``: its true pose.
-        arm: Arm entries of the action, float32.
-        kinematics: Kinematics of the arm.
+    `qpos` (7,) float64 is the pose commanded before; in ``joint_state``, the true one.
     """
     if mode in ABSOLUTE_ARM:
         return np.minimum(np.maximum(arm, qpos - TARGET_STEP_RAD), qpos + TARGET_STEP_RAD)

@@ -62,12 +62,7 @@ _shared_arm_model = cache(arm_model)
 
 
 class ArmKinematics:
-    """End-effector position and Jacobian of the arm, in the base frame.
-
-    Attributes:
-        robot: The robot.
-        arm_lower_rad, arm_upper_rad: (7,) its limits.
-    """
+    """End-effector position and Jacobian of the arm, in the base frame."""
 
     def __init__(self, robot: RobotSpec) -> None:
         self.robot = robot

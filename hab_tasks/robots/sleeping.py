@@ -26,14 +26,8 @@ class MovingLinks:
 
     def __init__(self, furniture: list[Articulation]) -> None:
         self._furniture = [sapien_object(piece) for piece in furniture]
-        self._links = [
-            sapien_object(link)
-            for piece in furniture
-            for link in sorted(
-                (link for link in piece.links if _is_moved(link)),
-                key=lambda link: int(link.joint.active_index[0]),  # type: ignore[union-attr]
-            )
-        ]
+        joints = [joint for piece in furniture for joint in piece.active_joints]
+        self._links = [sapien_object(joint.child_link) for joint in joints]
         self._seen: NDArray[np.float32] = self._joints()
 
     def look_again(self) -> None:
@@ -53,11 +47,6 @@ class MovingLinks:
     def _joints(self) -> NDArray[np.float32]:
         parts = [piece.qpos for piece in self._furniture]
         return np.concatenate(parts) if parts else np.zeros(0, dtype=np.float32)
-
-
-def _is_moved(link: object) -> bool:
-    joint = getattr(link, "joint", None)
-    return joint is not None and joint.active_index is not None and len(joint.active_index) > 0
 
 
 WAKE_DISTANCE_M = 0.1

@@ -130,11 +130,8 @@ class Tie:
         spring = HANDLE_SPRING
         # SAPIEN's force limit is an impulse per physics step (measured).
         most_n_s = spring.force_n / SIM_HZ
-        for pull in (
-            drive.set_drive_property_x,
-            drive.set_drive_property_y,
-            drive.set_drive_property_z,
-        ):
+        for axis in "xyz":
+            pull = getattr(drive, f"set_drive_property_{axis}")
             pull(spring.stiffness_n_m, spring.damping_n_s_m, most_n_s)
         self.draw_in(in_ee_m)
 

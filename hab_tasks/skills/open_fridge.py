@@ -70,12 +70,9 @@ class OpenFridgeStarts(Generator):
 
 
 def outside(region: Rectangle, frame: Floats, base: Floats) -> Bools:
-    """Whether bases have left a rectangle ahead of the furniture, (N,) bool.
+    """Whether bases (N, 3) have left a rectangle in the furniture's frame (N, 3), (N,) bool.
 
-    Args:
-        region: The rectangle in the furniture's frame.
-        frame: (N, 3) x, y, yaw of that frame.
-        base: (N, 3) x, y, yaw of the bases.
+    Both are x [m], y [m], yaw [rad].
     """
     local = world_to_base(frame, base)
     x, y = local[:, 0], local[:, 1]

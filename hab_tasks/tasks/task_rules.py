@@ -97,10 +97,6 @@ class Progress:
             self._told_of = self.stages
         return self._told
 
-    def current(self) -> dict[str, Ints]:
-        """Returns the current part: its ``number`` (N,)."""
-        return {"number": self.part}
-
     def doing(self) -> list[tuple[Skill, Bools]]:
         """Returns each current skill with a mask of its rows (N,)."""
         skills = [self._task.parts[number].skill for number in self.part.tolist()]
@@ -132,11 +128,7 @@ SHOWN = ("ee_to_object_m", "ee_to_rest_m", "object_to_goal_m", "force_n", "force
 
 
 class TaskRules(Rules):
-    """Rules of a `Task`.
-
-    Attributes:
-        progress: Progress of each row.
-    """
+    """Rules of a `Task`, with the progress of each row."""
 
     _no_terms: dict[str, Floats] | None = None
     _never: Bools
@@ -158,7 +150,7 @@ class TaskRules(Rules):
             reward_terms=partial(self._reward_terms, self.rows.snapshot, measures, self.rows.goals),
             measures=lambda success: measures.scalars(SHOWN),
             unpaid=self._no_terms,
-            extra={"stages": progress.reached(), "part": progress.current()},
+            extra={"stages": progress.reached(), "part": {"number": progress.part}},
         )
 
     def _reward_terms(

@@ -41,11 +41,7 @@ class RowLayout:
     info: dict[Path, str]
 
     def chosen_info(self, keys: Sequence[str]) -> tuple[Path, ...]:
-        """Returns the entries of `info` that `keys` name.
-
-        Args:
-            keys: ``success``; a group, ``measures``; or one entry of a group,
-                ``measures.force_n``.
+        """Returns the entries of `info` that `keys` name, e.g. ``measures``, ``measures.force_n``.
 
         Raises:
             UnknownNameError: A name that `info` does not have.
@@ -200,13 +196,7 @@ class ResetRows:
 
 @dataclass(frozen=True, kw_only=True)
 class CallRows:
-    """Calls a method of every row's environment, or reads an attribute.
-
-    Attributes:
-        name: Its name.
-        arguments: Positional arguments.
-        named: Keyword arguments.
-    """
+    """Calls a method of every row's environment, or reads an attribute."""
 
     name: str
     arguments: tuple[Any, ...] = ()

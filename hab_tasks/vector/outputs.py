@@ -77,7 +77,7 @@ class GroupOutputs:
 
     def add_step(self, rows: Sequence[int]) -> None:
         """Adds the rewards of one simulation step of `rows`, and writes their ends and info."""
-        result, chosen = self._rows.evaluate(), self._index(rows)
+        result, chosen = self._rows.rules.evaluate(), self._index(rows)
         self._reward[chosen] += self._rewards(result)[chosen]
         self._terminated[chosen] = (result.success | result.fail)[chosen]
         if self._max_steps is not None:
@@ -87,7 +87,7 @@ class GroupOutputs:
 
     def write_info(self, rows: Sequence[int]) -> None:
         """Writes the info of `rows`."""
-        self._write_info(self._rows.evaluate(), self._index(rows))
+        self._write_info(self._rows.rules.evaluate(), self._index(rows))
 
     def write_entries(self) -> None:
         """Writes the state observation of all rows."""
@@ -95,7 +95,7 @@ class GroupOutputs:
 
     def write_reset(self) -> None:
         """Writes observations and info after resets of some rows."""
-        self._write_info(self._rows.evaluate(), slice(None))
+        self._write_info(self._rows.rules.evaluate(), slice(None))
         self._entries.write()
 
     def keep_final(self, rows: Sequence[int]) -> None:
@@ -130,11 +130,7 @@ class GroupOutputs:
 
 
 class _EntryWriter:
-    """Writes the entries of the state observation.
-
-    Attributes:
-        paths: Paths of the observation that it writes.
-    """
+    """Writes the entries of the state observation, at these paths."""
 
     def __init__(
         self, entries: Sequence[ObsEntry], observation: Mapping[Path, Array], rows: Rows

@@ -217,10 +217,6 @@ class HabVectorEnv(VectorEnv[Any, Any, Any]):
         """Starts a step of one of `groups`; `wait` returns its results.
 
         The rows of the other groups can be stepped meanwhile.
-
-        Args:
-            rows: One of `groups`.
-            actions: Their actions, in this order.
         """
         group = self._group(rows)
         self._send([group], self._checked(actions, len(rows)), self.groups[group])

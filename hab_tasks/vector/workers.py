@@ -71,16 +71,6 @@ def joined_rows(envs: list[HabEnv]) -> list[HabEnv]:
     return envs
 
 
-def local_group(setup: WorkerSetup) -> tuple[list[HabEnv], StepGroup, NDArray[Any]]:
-    """Returns a worker's only group in this process, for measurements: rows, group, actions."""
-    envs = make_rows(setup)
-    layout, info = layout_of(envs[0]), (("success",),)
-    specs = layout.arrays(len(envs), info, final=False)
-    arrays = {name: np.zeros(spec.shape, spec.dtype) for name, spec in specs.items()}
-    outputs = GroupOutputs(joined_rows(envs), layout, arrays, info, setup.max_steps)
-    return envs, StepGroup(envs, outputs, arrays[ACTION], 0, setup), arrays[ACTION]
-
-
 def layout_of(env: HabEnv) -> RowLayout:
     """Returns the layout of rows like `env`."""
     return RowLayout(
@@ -225,11 +215,7 @@ class _RowsWorker(Worker):
 
 
 class WorkerTeam:
-    """Starts the workers, and exchanges messages with all of them.
-
-    Attributes:
-        closed: Whether the workers have been ended.
-    """
+    """Starts the workers, and exchanges messages with all of them until they are `closed`."""
 
     def __init__(self, setups: Sequence[WorkerSetup], starts: Sequence[tuple[int, ...]]) -> None:
         """Starts one worker for each setup; `starts` has the first row of each of its groups."""

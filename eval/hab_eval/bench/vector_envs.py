@@ -21,11 +21,13 @@ from hab_eval.bench.motion import Motion
 from hab_eval.bench.options import BenchOptions
 from hab_eval.bench.process import StepTiming, engine_clock
 from hab_eval.bench.reference import Reference
+from hab_tasks.engine.hab_env import HabEnv
 from hab_tasks.envs import ENVS
 from hab_tasks.episodes import EpisodeRequest, open_source
 from hab_tasks.io.threads import use_one_thread
-from hab_tasks.vector.layout import ResetRows, WorkerSetup
-from hab_tasks.vector.workers import local_group
+from hab_tasks.vector.layout import ACTION, ResetRows, WorkerSetup
+from hab_tasks.vector.outputs import GroupOutputs
+from hab_tasks.vector.workers import StepGroup, joined_rows, layout_of, make_rows
 
 ROWS, WORKERS = 16, 2
 EPISODES = 64
@@ -165,7 +167,7 @@ class GroupLoop:
             max_steps=ENVS[case.env_id].horizon_steps,
             autoreset=AutoresetMode.NEXT_STEP,
         )
-        self._envs, self._group, self._actions = local_group(setup)
+        self._envs, self._group, self._actions = _local_group(setup)
         self._group.reset(ResetRows(seeds={row: row for row in range(self._rows)}, options={}))
 
     def run_steps(self, motion: Motion) -> StepTiming:
@@ -187,3 +189,13 @@ class GroupLoop:
         """See `StepsTimed`."""
         for env in self._envs:
             env.close()
+
+
+def _local_group(setup: WorkerSetup) -> tuple[list[HabEnv], StepGroup, np.ndarray]:
+    """Returns a worker's only group in this process: rows, group, actions."""
+    envs = make_rows(setup)
+    layout, info = layout_of(envs[0]), (("success",),)
+    specs = layout.arrays(len(envs), info, final=False)
+    arrays = {name: np.zeros(spec.shape, spec.dtype) for name, spec in specs.items()}
+    outputs = GroupOutputs(joined_rows(envs), layout, arrays, info, setup.max_steps)
+    return envs, StepGroup(envs, outputs, arrays[ACTION], 0, setup), arrays[ACTION]

@@ -103,12 +103,9 @@ class Generator(ABC):
         return self.attempt(sandbox, rng)
 
     def generate(self, episode_id: str, seed: tuple[int, ...], first: str | None = None) -> Made:
-        """Generates one episode.
+        """Generates one episode; the seed is the only source of randomness.
 
-        Args:
-            episode_id: Its id.
-            seed: The only source of randomness.
-            first: The layout to try first; None to sample it as well.
+        `first` is the layout to try first; None samples it as well.
 
         Raises:
             GenerationError: Every attempt was rejected; the message has the counts by reason.

@@ -21,12 +21,7 @@ STATIONS = 11
 
 @dataclass(frozen=True, kw_only=True)
 class LayoutArticulation:
-    """A door or drawer in a layout.
-
-    Attributes:
-        ref: Furniture, joint and marker names.
-        marker: The handle marker.
-    """
+    """A door or drawer in a layout, and its handle marker."""
 
     ref: HandleRef
     marker: HandleMarker

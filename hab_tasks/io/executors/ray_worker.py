@@ -17,13 +17,7 @@ PACKAGES = ("hab-tasks", "mani-skill", "sapien", "torch", "numpy")
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """Process that started the workers.
-
-    Attributes:
-        versions: Package -> its version.
-        folder: Working directory.
-        path: Search path of modules.
-    """
+    """Process that started the workers: package -> version, working directory, module path."""
 
     versions: Mapping[str, str]
     folder: str

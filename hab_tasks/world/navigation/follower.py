@@ -81,14 +81,9 @@ class ShortestPathFollower:
         arrived_m: float = ARRIVED_M,
         arrived_rad: float = ARRIVED_RAD,
     ) -> None:
-        """Follows paths on a map.
+        """Follows paths on a map to a goal (3,): x, y [m] and yaw [rad].
 
-        Args:
-            map_: The map.
-            goal: (3,) x, y [m] and yaw [rad].
-            repeat: Number of steps for which each action is executed.
-            arrived_m: It stops so near to the goal.
-            arrived_rad: It stops with the heading so near to the goal's.
+        Each action is executed for `repeat` steps.
         """
         self._arrived_m, self._arrived_rad = arrived_m, arrived_rad
         self._map, self._goal, self._turn_rad = map_, goal, repeat * _STEP_RAD

@@ -40,10 +40,8 @@ def path_between(map_: NavigationMap, start_m: Array, goal_m: Array) -> Array:
 def descend(field: Array, start: NDArray[np.int64], most: int | None = None) -> NDArray[np.int64]:
     """Returns the cells (C, 2) of steepest descent of a distance field, without `start`.
 
-    Args:
-        field: (X, Y) distances, inf where the floor is not free.
-        start: A free cell (2,).
-        most: Maximum number of cells; None to descend to the goal.
+    The field (X, Y) is inf where the floor is not free; `start` (2,) is a free cell. Without
+    `most` cells, it descends to the goal.
     """
     ringed = np.pad(field, 1, constant_values=np.inf)
     cell = start + 1
@@ -77,14 +75,8 @@ def poses_reaching(
 ) -> Array:
     """Returns base poses from which a receptacle, an object or a handle can be reached.
 
-    The line from base to target crosses free floor and then only the furniture that carries the
-    target: no wall, and no gap behind other furniture.
-
-    Args:
-        map_: The layout.
-        target_m: The target (2,) or (3,) in the world.
-        nearest_m: Minimum horizontal distance from the base to the target.
-        farthest_m: Maximum distance.
+    The line from base to target, (2,) or (3,) in the world, crosses free floor and then only the
+    furniture that carries the target: no wall, and no gap behind other furniture.
 
     Returns:
         (K, 3): x, y and the yaw [rad] that faces the target, nearest first.

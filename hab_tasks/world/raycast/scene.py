@@ -55,13 +55,7 @@ class Pinhole:
 
 @dataclass(frozen=True, kw_only=True)
 class RayBody:
-    """A visible body.
-
-    Attributes:
-        visuals: Its shapes.
-        entity: Its entity in the simulation.
-        moves: Whether its pose may change.
-    """
+    """A visible body: its shapes, its entity, and whether its pose may change."""
 
     visuals: Visuals
     entity: sapien.Entity
@@ -103,10 +97,7 @@ class RayScene:
     def image(self, camera: Pinhole, cv_from_world: Array, actors: bool = False) -> RayImage:
         """Casts a ray through the centre of every pixel, at the poses of the latest `update`.
 
-        Args:
-            camera: Intrinsic parameters.
-            cv_from_world: (4, 4) pose; the camera's frame is x right, y down, z forward.
-            actors: Whether to return the actors.
+        The frame of the camera in `cv_from_world` (4, 4) is x right, y down, z forward.
         """
         size = camera.height_px, camera.width_px
         furthest = np.float32(1.0 / camera.far_m)

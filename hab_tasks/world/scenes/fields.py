@@ -66,13 +66,7 @@ def check_numbers(file: Path, location: str, values: Any, count: int) -> tuple[f
 
 @dataclass(frozen=True)
 class Fields:
-    """A JSON object in a dataset file.
-
-    Attributes:
-        file: The file, for errors.
-        values: The object.
-        location: Its path in the file, empty for the whole file.
-    """
+    """A JSON object in a dataset file, at a location in it that is empty for the whole file."""
 
     file: Path
     values: Mapping[str, Any]

@@ -62,9 +62,7 @@ HANDLE_MARKERS = [
 def add_kind(kind: ArticulationKind, *markers: HandleMarker) -> None:
     """Adds a kind of door or drawer with its handles, for a skill of another package.
 
-    Args:
-        kind: The kind; `kind.marker` is the name of the marker that tasks use.
-        markers: Its handles, one for each furniture template.
+    Tasks use the handle `kind.marker`; there is one marker for each furniture template.
     """
     ARTICULATION_KINDS[kind.name] = kind
     HANDLE_MARKERS.extend(marker for marker in markers if marker not in HANDLE_MARKERS)

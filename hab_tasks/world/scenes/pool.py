@@ -37,11 +37,7 @@ Key = tuple[object, ...]
 
 
 class BodyPool:
-    """Bodies built so far in one scene, and the active layout.
-
-    Attributes:
-        scene_bodies: Bodies of the active layout.
-    """
+    """Bodies built so far in one scene, and `scene_bodies`, those of the active layout."""
 
     scene_bodies: SceneBodies
 

@@ -18,15 +18,7 @@ from hab_tasks.world.scenes.spec import SceneSpec
 
 @dataclass(kw_only=True)
 class SceneBodies:
-    """Active bodies of a pool.
-
-    Attributes:
-        spec: The layout.
-        static: Object name -> static actor.
-        loose: Object name -> dynamic actor that belongs to the layout.
-        articulations: Furniture name -> articulation.
-        pickables: Object name -> actor of a movable object.
-    """
+    """Active bodies of a pool by name; `loose` and `static` ones belong to the layout."""
 
     spec: SceneSpec
     stage: Actor | None = None

@@ -148,13 +148,8 @@ def articulation_builder(
 ) -> Iterator[ArticulationBuilder]:
     """Yields a builder of an articulation with a fixed root link, to be used before the exit.
 
-    Args:
-        scene: The scene to build in.
-        text: The URDF, with absolute mesh paths.
-        name: Name of the articulation.
-        srdf: Link pairs without collision.
-        scale: Scale of the articulation.
-        many_parts: Whether a collision mesh may have several convex parts.
+    `text` is a URDF with absolute mesh paths, `srdf` its link pairs without collision. With
+    `many_parts`, a collision mesh may have several convex parts.
     """
     # Materials of visuals belong to a renderer.
     parse = _parse if scene.can_render() else _parsed_once

@@ -59,12 +59,7 @@ class Navmesh:
     triangles_m: Array
 
     def heights(self, origin_m: Array, shape: tuple[int, int], cell_m: float) -> Array:
-        """Rasterises the walkable surface.
-
-        Args:
-            origin_m: Middle (2,) of cell (0, 0): x and z.
-            shape: Cells along x and z.
-            cell_m: Their size.
+        """Rasterises the walkable surface in cells along x and z; (0, 0) has its middle there.
 
         Returns:
             Height y [m] at the middle of each cell (X, Z), NaN where nothing is walkable; the

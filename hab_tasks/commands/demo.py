@@ -137,7 +137,7 @@ def _typed(show: _Show) -> Iterator[Any]:
 
 
 class _Show:
-    """Output to the console, and to a window, a video, both, or neither; `seen` is the last step."""
+    """Output to the console, and to a window, a video, both, or neither; has the last step."""
 
     seen: StepInfo
 

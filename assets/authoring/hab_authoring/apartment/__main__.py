@@ -15,44 +15,26 @@ import tempfile
 from pathlib import Path
 
 from hab_authoring.apartment import (
-    appliances,
     bikes,
     books,
-    clothes,
+    catalogue,
     cupboards,
-    decor,
     fridge,
     kitchen,
     layouts,
     packing,
     pickables,
-    seating,
+    plants,
     shell,
     shoes,
-    storage,
-    tables,
-    tableware,
-    utensils,
+    textiles,
 )
 from hab_authoring.apartment.model import Dataset
 from hab_authoring.apartment.writer import write_dataset
 from hab_tasks.io.files import folder_written_aside
 
 NAME = "apartment"
-THEMES = (
-    appliances,
-    bikes,
-    books,
-    clothes,
-    decor,
-    pickables,
-    seating,
-    shoes,
-    storage,
-    tables,
-    tableware,
-    utensils,
-)
+THEMES = (bikes, books, catalogue, pickables, plants, shoes, textiles)
 VARIATION = re.compile(r"configs/scenes/v3_sc\d_staging_(?!00)\d\d\.scene_instance\.json")
 logger = logging.getLogger(NAME)
 

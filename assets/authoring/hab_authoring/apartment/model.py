@@ -10,6 +10,13 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Vec3 = tuple[float, float, float]
+PREFIX = "frl_apartment_"
+WHOLE = ("apartment_bed", PREFIX, "0")  # beginnings of names that need no prefix
+
+
+def full_name(template: str) -> str:
+    """Return a template's name in the dataset."""
+    return template if template.startswith(WHOLE) else PREFIX + template
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,15 @@ from fnmatch import fnmatch
 import numpy as np
 
 from hab_authoring.apartment.layouts.clutter import THINGS, Thing
-from hab_authoring.apartment.layouts.places import Layout, feet_m, front_rad, full_name, placed
-from hab_authoring.apartment.model import Array, Articulation, ObjectModel, Placement, SceneModel
+from hab_authoring.apartment.layouts.places import Layout, feet_m, front_rad, placed
+from hab_authoring.apartment.model import (
+    Array,
+    Articulation,
+    ObjectModel,
+    Placement,
+    SceneModel,
+    full_name,
+)
 
 GAP_M = 0.001  # loose things start this far above what carries them
 APART_M = 0.003

@@ -267,6 +267,16 @@ def sheet(outline: Sequence[Vec3], material: str) -> Part:
     return Part(both, normals, both[:, [0, 2]], faces, material)
 
 
+def printed(width: float, depth: float, height: float, material: str) -> Part:
+    """Return a picture seen from above, stretched once over a rectangle at `height`."""
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [width / 2, depth / 2]
+    points = np.stack([corners[:, 0], np.full(4, height), corners[:, 1]], axis=1)
+    uv = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
+    return Part(
+        points, np.tile([0.0, 1.0, 0.0], (4, 1)), uv, np.array([[0, 2, 1], [0, 3, 2]]), material
+    )
+
+
 def smoothed(part: Part) -> Part:
     """Return the part with normals averaged from its faces, after it was bent."""
     return replace(part, normals=_smooth_normals(part))

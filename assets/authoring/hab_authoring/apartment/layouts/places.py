@@ -7,11 +7,9 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from hab_authoring.apartment.model import Light, ObjectModel, Placement, SceneModel
+from hab_authoring.apartment.model import Light, ObjectModel, Placement, SceneModel, full_name
 from hab_authoring.apartment.shell import FloorPlan
 
-PREFIX = "frl_apartment_"
-WHOLE = ("apartment_bed", PREFIX, "0")  # beginnings of names that need no prefix
 RUG_M = 0.012
 """How high a rug lies."""
 
@@ -73,11 +71,6 @@ def placed(item: Item, feet_m: Mapping[str, float], *, dynamic: bool = False) ->
     y = item.level_m + feet_m[name] if item.y_m is None else item.y_m
     yaw = yaw_rad(item.template, item.facing) + item.turn_rad
     return Placement(name, (item.x, y, item.z), yaw, item.tilt_rad, dynamic)
-
-
-def full_name(template: str) -> str:
-    """Return a template's name in the dataset."""
-    return template if template.startswith(WHOLE) else PREFIX + template
 
 
 def front_rad(template: str) -> float:

@@ -1,12 +1,13 @@
-"""Clothes on hooks, folded things, hangers, the handbag and the umbrella."""
+"""Clothes, folded things, hangers, the handbag and the umbrella, the beanbag and the cushions."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from hab_authoring.apartment import outlines, shapes, solids
 from hab_authoring.apartment.builder import Builder, finished
-from hab_authoring.apartment.model import Array, Box, ObjectModel, Part, Vec3
+from hab_authoring.apartment.model import Array, Box, Convex, ObjectModel, Part, Vec3
 
 CLOTH_FRICTION = 0.9
 
@@ -23,6 +24,8 @@ def build() -> list[ObjectModel]:
         _valet(),
         _handbag(),
         _umbrella(),
+        _beanbag(),
+        *_cushions(),
     ]
 
 
@@ -210,3 +213,69 @@ def _umbrella() -> ObjectModel:
 
 def _along_x(part: Part, height: float) -> Part:
     return shapes.moved(shapes.turned(part, "x"), (0.0, height, 0.0))
+
+
+def _beanbag() -> ObjectModel:
+    """Return a sagging bag: a turned pear with a seam ring and a knot."""
+    make, floor = Builder(), -0.333
+    profile = [
+        (0.0, floor),
+        (0.34, floor),
+        (0.44, floor + 0.03),
+        (0.495, floor + 0.10),
+        (0.51, floor + 0.18),
+        (0.49, floor + 0.28),
+        (0.43, floor + 0.38),
+        (0.34, floor + 0.47),
+        (0.24, floor + 0.545),
+        (0.15, floor + 0.60),
+        (0.07, floor + 0.63),
+        (0.0, floor + 0.64),
+    ]
+    make.see(_puckered(shapes.lathe([profile], "bag_cloth", 36), floor))
+    make.see(
+        shapes.cylinder((0.0, floor + 0.655, 0.0), 0.035, 0.05, "bag_cloth", top_radius_m=0.05)
+    )
+    make.convexes += [
+        solids.frustum(0.40, 0.51, floor, floor + 0.15, 16),
+        solids.frustum(0.51, 0.42, floor + 0.15, floor + 0.39, 16),
+        solids.frustum(0.42, 0.10, floor + 0.39, floor + 0.62, 16),
+    ]
+    return ObjectModel("frl_apartment_beanbag", "beanbag", 11.0, make.parts, make.solids())
+
+
+def _puckered(part: Part, floor: float) -> Part:
+    """Press six shallow folds into a turned bag, none at its foot."""
+    x, y, z = part.positions.T
+    angle, share = np.arctan2(z, x), np.clip((y - floor) / 0.3, 0, 1)
+    scale = 1 - 0.07 * share * (0.5 + 0.5 * np.cos(6 * angle)) - 0.05 * share * np.cos(angle - 0.6)
+    points = np.stack([x * scale, y - 0.04 * share * (x / 0.5), z * scale], axis=1)
+    return shapes.smoothed(replace(part, positions=points))
+
+
+def _cushions() -> list[ObjectModel]:
+    out = []
+    for number, cloth in (("01", "rust_cloth"), ("03", "cream_cloth")):
+        part = shapes.soft_box((0.0, 0.0, 0.0), (0.42, 0.40, 0.09), cloth, 0.044, 0.03, steps=3)
+        name = f"frl_apartment_cushion_{number}"
+        out.append(ObjectModel(name, "cushion", 0.3, [part], [_pillow()], friction=0.8))
+    return out
+
+
+def _pillow() -> Convex:
+    """Return the cushion's hull: a flat octagon standing on its edge."""
+    slab = solids.prism(
+        [
+            (-0.21, -0.15),
+            (-0.15, -0.20),
+            (0.15, -0.20),
+            (0.21, -0.15),
+            (0.21, 0.15),
+            (0.15, 0.20),
+            (-0.15, 0.20),
+            (-0.21, 0.15),
+        ],
+        -0.065,
+        0.065,
+    )
+    return Convex(slab.vertices[:, [0, 2, 1]], slab.faces[:, ::-1])

@@ -1,0 +1,115 @@
+"""Models declared as data: `furniture.toml`, `kitchenware.toml` and `decor.toml`.
+
+A shape is a row of a verb, its arguments and, where needed, a table of options. `box`, `span`,
+`soft`, `post` and `bar_handle` are methods of `Builder`; `see.…` adds a visible shape of `shapes` or
+`outlines`, `hit.…` a collision shape of `solids`, and `vessel` both (`vessels`). Three verbs repeat
+or move the rows of their last argument: `mirror` (axis) adds them at the other side first, `repeat`
+(count, step) adds them again and again, `turn` (axis, angle) and `move` (offset) displace them.
+Receptacles are name, centre of the bottom, and half sizes.
+"""
+
+import tomllib
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hab_authoring.apartment import outlines, shapes, solids, vessels
+from hab_authoring.apartment.builder import FRICTION, Builder, finished, free_box
+from hab_authoring.apartment.model import Box, ObjectModel, Part
+
+FILES = ("furniture.toml", "kitchenware.toml", "decor.toml")
+Row = Sequence[Any]
+
+
+def build() -> Iterator[ObjectModel]:
+    """Yield the models of all files."""
+    for name in FILES:
+        text = Path(__file__).with_name(name).read_text(encoding="utf-8")
+        for short, entry in tomllib.loads(text).items():
+            yield _model(short, **entry)
+
+
+def _model(
+    short: str,
+    category: str,
+    mass_kg: float,
+    rows: list[Row],
+    receptacles: Sequence[tuple[str, Row, Row]] = (),
+    friction: float = FRICTION,
+    centred: bool = True,
+) -> ObjectModel:
+    make = Builder()
+    for row in rows:
+        _add(make, *row)
+    boxes = [free_box(name, *map(_floats, place)) for name, *place in receptacles]
+    return finished(short, category, float(mass_kg), make, friction, boxes, centred=centred)
+
+
+def _add(make: Builder, verb: str, *row: Any) -> None:
+    options = row[-1] if isinstance(row[-1], dict) else {}
+    given = row[:-1] if options else row
+    if verb == "mirror":
+        axis = shapes.AXES[given[0]]
+        signs = np.where(np.arange(3) == axis, -1.0, 1.0)
+        for sign in (signs, np.ones(3)):
+            _add_all(make, given[1], lambda point, sign=sign: point * sign)
+    elif verb == "repeat":
+        for k in range(given[0]):
+            _add_all(make, given[2], lambda point, k=k: point + k * np.array(given[1]))
+    elif verb in ("turn", "move"):
+        _displace(make, verb, *given)
+    elif verb == "vessel":
+        outside, *rest = given
+        if not isinstance(outside[0], list):
+            outside = vessels.curve(*outside)
+        vessels.add(make, vessels.Vessel(outside, *rest, **options))
+    elif verb.startswith("see."):
+        make.see(*_visible(verb.removeprefix("see."), *given, **options))
+    elif verb == "hit.box":
+        make.boxes.append(Box(*given))
+    elif verb.startswith("hit."):
+        outline = outlines.rounded_rectangle(*given[0]) if verb == "hit.prism" else given[0]
+        make.convexes.append(getattr(solids, verb.removeprefix("hit."))(outline, *given[1:]))
+    else:
+        getattr(make, verb)(*given, **options)
+
+
+def _add_all(make: Builder, rows: list[Row], change: Callable[[Any], Any]) -> None:
+    """Add rows whose points, their first argument, are changed; a span has two."""
+    for verb, first, *rest in rows:
+        if verb in ("mirror", "repeat"):
+            inner = [(v, change(np.array(point)), *more) for v, point, *more in rest[-1]]
+            _add(make, verb, first, *rest[:-1], inner)
+        elif verb == "span":
+            low, high = np.sort([change(np.array(first)), change(np.array(rest[0]))], axis=0)
+            _add(make, verb, tuple(low), tuple(high), *rest[1:])
+        else:
+            _add(make, verb, change(np.array(first, float)), *rest)
+
+
+def _displace(make: Builder, verb: str, *row: Any) -> None:
+    *how, rows = row
+    part = Builder()
+    for inner in rows:
+        _add(part, *inner)
+    look, hit = (
+        (shapes.rotated, solids.rotated) if verb == "turn" else (shapes.moved, solids.moved)
+    )
+    make.see(*(look(p, *how) for p in part.parts))
+    make.convexes += [hit(s, *how) for s in part.solids()]
+
+
+def _visible(name: str, first: Any, *rest: Any, bent: int | None = None, **options: Any) -> list[Part]:
+    if bent is not None:
+        first = outlines.bent(first, bent)
+    if name == "extruded":
+        return outlines.extruded(outlines.rounded_rectangle(*first), *rest)
+    made = outlines.slab if name == "slab" else getattr(shapes, name)
+    return [made(first, *rest, **options)]
+
+
+def _floats(values: Row) -> tuple[float, float, float]:
+    x, y, z = values
+    return float(x), float(y), float(z)

@@ -52,15 +52,17 @@ def make_dataset() -> Dataset:
         cupboards.sliding_cabinet(),
         cupboards.drawer_chest(),
     ]
-    plans = {layout.plan.name: layout.plan for layout in layouts.LAYOUTS}
+    macros = layouts.macros()
+    flats, things = layouts.dense(macros)
+    plans = {layout.plan.name: layout.plan for layout in (*macros, *flats)}
     return Dataset(
         stages=[shell.build(plan) for plan in plans.values()],
         objects=objects,
         articulations=articulations,
-        lightings={layout.lighting: list(layout.lights) for layout in layouts.LAYOUTS},
+        lightings={layout.lighting: list(layout.lights) for layout in (*macros, *flats)},
         scenes=[
-            *(layout.scene(feet_m) for layout in layouts.MACROS),
-            *(packing.furnished(flat, objects, articulations) for flat in layouts.APARTMENTS),
+            *(layout.scene(feet_m) for layout in macros),
+            *(packing.furnished(flat, things, objects, articulations) for flat in flats),
         ],
     )
 

@@ -1,19 +1,19 @@
 """Models declared as data: `furniture.toml`, `kitchenware.toml` and `decor.toml`.
 
-A shape is a row of a verb, its arguments and, where needed, a table of options. `box`, `span`,
-`soft`, `post` and `bar_handle` are methods of `Builder`; `see.…` adds a visible shape of `shapes` or
-`outlines`, `hit.…` a collision shape of `solids`, and `vessel` both (`vessels`). Three verbs repeat
-or move the rows of their last argument: `mirror` (axis) adds them at the other side first, `repeat`
-(count, step) adds them again and again, `turn` (axis, angle) and `move` (offset) displace them.
-Receptacles are name, centre of the bottom, and half sizes.
+A row is a verb, its arguments and, where needed, a table of options. `box`, `span`, `soft`, `post`
+and `bar_handle` are methods of `Builder`; `see.*` adds a visible shape of `shapes` or `outlines`,
+`hit.*` a collision shape of `solids`, and `vessel` both (`vessels`). Verbs for the rows at their
+end: `mirror` (axis) adds them once more, the other side first, `repeat` (count, step) several
+times; `turn` (axis, angle) and `move` (offset) displace them. A receptacle is a name, the centre of
+its bottom, and half sizes.
 """
 
-import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tomllib
 
 from hab_authoring.apartment import outlines, shapes, solids, vessels
 from hab_authoring.apartment.builder import FRICTION, Builder, finished, free_box
@@ -94,14 +94,14 @@ def _displace(make: Builder, verb: str, *row: Any) -> None:
     part = Builder()
     for inner in rows:
         _add(part, *inner)
-    look, hit = (
-        (shapes.rotated, solids.rotated) if verb == "turn" else (shapes.moved, solids.moved)
-    )
+    look, hit = (shapes.rotated, solids.rotated) if verb == "turn" else (shapes.moved, solids.moved)
     make.see(*(look(p, *how) for p in part.parts))
     make.convexes += [hit(s, *how) for s in part.solids()]
 
 
-def _visible(name: str, first: Any, *rest: Any, bent: int | None = None, **options: Any) -> list[Part]:
+def _visible(
+    name: str, first: Any, *rest: Any, bent: int | None = None, **options: Any
+) -> list[Part]:
     if bent is not None:
         first = outlines.bent(first, bent)
     if name == "extruded":

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from hab_authoring.apartment import shapes, solids
-from hab_authoring.apartment.builder import Builder, finished
+from hab_authoring.apartment.builder import Builder
 from hab_authoring.apartment.model import Array, ObjectModel, Part
 
 

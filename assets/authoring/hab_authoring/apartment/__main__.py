@@ -18,9 +18,6 @@ from hab_authoring.apartment import (
     bikes,
     books,
     catalogue,
-    cupboards,
-    fridge,
-    kitchen,
     layouts,
     packing,
     pickables,
@@ -43,15 +40,7 @@ def make_dataset() -> Dataset:
     """Return the whole dataset in memory."""
     objects = [item for theme in THEMES for item in theme.build()]
     feet_m = layouts.feet_m(objects)
-    articulations = [
-        fridge.build(),
-        fridge.build("fridge_mirrored", -1.0),
-        kitchen.build(),
-        cupboards.wall_cupboard(),
-        cupboards.room_door(),
-        cupboards.sliding_cabinet(),
-        cupboards.drawer_chest(),
-    ]
+    articulations = list(catalogue.articulated())
     macros = layouts.macros()
     flats, things = layouts.dense(macros)
     plans = {layout.plan.name: layout.plan for layout in (*macros, *flats)}

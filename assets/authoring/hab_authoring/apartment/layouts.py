@@ -8,11 +8,9 @@ fields. A lamp is x, z and intensity, and where they differ from most, its heigh
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
-import tomllib
-
+from hab_authoring.apartment.catalogue import read
 from hab_authoring.apartment.model import Light, ObjectModel, Placement, SceneModel, full_name
 from hab_authoring.apartment.shell import FloorPlan, Opening, Wall, outer_walls
 
@@ -126,12 +124,12 @@ def _kitchen(wall: float, along: float, facing: str) -> tuple[Placement, ...]:
 
 def macros() -> list[Layout]:
     """Return the macro layouts."""
-    return [_macro(name, entry) for name, entry in _read("macros.toml").items()]
+    return [_macro(name, entry) for name, entry in read("macros.toml").items()]
 
 
 def dense(macro_layouts: Iterable[Layout]) -> tuple[list[Layout], list[Thing]]:
     """Return the densely furnished flats, without clutter, and their clutter."""
-    data, bases = _read("dense.toml"), {layout.name: layout for layout in macro_layouts}
+    data, bases = read("dense.toml"), {layout.name: layout for layout in macro_layouts}
     base, parts = bases[data["walls_of"]], data["arrangements"]
     plan = replace(base.plan, name=data["stage"], floors=_tuples(data["floors"]))
     flats = []
@@ -142,10 +140,6 @@ def dense(macro_layouts: Iterable[Layout]) -> tuple[list[Layout], list[Thing]]:
         items = tuple(_row(Item, item) for part in chosen for item in parts[part]["items"])
         flats.append(Layout(name, plan, data["stage"], items, _articulations(entry), base.lights))
     return flats, [_row(Thing, thing) for thing in data["things"]]
-
-
-def _read(name: str) -> dict[str, Any]:
-    return tomllib.loads(Path(__file__).with_name(name).read_text(encoding="utf-8"))
 
 
 def _macro(name: str, entry: Mapping[str, Any]) -> Layout:

@@ -28,6 +28,7 @@ from hab_authoring.apartment.model import (
 )
 
 FILES = ("furniture.toml", "kitchenware.toml", "decor.toml")
+LIMITS = ("lower", "upper", "velocity")
 Row = Sequence[Any]
 
 
@@ -70,10 +71,8 @@ def _articulation(name: str, parent: str, entries: dict[str, dict[str, Any]]) ->
             _add(make, *row)
         links.append(Link(key, float(entry["mass_kg"]), make.parts, make.boxes))
         joint, kind, on = entry["joint"]
-        fields: dict[str, Any] = {
-            k: _floats(entry[k]) for k in ("xyz", "rpy", "axis") if k in entry
-        }
-        fields |= {k: float(entry[k]) for k in ("lower", "upper", "velocity") if k in entry}
+        fields: dict[str, Any] = {k: float(entry[k]) for k in LIMITS if k in entry}
+        fields |= {k: _floats(entry[k]) for k in ("xyz", "rpy", "axis") if k in entry}
         joints.append(Joint(joint, kind, on, key, **fields))
         up = _floats(entry.get("up", (0, 1, 0)))
         for area, center, half in entry.get("receptacles", ()):

@@ -1,4 +1,4 @@
-"""Clothes, folded things, hangers, the handbag and the umbrella, the beanbag and the cushions."""
+"""A coat and a scarf on hooks, the handbag, the beanbag and the cushions."""
 
 import math
 from dataclasses import replace
@@ -13,20 +13,8 @@ CLOTH_FRICTION = 0.9
 
 
 def build() -> list[ObjectModel]:
-    """Return all of them; the first two cloths hang with their back at -z, the rest lie."""
-    return [
-        _coat(),
-        _scarf(),
-        _folded("cloth_03", "cloth", 0.45, (0.30, 0.26), (0.030, 0.030, 0.024), "wool_grey"),
-        _folded("cloth_04", "cloth", 1.1, (0.42, 0.34), (0.042, 0.040, 0.038), "rust_cloth"),
-        _folded("towel", "towel", 0.55, (0.38, 0.28), (0.028, 0.028), "towel_blue"),
-        _hanger(),
-        _valet(),
-        _handbag(),
-        _umbrella(),
-        _beanbag(),
-        *_cushions(),
-    ]
+    """Return all of them; the coat and the scarf hang with their back at -z."""
+    return [_coat(), _scarf(), _handbag(), _beanbag(), *_cushions()]
 
 
 def _ellipse(center: Vec3, half_x: float, half_z: float, ripple: float = 0.0) -> Array:
@@ -99,66 +87,6 @@ def _scarf() -> ObjectModel:
     return finished("cloth_02", "cloth", 0.35, make, CLOTH_FRICTION)
 
 
-def _folded(
-    name: str,
-    category: str,
-    mass_kg: float,
-    size: tuple[float, float],
-    layers: tuple[float, ...],
-    material: str,
-) -> ObjectModel:
-    """Return a folded cloth: layers with round folds, each a little smaller."""
-    make, y, (w, d) = Builder(), 0.0, size
-    for k, thick in enumerate(layers):
-        shrink = 1.0 - 0.02 * k
-        shift = 0.004 * (-1) ** k
-        make.soft(
-            (shift, y + thick / 2, -shift), (w * shrink, thick, d * shrink), material,
-            thick * 0.49, solid=False,
-        )  # fmt: skip
-        y += thick - 0.001
-    make.boxes.append(Box((0.0, y / 2, 0.0), (w, y, d)))
-    return finished(name, category, mass_kg, make, CLOTH_FRICTION)
-
-
-def _hanger() -> ObjectModel:
-    """Return a wooden hanger lying flat; its hook points to -z."""
-    make, t = Builder(), 0.014
-    for side in (-1.0, 1.0):
-        arm: list[Vec3] = [
-            (0.0, t / 2, -0.035),
-            (side * 0.07, t / 2, -0.025),
-            (side * 0.205, t / 2, 0.055),
-        ]
-        make.see(shapes.tube(arm, t / 2, "birch", 8))
-        piece = solids.from_box(Box((side * 0.105, 0.0, 0.0), (0.235, t, t)))
-        turned = solids.rotated(piece, "y", -side * math.atan2(0.09, 0.205))
-        make.convexes.append(solids.moved(turned, (0.0, t / 2, -0.037)))
-    make.see(shapes.tube([(-0.19, t / 2, 0.048), (0.19, t / 2, 0.048)], 0.005, "birch", 8))
-    make.boxes.append(Box((0.0, t / 2, 0.048), (0.37, t, 0.011)))
-    hook = [(0.0, t / 2, -0.035), (0.0, t / 2, -0.07)]
-    hook += [
-        (0.022 - 0.022 * math.cos(a), t / 2, -0.085 - 0.024 * math.sin(a))
-        for a in np.linspace(0.0, 1.25 * math.pi, 7)
-    ]
-    make.see(shapes.tube(hook, 0.002, "steel", 6))
-    make.boxes.append(Box((0.018, t / 2, -0.075), (0.04, t, 0.07)))
-    return finished("clothes_hanger_01", "clothes_hanger", 0.18, make)
-
-
-def _valet() -> ObjectModel:
-    """Return a standing valet: two uprights on feet, a rail, a tray and shoulders on top."""
-    make, h = Builder(), 0.89
-    for x in (-0.15, 0.15):
-        make.box((x, 0.02, 0.0), (0.028, 0.040, 0.355), "walnut", 0.006)
-        make.post((x, 0.43, -0.06), 0.012, 0.80, "walnut")
-    make.box((0.0, 0.20, -0.04), (0.28, 0.018, 0.10), "walnut", 0.004)
-    make.see(shapes.cylinder((0.0, 0.60, -0.06), 0.010, 0.30, "walnut", "x", 12))
-    make.boxes.append(Box((0.0, 0.60, -0.06), (0.30, 0.02, 0.02)))
-    make.soft((0.0, h - 0.03, -0.06), (0.414, 0.055, 0.05), "walnut", 0.02)
-    return finished("clothes_hanger_02", "clothes_hanger", 3.4, make)
-
-
 def _handbag() -> ObjectModel:
     """Return a leather bag that stands, with two upright straps."""
     make = Builder()
@@ -183,36 +111,6 @@ def _handbag() -> ObjectModel:
     make.convexes.append(solids.hull(np.vstack([low, sections[2], high])))
     make.boxes.append(Box((0.0, 0.305, 0.0), (0.15, 0.125, 0.045)))
     return finished("handbag", "handbag", 1.1, make, CLOTH_FRICTION)
-
-
-def _umbrella() -> ObjectModel:
-    """Return a rolled umbrella that lies along x, its crook towards -x and flat on the floor."""
-    make, r = Builder(), 0.028
-    canopy = [(0.006, 0.40), (0.020, 0.32), (r, 0.10), (0.026, -0.14), (0.016, -0.20)]
-    make.see(
-        _along_x(shapes.lathe([[(0.0, -0.20), canopy[-1]], canopy[::-1]], "coat_navy", 10), r),
-        shapes.tube([(0.40, r, 0.0), (0.46, r, 0.0)], 0.004, "steel", 8),
-        shapes.tube([(-0.19, r, 0.0), (-0.30, r, 0.0)], 0.006, "steel", 8),
-    )
-    crook: list[Vec3] = [(-0.28, r, 0.0), (-0.38, r, 0.0)]
-    crook += [
-        (-0.38 - 0.045 * math.sin(a), r, 0.045 - 0.045 * math.cos(a))
-        for a in np.linspace(0.3, math.pi, 7)
-    ]
-    crook.append((-0.345, r, 0.09))
-    make.see(shapes.tube(crook, 0.010, "walnut", 8))
-    make.see(shapes.box((-0.05, r, 0.0), (0.014, 2 * r, 2 * r), "gap", 0.006))
-    make.boxes += [
-        Box((0.09, r, 0.0), (0.62, 2 * r, 2 * r)),
-        Box((0.43, r, 0.0), (0.06, 0.012, 0.012)),
-        Box((-0.31, r, 0.0), (0.20, 2 * r, 0.022)),
-        Box((-0.395, r, 0.045), (0.05, 2 * r, 0.11)),
-    ]
-    return finished("umbrella", "umbrella", 0.42, make)
-
-
-def _along_x(part: Part, height: float) -> Part:
-    return shapes.moved(shapes.turned(part, "x"), (0.0, height, 0.0))
 
 
 def _beanbag() -> ObjectModel:

@@ -15,23 +15,20 @@ import tempfile
 from pathlib import Path
 
 from hab_authoring.apartment import (
-    bikes,
-    books,
     catalogue,
+    clothes,
+    decor,
     layouts,
     packing,
     pickables,
-    plants,
     shell,
-    shoes,
-    textiles,
 )
 from hab_authoring.apartment.model import Dataset
 from hab_authoring.apartment.writer import write_dataset
 from hab_tasks.io.files import folder_written_aside
 
 NAME = "apartment"
-THEMES = (bikes, books, catalogue, pickables, plants, shoes, textiles)
+THEMES = (catalogue, clothes, decor, pickables)
 VARIATION = re.compile(r"configs/scenes/v3_sc\d_staging_(?!00)\d\d\.scene_instance\.json")
 logger = logging.getLogger(NAME)
 

@@ -9,11 +9,9 @@ a name, the centre of its bottom, and half sizes.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tomllib
 
 from hab_authoring.apartment import outlines, shapes, solids, vessels
 from hab_authoring.apartment.builder import FRICTION, Builder, finished, free_box
@@ -25,6 +23,7 @@ from hab_authoring.apartment.model import (
     ObjectModel,
     Part,
     Receptacle,
+    read_table,
 )
 
 FILES = ("furniture.toml", "kitchenware.toml", "decor.toml")
@@ -35,24 +34,19 @@ Row = Sequence[Any]
 def build() -> Iterator[ObjectModel]:
     """Yield the rigid models of all files."""
     for name in FILES:
-        for short, entry in read(name).items():
+        for short, entry in read_table(name).items():
             yield _model(short, **entry)
 
 
 def articulated() -> Iterator[Articulation]:
     """Yield the articulated furniture."""
-    for name, links in read("articulated.toml").items():
+    for name, links in read_table("articulated.toml").items():
         parent, mirrored = links.pop("parent_object"), links.pop("mirrored", None)
         yield _articulation(name, parent, links)
         if mirrored is not None:
             yield _articulation(
                 mirrored, parent, {key: _hinged_at_minus_y(link) for key, link in links.items()}
             )
-
-
-def read(name: str) -> dict[str, Any]:
-    """Return the content of a TOML file of this folder."""
-    return tomllib.loads(Path(__file__).with_name(name).read_text(encoding="utf-8"))
 
 
 def _hinged_at_minus_y(link: dict[str, Any]) -> dict[str, Any]:

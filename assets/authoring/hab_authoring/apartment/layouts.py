@@ -10,8 +10,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from hab_authoring.apartment.catalogue import read
-from hab_authoring.apartment.model import Light, ObjectModel, Placement, SceneModel, full_name
+from hab_authoring.apartment.model import (
+    Light,
+    ObjectModel,
+    Placement,
+    SceneModel,
+    full_name,
+    read_table,
+)
 from hab_authoring.apartment.shell import FloorPlan, Opening, Wall, outer_walls
 
 # Angles about +y by which +z comes to point there.
@@ -124,12 +130,12 @@ def _kitchen(wall: float, along: float, facing: str) -> tuple[Placement, ...]:
 
 def macros() -> list[Layout]:
     """Return the macro layouts."""
-    return [_macro(name, entry) for name, entry in read("macros.toml").items()]
+    return [_macro(name, entry) for name, entry in read_table("macros.toml").items()]
 
 
 def dense(macro_layouts: Iterable[Layout]) -> tuple[list[Layout], list[Thing]]:
     """Return the densely furnished flats, without clutter, and their clutter."""
-    data, bases = read("dense.toml"), {layout.name: layout for layout in macro_layouts}
+    data, bases = read_table("dense.toml"), {layout.name: layout for layout in macro_layouts}
     base, parts = bases[data["walls_of"]], data["arrangements"]
     plan = replace(base.plan, name=data["stage"], floors=_tuples(data["floors"]))
     flats = []

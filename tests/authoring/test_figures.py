@@ -5,7 +5,7 @@ import math
 import pytest
 from builders import tiny_dataset, tiny_scene, write_scene
 from hab_authoring.commands import figures
-from hab_authoring.figures.moved import moved_furniture
+from hab_authoring.figures.layouts import moved_furniture
 from hab_authoring.figures.statistics import (
     IN_GRASP,
     category_counts,

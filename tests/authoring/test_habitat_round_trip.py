@@ -5,9 +5,8 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-from hab_authoring.habitat.convert import OWN_KEY, read_habitat, to_habitat
+from hab_authoring.habitat.convert import OWN_KEY, draw_starts, read_habitat, to_habitat
 from hab_authoring.habitat.fields import close
-from hab_authoring.habitat.start import draw_starts
 from habitat_entries import APARTMENT, ENTRIES, OBJECTS, SCENE, read, set_table, tidy_house
 
 from hab_tasks.cli import main

@@ -7,9 +7,9 @@ import pytest
 import sapien
 import trimesh
 from hab_authoring.pipeline.decimate import FEWEST_TRIANGLES, thin
-from hab_authoring.pipeline.footprint import INDEX_BYTES, VERTEX_BYTES, footprint
 from hab_authoring.pipeline.glb import read_glb
-from hab_authoring.pipeline.options import AssetOptions
+from hab_authoring.pipeline.jobs import AssetOptions
+from hab_authoring.pipeline.optimise import INDEX_BYTES, VERTEX_BYTES, footprint
 from hab_authoring.pipeline.visuals import write_light_glb
 from PIL import Image
 from textured import sphere, textured_glb

@@ -6,8 +6,8 @@ from hab_authoring.layouts.checks import check_layout, free_range
 from hab_authoring.layouts.overlaps import bodies_of
 from hab_authoring.layouts.report import layout_faults
 from hab_authoring.layouts.wild import WildVarier
+from hab_authoring.pipeline.jobs import AssetOptions
 from hab_authoring.pipeline.optimise import optimise
-from hab_authoring.pipeline.options import AssetOptions
 from refusals import refused_by_call, refused_by_command
 
 from hab_tasks.cli import main

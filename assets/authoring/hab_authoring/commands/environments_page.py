@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import fields
 
-from hab_authoring.commands.environment_pictures import FRAMES_PICTURE, picture_name
+from hab_authoring.commands.docs import FRAMES_PICTURE, picture_name
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, CAMERA_SIZE_PX, EE_STEP_M, JOINT_STEP_RAD
 from hab_tasks.engine.hab_env import HabEnv
 from hab_tasks.engine.measures import MEANINGS

@@ -5,11 +5,16 @@ from types import SimpleNamespace
 import pytest
 import torch
 from hab_eval.bench.comparison import step_rows
-from hab_eval.bench.layout import make_layout
-from hab_eval.bench.motion import Motion
-from hab_eval.bench.process import QUIET_STEPS, RemoteEnv, StepTiming, time_steps
-from hab_eval.bench.report import make_report, read_report, report_table, write_report
-from hab_eval.bench.rows import bound_row, make_row
+from hab_eval.bench.process import QUIET_STEPS, Motion, RemoteEnv, StepTiming, time_steps
+from hab_eval.bench.reference import make_layout
+from hab_eval.bench.report import (
+    bound_row,
+    make_report,
+    make_row,
+    read_report,
+    report_table,
+    write_report,
+)
 from hab_eval.errors import BenchError
 from refusals import check_each
 

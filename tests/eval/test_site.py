@@ -14,7 +14,7 @@ from hab_eval.site.agents import agent_pages, read_cards
 from hab_eval.site.breakdown import by_layout, by_receptacle, histogram, read_receptacles
 from hab_eval.site.comparison import comparison_sets
 from hab_eval.site.entries import counterparts, kinds_of, make_entries
-from hab_eval.site.markdown_files import rendered
+from hab_eval.site.media import rendered
 from PIL import Image
 from site_records import record_of, write_submissions
 

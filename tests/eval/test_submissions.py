@@ -8,8 +8,7 @@ from hab_eval.records.agent_files import AgentFiles
 from hab_eval.records.leaderboard import default_submissions, read_submissions
 from hab_eval.records.results import read_record, summarize, write_record
 from hab_eval.records.submissions import submission_name
-from hab_eval.run.replay import Replay, episode_differences
-from hab_eval.run.replay_report import draw
+from hab_eval.run.replay import Replay, draw, episode_differences
 from refusals import check_each
 from site_records import record_of
 from stub_runs import RUN

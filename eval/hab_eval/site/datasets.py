@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from hab_eval.records.commands import WILD, vary_command
 from hab_eval.records.config import EMBEDDED_DATASET
+from hab_eval.records.leaderboard import WILD, vary_command
 from hab_eval.site.entries import Entry, dataset_rank, unique_slugs
 
 

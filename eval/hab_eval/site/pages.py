@@ -12,21 +12,23 @@ from hab_eval.records import paper
 from hab_eval.records.leaderboard import FEW_EPISODES
 from hab_eval.records.status import AGAIN_COLUMNS
 from hab_eval.records.video_names import highlights
-from hab_eval.site.agents import AgentPage
+from hab_eval.site.agents import AgentPage, Study
 from hab_eval.site.breakdown import Receptacles, by_layout, by_receptacle, histogram
 from hab_eval.site.comparison import ComparisonSet
 from hab_eval.site.datasets import DatasetPage
-from hab_eval.site.entries import Entry, counterparts, dataset_rank, env_rank, outcome_of
-from hab_eval.site.markdown_files import rendered
-from hab_eval.site.media import Video
-from hab_eval.site.reruns import (
+from hab_eval.site.entries import (
     DATASET_NOTE,
+    Entry,
     command_lines,
+    counterparts,
+    dataset_rank,
+    env_rank,
     facts_of,
     needs_path,
+    outcome_of,
     verify_command,
 )
-from hab_eval.site.studies import Study
+from hab_eval.site.media import Video, rendered
 
 MOST_PAIRS = 10
 """Pairs of a set in the list of comparisons; the set's own page has all."""

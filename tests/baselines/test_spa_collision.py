@@ -5,6 +5,7 @@ import pytest
 from hab_spa.planning.collision import ArmCollision, CollisionConfig
 from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
 from hab_spa.planning.validity import kernel_agreement
+from hab_spa.sensing.octree import octrees
 from hab_spa.shapes import shape_bounds_m
 
 from hab_tasks.privileged import CollisionShape
@@ -62,7 +63,9 @@ def test_agrees_with_physx_on_random_poses(make_scene):
 
 
 def test_the_kernel_answers_as_coal_does_near_contact_too(shelf_state):
-    model = ArmCollision(shelf_state)
+    cloud_m = np.random.default_rng(0).uniform(-0.15, 0.15, (400, 3)) + (0.5, 0.3, 1.0)
+    voxels = octrees(np.floor(cloud_m / 0.012) * 0.012 + 0.006, 0.012, cell_m=0.2)
+    model = ArmCollision(shelf_state, obstacles=voxels)
     for margin_m in (0.02, 0.0):
         model.set_margin(margin_m)
         poses, different, false_free = kernel_agreement(model, 400, seed=0)

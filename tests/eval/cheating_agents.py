@@ -10,7 +10,7 @@ import stub_hab
 import torch
 from hab_eval.run import isolation, runner
 
-from hab_tasks.agent import AgentSetup
+from hab_tasks.agent import AgentSetup, of_rows
 
 
 def patching(setup: AgentSetup) -> stub_hab.StubAgent:
@@ -54,6 +54,20 @@ def sending(setup: AgentSetup) -> stub_hab.StubAgent:
     def act(obs: object) -> torch.Tensor:
         (own,) = (one for one in gc.get_objects() if isinstance(one, isolation.Connection))
         own.send(print)  # would run code if it were unpickled
+        return torch.full((1, 2), 0.5)
+
+    agent.act = act
+    return agent
+
+
+def keeping(setup: AgentSetup) -> stub_hab.StubAgent:
+    """Keeps a part of an observation, and reads it when the simulation has gone on."""
+    agent, kept = stub_hab.StubAgent(privileged=True), []
+
+    def act(obs: object) -> torch.Tensor:
+        kept.append(of_rows(obs, [0]))
+        if len(kept) > 1:
+            kept[0]["privileged"]
         return torch.full((1, 2), 0.5)
 
     agent.act = act

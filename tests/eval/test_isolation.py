@@ -33,6 +33,7 @@ def test_cheats_of_the_process_fail_in_isolation(cli, cli_process, tmp_path):
 
 REFUSED = (
     ("cheating_agents:sending", "cheating_agents:sending sent no JSON"),
+    ("cheating_agents:keeping", "can be read only until the next step"),
     ("stub_hab:raising", "ZeroDivisionError: three is too many"),
     ("stub_hab:absent", "Unknown agent in stub_hab 'absent'"),
     ("faulty_agents:made", "raised KeyError: 'case'"),

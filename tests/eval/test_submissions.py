@@ -43,13 +43,15 @@ def submit(cli, board, tmp_path):
 
 def test_names_are_those_of_the_committed_submissions():
     for name, record in read_submissions(default_submissions()).items():
-        # An older spelling, from before this command, and runs with options, named by --name.
+        # An older spelling, from before this command.
         wanted = name.replace("replicacad_wild", "replica_cad_wild")
-        wanted = wanted.replace("tp_srl_retries", "tp_srl")
         assert f"{submission_name(record)}.json" == wanted
     # Held-out objects are part of the name.
     record = record_of([None], agent="a.b:Make-It", env="my_tasks:HabX-v2", split="val+objects")
     assert submission_name(record) == "make_it-x-apartment-objects-seed0"
+    # crc32 of "aim", "object"
+    record = record_of([None], agent="a:b", env="HabX-v2", split="val", options={"aim": "object"})
+    assert submission_name(record) == "b-x-apartment-seed0-options7fee8fe2"
 
 
 def test_submit_copies_a_run_and_writes_the_leaderboard(cli, board, submit):

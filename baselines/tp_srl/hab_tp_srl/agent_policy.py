@@ -18,32 +18,35 @@ from hab_tasks.registration import SKILLS, TASK_SKILLS
 from hab_tasks.robots.control import HabControllerConfig, control_configs
 from hab_tasks.robots.fetch import FETCH
 from hab_tp_srl.policies import ARMS, BASES, TASK_ENTRIES, Turn
+from hab_tp_srl.training_starts import start_ranges
 
 
 class AgentPolicy:
     """Runs an agent of its own for each row; the attributes are those of `SkillPolicy`."""
 
-    starts = None
-
-    def __init__(self, setup: AgentSetup, skill: str, reference: str) -> None:
+    def __init__(
+        self, setup: AgentSetup, skill: str, reference: str, options: Mapping[str, str]
+    ) -> None:
         """Loads the agent.
 
         Args:
             setup: Setup of the task's agent; its options are not passed on.
             skill: Name of the skill in tasks.
             reference: ``module:factory``.
+            options: Options of the agent.
 
         Raises:
             HabError: The agent cannot be loaded, or it cannot act in a task.
         """
         named = {ENVS[env_id].env.name: env_id for env_id in SKILLS} | TASK_SKILLS
-        inner = replace(setup, env_id=named[skill], options={})
+        inner = replace(setup, env_id=named[skill], options=dict(options))
         self._make = partial(load_agent, reference, inner)
         self._agents: list[Agent] = [self._make()]
         spec = self._agents[0].spec
         self.name, self.obs_mode, self.files = spec.name, spec.obs_mode, spec.files
         self.sees_images = not spec.obs_mode.startswith("state")
         self.horizon_steps = ENVS[inner.env_id].env.horizon_steps
+        self.starts = start_ranges(inner.env_id)
         self.control: HabControllerConfig = control_configs(FETCH)[spec.control_mode]
         space = cast(spaces.Dict, setup.spaces_of(inner.env_id, spec).observation)
         self._entries = [(g, name) for g in ("agent", "extra") for name in cast(Any, space[g])]

@@ -25,7 +25,7 @@ from hab_tp_srl.agent import TpSrlAgent
 from hab_tp_srl.agent_policy import AgentPolicy
 from hab_tp_srl.hand_over import Resetting, ReturningNavigator
 from hab_tp_srl.navigators import LearnedNavigator, NavigatorPolicy, ReturningOracle
-from hab_tp_srl.options import SKILLS, TeamOptions, read_options
+from hab_tp_srl.options import SKILLS, SPA, TeamOptions, read_options
 from hab_tp_srl.policies import SkillPolicy
 from hab_tp_srl.providers import Policies, providers
 from hab_tp_srl.scenes import GuidedScene, ObservedScene
@@ -133,7 +133,9 @@ def _policy(setup: AgentSetup, skill: str, by: Path | str | None, options: TeamO
     """Loads who executes a skill."""
     if isinstance(by, str):
         own = load_factory(by)(setup) if PROVIDERS.get(skill) == by else None
-        return AgentPolicy(setup, skill, by) if own is None or isinstance(own, Agent) else own
+        if own is None or isinstance(own, Agent):
+            return AgentPolicy(setup, skill, by, {"planner": "batched"} if by == SPA else {})
+        return own
     return None if by is None else SkillPolicy(setup, skill, by, options.draws_actions)
 
 

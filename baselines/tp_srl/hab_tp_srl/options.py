@@ -18,6 +18,11 @@ from hab_tasks.errors import OptionError, UnknownNameError
 PLANNED = "spa_priv"
 """Value of a skill's option: sense-plan-act with ground truth instead of a policy."""
 
+SEEING = "spa"
+"""Value of the options pick and place: sense-plan-act from depth images."""
+
+SPA = "hab_spa:spa"
+
 NAVIGATION = ("oracle", "perfect", "learned")
 KNOWLEDGE = ("observed", "true")
 AIMS = ("hand", "object")
@@ -70,9 +75,9 @@ class TeamOptions:
 
     @property
     def privileged(self) -> bool:
-        """Whether the agent needs ground truth."""
-        planned = not all(isinstance(found, Path) for found in self.skills.values())
-        return self.navigation != "learned" or self.true_knowledge or planned
+        """Whether the agent needs ground truth; agents of skills have to do without."""
+        planned = {None, *PROVIDERS.values()} & {*self.skills.values()}
+        return self.navigation != "learned" or self.true_knowledge or bool(planned)
 
 
 def read_options(setup: AgentSetup, needed: tuple[str, ...]) -> TeamOptions:
@@ -120,6 +125,8 @@ def _executed_by(options: Mapping[str, str], skill: str, kind: str) -> Path | st
     """Returns the weights of a skill or ``module:factory``; None if it is planned."""
     default = PROVIDERS.get(skill, PLANNED if kind == PLANNED else f"{skill}_{kind}")
     value = options.get(skill, default)
+    if value == SEEING and skill in ("pick", "place"):
+        return SPA
     if ":" in value and not Path(value).exists():
         return value
     return None if value == PLANNED else _weights(skill, value)
@@ -142,6 +149,7 @@ def _weights(skill: str, value: str) -> Path:
         return shipped_weights(value, option=skill)
     own = sorted(name for name in names if name.startswith(skill))
     planned = [NAVIGATOR if skill == "navigate" else PLANNED]
+    planned += [SEEING] * (skill in ("pick", "place"))
     raise UnknownNameError(f"value of the agent's option {skill}", value, [*own, *planned])
 
 

@@ -133,7 +133,7 @@ class SubmitCommand(Command):
     submissions: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder of submissions; this checkout's if not given."""
     name: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
-    """Name of the submission, instead of <agent>-<env>-<dataset>-seed<S>."""
+    """Name of the submission, instead of the above."""
     force: bool = False
     """Replace a submission of the same name."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from itertools import chain
 from pathlib import Path
 
 from hab_eval.errors import ResultError
@@ -11,6 +12,7 @@ from hab_eval.records.leaderboard import FEW_EPISODES, default_submissions
 from hab_eval.records.plain_text import plain
 from hab_eval.records.provenance import COMMIT_SEPARATOR
 from hab_eval.records.results import RunRecord
+from hab_tasks.episodes.provenance import stable_hash
 from hab_tasks.errors import OptionError, UnknownNameError, shown
 
 LONGEST_NAME = 150
@@ -19,12 +21,18 @@ UNSAFE = re.compile(r"[^a-z0-9_]+")
 
 
 def submission_name(record: RunRecord) -> str:
-    """Returns ``<agent>-<env>-<dataset>-seed<S>``, e.g. ``spa_priv-pick-replica_cad-seed2``."""
+    """Returns ``<agent>-<env>-<dataset>-seed<S>``, e.g. ``spa_priv-pick-replica_cad-seed2``.
+
+    A hash of the agent's options follows, if there are any: it is another agent with others.
+    """
     agent = record.agent.rpartition(":")[2]
     env = re.sub(r"^Hab(?=[A-Z])|-v\d+$", "", record.env.rpartition(":")[2])
     parts = [_snake(part) for part in (agent, env, record.scene_dataset)]
     parts += [_snake(part) for part in record.split.split("+")[1:]]  # held-out objects, ...
-    return "-".join([*parts, f"seed{record.seed}"])
+    parts += [f"seed{record.seed}"]
+    if record.options:
+        parts += [f"options{stable_hash(*chain(*sorted(record.options.items()))):08x}"]
+    return "-".join(parts)
 
 
 def find_submission(name: str, folder: Path | None) -> Path:

@@ -159,11 +159,18 @@ class _AskedObservation(LazyObservation):
     ) -> None:
         super().__init__(ready, {name: partial(ask, name, rows) for name in unread})
         self._ask, self._rows = ask, rows
+        self._parts: list[_AskedObservation] = []
 
     def of_rows(self, rows: Sequence[int]) -> Mapping[str, Any]:
-        ready = {name: self._groups[name] for name in self._groups}
         chosen = [self._rows[row] for row in rows]
-        return _AskedObservation(of_rows(ready, rows), self.unread, self._ask, chosen)
+        part = _AskedObservation(of_rows(self._groups, rows), self.unread, self._ask, chosen)
+        self._parts.append(part)
+        return part
+
+    def expire(self) -> None:
+        super().expire()
+        for part in self._parts:
+            part.expire()
 
 
 def _serve(

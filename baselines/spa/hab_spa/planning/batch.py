@@ -17,8 +17,12 @@ from hab_tasks.privileged import CollisionBody, CollisionShape
 from hab_tasks.world.raycast.compiled import load
 
 HIT, FREE, UNSURE = 0, 1, 2
-HULL, BOX, OUTER = 0, 1, 2
-"""Kinds of shapes: vertices, bounding box, and a bounding box that contains the actual shape."""
+HULL, BOX, OUTER, VOXELS = 0, 1, 2, 3
+"""Kinds of shapes: vertices, bounding box, a bounding box that contains the actual shape, and cubes
+of one size with `vertices_m` as centres."""
+
+BLOCK = 16
+"""Voxels that are sorted out together."""
 
 NO_PAIR = -1e9
 """Margin of pairs that are not checked."""
@@ -31,14 +35,18 @@ Point = tuple[float, float, float]
 class Shapes(NamedTuple):
     """Shapes of a collision model: S static ones, then M moving ones; N = S + M.
 
+    In `place`, `local_m` and `span`, one row more is scratch: a single voxel, as a box.
+
     Attributes:
         chain: (7, 13) the joints: placement (rotation by rows, translation) and axis 0, 1 or 2.
         box_m: (6, S) bounding boxes of static shapes in the arm's root frame.
-        place: (N, 12) poses of static shapes in the root frame, of moving ones in their joint's.
-        local_m: (N, 9) bounding box in the shape's frame, radius around vertices, half diagonal,
-            radius of the sphere within, around the box's centre.
-        span: (N, 4) int64: first vertex, the one after the last, kind, joint.
+        place: (N + 1, 12) poses of static shapes in the root frame, of moving ones in their
+            joint's.
+        local_m: (N + 1, 9) bounding box in the shape's frame, radius around vertices, half
+            diagonal, radius of the sphere within, around the box's centre or each vertex.
+        span: (N + 1, 5) int64: first vertex, the one after the last, kind, joint, first block.
         vertices_m: (3, V) in the shapes' frames.
+        block_m: (4, K) centres and radii of spheres around `BLOCK` successive voxels each.
         group_m: (G, 4) bounding spheres of the moving bodies, in their joint's frame.
         member: (G, 3) int64: joint, first moving shape, the one after the last.
         own: (P, 2) int64 pairs of moving shapes, counted in N.
@@ -51,6 +59,7 @@ class Shapes(NamedTuple):
     local_m: NDArray[np.float64]
     span: NDArray[np.int64]
     vertices_m: NDArray[np.float64]
+    block_m: NDArray[np.float64]
     group_m: NDArray[np.float64]
     member: NDArray[np.int64]
     own: NDArray[np.int64]
@@ -60,10 +69,11 @@ class Shapes(NamedTuple):
 EMPTY = Shapes(
     chain=np.zeros((7, 13)),
     box_m=np.zeros((6, 0)),
-    place=np.zeros((0, 12)),
-    local_m=np.zeros((0, 9)),
-    span=np.zeros((0, 4), dtype=np.int64),
+    place=np.zeros((1, 12)),
+    local_m=np.zeros((1, 9)),
+    span=np.zeros((1, 5), dtype=np.int64),
     vertices_m=np.zeros((3, 0)),
+    block_m=np.zeros((4, 0)),
     group_m=np.zeros((0, 4)),
     member=np.zeros((0, 3), dtype=np.int64),
     own=np.zeros((0, 2), dtype=np.int64),
@@ -76,7 +86,7 @@ class Scratch(NamedTuple):
 
     Attributes:
         joints: (9, 12) poses of the root and the joints.
-        placed: (N, 12) poses of the shapes.
+        placed: (N + 1, 12) poses of the shapes.
         w, weight: (4, 3) a simplex and the weights (4,) of its corners.
         near: (S,) whether a static shape is near.
         todo: (P, 2) pairs that are near.
@@ -101,9 +111,9 @@ class Outlines:
     Attributes:
         body_from_shape: (S, 4, 4) poses.
         local_m: (S, 9) bounding box of the vertices, radius around them, half diagonal of the box,
-            radius of a sphere around its centre within the vertices, or -1.
+            radius of a sphere around its centre within the vertices, or -1; of voxels, half edge.
         kind: (S,) kinds of shapes.
-        vertices_m: Vertices (V, 3) of each; empty for boxes.
+        vertices_m: Vertices (V, 3) of each, centres of voxels; empty for boxes.
     """
 
     body_from_shape: Array
@@ -207,6 +217,30 @@ def packed(vertices_m: Sequence[Array]) -> tuple[Array, NDArray[np.int64]]:
     ends = np.cumsum([0, *(len(vertices) for vertices in vertices_m)])
     joined = np.concatenate((np.zeros((0, 3)), *vertices_m)).T
     return np.ascontiguousarray(joined), np.stack((ends[:-1], ends[1:]), axis=1)
+
+
+def blocks_of(
+    vertices_m: Sequence[Array], kinds: NDArray[np.int64], half_m: Array
+) -> tuple[Array, NDArray[np.int64]]:
+    """Returns spheres (4, K) around blocks of voxels, and the first of each shape (S,).
+
+    Args:
+        vertices_m: Vertices (V, 3) of each shape, or centres of its voxels.
+        kinds: (S,) kinds of shapes.
+        half_m: (S,) half the edge of each shape's voxels.
+    """
+    spheres, first, count = [np.zeros((0, 4))], [], 0
+    for centres_m, kind, half in zip(vertices_m, kinds, half_m, strict=True):
+        first.append(count)
+        if kind != VOXELS:
+            continue
+        starts = np.arange(0, len(centres_m), BLOCK)
+        lower = np.minimum.reduceat(centres_m, starts) - half
+        upper = np.maximum.reduceat(centres_m, starts) + half
+        radius = np.linalg.norm(upper - lower, axis=1, keepdims=True) / 2
+        spheres.append(np.hstack(((lower + upper) / 2, radius)))
+        count += len(starts)
+    return np.ascontiguousarray(np.concatenate(spheres).T), np.array(first, dtype=np.int64)
 
 
 def chain_of(model: pin.Model) -> Array:

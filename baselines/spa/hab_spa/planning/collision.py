@@ -288,8 +288,12 @@ class ArmCollision:
         self._rank = np.argsort(order, kind="stable")
         statics = int((~moving).sum())
         place, local_m = items.pose[order], items.local_m[order]
-        vertices_m, ranges = batch.packed([items.vertices_m[number] for number in order])
-        joint = items.joint[order]
+        kind, joint = items.kind[order], items.joint[order]
+        own_m = [items.vertices_m[number] for number in order]
+        vertices_m, ranges = batch.packed(own_m)
+        block_m, blocks = batch.blocks_of(own_m, kind, local_m[:, 8])
+        span = np.column_stack((ranges, kind, joint, blocks))
+        one_voxel = np.array(((0, 0, batch.BOX, 0, 0),), dtype=np.int64)
         spheres_m, members = batch.groups_of(
             items.body[order][statics:].tolist(),
             joint[statics:],
@@ -299,10 +303,11 @@ class ArmCollision:
         self._shapes = batch.Shapes(
             chain=batch.chain_of(self._model),
             box_m=batch.boxes_of(local_m[:statics], place[:statics]),
-            place=batch.rows_of(place),
-            local_m=local_m,
-            span=np.column_stack((ranges, items.kind[order], joint)),
+            place=np.concatenate((batch.rows_of(place), np.zeros((1, 12)))),
+            local_m=np.concatenate((local_m, np.zeros((1, 9)))),
+            span=np.concatenate((span, one_voxel)),
             vertices_m=vertices_m,
+            block_m=block_m,
             group_m=spheres_m,
             member=members,
             own=np.zeros((0, 2), dtype=np.int64),

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 from numpy.typing import NDArray
 
-from hab_spa.planning.batch import OUTER, Outlines, outlines
+from hab_spa.planning.batch import VOXELS, Outlines, outlines
 from hab_spa.planning.coal_model import coal_shapes
 from hab_spa.shapes import Array, box_distance_m, invert_pose
 from hab_tasks.privileged import CollisionBody, PrivilegedState
@@ -23,19 +23,17 @@ MOVING_LINKS = (*FETCH.arm_links, FETCH.ee_link, *FINGER_LINKS)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Obstacle:
-    """An obstacle that is not a body of the simulator, e.g. one seen by a camera.
+    """An obstacle seen by a camera: voxels.
 
     Attributes:
         name: Name in reports of contacts.
-        geometry: Geometry of Coal, in the world frame.
-        lower_m: Lower corner (3,) of its bounding box in the world.
-        upper_m: Upper corner (3,) of its bounding box in the world.
+        centres_m: (V, 3) their centres in the world; near ones follow each other.
+        size_m: Their edge.
     """
 
     name: str
-    geometry: coal.CollisionGeometry
-    lower_m: Array
-    upper_m: Array
+    centres_m: Array
+    size_m: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,7 +69,7 @@ class Items:
         return [
             coal_shapes(source[0])[source[1]]
             if isinstance(source, tuple)
-            else (source.geometry, np.eye(4))
+            else (coal.makeOctree(source.centres_m, source.size_m), np.eye(4))
             for source in self.source
         ]
 
@@ -170,12 +168,14 @@ def _placed(
 
 
 def _seen(obstacle: Obstacle) -> Outlines:
-    """Returns the bounding box of an obstacle in the world: its shape is known to coal only."""
-    half_m = np.linalg.norm(obstacle.upper_m - obstacle.lower_m) / 2
-    box_m = np.array((*obstacle.lower_m, *obstacle.upper_m, 0.0, half_m, -1.0))
+    """Returns the shape of an obstacle in the world."""
+    half_m = obstacle.size_m / 2
+    lower_m = obstacle.centres_m.min(axis=0) - half_m
+    upper_m = obstacle.centres_m.max(axis=0) + half_m
+    diagonal_m = np.linalg.norm(upper_m - lower_m)
     return Outlines(
         body_from_shape=np.eye(4)[None],
-        local_m=box_m[None],
-        kind=np.array([OUTER]),
-        vertices_m=[np.zeros((0, 3))],
+        local_m=np.array([(*lower_m, *upper_m, 0.0, diagonal_m / 2, half_m)]),
+        kind=np.array([VOXELS]),
+        vertices_m=[obstacle.centres_m],
     )

@@ -8,14 +8,37 @@ where a bound clears the margin by some slack; else the answer is `UNSURE`, and 
 
 from __future__ import annotations
 
-from math import cos, sin
+from math import cos, sin, sqrt
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from hab_spa.planning.batch import BOX, FREE, HIT, NO_PAIR, Floats, Ints, Point, Scratch, Shapes
-from hab_spa.planning.gjk import CLOSER_M, SLACK_M, dot, fast, gjk, inlined, out_of, to, turned
+from hab_spa.planning.batch import (
+    BLOCK,
+    BOX,
+    FREE,
+    HIT,
+    NO_PAIR,
+    VOXELS,
+    Floats,
+    Ints,
+    Point,
+    Scratch,
+    Shapes,
+)
+from hab_spa.planning.gjk import (
+    CLOSER_M,
+    SLACK_M,
+    called,
+    dot,
+    fast,
+    gjk,
+    inlined,
+    out_of,
+    to,
+    turned,
+)
 
 compiled = njit(cache=True, nogil=True, error_model="numpy")
 
@@ -74,6 +97,43 @@ def _gap2(local_m: Floats, i: int, placed: Floats, centre: Point) -> float:
     return dx * dx + dy * dy + dz * dz
 
 
+@called
+def _voxels(shapes: Shapes, work: Scratch, moving: int, other: int, margin_m: float) -> int:
+    """Decides the pair of a moving shape and voxels, one after the other."""
+    local_m, placed, one = shapes.local_m, work.placed, len(shapes.local_m) - 1
+    half_m, radius_m, found = local_m[other, 8], local_m[moving, 6], FREE
+    over_m = max(margin_m, 0.0) + SLACK_M + radius_m
+    inner_m = local_m[moving, 8] + half_m + radius_m + margin_m - CLOSER_M
+    certain = margin_m >= 0.0 and inner_m > 0.0
+    here, reach_m = _centre(local_m, moving, placed), over_m + half_m * sqrt(3.0)
+    placed[one] = placed[other]
+    first, last = shapes.span[other, 0], shapes.span[other, 1]
+    for block in range(-((first - last) // BLOCK)):
+        k = shapes.span[other, 4] + block
+        x, y, z = shapes.block_m[0, k], shapes.block_m[1, k], shapes.block_m[2, k]
+        far_m = over_m + shapes.block_m[3, k]
+        if _gap2(local_m, moving, placed, out_of(placed, other, x, y, z)) > far_m * far_m:
+            continue
+        for i in range(first + block * BLOCK, min(last, first + (block + 1) * BLOCK)):
+            x, y, z = shapes.vertices_m[0, i], shapes.vertices_m[1, i], shapes.vertices_m[2, i]
+            there = out_of(placed, other, x, y, z)
+            if _gap2(local_m, moving, placed, there) > reach_m * reach_m:
+                continue
+            v = to(there, here)
+            if certain and dot(v, v) < inner_m * inner_m:
+                return HIT
+            for axis in range(3):
+                middle_m = shapes.vertices_m[axis, i]
+                local_m[one, axis], local_m[one, axis + 3] = middle_m - half_m, middle_m + half_m
+            if dot(v, v) < 1e-12:
+                v = (1.0, 0.0, 0.0)
+            said = gjk(shapes, placed, moving, one, margin_m, v, work.w, work.weight)
+            if said == HIT:
+                return HIT
+            found = max(found, said)
+    return found
+
+
 @inlined
 def _pair(shapes: Shapes, work: Scratch, moving: int, other: int, margin_m: float) -> int:
     """Decides one pair: by spheres against boxes, then by GJK."""
@@ -93,6 +153,8 @@ def _pair(shapes: Shapes, work: Scratch, moving: int, other: int, margin_m: floa
     reach_m = over_m + local_m[other, 7]
     if _gap2(local_m, moving, placed, there) > reach_m * reach_m:
         return FREE
+    if shapes.span[other, 2] == VOXELS:
+        return _voxels(shapes, work, moving, other, margin_m)
     v = to(there, here)
     inner_m += max(local_m[other, 8], -1.0)
     if margin_m >= 0.0 and inner_m > 0.0 and dot(v, v) < inner_m * inner_m:
@@ -160,7 +222,7 @@ def answer(shapes: Shapes, poses: Floats, b: int, work: Scratch) -> int:
 def _place(shapes: Shapes, poses: Floats, b: int, work: Scratch) -> None:
     """Writes the poses of joints and moving shapes at an arm pose."""
     kinematics(shapes.chain, poses, b, work.joints)
-    for i in range(shapes.box_m.shape[1], len(work.placed)):
+    for i in range(shapes.box_m.shape[1], len(work.placed) - 1):
         _joined(work.joints, shapes.span[i, 3], shapes.place, i, work.placed, i)
 
 

@@ -81,10 +81,9 @@ def plain(episodes):
 
 
 def assert_comes_back(tmp_path, episodes):
-    save_json(
-        to_habitat(episodes, APARTMENT, OBJECTS), tmp_path / "habitat.json.gz", sort_keys=False
-    )
-    back = read_habitat(tmp_path / "habitat.json.gz", APARTMENT, OBJECTS)
+    file = tmp_path / "habitat.json.gz"
+    save_json(to_habitat(episodes, APARTMENT, OBJECTS), file, sort_keys=False)
+    back = read_habitat(file, APARTMENT, OBJECTS)
     assert close(plain(back), plain(episodes), 1e-9)
 
 
@@ -154,12 +153,8 @@ def test_the_command_goes_both_ways_and_tells_what_is_not_read(tmp_path, capsys)
 
     episodes = read(tmp_path, set_table(), tidy_house())
     there = told("habitat.json", "ours.json")
-    for words in (
-        f"wrote 2 episodes (train) for HabSetTable-v1 to {tmp_path / 'ours.json'}",
-        "rigid_objs (1)",
-        "sampled once: 1",
-        "dropped: nothing",
-    ):
+    wrote = f"wrote 2 episodes (train) for HabSetTable-v1 to {tmp_path / 'ours.json'}"
+    for words in (wrote, "rigid_objs (1)", "sampled once: 1", "dropped: nothing"):
         assert words in there
     back = f"wrote 2 episodes in Habitat's format to {tmp_path / 'back.json'}"
     assert back in told("ours.json", "back.json")

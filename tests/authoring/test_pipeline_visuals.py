@@ -73,9 +73,8 @@ def test_footprint_counts_what_sapien_loads_and_a_copy_of_a_copy_is_the_same(tmp
     assert before.triangles == after.triangles == 5120 + 12
     assert before.texture_bytes == 64 * 64 * 4
     assert after.texture_bytes == 64 * 64 // 16 * 8
-    vertices = sum(
-        len(mesh.vertices) for mesh in trimesh.load_scene(files[0], process=False).dump()
-    )
+    meshes = trimesh.load_scene(files[0], process=False).dump()
+    vertices = sum(len(mesh.vertices) for mesh in meshes)
     expected = VERTEX_BYTES * vertices + INDEX_BYTES * 3 * (5120 + 12)
     assert before.mesh_bytes == after.mesh_bytes == expected
 

@@ -118,10 +118,9 @@ def test_real_layouts_keep_to_what_tasks_need(real):
     ("which", "envs"),
     [
         pytest.param("wild", ("HabPick-v1", "HabSetTable-v1"), marks=pytest.mark.slow),
-        pytest.param("wild", ENTRY_POINTS, marks=pytest.mark.long),
         pytest.param("real", ENTRY_POINTS, marks=[pytest.mark.long, pytest.mark.assets]),
     ],
-    ids=["two of wild", "wild", "real"],
+    ids=["wild", "real"],
 )
 def test_every_layout_gives_episodes(which, envs, request):
     dataset = request.getfixturevalue(which)

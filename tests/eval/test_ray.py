@@ -152,8 +152,7 @@ def test_options_that_cannot_be_combined_are_named_in_one_line(cli, tmp_path, mo
     def check(case):
         options, message = case
         done = cli(*RUN, *options, "--out", tmp_path / "run")
-        assert done.returncode == 2
-        assert done.stderr.count("\n") == 1
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
         assert message in done.stderr
         assert not (tmp_path / "run").exists()
 

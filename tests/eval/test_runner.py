@@ -54,8 +54,6 @@ def test_random_agent_repeats_itself_and_stays_in_bounds():
     assert first.abs().max() <= 1
     assert torch.equal(first, actions(3))
     assert not torch.equal(first, actions(4))
-    with pytest.raises(UnknownNameError, match=r"'speed'.*Valid: \(none\)"):
-        random_agent(setup_with(speed="2"))
 
 
 def test_unknown_agents_name_the_nearest():

@@ -106,12 +106,8 @@ class StepsTimed(Protocol):
         ...
 
 
-class BenchEnv(Protocol):
-    """A benchmarked environment."""
-
-    def run_steps(self, motion: Motion) -> StepTiming:
-        """Times small random motions from a fixed start."""
-        ...
+class BenchEnv(StepsTimed, Protocol):
+    """A benchmarked environment, whose steps are small random motions from a fixed start."""
 
     def soft_reset(self) -> float:
         """Times a reset to another start in the same scene [s]."""
@@ -123,10 +119,6 @@ class BenchEnv(Protocol):
 
     def layouts(self) -> int:
         """Returns the number of layouts through which `other_layout` cycles."""
-        ...
-
-    def close(self) -> None:
-        """Frees the simulator."""
         ...
 
 

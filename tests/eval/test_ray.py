@@ -138,7 +138,6 @@ def test_a_real_environment_has_the_local_results(tmp_path):
 
 ON_RAY = ("--executor", "ray")
 REFUSED = (
-    (("--executor", "rey"), "Did you mean 'ray'?"),
     (("--address", "a:1"), "--address a:1 needs --executor ray"),
     ((*ON_RAY, "--address", "nowhere"), "'nowhere': it has to be HOST:PORT or auto"),
     ((*ON_RAY, "--address", "127.0.0.1:1"), "127.0.0.1:1: no Ray cluster (Connection refused)"),

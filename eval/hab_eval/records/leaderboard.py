@@ -291,12 +291,17 @@ def factory_name(record: RunRecord) -> str:
     return record.agent.partition(":")[2]
 
 
-def _labelled(name: str, record: RunRecord) -> str:
-    mark = f" {PRIVILEGED_MARK}" if record.privileged else ""
+def variants_of(record: RunRecord) -> list[str]:
+    """Returns the options of the agent and of the skill that differ from the defaults."""
     options = [HANDLE_POSITION] * record.handle_position
     options += [f"target_frame={record.target_frame}"] * (record.target_frame != "base")
     options += [f"{name}={short_name(value)}" for name, value in record.options.items()]
-    options += [f"{name}={value:g}" for name, value in record.skill_config.items()]
+    return options + [f"{name}={value:g}" for name, value in record.skill_config.items()]
+
+
+def _labelled(name: str, record: RunRecord) -> str:
+    mark = f" {PRIVILEGED_MARK}" if record.privileged else ""
+    options = variants_of(record)
     return f"{name}{mark}" + (f" ({', '.join(options)})" if options else "")
 
 

@@ -9,13 +9,12 @@ from dataclasses import dataclass
 from pathlib import PurePath
 
 from hab_eval.records import paper
-from hab_eval.records.config import short_name
 from hab_eval.records.leaderboard import (
     FEW_EPISODES,
-    HANDLE_POSITION,
     command_of,
     dataset_options,
     scenes_of,
+    variants_of,
     vary_command,
 )
 from hab_eval.records.provenance import COMMIT_SEPARATOR
@@ -67,12 +66,7 @@ class Entry:
     @property
     def variants(self) -> tuple[str, ...]:
         """Options of the agent and of the skill that differ from the defaults."""
-        record = self.record
-        found = [HANDLE_POSITION] * record.handle_position
-        found += [f"target_frame={record.target_frame}"] * (record.target_frame != "base")
-        found += [f"{name}={short_name(value)}" for name, value in record.options.items()]
-        found += [f"{name}={value:g}" for name, value in record.skill_config.items()]
-        return tuple(found)
+        return tuple(variants_of(self.record))
 
     @property
     def stages(self) -> tuple[str, ...]:

@@ -80,3 +80,4 @@ class AgentPolicy:
                 images = of_rows(obs, [row])
                 seen |= {name: images[name] for name in ("sensor_data", "sensor_param")}
             turn.action = agent.act(seen)[0].detach().cpu().numpy().reshape(-1)
+            turn.gave_up = agent.report()[0].failure is not None

@@ -71,6 +71,7 @@ class Turn:
         stillness: Tells when an arm that stands still needs them drawn.
         age: Number of actions so far.
         action: (A,) the action of this step, after `SkillPolicy.decide`.
+        gave_up: Whether the policy has told that it failed.
     """
 
     policy: Decider
@@ -83,6 +84,7 @@ class Turn:
     stillness: Stillness = field(default_factory=Stillness)
     age: int = 0
     action: NDArray[Any] = field(default_factory=lambda: np.zeros(0, dtype=np.float32))
+    gave_up: bool = False
 
 
 class SkillPolicy:

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from hab_tasks.errors import DatasetError, HabError, UnknownNameError, WorkerError
-from hab_tasks.io.cache import cache_dir, cached_file, find, read_cached, run_dir, use_run_dir
+from hab_tasks.io.cache import cache_dir, cached_file, find, read_cached, run_dir
 from hab_tasks.io.pool import WorkerPool
 from hab_tasks.world.scenes.mesh_checks import check_mesh
 
@@ -77,8 +77,10 @@ def _in_parallel(jobs: list[Job], workers: int) -> Iterator[None]:
     if not jobs:
         return
     try:
-        # If the cache is not writable, results are written to a folder that this process removes.
-        with WorkerPool(min(workers, len(jobs)), _start_worker, (run_dir(),)) as pool:
+        # If the cache is not writable, results are written to this folder, which workers know by an
+        # environment variable and this process removes.
+        run_dir()
+        with WorkerPool(min(workers, len(jobs)), _start_worker) as pool:
             for _ in pool.run(jobs):
                 yield
     except WorkerError as error:
@@ -89,9 +91,8 @@ def _in_parallel(jobs: list[Job], workers: int) -> Iterator[None]:
         ) from error
 
 
-def _start_worker(run_dir: Path) -> Callable[[Job], None]:
+def _start_worker() -> Callable[[Job], None]:
     os.environ["OMP_NUM_THREADS"] = "1"
-    use_run_dir(run_dir)
     return _run
 
 

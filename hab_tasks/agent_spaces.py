@@ -21,7 +21,6 @@ from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.robots.cameras import CameraRig, camera_pose
 from hab_tasks.robots.control import control_configs
 from hab_tasks.robots.control_modes import action_space, nearest_mode
-from hab_tasks.robots.fetch import FETCH
 
 CAMERA_MATRICES = {"extrinsic_cv": (3, 4), "cam2world_gl": (4, 4), "intrinsic_cv": (3, 3)}
 """Shapes of the ``sensor_param`` entries of a camera."""
@@ -80,8 +79,8 @@ def agent_spaces(env_id: str, spec: AgentSpec) -> AgentSpaces:
     else:
         cameras = _cameras(env)
         observation = _nested({**entries, **_image_spaces(spec.obs_mode, cameras)})
-    control = control_configs(FETCH)[spec.control_mode]
-    action = action_space(FETCH, control.arm, control.base)
+    control = control_configs(env.robot)[spec.control_mode]
+    action = action_space(env.robot, control.arm, control.base)
     return AgentSpaces(observation=observation, action=action, cameras=cameras)
 
 
@@ -124,13 +123,13 @@ def _image(height_px: int, width_px: int, channels: int, kind: Any) -> spaces.Bo
 
 def _cameras(env: type[HabEnv]) -> dict[str, CameraParameters]:
     """Returns the sensor cameras of an environment, in observation order."""
-    rig = CameraRig(names=tuple(name for name in FETCH.cameras if name in env.cameras))
+    rig = CameraRig(names=tuple(name for name in env.robot.cameras if name in env.cameras))
     focal_px = rig.size_px / 2 / math.tan(rig.hfov_rad / 2)
     middle_px = rig.size_px / 2
     intrinsics_px = np.array([[focal_px, 0, middle_px], [0, focal_px, middle_px], [0, 0, 1]])
     found = {}
     for name in rig.names:
-        place = FETCH.cameras[name]
+        place = env.robot.cameras[name]
         link_from_camera = camera_pose(place).to_transformation_matrix().astype(np.float64)
         link_from_camera[:3, :3] = link_from_camera[:3, :3] @ _OPENCV_FROM_SAPIEN.T
         found[name] = CameraParameters(

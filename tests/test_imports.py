@@ -70,7 +70,7 @@ FOLDERS["hab_tasks"] = ROOT / "hab_tasks"
 
 # The same for hab_spa.
 SPA_ORDER = [
-    {"shapes", "results"},
+    {"shapes"},
     {"planning"},
     {"sensing"},
     {"scenes"},

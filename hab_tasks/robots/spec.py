@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from hab_tasks.constants import CONTROL_HZ
+
 Limits = tuple[float, ...]
 Point = tuple[float, float, float]
 
@@ -80,6 +82,16 @@ class RobotSpec:
     def __deepcopy__(self, memo: object) -> RobotSpec:
         """Returns itself: ManiSkill copies the configurations of its controllers."""
         return self
+
+    @property
+    def base_step_m(self) -> float:
+        """Distance that the base drives in a control step at its maximum speed."""
+        return self.base_linear_speed_m_s / CONTROL_HZ
+
+    @property
+    def base_step_rad(self) -> float:
+        """Angle that it turns in a control step at its maximum speed."""
+        return self.base_angular_speed_rad_s / CONTROL_HZ
 
     def urdf_path(self) -> Path:
         """Returns the URDF of the installed ManiSkill."""

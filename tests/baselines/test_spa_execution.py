@@ -50,7 +50,7 @@ def test_arm_that_does_not_move_is_an_execution_failure_after_planning_again(
     table_scene, monkeypatch
 ):
     state = table_scene.privileged("target")
-    scene, stages = TrueScene(), []
+    scene, stages = TrueScene(FETCH), []
     scene.see({"privileged": [state]}, 0)
     robot = Robot(scene, SpaConfig(), seed=0, deadline=STEPS)
     monkeypatch.setattr(robot, "spend", lambda stage, _seconds: stages.append(stage))

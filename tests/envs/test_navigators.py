@@ -27,6 +27,7 @@ from hab_spa.tasks.standing import TUCKED_QPOS_RAD, fold
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec
 from hab_tasks.arrays import to_tensor
 from hab_tasks.engine.sensors import POINT
+from hab_tasks.robots.fetch import FETCH
 
 
 def test_angle_is_the_shorter_turn():
@@ -42,7 +43,7 @@ def started(make):
     def start(env_id, mode, index=0):
         env = make(env_id, control_mode=mode, obs_mode="state_dict")
         obs, _ = env.reset(options={"episode": index})
-        scene = TrueScene()
+        scene = TrueScene(FETCH)
         seen = {**obs, "privileged": env.unwrapped.privileged()}
         scene.see(seen, 0)
         robot = Robot(scene, SpaConfig(), seed=0, deadline=500)
@@ -97,7 +98,7 @@ def test_perfect_navigation_is_the_oracles_way_in_base_poses(started):
     goal = np.array((x, y, 1.0))
 
     def entries(command):
-        pose = driven(robot.base, *command.base)
+        pose = driven(FETCH, robot.base, *command.base)
         return np.concatenate((command.arm_rad, [command.gripper], pose))
 
     assert run(OracleNavigator().go(robot, request_to(robot, None)), None) is Failure.TARGET_PLAN

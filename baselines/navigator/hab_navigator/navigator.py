@@ -19,6 +19,7 @@ from hab_navigator.seen_floor import SeenFloor
 from hab_navigator.views import View, inputs
 from hab_tasks.privileged import Array
 from hab_tasks.robots.control_modes import STOP_CELL
+from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.world.navigation import ShortestPathFollower
 
 REPEAT = 4
@@ -73,6 +74,7 @@ class Navigator:
 
     def __init__(
         self,
+        robot: RobotSpec,
         network: GoalNetwork,
         device: torch.device | str = "cpu",
         stops: Stops = "often",
@@ -82,13 +84,14 @@ class Navigator:
         """Starts on the way to a point.
 
         Args:
+            robot: The robot.
             network: The network.
             device: Its device.
             stops: When to stop.
             map_: Map of earlier ways, if there is one; then the base pose must be known.
             reach: Where the skill that follows can start; None for any pose.
         """
-        self.map = RobotMap(REPEAT) if map_ is None else map_
+        self.map = RobotMap(robot, REPEAT) if map_ is None else map_
         self.map.forget_point()
         self.aim: Array | None = None
         self._network, self._device, self._stops = network, device, stops

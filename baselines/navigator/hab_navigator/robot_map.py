@@ -21,7 +21,7 @@ from hab_tasks.constants import CAMERA_DEPTH_MAX_M, CAMERA_HFOV_RAD, CONTROL_HZ
 from hab_tasks.privileged import Array
 from hab_tasks.robots.cameras import camera_pose
 from hab_tasks.robots.control_modes import BASE_CELLS
-from hab_tasks.robots.fetch import FETCH
+from hab_tasks.robots.spec import CameraPlace, RobotSpec
 
 Bytes = NDArray[np.uint8]
 
@@ -67,10 +67,11 @@ class RobotMap:
         near: The space around the point.
     """
 
-    def __init__(self, repeat: int) -> None:
-        """Creates an empty map for actions that are executed `repeat` times."""
-        self._turn_rad = FETCH.base_angular_speed_rad_s * repeat / CONTROL_HZ
-        self._ahead_m = FETCH.base_linear_speed_m_s * repeat / CONTROL_HZ
+    def __init__(self, robot: RobotSpec, repeat: int) -> None:
+        """Creates an empty map for actions that a robot executes `repeat` times."""
+        self._camera = robot.cameras["head"]
+        self._turn_rad = robot.base_angular_speed_rad_s * repeat / CONTROL_HZ
+        self._ahead_m = robot.base_linear_speed_m_s * repeat / CONTROL_HZ
         self._wanted, self._has_point = np.zeros(2), False  # m ahead and rad
         self._origin: Array | None = None
         self.near: NearSpace | None = None
@@ -95,7 +96,7 @@ class RobotMap:
             base: (3,) x, y [m] and yaw [rad] of the base in any frame that stays the same; None if
                 it is not known. Needed to look for another point than at first.
         """
-        points_m, distances_m = surfaces(np.asarray(depth), RAYS_PX)
+        points_m, distances_m = surfaces(np.asarray(depth), self._camera, RAYS_PX)
         point_m = np.asarray(point_in_base_m[:2], dtype=float)
         if base is not None:
             self._stand(base)
@@ -170,17 +171,19 @@ def cells_of(points_m: NDArray[Any]) -> NDArray[np.intp]:
     return np.clip(cells, 0, CELLS - 1)
 
 
-def surfaces(depth: Array, rays_px: int) -> tuple[Array, Array]:
+def surfaces(depth: Array, camera: CameraPlace, rays_px: int) -> tuple[Array, Array]:
     """Returns the surfaces in an image (P, 3) in the base frame, and their depths (P,) [m].
 
     Args:
         depth: (H, W, 1) depth image of the head camera as shares of its range.
+        camera: That camera.
         rays_px: Rows and columns of the image that are used.
     """
     stride = depth.shape[0] // rays_px
     first = stride // 2
     distances_m = CAMERA_DEPTH_MAX_M * depth[first::stride, first::stride, 0]
-    in_base_m = distances_m[..., None] * _rays(rays_px) + _CAMERA_M
+    camera_m = np.array(camera.position_m, dtype=np.float32)
+    in_base_m = distances_m[..., None] * _rays(camera, rays_px) + camera_m
     # 0 where nothing is seen within the range.
     kept = (distances_m > 0.0) & (distances_m < 0.99 * CAMERA_DEPTH_MAX_M)
     kept &= in_base_m[..., 2] < HIGHEST_M
@@ -192,13 +195,10 @@ def surfaces(depth: Array, rays_px: int) -> tuple[Array, Array]:
 
 
 @cache
-def _rays(rays_px: int) -> Array:
+def _rays(camera: CameraPlace, rays_px: int) -> Array:
     """Returns the rays through the pixels (P, P, 3) in the base frame; x forward, y left."""
     slopes = np.tan(CAMERA_HFOV_RAD / 2) * (2 * (np.arange(rays_px) + 0.5) / rays_px - 1)
     right, down = np.meshgrid(slopes, slopes)
     in_camera = np.stack((np.ones_like(right), -right, -down), axis=-1)  # SAPIEN's axes
-    rotation = camera_pose(FETCH.cameras["head"]).to_transformation_matrix()[:3, :3]
+    rotation = camera_pose(camera).to_transformation_matrix()[:3, :3]
     return (in_camera @ rotation.T).astype(float)
-
-
-_CAMERA_M = np.array(FETCH.cameras["head"].position_m, dtype=np.float32)

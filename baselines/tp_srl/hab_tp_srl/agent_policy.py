@@ -16,7 +16,6 @@ from hab_tasks.envs import ENVS
 from hab_tasks.errors import OptionError
 from hab_tasks.registration import SKILLS, TASK_SKILLS
 from hab_tasks.robots.control import HabControllerConfig, control_configs
-from hab_tasks.robots.fetch import FETCH
 from hab_tp_srl.policies import ARMS, BASES, TASK_ENTRIES, Turn
 
 
@@ -47,7 +46,9 @@ class AgentPolicy:
         self.name, self.obs_mode, self.files = spec.name, spec.obs_mode, spec.files
         self.sees_images = not spec.obs_mode.startswith("state")
         self.horizon_steps = ENVS[inner.env_id].env.horizon_steps
-        self.control: HabControllerConfig = control_configs(FETCH)[spec.control_mode]
+        self.control: HabControllerConfig = control_configs(ENVS[inner.env_id].env.robot)[
+            spec.control_mode
+        ]
         space = cast(spaces.Dict, setup.spaces_of(inner.env_id, spec).observation)
         self._entries = [(g, name) for g in ("agent", "extra") for name in cast(Any, space[g])]
         told = [name for group, name in self._entries if group == "agent" or name in TASK_ENTRIES]

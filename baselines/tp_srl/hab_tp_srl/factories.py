@@ -20,6 +20,7 @@ from hab_spa.scenes.scene import Scene
 from hab_tasks.agent import Agent, AgentSetup, AgentSpec
 from hab_tasks.io.threads import use_one_thread
 from hab_tasks.registration import imported_id
+from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.tasks.base import Task
 from hab_tp_srl.agent import TpSrlAgent
 from hab_tp_srl.agent_policy import AgentPolicy
@@ -66,10 +67,12 @@ def tp_srl(setup: AgentSetup) -> TpSrlAgent:
     policies = _policies(setup, options)
     navigate = None if options.navigate is None else _navigation(setup, options.navigate)
 
-    def make_scene() -> Scene:
+    def make_scene(robot: RobotSpec) -> Scene:
         view = _view(task, options)
+        if options.privileged:
+            return GuidedScene(robot, view)
         # Learned skills and the arm's reset use no more of a scene than this.
-        return GuidedScene(view) if options.privileged else cast(Scene, ObservedScene(view))
+        return cast(Scene, ObservedScene(robot, view))
 
     def behave(robot: Robot) -> Motion:
         scene = robot.scene

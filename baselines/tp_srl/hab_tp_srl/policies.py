@@ -21,7 +21,6 @@ from hab_tasks.engine.skill_env import SkillEnv
 from hab_tasks.envs import ENVS
 from hab_tasks.registration import SKILLS, imported_id
 from hab_tasks.robots.control import HabControllerConfig, control_configs
-from hab_tasks.robots.fetch import FETCH
 from hab_tasks.skills.navigate import NAVIGATE_ID
 from hab_tp_srl.stillness import Stillness
 from hab_tp_srl.training_starts import start_ranges
@@ -116,9 +115,9 @@ class SkillPolicy:
         env_id = imported_id(self.recipe.env.reference)
         env = ENVS[env_id].env
         self.horizon_steps = env.horizon_steps
-        self.control: HabControllerConfig = control_configs(FETCH)[self.recipe.env.control_mode]
+        self.control: HabControllerConfig = control_configs(env.robot)[self.recipe.env.control_mode]
         self._check(skill, env_id, path)
-        self.starts = start_ranges(env_id) if env_id != NAVIGATE_ID else None
+        self.starts = start_ranges(env_id, env.robot) if env_id != NAVIGATE_ID else None
 
     def _check(self, skill: str, env_id: str, path: Path) -> None:
         """Checks that the policy can act as a skill in a task."""

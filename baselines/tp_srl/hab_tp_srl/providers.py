@@ -134,12 +134,12 @@ class LearnedSkill:
         view, point_m = self.view, self.view.point(stage)
         checks = self.feels and stage.skill == "pick" and stage.drawer is None
         checks = checks and self.policy.sees_images
-        seen_before = view.seen_at(point_m) if checks else 0
+        seen_before = view.seen_at(robot.spec, point_m) if checks else 0
         failure = yield from learned(robot, stage, self.policy, view, ending, point_m)
         view.end(stage, failure is None)
         held = view.felt.held
         if checks and held is not None and view.felt.doubts[held] < MOST_DOUBTS:
-            seen = view.seen_at(point_m)
+            seen = view.seen_at(robot.spec, point_m)
             if seen >= LEAST_SEEN and seen > STILL_THERE * seen_before:
                 yield from self._put_back(robot, stage)
                 return Failure.EXECUTION

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from hab_tasks.agent import of_rows
 from hab_tasks.constants import REST_RADIUS_M
 from hab_tasks.privileged import PrivilegedState
+from hab_tasks.robots.spec import RobotSpec
 from hab_tp_srl.felt import FeltBeliefs
 
 AT_M, BELOW_M = 0.07, 0.01
@@ -110,10 +111,10 @@ class TaskView:
             pulled_m = float(np.linalg.norm(self._pulled_m[stage.articulation]))
         self.felt.end(stage, ended, pulled_m)
 
-    def seen_at(self, point_m: Array) -> int:
-        """Returns how many pixels of the head's depth image show a surface at a point (3,)."""
+    def seen_at(self, robot: RobotSpec, point_m: Array) -> int:
+        """Returns how many pixels of the head camera show a surface at a point (3,)."""
         depth = np.asarray(of_rows(self._obs, [self._row])["sensor_data"]["head"]["depth"][0])
-        points_m, _ = surfaces(depth, len(depth))
+        points_m, _ = surfaces(depth, robot.cameras["head"], len(depth))
         gaps_m = points_m - self._in_base(point_m)
         # What it stands on is below its middle, and seen whether it is there or not.
         above = (gaps_m[:, 2] > -BELOW_M) & (gaps_m[:, 2] < AT_M)

@@ -27,6 +27,8 @@ from hab_ppo.retiming import (
 )
 from refusals import check_each, refused_by_call
 
+from hab_tasks.robots.fetch import FETCH
+
 STEP_M, LIMIT = 0.015, 60
 
 
@@ -52,7 +54,7 @@ def test_the_base_drives_back_where_the_hand_would_come_too_near():
     pull = Stretch(points_m=line(49, 48, 47, 46, 45, 40.6), gripper=1.0)
     free = Stretch(points_m=line(60, 30), gripper=-1.0)  # an empty hand
     rest = Stretch(points_m=line(45, 50), gripper=-1.0)
-    standing, driving, end = within_workspace([free, pull, rest])[1:]
+    standing, driving, end = within_workspace([free, pull, rest], FETCH)[1:]
     assert standing.points_m[:, 0] * 100 == pytest.approx([49, 48, 47, 46, 45])
     assert standing.drives is None
     # The 4.4 cm from 45 to 40.6 in pieces of at most 2.2 cm: 42.8 and 40.6. The hand stays at 44,
@@ -64,7 +66,7 @@ def test_the_base_drives_back_where_the_hand_would_come_too_near():
     assert end.points_m[:, 0] * 100 == pytest.approx([45 + 3.4, 50])
     # A hand that comes no nearer changes nothing.
     near = replace(pull, points_m=line(49, 45))
-    assert within_workspace([near])[0].points_m.tolist() == near.points_m.tolist()
+    assert within_workspace([near], FETCH)[0].points_m.tolist() == near.points_m.tolist()
 
 
 def grasp_at(points_m):

@@ -173,7 +173,7 @@ def test_an_action_does_in_a_task_what_it_does_in_the_skills_env(name, weights):
     modes = ("ee_base", "joint_target_base")
     envs = [gym.make(f"hab_tasks:{TASK}", control_mode=mode, **plain) for mode in modes]
     seen = [env.reset(seed=0)[0] for env in envs]
-    scene = ObservedScene(view)
+    scene = ObservedScene(FETCH, view)
     scene.see(seen[1], 0)
     robot = Robot(scene, SpaConfig(), seed=0, deadline=100)  # type: ignore[arg-type]
     for _ in range(25):
@@ -203,7 +203,7 @@ def test_the_navigator_decides_every_four_steps_on_one_map_of_the_episode(tmp_pa
     mode = {"control_mode": "joint_target_base", "obs_mode": "depth", "handle_position": False}
     env, obs = make_env(SimpleNamespace(**mode))
     view = TaskView(truth=False)
-    ObservedScene(view).see(obs, 0)
+    ObservedScene(FETCH, view).see(obs, 0)
     stage = stage_of(env.unwrapped.task, plan_of(TASK).interactions[0])
     looks, look = [], RobotMap.look
 

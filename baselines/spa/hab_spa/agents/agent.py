@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from hab_spa.shapes import Array
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.envs import ENVS
-from hab_tasks.robots.fetch import FETCH
+from hab_tasks.robots.spec import RobotSpec
 
 Behaviour = Callable[[Robot], Motion]
 
@@ -29,7 +30,7 @@ class SpaAgent:
         self,
         setup: AgentSetup,
         spec: AgentSpec,
-        make_scene: Callable[[], Scene],
+        make_scene: Callable[[RobotSpec], Scene],
         behave: Behaviour,
         config: SpaConfig | None = None,
     ) -> None:
@@ -38,15 +39,15 @@ class SpaAgent:
         Args:
             setup: Environment and options; the environment's horizon is the robot's deadline.
             spec: Requirements of the agent.
-            make_scene: Creates the scene model of a row.
+            make_scene: Creates the scene model of a row, for the environment's robot.
             behave: Starts the motion of a row's robot in an episode.
             config: Parameters; the paper's by default.
         """
         kernel()  # compiled or read here, not in the first plan
         self.spec = spec
         self._config, self._behave = config or SpaConfig(), behave
-        self._horizon_steps = ENVS[setup.env_id].env.horizon_steps
-        self._make_scene = make_scene
+        env = ENVS[setup.env_id].env
+        self._horizon_steps, self._make_scene = env.horizon_steps, partial(make_scene, env.robot)
         self._rows: list[_Row] = []
 
     def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
@@ -89,7 +90,11 @@ class SpaAgent:
         if mode.endswith("_base"):
             return np.concatenate((action, command.base))
         if mode.endswith("_pose"):
-            pose = driven(robot.base, *command.base) if command.pose is None else command.pose
+            pose = (
+                driven(robot.spec, robot.base, *command.base)
+                if command.pose is None
+                else command.pose
+            )
             return np.concatenate((action, pose))
         return action
 
@@ -98,11 +103,11 @@ class SpaAgent:
         return [row.report() for row in self._rows]
 
 
-def driven(base: Array, forward: float, turning: float) -> Array:
+def driven(robot: RobotSpec, base: Array, forward: float, turning: float) -> Array:
     """Returns the base pose (3,) after a step of perfectly executed velocities."""
     x, y, yaw = base.tolist()
-    step_m = forward * FETCH.base_linear_speed_m_s / CONTROL_HZ
-    turned = yaw + turning * FETCH.base_angular_speed_rad_s / CONTROL_HZ
+    step_m = forward * robot.base_linear_speed_m_s / CONTROL_HZ
+    turned = yaw + turning * robot.base_angular_speed_rad_s / CONTROL_HZ
     return np.array((x + step_m * np.cos(yaw), y + step_m * np.sin(yaw), turned))
 
 

@@ -33,7 +33,9 @@ def skill_asked(setup: AgentSetup, agent: str, skills: Mapping[str, T]) -> tuple
 
 def planned(setup: AgentSetup, config: SpaConfig | None = None) -> SpaConfig:
     """Returns parameters, the paper's by default, with the planner of the option ``planner``."""
-    return (config or SpaConfig()).planned_by(setup.options.get("planner", "ompl"))
+    return (config or SpaConfig()).planned_by(
+        setup.options.get("planner", "ompl"), ENVS[imported_id(setup.env_id)].env.robot
+    )
 
 
 def control_mode(env_id: str, options: Mapping[str, str]) -> str:

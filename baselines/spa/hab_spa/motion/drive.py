@@ -12,16 +12,11 @@ from hab_plans.motion import Command, Failure, Motion
 from hab_spa.motion.robot import Robot
 from hab_spa.motion.wheels import Wheels, WheelsConfig, angle
 from hab_spa.shapes import Array
-from hab_tasks.constants import CONTROL_HZ
-from hab_tasks.robots.fetch import FETCH
 from hab_tasks.world.navigation import NavigationMap, path_between
 
 FARTHER = (1.0, 0.7, 1.5, 2.0)
 ASIDE_RAD = np.deg2rad((0.0, 20.0, -20.0, 40.0, -40.0, 60.0, -60.0))
 """Distances of turning points from the goal, relative to `before_m`, and their bearings."""
-
-STEP_M = FETCH.base_linear_speed_m_s / CONTROL_HZ
-STEP_RAD = FETCH.base_angular_speed_rad_s / CONTROL_HZ
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,6 +89,7 @@ def _at(robot: Robot, goal: Array, config: DriveConfig) -> bool:
 def _along(wheels: Wheels[DriveConfig], points_m: Array) -> Generator[Command, None, bool]:
     """Drives through waypoints (P, 2) and stops at the last; returns whether it was reached."""
     robot, config = wheels.robot, wheels.config
+    step_m = robot.spec.base_step_m
     wheels.free()
     for number, point in enumerate(points_m):
         last = number == len(points_m) - 1
@@ -112,9 +108,9 @@ def _along(wheels: Wheels[DriveConfig], points_m: Array) -> Generator[Command, N
                 turn = angle(turn + math.pi, 0.0)
             forward = 0.0
             if abs(turn) < config.turn_first_rad:
-                forward = sign * (gap_m / (config.brake_steps * STEP_M) if last else 1.0)
+                forward = sign * (gap_m / (config.brake_steps * step_m) if last else 1.0)
                 forward *= min(1.0, 2.0 * (1.0 - abs(turn) / config.turn_first_rad))
-            yield wheels.roll(forward, config.turn_gain * turn / STEP_RAD)
+            yield wheels.roll(forward, config.turn_gain * turn / robot.spec.base_step_rad)
     yield from wheels.stop()
     return True
 
@@ -126,7 +122,7 @@ def _turn(wheels: Wheels[DriveConfig], yaw_rad: float) -> Generator[Command, Non
     while abs(turn := angle(yaw_rad, robot.base[2])) > config.arrived_rad:
         if wheels.stuck:
             return False
-        yield wheels.roll(0.0, config.turn_gain * turn / STEP_RAD)
+        yield wheels.roll(0.0, config.turn_gain * turn / robot.spec.base_step_rad)
     yield from wheels.stop()
     return True
 

@@ -13,7 +13,6 @@ from hab_spa.motion.robot import Robot
 from hab_spa.planning.arm_plan import PlanConfig
 from hab_spa.planning.collision import ArmCollision
 from hab_spa.planning.path import TimingConfig, time_path_within
-from hab_spa.results import GoalResult
 from hab_spa.shapes import Array
 
 RETURN_SHARE, REACH_SHARE = 1.0, 0.5
@@ -74,8 +73,8 @@ def follow(
         yield robot.command(target)
 
 
-def sampled(robot: Robot, sample: Callable[[], GoalResult]) -> GoalResult:
-    """Samples joint goals, and adds the time to the robot's timings."""
+def sampled(robot: Robot, sample: Callable[[], Array]) -> Array:
+    """Samples joint goals (G, 7), and adds the time to the robot's timings."""
     began = time.perf_counter()
     goals = sample()
     robot.spend("target", time.perf_counter() - began)

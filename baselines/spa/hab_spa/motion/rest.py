@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from hab_plans.motion import Motion
+from hab_plans.motion import Failure, Motion
 from hab_plans.protocols import PathResult
 
 from hab_spa.motion.moves import RETURN_SHARE, follow
@@ -44,9 +44,9 @@ def rest(
     collision = robot.scene.collision(without=without)
     goals = sample_rest_goals(collision, robot.kinematics, robot.next_seed(), robot.config.goal)
     robot.spend("target", time.perf_counter() - began)
-    if goals.failure is not None:
-        return goals.failure
-    result = _way_back(robot, collision, goals.goals, plan or robot.config.plan)
+    if not len(goals):
+        return Failure.TARGET_PLAN
+    result = _way_back(robot, collision, goals, plan or robot.config.plan)
     robot.spend("motion", result.seconds)
     if result.path is None:
         return result.failure

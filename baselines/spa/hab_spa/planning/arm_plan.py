@@ -12,7 +12,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import count, pairwise, product
 
 import numpy as np
@@ -23,10 +22,9 @@ from hab_spa.planning import batched, rrt
 from hab_spa.planning.collision import ArmCollision
 from hab_spa.planning.compiled_arm import CompiledArm
 from hab_spa.planning.escape import EscapeConfig, retreats
-from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD, BatchArm
+from hab_spa.planning.ik import BatchArm
 from hab_spa.planning.rrt import Limit, RrtConfig, edge_is_free, path_is_free
 from hab_spa.shapes import Array
-from hab_tasks.robots.fetch import FETCH
 
 LIMIT_SLACK_RAD = 1e-6
 
@@ -90,20 +88,18 @@ class OmplPlanner:
     """Plans by straight edges, retreats and OMPL's RRT-Connect.
 
     Attributes:
+        kinematics: Class of the arm's kinematics.
         connect, shorten: Run RRT-Connect and simplify its path; see `rrt`.
         first_free: Finds a pose that a straight edge reaches.
         effort: Multiple of the limits' maximum number of checks.
     """
 
     effort = 1
+    kinematics: type[BatchArm] = BatchArm
 
     connect = staticmethod(rrt.connect)
     shorten = staticmethod(rrt.shorten)
     first_free = staticmethod(rrt.first_free)
-
-    @cached_property
-    def _arm(self) -> BatchArm:
-        return BatchArm()
 
     def plan(
         self,
@@ -126,12 +122,14 @@ class OmplPlanner:
         """
         if not len(goals):
             raise ValueError("A motion planner needs at least one goal.")
-        within = (goals > LOWER_RAD - LIMIT_SLACK_RAD) & (goals < UPPER_RAD + LIMIT_SLACK_RAD)
+        lower, upper = world.limits_rad
+        within = (goals > lower - LIMIT_SLACK_RAD) & (goals < upper + LIMIT_SLACK_RAD)
         if not within.all():
             goal, joint = np.argwhere(~within)[0]
+            name = world.robot.arm_joints[joint]
             raise ValueError(
-                f"goal {goal}: joint {FETCH.arm_joints[joint]} at {goals[goal, joint]:.3f} rad is "
-                f"beyond {LOWER_RAD[joint]:.3f} to {UPPER_RAD[joint]:.3f} rad."
+                f"goal {goal}: joint {name} at {goals[goal, joint]:.3f} rad is "
+                f"beyond {lower[joint]:.3f} to {upper[joint]:.3f} rad."
             )
         if backwards:
             # Leaving a tight place is reaching it, backwards: the search always ends there.
@@ -139,7 +137,8 @@ class OmplPlanner:
         else:
             ends = [Ends(open=start, tight=goal) for goal in goals]
         limits = replace(limits, most_checks=self.effort * limits.most_checks)
-        result = _Search(self, world, self._arm, ends, limits, touch_m).run(seed)
+        arm = self.kinematics(world.robot)
+        result = _Search(self, world, arm, ends, limits, touch_m).run(seed)
         if backwards and result.path is not None:
             result = replace(result, path=result.path[::-1])
         return result
@@ -149,14 +148,11 @@ class BatchedPlanner(OmplPlanner):
     """As `OmplPlanner`, with compiled searches and kinematics; its checks are cheaper."""
 
     effort = 3
+    kinematics = CompiledArm
 
     connect = staticmethod(batched.connect)
     shorten = staticmethod(batched.shorten)
     first_free = staticmethod(batched.first_free)
-
-    @cached_property
-    def _arm(self) -> BatchArm:
-        return CompiledArm()
 
 
 PLANNERS = {"ompl": OmplPlanner, "batched": BatchedPlanner}

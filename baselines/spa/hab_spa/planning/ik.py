@@ -12,12 +12,9 @@ import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from hab_spa.planning.collision import shared_arm_model
 from hab_spa.shapes import Array
-from hab_tasks.robots.fetch import FETCH
-
-LOWER_RAD = np.array(FETCH.arm_lower_rad)
-UPPER_RAD = np.array(FETCH.arm_upper_rad)
+from hab_tasks.robots.kinematics import arm_model
+from hab_tasks.robots.spec import RobotSpec
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,10 +54,19 @@ class Tool:
 
 
 class BatchArm:
-    """End-effector position and Jacobian of the arm for (B, 7) poses, in the arm's root frame."""
+    """End-effector position and Jacobian of the arm for (B, 7) poses, in the arm's root frame.
 
-    def __init__(self) -> None:
-        self._model, self._frame_id = shared_arm_model()
+    Attributes:
+        robot: The robot.
+        limits_rad: Lower and upper limits (7,).
+        rest_rad: (7,) resting pose.
+    """
+
+    def __init__(self, robot: RobotSpec) -> None:
+        self.robot = robot
+        self.limits_rad = np.array(robot.arm_lower_rad), np.array(robot.arm_upper_rad)
+        self.rest_rad = np.array(robot.rest_qpos_rad)
+        self._model, self._frame_id = arm_model(robot)
         self._data = self._model.createData()
         # The arm's joints turn about x, y or z of their own frame.
         self._axes = ["XYZ".index(joint.shortname()[-1]) for joint in list(self._model.joints)[1:]]
@@ -131,7 +137,7 @@ class BatchArm:
                 break
             delta = _damped_step(jacobian[~done], error[~done], config.damping)
             active = active[~done]
-            qpos[active] = np.clip(qpos[active] + delta, LOWER_RAD, UPPER_RAD)
+            qpos[active] = np.clip(qpos[active] + delta, *self.limits_rad)
         return qpos, reached
 
     def ee_pose(self, qpos: Array) -> Array:
@@ -156,7 +162,7 @@ class BatchArm:
                 self._model, self._data, qpos, self._frame_id, pin.LOCAL_WORLD_ALIGNED
             )
             delta = _damped_step(jacobian[None], error[None], 0.02)[0]
-            qpos = np.clip(qpos + delta, LOWER_RAD, UPPER_RAD)
+            qpos = np.clip(qpos + delta, *self.limits_rad)
         return qpos
 
     def track_poses(
@@ -172,7 +178,7 @@ class BatchArm:
             error = np.concatenate((arm_from_ee[:, :3, 3] - position, turn), axis=1)
             whole = np.concatenate((jacobian, axes), axis=1)
             delta = _damped_step(weights[:, :, None] * whole, weights * error, 0.02)
-            qpos = np.clip(qpos + delta, LOWER_RAD, UPPER_RAD)
+            qpos = np.clip(qpos + delta, *self.limits_rad)
         return qpos
 
 

@@ -14,11 +14,9 @@ from hab_spa.planning.batch import VOXELS, Outlines, outlines
 from hab_spa.planning.coal_model import coal_shapes
 from hab_spa.shapes import Array, box_distance_m, invert_pose
 from hab_tasks.privileged import CollisionBody, PrivilegedState
-from hab_tasks.robots.fetch import FETCH
+from hab_tasks.robots.kinematics import arm_model
+from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.world.scenes.coal_shapes import CoalShape
-
-FINGER_LINKS = tuple(name.replace("_joint", "_link") for name in FETCH.finger_joints)
-MOVING_LINKS = (*FETCH.arm_links, FETCH.ee_link, *FINGER_LINKS)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,33 +72,39 @@ class Items:
         ]
 
 
+def moving_links(robot: RobotSpec) -> tuple[str, ...]:
+    """Returns the links that move with the arm."""
+    return (*robot.arm_links, robot.ee_link, *robot.finger_links)
+
+
 def collect(
+    robot: RobotSpec,
     state: PrivilegedState,
     held: str | None,
     obstacles: Sequence[Obstacle],
-    model: pin.Model,
     arm_from_world: Array,
     reach_m: float,
 ) -> Items:
     """Returns the shapes of the robot and the held object, and those within reach of the shoulder.
 
     Args:
-        state: The robot and the bodies around it.
+        robot: The robot.
+        state: Its state, and the bodies around it.
         held: Name of the body that moves with the gripper.
         obstacles: Additional obstacles.
-        model: The arm.
-        arm_from_world: (4, 4) pose of the world in the frame of its root.
+        arm_from_world: (4, 4) pose of the world in the frame of the arm's root.
         reach_m: Maximum distance of the scene's shapes.
 
     Raises:
         ValueError: A shape or pose is not finite, or the arm has no shapes.
     """
+    model, _ = arm_model(robot)
     bodies = [body for body in state.bodies if body.shapes and body.name in state.world_from_body]
-    roles = [_role(body, held) for body in bodies]
+    roles = [_role(robot, body, held) for body in bodies]
     if "arm" not in roles:
         raise ValueError("collision model: the arm has no shapes; rebuild the scene.")
     placed = [
-        _placed(state, *entry, model, arm_from_world) for entry in zip(bodies, roles, strict=True)
+        _placed(robot, state, *entry, arm_from_world) for entry in zip(bodies, roles, strict=True)
     ]
     placed += [(0, arm_from_world)] * len(obstacles)
     known = [*map(outlines, bodies), *map(_seen, obstacles)]
@@ -142,23 +146,23 @@ def _link(name: str) -> str:
     return name.rsplit("/", 1)[-1]
 
 
-def _role(body: CollisionBody, held: str | None) -> str:
+def _role(robot: RobotSpec, body: CollisionBody, held: str | None) -> str:
     if body.name == held:
         return "held"
     if body.group != "robot":
         return "scene"
-    return "arm" if _link(body.name) in MOVING_LINKS else "robot"
+    return "arm" if _link(body.name) in moving_links(robot) else "robot"
 
 
 def _placed(
-    state: PrivilegedState, body: CollisionBody, role: str, model: pin.Model, arm_from_world: Array
+    robot: RobotSpec, state: PrivilegedState, body: CollisionBody, role: str, arm_from_world: Array
 ) -> tuple[int, Array]:
     """Returns a body's joint and pose (4, 4) in it: of the arm, the wrist if held, or the root."""
-    link, poses = _link(body.name), state.world_from_body
+    link, poses, (model, _) = _link(body.name), state.world_from_body, arm_model(robot)
     # Fingers are placed as they are, like a held object: the model has the arm's joints only.
-    if role == "held" or link in FINGER_LINKS:
-        gripper = model.frames[model.getFrameId(FETCH.ee_link)]
-        world_from_gripper = next(poses[key] for key in poses if _link(key) == FETCH.ee_link)
+    if role == "held" or link in robot.finger_links:
+        gripper = model.frames[model.getFrameId(robot.ee_link)]
+        world_from_gripper = next(poses[key] for key in poses if _link(key) == robot.ee_link)
         own = invert_pose(world_from_gripper) @ poses[body.name]
         return gripper.parentJoint, gripper.placement.homogeneous @ own
     if role == "arm":

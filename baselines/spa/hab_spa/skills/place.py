@@ -47,7 +47,9 @@ def place_score(robot: Robot, number: int, base: Array, effort: int = 1) -> int:
     """
     config = robot.config
     few = replace(config.placing, round_starts=effort * config.goal.judge_starts)
-    search = lowering(robot.scene.goal_m(number), _tool(robot), JUDGE_SEED, config.goal, few)
+    search = lowering(
+        robot.scene.goal_m(number), _tool(robot), robot.kinematics, JUDGE_SEED, config.goal, few
+    )
     return count_goals(search, robot.scene.collision(base=base), robot.kinematics, config.goal)
 
 
@@ -77,9 +79,9 @@ def _bring(robot: Robot, number: int, attempt: int) -> Motion:
             placing,
         ),
     )
-    if goals.failure is not None:
-        return goals.failure
-    return (yield from go(robot, collision, goals.goals, intact=lambda: scene.holds(number)))
+    if not len(goals):
+        return Failure.TARGET_PLAN
+    return (yield from go(robot, collision, goals, intact=lambda: scene.holds(number)))
 
 
 def _let_go(robot: Robot) -> Generator[Command, None, None]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hab_spa.planning.collision import ArmCollision, CollisionConfig
 from hab_spa.planning.validity import kernel_agreement
-from hab_spa.sensing.octree import octrees
+from hab_spa.sensing.voxels import octrees
 from hab_spa.shapes import shape_bounds_m
 
 from hab_tasks.privileged import CollisionShape

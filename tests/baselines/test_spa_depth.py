@@ -10,9 +10,8 @@ from hab_spa.motion.follow import FollowConfig, Follower
 from hab_spa.planning.collision import ArmCollision, CollisionConfig
 from hab_spa.sensing.cloud import DepthView, world_from_base
 from hab_spa.sensing.fitted_box import BoxConfig, fit_box, other_things_m
-from hab_spa.sensing.octree import octrees
 from hab_spa.sensing.seen_map import MapConfig, SeenMap
-from hab_spa.sensing.voxels import VoxelConfig, VoxelMap
+from hab_spa.sensing.voxels import VoxelConfig, VoxelMap, octrees
 
 from hab_tasks.robots.cameras import camera_pose
 from hab_tasks.robots.fetch import FETCH

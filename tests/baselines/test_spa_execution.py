@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from hab_plans.motion import RELEASE
 from hab_spa import Failure
-from hab_spa.motion.follow import FollowConfig, Follower
+from hab_spa.motion.follow import FollowConfig, Follower, TimingConfig, time_path
 from hab_spa.motion.robot import Robot, SpaConfig
-from hab_spa.planning.path import TimingConfig, time_path
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.skills.pick import pick
 

@@ -10,9 +10,8 @@ from hab_plans.motion import Failure
 from hab_spa.motion.robot import SpaConfig
 from hab_spa.planning.arm_plan import PLANNERS, OmplPlanner, PlanConfig
 from hab_spa.planning.collision import ArmCollision
-from hab_spa.planning.compiled_arm import CompiledArm
 from hab_spa.planning.escape import EscapeConfig, escape
-from hab_spa.planning.ik import BatchArm, IkConfig, Tool
+from hab_spa.planning.ik import BatchArm, CompiledArm, IkConfig, Tool
 from hab_spa.planning.joint_goal import GoalConfig, sample_reaching_goals, sample_rest_goals
 from hab_spa.planning.rrt import path_is_free
 from hab_spa.scenes.true_scene import TrueScene, face_centres_m, standing_at

@@ -12,9 +12,8 @@ from hab_plans.problem import task_of
 from hab_plans.protocols import BasePose, NavigationRequest
 from hab_plans.stage import stage_of
 from hab_spa.agents.agent import driven
-from hab_spa.motion.drive import DriveConfig, drive_to
+from hab_spa.motion.drive import DriveConfig, angle, drive_to
 from hab_spa.motion.robot import Robot, SpaConfig
-from hab_spa.motion.wheels import angle
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.tasks.navigate import (
     OracleNavigator,
@@ -22,7 +21,7 @@ from hab_spa.tasks.navigate import (
     navigator_of,
     observation,
 )
-from hab_spa.tasks.standing import TUCKED_QPOS_RAD, fold
+from hab_spa.tasks.planned_skills import TUCKED_QPOS_RAD, fold
 
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec
 from hab_tasks.arrays import to_tensor

@@ -23,11 +23,10 @@ from hab_tasks.registration import imported_id
 from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.tasks.base import Task
 from hab_tp_srl.agent import TpSrlAgent
-from hab_tp_srl.agent_policy import AgentPolicy
 from hab_tp_srl.hand_over import Resetting, ReturningNavigator
 from hab_tp_srl.navigators import LearnedNavigator, NavigatorPolicy, ReturningOracle
 from hab_tp_srl.options import SKILLS, SPA, TeamOptions, read_options
-from hab_tp_srl.policies import SkillPolicy
+from hab_tp_srl.policies import AgentPolicy, SkillPolicy
 from hab_tp_srl.providers import Policies, providers
 from hab_tp_srl.scenes import GuidedScene, ObservedScene
 from hab_tp_srl.view import TaskView

@@ -23,8 +23,7 @@ from hab_tasks.constants import NAVIGATE_HORIZON_STEPS
 from hab_tasks.envs import ENVS
 from hab_tasks.registration import imported_id
 from hab_tasks.robots.control import HabControllerConfig, control_configs
-from hab_tp_srl.agent_policy import AgentPolicy
-from hab_tp_srl.policies import SkillPolicy, Turn
+from hab_tp_srl.policies import AgentPolicy, SkillPolicy, Turn
 from hab_tp_srl.skill import learned_navigation, turn_of
 from hab_tp_srl.view import TaskView
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import torch
 from hab_navigator import fitting
-from hab_navigator.fitting import fit, misfit
-from hab_navigator.lessons import Lessons, from_middle, goal_bins, turned_goals
+from hab_navigator.lessons import Lessons, fit, from_middle, goal_bins, misfit, turned_goals
 from hab_navigator.navigator import REPEAT, Navigator
 from hab_navigator.network import HEADINGS, GoalNetwork
 from hab_navigator.robot_map import CELLS, RAYS_PX, SEEN, VISITED, RobotMap, _rays

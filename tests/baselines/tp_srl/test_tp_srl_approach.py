@@ -8,8 +8,7 @@ from hab_plans.problem import task_of
 from hab_plans.stage import stage_of
 from hab_spa.motion.robot import Robot, SpaConfig
 from hab_spa.scenes.true_scene import TrueScene
-from hab_tp_srl.approach import SIDES, open_sides
-from hab_tp_srl.base_poses import candidates
+from hab_tp_srl.base_poses import SIDES, candidates, open_sides
 
 from hab_tasks.receptacles import FRIDGE
 from hab_tasks.robots.fetch import FETCH

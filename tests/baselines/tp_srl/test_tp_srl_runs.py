@@ -14,7 +14,7 @@ from hab_navigator.weights import save
 from hab_plans.plan import plan_of
 from hab_plans.stage import stage_of
 from hab_spa.motion.robot import Robot, SpaConfig
-from hab_tp_srl import factories, stillness
+from hab_tp_srl import factories, policies
 from hab_tp_srl.navigators import NavigatorPolicy
 from hab_tp_srl.policies import SkillPolicy, Turn
 from hab_tp_srl.scenes import ObservedScene
@@ -119,7 +119,7 @@ def test_rows_act_together_and_as_they_would_alone(brief, handed_over):
 
 
 def test_the_actions_of_an_arm_that_stands_still_are_drawn(brief, handed_over, monkeypatch):
-    monkeypatch.setattr(stillness, "STEPS", 2)
+    monkeypatch.setattr(policies, "STILL_STEPS", 2)
     acted = []
     for seed in (0, 1):
         agent = handed_over()

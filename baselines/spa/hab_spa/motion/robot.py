@@ -10,15 +10,13 @@ import numpy as np
 from hab_plans.motion import GRASP, RELEASE, Command, Failure
 from hab_plans.protocols import MotionPlanner, PathResult
 
-from hab_spa.motion.follow import FollowConfig
+from hab_spa.motion.follow import FollowConfig, TimingConfig
 from hab_spa.planning.arm_plan import PLANNERS, BatchedPlanner, OmplPlanner, PlanConfig
 from hab_spa.planning.batch import search_kernel
 from hab_spa.planning.collision import ArmCollision
-from hab_spa.planning.compiled_arm import CompiledArm, pose_table
 from hab_spa.planning.escape import EscapeConfig
-from hab_spa.planning.ik import BatchArm
+from hab_spa.planning.ik import BatchArm, CompiledArm, pose_table
 from hab_spa.planning.joint_goal import GoalConfig
-from hab_spa.planning.path import TimingConfig
 from hab_spa.planning.place_goal import PlacingConfig
 from hab_spa.scenes.scene import Scene
 from hab_spa.shapes import Array

@@ -20,9 +20,8 @@ from hab_plans.protocols import PathResult
 
 from hab_spa.planning import batched, rrt
 from hab_spa.planning.collision import ArmCollision
-from hab_spa.planning.compiled_arm import CompiledArm
 from hab_spa.planning.escape import EscapeConfig, retreats
-from hab_spa.planning.ik import BatchArm
+from hab_spa.planning.ik import BatchArm, CompiledArm
 from hab_spa.planning.rrt import Limit, RrtConfig, edge_is_free, path_is_free
 from hab_spa.shapes import Array
 

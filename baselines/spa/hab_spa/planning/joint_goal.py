@@ -14,8 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hab_spa.planning.collision import ArmCollision
-from hab_spa.planning.compiled_arm import CompiledArm
-from hab_spa.planning.ik import BatchArm, IkConfig, Tool
+from hab_spa.planning.ik import BatchArm, CompiledArm, IkConfig, Tool
 from hab_spa.shapes import Array, invert_pose
 from hab_tasks.constants import REST_POSITION_M
 

@@ -16,11 +16,10 @@ from hab_spa.planning.joint_goal import GraspConfig, sphere_m
 from hab_spa.scenes.known_positions import KnownPositions
 from hab_spa.scenes.true_scene import TrueScene, standing_at
 from hab_spa.sensing.cloud import DepthView, world_from_base
-from hab_spa.sensing.fitted_box import BoxConfig, FittedBox, fit_box, other_things_m
-from hab_spa.sensing.held_box import HELD, HeldBox
-from hab_spa.sensing.octree import octrees
+from hab_spa.sensing.fitted_box import HELD, BoxConfig, FittedBox, HeldBox, fit_box, other_things_m
 from hab_spa.sensing.own_shapes import own_shapes
 from hab_spa.sensing.seen_map import MapConfig, SeenMap
+from hab_spa.sensing.voxels import octrees
 from hab_spa.shapes import Array, invert_pose
 from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.privileged import ArticulationState, PrivilegedState

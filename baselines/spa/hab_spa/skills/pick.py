@@ -9,8 +9,7 @@ from functools import partial
 import numpy as np
 from hab_plans.motion import GRASP, RELEASE, Failure, Motion
 
-from hab_spa.motion.moves import go, sampled
-from hab_spa.motion.rest import rest
+from hab_spa.motion.moves import go, rest, sampled
 from hab_spa.motion.robot import Robot
 from hab_spa.planning.collision import ArmCollision
 from hab_spa.planning.escape import escape

@@ -7,8 +7,7 @@ from dataclasses import replace
 
 from hab_plans.motion import RELEASE, Command, Failure, Motion
 
-from hab_spa.motion.moves import go, sampled, wait
-from hab_spa.motion.rest import rest
+from hab_spa.motion.moves import go, rest, sampled, wait
 from hab_spa.motion.robot import Robot
 from hab_spa.planning.ik import Tool
 from hab_spa.planning.joint_goal import JUDGE_SEED, count_goals

@@ -11,7 +11,7 @@ from hab_plans.protocols import NavigationRequest
 from hab_plans.stage import Stage
 
 from hab_spa.motion.drive import DriveConfig, leave
-from hab_spa.motion.rest import rest
+from hab_spa.motion.moves import rest
 from hab_spa.motion.robot import Robot
 from hab_tasks.constants import REST_POSITION_M, REST_RADIUS_M, SKILL_HORIZON_STEPS
 

@@ -15,7 +15,7 @@ from hab_plans.protocols import BasePose, NavigationRequest
 from hab_spa.motion.drive import DriveConfig, drive_to
 from hab_spa.motion.robot import Robot
 from hab_spa.shapes import Array, invert_pose
-from hab_spa.tasks.standing import fold
+from hab_spa.tasks.planned_skills import fold
 from hab_tasks.agent import AgentSetup, AgentSpec, TargetFrame
 from hab_tasks.constants import NAVIGATE_HORIZON_STEPS
 from hab_tasks.episodes.robot_start import in_base_frame

@@ -11,8 +11,8 @@ from itertools import product
 import numpy as np
 from hab_plans.motion import Command
 
+from hab_spa.motion.drive import Wheels, WheelsConfig, angle
 from hab_spa.motion.robot import Robot
-from hab_spa.motion.wheels import Wheels, WheelsConfig, angle
 from hab_spa.shapes import Array
 from hab_tasks.robots.spec import RobotSpec
 

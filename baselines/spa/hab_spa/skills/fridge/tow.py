@@ -9,8 +9,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from hab_spa.motion.drive import angle
 from hab_spa.motion.robot import Robot
-from hab_spa.motion.wheels import angle
 from hab_spa.shapes import Array
 from hab_spa.skills.fridge.door import Door
 

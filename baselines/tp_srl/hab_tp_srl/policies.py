@@ -253,8 +253,6 @@ class SkillPolicy:
 class AgentPolicy:
     """Runs an agent of its own for each row; the attributes are those of `SkillPolicy`."""
 
-    starts = None
-
     def __init__(
         self, setup: AgentSetup, skill: str, reference: str, options: Mapping[str, str]
     ) -> None:
@@ -276,10 +274,9 @@ class AgentPolicy:
         spec = self._agents[0].spec
         self.name, self.obs_mode, self.files = spec.name, spec.obs_mode, spec.files
         self.sees_images = not spec.obs_mode.startswith("state")
-        self.horizon_steps = ENVS[inner.env_id].env.horizon_steps
-        self.control: HabControllerConfig = control_configs(ENVS[inner.env_id].env.robot)[
-            spec.control_mode
-        ]
+        env = ENVS[inner.env_id].env
+        self.horizon_steps, self.starts = env.horizon_steps, start_ranges(inner.env_id, env.robot)
+        self.control: HabControllerConfig = control_configs(env.robot)[spec.control_mode]
         space = cast(spaces.Dict, setup.spaces_of(inner.env_id, spec).observation)
         self._entries = [(g, name) for g in ("agent", "extra") for name in cast(Any, space[g])]
         told = [name for group, name in self._entries if group == "agent" or name in TASK_ENTRIES]

@@ -13,11 +13,11 @@ Public names; those that need torch or the simulator are imported when they are 
 - episodes: `Episode`, `EpisodeSet`, `EpisodeRequest`, `load_episodes`
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from hab_tasks import receptacles
 from hab_tasks.errors import HabError
+from hab_tasks.lazy_names import lazy_names
 from hab_tasks.registration import register_skill, register_skills, register_task
 from hab_tasks.task_spec import Target, TaskSpec
 from hab_tasks.tasks.prepare_groceries import PREPARE_GROCERIES
@@ -87,9 +87,4 @@ for _spec in (TIDY_HOUSE, PREPARE_GROCERIES, SET_TABLE):
     register_task(_spec, __name__)
 
 
-def __getattr__(name: str) -> Any:
-    """Imports a public name on first access."""
-    for module, names in _MODULES.items():
-        if name in names:
-            return getattr(import_module(f"{__name__}.{module}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__, __dir__ = lazy_names(__name__, _MODULES)

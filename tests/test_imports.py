@@ -20,6 +20,7 @@ ORDER = [
         "receptacles",
         "object_names",
         "errors",
+        "lazy_names",
         "agent",
         "privileged",
         "assets",

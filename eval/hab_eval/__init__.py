@@ -3,8 +3,9 @@
 Importing this package loads neither torch nor the simulator: its names are imported when used.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from hab_tasks.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from hab_eval.records.config import EvalConfig
@@ -45,13 +46,4 @@ _MODULES = {
 }
 
 
-def __getattr__(name: str) -> Any:
-    """Imports a public name on first access."""
-    for module, names in _MODULES.items():
-        if name in names:
-            return getattr(import_module(f"{__name__}.{module}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = lazy_names(__name__, _MODULES)

@@ -81,7 +81,9 @@ class GoalBelief:
         self._shares = np.zeros((HEADINGS, SIDE, SIDE))
         bearings_rad: Array = np.zeros(self.yaws_rad.shape) - ASIDE_RAD * _BINS[:, None, None]
         distances_m = np.linalg.norm(gaps_m, axis=-1)
-        self._reach, self._suits = reach, np.ones_like(self._shares)
+        # Navigate would have ended at a right stop; a skill can fail where another try succeeds.
+        self._tried_share = 1.0 if reach is None else TRIED_SHARE
+        self._suits = np.ones_like(self._shares)
         if reach is not None:
             self._suits[:] = reach.includes(distances_m, bearings_rad)
         sides = np.round(np.arctan2(-gaps_m[..., 1], -gaps_m[..., 0]) / (2 * math.pi) * SIDES)
@@ -102,8 +104,7 @@ class GoalBelief:
         """Excludes the goals that a stop in a pose (3,) would have found."""
         near = _share(np.linalg.norm(self.places_m - pose[:2], axis=-1), EXCLUDED_M)
         turns_rad = np.angle(np.exp(1j * (self.yaws_rad - pose[2])))
-        tried = near * _covered_share(turns_rad)
-        self._left *= 1.0 - TRIED_SHARE * tried if self._reach is not None else 1.0 - tried
+        self._left *= 1.0 - self._tried_share * (near * _covered_share(turns_rad))
 
     def forgive(self) -> None:
         """Takes all exclusions back."""

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 
 from hab_navigator.belief import GoalBelief, Reach
+from hab_navigator.near_space import NearSpace
 from hab_navigator.network import GoalNetwork
 from hab_navigator.robot_map import RobotMap, turned
 from hab_navigator.seen_floor import SeenFloor
@@ -96,6 +97,7 @@ class Navigator:
         self.aim: Array | None = None
         self._network, self._device, self._stops = network, device, stops
         self._reach = reach
+        self._near: NearSpace | None = None  # for a hand that comes level only
         self._belief: GoalBelief | None = None
         self._worth, self._here = 0.0, 0.0  # of the aim; share of goals found by a stop here
         self._age, self._stopped = 0, False
@@ -111,7 +113,11 @@ class Navigator:
             holding: Whether the hand holds something.
             base: (3,) pose of the base, if it is known; see `RobotMap.look`.
         """
-        self.map.look(depth, point_in_base_m, base)
+        seen_m = self.map.look(depth, point_in_base_m, base)
+        if self._reach is not None and self._reach.level:
+            if self._near is None:
+                self._near = NearSpace(np.append(self.map.point_m, point_in_base_m[2]))
+            self._near.add(seen_m)
         floor = self._floor()
         if self._belief is None:
             self._belief = GoalBelief(self.map, self._reach)
@@ -153,8 +159,8 @@ class Navigator:
             return
         if looks:
             belief.learn(self._distribution(view))
-            if self._reach is not None and self._reach.level and self.map.near is not None:
-                belief.see(self.map.near.clearances_m())
+            if self._near is not None:
+                belief.see(self._near.clearances_m())
         before, self.aim = self.aim, self._best(belief, floor)
         if before is None or np.linalg.norm(self.aim[:2] - before[:2]) > SAME_M:
             self._age = 0

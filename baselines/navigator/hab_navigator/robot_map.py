@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hab_navigator.near_space import NearSpace
 from hab_navigator.scan_matching import NEAR_M, OBSTACLE_M, match_shares
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, CAMERA_HFOV_RAD, CONTROL_HZ
 from hab_tasks.privileged import Array
@@ -64,7 +63,6 @@ class RobotMap:
         point_m: (2,) the point to go to.
         tops: (C, C) height of what is in each cell, in 1/255 of `HIGHEST_M`.
         seen: (C, C) what is known of each cell.
-        near: The space around the point.
     """
 
     def __init__(self, robot: RobotSpec, repeat: int) -> None:
@@ -74,7 +72,6 @@ class RobotMap:
         self._ahead_m = robot.base_linear_speed_m_s * repeat / CONTROL_HZ
         self._wanted, self._has_point = np.zeros(2), False  # m ahead and rad
         self._origin: Array | None = None
-        self.near: NearSpace | None = None
         self.pose, self.point_m = np.zeros(3), np.zeros(2)
         self.tops: Bytes = np.zeros((CELLS, CELLS), dtype=np.uint8)
         self.seen: Bytes = np.zeros((CELLS, CELLS), dtype=np.uint8)
@@ -87,8 +84,8 @@ class RobotMap:
         """Takes the point of the next look as the one to go to."""
         self._has_point = False
 
-    def look(self, depth: Array, point_in_base_m: Array, base: Array | None = None) -> None:
-        """Draws what is seen.
+    def look(self, depth: Array, point_in_base_m: Array, base: Array | None = None) -> Array:
+        """Draws what is seen; returns its points (P, 3) in the map's frame.
 
         Args:
             depth: (H, W, 1) depth image of the head camera as shares of its range.
@@ -105,12 +102,9 @@ class RobotMap:
             self._move(point_m, points_m[matched, :2])
         if not self._has_point:
             self._has_point, self.point_m = True, self.pose[:2] + turned(point_m, self.pose[2])
-            self.near = NearSpace(np.append(self.point_m, point_in_base_m[2]))
         self._wanted = np.zeros(2)
         is_floor = points_m[:, 2] < FLOOR_M + FLOOR_RISE * distances_m
         points_m[:, :2] = turned(points_m[:, :2], self.pose[2]) + self.pose[:2]
-        assert self.near is not None
-        self.near.add(points_m)
         cells = cells_of(points_m[:, :2])
         heights = np.where(is_floor, 0.0, 255.0 * points_m[:, 2] / HIGHEST_M)
         flat = cells[:, 0] * CELLS + cells[:, 1]
@@ -118,6 +112,7 @@ class RobotMap:
         seen = self.seen.reshape(-1)
         seen[flat] = np.maximum(seen[flat], SEEN)
         self.seen[tuple(cells_of(self.pose[:2]))] = VISITED
+        return points_m
 
     def _stand(self, base: Array) -> None:
         """Sets the pose; the first one is the origin of the map."""

@@ -79,7 +79,7 @@ def tp_srl(setup: AgentSetup) -> TpSrlAgent:
         log = MotionLog(env_id, robot, believes=options.privileged or options.feels)
         navigator = _navigator(policies, navigate, scene.view)
         team = Team(
-            skills=providers(task, policies, scene.view, options.true_knowledge, options.feels),
+            skills=providers(task, policies, scene.view),
             navigator=navigator,
             hand_over=Resetting(
                 log=log, options=options, navigator=navigator, learned=_learned(policies)

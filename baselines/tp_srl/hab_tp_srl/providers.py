@@ -31,17 +31,13 @@ Policies = Mapping[str, SkillPolicy | AgentPolicy | SkillProvider[Robot] | None]
 """Skill -> policy, provider of another package, or None for planning."""
 
 
-def providers(
-    task: Task, policies: Policies, view: TaskView, true_knowledge: bool, feels: bool
-) -> dict[str, SkillProvider[Robot]]:
+def providers(task: Task, policies: Policies, view: TaskView) -> dict[str, SkillProvider[Robot]]:
     """Returns the providers of a task's skills, for the robot of one row.
 
     Args:
         task: The task.
         policies: Who executes each skill.
         view: What the robot observes.
-        true_knowledge: Whether learned skills have ground truth.
-        feels: Whether the robot knows their effects by touch.
     """
     found: dict[str, SkillProvider[Robot]] = {}
     for skill, one in policies.items():
@@ -53,8 +49,6 @@ def providers(
                 task=task,
                 policy=one,
                 view=view,
-                truth=true_knowledge,
-                feels=feels,
                 put=put if isinstance(put, SkillPolicy) else None,
             )
         else:
@@ -70,16 +64,12 @@ class LearnedSkill:
         task: The task.
         policy: The policy.
         view: What the robot observes.
-        truth: Whether the policy has ground truth, and with it its true end.
-        feels: Whether the robot knows its effect by touch and sight.
         put: Policy that puts back what was picked by mistake.
     """
 
     task: Task
     policy: SkillPolicy | AgentPolicy
     view: TaskView
-    truth: bool
-    feels: bool
     put: SkillPolicy | None = None
 
     @property
@@ -89,8 +79,8 @@ class LearnedSkill:
 
     @property
     def knows_effect(self) -> bool:
-        """Whether the robot notices that the effect does not hold."""
-        return self.truth or self.feels
+        """Whether the robot notices, by ground truth or by touch, that the effect does not hold."""
+        return self.view.truth or self.view.feels
 
     @property
     def horizon_steps(self) -> int:
@@ -126,12 +116,12 @@ class LearnedSkill:
         self.view.begin(stage)
         if not _can_start(robot, stage):
             return _nothing_held()
-        ending = Ending(self.task, stage, self.view, robot.scene if self.truth else None)
+        ending = Ending(self.task, stage, self.view, robot.scene if self.view.truth else None)
         return self._run(robot, stage, ending)
 
     def _run(self, robot: Robot, stage: Stage, ending: Ending) -> Motion:
         view, point_m = self.view, self.view.point(stage)
-        checks = self.feels and stage.skill == "pick" and stage.drawer is None
+        checks = view.feels and stage.skill == "pick" and stage.drawer is None
         checks = checks and self.policy.sees_images
         seen_before = view.seen_at(robot.spec, point_m) if checks else 0
         failure = yield from learned(robot, stage, self.policy, view, ending, point_m)

@@ -36,6 +36,7 @@ class TaskView:
     """What the robot of one row observes in a task.
 
     Attributes:
+        truth, feels: As given.
         felt: What it believes without ground truth.
     """
 
@@ -57,8 +58,8 @@ class TaskView:
             openings: Which doors and drawers are open at the start of an episode.
             feels: Whether it notices where an object was let go, and looks for it there.
         """
-        self._truth, self._aims_object = truth, aims_object
-        self._openings, self._feels, self._held = openings, feels, False
+        self.truth, self.feels = truth, feels
+        self._aims_object, self._openings = aims_object, openings
         self._obs: Mapping[str, Any] = {}
         self._row = 0
         self._located: tuple[float, float, float] | None = None
@@ -67,7 +68,6 @@ class TaskView:
     def forget(self) -> None:
         """Starts a new episode."""
         self._starts_m: Array | None = None
-        self._held = False
         self.felt = FeltBeliefs(np.zeros((0, 3)), np.zeros((0, 3)), self._openings)
         self._pulled_m: dict[int, Array] = {}
         self._moving: int | None = None
@@ -89,10 +89,9 @@ class TaskView:
             self.felt = FeltBeliefs(self._starts_m, self._goals_m, self._openings)
         self._pull()
         self._take()
-        if self._feels and self.holding != self._held:
-            self._held = not self._held
+        if self.feels and self.holding != self.felt.holding:
             hand_m = self._to_frame(self._felt("ee_position").astype(float))
-            self.felt.feel(self._held, hand_m)
+            self.felt.feel(self.holding, hand_m)
 
     def begin(self, stage: Stage) -> None:
         """Notes that a skill begins.
@@ -199,7 +198,7 @@ class TaskView:
     @property
     def _state(self) -> PrivilegedState | None:
         """The true state; None without ground truth."""
-        return self._obs["privileged"][self._row] if self._truth else None
+        return self._obs["privileged"][self._row] if self.truth else None
 
     @property
     def _pairs_m(self) -> Array:

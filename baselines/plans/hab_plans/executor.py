@@ -139,6 +139,7 @@ class Executor(Generic[R]):
             failure = self._judged(stage, failure)
             if failure is None:
                 break
+            # What is reported if the episode ends before the plan does.
             log.robot.failure = failure
             # Another attempt would start from what the stage was not planned for.
             if self._watched() != before:

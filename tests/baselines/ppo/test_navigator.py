@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 import torch
-from hab_navigator import fitting
 from hab_navigator.lessons import Lessons, fit, from_middle, goal_bins, misfit, turned_goals
 from hab_navigator.navigator import REPEAT, Navigator
 from hab_navigator.network import HEADINGS, GoalNetwork
@@ -165,7 +164,7 @@ def test_a_lesson_tells_where_the_goal_is_from_the_point():
 
 
 def test_a_network_learns_where_goals_are(monkeypatch):
-    monkeypatch.setattr(fitting, "BATCH", 12)
+    monkeypatch.setattr("hab_navigator.lessons.BATCH", 12)
     goals = torch.zeros(24, 3)
     goals[:, :2] = 3 * (torch.rand(24, 2, generator=torch.Generator().manual_seed(1)) - 0.5)
     lessons = Lessons(marked(goals), goals)

@@ -120,12 +120,14 @@ def drive_to(robot: Robot, map_: NavigationMap, goal: Array, config: DriveConfig
     Returns:
         `Failure.EXECUTION` if the goal is not reached by the robot's deadline.
     """
+    # Straight back first: a turn in front of furniture would sweep the arm along it.
     yield from leave(robot, map_, config)
     wheels = Wheels(robot, config)
     before = _before(map_, goal, config)
     while robot.steps_left > 0:
         here = robot.base[:2]
         last = goal if before is None else before
+        # No detour by the turning point where the goal is straight ahead already.
         if before is not None and map_.clear(here, goal[:2]) and _behind(here, goal):
             last = goal
         arrived = yield from _along(wheels, path_between(map_, here, last[:2])[1:])
@@ -242,6 +244,7 @@ def _before(map_: NavigationMap, goal: Array, config: DriveConfig) -> Array | No
             point = goal[:2] - share * config.before_m * ahead
             if map_.clear(point, entry) and map_.clearance_m(point) >= config.turning_m:
                 return np.append(point, yaw_rad)
+    # Rather turn with too little room for the arm than not go there.
     return None if config.turning_m == 0 else _before(map_, goal, replace(config, turning_m=0.0))
 
 

@@ -55,6 +55,7 @@ def time_path(path: Array, config: TimingConfig, pace: float = 1.0) -> Array:
         acceleration_rad=config.acceleration_rad * pace,
         corner_rad=config.corner_rad * pace,
     )
+    # A pose that repeats makes an edge without direction.
     path = path[np.concatenate(([True], lengths > 1e-9))]
     lengths = lengths[lengths > 1e-9]
     if not len(lengths):
@@ -84,6 +85,7 @@ def _speeds(grid: Array, knots: Array, corner_speeds: Array, config: TimingConfi
     nearest = np.abs(grid[:, None] - knots[None, :]).argmin(axis=0)
     np.minimum.at(speeds, nearest, corner_speeds)
     gain = 2.0 * config.acceleration_rad * (grid[1] - grid[0])
+    # Forwards the acceleration limits the speeds, backwards the braking.
     for order in (range(1, len(grid)), range(len(grid) - 2, -1, -1)):
         for i in order:
             before = speeds[i - order.step]
@@ -156,6 +158,7 @@ class Follower:
         self._lost_steps = self._lost_steps + 1 if error > self._config.lost_rad else 0
         if self.at_end:
             self._end_steps += 1
+        # Targets far ahead of the arm would make it cut the corners between them.
         elif error <= self._config.lag_rad:
             self._index += 1
         return self.target

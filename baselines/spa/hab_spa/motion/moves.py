@@ -57,6 +57,7 @@ def follow(
         `intact` returned False.
     """
     config = robot.config
+    # Settling comes after the path, and needs steps too.
     steps = int((robot.steps_left - config.follow.settle_steps) * share)
     following = config.follow if near_rad is None else replace(config.follow, settled_rad=near_rad)
     follower = Follower(time_path_within(path, steps, timing or config.timing), following)
@@ -64,13 +65,16 @@ def follow(
         target = follower.advance(robot.scene.arm_qpos)
         if follower.bumped:
             robot.scene.met(follower.rest[:MEETING_STEPS])
+            # Where the arm came from was free a moment ago; nothing else is known to be.
             for passed in follower.way_back[BACK_OFF]:
                 yield robot.command(passed)
         blocked = follower.bumped or follower.lost() or robot.scene.in_the_way(follower.rest)
         if blocked or not intact():
+            # Targets ahead of the arm would go on pushing against the obstacle.
             robot.relax()
             return Failure.EXECUTION
         if follower.settled(robot.scene.arm_qpos):
+            # Not yielded, which would cost a step: it is noted as what the next motion starts from.
             robot.command(target)
             return None
         yield robot.command(target)
@@ -168,6 +172,7 @@ def _way_back(robot: Robot, collision: ArmCollision, goals: Array, plan: PlanCon
         seed=robot.next_seed(),
         limits=plan,
         touch_m=config.escape.touch_m,
+        # The start is the tight end here: the hand is at an object, or in a fridge.
         backwards=True,
     )
     if result.path is not None:

@@ -89,6 +89,7 @@ class Robot:
         """Starts an episode, after `scene` has processed its first observation."""
         self.scene, self.config, self.spec = scene, config, scene.robot
         self.kinematics = config.kinematics(scene.robot)
+        # An episode of Place begins with the object in the hand.
         self.gripper = GRASP if scene.holding else RELEASE
         self.steps, self.deadline, self.doing = 0, deadline, ""
         self.timings_s = {"target": 0.0, "motion": 0.0, "plan": 0.0}

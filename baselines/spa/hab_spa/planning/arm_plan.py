@@ -122,6 +122,7 @@ class OmplPlanner:
         if not len(goals):
             raise ValueError("A motion planner needs at least one goal.")
         lower, upper = world.limits_rad
+        # Samplers clip to the limits, so that a goal may lie on one.
         within = (goals > lower - LIMIT_SLACK_RAD) & (goals < upper + LIMIT_SLACK_RAD)
         if not within.all():
             goal, joint = np.argwhere(~within)[0]
@@ -214,11 +215,13 @@ class _Search:
         """Yields straight edges, one run with the paper's range, then ever longer runs."""
         config, margins_m = self._config, self._config.margins_m
         pairs = range(len(self._ends))
+        # At all margins before any search, which costs far more.
         for margin_m, retreats_, pair in product(margins_m, (False, True), pairs):
             yield _Attempt(margin_m, pair, retreats_, range_rad=0.0, checks=0)
         # Once only, as its small range rarely pays in tight places (`PlanConfig`).
         yield _Attempt(margins_m[0], 0, False, config.range_rad, config.first_checks)
         for power in count():
+            # A hard problem gets a long run, but only after short ones have failed.
             checks = config.first_checks * 2**power
             for margin_m in margins_m:
                 roomy = sorted(pairs, key=lambda pair, m=margin_m: -self._retreat_steps(m, pair))

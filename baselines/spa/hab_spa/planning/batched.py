@@ -24,6 +24,7 @@ def connect(
     trees, parents = np.empty((2, MOST_NODES, DIMENSION)), np.zeros((2, MOST_NODES), dtype=np.int64)
     trees[0, 0], trees[1, 0] = start, goal
     rng = np.random.default_rng(seed)
+    # Drawn here, as numba's generator is seeded apart from numpy's.
     samples = rng.uniform(*collision.limits_rad, (MOST_NODES, DIMENSION))
     checks = np.zeros(1, dtype=np.int64)
     met = search_kernel().connect(

@@ -117,6 +117,8 @@ class ArmCollision:
         """Returns the number of arm poses (B, 7) [rad] before the first that is not free."""
         first = 0
         while first < len(poses):
+            # The kernel stops at the first pose that it does not call free; coal is
+            # asked about that.
             answers = self._answers(poses[first:], until_other=True)
             first += len(answers)
             if not self._confirmed(answers[-1], poses[first - 1]):
@@ -182,6 +184,7 @@ class ArmCollision:
         qpos = np.ascontiguousarray(qpos[None], dtype=np.float64)
         found = batch.kernel().undecided(self._shapes, qpos, pairs, given)
         pairs = pairs[:found][np.isin(given[:found], answers)]
+        # Sorted, so that the order does not depend on how the kernel goes through bodies.
         return sorted(self._number[pairs[:, 0] - self._statics, pairs[:, 1]].tolist())
 
     def set_margin(self, margin_m: float, less: Mapping[int, float] | None = None) -> None:
@@ -241,6 +244,8 @@ class ArmCollision:
         The model still contains only shapes within `reach_m` of the initial shoulder position.
         """
         arm_from_world = self.arm_from_world_at(base)
+        # Searches set the same pose again and again, and placing all shapes takes longer
+        # than a check.
         if not np.array_equal(arm_from_world, self.arm_from_world):
             self.arm_from_world = arm_from_world
             self._place(np.arange(len(self._scene)))

@@ -272,6 +272,7 @@ class PoseTable:
     """Random arm poses, found by the position of the end-effector."""
 
     def __init__(self, arm: CompiledArm, count: int = TABLE_POSES) -> None:
+        # A fixed seed, as the results of planning depend on the table.
         self._poses = np.random.default_rng(0).uniform(*arm.limits_rad, (count, 7))
         self._tree = KDTree(arm.positions_m(self._poses))
 

@@ -101,6 +101,7 @@ def collect(
     model, _ = arm_model(robot)
     bodies = [body for body in state.bodies if body.shapes and body.name in state.world_from_body]
     roles = [_role(robot, body, held) for body in bodies]
+    # Without moving shapes, every pose would be free.
     if "arm" not in roles:
         raise ValueError("collision model: the arm has no shapes; rebuild the scene.")
     placed = [

@@ -118,6 +118,7 @@ class Search:
             found = free_poses(found, collision, self.margins_m[-1])
             # All are kept, as goals with small margins follow where roomy ones are too few.
             free = np.concatenate((free, found))
+            # Roomy ones end the search, as a path into a corner is hard to find.
             roomy += len(free_poses(found, collision, self.margins_m[0]))
             if roomy >= self.enough or len(free) >= self.plenty * self.enough:
                 break
@@ -289,7 +290,9 @@ def _seeded_goals(
         points_m = points_m[rng.choice(len(points_m), config.seeded_points, replace=False)]
     count = config.seeded_starts // len(points_m)
     starts, targets_m = arm.starts.near(in_arm(points_m, collision), count)
+    # The table is the same for every seed, but another attempt needs other starts.
     starts, targets_m = starts[keep := rng.random(len(starts)) < 0.5], targets_m[keep]
+    # Inverse kinematics ends near its start, so that cheap starts give cheap goals.
     order = np.argsort(cost(starts), kind="stable")
     found, roomy = np.zeros((0, 7)), np.zeros((0, 7))
     for first in range(0, len(order), config.seeded_round):

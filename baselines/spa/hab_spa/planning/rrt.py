@@ -114,6 +114,7 @@ def shorten(
     simplified = og.PathGeometric(information, states)
     simplifier = og.PathSimplifier(information)
     length = simplified.length()
+    # Passes instead of OMPL's own time limit, on which results would depend.
     for _ in range(config.passes):
         if time.perf_counter() >= deadline_s:
             break
@@ -151,6 +152,7 @@ def _space_information(
         return bool(collision.is_free(pose))  # OMPL rejects numpy's bool
 
     information.setStateValidityChecker(is_valid)
+    # OMPL takes the resolution as a share of the space's diagonal.
     information.setStateValidityCheckingResolution(config.resolution_rad / space.getMaximumExtent())
     information.setup()
     return information

@@ -46,10 +46,7 @@ def providers(task: Task, policies: Policies, view: TaskView) -> dict[str, Skill
         elif isinstance(one, SkillPolicy | AgentPolicy):
             put = policies.get("place")
             found[skill] = LearnedSkill(
-                task=task,
-                policy=one,
-                view=view,
-                put=put if isinstance(put, SkillPolicy) else None,
+                task=task, policy=one, view=view, put=put if isinstance(put, SkillPolicy) else None
             )
         else:
             found[skill] = one

@@ -38,12 +38,7 @@ class PolicyCommand(Command):
 
 
 def learned(
-    robot: Robot,
-    stage: Stage,
-    policy: Decider,
-    view: TaskView,
-    ending: Ending,
-    point_m: Array,
+    robot: Robot, stage: Stage, policy: Decider, view: TaskView, ending: Ending, point_m: Array
 ) -> Motion:
     """Runs a learned skill to its own end.
 

@@ -17,14 +17,7 @@ from hab_ppo.practice import Lesson, practise
 from hab_ppo.recipe import NetworkConfig
 from hab_ppo.recipes import find_recipe
 from hab_ppo.replay import Disturbance, replay
-from hab_ppo.retiming import (
-    Follower,
-    Recorded,
-    Stretch,
-    spaced,
-    stretches,
-    within_workspace,
-)
+from hab_ppo.retiming import Follower, Recorded, Stretch, spaced, stretches, within_workspace
 from refusals import check_each, refused_by_call
 
 from hab_tasks.robots.fetch import FETCH

@@ -39,11 +39,7 @@ class CoalModel:
     """The shapes of a collision model, with their current poses in their joints' frames."""
 
     def __init__(
-        self,
-        model: pin.Model,
-        shapes: Sequence[CoalShape],
-        joints: NDArray[np.int64],
-        poses: Array,
+        self, model: pin.Model, shapes: Sequence[CoalShape], joints: NDArray[np.int64], poses: Array
     ) -> None:
         """Takes the shapes of an arm.
 

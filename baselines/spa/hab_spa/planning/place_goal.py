@@ -12,13 +12,7 @@ import numpy as np
 
 from hab_spa.planning.collision import ArmCollision
 from hab_spa.planning.ik import BatchArm, Tool
-from hab_spa.planning.joint_goal import (
-    GoalConfig,
-    Search,
-    found_by,
-    in_arm,
-    near_rest,
-)
+from hab_spa.planning.joint_goal import GoalConfig, Search, found_by, in_arm, near_rest
 from hab_spa.shapes import Array
 
 
@@ -86,12 +80,7 @@ def sample_placing_goals(
 
 
 def lowering(
-    goal_m: Array,
-    tool: Tool,
-    arm: BatchArm,
-    seed: int,
-    config: GoalConfig,
-    placing: PlacingConfig,
+    goal_m: Array, tool: Tool, arm: BatchArm, seed: int, config: GoalConfig, placing: PlacingConfig
 ) -> Search:
     """Returns the search for arm poses with the held object at its goal (3,) or slightly above."""
     rng = np.random.default_rng(seed)

@@ -51,11 +51,7 @@ class Scene(Beliefs, Protocol):
         ...
 
     def collision(
-        self,
-        *,
-        base: Array | None = None,
-        without: str | None = None,
-        reach_m: float | None = None,
+        self, *, base: Array | None = None, without: str | None = None, reach_m: float | None = None
     ) -> ArmCollision:
         """Returns the collision model of the arm and the held object.
 

@@ -225,11 +225,7 @@ class SeenScene:
             self.map.add(view, world)
 
     def collision(
-        self,
-        *,
-        base: Array | None = None,
-        without: str | None = None,
-        reach_m: float | None = None,
+        self, *, base: Array | None = None, without: str | None = None, reach_m: float | None = None
     ) -> ArmCollision:
         """Returns the collision model with the map's obstacles; see `Scene.collision`."""
         self.look()

@@ -100,11 +100,7 @@ class TrueScene:
     opening = known_opening
 
     def collision(
-        self,
-        *,
-        base: Array | None = None,
-        without: str | None = None,
-        reach_m: float | None = None,
+        self, *, base: Array | None = None, without: str | None = None, reach_m: float | None = None
     ) -> ArmCollision:
         """Returns the collision model with the simulator's own shapes; see `Scene.collision`."""
         state = self.state if base is None else standing_at(self.state, base)

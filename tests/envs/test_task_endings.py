@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import torch
 from hab_plans import plan_of, problem_of
-from hab_plans.belief import believed
-from hab_plans.observe import observed, start_from
+from hab_plans.belief import believed, observed, start_from
 from hab_plans.problem import atoms_of
 from hab_plans.solve import solve
 from hab_spa.scenes.true_scene import TrueScene

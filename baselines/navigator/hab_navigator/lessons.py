@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import torch
-from hab_ppo.precision import half_precision
+from hab_ppo.layers import half_precision
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy
 

@@ -12,8 +12,7 @@ from typing import Any, Literal
 import numpy as np
 import torch
 
-from hab_navigator.belief import GoalBelief, Reach
-from hab_navigator.near_space import NearSpace
+from hab_navigator.belief import GoalBelief, NearSpace, Reach
 from hab_navigator.network import GoalNetwork
 from hab_navigator.robot_map import RobotMap, turned
 from hab_navigator.seen_floor import SeenFloor

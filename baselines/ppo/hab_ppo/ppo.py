@@ -100,15 +100,13 @@ class PPO:
         rate = config.learning_rate * (1 - min(1.0, progress) if config.decays else 1.0)
         for group in self.optimizer.param_groups:
             group["lr"] = rate
-        policy = self.policy
-        module = policy.critic if stage.critic_only else policy
+        module = self.policy.critic if stage.critic_only else self.policy
         parameters = [value for value in module.parameters() if value.requires_grad]
         batch = self._batch(rollout)
         parts = self._minibatches(rollout.valid.shape[1], generator)
         # All counts in one message; rows have different numbers of valid steps.
         counts = self.ranks.sum(torch.stack([rollout.valid[:, rows].sum() for rows in parts]))
-        sums = torch.zeros(len(METRICS), device=rollout.values.device)
-        norm = 0.0
+        sums, norm = torch.zeros(len(METRICS), device=rollout.values.device), 0.0
         for rows, count in zip(parts, counts.tolist(), strict=True):
             loss, part = self._minibatch(batch.of_rows(rows), count, stage)
             gradients = torch.autograd.grad(loss, parameters, allow_unused=True)

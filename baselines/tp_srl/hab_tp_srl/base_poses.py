@@ -10,7 +10,7 @@ import numpy as np
 from hab_plans.belief import point_of
 from hab_plans.stage import Stage
 from hab_spa.motion.robot import Robot
-from hab_spa.planning.coal_model import coal_shapes
+from hab_spa.planning.items import coal_shapes
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.shapes import Array
 from hab_spa.tasks.planned_skills import SKILLS as PLANNED_SKILLS

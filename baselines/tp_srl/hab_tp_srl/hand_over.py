@@ -13,7 +13,7 @@ from hab_plans.protocols import NavigationRequest, Navigator
 from hab_plans.stage import Stage
 from hab_spa.motion.moves import RETURN_SHARE, follow, wait
 from hab_spa.motion.robot import Robot
-from hab_spa.tasks.hand_over import fold_arm, rests
+from hab_spa.tasks.navigate import fold_arm, rests
 
 from hab_tasks.constants import SKILL_HORIZON_STEPS
 from hab_tp_srl.options import TeamOptions

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hab_spa.planning import batch
-from hab_spa.planning.coal_model import CoalModel, Contact
-from hab_spa.planning.items import Items, Obstacle, collect
+from hab_spa.planning.items import CoalModel, Contact, Items, Obstacle, collect
 from hab_spa.shapes import Array, invert_pose, standing, within_body
 from hab_tasks.privileged import PrivilegedState
 from hab_tasks.robots.kinematics import arm_model

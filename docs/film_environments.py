@@ -25,7 +25,7 @@ SUBMISSIONS = {
     "HabNavigate-v1": "spa_priv-navigate-apartment-seed2026",
     "HabTidyHouse-v1": "tp_spa_priv-tidy_house-apartment-seed5",
     "HabPrepareGroceries-v1": "tp_spa_priv-prepare_groceries-apartment-seed5",
-    "HabSetTable-v1": "tp_srl-set_table-apartment-seed81",
+    "HabSetTable-v1": "tp_srl-set_table-apartment-seed81-options0fe08328",
 }
 """Environment -> submission whose first success is filmed."""
 

@@ -3,7 +3,8 @@
 from dataclasses import replace
 
 import torch
-from hab_ppo import checkpoint, rows, trainer
+from hab_ppo import checkpoint, rows
+from hab_ppo.episodes import EpisodeSupply
 from hab_ppo.examples import Examples
 from hab_ppo.recipe import FAST, EnvConfig, NetworkConfig, Recipe
 from toy_vector import ToyVector, goals
@@ -26,7 +27,10 @@ TOY = Recipe(
 
 def replace_simulator(monkeypatch):
     """Runs train and evaluate in the toy."""
-    monkeypatch.setattr(trainer, "prepare_episodes", lambda recipe, *_: goals(6))
+    monkeypatch.setattr(EpisodeSupply, "__init__", lambda self, *_: None)
+    monkeypatch.setattr(EpisodeSupply, "end", lambda self: None)
+    monkeypatch.setattr(EpisodeSupply, "grow", lambda *_: None)
+    monkeypatch.setattr(EpisodeSupply, "evaluation", goals(6))
     monkeypatch.setattr(rows.gym, "make_vec", lambda _, num_envs, **__: ToyVector(num_envs))
 
 

@@ -29,9 +29,13 @@ class EpisodeSampler:
         """Samples from the first `num_episodes` of `source`."""
         self.source = source
         self._most = source.available
-        self._num_episodes = min(num_episodes, self._most)
+        self._num_episodes = self._drawn = min(num_episodes, self._most)
         self._order = np.random.default_rng(source.seed)
         self.seed = 0
+
+    def draw_from(self, first: int) -> None:
+        """Draws further episodes from the `first` of them."""
+        self._drawn = min(first, self._num_episodes)
 
     def choose(self, seed: int | None, wanted: Any) -> None:
         """Chooses the next episode.
@@ -54,7 +58,7 @@ class EpisodeSampler:
             self.episode = self.source.get(self._known(wanted))
         else:
             drawn = np.random.default_rng([seed, 0])
-            self.episode = self.source.get(int(drawn.integers(self._num_episodes)))
+            self.episode = self.source.get(int(drawn.integers(self._drawn)))
         self.seed = seed
 
     def _known(self, wish: Any) -> int:

@@ -133,6 +133,10 @@ class EpisodeSimulation:
         """The goals of the episode, a batch of one."""
         return of_row(self.rows.goals, self.row)
 
+    def draw_from(self, first: int) -> None:
+        """Draws further episodes from the `first` of them."""
+        self._sampler.draw_from(first)
+
     @property
     def ee_step_m(self) -> float:
         """Maximum displacement of the end-effector per action."""

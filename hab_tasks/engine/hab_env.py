@@ -28,8 +28,9 @@ from hab_tasks.engine.recorded_state import from_flat, shaped_like, with_columns
 from hab_tasks.engine.requirements import Requirements
 from hab_tasks.engine.rows import Rows
 from hab_tasks.engine.rules import Rules
+from hab_tasks.episodes.request import EpisodeRequest
 from hab_tasks.episodes.schema import Episode
-from hab_tasks.episodes.source import EpisodeRequest, open_source
+from hab_tasks.episodes.source import open_source
 from hab_tasks.errors import ActionError, EpisodeError, UnknownNameError
 from hab_tasks.option_values import entries, row_numbers, seeds
 from hab_tasks.registration import reference_of
@@ -192,6 +193,10 @@ class HabEnv(ObservingEnv):
     def simulation(self) -> EpisodeSimulation:
         """The simulation of the episodes."""
         return self._simulation
+
+    def draw_from(self, first: int) -> None:
+        """Draws further episodes from the `first` of its `num_episodes`, which may still grow."""
+        self._simulation.draw_from(first)
 
     @property
     def rows(self) -> Rows:

@@ -15,7 +15,7 @@ from hab_tasks.world.scenes.floor import BodyOutline, FreeFloor, body_outline, f
 T = TypeVar("T")
 
 MOST_OUTLINES = 8192
-MOST_FLOORS = 64
+MOST_FLOORS = 256
 """A floor takes 0.3 MB; it is made again from the outlines within milliseconds."""
 
 MOST_FINDINGS = 1024

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 from hab_tasks.episodes.fields import Pose
 from hab_tasks.episodes.generators.base import Made
 from hab_tasks.episodes.schema import Episode, with_loose
-from hab_tasks.errors import EpisodeError, FileError
+from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import Pose7
 from hab_tasks.io.cache import DAMAGED
 from hab_tasks.io.files import written_aside
@@ -70,13 +71,25 @@ class SharedEpisodes:
         except DAMAGED:  # absent, as a rule
             return None
 
+    def has(self, index: int) -> bool:
+        """Returns whether there is a file of an episode."""
+        return self._file(index).exists()
+
     def publish(self, index: int, made: Made) -> None:
-        """Shares an episode; without room for it, the others generate it themselves."""
-        try:
-            with written_aside(self._file(index)) as scratch:
-                scratch.write_text(json.dumps(made_to_json(made, {})), encoding="utf-8")
-        except FileError:
-            return
+        """Shares an episode.
+
+        Raises:
+            FileError: There is no room for it.
+        """
+        with written_aside(self._file(index)) as scratch:
+            scratch.write_text(json.dumps(made_to_json(made, {})), encoding="utf-8")
+
+    def remove(self, count: int) -> None:
+        """Removes the first `count` episodes, and the folder if nothing else is in it."""
+        for index in range(count):
+            self._file(index).unlink(missing_ok=True)
+        with suppress(OSError):
+            self._folder.rmdir()
 
     def _file(self, index: int) -> Path:
         return self._folder / f"{self._key:08x}-{index}.json"

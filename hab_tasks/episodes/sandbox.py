@@ -192,21 +192,42 @@ class PlacementSandbox:
             if step % 30 == 29 and all(body.is_sleeping for body in bodies):
                 break
 
-    def restless(self, poses: dict[str, Pose7]) -> set[str]:
+    def restless(self, poses: dict[str, Pose7], *, ends: bool = False) -> set[str]:
         """Starts objects from rest at `poses`; returns those that move.
 
         The layout's loose objects start at their settled poses and are included. The test takes
-        two seconds, as an uneven box may rock for more than one second before it topples.
+        two seconds, as an uneven box may rock for more than one second before it topples. Where
+        everything sleeps, only the parked robot goes on, which affects what is simulated later.
+
+        Args:
+            poses: Object name -> pose.
+            ends: Whether nothing is simulated later if nothing moves.
         """
         start = {**self.settled, **poses}
         for name, pose in start.items():
             self.place(name, pose)
+
+        def fast() -> set[str]:
+            return {name for name in start if self._speed_m_s(name) > STILL_M_S}
+
+        def away() -> set[str]:
+            return {n for n, p in start.items() if math.dist(self.pose(n)[:3], p[:3]) > STILL_M}
+
         moved: set[str] = set()
         for beat in range(1, round(STILL_S / BEAT_S) + 1):
             self.settle(BEAT_S, tuple(start))
             if beat * BEAT_S > FIRST_S:
-                moved |= {name for name in start if self._speed_m_s(name) > STILL_M_S}
-        return moved | {n for n, p in start.items() if math.dist(self.pose(n)[:3], p[:3]) > STILL_M}
+                moved |= fast()
+            if ends and self._all_sleep() and not moved | fast() | away():
+                return set()
+        return moved | away()
+
+    def _all_sleep(self) -> bool:
+        """Whether all bodies sleep, except the robot."""
+        links = (link for piece in self._furniture.values() for link in piece.links)
+        return all(map(self.asleep, self.scene_bodies.movable)) and all(
+            link.sleeping for link in links
+        )
 
     def footprint(self, name: str) -> tuple[Array, float, float]:
         """Measures an object standing upright.

@@ -7,11 +7,12 @@ the same first 50, and repeated requests are equal.
 from __future__ import annotations
 
 import logging
+import os
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from contextvars import ContextVar
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import asdict, astuple
 from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
@@ -21,13 +22,13 @@ from hab_tasks.episodes.generators import Made, generator_of
 from hab_tasks.episodes.generators.base import Objects
 from hab_tasks.episodes.made_files import SharedEpisodes
 from hab_tasks.episodes.provenance import check_made_from, made_from, stable_hash
+from hab_tasks.episodes.request import EpisodeRequest
 from hab_tasks.episodes.schema import SCHEMA, Episode, EpisodeSet, read_episodes, write_episodes
-from hab_tasks.errors import EpisodeError, OptionError, UnknownNameError
-from hab_tasks.io.cache import read_cached, write_cached
+from hab_tasks.errors import EpisodeError, FileError, UnknownNameError
+from hab_tasks.io.cache import find, read_cached, write_cached
 from hab_tasks.io.executors import Executor, Task
 from hab_tasks.io.executors.local import LocalExecutor
 from hab_tasks.object_names import TRAIN_OBJECTS, UNSEEN_OBJECTS
-from hab_tasks.option_values import LARGEST_SEED, name, path, whole
 from hab_tasks.receptacles import UNSEEN_RECEPTACLES
 from hab_tasks.registration import TASKS, imported_id
 from hab_tasks.robots.fetch import FETCH
@@ -43,44 +44,6 @@ Progress = Callable[[int, int], None]
 Record = Callable[[int, Made], None]
 
 
-@dataclass(frozen=True, kw_only=True)
-class EpisodeRequest:
-    """A request for episodes.
-
-    Attributes:
-        env_id: Their environment.
-        scene_dataset: ``apartment``, ``replica_cad``, or the path of a ReplicaCAD folder.
-        objects: Path of a YCB folder; None for the embedded objects.
-        split: ``train``, ``val`` or ``test``; None picks the least-seen split available.
-        scene: Restrict episodes to this layout.
-        file: An episode file instead of generated episodes.
-        seed: Seed of the generated episodes.
-        novel: ``objects`` or ``receptacles``: use those held out for evaluation (S E.1); None for
-            the training objects and the skill's own receptacles.
-        robot: ManiSkill's uid of the robot.
-    """
-
-    env_id: str
-    scene_dataset: str | Path = "apartment"
-    objects: str | Path | None = None
-    split: str | None = None
-    scene: str | None = None
-    file: str | Path | None = None
-    seed: int = 0
-    novel: str | None = None
-    robot: str = FETCH.uid
-
-    def __post_init__(self) -> None:
-        """Rejects values of a wrong type."""
-        whole("seed", self.seed, 0, LARGEST_SEED)
-        for option in ("split", "scene", "novel"):
-            name(option, getattr(self, option))
-        for option in ("scene_dataset", "objects", "file"):
-            path(option, getattr(self, option))
-        if self.scene_dataset is None:
-            raise OptionError.of_value("scene_dataset", None, "a path or a name")
-
-
 class EpisodeSource:
     """The episodes of a request, by index.
 
@@ -92,6 +55,8 @@ class EpisodeSource:
         available: Number of episodes.
         made_from: Provenance of the episodes.
         rejections: Reason -> number of candidates rejected by this process.
+        making: Entry of the cache in which processes share the episodes of a set in the making.
+        saved: Number of episodes of the set in the cache.
     """
 
     def __init__(
@@ -111,14 +76,15 @@ class EpisodeSource:
         self.rejections: Counter[str] = Counter()
         self._generator: generators.Generator | None = None
         self._episodes: dict[int, Episode] = {}
+        self._included: dict[int, Episode] = {}
         self._scenes: dict[str, SceneSpec] = {}
-        self._others: SharedEpisodes | None = None
+        self._folder, self._set_read, self.saved = folder, (0, 0), 0
         if self.file is not None:
             self._take_file(self.file)
         else:
-            self._take_generated(folder)
+            self._take_generated()
 
-    def _take_generated(self, folder: Path | None) -> None:
+    def _take_generated(self) -> None:
         dataset = self.dataset
         scope = "-".join(part for part in (self.split, self.scene_id) if part) + self._variant
         self._make_generator, version = generator_of(self.env_id)
@@ -126,21 +92,22 @@ class EpisodeSource:
         kind = self.made_from.objects
         self._name = f"{self.env_id}.{dataset.name}.{kind}.{scope}.{self.seed}.json.gz"
         shipped = dataset.root == embedded_dataset().resolve()
-        self._embedded = _shipped_folder() / self._name if shipped else None
+        embedded = _shipped_folder() / self._name if shipped else None
         # The fingerprint of a task covers starts and goals of its objects, not its instruction.
         task = TASKS.get(self.env_id)
         spec = (task and (task.targets, task.starts_open, task.clutter, task.clutter_on)) or ()
         key = stable_hash(*map(str, (SCHEMA, *astuple(self.made_from), *spec)))
         self._task = stable_hash(*map(str, spec)) if spec else None
         self._cached = f"episodes/{key:08x}/{self._name}"
-        if folder is not None:
-            self._others = SharedEpisodes(folder, stable_hash(self._cached))
-        kept = read_cached(self._cached, read_episodes)
-        if kept is not None:
-            self._take(kept)
-        # The cache may have more episodes than the package; those of the package take precedence.
-        if self._embedded is not None and self._embedded.exists():
-            self._take(read_episodes(self._embedded))
+        self.making, self._key = f"{self._cached}.making", stable_hash(self._cached)
+        if embedded is not None and embedded.exists():
+            self._take(read_episodes(embedded))
+            self._included = dict(self._episodes)
+        self._read_set()
+
+    def holds(self, count: int) -> bool:
+        """Returns whether the first `count` episodes were read."""
+        return all(index in self._episodes for index in range(count))
 
     @property
     def given(self) -> tuple[Episode, ...]:
@@ -169,14 +136,48 @@ class EpisodeSource:
         """
         if not 0 <= index < self.available:
             raise EpisodeError(f"Episode {index}: valid indices are 0 to {self.available - 1}.")
-        if index not in self._episodes:
-            made = None if self._others is None else self._others.find(index)
-            if made is None:
-                made = self.make(index)
-                if self._others is not None:
-                    self._others.publish(index, made)
+        if not self.has(index):
+            made = self.make(index)
+            if self._folder is not None:
+                with suppress(FileError):  # without room, others generate it themselves
+                    self.shared_in(self._folder).publish(index, made)
             self._keep(index, made)
         return self._episodes[index]
+
+    def is_there(self, index: int) -> bool:
+        """Returns whether an episode was read, or processes that make the set have made it."""
+        folder = None if index in self._episodes else find(self.making)
+        return index in self._episodes or (folder is not None and self.shared_in(folder).has(index))
+
+    def has(self, index: int) -> bool:
+        """Returns whether there is an episode; takes those that other processes have made."""
+        if index in self._episodes:
+            return True
+        folders = self._folder, find(self.making)
+        found = (self.shared_in(folder).find(index) for folder in folders if folder is not None)
+        made = next((one for one in found if one is not None), None)
+        if made is None:
+            self._read_set()
+            return index in self._episodes
+        self._keep(index, made)
+        return True
+
+    def shared_in(self, folder: Path) -> SharedEpisodes:
+        """Returns the episodes that processes share in a folder."""
+        return SharedEpisodes(folder, self._key)
+
+    def _read_set(self) -> None:
+        """Reads the set in the cache if it has changed; it may be damaged, or removed meanwhile."""
+        with suppress(OSError):
+            found = os.stat(find(self._cached) or "")
+            before, self._set_read = self._set_read, (found.st_ino, found.st_mtime_ns)
+            if self._set_read != before:
+                kept = read_cached(self._cached, read_episodes)
+                # The cache may have more episodes than the package, which takes precedence.
+                if kept is not None and len(kept) > len(self._included):
+                    self.saved = len(kept)
+                    self._take(kept)
+                    self._episodes |= self._included
 
     def restore(self, made: Mapping[int, Made], count: int) -> None:
         """Takes those of the first `count` episodes that an earlier process generated."""
@@ -207,7 +208,7 @@ class EpisodeSource:
         """
         if self.available < count:
             self.get(self.available)
-        missing = [index for index in range(count) if index not in self._episodes]
+        missing = [index for index in range(count) if not self.has(index)]
         ready = count - len(missing)
         executor = LocalExecutor(workers) if isinstance(workers, int) else workers
         with closing(self._made(missing, executor)) as results:
@@ -358,26 +359,6 @@ def open_source(request: EpisodeRequest) -> EpisodeSource:
     if request not in shared.sources:
         shared.sources[request] = EpisodeSource(request, dataset, shared.folder)
     return shared.sources[request]
-
-
-def load_episodes(
-    request: EpisodeRequest,
-    count: int,
-    progress: Progress | None = None,
-    workers: int | Executor = 1,
-) -> EpisodeSet:
-    """Returns the first `count` episodes; newly generated ones are cached.
-
-    Args:
-        request: The request.
-        count: Number of episodes.
-        progress: Called with (episodes ready, `count`) after each one.
-        workers: Number of processes, or an executor; does not change the episodes.
-    """
-    source = open_source(request)
-    if source.prepare(count, workers, progress):
-        source.save(count)
-    return source.to_set(count)
 
 
 def _start_worker(request: EpisodeRequest) -> Callable[[int], Made]:

@@ -31,8 +31,10 @@ DAMAGED = (
 )
 """Exceptions raised on reading a damaged file."""
 
+RUN_DIR = "HAB_RUN_DIR"
+"""Environment variable in which processes pass on their `run_dir`."""
+
 _said: set[str] = set()
-_run_dir: Path | None = None
 
 
 def cache_dir() -> Path:
@@ -45,16 +47,21 @@ def cache_dir() -> Path:
 
 
 def run_dir() -> Path:
-    """Returns a folder that is removed when this process ends.
+    """Returns a folder that is removed when this process ends; processes that it starts use it.
 
     Raises:
         HabError: No temporary folder is writable.
     """
-    global _run_dir
-    if _run_dir is None or not _run_dir.is_dir():
-        _run_dir = temporary_folder()
-        atexit.register(_remove_of, _run_dir, os.getpid())
-    return _run_dir
+    folder = _run_dir()
+    if folder is None or not folder.is_dir():
+        folder = temporary_folder()
+        os.environ[RUN_DIR] = str(folder)
+        atexit.register(_remove_of, folder, os.getpid())
+    return folder
+
+
+def _run_dir() -> Path | None:
+    return Path(os.environ[RUN_DIR]) if RUN_DIR in os.environ else None
 
 
 def temporary_folder() -> Path:
@@ -69,16 +76,10 @@ def temporary_folder() -> Path:
         raise HabError(f"cannot create a temporary folder ({error}); set TMPDIR.") from error
 
 
-def use_run_dir(folder: Path) -> None:
-    """Uses the `run_dir` of the parent process."""
-    global _run_dir
-    _run_dir = folder
-
-
 def find(name: str) -> Path | None:
     """Returns the path of a cache entry, or None."""
-    folders = [cache_dir()] if _run_dir is None else [_run_dir, cache_dir()]
-    return next((f / name for f in folders if os.path.lexists(f / name)), None)
+    folders = (_run_dir(), cache_dir())
+    return next((f / name for f in folders if f is not None and os.path.lexists(f / name)), None)
 
 
 def read_cached(name: str, read: Callable[[Path], T]) -> T | None:
@@ -133,7 +134,7 @@ def writable_dir(name: str) -> Path:
     except OSError as error:
         _say_unwritable(error)
     folder = run_dir() / name
-    folder.mkdir(exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     return folder
 
 

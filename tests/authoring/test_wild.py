@@ -11,7 +11,7 @@ from hab_authoring.pipeline.options import AssetOptions
 from refusals import refused_by_call, refused_by_command
 
 from hab_tasks.cli import main
-from hab_tasks.episodes.source import EpisodeRequest, open_source
+from hab_tasks.episodes import EpisodeRequest, open_source
 from hab_tasks.registration import ENTRY_POINTS
 from hab_tasks.world.scenes.fields import read_json
 from hab_tasks.world.scenes.habitat.dataset import SceneDataset, resolve_dataset

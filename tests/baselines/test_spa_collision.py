@@ -64,7 +64,7 @@ def test_agrees_with_physx_on_random_poses(make_scene):
 
 
 def test_the_kernel_answers_as_coal_does_near_contact_too(shelf_state):
-    cloud_m = np.random.default_rng(0).uniform(-0.15, 0.15, (400, 3)) + np.array((0.5, 0.3, 1.0))
+    cloud_m = np.random.default_rng(0).uniform((0.35, 0.15, 0.85), (0.65, 0.45, 1.15), (400, 3))
     voxels = octrees(np.floor(cloud_m / 0.012) * 0.012 + 0.006, 0.012, cell_m=0.2)
     model = ArmCollision(FETCH, shelf_state, obstacles=voxels)
     for margin_m in (0.02, 0.0):

@@ -6,8 +6,8 @@ import pytest
 from refusals import refused_by_call, refused_by_command
 
 from hab_tasks.cli import main
+from hab_tasks.episodes import EpisodeRequest, open_source
 from hab_tasks.episodes.journal import EpisodeJournal
-from hab_tasks.episodes.source import EpisodeRequest, open_source
 
 COMMAND = ("episodes", "--env", "HabOpenDrawer-v1", "--split", "train", "--seed", "11")
 COUNT = 4
@@ -69,11 +69,3 @@ def test_a_journal_that_is_damaged_or_of_another_run_is_refused(source, tmp_path
     with journal.file.open("a") as file:
         file.write('{"index": 1}\n')
     refused_by_call(partial(reopened, source, journal), "line 3")
-
-
-def test_a_run_without_any_episode_leaves_no_journal(source, tmp_path):
-    journal = journal_with(source, tmp_path, 0)
-    assert not journal.file.exists()
-    journal.file.write_text('{"journal"')  # killed in the first line
-    assert reopened(source, journal).entries == {}
-    assert not journal.file.exists()

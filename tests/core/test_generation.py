@@ -11,7 +11,7 @@ import pytest
 from builders import table_config, tiny_dataset, write_json
 from start_checks import TASKS, Replay
 
-from hab_tasks.episodes import EpisodeRequest, load_episodes, open_source, read_episodes
+from hab_tasks.episodes import EpisodeRequest, load_episodes, making, open_source, read_episodes
 from hab_tasks.episodes.generators import starts_of
 from hab_tasks.episodes.rejection import RejectedSampleError
 from hab_tasks.errors import GenerationError
@@ -116,7 +116,10 @@ def test_a_dataset_without_receptacles_gives_up_and_says_why(tmp_path):
     write_json(root / "configs/objects/table.object_config.json", table)
     for env_id in ENTRY_POINTS:
         with pytest.raises(GenerationError, match=rf"{env_id}/tiny.*no .* in the layout': [1-9]"):
-            open_source(EpisodeRequest(env_id=env_id, scene_dataset=root)).get(0)
+            open_source(request := EpisodeRequest(env_id=env_id, scene_dataset=root)).get(0)
+    maker = making.EpisodeMaker([making.Wanted(request, 1)])
+    with maker, pytest.raises(GenerationError, match="no start state found"):
+        maker.wait(0)
 
 
 def test_refusals_are_told_and_stored(run, monkeypatch, tmp_path):

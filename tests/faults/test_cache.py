@@ -26,7 +26,7 @@ def use(folder, monkeypatch):
     """Uses a cache folder as a new process does: nothing is known or said yet."""
     monkeypatch.setenv("HAB_CACHE_DIR", str(folder))
     monkeypatch.setattr(cache, "_said", set())
-    monkeypatch.setattr(cache, "_run_dir", None)
+    monkeypatch.delenv(cache.RUN_DIR, raising=False)
     forget()
 
 

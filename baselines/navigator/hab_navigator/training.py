@@ -22,7 +22,7 @@ from hab_navigator.lessons import Lessons, fit, misfit
 from hab_navigator.network import GoalNetwork
 from hab_navigator.practice import Played, PracticePlan, practise
 from hab_navigator.weights import KIND, WEIGHTS, load, save
-from hab_tasks.episodes import EpisodeRequest, load_episodes
+from hab_tasks.episodes import EpisodeMaker, EpisodeRequest, Wanted
 from hab_tasks.io.console import tell
 from hab_tasks.io.files import check_folder
 from hab_tasks.io.pool import WorkerPool, in_order
@@ -48,6 +48,9 @@ MAY_CHANGE: dict[str, Any] = {
 
 Solved = dict[str, list[int]]
 """By the skill whose start the goal is: solved episodes, and all."""
+
+FIRST = 200
+"""Number of training episodes that the first round draws from, besides as many as it plays."""
 
 FIRST_SHARE = 0.25
 """Share of a round's episodes in the first one, in which the network knows nothing."""
@@ -119,25 +122,38 @@ def train(plan: TrainingPlan, write_line: WriteLine) -> None:
     began = time.perf_counter()
     network, about, lessons = _started(plan)
     network.to("cuda" if torch.cuda.is_available() else "cpu")
-    for number in range(len(about["rounds"]), plan.rounds):
-        solved, new = _played(plan, number)
-        before = misfit(network, new)
-        lessons = new if lessons is None else Lessons.joined([lessons, new])
-        with compute_threads(plan.workers):
-            last = fit(network, lessons, plan.epochs, plan.seed + number)
-        entry = _entry(plan, solved, len(lessons.goals), before, last)
-        about["rounds"].append(entry)
-        about["seconds"] += time.perf_counter() - began
-        began = time.perf_counter()
-        checkpoint.save(plan.out / LESSONS, lessons.tensors(), {"kind": KIND})
-        save(plan.out / WEIGHTS, network, about)
-        (plan.out / PLAYED).unlink()
-        write_line(
-            f"round {number + 1} of {plan.rounds}: solved {entry['solved']} of "
-            f"{entry['episodes']} episodes, {entry['lessons']:,} lessons, cross-entropy of new "
-            f"ones {before:.3f}, of all after the fit {last:.3f}; "
-            f"{about['seconds'] / 60:.1f} min"
-        )
+    with _maker(plan) as maker:
+        for number in range(len(about["rounds"]), plan.rounds):
+            solved, new = _played(plan, number, maker)
+            before = misfit(network, new)
+            lessons = new if lessons is None else Lessons.joined([lessons, new])
+            with compute_threads(plan.workers):
+                last = fit(network, lessons, plan.epochs, plan.seed + number)
+            entry = _entry(plan, solved, len(lessons.goals), before, last)
+            about["rounds"].append(entry)
+            about["seconds"] += time.perf_counter() - began
+            began = time.perf_counter()
+            checkpoint.save(plan.out / LESSONS, lessons.tensors(), {"kind": KIND})
+            save(plan.out / WEIGHTS, network, about)
+            (plan.out / PLAYED).unlink()
+            write_line(
+                f"round {number + 1} of {plan.rounds}: solved {entry['solved']} of "
+                f"{entry['episodes']} episodes, {entry['lessons']:,} lessons, cross-entropy of new "
+                f"ones {before:.3f}, of all after the fit {last:.3f}; "
+                f"{about['seconds'] / 60:.1f} min"
+            )
+
+
+def _maker(plan: TrainingPlan) -> EpisodeMaker:
+    """Starts to make the training episodes."""
+    request = EpisodeRequest(
+        env_id=NAVIGATE_ID,
+        scene_dataset=plan.scene_dataset,
+        objects=plan.objects,
+        split="train",
+    )
+    first = Wanted(request, _drawn_from(plan, 0))
+    return EpisodeMaker([first, Wanted(request, plan.num_episodes, later=True)], plan.workers)
 
 
 def _started(plan: TrainingPlan) -> tuple[GoalNetwork, dict[str, Any], Lessons | None]:
@@ -161,34 +177,29 @@ def _started(plan: TrainingPlan) -> tuple[GoalNetwork, dict[str, Any], Lessons |
     return network, about, lessons.chosen(torch.arange(about["rounds"][-1]["lessons"]))
 
 
-def _played(plan: TrainingPlan, number: int) -> tuple[Solved, Lessons]:
+def _played(plan: TrainingPlan, number: int, maker: EpisodeMaker) -> tuple[Solved, Lessons]:
     """Returns what a round has brought; it is played if that has not been done."""
     path = plan.out / PLAYED
     if path.exists():
         tensors, about = checkpoint.load(path)
         if about["round"] == number:
             return about["solved"], Lessons.of_tensors(tensors)
-    played = _practised(plan, number)
+    played = _practised(plan, number, maker)
     lessons = Lessons.joined(played.lessons)
     solved = {skill: [sum(found), len(found)] for skill, found in sorted(played.solved.items())}
     checkpoint.save(path, lessons.tensors(), {"kind": KIND, "round": number, "solved": solved})
     return solved, lessons
 
 
-def _prepare_episodes(plan: TrainingPlan) -> None:
-    """Generates the missing episodes."""
-    request = EpisodeRequest(
-        env_id=NAVIGATE_ID,
-        scene_dataset=plan.scene_dataset,
-        objects=plan.objects,
-        split="train",
-    )
-    load_episodes(request, plan.num_episodes, None, plan.workers)
+def _drawn_from(plan: TrainingPlan, number: int) -> int:
+    """Returns the number of training episodes that a round draws from: of 3,000, 450 at first."""
+    return min(plan.num_episodes, FIRST + round(plan.episodes * (number + FIRST_SHARE)))
 
 
-def _practised(plan: TrainingPlan, number: int) -> Played:
+def _practised(plan: TrainingPlan, number: int, maker: EpisodeMaker) -> Played:
     """Plays the episodes of a round in several processes."""
-    _prepare_episodes(plan)
+    count = _drawn_from(plan, number)
+    maker.wait(1, count)
     share = FIRST_SHARE if number == 0 else 1.0
     each = max(1, round(share * plan.episodes / (plan.rows * plan.workers)))
     plans = [
@@ -196,7 +207,7 @@ def _practised(plan: TrainingPlan, number: int) -> Played:
             weights=plan.out / WEIGHTS if number else None,
             scene_dataset=plan.scene_dataset,
             objects=plan.objects,
-            num_episodes=plan.num_episodes,
+            num_episodes=count,
             rows=plan.rows,
             each=each,
             seed=[plan.seed, number, worker],

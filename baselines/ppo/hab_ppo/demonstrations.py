@@ -24,7 +24,7 @@ from hab_eval.run.runner import run_episode
 
 from hab_ppo.agent import spec_of
 from hab_ppo.demonstration_file import Followed
-from hab_ppo.episodes import training_episodes
+from hab_ppo.episodes import training_source
 from hab_ppo.errors import RecipeError
 from hab_ppo.examples import Examples
 from hab_ppo.observation import ObservationLayout
@@ -166,7 +166,6 @@ def demonstrate(plan: DemonstrationPlan, write_line: WriteLine) -> Demonstration
         )
     load_agent(plan.agent, _setup(plan))  # bad names are reported here, and not by a worker
     made, most = Demonstrations(), plan.recipe.env.num_episodes
-    training_episodes(plan.recipe, plan.workers, write_line)
     with _attempts(plan, most) as attempts:
         for attempt in attempts:
             made.add(attempt)
@@ -203,7 +202,7 @@ class Studio:
         use_one_thread()
         self._plan, recipe = plan, plan.recipe
         most = recipe.env.num_episodes
-        self._episodes = training_episodes(recipe, 1, lambda line: None)
+        self._source = training_source(recipe)
         self._agent: Agent = load_agent(plan.agent, _setup(plan))
         config, spec = plan.config(), self._agent.spec
         self._stage = environments.make_env(
@@ -222,7 +221,7 @@ class Studio:
         Raises:
             RunStoppedError: The agent or an environment raised.
         """
-        episode = self._episodes[number]
+        episode = self._source.get(number)
         try:
             return self._attempted(number, episode)
         except Exception as error:

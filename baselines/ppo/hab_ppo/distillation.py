@@ -87,6 +87,7 @@ def distill(
     write_line: WriteLine,
     *,
     done: int = 0,
+    begin: Callable[[int], None] = lambda number: None,
     keep: Callable[[int], None] = lambda done: None,
 ) -> Fit:
     """Fits a student to a teacher; returns the last fit, which only the first rank makes.
@@ -100,6 +101,7 @@ def distill(
         ranks: The ranks of the run.
         write_line: Receives progress lines.
         done: Number of rounds that the student has had. Their data are not there any more.
+        begin: Called before each round with its number.
         keep: Called by the first rank after each round with the number of rounds so far.
     """
     student.head.explore(config.tuning.log_std)
@@ -107,6 +109,7 @@ def distill(
     fit = Fit(epochs=0, loss=0.0, held_out_loss=0.0)
     for number in range(done, config.rounds):
         _share(student, ranks)
+        begin(number)
         beta = config.beta if number == 0 else 0.0
         steps = -(-config.round_steps // ranks.size)
         own = visit(student, teacher, env, steps, beta, [seed, number, ranks.rank])

@@ -10,8 +10,7 @@ from __future__ import annotations
 import os
 import time
 import uuid
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from datetime import timedelta
 
 import torch
@@ -32,7 +31,7 @@ POLL_S = 0.02
 """Time between two looks at the store."""
 
 TIMEOUT = timedelta(hours=12)
-"""Ranks may wait for the first one to generate episodes, make demonstrations or distil."""
+"""Ranks may wait for the first one to make demonstrations or distil."""
 
 
 class Ranks:
@@ -133,18 +132,14 @@ class Ranks:
             found.append(content.cpu().numpy().tobytes())
         return found
 
-    @contextmanager
-    def first_on_machine(self) -> Iterator[int]:
-        """Runs the first rank of each machine through the context before its others.
+    @property
+    def is_first_on_machine(self) -> bool:
+        """Whether this rank starts the processes that make episodes for those on its machine."""
+        return self.size == 1 or os.environ.get("LOCAL_RANK", "0") == "0"
 
-        Yields:
-            Number of processes that it may use meanwhile.
-        """
-        waits = self.size > 1 and os.environ.get("LOCAL_RANK", "0") != "0"
-        if waits:
-            dist.barrier()
-        yield 1 if waits else self.on_machine
-        if self.size > 1 and not waits:
+    def meet(self) -> None:
+        """Waits for all ranks."""
+        if self.size > 1:
             dist.barrier()
 
     def sum_gradients(self, parameters: Iterable[Tensor]) -> None:

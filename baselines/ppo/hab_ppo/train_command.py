@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import shutil
 from dataclasses import dataclass, fields, replace
@@ -24,6 +25,7 @@ from hab_ppo.recipes import find_recipe
 from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.io.console import Command
 from hab_tasks.io.files import check_folder
+from hab_tasks.io.pool import start_server
 from hab_tasks.option_values import LARGEST_SEED, whole
 
 TRAIN_HELP = """Trains a policy by its recipe.
@@ -87,6 +89,12 @@ class TrainCommand(Command):
     """Replace the run in DIR."""
     verbose: bool = False
     """Print the traceback of an error in an environment."""
+
+    def run(self) -> int:
+        """Trains; worker processes import the simulator while this one does."""
+        if self.ranks == 1 or "WORLD_SIZE" in os.environ:
+            start_server("hab_tasks.vector.worker", "hab_tasks.episodes.making")
+        return super().run()
 
     def arguments(self) -> list[str]:
         """Returns the arguments of a rank: those given, but for --force."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hab_ppo.checkpoint import load
 from hab_ppo.distributed import Ranks
-from hab_ppo.episodes import prepare_episodes
+from hab_ppo.episodes import check_episodes
 from hab_ppo.launch import is_prepared, is_rank, launch
 from hab_ppo.plan import EXACT, LAST, TrainPlan, check_same
 from hab_ppo.recipe import Recipe
@@ -29,17 +29,17 @@ def run(options: TrainCommand) -> int:
     options.check_out()
     if options.ranks == 1:
         return _train(options, recipe)
-    _check(_plan(options, recipe), options.ranks)
+    _check(_plan(options, recipe))
     launch(options.ranks, options.arguments())
     return 0
 
 
-def _check(plan: TrainPlan, ranks: int) -> None:
+def _check(plan: TrainPlan) -> None:
     """Rejects bad input here, once, and not in each rank."""
     check_start(plan)
     if plan.resume is not None:
         check_same(plan, load(plan.out / plan.resume)[1])
-    prepare_episodes(plan.recipe, ranks, tell)  # also checks the environment's options
+    check_episodes(plan.recipe)
 
 
 def _plan(options: TrainCommand, recipe: Recipe) -> TrainPlan:

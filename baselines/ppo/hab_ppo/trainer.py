@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -22,7 +21,7 @@ from hab_ppo import checkpoint
 from hab_ppo.checkpoint import Position
 from hab_ppo.collect import Collector
 from hab_ppo.distributed import Ranks
-from hab_ppo.episodes import prepare_episodes
+from hab_ppo.episodes import EpisodeSupply
 from hab_ppo.evaluation import evaluate
 from hab_ppo.fine_tuning import Stage
 from hab_ppo.network import new_policy
@@ -34,7 +33,6 @@ from hab_ppo.progress import PARTS, Progress, Recent, WriteLine
 from hab_ppo.rows import binary_entries
 from hab_ppo.stages import stage_names
 from hab_ppo.warm_start import make_rows, start_policy
-from hab_tasks.episodes.schema import Episode
 from hab_tasks.io.files import written_aside
 from hab_tasks.io.threads import use_one_thread
 from hab_tasks.typed_values import to_json
@@ -48,17 +46,16 @@ def train_rank(plan: TrainPlan, ranks: Ranks, write_line: WriteLine) -> Position
     use_one_thread()
     recipe, preset = plan.recipe, plan.recipe.preset
     write_line = write_line if ranks.is_first else lambda line: None
-    with ranks.first_on_machine() as workers:
-        episodes = prepare_episodes(recipe, workers, write_line)
-    env = make_rows(recipe, preset.rows, 1)
-    layout = ObservationLayout.of(env.single_observation_space, preset.network.image_block_px)
-    space = env.single_action_space
-    policy = new_policy(layout, space, preset.network, plan.seed, binary_entries(recipe))
-    policy = policy.to(ranks.device)
-    guide = start_policy(plan, ranks, policy, write_line)
-    learner = PPO(policy, preset.ppo, ranks, guide)
-    position = _restored(plan, ranks, learner) if plan.resume else Position()
-    return Trainer(plan, ranks, env, learner, episodes, position, write_line).run()
+    with EpisodeSupply(recipe, ranks, write_line) as supply:
+        env = make_rows(recipe, preset.rows, 1)
+        layout = ObservationLayout.of(env.single_observation_space, preset.network.image_block_px)
+        space = env.single_action_space
+        policy = new_policy(layout, space, preset.network, plan.seed, binary_entries(recipe))
+        policy = policy.to(ranks.device)
+        guide = start_policy(plan, ranks, policy, supply, write_line)
+        learner = PPO(policy, preset.ppo, ranks, guide)
+        position = _restored(plan, ranks, learner) if plan.resume else Position()
+        return Trainer(plan, ranks, env, learner, supply, position, write_line).run()
 
 
 def _restored(plan: TrainPlan, ranks: Ranks, learner: PPO) -> Position:
@@ -80,13 +77,13 @@ class Trainer:
         ranks: Ranks,
         env: Any,
         learner: PPO,
-        episodes: Sequence[Episode],
+        supply: EpisodeSupply,
         position: Position,
         write_line: WriteLine,
     ) -> None:
-        """Takes the parts of a run: its rows, its learner, and the episodes of its evaluations."""
+        """Takes the parts of a run: its rows, its learner and its episodes."""
         self._plan, self._recipe, self._ranks = plan, plan.recipe, ranks
-        self._env, self._learner, self._episodes = env, learner, episodes
+        self._env, self._learner, self._supply = env, learner, supply
         self._position, self._write_line = position, write_line
         preset, self._stages = plan.recipe.preset, stage_names(plan.recipe.env)
         self._collector = Collector(
@@ -142,6 +139,8 @@ class Trainer:
         log_std = self._recipe.log_std(share)
         if log_std is not None:
             self._learner.policy.head.explore(log_std)
+        with clock("env"):
+            self._grow()
         rollout, sums = self._collector.collect(at.update, noise)
         with clock("update"):
             stage = self._stage()
@@ -205,7 +204,7 @@ class Trainer:
         """Returns the rates of success and stages and the mean return over all ranks' episodes."""
         ranks, names = self._ranks, ["eval/success", "eval/return"]
         names += [f"eval/stage/{name}" for name in self._stages]
-        mine = self._episodes[ranks.rank :: ranks.size]
+        mine = self._supply.evaluation[ranks.rank :: ranks.size]
         policy = self._learner.policy
         noise = None
         if self._recipe.draws_actions:
@@ -237,9 +236,16 @@ class Trainer:
 
     def _start_rows(self) -> None:
         """Starts all rows anew; what follows depends on recipe, seed and update alone."""
+        self._grow()
         drawn = self._drawn(0, self._env.num_envs) >> 1
         self._collector.reset(drawn.tolist())
         self._learner.forget_returns()
+
+    def _grow(self) -> None:
+        """Lets rows draw from the training episodes that belong to the next update."""
+        distill = self._recipe.distill
+        before = 0 if distill is None else distill.rounds * distill.round_steps
+        self._supply.grow(self._env, before + self._position.steps)
 
     def _generator(self, purpose: int, device: torch.device | None = None) -> torch.Generator:
         """Returns a new generator for this rank and update."""

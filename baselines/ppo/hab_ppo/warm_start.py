@@ -21,7 +21,7 @@ from hab_ppo.demonstration_file import DemonstrationFile, read_examples, write_e
 from hab_ppo.demonstrations import DemonstrationPlan, demonstrate
 from hab_ppo.distillation import distill
 from hab_ppo.distributed import Ranks
-from hab_ppo.episodes import training_episodes
+from hab_ppo.episodes import EpisodeSupply, training_source
 from hab_ppo.errors import RecipeError
 from hab_ppo.examples import Examples
 from hab_ppo.fine_tuning import Guide
@@ -76,7 +76,7 @@ def check_start(plan: TrainPlan) -> None:
 
 
 def start_policy(
-    plan: TrainPlan, ranks: Ranks, policy: Policy, write_line: WriteLine
+    plan: TrainPlan, ranks: Ranks, policy: Policy, supply: EpisodeSupply, write_line: WriteLine
 ) -> Guide | None:
     """Sets a policy to the weights from which PPO starts; returns them as a guide.
 
@@ -91,7 +91,7 @@ def start_policy(
         return None
     is_made = ranks.from_first(str(path.exists()).encode()) == b"True"
     if not is_made and given is None:
-        _make(plan, ranks, policy, write_line)
+        _make(plan, ranks, policy, supply, write_line)
     elif not is_made and given is not None and ranks.is_first:
         _save_start(plan, policy, {"made_from": {"weights": given.name}, "seconds": 0.0})
     check_same(plan, _load(policy, path, ranks))
@@ -113,11 +113,13 @@ def _load(policy: Policy, path: Path, ranks: Ranks) -> dict[str, Any]:
     return about
 
 
-def _make(plan: TrainPlan, ranks: Ranks, policy: Policy, write_line: WriteLine) -> None:
+def _make(
+    plan: TrainPlan, ranks: Ranks, policy: Policy, supply: EpisodeSupply, write_line: WriteLine
+) -> None:
     """Trains the weights from which PPO starts; the first rank writes them."""
     began, recipe = time.perf_counter(), plan.recipe
     if recipe.distill is not None:
-        made, fit = _distilled(plan, ranks, policy, write_line)
+        made, fit = _distilled(plan, ranks, policy, supply, write_line)
     elif not ranks.is_first:
         return
     else:
@@ -153,8 +155,8 @@ def _taught(
     fit = clone(policy, file.examples, config.cloning, plan.seed, write_line)
     if not config.rounds:
         return fit
-    episodes = training_episodes(recipe, ranks.on_machine, write_line)
-    lessons = [Lesson(episodes[one.number], one.path) for one in file.followed]
+    source = training_source(recipe)
+    lessons = [Lesson(source.get(one.number), one.path) for one in file.followed]
     env = make_rows(recipe, recipe.preset.rows * ranks.size, ranks.on_machine)
     try:
         for number in range(config.rounds):
@@ -175,7 +177,7 @@ def _taught(
 
 
 def _distilled(
-    plan: TrainPlan, ranks: Ranks, policy: Policy, write_line: WriteLine
+    plan: TrainPlan, ranks: Ranks, policy: Policy, supply: EpisodeSupply, write_line: WriteLine
 ) -> tuple[dict[str, Any], Fit]:
     """Fits a policy to its teacher; returns what the teacher was, and the fit."""
     recipe, config, rows = plan.recipe, plan.recipe.distill, plan.recipe.preset.rows
@@ -194,16 +196,17 @@ def _distilled(
     if done:
         write_line(f"distillation continues after round {done} of {config.rounds}")
 
+    def begin(number: int) -> None:
+        supply.grow(env, number * config.round_steps)
+
     def keep(done: int) -> None:
         about = {"recipe": to_json(recipe), "seed": plan.seed, "rounds": done}
         tensors = checkpoint.network_tensors(policy)
         checkpoint.save(plan.out / DISTILLED_SO_FAR, tensors, about)
 
     try:
-        fit = distill(
-            policy, teacher, env, config, plan.seed, ranks, write_line, done=done, keep=keep
-        )
-        return made, fit
+        learning = policy, teacher, env, config, plan.seed, ranks, write_line
+        return made, distill(*learning, done=done, begin=begin, keep=keep)
     finally:
         env.close()
 

@@ -37,6 +37,8 @@ FROM_SENSORS = {
     "skills": "depth",
     "navigation": "learned",
     "aim": "object",
+    "pick": "spa+pick_depth",
+    "place": "spa+place_depth",
     "retries": "3",
     "replan": "5",
 }
@@ -128,7 +130,10 @@ def skills_of(env_id: str, task: Task) -> tuple[str, ...]:
 
 def _policies(setup: AgentSetup, options: TeamOptions) -> Policies:
     """Loads the policies; a file that several skills use is loaded for each."""
-    return {skill: _policy(setup, skill, by, options) for skill, by in options.skills.items()}
+    return {
+        skill: [_policy(setup, skill, one, options) for one in by]
+        for skill, by in options.skills.items()
+    }
 
 
 def _policy(setup: AgentSetup, skill: str, by: Path | str | None, options: TeamOptions) -> Any:
@@ -142,8 +147,10 @@ def _policy(setup: AgentSetup, skill: str, by: Path | str | None, options: TeamO
 
 
 def _learned(policies: Policies) -> dict[str, SkillPolicy | AgentPolicy]:
+    """Returns who first executes each skill that is not planned."""
+    first = {skill: one for skill, (one, *_) in policies.items()}
     return {
-        skill: one for skill, one in policies.items() if isinstance(one, SkillPolicy | AgentPolicy)
+        skill: one for skill, one in first.items() if isinstance(one, SkillPolicy | AgentPolicy)
     }
 
 
@@ -165,10 +172,15 @@ def _navigation(setup: AgentSetup, path: Path) -> NavigationPolicy:
 
 def _spec(options: TeamOptions, policies: Policies, navigate: NavigationPolicy | None) -> AgentSpec:
     """Returns the environment options that a team needs."""
-    learned = [*_learned(policies).values(), *([] if navigate is None else [navigate])]
+    every = [one for ones in policies.values() for one in ones]
+    learned = [one for one in every if isinstance(one, SkillPolicy | AgentPolicy)]
+    agents = [one for one in learned if isinstance(one, AgentPolicy)]
+    whole = len(learned) == len(every)
+    learned += [] if navigate is None else [navigate]
     seeing = [policy for policy in learned if policy.sees_images]
     textures = {texture for policy in seeing for texture in policy.obs_mode.split("+")}
-    paths, perfect = (*options.skills.values(), options.navigate), options.navigation == "perfect"
+    paths = [*(path for by in options.skills.values() for path in by), options.navigate]
+    perfect = options.navigation == "perfect"
     return AgentSpec(
         name=_name(options),
         control_mode="joint_target_pose" if perfect else "joint_target_base",
@@ -177,16 +189,16 @@ def _spec(options: TeamOptions, policies: Policies, navigate: NavigationPolicy |
         # Most parts need no images, and the navigator only some.
         looks="on demand" if seeing else "always",
         handle_position=not options.true_knowledge and any(p.sees_handles for p in learned),
-        rows=ROWS if len(_learned(policies)) == len(policies) else 1,
+        rows=ROWS if whole else 1,
         files=tuple(str(path) for path in paths if isinstance(path, Path))
-        + tuple(file for one in learned if isinstance(one, AgentPolicy) for file in one.files),
+        + tuple(file for one in agents for file in one.files),
     )
 
 
 def _name(options: TeamOptions) -> str:
     """Returns the displayed name; recovery and planned skills are part of it."""
     parts = [f"{options.navigation} navigation"]
-    planned = [skill for skill, path in options.skills.items() if path is None]
+    planned = [skill for skill, by in options.skills.items() if None in by]
     if planned:
         everything = len(planned) == len(options.skills)
         parts.append(f"{'all skills' if everything else ', '.join(planned)} by SPA-Priv")

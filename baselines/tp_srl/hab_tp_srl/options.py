@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +23,9 @@ SEEING = "spa"
 
 SPA = "hab_spa:spa"
 
+IN_TURN = "+"
+"""Between the executors of a skill's attempts, as in ``pick=spa+pick_depth``."""
+
 NAVIGATION = ("oracle", "perfect", "learned")
 KNOWLEDGE = ("observed", "true")
 AIMS = ("hand", "object")
@@ -40,8 +43,9 @@ class TeamOptions:
     """Options of TP+SRL.
 
     Attributes:
-        skills: Skill -> file of weights, ``module:factory`` of an agent or provider, or None for
-            planning; the skills of the task only.
+        skills: Skill -> who executes it, and who its further attempts in turn: file of weights,
+            ``module:factory`` of an agent or provider, or None for planning; the skills of the
+            task only.
         navigation: ``oracle``, ``perfect`` or ``learned``.
         navigate: File of weights for learned navigation; None otherwise.
         retries: Maximum further attempts of a stage that was not achieved.
@@ -53,7 +57,7 @@ class TeamOptions:
             the most likely ones.
     """
 
-    skills: Mapping[str, Path | str | None]
+    skills: Mapping[str, Sequence[Path | str | None]]
     navigation: str
     navigate: Path | None
     retries: int
@@ -76,7 +80,9 @@ class TeamOptions:
     @property
     def privileged(self) -> bool:
         """Whether the agent needs ground truth; agents of skills have to do without."""
-        planned = {None, *PROVIDERS.values()} & {*self.skills.values()}
+        planned = {None, *PROVIDERS.values()} & {
+            one for ones in self.skills.values() for one in ones
+        }
         return self.navigation != "learned" or self.true_knowledge or bool(planned)
 
 
@@ -108,7 +114,7 @@ def read_options(setup: AgentSetup, needed: tuple[str, ...]) -> TeamOptions:
         )
     kind = options.get("skills", "blind")
     found = TeamOptions(
-        skills={skill: _executed_by(options, skill, kind) for skill in needed},
+        skills={skill: _executors(options, skill, kind) for skill in needed},
         navigation=navigation,
         navigate=_navigate(options) if navigation == "learned" else None,
         retries=_count(options, "retries"),
@@ -121,10 +127,16 @@ def read_options(setup: AgentSetup, needed: tuple[str, ...]) -> TeamOptions:
     return found
 
 
-def _executed_by(options: Mapping[str, str], skill: str, kind: str) -> Path | str | None:
-    """Returns the weights of a skill or ``module:factory``; None if it is planned."""
+def _executors(options: Mapping[str, str], skill: str, kind: str) -> list[Path | str | None]:
+    """Returns who executes a skill, in turn."""
     default = PROVIDERS.get(skill, PLANNED if kind == PLANNED else f"{skill}_{kind}")
     value = options.get(skill, default)
+    values = [value] if Path(value).exists() else value.split(IN_TURN)
+    return [_executed_by(skill, one) for one in values]
+
+
+def _executed_by(skill: str, value: str) -> Path | str | None:
+    """Returns the weights of a skill or ``module:factory``; None if it is planned."""
     if value == SEEING and skill in ("pick", "place"):
         return SPA
     if ":" in value and not Path(value).exists():

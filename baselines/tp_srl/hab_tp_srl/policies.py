@@ -108,6 +108,7 @@ class Turn:
         stillness: Tells when an arm that stands still needs them drawn.
         age: Number of actions so far.
         action: (A,) the action of this step, after `SkillPolicy.decide`.
+        gave_up: Whether the policy has told that it failed.
     """
 
     policy: Decider
@@ -120,6 +121,7 @@ class Turn:
     stillness: Stillness = field(default_factory=Stillness)
     age: int = 0
     action: NDArray[Any] = field(default_factory=lambda: np.zeros(0, dtype=np.float32))
+    gave_up: bool = False
 
 
 class SkillPolicy:
@@ -309,3 +311,4 @@ class AgentPolicy:
                 images = of_rows(obs, [row])
                 seen |= {name: images[name] for name in ("sensor_data", "sensor_param")}
             turn.action = agent.act(seen)[0].detach().cpu().numpy().reshape(-1)
+            turn.gave_up = agent.report()[0].failure is not None

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from hab_plans.motion import RELEASE, Failure, Motion
+from hab_plans.plan import Action
 from hab_plans.protocols import BasePose, SkillProvider
 from hab_plans.stage import Stage
 from hab_spa.motion.robot import Robot
@@ -27,8 +29,8 @@ LEAST_SEEN, STILL_THERE = 10, 0.5
 """An object of which so many pixels, and such a share of those before a pick, are still seen where
 it was has not been picked."""
 
-Policies = Mapping[str, SkillPolicy | AgentPolicy | SkillProvider[Robot] | None]
-"""Skill -> policy, provider of another package, or None for planning."""
+Policies = Mapping[str, Sequence[SkillPolicy | AgentPolicy | SkillProvider[Robot] | None]]
+"""Skill -> policies, providers of another package, or None for planning, in turn."""
 
 
 def providers(task: Task, policies: Policies, view: TaskView) -> dict[str, SkillProvider[Robot]]:
@@ -39,18 +41,69 @@ def providers(task: Task, policies: Policies, view: TaskView) -> dict[str, Skill
         policies: Who executes each skill.
         view: What the robot observes.
     """
+    put = next((one for one in policies.get("place", ()) if isinstance(one, SkillPolicy)), None)
     found: dict[str, SkillProvider[Robot]] = {}
-    for skill, one in policies.items():
-        if one is None:
-            found[skill] = PlannedPart(**vars(PLANNED_SKILLS[skill]), view=view)
-        elif isinstance(one, SkillPolicy | AgentPolicy):
-            put = policies.get("place")
-            found[skill] = LearnedSkill(
-                task=task, policy=one, view=view, put=put if isinstance(put, SkillPolicy) else None
-            )
-        else:
-            found[skill] = one
+    for skill, ones in policies.items():
+        parts: list[SkillProvider[Robot]] = []
+        for one in ones:
+            if one is None:
+                parts.append(PlannedPart(**vars(PLANNED_SKILLS[skill]), view=view))
+            elif isinstance(one, SkillPolicy | AgentPolicy):
+                parts.append(LearnedSkill(task=task, policy=one, view=view, put=put))
+            else:
+                parts.append(one)
+        found[skill] = parts[0] if len(parts) == 1 else InTurn(parts=parts)
     return found
+
+
+@dataclass(kw_only=True, eq=False)
+class InTurn:
+    """A skill by several providers: each further attempt of a stage is by the next one.
+
+    Attributes:
+        parts: The providers.
+    """
+
+    parts: Sequence[SkillProvider[Robot]]
+    _starts: Counter[Action] = field(default_factory=Counter)
+    _now: int = 0
+
+    @property
+    def name(self) -> str:
+        """Name of the one whose turn it is, or was last."""
+        return self.parts[self._now].name
+
+    @property
+    def knows_effect(self) -> bool:
+        """See `SkillProvider`."""
+        return self.parts[self._now].knows_effect
+
+    @property
+    def horizon_steps(self) -> int:
+        """See `SkillProvider`."""
+        return self.parts[self._now].horizon_steps
+
+    def can_start(self, robot: Robot, stage: Stage) -> bool:
+        """See `SkillProvider`."""
+        return self.parts[0].can_start(robot, stage)
+
+    def base_pose(self, robot: Robot, stage: Stage, tried: Sequence[BasePose]) -> BasePose | None:
+        """See `SkillProvider`."""
+        return self._next(stage).base_pose(robot, stage, tried)
+
+    def start_of(self, robot: Robot, stage: Stage) -> str | None:
+        """See `SkillProvider`."""
+        return self.parts[self._now].start_of(robot, stage)
+
+    def start(self, robot: Robot, stage: Stage) -> Motion:
+        """Returns the motion of the one whose turn it is."""
+        provider = self._next(stage)
+        self._starts[stage.action] += 1
+        return provider.start(robot, stage)
+
+    def _next(self, stage: Stage) -> SkillProvider[Robot]:
+        self._now = self._starts[stage.action] % len(self.parts)
+        return self.parts[self._now]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -121,8 +174,12 @@ class LearnedSkill:
         checks = view.feels and stage.skill == "pick" and stage.drawer is None
         checks = checks and self.policy.sees_images
         seen_before = view.seen_at(robot.spec, point_m) if checks else 0
+        watches = view.feels and stage.skill == "place" and self.policy.sees_images
+        before = view.look(robot.spec) if watches and self.policy.control.base == "still" else None
         failure = yield from learned(robot, stage, self.policy, view, ending, point_m)
         view.end(stage, failure is None)
+        if before is not None:
+            view.see_placed(robot.spec, stage.object, before)
         held = view.felt.held
         if checks and held is not None and view.felt.doubts[held] < MOST_DOUBTS:
             seen = view.seen_at(robot.spec, point_m)

@@ -52,7 +52,7 @@ def learned(
 
     Returns:
         `Failure.TIMEOUT` if the skill does not end within its horizon, `Failure.EXECUTION` if it
-        knows that it picked a wrong object.
+        knows that it picked a wrong object, or if its agent gave up.
     """
     # As at the reset of the skill's environment: the commanded pose is the present one.
     robot.relax()
@@ -70,9 +70,9 @@ def learned(
         ending.update()
         if view.holding and not was_holding:
             robot.held_up = robot.up()  # a planned placing keeps the object upright
-        if ending.over or ending.failed:
+        if ending.over or ending.failed or turn.gave_up:
             robot.gripper = ending.after()
-            return Failure.EXECUTION if ending.failed else None
+            return None if ending.over else Failure.EXECUTION
     robot.gripper = ending.after()
     return Failure.TIMEOUT
 

@@ -24,6 +24,7 @@ from hab_tasks.constants import REST_RADIUS_M
 from hab_tasks.privileged import PrivilegedState
 from hab_tasks.robots.spec import RobotSpec
 from hab_tp_srl.felt import FeltBeliefs
+from hab_tp_srl.sight import Look
 
 AT_M, BELOW_M = 0.07, 0.01
 """Surfaces so near to an object's centre, or so far below it, are its own."""
@@ -118,6 +119,16 @@ class TaskView:
         # What it stands on is below its middle, and seen whether it is there or not.
         above = (gaps_m[:, 2] > -BELOW_M) & (gaps_m[:, 2] < AT_M)
         return int((above & (np.hypot(gaps_m[:, 0], gaps_m[:, 1]) < AT_M)).sum())
+
+    def look(self, robot: RobotSpec) -> Look:
+        """Looks with the head camera."""
+        return Look.take(robot, self._obs, self._row, self.arm_qpos)
+
+    def see_placed(self, robot: RobotSpec, number: int, before: Look) -> None:
+        """Notes where an object has come to lie since a look; that may be beside its goal."""
+        found_m = self.look(robot).appeared_m(before, self._in_base(self._goals_m[number]))
+        if found_m is not None and self.felt.held != number:
+            self.felt.places_m[number] = self._to_frame(found_m)
 
     def goal_m(self, number: int) -> Array:
         """Returns the goal (3,) of an object, in the frame of `point`."""

@@ -239,14 +239,14 @@ def pose_scene(
 
 
 def refuse_unrest(sandbox: PlacementSandbox, episode: Episode) -> None:
-    """Rejects a start state in which an object moves by itself.
+    """Rejects a start state in which an object moves by itself; ends the simulation of others.
 
     Raises:
         RejectedSampleError: An object of the episode or of the layout moves.
     """
     resting = {name: pose for name, pose in episode.objects.items() if name != episode.held}
     pose_scene(sandbox, resting, episode.joints)
-    if sandbox.restless(resting):
+    if sandbox.restless(resting, ends=True):
         raise RejectedSampleError("an object moves by itself")
 
 

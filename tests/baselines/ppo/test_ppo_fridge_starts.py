@@ -3,7 +3,8 @@
 from dataclasses import replace
 
 import pytest
-from hab_ppo.episodes import prepare_episodes
+from hab_ppo.distributed import Ranks
+from hab_ppo.episodes import EpisodeSupply
 from hab_ppo.recipes import find_recipe
 from hab_ppo.warm_start import make_rows
 
@@ -13,8 +14,8 @@ NAMES = ("pick_fridge", "place_fridge", "close_fridge_depth")
 def test_evaluations_are_in_the_environment_of_the_skill():
     recipe = find_recipe("pick_fridge")
     few = replace(recipe, env=replace(recipe.env, num_episodes=2), evaluation_episodes=2)
-    episodes = prepare_episodes(few, 1, lambda line: None)
-    assert {episode.id.split("/")[0] for episode in episodes} == {"HabPick-v1"}
+    with EpisodeSupply(few, Ranks(), lambda line: None) as supply:
+        assert {one.id.split("/")[0] for one in supply.evaluation} == {"HabPick-v1"}
 
 
 @pytest.mark.parametrize(

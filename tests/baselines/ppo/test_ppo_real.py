@@ -145,7 +145,7 @@ def test_demonstrations_of_a_planner_start_a_run(tmp_path, capsys):
     assert checkpoint.load(out / "cloned.safetensors")[1]["made_from"]["counts"]["solved"] >= 2
 
 
-def test_learning_to_navigate_continues_after_its_last_round(tmp_path, capsys):
+def test_learning_to_navigate_continues_after_its_last_round(tmp_path):
     short = ["--episodes", "4", "--rows", "2", "--workers", "1", "--epochs", "1"]
     command = ["navigator", *short, "--out", str(tmp_path)]
     assert main([*command, "--rounds", "1", "--training-episodes", "2"]) == 0
@@ -157,10 +157,6 @@ def test_learning_to_navigate_continues_after_its_last_round(tmp_path, capsys):
     assert [found["episodes"] for found in rounds] == [2, 4]
     assert [found["training_episodes"] for found in rounds] == [2, 3]
     assert rounds[:1] == first
-    # Lessons are taken every 12 actions of at most 125.
-    assert rounds[0]["lessons"] < rounds[1]["lessons"] <= 6 * 11
-    assert main([*command, "--seed", "1"]) == 2
-    assert "another seed" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

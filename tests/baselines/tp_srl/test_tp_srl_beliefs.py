@@ -9,6 +9,8 @@ from hab_navigator.belief import SIDES, GoalBelief, NearSpace, Reach
 from hab_navigator.network import HEADINGS
 from hab_navigator.views import SIDE
 from hab_tp_srl.felt import FeltBeliefs
+from hab_tp_srl.providers import InTurn
+from hab_tp_srl.sight import Look
 
 STARTS_M = np.array(((1.0, 0.0, 0.8), (2.0, 0.0, 0.8)))
 GOALS_M = np.array(((0.0, 1.0, 0.5), (0.0, 2.0, 0.5)))
@@ -43,6 +45,33 @@ def test_a_door_is_open_once_the_hand_has_pulled_it_far_enough():
     ):
         felt.end(stage(skill, 0, articulation=0), ended, pulled_m)
         assert felt.openings == [opening]
+
+
+def test_a_placed_object_is_believed_where_something_has_appeared():
+    """Pixels are 1 cm apart; columns are y, rows are x."""
+    x, y = np.meshgrid(np.arange(60) / 100, np.arange(60) / 100, indexing="ij")
+    points_m = np.stack((x, y, np.full_like(x, 0.8)), axis=-1)
+    before, depth_m = np.ones((60, 60)), np.ones((60, 60))
+    depth_m[20:22, 20:22] = 0.9  # too small
+    depth_m[24:30, 20:26] = 0.9  # x 0.24 to 0.29, y 0.20 to 0.25
+    depth_m[10:16, 50:56] = 0.9  # as large, but farther from the goal
+    depth_m[18:22, 24:30], own = 0.9, np.zeros((60, 60), dtype=bool)
+    own[18:22, 24:30] = True  # the robot's own hand
+    after = Look(depth_m=depth_m, points_m=points_m, own=own)
+    empty = Look(depth_m=before, points_m=points_m, own=own)
+    goal_m = np.array((0.2, 0.2, 0.8))
+    np.testing.assert_allclose(after.appeared_m(empty, goal_m), (0.265, 0.225, 0.8))
+    assert empty.appeared_m(after, goal_m) is None
+
+
+def test_further_attempts_of_a_stage_are_by_the_next_in_turn():
+    parts = [SimpleNamespace(name=name, start=lambda *_: iter(())) for name in ("spa", "depth")]
+    skill, stages = InTurn(parts=parts), [SimpleNamespace(action=action) for action in ("a", "b")]
+    by = []
+    for number in (0, 0, 1, 0):
+        skill.start(None, stages[number])
+        by.append(skill.name)
+    assert by == ["spa", "depth", "spa", "spa"]
 
 
 def test_the_base_goes_where_the_next_skill_can_start():

@@ -1,0 +1,73 @@
+"""What a skill has changed in the head camera's image, while the base stood still.
+
+Where an object was taken from, or put, shows without a model of the object: there the image has
+become farther or nearer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from hab_spa.sensing.cloud import DepthView, world_from_base
+from hab_spa.sensing.own_shapes import own_shapes
+from hab_spa.shapes import Array, invert_pose
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from hab_tasks.agent import of_rows
+from hab_tasks.robots.spec import RobotSpec
+
+CHANGED_M = 0.015
+"""Least change of depth: the drives let the camera sway by millimetres."""
+
+AROUND_M, LEAST = 0.5, 8
+"""What has appeared is looked for so far around, and has so many pixels at least."""
+
+OWN_M = 0.04
+"""Surfaces so near to the robot's own shapes are taken for its own."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Look:
+    """A look with the head camera.
+
+    Attributes:
+        depth_m: (H, W) distance along the camera's axis; infinite beyond the range.
+        points_m: (H, W, 3) surfaces in the base frame; NaN beyond the range.
+        own: (H, W) whether a pixel shows the robot.
+    """
+
+    depth_m: Array
+    points_m: Array
+    own: NDArray[np.bool_]
+
+    @classmethod
+    def take(cls, robot: RobotSpec, obs: Mapping[str, Any], row: int, arm_rad: Array) -> Look:
+        """Looks, with the arm at joint positions (7,) [rad]."""
+        images = of_rows(obs, [row])
+        view = DepthView.read(images, "head", 0)
+        base_from_world = invert_pose(world_from_base(robot, images, 0))
+        points_m = view.points_m @ base_from_world[:3, :3].T + base_from_world[:3, 3]
+        seen, own = np.isfinite(view.depth_m), np.zeros(view.depth_m.shape, dtype=bool)
+        shapes = own_shapes(robot)
+        own[seen] = shapes.contain(points_m[seen], shapes.poses(np.eye(4), arm_rad), OWN_M)
+        return cls(depth_m=view.depth_m, points_m=points_m, own=own)
+
+    def appeared_m(self, before: Look, near_m: Array) -> Array | None:
+        """Returns the middle (3,) of what has appeared nearest to a point (3,) since a look.
+
+        Returns:
+            None if nothing that is large enough has appeared around the point.
+        """
+        around = np.linalg.norm(self.points_m - near_m, axis=-1) < AROUND_M
+        nearer = (self.depth_m < before.depth_m - CHANGED_M) & ~self.own & around
+        parts: NDArray[np.int32] = np.zeros(nearer.shape, dtype=np.int32)
+        ndimage.label(nearer, np.ones((3, 3)), output=parts)
+        found_m = [self.points_m[parts == part] for part in range(1, parts.max() + 1)]
+        middles_m = [
+            (one_m.min(axis=0) + one_m.max(axis=0)) / 2 for one_m in found_m if len(one_m) >= LEAST
+        ]
+        return min(middles_m, key=lambda middle_m: np.linalg.norm(middle_m - near_m), default=None)

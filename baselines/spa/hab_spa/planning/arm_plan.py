@@ -12,6 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from itertools import count, pairwise, product
 
 import numpy as np
@@ -24,6 +25,7 @@ from hab_spa.planning.escape import EscapeConfig, retreats
 from hab_spa.planning.ik import BatchArm, CompiledArm
 from hab_spa.planning.rrt import Limit, RrtConfig, edge_is_free, path_is_free
 from hab_spa.shapes import Array
+from hab_tasks.robots.spec import RobotSpec
 
 LIMIT_SLACK_RAD = 1e-6
 
@@ -137,7 +139,7 @@ class OmplPlanner:
         else:
             ends = [Ends(open=start, tight=goal) for goal in goals]
         limits = replace(limits, most_checks=self.effort * limits.most_checks)
-        arm = self.kinematics(world.robot)
+        arm = _arm(self.kinematics, world.robot)
         result = _Search(self, world, arm, ends, limits, touch_m).run(seed)
         if backwards and result.path is not None:
             result = replace(result, path=result.path[::-1])
@@ -157,6 +159,12 @@ class BatchedPlanner(OmplPlanner):
 
 PLANNERS = {"ompl": OmplPlanner, "batched": BatchedPlanner}
 """Option ``planner``."""
+
+
+@cache
+def _arm(kinematics: type[BatchArm], robot: RobotSpec) -> BatchArm:
+    """Returns the kinematics of a robot, made once, as every skill plans several times."""
+    return kinematics(robot)
 
 
 def path_rad(path: Array) -> float:

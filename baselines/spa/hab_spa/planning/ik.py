@@ -76,6 +76,10 @@ class BatchArm:
         self._placements = list(self._model.jointPlacements)[1:]
         self._wrist_from_ee_m = self._model.frames[self._frame_id].placement.translation
 
+    def random(self, rng: np.random.Generator, count: int) -> Array:
+        """Samples arm poses (count, 7) within the limits."""
+        return rng.uniform(*self.limits_rad, (count, len(self.rest_rad)))
+
     def position_and_jacobian(self, qpos: Array) -> tuple[Array, Array]:
         """Returns (B, 3) positions [m] and (B, 3, 7) Jacobians [m/rad] of poses (B, 7) [rad]."""
         position, jacobian, _, _ = self._chain(qpos, np.zeros(3))
@@ -273,7 +277,7 @@ class PoseTable:
 
     def __init__(self, arm: CompiledArm, count: int = TABLE_POSES) -> None:
         # A fixed seed, as the results of planning depend on the table.
-        self._poses = np.random.default_rng(0).uniform(*arm.limits_rad, (count, 7))
+        self._poses = arm.random(np.random.default_rng(0), count)
         self._tree = KDTree(arm.positions_m(self._poses))
 
     def near(self, points_m: Array, count: int) -> tuple[Array, Array]:

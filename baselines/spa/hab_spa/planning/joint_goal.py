@@ -149,7 +149,7 @@ def sample_reaching_goals(
     batch_m = np.repeat(points_m, config.round_starts, axis=0)
 
     def draw() -> tuple[Array, Array]:
-        starts = rng.uniform(*arm.limits_rad, (len(batch_m), 7))
+        starts = arm.random(rng, len(batch_m))
         if near is not None:
             drawn = near + rng.normal(scale=config.tight_spread_rad, size=starts.shape)
             # The others stay random: the pose near may be one from which nothing is found.
@@ -347,7 +347,7 @@ def in_arm(points_m: Array, collision: ArmCollision) -> Array:
 
 def near_rest(arm: BatchArm, rng: np.random.Generator, count: int, spread_rad: float) -> Array:
     """Samples arm poses (count, 7) around the resting pose."""
-    drawn = arm.rest_rad + rng.normal(scale=spread_rad, size=(count, 7))
+    drawn = arm.rest_rad + rng.normal(scale=spread_rad, size=(count, len(arm.rest_rad)))
     return np.clip(drawn, *arm.limits_rad)
 
 

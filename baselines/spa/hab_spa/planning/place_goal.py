@@ -87,8 +87,9 @@ def lowering(
 
     def draw() -> tuple[Array, Array]:
         half = placing.round_starts // 2
-        random = rng.uniform(*arm.limits_rad, (half, 7))
-        starts = np.concatenate((random, near_rest(arm, rng, half, config.tight_spread_rad)))
+        starts = np.concatenate(
+            (arm.random(rng, half), near_rest(arm, rng, half, config.tight_spread_rad))
+        )
         targets_m = np.tile(goal_m, (len(starts), 1))
         targets_m[:, 2] += rng.choice(placing.heights_m, len(starts))
         angle = rng.uniform(0.0, 2.0 * np.pi, len(starts))

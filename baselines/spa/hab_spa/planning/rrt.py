@@ -16,6 +16,7 @@ from hab_spa.planning.collision import ArmCollision
 from hab_spa.shapes import Array
 
 DIMENSION = 7
+"""Number of joints of an arm; the compiled kernels are made for as many."""
 
 
 @dataclass(frozen=True, kw_only=True)

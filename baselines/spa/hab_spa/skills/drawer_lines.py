@@ -130,7 +130,7 @@ class HandleLines:
     def _grasps(self, rng: np.random.Generator, at: int) -> Array:
         """Returns collision-free arm poses (B, 7) with the hand at the handle after `at` steps."""
         config, robot = self._config, self._robot
-        starts = rng.uniform(*robot.kinematics.limits_rad, (config.starts, 7))
+        starts = robot.kinematics.random(rng, config.starts)
         targets_m = np.repeat(self._handle_m(at)[None], config.starts, axis=0)
         poses, found = robot.kinematics.solve(starts, targets_m, robot.config.goal.ik)
         poses = poses[found]

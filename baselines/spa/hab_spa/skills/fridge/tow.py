@@ -104,7 +104,7 @@ def with_base(arc: Array, bases: Array, config: TowConfig) -> Array:
 def without_base(path: Array, config: TowConfig) -> tuple[Array, Array]:
     """Splits a path of `with_base` into arm poses (K, 7) and base poses (K, 3)."""
     scale = (config.metre_rad, config.metre_rad, config.radian_rad)
-    return path[:, :7], path[:, 7:] / scale
+    return path[:, :-3], path[:, -3:] / scale
 
 
 def rolling(robot: Robot, now: Array, soon: Array, config: TowConfig) -> tuple[float, float]:

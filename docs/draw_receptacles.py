@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from hab_authoring.figures.plan import aspect, draw_plan, outlines
+from hab_authoring.figures.layouts import aspect, draw_plan, outlines
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 

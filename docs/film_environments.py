@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 
 import imageio_ffmpeg
-from hab_authoring.commands.environments_page import video_name
+from hab_authoring.commands.docs import video_name
 from hab_eval.records.leaderboard import default_submissions
 from hab_eval.records.results import read_record
 

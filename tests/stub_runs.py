@@ -44,6 +44,12 @@ def results_of(folder: Path) -> list[dict[str, Any]]:
     return [{key: value for key, value in one.items() if key != "seconds"} for one in data]
 
 
+def traces_of(folder: Path) -> dict[str, Any]:
+    """Returns episode id -> what its agent told, from `traces.jsonl`."""
+    lines = map(json.loads, (folder / "traces.jsonl").read_text().splitlines())
+    return {line["id"]: line["trace"] for line in lines}
+
+
 def journal_ids(folder: Path) -> list[str]:
     """Returns the ids of the finished episodes, in the order in which they ended."""
     lines = (folder / "episodes.jsonl").read_text().splitlines()

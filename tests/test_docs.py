@@ -131,14 +131,14 @@ def test_the_tutorials_task_and_skill_are_those_that_are_tested():
 
 
 def test_the_page_of_environments_is_what_is_generated():
-    from hab_authoring.commands.environments_page import PAGE, page
+    from hab_authoring.commands.docs import PAGE, page
 
     text = (ROOT / "docs" / PAGE).read_text(encoding="utf-8")
     assert text == page(), "run: hab-tasks docs --out docs --force"
 
 
 def test_the_page_lists_every_mode_measure_and_observation_of_an_environment():
-    from hab_authoring.commands.environments_page import measures_of, page
+    from hab_authoring.commands.docs import measures_of, page
 
     from hab_tasks.envs import ENVS
 
@@ -156,7 +156,7 @@ def test_the_page_lists_every_mode_measure_and_observation_of_an_environment():
 @pytest.mark.slow
 def test_the_page_names_what_info_holds():
     import gymnasium
-    from hab_authoring.commands.environments_page import measures_of
+    from hab_authoring.commands.docs import measures_of
 
     from hab_tasks.envs import ENVS
 

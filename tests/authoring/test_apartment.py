@@ -30,16 +30,13 @@ YCB = {
     "025_mug": ((110, 82, 80), 0.118),
     "026_sponge": ((114, 14, 72), 0.0062),
 }
+LEVELS = ("top", "middle", "bottom")
 # Joint limits in radians and metres, as in ReplicaCAD's models at the scale its scenes use.
 LIMITS = {
     "fridge": {"top_door_hinge": (0, 2.3), "bottom_door_hinge": (0, 2.5)},
     "kitchen_counter": {
         f"{side}_slide_{level}": (0, 0.5)
-        for side, levels in (
-            ("left", ("top", "bottom")),
-            ("middle", ("top", "middle", "bottom")),
-            ("right", ("top", "bottom")),
-        )
+        for side, levels in (("left", LEVELS[::2]), ("middle", LEVELS), ("right", LEVELS[::2]))
         for level in levels
     },
     "kitchenCupboard_01": {

@@ -5,7 +5,7 @@ import socket
 
 import pytest
 from builders import table_config, tiny_dataset, tiny_scene, write_json, write_scene
-from hab_authoring.commands import download
+from hab_authoring.commands import check
 from hab_authoring.inventory import COMPLETE
 from hab_authoring.layouts.report import check_layouts, layout_faults
 from refusals import refused_by_command
@@ -24,7 +24,7 @@ def tiny(tmp_path):
 @pytest.fixture
 def asset_dir(tmp_path, monkeypatch):
     """An empty folder in place of ManiSkill's downloads."""
-    for module in (dataset_module, download):
+    for module in (dataset_module, check):
         monkeypatch.setattr(module, "ASSET_DIR", tmp_path / "assets")
     return tmp_path / "assets"
 

@@ -135,20 +135,12 @@ def test_the_nearest_receptacle_of_a_body_is_meant_unless_it_is_named(tmp_path):
     root = tiny_dataset(tmp_path / "tiny")
     turned = DRAWER_URDF.replace("<parent", f'<origin xyz="0 1 0" rpy="0 0 {math.pi / 2}"/><parent')
     (root / "urdf/chests/chest.urdf").write_text(turned)
-    boxes = (
-        ("low", "chest_:0000/drawer", -0.4),
-        ("high", "chest_:0000/drawer", 0.4),
-        ("seat", "table_:0000", 0.0),
-        ("seat", "cube_:0000", 0.0),
-    )
+    drawer = "chest_:0000/drawer"
+    boxes = [("low", drawer, -0.4), ("high", drawer, 0.4)]
+    boxes += [("seat", "table_:0000", 0.0), ("seat", "cube_:0000", 0.0)]
+    same = {"half_size_m": (0.05, 0.05, 0.05), "up": (0, 1, 0)}
     receptacles = tuple(
-        Receptacle(
-            name=name,
-            body=body,
-            body_from_box=pose((x_m, 0, 0), (1, 0, 0, 0)),
-            half_size_m=(0.05, 0.05, 0.05),
-            up=(0, 1, 0),
-        )
+        Receptacle(name=name, body=body, body_from_box=pose((x_m, 0, 0), (1, 0, 0, 0)), **same)
         for name, body, x_m in boxes
     )
     spec = load_scene(resolve_dataset(root), SCENE)
@@ -165,7 +157,7 @@ def test_the_nearest_receptacle_of_a_body_is_meant_unless_it_is_named(tmp_path):
     ):
         point_m = np.array([-1, 0, height_m])
         ref = layout.receptacle("chest_:0000", 0, asked, point_m)
-        assert ref == (found, "chest_:0000/drawer"), (height_m, asked)
+        assert ref == (found, drawer), (height_m, asked)
     # The table's middle is at (1, -2, 0.4), the cube's at (1, -2, 0.9).
     assert layout.receptacle(None, None, "seat", np.array([1, -2, 0.8])) == ("seat", "cube_:0000")
     assert layout.receptacle(None, None, None, point_m) is None

@@ -5,9 +5,8 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-from hab_authoring.habitat.convert import OWN_KEY, read_habitat, to_habitat
+from hab_authoring.habitat.convert import OWN_KEY, draw_starts, read_habitat, to_habitat
 from hab_authoring.habitat.fields import close
-from hab_authoring.habitat.start import draw_starts
 from habitat_entries import APARTMENT, ENTRIES, OBJECTS, SCENE, read, set_table, tidy_house
 
 from hab_tasks.cli import main
@@ -82,10 +81,9 @@ def plain(episodes):
 
 
 def assert_comes_back(tmp_path, episodes):
-    save_json(
-        to_habitat(episodes, APARTMENT, OBJECTS), tmp_path / "habitat.json.gz", sort_keys=False
-    )
-    back = read_habitat(tmp_path / "habitat.json.gz", APARTMENT, OBJECTS)
+    file = tmp_path / "habitat.json.gz"
+    save_json(to_habitat(episodes, APARTMENT, OBJECTS), file, sort_keys=False)
+    back = read_habitat(file, APARTMENT, OBJECTS)
     assert close(plain(back), plain(episodes), 1e-9)
 
 
@@ -155,12 +153,8 @@ def test_the_command_goes_both_ways_and_tells_what_is_not_read(tmp_path, capsys)
 
     episodes = read(tmp_path, set_table(), tidy_house())
     there = told("habitat.json", "ours.json")
-    for words in (
-        f"wrote 2 episodes (train) for HabSetTable-v1 to {tmp_path / 'ours.json'}",
-        "rigid_objs (1)",
-        "sampled once: 1",
-        "dropped: nothing",
-    ):
+    wrote = f"wrote 2 episodes (train) for HabSetTable-v1 to {tmp_path / 'ours.json'}"
+    for words in (wrote, "rigid_objs (1)", "sampled once: 1", "dropped: nothing"):
         assert words in there
     back = f"wrote 2 episodes in Habitat's format to {tmp_path / 'back.json'}"
     assert back in told("ours.json", "back.json")

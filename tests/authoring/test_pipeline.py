@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import trimesh
 from hab_authoring.pipeline import optimise
+from hab_authoring.pipeline.jobs import AssetOptions
 from hab_authoring.pipeline.measure import compare
-from hab_authoring.pipeline.options import AssetOptions
 from PIL import Image
 from textured import box_at, textured_dataset
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from hab_authoring.pipeline.collision import MAX_PARTS, write_parts
-from hab_authoring.pipeline.options import AssetOptions
+from hab_authoring.pipeline.jobs import AssetOptions
 from textured import box_at
 
 from hab_tasks.world.scenes.meshes import parts_volume

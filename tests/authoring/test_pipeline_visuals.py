@@ -7,9 +7,9 @@ import pytest
 import sapien
 import trimesh
 from hab_authoring.pipeline.decimate import FEWEST_TRIANGLES, thin
-from hab_authoring.pipeline.footprint import INDEX_BYTES, VERTEX_BYTES, footprint
 from hab_authoring.pipeline.glb import read_glb
-from hab_authoring.pipeline.options import AssetOptions
+from hab_authoring.pipeline.jobs import AssetOptions
+from hab_authoring.pipeline.optimise import INDEX_BYTES, VERTEX_BYTES, footprint
 from hab_authoring.pipeline.visuals import write_light_glb
 from PIL import Image
 from textured import sphere, textured_glb
@@ -73,9 +73,8 @@ def test_footprint_counts_what_sapien_loads_and_a_copy_of_a_copy_is_the_same(tmp
     assert before.triangles == after.triangles == 5120 + 12
     assert before.texture_bytes == 64 * 64 * 4
     assert after.texture_bytes == 64 * 64 // 16 * 8
-    vertices = sum(
-        len(mesh.vertices) for mesh in trimesh.load_scene(files[0], process=False).dump()
-    )
+    meshes = trimesh.load_scene(files[0], process=False).dump()
+    vertices = sum(len(mesh.vertices) for mesh in meshes)
     expected = VERTEX_BYTES * vertices + INDEX_BYTES * 3 * (5120 + 12)
     assert before.mesh_bytes == after.mesh_bytes == expected
 

@@ -6,8 +6,8 @@ from hab_authoring.layouts.checks import check_layout, free_range
 from hab_authoring.layouts.overlaps import bodies_of
 from hab_authoring.layouts.report import layout_faults
 from hab_authoring.layouts.wild import WildVarier
+from hab_authoring.pipeline.jobs import AssetOptions
 from hab_authoring.pipeline.optimise import optimise
-from hab_authoring.pipeline.options import AssetOptions
 from refusals import refused_by_call, refused_by_command
 
 from hab_tasks.cli import main
@@ -118,10 +118,9 @@ def test_real_layouts_keep_to_what_tasks_need(real):
     ("which", "envs"),
     [
         pytest.param("wild", ("HabPick-v1", "HabSetTable-v1"), marks=pytest.mark.slow),
-        pytest.param("wild", ENTRY_POINTS, marks=pytest.mark.long),
         pytest.param("real", ENTRY_POINTS, marks=[pytest.mark.long, pytest.mark.assets]),
     ],
-    ids=["two of wild", "wild", "real"],
+    ids=["wild", "real"],
 )
 def test_every_layout_gives_episodes(which, envs, request):
     dataset = request.getfixturevalue(which)

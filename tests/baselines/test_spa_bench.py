@@ -3,7 +3,7 @@
 import gymnasium as gym
 import numpy as np
 import pytest
-from hab_eval.bench.options import BenchOptions
+from hab_eval.bench.suite import BenchOptions
 from hab_spa.bench_plan import SUITE, PlanSplit, PlanTiming, plan_rows, run_plan, split_rows
 from hab_spa.planning.validity import Agreement, SimulatorCheck, StateDictCheck, agreement
 

@@ -32,7 +32,6 @@ def stubbed() -> Iterator[None]:
 @pytest.fixture
 def start_cli() -> Callable[..., subprocess.Popen[str]]:
     """Starts `hab-eval` on the stub in a process group of its own."""
-
     return stub_runs.start
 
 

@@ -31,7 +31,6 @@ class ReachingAgent:
         self._cameras = spaces.cameras
         self._device = torch.device(setup.device)
         self._steps = torch.zeros(0)
-        self.rows_seen: list[int] = []
 
     def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
         """Forgets how long the rows in `mask` have been playing."""
@@ -45,7 +44,6 @@ class ReachingAgent:
         target_m = obs["extra"]["object_start_from_ee"]
         holding, rest = obs["agent"]["is_holding"], obs["agent"]["rest_from_ee"]
         assert len(target_m) == len(self._steps)
-        self.rows_seen.append(len(target_m))
         way_m = torch.where(holding > 0, rest, target_m)
         turn = torch.stack((self._steps.cos(), self._steps.sin(), 0 * self._steps), dim=1)
         move = (way_m / EE_STEP_M).clamp(-1, 1) * 0.8 + 0.2 * turn
@@ -63,10 +61,8 @@ class ReachingAgent:
 
     def report(self) -> list[AgentReport]:
         """Returns how long each row has been playing."""
-        return [
-            AgentReport(trace=({"steps": int(steps)},), doing=f"reach, step {int(steps)}")
-            for steps in self._steps
-        ]
+        told = map(int, self._steps)
+        return [AgentReport(trace=({"steps": n},), doing=f"reach, step {n}") for n in told]
 
 
 def reaching(setup: AgentSetup) -> ReachingAgent:

@@ -1,10 +1,10 @@
 """Batched agents: each episode runs once and ends as it does alone."""
 
-import json
 from pathlib import Path
 
 import pytest
 from hab_eval.cli import main
+from stub_runs import journal_ids, results_of, traces_of
 
 HERE = Path(__file__).resolve().parent
 RUN = ("run", "--agent", "reaching_agent:reaching", "--env", "HabPick-v1", "--seed", "1")
@@ -16,17 +16,9 @@ def beside_the_agent(monkeypatch):
     monkeypatch.chdir(HERE)
 
 
-def outcomes(folder):
-    """Episodes without what may differ between two runs, and what the agent tells of each."""
-    data = json.loads((folder / "run.json").read_text())["episodes"]
-    episodes = [{key: value for key, value in one.items() if key != "seconds"} for one in data]
-    lines = map(json.loads, (folder / "traces.jsonl").read_text().splitlines())
-    return episodes, {line["id"]: line["trace"] for line in lines}
-
-
 def run(folder, *arguments):
     assert main([*RUN, *map(str, arguments), "--out", str(folder)]) == 0
-    return outcomes(folder)
+    return results_of(folder), traces_of(folder)
 
 
 @pytest.mark.slow
@@ -38,8 +30,7 @@ def test_rows_and_workers_change_no_outcome(tmp_path):
         folder = tmp_path / f"3-{workers}"
         options = ("--episodes", 5, "--option", "rows=3", "--workers", workers)
         assert run(folder, *options) == alone
-        ids = [json.loads(line)["episode"]["id"] for line in (folder / "episodes.jsonl").open()]
-        assert sorted(ids) == [episode["id"] for episode in alone[0]]
+        assert sorted(journal_ids(folder)) == [episode["id"] for episode in alone[0]]
     # The three of the journal are kept, the other two are played in two rows.
     journal = folder / "episodes.jsonl"
     journal.write_text("".join(journal.read_text().splitlines(keepends=True)[:3]))
@@ -62,13 +53,13 @@ def test_rows_are_handed_out_and_the_last_ones_stay_empty(cli_process, tmp_path,
     options = ("--episodes", 7, "--workers", workers, "--out", tmp_path / "run")
     done = cli_process(*STUB, *options, "--video", 1)
     assert done.returncode == 0, done.stderr
-    record = json.loads((tmp_path / "run" / "run.json").read_text())
+    episodes = results_of(tmp_path / "run")
     # Seeds 0..6: 0, 3, 6 succeed in 3 steps; 1, 4 end by force in 2; 2, 5 time out in 5.
-    assert [episode["steps"] for episode in record["episodes"]] == [3, 2, 5, 3, 2, 5, 3]
+    assert [episode["steps"] for episode in episodes] == [3, 2, 5, 3, 2, 5, 3]
     assert [*(tmp_path / "run").glob("video_*.mp4")]
-    traces = outcomes(tmp_path / "run")[1]
+    traces = traces_of(tmp_path / "run")
     # Each row was acted on once a step, with its own episode's seed, always in a batch of three.
-    for number, episode in enumerate(record["episodes"]):
+    for number, episode in enumerate(episodes):
         told = {"seed": number, "acts": episode["steps"], "rows": 3}
         assert traces[episode["id"]] == [told]
 

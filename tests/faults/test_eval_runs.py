@@ -14,7 +14,7 @@ import pytest
 import stub_runs  # first: it finds the stub
 from hab_eval.cli import main
 from hab_eval.records.results import read_record
-from hab_eval.run.run_lock import LOCK, locked
+from hab_eval.run.run_folder import LOCK, locked
 from killed import session_of
 from refusals import refused_by_command
 from stub_runs import FAULTY, RUN, journal_ids, results_of
@@ -28,7 +28,7 @@ FILES = {"config.json", "episodes.jsonl", "run.json"}
 HOLDER = """
 import sys, time
 from pathlib import Path
-from hab_eval.run.run_lock import locked
+from hab_eval.run.run_folder import locked
 with locked(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(600)

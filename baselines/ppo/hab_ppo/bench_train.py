@@ -23,9 +23,8 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from hab_eval.bench.options import BenchOptions
-from hab_eval.bench.rows import BenchRow, make_row
-from hab_eval.bench.suite import PICK, Suite, WriteLine
+from hab_eval.bench.report import BenchRow, make_row
+from hab_eval.bench.suite import PICK, BenchOptions, Suite, WriteLine
 from mani_skill.utils.wrappers.gymnasium import CPUGymWrapper
 from torch import nn
 

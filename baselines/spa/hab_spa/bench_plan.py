@@ -17,9 +17,8 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from hab_eval.bench.options import BenchOptions
-from hab_eval.bench.rows import BenchRow, bound_row, make_row
-from hab_eval.bench.suite import PICK, Suite, WriteLine
+from hab_eval.bench.report import BenchRow, bound_row, make_row
+from hab_eval.bench.suite import PICK, BenchOptions, Suite, WriteLine
 from numpy.typing import NDArray
 
 from hab_spa.motion.robot import SpaConfig

@@ -1,4 +1,4 @@
-"""Alternating comparison with ManiSkill's own environment, for suites sim, depth and reset."""
+"""Suites sim, depth and reset: alternating comparison with ManiSkill's own environment."""
 
 from __future__ import annotations
 
@@ -10,13 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from hab_eval.bench.hab_env import HabEnvFactory, control_of, motion_of
-from hab_eval.bench.layout import make_layout
-from hab_eval.bench.motion import Motion
-from hab_eval.bench.options import BenchOptions
-from hab_eval.bench.process import BenchEnv, RemoteEnv, StepTiming
-from hab_eval.bench.reference import ReferenceFactory
-from hab_eval.bench.rows import BenchRow, make_row
-from hab_eval.bench.suite import WriteLine
+from hab_eval.bench.process import BenchEnv, Motion, RemoteEnv, StepTiming
+from hab_eval.bench.reference import ReferenceFactory, make_layout
+from hab_eval.bench.report import BenchRow, bound_row, make_row
+from hab_eval.bench.suite import DENSE_SCENE, FIRST_SCENE, PICK, BenchOptions, Suite, WriteLine
+from hab_tasks.envs import ENVS
 
 WARM_UP_STEPS = 5
 
@@ -85,3 +83,95 @@ def step_rows(
         row("_physics_share", "1", lambda timing: timing.physics_share),
         row("_physics_time", "ms/step", lambda timing: timing.engine_ms),
     ]
+
+
+def run_sim(options: BenchOptions, write_line: WriteLine) -> list[BenchRow]:
+    """Measures each environment with state observations in each scene."""
+    every = tuple(ENVS)
+    rows: list[BenchRow] = []
+    for (scene,) in options.groups:
+        with reference(options, (scene,), obs_mode="state") as reference_env:
+            for env_id in options.envs_in(scene, every):
+                with hab_env(options, env_id, (scene,), obs_mode="state_dict") as env:
+                    write_line(f"suite sim, scene {scene}, {env_id}: both environments are ready")
+                    control, motion = motions(env_id)
+                    pairs = alternate(options, motion, env, reference_env, write_line)
+                    rows += step_rows(("sim", scene, env_id, control), pairs)
+    return rows
+
+
+SIM = Suite(
+    name="sim",
+    run=run_sim,
+    steps=200,
+    groups=((FIRST_SCENE,), (DENSE_SCENE,)),
+    takes_envs=True,
+)
+
+
+def run_depth(options: BenchOptions, write_line: WriteLine) -> list[BenchRow]:
+    """Measures HabPick-v1 with two depth cameras in each scene."""
+    rows: list[BenchRow] = []
+    for (scene,) in options.groups:
+        with (
+            reference(options, (scene,), obs_mode="depth") as reference_env,
+            hab_env(options, PICK, (scene,), obs_mode="depth", render_backend="cpu") as env,
+        ):
+            write_line(f"suite depth, scene {scene}: both environments are ready")
+            _, motion = motions(PICK)
+            pairs = alternate(options, motion, env, reference_env, write_line)
+            rows += step_rows(("depth", scene, PICK, "two_cameras"), pairs)[:1]
+    return rows
+
+
+DEPTH = Suite(name="depth", run=run_depth, steps=40, groups=((FIRST_SCENE,), (DENSE_SCENE,)))
+
+
+SOFT_RESET_BOUND_MS = 10.0
+RESET_SCENES = (
+    tuple(f"v3_sc{macro}_staging_{number}" for number in ("00", "10") for macro in range(3)),
+    ("apt_0", "apt_1", "apt_2"),
+)
+"""Default groups of layouts; the suite cycles through each group."""
+
+
+def run_reset(options: BenchOptions, write_line: WriteLine) -> list[BenchRow]:
+    """Measures resets of HabPick-v1 within and between layouts."""
+    rows: list[BenchRow] = []
+    for scenes in options.groups:
+        with (
+            reference(options, scenes, obs_mode="state") as reference_env,
+            hab_env(options, PICK, scenes, obs_mode="state_dict") as env,
+        ):
+            write_line(f"suite reset, scene {scenes[0]}: both environments are ready")
+            rows += _measure_resets(options, scenes[0], env, reference_env, write_line)
+    return rows
+
+
+def _measure_resets(
+    options: BenchOptions, scene: str, env: BenchEnv, reference_env: BenchEnv, write_line: WriteLine
+) -> list[BenchRow]:
+    """Measures resets within a layout, then resets that cycle through the group's layouts."""
+    soft_ms = [1e3 * env.soft_reset() for _ in range(options.repeats + 1)][1:]  # first: warm-up
+    rounds = [
+        [
+            (1e3 * env.other_layout(), 1e3 * reference_env.other_layout())
+            for _ in range(env.layouts())
+        ]
+        for _ in range(options.repeats + 1)
+    ]
+    write_line(f"measured {options.repeats} resets within and cycles through the layouts")
+    name = ("reset", scene, PICK)
+    again = [pair for pairs in rounds[1:] for pair in pairs]
+
+    def row(variant: str, pairs: Sequence[tuple[float, float]]) -> BenchRow:
+        return make_row((*name, variant), [a for a, _ in pairs], [b for _, b in pairs], unit="ms")
+
+    return [
+        bound_row((*name, "soft"), soft_ms, SOFT_RESET_BOUND_MS, unit="ms"),
+        row("layout_first_time", rounds[0]),
+        row("layout", again),
+    ]
+
+
+RESET = Suite(name="reset", run=run_reset, steps=1, groups=RESET_SCENES, is_round=True)

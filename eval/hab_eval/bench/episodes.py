@@ -7,9 +7,8 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from hab_eval.bench.options import BenchOptions
-from hab_eval.bench.rows import BenchRow, bound_row
-from hab_eval.bench.suite import Suite, WriteLine
+from hab_eval.bench.report import BenchRow, bound_row
+from hab_eval.bench.suite import BenchOptions, Suite, WriteLine
 from hab_tasks.envs import ENVS
 from hab_tasks.episodes import EpisodeRequest
 from hab_tasks.episodes.source import open_source

@@ -11,9 +11,8 @@ import gymnasium as gym
 import torch
 from torch import Tensor
 
-from hab_eval.bench.motion import Motion
-from hab_eval.bench.options import BenchOptions
-from hab_eval.bench.process import BenchEnv, StepTiming, time_steps
+from hab_eval.bench.process import BenchEnv, Motion, StepTiming, time_steps
+from hab_eval.bench.suite import BenchOptions
 from hab_tasks.constants import EE_STEP_M, REST_POSITION_M
 from hab_tasks.envs import ENVS
 from hab_tasks.episodes import Episode, EpisodeRequest, load_episodes

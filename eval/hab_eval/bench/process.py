@@ -14,11 +14,11 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Protocol
 
+import torch
 from torch import Tensor
 
-from hab_eval.bench.motion import Motion
 from hab_eval.errors import BenchError
-from hab_tasks.constants import CONTROL_HZ
+from hab_tasks.constants import CONTROL_HZ, EE_STEP_M
 from hab_tasks.io.pool import Worker
 
 START_TIMEOUT_S = 600.0
@@ -27,6 +27,42 @@ STOP_TIMEOUT_S = 10.0
 QUIET_STEPS = 2 * CONTROL_HZ
 """Steps before the clock starts. Setting a pose wakes an object, and the engine puts it back to
 sleep after half a second or more (measured in apt_0: 3.4 ms per step before, 0.8 ms after)."""
+
+
+BASE_SPEEDS = (0.2, 0.6)
+"""Maximum base speeds: forward [m/s], turning [rad/s]. The base stays within about 0.1 m."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """A sequence of small random motions.
+
+    Attributes:
+        count: Number of steps.
+        seed: Seed of the random numbers.
+        arm: Whether the end-effector moves.
+        base: Whether the base moves.
+    """
+
+    count: int
+    seed: int
+    arm: bool = True
+    base: bool = False
+
+    def arm_steps_m(self) -> Tensor:
+        """Returns end-effector displacements (count, 3) [m]."""
+        moved = EE_STEP_M * self._random()[:, :3]
+        return moved if self.arm else torch.zeros_like(moved)
+
+    def base_speeds(self) -> Tensor:
+        """Returns forward and turning velocity of the base (count, 2) [m/s, rad/s]."""
+        speeds = torch.tensor(BASE_SPEEDS) * self._random()[:, 3:]
+        return speeds if self.base else torch.zeros_like(speeds)
+
+    def _random(self) -> Tensor:
+        """Returns uniform random numbers in [-1, 1], shape (count, 5)."""
+        generator = torch.Generator().manual_seed(self.seed)
+        return 2.0 * torch.rand(self.count, 5, generator=generator) - 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,12 +106,8 @@ class StepsTimed(Protocol):
         ...
 
 
-class BenchEnv(Protocol):
-    """A benchmarked environment."""
-
-    def run_steps(self, motion: Motion) -> StepTiming:
-        """Times small random motions from a fixed start."""
-        ...
+class BenchEnv(StepsTimed, Protocol):
+    """A benchmarked environment, whose steps are small random motions from a fixed start."""
 
     def soft_reset(self) -> float:
         """Times a reset to another start in the same scene [s]."""
@@ -87,10 +119,6 @@ class BenchEnv(Protocol):
 
     def layouts(self) -> int:
         """Returns the number of layouts through which `other_layout` cycles."""
-        ...
-
-    def close(self) -> None:
-        """Frees the simulator."""
         ...
 
 

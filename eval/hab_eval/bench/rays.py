@@ -16,11 +16,9 @@ from numpy.typing import NDArray
 
 from hab_eval.bench.comparison import alternate, hab_env, motions, reference, step_rows
 from hab_eval.bench.hab_env import HabBenchEnv, HabEnvFactory, actions_of, control_of
-from hab_eval.bench.motion import Motion
-from hab_eval.bench.options import BenchOptions
-from hab_eval.bench.process import RemoteEnv, StepTiming
-from hab_eval.bench.rows import BenchRow, bound_row, make_row
-from hab_eval.bench.suite import DENSE_SCENE, FIRST_SCENE, PICK, Suite, WriteLine
+from hab_eval.bench.process import Motion, RemoteEnv, StepTiming
+from hab_eval.bench.report import BenchRow, bound_row, make_row
+from hab_eval.bench.suite import DENSE_SCENE, FIRST_SCENE, PICK, BenchOptions, Suite, WriteLine
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M
 from hab_tasks.io.pool import WorkerPool, in_order
 

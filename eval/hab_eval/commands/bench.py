@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from hab_eval.bench.options import BenchOptions
-from hab_eval.bench.report import make_report, write_report
-from hab_eval.bench.rows import row_table
-from hab_eval.bench.suites import find_suite, run_suite
+from hab_eval.bench.report import make_report, row_table, write_report
+from hab_eval.bench.suite import BenchOptions, find_suite, run_suite
 from hab_eval.commands.options import BenchCommand
 from hab_eval.records.plain_text import show
 from hab_tasks.io.files import check_file

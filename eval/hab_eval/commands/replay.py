@@ -14,13 +14,15 @@ from hab_eval.records.submissions import find_submission
 from hab_eval.records.video_names import highlights, video_name
 from hab_eval.run.evaluate import MOST_WORKERS
 from hab_eval.run.progress import make_reporter
-from hab_eval.run.replay import Difference, Replay, replay
-from hab_eval.run.replay_report import (
+from hab_eval.run.replay import (
     DIFFERENT,
+    Difference,
+    Replay,
     closing_lines,
     comparison_table,
     draw,
     level_of,
+    replay,
 )
 from hab_tasks.errors import OptionError
 from hab_tasks.io.files import check_file, scratch_folder

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import zlib
 from itertools import chain
 from pathlib import Path
 
@@ -12,7 +13,6 @@ from hab_eval.records.leaderboard import FEW_EPISODES, default_submissions
 from hab_eval.records.plain_text import plain
 from hab_eval.records.provenance import COMMIT_SEPARATOR
 from hab_eval.records.results import RunRecord
-from hab_tasks.episodes.provenance import stable_hash
 from hab_tasks.errors import OptionError, UnknownNameError, shown
 
 LONGEST_NAME = 150
@@ -31,7 +31,9 @@ def submission_name(record: RunRecord) -> str:
     parts += [_snake(part) for part in record.split.split("+")[1:]]  # held-out objects, ...
     parts += [f"seed{record.seed}"]
     if record.options:
-        parts += [f"options{stable_hash(*chain(*sorted(record.options.items()))):08x}"]
+        parts += [
+            f"options{zlib.crc32(chr(0).join(chain(*sorted(record.options.items()))).encode()):08x}"
+        ]
     return "-".join(parts)
 
 

@@ -1,9 +1,13 @@
-"""Runs one evaluation, from its configuration to `run.json`."""
+"""Runs one evaluation, from its configuration to `run.json`.
+
+A worker of a remote executor has its own agent of one row and its own environment. It plays an
+episode exactly as a local worker does, so the outcomes are the same.
+"""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from itertools import starmap
@@ -24,20 +28,23 @@ from hab_eval.records.results import (
     write_record,
 )
 from hab_eval.run import environments
-from hab_eval.run.distributed import check_distributed, run_distributed
+from hab_eval.run.environments import setup_of
 from hab_eval.run.isolation import opened_agent
-from hab_eval.run.rows import RolloutPlan, job_of
-from hab_eval.run.run_folder import RunFolder, check_free, open_folder
-from hab_eval.run.run_lock import locked
+from hab_eval.run.load_agent import load_agent
+from hab_eval.run.rows import RolloutPlan, job_of, make_rows
+from hab_eval.run.run_folder import RunFolder, check_free, locked, open_folder
+from hab_eval.run.runner import play
 from hab_eval.run.workers import run_agent
 from hab_tasks.agent import Agent, AgentSpec
+from hab_tasks.engine.rollout import Job
 from hab_tasks.errors import FileError, HabError, OptionError, RunStoppedError
-from hab_tasks.io.executors import Executor, ExecutorChoice, open_executor
+from hab_tasks.io.executors import Executor, ExecutorChoice, Task, open_executor
 from hab_tasks.io.threads import use_one_thread
 from hab_tasks.option_values import whole
 
 if TYPE_CHECKING:
     from hab_tasks.episodes import EpisodeSet
+
 
 MOST_WORKERS = 256
 """A simulator process needs at least 0.5 GB of memory."""
@@ -256,3 +263,58 @@ def _with_advice(
             folder.error_path.write_text(details, encoding="utf-8", errors="backslashreplace")
             advice += f" Details: {folder.error_path}."
     return RunStoppedError(f"{str(error).rstrip('.')}.{advice}", details=details)
+
+
+def check_distributed(config: EvalConfig, spec: AgentSpec, videos: int) -> None:
+    """Checks that an evaluation can be distributed.
+
+    Raises:
+        OptionError: It records videos or has a time limit, or its agent is isolated or batched.
+    """
+    if videos:
+        raise OptionError(
+            "--video needs --executor local: workers on other nodes cannot write to --out. "
+            "`hab-eval film` records videos of a submission."
+        )
+    if config.step_timeout_s is not None:
+        raise OptionError(
+            "--step-timeout needs --executor local: a process of another node cannot be ended in "
+            "the middle of a call."
+        )
+    if config.isolated:
+        raise OptionError("--isolated needs --executor local: Ray's workers load the agent.")
+    if spec.rows > 1:
+        raise OptionError(
+            f"--executor ray needs an agent of one row; {spec.name} has {spec.rows}. Its results "
+            "could depend on how episodes are divided into batches; use --executor local."
+        )
+
+
+def run_distributed(
+    plan: RolloutPlan, jobs: Sequence[Job], executor: Executor
+) -> Generator[FinishedEpisode, None, None]:
+    """Runs the jobs and yields results as they finish.
+
+    Raises:
+        RunStoppedError: An episode raised or its worker died repeatedly.
+        HabError: The environment or the agent cannot be created.
+    """
+    task = Task(start=_start_player, arguments=(plan,), name=_name)
+    with contextlib.closing(executor.run(task, jobs)) as results:
+        for _, finished in results:
+            yield finished
+
+
+def _start_player(plan: RolloutPlan) -> Callable[[Job], FinishedEpisode]:
+    agent = load_agent(plan.config.agent, setup_of(plan.config, plan.device))
+    rows = make_rows(plan, agent.spec, 1)
+
+    def play_one(job: Job) -> FinishedEpisode:
+        (finished,) = play(agent, rows, iter([job]))
+        return finished
+
+    return play_one
+
+
+def _name(job: Job) -> str:
+    return f"Episode {job[1].id!r}"

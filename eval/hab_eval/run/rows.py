@@ -119,16 +119,6 @@ def make_rows(plan: RolloutPlan, spec: AgentSpec, count: int) -> LocalRows:
     return LocalRows(rows)
 
 
-def episode_error(episodes: Iterable[Episode], error: Exception) -> RunStoppedError:
-    """Returns the error for episodes that an exception ended."""
-    ids = ", ".join(repr(episode.id) for episode in episodes)
-    which = "Episodes" if ", " in ids else "Episode"
-    return RunStoppedError(
-        f"{which} {ids} stopped the run: {type(error).__name__}: {error}",
-        details="".join(traceback.format_exception(error)),
-    )
-
-
 def job_of(index: int, episode: Episode) -> Job:
     """Returns the job of an episode; its seed does not tell the agent that of the episode."""
     return Job(index, episode, environments.agent_seed(episode.seed))

@@ -1,4 +1,4 @@
-"""Agents of the submissions, and model cards of their policies."""
+"""Agents of the submissions, and model cards of their policies; studies with their runs."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from hab_eval.site.entries import Entry, unique_slugs
-from hab_eval.site.markdown_files import MarkdownFile, read_markdown
+from hab_eval.records.leaderboard import read_submissions
+from hab_eval.site.entries import Entry, make_entries, unique_slugs
+from hab_eval.site.media import MarkdownFile, read_markdown, title_of
 
 CARDS = "baselines/*/*/weights/*.md"
 
@@ -71,3 +72,42 @@ def agent_pages(entries: Sequence[Entry], cards: Sequence[Card]) -> list[AgentPa
             )
         )
     return pages
+
+
+STUDIES = "eval/studies/*/README.md"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """A study.
+
+    Attributes:
+        slug: Name as part of file names and links.
+        title: Heading of its text.
+        file: Its text.
+        entries: Its runs, which are not on the leaderboard.
+    """
+
+    slug: str
+    title: str
+    file: MarkdownFile
+    entries: Sequence[Entry]
+
+
+def read_studies(checkout: Path) -> list[Study]:
+    """Reads the studies of a checkout.
+
+    Raises:
+        ResultError: A file cannot be read, or is not a valid result.
+    """
+    files = [read_markdown(path) for path in sorted(checkout.glob(STUDIES))]
+    slugs = unique_slugs(file.path.parent.name for file in files)
+    return [
+        Study(
+            slug=slug,
+            title=title_of(file),
+            file=file,
+            entries=make_entries(read_submissions(file.path.parent)),
+        )
+        for file, slug in zip(files, slugs, strict=True)
+    ]

@@ -17,15 +17,13 @@ from hab_eval.errors import ResultError
 from hab_eval.records.leaderboard import default_submissions, find_submissions
 from hab_eval.records.plain_text import plain
 from hab_eval.records.status import again_rows
-from hab_eval.site.agents import Card, agent_pages, read_cards
+from hab_eval.site.agents import Card, agent_pages, read_cards, read_studies
 from hab_eval.site.breakdown import Receptacles, read_receptacles
 from hab_eval.site.comparison import comparison_sets
 from hab_eval.site.datasets import dataset_pages
 from hab_eval.site.entries import make_entries
-from hab_eval.site.markdown_files import MarkdownFile
-from hab_eval.site.media import Video, copy_video, find_videos, write_picture
+from hab_eval.site.media import MarkdownFile, Video, copy_video, find_videos, write_picture
 from hab_eval.site.pages import Page, Site, all_pages
-from hab_eval.site.studies import read_studies
 from hab_tasks.errors import OptionError
 from hab_tasks.io.files import check_folder, folder_written_aside
 

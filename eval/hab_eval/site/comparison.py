@@ -39,11 +39,6 @@ class Pair:
     p_value: float
 
     @property
-    def neither(self) -> int:
-        """Number of episodes that neither run solves."""
-        return self.n - self.both - self.only_first - self.only_second
-
-    @property
     def difference(self) -> float:
         """Success rate of the first run minus that of the second."""
         return (self.only_first - self.only_second) / self.n

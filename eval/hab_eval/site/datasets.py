@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from hab_eval.records.commands import WILD, vary_command
-from hab_eval.records.config import EMBEDDED_DATASET
+import tomllib
+
+from hab_eval.records.leaderboard import WILD, vary_command
 from hab_eval.site.entries import Entry, dataset_rank, unique_slugs
 
 
@@ -26,45 +27,9 @@ class Figure:
         return f"{Path(self.file).stem}.webp"
 
 
-FIGURES = {
-    EMBEDDED_DATASET: (
-        Figure(
-            file="fig06_furniture.png",
-            caption="Furniture (as Fig. 6 of the paper): templates and number of instances.",
-            alt="Bar chart of furniture templates by number of instances",
-        ),
-        Figure(
-            file="fig07_categories.png",
-            caption="Objects (as Fig. 7 of the paper): categories by number of templates.",
-            alt="Bar chart of object categories by number of templates",
-        ),
-        Figure(
-            file="fig08_macro_layouts.png",
-            caption="Macro layouts (as Fig. 8 of the paper), from above.",
-            alt="Top views of the five macro layouts",
-        ),
-        Figure(
-            file="fig08_micro_variations.png",
-            caption="Micro-variations of the macro layouts (as Fig. 8 of the paper), from above.",
-            alt="Top views of micro-variations of the macro layouts",
-        ),
-    ),
-    f"{EMBEDDED_DATASET}_wild": (
-        Figure(
-            file="fig_wild_layouts.png",
-            caption="Six wild layouts: furniture and kitchen (orange) at random positions.",
-            alt="Top views of six wild layouts",
-        ),
-    ),
-}
-
-DESCRIPTIONS = {
-    EMBEDDED_DATASET: "The dataset that ships with the package: 111 layouts, named as in "
-    "ReplicaCAD. Macro layouts 0 to 2 are the training split, 3 is the validation split, 4 the "
-    "test split.",
-    "replicaCAD": "Facebook's ReplicaCAD, with objects of YCB. The copy used for these runs has "
-    "the training layouts only.",
-}
+_DATA = tomllib.loads(Path(__file__).with_name("datasets.toml").read_text(encoding="utf-8"))
+FIGURES = {name: tuple(Figure(**one) for one in them) for name, them in _DATA["figures"].items()}
+DESCRIPTIONS: dict[str, str] = _DATA["descriptions"]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,15 +1,23 @@
-"""Submissions as the site shows them: order, page names, and kinds of agents."""
+"""Submissions as the site shows them: order, page names, kinds of agents, what a rerun needs."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+import shlex
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 
 from hab_eval.records import paper
-from hab_eval.records.config import short_name
-from hab_eval.records.leaderboard import FEW_EPISODES, HANDLE_POSITION, scenes_of
+from hab_eval.records.leaderboard import (
+    FEW_EPISODES,
+    command_of,
+    dataset_options,
+    scenes_of,
+    variants_of,
+    vary_command,
+)
+from hab_eval.records.provenance import COMMIT_SEPARATOR
 from hab_eval.records.results import EpisodeResult, RunRecord
 from hab_eval.records.stats import mean
 from hab_eval.records.video_names import UNSAFE
@@ -58,12 +66,7 @@ class Entry:
     @property
     def variants(self) -> tuple[str, ...]:
         """Options of the agent and of the skill that differ from the defaults."""
-        record = self.record
-        found = [HANDLE_POSITION] * record.handle_position
-        found += [f"target_frame={record.target_frame}"] * (record.target_frame != "base")
-        found += [f"{name}={short_name(value)}" for name, value in record.options.items()]
-        found += [f"{name}={value:g}" for name, value in record.skill_config.items()]
-        return tuple(found)
+        return tuple(variants_of(self.record))
 
     @property
     def stages(self) -> tuple[str, ...]:
@@ -163,3 +166,80 @@ def counterparts(result: paper.PaperResult, entries: Sequence[Entry]) -> list[En
         and entry.record.split in splits
         and not entry.variants
     ]
+
+
+WEIGHT_OPTIONS = ("weights", "policy", "checkpoint")
+"""Agent options that name a file of weights."""
+
+DATASET_NOTE = "PATH is the folder that contains the dataset on your machine."
+
+
+def command_lines(entry: Entry) -> list[str]:
+    """Returns the commands that repeat a run: commit, wild layouts if needed, `hab-eval run`."""
+    commit, vary = entry.record.git, vary_command(entry.record.scene_dataset)
+    lines = [] if commit is None else [f"git checkout {shlex.quote(_last_commit(commit))}"]
+    return [*lines, *([vary] if vary else []), run_command(entry)]
+
+
+def run_command(entry: Entry) -> str:
+    """Returns the `hab-eval run` command of a submission."""
+    return f"{command_of(entry.record)} --out runs/{shlex.quote(entry.slug)}"
+
+
+def verify_command(entry: Entry) -> str:
+    """Returns the `hab-eval verify` command of a submission."""
+    words = ["hab-eval", "verify", entry.name, "--episodes", "10"]
+    return shlex.join([*words, *dataset_options(entry.record)])
+
+
+def needs_path(record: RunRecord) -> bool:
+    """Returns whether the commands contain the path of a dataset that is not shipped."""
+    return "PATH/" in " ".join([*dataset_options(record), vary_command(record.scene_dataset)])
+
+
+def weights_of(record: RunRecord, kinds: Collection[str]) -> str:
+    """Describes the weights of a run's agent."""
+    given = [f"{name}={record.options[name]}" for name in WEIGHT_OPTIONS if name in record.options]
+    if given:
+        return ", ".join(given)
+    if "learned" in kinds:
+        module, _, factory = record.agent.partition(":")
+        return f"{factory}, shipped with {module} at this commit"
+    return "unknown" if OTHER_KIND in kinds else "none"
+
+
+def facts_of(entry: Entry) -> list[tuple[str, str]]:
+    """Returns (name, value) of everything that a rerun depends on."""
+    record = entry.record
+    versions = ", ".join(f"{name} {version}" for name, version in record.versions.items())
+    facts = [
+        ("commit", record.git or "unknown"),
+        ("seed", str(record.seed)),
+        ("split", record.split),
+        ("weights", weights_of(record, entry.kinds)),
+        *_file_facts(record),
+        ("versions", versions),
+        ("machine", record.device),
+        ("control mode", record.control_mode),
+        ("observations", record.obs_mode),
+    ]
+    facts += [("options", ", ".join(entry.variants))] if entry.variants else []
+    if record.step_timeout_s is not None:
+        facts.append(("time limit per call", f"{record.step_timeout_s:g} s"))
+    return facts
+
+
+def _file_facts(record: RunRecord) -> list[tuple[str, str]]:
+    """Returns the digests of the agent's files, and whether it was isolated."""
+    files = record.agent_files
+    if files is None:
+        return []
+    where = f"commit {files.git}" if files.git else "in no repository"
+    data = [(f"SHA-256 of {name}", digest) for name, digest in files.data.items()]
+    isolated = "yes" if record.isolated else "no"
+    return [("agent's code", f"SHA-256 {files.code}, {where}"), *data, ("isolated", isolated)]
+
+
+def _last_commit(git: str) -> str:
+    """Returns the commit to check out: of several the last, without ``-dirty``."""
+    return git.split(COMMIT_SEPARATOR)[-1].removesuffix("-dirty")

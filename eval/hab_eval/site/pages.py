@@ -12,21 +12,23 @@ from hab_eval.records import paper
 from hab_eval.records.leaderboard import FEW_EPISODES
 from hab_eval.records.status import AGAIN_COLUMNS
 from hab_eval.records.video_names import highlights
-from hab_eval.site.agents import AgentPage
+from hab_eval.site.agents import AgentPage, Study
 from hab_eval.site.breakdown import Receptacles, by_layout, by_receptacle, histogram
 from hab_eval.site.comparison import ComparisonSet
 from hab_eval.site.datasets import DatasetPage
-from hab_eval.site.entries import Entry, counterparts, dataset_rank, env_rank, outcome_of
-from hab_eval.site.markdown_files import rendered
-from hab_eval.site.media import Video
-from hab_eval.site.reruns import (
+from hab_eval.site.entries import (
     DATASET_NOTE,
+    Entry,
     command_lines,
+    counterparts,
+    dataset_rank,
+    env_rank,
     facts_of,
     needs_path,
+    outcome_of,
     verify_command,
 )
-from hab_eval.site.studies import Study
+from hab_eval.site.media import Video, rendered
 
 MOST_PAIRS = 10
 """Pairs of a set in the list of comparisons; the set's own page has all."""
@@ -35,7 +37,7 @@ Partners = Mapping[str, Sequence[tuple[ComparisonSet, Entry, Entry]]]
 """Name of a submission -> (set, first run, second run) of its comparisons."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Page:
     """A page of the site.
 
@@ -185,84 +187,46 @@ def _partners(site: Site) -> Partners:
 
 
 def _comparisons(site: Site) -> Page:
-    return Page(
-        path="compare/index.html",
-        template="comparisons.html",
-        section="compare",
-        title="Paired comparisons",
-        context={"sets": site.sets, "most_pairs": MOST_PAIRS},
-    )
+    context = {"sets": site.sets, "most_pairs": MOST_PAIRS}
+    return _page("compare", "index", "comparisons", "Paired comparisons", **context)
 
 
 def _comparison(one: ComparisonSet) -> Page:
-    return Page(
-        path=f"compare/{one.slug}.html",
-        template="comparison.html",
-        section="compare",
-        title=f"Comparison on {one.title}",
-        context={"set": one},
-        data=one.data(),
-    )
+    title = f"Comparison on {one.title}"
+    return _page("compare", one.slug, "comparison", title, data=one.data(), set=one)
 
 
 def _agents(site: Site) -> Page:
-    return Page(
-        path="agents/index.html",
-        template="agents.html",
-        section="agents",
-        title="Agents",
-        context={"agents": site.agents},
-    )
+    return _page("agents", "index", "agents", "Agents", agents=site.agents)
 
 
 def _agent(agent: AgentPage) -> Page:
     card = None if agent.card is None else rendered(agent.card.file, agent.slug)[0]
-    return Page(
-        path=f"agents/{agent.slug}.html",
-        template="agent.html",
-        section="agents",
-        title=agent.name,
-        context={"agent": agent, "card": card},
-    )
+    return _page("agents", agent.slug, "agent", agent.name, agent=agent, card=card)
 
 
 def _datasets(site: Site) -> Page:
-    return Page(
-        path="datasets/index.html",
-        template="datasets.html",
-        section="datasets",
-        title="Datasets",
-        context={"datasets": site.datasets},
-    )
+    return _page("datasets", "index", "datasets", "Datasets", datasets=site.datasets)
 
 
 def _dataset(dataset: DatasetPage) -> Page:
-    return Page(
-        path=f"datasets/{dataset.slug}.html",
-        template="dataset.html",
-        section="datasets",
-        title=dataset.name,
-        context={"dataset": dataset},
-    )
+    return _page("datasets", dataset.slug, "dataset", dataset.name, dataset=dataset)
 
 
 def _studies(site: Site) -> Page:
     texts = [(one, rendered(one.file, f"studies/{one.slug}")[0]) for one in site.studies]
-    return Page(
-        path="studies.html",
-        template="studies.html",
-        section="studies",
-        title="Studies",
-        context={"studies": texts},
-    )
+    return _page("studies", "", "studies", "Studies", studies=texts)
 
 
 def _paper(site: Site) -> Page:
     rows = [(result, counterparts(result, site.entries)) for result in paper.RESULTS]
-    return Page(
-        path="paper.html",
-        template="paper.html",
-        section="paper",
-        title="Comparison with the paper",
-        context={"rows": rows, "not_comparable": paper.NOT_COMPARABLE},
-    )
+    title = "Comparison with the paper"
+    return _page("paper", "", "paper", title, rows=rows, not_comparable=paper.NOT_COMPARABLE)
+
+
+def _page(
+    section: str, name: str, template: str, title: str, data: Any = None, **context: Any
+) -> Page:
+    """Returns a page of a section's folder, or the section's only page if `name` is empty."""
+    path = f"{section}/{name}.html" if name else f"{section}.html"
+    return Page(path, f"{template}.html", section, title, context, data)

@@ -15,44 +15,20 @@ import tempfile
 from pathlib import Path
 
 from hab_authoring.apartment import (
-    appliances,
-    bikes,
-    books,
+    catalogue,
     clothes,
-    cupboards,
     decor,
-    fridge,
-    kitchen,
     layouts,
     packing,
     pickables,
-    seating,
     shell,
-    shoes,
-    storage,
-    tables,
-    tableware,
-    utensils,
 )
 from hab_authoring.apartment.model import Dataset
 from hab_authoring.apartment.writer import write_dataset
 from hab_tasks.io.files import folder_written_aside
 
 NAME = "apartment"
-THEMES = (
-    appliances,
-    bikes,
-    books,
-    clothes,
-    decor,
-    pickables,
-    seating,
-    shoes,
-    storage,
-    tables,
-    tableware,
-    utensils,
-)
+THEMES = (catalogue, clothes, decor, pickables)
 VARIATION = re.compile(r"configs/scenes/v3_sc\d_staging_(?!00)\d\d\.scene_instance\.json")
 logger = logging.getLogger(NAME)
 
@@ -61,24 +37,18 @@ def make_dataset() -> Dataset:
     """Return the whole dataset in memory."""
     objects = [item for theme in THEMES for item in theme.build()]
     feet_m = layouts.feet_m(objects)
-    articulations = [
-        fridge.build(),
-        fridge.build("fridge_mirrored", -1.0),
-        kitchen.build(),
-        cupboards.wall_cupboard(),
-        cupboards.room_door(),
-        cupboards.sliding_cabinet(),
-        cupboards.drawer_chest(),
-    ]
-    plans = {layout.plan.name: layout.plan for layout in layouts.LAYOUTS}
+    articulations = list(catalogue.articulated())
+    macros = layouts.macros()
+    flats, things = layouts.dense(macros)
+    plans = {layout.plan.name: layout.plan for layout in (*macros, *flats)}
     return Dataset(
         stages=[shell.build(plan) for plan in plans.values()],
         objects=objects,
         articulations=articulations,
-        lightings={layout.lighting: list(layout.lights) for layout in layouts.LAYOUTS},
+        lightings={layout.lighting: list(layout.lights) for layout in (*macros, *flats)},
         scenes=[
-            *(layout.scene(feet_m) for layout in layouts.MACROS),
-            *(packing.furnished(flat, objects, articulations) for flat in layouts.APARTMENTS),
+            *(layout.scene(feet_m) for layout in macros),
+            *(packing.furnished(flat, things, objects, articulations) for flat in flats),
         ],
     )
 

@@ -6,12 +6,19 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hab_authoring.apartment import shapes, solids
-from hab_authoring.apartment.model import Box, Convex, ObjectModel, Part, Receptacle, Vec3
+from hab_authoring.apartment.model import (
+    Box,
+    Convex,
+    ObjectModel,
+    Part,
+    Receptacle,
+    Vec3,
+    full_name,
+)
 
 BAR_RADIUS_M = 0.007
 POST_M = 0.010
 FRICTION = 0.7
-PREFIX = "frl_apartment_"
 
 
 @dataclass
@@ -104,12 +111,14 @@ def finished(
     make: Builder,
     friction: float = FRICTION,
     receptacles: Sequence[Receptacle] = (),
+    *,
+    centred: bool = True,
 ) -> ObjectModel:
-    """Return the model, shifted so that the centroid of its collision shapes is the origin."""
+    """Return the model; `centred` shifts the centroid of its collision shapes to the origin."""
     pieces = make.solids()
-    shift = -np.round(solids.centroid(pieces), 4)
+    shift = -np.round(solids.centroid(pieces), 4) if centred else np.zeros(3)
     return ObjectModel(
-        PREFIX + name,
+        full_name(name),
         category,
         mass_kg,
         [shapes.moved(part, shift) for part in make.parts],

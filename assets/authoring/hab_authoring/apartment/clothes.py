@@ -1,28 +1,32 @@
-"""Clothes on hooks, folded things, hangers, the handbag and the umbrella."""
+"""A coat and a scarf on hooks, the handbag, the beanbag, the cushions, and pairs of shoes.
+
+A shoe consists of sections from heel to toe under one skin, on a sole.
+"""
 
 import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hab_authoring.apartment import outlines, shapes, solids
 from hab_authoring.apartment.builder import Builder, finished
-from hab_authoring.apartment.model import Array, Box, ObjectModel, Part, Vec3
+from hab_authoring.apartment.model import Array, Box, Convex, ObjectModel, Part, Vec3
 
 CLOTH_FRICTION = 0.9
 
 
 def build() -> list[ObjectModel]:
-    """Return all of them; the first two cloths hang with their back at -z, the rest lie."""
+    """Return all of them; the coat and the scarf hang with their back at -z."""
     return [
         _coat(),
         _scarf(),
-        _folded("cloth_03", "cloth", 0.45, (0.30, 0.26), (0.030, 0.030, 0.024), "wool_grey"),
-        _folded("cloth_04", "cloth", 1.1, (0.42, 0.34), (0.042, 0.040, 0.038), "rust_cloth"),
-        _folded("towel", "towel", 0.55, (0.38, 0.28), (0.028, 0.028), "towel_blue"),
-        _hanger(),
-        _valet(),
         _handbag(),
-        _umbrella(),
+        _beanbag(),
+        *_cushions(),
+        _pair("01", 0.78, RUNNER),
+        _pair("02", 0.82, SNEAKER),
+        _pair("03", 0.36, SLIPPER),
+        _pair("04", 1.45, BOOT),
     ]
 
 
@@ -96,66 +100,6 @@ def _scarf() -> ObjectModel:
     return finished("cloth_02", "cloth", 0.35, make, CLOTH_FRICTION)
 
 
-def _folded(
-    name: str,
-    category: str,
-    mass_kg: float,
-    size: tuple[float, float],
-    layers: tuple[float, ...],
-    material: str,
-) -> ObjectModel:
-    """Return a folded cloth: layers with round folds, each a little smaller."""
-    make, y, (w, d) = Builder(), 0.0, size
-    for k, thick in enumerate(layers):
-        shrink = 1.0 - 0.02 * k
-        shift = 0.004 * (-1) ** k
-        make.soft(
-            (shift, y + thick / 2, -shift), (w * shrink, thick, d * shrink), material,
-            thick * 0.49, solid=False,
-        )  # fmt: skip
-        y += thick - 0.001
-    make.boxes.append(Box((0.0, y / 2, 0.0), (w, y, d)))
-    return finished(name, category, mass_kg, make, CLOTH_FRICTION)
-
-
-def _hanger() -> ObjectModel:
-    """Return a wooden hanger lying flat; its hook points to -z."""
-    make, t = Builder(), 0.014
-    for side in (-1.0, 1.0):
-        arm: list[Vec3] = [
-            (0.0, t / 2, -0.035),
-            (side * 0.07, t / 2, -0.025),
-            (side * 0.205, t / 2, 0.055),
-        ]
-        make.see(shapes.tube(arm, t / 2, "birch", 8))
-        piece = solids.from_box(Box((side * 0.105, 0.0, 0.0), (0.235, t, t)))
-        turned = solids.rotated(piece, "y", -side * math.atan2(0.09, 0.205))
-        make.convexes.append(solids.moved(turned, (0.0, t / 2, -0.037)))
-    make.see(shapes.tube([(-0.19, t / 2, 0.048), (0.19, t / 2, 0.048)], 0.005, "birch", 8))
-    make.boxes.append(Box((0.0, t / 2, 0.048), (0.37, t, 0.011)))
-    hook = [(0.0, t / 2, -0.035), (0.0, t / 2, -0.07)]
-    hook += [
-        (0.022 - 0.022 * math.cos(a), t / 2, -0.085 - 0.024 * math.sin(a))
-        for a in np.linspace(0.0, 1.25 * math.pi, 7)
-    ]
-    make.see(shapes.tube(hook, 0.002, "steel", 6))
-    make.boxes.append(Box((0.018, t / 2, -0.075), (0.04, t, 0.07)))
-    return finished("clothes_hanger_01", "clothes_hanger", 0.18, make)
-
-
-def _valet() -> ObjectModel:
-    """Return a standing valet: two uprights on feet, a rail, a tray and shoulders on top."""
-    make, h = Builder(), 0.89
-    for x in (-0.15, 0.15):
-        make.box((x, 0.02, 0.0), (0.028, 0.040, 0.355), "walnut", 0.006)
-        make.post((x, 0.43, -0.06), 0.012, 0.80, "walnut")
-    make.box((0.0, 0.20, -0.04), (0.28, 0.018, 0.10), "walnut", 0.004)
-    make.see(shapes.cylinder((0.0, 0.60, -0.06), 0.010, 0.30, "walnut", "x", 12))
-    make.boxes.append(Box((0.0, 0.60, -0.06), (0.30, 0.02, 0.02)))
-    make.soft((0.0, h - 0.03, -0.06), (0.414, 0.055, 0.05), "walnut", 0.02)
-    return finished("clothes_hanger_02", "clothes_hanger", 3.4, make)
-
-
 def _handbag() -> ObjectModel:
     """Return a leather bag that stands, with two upright straps."""
     make = Builder()
@@ -182,31 +126,178 @@ def _handbag() -> ObjectModel:
     return finished("handbag", "handbag", 1.1, make, CLOTH_FRICTION)
 
 
-def _umbrella() -> ObjectModel:
-    """Return a rolled umbrella that lies along x, its crook towards -x and flat on the floor."""
-    make, r = Builder(), 0.028
-    canopy = [(0.006, 0.40), (0.020, 0.32), (r, 0.10), (0.026, -0.14), (0.016, -0.20)]
+def _beanbag() -> ObjectModel:
+    """Return a sagging bag: a turned pear with a seam ring and a knot."""
+    make, floor = Builder(), -0.333
+    profile = [
+        (0.0, floor),
+        (0.34, floor),
+        (0.44, floor + 0.03),
+        (0.495, floor + 0.10),
+        (0.51, floor + 0.18),
+        (0.49, floor + 0.28),
+        (0.43, floor + 0.38),
+        (0.34, floor + 0.47),
+        (0.24, floor + 0.545),
+        (0.15, floor + 0.60),
+        (0.07, floor + 0.63),
+        (0.0, floor + 0.64),
+    ]
+    make.see(_puckered(shapes.lathe([profile], "bag_cloth", 36), floor))
     make.see(
-        _along_x(shapes.lathe([[(0.0, -0.20), canopy[-1]], canopy[::-1]], "coat_navy", 10), r),
-        shapes.tube([(0.40, r, 0.0), (0.46, r, 0.0)], 0.004, "steel", 8),
-        shapes.tube([(-0.19, r, 0.0), (-0.30, r, 0.0)], 0.006, "steel", 8),
+        shapes.cylinder((0.0, floor + 0.655, 0.0), 0.035, 0.05, "bag_cloth", top_radius_m=0.05)
     )
-    crook: list[Vec3] = [(-0.28, r, 0.0), (-0.38, r, 0.0)]
-    crook += [
-        (-0.38 - 0.045 * math.sin(a), r, 0.045 - 0.045 * math.cos(a))
-        for a in np.linspace(0.3, math.pi, 7)
+    make.convexes += [
+        solids.frustum(0.40, 0.51, floor, floor + 0.15, 16),
+        solids.frustum(0.51, 0.42, floor + 0.15, floor + 0.39, 16),
+        solids.frustum(0.42, 0.10, floor + 0.39, floor + 0.62, 16),
     ]
-    crook.append((-0.345, r, 0.09))
-    make.see(shapes.tube(crook, 0.010, "walnut", 8))
-    make.see(shapes.box((-0.05, r, 0.0), (0.014, 2 * r, 2 * r), "gap", 0.006))
-    make.boxes += [
-        Box((0.09, r, 0.0), (0.62, 2 * r, 2 * r)),
-        Box((0.43, r, 0.0), (0.06, 0.012, 0.012)),
-        Box((-0.31, r, 0.0), (0.20, 2 * r, 0.022)),
-        Box((-0.395, r, 0.045), (0.05, 2 * r, 0.11)),
-    ]
-    return finished("umbrella", "umbrella", 0.42, make)
+    return ObjectModel("frl_apartment_beanbag", "beanbag", 11.0, make.parts, make.solids())
 
 
-def _along_x(part: Part, height: float) -> Part:
-    return shapes.moved(shapes.turned(part, "x"), (0.0, height, 0.0))
+def _puckered(part: Part, floor: float) -> Part:
+    """Press six shallow folds into a turned bag, none at its foot."""
+    x, y, z = part.positions.T
+    angle, share = np.arctan2(z, x), np.clip((y - floor) / 0.3, 0, 1)
+    scale = 1 - 0.07 * share * (0.5 + 0.5 * np.cos(6 * angle)) - 0.05 * share * np.cos(angle - 0.6)
+    points = np.stack([x * scale, y - 0.04 * share * (x / 0.5), z * scale], axis=1)
+    return shapes.smoothed(replace(part, positions=points))
+
+
+def _cushions() -> list[ObjectModel]:
+    out = []
+    for number, cloth in (("01", "rust_cloth"), ("03", "cream_cloth")):
+        part = shapes.soft_box((0.0, 0.0, 0.0), (0.42, 0.40, 0.09), cloth, 0.044, 0.03, steps=3)
+        name = f"frl_apartment_cushion_{number}"
+        out.append(ObjectModel(name, "cushion", 0.3, [part], [_pillow()], friction=0.8))
+    return out
+
+
+def _pillow() -> Convex:
+    """Return the cushion's hull: a flat octagon standing on its edge."""
+    slab = solids.prism(
+        [
+            (-0.21, -0.15),
+            (-0.15, -0.20),
+            (0.15, -0.20),
+            (0.21, -0.15),
+            (0.21, 0.15),
+            (0.15, 0.20),
+            (-0.15, 0.20),
+            (-0.21, 0.15),
+        ],
+        -0.065,
+        0.065,
+    )
+    return Convex(slab.vertices[:, [0, 2, 1]], slab.faces[:, ::-1])
+
+
+SECTIONS = 9
+SHARES = np.linspace(0.005, 0.985, SECTIONS)  # heel to toe, along the sole
+
+
+@dataclass(frozen=True)
+class Shoe:
+    """One of a pair; it points along +z. Heights are above the floor."""
+
+    length_m: float
+    width_m: float
+    ankle_m: float
+    sole_m: float
+    gap_m: float
+    upper: str
+    sole: str
+    laces: str | None = None
+
+
+RUNNER = Shoe(0.295, 0.105, 0.105, 0.028, 0.035, "wool_grey", "plastic_white", "label_orange")
+SNEAKER = Shoe(0.285, 0.102, 0.100, 0.025, 0.040, "label_white", "plastic_white", "plastic_grey")
+SLIPPER = Shoe(0.265, 0.095, 0.058, 0.016, 0.020, "bag_cloth", "label_brown")
+BOOT = Shoe(0.290, 0.105, 0.148, 0.030, 0.045, "leather", "rubber", "label_yellow")
+
+
+def _outline(shoe: Shoe) -> Array:
+    """Return half widths (K, 2) of the sole as (z, half width), heel to toe."""
+    shares = [(0.0, 0.26), (0.05, 0.36), (0.18, 0.40), (0.42, 0.37)]
+    shares += [(0.66, 0.48), (0.80, 0.49), (0.93, 0.36), (1.0, 0.20)]
+    return np.array([((s - 0.5) * shoe.length_m, w * shoe.width_m) for s, w in shares])
+
+
+def _pair(number: str, mass_kg: float, shoe: Shoe) -> ObjectModel:
+    make = Builder()
+    for side in (-1.0, 1.0):
+        _one(make, shoe, side * (shoe.width_m + shoe.gap_m) / 2)
+    return finished(f"shoe_{number}", "shoe", mass_kg, make, 0.9)
+
+
+def _one(make: Builder, shoe: Shoe, x: float) -> None:
+    outline, low = _outline(shoe), shoe.sole_m
+    ring = np.vstack([outline * [1, -1], outline[::-1]])
+    layers = [
+        np.stack([x + scale * ring[:, 1], np.full(len(ring), y), ring[:, 0]], axis=1)
+        for y, scale in ((0.0, 0.96), (0.5 * low, 1.03), (low, 1.0))
+    ]
+    tops = _tops(shoe)
+    make.see(outlines.loft(layers, shoe.sole), _upper(shoe, x, tops))
+    opening = (x, float(tops[1]) - 0.004, -0.33 * shoe.length_m)
+    radii = (0.26 * shoe.width_m, 0.008, 0.15 * shoe.length_m)
+    make.see(shapes.sphere(opening, radii, "gap", 6, 14))
+    _laces(make, shoe, x, tops)
+    _collide(make, shoe, x, float(tops[5]))
+
+
+def _tops(shoe: Shoe) -> Array:
+    """Return the upper's height above the floor at each of its sections."""
+    low, ankle = shoe.sole_m, shoe.ankle_m
+    toe = low + 0.42 * (0.105 - low)
+    shares = [0.0, 0.08, 0.30, 0.45, 0.62, 0.85, 1.0]
+    heights = [0.92 * ankle, ankle, 0.96 * ankle, (ankle + toe) / 2, toe + 0.012, toe, low + 0.012]
+    return np.interp(np.linspace(0, 1, SECTIONS), shares, heights)
+
+
+def _upper(shoe: Shoe, x: float, tops: Array) -> Part:
+    """Return the skin over the foot: half ellipses, drawn in around the ankle."""
+    outline, low, turn = _outline(shoe), shoe.sole_m, np.linspace(0, np.pi, SECTIONS)
+    skins = []
+    for share, top in zip(SHARES, tops, strict=True):
+        z = (share - 0.5) * shoe.length_m
+        half = 0.94 * float(np.interp(z, outline[:, 0], outline[:, 1]))
+        pinch = 1 - 0.25 * np.sin(turn) * float(share < 0.5)
+        across, rise = half * np.cos(turn) * pinch + x, low + (top - low) * np.sin(turn) ** 0.6
+        skins.append(np.stack([across, rise, np.full(SECTIONS, z)], axis=1))
+    return outlines.loft(skins, shoe.upper)
+
+
+def _laces(make: Builder, shoe: Shoe, x: float, tops: Array) -> None:
+    if shoe.laces is None:
+        return
+    for share in (0.40, 0.47, 0.54):
+        top = float(np.interp(share, SHARES, tops))
+        place = (x, top - 0.001, (share - 0.5) * shoe.length_m)
+        make.see(shapes.box(place, (0.5 * shoe.width_m, 0.006, 0.007), shoe.laces, 0.002))
+
+
+def _collide(make: Builder, shoe: Shoe, x: float, toe: float) -> None:
+    """Add the sole, the toe box and the ankle of one shoe."""
+    half, wide = shoe.length_m / 2, shoe.width_m
+    sole = [(x + s * w, z) for s in (1, -1) for z, w in _sole_corners(shoe)[::s]]
+    make.convexes.append(solids.prism(sole, 0.0, shoe.sole_m))
+    make.boxes.append(
+        Box((x, (shoe.sole_m + toe) / 2, 0.24 * half), (0.78 * wide, toe - shoe.sole_m, 1.2 * half))
+    )
+    make.boxes.append(
+        Box(
+            (x, (shoe.sole_m + shoe.ankle_m) / 2, -0.66 * half),
+            (0.66 * wide, shoe.ankle_m - shoe.sole_m, 0.60 * half),
+        )
+    )
+
+
+def _sole_corners(shoe: Shoe) -> list[tuple[float, float]]:
+    half, wide = shoe.length_m / 2, shoe.width_m
+    return [
+        (-half, 0.27 * wide),
+        (-0.8 * half, 0.42 * wide),
+        (0.55 * half, 0.49 * wide),
+        (half, 0.22 * wide),
+    ]

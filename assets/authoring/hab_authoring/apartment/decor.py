@@ -1,4 +1,4 @@
-"""Decoration: rugs, plants, pictures, lamps and screens."""
+"""Plants in pots, twigs in a vase, books, and two bicycles on their stands, pointing along +z."""
 
 import math
 
@@ -6,84 +6,24 @@ import numpy as np
 
 from hab_authoring.apartment import shapes, solids
 from hab_authoring.apartment.builder import Builder, finished
-from hab_authoring.apartment.model import Array, Box, ObjectModel, Part
+from hab_authoring.apartment.model import Array, Box, ObjectModel, Part, Vec3
 
 
 def build() -> list[ObjectModel]:
-    """Return all decoration."""
+    """Return all of them."""
     return [
-        _rug("frl_apartment_rug_01", "rug", 5.4, (1.60, 2.30), "rug_small"),
-        _rug("frl_apartment_rug_02", "rug", 12.0, (2.70, 2.40), "rug_large"),
-        _rug("frl_apartment_mat", "mat", 1.0, (0.94, 0.588), "mat_weave"),
         _broad_leaf_plant(),
         _tall_plant(),
-        _picture("01", 0.43, 0.546, "painting_01"),
-        _picture("02", 0.80, 0.58, "painting_02"),
-        _picture("03", 0.56, 0.70, "painting_03"),
-        _table_lamp(),
-        _floor_lamp(),
-        _tv_screen(),
-        _clock(),
         _vase(),
-        _bottle_vase(),
-        _photo_frame(),
+        _book("01", 0.027, 0.147, 0.205, 0.52, "label_teal", "label_cream"),
+        _book("02", 0.052, 0.150, 0.230, 1.15, "label_brown", "brass"),
+        _book("03", 0.018, 0.118, 0.180, 0.24, "label_orange", "label_white"),
+        _book("04", 0.016, 0.110, 0.175, 0.20, "label_cream", "label_red"),
+        _book("05", 0.024, 0.210, 0.250, 0.95, "label_blue", "label_white"),
+        _row(),
+        _bike("01", 13.5, "paint_teal", step_through=True),
+        _bike("02", 11.5, "paint_red", step_through=False),
     ]
-
-
-def _rug(
-    name: str,
-    category: str,
-    mass_kg: float,
-    size: tuple[float, float],
-    material: str,
-) -> ObjectModel:
-    """Return a flat rug, its pattern stretched once over it."""
-    make, (width, depth), half = Builder(), size, 0.006
-    make.box((0.0, -0.001, 0.0), (width, 2 * half - 0.002, depth), "rug_edge", 0.003)
-    if material == "mat_weave":
-        make.see(
-            shapes.box(
-                (0.0, half - 0.002, 0.0), (width - 0.04, 0.004, depth - 0.04), material, 0.001
-            )
-        )
-    else:
-        make.see(_print(width - 0.02, depth - 0.02, half, material))
-    return ObjectModel(name, category, mass_kg, make.parts, make.solids(), friction=0.9)
-
-
-def _print(width: float, depth: float, height: float, material: str) -> Part:
-    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [width / 2, depth / 2]
-    points = np.stack([corners[:, 0], np.full(4, height), corners[:, 1]], axis=1)
-    uv = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
-    return Part(
-        points, np.tile([0.0, 1.0, 0.0], (4, 1)), uv, np.array([[0, 2, 1], [0, 3, 2]]), material
-    )
-
-
-def _picture(number: str, width: float, height: float, material: str) -> ObjectModel:
-    """Return a framed picture; it hangs with its back at -z."""
-    make, rim, wood = Builder(), 0.022, "walnut" if number == "01" else "oak"
-    make.boxes.append(Box((0.0, 0.0, 0.0), (width, height, 0.036)))
-    make.see(shapes.box((0.0, 0.0, -0.006), (width - 0.01, height - 0.01, 0.012), "paper", 0.001))
-    for side in (-1.0, 1.0):
-        make.box(
-            (side * (width - rim) / 2, 0.0, 0.0), (rim, height, 0.036), wood, 0.003, solid=False
-        )
-        make.box(
-            (0.0, side * (height - rim) / 2, 0.0),
-            (width - 2 * rim, rim, 0.036),
-            wood,
-            0.003,
-            solid=False,
-        )
-    board = 0.05
-    sheet = shapes.rotated(
-        _print(width - 2 * (rim + board), height - 2 * (rim + board), 0.0008, material),
-        "x",
-        math.pi / 2,
-    )
-    make.see(sheet)
-    return ObjectModel(f"frl_apartment_picture_{number}", "picture", 0.8, make.parts, make.solids())
 
 
 def _leaf(base: Array, direction: Array, length: float, width: float, droop: float) -> list[Part]:
@@ -204,91 +144,6 @@ def _tall_plant() -> ObjectModel:
     )
 
 
-def _shade(make: Builder, low: float, high: float, r_low: float, r_high: float) -> None:
-    t = 0.004
-    make.see(
-        shapes.lathe(
-            [
-                [(r_low, low), (r_high, high)],
-                [(r_high, high), (r_high - t, high)],
-                [(r_high - t, high), (r_low - t, low)],
-                [(r_low - t, low), (r_low, low)],
-            ],
-            "lamp_shade",
-            28,
-        )
-    )
-    make.see(shapes.sphere((0.0, (low + high) / 2, 0.0), (0.03, 0.04, 0.03), "lamp_shade", 6, 10))
-    make.convexes.append(solids.frustum(r_low, r_high, low, high, 12))
-
-
-def _table_lamp() -> ObjectModel:
-    make, floor = Builder(), -0.22
-    body = (
-        [(0.0, floor), (0.075, floor)],
-        [
-            (0.075, floor),
-            (0.078, floor + 0.012),
-            (0.05, floor + 0.03),
-            (0.03, floor + 0.06),
-            (0.055, floor + 0.12),
-            (0.062, floor + 0.16),
-            (0.045, floor + 0.21),
-            (0.012, floor + 0.24),
-            (0.010, floor + 0.30),
-        ],
-    )
-    make.see(shapes.lathe(body, "ceramic", 20))
-    make.convexes += [
-        solids.frustum(0.078, 0.065, floor, floor + 0.21, 12),
-        solids.frustum(0.012, 0.012, floor + 0.21, floor + 0.26, 8),
-    ]
-    _shade(make, floor + 0.26, floor + 0.46, 0.15, 0.105)
-    return ObjectModel("frl_apartment_lamp_02", "lamp", 4.0, make.parts, make.solids())
-
-
-def _floor_lamp() -> ObjectModel:
-    make, floor = Builder(), -0.85
-    make.see(
-        shapes.cylinder(
-            (0.0, floor + 0.0125, 0.0), 0.15, 0.025, "black_metal", sides=28, bevel_m=0.006
-        )
-    )
-    make.convexes.append(solids.frustum(0.15, 0.15, floor, floor + 0.025, 16))
-    make.post((0.0, floor + 0.675, 0.0), 0.011, 1.30, "black_metal")
-    _shade(make, floor + 1.30, floor + 1.58, 0.21, 0.15)
-    return ObjectModel("frl_apartment_lamp_01", "lamp", 6.5, make.parts, make.solids())
-
-
-def _tv_screen() -> ObjectModel:
-    """Return a wall-mounted screen; the front is -z and the wall at +0.16."""
-    make = Builder()
-    make.box((0.0, 0.0, -0.02), (1.46, 0.84, 0.045), "black_plastic", 0.008)
-    make.see(shapes.box((0.0, 0.006, -0.0425), (1.44, 0.81, 0.003), "screen", 0.001))
-    make.box((0.0, 0.0, 0.080), (0.46, 0.40, 0.156), "black_plastic", 0.006)
-    return ObjectModel("frl_apartment_tv_screen", "tv_screen", 22.0, make.parts, make.solids())
-
-
-def _clock() -> ObjectModel:
-    """Return a wall clock showing ten past ten; its back is at -z."""
-    make = Builder()
-    make.see(shapes.cylinder((0.0, 0.0, 0.0), 0.15, 0.036, "walnut", "z", 32, 0.006))
-    make.see(shapes.cylinder((0.0, 0.0, 0.015), 0.132, 0.010, "label_white", "z", 32, 0.001))
-    for k in range(12):
-        angle = k * math.pi / 6
-        tick = shapes.box(
-            (0.0, 0.116, 0.0205), (0.006 if k % 3 else 0.010, 0.018, 0.001), "black_plastic", 0.0
-        )
-        make.see(shapes.rotated(tick, "z", -angle))
-    for angle, length in ((-0.95, 0.07), (1.05, 0.10)):
-        hand = shapes.box((0.0, length / 2, 0.022), (0.006, length, 0.001), "black_plastic", 0.0)
-        make.see(shapes.rotated(hand, "z", angle))
-    make.convexes.append(
-        solids.rotated(solids.frustum(0.15, 0.15, -0.018, 0.018, 20), "x", math.pi / 2)
-    )
-    return ObjectModel("frl_apartment_clock", "clock", 0.8, make.parts, make.solids())
-
-
 def _vase() -> ObjectModel:
     """Return a vase with dry twigs."""
     make, floor, rng = Builder(), -0.15, np.random.default_rng(104)
@@ -311,39 +166,179 @@ def _vase() -> ObjectModel:
     return ObjectModel("frl_apartment_vase_01", "vase", 1.2, make.parts, make.solids())
 
 
-def _bottle_vase() -> ObjectModel:
-    """Return a slim vase without flowers."""
+COVERS = (
+    "label_teal",
+    "label_red",
+    "label_cream",
+    "label_brown",
+    "label_blue",
+    "label_green",
+    "paper",
+    "label_orange",
+)
+
+
+def _book(
+    number: str, thick: float, width: float, height: float, mass_kg: float, cover: str, ink: str
+) -> ObjectModel:
+    """Return a book on its back: thickness along y, spine at -x, top of the page at -z."""
+    make, board = Builder(), 0.0025
+    for y in (board / 2, thick - board / 2):
+        make.see(shapes.box((0.0, y, 0.0), (width, board, height), cover, 0.0008))
+    make.see(
+        shapes.box((-width / 2 + 0.0025, thick / 2, 0.0), (0.005, thick, height), cover, 0.002),
+        shapes.box(
+            (0.001, thick / 2, 0.0), (width - 0.010, thick - 0.003, height - 0.008), "paper", 0.0
+        ),
+        shapes.box((0.004, thick, -0.22 * height), (0.66 * width, 0.0008, 0.10 * height), ink, 0.0),
+        shapes.box((0.004, thick, -0.08 * height), (0.42 * width, 0.0008, 0.03 * height), ink, 0.0),
+        shapes.box((0.004, thick, 0.34 * height), (0.30 * width, 0.0008, 0.03 * height), ink, 0.0),
+        shapes.box(
+            (-width / 2, thick / 2, -0.1 * height), (0.0008, 0.4 * thick, 0.5 * height), ink, 0.0
+        ),
+    )
+    make.boxes.append(Box((0.0, thick / 2, 0.0), (width, thick, height)))
+    return finished(f"book_{number}", "book", mass_kg, make)
+
+
+def _row() -> ObjectModel:
+    """Return a row of books between the boards of a shelf; spines face +z."""
+    make, rng, at = Builder(), np.random.default_rng(103), -0.17
+    while at < 0.16:
+        thick, height = 0.018 + 0.022 * float(rng.random()), 0.17 + 0.055 * float(rng.random())
+        depth, cover = 0.13 + 0.03 * float(rng.random()), COVERS[int(rng.integers(len(COVERS)))]
+        y, z = -0.11 + height / 2, 0.08 - depth / 2
+        make.box((at + thick / 2, y, z), (thick - 0.001, height, depth), cover, 0.002, solid=False)
+        make.see(
+            shapes.box(
+                (at + thick / 2, y + 0.002, z - 0.004),
+                (thick - 0.006, height, depth - 0.004),
+                "paper",
+                0.0,
+            )
+        )
+        make.see(
+            shapes.box(
+                (at + thick / 2, y + 0.05, 0.0803), (thick - 0.004, 0.012, 0.001), "brass", 0.0
+            )
+        )
+        at += thick
+    make.boxes.append(Box((-0.0, 0.0, 0.0), (0.36, 0.22, 0.16)))
+    return finished("book_06", "book", 4.8, make)
+
+
+WHEEL_M, HUB_M = 0.335, 0.335  # radius, and height of the axle
+REAR_M, FRONT_M = -0.50, 0.53
+
+
+def _bike(number: str, mass_kg: float, paint: str, step_through: bool) -> ObjectModel:
     make = Builder()
-    side = [
-        (0.034, 0.0),
-        (0.046, 0.02),
-        (0.048, 0.06),
-        (0.036, 0.12),
-        (0.017, 0.17),
-        (0.014, 0.215),
-    ]
-    lip = [(0.014, 0.215), (0.021, 0.250), (0.018, 0.250), (0.011, 0.212), (0.0, 0.205)]
-    make.see(shapes.lathe([[(0.0, 0.0), side[0]], side, lip], "glaze_blue", 24))
-    make.convexes += [
-        solids.frustum(0.034, 0.048, 0.0, 0.04, 12),
-        solids.frustum(0.048, 0.017, 0.04, 0.17, 12),
-        solids.frustum(0.015, 0.021, 0.17, 0.25, 12),
-    ]
-    return finished("vase_02", "vase", 0.75, make)
+    _wheel(make, REAR_M)
+    _wheel(make, FRONT_M)
+    crank: Vec3 = (0.0, 0.30, -0.08)
+    seat: Vec3 = (0.0, 0.78, -0.22)
+    head: Vec3 = (0.0, 0.80, 0.34)
+    neck: Vec3 = (0.0, 0.68, 0.38)
+    top = [(0.0, 0.42, -0.09), neck] if step_through else [(0.0, 0.74, -0.205), (0.0, 0.76, 0.35)]
+    frames = [[crank, seat], [crank, neck], top, [head, neck]]
+    for side in (-0.055, 0.055):
+        frames.append([(side, HUB_M, REAR_M), (0.3 * side, 0.32, -0.12)])
+        frames.append([(side, HUB_M, REAR_M), (0.3 * side, 0.72, -0.20)])
+        frames.append([(0.4 * side, 0.69, 0.385), (side, 0.62, 0.40), (side, HUB_M, FRONT_M)])
+    for path in frames:
+        radius = 0.016 if abs(path[0][0]) < 1e-6 else 0.009
+        make.see(shapes.tube(path, radius, paint, 6))
+    _saddle(make)
+    _bars(make, 0.16 if step_through else 0.02, swept=step_through)
+    _drive(make, crank)
+    _stand(make)
+    if step_through:
+        make.see(shapes.box((0.0, 0.74, -0.48), (0.14, 0.012, 0.36), "black_metal", 0.003))
+        for side in (-0.06, 0.06):
+            make.see(
+                shapes.tube([(side, 0.735, -0.60), (side, HUB_M, REAR_M)], 0.004, "black_metal", 6)
+            )
+    _collide(make, 0.98 if step_through else 0.88)
+    return finished(f"bike_{number}", "bike", mass_kg, make)
 
 
-def _photo_frame() -> ObjectModel:
-    """Return a photo in a frame that leans back a little on a foot; it faces +z."""
-    make, (w, h), rim, lean = Builder(), (0.168, 0.213), 0.016, 0.10
-    pieces = [shapes.box((0.0, h / 2, -0.004), (w - 0.006, h - 0.006, 0.008), "paper", 0.001)]
+def _wheel(make: Builder, z: float) -> None:
+    turn = np.linspace(0, 2 * math.pi, 6)
+    tyre = [(WHEEL_M - 0.018 + 0.018 * math.cos(a), 0.018 * math.sin(a)) for a in turn]
+    rim = [(0.302, -0.010), (0.302, 0.010), (0.292, 0.010), (0.292, -0.010), (0.302, -0.010)]
+    make.see(
+        shapes.lathe([tyre], "rubber", 24, (0.0, HUB_M, z), "x"),
+        shapes.lathe([rim], "steel", 24, (0.0, HUB_M, z), "x"),
+        shapes.cylinder((0.0, HUB_M, z), 0.020, 0.09, "steel", "x", 12),
+    )
+    for k in range(9):
+        angle = math.pi * k / 9
+        tip = np.array([0.0, math.sin(angle), math.cos(angle)]) * 0.295
+        middle = np.array([0.0, HUB_M, z])
+        ends = [tuple(middle - tip), tuple(middle + tip)]
+        make.see(shapes.tube(ends, 0.0018, "steel", 3))
+
+
+def _saddle(make: Builder) -> None:
+    make.see(
+        shapes.tube([(0.0, 0.77, -0.217), (0.0, 0.87, -0.245)], 0.012, "steel", 8),
+        shapes.soft_box((0.0, 0.895, -0.30), (0.15, 0.05, 0.14), "black_plastic", 0.022),
+        shapes.soft_box((0.0, 0.897, -0.19), (0.06, 0.042, 0.18), "black_plastic", 0.019),
+    )
+
+
+def _bars(make: Builder, rise: float, swept: bool) -> None:
+    base = 0.84
+    y, back = base + rise, 0.28 if swept else 0.35
+    make.see(shapes.tube([(0.0, 0.79, 0.34), (0.0, y, 0.33)], 0.013, "steel", 8))
     for side in (-1.0, 1.0):
-        x, y = side * (w - rim) / 2, h / 2 + side * (h - rim) / 2
-        pieces.append(shapes.box((x, h / 2, 0.0), (rim, h, 0.016), "walnut", 0.003))
-        pieces.append(shapes.box((0.0, y, 0.0), (w - 2 * rim, rim, 0.016), "walnut", 0.003))
-    photo = shapes.rotated(_print(w - 2 * rim, h - 2 * rim, 0.002, "photo"), "x", math.pi / 2)
-    pieces.append(shapes.moved(photo, (0.0, h / 2, 0.0)))
-    make.see(*(shapes.rotated(piece, "x", -lean) for piece in pieces))
-    board = solids.rotated(solids.from_box(Box((0.0, h / 2, 0.0), (w, h, 0.016))), "x", -lean)
-    make.convexes.append(solids.moved(board, (0.0, 0.0008, 0.0)))
-    make.box((0.0, 0.003, -0.035), (0.05, 0.006, 0.075), "walnut", 0.001)
-    return finished("picture_04", "picture", 0.4, make)
+        path = [
+            (0.0, y, 0.33),
+            (side * 0.12, y, 0.36),
+            (side * 0.24, y, back),
+            (side * 0.28, y, back - (0.10 if swept else 0.0)),
+        ]
+        make.see(shapes.tube(path, 0.011, "black_metal", 8))
+        end, grip = np.array(path[-1]), np.array(path[-2])
+        near = tuple(grip + (end - grip) * 0.1)
+        make.see(shapes.tube([near, tuple(end + (end - grip) * 0.05)], 0.016, "black_plastic", 8))
+
+
+def _drive(make: Builder, crank: Vec3) -> None:
+    _, y, z = crank
+    make.see(
+        shapes.cylinder((0.05, y, z), 0.095, 0.006, "steel", "x", 24, 0.001),
+        shapes.cylinder((0.055, HUB_M, REAR_M), 0.045, 0.006, "steel", "x", 16, 0.001),
+        shapes.tube([(0.05, y + 0.09, z), (0.055, HUB_M + 0.043, REAR_M)], 0.004, "black_metal", 6),
+        shapes.tube([(0.05, y - 0.09, z), (0.055, HUB_M - 0.043, REAR_M)], 0.004, "black_metal", 6),
+    )
+    for side, drop in ((1.0, -0.15), (-1.0, 0.15)):
+        foot = (side * 0.075, y + drop, z + 0.06)
+        make.see(
+            shapes.tube([(side * 0.06, y, z), foot], 0.009, "steel", 6),
+            shapes.box(
+                (side * 0.125, y + drop, z + 0.06), (0.09, 0.018, 0.07), "black_plastic", 0.004
+            ),
+        )
+
+
+def _stand(make: Builder) -> None:
+    """Add a stand of two legs, which keeps the bike upright."""
+    for side in (-1.0, 1.0):
+        make.see(
+            shapes.tube(
+                [(side * 0.03, 0.29, -0.14), (side * 0.16, 0.008, -0.17)], 0.009, "black_metal", 6
+            ),
+            shapes.box((side * 0.165, 0.006, -0.17), (0.03, 0.012, 0.08), "black_plastic", 0.003),
+        )
+
+
+def _collide(make: Builder, bar_m: float) -> None:
+    for z in (REAR_M, FRONT_M):
+        make.boxes.append(Box((0.0, WHEEL_M, z), (0.06, 2 * WHEEL_M, 1.8 * WHEEL_M)))
+    make.boxes += [
+        Box((0.0, 0.52, 0.02), (0.05, 0.56, 0.60)),
+        Box((0.0, 0.80, -0.26), (0.14, 0.24, 0.24)),
+        Box((0.0, (0.76 + bar_m) / 2 + 0.02, 0.30), (0.56, 0.08 + bar_m - 0.80, 0.16)),
+        Box((0.0, 0.14, -0.15), (0.34, 0.28, 0.12)),
+    ]

@@ -1,15 +1,30 @@
-"""Data classes of the generator.
+"""Data classes of the generator, and how it reads tables.
 
 Lengths are in metres, masses in kilograms, angles in radians; frames are y-up, as in Habitat.
 """
 
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import tomllib
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Vec3 = tuple[float, float, float]
+PREFIX = "frl_apartment_"
+WHOLE = ("apartment_bed", PREFIX, "0")  # beginnings of names that need no prefix
+
+
+def read_table(name: str) -> dict[str, Any]:
+    """Return the content of a TOML file of this folder."""
+    return tomllib.loads(Path(__file__).with_name(name).read_text(encoding="utf-8"))
+
+
+def full_name(template: str) -> str:
+    """Return a template's name in the dataset."""
+    return template if template.startswith(WHOLE) else PREFIX + template
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,15 @@ from fnmatch import fnmatch
 
 import numpy as np
 
-from hab_authoring.apartment.layouts.clutter import THINGS, Thing
-from hab_authoring.apartment.layouts.places import Layout, feet_m, front_rad, full_name, placed
-from hab_authoring.apartment.model import Array, Articulation, ObjectModel, Placement, SceneModel
+from hab_authoring.apartment.layouts import Layout, Thing, feet_m, front_rad, placed
+from hab_authoring.apartment.model import (
+    Array,
+    Articulation,
+    ObjectModel,
+    Placement,
+    SceneModel,
+    full_name,
+)
 
 GAP_M = 0.001  # loose things start this far above what carries them
 APART_M = 0.003
@@ -157,7 +163,10 @@ class Packer:
 
 
 def furnished(
-    layout: Layout, models: Iterable[ObjectModel], jointed: Iterable[Articulation]
+    layout: Layout,
+    things: Iterable[Thing],
+    models: Iterable[ObjectModel],
+    jointed: Iterable[Articulation],
 ) -> SceneModel:
     """Return a layout with its furniture loose and its surfaces filled, seeded by its name."""
     seed = zlib.crc32(layout.name.encode())
@@ -176,7 +185,7 @@ def furnished(
     for placement in layout.articulations:
         packer.add_surfaces(placement, articulations[placement.template])
     packer.add_surfaces(Placement("floor", (0.0, 0.0, 0.0)), None)
-    for thing in THINGS:
+    for thing in things:
         for _ in range(thing.count):
             objects += packer.put(thing)
     return SceneModel(

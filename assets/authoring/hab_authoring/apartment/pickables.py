@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from hab_authoring.apartment import outlines, shapes, solids
+from hab_authoring.apartment import shapes, solids
 from hab_authoring.apartment.builder import Builder
 from hab_authoring.apartment.model import Box, Convex, ObjectModel, Part
 
@@ -17,29 +17,19 @@ Chain = list[tuple[float, float]]
 
 
 def build() -> list[ObjectModel]:
-    """Return the thirteen pickable objects."""
+    """Return those that `catalogue` lacks."""
+    blue, cream = "label_blue", "label_cream"
     return [
-        _can(
-            "002_master_chef_can",
-            0.414,
-            0.102,
-            0.139,
-            "label_blue",
-            "label_cream",
-            lid="plastic_lid",
-        ),
+        _can("002_master_chef_can", 0.414, 0.102, 0.139, blue, cream, lid="plastic_lid"),
         _carton("003_cracker_box", 0.411, (0.158, 0.210, 0.060), "label_red", "label_yellow"),
         _carton("004_sugar_box", 0.514, (0.089, 0.175, 0.038), "label_yellow", "label_white"),
         _can("005_tomato_soup_can", 0.349, 0.066, 0.101, "label_red", "label_white"),
         _can("007_tuna_fish_can", 0.171, 0.085, 0.033, "label_teal", "label_yellow"),
         _carton("008_pudding_box", 0.187, (0.110, 0.089, 0.035), "label_brown", "label_cream"),
         _carton("009_gelatin_box", 0.097, (0.085, 0.073, 0.028), "label_pink", "label_white"),
-        _potted_meat(),
         _apple(),
-        _orange(),
         _bowl(),
         _mug(),
-        _sponge(),
     ]
 
 
@@ -138,23 +128,6 @@ def _carton(
     return _item(name, mass_kg, make.parts, make.solids())
 
 
-def _potted_meat() -> ObjectModel:
-    """Return a tin with a rounded-rectangle outline."""
-    w, h, d, corner = 0.097, 0.082, 0.050, 0.018
-    outline = outlines.rounded_rectangle(w / 2, d / 2, corner, 5)
-    parts = []
-    for low, high, grow, material in (
-        (-0.5, -0.46, 0.0, "can_metal"),
-        (-0.46, -0.12, -0.0008, "label_blue"),
-        (-0.12, 0.02, -0.0006, "label_yellow"),
-        (0.02, 0.44, -0.0008, "label_blue"),
-        (0.44, 0.5, 0.0, "can_metal"),
-    ):
-        parts += outlines.extruded(outline, low * h, high * h, grow, material)
-    sides = [(x, z) for x, z in outlines.rounded_rectangle(w / 2, d / 2, corner, 4)]
-    return _item("010_potted_meat_can", 0.370, parts, [solids.prism(sides, -h / 2, h / 2)])
-
-
 def _apple() -> ObjectModel:
     r = 0.0375
     profile: Chain = []
@@ -173,13 +146,6 @@ def _apple() -> ObjectModel:
     )
     hull = solids.ball((r, r * 0.92, r), 5, 10)
     return _item("013_apple", 0.068, [skin, stalk], [hull])
-
-
-def _orange() -> ObjectModel:
-    r = 0.0365
-    skin = shapes.sphere((0.0, 0.0, 0.0), (r, r * 0.97, r), "orange_peel", 14, 24)
-    button = shapes.cylinder((0.0, r * 0.962, 0.0), 0.0035, 0.002, "label_green", sides=8)
-    return _item("017_orange", 0.047, [skin, button], [solids.ball((r, r * 0.97, r), 5, 10)])
 
 
 def _bowl() -> ObjectModel:
@@ -249,15 +215,3 @@ def _mug_parts() -> list[Part]:
         shapes.lathe([inside], "mug_inside", 30),
         shapes.tube([(x, y, 0.0) for x, y in loop], 0.0048, "mug_glaze", 10),
     ]
-
-
-def _sponge() -> ObjectModel:
-    make = Builder()
-    make.soft((0.0, 0.0018, 0.0), (0.114, 0.0104, 0.072), "sponge_yellow", 0.003, solid=False)
-    make.box((0.0, -0.0052, 0.0), (0.113, 0.0036, 0.071), "sponge_green", 0.001, solid=False)
-    return _item(
-        "026_sponge",
-        0.0062,
-        make.parts,
-        [solids.from_box(Box((0.0, 0.0, 0.0), (0.114, 0.014, 0.072)))],
-    )

@@ -253,18 +253,14 @@ def sphere(center: Vec3, radii: Vec3, material: str, rings: int = 10, sides: int
     )
 
 
-def sheet(outline: Sequence[Vec3], material: str) -> Part:
-    """Return a fan of triangles seen from both sides, for leaves and paper."""
-    points = np.asarray(outline, float)
-    fan = np.array([[0, k, k + 1] for k in range(1, len(points) - 1)])
-    normal = np.cross(points[1] - points[0], points[2] - points[0])
-    normal = normal / max(float(np.linalg.norm(normal)), 1e-12)
-    both = np.vstack([points, points])
-    normals = np.vstack(
-        [np.repeat(normal[None], len(points), 0), np.repeat(-normal[None], len(points), 0)]
+def printed(width: float, depth: float, height: float, material: str) -> Part:
+    """Return a picture seen from above, stretched once over a rectangle at `height`."""
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [width / 2, depth / 2]
+    points = np.stack([corners[:, 0], np.full(4, height), corners[:, 1]], axis=1)
+    uv = np.array([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
+    return Part(
+        points, np.tile([0.0, 1.0, 0.0], (4, 1)), uv, np.array([[0, 2, 1], [0, 3, 2]]), material
     )
-    faces = np.vstack([fan, fan[:, ::-1] + len(points)])
-    return Part(both, normals, both[:, [0, 2]], faces, material)
 
 
 def smoothed(part: Part) -> Part:

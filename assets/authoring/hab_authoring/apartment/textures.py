@@ -3,7 +3,8 @@
 All of them tile. They hold few colours, so that the embedded PNG files stay small.
 """
 
-from collections.abc import Callable
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -146,7 +147,7 @@ def apple_skin() -> Array:
     return _image(near * (0.25 + streak), (0.62, 0.06, 0.06), (0.92, 0.68, 0.22))
 
 
-def canvas(seed: int, palette: tuple[Color, ...]) -> Array:
+def canvas(seed: int, palette: Sequence[Color]) -> Array:
     """Return an abstract painting: hills under a low sun."""
     rng, size = np.random.default_rng(seed), 128
     y, x = np.mgrid[0:size, 0:size]
@@ -159,53 +160,13 @@ def canvas(seed: int, palette: tuple[Color, ...]) -> Array:
     return np.clip(image * (0.96 + 0.06 * rng.random((size, size, 1))), 0, 1)
 
 
-def to_image(rgb: Array) -> Image.Image:
+def drawn(function: str, *arguments: Any) -> Image.Image:
+    """Return the texture that a function of this module draws."""
+    return _to_image(globals()[function](*arguments))
+
+
+def _to_image(rgb: Array) -> Image.Image:
     """Return an 8-bit palette image, without dithering, whose bytes depend on the input alone."""
     data = np.round(np.clip(rgb, 0, 1) * 255).astype(np.uint8)
     image = Image.fromarray(data, "RGB")
     return image.quantize(COLORS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
-
-
-TEXTURES: dict[str, Callable[[], Array]] = {
-    "planks": lambda: planks(1, (0.36, 0.23, 0.13), (0.72, 0.53, 0.34)),
-    "planks_pale": lambda: planks(31, (0.62, 0.51, 0.38), (0.86, 0.77, 0.63)),
-    "planks_dark": lambda: planks(32, (0.15, 0.10, 0.08), (0.40, 0.29, 0.21)),
-    "oak": lambda: wood(2, (0.60, 0.44, 0.28), (0.85, 0.70, 0.50)),
-    "walnut": lambda: wood(3, (0.16, 0.09, 0.055), (0.38, 0.24, 0.15)),
-    "birch": lambda: wood(4, (0.78, 0.68, 0.54), (0.92, 0.84, 0.71)),
-    "sofa_cloth": lambda: weave(5, (0.19, 0.25, 0.33), (0.34, 0.41, 0.50)),
-    "chair_cloth": lambda: weave(6, (0.52, 0.35, 0.20), (0.68, 0.48, 0.29)),
-    "cream_cloth": lambda: weave(7, (0.74, 0.68, 0.58), (0.89, 0.84, 0.75)),
-    "rust_cloth": lambda: weave(8, (0.50, 0.20, 0.11), (0.75, 0.36, 0.22)),
-    "worktop": lambda: stone(9, (0.10, 0.10, 0.11), (0.42, 0.42, 0.43)),
-    "floor_tile": lambda: tiles(10, (0.55, 0.54, 0.51), (0.78, 0.76, 0.71)),
-    "floor_slate": lambda: tiles(33, (0.27, 0.29, 0.31), (0.42, 0.44, 0.46)),
-    "wall_tile": lambda: tiles(11, (0.70, 0.76, 0.75), (0.88, 0.92, 0.90), 4, 1.25),
-    "rug_large": lambda: rug(12, (0.50, 0.46, 0.40), (0.86, 0.82, 0.74), (0.22, 0.33, 0.42)),
-    "rug_small": lambda: rug(13, (0.33, 0.16, 0.13), (0.62, 0.33, 0.25), (0.88, 0.74, 0.50)),
-    "mat_weave": lambda: weave(14, (0.28, 0.30, 0.27), (0.48, 0.50, 0.45)),
-    "leaf": lambda: leaf(15, (0.08, 0.24, 0.08), (0.33, 0.55, 0.20)),
-    "painting_01": lambda: canvas(
-        16,
-        ((0.93, 0.80, 0.66), (0.96, 0.90, 0.80), (0.90, 0.48, 0.26), (0.55, 0.62, 0.60),
-         (0.30, 0.43, 0.46), (0.14, 0.24, 0.30)),
-    ),
-    "painting_02": lambda: canvas(
-        17,
-        ((0.62, 0.75, 0.82), (0.88, 0.90, 0.86), (0.98, 0.93, 0.72), (0.62, 0.68, 0.48),
-         (0.42, 0.52, 0.32), (0.24, 0.36, 0.24)),
-    ),
-    "painting_03": lambda: canvas(
-        21,
-        ((0.20, 0.26, 0.42), (0.62, 0.50, 0.58), (0.97, 0.90, 0.78), (0.42, 0.36, 0.52),
-         (0.25, 0.24, 0.40), (0.11, 0.12, 0.22)),
-    ),
-    "wicker": lambda: weave(22, (0.36, 0.24, 0.13), (0.72, 0.56, 0.36)),
-    "photo": lambda: canvas(
-        23,
-        ((0.52, 0.68, 0.84), (0.86, 0.90, 0.92), (0.99, 0.95, 0.82), (0.36, 0.52, 0.40),
-         (0.70, 0.62, 0.42), (0.26, 0.36, 0.24)),
-    ),
-    "view": view,
-    "apple_skin": apple_skin,
-}  # fmt: skip

@@ -12,7 +12,7 @@ from hab_authoring.apartment.model import Array, Convex
 Chain = list[tuple[float, float]]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Vessel:
     """The outside as (radius, height) in metres from the foot's edge to the rim, and its wall."""
 
@@ -23,6 +23,7 @@ class Vessel:
     lining: str
     pieces: int = 7
     sides: int = 24
+    base_m: float = 0.0
 
 
 def curve(foot_m: float, rim_m: float, height_m: float, power: float, steps: int = 6) -> Chain:
@@ -31,10 +32,10 @@ def curve(foot_m: float, rim_m: float, height_m: float, power: float, steps: int
     return [(foot_m + (rim_m - foot_m) * float(t) ** power, height_m * float(t)) for t in share]
 
 
-def add(make: Builder, vessel: Vessel, base_m: float = 0.0) -> None:
+def add(make: Builder, vessel: Vessel) -> None:
     """Add the vessel's surfaces, its bottom, and a ring of convex wall pieces."""
     out, wall, floor = vessel.outside, vessel.wall_m, vessel.floor_m
-    inside = _inside(vessel)
+    inside, base_m = _inside(vessel), vessel.base_m
     rim = [out[-1], (out[-1][0] - wall / 2, out[-1][1] + wall / 2), inside[0]]
     place = (0.0, base_m, 0.0)
     make.see(

@@ -15,7 +15,7 @@ import trimesh
 from trimesh.exchange.gltf import export_glb
 from trimesh.visual import TextureVisuals
 
-from hab_authoring.apartment import lexicon, materials
+from hab_authoring.apartment import materials
 from hab_authoring.apartment.model import (
     Array,
     Articulation,
@@ -55,7 +55,7 @@ def write_dataset(dataset: Dataset, name: str, out: Path) -> None:
     for scene in dataset.scenes:
         _write_json(out / "configs/scenes" / f"{scene.name}.scene_instance.json", _scene(scene))
     words = f"configs/ssd/{name}_semantic_lexicon.json"
-    _write_json(out / words, lexicon.of({item.category for item in dataset.objects}))
+    _write_json(out / words, materials.lexicon({item.category for item in dataset.objects}))
     _write_json(out / f"{name}.scene_dataset_config.json", _dataset_config(words))
 
 
@@ -86,7 +86,7 @@ def _write_object(item: ObjectModel, out: Path) -> None:
         "COM": [0, 0, 0],
         "friction_coefficient": item.friction,
         "join_collision_meshes": False,
-        "semantic_id": lexicon.CLASSES.get(item.category, 0),
+        "semantic_id": materials.CLASSES.get(item.category, 0),
         "user_defined": {"category": item.category} | boxes,
     }
     _write_json(out / "configs/objects" / f"{item.name}.object_config.json", config)

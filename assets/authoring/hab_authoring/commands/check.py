@@ -1,4 +1,4 @@
-"""`hab-tasks check`: the report on a dataset, and trials of layouts."""
+"""`hab-tasks check`: the report on a dataset, trials of layouts, downloads by ManiSkill."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
+from mani_skill import ASSET_DIR
+from mani_skill.utils import download_asset
 from tqdm import tqdm
 
-from hab_authoring.commands.download import fetch
 from hab_authoring.commands.options import Check
 from hab_authoring.inventory import (
     COMPLETE,
@@ -23,9 +24,11 @@ from hab_authoring.layouts.report import check_layouts
 from hab_tasks.errors import HabError
 from hab_tasks.option_values import MOST_WORKERS, whole
 from hab_tasks.world.scenes.habitat.dataset import (
+    MANISKILL_ASSETS,
     REPLICA_CAD_NAMES,
     SPLIT_MACROS,
     SceneDataset,
+    maniskill_folder,
     resolve_dataset,
 )
 from hab_tasks.world.scenes.meshes import read_textured
@@ -233,3 +236,25 @@ def _in_short(by_kind: dict[str, list[str]]) -> str:
 def _first_line(file: Path) -> str:
     lines = (line.strip("# ").strip() for line in file.read_text(errors="replace").splitlines())
     return next((line for line in lines if line), "")
+
+
+def fetch(asset: str) -> Path:
+    """Returns the folder of a ManiSkill asset (``ReplicaCAD``, ``ycb``), downloaded if absent.
+
+    Raises:
+        HabError: The download failed, or the folder has other content.
+    """
+    subfolder, part = MANISKILL_ASSETS[asset]
+    folder = ASSET_DIR / subfolder
+    if (folder / part).is_dir():
+        return folder
+    if folder.is_dir() and any(folder.iterdir()):
+        raise HabError(
+            f"{folder}: not empty, but has no {part}/. ManiSkill would delete its content before "
+            f"downloading {asset}; move it away first."
+        )
+    try:
+        download_asset.download(download_asset.DATA_SOURCES[asset], non_interactive=True)
+    except (OSError, ValueError) as error:
+        raise HabError(f"{asset} could not be downloaded to {folder}: {error}") from error
+    return maniskill_folder(asset)

@@ -7,9 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from hab_authoring.commands.options import Convert
-from hab_authoring.habitat.convert import OWN_KEY, is_habitat, read_habitat, to_habitat
+from hab_authoring.habitat.convert import OWN_KEY, draw_starts, is_habitat, read_habitat, to_habitat
 from hab_authoring.habitat.entry import START
-from hab_authoring.habitat.start import draw_starts
 from hab_tasks.commands.episodes import check_ending
 from hab_tasks.episodes.schema import read_episodes, save_json, write_episodes
 from hab_tasks.generation_lines import progress_bar

@@ -9,9 +9,9 @@ from pathlib import Path
 from tqdm import tqdm
 
 from hab_authoring.commands.options import Figures
-from hab_authoring.figures.charts import draw_categories, draw_furniture
 from hab_authoring.figures.layouts import draw_macros, draw_micros, draw_wild
 from hab_authoring.figures.rearrangement import draw_episodes, figure_name
+from hab_authoring.figures.statistics import draw_categories, draw_furniture
 from hab_authoring.inventory import macro_layouts, micro_variations
 from hab_tasks.episodes import read_episodes
 from hab_tasks.errors import EpisodeError, HabError, RenderingUnavailableError

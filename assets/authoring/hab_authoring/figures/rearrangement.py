@@ -12,10 +12,20 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import SubFigure
 
-from hab_authoring.figures.charts import BAR_HEIGHT_IN, bars
-from hab_authoring.figures.moved import moved_furniture
-from hab_authoring.figures.plan import WALL, Outline, aspect, draw_plan, outlines
-from hab_authoring.figures.statistics import EpisodeStatistics, episode_statistics
+from hab_authoring.figures.layouts import (
+    WALL,
+    Outline,
+    aspect,
+    draw_plan,
+    moved_furniture,
+    outlines,
+)
+from hab_authoring.figures.statistics import (
+    BAR_HEIGHT_IN,
+    EpisodeStatistics,
+    bars,
+    episode_statistics,
+)
 from hab_tasks.episodes.schema import EpisodeSet
 from hab_tasks.figure_style import BLUE, ORANGE, bare, new_figure, save
 from hab_tasks.geometry import Array

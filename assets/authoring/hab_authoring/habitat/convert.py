@@ -17,7 +17,7 @@ Mapping of the fields (Habitat is y-up, the world is z-up):
   receptacle. Start receptacles are named in ``name_to_receptacle``; the goal receptacle is the one
   on that body whose box is nearest to the goal.
 - ``start_position``, ``start_rotation`` (xyzw): the robot's base, x ahead. Habitat's generator
-  leaves them zero and samples a start at each reset; `habitat_start` samples one for such files.
+  leaves them zero and samples a start at each reset; `draw_starts` samples one for such files.
 - ``markers``: the `scenes.markers` that Habitat names, and the episode's own.
 
 Data without a field in Habitat's format (arm pose unless at rest, seed, held object, handle,
@@ -32,18 +32,27 @@ back as long as it is consistent with the episode.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from hab_authoring.habitat.entry import OWN_KEY, HabitatEntries
+import numpy as np
+
+from hab_authoring.habitat.entry import OWN_KEY, START, HabitatEntries
 from hab_tasks.episodes.fields import Pose, load_json, naming
+from hab_tasks.episodes.generators.base import pose_scene
 from hab_tasks.episodes.provenance import MadeFrom, check_made_from, made_from
-from hab_tasks.episodes.schema import Episode, EpisodeSet
-from hab_tasks.errors import EpisodeError
+from hab_tasks.episodes.rejection import RejectedSampleError
+from hab_tasks.episodes.robot_start import RobotStarts, StartNoise
+from hab_tasks.episodes.sandbox import PlacementSandbox
+from hab_tasks.episodes.schema import Episode, EpisodeSet, RobotStart
+from hab_tasks.errors import EpisodeError, GenerationError
 from hab_tasks.geometry import Pose7
+from hab_tasks.robots.fetch import FETCH
+from hab_tasks.robots.kinematics import ArmKinematics
 from hab_tasks.typed_values import read_value
 from hab_tasks.world.scenes.habitat.dataset import SPLIT_MACROS, SceneDataset
+from hab_tasks.world.scenes.habitat.load import load_scene
 from hab_tasks.world.scenes.spec import ObjectTemplate
 
 Progress = Callable[[int, int], None]
@@ -174,3 +183,53 @@ def _inferred(episodes: list[Episode], dataset: SceneDataset) -> dict[str, Any]:
     else:
         env = "HabTidyHouse-v1"
     return {"env": env, "split": splits[0] if splits else "none", "seed": 0, "rejections": {}}
+
+
+_AT_REST = StartNoise(ee_m=0.0)
+_TRIES = 10
+
+
+def draw_starts(
+    episodes: EpisodeSet,
+    dataset: SceneDataset,
+    objects: Mapping[str, ObjectTemplate],
+    progress: Progress | None = None,
+) -> EpisodeSet:
+    """Samples a robot start for every episode whose Habitat file has none.
+
+    Args:
+        episodes: Episodes of `read_habitat`; those with a start are unchanged.
+        dataset: Their scene dataset.
+        objects: Template name -> template of the movable objects.
+        progress: Called with (episodes ready, all) after each one.
+
+    Raises:
+        GenerationError: An episode has no free floor.
+    """
+    done = list(episodes.episodes)
+    missing = [i for i, e in enumerate(done) if e.habitat.get(START, ...) is None]
+    sandbox: PlacementSandbox | None = None
+    for count, index in enumerate(sorted(missing, key=lambda i: done[i].scene_id)):
+        scene_id = done[index].scene_id
+        if sandbox is None:
+            sandbox = PlacementSandbox(load_scene(dataset, scene_id), dict(objects))
+        elif sandbox.spec.scene_id != scene_id:
+            sandbox.load(load_scene(dataset, scene_id))
+        done[index] = _with_start(done[index], sandbox)
+        if progress is not None:
+            progress(count + 1, len(missing))
+    return replace(episodes, episodes=tuple(done))
+
+
+def _with_start(episode: Episode, sandbox: PlacementSandbox) -> Episode:
+    pose_scene(sandbox, episode.objects, episode.joints)
+    rng = np.random.default_rng(episode.seed)
+    starts = RobotStarts(sandbox, rng, ArmKinematics(FETCH), _AT_REST)
+    for _ in range(_TRIES):
+        try:
+            base = starts.anywhere().base
+        except RejectedSampleError:
+            continue
+        robot = RobotStart(base=base, arm_qpos_rad=FETCH.rest_qpos_rad)
+        return replace(episode, robot=robot, habitat={**episode.habitat, START: list(base)})
+    raise GenerationError(f"{episode.id}: no free floor for the robot in {episode.scene_id}.")

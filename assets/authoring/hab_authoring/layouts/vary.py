@@ -20,8 +20,7 @@ import numpy as np
 from hab_authoring.inventory import macro_layouts, macro_of
 from hab_authoring.layouts.checks import Baseline, is_refused
 from hab_authoring.layouts.furnishing import Piece, find_pieces, flat_bodies
-from hab_authoring.layouts.overlaps import Bodies, pieces_of, rearranged
-from hab_authoring.layouts.settled import SINK_M, planar, settled
+from hab_authoring.layouts.overlaps import SINK_M, Bodies, pieces_of, planar, rearranged, settled
 from hab_authoring.layouts.write import moved_scene
 from hab_tasks.errors import GenerationError, UnknownNameError
 from hab_tasks.privileged import Array

@@ -22,8 +22,7 @@ import numpy as np
 from hab_authoring.inventory import macro_layouts
 from hab_authoring.layouts.checks import FRIDGE_HINGE, WILD, Baseline, free_range, is_refused
 from hab_authoring.layouts.furnishing import COUNTER, Piece, find_pieces, flat_bodies
-from hab_authoring.layouts.overlaps import Bodies, bodies_of, pieces_of, rearranged
-from hab_authoring.layouts.settled import planar, settled
+from hab_authoring.layouts.overlaps import Bodies, bodies_of, pieces_of, planar, rearranged, settled
 from hab_authoring.layouts.standing import ROOM_DOORS, FloorPlan, narrowest_aisle_m
 from hab_authoring.layouts.wild_poses import PiecePose, PoseSampler, crowding
 from hab_authoring.layouts.write import moved_scene

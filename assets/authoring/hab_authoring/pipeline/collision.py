@@ -24,7 +24,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-from hab_authoring.pipeline.options import AssetOptions
+from hab_authoring.pipeline.jobs import AssetOptions
 from hab_tasks.errors import DatasetError
 from hab_tasks.world.scenes.meshes import read_mesh
 

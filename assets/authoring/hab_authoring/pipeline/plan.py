@@ -15,8 +15,7 @@ import numpy as np
 from transforms3d.euler import euler2mat
 
 from hab_authoring.pipeline.collision import write_parts
-from hab_authoring.pipeline.jobs import Job
-from hab_authoring.pipeline.options import AssetOptions
+from hab_authoring.pipeline.jobs import AssetOptions, Job
 from hab_authoring.pipeline.visuals import texture_file, write_light_glb, write_light_obj
 from hab_tasks.errors import DatasetError
 from hab_tasks.world.scenes.fields import read_json
